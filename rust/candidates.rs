@@ -1,0 +1,103 @@
+//! The disparities that are searched, and where each of them looks in the right image.
+
+use crate::error::{Error, Result};
+use crate::settings::MOST_DISPARITIES;
+
+/// The disparities `min .. min + count`, half-open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Candidates {
+    min: isize,
+    count: usize,
+}
+
+impl Candidates {
+    /// Candidates for images of the given width; refuses ranges that reach no pixel of the right image.
+    pub fn new(min: i64, count: i64, width: usize) -> Result<Self> {
+        let most = width.min(MOST_DISPARITIES) as i64;
+        if !(1..=most).contains(&count) {
+            let accepts = format!("an integer from 1 to {most} (the width, at most {MOST_DISPARITIES})");
+            return Err(Error::value("num_disparities", count, accepts));
+        }
+        let (lowest, highest) = (1 - width as i64 - (count - 1), width as i64 - 1);
+        if !(lowest..=highest).contains(&min) {
+            let accepts = format!(
+                "an integer from {lowest} to {highest}: with {count} disparities and width {width}, \
+                 every candidate would lie outside the right image"
+            );
+            return Err(Error::value("min_disparity", min, accepts));
+        }
+        Ok(Self { min: min as isize, count: count as usize })
+    }
+
+    /// Number of candidates.
+    pub fn count(self) -> usize {
+        self.count
+    }
+
+    /// Smallest disparity.
+    pub fn min(self) -> isize {
+        self.min
+    }
+
+    /// Disparity of candidate `k`, pixels.
+    pub fn disparity(self, k: usize) -> isize {
+        self.min + k as isize
+    }
+
+    /// Right column of left column `x` under candidate `k`, clamped into the image.
+    pub fn column(self, x: usize, k: usize, width: usize) -> usize {
+        (x as isize - self.disparity(k)).clamp(0, width as isize - 1) as usize
+    }
+
+    /// Whether the match of `x` under candidate `k` lies outside the right image.
+    pub fn is_outside(self, x: usize, k: usize, width: usize) -> bool {
+        !(0..width as isize).contains(&(x as isize - self.disparity(k)))
+    }
+
+    /// The right row as the candidates meet it: reversed and padded by its border values, so that the
+    /// candidates of `x` are the `count` values from `width - 1 - x`.
+    pub fn unroll<T: Copy>(self, right: &[T]) -> Vec<T> {
+        let width = right.len();
+        // Place i stands for x = 0 with a disparity of i - (width - 1) above the smallest.
+        let place = |i: usize| (width - 1) as isize - self.min - i as isize;
+        let column = |i| place(i).clamp(0, width as isize - 1) as usize;
+        (0..width - 1 + self.count).map(|i| right[column(i)]).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unrolled_row_holds_every_candidate() {
+        let right: Vec<usize> = (0..7).collect();
+        for min in -9..7 {
+            for count in 1..=7 {
+                let Ok(candidates) = Candidates::new(min, count, 7) else { continue };
+                let unrolled = candidates.unroll(&right);
+                for (x, k) in (0..7).flat_map(|x| (0..count as usize).map(move |k| (x, k))) {
+                    assert_eq!(unrolled[6 - x + k], candidates.column(x, k, 7));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn ranges_are_refused_by_name() {
+        let refused = |min, count| Candidates::new(min, count, 5).expect_err("refused").to_string();
+        assert!(refused(0, 0).starts_with("num_disparities: got 0"));
+        assert!(refused(0, 6).starts_with("num_disparities: got 6; accepts an integer from 1 to 5"));
+        assert!(refused(5, 1).starts_with("min_disparity: got 5"));
+        assert!(refused(-6, 2).starts_with("min_disparity: got -6"));
+        assert!(refused(i64::MIN, 5).starts_with("min_disparity"));
+    }
+
+    #[test]
+    fn the_extreme_ranges_touch_one_column() {
+        let rightmost = Candidates::new(4, 1, 5).expect("accepted");
+        assert!(!rightmost.is_outside(4, 0, 5) && rightmost.is_outside(3, 0, 5));
+        let leftmost = Candidates::new(-5, 2, 5).expect("accepted");
+        assert!(!leftmost.is_outside(0, 1, 5) && leftmost.is_outside(0, 0, 5));
+    }
+}

@@ -1,0 +1,40 @@
+//! Everything that can go wrong, in one enum; `python.rs` turns each kind into Python's own exception type.
+
+use thiserror::Error;
+
+/// Why a computation was refused or stopped.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum Error {
+    /// An argument has the right type but not an acceptable value.
+    #[error("{argument}: got {got}; accepts {accepts}")]
+    Value {
+        /// Name of the argument or settings field.
+        argument: &'static str,
+        /// What was given.
+        got: String,
+        /// What would have been right.
+        accepts: String,
+    },
+    /// The caller asked to stop.
+    #[error("cancelled")]
+    Cancelled,
+    /// The working memory of the requested match could not be had.
+    #[error("out of memory: {bytes} bytes of working memory could not be had")]
+    OutOfMemory {
+        /// Size of the allocation that failed.
+        bytes: usize,
+    },
+    /// The operating system refused to start the worker threads.
+    #[error("threads: could not start them: {0}")]
+    Threads(String),
+}
+
+/// Shorthand for results of this crate.
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// A refused value, told in the crate's one form: name, what it got, what it accepts.
+    pub fn value(argument: &'static str, got: impl ToString, accepts: impl ToString) -> Self {
+        Self::Value { argument, got: got.to_string(), accepts: accepts.to_string() }
+    }
+}

@@ -1,0 +1,44 @@
+//! Dense stereo matching on quantised local phase.
+//!
+//! The story of one disparity map, each step a module, in the order in which the data flows:
+//!
+//! 1. Two rectified images of any type become integer planes ([`intensity`]).
+//! 2. Around every pixel a local Fourier transform ([`basis`], [`spectrum`]) is taken, of which only the
+//!    phase is kept, coarsely ([`quantiser`]): symmetric blur and contrast leave it alone. The levels are
+//!    packed into one word per pixel ([`descriptor`]).
+//! 3. A pixel and a candidate ([`candidates`]) in the other image cost as many bits as differ ([`cost`]).
+//! 4. Costs are summed over a window, of which the best of five positions counts ([`aggregation`]).
+//! 5. Dynamic programming along the row chooses a candidate for every pixel ([`scanline`]).
+//! 6. What was chosen becomes a disparity with its flags and its confidence ([`refinement`]).
+//!
+//! [`matcher`] runs these over bands of rows on threads, under the eyes of [`control`]. Everything is
+//! integer arithmetic: the result is the same to the bit for any number of threads and any banding, and
+//! equal to that of [`reference`](mod@reference), which does the same in the most obvious way.
+//!
+//! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
+
+pub mod error;
+pub mod plane;
+
+pub mod candidates;
+pub mod settings;
+
+pub mod intensity;
+
+pub mod basis;
+pub mod descriptor;
+pub mod quantiser;
+pub mod spectrum;
+
+pub mod aggregation;
+pub mod cost;
+pub mod refinement;
+pub mod scanline;
+
+pub mod control;
+pub mod matcher;
+
+pub mod reference;
+
+#[cfg(feature = "python")]
+mod python;

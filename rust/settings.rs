@@ -1,0 +1,237 @@
+//! Every knob of the matcher: meaning, unit, range and default, checked once.
+
+use crate::error::{Error, Result};
+
+/// Largest neighbourhood and largest aggregation window, pixels.
+pub const LARGEST_WINDOW: usize = 63;
+/// Largest frequency index of the descriptor.
+pub const HIGHEST_FREQUENCY: usize = 4;
+/// Most disparities that one match may search.
+pub const MOST_DISPARITIES: usize = 16_384;
+/// Largest penalty, in units of the cost: beyond the cost of any pixel it changes nothing.
+pub const LARGEST_PENALTY: f64 = 65_535.0;
+
+/// What two pixels are compared by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CostKind {
+    /// Hamming distance of phase codes; unit: bits.
+    Phase,
+    /// Sum over the channels of absolute differences; unit: gray levels, 255 over the intensity range.
+    Sad,
+    /// The same on channels normalised by local mean and deviation; unit: standard deviations.
+    NormalisedSad,
+}
+
+/// Window under the local Fourier transform.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Taper {
+    /// Every pixel of the neighbourhood counts the same: the transform of the paper.
+    Uniform,
+    /// Gaussian of standard deviation `(L - 1) / 4`.
+    Gaussian,
+    /// Raised cosine that would reach zero one pixel outside the neighbourhood.
+    Hann,
+}
+
+/// How a row of costs becomes a row of disparities.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Optimizer {
+    /// One-pass dynamic programming along the scanline under the ordering constraint.
+    DynamicProgramming,
+    /// The smallest cost of each pixel by itself.
+    WinnerTakesAll,
+}
+
+/// What a change of disparity along the scanline costs, in units of the cost, per pixel of the window.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Penalty {
+    /// For a disparity one larger than the left neighbour's.
+    pub rise: f64,
+    /// For a smaller disparity than the left neighbour's, however much smaller.
+    pub drop: f64,
+}
+
+/// All settings of a match; the defaults are those of the `paper` preset.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// What two pixels are compared by.
+    pub cost: CostKind,
+    /// Side `L` of the square neighbourhood which a code describes, pixels; odd, 3 to 63.
+    pub neighborhood: usize,
+    /// Window under the local Fourier transform.
+    pub taper: Taper,
+    /// Highest frequency indices `(r, s)` along x and y; 0 to 4, not both 0, at most `(L - 1) / 2`.
+    pub frequencies: (usize, usize),
+    /// Power `k` of the spectrum, 1 or 2; 2 makes codes blind to the sign flips of a blur.
+    pub power: usize,
+    /// Bits `b` of the phase, 1 to 4: it is quantised to `2^b` levels.
+    pub bits: usize,
+    /// Side of the square aggregation window, pixels; odd, 1 to 63.
+    pub window: usize,
+    /// Whether the best of five shifted windows counts, or the centred one alone.
+    pub shiftable: bool,
+    /// How a row of costs becomes a row of disparities.
+    pub optimizer: Optimizer,
+    /// What a change of disparity costs.
+    pub penalty: Penalty,
+    /// Intensities of black and white; `None`: the type's range for integers, a robust range for floats.
+    pub intensity_range: Option<(f64, f64)>,
+    /// Whether untrusted estimates stay in the map, flagged, or leave a hole.
+    pub fill: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            cost: CostKind::Phase,
+            neighborhood: 7,
+            taper: Taper::Uniform,
+            frequencies: (2, 1),
+            power: 1,
+            bits: 2,
+            window: 9,
+            shiftable: true,
+            optimizer: Optimizer::DynamicProgramming,
+            penalty: Penalty { rise: 2.0, drop: 2.0 },
+            intensity_range: None,
+            fill: true,
+        }
+    }
+}
+
+impl Settings {
+    /// Refuses any value outside its range, naming the field.
+    pub fn check(&self) -> Result<()> {
+        odd_between("neighborhood", self.neighborhood, 3)?;
+        odd_between("window", self.window, 1)?;
+        self.check_frequencies()?;
+        between("power", self.power, 1, 2)?;
+        between("bits", self.bits, 1, 4)?;
+        self.check_code_length()?;
+        self.check_penalty()?;
+        self.check_intensity_range()
+    }
+
+    /// Number of spectral components, `D = r (2 s + 1) + s` (paper, section 2.1).
+    pub fn components(&self) -> usize {
+        let (r, s) = self.frequencies;
+        r * (2 * s + 1) + s
+    }
+
+    /// Bits of one pixel's code: `2^(b-1)` for each component.
+    pub fn code_length(&self) -> usize {
+        self.components() << (self.bits - 1)
+    }
+
+    fn check_frequencies(&self) -> Result<()> {
+        let (r, s) = self.frequencies;
+        let highest = HIGHEST_FREQUENCY.min((self.neighborhood - 1) / 2);
+        if (r, s) != (0, 0) && r.max(s) <= highest {
+            return Ok(());
+        }
+        let accepts = format!(
+            "two integers from 0 to {highest} (at most 4 and at most (neighborhood - 1) / 2), not both 0"
+        );
+        Err(Error::value("frequencies", format!("({r}, {s})"), accepts))
+    }
+
+    fn check_code_length(&self) -> Result<()> {
+        let length = self.code_length();
+        if length <= 64 {
+            return Ok(());
+        }
+        let (r, s) = self.frequencies;
+        Err(Error::value(
+            "frequencies (r, s) and bits (b)",
+            format!("r = {r}, s = {s} and b = {}, which need {length} bits a pixel", self.bits),
+            "settings whose code (r (2 s + 1) + s) * 2^(b - 1) fits in 64 bits",
+        ))
+    }
+
+    fn check_penalty(&self) -> Result<()> {
+        let Penalty { rise, drop } = self.penalty;
+        // The range also turns NaN away: it is contained in none.
+        if [rise, drop].iter().all(|p| (0.0..=LARGEST_PENALTY).contains(p)) {
+            return Ok(());
+        }
+        let accepts = format!("numbers from 0 to {LARGEST_PENALTY}");
+        Err(Error::value("penalty", format!("({rise}, {drop})"), accepts))
+    }
+
+    fn check_intensity_range(&self) -> Result<()> {
+        match self.intensity_range {
+            Some((low, high)) if !(low < high && (high - low).is_finite()) => Err(Error::value(
+                "intensity_range",
+                format!("({low}, {high})"),
+                "two finite numbers (black, white), the first smaller",
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+fn odd_between(argument: &'static str, value: usize, least: usize) -> Result<()> {
+    if value % 2 == 1 && (least..=LARGEST_WINDOW).contains(&value) {
+        return Ok(());
+    }
+    let accepts = format!("an odd integer from {least} to {LARGEST_WINDOW}");
+    Err(Error::value(argument, value, accepts))
+}
+
+fn between(argument: &'static str, value: usize, least: usize, most: usize) -> Result<()> {
+    if (least..=most).contains(&value) {
+        return Ok(());
+    }
+    Err(Error::value(argument, value, format!("an integer from {least} to {most}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(change: impl FnOnce(&mut Settings)) -> String {
+        let mut settings = Settings::default();
+        change(&mut settings);
+        settings.check().expect_err("must be refused").to_string()
+    }
+
+    #[test]
+    fn defaults_are_accepted_and_fit_sixteen_bits() {
+        let settings = Settings::default();
+        assert_eq!(settings.check(), Ok(()));
+        assert_eq!((settings.components(), settings.code_length()), (7, 14));
+    }
+
+    #[test]
+    fn each_field_is_refused_by_its_name() {
+        for value in [0, 1, 4, 65] {
+            assert!(refused(|s| s.neighborhood = value).starts_with("neighborhood: got"));
+        }
+        for value in [0, 2, 65] {
+            assert!(refused(|s| s.window = value).starts_with("window: got"));
+        }
+        for value in [(0, 0), (5, 0), (0, 4), (4, 1)] {
+            assert!(refused(|s| s.frequencies = value).starts_with("frequencies: got"));
+        }
+        assert!(refused(|s| s.power = 3).starts_with("power: got 3"));
+        assert!(refused(|s| s.bits = 5).starts_with("bits: got 5"));
+        for value in [-1.0, f64::NAN, f64::INFINITY] {
+            assert!(refused(|s| s.penalty.drop = value).starts_with("penalty: got"));
+        }
+        for value in [(1.0, 1.0), (0.0, f64::INFINITY), (f64::NAN, 1.0)] {
+            assert!(refused(|s| s.intensity_range = Some(value)).starts_with("intensity_range"));
+        }
+    }
+
+    #[test]
+    fn a_code_beyond_64_bits_names_all_three_settings() {
+        let message = refused(|s| {
+            s.neighborhood = 9;
+            s.frequencies = (4, 4);
+            s.bits = 2;
+        });
+        for part in ["r = 4", "s = 4", "b = 2", "80 bits"] {
+            assert!(message.contains(part), "{message}");
+        }
+    }
+}
