@@ -1,0 +1,41 @@
+"""Dense stereo matching on quantised local phase: fast, and robust to blur and contrast.
+
+    import phasestereo as ps
+
+    result = ps.match(left, right, num_disparities=64)
+    result.disparity  # float32 (H, W), pixels
+
+The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in the right image.
+"""
+
+import warnings
+
+from phasestereo import _core
+from phasestereo.aggregation import aggregate
+from phasestereo.cost import cost_volume
+from phasestereo.descriptor import descriptor
+from phasestereo.matcher import match
+from phasestereo.result import Flag, Result
+from phasestereo.scanline import optimize
+from phasestereo.settings import PRESETS, Settings
+
+__all__ = [
+    "PRESETS",
+    "Flag",
+    "Result",
+    "Settings",
+    "aggregate",
+    "cost_volume",
+    "descriptor",
+    "match",
+    "optimize",
+]
+__version__ = _core.__version__
+
+if _core.DEBUG_BUILD:
+    warnings.warn(
+        "phasestereo was built without optimisation and is many times slower than it should be; "
+        "build it with `maturin develop --release`",
+        RuntimeWarning,
+        stacklevel=2,
+    )

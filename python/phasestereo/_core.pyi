@@ -1,0 +1,38 @@
+"""The compiled core: validated again here, so that no argument can make it panic."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phasestereo._images import Pixels
+from phasestereo.settings import Settings
+
+__version__: str
+DEBUG_BUILD: bool
+FLAGS: dict[str, int]
+
+def check_settings(settings: Settings) -> None: ...
+def match_pair(
+    left: Pixels,
+    right: Pixels,
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    disparities: tuple[int, int],
+    settings: Settings,
+    threads: int | None,
+    progress: Callable[[int, int], object] | None,
+) -> tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32], dict[str, float]]: ...
+def descriptor(
+    image: Pixels, mask: NDArray[np.bool_] | None, settings: Settings, threads: int | None
+) -> NDArray[np.uint16] | NDArray[np.uint32] | NDArray[np.uint64]: ...
+def cost_volume(
+    left: Pixels,
+    right: Pixels,
+    disparities: tuple[int, int],
+    settings: Settings,
+    threads: int | None,
+) -> NDArray[np.uint16]: ...
+def aggregate_volume(costs: NDArray[np.uint16], settings: Settings) -> NDArray[np.uint32]: ...
+def optimize_volume(
+    costs: NDArray[np.uint32], settings: Settings, penalty: tuple[int, int]
+) -> NDArray[np.uint16]: ...

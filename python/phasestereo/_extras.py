@@ -1,0 +1,31 @@
+"""Optional dependencies: imported when first needed, and named with their cure when missing."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+
+def require(module: str, *, extra: str) -> Any:
+    """Import an optional dependency.
+
+    Parameters
+    ----------
+    module
+        Dotted name of the module to import.
+    extra
+        The extra of this package which installs it.
+
+    Raises
+    ------
+    ImportError
+        If the module is not installed; the message is the command that installs it.
+    """
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or module.split(".")[0] != error.name.split(".")[0]:
+            raise
+        raise ImportError(
+            f"{module} is not installed; it comes with: pip install 'phasestereo[{extra}]'"
+        ) from error

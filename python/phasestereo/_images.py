@@ -1,0 +1,85 @@
+"""Whatever the caller calls an image -> rows x columns x channels, as the core takes it."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Pixels: TypeAlias = (
+    NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32] | NDArray[np.float64]
+)
+
+ACCEPTED = "uint8, uint16, float32 or float64"
+
+
+def as_pixels(image: ArrayLike, name: str) -> Pixels:
+    """Return an image as a contiguous array in native byte order, shape (H, W, 1) or (H, W, 3).
+
+    Parameters
+    ----------
+    image
+        (H, W) or (H, W, 1) gray, (H, W, 3) RGB or (H, W, 4) RGBA, whose alpha is left out; uint8,
+        uint16, float32 or float64, of any strides and byte order.
+    name
+        Name of the argument, for messages.
+
+    Raises
+    ------
+    TypeError
+        If it is not an array of one of these types.
+    ValueError
+        If it has another shape or no pixel.
+    """
+    pixels = as_array(image, name)
+    if pixels.dtype.newbyteorder("=") not in (np.uint8, np.uint16, np.float32, np.float64):
+        raise TypeError(f"{name}: got dtype {pixels.dtype}; accepts {ACCEPTED}")
+    if pixels.ndim == 2:
+        pixels = pixels[:, :, np.newaxis]
+    if pixels.ndim != 3 or pixels.shape[2] not in (1, 3, 4):
+        raise ValueError(
+            f"{name}: got shape {np.shape(image)}; accepts (H, W) or (H, W, 1) gray, "
+            "(H, W, 3) RGB and (H, W, 4) RGBA"
+        )
+    if pixels.size == 0:
+        raise ValueError(f"{name}: got shape {np.shape(image)}; accepts at least one pixel")
+    colours = pixels[:, :, :3]
+    native: Pixels = np.require(colours, colours.dtype.newbyteorder("="), ["C", "ALIGNED"])
+    return native
+
+
+def as_pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
+    """Return both images of a pair as `as_pixels` does; they must agree in size and type."""
+    pair = as_pixels(left, "left"), as_pixels(right, "right")
+    if pair[0].dtype != pair[1].dtype:
+        raise TypeError(f"right: got dtype {pair[1].dtype}; accepts that of left, {pair[0].dtype}")
+    if pair[0].shape[:2] != pair[1].shape[:2]:
+        raise ValueError(
+            f"right: got {pair[1].shape[:2]} pixels; accepts the size of left, {pair[0].shape[:2]}"
+        )
+    return pair
+
+
+def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray[np.bool_] | None:
+    """Return a mask (True = valid) of the given size as a contiguous array, or None."""
+    if mask is None:
+        return None
+    valid = as_array(mask, name)
+    if valid.dtype != np.bool_:
+        raise TypeError(f"{name}: got dtype {valid.dtype}; accepts bool (True = valid)")
+    if valid.shape != size[:2]:
+        raise ValueError(f"{name}: got shape {valid.shape}; accepts the image's {size[:2]}")
+    return np.ascontiguousarray(valid)
+
+
+def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
+    """Return an array-like as an array; whatever NumPy makes of it, the message names the argument."""
+    if isinstance(value, np.ma.MaskedArray):
+        raise TypeError(f"{name}: got a masked array; accepts plain arrays, and masks apart")
+    try:
+        return np.asarray(value)
+    except Exception as error:
+        raise TypeError(
+            f"{name}: got {type(value).__name__}, which is no array; accepts arrays of numbers"
+        ) from error

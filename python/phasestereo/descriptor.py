@@ -1,0 +1,62 @@
+"""The phase codes of an image, to look at or to build on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from phasestereo import _core
+from phasestereo._images import as_mask, as_pixels
+from phasestereo.settings import Settings, resolve
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+
+def descriptor(
+    image: ArrayLike,
+    *,
+    mask: ArrayLike | None = None,
+    settings: Settings | None = None,
+    threads: int | None = None,
+    **overrides: Any,
+) -> NDArray[np.uint16] | NDArray[np.uint32] | NDArray[np.uint64]:
+    """Describe every pixel by the quantised phases of its neighbourhood's Fourier transform.
+
+    Parameters
+    ----------
+    image
+        As `match` takes them.
+    mask
+        bool (H, W), True = valid; what the other pixels hold has no effect. None: all are valid.
+    settings
+        Settings to start from; None: those of the paper. ``neighborhood``, ``taper``,
+        ``frequencies``, ``power`` and ``bits`` matter here.
+    threads
+        Number of threads; None: as many as the process may use.
+    **overrides
+        Fields of `Settings` by name.
+
+    Returns
+    -------
+    ndarray
+        (H, W), the narrowest of uint16, uint32 and uint64 that holds a code. Components come in
+        the order of eq. 3 (u = 0: v = 1..s; then u = 1..r: v = -s..s), the first in the lowest
+        bits, 2^(b - 1) bits each: the level modulo 2^b in a Johnson code (0, 1, 3, 2 for b = 2), so
+        that the number of bits in which two codes differ is the similarity measure of eq. 6.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `match` does.
+
+    Notes
+    -----
+    Pedone & Heikkilä 2008, eq. 3; arg in [-pi, pi), floor, F = 0 at level 0. The transform is
+    computed in integers: its cosines are rounded to 2^-12, and those of one frequency sum to zero.
+    A component may therefore differ from a floating-point one where it lies nearer to a boundary
+    than about 2^-11 of the sum of the absolute gray values (less their mean) in the neighbourhood.
+    """
+    chosen = resolve("paper", settings, overrides)
+    pixels = as_pixels(image, "image")
+    return _core.descriptor(pixels, as_mask(mask, pixels.shape, "mask"), chosen, threads)

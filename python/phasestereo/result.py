@@ -1,0 +1,63 @@
+"""What a match returns: the disparity map, and what is known about every pixel of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from phasestereo.settings import Settings
+
+
+class Flag(IntFlag):
+    """Why a pixel has no estimate, or one that is not to be trusted; bits of `Result.flags`."""
+
+    MASKED = 1
+    """The left pixel is masked: there is no estimate."""
+    NO_CANDIDATE = 2
+    """No candidate has a valid pixel in the right image: there is no estimate."""
+    OUTSIDE = 4
+    """The match lies outside the right image."""
+    MATCH_MASKED = 8
+    """The match lies on a masked pixel of the right image."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """A disparity map as seen from the left image; it can be pickled.
+
+    Parameters
+    ----------
+    disparity
+        float32 (H, W), pixels: left pixel (x, y) corresponds to right pixel (x - disparity, y).
+        NaN where there is no estimate, and with ``fill=False`` where it is not to be trusted.
+    flags
+        uint16 (H, W), bits of `Flag`; 0 where nothing is held against the estimate.
+    confidence
+        float32 (H, W) in [0, 1]: the margin of the chosen aggregated cost below the least cost
+        more than one disparity away, relative to the latter; 0 where there is no estimate.
+    settings
+        The settings that were used.
+    timings
+        Wall-clock seconds of the stages: ``"description"`` (images to codes), ``"matching"``
+        (codes to disparities).
+    """
+
+    disparity: NDArray[np.float32]
+    flags: NDArray[np.uint16]
+    confidence: NDArray[np.float32]
+    settings: Settings
+    timings: Mapping[str, float]
+
+    def __repr__(self) -> str:
+        """Tell the size, the share of estimates and the time: arrays would tell nothing."""
+        rows, cols = self.disparity.shape
+        estimated = (self.disparity == self.disparity).mean()  # NaN is unequal to itself
+        seconds = sum(self.timings.values())
+        return f"<Result {cols}x{rows}, {estimated:.1%} estimated, {seconds:.3f} s>"

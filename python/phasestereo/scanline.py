@@ -1,0 +1,69 @@
+"""Aggregated costs -> the candidate of every pixel."""
+
+from __future__ import annotations
+
+from operator import index
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from phasestereo import _core
+from phasestereo.aggregation import as_volume
+from phasestereo.settings import Settings
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+LARGEST_PENALTY = 2**40
+
+
+def optimize(
+    costs: ArrayLike,
+    *,
+    penalty: int | tuple[int, int],
+    optimizer: Literal["dp", "wta"] = "dp",
+) -> NDArray[np.uint16]:
+    """Choose a candidate for every pixel of a volume of aggregated costs.
+
+    Parameters
+    ----------
+    costs
+        uint32 (H, W, D), as from `aggregate`.
+    penalty
+        What a change of the index along the scanline costs, in the unit of the costs: one integer,
+        or a pair for (rise by one, drop to any smaller index); 0 to 2^40.
+    optimizer
+        ``"dp"``: dynamic programming along each row under the ordering constraint that an index may
+        rise by one at most from a pixel to the next (Pedone & Heikkilä 2008, section 2.3); equal
+        costs go to the same index, then to the smaller one. ``"wta"``: the least cost of each pixel
+        by itself.
+
+    Returns
+    -------
+    ndarray
+        uint16 (H, W), indices: add ``min_disparity`` for disparities.
+
+    Raises
+    ------
+    TypeError
+        If the costs are no uint32 array, or a penalty is not an integer.
+    ValueError
+        If the costs are not 3-D or are empty, a penalty is out of range, or there is no such
+        optimizer.
+    """
+    volume = as_volume(costs, np.dtype(np.uint32))
+    both = penalty if isinstance(penalty, tuple) else (penalty, penalty)
+    settings = Settings(optimizer=optimizer)
+    return _core.optimize_volume(volume, settings, check_penalty(both))
+
+
+def check_penalty(penalty: tuple[int, ...]) -> tuple[int, int]:
+    """Return a pair of penalties as plain integers."""
+    if len(penalty) != 2:
+        raise ValueError(f"penalty: got {penalty}; accepts one integer or a pair (rise, drop)")
+    if any(isinstance(value, bool) or not hasattr(value, "__index__") for value in penalty):
+        raise TypeError(f"penalty: got {penalty}; accepts integers")
+    rise, drop = (index(value) for value in penalty)
+    if not (0 <= rise <= LARGEST_PENALTY and 0 <= drop <= LARGEST_PENALTY):
+        raise ValueError(f"penalty: got {penalty}; accepts integers from 0 to 2^40")
+    return rise, drop

@@ -1,0 +1,117 @@
+"""Every knob of a match, and the presets: named sets of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+from phasestereo import _core
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """All settings of a match; the defaults are those of the ``"paper"`` preset.
+
+    Section and equation numbers are those of Pedone & Heikkilä, *Blur and Contrast Invariant Fast
+    Stereo Matching*, ACIVS 2008.
+
+    Parameters
+    ----------
+    cost
+        What two pixels are compared by: ``"phase"``, the Hamming distance of their phase codes
+        (unit: bits; eq. 7); ``"sad"``, the sum over the channels of absolute differences (unit:
+        gray levels, of which the intensity range has 255; gray where either image is);
+        ``"nsad"``, the same after every channel has been normalised by the mean and the standard
+        deviation in the window around the pixel (unit: standard deviations). Default ``"phase"``.
+    neighborhood
+        Side L of the square neighbourhood which a code describes, in pixels; odd, 3 to 63.
+        Larger ones resist blur better and fatten the foreground more. Default 7.
+    taper
+        Window under the local Fourier transform: ``"uniform"`` as in the paper, ``"gaussian"``
+        (standard deviation (L - 1) / 4) or ``"hann"``. Only the uniform window costs the same
+        whatever L is. Default ``"uniform"``.
+    frequencies
+        Highest frequency indices (r, s) along x and y (eq. 3); each 0 to 4 and at most
+        (L - 1) / 2, not both 0. Default (2, 1).
+    power
+        Power k of the spectrum (eq. 3): 1, or 2, which makes the codes blind to the sign flips
+        of a symmetric blur beyond its first zero, and less discriminative. Default 1.
+    bits
+        Bits b of the phase, 1 to 4: it is quantised to 2^b levels (eq. 3). A pixel's code takes
+        (r (2 s + 1) + s) 2^(b - 1) bits, at most 64. Default 2.
+    window
+        Side of the square aggregation window, in pixels; odd, 1 to 63; it may be larger than the
+        image. Default 9.
+    shiftable
+        Whether the best of five windows counts, which the pixel anchors at the centre, top,
+        bottom, left and right (section 2.3), or the centred one alone. Default True.
+    optimizer
+        How a row of costs becomes a row of disparities: ``"dp"``, one-pass dynamic programming
+        under the ordering constraint (section 2.3), or ``"wta"``, winner-takes-all. Default
+        ``"dp"``.
+    penalty
+        What a change of disparity along the scanline costs, in units of the cost, as averaged
+        over the window: one number, or a pair for (rise by one, drop to any smaller disparity);
+        0 to 65535. Default 2.
+    intensity_range
+        Intensities (black, white) of the images. None: the range of the type for integers; for
+        floats where their pixels lie, but for 0.1 % at either end. Codes of integer images do not
+        depend on it; those of float images resolve 2 million steps of it, and values further than
+        four ranges from black are clamped. Default None.
+    fill
+        Whether estimates that are not to be trusted stay in the map, flagged (True), or become
+        NaN (False). Default True.
+
+    Raises
+    ------
+    TypeError
+        If a field has the wrong type.
+    ValueError
+        If a field, or the length of the code, is out of range.
+    """
+
+    cost: Literal["phase", "sad", "nsad"] = "phase"
+    neighborhood: int = 7
+    taper: Literal["uniform", "gaussian", "hann"] = "uniform"
+    frequencies: tuple[int, int] = (2, 1)
+    power: int = 1
+    bits: int = 2
+    window: int = 9
+    shiftable: bool = True
+    optimizer: Literal["dp", "wta"] = "dp"
+    penalty: float | tuple[float, float] = 2.0
+    intensity_range: tuple[float, float] | None = None
+    fill: bool = True
+
+    def __post_init__(self) -> None:
+        """Check every field at once, in the core, which owns the ranges."""
+        _core.check_settings(self)
+
+
+PRESETS: Mapping[str, Settings] = MappingProxyType({"paper": Settings()})
+"""The named settings: ``"paper"`` is the method of the paper to the letter."""
+
+
+def resolve(preset: str, settings: Settings | None, overrides: Mapping[str, Any]) -> Settings:
+    """Return the settings that a call means: a preset or given settings, then overrides by name.
+
+    Raises
+    ------
+    TypeError
+        If an override names no field, or an argument has the wrong type.
+    ValueError
+        If there is no such preset, or a value is out of range.
+    """
+    if not isinstance(preset, str):
+        raise TypeError(f"preset: got {type(preset).__name__}; accepts a string")
+    if preset not in PRESETS:
+        raise ValueError(f"preset: got {preset!r}; accepts {', '.join(map(repr, PRESETS))}")
+    if settings is not None and not isinstance(settings, Settings):
+        raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings or None")
+    names = [field.name for field in fields(Settings)]
+    unknown = [name for name in overrides if name not in names]
+    if unknown:
+        raise TypeError(f"{unknown[0]}: no such setting; accepts {', '.join(names)}")
+    return replace(PRESETS[preset] if settings is None else settings, **overrides)
