@@ -1,0 +1,381 @@
+"""What the method computes, written from its formulas alone, to hold the implementation against.
+
+Slow and plain on purpose: float64 where the definition has real numbers, int64 where it counts,
+one step of the method per function, nothing shared with the implementation. Equation numbers are
+those of Pedone & Heikkila, *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008. The
+left image is the reference; left x corresponds to right x - d; candidate n stands for the
+disparity ``min_disparity + n``.
+"""
+
+# ruff: noqa: N803, N806 -- L, F, M are the paper's names; renamed, formulas are hard to compare
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    Bools = NDArray[np.bool_]
+    Ints = NDArray[np.int64]
+    Floats = NDArray[np.float64]
+    Complexes = NDArray[np.complex128]
+    Taper = Literal["uniform", "gaussian", "hann"]
+
+
+# --- images ---
+
+
+def colour_channels(image: NDArray[Any]) -> NDArray[Any]:
+    """Return the image as (H, W, C) without its alpha channel (the last one of two or four)."""
+    channels = image[:, :, np.newaxis] if image.ndim == 2 else image
+    return channels[:, :, :-1] if channels.shape[2] in {2, 4} else channels
+
+
+def to_gray(image: NDArray[Any]) -> Floats:
+    """Return 0.299 R + 0.587 G + 0.114 B, unrounded; a gray image passes, alpha is ignored."""
+    channels = colour_channels(image).astype(np.float64)
+    if channels.shape[2] == 1:
+        return channels[:, :, 0]
+    red, green, blue = channels[:, :, 0], channels[:, :, 1], channels[:, :, 2]
+    return 0.299 * red + 0.587 * green + 0.114 * blue
+
+
+def fill_masked(image: NDArray[Any], mask: Bools) -> NDArray[Any]:
+    """Return the image with every masked pixel (mask False) replaced by the nearest valid one.
+
+    Nearest within its row, the left one of two; a row without a valid pixel copies the nearest row
+    that has one, the upper one of two; an image without a valid pixel becomes zero.
+    """
+    filled = np.zeros_like(image)
+    valid_rows = [int(y) for y in np.flatnonzero(mask.any(axis=1))]
+    for y in valid_rows:
+        valid = [int(x) for x in np.flatnonzero(mask[y])]
+        for x in range(image.shape[1]):
+            filled[y, x] = image[y, min(valid, key=lambda c: (abs(c - x), c))]
+    for y in range(image.shape[0]):
+        if valid_rows:
+            filled[y] = filled[min(valid_rows, key=lambda c: (abs(c - y), c))]
+    return filled
+
+
+def neighbours(
+    values: NDArray[Any], half: int, mode: Literal["symmetric", "edge"]
+) -> Iterator[tuple[int, int, NDArray[Any]]]:
+    """Yield dx, dy and the values at (x + dx, y + dy) of every (x, y), over |dx|, |dy| <= half.
+
+    Outside, "symmetric" continues as d c b a | a b c d, "edge" as a a a a | a b c d.
+    """
+    height, width = values.shape[:2]
+    border = [(half, half), (half, half)] + [(0, 0)] * (values.ndim - 2)
+    padded = np.pad(values, border, mode=mode)
+    for dy in range(-half, half + 1):
+        for dx in range(-half, half + 1):
+            yield dx, dy, padded[half + dy :, half + dx :][:height, :width]
+
+
+# --- descriptor ---
+
+
+def frequencies(r: int, s: int) -> list[tuple[int, int]]:
+    """Return the (u, v) of the components, eq. 3: u in [0, r], v in [-s, s], u + sgn(v - 1) >= 0.
+
+    The condition keeps u >= 1 whole and v >= 1 of u = 0: r (2 s + 1) + s components.
+    """
+    return [(u, v) for u in range(r + 1) for v in range(-s, s + 1) if u + np.sign(v - 1) >= 0]
+
+
+def taper_weights(L: int, taper: Taper) -> Floats:
+    """Return w(j), j = -h..h, with h = (L - 1) / 2."""
+    j = np.arange(L) - (L - 1) // 2
+    if taper == "gaussian":
+        sigma = (L - 1) / 4
+        return np.exp(-(j**2) / (2 * sigma**2))
+    if taper == "hann":
+        return 0.5 * (1 + np.cos(2 * np.pi * j / (L + 1)))
+    return np.ones(L)
+
+
+def filter_1d(index: int, L: int, taper: Taper) -> Complexes:
+    """Return w(j) (e^(-2 pi i index j / L) - kappa), j = -h..h; kappa makes it sum to zero.
+
+    kappa = sum(w e) / sum(w), which is zero for the uniform taper. For index 0 the filter is w.
+    """
+    w = taper_weights(L, taper)
+    if index == 0:
+        return w.astype(np.complex128)
+    j = np.arange(L) - (L - 1) // 2
+    e = np.exp(-2j * np.pi * index * j / L)
+    filtered: Complexes = w * (e - np.sum(w * e) / np.sum(w))
+    return filtered
+
+
+def spectrum(gray: Floats, L: int, r: int, s: int, taper: Taper = "uniform") -> Complexes:
+    """Return F(u, v) of the L x L neighbourhood of every pixel, (H, W, D); see eq. 3.
+
+    F(u, v) = sum over (dx, dy) of A(x + dx, y + dy) f_u(dx) f_v(dy), under the uniform taper the
+    discrete Fourier transform with its origin at the centre pixel. The image continues by
+    reflection. What can only be the rounding of a zero becomes zero, so that ties are decided by
+    rule and not by the last bit.
+    """
+    if L % 2 == 0 or max(r, s) > (L - 1) // 2:
+        raise ValueError(f"L must be odd and r, s at most (L - 1) / 2, got L={L}, r={r}, s={s}")
+    half = (L - 1) // 2
+    wanted = frequencies(r, s)
+    F = np.zeros((*gray.shape, len(wanted)), dtype=np.complex128)
+    along = {index: filter_1d(index, L, taper) for index in range(-s, max(r, s) + 1)}
+    for dx, dy, values in neighbours(gray, half, "symmetric"):
+        for component, (u, v) in enumerate(wanted):
+            F[:, :, component] += values * (along[u][dx + half] * along[v][dy + half])
+    rounding = 1e-13 * L * L * np.abs(gray).max()
+    F.real[np.abs(F.real) < rounding] = 0
+    F.imag[np.abs(F.imag) < rounding] = 0
+    return F
+
+
+def levels(F: Complexes, k: int, b: int) -> Ints:
+    """Return floor(M / pi * arg(F^k)), eq. 3, M = 2^(b-1), arg in [-pi, pi): levels -M..M - 1.
+
+    Every boundary belongs to the level it opens, counter-clockwise: for b = 2 the positive real
+    axis is 0, the positive imaginary axis 1, the negative real axis -2, the negative imaginary
+    axis -1. F = 0 is level 0.
+    """
+    M = 2 ** (b - 1)
+    re, im = F.real, F.imag
+    if k == 2:
+        re, im = (re - im) * (re + im), 2 * re * im
+    angle = np.arctan2(im, re)
+    angle = np.where(angle == np.pi, -np.pi, angle)
+    return np.where(F == 0, 0, np.floor(angle / (np.pi / M))).astype(np.int64)
+
+
+def boundary_distance(F: Complexes, k: int, b: int) -> Floats:
+    """Return how far, in the complex plane, F may move before its level can change.
+
+    The boundaries of floor(M arg(F^k) / pi) are the rays at multiples of pi / (M k), M = 2^(b-1);
+    the nearest is at most half of that away, never more than a right angle, so its distance is
+    |F| sin(angle to it).
+    """
+    step = np.pi / (2 ** (b - 1) * k)
+    past = np.mod(np.angle(F), step)
+    distance: Floats = np.abs(F) * np.sin(np.minimum(past, step - past))
+    return distance
+
+
+def circular_distance(levels_a: Ints, levels_b: Ints, b: int) -> Ints:
+    """Return the distance around the circle of 2^b levels, summed over the last axis, eq. 4-6."""
+    M = 2 ** (b - 1)
+    x = np.abs(levels_a - levels_b)
+    total: Ints = np.where(x <= M, x, 2 * M - x).sum(axis=-1)
+    return total
+
+
+# --- costs ---
+
+
+def right_columns(width: int, min_disparity: int, num_disparities: int) -> Ints:
+    """Return the right column x - d, clamped to the image, of each left column and d, (W, N)."""
+    d = min_disparity + np.arange(num_disparities)
+    columns: Ints = np.clip(np.arange(width)[:, np.newaxis] - d, 0, width - 1)
+    return columns
+
+
+def phase_costs(
+    levels_left: Ints, levels_right: Ints, min_disparity: int, num_disparities: int, b: int
+) -> Ints:
+    """Return the circular distance of left x and right x - d, (H, W, N)."""
+    columns = right_columns(levels_left.shape[1], min_disparity, num_disparities)
+    each = [circular_distance(levels_left, levels_right[:, x], b) for x in columns.T]
+    return np.stack(each, axis=-1)
+
+
+def sad_costs(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], min_disparity: int, num_disparities: int
+) -> Ints:
+    """Return |left x - right (x - d)| summed over the colour channels, (H, W, N)."""
+    a, b = colour_channels(left).astype(np.int64), colour_channels(right).astype(np.int64)
+    columns = right_columns(a.shape[1], min_disparity, num_disparities)
+    return np.stack([np.abs(a - b[:, x]).sum(axis=2) for x in columns.T], axis=-1)
+
+
+def normalise(image: NDArray[Any], window: int) -> Floats:
+    """Return (I - mean) / sqrt(var + 1) per channel, over the window around each pixel, (H, W, C).
+
+    Population variance; the image continues by reflection.
+    """
+    channels = colour_channels(image).astype(np.float64)
+    half = (window - 1) // 2
+    around = [values for _, _, values in neighbours(channels, half, "symmetric")]
+    mean = sum(around) / window**2
+    variance = sum((values - mean) ** 2 for values in around) / window**2
+    return np.asarray((channels - mean) / np.sqrt(variance + 1), dtype=np.float64)
+
+
+def nsad_costs(
+    left: NDArray[Any],
+    right: NDArray[Any],
+    window: int,
+    min_disparity: int,
+    num_disparities: int,
+) -> Floats:
+    """Return |left x - right (x - d)| of the normalised images, summed over channels, (H, W, N)."""
+    a, b = normalise(left, window), normalise(right, window)
+    columns = right_columns(a.shape[1], min_disparity, num_disparities)
+    return np.stack([np.abs(a - b[:, x]).sum(axis=2) for x in columns.T], axis=-1)
+
+
+# --- aggregation ---
+
+
+def votes(left_mask: Bools, right_mask: Bools, min_disparity: int, num_disparities: int) -> Bools:
+    """Return which (pixel, candidate) has a valid pixel at both ends, (H, W, N)."""
+    columns = right_columns(left_mask.shape[1], min_disparity, num_disparities)
+    return np.stack([left_mask & right_mask[:, x] for x in columns.T], axis=-1)
+
+
+def box_sum(values: NDArray[Any], window: int) -> NDArray[Any]:
+    """Return the sum over the window x window box around each pixel; the edge is repeated."""
+    total = np.zeros(values.shape, dtype=np.result_type(values, np.int64))
+    for _, _, shifted in neighbours(values, (window - 1) // 2, "edge"):
+        total += shifted
+    return total
+
+
+def full_box_sum(costs: Ints, window: int, voting: Bools, ceiling: int) -> Ints:
+    """Return the box sum of the voting costs scaled to the full window, rounded half up.
+
+    Where nobody votes, every pixel of the window is taken to cost the ceiling.
+    """
+    size = window * window
+    count = box_sum(voting.astype(np.int64), window)
+    total = box_sum(np.where(voting, costs, 0), window)
+    scaled = (total * size + count // 2) // np.maximum(count, 1)
+    return np.where(count == 0, size * ceiling, scaled)
+
+
+def aggregate(
+    costs: NDArray[Any],
+    window: int,
+    *,
+    shiftable: bool,
+    votes: Bools | None = None,
+    ceiling: int | None = None,
+) -> NDArray[Any]:
+    """Return the least of the five box sums which the pixel anchors (section 2.3), (H, W, N).
+
+    Centred at (0, 0), (+-h, 0), (0, +-h), h = (window - 1) / 2, each centre clamped into the image.
+    Not shiftable: the one at (0, 0) alone. With votes, and integer costs with their ceiling (the
+    largest cost of one vote), the sums are those of `full_box_sum`.
+    """
+    if votes is None:
+        sums = box_sum(costs, window)
+    elif ceiling is None:
+        raise ValueError("ceiling must be given with votes, got None")
+    else:
+        sums = full_box_sum(costs, window, votes, ceiling)
+    if not shiftable:
+        return sums
+    height, width = costs.shape[:2]
+    h = (window - 1) // 2
+    five: list[NDArray[Any]] = []
+    for dx, dy in [(0, 0), (-h, 0), (h, 0), (0, -h), (0, h)]:
+        rows = np.clip(np.arange(height) + dy, 0, height - 1)
+        columns = np.clip(np.arange(width) + dx, 0, width - 1)
+        five.append(sums[rows][:, columns])
+    least: NDArray[Any] = np.min(five, axis=0)
+    return least
+
+
+# --- optimisation ---
+
+
+def winner_takes_all(aggregated: NDArray[Any]) -> Ints:
+    """Return the smallest candidate of minimal cost of each pixel, (H, W)."""
+    best: Ints = np.argmin(aggregated, axis=2)
+    return best
+
+
+def scanline(aggregated: NDArray[Any], penalty_rise: int, penalty_drop: int) -> Ints:
+    """Return the candidates of the cheapest path along each row with d(x + 1) <= d(x) + 1, (H, W).
+
+    cost(x, d) = aggregated(x, d) + the least of
+
+    - stay: cost(x - 1, d),
+    - rise: cost(x - 1, d - 1) + penalty_rise,
+    - drop: cost(x - 1, d') + penalty_drop, for every d' > d.
+
+    Equal costs go to stay, then to the smaller predecessor, and at the end of the row to the
+    smallest d.
+    """
+    aggregated = aggregated.astype(np.result_type(aggregated, np.int64))
+    height, width, number = aggregated.shape
+    came_from = np.zeros((height, width, number), dtype=np.int64)
+    cost = aggregated[:, 0].copy()
+    for x in range(1, width):
+        before = cost
+        cost = aggregated[:, x].copy()
+        for d in range(number):
+            # In the order of preference: argmin takes the first of equals.
+            sources = [d] + [d - 1] * (d > 0) + list(range(d + 1, number))
+            penalties = [0] + [penalty_rise] * (d > 0) + [penalty_drop] * (number - 1 - d)
+            offers = before[:, sources] + penalties
+            cost[:, d] += offers.min(axis=1)
+            came_from[:, x, d] = np.array(sources)[offers.argmin(axis=1)]
+    path = np.zeros((height, width), dtype=np.int64)
+    path[:, -1] = np.argmin(cost, axis=1)
+    for x in range(width - 1, 0, -1):
+        path[:, x - 1] = came_from[np.arange(height), x, path[:, x]]
+    return path
+
+
+def confidence(aggregated: NDArray[Any], index: Ints) -> Floats:
+    """Return clip((c2 - c1) / c2, 0, 1), (H, W): c1 the chosen cost, c2 the least not beside it.
+
+    Zero where c2 is zero or every candidate is the chosen one or next to it.
+    """
+    chosen = index[:, :, np.newaxis]
+    c1 = np.take_along_axis(aggregated, chosen, axis=2)[:, :, 0].astype(np.float64)
+    elsewhere = np.abs(np.arange(aggregated.shape[2]) - chosen) > 1
+    c2 = np.where(elsewhere, aggregated, np.inf).min(axis=2)
+    known = np.isfinite(c2) & (c2 != 0)
+    return np.where(known, np.clip((c2 - c1) / np.where(known, c2, 1), 0, 1), 0)
+
+
+# --- the whole method ---
+
+
+def window_penalty(penalty: float, window: int) -> int:
+    """Return the penalty in bits per pixel as one on box sums, the nearest integer, halves up."""
+    return int(np.floor(penalty * window * window + 0.5))
+
+
+def match_phase(
+    left: NDArray[Any],
+    right: NDArray[Any],
+    *,
+    min_disparity: int,
+    num_disparities: int,
+    L: int,
+    window: int,
+    r: int,
+    s: int,
+    k: int,
+    b: int,
+    penalty: float,
+    shiftable: bool = True,
+    optimizer: Literal["dp", "wta"] = "dp",
+    taper: Taper = "uniform",
+) -> Ints:
+    """Return the left image's disparities, (H, W): codes, costs, shiftable windows, one-pass DP."""
+    codes_left = levels(spectrum(to_gray(left), L, r, s, taper), k, b)
+    codes_right = levels(spectrum(to_gray(right), L, r, s, taper), k, b)
+    costs = phase_costs(codes_left, codes_right, min_disparity, num_disparities, b)
+    aggregated = aggregate(costs, window, shiftable=shiftable)
+    if optimizer == "wta":
+        return min_disparity + winner_takes_all(aggregated)
+    total = window_penalty(penalty, window)
+    return min_disparity + scanline(aggregated, total, total)

@@ -1,0 +1,486 @@
+"""The oracle against values worked out by hand, and against the most literal reading there is."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import oracle
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+THIRD = np.exp(-2j * np.pi / 3)  # one step of a transform of length 3: -1/2 - i sqrt(3)/2
+
+
+def impulse(height: int, width: int, y: int, x: int) -> NDArray[np.float64]:
+    image = np.zeros((height, width))
+    image[y, x] = 1
+    return image
+
+
+def one_row(*rows: list[int]) -> NDArray[np.int64]:
+    """Return costs (1, W, N) from one list of N costs per column."""
+    return np.array([rows])
+
+
+# --- images ---
+
+
+def test_gray_weighs_the_colours_and_is_not_rounded() -> None:
+    rgb = np.array([[[10, 20, 30]]], dtype=np.uint8)
+    assert oracle.to_gray(rgb)[0, 0] == pytest.approx(2.99 + 11.74 + 3.42)
+    rgba = np.array([[[10, 20, 30, 77]]], dtype=np.uint8)
+    assert oracle.to_gray(rgba)[0, 0] == pytest.approx(18.15)
+
+
+@pytest.mark.parametrize("shape", [(1, 2), (1, 2, 1)])
+def test_gray_images_pass(shape: tuple[int, ...]) -> None:
+    gray = np.array([3, 250], dtype=np.uint8).reshape(shape)
+    assert oracle.to_gray(gray).tolist() == [[3.0, 250.0]]
+
+
+def test_gray_ignores_the_alpha_of_a_gray_image() -> None:
+    assert oracle.to_gray(np.array([[[7, 99], [8, 98]]], dtype=np.uint8)).tolist() == [[7.0, 8.0]]
+
+
+def test_masked_pixels_take_the_nearest_valid_of_their_row_then_the_nearest_row() -> None:
+    image = np.array([[9, 9, 9, 9], [1, 2, 3, 4], [9, 9, 9, 9], [9, 9, 9, 9], [5, 6, 7, 8]])
+    mask = np.zeros((5, 4), dtype=bool)
+    mask[1, [0, 2]] = True
+    mask[4, 3] = True
+    expected = [[1, 1, 3, 3], [1, 1, 3, 3], [1, 1, 3, 3], [8, 8, 8, 8], [8, 8, 8, 8]]
+    assert oracle.fill_masked(image, mask).tolist() == expected
+
+
+def test_a_masked_row_between_two_valid_ones_takes_the_upper() -> None:
+    mask = np.array([[True], [False], [True]])
+    assert oracle.fill_masked(np.array([[1], [9], [2]]), mask).tolist() == [[1], [1], [2]]
+
+
+def test_an_image_without_a_valid_pixel_fills_with_zero_and_colour_is_filled_whole() -> None:
+    colour = np.arange(6).reshape(1, 2, 3) + 1
+    assert not oracle.fill_masked(colour, np.zeros((1, 2), dtype=bool)).any()
+    filled = oracle.fill_masked(colour, np.array([[False, True]]))
+    assert filled.tolist() == [[[4, 5, 6], [4, 5, 6]]]
+
+
+@pytest.mark.parametrize("width", [1, 2, 3, 5])
+def test_neighbours_reflect_as_often_as_needed(width: int) -> None:
+    """``d c b a | a b c d`` has the period 2 W and is its own mirror image."""
+    row = np.arange(width)[np.newaxis]
+    for dx, _, values in oracle.neighbours(row, 6, "symmetric"):
+        for x in range(width):
+            position = (x + dx) % (2 * width)
+            assert values[0, x] == min(position, 2 * width - 1 - position)
+
+
+def test_neighbours_repeat_the_edge() -> None:
+    column = np.array([[5], [6], [7]])
+    found = {dy: values[:, 0].tolist() for _, dy, values in oracle.neighbours(column, 2, "edge")}
+    assert found == {-2: [5, 5, 5], -1: [5, 5, 6], 0: [5, 6, 7], 1: [6, 7, 7], 2: [7, 7, 7]}
+
+
+# --- descriptor ---
+
+
+def test_components_come_in_the_order_of_the_paper() -> None:
+    expected = [(0, 1), (1, -1), (1, 0), (1, 1), (2, -1), (2, 0), (2, 1)]
+    assert oracle.frequencies(2, 1) == expected
+    assert oracle.frequencies(0, 2) == [(0, 1), (0, 2)]
+    assert oracle.frequencies(1, 0) == [(1, 0)]
+    assert len(oracle.frequencies(4, 2)) == 4 * 5 + 2
+
+
+@pytest.mark.parametrize(
+    ("pixel", "expected"),
+    [
+        ((2, 2), [1, 1, 1, 1]),
+        ((2, 1), [1, THIRD, THIRD, THIRD]),  # the impulse lies one to the right: dx = 1
+        ((1, 2), [THIRD, THIRD.conjugate(), 1, THIRD]),  # one below: dy = 1
+        ((3, 3), [THIRD.conjugate(), 1, THIRD.conjugate(), THIRD]),  # above, left: dx = dy = -1
+        ((2, 4), [0, 0, 0, 0]),  # out of reach
+    ],
+)
+def test_spectrum_of_an_impulse(pixel: tuple[int, int], expected: list[complex]) -> None:
+    spectra = oracle.spectrum(impulse(5, 5, 2, 2), 3, 1, 1)
+    np.testing.assert_allclose(spectra[pixel], expected, atol=1e-12)
+
+
+def test_spectrum_continues_by_reflection() -> None:
+    """At the corner of [[1, 0], [0, 0]] the 3 x 3 neighbourhood is [[1, 1, 0], [1, 1, 0], 0]."""
+    spectra = oracle.spectrum(impulse(2, 2, 0, 0), 3, 1, 1)
+    back = 1 + THIRD.conjugate()  # dx = 0 and dx = -1
+    np.testing.assert_allclose(spectra[0, 0], [2 * back, back * (1 + THIRD), 2 * back, back**2])
+
+
+@pytest.mark.parametrize(("length", "r", "s"), [(3, 1, 1), (5, 2, 1), (7, 3, 2), (9, 1, 4)])
+def test_spectrum_is_the_fourier_transform_with_the_centre_as_origin(
+    length: int, r: int, s: int
+) -> None:
+    gray = np.random.default_rng(0).uniform(0, 255, (4, 3))
+    spectra = oracle.spectrum(gray, length, r, s)
+    half = length // 2
+    padded = np.pad(gray, half, mode="symmetric")
+    for y, x in np.ndindex(gray.shape):
+        block = padded[y : y + length, x : x + length]
+        transform = np.fft.fft2(np.fft.ifftshift(block))
+        expected = [transform[v, u] for u, v in oracle.frequencies(r, s)]
+        np.testing.assert_allclose(spectra[y, x], expected, atol=1e-9)
+
+
+def test_hann_filters_by_hand() -> None:
+    """For L = 3: w = 1/2, 1, 1/2, sum(w e) = 1 - 1/2 = 1/2, sum(w) = 2, so kappa = 1/4."""
+    np.testing.assert_allclose(oracle.filter_1d(0, 3, "hann"), [0.5, 1, 0.5])
+    side = 0.5 * (THIRD - 0.25)
+    np.testing.assert_allclose(oracle.filter_1d(1, 3, "hann"), [side.conjugate(), 0.75, side])
+
+
+def test_gaussian_filters_by_hand() -> None:
+    """For L = 5: sigma = 1, w = e^-2, e^-1/2, 1, e^-1/2, e^-2."""
+    w1, w2 = np.exp(-0.5), np.exp(-2)
+    np.testing.assert_allclose(oracle.filter_1d(0, 5, "gaussian"), [w2, w1, 1, w1, w2])
+    c1, c2 = np.cos(2 * np.pi / 5), np.cos(4 * np.pi / 5)
+    kappa = (1 + 2 * w1 * c1 + 2 * w2 * c2) / (1 + 2 * w1 + 2 * w2)
+    assert oracle.filter_1d(1, 5, "gaussian")[2] == pytest.approx(1 - kappa)
+    assert oracle.filter_1d(-1, 5, "gaussian")[3] == pytest.approx(
+        w1 * (np.exp(2j * np.pi / 5) - kappa)
+    )
+
+
+def test_tapered_spectrum_is_separable() -> None:
+    spectra = oracle.spectrum(impulse(5, 5, 2, 2), 3, 1, 1, "hann")
+    side = 0.5 * (THIRD - 0.25)
+    at_centre = [1 * 0.75, 0.75**2, 0.75, 0.75**2]
+    one_left = [0.5 * 0.75, side * 0.75, side, side * 0.75]
+    np.testing.assert_allclose(spectra[2, 2], at_centre)
+    np.testing.assert_allclose(spectra[2, 1], one_left)
+
+
+@pytest.mark.parametrize("taper", ["uniform", "gaussian", "hann"])
+@pytest.mark.parametrize("length", [5, 11])
+def test_a_constant_image_has_no_spectrum(length: int, taper: oracle.Taper) -> None:
+    assert not oracle.spectrum(np.full((4, 6), 201.7), length, 2, 1, taper).any()
+
+
+def test_an_image_constant_along_x_has_exactly_no_horizontal_frequency() -> None:
+    gray = np.repeat(np.random.default_rng(1).uniform(0, 255, (9, 1)), 8, axis=1)
+    spectra = oracle.spectrum(gray, 7, 2, 1)
+    horizontal = [u > 0 for u, _ in oracle.frequencies(2, 1)]
+    assert not spectra[:, :, horizontal].any()
+    assert spectra[:, :, 0].all()
+
+
+@pytest.mark.parametrize(("length", "r", "s"), [(4, 1, 1), (5, 3, 1), (5, 1, 3)])
+def test_spectrum_refuses_what_is_no_setting(length: int, r: int, s: int) -> None:
+    with pytest.raises(ValueError, match="L must be odd"):
+        oracle.spectrum(np.zeros((3, 3)), length, r, s)
+
+
+def test_levels_of_two_bits_are_quadrants_with_the_stated_ties() -> None:
+    inside = np.array([3 + 1j, -1 + 3j, -3 - 1j, 1 - 3j])
+    ties = np.array([1, 1j, -1, -1j, 0, complex(-0.0, 0.0), complex(-1, -0.0), complex(1, -0.0)])
+    assert oracle.levels(inside, 1, 2).tolist() == [0, 1, -2, -1]
+    assert oracle.levels(ties, 1, 2).tolist() == [0, 1, -2, -1, 0, 0, -2, 0]
+
+
+def test_levels_of_other_bits() -> None:
+    spectra = np.exp(1j * np.deg2rad([10, 50, 100, 170, -170, -100, -50, -10]))
+    assert oracle.levels(spectra, 1, 1).tolist() == [0, 0, 0, 0, -1, -1, -1, -1]
+    assert oracle.levels(spectra, 1, 3).tolist() == [0, 1, 2, 3, -4, -3, -2, -1]
+    assert oracle.levels(spectra, 1, 4).tolist() == [0, 2, 4, 7, -8, -5, -3, -1]
+    diagonals = np.array([1 + 1j, -1 + 1j, -1 - 1j, 1 - 1j])
+    assert oracle.levels(diagonals, 1, 3).tolist() == [1, 3, -3, -1]
+
+
+def test_levels_of_doubled_phase() -> None:
+    """Phases 20, 70, 110, 160 double to 40, 140, -140, -40; F and -F have the same level."""
+    spectra = np.exp(1j * np.deg2rad([20, 70, 110, 160]))
+    assert oracle.levels(spectra, 2, 2).tolist() == [0, 1, -2, -1]
+    assert oracle.levels(-spectra, 2, 2).tolist() == [0, 1, -2, -1]
+    ties = np.array([1, 3 + 3j, 1j, -3 + 3j, -1, -3 - 3j, -1j, 3 - 3j, 0])
+    assert oracle.levels(ties, 2, 2).tolist() == [0, 1, -2, -1, 0, 1, -2, -1, 0]
+
+
+def test_boundary_distance_by_hand() -> None:
+    point = np.array([3 + 4j])
+    assert oracle.boundary_distance(point, 1, 1) == pytest.approx(4)  # the real axis
+    assert oracle.boundary_distance(point, 1, 2) == pytest.approx(3)  # the imaginary axis
+    assert oracle.boundary_distance(point, 2, 1) == pytest.approx(3)  # both axes: 2 phi = pi m
+    assert oracle.boundary_distance(point, 1, 3) == pytest.approx(1 / np.sqrt(2))  # a diagonal
+    assert oracle.boundary_distance(point, 2, 2) == pytest.approx(1 / np.sqrt(2))
+    assert oracle.boundary_distance(np.array([-7 - 1e-6j]), 1, 2) == pytest.approx(1e-6)
+    assert oracle.boundary_distance(np.array([0j]), 1, 2) == 0
+
+
+@given(
+    st.complex_numbers(min_magnitude=0.1, max_magnitude=10),
+    st.floats(0, 2 * np.pi),
+    st.sampled_from([1, 2]),
+    st.sampled_from([1, 2, 3, 4]),
+)
+def test_the_level_holds_within_the_boundary_distance(
+    centre: complex, direction: float, k: int, b: int
+) -> None:
+    spectra = np.array([centre])
+    moved = spectra + 0.999 * oracle.boundary_distance(spectra, k, b) * np.exp(1j * direction)
+    if oracle.boundary_distance(spectra, k, b)[0] > 1e-9:
+        assert oracle.levels(moved, k, b) == oracle.levels(spectra, k, b)
+
+
+def test_circular_distance_goes_the_short_way_round() -> None:
+    a = np.array([-4, -4, -4, 0])
+    b = np.array([3, 0, -1, -3])
+    each = [int(oracle.circular_distance(a[[i]], b[[i]], 3)) for i in range(4)]
+    assert each == [1, 4, 3, 3]
+    assert oracle.circular_distance(a, b, 3) == 11
+
+
+def test_two_bits_make_it_the_hamming_distance_of_the_signs() -> None:
+    spectra = np.array([2 + 1j, -1 + 2j, -2 - 1j, 1 - 2j])
+    quadrant = oracle.levels(spectra, 1, 2)
+    for i, j in itertools.product(range(4), repeat=2):
+        signs = (
+            (spectra[i].real < 0) ^ (spectra[j].real < 0),
+            (spectra[i].imag < 0) ^ (spectra[j].imag < 0),
+        )
+        assert oracle.circular_distance(quadrant[[i]], quadrant[[j]], 2) == sum(signs)
+
+
+# --- costs ---
+
+
+def test_right_columns_are_clamped_at_both_ends() -> None:
+    assert oracle.right_columns(3, 0, 3).tolist() == [[0, 0, 0], [1, 0, 0], [2, 1, 0]]
+    assert oracle.right_columns(3, -2, 2).tolist() == [[2, 1], [2, 2], [2, 2]]
+
+
+def test_phase_costs_by_hand() -> None:
+    left = np.array([[[0, 0], [1, -1], [-2, 1]]])
+    right = np.array([[[0, 1], [1, 1], [-2, -2]]])
+    expected = [[[1, 1], [2, 3], [1, 1]]]  # d = 0 and d = 1; the first pixel has nothing at d = 1
+    assert oracle.phase_costs(left, right, 0, 2, 2).tolist() == expected
+
+
+def test_sad_costs_by_hand() -> None:
+    left = np.array([[[10, 20, 30], [0, 0, 255]]], dtype=np.uint8)
+    right = np.array([[[12, 20, 27], [255, 0, 0]]], dtype=np.uint8)
+    expected = [[[5, 5], [510, 12 + 20 + 228]]]
+    assert oracle.sad_costs(left, right, 0, 2).tolist() == expected
+    gray = oracle.sad_costs(left[:, :, 0], right[:, :, 0], 0, 2)
+    assert gray.tolist() == [[[2, 2], [255, 12]]]
+
+
+def test_sad_costs_ignore_alpha() -> None:
+    left = np.array([[[1, 2, 3, 250]]], dtype=np.uint8)
+    right = np.array([[[3, 3, 3, 0]]], dtype=np.uint8)
+    assert oracle.sad_costs(left, right, 0, 1).tolist() == [[[3]]]
+
+
+def test_nsad_costs_by_hand() -> None:
+    """[0, 3, 6] has the neighbourhoods (0, 0, 3), (0, 3, 6), (3, 6, 6): variances 2, 6, 2."""
+    left = np.array([[0, 3, 6]], dtype=np.uint8)
+    flat = np.full((1, 3), 9, dtype=np.uint8)
+    n = 1 / np.sqrt(3)
+    np.testing.assert_allclose(oracle.normalise(left, 3)[0, :, 0], [-n, 0, n], atol=1e-15)
+    np.testing.assert_allclose(
+        oracle.nsad_costs(left, flat, 3, 0, 2), [[[n, n], [0, 0], [n, n]]], atol=1e-15
+    )
+    np.testing.assert_allclose(
+        oracle.nsad_costs(left, left, 3, 0, 2), [[[0, 0], [0, n], [0, n]]], atol=1e-15
+    )
+
+
+def test_normalising_continues_by_reflection() -> None:
+    """Under a window of 5 the first of [0, 5, 10] sees 5, 0, 0, 5, 10: mean 4, variance 14."""
+    row = np.array([[0, 5, 10]], dtype=np.uint8)
+    assert oracle.normalise(row, 5)[0, 0, 0] == pytest.approx(-4 / np.sqrt(15))
+
+
+# --- aggregation ---
+
+NINE = np.arange(1, 10).reshape(3, 3, 1)
+NINE_SUMS = np.array([[21, 27, 33], [39, 45, 51], [57, 63, 69]])
+
+
+def test_box_sum_repeats_the_edge() -> None:
+    """At the corner: (1 + 1 + 2) twice and 4 + 4 + 5."""
+    assert oracle.box_sum(NINE, 3)[:, :, 0].tolist() == NINE_SUMS.tolist()
+    assert oracle.box_sum(np.full((2, 2, 1), 255, dtype=np.uint8), 3)[0, 0, 0] == 9 * 255
+
+
+def test_shiftable_windows_take_the_least_of_five() -> None:
+    still = oracle.aggregate(NINE, 3, shiftable=False)
+    assert still[:, :, 0].tolist() == NINE_SUMS.tolist()
+    shifted = oracle.aggregate(NINE, 3, shiftable=True)
+    assert shifted[:, :, 0].tolist() == [[21, 21, 27], [21, 27, 33], [39, 45, 51]]
+    turned = oracle.aggregate(NINE[::-1, ::-1], 3, shiftable=True)
+    assert turned[::-1, ::-1].tolist() == shifted.tolist()
+
+
+def test_window_centres_are_clamped_into_the_image() -> None:
+    """The sums are 100, 150, 200, 250; a centre left of the image would have found 0."""
+    costs = one_row([0], [10], [10], [10])
+    assert oracle.aggregate(costs, 5, shiftable=True)[0, :, 0].tolist() == [100, 100, 100, 150]
+
+
+def test_votes_need_a_valid_pixel_at_both_ends() -> None:
+    left = np.array([[True, True, False]])
+    right = np.array([[False, True, True]])
+    expected = [[[False, False], [True, False], [False, False]]]
+    assert oracle.votes(left, right, 0, 2).tolist() == expected
+    assert oracle.votes(left, right, -1, 2).tolist() == [
+        [[True, False], [True, True], [False, False]]
+    ]
+
+
+def test_votes_by_all_change_nothing() -> None:
+    everyone = np.ones(NINE.shape, dtype=bool)
+    voted = oracle.aggregate(NINE, 3, shiftable=True, votes=everyone, ceiling=9)
+    assert voted.tolist() == oracle.aggregate(NINE, 3, shiftable=True).tolist()
+
+
+def test_missing_votes_are_scaled_up() -> None:
+    """Without the middle: (45 - 5) * 9 / 8 = 45; corner 16 * 9 / 8 = 18; 22 * 9 / 8 = 24.75."""
+    voting = NINE != 5
+    sums = oracle.aggregate(NINE, 3, shiftable=False, votes=voting, ceiling=9)[:, :, 0]
+    assert sums[1, 1] == 45
+    assert sums[0, 0] == 18
+    assert sums[0, 1] == 25
+
+
+def test_scaled_votes_round_half_up_and_none_cost_the_ceiling() -> None:
+    """Two votes of 1 and 2 around the middle: 3 * 9 / 2 = 13.5; column 4 sees nobody."""
+    costs = one_row([7], [1], [2], [7], [7], [7])
+    voting = one_row([0], [1], [1], [0], [0], [0]) > 0
+    still = oracle.aggregate(costs, 3, shiftable=False, votes=voting, ceiling=14)[0, :, 0]
+    assert still.tolist() == [9, 14, 14, 18, 126, 126]
+    shifted = oracle.aggregate(costs, 3, shiftable=True, votes=voting, ceiling=14)[0, :, 0]
+    assert shifted.tolist() == [9, 9, 14, 14, 18, 126]
+
+
+def test_votes_want_the_ceiling() -> None:
+    with pytest.raises(ValueError, match="ceiling"):
+        oracle.aggregate(NINE, 3, shiftable=True, votes=NINE > 0)
+
+
+# --- optimisation ---
+
+
+def test_winner_takes_the_smallest_candidate_of_equals() -> None:
+    assert oracle.winner_takes_all(one_row([3, 1, 1], [0, 0, 0])).tolist() == [[1, 0]]
+
+
+@pytest.mark.parametrize(
+    ("costs", "rise", "drop", "expected"),
+    [
+        pytest.param([[5, 5, 0], [0, 5, 5]], 1, 2, [2, 0], id="any drop at one price"),
+        pytest.param([[0, 9, 9], [9, 0, 9], [9, 9, 0]], 1, 9, [0, 1, 2], id="rise step by step"),
+        pytest.param([[1, 9, 9], [9, 9, 0]], 0, 0, [2, 2], id="no rise by two"),
+        pytest.param([[0, 9, 9], [9, 9, 0]], 1, 1, [0, 0], id="smallest at the end"),
+        pytest.param([[0, 1], [9, 0]], 1, 1, [1, 1], id="stay before rise"),
+        pytest.param([[1, 0], [0, 9]], 1, 1, [0, 0], id="stay before drop"),
+        pytest.param([[0, 9, 0], [9, 0, 9]], 2, 2, [0, 1], id="rise before drop"),
+        pytest.param([[9, 0, 0], [0, 9, 9]], 1, 1, [1, 0], id="the nearer of two drops"),
+        pytest.param([[0, 9, 0], [9, 0, 9]], 3, 1, [2, 1], id="a dear rise"),
+        pytest.param([[0, 9, 0], [9, 0, 9]], 1, 3, [0, 1], id="a dear drop"),
+        pytest.param([[4, 2, 3]], 1, 1, [1], id="one column"),
+        pytest.param([[4], [2]], 1, 1, [0, 0], id="one candidate"),
+    ],
+)
+def test_scanline_by_hand(
+    costs: list[list[int]], rise: int, drop: int, expected: list[int]
+) -> None:
+    assert oracle.scanline(one_row(*costs), rise, drop).tolist() == [expected]
+
+
+def path_cost(costs: NDArray[Any], path: tuple[int, ...], rise: int, drop: int) -> float:
+    total = float(sum(costs[x, d] for x, d in enumerate(path)))
+    for before, after in itertools.pairwise(path):
+        if after > before + 1:
+            return np.inf
+        total += 0 if after == before else rise if after > before else drop
+    return total
+
+
+@given(st.integers(1, 4), st.integers(1, 4), st.data())
+def test_scanline_finds_the_cheapest_of_all_paths(width: int, number: int, data: Any) -> None:
+    cells = st.lists(st.integers(0, 6), min_size=width * number, max_size=width * number)
+    costs = np.array([data.draw(cells), data.draw(cells)]).reshape(2, width, number)
+    rise, drop = data.draw(st.integers(0, 5)), data.draw(st.integers(0, 5))
+    found = oracle.scanline(costs, rise, drop)
+    for row, path in zip(costs, found, strict=True):
+        every = itertools.product(range(number), repeat=width)
+        least = min(path_cost(row, candidate, rise, drop) for candidate in every)
+        assert path_cost(row, tuple(path), rise, drop) == least
+
+
+def test_confidence_by_hand() -> None:
+    aggregated = one_row([10, 4, 6, 8], [10, 4, 6, 8], [5, 1, 0, 9], [8, 8, 8, 2])
+    found = oracle.confidence(aggregated, np.array([[1, 0, 0, 3]]))
+    assert found.tolist() == [[0.5, 0, 0, 0.75]]
+    assert oracle.confidence(one_row([1, 9]), np.array([[0]])).tolist() == [[0]]
+
+
+# --- the whole method ---
+
+
+@pytest.mark.parametrize(
+    ("penalty", "window", "expected"), [(2, 9, 162), (0.5, 9, 41), (0.7, 3, 6), (0, 5, 0)]
+)
+def test_penalties_are_rounded_half_up(penalty: float, window: int, expected: int) -> None:
+    assert oracle.window_penalty(penalty, window) == expected
+
+
+def match(left: NDArray[Any], right: NDArray[Any], **overrides: Any) -> NDArray[np.int64]:
+    settings: dict[str, Any] = {
+        "min_disparity": 0,
+        "num_disparities": 8,
+        "L": 5,
+        "window": 5,
+        "r": 2,
+        "s": 1,
+        "k": 1,
+        "b": 2,
+        "penalty": 2,
+    }
+    return oracle.match_phase(left, right, **(settings | overrides))
+
+
+@pytest.mark.parametrize("optimizer", ["dp", "wta"])
+@pytest.mark.parametrize(("k", "b"), [(1, 1), (1, 2), (2, 2), (1, 3)])
+def test_a_shift_is_found_whatever_the_gain_and_offset(k: int, b: int, optimizer: str) -> None:
+    """Left x shows what right x - 3 shows, so d = 3, away from what the border makes up."""
+    wide = np.random.default_rng(2).integers(0, 120, (12, 43)).astype(np.uint8)
+    left, right = wide[:, :40], wide[:, 3:] * 2 + 10
+    found = match(left, right, k=k, b=b, optimizer=optimizer)
+    assert (found[:, 10:-7] == 3).all()
+
+
+def test_a_negative_shift_counts_from_min_disparity() -> None:
+    wide = np.random.default_rng(3).integers(0, 256, (12, 42)).astype(np.uint8)
+    found = match(wide[:, 2:], wide[:, :40], min_disparity=-4, num_disparities=5)
+    assert (found[:, 7:-10] == -2).all()
+
+
+@pytest.mark.parametrize("optimizer", ["dp", "wta"])
+def test_a_flat_pair_has_the_smallest_disparity(optimizer: str) -> None:
+    flat = np.full((6, 9, 3), 77, dtype=np.uint8)
+    found = match(flat, flat, min_disparity=-2, num_disparities=4, optimizer=optimizer)
+    assert (found == -2).all()
+
+
+def test_the_penalty_counts_for_every_pixel_of_the_window() -> None:
+    """Two bits under a 5 x 5 window weigh 50 against its sums, in noise where that matters."""
+    left, right = np.random.default_rng(4).integers(0, 256, (2, 12, 40)).astype(np.uint8)
+    spectra = [oracle.spectrum(oracle.to_gray(image), 5, 2, 1) for image in (left, right)]
+    codes = [oracle.levels(each, 1, 2) for each in spectra]
+    sums = oracle.aggregate(oracle.phase_costs(codes[0], codes[1], 0, 8, 2), 5, shiftable=True)
+    expected = oracle.scanline(sums, 50, 50)
+    assert (match(left, right) == expected).all()
+    assert (expected != oracle.scanline(sums, 2, 2)).any()
