@@ -158,7 +158,9 @@ fn wave(size: usize, f: usize) -> Vec<Complex> {
 fn rotations(size: usize) -> Vec<Complex> {
     let angle = |m: usize| TAU * m as f64 / size as f64;
     let rounded = |value: f64| (amplitude() * value).round() as i64;
-    (0..size).map(|m| Complex { re: rounded(angle(m).cos()), im: rounded(angle(m).sin()) }).collect()
+    (0..size)
+        .map(|m| Complex { re: rounded(angle(m).cos()), im: rounded(angle(m).sin()) })
+        .collect()
 }
 
 /// `w(j) (exp(-2 pi i f j / L) - kappa)` for `j = -h..=h`, `kappa` such that a constant gives zero (the
@@ -167,15 +169,20 @@ fn tapered(taper: Taper, size: usize, f: usize) -> Vec<Complex> {
     let radius = size / 2;
     let window: Vec<f64> = (0..=radius).map(|j| weight(taper, size, j)).collect();
     let angle = |j: usize| TAU * (f * j) as f64 / size as f64;
-    let both_sides = |value: &dyn Fn(usize) -> f64| value(0) + 2.0 * (1..=radius).map(value).sum::<f64>();
+    let both_sides =
+        |value: &dyn Fn(usize) -> f64| value(0) + 2.0 * (1..=radius).map(value).sum::<f64>();
     let kappa = both_sides(&|j| window[j] * angle(j).cos()) / both_sides(&|j| window[j]);
-    let real = |j: usize| amplitude() * window[j] * if f == 0 { 1.0 } else { angle(j).cos() - kappa };
+    let real =
+        |j: usize| amplitude() * window[j] * if f == 0 { 1.0 } else { angle(j).cos() - kappa };
     let exact: Vec<f64> = (0..=radius).map(real).collect();
-    let cosines =
-        if f == 0 { exact.iter().map(|v| v.round() as i64).collect() } else { rounded_to_zero_sum(&exact) };
-    let sine = |j: usize| (amplitude() * window[j] * angle(j).sin()).round() as i64;
-    let left = (1..=radius).rev().map(|j| Complex { re: cosines[j], im: sine(j) });
-    let right = (0..=radius).map(|j| Complex { re: cosines[j], im: -sine(j) });
+    let cosines = if f == 0 {
+        exact.iter().map(|v| v.round() as i64).collect()
+    } else {
+        rounded_to_zero_sum(&exact)
+    };
+    let imaginary = |j: usize| (amplitude() * window[j] * angle(j).sin()).round() as i64;
+    let left = (1..=radius).rev().map(|j| Complex { re: cosines[j], im: imaginary(j) });
+    let right = (0..=radius).map(|j| Complex { re: cosines[j], im: -imaginary(j) });
     left.chain(right).collect()
 }
 

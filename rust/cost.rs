@@ -5,8 +5,8 @@ use crate::control::Control;
 use crate::descriptor::{Code, Codes, describe};
 use crate::error::Result;
 use crate::intensity::{
-    DEVIATION_CEILING, DEVIATION_STEPS, LEVEL_CEILING, LEVEL_STEPS, Mask, View, gray_pair, level_pair,
-    normalise,
+    DEVIATION_CEILING, DEVIATION_STEPS, LEVEL_CEILING, LEVEL_STEPS, Mask, View, gray_pair,
+    level_pair, normalise,
 };
 use crate::plane::Plane;
 use crate::settings::{CostKind, Settings};
@@ -93,7 +93,8 @@ fn prepare(
         CostKind::Sad => differences(level_pair(left, right, told), LEVEL_CEILING, LEVEL_STEPS),
         CostKind::NormalisedSad => {
             let flatten = |plane: &Plane<u16>| normalise(plane, settings.window);
-            let channels = level_pair(left, right, told).map(|side| side.iter().map(flatten).collect());
+            let channels =
+                level_pair(left, right, told).map(|side| side.iter().map(flatten).collect());
             differences(channels, DEVIATION_CEILING, DEVIATION_STEPS)
         }
     })
@@ -150,7 +151,12 @@ struct AbsoluteDifferences {
 }
 
 impl AbsoluteDifferences {
-    fn new([left, right]: [Vec<Plane<u16>>; 2], candidates: Candidates, ceiling: u16, steps: u16) -> Self {
+    fn new(
+        [left, right]: [Vec<Plane<u16>>; 2],
+        candidates: Candidates,
+        ceiling: u16,
+        steps: u16,
+    ) -> Self {
         let channels: Vec<_> = left.into_iter().zip(right).collect();
         let ceiling = ceiling * channels.len() as u16;
         Self { channels, candidates, ceiling, steps }

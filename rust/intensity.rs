@@ -170,7 +170,7 @@ impl View {
     /// The gray plane under the phase codes, centred so that 25 bits and the sign hold any image.
     fn gray(&self, luminance: &Plane<f64>, step: FloatStep) -> Plane<i32> {
         let gray = match self.image.type_range() {
-            Some(range) => luminance.map(|v| (v - (range.black + range.white) / 2.0) as i32),
+            Some(range) => luminance.map(|v| (v - range.black.midpoint(range.white)) as i32),
             None => luminance.map(|v| step.quantise(*v)),
         };
         self.filled(gray)
@@ -195,7 +195,9 @@ impl View {
             let mut valid = mask.as_slice().iter();
             values.retain(|_| valid.next() == Some(&true));
         }
-        let Some(last) = values.len().checked_sub(1) else { return Range { black: 0.0, white: 0.0 } };
+        let Some(last) = values.len().checked_sub(1) else {
+            return Range { black: 0.0, white: 0.0 };
+        };
         let mut ranked = |rank: usize| *values.select_nth_unstable_by(rank, f64::total_cmp).1;
         let outliers = (OUTLIERS * last as f64) as usize;
         let robust = Range { black: ranked(outliers), white: ranked(last - outliers) };
@@ -221,9 +223,13 @@ impl View {
 pub fn gray_pair(left: &View, right: &View, told: Option<(f64, f64)>) -> [Plane<i32>; 2] {
     let planes = [left, right].map(|view| view.image.luminance());
     if !left.image.is_float() {
-        return [left.gray(&planes[0], FloatStep::UNUSED), right.gray(&planes[1], FloatStep::UNUSED)];
+        return [
+            left.gray(&planes[0], FloatStep::UNUSED),
+            right.gray(&planes[1], FloatStep::UNUSED),
+        ];
     }
-    let own = |i: usize| told_range(told).unwrap_or_else(|| [left, right][i].robust_range(&planes[i]));
+    let own =
+        |i: usize| told_range(told).unwrap_or_else(|| [left, right][i].robust_range(&planes[i]));
     let ranges = [own(0), own(1)];
     let width = ranges[0].width().max(ranges[1].width());
     [0, 1].map(|i| [left, right][i].gray(&planes[i], FloatStep::new(ranges[i].black, width)))
@@ -282,7 +288,7 @@ fn first_fault<T: Copy>(
     valid: impl Fn(usize, usize) -> bool,
 ) -> Option<(usize, usize, f64)> {
     let values = pixels.indexed_iter().map(|((y, x, _), &value)| (y, x, widen(value)));
-    let fault = |value: f64| !(value.abs() <= LARGEST_PIXEL);
+    let fault = |value: f64| value.is_nan() || value.abs() > LARGEST_PIXEL;
     values.into_iter().find(|&(y, x, value)| fault(value) && valid(y, x))
 }
 

@@ -97,7 +97,12 @@ impl Pair {
 ///
 /// They live as long as the match: a pool that outlived it would be dead, and waited for, in a forked
 /// child of the process.
-pub fn run(pair: &Pair, settings: &Settings, how: Execution, control: &Control) -> Result<Disparity> {
+pub fn run(
+    pair: &Pair,
+    settings: &Settings,
+    how: Execution,
+    control: &Control,
+) -> Result<Disparity> {
     settings.check()?;
     on_threads(how.threads, || match_pair(pair, settings, how, control))?
 }
@@ -105,20 +110,29 @@ pub fn run(pair: &Pair, settings: &Settings, how: Execution, control: &Control) 
 /// Runs `work` on so many threads, started for it and ended after it.
 pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T> {
     if !(1..=MOST_THREADS).contains(&threads) {
-        return Err(Error::value("threads", threads, format!("an integer from 1 to {MOST_THREADS}")));
+        return Err(Error::value(
+            "threads",
+            threads,
+            format!("an integer from 1 to {MOST_THREADS}"),
+        ));
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     Ok(pool.map_err(|error| Error::Threads(error.to_string()))?.install(work))
 }
 
-fn match_pair(pair: &Pair, settings: &Settings, how: Execution, control: &Control) -> Result<Disparity> {
+fn match_pair(
+    pair: &Pair,
+    settings: &Settings,
+    how: Execution,
+    control: &Control,
+) -> Result<Disparity> {
     let started = Instant::now();
     let costs = Costs::new(pair.views(), pair.candidates, settings, control)?;
-    let description = started.elapsed();
+    let described = Instant::now();
     let mut map = Disparity::new(pair.size())?;
     let band_rows = how.rows_per_band(pair, settings);
     map.bands(band_rows).try_for_each(|band| match_band(band, pair, &costs, settings, control))?;
-    map.timings = Timings { description, matching: started.elapsed() - description };
+    map.timings = Timings { description: described - started, matching: described.elapsed() };
     Ok(map)
 }
 

@@ -42,10 +42,12 @@ impl From<Error> for PyErr {
 /// `phasestereo._core`: see the stub beside the Python modules for what each function takes and returns.
 #[pymodule]
 mod _core {
-    use super::*;
+    use super::{Bound, PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag};
 
     #[pymodule_export]
-    use super::{aggregate_volume, check_settings, cost_volume, descriptor, match_pair, optimize_volume};
+    use super::{
+        aggregate_volume, check_settings, cost_volume, descriptor, match_pair, optimize_volume,
+    };
 
     #[pymodule_init]
     fn constants(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -59,6 +61,9 @@ mod _core {
         module.add("FLAGS", flags)
     }
 }
+
+/// Something of the left and the same of the right image, or any other two things.
+type Both<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 #[pyfunction]
 fn check_settings(settings: &Bound<'_, PyAny>) -> PyResult<()> {
@@ -74,19 +79,18 @@ type Matched<'py> = (
 );
 
 #[pyfunction]
-#[pyo3(signature = (left, right, masks, disparities, settings, threads, progress))]
+#[pyo3(signature = (images, masks, disparities, settings, threads, progress))]
 fn match_pair<'py>(
     py: Python<'py>,
-    left: &Bound<'py, PyAny>,
-    right: &Bound<'py, PyAny>,
-    masks: (Bound<'py, PyAny>, Bound<'py, PyAny>),
-    disparities: (Bound<'py, PyAny>, Bound<'py, PyAny>),
+    images: Both<'py>,
+    masks: Both<'py>,
+    disparities: Both<'py>,
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Matched<'py>> {
     let settings = read_settings(settings)?;
-    let pair = read_pair([left, right], &masks, &disparities)?;
+    let pair = read_pair(&images, &masks, &disparities)?;
     let how = Execution { threads: read_threads(threads)?, band_rows: None };
     let control = Control::default();
     let rows = pair.size().0;
@@ -124,15 +128,14 @@ fn descriptor<'py>(
 #[pyfunction]
 fn cost_volume<'py>(
     py: Python<'py>,
-    left: &Bound<'py, PyAny>,
-    right: &Bound<'py, PyAny>,
-    disparities: (Bound<'py, PyAny>, Bound<'py, PyAny>),
+    images: Both<'py>,
+    disparities: Both<'py>,
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray3<u16>>> {
     let settings = read_settings(settings)?;
     let none = py.None().into_bound(py);
-    let pair = read_pair([left, right], &(none.clone(), none), &disparities)?;
+    let pair = read_pair(&images, &(none.clone(), none), &disparities)?;
     let (threads, control) = (read_threads(threads)?, Control::default());
     let ((rows, cols), count) = (pair.size(), pair.candidates().count());
     let costs = supervised(py, &control, rows, None, || {
@@ -197,7 +200,9 @@ fn supervised<T: Send>(
             });
             let worker = worker.map_err(|error| Error::Threads(error.to_string()))?;
             let mut interruption = Ok(());
-            while interruption.is_ok() && finished.recv_timeout(TICK) == Err(RecvTimeoutError::Timeout) {
+            while interruption.is_ok()
+                && finished.recv_timeout(TICK) == Err(RecvTimeoutError::Timeout)
+            {
                 interruption = Python::attach(report);
             }
             if interruption.is_err() {
@@ -212,9 +217,9 @@ fn supervised<T: Send>(
 }
 
 fn read_pair(
-    [left, right]: [&Bound<'_, PyAny>; 2],
-    masks: &(Bound<'_, PyAny>, Bound<'_, PyAny>),
-    (min, count): &(Bound<'_, PyAny>, Bound<'_, PyAny>),
+    (left, right): &Both<'_>,
+    masks: &Both<'_>,
+    (min, count): &Both<'_>,
 ) -> PyResult<Pair> {
     let (min, count) = (integer(min, "min_disparity")?, integer(count, "num_disparities")?);
     let left = read_view(left, &masks.0, "left")?;
@@ -238,7 +243,10 @@ fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) -> P
     };
     let (rows, cols, channels) = image.shape();
     if rows == 0 || cols == 0 || !matches!(channels, 1 | 3) {
-        let message = format!("{name}: got shape {:?}; accepts at least one pixel, 1 or 3 channels", image.shape());
+        let message = format!(
+            "{name}: got shape {:?}; accepts at least one pixel, 1 or 3 channels",
+            image.shape()
+        );
         return Err(PyValueError::new_err(message));
     }
     Ok(View { image, mask: read_mask(mask, (rows, cols), name)? })
@@ -253,7 +261,8 @@ fn read_mask(mask: &Bound<'_, PyAny>, size: (usize, usize), name: &str) -> PyRes
     };
     let array = array.try_readonly().map_err(internal)?.as_array().to_owned();
     if array.dim() != size {
-        let message = format!("{name}_mask: got shape {:?}; accepts the image's {size:?}", array.dim());
+        let message =
+            format!("{name}_mask: got shape {:?}; accepts the image's {size:?}", array.dim());
         return Err(PyValueError::new_err(message));
     }
     Ok(Some(Plane::from_vec(size.0, size.1, array.iter().copied().collect())?))
@@ -297,7 +306,8 @@ fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         intensity_range: match field("intensity_range")? {
             range if range.is_none() => None,
             range => {
-                let (black, white) = both(&range, "intensity_range", "a pair of numbers (black, white) or None")?;
+                let (black, white) =
+                    both(&range, "intensity_range", "a pair of numbers (black, white) or None")?;
                 Some((number(&black, "intensity_range")?, number(&white, "intensity_range")?))
             }
         },
@@ -330,19 +340,26 @@ fn read_threads(threads: &Bound<'_, PyAny>) -> PyResult<usize> {
     natural(threads, "threads")
 }
 
-fn choice<T: Copy>(value: &Bound<'_, PyAny>, name: &'static str, choices: &[(&str, T)]) -> PyResult<T> {
-    let Ok(word) = value.extract::<String>() else { return Err(wrong_type(value, name, "a string")) };
+fn choice<T: Copy>(
+    value: &Bound<'_, PyAny>,
+    name: &'static str,
+    choices: &[(&str, T)],
+) -> PyResult<T> {
+    let Ok(word) = value.extract::<String>() else {
+        return Err(wrong_type(value, name, "a string"));
+    };
     let found = choices.iter().find(|(name, _)| *name == word).map(|(_, choice)| *choice);
-    let names = || choices.iter().map(|(name, _)| format!("'{name}'")).collect::<Vec<_>>().join(", ");
+    let names =
+        || choices.iter().map(|(name, _)| format!("'{name}'")).collect::<Vec<_>>().join(", ");
     found.ok_or_else(|| Error::value(name, format!("'{word}'"), names()).into())
 }
 
 fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<i64> {
     let whole = value.call_method0("__index__");
     match whole {
-        Ok(whole) if !value.is_instance_of::<PyBool>() => whole.extract().map_err(|_| {
-            Error::value(name, &whole, "an integer of at most 64 bits").into()
-        }),
+        Ok(whole) if !value.is_instance_of::<PyBool>() => whole
+            .extract()
+            .map_err(|_| Error::value(name, &whole, "an integer of at most 64 bits").into()),
         _ => Err(wrong_type(value, name, "an integer")),
     }
 }
@@ -363,11 +380,7 @@ fn boolean(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<bool> {
     value.extract().map_err(|_| wrong_type(value, name, "True or False"))
 }
 
-fn both<'py>(
-    value: &Bound<'py, PyAny>,
-    name: &str,
-    accepts: &str,
-) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+fn both<'py>(value: &Bound<'py, PyAny>, name: &str, accepts: &str) -> PyResult<Both<'py>> {
     value.extract().map_err(|_| wrong_type(value, name, accepts))
 }
 

@@ -103,8 +103,8 @@ mod tests {
         for (power, bits) in [1, 2].into_iter().flat_map(|k| (1..=4).map(move |b| (k, b))) {
             let (quantiser, half) = (quantiser(power, bits), 1i64 << (bits - 1));
             for step in 0..720 {
-                // A quarter of a degree off the boundaries, on both sides of each of them.
-                let angle = (0.5 * f64::from(step) + 0.25).to_radians();
+                // Boundaries lie at multiples of 11.25 degrees, none of which this meets.
+                let angle = (0.5 * f64::from(step) + 0.1).to_radians();
                 let (re, im) = ((angle.cos() * 1e9) as i128, (angle.sin() * 1e9) as i128);
                 let turned = angle * power as f64 / std::f64::consts::PI;
                 let level = ((half as f64 * turned).floor() as i64).rem_euclid(2 * half);

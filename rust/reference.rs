@@ -5,10 +5,45 @@
 use crate::aggregation::Window;
 use crate::basis::Basis;
 use crate::candidates::Candidates;
+use crate::intensity::{DEVIATION_STEPS, LEVEL_STEPS, Mask};
 use crate::plane::{Plane, reflect};
 use crate::quantiser::Quantiser;
 use crate::scanline::Steps;
 use crate::settings::Settings;
+
+/// Twin of [`crate::intensity::fill_masked`]: for every masked pixel the whole row is searched, then, for
+/// rows without a valid pixel, the whole column of rows.
+pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
+    let (rows, cols) = (plane.rows(), plane.cols());
+    let is_seeded = |y: &usize| mask.row(*y).contains(&true);
+    Plane::from_fn(rows, cols, |y, x| {
+        let Some(from) = (0..rows).filter(is_seeded).min_by_key(|row| (row.abs_diff(y), *row))
+        else {
+            return 0;
+        };
+        let valid = (0..cols).filter(|&col| mask.row(from)[col]);
+        let nearest = valid.min_by_key(|col| (col.abs_diff(x), *col));
+        nearest.map_or(0, |col| plane.row(from)[col])
+    })
+}
+
+/// Twin of [`crate::intensity::normalise`]: mean and variance of each window by themselves.
+pub fn normalise(plane: &Plane<u16>, window: usize) -> Plane<u16> {
+    let (radius, count) = ((window / 2) as isize, (window * window) as i64);
+    Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
+        let (mut sum, mut squares) = (0i64, 0i64);
+        for (dy, dx) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)))
+        {
+            let (row, col) = (y as isize + dy, x as isize + dx);
+            let value = plane.row(reflect(row, plane.rows()))[reflect(col, plane.cols())];
+            (sum, squares) = (sum + i64::from(value), squares + i64::from(value).pow(2));
+        }
+        let one_gray_level = (count * i64::from(LEVEL_STEPS)).pow(2);
+        let variance = (count * squares - sum * sum + one_gray_level) as f64;
+        let deviations = (count * i64::from(plane.row(y)[x]) - sum) as f64 / variance.sqrt();
+        ((deviations.clamp(-16.0, 16.0) + 16.0) * f64::from(DEVIATION_STEPS)).round() as u16
+    })
+}
 
 /// Twin of [`crate::descriptor::describe`]: every component by its double sum.
 pub fn describe(gray: &Plane<i32>, settings: &Settings) -> Plane<u64> {
@@ -18,7 +53,9 @@ pub fn describe(gray: &Plane<i32>, settings: &Settings) -> Plane<u64> {
         let mut code = 0;
         for (c, &component) in basis.components().iter().enumerate() {
             let (mut re, mut im) = (0i128, 0i128);
-            for (dy, dx) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx))) {
+            for (dy, dx) in
+                (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)))
+            {
                 let (row, col) = (y as isize + dy, x as isize + dx);
                 let pixel = gray.row(reflect(row, gray.rows()))[reflect(col, gray.cols())];
                 let along = basis.filter(component.u as isize, col, dx);
@@ -27,7 +64,8 @@ pub fn describe(gray: &Plane<i32>, settings: &Settings) -> Plane<u64> {
             }
             let rotation = basis.rotations()[basis.rotation_index(component, x, y)];
             let (a, b) = (i128::from(rotation.re), i128::from(rotation.im));
-            code |= quantiser.code(re * a - im * b, re * b + im * a) << (c * quantiser.code_length());
+            code |=
+                quantiser.code(re * a - im * b, re * b + im * a) << (c * quantiser.code_length());
         }
         code
     })
@@ -109,7 +147,8 @@ pub fn dynamic_programming(costs: &[u32], candidates: usize, steps: Steps) -> Ve
                 paths.min_by_key(|(total, _)| *total).unwrap_or((u64::MAX, to))
             })
             .collect();
-        totals = best.iter().zip(costs).map(|((total, _), &cost)| total + u64::from(cost)).collect();
+        totals =
+            best.iter().zip(costs).map(|((total, _), &cost)| total + u64::from(cost)).collect();
         origins.push(best.into_iter().map(|(_, from)| from).collect::<Vec<_>>());
     }
     let mut index = least(&totals);

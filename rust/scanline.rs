@@ -82,7 +82,8 @@ impl Scanline {
             }
         }
         let mut index = first_least(before);
-        for (chosen, origins) in self.chosen.iter_mut().zip(self.origins.chunks_exact(count)).rev() {
+        for (chosen, origins) in self.chosen.iter_mut().zip(self.origins.chunks_exact(count)).rev()
+        {
             *chosen = index;
             index = origins[usize::from(index)];
         }

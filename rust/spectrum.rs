@@ -143,13 +143,11 @@ fn along_row(basis: &Basis, u: usize, padded: &[i64]) -> ComplexRow {
     let mut sum = around(0);
     row.set(0, sum);
     // What enters on the right of x = 1 lies at column 1 + radius.
-    let entering = (1 + radius..).map(|x| x % size).map(|m| basis.filter(u as isize, m as isize, 0));
+    let entering =
+        (1 + radius..).map(|x| x % size).map(|m| basis.filter(u as isize, m as isize, 0));
     for (x, factor) in (1..cols).zip(entering) {
-        sum = if basis.slides() {
-            sum.plus(factor, padded[x + size] - padded[x])
-        } else {
-            around(x)
-        };
+        sum =
+            if basis.slides() { sum.plus(factor, padded[x + size] - padded[x]) } else { around(x) };
         row.set(x, sum);
     }
     row

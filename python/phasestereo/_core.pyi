@@ -14,8 +14,7 @@ FLAGS: dict[str, int]
 
 def check_settings(settings: Settings) -> None: ...
 def match_pair(
-    left: Pixels,
-    right: Pixels,
+    images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
     disparities: tuple[int, int],
     settings: Settings,
@@ -26,8 +25,7 @@ def descriptor(
     image: Pixels, mask: NDArray[np.bool_] | None, settings: Settings, threads: int | None
 ) -> NDArray[np.uint16] | NDArray[np.uint32] | NDArray[np.uint64]: ...
 def cost_volume(
-    left: Pixels,
-    right: Pixels,
+    images: tuple[Pixels, Pixels],
     disparities: tuple[int, int],
     settings: Settings,
     threads: int | None,

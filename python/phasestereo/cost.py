@@ -50,4 +50,4 @@ def cost_volume(
     """
     chosen = resolve("paper", settings, overrides)
     disparities = min_disparity, num_disparities
-    return _core.cost_volume(*as_pair(left, right), disparities, chosen, threads)
+    return _core.cost_volume(as_pair(left, right), disparities, chosen, threads)

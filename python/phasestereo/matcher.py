@@ -87,6 +87,6 @@ def match(
     masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
     disparities = min_disparity, num_disparities
     disparity, flags, confidence, timings = _core.match_pair(
-        *pair, masks, disparities, chosen, threads, progress
+        pair, masks, disparities, chosen, threads, progress
     )
     return Result(disparity, flags, confidence, chosen, timings)

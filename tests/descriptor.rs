@@ -1,0 +1,103 @@
+//! Codes: the sliding, banded, threaded computation against the double sum of the definition.
+
+mod common;
+
+use common::{descriptors, every_descriptor, grays, noise};
+use phasestereo::control::Control;
+use phasestereo::descriptor::{Codes, describe};
+use phasestereo::error::Error;
+use phasestereo::matcher::on_threads;
+use phasestereo::plane::Plane;
+use phasestereo::reference;
+use phasestereo::settings::{Settings, Taper};
+use proptest::prelude::*;
+
+fn codes(gray: &Plane<i32>, settings: &Settings) -> Codes {
+    describe(gray, settings, &Control::default()).expect("not cancelled")
+}
+
+#[test]
+fn every_family_equals_its_definition() {
+    let gray = noise(4, 5);
+    for settings in [3, 5, 7, 9, 11].into_iter().flat_map(every_descriptor) {
+        let expected = reference::describe(&gray, &settings);
+        assert_eq!(codes(&gray, &settings).widened(), expected, "{settings:?}");
+    }
+}
+
+#[test]
+fn the_largest_neighbourhood_holds_the_brightest_image() {
+    let extremes = Plane::from_fn(3, 70, |_, x| if x % 3 == 0 { 32_767_500 } else { -32_767_500 });
+    for taper in [Taper::Uniform, Taper::Gaussian, Taper::Hann] {
+        let settings = Settings {
+            neighborhood: 63,
+            taper,
+            frequencies: (4, 4),
+            bits: 1,
+            ..Settings::default()
+        };
+        assert_eq!(
+            codes(&extremes, &settings).widened(),
+            reference::describe(&extremes, &settings)
+        );
+    }
+}
+
+#[test]
+fn bands_and_threads_leave_no_seam() {
+    let gray = noise(300, 9);
+    for taper in [Taper::Uniform, Taper::Hann] {
+        let settings = Settings { taper, ..Settings::default() };
+        let expected = reference::describe(&gray, &settings);
+        for threads in 1..=8 {
+            let found = on_threads(threads, || codes(&gray, &settings)).expect("threads start");
+            assert_eq!(found.widened(), expected, "{threads} threads");
+        }
+    }
+}
+
+#[test]
+fn words_are_the_narrowest_that_hold_the_code() {
+    let gray = noise(2, 2);
+    let with = |frequencies, bits| {
+        codes(&gray, &Settings { neighborhood: 9, frequencies, bits, ..Settings::default() })
+    };
+    assert!(matches!(with((2, 1), 2), Codes::U16(_)), "14 bits");
+    assert!(matches!(with((4, 0), 4), Codes::U32(_)), "32 bits");
+    assert!(matches!(with((2, 1), 4), Codes::U64(_)), "56 bits");
+}
+
+#[test]
+fn what_holds_no_signal_has_the_code_of_zero() {
+    for settings in [3, 7, 15].into_iter().flat_map(every_descriptor) {
+        let flat = codes(&Plane::from_fn(5, 6, |_, _| 12_345), &settings).widened();
+        assert!(flat.as_slice().iter().all(|&code| code == 0), "{settings:?}");
+    }
+}
+
+#[test]
+fn a_cancelled_description_stops() {
+    let control = Control::default();
+    control.cancel();
+    let stopped = describe(&noise(3, 3), &Settings::default(), &control);
+    assert_eq!(stopped, Err(Error::Cancelled));
+}
+
+proptest! {
+    #[test]
+    fn any_image_equals_its_definition(gray in grays(12), settings in descriptors()) {
+        prop_assert_eq!(codes(&gray, &settings).widened(), reference::describe(&gray, &settings));
+    }
+
+    #[test]
+    fn offset_and_scale_change_no_code(
+        gray in grays(9),
+        settings in descriptors(),
+        offset in -100_000..100_000,
+        factor in 2..7,
+    ) {
+        let small = gray.map(|value| value / 8);
+        let changed = small.map(|value| value * factor + offset);
+        prop_assert_eq!(codes(&small, &settings), codes(&changed, &settings));
+    }
+}
