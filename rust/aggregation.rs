@@ -3,6 +3,7 @@
 //! A row holds `width x candidates` values, candidate innermost. Costs continue beyond the image by
 //! repeating its edge; a shifted window's centre is clamped into the image.
 
+use crate::control::Control;
 use crate::cost::Costs;
 use crate::error::Result;
 use crate::plane::{Plane, zeroed};
@@ -168,10 +169,11 @@ impl<'a, S: Source> Aggregator<'a, S> {
 }
 
 /// The aggregated costs of a whole volume.
-pub fn aggregate(volume: &Plane<u16>, window: Window) -> Result<Plane<u32>> {
+pub fn aggregate(volume: &Plane<u16>, window: Window, control: &Control) -> Result<Plane<u32>> {
     let mut aggregated = Plane::new(volume.rows(), volume.cols())?;
     let mut aggregator = Aggregator::new(window, 0, volume)?;
     for y in 0..volume.rows() {
+        control.checkpoint()?;
         aggregator.write_row(y, aggregated.row_mut(y));
     }
     Ok(aggregated)

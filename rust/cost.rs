@@ -5,8 +5,8 @@ use crate::control::Control;
 use crate::descriptor::{Code, Codes, describe};
 use crate::error::Result;
 use crate::intensity::{
-    DEVIATION_CEILING, DEVIATION_STEPS, LEVEL_CEILING, LEVEL_STEPS, Mask, View, gray_pair,
-    level_pair, normalise,
+    DEVIATION_CEILING, DEVIATION_STEPS, LEVEL_CEILING, LEVEL_STEPS, Mask, View, gray_planes,
+    level_planes, normalise,
 };
 use crate::plane::Plane;
 use crate::settings::{CostKind, Settings};
@@ -50,9 +50,10 @@ impl<'a> Costs<'a> {
     }
 
     /// All rows at once, for those who want to look at them.
-    pub fn volume(&self, rows: usize, row_length: usize) -> Result<Plane<u16>> {
+    pub fn volume(&self, rows: usize, row_length: usize, control: &Control) -> Result<Plane<u16>> {
         let mut volume = Plane::new(rows, row_length)?;
         for y in 0..rows {
+            control.checkpoint()?;
             self.write_row(y, volume.row_mut(y));
         }
         Ok(volume)
@@ -86,15 +87,15 @@ fn prepare(
     };
     Ok(match settings.cost {
         CostKind::Phase => {
-            let [left, right] = gray_pair(left, right, told);
+            let [left, right] = gray_planes([left, right], told);
             let codes = [describe(&left, settings, control)?, describe(&right, settings, control)?];
             phase(codes, candidates, settings.code_length() as u16)
         }
-        CostKind::Sad => differences(level_pair(left, right, told), LEVEL_CEILING, LEVEL_STEPS),
+        CostKind::Sad => differences(level_planes([left, right], told), LEVEL_CEILING, LEVEL_STEPS),
         CostKind::NormalisedSad => {
             let flatten = |plane: &Plane<u16>| normalise(plane, settings.window);
             let channels =
-                level_pair(left, right, told).map(|side| side.iter().map(flatten).collect());
+                level_planes([left, right], told).map(|side| side.iter().map(flatten).collect());
             differences(channels, DEVIATION_CEILING, DEVIATION_STEPS)
         }
     })

@@ -114,13 +114,16 @@ fn pack_row<C: Code>(
     y: usize,
     codes: &mut [C],
 ) {
-    let length = quantiser.code_length();
-    for (x, code) in codes.iter_mut().enumerate() {
-        let bits = |(c, &component)| {
-            let rotation = basis.rotations()[basis.rotation_index(component, x, y)];
-            let (re, im) = rotation.times(spectrum.at(c, x));
-            quantiser.code(re, im) << (c * length)
-        };
-        *code = C::narrowed(basis.components().iter().enumerate().map(bits).sum());
+    let mut packed = vec![0u64; codes.len()];
+    for (c, &component) in basis.components().iter().enumerate() {
+        // The rotation's index rises by u from pixel to pixel, modulo L.
+        let mut rotation = basis.rotation_index(component, 0, y);
+        for (x, packed) in packed.iter_mut().enumerate() {
+            let (re, im) = basis.rotations()[rotation].times(spectrum.at(c, x));
+            *packed |= quantiser.code(re, im) << (c * quantiser.code_length());
+            rotation += component.u;
+            rotation -= if rotation < basis.size() { 0 } else { basis.size() };
+        }
     }
+    codes.iter_mut().zip(packed).for_each(|(code, packed)| *code = C::narrowed(packed));
 }

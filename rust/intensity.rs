@@ -8,7 +8,6 @@ use ndarray::{Array3, ArrayView3};
 
 use crate::error::{Error, Result};
 use crate::plane::{Plane, reflect};
-use crate::settings::LARGEST_WINDOW;
 
 /// Steps into which the intensity range of a float image is cut: `2^21` to `2^22`, finer than 16 bits.
 const FLOAT_STEPS_LOG2: i32 = 21;
@@ -82,9 +81,6 @@ struct FloatStep {
 }
 
 impl FloatStep {
-    /// For integer images, which need none.
-    const UNUSED: Self = Self { black: 0.0, exponent: 0 };
-
     fn new(black: f64, width: f64) -> Self {
         Self { black, exponent: FLOAT_STEPS_LOG2 - floor_log2(width) }
     }
@@ -104,10 +100,6 @@ impl Image {
             Self::F32(pixels) => pixels.dim(),
             Self::F64(pixels) => pixels.dim(),
         }
-    }
-
-    fn is_float(&self) -> bool {
-        matches!(self, Self::F32(_) | Self::F64(_))
     }
 
     /// The range that an integer type spans; floats have none of their own.
@@ -216,27 +208,26 @@ impl View {
     }
 }
 
-/// The gray planes of a pair, for the phase codes.
+/// The gray planes of images that are to be compared, for the phase codes.
 ///
-/// The step of float images follows `told`, or else the wider of their two robust ranges, each measured
-/// from its own black: an offset between the images neither coarsens the step nor changes a code.
-pub fn gray_pair(left: &View, right: &View, told: Option<(f64, f64)>) -> [Plane<i32>; 2] {
-    let planes = [left, right].map(|view| view.image.luminance());
-    if !left.image.is_float() {
-        return [
-            left.gray(&planes[0], FloatStep::UNUSED),
-            right.gray(&planes[1], FloatStep::UNUSED),
-        ];
-    }
-    let own =
-        |i: usize| told_range(told).unwrap_or_else(|| [left, right][i].robust_range(&planes[i]));
-    let ranges = [own(0), own(1)];
-    let width = ranges[0].width().max(ranges[1].width());
-    [0, 1].map(|i| [left, right][i].gray(&planes[i], FloatStep::new(ranges[i].black, width)))
+/// The step of float images follows `told`, or else the widest of their robust ranges, each measured from
+/// its own black: an offset between images neither coarsens the step nor changes a code.
+pub fn gray_planes<const N: usize>(views: [&View; N], told: Option<(f64, f64)>) -> [Plane<i32>; N] {
+    let planes = views.map(|view| (view, view.image.luminance()));
+    let ranges = planes.each_ref().map(|(view, luminance)| match view.image.type_range() {
+        Some(range) => range,
+        None => told_range(told).unwrap_or_else(|| view.robust_range(luminance)),
+    });
+    let width = ranges.iter().map(|range| range.width()).fold(0.0, f64::max);
+    let mut blacks = ranges.iter().map(|range| range.black);
+    planes.map(|(view, luminance)| {
+        let black = blacks.next().unwrap_or_default();
+        view.gray(&luminance, FloatStep::new(black, width))
+    })
 }
 
 /// The channel planes of a pair, for SAD: three where both images have colour, else gray.
-pub fn level_pair(left: &View, right: &View, told: Option<(f64, f64)>) -> [Vec<Plane<u16>>; 2] {
+pub fn level_planes([left, right]: [&View; 2], told: Option<(f64, f64)>) -> [Vec<Plane<u16>>; 2] {
     let own = |view: &View| view.robust_range(&view.image.luminance());
     let range = told_range(told).or_else(|| left.image.type_range()).unwrap_or_else(|| {
         let (a, b) = (own(left), own(right));
@@ -267,15 +258,44 @@ pub fn normalise(plane: &Plane<u16>, window: usize) -> Plane<u16> {
 
 /// Sums over `window x window` pixels, the plane continued by reflection.
 fn box_sums(plane: &Plane<i64>, window: usize) -> Plane<i64> {
-    debug_assert!(window <= LARGEST_WINDOW);
     let (rows, cols) = (plane.rows(), plane.cols());
-    let reach = -((window / 2) as isize)..=(window / 2) as isize;
-    let along = Plane::from_fn(rows, cols, |y, x| {
-        reach.clone().map(|k| plane.row(y)[reflect(x as isize + k, cols)]).sum::<i64>()
-    });
-    Plane::from_fn(rows, cols, |y, x| {
-        reach.clone().map(|k| along.row(reflect(y as isize + k, rows))[x]).sum()
-    })
+    let mut along = Plane::from_fn(rows, cols, |_, _| 0);
+    for y in 0..rows {
+        let row = plane.row(y);
+        slide(
+            window,
+            cols,
+            |x, sign, sum: &mut i64| *sum += sign * row[x],
+            |x, sum| {
+                along.row_mut(y)[x] = *sum;
+            },
+        );
+    }
+    let mut sums = Plane::from_fn(rows, cols, |_, _| 0);
+    let add = |y: usize, sign: i64, sum: &mut Vec<i64>| {
+        sum.resize(cols, 0);
+        sum.iter_mut().zip(along.row(y)).for_each(|(sum, value)| *sum += sign * value);
+    };
+    slide(window, rows, add, |y, sum| sums.row_mut(y).copy_from_slice(sum));
+    sums
+}
+
+/// Slides a window over `0..length`, continued by reflection: calls `add` with the sign of what enters or
+/// leaves, then `write` for each place.
+fn slide<S: Default>(
+    window: usize,
+    length: usize,
+    add: impl Fn(usize, i64, &mut S),
+    mut write: impl FnMut(usize, &S),
+) {
+    let radius = (window / 2) as isize;
+    let mut sum = S::default();
+    (-radius..radius).for_each(|place| add(reflect(place, length), 1, &mut sum));
+    for centre in 0..length as isize {
+        add(reflect(centre + radius, length), 1, &mut sum);
+        write(centre as usize, &sum);
+        add(reflect(centre - radius, length), -1, &mut sum);
+    }
 }
 
 fn told_range(told: Option<(f64, f64)>) -> Option<Range> {

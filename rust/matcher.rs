@@ -62,7 +62,7 @@ pub struct Timings {
 }
 
 impl Pair {
-    /// A pair that can be matched: equal sizes, at least one pixel, valid pixels, a reachable range.
+    /// A pair that can be matched: of one size and type, with proper pixels and a reachable range.
     pub fn new(left: View, right: View, min_disparity: i64, num_disparities: i64) -> Result<Self> {
         left.check("left")?;
         right.check("right")?;
@@ -71,6 +71,9 @@ impl Pair {
         if (rows, cols) != (right_rows, right_cols) {
             let got = format!("{right_rows} x {right_cols} pixels");
             return Err(Error::value("right", got, format!("the size of left, {rows} x {cols}")));
+        }
+        if std::mem::discriminant(&left.image) != std::mem::discriminant(&right.image) {
+            return Err(Error::value("right", "pixels of another type", "the type of left"));
         }
         let candidates = Candidates::new(min_disparity, num_disparities, cols)?;
         Ok(Self { left, right, candidates })

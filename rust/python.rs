@@ -18,7 +18,7 @@ use crate::control::Control;
 use crate::cost::Costs;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
-use crate::intensity::{Image, Mask, View, gray_pair};
+use crate::intensity::{Image, Mask, View, gray_planes};
 use crate::matcher::{Execution, MOST_THREADS, Pair, on_threads, run};
 use crate::plane::Plane;
 use crate::refinement::flag;
@@ -115,7 +115,7 @@ fn descriptor<'py>(
     let (threads, control) = (read_threads(threads)?, Control::default());
     let rows = view.image.shape().0;
     let codes = supervised(py, &control, rows, None, || {
-        let [gray, _] = gray_pair(&view, &view, settings.intensity_range);
+        let [gray] = gray_planes([&view], settings.intensity_range);
         on_threads(threads, || describe(&gray, &settings, &control))?
     })?;
     Ok(match codes {
@@ -141,7 +141,7 @@ fn cost_volume<'py>(
     let costs = supervised(py, &control, rows, None, || {
         on_threads(threads, || {
             let costs = Costs::new(pair.views(), pair.candidates(), &settings, &control)?;
-            costs.volume(rows, cols * count)
+            costs.volume(rows, cols * count, &control)
         })?
     })?;
     let array = Array3::from_shape_vec((rows, cols, count), costs.into_vec());
@@ -157,7 +157,9 @@ fn aggregate_volume<'py>(
     let settings = read_settings(settings)?;
     let (costs, (rows, cols, count)) = read_volume(costs, "costs")?;
     let window = Window::new((rows, cols), count, &settings, u16::MAX);
-    let aggregated = supervised(py, &Control::default(), rows, None, || aggregate(&costs, window))?;
+    let control = Control::default();
+    let work = || aggregate(&costs, window, &control);
+    let aggregated = supervised(py, &control, rows, None, work)?;
     let array = Array3::from_shape_vec((rows, cols, count), aggregated.into_vec());
     Ok(array.map_err(internal)?.into_pyarray(py))
 }
@@ -172,8 +174,9 @@ fn optimize_volume<'py>(
     let settings = read_settings(settings)?;
     let (costs, (rows, _, count)) = read_volume(costs, "costs")?;
     let steps = Steps { rise: penalty.0, drop: penalty.1 };
-    let work = || optimize(&costs, count, settings.optimizer, steps);
-    wrap(py, supervised(py, &Control::default(), rows, None, work)?)
+    let control = Control::default();
+    let work = || optimize(&costs, count, settings.optimizer, steps, &control);
+    wrap(py, supervised(py, &control, rows, None, work)?)
 }
 
 /// Runs `work` beside the interpreter, which it lets go, and meanwhile minds Ctrl-C and progress.

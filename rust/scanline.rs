@@ -1,6 +1,7 @@
 //! A row of aggregated costs -> the index of each pixel's disparity (paper, section 2.3).
 
 use crate::aggregation::Window;
+use crate::control::Control;
 use crate::error::Result;
 use crate::plane::{Plane, zeroed};
 use crate::settings::{Optimizer, Penalty};
@@ -96,10 +97,12 @@ pub fn optimize(
     candidates: usize,
     optimizer: Optimizer,
     steps: Steps,
+    control: &Control,
 ) -> Result<Plane<u16>> {
     let mut chosen = Plane::new(volume.rows(), volume.cols() / candidates)?;
     let mut scanline = Scanline::new(chosen.cols(), candidates, optimizer, steps)?;
     for y in 0..volume.rows() {
+        control.checkpoint()?;
         chosen.row_mut(y).copy_from_slice(scanline.choose(volume.row(y)));
     }
     Ok(chosen)

@@ -4,6 +4,7 @@ mod common;
 
 use common::volumes;
 use phasestereo::aggregation::{Aggregator, Source, Window, aggregate};
+use phasestereo::control::Control;
 use phasestereo::plane::Plane;
 use phasestereo::reference;
 use proptest::prelude::*;
@@ -53,7 +54,7 @@ proptest! {
     fn sliding_sums_equal_single_windows((window, Ballot { costs, .. }) in elections()) {
         let everybody = costs.map(|_| 1);
         let expected = reference::aggregate(&costs, &everybody, window);
-        prop_assert_eq!(aggregate(&costs, window).expect("memory"), expected);
+        prop_assert_eq!(aggregate(&costs, window, &Control::default()).expect("memory"), expected);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use phasestereo::aggregation::Window;
 use phasestereo::control::Control;
 use phasestereo::cost::{Costs, Votes};
 use phasestereo::error::{Error, Result};
-use phasestereo::intensity::{Image, View, gray_pair, level_pair};
+use phasestereo::intensity::{Image, View, gray_planes, level_planes};
 use phasestereo::matcher::{Disparity, Execution, Pair, on_threads, run};
 use phasestereo::plane::Plane;
 use phasestereo::reference;
@@ -33,10 +33,11 @@ fn matched(pair: &Pair, settings: &Settings, threads: usize, band_rows: Option<u
 fn naive_costs(pair: &Pair, settings: &Settings) -> Plane<u16> {
     let ([left, right], told) = (pair.views(), settings.intensity_range);
     if settings.cost == CostKind::Phase {
-        let codes = gray_pair(left, right, told).map(|gray| reference::describe(&gray, settings));
+        let codes =
+            gray_planes([left, right], told).map(|gray| reference::describe(&gray, settings));
         return reference::phase_costs(&codes[0], &codes[1], pair.candidates());
     }
-    let [left, right] = level_pair(left, right, told).map(|channels| {
+    let [left, right] = level_planes([left, right], told).map(|channels| {
         let flatten = |plane: &Plane<u16>| match settings.cost {
             CostKind::NormalisedSad => reference::normalise(plane, settings.window),
             _ => plane.clone(),
@@ -161,7 +162,7 @@ fn a_shifted_image_is_found_again() {
     )
     .expect("a legal match");
     for y in 0..40 {
-        assert!(map.disparity.row(y)[8..].iter().all(|&d| d == 3.0), "row {y}");
+        assert!(map.disparity.row(y)[8..].iter().all(|d| d.to_bits() == 3f32.to_bits()), "row {y}");
         assert!(map.flags.row(y)[8..].iter().all(|&flags| flags == 0), "row {y}");
     }
 }
@@ -185,6 +186,22 @@ fn rows_are_counted_as_they_are_done() {
     let how = Execution { threads: 3, band_rows: Some(4) };
     run(&noise_pair(21, 30, 5), &Settings::default(), how, &control).expect("a legal match");
     assert_eq!(control.rows_done(), 21);
+}
+
+#[test]
+fn images_of_two_sizes_or_types_are_refused() {
+    let view = |rows, image: fn(ndarray::Array3<u8>) -> Image| View {
+        image: image(ndarray::Array3::zeros((rows, 4, 1))),
+        mask: None,
+    };
+    let refused =
+        |right| Pair::new(view(3, Image::U8), right, 0, 1).expect_err("refused").to_string();
+    assert_eq!(
+        refused(view(2, Image::U8)),
+        "right: got 2 x 4 pixels; accepts the size of left, 3 x 4"
+    );
+    let wide = view(3, |pixels| Image::U16(pixels.mapv(u16::from)));
+    assert_eq!(refused(wide), "right: got pixels of another type; accepts the type of left");
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod common;
 
 use common::volumes;
+use phasestereo::control::Control;
 use phasestereo::plane::Plane;
 use phasestereo::reference;
 use phasestereo::scanline::{Scanline, Steps, optimize};
@@ -29,7 +30,7 @@ proptest! {
     ) {
         let steps = Steps { rise, drop };
         let optimizer = Optimizer::DynamicProgramming;
-        let chosen = optimize(&volume, candidates, optimizer, steps).expect("memory");
+        let chosen = optimize(&volume, candidates, optimizer, steps, &Control::default()).expect("memory");
         for y in 0..volume.rows() {
             let expected = reference::dynamic_programming(volume.row(y), candidates, steps);
             prop_assert_eq!(chosen.row(y), &expected[..]);
@@ -49,7 +50,7 @@ proptest! {
     #[test]
     fn winner_takes_all_takes_the_first_least((volume, candidates) in problems()) {
         let steps = Steps { rise: 1, drop: 1 };
-        let chosen = optimize(&volume, candidates, Optimizer::WinnerTakesAll, steps).expect("memory");
+        let chosen = optimize(&volume, candidates, Optimizer::WinnerTakesAll, steps, &Control::default()).expect("memory");
         for y in 0..volume.rows() {
             let expected = reference::winner_takes_all(volume.row(y), candidates);
             prop_assert_eq!(chosen.row(y), &expected[..]);
@@ -62,6 +63,7 @@ fn totals_beyond_32_bits_do_not_overflow() {
     let volume =
         Plane::from_fn(1, 600, |_, place| if place % 2 == 0 { u32::MAX } else { u32::MAX - 1 });
     let steps = Steps { rise: 1 << 40, drop: 1 << 40 };
-    let chosen = optimize(&volume, 2, Optimizer::DynamicProgramming, steps).expect("memory");
+    let chosen = optimize(&volume, 2, Optimizer::DynamicProgramming, steps, &Control::default())
+        .expect("memory");
     assert!(chosen.as_slice().iter().all(|&index| index == 1));
 }
