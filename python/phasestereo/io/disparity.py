@@ -1,0 +1,204 @@
+"""Disparity maps: NaN for "no estimate" in memory, the mark of each format in its files."""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo.io.files import suffix
+from phasestereo.io.image import read_image, write_image
+from phasestereo.io.pixels import channels
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo.io.files import StrPath
+
+_FLOAT_SUFFIXES = (".pfm", ".npy", ".tif", ".tiff")
+_SUFFIXES = (*_FLOAT_SUFFIXES, ".png")
+
+_KITTI_SCALE = 256
+_KITTI_END = 65535.5 / _KITTI_SCALE  # the first value to round to 65536
+
+
+def read_disparity(path: StrPath) -> NDArray[np.float32]:
+    """Read a disparity map in the format that the suffix names.
+
+    Parameters
+    ----------
+    path
+        A ``.pfm``, ``.npy``, ``.tif`` or ``.tiff`` file of floating-point disparities, in which
+        anything not finite is "no estimate" (PFM: +inf by convention); or a ``.png`` file in
+        KITTI's coding [1]_, uint16 = 256 d, 0 for "no estimate".
+
+    Returns
+    -------
+    ndarray
+        float32, shape (H, W), pixels; NaN where there is no estimate.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If the suffix is unknown, or the file is damaged or does not hold such a map.
+    ImportError
+        If the format needs the extra ``io`` and that is not installed.
+
+    See Also
+    --------
+    read_truth : Gray-coded ground truth with another scale.
+
+    References
+    ----------
+    .. [1] M. Menze, A. Geiger, Object scene flow for autonomous vehicles, CVPR 2015; the stereo
+       development kit, https://www.cvlibs.net/datasets/kitti/eval_scene_flow.php
+    """
+    ending = _known_suffix(path)
+    stored = read_image(path)
+    expected = np.uint16 if ending == ".png" else np.float32
+    if channels(stored.shape) != 1 or stored.dtype != expected:
+        hint = " (read_truth reads gray-coded maps of any scale)" if ending == ".png" else ""
+        raise ValueError(
+            f"{os.fspath(path)}: a disparity map in {ending} is {np.dtype(expected)} of shape "
+            f"(H, W), this is {stored.dtype} of shape {stored.shape}{hint}"
+        )
+    if ending == ".png":
+        return _decode_gray(stored, scale=_KITTI_SCALE, unknown=0)
+    return np.where(np.isfinite(stored), stored, np.float32(np.nan))
+
+
+def write_disparity(path: StrPath, disparity: NDArray[np.floating[Any]]) -> None:
+    """Write a disparity map in the format that the suffix names; see `read_disparity`.
+
+    Parameters
+    ----------
+    path
+        The file; an existing one is replaced, and only once the new one is complete.
+    disparity
+        float32 or float64 (rounded to float32), shape (H, W), pixels; NaN where there is no
+        estimate. For ``.png``, which keeps them to 1/512 pixel, disparities must lie in
+        [0, 65535.5/256); those below 1/512 become 1/256, as in KITTI's own writer, since 0
+        stands for "no estimate".
+
+    Raises
+    ------
+    TypeError
+        If the map is not an array of float32 or float64.
+    ValueError
+        If its shape is not (H, W), it holds infinities, the suffix is unknown, or a disparity
+        cannot be represented in the format.
+    OSError
+        If the file cannot be written.
+    ImportError
+        If the format needs the extra ``io`` and that is not installed.
+    """
+    ending = _known_suffix(path)
+    checked = _check_map(disparity)
+    if ending == ".png":
+        write_image(path, _encode_kitti(checked))
+    elif ending == ".pfm":
+        write_image(path, np.where(np.isnan(checked), np.float32(np.inf), checked))
+    else:
+        write_image(path, checked)
+
+
+def read_truth(path: StrPath, *, scale: float, unknown: int | None = 0) -> NDArray[np.float32]:
+    """Read gray-coded ground truth, as in Middlebury's data sets of 2001 to 2006.
+
+    Parameters
+    ----------
+    path
+        An image of uint8 or uint16 gray levels.
+    scale
+        Gray levels per pixel of disparity, greater than 0: 16 for tsukuba, 8 for venus, 4 for
+        cones and teddy, 3 for the third-size scenes of 2005 and 2006.
+    unknown
+        The gray level that stands for "unknown"; None if none does.
+
+    Returns
+    -------
+    ndarray
+        float32, shape (H, W), pixels: gray level / scale, NaN where unknown.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    TypeError
+        If scale is not a number or unknown not an integer.
+    ValueError
+        If scale is not positive and finite, unknown is not a gray level, or the file is not a gray
+        image of integers (`read_disparity` reads PFM and KITTI's PNG).
+    ImportError
+        If the format needs the extra ``io`` and that is not installed.
+    """
+    _check_coding(scale, unknown)
+    stored = read_image(path)
+    if channels(stored.shape) != 1 or stored.dtype == np.float32:
+        raise ValueError(
+            f"{os.fspath(path)}: gray-coded ground truth is uint8 or uint16 of shape (H, W), "
+            f"this is {stored.dtype} of shape {stored.shape} (read_disparity reads float maps)"
+        )
+    return _decode_gray(stored, scale=scale, unknown=unknown)
+
+
+def _known_suffix(path: StrPath) -> str:
+    ending = suffix(path)
+    if ending not in _SUFFIXES:
+        raise ValueError(
+            f"path of a disparity map must end in one of {', '.join(_SUFFIXES)}, got {ending!r}"
+        )
+    return ending
+
+
+def _check_map(disparity: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    """Return a disparity map as float32, if it is one."""
+    if not isinstance(disparity, np.ndarray) or disparity.dtype.name not in ("float32", "float64"):
+        got = getattr(disparity, "dtype", type(disparity).__name__)
+        raise TypeError(f"disparity must be an array of float32 or float64, got {got}")
+    if channels(disparity.shape) != 1:
+        raise ValueError(f"disparity must have shape (H, W), got {disparity.shape}")
+    with np.errstate(over="ignore"):  # what overflows is refused as infinite
+        checked = disparity.astype(np.float32)
+    if np.isinf(checked).any():
+        raise ValueError("disparity must be finite in float32, or NaN for no estimate; got inf")
+    return checked
+
+
+def _encode_kitti(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Code a map as round(256 d), halves up and at least 1, and NaN as 0."""
+    known = ~np.isnan(disparity)
+    outside = known & ~((disparity >= 0) & (disparity < _KITTI_END))
+    if outside.any():
+        low, high = disparity[known].min(), disparity[known].max()
+        raise ValueError(
+            f"disparity must lie in [0, 65535.5/256) for a 16-bit .png; "
+            f"{np.count_nonzero(outside)} values do not (the map spans {low:g} to {high:g}): "
+            f"write {', '.join(_FLOAT_SUFFIXES)} instead"
+        )
+    codes = np.floor(np.where(known, disparity, 0) * np.float64(_KITTI_SCALE) + 0.5)
+    return np.where(known, np.maximum(codes, 1), 0).astype(np.uint16)
+
+
+def _check_coding(scale: float, unknown: int | None) -> None:
+    if isinstance(scale, bool) or not isinstance(scale, int | float | np.integer | np.floating):
+        raise TypeError(f"scale must be a number, got {type(scale).__name__}")
+    if not (math.isfinite(scale) and scale > 0):
+        raise ValueError(f"scale must be positive and finite, got {scale}")
+    if unknown is None:
+        return
+    if isinstance(unknown, bool) or not isinstance(unknown, int | np.integer):
+        raise TypeError(f"unknown must be an integer or None, got {type(unknown).__name__}")
+    if not 0 <= unknown <= np.iinfo(np.uint16).max:
+        raise ValueError(f"unknown must be a gray level in [0, 65535], got {unknown}")
+
+
+def _decode_gray(stored: NDArray[Any], *, scale: float, unknown: int | None) -> NDArray[np.float32]:
+    disparity = (stored / np.float64(scale)).astype(np.float32)
+    if unknown is not None:
+        disparity[stored == unknown] = np.nan
+    return disparity

@@ -1,0 +1,169 @@
+"""Images: which format a file has, and what each format can hold."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
+
+import numpy as np
+
+from phasestereo.io.files import decoding, replacing, suffix
+from phasestereo.io.npy import decode_npy, encode_npy
+from phasestereo.io.pfm import decode_pfm, encode_pfm
+from phasestereo.io.pixels import channels
+from phasestereo.io.raster import RASTER_MAGICS, decode_raster, encode_raster
+from phasestereo.io.tiff import decode_tiff, encode_tiff
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from phasestereo.io.files import StrPath
+    from phasestereo.io.pixels import Pixels
+
+# How a file starts -> what decodes it.
+_DECODERS: dict[tuple[bytes, ...], Callable[[BinaryIO], NDArray[Any]]] = {
+    RASTER_MAGICS: decode_raster,
+    (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"): decode_tiff,
+    (b"\x93NUMPY",): decode_npy,
+    (b"Pf", b"PF"): decode_pfm,
+}
+
+_DTYPES = ("uint8", "uint16", "float32")
+_ANYTHING = {(dtype, count) for dtype in _DTYPES for count in (1, 3, 4)}
+
+# Suffix -> what encodes it, and the dtypes and numbers of channels that it holds.
+_ENCODERS: dict[str, tuple[Callable[[BinaryIO, Pixels], None], set[tuple[str, int]]]] = {
+    ".png": (
+        partial(encode_raster, image_format="PNG"),
+        {("uint8", 1), ("uint8", 3), ("uint8", 4), ("uint16", 1)},
+    ),
+    ".pgm": (partial(encode_raster, image_format="PPM"), {("uint8", 1), ("uint16", 1)}),
+    ".ppm": (partial(encode_raster, image_format="PPM"), {("uint8", 3)}),
+    ".bmp": (partial(encode_raster, image_format="BMP"), {("uint8", 1), ("uint8", 3)}),
+    ".jpg": (partial(encode_raster, image_format="JPEG"), {("uint8", 1), ("uint8", 3)}),
+    ".jpeg": (partial(encode_raster, image_format="JPEG"), {("uint8", 1), ("uint8", 3)}),
+    ".tif": (encode_tiff, _ANYTHING),
+    ".tiff": (encode_tiff, _ANYTHING),
+    ".npy": (encode_npy, _ANYTHING),
+    ".pfm": (encode_pfm, {("float32", 1), ("float32", 3)}),
+}
+
+
+def read_image(path: StrPath) -> Pixels:
+    """Read an image exactly as it is stored.
+
+    The format is told by the content: PNG, PBM/PGM/PPM, JPEG, BMP, TIFF, ``.npy`` or PFM.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    ndarray
+        uint8, uint16 or float32 of shape (H, W) for gray, (H, W, 3) for RGB, (H, W, 4) for RGB
+        with alpha. A palette is looked up (one of grays gives a gray image), gray levels of 1, 2
+        or 4 bits become their share of 255, gray with alpha becomes RGB with alpha, float64
+        becomes float32.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is damaged or of another format; if it holds several images; if its samples are not
+        of the types above, or could not be read without loss; if it has more than 2**30 pixels
+        (``.npy`` and PFM may have any number).
+    ImportError
+        If the format needs the extra ``io`` and that is not installed.
+
+    Notes
+    -----
+    Samples are not interpreted: 10-bit values in a 16-bit file stay below 1024, and colour
+    profiles, gamma, PNG's transparent colour and the orientation tag of a JPEG are ignored. TIFF
+    is read uncompressed or with deflate or PackBits; tifffile reads further compressions (LZW and
+    JPEG among them) when the package ``imagecodecs`` is installed.
+    """
+    with decoding(path) as file:
+        head = file.read(8)
+        file.seek(0)
+        for magics, decode in _DECODERS.items():
+            if head.startswith(magics):
+                return _as_pixels(decode(file))
+        raise ValueError(
+            "not an image of a known format: PNG, PBM/PGM/PPM, JPEG, BMP, TIFF, .npy or PFM"
+        )
+
+
+def _as_pixels(samples: NDArray[Any]) -> Pixels:
+    """Check that decoded samples make an image, and give it its type and shape in memory."""
+    if samples.shape[2:] == (1,):
+        samples = samples[:, :, 0]
+    if not channels(samples.shape):
+        raise ValueError(f"samples of shape {samples.shape}, an image has 1, 3 or 4 channels")
+    if samples.dtype == np.float64:
+        with np.errstate(over="raise"):
+            samples = samples.astype(np.float32)
+    if samples.dtype.name not in _DTYPES:
+        raise ValueError(f"samples of type {samples.dtype}, an image has uint8, uint16 or float32")
+    return cast("Pixels", np.ascontiguousarray(samples, samples.dtype.newbyteorder("=")))
+
+
+def write_image(path: StrPath, image: Pixels) -> None:
+    """Write an image in the format that the suffix names.
+
+    ========================  ============================================================
+    suffix                    holds
+    ========================  ============================================================
+    ``.png``                  uint8 gray, RGB, RGB with alpha; uint16 gray
+    ``.pgm``, ``.ppm``        uint8 and uint16 gray; uint8 RGB
+    ``.bmp``                  uint8 gray, RGB
+    ``.jpg``, ``.jpeg``       uint8 gray, RGB (with loss: quality 95, no chroma subsampling)
+    ``.tif``, ``.tiff``       all, uncompressed
+    ``.npy``                  all
+    ``.pfm``                  float32 gray, RGB
+    ========================  ============================================================
+
+    Parameters
+    ----------
+    path
+        The file; an existing one is replaced, and only once the new one is complete.
+    image
+        uint8, uint16 or float32 of shape (H, W), (H, W, 3) or (H, W, 4).
+
+    Raises
+    ------
+    TypeError
+        If the image is not an array of one of these dtypes.
+    ValueError
+        If its shape is not an image's, the suffix is unknown, or the format cannot hold it.
+    OSError
+        If the file cannot be written.
+    ImportError
+        If the format needs the extra ``io`` and that is not installed.
+    """
+    kind = _kind(image)
+    ending = suffix(path)
+    if ending not in _ENCODERS:
+        raise ValueError(f"path must end in one of {', '.join(_ENCODERS)}, got {ending!r}")
+    encode, kinds = _ENCODERS[ending]
+    if kind not in kinds:
+        able = ", ".join(other for other, (_, held) in _ENCODERS.items() if kind in held)
+        raise ValueError(
+            f"{ending} cannot hold {kind[0]} samples in {kind[1]} channel(s); these can: {able}"
+        )
+    with replacing(path) as file:
+        encode(file, np.ascontiguousarray(image, image.dtype.newbyteorder("=")))
+
+
+def _kind(image: Pixels) -> tuple[str, int]:
+    """Return the dtype and the number of channels of an image, if it is one."""
+    if not isinstance(image, np.ndarray) or image.dtype.name not in _DTYPES:
+        got = getattr(image, "dtype", type(image).__name__)
+        raise TypeError(f"image must be an array of uint8, uint16 or float32, got {got}")
+    if not channels(image.shape):
+        raise ValueError(f"image must have shape (H, W), (H, W, 3) or (H, W, 4), got {image.shape}")
+    return image.dtype.name, channels(image.shape)

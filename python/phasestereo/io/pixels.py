@@ -1,0 +1,48 @@
+"""What counts as an image: its sample types, its shapes, and how large it may be."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Pixels: TypeAlias = NDArray[np.uint8 | np.uint16 | np.float32]
+
+MAX_PIXELS = 2**30
+"""Images of formats in which a few bytes can claim any size are refused above this one."""
+
+
+def channels(shape: tuple[int, ...]) -> int:
+    """Return the number of channels of an image of this shape, 0 if none has it."""
+    match shape:
+        case _ if 0 in shape:
+            return 0
+        case (_, _):
+            return 1
+        case (_, _, 3 | 4 as count):
+            return count
+    return 0
+
+
+def check_size(width: int, height: int) -> None:
+    """Refuse a size that no image has, or one above `MAX_PIXELS`."""
+    if width < 1 or height < 1:
+        raise ValueError(f"the header says {width} x {height} pixels: that is no image")
+    if width * height > MAX_PIXELS:
+        raise ValueError(
+            f"the header says {width} x {height} pixels; at most {MAX_PIXELS} are read, "
+            "except of .npy and .pfm files"
+        )
+
+
+def look_up(colours: NDArray[np.uint8], samples: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Replace each index by its colour; a palette of grays, (N, 3) as any, makes a gray image."""
+    if (colours == colours[:, :1]).all():
+        return colours[:, 0][samples]
+    return colours[samples]
+
+
+def expand_bits(samples: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Replace bits by 0 and 255, as everything that shows a bit as a gray level does."""
+    return samples.astype(np.uint8) * np.uint8(255)

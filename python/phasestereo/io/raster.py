@@ -1,0 +1,121 @@
+"""PNG, PBM/PGM/PPM, JPEG and BMP through Pillow, no sample losing anything on the way.
+
+Two habits of Pillow are worked around. It narrows 16-bit colour to 8 bits without a word, and it
+rescales Netpbm samples whose maximum is not 255 or 65535, which would change the disparities coded
+in them; its low-level decoders do neither, so they are told what to unpack. And ``Image.open``
+warns of images above 89 megapixels and refuses them above 179, by a global limit; the class of the
+format does not, so that is what is called here, and the limit is `MAX_PIXELS`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+
+import numpy as np
+
+from phasestereo._extras import require
+from phasestereo.io.pixels import check_size, expand_bits, look_up
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo.io.pixels import Pixels
+
+# How a file starts -> Pillow's module for the format, and what opens the file there.
+_OPENERS = {
+    b"\x89PNG\r\n\x1a\n": ("PIL.PngImagePlugin", "PngImageFile"),
+    b"\xff\xd8\xff": ("PIL.JpegImagePlugin", "jpeg_factory"),
+    b"BM": ("PIL.BmpImagePlugin", "BmpImageFile"),
+    **{f"P{kind}".encode(): ("PIL.PpmImagePlugin", "PpmImageFile") for kind in range(1, 7)},
+}
+RASTER_MAGICS = tuple(_OPENERS)
+
+# Netpbm's samples of two bytes, by Pillow's name for those of one.
+_WIDE = {"L": "I;16B", "RGB": "RGB;16B"}
+# Big-endian 16-bit colour as Pillow unpacks it, into the high bytes -> what unpacks the low bytes.
+_LOW_BYTES = {"RGB;16B": "RGB;16L", "RGBA;16B": "RGBA;16L"}
+
+
+class _Tile(NamedTuple):
+    """Pillow's description of the coded samples of an image."""
+
+    codec: str
+    extents: tuple[int, int, int, int] | None
+    offset: int
+    unpacking: Any
+
+
+def decode_raster(file: BinaryIO) -> NDArray[Any]:
+    """Decode the only frame of an image: uint8 or uint16, (H, W), (H, W, 3) or (H, W, 4).
+
+    Raises
+    ------
+    ValueError
+        If the image has several frames, or samples that would not arrive as they are stored.
+    """
+    planes: list[NDArray[Any]] = []
+    for tile in _exact_tiles(_open(file)):
+        image = _open(file)
+        image.tile = [tile]
+        planes.append(_expand(image))
+    if len(planes) == 1:
+        return planes[0]
+    high, low = planes
+    samples: NDArray[np.uint16] = (high.astype(np.uint16) << 8) | low
+    return samples
+
+
+def _open(file: BinaryIO) -> Any:
+    """Parse the header with Pillow."""
+    file.seek(0)
+    head = file.read(8)
+    file.seek(0)
+    module, opener = next(_OPENERS[magic] for magic in RASTER_MAGICS if head.startswith(magic))
+    image = getattr(require(module, extra="io"), opener)(file)
+    check_size(*image.size)
+    if getattr(image, "n_frames", 1) > 1:
+        raise ValueError(f"the file holds {image.n_frames} images, and only one can be meant")
+    return image
+
+
+def _exact_tiles(image: Any) -> list[_Tile]:
+    """Say what Pillow is to decode: one tile, or two for the high and the low bytes of colours."""
+    if not image.tile:
+        raise ValueError("the file has a header but no samples")
+    tile = _Tile(*image.tile[0])
+    if tile.codec == "ppm_plain" and image.mode != "1":
+        maximum = tile.unpacking[1]
+        if maximum != (65535 if image.mode == "I" else 255):
+            raise ValueError(f"plain-text samples up to {maximum} would be rescaled; use binary")
+    if tile.codec == "ppm":  # this decoder rescales, the raw one does not
+        mode, maximum = tile.unpacking
+        wide = maximum > np.iinfo(np.uint8).max
+        tile = tile._replace(codec="raw", unpacking=_WIDE[mode] if wide else mode)
+    if tile.unpacking in _LOW_BYTES:
+        return [tile, tile._replace(unpacking=_LOW_BYTES[tile.unpacking])]
+    if str(tile.unpacking).endswith(";16B") and image.mode not in ("I", "I;16"):
+        raise ValueError(f"16-bit samples stored as {tile.unpacking} cannot be read exactly")
+    return [tile]
+
+
+def _expand(image: Any) -> NDArray[Any]:
+    """Return the samples of a decoded image; palettes are looked up, a bit becomes 0 or 255."""
+    samples: NDArray[Any] = np.array(image)
+    if image.mode == "1":
+        return expand_bits(samples)
+    if image.mode == "P":
+        return look_up(np.array(image.getpalette("RGB"), np.uint8).reshape(-1, 3), samples)
+    if image.mode == "LA":
+        return np.array(image.convert("RGBA"))
+    if image.mode == "I":
+        return samples.astype(np.uint16)  # 16-bit PGM, which Pillow keeps in 32 bits
+    if image.mode not in ("L", "RGB", "RGBA", "I;16"):
+        raise ValueError(f"{image.mode} images are not read, only gray, RGB and palette ones")
+    return samples
+
+
+def encode_raster(file: BinaryIO, image: Pixels, image_format: str) -> None:
+    """Encode an image in a format of Pillow's that can hold it."""
+    picture = require("PIL.Image", extra="io").fromarray(image)
+    options = {"quality": 95, "subsampling": 0} if image_format == "JPEG" else {}
+    picture.save(file, format=image_format, **options)

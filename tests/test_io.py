@@ -1,0 +1,117 @@
+"""Files: named when they cannot be read, and written whole or not at all."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from phasestereo.io import (
+    read_calibration,
+    read_disparity,
+    read_image,
+    read_pfm,
+    read_truth,
+    write_disparity,
+    write_image,
+    write_pfm,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+READERS: dict[str, Callable[[Path], Any]] = {
+    "read_image": read_image,
+    "read_pfm": read_pfm,
+    "read_disparity": read_disparity,
+    "read_truth": lambda path: read_truth(path, scale=1),
+    "read_calibration": read_calibration,
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_missing_files_and_folders_are_named(tmp_path: Path, reader: str) -> None:
+    with pytest.raises(FileNotFoundError, match=r"none\.pfm"):
+        READERS[reader](tmp_path / "none.pfm")
+    (tmp_path / "folder.pfm").mkdir()
+    with pytest.raises(OSError, match=r"folder\.pfm"):
+        READERS[reader](tmp_path / "folder.pfm")
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("content", [b"", b"\0", b"hello, world\n", bytes(range(256)) * 4])
+def test_files_of_anything_else_are_named(tmp_path: Path, reader: str, content: bytes) -> None:
+    (tmp_path / "other.pfm").write_bytes(content)
+    with pytest.raises(ValueError, match=r"other\.pfm: "):
+        READERS[reader](tmp_path / "other.pfm")
+
+
+WRITERS: dict[str, Callable[[Path], None]] = {
+    "a.pfm": lambda path: write_pfm(path, np.ones((2, 2), np.float32)),
+    "a.png": lambda path: write_image(path, np.ones((2, 2), np.uint8)),
+    "a.tif": lambda path: write_disparity(path, np.ones((2, 2), np.float32)),
+    "a.npy": lambda path: write_disparity(path, np.ones((2, 2), np.float32)),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    (tmp_path / name).write_bytes(b"old")
+
+    def fail(self: Path, target: Path) -> None:
+        assert self.parent == target.parent == tmp_path
+        assert self.stat().st_size > 3  # complete by now
+        raise OSError("disk on fire")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(OSError, match="disk on fire"):
+        WRITERS[name](tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_bytes() == b"old"
+
+
+def test_an_encoder_that_fails_half_way_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"encoder|dimension|broken"):
+        write_image(tmp_path / "a.jpg", np.zeros((1, 70000), np.uint8))  # JPEG ends at 65500
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_places_that_take_no_file_are_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(FileNotFoundError, match=r"no such folder: .*absent'"):
+        WRITERS[name](tmp_path / "absent" / name)
+    (tmp_path / name).mkdir()
+    with pytest.raises(OSError, match="not a regular file"):
+        WRITERS[name](tmp_path / name)
+    assert not list((tmp_path / name).iterdir())
+
+
+def test_a_symbolic_link_keeps_naming_its_file(tmp_path: Path) -> None:
+    (tmp_path / "target.pfm").write_bytes(b"old")
+    (tmp_path / "link.pfm").symlink_to(tmp_path / "target.pfm")
+    write_pfm(tmp_path / "link.pfm", np.ones((2, 2), np.float32))
+    assert (tmp_path / "link.pfm").is_symlink()
+    np.testing.assert_array_equal(read_pfm(tmp_path / "target.pfm"), np.ones((2, 2)))
+
+
+def test_new_files_have_ordinary_permissions(tmp_path: Path) -> None:
+    write_pfm(tmp_path / "a.pfm", np.ones((2, 2), np.float32))
+    (tmp_path / "b").write_bytes(b"")
+    assert (tmp_path / "a.pfm").stat().st_mode == (tmp_path / "b").stat().st_mode
+
+
+@pytest.mark.parametrize(
+    ("module", "name"), [("PIL.PngImagePlugin", "a.png"), ("tifffile", "a.tif")]
+)
+def test_missing_extras_say_how_to_get_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, name: str
+) -> None:
+    write_image(tmp_path / name, np.ones((3, 4), np.uint8))
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ImportError, match=r"pip install 'phasestereo\[io\]'"):
+        read_image(tmp_path / name)

@@ -1,0 +1,181 @@
+"""Disparity maps and ground truth: NaN in memory is each format's own mark in its files."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from phasestereo.io import (
+    read_disparity,
+    read_image,
+    read_truth,
+    write_disparity,
+    write_image,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+
+def floats(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return samples of both signs."""
+    return np.random.default_rng(0).normal(0, 100, shape).astype(np.float32)
+
+
+@pytest.mark.parametrize("suffix", [".pfm", ".npy", ".tif", ".TIFF"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_float_maps_come_back_exactly(tmp_path: Path, suffix: str, dtype: type) -> None:
+    disparity = floats((5, 7))
+    disparity[1, :4] = [np.nan, 0, -0.0, 1e-40]
+    path = tmp_path / f"map{suffix}"
+    write_disparity(path, disparity.astype(dtype))
+    loaded = read_disparity(path)
+    assert loaded.dtype == np.float32
+    np.testing.assert_array_equal(loaded, disparity)
+    assert np.isinf(read_image(path)[1, 0]) == (suffix == ".pfm")
+
+
+@pytest.mark.parametrize("suffix", [".pfm", ".npy", ".tif"])
+def test_nothing_infinite_is_an_estimate(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"map{suffix}"
+    write_image(path, np.array([[1, np.inf, -np.inf, np.nan]], np.float32))
+    np.testing.assert_array_equal(read_disparity(path), [[1, np.nan, np.nan, np.nan]])
+
+
+def test_kitti_codes_are_256_times_the_disparity(tmp_path: Path) -> None:
+    path = tmp_path / "map.png"
+    disparity = np.array([[np.nan, 0, -0.0, 1 / 512, 1, 2.5 / 256, 65535.25 / 256]], np.float32)
+    write_disparity(path, disparity)
+    np.testing.assert_array_equal(read_image(path), [[0, 1, 1, 1, 256, 3, 65535]])
+    decoded = np.array([[np.nan, 1 / 256, 1 / 256, 1 / 256, 1, 3 / 256, 65535 / 256]], np.float32)
+    np.testing.assert_array_equal(read_disparity(path), decoded)
+
+
+@given(code=st.integers(1, 65535))
+def test_every_kitti_code_survives(code: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.getbasetemp() / "code.png"
+    write_disparity(path, np.array([[code / 256]], np.float32))
+    assert read_disparity(path)[0, 0] == code / 256
+
+
+def test_opencv_agrees_about_kitti_png(tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    disparity = np.abs(floats((5, 7))) + 1
+    disparity[2, 3] = np.nan
+    write_disparity(tmp_path / "map.png", disparity)
+    codes = cv2.imread(str(tmp_path / "map.png"), cv2.IMREAD_UNCHANGED)
+    assert codes.dtype == np.uint16
+    assert codes[2, 3] == 0
+    known = ~np.isnan(disparity)
+    np.testing.assert_allclose(codes[known] / 256, disparity[known], rtol=0, atol=1 / 512)
+
+
+@pytest.mark.parametrize("value", [-1, -1e-9, 65535.5 / 256, 1e30])
+def test_kitti_png_refuses_what_it_cannot_represent(tmp_path: Path, value: float) -> None:
+    path = tmp_path / "map.png"
+    with pytest.raises(ValueError, match=r"\[0, 65535\.5/256\).*1 values.*\.pfm.* instead"):
+        write_disparity(path, np.array([[5, np.nan, value]], np.float32))
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("suffix", [".pfm", ".npy", ".tif", ".png"])
+def test_maps_without_any_estimate_are_maps(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"map{suffix}"
+    write_disparity(path, np.full((3, 4), np.nan, np.float32))
+    np.testing.assert_array_equal(read_disparity(path), np.full((3, 4), np.nan))
+
+
+@pytest.mark.parametrize("suffix", [".pfm", ".npy", ".tif", ".png"])
+@pytest.mark.parametrize(
+    ("disparity", "error", "message"),
+    [
+        (np.array([[np.inf]], np.float32), ValueError, "finite"),
+        (np.array([[-np.inf]], np.float32), ValueError, "finite"),
+        (np.array([[1e300]]), ValueError, "finite"),
+        (np.ones((2, 2, 3), np.float32), ValueError, "shape"),
+        (np.ones((0, 2), np.float32), ValueError, "shape"),
+        (np.ones((2, 2), np.int16), TypeError, "int16"),
+        ([[1.0]], TypeError, "list"),
+    ],
+)
+def test_arrays_that_are_no_maps_are_refused(
+    tmp_path: Path, suffix: str, disparity: Any, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        write_disparity(tmp_path / f"map{suffix}", disparity)
+    assert not list(tmp_path.iterdir())
+
+
+def test_unknown_suffixes_of_maps_are_refused(tmp_path: Path) -> None:
+    for use in (read_disparity, lambda path: write_disparity(path, np.ones((2, 2), np.float32))):
+        for name in ("map.jpg", "map", ".png"):
+            with pytest.raises(ValueError, match=r"\.pfm, \.npy, \.tif, \.tiff, \.png"):
+                use(tmp_path / name)
+
+
+def test_images_that_are_no_maps_are_refused(tmp_path: Path) -> None:
+    write_image(tmp_path / "gray.png", np.ones((3, 4), np.uint8))
+    write_image(tmp_path / "codes.npy", np.ones((3, 4), np.uint16))
+    write_image(tmp_path / "colour.pfm", floats((3, 4, 3)))
+    for name in ("gray.png", "codes.npy", "colour.pfm"):
+        with pytest.raises(ValueError, match=rf"{name}: a disparity map"):
+            read_disparity(tmp_path / name)
+
+
+def test_truth_is_the_gray_level_over_the_scale(tmp_path: Path) -> None:
+    path = tmp_path / "truth.png"
+    write_image(path, np.array([[0, 1, 255]], np.uint8))
+    truth = read_truth(path, scale=3)
+    assert truth.dtype == np.float32
+    np.testing.assert_array_equal(truth, np.array([[np.nan, 1 / 3, 85]], np.float32))
+    np.testing.assert_array_equal(read_truth(path, scale=1, unknown=None), [[0, 1, 255]])
+    np.testing.assert_array_equal(read_truth(path, scale=0.5, unknown=255), [[0, 2, np.nan]])
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"scale": 0}, ValueError),
+        ({"scale": -1}, ValueError),
+        ({"scale": np.nan}, ValueError),
+        ({"scale": np.inf}, ValueError),
+        ({"scale": "4"}, TypeError),
+        ({"scale": True}, TypeError),
+        ({"scale": 4, "unknown": -1}, ValueError),
+        ({"scale": 4, "unknown": 65536}, ValueError),
+        ({"scale": 4, "unknown": 0.0}, TypeError),
+        ({"scale": 4, "unknown": False}, TypeError),
+    ],
+)
+def test_codings_that_make_no_sense_are_refused(
+    tmp_path: Path, options: dict[str, Any], error: type[Exception]
+) -> None:
+    path = tmp_path / "truth.png"
+    write_image(path, np.ones((2, 2), np.uint8))
+    with pytest.raises(error, match=r"unknown" if "unknown" in options else r"scale"):
+        read_truth(path, **options)
+
+
+@pytest.mark.parametrize(("dtype", "shape"), [("float32", (3, 4)), ("uint8", (3, 4, 3))])
+def test_truth_must_be_gray_integers(tmp_path: Path, dtype: str, shape: tuple[int, ...]) -> None:
+    write_image(tmp_path / "truth.npy", np.ones(shape, dtype))
+    with pytest.raises(ValueError, match=r"truth\.npy: gray-coded"):
+        read_truth(tmp_path / "truth.npy", scale=4)
+
+
+def test_real_truth(data: Path) -> None:
+    tsukuba = data / "middlebury/scenes2001/tsukuba/truedisp.row3.col3.pgm"
+    truth = read_truth(tsukuba, scale=16)
+    assert np.isnan(truth[:18]).all()
+    assert np.isnan(truth[:, -18:]).all()
+    assert not np.isnan(truth[18:-18, 18:-18]).any()
+    assert np.unique(truth[18:-18, 18:-18]).tolist() == [5, 6, 7, 8, 10, 11, 14]
+    cones = read_truth(data / "middlebury/scenes2003/cones/disp2.png", scale=4)
+    assert 0 < np.isnan(cones).mean() < 0.1
+    assert 5 < np.nanmin(cones) < np.nanmax(cones) <= 55
