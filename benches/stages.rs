@@ -6,10 +6,10 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use phasestereo::aggregation::{Window, aggregate as aggregate_volume};
 use phasestereo::control::Control;
-use phasestereo::intensity::{Image, View};
 use phasestereo::matcher::{Execution, Pair, on_threads, run};
 use phasestereo::plane::Plane;
 use phasestereo::settings::Settings;
+use phasestereo::view::{Image, View};
 
 const ROWS: usize = 120;
 const COLS: usize = 640;

@@ -4,12 +4,11 @@ use crate::candidates::Candidates;
 use crate::control::Control;
 use crate::descriptor::{Code, Codes, describe};
 use crate::error::Result;
-use crate::intensity::{
-    DEVIATION_CEILING, DEVIATION_STEPS, LEVEL_CEILING, LEVEL_STEPS, Mask, View, gray_planes,
-    level_planes, normalise,
-};
+use crate::intensity::{LEVEL_CEILING, LEVEL_STEPS, gray_planes, level_planes};
+use crate::normalisation::{DEVIATION_CEILING, DEVIATION_STEPS, normalise};
 use crate::plane::Plane;
 use crate::settings::{CostKind, Settings};
+use crate::view::{Mask, View};
 
 /// Matching costs of a pair, a row at a time.
 pub trait Cost: Sync {
@@ -76,7 +75,7 @@ impl<'a> Costs<'a> {
 }
 
 fn prepare(
-    [left, right]: [&View; 2],
+    views: [&View; 2],
     candidates: Candidates,
     settings: &Settings,
     control: &Control,
@@ -87,15 +86,20 @@ fn prepare(
     };
     Ok(match settings.cost {
         CostKind::Phase => {
-            let [left, right] = gray_planes([left, right], told);
+            let [left, right] = gray_planes(views, told, control)?;
             let codes = [describe(&left, settings, control)?, describe(&right, settings, control)?];
             phase(codes, candidates, settings.code_length() as u16)
         }
-        CostKind::Sad => differences(level_planes([left, right], told), LEVEL_CEILING, LEVEL_STEPS),
+        CostKind::Sad => {
+            let channels = level_planes(views, told, control)?;
+            differences(channels, LEVEL_CEILING, LEVEL_STEPS)
+        }
         CostKind::NormalisedSad => {
-            let flatten = |plane: &Plane<u16>| normalise(plane, settings.window);
-            let channels =
-                level_planes([left, right], told).map(|side| side.iter().map(flatten).collect());
+            let [left, right] = level_planes(views, told, control)?;
+            let normalised = |side: Vec<Plane<u16>>| -> Result<Vec<_>> {
+                side.iter().map(|plane| normalise(plane, settings.window, control)).collect()
+            };
+            let channels = [normalised(left)?, normalised(right)?];
             differences(channels, DEVIATION_CEILING, DEVIATION_STEPS)
         }
     })

@@ -1,7 +1,5 @@
 //! An image -> packed phase codes (paper, section 2.1).
 
-use rayon::prelude::*;
-
 use crate::basis::Basis;
 use crate::control::Control;
 use crate::error::Result;
@@ -75,12 +73,9 @@ pub fn describe_as<C: Code>(
     control: &Control,
 ) -> Result<Plane<C>> {
     let (basis, quantiser) = (Basis::new(settings), Quantiser::new(settings));
-    let mut codes = Plane::new(gray.rows(), gray.cols())?;
-    let bands = codes.as_mut_slice().par_chunks_mut(BAND_ROWS * gray.cols()).enumerate();
-    bands.try_for_each(|(band, codes)| {
-        describe_band(gray, band * BAND_ROWS, &basis, &quantiser, control, codes)
-    })?;
-    Ok(codes)
+    Plane::by_bands((gray.rows(), gray.cols()), BAND_ROWS, |first, codes| {
+        describe_band(gray, first, &basis, &quantiser, control, codes)
+    })
 }
 
 fn describe_band<C: Code>(

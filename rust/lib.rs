@@ -2,11 +2,13 @@
 //!
 //! The story of one disparity map, each step a module, in the order in which the data flows:
 //!
-//! 1. Two rectified images of any type become integer planes ([`intensity`]).
+//! 1. Two rectified images of any type ([`view`]) become integer planes ([`intensity`]); masked pixels take
+//!    the values of their neighbours ([`masking`]).
 //! 2. Around every pixel a local Fourier transform ([`basis`], [`spectrum`]) is taken, of which only the
 //!    phase is kept, coarsely ([`quantiser`]): symmetric blur and contrast leave it alone. The levels are
 //!    packed into one word per pixel ([`descriptor`]).
-//! 3. A pixel and a candidate ([`candidates`]) in the other image cost as many bits as differ ([`cost`]).
+//! 3. A pixel and a candidate ([`candidates`]) in the other image cost as many bits as differ ([`cost`]);
+//!    or, for comparison, what their intensities or local contrasts ([`normalisation`]) differ by.
 //! 4. Costs are summed over a window, of which the best of five positions counts ([`aggregation`]).
 //! 5. Dynamic programming along the row chooses a candidate for every pixel ([`scanline`]).
 //! 6. What was chosen becomes a disparity with its flags and its confidence ([`refinement`]).
@@ -24,6 +26,9 @@ pub mod candidates;
 pub mod settings;
 
 pub mod intensity;
+pub mod masking;
+pub mod normalisation;
+pub mod view;
 
 pub mod basis;
 pub mod descriptor;

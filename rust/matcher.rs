@@ -9,11 +9,11 @@ use crate::candidates::Candidates;
 use crate::control::Control;
 use crate::cost::Costs;
 use crate::error::{Error, Result};
-use crate::intensity::View;
 use crate::plane::Plane;
 use crate::refinement::{Evidence, ResultRow};
 use crate::scanline::{Scanline, Steps};
 use crate::settings::Settings;
+use crate::view::View;
 
 /// Most threads that one match may ask for.
 pub const MOST_THREADS: usize = 1024;

@@ -2,6 +2,9 @@
 //!
 //! A cost volume is a plane too: one row holds `width x candidates` values, candidate innermost.
 
+use rayon::prelude::*;
+
+use crate::control::Control;
 use crate::error::{Error, Result};
 
 /// A rectangle of values, row-major and contiguous.
@@ -73,6 +76,34 @@ impl<T: Clone + Default> Plane<T> {
     pub fn new(rows: usize, cols: usize) -> Result<Self> {
         let count = rows.checked_mul(cols).ok_or(Error::OutOfMemory { bytes: usize::MAX })?;
         Ok(Self { rows, cols, data: zeroed(count)? })
+    }
+}
+
+impl<T: Clone + Default + Send> Plane<T> {
+    /// A plane whose bands of `band_rows` rows are written by `write(first_row, values)`, on the threads at
+    /// hand.
+    pub fn by_bands(
+        (rows, cols): (usize, usize),
+        band_rows: usize,
+        write: impl Fn(usize, &mut [T]) -> Result<()> + Sync,
+    ) -> Result<Self> {
+        let mut plane = Self::new(rows, cols)?;
+        let bands = plane.data.par_chunks_mut(band_rows * cols).enumerate();
+        bands.try_for_each(|(band, values)| write(band * band_rows, values))?;
+        Ok(plane)
+    }
+
+    /// A plane whose rows are written by `write(y, row)`, on the threads at hand.
+    pub fn by_rows(
+        size: (usize, usize),
+        control: &Control,
+        write: impl Fn(usize, &mut [T]) + Sync,
+    ) -> Result<Self> {
+        Self::by_bands(size, 1, |y, row| {
+            control.checkpoint()?;
+            write(y, row);
+            Ok(())
+        })
     }
 }
 

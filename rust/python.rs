@@ -18,12 +18,13 @@ use crate::control::Control;
 use crate::cost::Costs;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
-use crate::intensity::{Image, Mask, View, gray_planes};
+use crate::intensity::gray_plane;
 use crate::matcher::{Execution, MOST_THREADS, Pair, on_threads, run};
 use crate::plane::Plane;
 use crate::refinement::flag;
 use crate::scanline::{Steps, optimize};
 use crate::settings::{CostKind, MOST_DISPARITIES, Optimizer, Penalty, Settings, Taper};
+use crate::view::{Image, Mask, View};
 
 /// How often a running match looks for Ctrl-C and reports its progress.
 const TICK: Duration = Duration::from_millis(50);
@@ -115,8 +116,10 @@ fn descriptor<'py>(
     let (threads, control) = (read_threads(threads)?, Control::default());
     let rows = view.image.shape().0;
     let codes = supervised(py, &control, rows, None, || {
-        let [gray] = gray_planes([&view], settings.intensity_range);
-        on_threads(threads, || describe(&gray, &settings, &control))?
+        on_threads(threads, || {
+            let gray = gray_plane(&view, settings.intensity_range, &control)?;
+            describe(&gray, &settings, &control)
+        })?
     })?;
     Ok(match codes {
         Codes::U16(codes) => wrap(py, codes)?.into_any(),

@@ -5,13 +5,15 @@
 use crate::aggregation::Window;
 use crate::basis::Basis;
 use crate::candidates::Candidates;
-use crate::intensity::{DEVIATION_STEPS, LEVEL_STEPS, Mask};
+use crate::intensity::LEVEL_STEPS;
+use crate::normalisation::DEVIATION_STEPS;
 use crate::plane::{Plane, reflect};
 use crate::quantiser::Quantiser;
 use crate::scanline::Steps;
 use crate::settings::Settings;
+use crate::view::Mask;
 
-/// Twin of [`crate::intensity::fill_masked`]: for every masked pixel the whole row is searched, then, for
+/// Twin of [`crate::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
 /// rows without a valid pixel, the whole column of rows.
 pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     let (rows, cols) = (plane.rows(), plane.cols());
@@ -27,7 +29,7 @@ pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     })
 }
 
-/// Twin of [`crate::intensity::normalise`]: mean and variance of each window by themselves.
+/// Twin of [`crate::normalisation::normalise`]: mean and variance of each window by themselves.
 pub fn normalise(plane: &Plane<u16>, window: usize) -> Plane<u16> {
     let (radius, count) = ((window / 2) as isize, (window * window) as i64);
     Plane::from_fn(plane.rows(), plane.cols(), |y, x| {

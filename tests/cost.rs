@@ -2,14 +2,14 @@
 
 mod common;
 
-use common::{descriptors, grays, views};
+use common::{descriptors, gray_pair, grays, level_pair, views};
 use phasestereo::candidates::Candidates;
 use phasestereo::control::Control;
 use phasestereo::cost::{Costs, Votes};
-use phasestereo::intensity::{Image, View, level_planes};
 use phasestereo::plane::Plane;
 use phasestereo::reference;
 use phasestereo::settings::{CostKind, Settings};
+use phasestereo::view::{Image, View};
 use proptest::prelude::*;
 
 fn view(gray: &Plane<i32>) -> View {
@@ -55,7 +55,7 @@ proptest! {
         let count = (gray.cols() as i64).min(5);
         let Ok(candidates) = Candidates::new(min, count, gray.cols()) else { return Ok(()) };
         let (left, right) = (view(&gray), view(&gray.map(|value| value / 3)));
-        let planes = phasestereo::intensity::gray_planes([&left, &right], None);
+        let planes = gray_pair([&left, &right], None);
         let [a, b] = planes.map(|plane| reference::describe(&plane, &settings));
         let volume = volume([&left, &right], candidates, &settings);
         prop_assert_eq!(&volume, &reference::phase_costs(&a, &b, candidates));
@@ -77,7 +77,7 @@ proptest! {
         let (left, right) = (View { mask: None, ..left }, View { mask: None, ..right });
         let candidates = Candidates::new(min, 4, 7).expect("in reach");
         let settings = Settings { cost: CostKind::Sad, ..Settings::default() };
-        let [a, b] = level_planes([&left, &right], None);
+        let [a, b] = level_pair([&left, &right], None);
         let expected = reference::absolute_differences(&a, &b, candidates);
         prop_assert_eq!(volume([&left, &right], candidates, &settings), expected);
     }

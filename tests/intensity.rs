@@ -2,13 +2,14 @@
 
 mod common;
 
-use common::{grays, views, volumes};
+use common::{gray_pair, grays, level_pair, views, volumes};
 use ndarray::Array3;
-use phasestereo::intensity::{
-    Image, Mask, View, fill_masked, gray_planes, level_planes, normalise,
-};
+use phasestereo::control::Control;
+use phasestereo::masking::fill_masked;
+use phasestereo::normalisation::normalise;
 use phasestereo::plane::Plane;
 use phasestereo::reference;
+use phasestereo::view::{Image, Mask, View};
 use proptest::prelude::*;
 
 fn view(image: Image) -> View {
@@ -35,8 +36,8 @@ proptest! {
             _ => unreachable!("kind 2 is single precision"),
         };
         let (far_left, far_right) = (scaled(&left), scaled(&right));
-        prop_assert_eq!(gray_planes([&left, &right], None), gray_planes([&far_left, &far_right], None));
-        prop_assert_eq!(level_planes([&left, &right], None), level_planes([&far_left, &far_right], None));
+        prop_assert_eq!(gray_pair([&left, &right], None), gray_pair([&far_left, &far_right], None));
+        prop_assert_eq!(level_pair([&left, &right], None), level_pair([&far_left, &far_right], None));
     }
 
     #[test]
@@ -48,15 +49,15 @@ proptest! {
         let float = |pixels: &Array3<u8>, offset: i16| {
             view(Image::F32(pixels.mapv(|p| f32::from(p) + f32::from(offset))))
         };
-        let plain = gray_planes([&float(&left, 0), &float(&right, 0)], None);
-        prop_assert_eq!(plain, gray_planes([&float(&left, offset), &float(&right, 0)], None));
+        let plain = gray_pair([&float(&left, 0), &float(&right, 0)], None);
+        prop_assert_eq!(plain, gray_pair([&float(&left, offset), &float(&right, 0)], None));
     }
 
     #[test]
     fn gray_is_exact_for_integers(pixels in bytes(3, 4, 3)) {
-        let [gray, _] = gray_planes([&view(Image::U8(pixels.clone())), &view(Image::U8(pixels.clone()))], None);
+        let [gray, _] = gray_pair([&view(Image::U8(pixels.clone())), &view(Image::U8(pixels.clone()))], None);
         let wide = pixels.mapv(u16::from);
-        let [wide, _] = gray_planes([&view(Image::U16(wide.clone())), &view(Image::U16(wide))], None);
+        let [wide, _] = gray_pair([&view(Image::U16(wide.clone())), &view(Image::U16(wide))], None);
         for ((y, x), _) in pixels.index_axis(ndarray::Axis(2), 0).indexed_iter() {
             let [r, g, b] = [0, 1, 2].map(|c| i32::from(pixels[(y, x, c)]));
             let thousandths = 299 * r + 587 * g + 114 * b;
@@ -68,7 +69,7 @@ proptest! {
     #[test]
     fn levels_are_sixteenths_of_gray_levels_above_black(pixels in bytes(2, 3, 1)) {
         let one = view(Image::U8(pixels.clone()));
-        let [levels, _] = level_planes([&one, &one], None);
+        let [levels, _] = level_pair([&one, &one], None);
         let expected: Vec<u16> = pixels.iter().map(|&p| 16 * (255 + u16::from(p))).collect();
         prop_assert_eq!(levels[0].as_slice(), &expected[..]);
     }
@@ -84,7 +85,7 @@ proptest! {
     #[test]
     fn normalisation_equals_its_definition(plane in volumes(7, 6, 1, 12_240), radius in 0usize..=9) {
         let window = 2 * radius + 1;
-        prop_assert_eq!(normalise(&plane, window), reference::normalise(&plane, window));
+        prop_assert_eq!(normalise(&plane, window, &Control::default()), Ok(reference::normalise(&plane, window)));
     }
 }
 
@@ -98,8 +99,8 @@ fn what_a_mask_covers_has_no_effect() {
     };
     for hidden in [f32::NAN, f32::INFINITY, 1e30] {
         assert_eq!(
-            gray_planes([&with(hidden), &with(0.0)], None),
-            gray_planes([&with(0.0), &with(0.0)], None)
+            gray_pair([&with(hidden), &with(0.0)], None),
+            gray_pair([&with(0.0), &with(0.0)], None)
         );
         assert!(with(hidden).check("left").is_ok());
     }
@@ -111,7 +112,7 @@ fn a_dead_pixel_does_not_coarsen_a_float_image() {
         let pixel = |(y, x, _)| if (y, x) == (9, 9) { dead } else { (y * 40 + x) as f64 };
         view(Image::F64(Array3::from_shape_fn((40, 40, 1), pixel)))
     };
-    let [clean, dead] = gray_planes([&with(0.0), &with(1e200)], None);
+    let [clean, dead] = gray_pair([&with(0.0), &with(1e200)], None);
     let apart =
         |y, x: usize| (clean.row(y)[x] - dead.row(y)[x]) - (clean.row(0)[0] - dead.row(0)[0]);
     assert!((0..40).all(|y| (0..40).all(|x| (y, x) == (9, 9) || apart(y, x) == 0)));
@@ -133,9 +134,9 @@ fn pixels_that_are_no_numbers_are_refused_by_place_and_name() {
 #[test]
 fn constant_images_have_some_scale() {
     let flat = |value: f32| view(Image::F32(Array3::from_elem((2, 2, 1), value)));
-    let [left, right] = gray_planes([&flat(7.0), &flat(-1e30)], None);
+    let [left, right] = gray_pair([&flat(7.0), &flat(-1e30)], None);
     assert_eq!(left, right);
-    let [left, right] = level_planes([&flat(7.0), &flat(7.0)], None);
+    let [left, right] = level_pair([&flat(7.0), &flat(7.0)], None);
     assert_eq!(left, right);
 }
 
@@ -144,11 +145,11 @@ fn a_told_range_sets_the_step() {
     let image = |white: f32| {
         view(Image::F32(Array3::from_shape_fn((1, 4, 1), |(_, x, _)| white * x as f32)))
     };
-    let [half, _] = gray_planes([&image(0.5), &image(0.5)], Some((0.0, 1.0)));
-    let [whole, _] = gray_planes([&image(1.0), &image(1.0)], Some((0.0, 1.0)));
+    let [half, _] = gray_pair([&image(0.5), &image(0.5)], Some((0.0, 1.0)));
+    let [whole, _] = gray_pair([&image(1.0), &image(1.0)], Some((0.0, 1.0)));
     let doubled: Vec<i32> = half.as_slice().iter().map(|value| 2 * value).collect();
     assert_eq!(whole.as_slice(), &doubled[..]);
     let levels: Vec<Plane<u16>> =
-        level_planes([&image(1.0), &image(1.0)], Some((0.0, 255.0)))[0].clone();
+        level_pair([&image(1.0), &image(1.0)], Some((0.0, 255.0)))[0].clone();
     assert_eq!(levels[0].as_slice(), [0, 1, 2, 3].map(|level| 16 * (255 + level)));
 }

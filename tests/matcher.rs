@@ -2,18 +2,18 @@
 
 mod common;
 
-use common::{settings, views};
+use common::{gray_pair, level_pair, settings, views};
 use phasestereo::aggregation::Window;
 use phasestereo::control::Control;
 use phasestereo::cost::{Costs, Votes};
 use phasestereo::error::{Error, Result};
-use phasestereo::intensity::{Image, View, gray_planes, level_planes};
 use phasestereo::matcher::{Disparity, Execution, Pair, on_threads, run};
 use phasestereo::plane::Plane;
 use phasestereo::reference;
 use phasestereo::refinement::{confidence, flag};
 use phasestereo::scanline::Steps;
 use phasestereo::settings::{CostKind, Optimizer, Settings};
+use phasestereo::view::{Image, View};
 use proptest::prelude::*;
 
 /// What a caller sees of a match; NaN compared by its bits.
@@ -33,11 +33,10 @@ fn matched(pair: &Pair, settings: &Settings, threads: usize, band_rows: Option<u
 fn naive_costs(pair: &Pair, settings: &Settings) -> Plane<u16> {
     let ([left, right], told) = (pair.views(), settings.intensity_range);
     if settings.cost == CostKind::Phase {
-        let codes =
-            gray_planes([left, right], told).map(|gray| reference::describe(&gray, settings));
+        let codes = gray_pair([left, right], told).map(|gray| reference::describe(&gray, settings));
         return reference::phase_costs(&codes[0], &codes[1], pair.candidates());
     }
-    let [left, right] = level_planes([left, right], told).map(|channels| {
+    let [left, right] = level_pair([left, right], told).map(|channels| {
         let flatten = |plane: &Plane<u16>| match settings.cost {
             CostKind::NormalisedSad => reference::normalise(plane, settings.window),
             _ => plane.clone(),

@@ -3,9 +3,11 @@
 #![allow(dead_code, reason = "each test file uses its own part of this")]
 
 use ndarray::Array3;
-use phasestereo::intensity::{Image, Mask, View};
+use phasestereo::control::Control;
+use phasestereo::intensity::{gray_planes, level_planes};
 use phasestereo::plane::Plane;
 use phasestereo::settings::{CostKind, Optimizer, Penalty, Settings, Taper};
+use phasestereo::view::{Image, Mask, View};
 use proptest::prelude::*;
 
 /// Legal descriptors of any family; sizes lean to the small, where frequencies meet their bounds.
@@ -103,6 +105,16 @@ pub fn views(rows: usize, cols: usize, kind: u8) -> impl Strategy<Value = View> 
         let mask = mask.map(|mask| Mask::from_vec(rows, cols, mask).expect("the right length"));
         View { image, mask }
     })
+}
+
+/// The gray planes of a pair.
+pub fn gray_pair(views: [&View; 2], told: Option<(f64, f64)>) -> [Plane<i32>; 2] {
+    gray_planes(views, told, &Control::default()).expect("not cancelled")
+}
+
+/// The channel planes of a pair.
+pub fn level_pair(views: [&View; 2], told: Option<(f64, f64)>) -> [Vec<Plane<u16>>; 2] {
+    level_planes(views, told, &Control::default()).expect("not cancelled")
 }
 
 /// A gray plane of pseudo-random values, for the tests that need a size of their own.

@@ -1,0 +1,63 @@
+# Every command of the project; hooks and CI call these same targets. `make help` lists them.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+CORE := python/phasestereo/_core.abi3.so
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint format bench docs wheel hooks clean
+
+help: ## List the commands
+	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
+
+demo: $(CORE) ## Render a pair, spoil one image, match it, print the score, write pictures and a report
+	$(BIN)/phasestereo demo --output demo
+
+test: $(CORE) ## Run all the tests (PHASESTEREO_DATA: the folder of real pairs, default ../shared)
+	cargo test --locked
+	$(BIN)/python -m pytest
+
+lint: $(CORE) ## Check formats, lints, types, stubs and the documentation of the code
+	cargo fmt --check
+	cargo clippy --locked --all-targets --features python -- --deny warnings
+	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --quiet
+	$(BIN)/ruff format --check
+	$(BIN)/ruff check
+	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest phasestereo._core
+
+format: $(VENV)/ready ## Format the code
+	cargo fmt
+	$(BIN)/ruff format
+	$(BIN)/ruff check --fix
+
+bench: ## Time each stage of the core (make bench ARGS=scanline: one of them)
+	cargo bench --locked -- $(ARGS)
+
+docs: $(CORE) ## Build the documentation into site/
+	$(BIN)/pip install --quiet --group docs
+	$(BIN)/mkdocs build --strict
+
+wheel: $(VENV)/ready ## Build a wheel into dist/
+	$(BIN)/maturin build --release --locked --out dist
+
+hooks: ## Check every push as CI would
+	git config core.hooksPath .githooks
+
+clean: ## Remove all that was built
+	rm -rf $(VENV) target dist site demo $(CORE)
+
+# Debian's Python comes without ensurepip unless python3-venv is installed; virtualenv needs neither.
+$(VENV)/ready: pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "phasestereo needs Python 3.11 or newer")'
+	test -x $(BIN)/pip || $(PYTHON) -m venv --clear $(VENV) || \
+		($(PYTHON) -m pip install --quiet --target $(VENV)/bootstrap virtualenv && \
+		PYTHONPATH=$(VENV)/bootstrap $(PYTHON) -m virtualenv --quiet $(VENV))
+	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
+	$(BIN)/pip install --quiet --group dev
+	touch $@
+
+$(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs)
+	$(BIN)/maturin develop --release --locked --extras demo --quiet
+	touch $@

@@ -1,0 +1,52 @@
+//! Masked pixels take the values of valid neighbours, so that what they hold has no effect on anything.
+
+use crate::plane::Plane;
+use crate::view::Mask;
+
+/// Replaces masked values by the nearest valid one of their row (ties: left); rows without any copy the
+/// nearest row that has one (ties: above); a plane without any becomes zero.
+pub fn fill_masked<T: Copy + Default>(plane: &mut Plane<T>, mask: &Mask) {
+    let seeded: Vec<bool> =
+        (0..plane.rows()).map(|y| fill_row(plane.row_mut(y), mask.row(y))).collect();
+    let sources = nearest(&seeded);
+    for (y, source) in sources.into_iter().enumerate() {
+        match source {
+            Some(from) if from != y => {
+                let copied = plane.row(from).to_vec();
+                plane.row_mut(y).copy_from_slice(&copied);
+            }
+            Some(_) => {}
+            None => plane.row_mut(y).fill(T::default()),
+        }
+    }
+}
+
+fn fill_row<T: Copy>(row: &mut [T], valid: &[bool]) -> bool {
+    let sources = nearest(valid);
+    let original = row.to_vec();
+    for (value, source) in row.iter_mut().zip(&sources) {
+        if let Some(x) = source {
+            *value = original[*x];
+        }
+    }
+    valid.contains(&true)
+}
+
+/// For every place the nearest one that holds true, ties to the smaller.
+fn nearest(present: &[bool]) -> Vec<Option<usize>> {
+    let mut before = None;
+    let mut places: Vec<Option<usize>> = Vec::with_capacity(present.len());
+    for (i, &here) in present.iter().enumerate() {
+        before = if here { Some(i) } else { before };
+        places.push(before);
+    }
+    let mut after: Option<usize> = None;
+    for (i, place) in places.iter_mut().enumerate().rev() {
+        after = if present[i] { Some(i) } else { after };
+        *place = match (*place, after) {
+            (Some(a), Some(b)) => Some(if b - i < i - a { b } else { a }),
+            (found, None) | (None, found) => found,
+        };
+    }
+    places
+}

@@ -1,0 +1,133 @@
+//! One camera's part of a pair: its pixels, of any type, and which of them are valid.
+
+use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
+
+use crate::error::{Error, Result};
+use crate::plane::Plane;
+
+/// Largest magnitude of a float pixel; products with it stay finite.
+const LARGEST_PIXEL: f64 = 1e300;
+
+/// An image of `rows x cols x channels` (1 or 3 channels) as it came from the caller.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Image {
+    /// 8 bits a channel.
+    U8(Array3<u8>),
+    /// 16 bits a channel.
+    U16(Array3<u16>),
+    /// Single precision.
+    F32(Array3<f32>),
+    /// Double precision.
+    F64(Array3<f64>),
+}
+
+/// Which pixels are valid.
+pub type Mask = Plane<bool>;
+
+/// One camera's part of a pair.
+#[derive(Debug, Clone, PartialEq)]
+pub struct View {
+    /// Its pixels.
+    pub image: Image,
+    /// Its valid pixels; `None`: all.
+    pub mask: Option<Mask>,
+}
+
+impl Image {
+    /// Rows, columns and channels.
+    pub fn shape(&self) -> (usize, usize, usize) {
+        match self {
+            Self::U8(pixels) => pixels.dim(),
+            Self::U16(pixels) => pixels.dim(),
+            Self::F32(pixels) => pixels.dim(),
+            Self::F64(pixels) => pixels.dim(),
+        }
+    }
+
+    /// Largest value of an integer type; floats have none.
+    pub fn white(&self) -> Option<u16> {
+        match self {
+            Self::U8(_) => Some(u8::MAX.into()),
+            Self::U16(_) => Some(u16::MAX),
+            Self::F32(_) | Self::F64(_) => None,
+        }
+    }
+
+    /// Writes the luminance of row `y` in thousandths of the pixels' unit: `299 R + 587 G + 114 B`, exact
+    /// for integers.
+    pub fn write_luminance(&self, y: usize, row: &mut [f64]) {
+        match self {
+            Self::U8(pixels) => write_luminance(row_of(pixels, y), f64::from, row),
+            Self::U16(pixels) => write_luminance(row_of(pixels, y), f64::from, row),
+            Self::F32(pixels) => write_luminance(row_of(pixels, y), f64::from, row),
+            Self::F64(pixels) => write_luminance(row_of(pixels, y), |value| value, row),
+        }
+    }
+
+    /// Writes channel `c` of row `y` in thousandths of the pixels' unit.
+    pub fn write_channel(&self, c: usize, y: usize, row: &mut [f64]) {
+        match self {
+            Self::U8(pixels) => write_channel(row_of(pixels, y), c, f64::from, row),
+            Self::U16(pixels) => write_channel(row_of(pixels, y), c, f64::from, row),
+            Self::F32(pixels) => write_channel(row_of(pixels, y), c, f64::from, row),
+            Self::F64(pixels) => write_channel(row_of(pixels, y), c, |value| value, row),
+        }
+    }
+}
+
+impl View {
+    /// Refuses pixels that are NaN, infinite or absurdly large, unless the mask covers them.
+    pub fn check(&self, argument: &'static str) -> Result<()> {
+        let valid = |y: usize, x: usize| self.mask.as_ref().is_none_or(|mask| mask.row(y)[x]);
+        let fault = match &self.image {
+            Image::F32(pixels) => first_fault(pixels.view(), f64::from, valid),
+            Image::F64(pixels) => first_fault(pixels.view(), |value| value, valid),
+            Image::U8(_) | Image::U16(_) => None,
+        };
+        let Some((y, x, value)) = fault else { return Ok(()) };
+        let got = format!("{value} at row {y}, column {x}");
+        let accepts = format!(
+            "finite pixels of magnitude up to {LARGEST_PIXEL:e}; to leave pixels out, pass {argument}_mask \
+             (True = valid)"
+        );
+        Err(Error::value(argument, got, accepts))
+    }
+}
+
+fn row_of<T>(pixels: &Array3<T>, y: usize) -> ArrayView2<'_, T> {
+    pixels.index_axis(Axis(0), y)
+}
+
+fn write_luminance<T: Copy>(pixels: ArrayView2<T>, widen: impl Fn(T) -> f64, row: &mut [f64]) {
+    if pixels.ncols() != 3 {
+        return write_channel(pixels, 0, widen, row);
+    }
+    for (value, pixel) in row.iter_mut().zip(pixels.outer_iter()) {
+        *value = 299.0 * widen(pixel[0]) + 587.0 * widen(pixel[1]) + 114.0 * widen(pixel[2]);
+    }
+}
+
+fn write_channel<T: Copy>(
+    pixels: ArrayView2<T>,
+    c: usize,
+    widen: impl Fn(T) -> f64,
+    row: &mut [f64],
+) {
+    for (value, pixel) in row.iter_mut().zip(pixels.column(c)) {
+        *value = 1000.0 * widen(*pixel);
+    }
+}
+
+fn first_fault<T: Copy>(
+    pixels: ArrayView3<T>,
+    widen: impl Fn(T) -> f64,
+    valid: impl Fn(usize, usize) -> bool,
+) -> Option<(usize, usize, f64)> {
+    let is_fault = |value: f64| value.is_nan() || value.abs() > LARGEST_PIXEL;
+    // Nearly every image is free of faults, and a plain sweep over the values is quick to say so.
+    if !pixels.iter().any(|&value| is_fault(widen(value))) {
+        return None;
+    }
+    let values = pixels.indexed_iter().map(|((y, x, _), &value)| (y, x, widen(value)));
+    values.into_iter().find(|&(y, x, value)| is_fault(value) && valid(y, x))
+}

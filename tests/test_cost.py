@@ -1,0 +1,61 @@
+"""Cost volumes, held to the oracle: eq. 6 by its definition, SAD and normalised SAD by theirs."""
+
+from __future__ import annotations
+
+import numpy as np
+import oracle
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_descriptor import decoded
+
+import phasestereo as ps
+
+
+@pytest.mark.parametrize("bits", [1, 2, 3, 4])
+@given(seed=st.integers(0, 1000), low=st.integers(-9, 9), count=st.integers(1, 8))
+def test_popcount_is_the_circular_distance(bits: int, seed: int, low: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    left, right = rng.integers(0, 256, (2, 4, 10), np.uint8)
+    volume = ps.cost_volume(left, right, num_disparities=count, min_disparity=low, bits=bits)
+    levels = [decoded(ps.descriptor(image, bits=bits), 7, bits) for image in (left, right)]
+    expected = oracle.phase_costs(*levels, low, count, bits)
+    np.testing.assert_array_equal(volume, expected)
+
+
+@given(
+    seed=st.integers(0, 1000),
+    channels=st.tuples(st.sampled_from([1, 3]), st.sampled_from([1, 3])),
+    low=st.integers(-5, 6),
+)
+def test_sad_is_in_sixteenths_of_gray_levels(
+    seed: int, channels: tuple[int, int], low: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    left, right = (rng.integers(0, 256, (3, 7, c), np.uint8) for c in channels)
+    volume = ps.cost_volume(left, right, num_disparities=4, min_disparity=low, cost="sad")
+    if channels != (3, 3):
+        sides = oracle.to_gray(left), oracle.to_gray(right)
+        columns = oracle.right_columns(7, low, 4)
+        expected = 16 * np.abs(sides[0][:, :, None] - sides[1][:, columns])
+        # Gray values are rounded to a sixteenth on either side.
+        np.testing.assert_allclose(volume, expected, rtol=0, atol=1)
+    else:
+        np.testing.assert_array_equal(volume, 16 * oracle.sad_costs(left, right, low, 4))
+
+
+@pytest.mark.parametrize("window", [3, 9, 21])
+def test_normalised_sad_is_in_256ths_of_deviations(window: int) -> None:
+    rng = np.random.default_rng(1)
+    left, right = rng.integers(0, 256, (2, 12, 15, 3), np.uint8)
+    volume = ps.cost_volume(left, right, num_disparities=5, cost="nsad", window=window)
+    expected = 256 * oracle.nsad_costs(left, right, window, 0, 5)
+    # Three channels, rounded on either side.
+    np.testing.assert_allclose(volume, expected, rtol=0, atol=3)
+
+
+def test_the_intensity_range_sets_the_unit_of_sad() -> None:
+    left, right = np.full((1, 3), 0.25, np.float32), np.full((1, 3), 0.75, np.float32)
+    told = {"cost": "sad", "num_disparities": 1}
+    assert (ps.cost_volume(left, right, intensity_range=(0, 1), **told) == 16 * 127.5).all()
+    assert (ps.cost_volume(left, right, intensity_range=(0, 255), **told) == 8).all()

@@ -1,0 +1,145 @@
+"""Phase codes, held to the oracle: the paper's formulas in floating point."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import oracle
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import phasestereo as ps
+
+# How far a component may be from the exact one, per unit of gray summed over its neighbourhood: the
+# two integer tables are within 2^-12 of the exact cosines each, rounding to a zero sum included.
+TABLE_ERROR = 2.0**-11
+
+FAMILIES = [
+    (neighborhood, r, s, power, bits)
+    for neighborhood in (3, 5, 7, 9, 15)
+    for r, s in ((0, 1), (1, 0), (1, 1), (2, 1), (3, 2), (4, 4))
+    for power in (1, 2)
+    for bits in (1, 2, 3, 4)
+    if max(r, s) <= (neighborhood - 1) // 2 and (r * (2 * s + 1) + s) << (bits - 1) <= 64
+]
+
+
+def decoded(codes: NDArray[Any], components: int, bits: int) -> NDArray[np.int64]:
+    """Return the levels that packed Johnson codes stand for, (H, W, D) in [-2^(b-1), 2^(b-1))."""
+    length = 1 << (bits - 1)
+    shifts = np.arange(components, dtype=np.uint64) * np.uint64(length)
+    words = (codes.astype(np.uint64)[..., None] >> shifts) & np.uint64((1 << length) - 1)
+    ones = np.bitwise_count(words).astype(np.int64)
+    rising = (words & np.uint64(1)).astype(bool) | (ones == 0)
+    level = np.where(rising, ones, 2 * length - ones)
+    return np.where(level < length, level, level - 2 * length)
+
+
+def uncertainty(gray: NDArray[np.float64], neighborhood: int) -> NDArray[np.float64]:
+    """Return how far integer components may lie from exact ones, for every pixel."""
+    absolute = np.abs(gray - gray.mean())
+    half = neighborhood // 2
+    padded = np.pad(absolute, half, mode="symmetric")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (neighborhood, neighborhood))
+    return TABLE_ERROR * windows.sum((2, 3))[..., None] + 1e-9
+
+
+def assert_like_oracle(image: NDArray[Any], family: tuple[int, ...], taper: str = "uniform") -> None:
+    neighborhood, r, s, power, bits = family
+    codes = ps.descriptor(
+        image, neighborhood=neighborhood, frequencies=(r, s), power=power, bits=bits, taper=taper
+    )
+    gray = oracle.to_gray(image)
+    spectrum = oracle.spectrum(gray, neighborhood, r, s, taper)
+    levels = decoded(codes, spectrum.shape[2], bits)
+    near = oracle.boundary_distance(spectrum, power, bits) <= uncertainty(gray, neighborhood)
+    expected = oracle.levels(spectrum, power, bits)
+    np.testing.assert_array_equal(levels[~near], expected[~near])
+    assert near.mean() < 0.25, "the bound excuses too much to be a test"
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_codes_follow_the_formulas(family: tuple[int, ...]) -> None:
+    image = np.random.default_rng(3).integers(0, 256, (17, 23), np.uint8)
+    assert_like_oracle(image, family)
+
+
+@pytest.mark.parametrize("taper", ["gaussian", "hann"])
+@pytest.mark.parametrize("family", [(7, 2, 1, 1, 2), (15, 4, 4, 1, 1), (9, 2, 2, 2, 3)])
+def test_tapered_codes_follow_the_formulas(family: tuple[int, ...], taper: str) -> None:
+    image = np.random.default_rng(4).integers(0, 256, (12, 19, 3), np.uint8)
+    assert_like_oracle(image, family, taper)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
+def test_every_type_keeps_its_precision(dtype: type[np.generic]) -> None:
+    rng = np.random.default_rng(5)
+    scale = 255 if dtype is np.uint8 else 65535
+    image = (rng.random((20, 30, 3)) * scale).astype(dtype)
+    assert_like_oracle(image, (7, 2, 1, 1, 2))
+
+
+def test_the_largest_neighbourhood_is_no_exception() -> None:
+    image = np.random.default_rng(6).integers(0, 65536, (9, 70), np.uint16)
+    assert_like_oracle(image, (63, 4, 4, 1, 1))
+
+
+@given(
+    seed=st.integers(0, 1000),
+    shift=st.integers(1, 7),
+    rows=st.integers(1, 9),
+    cols=st.integers(1, 9),
+    taper=st.sampled_from(["uniform", "gaussian", "hann"]),
+)
+def test_scale_and_type_change_no_code(
+    seed: int, shift: int, rows: int, cols: int, taper: str
+) -> None:
+    image = np.random.default_rng(seed).integers(0, 256, (rows, cols, 3), np.uint8)
+    codes = ps.descriptor(image, taper=taper)
+    wide = image.astype(np.uint16) << shift
+    np.testing.assert_array_equal(ps.descriptor(wide, taper=taper), codes)
+    for dtype in (np.float32, np.float64):
+        real = image.astype(dtype)
+        np.testing.assert_array_equal(
+            ps.descriptor(real * 2.0**shift, taper=taper), ps.descriptor(real, taper=taper)
+        )
+
+
+@given(seed=st.integers(0, 1000), offset=st.integers(-50, 50), bits=st.integers(1, 4))
+def test_an_offset_changes_no_code(seed: int, offset: int, bits: int) -> None:
+    image = np.random.default_rng(seed).integers(50, 206, (8, 11), np.uint8)
+    moved = (image.astype(int) + offset).astype(np.uint8)
+    np.testing.assert_array_equal(ps.descriptor(moved, bits=bits), ps.descriptor(image, bits=bits))
+    real = image.astype(np.float32)
+    np.testing.assert_array_equal(
+        ps.descriptor(real + np.float32(offset), bits=bits), ps.descriptor(real, bits=bits)
+    )
+
+
+def test_words_are_the_narrowest() -> None:
+    image = np.zeros((3, 4), np.uint8)
+    assert ps.descriptor(image).dtype == np.uint16
+    assert ps.descriptor(image, bits=3).dtype == np.uint32
+    assert ps.descriptor(image, bits=4).dtype == np.uint64
+    assert not ps.descriptor(image).any(), "nothing but ties: level 0 throughout"
+
+
+def test_masked_pixels_have_no_effect_on_others() -> None:
+    rng = np.random.default_rng(7)
+    image = rng.random((15, 20))
+    mask = rng.random((15, 20)) > 0.2
+    hidden = np.where(mask, image, np.nan)
+    filled = oracle.fill_masked(image, mask)
+    told = {"intensity_range": (0.0, 1.0)}
+    codes = ps.descriptor(hidden, mask=mask, **told)
+    np.testing.assert_array_equal(codes, ps.descriptor(filled, **told))
+
+
+def test_threads_change_nothing() -> None:
+    image = np.random.default_rng(8).integers(0, 256, (300, 11), np.uint8)
+    expected = ps.descriptor(image, threads=1)
+    for threads in range(2, 9):
+        np.testing.assert_array_equal(ps.descriptor(image, threads=threads), expected)

@@ -1,0 +1,253 @@
+"""Whole matches: on real pairs, against the oracle, with masks, in any type and layout."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import oracle
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from test_descriptor import decoded
+
+import phasestereo as ps
+from phasestereo.datasets import find_scene
+from phasestereo.metrics import bad_pixels
+
+PAPER = {"neighborhood": 7, "window": 9, "frequencies": (2, 1), "power": 1, "bits": 2}
+
+
+def noise_pair(rows: int, cols: int, shift: int, seed: int = 0) -> tuple[Any, Any]:
+    """Return a pair of random texture in which every pixel has the disparity ``shift``."""
+    texture = np.random.default_rng(seed).integers(0, 256, (rows, cols + shift), np.uint8)
+    return texture[:, :cols], texture[:, shift:]
+
+
+# The oracle gives 5.645, 2.674 and 7.393 %: the bounds leave room for ties alone.
+@pytest.mark.parametrize(("name", "bound"), [("tsukuba", 6.0), ("venus", 3.0), ("cones", 7.6)])
+def test_the_paper_preset_on_real_pairs(data: Path, name: str, bound: float) -> None:
+    pair = find_scene(data / "middlebury", name).load()
+    result = ps.match(
+        pair.left, pair.right, num_disparities=pair.num_disparities, preset="paper", **PAPER
+    )
+    assert pair.truth is not None
+    assert bad_pixels(result.disparity, pair.truth, 1.0, pair.masks["nonocc"]) <= bound
+
+
+@settings(max_examples=60)
+@given(
+    seed=st.integers(0, 1000),
+    shape=st.tuples(st.integers(1, 9), st.integers(1, 11)),
+    low=st.integers(-6, 6),
+    bits=st.integers(1, 4),
+    radius=st.integers(0, 4),
+    shiftable=st.booleans(),
+    optimizer=st.sampled_from(["dp", "wta"]),
+    penalty=st.sampled_from([0, 0.5, 2]),
+)
+def test_codes_to_disparities_equal_the_oracle(
+    seed: int,
+    shape: tuple[int, int],
+    low: int,
+    bits: int,
+    radius: int,
+    *,
+    shiftable: bool,
+    optimizer: str,
+    penalty: float,
+) -> None:
+    count, window = min(4, shape[1]), 2 * radius + 1
+    assume(-shape[1] - count + 1 < low < shape[1])
+    left, right = np.random.default_rng(seed).integers(0, 256, (2, *shape), np.uint8)
+    aggregation: dict[str, Any] = {"window": window, "shiftable": shiftable}
+    choice: dict[str, Any] = {"optimizer": optimizer, "penalty": penalty}
+    options = {"num_disparities": count, "min_disparity": low, "bits": bits}
+    result = ps.match(left, right, **options, **aggregation, **choice)
+    levels = [decoded(ps.descriptor(image, bits=bits), 7, bits) for image in (left, right)]
+    costs = oracle.phase_costs(*levels, low, count, bits)
+    volume = oracle.aggregate(costs, window, shiftable=shiftable)
+    step = oracle.window_penalty(penalty, window)
+    chosen = (
+        oracle.scanline(volume, step, step)
+        if optimizer == "dp"
+        else oracle.winner_takes_all(volume)
+    )
+    np.testing.assert_array_equal(result.disparity, chosen + low)
+    np.testing.assert_allclose(result.confidence, oracle.confidence(volume, chosen), rtol=1e-6)
+
+
+def test_images_to_disparities_equal_the_oracle_but_for_rounding(data: Path) -> None:
+    pair = find_scene(data / "middlebury", "cones").load()
+    left, right = pair.left[150:190], pair.right[150:190]
+    result = ps.match(left, right, num_disparities=64)
+    expected = oracle.match_phase(
+        left,
+        right,
+        min_disparity=0,
+        num_disparities=64,
+        L=7,
+        window=9,
+        r=2,
+        s=1,
+        k=1,
+        b=2,
+        penalty=2,
+    )
+    # A few components lie within rounding of a boundary: 99.9 % of the pixels were equal.
+    assert (result.disparity == expected).mean() > 0.995
+
+
+def test_confidence_is_the_relative_margin() -> None:
+    left, right = noise_pair(12, 20, 3)
+    result = ps.match(left, right, num_disparities=6)
+    volume = oracle.aggregate(
+        ps.cost_volume(left, right, num_disparities=6).astype(np.int64), 9, shiftable=True
+    )
+    expected = oracle.confidence(volume, result.disparity.astype(int))
+    np.testing.assert_allclose(result.confidence, expected, rtol=1e-6)
+    assert result.confidence[:, 6:].min() > 0.5, "random texture leaves no doubt"
+
+
+def test_shifted_texture_is_found_and_the_border_is_flagged() -> None:
+    left, right = noise_pair(30, 60, 5)
+    result = ps.match(left, right, num_disparities=16)
+    assert (result.disparity[:, 10:] == 5).all()
+    assert (result.flags[:, 10:] == 0).all()
+    columns = np.arange(60) - result.disparity
+    np.testing.assert_array_equal((result.flags & ps.Flag.OUTSIDE) != 0, columns < 0)
+
+
+def test_negative_disparities() -> None:
+    right, left = noise_pair(20, 40, 4)
+    result = ps.match(left, right, num_disparities=8, min_disparity=-7)
+    assert (result.disparity[:, :30] == -4).all()
+    columns = np.arange(40) - result.disparity
+    np.testing.assert_array_equal((result.flags & ps.Flag.OUTSIDE) != 0, columns > 39)
+
+
+def test_without_fill_untrusted_estimates_are_missing() -> None:
+    left, right = noise_pair(20, 40, 6)
+    dense = ps.match(left, right, num_disparities=12)
+    sparse = ps.match(left, right, num_disparities=12, fill=False)
+    np.testing.assert_array_equal(np.isnan(sparse.disparity), dense.flags != 0)
+    np.testing.assert_array_equal(sparse.flags, dense.flags)
+    assert np.isfinite(dense.disparity).all()
+    assert (dense.flags != 0).any()
+
+
+def test_masked_pixels_neither_vote_nor_are_estimated() -> None:
+    rng = np.random.default_rng(1)
+    left, right = noise_pair(30, 50, 4)
+    masks = {"left_mask": rng.random((30, 50)) > 0.1, "right_mask": rng.random((30, 50)) > 0.1}
+    result = ps.match(left, right, num_disparities=8, **masks)
+    garbage = [
+        np.where(mask, image, 255 - image)
+        for image, mask in zip((left, right), masks.values(), strict=True)
+    ]
+    again = ps.match(*garbage, num_disparities=8, **masks)
+    for field in ("disparity", "flags", "confidence"):
+        np.testing.assert_array_equal(getattr(again, field), getattr(result, field))
+    masked = ~masks["left_mask"]
+    np.testing.assert_array_equal((result.flags & ps.Flag.MASKED) != 0, masked)
+    assert np.isnan(result.disparity[masked]).all()
+    missing = (result.flags & (ps.Flag.MASKED | ps.Flag.NO_CANDIDATE)) != 0
+    np.testing.assert_array_equal(np.isnan(result.disparity), missing)
+    assert (result.disparity[:, 8:][~masked[:, 8:]] == 4).mean() > 0.99
+
+
+def test_matches_on_masked_pixels_are_flagged() -> None:
+    left, right = noise_pair(20, 30, 3)
+    right_mask = np.ones((20, 30), bool)
+    right_mask[8:12, 10:13] = False
+    result = ps.match(left, right, num_disparities=6, right_mask=right_mask)
+    columns = np.clip(np.arange(30) - result.disparity, 0, 29).astype(int)
+    hit = ~right_mask[np.arange(20)[:, None], columns]
+    np.testing.assert_array_equal((result.flags & ps.Flag.MATCH_MASKED) != 0, hit)
+    assert hit.any()
+
+
+def test_nothing_to_match_with_leaves_no_candidate() -> None:
+    left, right = noise_pair(6, 9, 2)
+    result = ps.match(left, right, num_disparities=3, right_mask=np.zeros((6, 9), bool))
+    assert (result.flags == ps.Flag.NO_CANDIDATE).all()
+    assert np.isnan(result.disparity).all()
+    assert not result.confidence.any()
+
+
+def test_nan_under_a_mask_is_welcome() -> None:
+    left, right = (image.astype(np.float32) for image in noise_pair(20, 30, 3))
+    left_mask = np.ones((20, 30), bool)
+    left_mask[5:9, 11:17] = False
+    clean = ps.match(left, right, num_disparities=6, left_mask=left_mask)
+    left[5:9, 11:17] = np.nan
+    holed = ps.match(left, right, num_disparities=6, left_mask=left_mask)
+    np.testing.assert_array_equal(holed.disparity, clean.disparity)
+
+
+@pytest.mark.parametrize("cost", ["phase", "sad", "nsad"])
+def test_type_layout_and_byte_order_change_nothing(cost: str) -> None:
+    rng = np.random.default_rng(2)
+    left, right = rng.integers(0, 256, (2, 14, 22, 3), np.uint8)
+    options = {"num_disparities": 5, "cost": cost}
+    expected = ps.match(left, right, **options).disparity
+    wide = [image.astype(np.uint16) * np.uint16(257) for image in (left, right)]
+    alpha = np.dstack([left, rng.integers(0, 256, (14, 22), np.uint8)])
+    unaligned = np.frombuffer(b"\0" + wide[0].tobytes(), np.uint8)[1:].view(np.uint16)
+    variants: list[tuple[Any, Any]] = [
+        (np.asfortranarray(left), right),
+        (np.repeat(left, 2, axis=1)[:, ::2], right),
+        (left[::-1, ::-1].copy()[::-1, ::-1], right),
+        (alpha, right),
+        (wide[0], wide[1]),
+        (wide[0].astype(">u2"), wide[1].astype("<u2")),
+        (unaligned.reshape(14, 22, 3), wide[1]),
+        (left.astype(np.float64), right.astype(">f8")),
+    ]
+    for variant in variants:
+        told = {"intensity_range": (0, 255)} if variant[0].dtype.kind == "f" else {}
+        np.testing.assert_array_equal(ps.match(*variant, **options, **told).disparity, expected)
+
+
+def test_gray_and_colour_may_meet() -> None:
+    left, right = noise_pair(12, 20, 2)
+    expected = ps.match(left, right, num_disparities=5).disparity
+    colour = np.repeat(left[:, :, None], 3, axis=2)
+    found = ps.match(colour, right[:, :, None], num_disparities=5).disparity
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_contrast_is_left_alone() -> None:
+    left, right = noise_pair(25, 40, 3)
+    dim = (left // 4 + 60).astype(np.uint8)
+    assert (ps.match(dim, right, num_disparities=8).disparity[:, 8:] == 3).all()
+
+
+def test_threads_change_nothing() -> None:
+    left, right = noise_pair(90, 40, 5)
+    expected = ps.match(left, right, num_disparities=9, threads=1)
+    for threads in range(2, 9):
+        found = ps.match(left, right, num_disparities=9, threads=threads)
+        for field in ("disparity", "flags", "confidence"):
+            np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 3)])
+def test_windows_larger_than_the_image_are_fine(shape: tuple[int, int]) -> None:
+    image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    result = ps.match(image, image, num_disparities=1, window=63, neighborhood=63)
+    assert (result.disparity == 0).all()
+
+
+def test_results_tell_about_themselves_and_travel() -> None:
+    left, right = noise_pair(10, 20, 2)
+    result = ps.match(left, right, num_disparities=4)
+    assert result.disparity.dtype == result.confidence.dtype == np.float32
+    assert result.flags.dtype == np.uint16
+    assert set(result.timings) == {"description", "matching"}
+    assert "20x10, 100.0% estimated" in repr(result)
+    copy = pickle.loads(pickle.dumps(result))  # noqa: S301  # our own bytes
+    np.testing.assert_array_equal(copy.disparity, result.disparity)
+    assert copy.settings == result.settings

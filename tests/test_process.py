@@ -1,0 +1,171 @@
+"""A match inside a process: signals, other threads, forks, memory."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+
+RNG = np.random.default_rng(0)
+SMALL = RNG.integers(0, 256, (2, 40, 60), np.uint8)
+
+
+def run(code: str, *, timeout: float = 60) -> subprocess.CompletedProcess[str]:
+    """Run Python code in a process of its own."""
+    return subprocess.run(  # noqa: S603  # our own interpreter on our own code
+        [sys.executable, "-W", "error", "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
+    )
+
+
+INTERRUPTED = """
+import _thread, threading, time
+import numpy as np, phasestereo as ps
+pair = np.random.default_rng(0).integers(0, 256, (2, 3000, 3000), np.uint8)
+seen = []
+def interrupt():
+    while not seen:
+        time.sleep(0.01)
+    seen.append(time.monotonic())
+    _thread.interrupt_main()
+threading.Thread(target=interrupt).start()
+try:
+    ps.match(*pair, num_disparities=2000, progress=lambda *rows: seen.append(rows))
+except KeyboardInterrupt:
+    asked = next(moment for moment in seen if isinstance(moment, float))
+    print(time.monotonic() - asked)
+"""
+
+
+def test_ctrl_c_stops_a_long_match_within_a_second() -> None:
+    finished = run(INTERRUPTED)
+    assert finished.returncode == 0, finished.stderr
+    # A second is promised to the user; a busy machine may take its time to schedule the threads.
+    assert float(finished.stdout) < 5
+
+
+FORKED = """
+import os, signal
+import numpy as np, phasestereo as ps
+pair = np.random.default_rng(0).integers(0, 256, (2, 40, 60), np.uint8)
+parent = ps.match(*pair, num_disparities=8, threads=4)
+child = os.fork()
+if child == 0:
+    signal.alarm(20)
+    again = ps.match(*pair, num_disparities=8, threads=4)
+    os._exit(0 if (again.disparity == parent.disparity).all() else 3)
+_, status = os.waitpid(child, 0)
+raise SystemExit(os.waitstatus_to_exitcode(status))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_forked_child_matches_after_its_parent() -> None:
+    finished = run(FORKED)
+    assert finished.returncode == 0, finished.stderr
+
+
+def test_other_python_threads_run_during_a_match() -> None:
+    pair = RNG.integers(0, 256, (2, 600, 800), np.uint8)
+    match = threading.Thread(target=lambda: ps.match(*pair, num_disparities=256, threads=1))
+    match.start()
+    steps = 0
+    while match.is_alive():
+        time.sleep(0.001)
+        steps += 1
+    assert steps > 20, "the interpreter was held"
+
+
+def test_many_matches_at_once_do_not_disturb_each_other() -> None:
+    expected = ps.match(*SMALL, num_disparities=8).disparity
+    found: list[Any] = []
+    threads = [
+        threading.Thread(
+            target=lambda: found.append(ps.match(*SMALL, num_disparities=8, threads=3).disparity)
+        )
+        for _ in range(8)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == 8
+    assert all((disparity == expected).all() for disparity in found)
+
+
+def test_progress_is_told_to_the_end() -> None:
+    calls: list[tuple[int, int]] = []
+    pair = RNG.integers(0, 256, (2, 300, 400), np.uint8)
+    ps.match(*pair, num_disparities=128, progress=lambda *call: calls.append(call))
+    assert calls[-1] == (300, 300)
+    assert calls == sorted(calls)
+
+
+def test_what_progress_raises_ends_the_match() -> None:
+    def stop(done: int, rows: int) -> None:
+        raise LookupError(f"{done} of {rows}")
+
+    with pytest.raises(LookupError, match="of 40"):
+        ps.match(*SMALL, num_disparities=8, progress=stop)
+
+
+def test_writing_into_an_image_during_its_match_is_safe() -> None:
+    pair = RNG.integers(0, 256, (2, 300, 400), np.uint8)
+    expected = ps.match(*pair, num_disparities=64).disparity
+    left = pair[0].copy()
+
+    def scribble(*_: int) -> None:
+        left[:] = 0
+
+    found = ps.match(left, pair[1], num_disparities=64, progress=scribble).disparity
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of address space are Linux's")
+def test_memory_that_cannot_be_had_is_a_memory_error() -> None:
+    finished = run("""
+import resource
+import numpy as np, phasestereo as ps
+image = np.zeros((4, 16384), np.uint8)
+ps.match(image[:, :64], image[:, :64], num_disparities=4, threads=1)
+resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
+try:
+    ps.match(image, image, num_disparities=16384, threads=1)
+except MemoryError as error:
+    print(error)
+""")
+    assert finished.returncode == 0, finished.stderr
+    assert "bytes of working memory" in finished.stdout
+
+
+def test_the_command_to_import_is_quiet() -> None:
+    finished = run("import phasestereo")
+    assert (finished.returncode, finished.stdout, finished.stderr) == (0, "", "")
+
+
+def test_numpy_is_all_that_an_import_needs() -> None:
+    finished = run("""
+import sys, phasestereo
+extras = {"PIL", "tifffile", "matplotlib", "jinja2", "cyclopts", "rich", "scipy", "cv2"}
+print(sorted(extras & sys.modules.keys()))
+""")
+    assert finished.stdout.strip() == "[]"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are sent otherwise there")
+def test_a_signal_of_the_system_is_noticed() -> None:
+    code = INTERRUPTED.replace("_thread.interrupt_main()", "os.kill(os.getpid(), signal.SIGINT)")
+    finished = run("import os, signal\n" + code)
+    assert finished.returncode == 0, finished.stderr
+    assert float(finished.stdout) < 5

@@ -1,0 +1,154 @@
+"""Bad arguments of a match: each is refused by its name, with what it got and what is accepted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+
+IMAGE = np.zeros((6, 8), np.uint8)
+REAL = np.zeros((6, 8), np.float32)
+
+
+def refused(error: type[Exception], message: str, **arguments: Any) -> None:
+    """Check that a match of a proper pair with these arguments exchanged is refused."""
+    proper: dict[str, Any] = {"left": IMAGE, "right": IMAGE, "num_disparities": 4}
+    with pytest.raises(error, match=message):
+        ps.match(**(proper | arguments))
+
+
+def holed(value: float) -> np.ndarray:
+    image = REAL.copy()
+    image[2, 3] = value
+    return image
+
+
+@pytest.mark.parametrize("name", ["left", "right"])
+@pytest.mark.parametrize(
+    "image",
+    [
+        IMAGE.astype(object),
+        IMAGE.astype(complex),
+        IMAGE.astype(np.int16),
+        IMAGE.astype(np.int64),
+        IMAGE.astype(np.float16),
+        IMAGE.astype(np.longdouble),
+        IMAGE.astype(bool),
+        IMAGE.astype(str),
+        np.zeros((6, 8), "datetime64[s]"),
+        np.zeros((6, 8), [("red", np.uint8)]),
+        None,
+        "left.png",
+        [[0, 1], [2, 3]],
+        [[0], [1, 2]],
+        {1: 2},
+        np.ma.masked_array(IMAGE, IMAGE == 0),
+    ],
+    ids=lambda image: type(image).__name__ + "-" + str(getattr(image, "dtype", "")),
+)
+def test_what_is_no_image_of_a_known_type(name: str, image: object) -> None:
+    refused(TypeError, f"^{name}: got .*; accepts ", **{name: image})
+
+
+@pytest.mark.parametrize("name", ["left", "right"])
+@pytest.mark.parametrize(
+    "shape", [(), (8,), (6, 8, 2), (6, 8, 5), (6, 8, 0), (0, 8), (6, 0), (0, 0, 3), (1, 6, 8, 3)]
+)
+def test_shapes_that_no_image_has(name: str, shape: tuple[int, ...]) -> None:
+    refused(ValueError, f"^{name}: got shape .*; accepts ", **{name: np.zeros(shape, np.uint8)})
+
+
+def test_images_that_do_not_agree() -> None:
+    refused(ValueError, r"^right: got \(6, 9\) pixels", right=np.zeros((6, 9), np.uint8))
+    refused(ValueError, r"^right: got \(8, 6\) pixels", right=IMAGE.T)
+    refused(TypeError, "^right: got dtype float32; accepts that of left, uint8", right=REAL)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", ["left", "right"])
+def test_pixels_that_are_no_numbers(name: str, value: float) -> None:
+    pair = {"left": REAL, "right": REAL} | {name: holed(value)}
+    refused(ValueError, f"^{name}: got .* at row 2, column 3; .* {name}_mask", **pair)
+
+
+def test_pixels_beyond_any_use() -> None:
+    huge = np.full((6, 8), 1e301)
+    refused(ValueError, "^left: got .*1e300", left=huge, right=huge)
+
+
+def test_masks_that_hide_too_little() -> None:
+    mask = np.ones((6, 8), bool)
+    refused(ValueError, "^left: got NaN at row 2", left=holed(np.nan), right=REAL, left_mask=mask)
+
+
+@pytest.mark.parametrize("name", ["left_mask", "right_mask"])
+def test_masks_of_another_kind(name: str) -> None:
+    for mask in (np.ones((6, 8), np.uint8), np.ones((6, 8)), "mask", [[1]], 5):
+        refused(TypeError, f"^{name}: got .*; accepts bool", **{name: mask})
+    for shape in ((6, 9), (6,), (6, 8, 1), (0, 0)):
+        refused(ValueError, f"^{name}: got shape .*; accepts", **{name: np.ones(shape, bool)})
+
+
+@pytest.mark.parametrize("value", [0, -1, 9, 10**6, 10**30, -(10**30)])
+def test_numbers_of_disparities_out_of_range(value: int) -> None:
+    refused(ValueError, "^num_disparities: got ", num_disparities=value)
+
+
+@pytest.mark.parametrize("value", [True, False, 4.0, "4", None, np.float32(4), [4], np.bool_(1)])
+def test_numbers_of_disparities_that_are_no_integer(value: object) -> None:
+    refused(TypeError, "^num_disparities: got .*; accepts an integer", num_disparities=value)
+
+
+@pytest.mark.parametrize("value", [8, -11, 10**6, -(10**6), 10**30])
+def test_smallest_disparities_out_of_reach(value: int) -> None:
+    refused(ValueError, "^min_disparity: got ", min_disparity=value)
+
+
+@pytest.mark.parametrize("value", [True, 0.0, "0", None])
+def test_smallest_disparities_that_are_no_integer(value: object) -> None:
+    refused(TypeError, "^min_disparity: got .*; accepts an integer", min_disparity=value)
+
+
+@pytest.mark.parametrize("value", [0, -1, 1025, 10**9, 10**30])
+def test_numbers_of_threads_out_of_range(value: int) -> None:
+    refused(ValueError, "^threads: got ", threads=value)
+
+
+@pytest.mark.parametrize("value", [True, 1.0, "2"])
+def test_numbers_of_threads_that_are_no_integer(value: object) -> None:
+    refused(TypeError, "^threads: got .*; accepts an integer", threads=value)
+
+
+def test_progress_that_cannot_be_called() -> None:
+    refused(TypeError, "^progress: got int; accepts a callable", progress=3)
+
+
+def test_a_missing_range_is_pythons_own_error() -> None:
+    with pytest.raises(TypeError, match="num_disparities"):
+        ps.match(IMAGE, IMAGE)  # type: ignore[call-arg]  # that is the point
+
+
+@pytest.mark.parametrize("piece", [ps.descriptor, ps.cost_volume])
+def test_the_pieces_refuse_the_same(piece: Any) -> None:
+    images = (None,) if piece is ps.descriptor else (None, IMAGE)
+    options = {} if piece is ps.descriptor else {"num_disparities": 2}
+    with pytest.raises(TypeError, match="^(image|left): got NoneType|^(image|left): got dtype object"):
+        piece(*images, **options)
+
+
+class Trap:
+    """Claims to be an array and is none."""
+
+    def __array__(self, *_: object, **__: object) -> np.ndarray:
+        raise RuntimeError("no array after all")
+
+    def __index__(self) -> int:
+        raise RuntimeError("no integer after all")
+
+
+def test_objects_that_break_their_word() -> None:
+    refused(TypeError, "^left: got Trap", left=Trap())
+    refused(TypeError, "^num_disparities: got Trap", num_disparities=Trap())

@@ -1,0 +1,52 @@
+"""Chosen candidates, held to the oracle."""
+
+from __future__ import annotations
+
+import numpy as np
+import oracle
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import phasestereo as ps
+
+VOLUMES = st.tuples(
+    st.integers(0, 1000), st.integers(1, 3), st.integers(1, 12), st.integers(1, 8)
+).map(lambda spec: np.random.default_rng(spec[0]).integers(0, 6, spec[1:], np.uint32))
+
+
+@given(costs=VOLUMES, rise=st.integers(0, 5), drop=st.integers(0, 5))
+def test_dynamic_programming_follows_the_definition(
+    costs: np.ndarray, rise: int, drop: int
+) -> None:
+    expected = oracle.scanline(costs.astype(np.int64), rise, drop)
+    np.testing.assert_array_equal(ps.optimize(costs, penalty=(rise, drop)), expected)
+
+
+@given(costs=VOLUMES)
+def test_winner_takes_all_follows_the_definition(costs: np.ndarray) -> None:
+    expected = oracle.winner_takes_all(costs.astype(np.int64))
+    np.testing.assert_array_equal(ps.optimize(costs, penalty=1, optimizer="wta"), expected)
+
+
+def test_no_cost_overflows() -> None:
+    costs = np.full((1, 4000, 3), 2**32 - 1, np.uint32)
+    costs[:, :, 1] -= 1
+    assert (ps.optimize(costs, penalty=2**40) == 1).all()
+
+
+@pytest.mark.parametrize("penalty", [1.0, "1", None, True, (1, 2.0), (True, 1)])
+def test_a_penalty_that_is_no_integer_is_refused(penalty: object) -> None:
+    with pytest.raises(TypeError, match="^penalty: got"):
+        ps.optimize(np.zeros((1, 1, 1), np.uint32), penalty=penalty)  # type: ignore[arg-type]  # the point
+
+
+@pytest.mark.parametrize("penalty", [-1, 2**40 + 1, 10**30, (1, -1), (), (1, 2, 3)])
+def test_a_penalty_out_of_range_is_refused(penalty: object) -> None:
+    with pytest.raises(ValueError, match="^penalty: got"):
+        ps.optimize(np.zeros((1, 1, 1), np.uint32), penalty=penalty)  # type: ignore[arg-type]  # the point
+
+
+def test_an_unknown_optimizer_is_refused() -> None:
+    with pytest.raises(ValueError, match="^optimizer: got 'sgd'; accepts 'dp', 'wta'"):
+        ps.optimize(np.zeros((1, 1, 1), np.uint32), penalty=1, optimizer="sgd")  # type: ignore[arg-type]  # the point

@@ -1,0 +1,130 @@
+"""Settings and presets: what they hold, what they refuse, and that they travel."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from phasestereo import _core
+
+IMAGE = np.zeros((4, 5), np.uint8)
+
+
+def test_the_paper_is_the_default() -> None:
+    assert dict(ps.PRESETS) == {"paper": ps.Settings()}
+    result = ps.match(IMAGE, IMAGE, num_disparities=2)
+    assert result.settings == ps.Settings(
+        neighborhood=7, window=9, frequencies=(2, 1), power=1, bits=2, optimizer="dp"
+    )
+
+
+def test_settings_are_frozen_hashable_and_picklable() -> None:
+    settings = ps.Settings(window=11, penalty=(1, 2.5), intensity_range=(0, 1))
+    assert pickle.loads(pickle.dumps(settings)) == settings  # noqa: S301  # our own bytes
+    assert hash(settings) == hash(dataclasses.replace(settings))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        settings.window = 3  # type: ignore[misc]  # that is the point
+
+
+def test_overrides_take_precedence() -> None:
+    base = ps.Settings(window=5, bits=3)
+    result = ps.match(IMAGE, IMAGE, num_disparities=2, settings=base, window=3)
+    assert result.settings == ps.Settings(window=3, bits=3)
+
+
+def test_every_field_is_documented() -> None:
+    assert ps.Settings.__doc__ is not None
+    for field in dataclasses.fields(ps.Settings):
+        assert f"    {field.name}\n" in ps.Settings.__doc__
+
+
+def test_flags_are_those_of_the_core() -> None:
+    assert {flag.name: flag.value for flag in ps.Flag} == _core.FLAGS
+
+
+BAD_VALUES: list[tuple[dict[str, Any], str]] = [
+    ({"neighborhood": 8}, "neighborhood"),
+    ({"neighborhood": 1}, "neighborhood"),
+    ({"neighborhood": 65}, "neighborhood"),
+    ({"neighborhood": -7}, "neighborhood"),
+    ({"neighborhood": 10**30}, "neighborhood"),
+    ({"window": 4}, "window"),
+    ({"window": 0}, "window"),
+    ({"window": 65}, "window"),
+    ({"frequencies": (0, 0)}, "frequencies"),
+    ({"frequencies": (5, 1), "neighborhood": 63}, "frequencies"),
+    ({"frequencies": (4, 1)}, "frequencies"),
+    ({"frequencies": (-1, 1)}, "frequencies"),
+    ({"power": 0}, "power"),
+    ({"power": 3}, "power"),
+    ({"bits": 0}, "bits"),
+    ({"bits": 5}, "bits"),
+    ({"penalty": -0.5}, "penalty"),
+    ({"penalty": float("nan")}, "penalty"),
+    ({"penalty": (1, float("inf"))}, "penalty"),
+    ({"intensity_range": (1, 1)}, "intensity_range"),
+    ({"intensity_range": (0, float("inf"))}, "intensity_range"),
+    ({"cost": "ssd"}, "cost"),
+    ({"taper": "kaiser"}, "taper"),
+    ({"optimizer": "sgm"}, "optimizer"),
+    ({"frequencies": (4, 4), "neighborhood": 9}, "frequencies .* bits"),
+]
+
+BAD_TYPES: list[dict[str, Any]] = [
+    {"neighborhood": 7.0},
+    {"neighborhood": True},
+    {"neighborhood": "7"},
+    {"neighborhood": None},
+    {"window": np.float32(9)},
+    {"frequencies": 2},
+    {"frequencies": (2, 1, 0)},
+    {"frequencies": (2.0, 1)},
+    {"power": False},
+    {"bits": [2]},
+    {"penalty": "2"},
+    {"penalty": True},
+    {"penalty": (1, 2, 3)},
+    {"penalty": (1, None)},
+    {"intensity_range": 255},
+    {"intensity_range": ("0", "1")},
+    {"shiftable": 1},
+    {"fill": None},
+    {"cost": 1},
+    {"optimizer": b"dp"},
+]
+
+
+@pytest.mark.parametrize(("fields", "name"), BAD_VALUES)
+def test_bad_values_are_refused_by_name(fields: dict[str, Any], name: str) -> None:
+    with pytest.raises(ValueError, match=rf"^{name}.*: got .*; accepts "):
+        ps.Settings(**fields)
+    with pytest.raises(ValueError, match=f"^{name}"):
+        ps.match(IMAGE, IMAGE, num_disparities=2, **fields)
+
+
+@pytest.mark.parametrize("fields", BAD_TYPES)
+def test_bad_types_are_refused_by_name(fields: dict[str, Any]) -> None:
+    name = next(iter(fields))
+    with pytest.raises(TypeError, match=f"^{name}: got .*; accepts "):
+        ps.Settings(**fields)
+
+
+def test_integers_of_numpy_are_integers() -> None:
+    settings = ps.Settings(window=np.int64(5), penalty=np.float32(1.5))  # type: ignore[arg-type]  # numpy's
+    assert settings.window == 5
+
+
+def test_unknown_names_are_refused_with_what_there_is() -> None:
+    with pytest.raises(ValueError, match="^preset: got 'robust'; accepts 'paper'$"):
+        ps.match(IMAGE, IMAGE, num_disparities=2, preset="robust")
+    with pytest.raises(TypeError, match=r"^windows: no such setting; accepts cost, neighborhood"):
+        ps.match(IMAGE, IMAGE, num_disparities=2, windows=5)
+    with pytest.raises(TypeError, match="^preset: got int"):
+        ps.match(IMAGE, IMAGE, num_disparities=2, preset=1)  # type: ignore[arg-type]  # the point
+    with pytest.raises(TypeError, match="^settings: got dict"):
+        ps.match(IMAGE, IMAGE, num_disparities=2, settings={})  # type: ignore[arg-type]  # the point
