@@ -1,13 +1,19 @@
-"""What several test files share: where the real data is."""
+"""What several test files share: where the real data is, and how hypothesis runs."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+ON_CI = os.environ.get("CI") == "true"
+
+# No deadlines: a slow machine is no failure. On CI the same examples every time.
+hypothesis.settings.register_profile("project", deadline=None, derandomize=ON_CI)
+hypothesis.settings.load_profile("project")
 
 
 @pytest.fixture(scope="session")
@@ -17,6 +23,6 @@ def data() -> Path:
     if (folder / "middlebury").is_dir():
         return folder
     message = f"no real data in {folder.resolve()}: set PHASESTEREO_DATA to a folder of pairs"
-    if os.environ.get("CI") == "true":
+    if ON_CI:
         pytest.fail(message)
     pytest.skip(message)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-import oracle
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_descriptor import decoded
 
+import oracle
 import phasestereo as ps
+from test_descriptor import decoded
 
 
 @pytest.mark.parametrize("bits", [1, 2, 3, 4])
@@ -19,7 +21,7 @@ def test_popcount_is_the_circular_distance(bits: int, seed: int, low: int, count
     left, right = rng.integers(0, 256, (2, 4, 10), np.uint8)
     volume = ps.cost_volume(left, right, num_disparities=count, min_disparity=low, bits=bits)
     levels = [decoded(ps.descriptor(image, bits=bits), 7, bits) for image in (left, right)]
-    expected = oracle.phase_costs(*levels, low, count, bits)
+    expected = oracle.phase_costs(levels[0], levels[1], low, count, bits)
     np.testing.assert_array_equal(volume, expected)
 
 
@@ -56,6 +58,6 @@ def test_normalised_sad_is_in_256ths_of_deviations(window: int) -> None:
 
 def test_the_intensity_range_sets_the_unit_of_sad() -> None:
     left, right = np.full((1, 3), 0.25, np.float32), np.full((1, 3), 0.75, np.float32)
-    told = {"cost": "sad", "num_disparities": 1}
+    told: dict[str, Any] = {"cost": "sad", "num_disparities": 1}
     assert (ps.cost_volume(left, right, intensity_range=(0, 1), **told) == 16 * 127.5).all()
     assert (ps.cost_volume(left, right, intensity_range=(0, 255), **told) == 8).all()

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import oracle
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+import oracle
 import phasestereo as ps
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Taper = Literal["uniform", "gaussian", "hann"]
 
 # How far a component may be from the exact one, per unit of gray summed over its neighbourhood: the
 # two integer tables are within 2^-12 of the exact cosines each, rounding to a zero sum included.
@@ -35,7 +39,8 @@ def decoded(codes: NDArray[Any], components: int, bits: int) -> NDArray[np.int64
     ones = np.bitwise_count(words).astype(np.int64)
     rising = (words & np.uint64(1)).astype(bool) | (ones == 0)
     level = np.where(rising, ones, 2 * length - ones)
-    return np.where(level < length, level, level - 2 * length)
+    signed: NDArray[np.int64] = np.where(level < length, level, level - 2 * length)
+    return signed
 
 
 def uncertainty(gray: NDArray[np.float64], neighborhood: int) -> NDArray[np.float64]:
@@ -44,10 +49,13 @@ def uncertainty(gray: NDArray[np.float64], neighborhood: int) -> NDArray[np.floa
     half = neighborhood // 2
     padded = np.pad(absolute, half, mode="symmetric")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (neighborhood, neighborhood))
-    return TABLE_ERROR * windows.sum((2, 3))[..., None] + 1e-9
+    bound: NDArray[np.float64] = TABLE_ERROR * windows.sum((2, 3))[..., None] + 1e-9
+    return bound
 
 
-def assert_like_oracle(image: NDArray[Any], family: tuple[int, ...], taper: str = "uniform") -> None:
+def assert_like_oracle(
+    image: NDArray[Any], family: tuple[int, ...], taper: Taper = "uniform"
+) -> None:
     neighborhood, r, s, power, bits = family
     codes = ps.descriptor(
         image, neighborhood=neighborhood, frequencies=(r, s), power=power, bits=bits, taper=taper
@@ -69,7 +77,7 @@ def test_codes_follow_the_formulas(family: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("taper", ["gaussian", "hann"])
 @pytest.mark.parametrize("family", [(7, 2, 1, 1, 2), (15, 4, 4, 1, 1), (9, 2, 2, 2, 3)])
-def test_tapered_codes_follow_the_formulas(family: tuple[int, ...], taper: str) -> None:
+def test_tapered_codes_follow_the_formulas(family: tuple[int, ...], taper: Taper) -> None:
     image = np.random.default_rng(4).integers(0, 256, (12, 19, 3), np.uint8)
     assert_like_oracle(image, family, taper)
 
@@ -95,14 +103,14 @@ def test_the_largest_neighbourhood_is_no_exception() -> None:
     taper=st.sampled_from(["uniform", "gaussian", "hann"]),
 )
 def test_scale_and_type_change_no_code(
-    seed: int, shift: int, rows: int, cols: int, taper: str
+    seed: int, shift: int, rows: int, cols: int, taper: Taper
 ) -> None:
     image = np.random.default_rng(seed).integers(0, 256, (rows, cols, 3), np.uint8)
     codes = ps.descriptor(image, taper=taper)
     wide = image.astype(np.uint16) << shift
     np.testing.assert_array_equal(ps.descriptor(wide, taper=taper), codes)
-    for dtype in (np.float32, np.float64):
-        real = image.astype(dtype)
+    for dtype in ("f4", "f8"):
+        real: NDArray[Any] = image.astype(dtype)
         np.testing.assert_array_equal(
             ps.descriptor(real * 2.0**shift, taper=taper), ps.descriptor(real, taper=taper)
         )
@@ -133,7 +141,7 @@ def test_masked_pixels_have_no_effect_on_others() -> None:
     mask = rng.random((15, 20)) > 0.2
     hidden = np.where(mask, image, np.nan)
     filled = oracle.fill_masked(image, mask)
-    told = {"intensity_range": (0.0, 1.0)}
+    told: dict[str, Any] = {"intensity_range": (0.0, 1.0)}
     codes = ps.descriptor(hidden, mask=mask, **told)
     np.testing.assert_array_equal(codes, ps.descriptor(filled, **told))
 

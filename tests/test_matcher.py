@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import pickle
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import oracle
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from test_descriptor import decoded
 
+import oracle
 import phasestereo as ps
 from phasestereo.datasets import find_scene
 from phasestereo.metrics import bad_pixels
+from test_descriptor import decoded
 
-PAPER = {"neighborhood": 7, "window": 9, "frequencies": (2, 1), "power": 1, "bits": 2}
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PAPER: dict[str, Any] = {
+    "neighborhood": 7,
+    "window": 9,
+    "frequencies": (2, 1),
+    "power": 1,
+    "bits": 2,
+}
 
 
 def noise_pair(rows: int, cols: int, shift: int, seed: int = 0) -> tuple[Any, Any]:
@@ -64,10 +72,10 @@ def test_codes_to_disparities_equal_the_oracle(
     left, right = np.random.default_rng(seed).integers(0, 256, (2, *shape), np.uint8)
     aggregation: dict[str, Any] = {"window": window, "shiftable": shiftable}
     choice: dict[str, Any] = {"optimizer": optimizer, "penalty": penalty}
-    options = {"num_disparities": count, "min_disparity": low, "bits": bits}
+    options: dict[str, Any] = {"num_disparities": count, "min_disparity": low, "bits": bits}
     result = ps.match(left, right, **options, **aggregation, **choice)
     levels = [decoded(ps.descriptor(image, bits=bits), 7, bits) for image in (left, right)]
-    costs = oracle.phase_costs(*levels, low, count, bits)
+    costs = oracle.phase_costs(levels[0], levels[1], low, count, bits)
     volume = oracle.aggregate(costs, window, shiftable=shiftable)
     step = oracle.window_penalty(penalty, window)
     chosen = (
@@ -141,7 +149,10 @@ def test_without_fill_untrusted_estimates_are_missing() -> None:
 def test_masked_pixels_neither_vote_nor_are_estimated() -> None:
     rng = np.random.default_rng(1)
     left, right = noise_pair(30, 50, 4)
-    masks = {"left_mask": rng.random((30, 50)) > 0.1, "right_mask": rng.random((30, 50)) > 0.1}
+    masks: dict[str, Any] = {
+        "left_mask": rng.random((30, 50)) > 0.1,
+        "right_mask": rng.random((30, 50)) > 0.1,
+    }
     result = ps.match(left, right, num_disparities=8, **masks)
     garbage = [
         np.where(mask, image, 255 - image)
@@ -191,7 +202,7 @@ def test_nan_under_a_mask_is_welcome() -> None:
 def test_type_layout_and_byte_order_change_nothing(cost: str) -> None:
     rng = np.random.default_rng(2)
     left, right = rng.integers(0, 256, (2, 14, 22, 3), np.uint8)
-    options = {"num_disparities": 5, "cost": cost}
+    options: dict[str, Any] = {"num_disparities": 5, "cost": cost}
     expected = ps.match(left, right, **options).disparity
     wide = [image.astype(np.uint16) * np.uint16(257) for image in (left, right)]
     alpha = np.dstack([left, rng.integers(0, 256, (14, 22), np.uint8)])
@@ -207,8 +218,9 @@ def test_type_layout_and_byte_order_change_nothing(cost: str) -> None:
         (left.astype(np.float64), right.astype(">f8")),
     ]
     for variant in variants:
-        told = {"intensity_range": (0, 255)} if variant[0].dtype.kind == "f" else {}
-        np.testing.assert_array_equal(ps.match(*variant, **options, **told).disparity, expected)
+        if variant[0].dtype.kind == "f":
+            options["intensity_range"] = (0, 255)
+        np.testing.assert_array_equal(ps.match(*variant, **options).disparity, expected)
 
 
 def test_gray_and_colour_may_meet() -> None:

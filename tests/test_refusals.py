@@ -135,7 +135,9 @@ def test_a_missing_range_is_pythons_own_error() -> None:
 def test_the_pieces_refuse_the_same(piece: Any) -> None:
     images = (None,) if piece is ps.descriptor else (None, IMAGE)
     options = {} if piece is ps.descriptor else {"num_disparities": 2}
-    with pytest.raises(TypeError, match="^(image|left): got NoneType|^(image|left): got dtype object"):
+    with pytest.raises(
+        TypeError, match="^(image|left): got NoneType|^(image|left): got dtype object"
+    ):
         piece(*images, **options)
 
 

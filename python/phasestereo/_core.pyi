@@ -8,6 +8,18 @@ from numpy.typing import NDArray
 from phasestereo._images import Pixels
 from phasestereo.settings import Settings
 
+__all__ = [
+    "DEBUG_BUILD",
+    "FLAGS",
+    "__version__",
+    "aggregate_volume",
+    "check_settings",
+    "cost_volume",
+    "descriptor",
+    "match_pair",
+    "optimize_volume",
+]
+
 __version__: str
 DEBUG_BUILD: bool
 FLAGS: dict[str, int]

@@ -74,7 +74,7 @@ def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray
 
 
 def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
-    """Return an array-like as an array; whatever NumPy makes of it, the message names the argument."""
+    """Return an array-like as an array; if it is none, the message names the argument."""
     if isinstance(value, np.ma.MaskedArray):
         raise TypeError(f"{name}: got a masked array; accepts plain arrays, and masks apart")
     try:

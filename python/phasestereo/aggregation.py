@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -14,9 +14,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-def aggregate(
-    costs: ArrayLike, *, window: int = 9, shiftable: bool = True
-) -> NDArray[np.uint32]:
+Unsigned = TypeVar("Unsigned", np.uint16, np.uint32)
+
+
+def aggregate(costs: ArrayLike, *, window: int = 9, shiftable: bool = True) -> NDArray[np.uint32]:
     """Aggregate a cost volume.
 
     Parameters
@@ -43,15 +44,15 @@ def aggregate(
     ValueError
         If they are not 3-D, are empty, or the window is out of range.
     """
-    volume = as_volume(costs, np.dtype(np.uint16))
+    volume = as_volume(costs, np.uint16)
     return _core.aggregate_volume(volume, Settings(window=window, shiftable=shiftable))
 
 
-def as_volume(costs: ArrayLike, dtype: np.dtype[np.generic]) -> NDArray[np.generic]:
+def as_volume(costs: ArrayLike, dtype: type[Unsigned]) -> NDArray[Unsigned]:
     """Return a volume of costs of the given type as a contiguous array in native byte order."""
     volume = as_array(costs, "costs")
     if volume.dtype.newbyteorder("=") != dtype:
-        raise TypeError(f"costs: got dtype {volume.dtype}; accepts {dtype}")
+        raise TypeError(f"costs: got dtype {volume.dtype}; accepts {np.dtype(dtype)}")
     if volume.ndim != 3 or volume.size == 0:
         raise ValueError(f"costs: got shape {volume.shape}; accepts (H, W, D), none of them 0")
     return np.require(volume, dtype, ["C", "ALIGNED"])

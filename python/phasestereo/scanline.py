@@ -51,7 +51,7 @@ def optimize(
         If the costs are not 3-D or are empty, a penalty is out of range, or there is no such
         optimizer.
     """
-    volume = as_volume(costs, np.dtype(np.uint32))
+    volume = as_volume(costs, np.uint32)
     both = penalty if isinstance(penalty, tuple) else (penalty, penalty)
     settings = Settings(optimizer=optimizer)
     return _core.optimize_volume(volume, settings, check_penalty(both))

@@ -1,0 +1,285 @@
+"""What surfaces are made of: periodic pictures with the 1/f spectrum of photographs, and edges.
+
+Every maker returns the albedo (n, n, 3) of one tile in linear light; `Texture.of` gives it a size
+in the world and the coarser levels that distant surfaces are looked up in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[Any]
+    Tile = NDArray[np.float32]
+    Colour = tuple[int, int, int]  # sRGB, 0-255, as in any paint program
+
+WOODS: list[Colour] = [(168, 122, 78), (124, 84, 54), (150, 136, 118)]
+STONES: list[Colour] = [(150, 142, 130), (118, 116, 116), (168, 150, 122), (96, 92, 92)]
+GREENS: list[Colour] = [(92, 122, 58), (112, 134, 70), (84, 112, 76), (134, 142, 80)]
+COARSEST = 16  # texels of the last level
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Texture:
+    """A periodic picture of n x n texels (n a power of two), and its halvings; channels last."""
+
+    levels: list[Tile]
+    pitch: float  # world units per texel of the finest level
+    relief: float = 0.07  # strength of the detail finer than its texels
+
+    @classmethod
+    def of(cls, tile: Tile, size: float = 1.0, *, relief: float = 0.07) -> Texture:
+        """Lay a tile (n, n, channels) over `size` world units, repeated endlessly."""
+        levels = [np.ascontiguousarray(tile, dtype=np.float32)]
+        while levels[-1].shape[0] > COARSEST:
+            fine = levels[-1]
+            pairs = fine[::2] + fine[1::2]
+            levels.append((pairs[:, ::2] + pairs[:, 1::2]) * np.float32(0.25))
+        return cls(levels, size / tile.shape[0], relief)
+
+
+def look_up(texture: Texture, u: Array, v: Array, spacing: Array) -> Tile:
+    """Colours (k, channels) at surface coordinates, of the level about as coarse as the rays.
+
+    The spacing of the rays depends on depth alone, and a point has the same depth in both views:
+    so both see the same level of it.
+    """
+    level = np.log2(spacing / texture.pitch)
+    level = np.clip(level, 0, len(texture.levels) - 1).astype(np.int8)
+    first, last = int(level.min()), int(level.max())
+    if first == last:
+        return _bilinear(texture, first, u, v)
+    colours = np.empty((u.size, texture.levels[0].shape[2]), dtype=np.float32)
+    for number in range(first, last + 1):
+        chosen = np.flatnonzero(level == number)
+        colours[chosen] = _bilinear(texture, number, u[chosen], v[chosen])
+    return colours
+
+
+def _bilinear(texture: Texture, level: int, u: Array, v: Array) -> Tile:
+    tile, scale = texture.levels[level], 1 / (texture.pitch * 2**level)
+    n = tile.shape[0]
+    u, v = u * scale - 0.5, v * scale - 0.5
+    column, row = np.floor(u), np.floor(v)
+    across, along = (u - column)[:, None], (v - row)[:, None]
+    left, top = column.astype(np.intp) & (n - 1), row.astype(np.intp) & (n - 1)
+    right, below = (left + 1) & (n - 1), ((top + 1) & (n - 1)) * n
+    top *= n
+    texels: Tile = tile.reshape(n * n, -1)
+    upper: Tile = texels[top + left]
+    lower: Tile = texels[below + left]
+    upper += across * (texels[top + right] - upper)
+    lower += across * (texels[below + right] - lower)
+    upper += along * (lower - upper)
+    return upper
+
+
+def linear(colour: Colour) -> Tile:
+    """Convert an sRGB colour to linear light."""
+    light: Tile = (np.array(colour, dtype=np.float32) / np.float32(255)) ** np.float32(2.2)
+    return light
+
+
+def fractal(rng: np.random.Generator, n: int, *, slope: float = 1.0, stretch: float = 1.0) -> Tile:
+    """Make periodic noise (n, n) of unit variance, its amplitude falling as 1 / frequency^slope.
+
+    A `stretch` above 1 draws it out along x, as grain in wood.
+    """
+    spectrum = np.fft.rfft2(rng.standard_normal((n, n), dtype=np.float32))
+    rows, cols = np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)[None]
+    radius = np.hypot(rows, cols * stretch)
+    radius[0, 0] = np.inf
+    noise = np.fft.irfft2(spectrum / (radius**slope).astype(np.float32), s=(n, n))
+    result: Tile = (noise / noise.std()).astype(np.float32)
+    return result
+
+
+class Studio:
+    """Makes tiles of n x n texels, sharing a few fields of noise between them.
+
+    A field costs a transform; taken up at another place each time, a handful serves all tiles.
+    What depends on n is drawn from a generator of its own, so that n leaves all choices alone.
+    """
+
+    def __init__(self, rng: np.random.Generator, n: int) -> None:
+        self.rng, self.n = rng, n
+        (self._grains,) = rng.spawn(1)
+        self._fields = [fractal(self._grains, n, slope=slope) for slope in (1.0, 1.0, 1.3)]
+        self._grain = fractal(self._grains, n, stretch=14)
+
+    def noise(self, field: int = 0) -> Tile:
+        """Unit-variance 1/f noise; field 2 is smoother than 0 and 1."""
+        return self._elsewhere(self._fields[field])
+
+    def _elsewhere(self, field: Tile) -> Tile:
+        rows, cols = self._grains.integers(self.n, size=2).tolist()
+        return np.roll(field, (rows, cols), axis=(0, 1))
+
+    def _grid(self, wobble: float) -> tuple[Array, Array]:
+        """Row and column of every texel as shares of the tile, with unsteady lines."""
+        steps = np.arange(self.n, dtype=np.float32) / self.n
+        return steps[:, None] + wobble * self.noise(2), steps[None] + wobble * self.noise(2)
+
+    def plain(self, colour: Colour, *, tone: float, hue: float = 0.03) -> Tile:
+        """Make one uneven colour: plaster, glaze, earth or stone by the strength of its tone."""
+        return tinted(colour, tone * self.noise(), hue * self.noise(2))
+
+    def bricks(self, colour: Colour, *, courses: int, per_course: int) -> Tile:
+        """Lay bricks in stretcher bond; courses must be even, for the tile to repeat."""
+        y, x = self._grid(0.0008)
+        row = np.floor(y * courses)
+        x = x * per_course + 0.5 * (row % 2)
+        col = np.floor(x)
+        shares = (y * courses - row, x - col)
+        edges = [np.minimum(s, 1 - s) for s in shares]
+        gap = np.minimum(edges[0] / courses, edges[1] / per_course) * self.n
+        brick = np.clip((gap - 0.004 * self.n) / (0.004 * self.n), 0, 1)[..., None]
+        row, col = row.astype(int) % courses, col.astype(int) % per_course
+        tones, hues = (self.rng.normal(0, s, (courses, per_course)) for s in (0.28, 0.12))
+        face = tinted(colour, tones[row, col] + 0.3 * self.noise(), hues[row, col])
+        mortar = tinted((176, 168, 155), 0.3 * self.noise(1))
+        return blend(mortar, face, brick)
+
+    def planks(self, colour: Colour, *, count: int, joints: bool = True) -> Tile:
+        """Lay boards along x, with grain and gaps, and two joints a tile in each."""
+        y, x = self._grid(0.0006)
+        board = np.floor(y * count)
+        share = y * count - board
+        board = board.astype(int) % count
+        joint = self.rng.uniform(size=count)[board]
+        piece = ((x - joint) % 1 > (0.5 if joints else 1)).astype(int)
+        gap = np.minimum(share, 1 - share) / count
+        ends = abs((x - joint + 0.25) % 0.5 - 0.25)
+        seam = np.clip((np.minimum(gap, ends) if joints else gap) / 0.0022 - 0.4, 0.12, 1)
+        shifts = self._grains.integers(self.n, size=(count, 2))
+        columns = (np.arange(self.n)[None] + shifts[board, piece]) % self.n
+        rows = (np.arange(self.n)[:, None] + shifts[board, 1 - piece]) % self.n
+        grain: Tile = self._grain[rows, columns]
+        tones = self.rng.normal(0, 0.16, (count, 2))[board, piece]
+        rings = 0.12 * np.sin(9 * grain + 12 * np.pi * y)
+        face = tinted(colour, tones + 0.3 * grain + rings + 0.12 * self.noise(), 0.08 * grain)
+        face *= seam[..., None]
+        return face
+
+    def cobbles(self, colours: Sequence[Colour], *, across: int, dome: float) -> Tile:
+        """Lay stones of many tones with dark gaps: pebbles (domes) or crazy paving (flat)."""
+        y, x = self._grid(0.1 / across)
+        nearest, second, cell = self._cells(y * across, x * across, across)
+        gap = np.clip((second - nearest) / 0.12 - 0.3, 0, 1)
+        tones = self.rng.normal(0, 0.3, across * across)[cell]
+        kinds = self.rng.integers(len(colours), size=across * across)[cell]
+        relief = np.exp(tones + 0.17 * self.noise() - dome * nearest**2) * (0.15 + 0.85 * gap)
+        palette = np.array([linear(colour) for colour in colours])
+        return palette[kinds] * relief[..., None].astype(np.float32)
+
+    def _cells(self, y: Array, x: Array, across: int) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Worley's cells, one seed per square: distance to the nearest, the second, and whose."""
+        seeds = self.rng.uniform(0.1, 0.9, size=(across, across, 2)).astype(np.float32)
+        around = np.pad(np.arange(across), 2, mode="wrap")  # a wobble may leave the tile by one
+        numbers = (around[:, None] * across + around).ravel()
+        offset_y, offset_x = (seeds.reshape(-1, 2)[numbers, k] for k in (0, 1))
+        row, col = np.floor(y), np.floor(x)
+        within_y, within_x = y - row, x - col
+        home = ((row + 2) * (across + 4) + (col + 2)).astype(np.intp)
+        nearest = np.full(home.shape, np.inf, dtype=np.float32)
+        second, cell = nearest.copy(), np.zeros(home.shape, dtype=np.intp)
+        for i in (-1, 0, 1):
+            for j in (-1, 0, 1):
+                square = home + (i * (across + 4) + j)
+                dy, dx = offset_y[square] - (within_y - i), offset_x[square] - (within_x - j)
+                distance = dy * dy + dx * dx
+                np.copyto(cell, square, where=distance < nearest)
+                second = np.minimum(second, np.maximum(nearest, distance))
+                nearest = np.minimum(nearest, distance)
+        return np.sqrt(nearest), np.sqrt(second), numbers[cell]
+
+    def foliage(self, colour: Colour, *, leaves: int, length: float) -> Tile:
+        """Paste leaves over leaves from the dark ground up; length is a share of the tile."""
+        n, reach = self.n, max(2, int(length * self.n / 2))
+        tile = tinted(colour, 0.3 * self.noise() - 2.2)
+        stamps = [self._stamp(colour, reach) for _ in range(32)]
+        for k in range(leaves):
+            top, left = (n * self.rng.uniform(size=2)).astype(int)
+            rows, cols, colours = stamps[int(self.rng.integers(len(stamps)))]
+            tone = np.float32(np.exp(self.rng.normal(0.9 * k / leaves - 0.9, 0.22)))
+            tile[(rows + top) % n, (cols + left) % n] = colours * tone
+        tile *= np.exp(0.15 * self.noise())[..., None]
+        return tile
+
+    def _stamp(self, colour: Colour, reach: int) -> tuple[Array, Array, Tile]:
+        """One leaf, turned: rows, columns and colours of its texels; bright on one side."""
+        turn = self.rng.uniform(0, 2 * np.pi)
+        square = np.arange(-reach, reach + 1, dtype=np.float32) / reach
+        along = np.cos(turn) * square[None] + np.sin(turn) * square[:, None]
+        aside = np.cos(turn) * square[:, None] - np.sin(turn) * square[None]
+        rows, cols = np.nonzero(abs(aside) < 0.42 * (1 - along**2))
+        tone = 0.5 * np.exp(-((aside / 0.06) ** 2)) + 0.25 * along + 0.5 * aside
+        hue = np.full(rows.size, self.rng.normal(0, 0.15))
+        return rows, cols, tinted(colour, tone[rows, cols], hue)
+
+    def leaf(self, colour: Colour, *, tone: float) -> Tile:
+        """Draw a leaf along x from its shaded foot: pale veins in the middle and at the sides."""
+        y, x = self._grid(0.004)
+        v, u = y - 0.5, x - 0.5
+        ribs = abs((14 * (u - 0.7 * abs(v))) % 1 - 0.5)
+        veins = 0.45 * np.exp(-((v / 0.015) ** 2)) + 0.4 * np.clip(0.12 - ribs, 0, 1) / 0.12
+        shade = tone + 0.9 * np.clip(u, -0.5, 0.2)
+        return tinted(colour, veins + shade + 0.22 * self.noise(), 0.1 * self.noise(2))
+
+    def print(self, paper: Colour, inks: Sequence[Colour]) -> Tile:
+        """Print a cover: a title, a picture of hills under a sun, and lines of type."""
+        n, rng = self.n, self.rng
+        first, second, third = (inks[k] for k in rng.permutation(len(inks))[:3])
+        tile = tinted(paper, 0.05 * self.noise(2) + 0.03 * self.noise())
+        self._type(tile[int(0.07 * n) : int(0.2 * n), int(0.08 * n) :], second, lines=1)
+        low, high = int(0.24 * n), int(rng.uniform(0.55, 0.7) * n)
+        left, right = int(rng.uniform(0.0, 0.2) * n), int(rng.uniform(0.75, 1.0) * n)
+        picture = self._hills(first, second, third)
+        tile[low:high, left:right] = picture[low:high, left:right]
+        self._type(tile[high + int(0.05 * n) : int(0.93 * n), int(0.1 * n) :], third, lines=6)
+        return tile
+
+    def _hills(self, sky: Colour, sun: Colour, land: Colour) -> Tile:
+        """Draw a landscape in a few colours: ranges of hills, each darker than the one behind."""
+        y, x = self._grid(0.0)
+        tile = tinted(sky, 0.2 * self.noise() + 0.8 * y)
+        centre = self.rng.uniform(0.3, 0.7)
+        radius = 0.09
+        tile[np.hypot(y - 0.36, x - centre) < radius] = linear(sun)
+        for k in range(3):
+            ridge = 0.4 + 0.1 * k + 0.035 * self.noise(2)[self.n // 2]
+            ground = y > ridge[None]
+            tile[ground] = tinted(land, 0.35 * self.noise() + 0.3 - 0.5 * k)[ground]
+        return tile
+
+    def _type(self, area: Tile, ink: Colour, *, lines: int) -> None:
+        """Set lines of letters, random marks of 3x5 squares, with spaces between the words."""
+        lines = min(lines, area.shape[0] // 7)
+        size = area.shape[0] // (7 * lines)
+        letters = int(0.9 * area.shape[1]) // (4 * size)
+        marks = self._grains.choice([True, False], (lines, 7, letters, 4), p=[0.6, 0.4])
+        marks[:, 5:], marks[..., 3] = False, False
+        marks &= self._grains.choice([True, False], (lines, 1, letters, 1), p=[0.83, 0.17])
+        block = np.kron(marks.reshape(lines * 7, letters * 4), np.ones((size, size), dtype=bool))
+        area[: block.shape[0], : block.shape[1]][block] = linear(ink)
+
+
+def tinted(colour: Colour, tone: Array, hue: Array | None = None) -> Tile:
+    """Spread a colour over a field of log brightness and, warm against cold, of hue."""
+    red, green, blue = linear(colour)
+    bright = np.exp(tone).astype(np.float32, copy=False)
+    warm = np.float32(1) if hue is None else np.exp(hue).astype(np.float32, copy=False)
+    return np.stack([red * bright * warm, green * bright, blue * bright / warm], axis=-1)
+
+
+def blend(under: Tile, over: Tile, share: Array) -> Tile:
+    """Mix two tiles by the share of the upper one."""
+    result: Tile = under + (over - under) * np.asarray(share, dtype=np.float32)
+    return result

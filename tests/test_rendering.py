@@ -1,0 +1,347 @@
+"""Rendered pairs: what is exact must be so, and the images must agree with it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from phasestereo.rendering import render_pair
+from phasestereo.rendering.camera import LEFT, RIGHT, Camera
+from phasestereo.rendering.casting import (
+    cast,
+    disparities,
+    near_jumps,
+    visible_in_both,
+    windows,
+)
+from phasestereo.rendering.light import exposure_of, light_falling_on, photograph
+from phasestereo.rendering.scenery import furnish
+from phasestereo.rendering.shapes import Ellipsoid, Frustum, Patch
+from phasestereo.rendering.textures import Studio, Texture, fractal, look_up
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo.datasets import Pair
+    from phasestereo.rendering.light import Scene
+    from phasestereo.rendering.shapes import Shape
+
+SIZE = {"height": 121, "width": 163, "num_disparities": 40}
+
+
+@pytest.fixture(scope="module")
+def pair() -> Pair:
+    return render_pair(2, **SIZE)
+
+
+@pytest.fixture(scope="module")
+def camera() -> Camera:
+    return Camera(height=60, width=80, near=1.3, near_disparity=20.0)
+
+
+@pytest.fixture(scope="module")
+def scene(camera: Camera) -> Scene:
+    return furnish(np.random.default_rng(4), camera)
+
+
+def away_from_jumps(truth: NDArray[np.float32], reach: int) -> NDArray[np.bool_]:
+    steep = ndimage.maximum_filter(truth, 3) - ndimage.minimum_filter(truth, 3) > 1
+    away: NDArray[np.bool_] = ~ndimage.maximum_filter(steep, 2 * reach + 1)
+    return away
+
+
+def warped(values: NDArray[Any], disparity: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Look up every row of the right view at x - d, between pixels linearly."""
+    columns = np.arange(disparity.shape[1]) - disparity.astype(np.float64)
+    left = np.clip(np.floor(columns).astype(int), 0, disparity.shape[1] - 2)
+    rows, share = np.arange(disparity.shape[0])[:, None], columns - left
+    if values.ndim == 3:
+        share = share[..., None]
+    result: NDArray[np.float64] = values[rows, left] * (1 - share) + values[rows, left + 1] * share
+    return result
+
+
+def test_shapes_types_and_ranges(pair: Pair) -> None:
+    size = (SIZE["height"], SIZE["width"])
+    assert pair.num_disparities == SIZE["num_disparities"]
+    for image in (pair.left, pair.right):
+        assert image.shape == (*size, 3)
+        assert image.dtype == np.uint8
+    for truth in (pair.truth, pair.truth_right):
+        assert truth is not None
+        assert truth.shape == size
+        assert truth.dtype == np.float32
+        assert truth.min() > 1
+        assert truth.max() <= SIZE["num_disparities"] - 2
+    assert set(pair.masks) == {"nonocc", "all", "disc"}
+    assert all(mask.shape == size and mask.dtype == bool for mask in pair.masks.values())
+    assert pair.masks["all"].all()
+    assert not (pair.masks["disc"] & ~pair.masks["nonocc"]).any()
+
+
+def test_same_seed_same_bits_other_seed_other_scene(pair: Pair) -> None:
+    again, other = render_pair(2, **SIZE), render_pair(3, **SIZE)
+    for name in ("left", "right", "truth", "truth_right"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(pair, name))
+    for name, mask in pair.masks.items():
+        np.testing.assert_array_equal(again.masks[name], mask)
+    assert pair.truth is not None
+    assert other.truth is not None
+    assert (abs(other.truth - pair.truth) > 1).mean() > 0.1
+
+
+def test_a_seed_arranges_the_same_things_at_any_size(pair: Pair) -> None:
+    large = render_pair(2, height=242, width=326, num_disparities=78)
+    assert large.truth is not None
+    assert pair.truth is not None
+    halved = large.truth[::2, ::2] / (78 - 2) * (SIZE["num_disparities"] - 2)
+    assert (abs(halved - pair.truth) < 0.5).mean() > 0.95
+    tones = large.left[::2, ::2].astype(int) - pair.left
+    assert abs(np.median(tones)) < 6
+
+
+def test_images_are_well_exposed_and_not_white_noise(pair: Pair) -> None:
+    for image in (pair.left, pair.right):
+        assert 70 < image.mean() < 150
+        assert ((image == 0) | (image == 255)).mean() < 0.02
+        gray = image.mean(axis=2)
+        neighbours = np.corrcoef(gray[:, 1:].ravel(), gray[:, :-1].ravel())[0, 1]
+        assert 0.8 < neighbours < 0.99
+
+
+def test_warping_by_the_truth_gives_the_left_image_where_both_see_it(pair: Pair) -> None:
+    assert pair.truth is not None
+    residual = abs(warped(pair.right, pair.truth) - pair.left).mean(axis=2)
+    smooth = away_from_jumps(pair.truth, 2)
+    seen = pair.masks["nonocc"] & smooth
+    inside = np.arange(pair.truth.shape[1]) - pair.truth >= 0
+    hidden = ~pair.masks["nonocc"] & inside
+    wrong = abs(warped(pair.right, pair.truth + 3) - pair.left).mean(axis=2)
+    assert np.median(residual[seen]) < 3  # noise of both, and bilinear look-up
+    assert np.median(wrong[seen]) > 2 * np.median(residual[seen])
+    assert np.median(residual[hidden]) > 4 * np.median(residual[seen])
+
+
+def test_both_truths_pass_the_cross_check(pair: Pair) -> None:
+    assert pair.truth is not None
+    assert pair.truth_right is not None
+    smooth = away_from_jumps(pair.truth, 1) & pair.masks["nonocc"]
+    smooth &= warped(away_from_jumps(pair.truth_right, 1).astype(float), pair.truth) == 1
+    back = warped(pair.truth_right, pair.truth)
+    assert smooth.mean() > 0.5
+    difference = abs(back - pair.truth)[smooth]
+    assert (difference < 0.05).mean() > 0.99
+    assert difference.max() < 0.6
+
+
+def test_what_is_occluded_has_something_nearer_in_front(pair: Pair) -> None:
+    assert pair.truth is not None
+    assert pair.truth_right is not None
+    inside = np.arange(pair.truth.shape[1]) - pair.truth >= 0
+    hidden = ~pair.masks["nonocc"] & inside
+    assert hidden.sum() > 100
+    assert (warped(pair.truth_right, pair.truth)[hidden] > pair.truth[hidden]).mean() > 0.97
+    assert not pair.masks["nonocc"][~inside].any()
+
+
+def test_depths_follow_from_the_calibration(pair: Pair, camera: Camera) -> None:
+    assert pair.calibration is not None
+    assert pair.truth is not None
+    depth = pair.calibration.depth(pair.truth)
+    assert pair.calibration.ndisp == SIZE["num_disparities"]
+    assert 1000 < depth.min() < 1500  # the floor at the lower edge, in mm
+    assert depth.max() < 25_000
+    # The floor at the lower edge in the middle, by hand: eye height over the ray's fall.
+    focal = pair.calibration.focal
+    down = (SIZE["height"] - 1) / 2 / focal
+    fall = down * np.cos(camera.pitch) + np.sin(camera.pitch)
+    assert depth[-1, 81] == pytest.approx(1000 * camera.eye / fall, rel=1e-4)
+
+
+def facing(camera: Camera, depth: float, columns: list[float], rows: list[float]) -> Patch:
+    """Return a card parallel to the image between columns and rows of the left view."""
+    x = depth * (np.array(columns) - (camera.width - 1) / 2) / camera.focal
+    cos, sin = float(np.cos(camera.pitch)), float(np.sin(camera.pitch))
+    down = depth * (np.array(rows) - (camera.height - 1) / 2) / camera.focal
+    middle = float(down.mean())
+    centre = (
+        float(x.mean()),
+        camera.eye - middle * cos - depth * sin,
+        depth * cos - middle * sin,
+    )
+    up = (0.0, -cos, -sin)
+    return Patch(centre, (1.0, 0.0, 0.0), up, float(np.ptp(x)) / 2, float(np.ptp(down)) / 2)
+
+
+def test_mask_and_truth_of_a_card_before_a_wall_by_hand() -> None:
+    camera = Camera(height=24, width=40, near=1.0, near_disparity=10.0)
+    wall = facing(camera, 2.5, [-100, 200], [-100, 200])  # disparity 4
+    card = facing(camera, 1.0, [19.5, 29.5], [9.5, 15.5])  # disparity 10
+    truth = disparities([wall, card], camera, LEFT)
+    expected = np.full((24, 40), 4.0)
+    expected[10:16, 20:30] = 10
+    np.testing.assert_allclose(truth, expected, rtol=1e-12)
+    # On the right the card hides columns 10 to 19, which the wall has at 14 to 23 on the left.
+    visible = np.ones((24, 40), dtype=bool)
+    visible[:, :4] = False
+    visible[10:16, 14:20] = False
+    np.testing.assert_array_equal(visible_in_both([wall, card], camera, truth), visible)
+    expected_right = np.full((24, 40), 4.0)
+    expected_right[10:16, 10:20] = 10
+    np.testing.assert_allclose(disparities([wall, card], camera, RIGHT), expected_right)
+
+
+def test_disc_reaches_four_pixels_either_side_of_a_jump() -> None:
+    truth = np.full((9, 24), 5.0)
+    truth[:, 10:] = 7.5
+    columns = np.flatnonzero(near_jumps(truth)[4])
+    np.testing.assert_array_equal(columns, np.arange(6, 14))
+    assert near_jumps(truth.T)[6:14].all()
+    assert not near_jumps(np.where(truth > 6, 7.0, 5.0)).any()  # 2 px is not more than 2 px
+
+
+SHAPES: list[Shape] = [
+    Patch((0.1, 0.5, 2.0), (0.8, 0.0, 0.6), (0.0, -1.0, 0.0), 0.4, 0.2),
+    Patch((0.1, 0.4, 2.0), (1.0, 0.0, 0.0), (0.0, 0.6, -0.8), 0.4, 0.2, "ellipse"),
+    Patch((-0.2, 0.5, 1.5), (0.6, 0.8, 0.0), (0.8, -0.6, 0.0), 0.3, 0.1, "leaf"),
+    Ellipsoid((0.1, 0.4, 2.0), (0.3, 0.2, 0.4)),
+    Frustum((-0.1, 0.0, 2.2), 0.7, 0.2, 0.3),
+]
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
+@pytest.mark.parametrize("side", [LEFT, RIGHT])
+def test_windows_miss_nothing_that_is_seen(shape: Shape, side: int, camera: Camera) -> None:
+    x, y = np.arange(80.0)[None], np.arange(60.0)[:, None]
+    rays, everywhere = camera.rays(x, y, side), [(0, 60, 0, 80)]
+    whole, _ = cast([shape], rays, everywhere, 0)
+    bounded, _ = cast([shape], rays, windows([shape], camera, side), 0)
+    assert np.isfinite(whole).sum() > 50
+    np.testing.assert_array_equal(bounded, whole)
+    x, y, z = rays.at(np.where(np.isfinite(whole), whole, 1))
+    low, high = shape.corners().min(axis=0) - 1e-6, shape.corners().max(axis=0) + 1e-6
+    points = np.stack([x, y, z], axis=-1)[np.isfinite(whole)]
+    assert ((points >= low) & (points <= high)).all()
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
+def test_normals_are_unit_and_face_the_way_the_surface_turns(shape: Shape, camera: Camera) -> None:
+    rays = camera.rays(np.arange(80.0)[None], np.arange(60.0)[:, None], LEFT)
+    depth, _ = cast([shape], rays, windows([shape], camera, LEFT), 0)
+    met = np.isfinite(depth[:-1, :-1]) & np.isfinite(depth[1:, :-1]) & np.isfinite(depth[:-1, 1:])
+    points = np.stack(rays.at(np.where(np.isfinite(depth), depth, 1.0)), axis=-1)
+    across, along = points[:-1, 1:] - points[:-1, :-1], points[1:, :-1] - points[:-1, :-1]
+    turned = np.cross(across, along)[met]
+    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    chart = shape.chart(*points[:-1, :-1][met].T)
+    normal = np.stack(np.broadcast_arrays(*chart.normal), axis=-1)
+    np.testing.assert_allclose((normal**2).sum(axis=-1), 1, rtol=1e-9)
+    assert np.median(abs((turned * normal).sum(axis=1))) > 0.99
+
+
+def test_ellipsoid_and_cone_are_met_on_their_surface(camera: Camera) -> None:
+    rays = camera.rays(np.arange(80.0)[None], np.arange(60.0)[:, None], LEFT)
+    ball, cone = SHAPES[3], SHAPES[4]
+    for shape in (ball, cone):
+        depth, _ = cast([shape], rays, [(0, 60, 0, 80)], 0)
+        met = np.isfinite(depth)
+        x, y, z = (p[met] for p in rays.at(np.where(met, depth, 1)))
+        if shape is ball:
+            level = ((x - 0.1) / 0.3) ** 2 + ((y - 0.4) / 0.2) ** 2 + ((z - 2) / 0.4) ** 2
+        else:
+            level = np.hypot(x + 0.1, z - 2.2) / (0.2 + 0.1 * y / 0.7)
+        np.testing.assert_allclose(level, 1, atol=1e-9)
+
+
+def test_views_differ_by_noise_of_one_level(scene: Scene, camera: Camera) -> None:
+    exposure = exposure_of(scene, camera)
+    first, second = (
+        photograph(scene, camera, LEFT, exposure, np.random.default_rng(seed)).astype(float)
+        for seed in (0, 1)
+    )
+    # Twice noise of variance 1 and rounding of variance 1/12.
+    assert (first - second).std() == pytest.approx(np.sqrt(2 * (1 + 1 / 12)), rel=0.05)
+
+
+def test_things_throw_shadows_away_from_the_sun() -> None:
+    floor = Patch((0.0, 0.0, 4.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), 6.0, 4.0)
+    post = Frustum((0.0, 0.0, 4.0), 1.0, 0.2, 0.2)
+    light = light_falling_on(floor, [post])
+    u, v = np.array([-0.8, 0.8, 4.0]), np.array([0.28, -0.28, 3.0])  # sunwards, behind, far off
+    sunny, shady, open_ground = light.at(u, v)
+    assert sunny > 0.8 * open_ground
+    assert shady < 0.6 * open_ground
+
+
+@pytest.mark.parametrize("shift", [0.0, 1.0, -3.0])
+def test_textures_repeat_and_coarser_levels_keep_the_mean(shift: float) -> None:
+    tile = Studio(np.random.default_rng(0), 64).plain((180, 120, 60), tone=0.3)
+    texture = Texture.of(tile, 1.0)
+    u, v = np.random.default_rng(1).uniform(0, 1, (2, 500))
+    for spacing in (0.001, 0.1):
+        there = look_up(texture, u + shift, v, np.full(500, spacing))
+        np.testing.assert_allclose(there, look_up(texture, u, v, np.full(500, spacing)), rtol=1e-4)
+    for level in texture.levels:
+        np.testing.assert_allclose(level.mean(axis=(0, 1)), tile.mean(axis=(0, 1)), rtol=1e-5)
+    assert texture.levels[-1].shape[0] == 16
+
+
+def test_look_up_mixes_levels_by_spacing_and_interpolates() -> None:
+    tile = np.arange(32 * 32, dtype=np.float32).reshape(32, 32, 1)
+    texture = Texture.of(tile, 32.0)
+    u, v = np.array([5.5, 6.0, 6.0]), np.array([7.5, 7.5, 8.0])
+    # Texel centres are at halves; the second level's texel (3, 4) is the mean of four.
+    spacing = np.array([1.0, 1.0, 2.5])
+    coarse = texture.levels[1][3:5, 2:4, 0]
+    expected = [7 * 32 + 5, 7 * 32 + 5.5, coarse[0, 0] * 0.25 + coarse[0, 1] * 0.25]
+    expected[2] += coarse[1, 0] * 0.25 + coarse[1, 1] * 0.25
+    np.testing.assert_allclose(look_up(texture, u, v, spacing)[:, 0], expected)
+
+
+def test_fractal_noise_has_the_slope_it_says() -> None:
+    noise = fractal(np.random.default_rng(0), 256, slope=1.0)
+    assert noise.std() == pytest.approx(1, rel=1e-4)
+    amplitude = abs(np.fft.fft2(noise))
+    radius = np.hypot(np.fft.fftfreq(256)[:, None], np.fft.fftfreq(256)[None])
+    low, high = (
+        np.sqrt((amplitude[(radius > f / 1.1) & (radius < f * 1.1)] ** 2).mean())
+        for f in (0.05, 0.4)
+    )
+    assert low / high == pytest.approx(8, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("seed", "size"), [(0, (16, 16, 8)), (1, (33, 90, 45)), (2, (140, 40, 16))]
+)
+def test_every_size_renders_within_its_range(seed: int, size: tuple[int, int, int]) -> None:
+    height, width, count = size
+    result = render_pair(seed, height=height, width=width, num_disparities=count)
+    assert result.truth is not None
+    assert result.left.shape == (height, width, 3)
+    assert result.truth.min() > 0
+    assert result.truth.max() <= count - 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "name"),
+    [
+        ({"seed": -1}, ValueError, "seed"),
+        ({"seed": 1.5}, TypeError, "seed"),
+        ({"seed": True}, TypeError, "seed"),
+        ({"height": 15}, ValueError, "height"),
+        ({"height": 10_000}, ValueError, "height"),
+        ({"width": "480"}, TypeError, "width"),
+        ({"width": 0}, ValueError, "width"),
+        ({"num_disparities": 7}, ValueError, "num_disparities"),
+        ({"num_disparities": 241}, ValueError, "num_disparities"),
+        ({"num_disparities": None}, TypeError, "num_disparities"),
+    ],
+)
+def test_arguments_are_checked(
+    arguments: dict[str, Any], error: type[Exception], name: str
+) -> None:
+    with pytest.raises(error, match=name):
+        render_pair(**arguments)
