@@ -58,6 +58,6 @@ $(VENV)/ready: pyproject.toml
 	$(BIN)/pip install --quiet --group dev
 	touch $@
 
-$(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs)
+$(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs)
 	$(BIN)/maturin develop --release --locked --extras demo --quiet
 	touch $@

@@ -3,31 +3,27 @@
 //! Both images are copied before the interpreter is let go: a borrow would not stop another Python thread
 //! from writing into them.
 
-use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::thread;
-use std::time::Duration;
+mod arguments;
+mod supervisor;
 
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
-use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyTypeError, PyValueError};
+use numpy::{Element, IntoPyArray, PyArray2, PyArray3};
+use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyDict};
+use pyo3::types::PyDict;
 
+use self::arguments::{Both, read_pair, read_settings, read_threads, read_view, read_volume};
+use self::supervisor::supervised;
 use crate::aggregation::{Window, aggregate};
 use crate::control::Control;
 use crate::cost::Costs;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
 use crate::intensity::gray_plane;
-use crate::matcher::{Execution, MOST_THREADS, Pair, on_threads, run};
+use crate::matcher::{Execution, on_threads, run};
 use crate::plane::Plane;
 use crate::refinement::flag;
 use crate::scanline::{Steps, optimize};
-use crate::settings::{CostKind, MOST_DISPARITIES, Optimizer, Penalty, Settings, Taper};
-use crate::view::{Image, Mask, View};
-
-/// How often a running match looks for Ctrl-C and reports its progress.
-const TICK: Duration = Duration::from_millis(50);
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -62,9 +58,6 @@ mod _core {
         module.add("FLAGS", flags)
     }
 }
-
-/// Something of the left and the same of the right image, or any other two things.
-type Both<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 #[pyfunction]
 fn check_settings(settings: &Bound<'_, PyAny>) -> PyResult<()> {
@@ -180,219 +173,6 @@ fn optimize_volume<'py>(
     let control = Control::default();
     let work = || optimize(&costs, count, settings.optimizer, steps, &control);
     wrap(py, supervised(py, &control, rows, None, work)?)
-}
-
-/// Runs `work` beside the interpreter, which it lets go, and meanwhile minds Ctrl-C and progress.
-fn supervised<T: Send>(
-    py: Python<'_>,
-    control: &Control,
-    rows: usize,
-    progress: Option<Bound<'_, PyAny>>,
-    work: impl FnOnce() -> crate::error::Result<T> + Send,
-) -> PyResult<T> {
-    let progress = progress.map(Bound::unbind);
-    let report = |py: Python<'_>| -> PyResult<()> {
-        py.check_signals()?;
-        let Some(progress) = &progress else { return Ok(()) };
-        progress.call1(py, (control.rows_done(), rows)).map(drop)
-    };
-    let outcome = py.detach(|| {
-        thread::scope(|scope| {
-            let (finish, finished) = channel::<()>();
-            let worker = thread::Builder::new().spawn_scoped(scope, move || {
-                // Dropped when the work ends, even by a panic: that wakes the supervisor.
-                let _finish = finish;
-                work()
-            });
-            let worker = worker.map_err(|error| Error::Threads(error.to_string()))?;
-            let mut interruption = Ok(());
-            while interruption.is_ok()
-                && finished.recv_timeout(TICK) == Err(RecvTimeoutError::Timeout)
-            {
-                interruption = Python::attach(report);
-            }
-            if interruption.is_err() {
-                control.cancel();
-            }
-            let outcome = worker.join().map_err(|_| internal("a worker thread panicked"))?;
-            interruption.and(outcome.map_err(PyErr::from))
-        })
-    })?;
-    report(py)?;
-    Ok(outcome)
-}
-
-fn read_pair(
-    (left, right): &Both<'_>,
-    masks: &Both<'_>,
-    (min, count): &Both<'_>,
-) -> PyResult<Pair> {
-    let (min, count) = (integer(min, "min_disparity")?, integer(count, "num_disparities")?);
-    let left = read_view(left, &masks.0, "left")?;
-    let right = read_view(right, &masks.1, "right")?;
-    Ok(Pair::new(left, right, min, count)?)
-}
-
-/// An image of rows x columns x channels, 1 or 3 of them, and its mask or None.
-fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) -> PyResult<View> {
-    let image = if let Ok(array) = image.cast::<PyArray3<u8>>() {
-        Image::U8(copied(array)?)
-    } else if let Ok(array) = image.cast::<PyArray3<u16>>() {
-        Image::U16(copied(array)?)
-    } else if let Ok(array) = image.cast::<PyArray3<f32>>() {
-        Image::F32(copied(array)?)
-    } else if let Ok(array) = image.cast::<PyArray3<f64>>() {
-        Image::F64(copied(array)?)
-    } else {
-        let message = format!("{name}: accepts 3-D arrays of uint8, uint16, float32 or float64");
-        return Err(PyTypeError::new_err(message));
-    };
-    let (rows, cols, channels) = image.shape();
-    if rows == 0 || cols == 0 || !matches!(channels, 1 | 3) {
-        let message = format!(
-            "{name}: got shape {:?}; accepts at least one pixel, 1 or 3 channels",
-            image.shape()
-        );
-        return Err(PyValueError::new_err(message));
-    }
-    Ok(View { image, mask: read_mask(mask, (rows, cols), name)? })
-}
-
-fn read_mask(mask: &Bound<'_, PyAny>, size: (usize, usize), name: &str) -> PyResult<Option<Mask>> {
-    if mask.is_none() {
-        return Ok(None);
-    }
-    let Ok(array) = mask.cast::<PyArray2<bool>>() else {
-        return Err(PyTypeError::new_err(format!("{name}_mask: accepts 2-D arrays of bool")));
-    };
-    let array = array.try_readonly().map_err(internal)?.as_array().to_owned();
-    if array.dim() != size {
-        let message =
-            format!("{name}_mask: got shape {:?}; accepts the image's {size:?}", array.dim());
-        return Err(PyValueError::new_err(message));
-    }
-    Ok(Some(Plane::from_vec(size.0, size.1, array.iter().copied().collect())?))
-}
-
-fn copied<T: Element + Clone>(array: &Bound<'_, PyArray3<T>>) -> PyResult<Array3<T>> {
-    Ok(array.try_readonly().map_err(internal)?.as_array().to_owned())
-}
-
-/// A volume of rows x columns x candidates as a plane whose rows hold columns x candidates.
-fn read_volume<T: Element + Copy>(
-    volume: &Bound<'_, PyArray3<T>>,
-    name: &'static str,
-) -> PyResult<(Plane<T>, (usize, usize, usize))> {
-    let array = copied(volume)?;
-    let (rows, cols, count) = array.dim();
-    if rows * cols == 0 || !(1..=MOST_DISPARITIES).contains(&count) {
-        let accepts = format!("at least one pixel, 1 to {MOST_DISPARITIES} candidates");
-        return Err(Error::value(name, format!("shape {:?}", array.dim()), accepts).into());
-    }
-    let plane = Plane::from_vec(rows, cols * count, array.iter().copied().collect())?;
-    Ok((plane, (rows, cols, count)))
-}
-
-fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
-    let field = |name: &str| settings.getattr(name);
-    let settings = Settings {
-        cost: choice(&field("cost")?, "cost", &COSTS)?,
-        neighborhood: natural(&field("neighborhood")?, "neighborhood")?,
-        taper: choice(&field("taper")?, "taper", &TAPERS)?,
-        frequencies: {
-            let (r, s) = both(&field("frequencies")?, "frequencies", "a pair of integers (r, s)")?;
-            (natural(&r, "frequencies")?, natural(&s, "frequencies")?)
-        },
-        power: natural(&field("power")?, "power")?,
-        bits: natural(&field("bits")?, "bits")?,
-        window: natural(&field("window")?, "window")?,
-        shiftable: boolean(&field("shiftable")?, "shiftable")?,
-        optimizer: choice(&field("optimizer")?, "optimizer", &OPTIMIZERS)?,
-        penalty: read_penalty(&field("penalty")?)?,
-        intensity_range: match field("intensity_range")? {
-            range if range.is_none() => None,
-            range => {
-                let (black, white) =
-                    both(&range, "intensity_range", "a pair of numbers (black, white) or None")?;
-                Some((number(&black, "intensity_range")?, number(&white, "intensity_range")?))
-            }
-        },
-        fill: boolean(&field("fill")?, "fill")?,
-    };
-    settings.check()?;
-    Ok(settings)
-}
-
-/// One number for both changes, or a pair.
-fn read_penalty(penalty: &Bound<'_, PyAny>) -> PyResult<Penalty> {
-    if let Ok(both) = number(penalty, "penalty") {
-        return Ok(Penalty { rise: both, drop: both });
-    }
-    let (rise, drop) = both(penalty, "penalty", "a number or a pair of them (rise, drop)")?;
-    Ok(Penalty { rise: number(&rise, "penalty")?, drop: number(&drop, "penalty")? })
-}
-
-const COSTS: [(&str, CostKind); 3] =
-    [("phase", CostKind::Phase), ("sad", CostKind::Sad), ("nsad", CostKind::NormalisedSad)];
-const TAPERS: [(&str, Taper); 3] =
-    [("uniform", Taper::Uniform), ("gaussian", Taper::Gaussian), ("hann", Taper::Hann)];
-const OPTIMIZERS: [(&str, Optimizer); 2] =
-    [("dp", Optimizer::DynamicProgramming), ("wta", Optimizer::WinnerTakesAll)];
-
-fn read_threads(threads: &Bound<'_, PyAny>) -> PyResult<usize> {
-    if threads.is_none() {
-        return Ok(thread::available_parallelism().map_or(1, Into::into).min(MOST_THREADS));
-    }
-    natural(threads, "threads")
-}
-
-fn choice<T: Copy>(
-    value: &Bound<'_, PyAny>,
-    name: &'static str,
-    choices: &[(&str, T)],
-) -> PyResult<T> {
-    let Ok(word) = value.extract::<String>() else {
-        return Err(wrong_type(value, name, "a string"));
-    };
-    let found = choices.iter().find(|(name, _)| *name == word).map(|(_, choice)| *choice);
-    let names =
-        || choices.iter().map(|(name, _)| format!("'{name}'")).collect::<Vec<_>>().join(", ");
-    found.ok_or_else(|| Error::value(name, format!("'{word}'"), names()).into())
-}
-
-fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<i64> {
-    let whole = value.call_method0("__index__");
-    match whole {
-        Ok(whole) if !value.is_instance_of::<PyBool>() => whole
-            .extract()
-            .map_err(|_| Error::value(name, &whole, "an integer of at most 64 bits").into()),
-        _ => Err(wrong_type(value, name, "an integer")),
-    }
-}
-
-fn natural(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<usize> {
-    let whole = integer(value, name)?;
-    usize::try_from(whole).map_err(|_| Error::value(name, whole, "no negative integers").into())
-}
-
-fn number(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<f64> {
-    match value.extract() {
-        Ok(number) if !value.is_instance_of::<PyBool>() => Ok(number),
-        _ => Err(wrong_type(value, name, "a number")),
-    }
-}
-
-fn boolean(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<bool> {
-    value.extract().map_err(|_| wrong_type(value, name, "True or False"))
-}
-
-fn both<'py>(value: &Bound<'py, PyAny>, name: &str, accepts: &str) -> PyResult<Both<'py>> {
-    value.extract().map_err(|_| wrong_type(value, name, accepts))
-}
-
-fn wrong_type(value: &Bound<'_, PyAny>, name: &str, accepts: &str) -> PyErr {
-    let kind = value.get_type().name().map_or_else(|_| "?".into(), |name| name.to_string());
-    PyTypeError::new_err(format!("{name}: got {kind}; accepts {accepts}"))
 }
 
 fn wrap<T: Element>(py: Python<'_>, plane: Plane<T>) -> PyResult<Bound<'_, PyArray2<T>>> {
