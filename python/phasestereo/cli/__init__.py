@@ -1,0 +1,73 @@
+"""The command line: one module a command, and here what all of them share.
+
+Exit codes: 0 success, 1 the run failed, 2 the command line was wrong; an error that the user can
+mend is one line on standard error, any other a traceback. Importing this package needs the extra
+``cli``; `phasestereo.__main__` says so where it is missing.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import TYPE_CHECKING
+
+from cyclopts import App, CycloptsError, Parameter
+
+import phasestereo
+from phasestereo.cli import demo, match
+from phasestereo.cli.errors import WRONG_USAGE, CommandError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["app", "run"]
+
+_HELP = f"""{phasestereo.__doc__.splitlines()[0]} For example:
+
+```
+phasestereo match left.png right.png --num-disparities 64 -o out.pfm
+```
+"""
+
+app = App(
+    name="phasestereo",
+    help=_HELP,
+    version=phasestereo.__version__,
+    help_format="markdown",
+    default_parameter=Parameter(negative_iterable=()),
+)
+app.command(match.match)
+app.command(demo.demo)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command; return its exit code.
+
+    Parameters
+    ----------
+    arguments
+        What follows the program's name on the command line.
+    """
+    try:
+        _execute(arguments)
+        sys.stdout.flush()
+    except CycloptsError as error:
+        return _refuse(CommandError(str(error), WRONG_USAGE))
+    except CommandError as error:
+        return _refuse(error)
+    except BrokenPipeError:
+        # The reader has gone, as with `| head`; nothing is left to be flushed at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    return 0
+
+
+def _execute(arguments: Sequence[str]) -> None:
+    command, bound, _ = app.parse_args(arguments, exit_on_error=False, print_error=False)
+    command(*bound.args, **bound.kwargs)
+
+
+def _refuse(error: CommandError) -> int:
+    line = " ".join(str(error).split())
+    sys.stderr.write(f"phasestereo: error: {line}\n")
+    return error.code

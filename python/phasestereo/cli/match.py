@@ -1,0 +1,105 @@
+"""``phasestereo match``: two image files in, a disparity map out."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+from dataclasses import fields
+from inspect import signature
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Group, Parameter, validators
+
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.mask import read_mask
+from phasestereo.cli.options import Overrides
+from phasestereo.cli.outputs import Outputs
+from phasestereo.cli.scoring import Scoring
+from phasestereo.cli.summary import Summary, show
+from phasestereo.cli.terminal import progress_bar
+from phasestereo.io import read_image
+from phasestereo.matcher import match as match_pair
+from phasestereo.settings import PRESETS, Settings, resolve
+
+_VALUES = {"preset", "num_disparities", "min_disparity", "threads"}
+_OPTIONS = _VALUES | {field.name for field in fields(Settings)}
+
+_SEARCH = Group.create_ordered("Search")
+_OUTPUT = Group.create_ordered("Output")
+_SCORE = Group.create_ordered("Score")
+_SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
+_AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
+_REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
+_OUTPUTS, _SCORING = Outputs(), Scoring()
+_PRESET = signature(match_pair).parameters["preset"].default
+_PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
+
+
+def match(
+    left: Path,
+    right: Path,
+    /,
+    *,
+    num_disparities: Annotated[int, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)],
+    min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
+    left_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
+    right_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
+    threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
+    outputs: Annotated[Outputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
+    scoring: Annotated[Scoring, Parameter(name="*", group=_SCORE)] = _SCORING,
+    preset: Annotated[str, Parameter(group=_SETTINGS, help=_PRESET_HELP)] = _PRESET,
+    overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
+) -> None:
+    """Match a rectified stereo pair.
+
+    The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in the right one.
+    At least one of ``--output``, ``--color``, ``--truth`` and ``--json`` says what to do with the
+    disparities d. For example:
+
+    ```
+    phasestereo match left.png right.png --num-disparities 64 -o out.pfm
+    ```
+
+    Parameters
+    ----------
+    left
+        Left image: PNG, JPEG, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour.
+    right
+        Right image, of the same size and type.
+    num_disparities
+        Number of disparities to search, 1 to the images' width.
+    min_disparity
+        Smallest disparity to search.
+    left_mask
+        Image of the left image's size, non-zero where its pixels are valid.
+    right_mask
+        The same of the right image.
+    threads
+        Number of threads; without it, as many as there are processors.
+    """
+    scoring.check()
+    if not (outputs.asked_for() or scoring.truth):
+        raise CommandError("nothing to do: give -o, --color, --truth or --json", WRONG_USAGE)
+    with refusals(options=_OPTIONS):
+        settings = resolve(preset, None, overrides or {})
+    sources = [left, right, left_mask, right_mask, *scoring.sources()]
+    disparities = min_disparity, num_disparities
+    outputs.check(sources, disparities)
+    with refusals():
+        images = read_image(left), read_image(right)
+        masks = read_mask(left_mask), read_mask(right_mask)
+        truth = scoring.read(images[0].shape[:2])
+    with refusals(options=_OPTIONS), progress_bar("Matching") as progress:
+        result = match_pair(
+            *images,
+            num_disparities=num_disparities,
+            min_disparity=min_disparity,
+            settings=settings,
+            threads=threads,
+            left_mask=masks[0],
+            right_mask=masks[1],
+            progress=progress,
+        )
+    with refusals():
+        score = None if truth is None else truth.score(result.disparity)
+        written = outputs.write(result.disparity)
+    show(Summary(result, disparities, score, written), as_json=outputs.json)

@@ -1,0 +1,54 @@
+"""The fields of `Settings` as options: their names, types and help are those of the class."""
+
+from __future__ import annotations
+
+from types import UnionType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    TypedDict,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from cyclopts import Parameter
+
+from phasestereo.settings import Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cyclopts import Token
+
+    Overrides = dict[str, Any]
+    """The fields that were given, by name."""
+
+
+def _numbers(_hint: Any, tokens: Sequence[Token]) -> float | tuple[float, ...]:
+    """Read ``2`` as a number and ``0.5,2`` as a pair of them."""
+    values = tuple(float(part) for part in tokens[0].value.split(","))
+    return values if len(values) > 1 else values[0]
+
+
+def _as_option(hint: Any) -> Any:
+    """Return the type hint of a field as an option takes it.
+
+    One number or else a pair can only be told apart within one word of the command line.
+    """
+    kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else ()
+    if float in kinds and any(get_origin(kind) is tuple for kind in kinds):
+        return Annotated[float, Parameter(converter=_numbers)]
+    return hint
+
+
+if not TYPE_CHECKING:
+    # One key a field, none of them required: those that were given are the overrides.
+    Overrides = TypedDict(
+        "Overrides",
+        {name: _as_option(hint) for name, hint in get_type_hints(Settings).items()},
+        total=False,
+    )
+    Overrides.__doc__ = Settings.__doc__

@@ -1,0 +1,107 @@
+"""The files that ``phasestereo match`` writes, checked before it matches."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import os
+import secrets
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+from numpy.typing import NDArray
+
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
+from phasestereo.io import write_disparity, write_image
+from phasestereo.picture import disparity_picture
+
+Map = NDArray[np.float32]
+Writer = Callable[[Path, Map], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outputs:
+    """What to do with the disparities.
+
+    Parameters
+    ----------
+    output
+        File for the disparities in pixels: .pfm, .npy, .tif, or .png as KITTI has it (16 bits,
+        256 d).
+    color
+        Image file for the disparities in colour, beside a scale in pixels; pixels without an
+        estimate are gray. Needs the extra ``plot``.
+    json
+        Print one JSON object on standard output: size, settings, timings, flags, metrics, files.
+    """
+
+    output: Annotated[Path | None, Parameter(alias="-o")] = None
+    color: Path | None = None
+    json: Annotated[bool, Parameter(negative=(), show_default=False)] = False
+
+    def asked_for(self) -> bool:
+        """Tell whether anything is to come out."""
+        return bool(self.output or self.color or self.json)
+
+    def check(self, sources: Iterable[Path | None], disparities: tuple[int, int]) -> None:
+        """Refuse what cannot or must not be written.
+
+        Parameters
+        ----------
+        sources
+            The files that are read.
+        disparities
+            The smallest one, and how many there are.
+
+        Raises
+        ------
+        CommandError
+            If a file is a source, given twice, a folder, in a folder that cannot be written to, or
+            in a format that does not hold all of the disparities.
+        """
+        taken = [source for source in sources if source]
+        low, count = disparities
+        extremes = np.array([[low, low + count - 1]], dtype=np.float32)
+        for name, path, write in self._files():
+            if any(_same(path, other) for other in taken):
+                raise CommandError(f"{option(name)}: {path} is in use already", WRONG_USAGE)
+            taken.append(path)
+            _rehearse(name, path, write, extremes)
+
+    def write(self, disparity: Map) -> dict[str, str]:
+        """Write what was asked for; return the paths by option."""
+        for _, path, write in self._files():
+            write(path, disparity)
+        return {name: str(path) for name, path, _ in self._files()}
+
+    def _files(self) -> list[tuple[str, Path, Writer]]:
+        files = ("output", self.output, write_disparity), ("color", self.color, _write_color)
+        return [(name, path, write) for name, path, write in files if path]
+
+
+def _write_color(path: Path, disparity: Map) -> None:
+    write_image(path, disparity_picture(disparity))
+
+
+def _same(path: Path, other: Path) -> bool:
+    """Tell whether two paths name one file; either may not exist yet."""
+    if path.exists() and other.exists():
+        return path.samefile(other)
+    return os.path.realpath(path) == os.path.realpath(other)
+
+
+def _rehearse(name: str, path: Path, write: Writer, disparity: Map) -> None:
+    """Write a draft beside the file and remove it: nothing else knows all that can go wrong."""
+    target = Path(os.path.realpath(path))  # a symbolic link stays, the file it names is replaced
+    if target.is_dir():
+        raise CommandError(f"{option(name)}: {path} is a folder")
+    draft = target.with_name(f".{secrets.token_hex(8)}{path.suffix}")
+    with refusals():
+        try:
+            write(draft, disparity)
+        except ValueError as error:
+            raise CommandError(f"{option(name)}: {error}", WRONG_USAGE) from error
+        finally:
+            draft.unlink(missing_ok=True)

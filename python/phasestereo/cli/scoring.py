@@ -1,0 +1,97 @@
+"""The ground truth that ``phasestereo match`` scores against."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter, validators
+from numpy.typing import NDArray
+
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
+from phasestereo.cli.mask import read_mask
+from phasestereo.io import read_disparity, read_truth
+from phasestereo.metrics import Score, bad_pixels, score
+
+Map = NDArray[np.float32]
+
+_FLOATS = {".pfm", ".npy"}  # never gray-coded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scoring:
+    """What to score against.
+
+    Parameters
+    ----------
+    truth
+        Disparities known to be right: .pfm, .npy, .tif, KITTI's .png, or any gray image together
+        with ``--truth-scale``.
+    truth_scale
+        Gray levels per pixel of disparity, 0 being unknown: 4 for Middlebury's cones and teddy.
+    truth_mask
+        Image of the pixels to score; without it, all whose truth is known.
+    truth_mask_level
+        Gray level from which on a pixel of the mask counts: 255 for Middlebury's mask0nocc.png.
+        Default 1.
+    """
+
+    truth: Path | None = None
+    truth_scale: Annotated[float | None, Parameter(validator=validators.Number(gt=0))] = None
+    truth_mask: Path | None = None
+    truth_mask_level: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None
+
+    def check(self) -> None:
+        """Refuse options that have no effect."""
+        needed = {"truth_mask_level": "truth_mask"}
+        for field in fields(self):
+            other = needed.get(field.name, "truth")
+            if getattr(self, field.name) is not None and getattr(self, other) is None:
+                message = f"{option(field.name)}: has no effect without {option(other)}"
+                raise CommandError(message, WRONG_USAGE)
+
+    def sources(self) -> list[Path | None]:
+        """Return the files that are read."""
+        return [self.truth, self.truth_mask]
+
+    def read(self, size: tuple[int, ...]) -> "Truth | None":
+        """Read the truth of images of this size, and what of it is to be scored.
+
+        Raises
+        ------
+        OSError, ValueError
+            If a file is not what it should be, has another size, or nothing is left to score.
+        """
+        if self.truth is None:
+            return None
+        truth = self._read_truth(self.truth)
+        mask = read_mask(self.truth_mask, level=self.truth_mask_level or 1)
+        for path, array in ((self.truth, truth), (self.truth_mask, mask)):
+            if array is not None and array.shape != size:
+                raise ValueError(f"{path}: got {array.shape} pixels; accepts the images' {size}")
+        bad_pixels(truth, truth, 0, mask)  # raises if there is nothing to score
+        return Truth(truth, mask)
+
+    def _read_truth(self, path: Path) -> Map:
+        if self.truth_scale is not None:
+            return read_truth(path, scale=self.truth_scale)
+        try:
+            return read_disparity(path)
+        except ValueError as error:
+            if path.suffix.lower() in _FLOATS:
+                raise
+            raise ValueError(f"{error}: does it need --truth-scale?") from error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """Disparities known to be right, NaN where unknown, and the pixels to score (None: all)."""
+
+    disparity: Map
+    mask: NDArray[np.bool_] | None
+
+    def score(self, estimate: Map) -> Score:
+        """Return all numbers there are for an estimate."""
+        return score(estimate, self.disparity, mask=self.mask)

@@ -1,0 +1,117 @@
+"""What ``phasestereo match`` says of a result: a few lines and a table, or one JSON object."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import phasestereo
+from phasestereo.result import Flag
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from phasestereo.metrics import Score
+    from phasestereo.result import Result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Summary:
+    """A result, how it was asked for, and what has become of it.
+
+    Parameters
+    ----------
+    result
+        The result.
+    disparities
+        The smallest disparity searched, and how many were.
+    score
+        The metrics, where there was a truth.
+    files
+        The files written, by option.
+    """
+
+    result: Result
+    disparities: tuple[int, int]
+    score: Score | None
+    files: Mapping[str, str]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything as JSON has it; numbers that JSON does not have are None."""
+        rows, cols = self.result.disparity.shape
+        summary = {
+            "version": phasestereo.__version__,
+            "width": cols,
+            "height": rows,
+            "min_disparity": self.disparities[0],
+            "num_disparities": self.disparities[1],
+            "settings": asdict(self.result.settings),
+            "timings": dict(self.result.timings),
+            "estimated": self.estimated,
+            "flags": self.flags,
+            "files": dict(self.files),
+        }
+        if self.score is not None:
+            metrics = self.score.as_dict().items()
+            summary["metrics"] = {k: v if math.isfinite(v) else None for k, v in metrics}
+        return summary
+
+    @property
+    def estimated(self) -> float:
+        """Share of the pixels with an estimate, 0 to 1."""
+        return float(np.isfinite(self.result.disparity).mean())
+
+    @property
+    def flags(self) -> dict[str, int]:
+        """Number of pixels under each flag, by its name."""
+        return {
+            flag.name.lower(): int(np.count_nonzero(self.result.flags & flag))
+            for flag in Flag
+            if flag.name
+        }
+
+
+def show(summary: Summary, *, as_json: bool) -> None:
+    """Print a summary on standard output."""
+    if as_json:
+        sys.stdout.write(json.dumps(summary.as_dict(), indent=2, allow_nan=False) + "\n")
+        return
+    console = Console(highlight=False, soft_wrap=True)
+    for line in _lines(summary):
+        console.print(line, markup=False)
+    if summary.score is not None:
+        console.print(_table(summary.score))
+
+
+def _lines(summary: Summary) -> list[str]:
+    rows, cols = summary.result.disparity.shape
+    seconds = sum(summary.result.timings.values())
+    flagged = [
+        f"{name.replace('_', ' ')} {count / (rows * cols):.1%}"
+        for name, count in summary.flags.items()
+        if count
+    ]
+    return [
+        f"{cols} x {rows} pixels, {summary.disparities[1]} disparities, {seconds:.3f} s",
+        f"estimated {summary.estimated:.1%}, flagged: {', '.join(flagged) or 'none'}",
+        *(f"wrote {path}" for path in summary.files.values()),
+    ]
+
+
+def _table(score: Score) -> Table:
+    table = Table("metric", title="Against the truth", title_justify="left")
+    table.add_column("value", justify="right")
+    for name, value in score.as_dict().items():
+        table.add_row(name, f"{value:,}" if name == "pixels" else f"{value:.2f} {_unit(name)}")
+    return table
+
+
+def _unit(name: str) -> str:
+    return "% " if name.startswith(("bad", "invalid", "D1")) else "px"

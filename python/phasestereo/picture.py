@@ -1,0 +1,306 @@
+"""Pictures to look at: disparities and errors in colour, and several of them side by side.
+
+Here is what turns arrays into RGB images; nothing is read, written or shown. matplotlib (the extra
+``plot``) supplies the colours, the axes and the text, through figures of its own that no global
+state knows of.
+"""
+
+from __future__ import annotations
+
+from numbers import Integral, Real
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo._extras import require
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    Picture = NDArray[np.uint8]
+    Map = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+    Ends = tuple[float, float]
+
+__all__ = ["NEUTRAL", "UNSCORED", "colorize", "disparity_picture", "error_picture", "panel"]
+
+NEUTRAL = (112, 112, 112)
+"""Colour of pixels without an estimate: turbo, whose colours are vivid, has none near it."""
+
+UNSCORED = (190, 190, 190)
+"""Colour of pixels that do not count; those of errors are white, and yellow to dark red."""
+
+GOOD = 1.0
+"""Largest error in pixels that is not bad."""
+
+_ROBUST = (1.0, 99.0)  # percentiles: a few outliers must not take the colours from the rest
+_DISPARITY_COLOURS = "turbo"
+_ERROR_COLOURS = "YlOrRd"
+_PAPER = "#f4f4f4"  # not white, from which a picture of no errors would not stand out
+_DPI = 100
+
+
+def colorize(
+    disparity: ArrayLike, *, low: float | None = None, high: float | None = None
+) -> Picture:
+    """Colour a disparity map: far is blue, near is red, no estimate is gray (`NEUTRAL`).
+
+    Parameters
+    ----------
+    disparity
+        Float (H, W), pixels; NaN or infinite = no estimate.
+    low, high
+        Disparities at the ends of the colours; beyond them the colours stay. None: the 1st and the
+        99th percentile of the estimates.
+
+    Returns
+    -------
+    ndarray
+        uint8 (H, W, 3), RGB, in matplotlib's map turbo.
+
+    Raises
+    ------
+    TypeError
+        If the disparities are not floats, or a limit is not a number.
+    ValueError
+        If the shape is not (H, W), a limit is not finite, or low exceeds high.
+    ImportError
+        If matplotlib is not installed.
+    """
+    values = _map("disparity", disparity)
+    known = np.isfinite(values)
+    return _coloured(values, known, _ends(values[known], low, high), _DISPARITY_COLOURS, NEUTRAL)
+
+
+def disparity_picture(
+    disparity: ArrayLike, *, title: str = "", low: float | None = None, high: float | None = None
+) -> Picture:
+    """Draw a disparity map as `colorize` does, under a title and beside a bar of the colours.
+
+    Parameters
+    ----------
+    disparity, low, high
+        As for `colorize`.
+    title
+        Text above the map.
+
+    Returns
+    -------
+    ndarray
+        uint8 RGB; the map has its own size in pixels, on light gray.
+
+    Raises
+    ------
+    TypeError, ValueError, ImportError
+        As `colorize`.
+    """
+    values = _map("disparity", disparity)
+    low, high = _ends(values[np.isfinite(values)], low, high)
+    rows, cols = values.shape
+    text = _text_size(cols)
+    margin, beside = 2 * text, 7 * text
+    width, height = margin + cols + beside, rows + 2 * margin
+    figure = _figure(width, height)
+    figure.figimage(colorize(values, low=low, high=high), margin, margin, origin="upper")
+    figure.text(margin / width, 1 - 0.5 * margin / height, title, va="center", size=_points(text))
+    box = (margin + cols + text) / width, margin / height, text / width, rows / height
+    normalize = require("matplotlib.colors", extra="plot").Normalize(low, high)
+    mappable = require("matplotlib.cm", extra="plot").ScalarMappable(normalize, _DISPARITY_COLOURS)
+    bar = figure.colorbar(mappable, cax=figure.add_axes(box))
+    bar.set_label("disparity, pixels", size=_points(text))
+    bar.ax.tick_params(labelsize=_points(text))
+    return _drawn(figure)
+
+
+def error_picture(
+    estimate: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None, *, worst: float = 4.0
+) -> Picture:
+    """Colour the error of a disparity map: white is right, yellow to dark red is wrong.
+
+    Errors up to 1 pixel, which are not bad, are white. Gray pixels (`UNSCORED`) do not count.
+
+    Parameters
+    ----------
+    estimate, truth
+        Float (H, W), pixels; NaN or infinite = missing (as bad as the worst), unknown.
+    mask
+        Pixels that count, bool (H, W); None: all whose truth is known.
+    worst
+        Error in pixels from which on the colour is the darkest, more than 1.
+
+    Returns
+    -------
+    ndarray
+        uint8 (H, W, 3), RGB.
+
+    Raises
+    ------
+    TypeError
+        If the maps are not floats, the mask is not bool, or worst is not a number.
+    ValueError
+        If shapes differ or are not (H, W), or worst is not above 1.
+    ImportError
+        If matplotlib is not installed.
+    """
+    found, wanted = _map("estimate", estimate), _map("truth", truth, like=np.shape(estimate))
+    if _number("worst", worst) <= GOOD:
+        raise ValueError(f"worst: got {worst:g}; accepts more than {GOOD:g} pixel")
+    scored = np.isfinite(wanted)
+    if mask is not None:
+        scored &= _mask(mask, like=found.shape)
+    error = np.full(found.shape, float(worst))
+    np.subtract(found, wanted, out=error, where=scored & np.isfinite(found))
+    error = np.abs(error)
+    picture = _coloured(error, scored, (0.0, float(worst)), _ERROR_COLOURS, UNSCORED)
+    picture[scored & (error <= GOOD)] = 255
+    return picture
+
+
+def panel(
+    pictures: Sequence[Picture], titles: Sequence[str], *, columns: int, heading: str = ""
+) -> Picture:
+    """Put pictures of one size side by side, row by row, each under its title.
+
+    Parameters
+    ----------
+    pictures
+        uint8 (H, W, 3), at least one.
+    titles
+        One each.
+    columns
+        Pictures in a row, at least 1.
+    heading
+        Text above them all.
+
+    Returns
+    -------
+    ndarray
+        uint8 RGB; the pictures have their own size in pixels, on light gray.
+
+    Raises
+    ------
+    TypeError
+        If a picture is not uint8, or columns not an integer.
+    ValueError
+        If there is no picture, they differ in shape from (H, W, 3) or each other, the titles are
+        not as many, or columns is below 1.
+    ImportError
+        If matplotlib is not installed.
+    """
+    rows, cols = _common_size(pictures, titles)
+    if _integer("columns", columns) < 1:
+        raise ValueError(f"columns: got {columns}; accepts 1 or more")
+    text = _text_size(cols)
+    gap, lines = text, -(-len(pictures) // columns)
+    above = 3 * text if heading else gap
+    across, down = cols + gap, rows + 3 * text
+    width, height = columns * across + gap, above + lines * down
+    figure = _figure(width, height)
+    figure.text(
+        gap / width, 1 - 1.75 * text / height, heading, va="center", size=1.3 * _points(text)
+    )
+    for number, (picture, title) in enumerate(zip(pictures, titles, strict=True)):
+        line, column = divmod(number, columns)
+        x, y = gap + column * across, above + line * down  # of its top left corner, y down
+        figure.figimage(picture, x, height - y - 2 * text - rows, origin="upper")
+        figure.text(x / width, 1 - (y + text) / height, title, va="center", size=_points(text))
+    return _drawn(figure)
+
+
+def _coloured(
+    values: Map, shown: Mask, ends: Ends, colours: str, elsewhere: tuple[int, int, int]
+) -> Picture:
+    """Look up the colour of each shown value; the others get their own colour."""
+    low, high = ends
+    share = np.divide(
+        values - low, high - low, out=np.zeros_like(values), where=shown & (high > low)
+    )
+    lookup = require("matplotlib", extra="plot").colormaps[colours]
+    picture: Picture = lookup(share, bytes=True)[:, :, :3].copy()
+    picture[~shown] = elsewhere
+    return picture
+
+
+def _ends(known: Map, low: float | None, high: float | None) -> Ends:
+    """Return the disparities at the ends of the colours: the given ones, else robust ones."""
+    robust = np.percentile(known, _ROBUST) if known.size else (0.0, 1.0)
+    ends = (
+        float(robust[0]) if low is None else _number("low", low),
+        float(robust[1]) if high is None else _number("high", high),
+    )
+    if ends[0] > ends[1]:
+        raise ValueError(f"low: got {ends[0]:g}; accepts at most high, which is {ends[1]:g}")
+    return ends
+
+
+def _figure(width: int, height: int) -> Any:
+    """Return a figure of this size in pixels, on a canvas that draws into memory."""
+    figure = require("matplotlib.figure", extra="plot").Figure(
+        figsize=(width / _DPI, height / _DPI), dpi=_DPI, facecolor=_PAPER
+    )
+    require("matplotlib.backends.backend_agg", extra="plot").FigureCanvasAgg(figure)
+    return figure
+
+
+def _drawn(figure: Any) -> Picture:
+    figure.canvas.draw()
+    picture: Picture = np.asarray(figure.canvas.buffer_rgba())[:, :, :3].copy()
+    return picture
+
+
+def _text_size(cols: int) -> int:
+    """Return the height of a line in pixels at which 50 letters span a picture of this width."""
+    return max(6, cols // 28)
+
+
+def _points(pixels: int) -> float:
+    return 0.8 * pixels * 72 / _DPI
+
+
+def _map(name: str, values: ArrayLike, *, like: tuple[int, ...] | None = None) -> Map:
+    array = np.asarray(values)
+    if not np.issubdtype(array.dtype, np.floating):
+        raise TypeError(f"{name}: got {array.dtype}; accepts floats (pixels, NaN = none)")
+    if array.ndim != 2 or array.size == 0:
+        raise ValueError(f"{name}: got shape {array.shape}; accepts (H, W)")
+    if like is not None and array.shape != like:
+        raise ValueError(f"{name}: got shape {array.shape}; accepts that of the estimate, {like}")
+    return array.astype(np.float64)
+
+
+def _mask(values: ArrayLike, *, like: tuple[int, ...]) -> Mask:
+    array = np.asarray(values)
+    if array.dtype != np.bool_:
+        raise TypeError(f"mask: got {array.dtype}; accepts bool (True = counts)")
+    if array.shape != like:
+        raise ValueError(f"mask: got shape {array.shape}; accepts that of the estimate, {like}")
+    return array
+
+
+def _number(name: str, value: object) -> float:
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise TypeError(f"{name}: got {type(value).__name__}; accepts a number")
+    if not np.isfinite(float(value)):
+        raise ValueError(f"{name}: got {value}; accepts finite numbers")
+    return float(value)
+
+
+def _integer(name: str, value: object) -> int:
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
+    return int(value)
+
+
+def _common_size(pictures: Sequence[Picture], titles: Sequence[str]) -> tuple[int, int]:
+    """Return the rows and columns that all pictures have."""
+    if not pictures or len(pictures) != len(titles):
+        raise ValueError(f"titles: got {len(titles)} of {len(pictures)} pictures; accepts one each")
+    shape = pictures[0].shape
+    for picture in pictures:
+        if picture.dtype != np.uint8:
+            raise TypeError(f"pictures: got {picture.dtype}; accepts uint8")
+        if picture.shape != shape or picture.shape[2:] != (3,):
+            raise ValueError(f"pictures: got shape {picture.shape}; accepts one (H, W, 3) for all")
+    return shape[0], shape[1]

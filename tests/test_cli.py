@@ -1,0 +1,441 @@
+"""The command line: what it writes and prints, what it refuses, and what it never leaves behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from phasestereo import __main__, io, metrics
+from phasestereo.datasets import find_scene
+from phasestereo.picture import NEUTRAL, disparity_picture
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+cli = pytest.importorskip("phasestereo.cli")
+
+SHIFT = 5
+COUNT = 16
+
+Run = tuple[int, str, str]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the current folder, which holds a pair, everywhere at disparity SHIFT, and truth."""
+    monkeypatch.chdir(tmp_path)
+    scene = np.random.default_rng(0).integers(0, 256, (40, 70, 3), dtype=np.uint8)
+    io.write_image("left.png", scene[:, :-SHIFT])
+    io.write_image("right.png", scene[:, SHIFT:])
+    truth = np.full((40, 65), SHIFT, np.float32)
+    truth[:, :SHIFT] = np.nan
+    io.write_disparity("truth.pfm", truth)
+    return tmp_path
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Run]:
+    """Return what runs the command line in this process: exit code, standard output, error."""
+
+    def run(*arguments: object) -> Run:
+        code = cli.run([str(argument) for argument in arguments])
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return run
+
+
+def match(run: Callable[..., Run], *options: object, count: int = COUNT) -> Run:
+    return run("match", "left.png", "right.png", "--num-disparities", count, *options)
+
+
+def process(*arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command line in a process of its own."""
+    command = [sys.executable, "-W", "error", "-m", "phasestereo", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, **options)  # noqa: S603 - our own command
+
+
+def listing(folder: Path) -> set[str]:
+    return set(os.listdir(folder))  # noqa: PTH208 - names, hidden ones too
+
+
+def pixels_of_pair() -> tuple[NDArray[Any], NDArray[Any]]:
+    return io.read_image("left.png"), io.read_image("right.png")
+
+
+# What comes out
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("name", ["out.pfm", "out.npy", "out.tif", "out.png", "OUT.PFM"])
+def test_map_is_what_the_library_returns(run: Callable[..., Run], name: str) -> None:
+    code, out, err = match(run, "-o", name)
+    assert (code, err) == (0, "")
+    assert f"wrote {name}" in out
+    expected = ps.match(*pixels_of_pair(), num_disparities=COUNT).disparity
+    if name.endswith(".png"):
+        expected = np.maximum(expected, 1 / 256)  # 0 stands for no estimate there
+    np.testing.assert_array_equal(io.read_disparity(name), expected)
+
+
+@pytest.mark.usefixtures("folder")
+def test_search_masks_and_settings_arrive(run: Callable[..., Run]) -> None:
+    valid = np.ones((40, 65), np.uint8)
+    valid[10:20, 10:30] = 0
+    io.write_image("mask.png", valid)
+    options = "--min-disparity 2 --threads 1 --left-mask mask.png --right-mask mask.png --no-fill"
+    settings = "--neighborhood 5 --frequencies 1 1 --penalty 0.5,3 --optimizer wta --no-shiftable"
+    code, _, _ = match(run, "-o", "out.npy", *options.split(), *settings.split())
+    assert code == 0
+    expected = ps.match(
+        *pixels_of_pair(),
+        num_disparities=COUNT,
+        min_disparity=2,
+        left_mask=valid != 0,
+        right_mask=valid != 0,
+        neighborhood=5,
+        frequencies=(1, 1),
+        penalty=(0.5, 3.0),
+        optimizer="wta",
+        shiftable=False,
+        fill=False,
+    ).disparity
+    assert np.isnan(expected[15, 15])
+    np.testing.assert_array_equal(io.read_disparity("out.npy"), expected)
+
+
+@pytest.mark.usefixtures("folder")
+def test_colour_image_shows_the_map(run: Callable[..., Run]) -> None:
+    code, _, _ = match(run, "--color", "out.png", "-o", "out.npy", "--no-fill")
+    assert code == 0
+    shown = io.read_image("out.png")
+    np.testing.assert_array_equal(shown, disparity_picture(io.read_disparity("out.npy")))
+    assert (shown == NEUTRAL).all(axis=2).any()
+
+
+@pytest.mark.usefixtures("folder")
+def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
+    code, out, err = match(
+        run, "--json", "-o", "out.pfm", "--color", "out.png", "--truth", "truth.pfm", "--bits", 3
+    )
+    assert (code, err) == (0, "")
+    said = json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    result = ps.match(*pixels_of_pair(), num_disparities=COUNT, bits=3)
+    score = metrics.score(result.disparity, io.read_disparity("truth.pfm"))
+    assert (said["width"], said["height"]) == (65, 40)
+    assert (said["min_disparity"], said["num_disparities"]) == (0, COUNT)
+    assert said["settings"] == json.loads(json.dumps(asdict(result.settings)))
+    assert said["timings"].keys() == result.timings.keys()
+    assert said["estimated"] == 1.0
+    assert said["flags"] == {
+        flag.name.lower(): np.count_nonzero(result.flags & flag) for flag in ps.Flag if flag.name
+    }
+    assert said["flags"]["outside"] > 0
+    assert said["files"] == {"output": "out.pfm", "color": "out.png"}
+    assert said["metrics"] == pytest.approx(score.as_dict())
+
+
+@pytest.mark.usefixtures("folder")
+def test_numbers_that_json_lacks_are_null(run: Callable[..., Run]) -> None:
+    io.write_image("mask.png", np.zeros((40, 65), np.uint8))
+    code, out, _ = match(run, "--json", "--truth", "truth.pfm", "--left-mask", "mask.png")
+    assert code == 0
+    assert json.loads(out)["metrics"]["avgerr"] is None
+    assert json.loads(out)["metrics"]["bad-1.0"] == 100
+
+
+@pytest.mark.usefixtures("folder")
+def test_truth_is_scored_where_its_mask_says(run: Callable[..., Run]) -> None:
+    gray = np.full((40, 65), SHIFT * 8, np.uint8)
+    gray[:, 40:] = 8  # wrong by 4 pixels there
+    io.write_image("truth.pgm", gray)
+    mask = np.full((40, 65), 128, np.uint8)
+    mask[:, 10:30] = 255
+    io.write_image("mask.png", mask)
+    options = ["--truth", "truth.pgm", "--truth-scale", 8, "--truth-mask", "mask.png"]
+    code, out, _ = match(run, *options, "--truth-mask-level", 255)
+    assert code == 0
+    assert re.search(r"bad-1.0\W+0.00 %", out)
+    assert re.search(r"pixels\W+800", out)
+    code, out, _ = match(run, *options)
+    assert code == 0
+    assert not re.search(r"bad-1.0\W+0.00 %", out)
+    assert re.search(r"pixels\W+2,600", out)
+
+
+def test_cones_through_the_command_line(
+    data: Path, tmp_path: Path, run: Callable[..., Run]
+) -> None:
+    scene = data / "middlebury/scenes2003/cones"
+    images = scene / "im2.png", scene / "im6.png"
+    truth = "--truth", scene / "disp2.png", "--truth-scale", 4
+    mask = "--truth-mask", scene / "mask_nonocc.png"
+    out = tmp_path / "cones.pfm"
+    code, said, _ = run(
+        "match", *images, "--num-disparities", 64, "-o", out, *truth, *mask, "--json"
+    )
+    assert code == 0
+    bad = json.loads(said)["metrics"]["bad-1.0"]
+    assert bad <= 7.6
+    pair = find_scene(data / "middlebury", "cones").load()
+    assert pair.truth is not None
+    official = metrics.bad_pixels(io.read_disparity(out), pair.truth, 1.0, pair.masks["nonocc"])
+    assert official <= 7.6
+
+
+def test_motorcycle_through_the_command_line(data: Path, run: Callable[..., Run]) -> None:
+    scene = data / "middlebury/MiddEval3/trainingQ/Motorcycle"
+    images = scene / "im0.png", scene / "im1.png"
+    mask = "--truth-mask", scene / "mask0nocc.png", "--truth-mask-level", 255
+    code, said, _ = run(
+        "match", *images, "--num-disparities", 80, "--truth", scene / "disp0GT.pfm", *mask, "--json"
+    )
+    assert code == 0
+    assert json.loads(said)["metrics"]["bad-1.0"] <= 12.5
+
+
+# Help
+
+
+@pytest.mark.parametrize("command", [(), ("match",), ("demo",)])
+def test_help_tells_what_there_is(command: Sequence[str], run: Callable[..., Run]) -> None:
+    code, out, err = run(*command, "--help")
+    assert (code, err) == (0, "")
+    assert "phasestereo" in out
+
+
+def test_every_setting_has_an_option_with_help(run: Callable[..., Run]) -> None:
+    _, out, _ = run("match", "--help")
+    words = " ".join(out.replace("│", " ").split())
+    for field in fields(ps.Settings):
+        assert f"--{field.name.replace('_', '-')} " in words
+    assert "odd, 3 to 63" in words  # as the class says of the neighbourhood
+    assert "phasestereo match left.png right.png --num-disparities 64 -o out.pfm" in words
+
+
+def test_version_is_that_of_the_package(run: Callable[..., Run]) -> None:
+    assert run("--version") == (0, f"{ps.__version__}\n", "")
+
+
+# What is refused: exit code, and the one line on standard error
+
+WRONG = 2
+FAILED = 1
+
+
+def truncate(name: str) -> None:
+    content = Path(name).read_bytes()
+    Path(name).write_bytes(content[: len(content) // 2])
+
+
+def lie(name: str) -> None:
+    Path(name).write_bytes(b"Pf\n65 40\n-1.0\nabc")
+
+
+REFUSALS: list[tuple[str, int, str]] = [
+    ("left.png right.png --json", WRONG, "--num-disparities"),
+    ("left.png --num-disparities 9 --json", WRONG, "RIGHT"),
+    ("left.png right.png --num-disparities 9", WRONG, "nothing to do"),
+    ("left.png right.png --num-disparities 0 --json", WRONG, "--num-disparities"),
+    ("left.png right.png --num-disparities 66 --json", WRONG, "--num-disparities: got 66"),
+    ("left.png right.png --num-disparities 1e3 --json", WRONG, "--num-disparities"),
+    ("left.png right.png --num-disparities 9 --min-disparity 99 --json", WRONG, "--min-disparity"),
+    ("left.png right.png --num-disparities 9 --threads 0 --json", WRONG, "--threads: got 0"),
+    ("left.png right.png --num-disparities 9 --preset best --json", WRONG, "--preset: got 'best'"),
+    ("left.png right.png --num-disparities 9 --window 4 --json", WRONG, "--window: got 4"),
+    ("left.png right.png --num-disparities 9 --cost ssd --json", WRONG, "--cost"),
+    ("left.png right.png --num-disparities 9 --penalty 1,x --json", WRONG, "--penalty"),
+    ("left.png right.png --num-disparities 9 --penalty 1,2,3 --json", WRONG, "--penalty"),
+    ("left.png right.png --num-disparities 9 --frequencies 2 --json", WRONG, "--frequencies"),
+    ("left.png right.png --num-disparities 9 --best --json", WRONG, "--best"),
+    ("left.png right.png --num-disparities 9 -o out.xyz", WRONG, "--output: .*'.xyz'"),
+    ("left.png right.png --num-disparities 9 --color out.pfm", WRONG, "--color: .pfm"),
+    ("left.png right.png --num-disparities 9 -o left.png", WRONG, "--output: left.png is in use"),
+    ("left.png right.png --num-disparities 9 --color ./a.png -o a.png", WRONG, "a.png is in use"),
+    ("left.png right.png --num-disparities 9 --min-disparity -4 -o a.png", WRONG, "--output: .*-4"),
+    ("left.png right.png --num-disparities 9 --truth-scale 4 --json", WRONG, "--truth-scale"),
+    ("left.png right.png --num-disparities 9 --truth truth.pfm --truth-scale 0", WRONG, "-scale"),
+    ("none.png right.png --num-disparities 9 --json", FAILED, "none.png: No such file"),
+    ("left.png lie.pfm --num-disparities 9 --json", FAILED, "lie.pfm: .*header"),
+    ("left.png broken.png --num-disparities 9 --json", FAILED, "broken.png: "),
+    ("left.png small.png --num-disparities 9 --json", FAILED, "right: got .*size of left"),
+    ("left.png text.png --num-disparities 9 --json", FAILED, "text.png: not an image"),
+    ("left.png nan.pfm --num-disparities 9 --json", FAILED, "right: got dtype float32"),
+    ("nan.pfm nan.pfm --num-disparities 9 --json", FAILED, "left: "),
+    ("left.png right.png --num-disparities 9 -o none/out.pfm", FAILED, "none: no such folder"),
+    ("left.png right.png --num-disparities 9 -o sub", FAILED, "sub is a folder"),
+    ("left.png right.png --num-disparities 9 --json --truth lie.pfm", FAILED, "lie.pfm: "),
+    ("left.png right.png --num-disparities 9 --json --truth left.png", FAILED, "--truth-scale"),
+    ("left.png right.png --num-disparities 9 --json --truth none.pfm", FAILED, "none.pfm"),
+    ("left.png right.png --num-disparities 9 --json --truth nan.pfm", FAILED, "nothing .* score"),
+    ("left.png right.png --num-disparities 9 --json --left-mask small.png", FAILED, "left_mask"),
+    ("left.png right.png --num-disparities 9 --json --left-mask nan.pfm", FAILED, "nan.pfm: "),
+    (
+        "left.png right.png --num-disparities 9 --truth truth.pfm --truth-mask small.png",
+        FAILED,
+        "s",
+    ),
+]
+
+
+@pytest.mark.parametrize(("arguments", "code", "message"), REFUSALS)
+def test_refusals_are_one_line_and_leave_nothing(
+    folder: Path, run: Callable[..., Run], arguments: str, code: int, message: str
+) -> None:
+    io.write_image("broken.png", io.read_image("right.png"))
+    truncate("broken.png")
+    lie("lie.pfm")
+    Path("text.png").write_text("not an image at all")
+    Path("sub").mkdir()
+    io.write_image("small.png", np.zeros((40, 64), np.uint8))
+    io.write_image("nan.pfm", np.full((40, 65), np.nan, np.float32))
+    before = {name: (folder / name).stat().st_mtime_ns for name in listing(folder)}
+    got, out, err = run("match", *arguments.split())
+    assert got == code
+    assert out == ""
+    assert re.fullmatch(rf"phasestereo: error: .*{message}.*\n", err)
+    assert {name: (folder / name).stat().st_mtime_ns for name in listing(folder)} == before
+
+
+def test_unknown_commands_are_refused(run: Callable[..., Run]) -> None:
+    code, out, err = run("frobnicate")
+    assert (code, out) == (WRONG, "")
+    assert re.fullmatch(r"phasestereo: error: .*frobnicate.*\n", err)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs symbolic links")
+def test_input_is_not_overwritten_through_a_link(folder: Path, run: Callable[..., Run]) -> None:
+    (folder / "link.png").symlink_to("right.png")
+    before = Path("right.png").read_bytes()
+    code, _, err = match(run, "-o", "link.png")
+    assert code == WRONG
+    assert "link.png is in use" in err
+    assert Path("right.png").read_bytes() == before
+
+
+@pytest.mark.usefixtures("folder")
+def test_nothing_is_matched_before_the_outputs_are_checked(
+    run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    called: list[int] = []
+    monkeypatch.setattr("phasestereo.cli.match.match_pair", lambda *_, **__: called.append(1))
+    for option, path in (("-o", "none/out.pfm"), ("-o", "out.xyz"), ("--color", "none/out.png")):
+        assert match(run, option, path)[0] in (WRONG, FAILED)
+    assert called == []
+
+
+@pytest.mark.usefixtures("folder")
+def test_failing_writes_leave_nothing_behind(
+    folder: Path, run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device", "out.png")
+
+    before = listing(folder)
+    monkeypatch.setattr("phasestereo.cli.outputs.Outputs.check", lambda *_: None)
+    monkeypatch.setattr("phasestereo.cli.outputs.write_image", fail)
+    code, _, err = match(run, "--color", "out.png")
+    assert (code, err) == (FAILED, "phasestereo: error: out.png: No space left on device\n")
+    assert listing(folder) == before
+
+
+@pytest.mark.usefixtures("folder")
+def test_bugs_show_their_traceback(
+    run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise KeyError("bug")
+
+    monkeypatch.setattr("phasestereo.cli.match.match_pair", broken)
+    with pytest.raises(KeyError, match="bug"):
+        match(run, "--json")
+
+
+# As a process
+
+
+@pytest.mark.usefixtures("folder")
+def test_process_exit_codes_and_streams() -> None:
+    arguments = "match", "left.png", "right.png", "--num-disparities", COUNT
+    good = process(*arguments, "--json", "-o", "out.pfm")
+    assert (good.returncode, good.stderr) == (0, "")  # no progress bar where nobody looks
+    assert json.loads(good.stdout)["files"] == {"output": "out.pfm"}
+    assert process(*arguments, "-o", "none/out.pfm").returncode == FAILED
+    assert process(*arguments).returncode == WRONG
+
+
+def test_missing_extra_is_named_with_its_cure(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "cyclopts", None)
+    assert __main__.main() == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("phasestereo: error: ")
+    assert err.endswith("pip install 'phasestereo[cli]'\n")
+    assert err.count("\n") == 1
+
+
+def test_reader_who_leaves_early_gets_no_traceback(tmp_path: Path) -> None:
+    with (tmp_path / "err").open("w") as err:
+        command = [sys.executable, "-m", "phasestereo", "match", "--help"]
+        writer = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=err)  # noqa: S603 - our own command
+        assert writer.stdout is not None
+        writer.stdout.close()
+        assert writer.wait() == 1
+    assert (tmp_path / "err").read_text() == ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a pseudo-terminal")
+@pytest.mark.usefixtures("folder")
+def test_progress_is_shown_on_terminals() -> None:
+    master, slave = os.openpty()
+    arguments = ["match", "left.png", "right.png", "--num-disparities", "16", "--json"]
+    command = [sys.executable, "-m", "phasestereo", *arguments]
+    run = subprocess.run(command, stdout=subprocess.PIPE, stderr=slave, check=False)  # noqa: S603 - our own command
+    os.close(slave)
+    shown = os.read(master, 100_000).decode()
+    os.close(master)
+    assert run.returncode == 0
+    assert "Matching" in shown
+    assert "Matching" not in run.stdout.decode()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a pseudo-terminal")
+def test_interrupt_ends_a_match_soon_and_leaves_nothing(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for name in ("left.npy", "right.npy"):  # a match of many seconds
+        io.write_image(tmp_path / name, rng.integers(0, 256, (8000, 2000), dtype=np.uint8))
+    before = listing(tmp_path)
+    master, slave = os.openpty()
+    options = ["--num-disparities", "512", "--window", "9", "--threads", "1", "-o", "out.pfm"]
+    running = subprocess.Popen(  # noqa: S603 - our own command
+        [sys.executable, "-m", "phasestereo", "match", "left.npy", "right.npy", *options],
+        cwd=tmp_path,
+        stderr=slave,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 - one thread
+    )
+    os.close(slave)
+    shown = ""
+    while not re.search(r"[1-9]\d?%", shown):
+        shown += os.read(master, 4096).decode()
+    running.send_signal(signal.SIGINT)
+    assert running.wait(timeout=10) == 130
+    shown += os.read(master, 100_000).decode()
+    os.close(master)
+    assert "phasestereo: interrupted" in shown
+    assert "Traceback" not in shown
+    assert listing(tmp_path) == before

@@ -1,0 +1,166 @@
+"""Pictures: what each colour means, and that nothing global is touched."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from phasestereo.picture import (
+    NEUTRAL,
+    UNSCORED,
+    colorize,
+    disparity_picture,
+    error_picture,
+    panel,
+)
+
+if TYPE_CHECKING:
+    from phasestereo.picture import Picture
+
+pytest.importorskip("matplotlib")
+
+WHITE = (255, 255, 255)
+RAMP = np.linspace(0, 60, 61, dtype=np.float32).reshape(1, -1)
+
+
+def contains(whole: Picture, part: Picture) -> bool:
+    """Tell whether a picture appears unchanged somewhere in another."""
+    rows, cols = part.shape[:2]
+    windows = np.lib.stride_tricks.sliding_window_view(whole, (rows, cols), axis=(0, 1))
+    return bool((windows == part.transpose(2, 0, 1)).all(axis=(2, 3, 4)).any())
+
+
+def test_colours_run_from_blue_to_red() -> None:
+    colours = colorize(RAMP, low=0, high=60)
+    assert colours.dtype == np.uint8
+    assert colours.shape == (1, 61, 3)
+    far, near = colours[0, 5].astype(int), colours[0, 55].astype(int)
+    assert far[2] > far[0]
+    assert near[0] > near[2]
+    assert len(np.unique(colours[0], axis=0)) == 61
+
+
+def test_missing_estimates_have_a_colour_of_their_own() -> None:
+    disparity = np.array([[1.0, np.nan, np.inf, -np.inf, 2.0]])
+    colours = colorize(disparity)
+    assert [tuple(colour) for colour in colours[0, 1:4]] == [NEUTRAL] * 3
+    steps = colorize(np.linspace(0, 1, 4096).reshape(1, -1), low=0, high=1).astype(int)
+    assert np.abs(steps - NEUTRAL).max(axis=2).min() > 40
+
+
+def test_outliers_do_not_move_the_limits() -> None:
+    calm = np.tile(RAMP, (20, 1))
+    wild = calm.copy()
+    wild[0, 0] = 1e6
+    difference = np.abs(colorize(calm).astype(int) - colorize(wild).astype(int))
+    assert np.delete(difference.reshape(-1, 3), 0, axis=0).max() <= 8
+
+
+def test_values_beyond_the_limits_have_the_colours_at_the_ends() -> None:
+    colours = colorize(np.array([[-5.0, 0.0, 9.0, 99.0]]), low=0, high=9)[0]
+    assert tuple(colours[0]) == tuple(colours[1])
+    assert tuple(colours[2]) == tuple(colours[3])
+
+
+@pytest.mark.parametrize("value", [7.0, 0.0, -3.0])
+def test_one_value_everywhere_and_none_at_all(value: float) -> None:
+    assert len(np.unique(colorize(np.full((2, 3), value)).reshape(-1, 3), axis=0)) == 1
+    assert tuple(colorize(np.full((2, 3), np.nan))[0, 0]) == NEUTRAL
+
+
+def test_errors_are_white_up_to_one_pixel_and_darken_from_there() -> None:
+    estimate = np.array([[10.0, 11.0, 11.1, 13.0, 14.0, 50.0, 9.0, 8.9]])
+    colours = error_picture(estimate, np.full_like(estimate, 10.0))[0]
+    assert [tuple(colour) == WHITE for colour in colours] == [
+        *(True, True, False, False, False, False, True, False)
+    ]
+    light = colours.astype(int).sum(axis=1)
+    assert light[2] > light[3] > light[4] == light[5]
+
+
+def test_missing_estimates_are_the_worst_and_unscored_pixels_are_gray() -> None:
+    estimate = np.array([[np.nan, 99.0, 10.0, 99.0]])
+    truth = np.array([[10.0, 10.0, np.nan, 10.0]])
+    mask = np.array([[True, True, True, False]])
+    colours = [tuple(colour) for colour in error_picture(estimate, truth, mask)[0]]
+    assert colours[0] == colours[1] != UNSCORED
+    assert colours[2] == colours[3] == UNSCORED
+
+
+def test_disparity_picture_holds_the_map_at_its_own_size() -> None:
+    disparity = np.random.default_rng(0).uniform(0, 60, (40, 70))
+    drawn = disparity_picture(disparity, title="A title", low=0, high=60)
+    assert contains(drawn, colorize(disparity, low=0, high=60))
+    assert not np.array_equal(drawn, disparity_picture(disparity, low=0, high=60))
+
+
+def test_panel_holds_all_pictures_row_by_row() -> None:
+    rng = np.random.default_rng(0)
+    pictures = [rng.integers(0, 256, (30, 50, 3), dtype=np.uint8) for _ in range(5)]
+    drawn = panel(pictures, list("abcde"), columns=3, heading="Heading")
+    for part in pictures:
+        assert contains(drawn, part)
+    middle = drawn.shape[0] // 2 + 15  # below the first row's pictures, the heading being above
+    assert contains(drawn[:middle], pictures[2])
+    assert contains(drawn[middle - 45 :], pictures[3])
+
+
+def test_pyplot_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)  # its import would raise
+    panel([colorize(RAMP)], ["t"], columns=1)
+    disparity_picture(np.tile(RAMP, (5, 1)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"disparity": np.zeros((2, 2), int)}, TypeError, "disparity: got int64"),
+        ({"disparity": np.zeros(3)}, ValueError, r"disparity: got shape \(3,\)"),
+        ({"disparity": np.zeros((0, 3))}, ValueError, "disparity: got shape"),
+        ({"disparity": RAMP, "low": np.nan}, ValueError, "low: got nan"),
+        ({"disparity": RAMP, "high": "9"}, TypeError, "high: got str"),
+        ({"disparity": RAMP, "low": 3, "high": 2}, ValueError, "low: got 3; .* 2$"),
+    ],
+)
+def test_colorize_refuses(arguments: dict[str, Any], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        colorize(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"truth": np.zeros((1, 60))}, ValueError, "truth: got shape"),
+        ({"truth": RAMP, "mask": np.ones((1, 61))}, TypeError, "mask: got float64"),
+        ({"truth": RAMP, "mask": np.ones((1, 60), bool)}, ValueError, "mask: got shape"),
+        ({"truth": RAMP, "worst": 1.0}, ValueError, "worst: got 1"),
+        ({"truth": RAMP, "worst": True}, TypeError, "worst: got bool"),
+    ],
+)
+def test_error_picture_refuses(
+    arguments: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        error_picture(RAMP, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("pictures", "titles", "columns", "error"),
+    [
+        ([], [], 1, ValueError),
+        ([np.zeros((4, 4, 3), np.uint8)], [], 1, ValueError),
+        ([np.zeros((4, 4, 3), np.uint8)], ["a"], 0, ValueError),
+        ([np.zeros((4, 4, 3), np.uint8)], ["a"], 1.0, TypeError),
+        ([np.zeros((4, 4, 3))], ["a"], 1, TypeError),
+        ([np.zeros((4, 4), np.uint8)], ["a"], 1, ValueError),
+        ([np.zeros((4, 4, 3), np.uint8), np.zeros((4, 5, 3), np.uint8)], ["a", "b"], 1, ValueError),
+    ],
+)
+def test_panel_refuses(
+    pictures: list[Any], titles: list[str], columns: Any, error: type[Exception]
+) -> None:
+    with pytest.raises(error):
+        panel(pictures, titles, columns=columns)
