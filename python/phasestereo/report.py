@@ -1,0 +1,68 @@
+"""Self-contained HTML pages: one file each, which needs nothing beside it and no network.
+
+A page is a Jinja2 template of this package (the extra ``report``) on top of ``base.html.j2``, which
+holds the style; what it says is the business of whoever renders it.
+"""
+
+from __future__ import annotations
+
+import base64
+import mimetypes
+from pathlib import Path
+from typing import Any
+
+from phasestereo._extras import require
+
+__all__ = ["data_uri", "render_page"]
+
+
+def render_page(template: str, **context: Any) -> str:
+    """Render a template of this package.
+
+    Parameters
+    ----------
+    template
+        Name of its file in the folder ``templates``.
+    **context
+        What the template refers to, all of which must be given. Text is escaped; the filter
+        ``embedded`` turns the path of an image into the image itself, as `data_uri` does.
+
+    Returns
+    -------
+    str
+        The page.
+
+    Raises
+    ------
+    ImportError
+        If Jinja2 is not installed.
+    OSError
+        If an image cannot be read.
+    """
+    jinja2 = require("jinja2", extra="report")
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("phasestereo"),
+        undefined=jinja2.StrictUndefined,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["embedded"] = data_uri
+    page: str = environment.get_template(template).render(context)
+    return page
+
+
+def data_uri(path: str | Path) -> str:
+    """Return a file as a URI that holds all of it; its suffix tells its media type.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    ValueError
+        If the suffix is unknown.
+    """
+    media_type, _ = mimetypes.guess_type(Path(path).name)
+    if media_type is None:
+        raise ValueError(f"path: got {path}; accepts files whose suffix tells their media type")
+    return f"data:{media_type};base64,{base64.b64encode(Path(path).read_bytes()).decode()}"

@@ -1,0 +1,224 @@
+"""The demonstration: it shows what it claims, and leaves exactly the files that it says."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from phasestereo import io
+from phasestereo.demo import METHODS, SGBM, Demo, run_demo, verdict, write_demo
+from phasestereo.metrics import bad_pixels
+from phasestereo.report import data_uri, render_page
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+for module in ("scipy", "matplotlib", "jinja2", "cyclopts"):
+    pytest.importorskip(module)
+
+FILES = {
+    *("left.png", "left_sharp.png", "right.png", "nonocc.png", "truth.pfm", "truth.png"),
+    *(f"disparity_{method.key}.{kind}" for method in METHODS for kind in ("png", "pfm")),
+    *(f"error_{method.key}.png" for method in METHODS),
+    *("overview.png", "report.html"),
+}
+
+
+@pytest.fixture(scope="module")
+def small() -> Demo:
+    """Return a small demo."""
+    return run_demo(3, height=90, width=120, num_disparities=16)
+
+
+@pytest.fixture(scope="module")
+def folder(small: Demo, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with what a small demo wrote."""
+    target = tmp_path_factory.mktemp("demo") / "new" / "folder"
+    write_demo(small, target)
+    return target
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_phase_codes_make_at_most_half_of_the_errors(seed: int) -> None:
+    outcomes = {outcome.method.key: outcome for outcome in run_demo(seed).outcomes}
+    rivals = [outcomes["sad"].degraded.bad, outcomes["nsad"].degraded.bad]
+    assert outcomes["phase"].degraded.bad <= 0.5 * min(rivals)
+    assert outcomes["phase"].sharp.bad < 16
+    assert max(outcomes[key].sharp.bad for key in ("phase7", "sad", "nsad")) < 10
+    if SGBM.key in outcomes:
+        assert outcomes[SGBM.key].degraded.bad > 25
+        assert outcomes[SGBM.key].sharp.bad < 10
+
+
+def test_only_the_left_image_is_degraded(small: Demo) -> None:
+    assert small.degraded.shape == small.pair.left.shape
+    assert small.degraded.mean() < 0.8 * small.pair.left.mean()
+    edges = [np.abs(np.diff(image.mean(axis=2), axis=1)).mean() for image in _views(small)]
+    assert edges[0] < 0.7 * edges[1]
+
+
+def _views(demo: Demo) -> tuple[np.ndarray, np.ndarray]:
+    return demo.degraded, demo.pair.left
+
+
+def test_same_seed_same_maps(small: Demo) -> None:
+    again = run_demo(3, height=90, width=120, num_disparities=16)
+    np.testing.assert_array_equal(again.degraded, small.degraded)
+    for one, other in zip(again.outcomes, small.outcomes, strict=True):
+        np.testing.assert_array_equal(one.degraded.disparity, other.degraded.disparity)
+
+
+def test_progress_counts_to_the_end() -> None:
+    seen: list[tuple[int, int]] = []
+    demo = run_demo(
+        0, height=40, width=60, num_disparities=8, progress=lambda *step: seen.append(step)
+    )
+    trials = 2 * len(demo.outcomes)
+    assert seen == [(done, trials) for done in range(1, trials + 1)]
+
+
+def test_files_are_those_that_are_named(small: Demo, folder: Path) -> None:
+    names = set(os.listdir(folder))  # noqa: PTH208 - names, hidden ones too
+    assert {name for name in names if SGBM.key not in name} == FILES
+    assert set(write_demo(small, folder)) == {folder / name for name in names}
+
+
+def test_files_hold_what_was_computed(small: Demo, folder: Path) -> None:
+    np.testing.assert_array_equal(io.read_image(folder / "left.png"), small.degraded)
+    np.testing.assert_array_equal(io.read_image(folder / "right.png"), small.pair.right)
+    truth = io.read_disparity(folder / "truth.pfm")
+    scored = io.read_image(folder / "nonocc.png") == 255
+    for outcome in small.outcomes:
+        disparity = io.read_disparity(folder / f"disparity_{outcome.method.key}.pfm")
+        assert bad_pixels(disparity, truth, 1.0, scored) == outcome.degraded.bad
+
+
+def test_what_an_earlier_demo_left_is_removed(small: Demo, tmp_path: Path) -> None:
+    (tmp_path / "disparity_sgbm.png").touch()
+    (tmp_path / "other.txt").touch()
+    mine = tuple(outcome for outcome in small.outcomes if outcome.method != SGBM)
+    write_demo(replace(small, outcomes=mine), tmp_path)
+    assert set(os.listdir(tmp_path)) == FILES | {"other.txt"}  # noqa: PTH208 - names, hidden ones too
+
+
+class Page(HTMLParser):
+    """What of a page the tests ask for."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sources: list[str] = []
+        self.open: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+        if tag not in ("meta", "img", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_page_is_whole_and_needs_nothing_else(small: Demo, folder: Path) -> None:
+    content = (folder / "report.html").read_text("utf-8")
+    page = Page()
+    page.feed(content)
+    assert page.open == []
+    assert len(page.sources) >= 5 + 2 * len(small.outcomes)
+    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    assert "http" not in content
+    assert "prefers-color-scheme: dark" in content
+    assert verdict(small) in page.text
+    for outcome in small.outcomes:
+        assert f"{outcome.degraded.bad:.1f} %" in page.text
+
+
+def test_page_says_how_to_get_its_figures(
+    small: Demo, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cli = pytest.importorskip("phasestereo.cli")
+    page = Page()
+    page.feed((folder / "report.html").read_text("utf-8"))
+    commands = re.findall("phasestereo (match .*)", page.text)
+    assert len(commands) == len(METHODS)
+    monkeypatch.chdir(folder)
+    for command, outcome in zip(commands, small.outcomes, strict=False):
+        assert cli.run(command.split()) == 0
+        assert re.search(rf"bad-1.0\W+{outcome.degraded.bad:.2f} %", capsys.readouterr().out)
+
+
+def test_verdict_names_the_best_of_the_others(small: Demo) -> None:
+    others = [o for o in small.outcomes if o.method.key in ("sad", "nsad", "sgbm")]
+    best = min(others, key=lambda outcome: outcome.degraded.bad)
+    assert f"{best.method.name}, {best.degraded.bad:.1f} %" in verdict(small)
+    phase = small.outcomes[0]
+    ratio = best.degraded.bad / phase.degraded.bad
+    assert f"{ratio:.1f} times as many" in verdict(small)
+
+
+def test_demo_command(
+    small: Demo,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cli = pytest.importorskip("phasestereo.cli")
+    opened: list[str] = []
+    monkeypatch.setattr(
+        "phasestereo.cli.demo.run_demo", lambda seed, **_: replace(small, seed=seed)
+    )
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    assert cli.run(["demo", "--output", str(tmp_path / "out"), "--seed", "7"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert verdict(small) in out
+    assert str(tmp_path / "out" / "report.html") in out
+    assert "demo --seed 7" in (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert opened == []
+    assert cli.run(["demo", "--output", str(tmp_path / "out"), "--open"]) == 0
+    assert opened == [(tmp_path / "out" / "report.html").as_uri()]
+
+
+def test_demo_command_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cli = pytest.importorskip("phasestereo.cli")
+    (tmp_path / "file").touch()
+    assert cli.run(["demo", "--output", str(tmp_path / "file")]) == 1
+    assert cli.run(["demo", "--seed", "-1"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.startswith("phasestereo: error: ") for line in lines] == [True, True]
+    assert "File exists" in lines[0]
+    assert "--seed" in lines[1]
+
+
+def test_pages_escape_text(small: Demo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("phasestereo.demo.trials.verdict", lambda _: "a < b & c")
+    assert "a &lt; b &amp; c" in write_demo(small, tmp_path)[-1].read_text("utf-8")
+
+
+def test_pages_have_no_gaps(small: Demo) -> None:
+    jinja2 = pytest.importorskip("jinja2")
+    with pytest.raises(jinja2.UndefinedError):
+        render_page("demo.html.j2", demo=small)
+
+
+def test_opencv_is_optional(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("phasestereo.demo.trials.find_spec", lambda _: None)
+    demo = run_demo(0, height=40, width=60, num_disparities=8)
+    assert tuple(outcome.method for outcome in demo.outcomes) == METHODS
+
+
+def test_files_become_uris(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(b"\x00\xff")
+    assert data_uri(tmp_path / "a.png") == "data:image/png;base64,AP8="
+    (tmp_path / "a.unknown").touch()
+    with pytest.raises(ValueError, match="suffix"):
+        data_uri(tmp_path / "a.unknown")
