@@ -59,5 +59,5 @@ $(VENV)/ready: pyproject.toml
 	touch $@
 
 $(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs)
-	PIP_QUIET=1 $(BIN)/maturin develop --release --locked --extras demo --quiet
+	$(BIN)/pip install --quiet --no-build-isolation --editable '.[demo]'
 	touch $@
