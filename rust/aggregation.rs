@@ -48,6 +48,11 @@ impl Window {
         self.side / 2
     }
 
+    /// Rows and columns by which a window may be shifted.
+    fn reach(&self) -> usize {
+        if self.shiftable { self.radius() } else { 0 }
+    }
+
     /// Places in the window.
     pub fn area(&self) -> u32 {
         (self.side * self.side) as u32
@@ -114,67 +119,83 @@ impl Source for Plane<u16> {
 pub struct Aggregator<'a, S: Source> {
     window: Window,
     source: &'a S,
+    control: &'a Control,
     costs: BoxSums,
-    votes: Option<BoxSums>,
+    votes: Option<Ballots>,
     /// Box sums of the rows that a shifted window can reach, by row modulo the window's side.
     ring: Vec<Vec<u32>>,
     /// The next row to enter the ring.
     next: usize,
 }
 
+/// Box sums of the votes, and memory for one row of them.
+struct Ballots {
+    sums: BoxSums,
+    row: Vec<u32>,
+}
+
 impl<'a, S: Source> Aggregator<'a, S> {
     /// An aggregator whose first row will be `first`.
-    pub fn new(window: Window, first: usize, source: &'a S) -> Result<Self> {
-        let kept = if window.shiftable { window.side } else { 1 };
-        let next = first.saturating_sub(kept / 2);
+    pub fn new(window: Window, first: usize, source: &'a S, control: &'a Control) -> Result<Self> {
+        let next = first.saturating_sub(window.reach());
+        let ballots = || Ok(Ballots { sums: BoxSums::new(window, next)?, row: window.row()? });
+        // All rows of an image lower than the window fit into fewer.
+        let kept = (2 * window.reach() + 1).min(window.rows);
         Ok(Self {
             window,
             source,
+            control,
             costs: BoxSums::new(window, next)?,
-            votes: if source.all_vote() { None } else { Some(BoxSums::new(window, next)?) },
-            ring: (0..kept).map(|_| zeroed(window.row_length())).collect::<Result<_>>()?,
+            votes: if source.all_vote() { None } else { Some(ballots()?) },
+            ring: (0..kept).map(|_| window.row()).collect::<Result<_>>()?,
             next,
         })
     }
 
     /// Writes the aggregated costs of row `y`, which must be the one after the last row asked for.
-    pub fn write_row(&mut self, y: usize, aggregated: &mut [u32]) {
-        let reach = self.ring.len() / 2;
-        while self.next <= (y + reach).min(self.window.rows - 1) {
-            self.enter_row();
+    pub fn write_row(&mut self, y: usize, aggregated: &mut [u32]) -> Result<()> {
+        let (reach, last) = (self.window.reach(), self.window.rows - 1);
+        while self.next <= (y + reach).min(last) {
+            self.enter_row()?;
         }
-        let row = |y: usize| &self.ring[y.min(self.window.rows - 1) % self.ring.len()];
+        let row = |y: usize| &self.ring[y.min(last) % self.ring.len()];
         aggregated.copy_from_slice(row(y));
         if self.window.shiftable {
             lower(aggregated, row(y.saturating_sub(reach)));
             lower(aggregated, row(y + reach));
             lower_sideways(aggregated, row(y), self.window);
         }
+        Ok(())
     }
 
-    fn enter_row(&mut self) {
+    fn enter_row(&mut self) -> Result<()> {
+        let (source, control) = (self.source, self.control);
         let slot = self.next % self.ring.len();
         let sums = &mut self.ring[slot];
-        let source = self.source;
-        self.costs.write_row(self.next, sums, |y, costs| source.write_costs(y, costs));
+        self.costs.write_row(self.next, sums, |y, costs| {
+            source.write_costs(y, costs);
+            control.checkpoint()
+        })?;
         if let Some(votes) = &mut self.votes {
-            let mut counts = vec![0; sums.len()];
-            votes.write_row(self.next, &mut counts, |y, votes| source.write_votes(y, votes));
-            for (sum, count) in sums.iter_mut().zip(counts) {
-                *sum = self.window.share(*sum, count);
+            votes.sums.write_row(self.next, &mut votes.row, |y, row| {
+                source.write_votes(y, row);
+                control.checkpoint()
+            })?;
+            for (sum, count) in sums.iter_mut().zip(&votes.row) {
+                *sum = self.window.share(*sum, *count);
             }
         }
         self.next += 1;
+        Ok(())
     }
 }
 
 /// The aggregated costs of a whole volume.
 pub fn aggregate(volume: &Plane<u16>, window: Window, control: &Control) -> Result<Plane<u32>> {
     let mut aggregated = Plane::new(volume.rows(), volume.cols())?;
-    let mut aggregator = Aggregator::new(window, 0, volume)?;
+    let mut aggregator = Aggregator::new(window, 0, volume, control)?;
     for y in 0..volume.rows() {
-        control.checkpoint()?;
-        aggregator.write_row(y, aggregated.row_mut(y));
+        aggregator.write_row(y, aggregated.row_mut(y))?;
     }
     Ok(aggregated)
 }
@@ -213,36 +234,49 @@ impl BoxSums {
     fn new(window: Window, first: usize) -> Result<Self> {
         Ok(Self {
             window,
-            ring: (0..=window.side).map(|_| zeroed(window.row_length())).collect::<Result<_>>()?,
-            columns: zeroed(window.row_length())?,
+            ring: (0..(window.side + 1).min(window.rows))
+                .map(|_| zeroed(window.row_length()))
+                .collect::<Result<_>>()?,
+            columns: window.row()?,
             next: first.saturating_sub(window.radius()),
             started: false,
         })
     }
 
-    fn write_row(&mut self, y: usize, sums: &mut [u32], mut source: impl FnMut(usize, &mut [u16])) {
+    fn write_row(
+        &mut self,
+        y: usize,
+        sums: &mut [u32],
+        mut source: impl FnMut(usize, &mut [u16]) -> Result<()>,
+    ) -> Result<()> {
         let radius = self.window.radius() as isize;
         let y = y as isize;
         if self.started {
-            self.enter(y + radius, &mut source);
+            self.enter(y + radius, &mut source)?;
             self.leave(y - radius - 1);
         } else {
-            (y - radius..=y + radius).for_each(|row| self.enter(row, &mut source));
+            (y - radius..=y + radius).try_for_each(|row| self.enter(row, &mut source))?;
             self.started = true;
         }
         sum_sideways(&self.columns, sums, self.window);
+        Ok(())
     }
 
-    fn enter(&mut self, y: isize, source: &mut impl FnMut(usize, &mut [u16])) {
+    fn enter(
+        &mut self,
+        y: isize,
+        source: &mut impl FnMut(usize, &mut [u16]) -> Result<()>,
+    ) -> Result<()> {
         let y = self.clamped(y);
         while self.next <= y {
             let slot = self.next % self.ring.len();
-            source(self.next, &mut self.ring[slot]);
+            source(self.next, &mut self.ring[slot])?;
             self.next += 1;
         }
         for (sum, value) in self.columns.iter_mut().zip(&self.ring[y % self.ring.len()]) {
             *sum += u32::from(*value);
         }
+        Ok(())
     }
 
     fn leave(&mut self, y: isize) {

@@ -55,9 +55,23 @@ impl Candidates {
         !(0..width as isize).contains(&(x as isize - self.disparity(k)))
     }
 
+    /// Hands `write` each left value, the right values of its candidates, and its places in `row`.
+    pub fn pair_up<T: Copy, U>(
+        self,
+        left: &[T],
+        right: &[T],
+        row: &mut [U],
+        mut write: impl FnMut(T, &[T], &mut [U]),
+    ) {
+        let unrolled = self.unroll(right);
+        for (x, (&left, places)) in left.iter().zip(row.chunks_exact_mut(self.count)).enumerate() {
+            write(left, &unrolled[right.len() - 1 - x..][..self.count], places);
+        }
+    }
+
     /// The right row as the candidates meet it: reversed and padded by its border values, so that the
     /// candidates of `x` are the `count` values from `width - 1 - x`.
-    pub fn unroll<T: Copy>(self, right: &[T]) -> Vec<T> {
+    fn unroll<T: Copy>(self, right: &[T]) -> Vec<T> {
         let width = right.len();
         // Place i stands for x = 0 with a disparity of i - (width - 1) above the smallest.
         let place = |i: usize| (width - 1) as isize - self.min - i as isize;

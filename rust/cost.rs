@@ -4,11 +4,12 @@ use crate::candidates::Candidates;
 use crate::control::Control;
 use crate::descriptor::{Code, Codes, describe};
 use crate::error::Result;
-use crate::intensity::{LEVEL_CEILING, LEVEL_STEPS, gray_planes, level_planes};
+use crate::intensity::{LEVEL_CEILING, LEVEL_STEPS, gray_plane, level_planes};
 use crate::normalisation::{DEVIATION_CEILING, DEVIATION_STEPS, normalise};
 use crate::plane::Plane;
 use crate::settings::{CostKind, Settings};
-use crate::view::{Mask, View};
+use crate::view::View;
+use crate::votes::Votes;
 
 /// Matching costs of a pair, a row at a time.
 pub trait Cost: Sync {
@@ -42,9 +43,7 @@ impl<'a> Costs<'a> {
     pub fn write_row(&self, y: usize, costs: &mut [u16]) {
         self.cost.write_row(y, costs);
         if let Some(votes) = &self.votes {
-            let mut voting = vec![0; costs.len()];
-            votes.write_row(y, &mut voting);
-            costs.iter_mut().zip(voting).for_each(|(cost, vote)| *cost *= vote);
+            votes.silence(y, costs);
         }
     }
 
@@ -80,29 +79,22 @@ fn prepare(
     settings: &Settings,
     control: &Control,
 ) -> Result<Box<dyn Cost>> {
-    let told = settings.intensity_range;
-    let differences = |channels, ceiling, steps| {
-        Box::new(AbsoluteDifferences::new(channels, candidates, ceiling, steps))
-    };
-    Ok(match settings.cost {
-        CostKind::Phase => {
-            let [left, right] = gray_planes(views, told, control)?;
-            let codes = [describe(&left, settings, control)?, describe(&right, settings, control)?];
-            phase(codes, candidates, settings.code_length() as u16)
-        }
+    match settings.cost {
+        CostKind::Phase => phase_distance(views, candidates, settings, control),
         CostKind::Sad => {
-            let channels = level_planes(views, told, control)?;
-            differences(channels, LEVEL_CEILING, LEVEL_STEPS)
+            let channels = level_planes(views, settings.intensity_range, control)?;
+            Ok(Box::new(AbsoluteDifferences::new(channels, candidates, LEVEL_CEILING, LEVEL_STEPS)))
         }
         CostKind::NormalisedSad => {
-            let [left, right] = level_planes(views, told, control)?;
+            let [left, right] = level_planes(views, settings.intensity_range, control)?;
             let normalised = |side: Vec<Plane<u16>>| -> Result<Vec<_>> {
                 side.iter().map(|plane| normalise(plane, settings.window, control)).collect()
             };
             let channels = [normalised(left)?, normalised(right)?];
-            differences(channels, DEVIATION_CEILING, DEVIATION_STEPS)
+            let (ceiling, steps) = (DEVIATION_CEILING, DEVIATION_STEPS);
+            Ok(Box::new(AbsoluteDifferences::new(channels, candidates, ceiling, steps)))
         }
-    })
+    }
 }
 
 /// Hamming distance of phase codes (paper, eq. 7; by Johnson codes also eq. 6 for any `b`).
@@ -113,27 +105,34 @@ struct PhaseDistance<C> {
     code_length: u16,
 }
 
-fn phase(codes: [Codes; 2], candidates: Candidates, code_length: u16) -> Box<dyn Cost> {
-    match codes {
-        [Codes::U16(left), Codes::U16(right)] => {
+fn phase_distance(
+    views: [&View; 2],
+    candidates: Candidates,
+    settings: &Settings,
+    control: &Control,
+) -> Result<Box<dyn Cost>> {
+    let code_length = settings.code_length() as u16;
+    let codes = |view: &View| describe(&gray_plane(view, control)?, settings, control);
+    Ok(match (codes(views[0])?, codes(views[1])?) {
+        (Codes::U16(left), Codes::U16(right)) => {
             Box::new(PhaseDistance { left, right, candidates, code_length })
         }
-        [Codes::U32(left), Codes::U32(right)] => {
+        (Codes::U32(left), Codes::U32(right)) => {
             Box::new(PhaseDistance { left, right, candidates, code_length })
         }
-        [left, right] => {
-            let [left, right] = [left.widened(), right.widened()];
+        (left, right) => {
+            let (left, right) = (left.widened(), right.widened());
             Box::new(PhaseDistance { left, right, candidates, code_length })
         }
-    }
+    })
 }
 
 impl<C: Code> Cost for PhaseDistance<C> {
     fn write_row(&self, y: usize, costs: &mut [u16]) {
-        let right = self.candidates.unroll(self.right.row(y));
-        for_each_pixel(self.candidates, self.left.row(y), &right, costs, |left, right, costs| {
-            for (cost, code) in costs.iter_mut().zip(right) {
-                *cost = left.distance(*code);
+        let (left, right) = (self.left.row(y), self.right.row(y));
+        self.candidates.pair_up(left, right, costs, |left, right, costs| {
+            for (cost, right) in costs.iter_mut().zip(right) {
+                *cost = left.distance(*right);
             }
         });
     }
@@ -172,10 +171,9 @@ impl Cost for AbsoluteDifferences {
     fn write_row(&self, y: usize, costs: &mut [u16]) {
         costs.fill(0);
         for (left, right) in &self.channels {
-            let right = self.candidates.unroll(right.row(y));
-            for_each_pixel(self.candidates, left.row(y), &right, costs, |left, right, costs| {
-                for (cost, value) in costs.iter_mut().zip(right) {
-                    *cost += left.abs_diff(*value);
+            self.candidates.pair_up(left.row(y), right.row(y), costs, |left, right, costs| {
+                for (cost, right) in costs.iter_mut().zip(right) {
+                    *cost += left.abs_diff(*right);
                 }
             });
         }
@@ -187,57 +185,5 @@ impl Cost for AbsoluteDifferences {
 
     fn steps(&self) -> u16 {
         self.steps
-    }
-}
-
-/// Which (pixel, candidate) pairs may vote: those whose pixels are valid in both images.
-#[derive(Debug)]
-pub struct Votes<'a> {
-    masks: [Option<&'a Mask>; 2],
-    width: usize,
-    candidates: Candidates,
-}
-
-impl<'a> Votes<'a> {
-    /// The votes of a pair; `None` where both images are valid everywhere.
-    pub fn new([left, right]: [&'a View; 2], candidates: Candidates) -> Option<Self> {
-        let masks = [left.mask.as_ref(), right.mask.as_ref()];
-        let width = left.image.shape().1;
-        masks.iter().any(Option::is_some).then_some(Self { masks, width, candidates })
-    }
-
-    /// Whether the left pixel is masked.
-    pub fn is_masked(&self, y: usize, x: usize) -> bool {
-        self.masks[0].is_some_and(|mask| !mask.row(y)[x])
-    }
-
-    /// Writes 1 for each pair of row `y` that votes, else 0.
-    pub fn write_row(&self, y: usize, votes: &mut [u16]) {
-        let [left, right] = self.masks.map(|mask| match mask {
-            Some(mask) => mask.row(y).to_vec(),
-            None => vec![true; self.width],
-        });
-        let right = self.candidates.unroll(&right);
-        for_each_pixel(self.candidates, &left, &right, votes, |left, right, votes| {
-            for (vote, valid) in votes.iter_mut().zip(right) {
-                *vote = u16::from(left && *valid);
-            }
-        });
-    }
-}
-
-/// Hands every pixel's left value, the right values of its candidates and its places in `row` to `write`.
-fn for_each_pixel<T: Copy>(
-    candidates: Candidates,
-    left: &[T],
-    unrolled_right: &[T],
-    row: &mut [u16],
-    mut write: impl FnMut(T, &[T], &mut [u16]),
-) {
-    let count = candidates.count();
-    for (x, (&left, places)) in left.iter().zip(row.chunks_exact_mut(count)).enumerate() {
-        // The row is unrolled from its last pixel to its first.
-        let first = unrolled_right.len() - count - x;
-        write(left, &unrolled_right[first..][..count], places);
     }
 }

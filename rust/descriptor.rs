@@ -23,6 +23,7 @@ macro_rules! code {
     ($($word:ty),*) => {$(
         impl Code for $word {
             fn narrowed(code: u64) -> Self {
+                debug_assert!(code <= Self::MAX.into());
                 code as Self
             }
 
@@ -47,11 +48,11 @@ pub enum Codes {
 
 impl Codes {
     /// The same codes in the widest words.
-    pub fn widened(&self) -> Plane<u64> {
+    pub fn widened(self) -> Plane<u64> {
         match self {
             Self::U16(codes) => codes.map(|&code| code.into()),
             Self::U32(codes) => codes.map(|&code| code.into()),
-            Self::U64(codes) => codes.clone(),
+            Self::U64(codes) => codes,
         }
     }
 }
@@ -87,14 +88,14 @@ fn describe_band<C: Code>(
     codes: &mut [C],
 ) -> Result<()> {
     let radius = basis.radius() as isize;
-    let mut spectrum = Spectrum::new(basis, gray.cols());
+    let mut spectrum = Spectrum::new(basis, gray.cols())?;
     let push = |spectrum: &mut Spectrum, y| spectrum.push(y, gray.row(reflect(y, gray.rows())));
     for y in first as isize - radius..first as isize + radius {
-        push(&mut spectrum, y);
+        push(&mut spectrum, y)?;
     }
     for (y, codes) in (first..).zip(codes.chunks_exact_mut(gray.cols())) {
         control.checkpoint()?;
-        push(&mut spectrum, y as isize + radius);
+        push(&mut spectrum, y as isize + radius)?;
         spectrum.centre_on(y as isize);
         pack_row(&spectrum, basis, quantiser, y, codes);
     }

@@ -16,6 +16,8 @@ const FLOAT_STEPS_LOG2: i32 = 21;
 const FLOAT_REACH: f64 = (1 << 24) as f64;
 /// Share of the pixels left out at either end of a float image's robust range.
 const OUTLIERS: f64 = 0.001;
+/// Pixels that are enough to find that range; of larger images a sample is taken.
+const MOST_SAMPLES: usize = 1 << 20;
 
 /// Fixed-point steps per gray level of a channel plane, where black to white is 255 gray levels.
 pub const LEVEL_STEPS: u16 = 16;
@@ -37,34 +39,51 @@ impl Range {
     fn width(self) -> f64 {
         self.white - self.black
     }
+
+    fn union(self, other: Self) -> Self {
+        Self { black: self.black.min(other.black), white: self.white.max(other.white) }
+    }
 }
 
-/// A view with what its range was found from.
-struct Measured<'a> {
-    view: &'a View,
-    range: Range,
-    /// Float images alone need a look at all their pixels before the first can be converted.
-    luminance: Option<Plane<f64>>,
-}
-
-/// The gray planes of a pair, for the phase codes.
+/// The gray plane under the phase codes, centred so that 25 bits and the sign hold any image.
 ///
-/// The step of float images follows `told`, or else the wider of their robust ranges, each measured from
-/// its own black: an offset between the images neither coarsens the step nor changes a code.
-pub fn gray_planes(
-    [left, right]: [&View; 2],
-    told: Option<(f64, f64)>,
-    control: &Control,
-) -> Result<[Plane<i32>; 2]> {
-    let (left, right) = (Measured::new(left, told, control)?, Measured::new(right, told, control)?);
-    let width = left.range.width().max(right.range.width());
-    Ok([left.gray(width, control)?, right.gray(width, control)?])
+/// Codes compare directions, not lengths: each image may have a scale of its own.
+pub fn gray_plane(view: &View, control: &Control) -> Result<Plane<i32>> {
+    let (rows, cols, _) = view.image.shape();
+    let scale = match view.image.white() {
+        Some(white) => Scale::Exact { middle: 500.0 * f64::from(white) },
+        None => Scale::new(robust_range(view, control)?),
+    };
+    let plane = Plane::by_rows((rows, cols), control, |y, gray: &mut [i32]| {
+        let mut luminance = vec![0.0; cols];
+        view.image.write_luminance(y, &mut luminance);
+        gray.iter_mut().zip(luminance).for_each(|(gray, value)| *gray = scale.gray(value));
+    })?;
+    filled(plane, view, control)
 }
 
-/// The gray plane of one image by itself.
-pub fn gray_plane(view: &View, told: Option<(f64, f64)>, control: &Control) -> Result<Plane<i32>> {
-    let measured = Measured::new(view, told, control)?;
-    measured.gray(measured.range.width(), control)
+/// How gray values become integers.
+#[derive(Debug, Clone, Copy)]
+enum Scale {
+    /// Integer images, about the middle of their type's range.
+    Exact { middle: f64 },
+    /// Float images, in steps of a power of two above black: scaling an image by one changes nothing.
+    Steps { black: f64, exponent: i32 },
+}
+
+impl Scale {
+    fn new(range: Range) -> Self {
+        Self::Steps { black: range.black, exponent: FLOAT_STEPS_LOG2 - floor_log2(range.width()) }
+    }
+
+    fn gray(self, value: f64) -> i32 {
+        match self {
+            Self::Exact { middle } => (value - middle) as i32,
+            Self::Steps { black, exponent } => {
+                times_power(value - black, exponent).clamp(-FLOAT_REACH, FLOAT_REACH).round() as i32
+            }
+        }
+    }
 }
 
 /// The channel planes of a pair, for SAD: three where both images have colour, else gray.
@@ -73,58 +92,12 @@ pub fn level_planes(
     told: Option<(f64, f64)>,
     control: &Control,
 ) -> Result<[Vec<Plane<u16>>; 2]> {
-    let a = Measured::new(left, told, control)?.range;
-    let b = Measured::new(right, told, control)?.range;
-    let range = Range { black: a.black.min(b.black), white: a.white.max(b.white) };
+    let range = match told.or(left.image.white().map(|white| (0.0, f64::from(white)))) {
+        Some((black, white)) => Range { black: 1000.0 * black, white: 1000.0 * white },
+        None => robust_range(left, control)?.union(robust_range(right, control)?),
+    };
     let as_gray = left.image.shape().2 != 3 || right.image.shape().2 != 3;
     Ok([levels(left, range, as_gray, control)?, levels(right, range, as_gray, control)?])
-}
-
-impl<'a> Measured<'a> {
-    fn new(view: &'a View, told: Option<(f64, f64)>, control: &Control) -> Result<Self> {
-        let thousandths = |(black, white)| Range { black: 1000.0 * black, white: 1000.0 * white };
-        let known = told.or(view.image.white().map(|white| (0.0, f64::from(white))));
-        if let Some(range) = known.map(thousandths) {
-            return Ok(Self { view, range, luminance: None });
-        }
-        let (rows, cols, _) = view.image.shape();
-        let write = |y: usize, row: &mut [f64]| view.image.write_luminance(y, row);
-        let luminance = Plane::by_rows((rows, cols), control, write)?;
-        Ok(Self { view, range: robust_range(view, &luminance), luminance: Some(luminance) })
-    }
-
-    /// The gray plane, centred so that 25 bits and the sign hold any image; `width` of the range sets the
-    /// step of floats.
-    fn gray(&self, width: f64, control: &Control) -> Result<Plane<i32>> {
-        let (rows, cols, _) = self.view.image.shape();
-        let plane = Plane::by_rows((rows, cols), control, |y, gray: &mut [i32]| {
-            let mut luminance = vec![0.0; cols];
-            match &self.luminance {
-                Some(plane) => luminance.copy_from_slice(plane.row(y)),
-                None => self.view.image.write_luminance(y, &mut luminance),
-            }
-            match self.view.image.white() {
-                Some(white) => centre(&luminance, white, gray),
-                None => quantise(&luminance, self.range.black, width, gray),
-            }
-        })?;
-        Ok(filled(plane, self.view))
-    }
-}
-
-/// Integer images exactly, about the middle of their type's range.
-fn centre(luminance: &[f64], white: u16, gray: &mut [i32]) {
-    let middle = 500.0 * f64::from(white);
-    gray.iter_mut().zip(luminance).for_each(|(gray, value)| *gray = (value - middle) as i32);
-}
-
-/// Float images in steps of a power of two, so that scaling both images by one changes nothing.
-fn quantise(luminance: &[f64], black: f64, width: f64, gray: &mut [i32]) {
-    let exponent = FLOAT_STEPS_LOG2 - floor_log2(width);
-    for (gray, value) in gray.iter_mut().zip(luminance) {
-        let steps = scale(value - black, exponent);
-        *gray = steps.clamp(-FLOAT_REACH, FLOAT_REACH).round() as i32;
-    }
 }
 
 /// Channel planes in steps of `1 / LEVEL_STEPS` gray levels above `LEVEL_BLACK`.
@@ -148,34 +121,52 @@ fn levels(view: &View, range: Range, as_gray: bool, control: &Control) -> Result
                 *row = level(value).clamp(0.0, f64::from(LEVEL_CEILING)) as u16;
             }
         })?;
-        Ok(filled(plane, view))
+        filled(plane, view, control)
     };
     (0..if as_gray { 1 } else { channels }).map(plane).collect()
 }
 
 /// Where the valid pixels of a float image lie, but for the outliers at either end.
-fn robust_range(view: &View, luminance: &Plane<f64>) -> Range {
-    let mut values = luminance.as_slice().to_vec();
-    if let Some(mask) = &view.mask {
-        let mut valid = mask.as_slice().iter();
-        values.retain(|_| valid.next() == Some(&true));
+///
+/// The ends are those of an even sample: a large image has more pixels than its range needs.
+fn robust_range(view: &View, control: &Control) -> Result<Range> {
+    let (rows, cols, _) = view.image.shape();
+    let stride = (rows * cols).div_ceil(MOST_SAMPLES);
+    let (mut extremes, mut sample) = (None::<Range>, Vec::new());
+    let mut luminance = vec![0.0; cols];
+    for y in 0..rows {
+        control.checkpoint()?;
+        view.image.write_luminance(y, &mut luminance);
+        for (x, &value) in luminance.iter().enumerate().filter(|(x, _)| view.is_valid(y, *x)) {
+            let here = Range { black: value, white: value };
+            extremes = Some(extremes.map_or(here, |range| range.union(here)));
+            if (y * cols + x) % stride == 0 {
+                sample.push(value);
+            }
+        }
     }
-    let Some(last) = values.len().checked_sub(1) else { return Range { black: 0.0, white: 0.0 } };
-    let mut ranked = |rank: usize| *values.select_nth_unstable_by(rank, f64::total_cmp).1;
+    let extremes = extremes.unwrap_or(Range { black: 0.0, white: 0.0 });
+    Ok(inner_range(&mut sample).filter(|range| range.width() > 0.0).unwrap_or(extremes))
+}
+
+/// The range of a sample without its outliers; `None` if there is nothing in it.
+fn inner_range(sample: &mut [f64]) -> Option<Range> {
+    let last = sample.len().checked_sub(1)?;
     let outliers = (OUTLIERS * last as f64) as usize;
-    let robust = Range { black: ranked(outliers), white: ranked(last - outliers) };
-    if robust.black < robust.white {
-        return robust;
-    }
-    Range { black: ranked(0), white: ranked(last) }
+    let mut ranked = |rank: usize| *sample.select_nth_unstable_by(rank, f64::total_cmp).1;
+    Some(Range { black: ranked(outliers), white: ranked(last - outliers) })
 }
 
 /// `plane` with the masked pixels replaced by valid neighbours.
-fn filled<T: Copy + Default>(mut plane: Plane<T>, view: &View) -> Plane<T> {
+fn filled<T: Copy + Default>(
+    mut plane: Plane<T>,
+    view: &View,
+    control: &Control,
+) -> Result<Plane<T>> {
     if let Some(mask) = &view.mask {
-        fill_masked(&mut plane, mask);
+        fill_masked(&mut plane, mask, control)?;
     }
-    plane
+    Ok(plane)
 }
 
 /// The exponent of the leading bit; 0 for zero, so that a constant image has some scale.
@@ -184,7 +175,7 @@ fn floor_log2(value: f64) -> i32 {
 }
 
 /// `value * 2^exponent` in two steps, since the power alone may overflow.
-fn scale(value: f64, exponent: i32) -> f64 {
+fn times_power(value: f64, exponent: i32) -> f64 {
     let half = exponent / 2;
     value * 2f64.powi(half) * 2f64.powi(exponent - half)
 }

@@ -39,6 +39,7 @@ pub mod aggregation;
 pub mod cost;
 pub mod refinement;
 pub mod scanline;
+pub mod votes;
 
 pub mod control;
 pub mod matcher;

@@ -1,15 +1,23 @@
 //! Masked pixels take the values of valid neighbours, so that what they hold has no effect on anything.
 
+use crate::control::Control;
+use crate::error::Result;
 use crate::plane::Plane;
 use crate::view::Mask;
 
 /// Replaces masked values by the nearest valid one of their row (ties: left); rows without any copy the
 /// nearest row that has one (ties: above); a plane without any becomes zero.
-pub fn fill_masked<T: Copy + Default>(plane: &mut Plane<T>, mask: &Mask) {
-    let seeded: Vec<bool> =
-        (0..plane.rows()).map(|y| fill_row(plane.row_mut(y), mask.row(y))).collect();
-    let sources = nearest(&seeded);
-    for (y, source) in sources.into_iter().enumerate() {
+pub fn fill_masked<T: Copy + Default>(
+    plane: &mut Plane<T>,
+    mask: &Mask,
+    control: &Control,
+) -> Result<()> {
+    let mut seeded = vec![false; plane.rows()];
+    for (y, seeded) in seeded.iter_mut().enumerate() {
+        control.checkpoint()?;
+        *seeded = fill_row(plane.row_mut(y), mask.row(y));
+    }
+    for (y, source) in nearest(&seeded).into_iter().enumerate() {
         match source {
             Some(from) if from != y => {
                 let copied = plane.row(from).to_vec();
@@ -19,6 +27,7 @@ pub fn fill_masked<T: Copy + Default>(plane: &mut Plane<T>, mask: &Mask) {
             None => plane.row_mut(y).fill(T::default()),
         }
     }
+    Ok(())
 }
 
 fn fill_row<T: Copy>(row: &mut [T], valid: &[bool]) -> bool {

@@ -19,7 +19,9 @@ use crate::view::View;
 pub const MOST_THREADS: usize = 1024;
 /// Bands for each thread: one that falls behind then delays the others by a quarter of its work at most.
 const BANDS_PER_THREAD: usize = 4;
-/// Beyond this many rows the halo is a small share of any band.
+/// A band warms up over two windows' heights of rows: that must be a small share of its own.
+const LEAST_BAND_WINDOWS: usize = 8;
+/// Higher bands would save nothing more, and answer for less even work.
 const MOST_BAND_ROWS: usize = 256;
 
 /// What is matched, and how far to search.
@@ -148,13 +150,13 @@ fn match_band(
     control: &Control,
 ) -> Result<()> {
     let window = Window::new(pair.size(), pair.candidates.count(), settings, costs.ceiling());
-    let mut aggregator = Aggregator::new(window, band.first, costs)?;
+    let mut aggregator = Aggregator::new(window, band.first, costs, control)?;
     let steps = Steps::new(settings.penalty, window, costs.steps());
     let mut scanline = Scanline::new(window.cols, window.candidates, settings.optimizer, steps)?;
     let mut aggregated = window.row()?;
     for y in band.rows() {
         control.checkpoint()?;
-        aggregator.write_row(y, &mut aggregated);
+        aggregator.write_row(y, &mut aggregated)?;
         let chosen = scanline.choose(&aggregated);
         let evidence = Evidence { y, chosen, aggregated: &aggregated, votes: costs.votes() };
         band.result_row(y).write(evidence, pair.candidates, settings);
@@ -215,9 +217,10 @@ impl Disparity {
 }
 
 impl Execution {
-    /// Bands are tall enough for the window's halo not to dominate, and several for each thread.
+    /// Several bands for each thread, but none so low that warming up dominates.
     fn rows_per_band(self, pair: &Pair, settings: &Settings) -> usize {
         let even = pair.size().0.div_ceil(BANDS_PER_THREAD * self.threads);
-        self.band_rows.unwrap_or_else(|| even.clamp(2 * settings.window, MOST_BAND_ROWS)).max(1)
+        let least = LEAST_BAND_WINDOWS * settings.window;
+        self.band_rows.unwrap_or_else(|| even.min(MOST_BAND_ROWS).max(least)).max(1)
     }
 }

@@ -109,10 +109,7 @@ fn descriptor<'py>(
     let (threads, control) = (read_threads(threads)?, Control::default());
     let rows = view.image.shape().0;
     let codes = supervised(py, &control, rows, None, || {
-        on_threads(threads, || {
-            let gray = gray_plane(&view, settings.intensity_range, &control)?;
-            describe(&gray, &settings, &control)
-        })?
+        on_threads(threads, || describe(&gray_plane(&view, &control)?, &settings, &control))?
     })?;
     Ok(match codes {
         Codes::U16(codes) => wrap(py, codes)?.into_any(),

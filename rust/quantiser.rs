@@ -115,6 +115,27 @@ mod tests {
     }
 
     #[test]
+    fn boundaries_are_where_they_should_be_to_a_millionth() {
+        for (power, bits) in [1, 2].into_iter().flat_map(|k| (2..=4).map(move |b| (k, b))) {
+            let sectors = power << bits;
+            let code = |boundary: usize, off: f64| {
+                let angle = std::f64::consts::TAU * boundary as f64 / sectors as f64 + off;
+                quantiser(power, bits)
+                    .code((angle.cos() * 1e12) as i128, (angle.sin() * 1e12) as i128)
+            };
+            for boundary in 0..sectors {
+                let johnson = |sector: usize| johnson(sector % (1 << bits), 1 << (bits - 1));
+                assert_eq!(code(boundary, 1e-6), johnson(boundary), "k = {power}, b = {bits}");
+                assert_eq!(
+                    code(boundary, -1e-6),
+                    johnson(boundary + sectors - 1),
+                    "k = {power}, b = {bits}"
+                );
+            }
+        }
+    }
+
+    #[test]
     fn ties_are_those_of_floor_on_half_open_arguments() {
         let level = |re, im| quantiser(1, 2).code(re, im);
         assert_eq!(level(0, 0), johnson(0, 2), "zero");

@@ -1,8 +1,8 @@
 //! Chosen candidates -> what the caller gets: disparities, flags that say why, and confidence.
 
 use crate::candidates::Candidates;
-use crate::cost::Votes;
 use crate::settings::Settings;
+use crate::votes::Votes;
 
 /// Why an estimate is missing or not to be trusted; bits of the flags.
 pub mod flag {
@@ -64,15 +64,12 @@ impl ResultRow<'_> {
             self.flags[x] = if outside { flag::OUTSIDE } else { 0 };
         }
         let Some(votes) = evidence.votes else { return };
-        let mut voting = vec![0; evidence.aggregated.len()];
-        votes.write_row(evidence.y, &mut voting);
-        let voting = voting.chunks_exact(candidates.count());
-        for ((x, &chosen), voting) in evidence.chosen.iter().enumerate().zip(voting) {
+        for (x, &chosen) in evidence.chosen.iter().enumerate() {
             if votes.is_masked(evidence.y, x) {
                 self.flags[x] = flag::MASKED;
-            } else if voting.iter().all(|&vote| vote == 0) {
+            } else if !(0..candidates.count()).any(|k| votes.has(evidence.y, x, k)) {
                 self.flags[x] = flag::NO_CANDIDATE;
-            } else if voting[usize::from(chosen)] == 0 {
+            } else if !votes.has(evidence.y, x, chosen.into()) {
                 self.flags[x] |= flag::MATCH_MASKED;
             }
         }

@@ -11,6 +11,9 @@ pub const MOST_DISPARITIES: usize = 16_384;
 /// Largest penalty, in units of the cost: beyond the cost of any pixel it changes nothing.
 pub const LARGEST_PENALTY: f64 = 65_535.0;
 
+/// Largest magnitude of a float pixel and of the ends of an intensity range; products with it are finite.
+pub const LARGEST_PIXEL: f64 = 1e300;
+
 /// What two pixels are compared by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CostKind {
@@ -160,11 +163,15 @@ impl Settings {
 
     fn check_intensity_range(&self) -> Result<()> {
         match self.intensity_range {
-            Some((low, high)) if !(low < high && (high - low).is_finite()) => Err(Error::value(
-                "intensity_range",
-                format!("({low}, {high})"),
-                "two finite numbers (black, white), the first smaller",
-            )),
+            Some((low, high)) if !(low < high && low.abs().max(high.abs()) <= LARGEST_PIXEL) => {
+                Err(Error::value(
+                    "intensity_range",
+                    format!("({low}, {high})"),
+                    format!(
+                        "two numbers (black, white) of magnitude up to {LARGEST_PIXEL:e}, the first smaller"
+                    ),
+                ))
+            }
             _ => Ok(()),
         }
     }

@@ -5,7 +5,8 @@
 //! leaves a window lie `L` apart and share one factor, so a step adds that factor times their difference.
 
 use crate::basis::{Basis, Complex};
-use crate::plane::reflect;
+use crate::error::Result;
+use crate::plane::{reflect, zeroed};
 
 /// One row of complex numbers.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -15,8 +16,8 @@ struct ComplexRow {
 }
 
 impl ComplexRow {
-    fn new(cols: usize) -> Self {
-        Self { re: vec![0; cols], im: vec![0; cols] }
+    fn new(cols: usize) -> Result<Self> {
+        Ok(Self { re: zeroed(cols)?, im: zeroed(cols)? })
     }
 
     fn set(&mut self, x: usize, value: Complex) {
@@ -61,28 +62,29 @@ pub struct Spectrum<'a> {
 
 impl<'a> Spectrum<'a> {
     /// Empty, for rows of `cols` pixels.
-    pub fn new(basis: &'a Basis, cols: usize) -> Self {
-        let blank = ComplexRow::new(cols);
-        Self {
+    pub fn new(basis: &'a Basis, cols: usize) -> Result<Self> {
+        let rows = |count: usize| (0..count).map(|_| ComplexRow::new(cols)).collect::<Result<_>>();
+        Ok(Self {
             basis,
-            ring: vec![vec![blank.clone(); basis.highest_u() + 1]; basis.size()],
-            sums: vec![blank; basis.components().len()],
-        }
+            ring: (0..basis.size()).map(|_| rows(basis.highest_u() + 1)).collect::<Result<_>>()?,
+            sums: rows(basis.components().len())?,
+        })
     }
 
     /// Takes in row `y` (absolute, possibly outside the image) with these pixels.
-    pub fn push(&mut self, y: isize, pixels: &[i32]) {
+    pub fn push(&mut self, y: isize, pixels: &[i32]) -> Result<()> {
         let (basis, slot) = (self.basis, self.slot(y));
         let margin = basis.radius() as isize + 1;
         let places = -margin..pixels.len() as isize + margin;
         let padded: Vec<i64> = places.map(|x| pixels[reflect(x, pixels.len())].into()).collect();
         for u in 0..=basis.highest_u() {
-            let mut along = along_row(basis, u, &padded);
+            let mut along = along_row(basis, u, &padded)?;
             self.ring[slot][u].replace_by(&mut along);
             if basis.slides() {
                 add(basis, &mut self.sums, u, (y, 0), &along);
             }
         }
+        Ok(())
     }
 
     /// Completes the components centred on row `y`; all rows within the radius must have been pushed, and
@@ -128,7 +130,7 @@ fn add(
 
 /// The transform of index `u` along one row, around every pixel; `padded` continues the row by
 /// `radius + 1` pixels on either side.
-fn along_row(basis: &Basis, u: usize, padded: &[i64]) -> ComplexRow {
+fn along_row(basis: &Basis, u: usize, padded: &[i64]) -> Result<ComplexRow> {
     let (size, radius) = (basis.size(), basis.radius());
     let cols = padded.len() - size - 1;
     let factor = |x: usize, j: usize| {
@@ -139,7 +141,7 @@ fn along_row(basis: &Basis, u: usize, padded: &[i64]) -> ComplexRow {
         let factors = (0..size).map(|j| factor(x, j));
         factors.zip(&padded[x + 1..]).fold(Complex::default(), |sum, (f, p)| sum.plus(f, *p))
     };
-    let mut row = ComplexRow::new(cols);
+    let mut row = ComplexRow::new(cols)?;
     let mut sum = around(0);
     row.set(0, sum);
     // What enters on the right of x = 1 lies at column 1 + radius.
@@ -150,5 +152,5 @@ fn along_row(basis: &Basis, u: usize, padded: &[i64]) -> ComplexRow {
             if basis.slides() { sum.plus(factor, padded[x + size] - padded[x]) } else { around(x) };
         row.set(x, sum);
     }
-    row
+    Ok(row)
 }

@@ -4,9 +4,7 @@ use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
 
 use crate::error::{Error, Result};
 use crate::plane::Plane;
-
-/// Largest magnitude of a float pixel; products with it stay finite.
-const LARGEST_PIXEL: f64 = 1e300;
+use crate::settings::LARGEST_PIXEL;
 
 /// An image of `rows x cols x channels` (1 or 3 channels) as it came from the caller.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,19 +74,24 @@ impl Image {
 }
 
 impl View {
+    /// Whether the mask, if there is one, calls the pixel valid.
+    pub fn is_valid(&self, y: usize, x: usize) -> bool {
+        self.mask.as_ref().is_none_or(|mask| mask.row(y)[x])
+    }
+
     /// Refuses pixels that are NaN, infinite or absurdly large, unless the mask covers them.
     pub fn check(&self, argument: &'static str) -> Result<()> {
-        let valid = |y: usize, x: usize| self.mask.as_ref().is_none_or(|mask| mask.row(y)[x]);
+        let valid = |y: usize, x: usize| self.is_valid(y, x);
         let fault = match &self.image {
             Image::F32(pixels) => first_fault(pixels.view(), f64::from, valid),
             Image::F64(pixels) => first_fault(pixels.view(), |value| value, valid),
             Image::U8(_) | Image::U16(_) => None,
         };
         let Some((y, x, value)) = fault else { return Ok(()) };
-        let got = format!("{value} at row {y}, column {x}");
+        let got = format!("{value:e} at row {y}, column {x}");
         let accepts = format!(
-            "finite pixels of magnitude up to {LARGEST_PIXEL:e}; to leave pixels out, pass {argument}_mask \
-             (True = valid)"
+            "finite pixels of magnitude up to {LARGEST_PIXEL:e}, and anything where a mask is False \
+             (match takes left_mask and right_mask)"
         );
         Err(Error::value(argument, got, accepts))
     }

@@ -61,10 +61,11 @@ proptest! {
     fn any_first_row_and_any_votes((window, ballot) in elections(), first in 0usize..9) {
         let first = first % window.rows;
         let expected = reference::aggregate(&ballot.costs, &ballot.votes, window);
-        let mut aggregator = Aggregator::new(window, first, &ballot).expect("memory");
+        let control = Control::default();
+        let mut aggregator = Aggregator::new(window, first, &ballot, &control).expect("memory");
         let mut row = window.row().expect("memory");
         for y in first..window.rows {
-            aggregator.write_row(y, &mut row);
+            aggregator.write_row(y, &mut row).expect("not cancelled");
             prop_assert_eq!(&row[..], expected.row(y), "row {} from {}", y, first);
         }
     }

@@ -2,14 +2,15 @@
 
 mod common;
 
-use common::{descriptors, gray_pair, grays, level_pair, views};
+use common::{descriptors, grays, level_pair, views};
 use phasestereo::candidates::Candidates;
 use phasestereo::control::Control;
-use phasestereo::cost::{Costs, Votes};
+use phasestereo::cost::Costs;
 use phasestereo::plane::Plane;
 use phasestereo::reference;
 use phasestereo::settings::{CostKind, Settings};
 use phasestereo::view::{Image, View};
+use phasestereo::votes::Votes;
 use proptest::prelude::*;
 
 fn view(gray: &Plane<i32>) -> View {
@@ -45,6 +46,21 @@ fn circular_distance(a: u64, b: u64, settings: &Settings) -> usize {
     (0..settings.components()).map(around).sum()
 }
 
+#[test]
+fn ceilings_and_steps_are_those_of_the_unit() {
+    let colour = View { image: Image::U8(ndarray::Array3::zeros((1, 1, 3))), mask: None };
+    let candidates = Candidates::new(0, 1, 1).expect("in reach");
+    let scale = |cost, bits| {
+        let settings = Settings { cost, bits, ..Settings::default() };
+        let costs = Costs::new([&colour, &colour], candidates, &settings, &Control::default());
+        costs.map(|costs| (costs.ceiling(), costs.steps()))
+    };
+    assert_eq!(scale(CostKind::Phase, 2), Ok((14, 1)), "bits");
+    assert_eq!(scale(CostKind::Phase, 3), Ok((28, 1)), "bits");
+    assert_eq!(scale(CostKind::Sad, 2), Ok((3 * 3 * 255 * 16, 16)), "sixteenths of gray levels");
+    assert_eq!(scale(CostKind::NormalisedSad, 2), Ok((3 * 32 * 256, 256)), "256ths of deviations");
+}
+
 proptest! {
     #[test]
     fn popcount_is_the_circular_distance_of_eq_6(
@@ -55,8 +71,7 @@ proptest! {
         let count = (gray.cols() as i64).min(5);
         let Ok(candidates) = Candidates::new(min, count, gray.cols()) else { return Ok(()) };
         let (left, right) = (view(&gray), view(&gray.map(|value| value / 3)));
-        let planes = gray_pair([&left, &right], None);
-        let [a, b] = planes.map(|plane| reference::describe(&plane, &settings));
+        let [a, b] = [&left, &right].map(|view| reference::describe(&common::gray(view), &settings));
         let volume = volume([&left, &right], candidates, &settings);
         prop_assert_eq!(&volume, &reference::phase_costs(&a, &b, candidates));
         for (place, &cost) in volume.as_slice().iter().enumerate() {

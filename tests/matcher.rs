@@ -2,10 +2,10 @@
 
 mod common;
 
-use common::{gray_pair, level_pair, settings, views};
+use common::{gray, level_pair, settings, views};
 use phasestereo::aggregation::Window;
 use phasestereo::control::Control;
-use phasestereo::cost::{Costs, Votes};
+use phasestereo::cost::Costs;
 use phasestereo::error::{Error, Result};
 use phasestereo::matcher::{Disparity, Execution, Pair, on_threads, run};
 use phasestereo::plane::Plane;
@@ -14,6 +14,7 @@ use phasestereo::refinement::{confidence, flag};
 use phasestereo::scanline::Steps;
 use phasestereo::settings::{CostKind, Optimizer, Settings};
 use phasestereo::view::{Image, View};
+use phasestereo::votes::Votes;
 use proptest::prelude::*;
 
 /// What a caller sees of a match; NaN compared by its bits.
@@ -33,7 +34,7 @@ fn matched(pair: &Pair, settings: &Settings, threads: usize, band_rows: Option<u
 fn naive_costs(pair: &Pair, settings: &Settings) -> Plane<u16> {
     let ([left, right], told) = (pair.views(), settings.intensity_range);
     if settings.cost == CostKind::Phase {
-        let codes = gray_pair([left, right], told).map(|gray| reference::describe(&gray, settings));
+        let codes = [left, right].map(|view| reference::describe(&gray(view), settings));
         return reference::phase_costs(&codes[0], &codes[1], pair.candidates());
     }
     let [left, right] = level_pair([left, right], told).map(|channels| {

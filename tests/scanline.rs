@@ -3,11 +3,12 @@
 mod common;
 
 use common::volumes;
+use phasestereo::aggregation::Window;
 use phasestereo::control::Control;
 use phasestereo::plane::Plane;
 use phasestereo::reference;
 use phasestereo::scanline::{Scanline, Steps, optimize};
-use phasestereo::settings::Optimizer;
+use phasestereo::settings::{Optimizer, Penalty};
 use proptest::prelude::*;
 
 /// Volumes of large costs, or of so small ones that ties abound.
@@ -56,6 +57,14 @@ proptest! {
             prop_assert_eq!(chosen.row(y), &expected[..]);
         }
     }
+}
+
+#[test]
+fn penalties_are_in_units_of_the_mean_cost() {
+    let window = Window { rows: 1, cols: 1, candidates: 1, side: 9, shiftable: true, ceiling: 14 };
+    let penalty = Penalty { rise: 0.5, drop: 2.0 };
+    assert_eq!(Steps::new(penalty, window, 1), Steps { rise: 41, drop: 162 }, "40.5 is rounded up");
+    assert_eq!(Steps::new(penalty, window, 16), Steps { rise: 648, drop: 2592 });
 }
 
 #[test]

@@ -151,3 +151,10 @@ def test_threads_change_nothing() -> None:
     expected = ps.descriptor(image, threads=1)
     for threads in range(2, 9):
         np.testing.assert_array_equal(ps.descriptor(image, threads=threads), expected)
+
+
+def test_the_intensity_range_is_none_of_its_business() -> None:
+    image = np.random.default_rng(9).random((12, 15)) * 1e-3
+    expected = ps.descriptor(image)
+    np.testing.assert_array_equal(ps.descriptor(image, intensity_range=(0, 1e6)), expected)
+    np.testing.assert_array_equal(ps.descriptor(image / 1024, intensity_range=(0, 1)), expected)

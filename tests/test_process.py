@@ -56,7 +56,8 @@ def test_ctrl_c_stops_a_long_match_within_a_second() -> None:
 
 
 FORKED = """
-import os, signal
+import os, signal, warnings
+warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against what is tested here
 import numpy as np, phasestereo as ps
 pair = np.random.default_rng(0).integers(0, 256, (2, 40, 60), np.uint8)
 parent = ps.match(*pair, num_disparities=8, threads=4)
@@ -132,21 +133,66 @@ def test_writing_into_an_image_during_its_match_is_safe() -> None:
     np.testing.assert_array_equal(found, expected)
 
 
+MEMORY_CASES = {
+    "disparities": "ps.match(wide, wide, num_disparities=16384, threads=1)",
+    "masks": "ps.match(wide, wide, num_disparities=8192, left_mask=wide == 0, threads=1)",
+    "neighbourhood": "ps.descriptor(long, neighborhood=63, frequencies=(4, 4), bits=1, threads=1)",
+    "image": "ps.match(broad, broad, num_disparities=1, threads=1)",
+    "volume": "ps.cost_volume(tall, tall, num_disparities=512, threads=1)",
+    "costs": "ps.aggregate(np.zeros((2000, 500, 400), np.uint16))",
+    "aggregated": "ps.optimize(np.zeros((2000, 500, 150), np.uint32), penalty=1)",
+}
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of address space are Linux's")
-def test_memory_that_cannot_be_had_is_a_memory_error() -> None:
-    finished = run("""
-import resource
+@pytest.mark.parametrize("case", MEMORY_CASES)
+def test_memory_that_cannot_be_had_is_a_memory_error(case: str) -> None:
+    finished = run(f"""
+import re, resource
 import numpy as np, phasestereo as ps
-image = np.zeros((4, 16384), np.uint8)
-ps.match(image[:, :64], image[:, :64], num_disparities=4, threads=1)
-resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
+wide, long = np.zeros((4, 16384), np.uint8), np.zeros((1, 400_000), np.uint8)
+tall, broad = np.zeros((2000, 600), np.uint8), np.zeros((5000, 5000), np.float32)
+ps.match(wide[:, :64], wide[:, :64], num_disparities=4, threads=1)
+used = int(re.search(r"VmSize:\\s+(\\d+)", open("/proc/self/status").read())[1]) << 10
+limit = used + (1 << 29)
+resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 try:
-    ps.match(image, image, num_disparities=16384, threads=1)
-except MemoryError as error:
-    print(error)
+    {MEMORY_CASES[case]}
+except MemoryError:
+    print("refused")
 """)
+    assert (finished.returncode, finished.stdout.strip()) == (0, "refused"), finished.stderr
+
+
+FORKED_MEANWHILE = """
+import os, signal, threading, warnings
+warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against what is tested here
+import numpy as np, phasestereo as ps
+pair = np.random.default_rng(0).integers(0, 256, (2, 400, 600), np.uint8)
+match = threading.Thread(target=lambda: ps.match(*pair, num_disparities=128))
+match.start()
+child = os.fork()
+if child == 0:
+    signal.alarm(20)
+    ps.match(*pair[:, :40, :60], num_disparities=8)
+    os._exit(0)
+_, status = os.waitpid(child, 0)
+match.join()
+raise SystemExit(os.waitstatus_to_exitcode(status))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_child_forked_during_the_first_match_matches() -> None:
+    for _ in range(3):
+        finished = run(FORKED_MEANWHILE)
+        assert finished.returncode == 0, finished.stderr
+
+
+def test_ctrl_c_is_noticed_while_a_large_window_warms_up() -> None:
+    finished = run(INTERRUPTED.replace("num_disparities=2000", "num_disparities=1000, window=63"))
     assert finished.returncode == 0, finished.stderr
-    assert "bytes of working memory" in finished.stdout
+    assert float(finished.stdout) < 5
 
 
 def test_the_command_to_import_is_quiet() -> None:

@@ -71,12 +71,14 @@ def test_images_that_do_not_agree() -> None:
 @pytest.mark.parametrize("name", ["left", "right"])
 def test_pixels_that_are_no_numbers(name: str, value: float) -> None:
     pair = {"left": REAL, "right": REAL} | {name: holed(value)}
-    refused(ValueError, f"^{name}: got .* at row 2, column 3; .* {name}_mask", **pair)
+    refused(
+        ValueError, f"^{name}: got .* at row 2, column 3; accepts .* where a mask is False", **pair
+    )
 
 
 def test_pixels_beyond_any_use() -> None:
     huge = np.full((6, 8), 1e301)
-    refused(ValueError, "^left: got .*1e300", left=huge, right=huge)
+    refused(ValueError, "^left: got 1e301 at .*1e300", left=huge, right=huge)
 
 
 def test_masks_that_hide_too_little() -> None:
@@ -95,6 +97,12 @@ def test_masks_of_another_kind(name: str) -> None:
 @pytest.mark.parametrize("value", [0, -1, 9, 10**6, 10**30, -(10**30)])
 def test_numbers_of_disparities_out_of_range(value: int) -> None:
     refused(ValueError, "^num_disparities: got ", num_disparities=value)
+
+
+def test_integers_that_python_refuses_to_print() -> None:
+    refused(ValueError, "^num_disparities: got an integer beyond 64 bits", num_disparities=10**5000)
+    with pytest.raises(ValueError, match="^penalty: got an integer out of range"):
+        ps.optimize(np.zeros((1, 1, 1), np.uint32), penalty=10**5000)
 
 
 @pytest.mark.parametrize("value", [True, False, 4.0, "4", None, np.float32(4), [4], np.bool_(1)])
@@ -154,3 +162,20 @@ class Trap:
 def test_objects_that_break_their_word() -> None:
     refused(TypeError, "^left: got Trap", left=Trap())
     refused(TypeError, "^num_disparities: got Trap", num_disparities=Trap())
+
+
+class Interruption:
+    """Is interrupted while it is asked for its value."""
+
+    def __index__(self) -> int:
+        raise KeyboardInterrupt
+
+    def __array__(self, *_: object, **__: object) -> np.ndarray:
+        raise MemoryError("no room")
+
+
+def test_what_is_no_fault_of_the_argument_is_let_through() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        ps.match(IMAGE, IMAGE, num_disparities=Interruption())  # type: ignore[arg-type]  # the point
+    with pytest.raises(MemoryError, match="no room"):
+        ps.match(Interruption(), IMAGE, num_disparities=2)  # type: ignore[arg-type]  # the point

@@ -35,15 +35,15 @@ def test_no_cost_overflows() -> None:
     assert (ps.optimize(costs, penalty=2**40) == 1).all()
 
 
-@pytest.mark.parametrize("penalty", [1.0, "1", None, True, (1, 2.0), (True, 1)])
+@pytest.mark.parametrize("penalty", [1.0, "1", None, True, (1, 2.0), (True, 1), np.array([1, 2])])
 def test_a_penalty_that_is_no_integer_is_refused(penalty: object) -> None:
-    with pytest.raises(TypeError, match="^penalty: got"):
+    with pytest.raises(TypeError, match="^penalty: .*; accepts "):
         ps.optimize(np.zeros((1, 1, 1), np.uint32), penalty=penalty)  # type: ignore[arg-type]  # the point
 
 
 @pytest.mark.parametrize("penalty", [-1, 2**40 + 1, 10**30, (1, -1), (), (1, 2, 3)])
 def test_a_penalty_out_of_range_is_refused(penalty: object) -> None:
-    with pytest.raises(ValueError, match="^penalty: got"):
+    with pytest.raises(ValueError, match="^penalty: got .*; accepts "):
         ps.optimize(np.zeros((1, 1, 1), np.uint32), penalty=penalty)  # type: ignore[arg-type]  # the point
 
 

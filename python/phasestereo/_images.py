@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TypeAlias
 
 import numpy as np
@@ -33,7 +34,7 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
         If it has another shape or no pixel.
     """
     pixels = as_array(image, name)
-    if pixels.dtype.newbyteorder("=") not in (np.uint8, np.uint16, np.float32, np.float64):
+    if pixels.dtype.kind + str(pixels.dtype.itemsize) not in ("u1", "u2", "f4", "f8"):
         raise TypeError(f"{name}: got dtype {pixels.dtype}; accepts {ACCEPTED}")
     if pixels.ndim == 2:
         pixels = pixels[:, :, np.newaxis]
@@ -75,11 +76,22 @@ def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray
 
 def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
     """Return an array-like as an array; if it is none, the message names the argument."""
-    if isinstance(value, np.ma.MaskedArray):
+    if _is_masked_array(value):
         raise TypeError(f"{name}: got a masked array; accepts plain arrays, and masks apart")
     try:
         return np.asarray(value)
+    except MemoryError:
+        raise
     except Exception as error:
         raise TypeError(
             f"{name}: got {type(value).__name__}, which is no array; accepts arrays of numbers"
         ) from error
+
+
+def _is_masked_array(value: object) -> bool:
+    """Tell masked arrays without importing `numpy.ma`.
+
+    An import during a match would hold its lock while another thread forks the process.
+    """
+    masked_array = getattr(sys.modules.get("numpy.ma"), "MaskedArray", ())
+    return isinstance(value, masked_array)

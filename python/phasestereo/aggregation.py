@@ -51,7 +51,7 @@ def aggregate(costs: ArrayLike, *, window: int = 9, shiftable: bool = True) -> N
 def as_volume(costs: ArrayLike, dtype: type[Unsigned]) -> NDArray[Unsigned]:
     """Return a volume of costs of the given type as a contiguous array in native byte order."""
     volume = as_array(costs, "costs")
-    if volume.dtype.newbyteorder("=") != dtype:
+    if volume.dtype.kind != "u" or volume.dtype.itemsize != np.dtype(dtype).itemsize:
         raise TypeError(f"costs: got dtype {volume.dtype}; accepts {np.dtype(dtype)}")
     if volume.ndim != 3 or volume.size == 0:
         raise ValueError(f"costs: got shape {volume.shape}; accepts (H, W, D), none of them 0")

@@ -61,9 +61,13 @@ def check_penalty(penalty: tuple[int, ...]) -> tuple[int, int]:
     """Return a pair of penalties as plain integers."""
     if len(penalty) != 2:
         raise ValueError(f"penalty: got {penalty}; accepts one integer or a pair (rise, drop)")
-    if any(isinstance(value, bool) or not hasattr(value, "__index__") for value in penalty):
-        raise TypeError(f"penalty: got {penalty}; accepts integers")
-    rise, drop = (index(value) for value in penalty)
+    if any(isinstance(value, bool) for value in penalty):
+        raise TypeError("penalty: got a bool; accepts integers")
+    try:
+        rise, drop = (index(value) for value in penalty)
+    except TypeError as error:
+        raise TypeError(f"penalty: {error}; accepts an integer or a pair of them") from error
     if not (0 <= rise <= LARGEST_PENALTY and 0 <= drop <= LARGEST_PENALTY):
-        raise ValueError(f"penalty: got {penalty}; accepts integers from 0 to 2^40")
+        # Not printed: Python may refuse to print a huge integer.
+        raise ValueError("penalty: got an integer out of range; accepts those from 0 to 2^40")
     return rise, drop

@@ -58,10 +58,11 @@ class Settings:
         over the window: one number, or a pair for (rise by one, drop to any smaller disparity);
         0 to 65535. Default 2.
     intensity_range
-        Intensities (black, white) of the images. None: the range of the type for integers; for
-        floats where their pixels lie, but for 0.1 % at either end. Codes of integer images do not
-        depend on it; those of float images resolve 2 million steps of it, and values further than
-        four ranges from black are clamped. Default None.
+        Intensities (black, white) of the images, which set the unit of ``"sad"`` and ``"nsad"``;
+        values beyond one range below black or above white are clamped. None: the range of the
+        type for integers (of 12 bits stored in uint16, say (0, 4095)); for floats the range in
+        which the pixels of both images lie, but for 0.1 % at either end. Phase codes do not depend
+        on it. Default None.
     fill
         Whether estimates that are not to be trusted stay in the map, flagged (True), or become
         NaN (False). Default True.

@@ -2,16 +2,16 @@
 
 use std::thread;
 
-use ndarray::Array3;
-use numpy::{Element, PyArray2, PyArray3, PyArrayMethods};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use ndarray::{Array3, Dimension};
+use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
+use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyBool;
+use pyo3::types::{PyBool, PyTuple};
 
 use super::internal;
 use crate::error::Error;
 use crate::matcher::{MOST_THREADS, Pair};
-use crate::plane::Plane;
+use crate::plane::{Plane, zeroed};
 use crate::settings::{CostKind, MOST_DISPARITIES, Optimizer, Penalty, Settings, Taper};
 use crate::view::{Image, Mask, View};
 
@@ -69,31 +69,45 @@ fn read_mask(mask: &Bound<'_, PyAny>, size: (usize, usize), name: &str) -> PyRes
     let Ok(array) = mask.cast::<PyArray2<bool>>() else {
         return Err(PyTypeError::new_err(format!("{name}_mask: accepts 2-D arrays of bool")));
     };
-    let array = array.try_readonly().map_err(internal)?.as_array().to_owned();
-    if array.dim() != size {
-        let message =
-            format!("{name}_mask: got shape {:?}; accepts the image's {size:?}", array.dim());
+    let shape: (usize, usize) = array.dims().into_pattern();
+    if shape != size {
+        let message = format!("{name}_mask: got shape {shape:?}; accepts the image's {size:?}");
         return Err(PyValueError::new_err(message));
     }
-    Ok(Some(Plane::from_vec(size.0, size.1, array.iter().copied().collect())?))
+    Ok(Some(Plane::from_vec(size.0, size.1, values(array)?)?))
 }
 
-fn copied<T: Element + Clone>(array: &Bound<'_, PyArray3<T>>) -> PyResult<Array3<T>> {
-    Ok(array.try_readonly().map_err(internal)?.as_array().to_owned())
+fn copied<T: Element + Copy + Default>(array: &Bound<'_, PyArray3<T>>) -> PyResult<Array3<T>> {
+    let dimensions = array.dims();
+    Array3::from_shape_vec(dimensions, values(array)?).map_err(internal)
+}
+
+/// The values of an array in the order of its indices; an exception, not an abort, without the memory.
+fn values<T, D>(array: &Bound<'_, PyArray<T, D>>) -> PyResult<Vec<T>>
+where
+    T: Element + Copy + Default,
+    D: Dimension,
+{
+    let array = array.try_readonly().map_err(internal)?;
+    let mut copy = zeroed(array.as_array().len())?;
+    match array.as_slice() {
+        Ok(values) => copy.copy_from_slice(values),
+        Err(_) => copy.iter_mut().zip(array.as_array()).for_each(|(copy, value)| *copy = *value),
+    }
+    Ok(copy)
 }
 
 /// A volume of rows x columns x candidates as a plane whose rows hold columns x candidates.
-pub fn read_volume<T: Element + Copy>(
+pub fn read_volume<T: Element + Copy + Default>(
     volume: &Bound<'_, PyArray3<T>>,
     name: &'static str,
 ) -> PyResult<(Plane<T>, (usize, usize, usize))> {
-    let array = copied(volume)?;
-    let (rows, cols, count) = array.dim();
+    let (rows, cols, count) = volume.dims().into_pattern();
     if rows * cols == 0 || !(1..=MOST_DISPARITIES).contains(&count) {
         let accepts = format!("at least one pixel, 1 to {MOST_DISPARITIES} candidates");
-        return Err(Error::value(name, format!("shape {:?}", array.dim()), accepts).into());
+        return Err(Error::value(name, format!("shape {:?}", (rows, cols, count)), accepts).into());
     }
-    let plane = Plane::from_vec(rows, cols * count, array.iter().copied().collect())?;
+    let plane = Plane::from_vec(rows, cols * count, values(volume)?)?;
     Ok((plane, (rows, cols, count)))
 }
 
@@ -130,7 +144,8 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
 
 /// One number for both changes, or a pair.
 fn read_penalty(penalty: &Bound<'_, PyAny>) -> PyResult<Penalty> {
-    if let Ok(both) = number(penalty, "penalty") {
+    if !penalty.is_instance_of::<PyTuple>() {
+        let both = number(penalty, "penalty")?;
         return Ok(Penalty { rise: both, drop: both });
     }
     let (rise, drop) = both(penalty, "penalty", "a number or a pair of them (rise, drop)")?;
@@ -160,11 +175,12 @@ fn choice<T: Copy>(
 }
 
 fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<i64> {
-    let whole = value.call_method0("__index__");
-    match whole {
+    match value.call_method0("__index__") {
+        // A huge integer is not printed: Python may refuse to.
         Ok(whole) if !value.is_instance_of::<PyBool>() => whole
             .extract()
-            .map_err(|_| Error::value(name, &whole, "an integer of at most 64 bits").into()),
+            .map_err(|_| Error::value(name, "an integer beyond 64 bits", "a smaller one").into()),
+        Err(error) if !error.is_instance_of::<PyException>(value.py()) => Err(error),
         _ => Err(wrong_type(value, name, "an integer")),
     }
 }
@@ -176,10 +192,12 @@ fn natural(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<usize> {
 }
 
 fn number(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<f64> {
-    match value.extract() {
-        Ok(number) if !value.is_instance_of::<PyBool>() => Ok(number),
-        _ => Err(wrong_type(value, name, "a number")),
+    let real = value.py().import("numbers")?.getattr("Real")?;
+    if !value.is_instance(&real)? || value.is_instance_of::<PyBool>() {
+        return Err(wrong_type(value, name, "a number"));
     }
+    let beyond = |_| Error::value(name, "a number beyond any float", "a smaller one").into();
+    value.extract().map_err(beyond)
 }
 
 fn boolean(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<bool> {

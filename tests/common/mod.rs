@@ -4,7 +4,7 @@
 
 use ndarray::Array3;
 use phasestereo::control::Control;
-use phasestereo::intensity::{gray_planes, level_planes};
+use phasestereo::intensity::{gray_plane, level_planes};
 use phasestereo::plane::Plane;
 use phasestereo::settings::{CostKind, Optimizer, Penalty, Settings, Taper};
 use phasestereo::view::{Image, Mask, View};
@@ -107,9 +107,9 @@ pub fn views(rows: usize, cols: usize, kind: u8) -> impl Strategy<Value = View> 
     })
 }
 
-/// The gray planes of a pair.
-pub fn gray_pair(views: [&View; 2], told: Option<(f64, f64)>) -> [Plane<i32>; 2] {
-    gray_planes(views, told, &Control::default()).expect("not cancelled")
+/// The gray plane of a view.
+pub fn gray(view: &View) -> Plane<i32> {
+    gray_plane(view, &Control::default()).expect("not cancelled")
 }
 
 /// The channel planes of a pair.

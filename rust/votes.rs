@@ -1,0 +1,61 @@
+//! Which (pixel, candidate) pairs may vote for a match: those whose pixels are valid in both images.
+
+use crate::candidates::Candidates;
+use crate::view::{Mask, View};
+
+/// The votes of a pair of which at least one image is masked.
+#[derive(Debug)]
+pub struct Votes<'a> {
+    masks: [Option<&'a Mask>; 2],
+    width: usize,
+    candidates: Candidates,
+}
+
+impl<'a> Votes<'a> {
+    /// The votes of a pair; `None` where both images are valid everywhere.
+    pub fn new([left, right]: [&'a View; 2], candidates: Candidates) -> Option<Self> {
+        let masks = [left.mask.as_ref(), right.mask.as_ref()];
+        let width = left.image.shape().1;
+        masks.iter().any(Option::is_some).then_some(Self { masks, width, candidates })
+    }
+
+    /// Whether the left pixel is masked.
+    pub fn is_masked(&self, y: usize, x: usize) -> bool {
+        self.masks[0].is_some_and(|mask| !mask.row(y)[x])
+    }
+
+    /// Whether the left pixel may vote for candidate `k`.
+    pub fn has(&self, y: usize, x: usize, k: usize) -> bool {
+        let column = self.candidates.column(x, k, self.width);
+        !self.is_masked(y, x) && self.masks[1].is_none_or(|mask| mask.row(y)[column])
+    }
+
+    /// Writes 1 for each pair of row `y` that votes, else 0.
+    pub fn write_row(&self, y: usize, votes: &mut [u16]) {
+        self.for_each_pixel(y, votes, |left, right, votes| {
+            for (vote, right) in votes.iter_mut().zip(right) {
+                *vote = u16::from(left && *right);
+            }
+        });
+    }
+
+    /// Sets the costs of row `y` to 0 where there is no vote.
+    pub fn silence(&self, y: usize, costs: &mut [u16]) {
+        self.for_each_pixel(y, costs, |left, right, costs| {
+            for (cost, right) in costs.iter_mut().zip(right) {
+                *cost *= u16::from(left && *right);
+            }
+        });
+    }
+
+    fn for_each_pixel(
+        &self,
+        y: usize,
+        row: &mut [u16],
+        write: impl FnMut(bool, &[bool], &mut [u16]),
+    ) {
+        let everywhere = vec![true; self.width];
+        let [left, right] = self.masks.map(|mask| mask.map_or(&everywhere[..], |mask| mask.row(y)));
+        self.candidates.pair_up(left, right, row, write);
+    }
+}
