@@ -54,7 +54,7 @@ def test_the_paper_preset_on_real_pairs(data: Path, name: str, bound: float) -> 
     radius=st.integers(0, 4),
     shiftable=st.booleans(),
     optimizer=st.sampled_from(["dp", "wta"]),
-    penalty=st.sampled_from([0, 0.5, 2]),
+    penalty=st.sampled_from([0, 0.5, 2, (0, 5), (0.5, 0)]),
 )
 def test_codes_to_disparities_equal_the_oracle(
     seed: int,
@@ -65,7 +65,7 @@ def test_codes_to_disparities_equal_the_oracle(
     *,
     shiftable: bool,
     optimizer: str,
-    penalty: float,
+    penalty: float | tuple[float, float],
 ) -> None:
     count, window = min(4, shape[1]), 2 * radius + 1
     assume(-shape[1] - count + 1 < low < shape[1])
@@ -77,11 +77,10 @@ def test_codes_to_disparities_equal_the_oracle(
     levels = [decoded(ps.descriptor(image, bits=bits), 7, bits) for image in (left, right)]
     costs = oracle.phase_costs(levels[0], levels[1], low, count, bits)
     volume = oracle.aggregate(costs, window, shiftable=shiftable)
-    step = oracle.window_penalty(penalty, window)
+    rise, drop = penalty if isinstance(penalty, tuple) else (penalty, penalty)
+    steps = oracle.window_penalty(rise, window), oracle.window_penalty(drop, window)
     chosen = (
-        oracle.scanline(volume, step, step)
-        if optimizer == "dp"
-        else oracle.winner_takes_all(volume)
+        oracle.scanline(volume, *steps) if optimizer == "dp" else oracle.winner_takes_all(volume)
     )
     np.testing.assert_array_equal(result.disparity, chosen + low)
     np.testing.assert_allclose(result.confidence, oracle.confidence(volume, chosen), rtol=1e-6)
@@ -106,6 +105,16 @@ def test_images_to_disparities_equal_the_oracle_but_for_rounding(data: Path) -> 
     )
     # A few components lie within rounding of a boundary: 99.9 % of the pixels were equal.
     assert (result.disparity == expected).mean() > 0.995
+
+
+def test_sums_of_absolute_differences_equal_the_oracle() -> None:
+    left, right = np.random.default_rng(3).integers(0, 256, (2, 15, 24, 3), np.uint8)
+    result = ps.match(left, right, num_disparities=7, cost="sad", penalty=40, window=5)
+    volume = oracle.aggregate(oracle.sad_costs(left, right, 0, 7), 5, shiftable=True)
+    step = oracle.window_penalty(40, 5)
+    np.testing.assert_array_equal(result.disparity, oracle.scanline(volume, step, step))
+    everything = ps.match(left, right, num_disparities=7, cost="sad", penalty=0, window=5)
+    assert (everything.disparity != result.disparity).any(), "the penalty mattered"
 
 
 def test_confidence_is_the_relative_margin() -> None:

@@ -57,7 +57,7 @@ def test_ctrl_c_stops_a_long_match_within_a_second() -> None:
 
 FORKED = """
 import os, signal, warnings
-warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against what is tested here
+warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against it
 import numpy as np, phasestereo as ps
 pair = np.random.default_rng(0).integers(0, 256, (2, 40, 60), np.uint8)
 parent = ps.match(*pair, num_disparities=8, threads=4)
@@ -166,7 +166,7 @@ except MemoryError:
 
 FORKED_MEANWHILE = """
 import os, signal, threading, warnings
-warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against what is tested here
+warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against it
 import numpy as np, phasestereo as ps
 pair = np.random.default_rng(0).integers(0, 256, (2, 400, 600), np.uint8)
 match = threading.Thread(target=lambda: ps.match(*pair, num_disparities=128))
