@@ -7,7 +7,7 @@ mod arguments;
 mod supervisor;
 
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray2, PyArray3};
+use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -39,7 +39,7 @@ impl From<Error> for PyErr {
 /// `phasestereo._core`: see the stub beside the Python modules for what each function takes and returns.
 #[pymodule]
 mod _core {
-    use super::{Bound, PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag};
+    use super::{Bound, PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, warm_up};
 
     #[pymodule_export]
     use super::{
@@ -48,6 +48,7 @@ mod _core {
 
     #[pymodule_init]
     fn constants(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        warm_up(module.py())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("DEBUG_BUILD", cfg!(debug_assertions))?;
         let flags = PyDict::new(module.py());
@@ -57,6 +58,15 @@ mod _core {
         flags.set_item("MATCH_MASKED", flag::MATCH_MASKED)?;
         module.add("FLAGS", flags)
     }
+}
+
+/// Has everything that is set up once and for all be set up now, by the thread that imports.
+///
+/// A process that is forked while another thread does so inherits a job half done and waits for its end
+/// for ever: NumPy's tables, the thread pool's.
+fn warm_up(py: Python<'_>) -> PyResult<()> {
+    PyArray2::<u8>::zeros(py, (1, 1), false).try_readonly().map_err(internal)?;
+    Ok(on_threads(1, || ())?)
 }
 
 #[pyfunction]
