@@ -203,6 +203,7 @@ def cones(root: Path, **more: npt.NDArray[Any] | str) -> Scene:
         ("scenes2001", "im2.ppm im6.ppm disp2.pgm disp6.pgm", 8, 32),
         ("scenes2001", "im0.pgm im1.pgm disp0.pgm disp1.pgm", 8, 32),
         ("scenes2003", "im2.png im6.png disp2.png disp6.png", 4, 64),
+        ("scenes2003", "im2.ppm im6.ppm disp2.pgm disp6.pgm", 4, 64),
         ("scenes2005/ThirdSize", "view1.png view5.png disp1.png disp5.png", 3, 80),
         ("scenes2005/HalfSize", "view1.png view5.png disp1.png disp5.png", 2, 120),
         ("scenes2006/HalfSize", "view1.png view5.png disp1.png disp5.png", 2, 120),
@@ -241,8 +242,204 @@ def test_layouts_that_are_not_at_hand(
     assert pair.num_disparities == num_disparities
 
 
+@pytest.mark.parametrize(("name", "scale"), [("cones", 4), ("conesH", 2), ("conesF", 1)])
+def test_the_sizes_of_2003_are_told_by_the_names_of_their_folders(
+    tmp_path: Path, name: str, scale: int
+) -> None:
+    put(
+        tmp_path / "scenes2003" / name,
+        im2_ppm=plain(),
+        im6_ppm=plain(),
+        disp2_pgm=levels(0, *[40] * 11),
+    )
+    (scene,) = find_scenes(tmp_path)
+    pair = scene.load()
+    assert (scene.name, pair.num_disparities) == (name, 256 // scale)
+    assert pair.truth is not None
+    assert np.isnan(pair.truth[0, 0])
+    assert pair.truth[0, 1] == 40 / scale
+
+
+@pytest.mark.parametrize("size", ["conesH", "conesF"])
+def test_a_size_of_2003_is_not_wider_than_its_name_tells(tmp_path: Path, size: str) -> None:
+    most = {"conesH": 900, "conesF": 1800}[size]
+    for width, error in ((most, None), (most + 1, f"up to {most} px wide")):
+        wide = np.zeros((2, width, 3), np.uint8)
+        put(tmp_path / "scenes2003" / size, im2_ppm=wide, im6_ppm=wide)
+        (scene,) = find_scenes(tmp_path)
+        if error is None:
+            assert scene.load().left.shape == wide.shape
+        else:
+            with pytest.raises(ValueError, match=error):
+                scene.load()
+
+
+@pytest.mark.parametrize(
+    ("folder", "left", "collection"),
+    [
+        ("scenes2001/data/venus", "im2_ppm", "scenes2001"),
+        ("scenes2003/newdata/cones", "im2_png", "scenes2003"),
+        ("scenes2003/newdata/full/conesF", "im2_ppm", "scenes2003"),
+        ("scenes2014/datasets/Pipes-perfect", "im0_png", "scenes2014"),
+        ("scenes2021/data/chess1", "im0_png", "scenes2021"),
+    ],
+)
+def test_a_mirror_of_the_site_has_the_same_scenes(
+    tmp_path: Path, folder: str, left: str, collection: str
+) -> None:
+    path = put(tmp_path / folder, **{left: plain()})
+    for root in (tmp_path, *path.parents[: len(path.relative_to(tmp_path).parts) - 1], path):
+        assert [(str(scene), scene.folder) for scene in find_scenes(root)] == [
+            (f"{collection}/{path.name}", path)
+        ]
+
+
+def disparities(value: float) -> npt.NDArray[np.float32]:
+    return np.full(SIZE, value, np.float32)
+
+
+@pytest.mark.parametrize(("ndisp", "expected"), [(160, 160), (161, 176), (290, 304), (15, 16)])
+def test_scenes_of_2014_are_searched_as_far_as_their_calibration_tells(
+    tmp_path: Path, ndisp: int, expected: int
+) -> None:
+    for scene in ("Pipes-perfect", "Pipes-imperfect"):
+        put(
+            tmp_path / "scenes2014" / scene,
+            im0_png=plain(),
+            im1_png=plain(),
+            disp0_pfm=disparities(3),
+            disp1_pfm=disparities(3),
+            calib_txt=CALIBRATION.format(ndisp=ndisp),
+        )
+    found = find_scenes(tmp_path)
+    assert [scene.name for scene in found] == ["Pipes-imperfect", "Pipes-perfect"]
+    for pair in (scene.load() for scene in found):
+        assert pair.num_disparities == expected
+        assert np.flatnonzero(pair.masks["nonocc"][0]).tolist() == list(range(3, 12))
+        assert pair.offset is None
+
+
+@pytest.mark.parametrize("calibration", [None, CALIBRATION.replace("ndisp={ndisp}\n", "")])
+def test_without_a_calibration_nothing_tells_how_far_to_search_2014(
+    tmp_path: Path, calibration: str | None
+) -> None:
+    folder = put(tmp_path / "scenes2014" / "Pipes-perfect", im0_png=plain(), im1_png=plain())
+    if calibration is not None:
+        put(folder, calib_txt=calibration)
+    (scene,) = find_scenes(tmp_path)
+    with pytest.raises(ValueError, match=r"Pipes-perfect: calib.txt must tell ndisp"):
+        scene.load()
+
+
+def full_folder(root: Path, collection: str, name: str) -> Path:
+    """Make a scene with all its images, each of its own gray level."""
+    folder = root / collection / name
+    for light in (1, 2, 3):
+        for exposure in (0, 1, 2):
+            views = {
+                f"view{view}_png": plain() + np.uint8(60 * light + 10 * exposure + view)
+                for view in (0, 1, 5)
+            }
+            put(folder / f"Illum{light}" / f"Exp{exposure}", **views)
+    return put(folder, disp1_png=levels(*[6] * 12), dmin_txt="270\n")
+
+
+@pytest.mark.parametrize(
+    ("collection", "usual", "level", "offset"),
+    [
+        ("scenes2005/ThirdSize", "Illum1/Exp1/", 70, 90),
+        ("scenes2006/HalfSize", "Illum1/Exp2/", 80, 135),
+        ("scenes2006/FullSize", "Illum1/Exp2/", 80, 270),
+    ],
+)
+def test_a_full_folder_of_2005_or_2006_has_a_usual_light(
+    tmp_path: Path, collection: str, usual: str, level: int, offset: float
+) -> None:
+    full_folder(tmp_path, collection, "Art")
+    (scene,) = find_scenes(tmp_path)
+    assert (scene.lefts[0], scene.rights[0]) == (f"{usual}view1.png", f"{usual}view5.png")
+    assert len(scene.lefts) == len(scene.rights) == 9
+    assert not any("view0" in image for image in scene.lefts + scene.rights)
+    pair = scene.load()
+    assert (pair.name, pair.left.max(), pair.right.max()) == ("Art", level + 1, level + 5)
+    assert pair.truth is not None
+    assert pair.offset == offset
+
+
+def test_the_images_at_the_top_are_the_usual_ones_whatever_is_below(tmp_path: Path) -> None:
+    folder = full_folder(tmp_path, "scenes2005/HalfSize", "Art")
+    put(folder, view1_png=plain() + np.uint8(1), view5_png=plain() + np.uint8(2))
+    (scene,) = find_scenes(tmp_path)
+    pair = scene.load()
+    assert (pair.left.max(), pair.right.max()) == (1, 2)
+    assert scene.lefts[:2] == ("view1.png", "Illum1/Exp0/view1.png")
+    assert len(scene.lefts) == len(scene.rights) == 10
+
+
+def test_other_light_and_exposure_can_be_chosen_for_either_image(tmp_path: Path) -> None:
+    full_folder(tmp_path, "scenes2005/ThirdSize", "Art")
+    (scene,) = find_scenes(tmp_path)
+    variant = scene.variant(left="Illum2/Exp0/view1.png", right="Illum3/Exp2/view5.png")
+    pair = variant.load()
+    assert (pair.left.max(), pair.right.max()) == (121, 205)
+    assert pair.name == variant.name == "Art (Illum2/Exp0/view1.png Illum3/Exp2/view5.png)"
+    assert str(variant) == f"scenes2005/ThirdSize/{variant.name}"
+    half = variant.variant(right="Illum3/Exp2/view5.png")  # from the usual images, not from these
+    assert half.name == "Art (Illum1/Exp1/view1.png Illum3/Exp2/view5.png)"
+    assert half.load().left.max() == 71
+    assert variant.lefts == scene.lefts
+    seen = {int(scene.variant(right=image).load().right.max()) for image in scene.rights}
+    assert len(seen) == 9
+
+
+def test_the_right_images_of_2014_in_other_light_and_otherwise_exposed(tmp_path: Path) -> None:
+    folder = put(
+        tmp_path / "scenes2014" / "Pipes-perfect",
+        im0_png=plain(),
+        **{
+            f"im1{kind}_png": plain() + np.uint8(level)
+            for kind, level in (("", 1), ("E", 2), ("L", 3))
+        },
+        calib_txt=CALIBRATION.format(ndisp=16),
+    )
+    put(folder / "ambient" / "L1", im0e0_png=plain(), im1e0_png=plain(), im1e1_png=plain())
+    (scene,) = find_scenes(tmp_path)
+    assert scene.lefts == ("im0.png", "ambient/L1/im0e0.png")
+    assert scene.rights == (
+        "im1.png",
+        "ambient/L1/im1e0.png",
+        "ambient/L1/im1e1.png",
+        "im1E.png",
+        "im1L.png",
+    )
+    levels_seen = [scene.variant(right=f"im1{kind}.png").load().right.max() for kind in "EL"]
+    assert levels_seen == [2, 3]
+
+
+def test_a_variant_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
+    folder = put(tmp_path / "scenes2014" / "Pipes-perfect", im0_png=plain(), im1_png=plain())
+    put(folder, im1E_png=plain())
+    (scene,) = find_scenes(tmp_path)
+    with pytest.raises(
+        ValueError, match=r"right: scenes2014/Pipes-perfect has no .*L.png'; there is im1.png, im1E"
+    ):
+        scene.variant(right="im1L.png")
+    with pytest.raises(ValueError, match=r"left: .* no image '../../x.png'; there is im0.png$"):
+        scene.variant(left="../../x.png")
+    assert cones(tmp_path).rights == ("im6.png",)
+
+
+@pytest.mark.parametrize("content", ["", "two", "nan", "-3", "inf", "1 2"])
+def test_a_damaged_offset_is_refused(tmp_path: Path, content: str) -> None:
+    folder = full_folder(tmp_path, "scenes2005/ThirdSize", "Art")
+    put(folder, dmin_txt=content)
+    (scene,) = find_scenes(tmp_path)
+    with pytest.raises(ValueError, match="dmin.txt"):
+        scene.load()
+
+
 def test_no_two_layouts_take_the_same_folder() -> None:
-    seen = [(layout.collection, layout.left) for layout in LAYOUTS]
+    seen = [(layout.collection, layout.scenes, layout.left) for layout in LAYOUTS]
     assert len(set(seen)) == len(seen)
 
 

@@ -4,19 +4,22 @@ Here belong where a dataset keeps its files, how its truth is coded and which of
 reading a single file belongs to `phasestereo.io`, scoring to `phasestereo.metrics`. All that
 differs between the years is one row each in `LAYOUTS`: a further year is a further row.
 
-The data itself is at https://vision.middlebury.edu/stereo/data; folders and files are expected
-under the names they have there.
+The data itself is at https://vision.middlebury.edu/stereo/data (`phasestereo.downloads` fetches
+it); folders and files are expected under the names they have there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from phasestereo.io import read_calibration, read_disparity, read_image, read_truth
+from phasestereo.io.files import decoding
 
 if TYPE_CHECKING:
     import os
@@ -54,6 +57,9 @@ class Pair:
         How many disparities to search from 0.
     calibration
         The camera pair, where it is known.
+    offset
+        What cropping took off every disparity, px, where it is known (2005, 2006): the depth is
+        focal length x baseline / (d + offset).
     """
 
     name: str
@@ -64,6 +70,7 @@ class Pair:
     masks: Mapping[str, Mask]
     num_disparities: int
     calibration: Calibration | None
+    offset: float | None = None
 
 
 class MaskFile(NamedTuple):
@@ -91,11 +98,20 @@ class Layout:
     num_disparities
         How many disparities to search from 0, fixed by the collection and never by the truth: what
         the 8-bit code can hold (2001, 2003), 240 at full size (2005, 2006), 80 at a quarter of it
-        (MiddEval3). A scene whose calib.txt asks for more gets more.
+        (MiddEval3). A scene whose calib.txt asks for more gets more. None where there is no such
+        number: what calib.txt tells, rounded up to a multiple of 16 (2014, 2021).
     masks
         Mask files, each of which may be missing.
+    also
+        Other folders with the same scenes: where the site itself has them, so that a mirror works.
+    scenes
+        What a scene's folder is called, `*` for any characters.
+    more_left, more_right
+        Patterns of further images of the same two views, in other light or exposed otherwise.
     calibration
         File name of the calibration.
+    offset
+        File name of the disparity that cropping took off, in px at full size.
     max_width
         The widest image the truth's scale holds for, px, where folders don't tell sizes apart.
     """
@@ -106,9 +122,14 @@ class Layout:
     truth: str
     truth_right: str | None
     truth_scale: int | None
-    num_disparities: int
+    num_disparities: int | None
     masks: tuple[MaskFile, ...]
+    also: tuple[str, ...] = ()
+    scenes: str = "*"
+    more_left: tuple[str, ...] = ()
+    more_right: tuple[str, ...] = ()
     calibration: str | None = None
+    offset: str | None = None
     max_width: int | None = None
 
 
@@ -121,61 +142,88 @@ _MASKS_V3 = (MaskFile("nonocc", "mask0nocc.png", 255),)  # 128 is occluded
 
 _ROUNDING = 1e-3  # px; far below the steps of any 8-bit truth, far above float32's at d < 1000
 
+# The same images as those the two-view archives have at the top; others are up to 9 times darker.
+_USUAL_LIGHT = {2005: "Illum1/Exp1/", 2006: "Illum1/Exp2/"}
+
 LAYOUTS: tuple[Layout, ...] = (
-    Layout(
-        collection="scenes2001",
-        left="scene1.row3.col3.ppm",
-        right="scene1.row3.col4.ppm",
-        truth="truedisp.row3.col3.pgm",
-        truth_right=None,
-        truth_scale=16,
-        num_disparities=16,
-        masks=_MASKS,
+    *(
+        Layout(
+            collection="scenes2001",
+            also=("scenes2001/data",),
+            left=left,
+            right=right,
+            truth=truth,
+            truth_right=truth_right,
+            truth_scale=scale,
+            num_disparities=256 // scale,
+            masks=_MASKS,
+        )
+        for left, right, truth, truth_right, scale in (
+            (
+                "scene1.row3.col3.ppm",
+                "scene1.row3.col4.ppm",
+                "truedisp.row3.col3.pgm",
+                None,
+                16,
+            ),
+            ("im2.ppm", "im6.ppm", "disp2.pgm", "disp6.pgm", 8),
+            ("im0.pgm", "im1.pgm", "disp0.pgm", "disp1.pgm", 8),
+        )
     ),
-    Layout(
-        collection="scenes2001",
-        left="im2.ppm",
-        right="im6.ppm",
-        truth="disp2.pgm",
-        truth_right="disp6.pgm",
-        truth_scale=8,
-        num_disparities=32,
-        masks=_MASKS,
-    ),
-    Layout(
-        collection="scenes2001",
-        left="im0.pgm",
-        right="im1.pgm",
-        truth="disp0.pgm",
-        truth_right="disp1.pgm",
-        truth_scale=8,
-        num_disparities=32,
-        masks=_MASKS,
-    ),
-    Layout(
-        collection="scenes2003",
-        left="im2.png",
-        right="im6.png",
-        truth="disp2.png",
-        truth_right="disp6.png",
-        truth_scale=4,
-        num_disparities=64,
-        masks=_MASKS,
-        max_width=450,
+    *(
+        Layout(
+            collection="scenes2003",
+            also=("scenes2003/newdata", "scenes2003/newdata/full"),
+            scenes=scenes,
+            left=f"im2.{color}",
+            right=f"im6.{color}",
+            truth=f"disp2.{gray}",
+            truth_right=f"disp6.{gray}",
+            truth_scale=scale,
+            num_disparities=256 // scale,
+            masks=_MASKS,
+            max_width=1800 // scale,
+        )
+        for scenes, scale in (("*F", 1), ("*H", 2), ("*", 4))
+        for color, gray in (("png", "png"), ("ppm", "pgm"))
     ),
     *(
         Layout(
             collection=f"scenes{year}/{size}",
-            left="view1.png",
-            right="view5.png",
+            left=f"{light}view1.png",
+            right=f"{light}view5.png",
+            more_left=("Illum*/Exp*/view1.png",),
+            more_right=("Illum*/Exp*/view5.png",),
             truth="disp1.png",
             truth_right="disp5.png",
             truth_scale=scale,
             num_disparities=240 // scale,
             masks=_MASKS,
+            offset="dmin.txt",
         )
         for year in (2005, 2006)
         for size, scale in (("ThirdSize", 3), ("HalfSize", 2), ("FullSize", 1))
+        for light in ("", _USUAL_LIGHT[year])
+    ),
+    *(
+        Layout(
+            collection=collection,
+            also=also,
+            left="im0.png",
+            right="im1.png",
+            more_left=("ambient/L*/im0e*.png",),
+            more_right=("im1?.png", "ambient/L*/im1e*.png"),
+            truth="disp0.pfm",
+            truth_right="disp1.pfm",
+            truth_scale=None,
+            num_disparities=None,
+            masks=_MASKS_V3,
+            calibration="calib.txt",
+        )
+        for collection, also in (
+            ("scenes2014", ("scenes2014/datasets",)),
+            ("scenes2021", ("scenes2021/data",)),
+        )
     ),
     *(
         Layout(
@@ -209,16 +257,68 @@ class Scene:
         Where its files are.
     layout
         Which files these are, and how the truth is coded.
+    left, right
+        The images to load, out of `lefts` and `rights`; None for the layout's own.
     """
 
     name: str
     collection: str
     folder: Path
     layout: Layout
+    left: str | None = None
+    right: str | None = None
 
     def __str__(self) -> str:
         """Return "collection/name"."""
         return f"{self.collection}/{self.name}"
+
+    @property
+    def lefts(self) -> tuple[str, ...]:
+        """File names of the left images there are, below the folder; the usual one comes first.
+
+        2005 and 2006: "Illum1/Exp0/view1.png" and so on, of 3 lights and 3 exposures.
+        2014 and 2021: "ambient/L1/im0e0.png" and so on.
+        """
+        return self._images(self.layout.left, self.layout.more_left)
+
+    @property
+    def rights(self) -> tuple[str, ...]:
+        """The same of the right images; 2014 has "im1E.png" (exposure) and "im1L.png" (light)."""
+        return self._images(self.layout.right, self.layout.more_right)
+
+    def variant(self, *, left: str | None = None, right: str | None = None) -> Scene:
+        """Return the same scene with other images: in other light, or exposed otherwise.
+
+        Parameters
+        ----------
+        left, right
+            Out of `lefts` and `rights`; None for the usual image.
+
+        Returns
+        -------
+        Scene
+            Named after its folder and both images: "Art (view1.png Illum3/Exp1/view5.png)".
+
+        Raises
+        ------
+        ValueError
+            If there is no such image; the message lists those there are.
+        """
+        chosen = []
+        for side, image, images in (("left", left, self.lefts), ("right", right, self.rights)):
+            if image is not None and image not in images:
+                raise ValueError(
+                    f"{side}: {self.collection}/{self.folder.name} has no image {image!r}; "
+                    f"there is {', '.join(images)}"
+                )
+            chosen.append(images[0] if image is None else image)
+        name = f"{self.folder.name} ({' '.join(chosen)})"
+        return replace(self, name=name, left=chosen[0], right=chosen[1])
+
+    def _images(self, usual: str, patterns: tuple[str, ...]) -> tuple[str, ...]:
+        found = sorted(path for pattern in patterns for path in self.folder.glob(pattern))
+        names = (path.relative_to(self.folder).as_posix() for path in found)
+        return tuple(dict.fromkeys((usual, *names)))
 
     def load(self) -> Pair:
         """Read the images, and what there is of truth, masks and calibration.
@@ -230,6 +330,8 @@ class Scene:
         anywhere without one, and its truth is known: half-occluded pixels belong to it, so matches
         outside the right image do, too. It counts as "disc" where its mask says so and its truth
         is known. There is no mask without a truth, and no "nonocc" or "disc" without a source.
+        (The rows of the "-imperfect" pairs of 2014 are a little apart; the truths are compared
+        along the same row even so.)
 
         Returns
         -------
@@ -241,16 +343,18 @@ class Scene:
             If a file cannot be read, or an image is missing.
         ValueError
             If a file's content is not what it should be, or its size is not the left image's; or
-            if the images are larger than the scale of the truth is known for.
+            if the images are larger than the scale of the truth is known for; or if nothing tells
+            how many disparities to search.
         """
         layout = self.layout
-        left = _read_view(self.folder / layout.left)
-        right = _read_view(self.folder / layout.right)
-        _require_shape(self.folder / layout.right, right.shape, left.shape)
+        path_left = self.folder / (self.left or layout.left)
+        path_right = self.folder / (self.right or layout.right)
+        left, right = _read_view(path_left), _read_view(path_right)
+        _require_shape(path_right, right.shape, left.shape)
         size = left.shape[:2]
         if layout.max_width is not None and size[1] > layout.max_width:
             raise ValueError(
-                f"{self.folder / layout.left} is {size[1]} px wide, but the scale of the truth in "
+                f"{path_left} is {size[1]} px wide, but the scale of the truth in "
                 f"{self.collection} is only known for images up to {layout.max_width} px wide"
             )
         truth = self._read_truth(layout.truth, size)
@@ -263,8 +367,9 @@ class Scene:
             truth=truth,
             truth_right=truth_right,
             masks={} if truth is None else self._read_masks(truth, truth_right),
-            num_disparities=_num_disparities(layout, calibration),
+            num_disparities=self._num_disparities(calibration),
             calibration=calibration,
+            offset=self._read_offset(),
         )
 
     def _read_truth(self, file: str | None, size: tuple[int, ...]) -> Truth | None:
@@ -280,6 +385,30 @@ class Scene:
             return None
         path = self.folder / self.layout.calibration
         return read_calibration(path) if path.exists() else None
+
+    def _read_offset(self) -> float | None:
+        if self.layout.offset is None or not (self.folder / self.layout.offset).exists():
+            return None
+        path = self.folder / self.layout.offset
+        with decoding(path) as file:
+            offset = float(file.read())
+        if not (math.isfinite(offset) and offset >= 0):
+            raise ValueError(f"{path} must hold a number >= 0, got {offset}")
+        return offset / (self.layout.truth_scale or 1)
+
+    def _num_disparities(self, calibration: Calibration | None) -> int:
+        """Return the collection's number, or calib.txt's to the nearest multiple of 16 if larger.
+
+        The nearest rather than the next, which is for collections without a number of their own:
+        calib.txt's number is a generous bound.
+        """
+        bound = None if calibration is None else calibration.ndisp
+        own = self.layout.num_disparities
+        if own is not None:
+            return own if bound is None else max(own, (bound + 8) // 16 * 16)
+        if bound is None:
+            raise ValueError(f"{self.folder}: calib.txt must tell ndisp, and there is none")
+        return (bound + 15) // 16 * 16
 
     def _read_masks(self, truth: Truth, truth_right: Truth | None) -> dict[str, Mask]:
         masks = {"all": np.isfinite(truth)}
@@ -323,16 +452,18 @@ def find_scenes(root: str | os.PathLike[str]) -> list[Scene]:
         raise FileNotFoundError(f"no such folder: {folder}")
     if not folder.is_dir():
         raise NotADirectoryError(f"root must be a folder, got the file {folder}")
-    scenes = [
-        Scene(candidate.name, layout.collection, candidate, layout)
-        for layout in LAYOUTS
-        for candidate in _candidates(folder, layout.collection)
-        if (candidate / layout.left).is_file()
-    ]
+    scenes: dict[Path, Scene] = {}
+    for layout in LAYOUTS:
+        for candidate in _candidates(folder, layout):
+            if (candidate / layout.left).is_file():
+                scene = Scene(candidate.name, layout.collection, candidate, layout)
+                scenes.setdefault(candidate, scene)  # the first layout that fits is the one
     if not scenes:
-        wanted = ", ".join(f"{layout.collection}/*/{layout.left}" for layout in LAYOUTS)
+        wanted = ", ".join(
+            f"{layout.collection}/{layout.scenes}/{layout.left}" for layout in LAYOUTS
+        )
         raise ValueError(f"no Middlebury scene in {folder}: looked for {wanted}")
-    return sorted(scenes, key=lambda scene: (scene.collection, scene.name))
+    return sorted(scenes.values(), key=lambda scene: (scene.collection, scene.name))
 
 
 def find_scene(root: str | os.PathLike[str], name: str) -> Scene:
@@ -368,9 +499,15 @@ def find_scene(root: str | os.PathLike[str], name: str) -> Scene:
     )
 
 
-def _candidates(root: Path, collection: str) -> Iterator[Path]:
-    """Yield the folders in a collection, where `root` may be above it, it, inside it or a scene."""
-    parts = PurePosixPath(collection).parts
+def _candidates(root: Path, layout: Layout) -> Iterator[Path]:
+    """Yield the folders of a layout, where `root` may be above it, it, inside it or a scene."""
+    for collection in (layout.collection, *layout.also):
+        for folder in _folders(root, PurePosixPath(collection).parts):
+            if fnmatchcase(folder.name, layout.scenes):
+                yield folder
+
+
+def _folders(root: Path, parts: tuple[str, ...]) -> Iterator[Path]:
     for known in range(len(parts) + 1):
         # The last `known` parts of the root's own path are the first of the collection's.
         if root.parts[len(root.parts) - known :] == parts[:known]:
@@ -391,16 +528,6 @@ def _read_view(path: Path) -> Image:
 def _require_shape(path: Path, shape: tuple[int, ...], wanted: tuple[int, ...]) -> None:
     if shape != wanted:
         raise ValueError(f"{path} must have the left image's shape {wanted}, got {shape}")
-
-
-def _num_disparities(layout: Layout, calibration: Calibration | None) -> int:
-    """Return the collection's number, or calib.txt's to the nearest multiple of 16 if larger.
-
-    The nearest rather than the next: calib.txt's number is a generous bound.
-    """
-    if calibration is None or calibration.ndisp is None:
-        return layout.num_disparities
-    return max(layout.num_disparities, (calibration.ndisp + 8) // 16 * 16)
 
 
 def _match_column(truth: Truth) -> npt.NDArray[np.float32]:
