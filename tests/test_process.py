@@ -105,6 +105,22 @@ def test_many_matches_at_once_do_not_disturb_each_other() -> None:
     assert all((disparity == expected).all() for disparity in found)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="threads are counted as Linux lists them")
+def test_the_environment_may_limit_the_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = RNG.integers(0, 256, (2, 500, 800), np.uint8)
+
+    def most_threads() -> int:
+        seen: list[int] = []
+        count = lambda *_: seen.append(len(os.listdir("/proc/self/task")))  # noqa: E731, PTH208  # names are all we want
+        ps.match(*pair, num_disparities=256, progress=count)
+        return max(seen)
+
+    monkeypatch.setenv("RAYON_NUM_THREADS", "1")
+    alone = most_threads()
+    monkeypatch.setenv("RAYON_NUM_THREADS", "5")
+    assert most_threads() == alone + 4
+
+
 def test_progress_is_told_to_the_end() -> None:
     calls: list[tuple[int, int]] = []
     pair = RNG.integers(0, 256, (2, 300, 400), np.uint8)

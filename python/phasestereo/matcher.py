@@ -46,8 +46,8 @@ def match(
     settings
         Settings to start from in place of a preset.
     threads
-        Number of threads, 1 to 1024; None: as many as the process may use. The result does not
-        depend on it.
+        Number of threads, 1 to 1024; None: what the environment variable ``RAYON_NUM_THREADS``
+        says, or else as many as the process may use. The result does not depend on it.
     left_mask, right_mask
         bool (H, W), True = valid. A masked pixel neither votes nor is estimated, and what it holds
         (it may be NaN) has no effect. None: all are valid.

@@ -1,6 +1,6 @@
 //! What Python hands over -> what the core takes, or an exception that names the argument.
 
-use std::thread;
+use std::{env, thread};
 
 use ndarray::{Array3, Dimension};
 use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
@@ -152,12 +152,14 @@ fn read_penalty(penalty: &Bound<'_, PyAny>) -> PyResult<Penalty> {
     Ok(Penalty { rise: number(&rise, "penalty")?, drop: number(&drop, "penalty")? })
 }
 
-/// A number of threads; None: as many as the process may use.
+/// A number of threads; None: what `RAYON_NUM_THREADS` says, or as many as the process may use.
 pub fn read_threads(threads: &Bound<'_, PyAny>) -> PyResult<usize> {
-    if threads.is_none() {
-        return Ok(thread::available_parallelism().map_or(1, Into::into).min(MOST_THREADS));
+    if !threads.is_none() {
+        return natural(threads, "threads");
     }
-    natural(threads, "threads")
+    let told = env::var("RAYON_NUM_THREADS").ok().and_then(|told| told.parse().ok());
+    let usable = || thread::available_parallelism().map_or(1, Into::into);
+    Ok(told.filter(|&told| told > 0).unwrap_or_else(usable).min(MOST_THREADS))
 }
 
 fn choice<T: Copy>(
