@@ -38,6 +38,11 @@ app = App(
 )
 app.command(match.match)
 app.command(demo.demo)
+app.command(  # imported only when it is called, for the sake of the others
+    "phasestereo.cli.bench:app",
+    name="bench",
+    help="Score matchers, and repeat the paper's experiments.",
+)
 
 
 def run(arguments: Sequence[str]) -> int:

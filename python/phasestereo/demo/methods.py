@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from phasestereo._extras import require
+from phasestereo.bench.opencv import match_sgbm
 from phasestereo.matcher import match
 from phasestereo.settings import Settings
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     Image = NDArray[np.uint8]
@@ -53,7 +52,7 @@ class Method:
     def match(self, left: Image, right: Image, num_disparities: int) -> Map:
         """Return the disparities of the left image, NaN where there is no estimate."""
         if self.settings is None:
-            return _match_sgbm(left, right, num_disparities)
+            return match_sgbm(left, right, num_disparities)
         result = match(left, right, num_disparities=num_disparities, settings=self.settings)
         return result.disparity
 
@@ -75,22 +74,3 @@ NSAD = Method("nsad", "normalised SAD", Settings(cost="nsad", window=WINDOW, pen
 SGBM = Method("sgbm", "StereoSGBM (OpenCV)", None)
 
 METHODS: tuple[Method, ...] = (PHASE, SMALL, SAD, NSAD)
-
-
-def _match_sgbm(left: Image, right: Image, num_disparities: int) -> Map:
-    """Match with StereoSGBM, both images padded on the left so that no column is left out."""
-    cv2 = require("cv2", extra="opencv")
-    count = -(-num_disparities // 16) * 16
-    matcher = cv2.StereoSGBM_create(
-        minDisparity=0,
-        numDisparities=count,
-        blockSize=5,
-        P1=8 * 3 * 25,
-        P2=32 * 3 * 25,
-        disp12MaxDiff=-1,
-        uniquenessRatio=0,
-        mode=cv2.STEREO_SGBM_MODE_HH,
-    )
-    wide = [np.pad(image, ((0, 0), (count, 0), (0, 0)), mode="edge") for image in (left, right)]
-    sixteenths = matcher.compute(*wide)[:, count:]
-    return np.where(sixteenths < 0, np.nan, sixteenths / 16).astype(np.float32)

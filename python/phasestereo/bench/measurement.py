@@ -1,0 +1,73 @@
+"""What a call costs: seconds, and how far it raises the memory that is resident."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Answer = TypeVar("Answer")
+
+_STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+
+
+@dataclass(frozen=True, slots=True)
+class Measured(Generic[Answer]):
+    """What a call returned, its wall-clock seconds, and the rise of the peak of memory."""
+
+    answer: Answer
+    seconds: float
+    peak_bytes: int | None
+
+
+def measured(call: Callable[[], Answer]) -> Measured[Answer]:
+    """Call, and measure time and memory meanwhile.
+
+    Parameters
+    ----------
+    call
+        What to measure; it is called once.
+
+    Returns
+    -------
+    Measured
+        `peak_bytes` is the peak of the resident memory of the whole process during the call, less
+        what was resident before; None where the system does not tell (it does on Linux).
+    """
+    before = _restart_peak()
+    start = time.perf_counter()
+    answer = call()
+    seconds = time.perf_counter() - start
+    after = None if before is None else _peak()
+    rise = None if before is None or after is None else max(0, after - before)
+    return Measured(answer, seconds, rise)
+
+
+def _restart_peak() -> int | None:
+    """Let the peak begin anew and return it, bytes; None where the system cannot.
+
+    What was freed but kept for later would be filled without a rise, so it goes back first.
+    """
+    gc.collect()
+    with suppress(OSError, AttributeError, TypeError):  # another system, or another C library
+        ctypes.CDLL(None).malloc_trim(0)
+    try:
+        _RESET.write_text("5", "ascii")
+    except OSError:
+        return None
+    return _peak()
+
+
+def _peak() -> int | None:
+    """Return the peak of the resident memory, bytes."""
+    for line in _STATUS.read_text("ascii").splitlines():
+        if line.startswith("VmHWM:"):
+            return int(line.split()[1]) * 1024
+    return None

@@ -1,0 +1,99 @@
+"""OpenCV's matchers, set as the one-sided-blur suite has them, every pixel given a chance.
+
+Images go in uint8, (H, W) or (H, W, 3); disparities come out as all of this package's do. OpenCV
+leaves out columns on the left, and with them pixels that others are scored on, so both images are
+first continued there by repeating their edge.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo._extras import require
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Image = NDArray[np.uint8]
+    Map = NDArray[np.float32]
+
+BM: dict[str, Any] = {"blockSize": 9}
+SGBM: dict[str, Any] = {
+    "blockSize": 5,
+    "P1": 8 * 25,  # times the number of channels, as P2
+    "P2": 32 * 25,
+    "disp12MaxDiff": -1,
+    "uniquenessRatio": 0,
+}
+
+
+def match_bm(left: Image, right: Image, num_disparities: int) -> Map:
+    """Match the gray images with StereoBM, at its defaults but for the block.
+
+    It also leaves out half a block on every side; there the images are continued as well.
+
+    Raises
+    ------
+    ImportError
+        If OpenCV is not installed.
+    """
+    cv2 = require("cv2", extra="opencv")
+    count, margin = _sixteens(num_disparities), BM["blockSize"] // 2
+    matcher = cv2.StereoBM_create(numDisparities=count, **BM)
+    gray = [
+        image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        for image in (left, right)
+    ]
+    found = matcher.compute(*(_continued(image, count + margin, margin) for image in gray))
+    return _disparities(found[margin:-margin, count + margin : -margin])
+
+
+def match_sgbm(left: Image, right: Image, num_disparities: int) -> Map:
+    """Match with StereoSGBM over eight directions.
+
+    Raises
+    ------
+    ImportError
+        If OpenCV is not installed.
+    """
+    return _match_sgbm(left, right, num_disparities, "STEREO_SGBM_MODE_HH")
+
+
+def match_sgbm_3way(left: Image, right: Image, num_disparities: int) -> Map:
+    """Match with StereoSGBM over three directions.
+
+    Raises
+    ------
+    ImportError
+        If OpenCV is not installed.
+    """
+    return _match_sgbm(left, right, num_disparities, "STEREO_SGBM_MODE_SGBM_3WAY")
+
+
+def _match_sgbm(left: Image, right: Image, num_disparities: int, mode: str) -> Map:
+    cv2 = require("cv2", extra="opencv")
+    count = _sixteens(num_disparities)
+    channels = 1 if left.ndim == 2 else left.shape[2]
+    penalties = {name: channels * SGBM[name] for name in ("P1", "P2")}
+    matcher = cv2.StereoSGBM_create(
+        minDisparity=0, numDisparities=count, **{**SGBM, **penalties}, mode=getattr(cv2, mode)
+    )
+    found = matcher.compute(*(_continued(image, count, 0) for image in (left, right)))
+    return _disparities(found[:, count:])
+
+
+def _sixteens(num_disparities: int) -> int:
+    """Return the next multiple of 16, the only numbers of disparities that OpenCV takes."""
+    return -(-num_disparities // 16) * 16
+
+
+def _continued(image: Image, left: int, others: int) -> Image:
+    """Continue an image by repeating its edge, so many pixels to the left and on other sides."""
+    sides = ((others, others), (left, others), (0, 0))
+    return np.pad(image, sides[: image.ndim], mode="edge")
+
+
+def _disparities(sixteenths: NDArray[np.int16]) -> Map:
+    return np.where(sixteenths < 0, np.nan, sixteenths / 16).astype(np.float32)

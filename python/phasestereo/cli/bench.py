@@ -1,0 +1,17 @@
+"""``phasestereo bench``: benchmarks, one module a command."""
+
+from __future__ import annotations
+
+from cyclopts import App, Parameter
+
+from phasestereo.cli import bench_middlebury, bench_paper
+
+__all__ = ["app"]
+
+app = App(
+    name="bench",
+    help_format="markdown",
+    default_parameter=Parameter(negative_iterable=()),
+)
+app.command(bench_paper.paper)
+app.command(bench_middlebury.middlebury)

@@ -1,0 +1,121 @@
+"""Cases: which image is degraded, by what, and what the other one becomes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from phasestereo import io
+from phasestereo.bench import SUITES
+from phasestereo.bench.cases import SUITE_SCENES, Case, load
+from phasestereo.datasets import find_scenes
+from phasestereo.degradation import Degradation, disk_psf, suite
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from phasestereo.datasets import Scene
+
+for module in ("scipy", "PIL"):
+    pytest.importorskip(module)
+
+SHIFT = 4
+
+
+def plant(root: Path, name: str, *, truth: bool = True, gray: bool = False) -> Path:
+    """Plant a scene of 2001's layout, everywhere at disparity SHIFT; return the tree's root."""
+    folder = root / "scenes2001" / name
+    folder.mkdir(parents=True)
+    rng = np.random.default_rng(len(name))
+    texture = rng.integers(40, 216, (48, 72 + SHIFT, 3), dtype=np.uint8)
+    if gray:
+        texture = texture[:, :, 0]
+    left, right = ("im0.pgm", "im1.pgm") if gray else ("im2.ppm", "im6.ppm")
+    io.write_image(folder / left, texture[:, :-SHIFT].copy())
+    io.write_image(folder / right, texture[:, SHIFT:].copy())
+    if truth:
+        level = np.full((48, 72), 8 * SHIFT, np.uint8)
+        for file in ("disp0.pgm", "disp1.pgm") if gray else ("disp2.pgm", "disp6.pgm"):
+            io.write_image(folder / file, level)
+    return root
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    return find_scenes(plant(tmp_path, "one"))[0]
+
+
+def views(case: Case, *, true_blur: bool = False) -> dict[str, NDArray[np.uint8]]:
+    return dict(zip(("left", "right"), case.views(true_blur=true_blur), strict=True))
+
+
+def test_suites_have_the_rows_they_should() -> None:
+    assert list(SUITES["one-sided-blur"]) == list(suite())
+    assert list(SUITES["sharp"]) == ["sharp"]
+    assert len(SUITE_SCENES["one-sided-blur"]) == 12
+
+
+def test_scenes_of_the_suite_are_where_it_says(data: Path) -> None:
+    there = {str(scene) for scene in find_scenes(data / "middlebury")}
+    assert there >= SUITE_SCENES["one-sided-blur"]
+
+
+@pytest.mark.parametrize(("side", "other"), [("left", "right"), ("right", "left")])
+@pytest.mark.parametrize("name", suite())
+def test_one_side_alone_is_degraded(scene: Scene, name: str, side: str, other: str) -> None:
+    pair = scene.load()
+    seen = views(Case(scene, "one-sided-blur", name, side))
+    np.testing.assert_array_equal(seen[other], getattr(pair, other))
+    np.testing.assert_array_equal(seen[side], suite()[name](getattr(pair, side)))
+
+
+@pytest.mark.parametrize(("side", "other"), [("left", "right"), ("right", "left")])
+def test_true_blur_is_that_of_the_other_image(scene: Scene, side: str, other: str) -> None:
+    pair = scene.load()
+    seen = views(Case(scene, "one-sided-blur", "disk 3", side), true_blur=True)
+    np.testing.assert_array_equal(seen[other], Degradation(disk_psf(3))(getattr(pair, other)))
+    np.testing.assert_array_equal(seen[side], suite()["disk 3"](getattr(pair, side)))
+
+
+def test_which_rows_have_a_true_blur(scene: Scene) -> None:
+    cases = [Case(scene, "one-sided-blur", name, "left") for name in suite()]
+    without = {case.degradation for case in cases if case.kernel is None}
+    assert without == {"sharp", "contrast 1.5 0.6", "mixed"}
+    with pytest.raises(ValueError, match="no true blur of 'mixed'"):
+        Case(scene, "one-sided-blur", "mixed", "left").views(true_blur=True)
+
+
+def test_what_a_method_does_to_the_images_is_not_seen_again(scene: Scene) -> None:
+    case = Case(scene, "sharp", "sharp", "left")
+    for image in case.views(true_blur=False):
+        image[:] = 0
+    assert all(image.any() for image in case.views(true_blur=False))
+
+
+def test_scenes_are_loaded_once(scene: Scene) -> None:
+    assert load(scene) is load(scene)
+
+
+def test_degradations_of_ones_own(scene: Scene) -> None:
+    def darker(image: NDArray[Any]) -> NDArray[Any]:
+        return image // 2
+
+    pair = scene.load()
+    case = Case(scene, "custom", "darker", "right", recipe=darker)
+    assert case.kernel is None
+    np.testing.assert_array_equal(views(case)["right"], pair.right // 2)
+    blur = Case(scene, "custom", "blur", "right", recipe=Degradation(disk_psf(2)))
+    expected = Degradation(disk_psf(2))(pair.left)
+    np.testing.assert_array_equal(views(blur, true_blur=True)["left"], expected)
+
+
+@pytest.mark.parametrize(
+    "spoil", [lambda image: image[1:], lambda image: image / 2, lambda _: None]
+)
+def test_a_degradation_keeps_shape_and_type(scene: Scene, spoil: Any) -> None:
+    with pytest.raises(ValueError, match="^degradation 'spoil' must keep shape"):
+        Case(scene, "custom", "spoil", "left", recipe=spoil).views(true_blur=False)

@@ -1,0 +1,228 @@
+"""Methods by name: what a name means, what is refused, and how a user adds one."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from dataclasses import asdict
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from phasestereo.bench import Method, available, method, opencv, run_middlebury
+from phasestereo.bench.methods import BASELINES
+from phasestereo.datasets import find_scenes
+from phasestereo.demo import SGBM
+from test_bench_cases import plant
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+RNG = np.random.default_rng(0)
+SHIFT, COUNT = 5, 16
+TEXTURE = RNG.integers(0, 256, (40, 80 + SHIFT, 3), dtype=np.uint8)
+LEFT, RIGHT = TEXTURE[:, :-SHIFT].copy(), TEXTURE[:, SHIFT:].copy()
+OPENCV = ("opencv:bm", "opencv:sgbm", "opencv:sgbm-3way")
+
+
+def own(left: NDArray[np.uint8], right: NDArray[np.uint8], num_disparities: int) -> Any:
+    """Match nothing: be a method of a user's."""
+    return np.full(np.broadcast(left, right).shape[:2], num_disparities / 2, np.float32)
+
+
+NOT_CALLABLE = 3
+
+
+class Matcher:
+    def __call__(self, left: Any, right: Any, num_disparities: int) -> Any:
+        return own(left, right, num_disparities)
+
+
+# Ours
+
+
+@pytest.mark.parametrize(
+    ("spec", "fields"),
+    [
+        ("paper", {}),
+        ("paper:neighborhood=11,window=9", {"neighborhood": 11, "window": 9}),
+        ("paper:frequencies=1,1,bits=1", {"frequencies": (1, 1), "bits": 1}),
+        ("paper: shiftable = False , taper=hann", {"shiftable": False, "taper": "hann"}),
+        ("paper:penalty=0.5", {"penalty": 0.5}),
+        ("paper:penalty=0.5,4,optimizer=dp", {"penalty": (0.5, 4)}),
+        ("paper:intensity_range=none", {"intensity_range": None}),
+        ("sad", {"cost": "sad", "penalty": BASELINES["sad"].penalty}),
+        ("nsad:window=5,penalty=1", {"cost": "nsad", "window": 5, "penalty": 1}),
+    ],
+)
+def test_settings_by_name(spec: str, fields: dict[str, Any]) -> None:
+    expected = ps.Settings(**fields)
+    chosen = method(spec)
+    assert (chosen.name, chosen.true_blur, str(chosen)) == (spec, False, spec)
+    assert chosen.settings == asdict(expected)
+    direct = ps.match(LEFT, RIGHT, num_disparities=COUNT, settings=expected).disparity
+    np.testing.assert_array_equal(chosen.match(LEFT, RIGHT, COUNT), direct)
+
+
+def test_every_preset_is_a_method() -> None:
+    for name, settings in ps.PRESETS.items():
+        assert method(name).settings == asdict(settings)
+        assert name in available()
+
+
+def test_true_blur_is_the_same_method_otherwise() -> None:
+    blurred, plain = method("paper:window=5+true-blur"), method("paper:window=5")
+    assert (blurred.name, blurred.settings) == (plain.name, plain.settings)
+    assert (blurred.true_blur, plain.true_blur) == (True, False)
+    assert str(blurred) == "paper:window=5+true-blur"
+
+
+@pytest.mark.parametrize(
+    ("spec", "error", "message"),
+    [
+        ("papre", ValueError, "got 'papre'; accepts paper, sad, nsad"),
+        ("opencv:bgm", ValueError, "got 'opencv:bgm'; accepts"),
+        ("+true-blur", ValueError, "got ''"),
+        ("paper:windows=3", TypeError, "got 'paper:windows=3': windows: no such setting"),
+        ("paper:window=4", ValueError, "got 'paper:window=4': window: got 4"),
+        ("paper:11", ValueError, "got 'paper:11'"),
+        ("paper:window=wide", TypeError, "got 'paper:window=wide': window: "),
+        ("nowhere:match", ValueError, "got 'nowhere:match', which cannot be imported"),
+        ("test_bench_methods:nothing", ValueError, "which cannot be imported"),
+        ("test_bench_methods:NOT_CALLABLE", TypeError, "is no function but int"),
+        (3, TypeError, "got int; accepts a name, a function or a Method"),
+        (partial(own), TypeError, "got partial, which has no name"),
+        (Matcher(), TypeError, "got Matcher, which has no name"),
+    ],
+)
+def test_refusals(spec: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match="^method: ") as raised:
+        method(spec)
+    assert message in str(raised.value)
+
+
+# OpenCV's
+
+
+@pytest.mark.parametrize("name", OPENCV)
+@pytest.mark.parametrize("channels", [1, 3])
+def test_opencv_matches_every_pixel_it_can(name: str, channels: int) -> None:
+    pytest.importorskip("cv2")
+    pair = (LEFT, RIGHT) if channels == 3 else (LEFT[:, :, 0].copy(), RIGHT[:, :, 0].copy())
+    disparity = method(name).match(*pair, COUNT)
+    assert disparity.dtype == np.float32
+    assert disparity.shape == LEFT.shape[:2]
+    assert np.abs(disparity[:, SHIFT:-8] - SHIFT).max() <= 0.5, "edges on three sides included"
+    assert method(name).settings
+
+
+def test_opencv_leaves_nan_where_it_found_nothing() -> None:
+    pytest.importorskip("cv2")
+    flat = np.full((40, 80, 3), 128, np.uint8)
+    assert np.isnan(opencv.match_bm(flat, flat, COUNT)).all()
+
+
+def test_opencv_searches_at_least_so_many_disparities() -> None:
+    pytest.importorskip("cv2")
+    wide = RNG.integers(0, 256, (40, 120, 3), dtype=np.uint8)
+    for match in (opencv.match_bm, opencv.match_sgbm, opencv.match_sgbm_3way):
+        disparity = match(wide[:, :-19].copy(), wide[:, 19:].copy(), 20)
+        assert np.nanmedian(disparity[:, 20:]) == pytest.approx(19, abs=0.5)
+
+
+def test_the_demo_has_the_same_sgbm() -> None:
+    pytest.importorskip("cv2")
+    ours = method("opencv:sgbm").match(LEFT, RIGHT, COUNT)
+    np.testing.assert_array_equal(SGBM.match(LEFT, RIGHT, COUNT), ours)
+
+
+def test_missing_opencv_is_named_with_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    monkeypatch.setattr("phasestereo._extras.import_module", _without_opencv)
+    assert not set(OPENCV) & set(available())
+    with pytest.raises(ImportError, match=r"pip install 'phasestereo\[opencv\]'"):
+        method("opencv:sgbm")
+
+
+def _without_opencv(name: str) -> Any:
+    if name == "cv2":
+        raise ModuleNotFoundError(name="cv2")
+    return __import__(name)
+
+
+# A user's
+
+
+def test_a_function_is_a_method() -> None:
+    chosen = method(own)
+    assert (chosen.name, chosen.match) == ("test_bench_methods:own", own)
+    assert method("test_bench_methods:own") == chosen
+
+
+def test_a_function_of_a_script_bears_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", "/some/script.py", raising=False)
+    monkeypatch.setattr(own, "__module__", "__main__")
+    assert method(own).name == "script:own"
+
+
+def test_methods_of_methods() -> None:
+    named = Method("mine", partial(own), {"a": 1}, true_blur=True)
+    assert method(named) is named
+    assert str(named) == "mine+true-blur"
+    assert asdict(pickle.loads(pickle.dumps(method("paper"))))["name"] == "paper"  # noqa: S301 - our own
+
+
+@pytest.fixture
+def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Install a distribution that adds methods; return the name of the one that works."""
+    (tmp_path / "shift_plugin.py").write_text(
+        "import numpy as np\n"
+        "constant = 3\n"
+        "def match(left, right, num_disparities):\n"
+        "    return np.full(left.shape[:2], 4.0)\n"
+    )
+    info = tmp_path / "shift_plugin-1.2.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: shift-plugin\nVersion: 1.2\n")
+    (info / "entry_points.txt").write_text(
+        "[phasestereo.methods]\n"
+        "shift=shift_plugin:match\n"
+        "no-function=shift_plugin:constant\n"
+        "broken=not_there_plugin:match\n"
+        "paper=shift_plugin:match\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "shift_plugin", raising=False)
+    return "shift"
+
+
+def test_an_entry_point_is_a_method(plugin: str) -> None:
+    assert plugin in available()
+    chosen = method(f"{plugin}+true-blur")
+    assert (chosen.name, chosen.true_blur) == (plugin, True)
+    assert chosen.settings == {
+        "entry_point": "shift_plugin:match",
+        "distribution": "shift-plugin 1.2",
+    }
+    assert (chosen.match(LEFT, RIGHT, COUNT) == 4).all()
+
+
+def test_an_entry_point_runs_in_other_processes(plugin: str, tmp_path: Path) -> None:
+    scenes = find_scenes(plant(tmp_path, "one"))
+    (record,) = run_middlebury(scenes, [plugin], ["sharp"], workers=1)
+    assert (record["method"], record["v2"]["all"]) == (plugin, 0)
+    assert record["settings"]["distribution"] == "shift-plugin 1.2"
+
+
+@pytest.mark.usefixtures("plugin")
+def test_entry_points_that_are_of_no_use() -> None:
+    with pytest.raises(TypeError, match="'no-function' is no function but int"):
+        method("no-function")
+    with pytest.raises(ImportError, match="not_there_plugin"):
+        method("broken")
+    assert method("paper").settings == asdict(ps.PRESETS["paper"]), "ours are not replaced"
