@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cyclopts import App, Parameter
 
-from phasestereo.cli import bench_middlebury, bench_paper
+from phasestereo.cli import bench_middlebury, bench_paper, bench_report
 
 __all__ = ["app"]
 
@@ -15,3 +15,4 @@ app = App(
 )
 app.command(bench_paper.paper)
 app.command(bench_middlebury.middlebury)
+app.command(bench_report.report)

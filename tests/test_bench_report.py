@@ -1,0 +1,733 @@
+"""The report tells what the records hold: no figure lost, invented or averaged unfairly."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import xml.etree.ElementTree as ET
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from phasestereo import metrics
+from phasestereo.bench.cases import SUITE_SCENES, SUITES
+from phasestereo.bench.report import METRICS, fill_document, read_results, write_report
+from phasestereo.bench.report.cells import Place
+from phasestereo.bench.report.markdown import fill_markers, markdown_table, markdown_text
+from phasestereo.bench.report.origin import commands, explain, origin
+from phasestereo.bench.report.plots import styles
+from phasestereo.bench.report.tables import (
+    Entry,
+    Table,
+    cost_table,
+    environment_table,
+    failure_table,
+    mean_table,
+    means,
+    scene_table,
+    settings_table,
+)
+from phasestereo.datasets import find_scene, find_scenes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from phasestereo.bench.report.results import Results
+
+for module in ("matplotlib", "jinja2", "PIL"):
+    pytest.importorskip(module)
+
+SUITE = "one-sided-blur"
+BLURS = ("gauss 2", "gauss 4", "disk 3", "disk 6", "motion 9", "motion 15")
+DOCUMENTS = Path(__file__).resolve().parent.parent / "docs"
+ENVIRONMENT = {
+    "kind": "environment",
+    "id": "e1",
+    "cpu": "A <fast> processor",
+    "cores": 2,
+    "platform": "Linux",
+    "versions": {"python": "3.11.2", "phasestereo": "0.1.0", "numpy": "2.4", "opencv": "5.0"},
+    "commit": "0123456789abcdef0123456789abcdef01234567-dirty",
+    "date": "2026-11-21",
+}
+
+
+def record(
+    method: str, bad: float | None, scene: str = "tsukuba", row: str = "sharp", **fields: Any
+) -> dict[str, Any]:
+    """Return a record as the harness writes it; without a number, that of a failed cell."""
+    told = method.endswith("+true-blur")
+    ours = method.startswith("paper")
+    key = {
+        "kind": "middlebury",
+        "suite": SUITE,
+        "collection": "scenes2001",
+        "scene": scene,
+        "degradation": row,
+        "side": "left",
+        "method": method.removesuffix("+true-blur"),
+        "true_blur": told,
+    }
+    if bad is None:
+        outcome: dict[str, Any] = {
+            "status": "failed",
+            "error": "ValueError: no <b> | `here`\nat all",
+        }
+    else:
+        outcome = {
+            "status": "ok",
+            "v2": {"nonocc": bad, "all": bad + 1, "disc": None},
+            "v3": {"bad_2": bad / 2, "avgerr": bad / 10, "rms": float("nan"), "pixels": 100},
+            "d1": bad / 4,
+            "epe": None,
+            "num_disparities": 10,
+            "width": 20,
+            "height": 5,
+            "settings": {"cost": "phase", "window": 9} if ours else {"mode": "HH"},
+            "seconds": 2e-3 * bad,
+            "peak_bytes": 3_000_000,
+        }
+    return {**key, **outcome, "environment": "e1", **fields}
+
+
+def store(path: Path, records: Iterable[dict[str, Any]]) -> Path:
+    """Write a store."""
+    path.write_text("".join(json.dumps(line) + "\n" for line in (ENVIRONMENT, *records)), "utf-8")
+    return path
+
+
+def texts(table: Table) -> list[list[str]]:
+    """Return a table's text, the best in asterisks."""
+    return [[f"*{text}*" if best else text for text, best in row] for row in table.rows]
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    """Return results of two scenes, in which ours has no result for one of the four cells."""
+    records = [
+        record("opencv:sgbm", 10.0),
+        record("opencv:sgbm", 20.0, "venus"),
+        record("opencv:sgbm", 40.0, row="gauss 2"),
+        record("opencv:sgbm", 60.0, "venus", row="gauss 2"),
+        record("paper:window=11", 30.0),
+        record("paper:window=11", 50.0, "venus"),
+        record("paper:window=11", 44.0, row="gauss 2"),
+        record("paper:window=11", None, "venus", row="gauss 2"),
+        record("opencv:sgbm+true-blur", 3.0, row="gauss 2"),
+        record("opencv:sgbm+true-blur", 5.0, "venus", row="gauss 2"),
+    ]
+    return read_results([store(tmp_path_factory.mktemp("small") / "small.jsonl", records)])
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> Results:
+    """Return results of the whole suite: blur number n costs ours 10 + n and SGBM 20 + n."""
+    records = []
+    for name in SUITE_SCENES[SUITE]:
+        collection, _, scene = name.rpartition("/")
+        for number, row in enumerate(SUITES[SUITE]):
+            for method, base in (("paper", 10.0), ("opencv:sgbm", 20.0), ("paper+true-blur", 5.0)):
+                if not method.endswith("blur") or row in BLURS:
+                    cell = record(method, base + number, scene, row, collection=collection)
+                    records.append(cell)
+    return read_results([store(tmp_path / "whole.jsonl", records)])
+
+
+# What is averaged
+
+
+def test_means_are_over_the_scenes_that_all_have(small: Results) -> None:
+    assert means(small, "v2.nonocc", ["sharp"]) == (
+        2,
+        {"paper:window=11": 40.0, "opencv:sgbm": 15.0},
+    )
+    assert means(small, "v2.nonocc", ["gauss 2"]) == (
+        1,
+        {"paper:window=11": 44.0, "opencv:sgbm": 40.0, "opencv:sgbm+true-blur": 3.0},
+    )
+    both = means(small, "v2.nonocc", ["sharp", "gauss 2"])
+    assert both == (1, {"paper:window=11": 37.0, "opencv:sgbm": 25.0})
+
+
+def test_mean_table(small: Results) -> None:
+    table = mean_table(small, "v2.nonocc")
+    assert table.header == ("method", "sharp", "gauss 2")
+    assert texts(table) == [
+        ["paper:window=11", "40.0", "44.0"],
+        ["opencv:sgbm", "*15.0*", "*40.0*"],
+        ["opencv:sgbm+true-blur", "-", "3.0"],
+        ["scenes", "2 of 12", "1 of 12"],
+    ]
+
+
+def test_mean_of_the_blurs(whole: Results) -> None:
+    table = mean_table(whole, "v2.nonocc")
+    assert table.header == ("method", *SUITES[SUITE], "mean of the blurs")
+    ours, rival, told = texts(table)
+    rows = list(SUITES[SUITE])
+    expected = np.mean([rows.index(row) for row in BLURS])
+    assert ours[-1] == f"*{10 + expected:.1f}*"
+    assert rival[-1] == f"{20 + expected:.1f}"
+    assert told[-1] == f"{5 + expected:.1f}"
+    assert [text for text, row in zip(told[1:], rows, strict=False) if row not in BLURS] == [
+        "-"
+    ] * 3
+    assert "Means over 12 scenes" in explain(whole, "v2.nonocc")
+
+
+def test_scene_table(small: Results) -> None:
+    table = scene_table(small, "v2.nonocc")
+    assert table.header == ("scene", "left image", *small.methods)
+    assert table.labels == 2
+    assert texts(table) == [
+        ["tsukuba", "sharp", "30.0", "*10.0*", "-"],
+        ["tsukuba", "gauss 2", "44.0", "*40.0*", "3.0"],
+        ["venus", "sharp", "50.0", "*20.0*", "-"],
+        ["venus", "gauss 2", "-", "60.0", "5.0"],
+    ]
+
+
+def test_one_row_has_its_mean_below(tmp_path: Path) -> None:
+    records = [
+        record(method, bad, scene, suite="sharp")
+        for method, bad in (("paper", 5.0), ("sad", 7.0))
+        for scene in ("venus", "tsukuba")
+    ]
+    table = scene_table(read_results([store(tmp_path / "a", records)]), "v2.nonocc")
+    assert table.header == ("scene", "paper", "sad")
+    assert texts(table)[0] == ["tsukuba", "*5.0*", "7.0"]
+    assert texts(table)[-1] == ["mean of 2", "*5.0*", "7.0"]
+
+
+def test_equal_figures_are_equally_good(tmp_path: Path) -> None:
+    records = [record("paper", 10.04), record("sad", 9.96), record("nsad", 10.06)]
+    table = mean_table(read_results([store(tmp_path / "a", records)]), "v2.nonocc")
+    assert [row[1] for row in texts(table)[:3]] == ["*10.0*", "10.1", "*10.0*"]
+
+
+def test_scenes_beyond_the_suite_do_not_count(tmp_path: Path) -> None:
+    records = [record("paper", 10.0), record("paper", 90.0, "sawtooth")]
+    told = read_results([store(tmp_path / "a", records)])
+    assert means(told, "v2.nonocc", ["sharp"]) == (1, {"paper": 10.0})
+    assert [row[0].text for row in scene_table(told, "v2.nonocc").rows] == [
+        "sawtooth",
+        "tsukuba",
+        "mean of 1 of 12",
+    ]
+    others = read_results([store(tmp_path / "b", records[1:])])
+    assert means(others, "v2.nonocc", ["sharp"]) == (1, {"paper": 90.0})
+
+
+def test_missing_numbers_are_no_scenes(tmp_path: Path) -> None:
+    with_disc = {"nonocc": 10.0, "all": 10.0, "disc": 33.0}
+    records = [record("paper", 10.0, v2=with_disc), record("paper", 10.0, "venus")]
+    told = read_results([store(tmp_path / "a", records)])
+    assert means(told, "v2.disc", ["sharp"]) == (1, {"paper": 33.0})
+    assert told.metrics == ("v2.nonocc", "v2.all", "v2.disc", "v3.bad_2", "v3.avgerr", "d1")
+
+
+def test_pixels_have_two_places(small: Results) -> None:
+    assert texts(mean_table(small, "v3.avgerr"))[0][1:] == ["4.00", "4.40"]
+
+
+def test_costs_are_medians(small: Results) -> None:
+    table = cost_table(small)
+    assert table.header[2:] == (
+        *("cells", "seconds", "ns / (px disparity)", "peak MB", "bytes / (px disparity)"),
+    )
+    ours, rival, _ = texts(table)
+    assert ours == ["paper:window=11", "e1", "3", "0.088", "88000.00", "3.0", "3000.00"]
+    assert rival == ["opencv:sgbm", "e1", "4", "0.060", "60000.00", "3.0", "3000.00"]
+
+
+def test_costs_of_unknown_size(tmp_path: Path) -> None:
+    lean = record("paper", 1000.0, peak_bytes=None, width=None)
+    told = read_results([store(tmp_path / "a", [lean])])
+    assert texts(cost_table(told)) == [["paper", "e1", "1", "2.000", "-", "-", "-"]]
+
+
+def test_settings_with_all_their_values(tmp_path: Path) -> None:
+    records = [
+        record("paper", 1.0),
+        record("paper", 1.0, "venus", settings={"cost": "phase", "window": [1, 2]}),
+    ]
+    table = settings_table(read_results([store(tmp_path / "a", records)]))
+    assert texts(table) == [["paper", "cost = phase, window = 9 or [1, 2]"]]
+
+
+def test_environments(tmp_path: Path) -> None:
+    records = [record("paper", 1.0), record("paper", 1.0, "venus", environment="e2")]
+    told = read_results([store(tmp_path / "a", records)])
+    table = environment_table(told)
+    assert table.header == ("environment", "e1", "e2")
+    assert ["OpenCV", "5.0", "-"] in texts(table)
+    assert texts(table)[-1] == ["cells", "1", "1"]
+    assert [row[1].text for row in cost_table(told).rows] == ["e1", "e2"]
+    assert "commit 0123456789ab-dirty" in origin(told)
+    assert "versions that are not known" in origin(told)
+
+
+# What is read
+
+
+def test_last_record_counts_also_over_files(tmp_path: Path) -> None:
+    first = store(tmp_path / "a", [record("paper", None), record("paper", 1.0), record("sad", 1.0)])
+    second = store(tmp_path / "b", [record("paper", 2.0)])
+    told = read_results([first, second])
+    assert means(told, "v2.nonocc", ["sharp"]).values == {"paper": 2.0, "sad": 1.0}
+    assert told.failures == ()
+    assert read_results([second, first]).values("v2.nonocc", "paper", "sharp") == {
+        Place("scenes2001", "tsukuba"): 1.0
+    }
+
+
+def test_order_of_telling(tmp_path: Path) -> None:
+    methods = (
+        *("opencv:sgbm+true-blur", "opencv:sgbm", "sad", "paper:neighborhood=11"),
+        *("paper:neighborhood=7+true-blur", "paper:neighborhood=7"),
+    )
+    baseline = {"cost": "sad"}
+    records = [
+        record(
+            method,
+            1.0,
+            scene,
+            row,
+            collection=collection,
+            **({"settings": baseline} if method == "sad" else {}),
+        )
+        for method in methods
+        for collection, scene in (
+            ("MiddEval3/trainingQ", "Piano"),
+            ("scenes2006/ThirdSize", "Aloe"),
+            ("scenes2001", "venus"),
+            ("scenes2001", "map"),
+        )
+        for row in ("mixed", "gauss 2", "sharp")
+    ]
+    told = read_results([store(tmp_path / "a", records)])
+    assert told.methods == (
+        *("paper:neighborhood=7", "paper:neighborhood=11", "sad", "opencv:sgbm"),
+        *("paper:neighborhood=7+true-blur", "opencv:sgbm+true-blur"),
+    )
+    assert told.degradations == ("sharp", "gauss 2", "mixed")
+    assert [place.scene for place in told.places] == ["map", "venus", "Aloe", "Piano"]
+    chosen = ("opencv:sgbm", "paper:neighborhood=11")
+    assert read_results([tmp_path / "a"], methods=chosen).methods == chosen
+
+
+def test_scenes_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    records = [record("paper", 1.0, "Art", collection=f"scenes2005/{size}") for size in ("A", "B")]
+    table = scene_table(read_results([store(tmp_path / "a", records)]), "v2.nonocc")
+    assert [row[0].text for row in table.rows[:2]] == ["scenes2005/A/Art", "scenes2005/B/Art"]
+
+
+def test_torn_last_line_is_left_out(tmp_path: Path) -> None:
+    path = store(tmp_path / "a", [record("paper", 1.0)])
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(record("paper", 2.0))[:-40])
+    assert means(read_results([path]), "v2.nonocc", ["sharp"]).values == {"paper": 1.0}
+
+
+def test_other_kinds_are_left_out(tmp_path: Path) -> None:
+    path = store(tmp_path / "a", [{"kind": "paper"}, record("paper", 1.0), {"status": "ok"}])
+    assert len(read_results([path]).cells) == 1
+
+
+def test_metrics_are_those_of_the_package() -> None:
+    fields = set(metrics.Score.__dataclass_fields__) - {"pixels"}
+    versions = {f"v2.{region}" for region in ("nonocc", "all", "disc")}
+    assert set(METRICS) == versions | {"d1", "epe"} | {
+        f"v3.{name}" for name in fields - {"d1", "epe"}
+    }
+
+
+def refused(tmp_path: Path, records: list[dict[str, Any]], **choice: Any) -> str:
+    """Return what reading such a store is refused with."""
+    with pytest.raises(ValueError, match=".") as caught:
+        read_results([store(tmp_path / "refused.jsonl", records)], **choice)
+    return str(caught.value)
+
+
+def test_refusals_of_content(tmp_path: Path) -> None:
+    assert "no record of the kind 'middlebury'" in refused(tmp_path, [{"kind": "paper"}])
+    assert "all 1 cells failed, ValueError: no <b>" in refused(tmp_path, [record("paper", None)])
+    nameless = {**record("paper", 1.0), "method": 7}
+    message = refused(tmp_path, [record("paper", 1.0), nameless])
+    assert message.endswith("refused.jsonl: line 3: method must be a text, got 7")
+
+
+def test_refusals_of_choice(tmp_path: Path) -> None:
+    mixed = [record("paper", 1.0), record("paper", 1.0, suite="sharp")]
+    assert "suite: got none" in refused(tmp_path, mixed)
+    assert "one-sided-blur, sharp" in refused(tmp_path, mixed, suite="none")
+    assert read_results([tmp_path / "refused.jsonl"], suite="sharp").suite == "sharp"
+    sides = [record("paper", 1.0), record("paper", 2.0, side="right")]
+    assert "side: got none" in refused(tmp_path, sides)
+    told = read_results([tmp_path / "refused.jsonl"], side="right")
+    assert means(told, "v2.nonocc", ["sharp"]).values == {"paper": 2.0}
+    assert "side: got 'top'; accepts" in refused(tmp_path, sides, side="top")
+    message = refused(tmp_path, [record("paper", 1.0)], methods=["paper", "sad"])
+    assert message == "method: got 'sad'; accepts those with results: paper"
+
+
+def test_refusals_of_files(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        read_results([tmp_path / "missing.jsonl"])
+    path = store(tmp_path / "a", [record("paper", 1.0)])
+    path.write_text(path.read_text("utf-8").replace("\n", "\nnot JSON\n", 1), "utf-8")
+    with pytest.raises(ValueError, match="line 2"):
+        read_results([path])
+    (tmp_path / "b").write_text("a,b\n1,2\n", "utf-8")
+    with pytest.raises(ValueError, match="not a file of benchmark results"):
+        read_results([tmp_path / "b"])
+
+
+def test_refusal_of_a_metric(small: Results, tmp_path: Path) -> None:
+    for metric in ("v2.disc", "bad"):
+        with pytest.raises(ValueError, match=r"^metric: got .*accepts .*: v2\.nonocc, v2\.all, "):
+            write_report(small, tmp_path / "new", metric=metric)
+    assert not (tmp_path / "new").exists()
+
+
+# What is written
+
+
+FILES = {
+    *(f"{plot}.{kind}" for plot in ("means", "scenes") for kind in ("png", "svg")),
+    *("tables.csv", "report.md", "report.html"),
+}
+
+
+class Page(HTMLParser):
+    """What of a page the tests ask for."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sources: list[str] = []
+        self.open: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+        if tag not in ("meta", "img", "br", "wbr"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def written(small: Results, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Return what a report wrote into a folder of its own."""
+    return write_report(small, tmp_path_factory.mktemp("report") / "new" / "folder")
+
+
+def test_files_are_those_that_are_named(written: list[Path]) -> None:
+    assert {path.name for path in written} == FILES
+    assert set(written[0].parent.iterdir()) == set(written)
+    assert written[-1].name == "report.html"
+
+
+def test_same_results_same_bytes(small: Results, written: list[Path], tmp_path: Path) -> None:
+    again = write_report(small, tmp_path)
+    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in written]
+
+
+def test_page_is_whole_and_needs_nothing_else(small: Results, written: list[Path]) -> None:
+    content = written[-1].read_text("utf-8")
+    page = Page()
+    page.feed(content)
+    assert page.open == []
+    assert len(page.sources) == 2
+    assert all(source.startswith("data:image/svg+xml;base64,") for source in page.sources)
+    assert "http" not in content
+    assert "<strong>15.0</strong>" in content
+    assert "no <b> | `here` at all" in page.text
+    assert "<b>" not in content
+    assert "A <fast> processor" in page.text
+    assert "1 cells failed" in page.text
+    for command in commands(small, "v2.nonocc"):
+        assert command in page.text
+
+
+def test_markdown_page_says_the_same(small: Results, written: list[Path]) -> None:
+    content = written[-2].read_text("utf-8")
+    for table in (
+        mean_table(small, "v2.nonocc"),
+        scene_table(small, "v2.nonocc"),
+        cost_table(small),
+    ):
+        assert markdown_table(table) in content
+    for table in (failure_table(small), settings_table(small), environment_table(small)):
+        assert markdown_table(table) in content
+    assert re.findall(r"\]\((.*)\)", content) == ["means.png", "scenes.png"]
+    assert "\n".join(commands(small, "v2.nonocc")) in content
+
+
+def test_csv_holds_every_number(small: Results, written: list[Path]) -> None:
+    with written[-3].open(encoding="utf-8", newline="") as file:
+        lines = list(csv.DictReader(file))
+    found = {
+        (line["scene"], line["degradation"], line["method"], line["metric"]): float(line["value"])
+        for line in lines
+    }
+    assert len(found) == len(lines) == 9 * 7
+    for (place, row, method), cell in small.cells.items():
+        for metric, value in cell.metrics.items():
+            assert found[place.scene, row, method, metric] == value
+        assert found[place.scene, row, method, "seconds"] == cell.seconds
+        assert found[place.scene, row, method, "peak_bytes"] == cell.peak_bytes
+    assert {line["collection"] for line in lines} == {"scenes2001"}
+    assert {(line["suite"], line["side"]) for line in lines} == {(SUITE, "left")}
+
+
+def test_plots_show_every_method_and_scene(small: Results, written: list[Path]) -> None:
+    image = pytest.importorskip("PIL.Image")
+    folder = written[0].parent
+    for name in ("means", "scenes"):
+        with image.open(folder / f"{name}.png") as picture:
+            assert min(picture.size) > 300
+            assert len(np.unique(np.asarray(picture.convert("L")))) > 50
+        assert ET.parse(folder / f"{name}.svg").getroot().tag.endswith("svg")  # noqa: S314 - our own
+    drawn = (folder / "means.svg").read_text("utf-8").lower()
+    for style in styles(small, "v2.nonocc").values():
+        assert style.colour in drawn
+
+
+def test_ours_stands_out(tmp_path: Path) -> None:
+    records = [record(f"paper:window={size}", 50.0 - size) for size in (5, 7, 9)]
+    records += [record("opencv:sgbm", 1.0), record("paper:window=7+true-blur", 1.0)]
+    looks = styles(read_results([store(tmp_path / "a", records)]), "v2.nonocc")
+    assert looks["paper:window=9"].colour == "#0b66c3"
+    assert len({look.colour for look in looks.values()}) == 4
+    plain, told = looks["paper:window=7"], looks["paper:window=7+true-blur"]
+    assert (plain.colour, plain.mark, plain.hollow, told.hollow) == (
+        told.colour,
+        told.mark,
+        False,
+        True,
+    )
+
+
+def test_without_a_rival_there_is_one_plot(tmp_path: Path) -> None:
+    (tmp_path / "scenes.png").touch()
+    (tmp_path / "other.txt").touch()
+    told = read_results([store(tmp_path / "a", [record("paper", 1.0, suite="sharp")])])
+    written = write_report(told, tmp_path)
+    assert {path.name for path in written} == {name for name in FILES if "scenes" not in name}
+    assert {path.name for path in tmp_path.iterdir()} == {p.name for p in written} | {
+        "a",
+        "other.txt",
+    }
+
+
+def test_many_degradations_and_methods_fit(tmp_path: Path) -> None:
+    records = [
+        record(method, float(number), scene, f"blur {row}", suite="custom")
+        for number, method in enumerate([f"m{number}:f" for number in range(20)] + ["paper"])
+        for scene in ("one", "two")
+        for row in (1, 10, 2, 0)
+    ]
+    told = read_results([store(tmp_path / "a", records)])
+    assert told.degradations == ("blur 0", "blur 1", "blur 2", "blur 10")
+    assert len(write_report(told, tmp_path / "out")) == len(FILES)
+
+
+def test_command_makes_the_run_again(small: Results, whole: Results, tmp_path: Path) -> None:
+    again, report = commands(small, "v2.nonocc")
+    assert again == (
+        "phasestereo bench middlebury FOLDER --suite one-sided-blur --side left --method "
+        "paper:window=11 opencv:sgbm opencv:sgbm+true-blur --degradation 'gauss 2' sharp "
+        "--scene scenes2001/tsukuba scenes2001/venus -o results.jsonl"
+    )
+    assert report.startswith("phasestereo bench report results.jsonl --suite one-sided-blur")
+    assert commands(whole, "d1")[0].endswith("paper+true-blur -o results.jsonl")
+    light = record("paper", 1.0, "Art (view1.png Illum2/Exp1/view5.png)", suite="sharp")
+    made = commands(read_results([store(tmp_path / "light", [light])]), "d1")[0]
+    assert (
+        "--scene scenes2001/Art --left-image view1.png --right-image Illum2/Exp1/view5.png" in made
+    )
+    custom = read_results([store(tmp_path / "custom", [record("paper", 1.0, suite="custom")])])
+    assert [line.split()[2] for line in commands(custom, "d1")] == ["report"]
+
+
+# Markdown and markers
+
+
+def test_markdown_shows_text_as_it_is() -> None:
+    table = Table(("a|b", "n"), ((Entry("x_y *z* <b> [l] `c`\n\\"), Entry("1.0", best=True)),))
+    header, rule, row = markdown_table(table).split("\n")
+    assert header == r"| a\|b | n |"
+    assert rule == "| --- | ---: |"
+    assert row == r"| x\_y \*z\* &lt;b&gt; \[l\] \`c\` \\ | **1.0** |"
+    assert markdown_text("a &\n b") == "a &amp; b"
+
+
+def test_markers_are_filled_and_filled_again() -> None:
+    document = (
+        "Before\n<!-- bench:a --><!-- /bench:a -->\n<!--bench:b-->old\n<!-- /bench:b --> after\n"
+    )
+    filled = fill_markers(document, {"a": "| A |", "b": "B"})
+    assert filled == (
+        "Before\n<!-- bench:a -->\n\n| A |\n\n<!-- /bench:a -->\n"
+        "<!--bench:b-->\n\nB\n\n<!-- /bench:b --> after\n"
+    )
+    assert fill_markers(filled, {"a": "| A |", "b": "B"}) == filled
+    assert "\r\n\r\nx\r\ny\r\n\r\n" in fill_markers(
+        "<!-- bench:a --><!-- /bench:a -->\r\n", {"a": "x\ny"}
+    )
+    kept = fill_markers(document, {"a": "A"}, others=["b"])
+    assert "<!--bench:b-->old\n<!-- /bench:b -->" in kept
+
+
+@pytest.mark.parametrize(
+    ("document", "message"),
+    [
+        ("no marker", "no marker to fill; accepts <!-- bench:a -->"),
+        ("<!-- bench:b --><!-- /bench:b -->", "no marker to fill"),
+        (
+            "<!-- bench:c --><!-- /bench:c -->",
+            "unknown marker <!-- bench:c -->; accepts the names a, b",
+        ),
+        ("<!-- bench:a -->", "marker <!-- bench:a --> has no end"),
+        ("<!-- bench:a --><!-- bench:b --><!-- /bench:b -->", "marker <!-- bench:a --> has no end"),
+        ("<!-- bench:a --><!-- /bench:b -->", "marker <!-- bench:a --> has no end"),
+        ("<!-- /bench:a --><!-- bench:a -->", "marker <!-- /bench:a --> has no start"),
+    ],
+)
+def test_refusals_of_documents(document: str, message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        fill_markers(document, {"a": "A"}, others=["b"])
+
+
+def test_documents_are_replaced_as_a_whole(whole: Results, tmp_path: Path) -> None:
+    path = tmp_path / "README.md"
+    places = ["<!-- bench:one-sided-blur-means --><!-- /bench:one-sided-blur-means -->"]
+    places.append("<!-- bench:sharp -->kept<!-- /bench:sharp -->")
+    document = "\n".join(["# Ä", *places])
+    path.write_text(document, "utf-8")
+    fill_document(path, whole)
+    filled = path.read_text("utf-8")
+    assert markdown_table(mean_table(whole, "v2.nonocc")) in filled
+    assert filled.startswith("# Ä\n")
+    assert "<!-- bench:sharp -->kept<!-- /bench:sharp -->" in filled
+    for fact in (
+        "Means over 12 scenes",
+        "left image degraded",
+        "0123456789ab-dirty",
+        "OpenCV 5.0",
+    ):
+        assert fact in filled.replace("\n", " ")
+    before = path.stat()
+    fill_document(path, whole)
+    assert path.stat() == before
+    path.write_text("<!-- bench:sharp --><!-- /bench:sharp -->", "utf-8")
+    with pytest.raises(ValueError, match=r"README.md: no marker to fill"):
+        fill_document(path, whole)
+    assert [entry.name for entry in tmp_path.iterdir() if entry.name.startswith(".")] == []
+
+
+# The command
+
+
+@pytest.fixture
+def cli() -> Any:
+    """Return the module of the command line."""
+    return pytest.importorskip("phasestereo.cli")
+
+
+def test_command(
+    whole: Results, tmp_path: Path, cli: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, readme = whole.sources[0], tmp_path / "README.md"
+    readme.write_text(
+        "<!-- bench:one-sided-blur-scenes --><!-- /bench:one-sided-blur-scenes -->", "utf-8"
+    )
+    arguments = ["bench", "report", source, "-o", str(tmp_path / "out"), "--readme", str(readme)]
+    assert cli.run(arguments) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert re.search(r"paper +10\.0 +11\.0 .* 13\.5", out)
+    assert str(tmp_path / "out" / "report.html") in out
+    assert markdown_table(scene_table(whole, "v2.nonocc")) in readme.read_text("utf-8")
+    page = (tmp_path / "out" / "report.md").read_text("utf-8")
+    ranking = "paper 13.5 %, opencv:sgbm 23.5 %; told the blur: paper+true-blur 8.5 %."
+    assert f"mean over the blurs of 12 scenes: {ranking}" in page
+    assert "no cell failed" in page
+    chosen = ["--method", "opencv:sgbm", "--metric", "v3.bad_2", "--side", "left", "--suite", SUITE]
+    assert cli.run(["bench", "report", source, *chosen]) == 0
+    out = capsys.readouterr().out
+    assert "paper" not in out
+    assert "Bad-2.0" in out
+
+
+def test_command_refuses(
+    small: Results, tmp_path: Path, cli: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, readme = small.sources[0], tmp_path / "README.md"
+    readme.write_text("no marker", "utf-8")
+    base = ["bench", "report", source, "-o", str(tmp_path / "out")]
+    cases = [
+        (["bench", "report"], 1, "no file"),
+        (["bench", "report", str(tmp_path / "missing")], 1, "missing: No such file"),
+        ([*base, "--metric", "bad"], 2, "--metric: got 'bad'"),
+        ([*base, "--side", "right"], 2, "--side: got 'right'"),
+        ([*base, "--method", "sad"], 2, "--method: got 'sad'"),
+        ([*base, "--readme", str(readme)], 1, "README.md: no marker"),
+    ]
+    for arguments, code, message in cases:
+        assert cli.run(arguments) == code
+        line = capsys.readouterr().err
+        assert line.startswith("phasestereo: error: ")
+        assert message in line
+    assert not (tmp_path / "out").exists()
+    assert readme.read_text("utf-8") == "no marker"
+
+
+# The document that defines the suite
+
+
+def rows_of(document: str, heading: str) -> list[list[str]]:
+    """Return the rows of the table under a header that begins so."""
+    table, _, _ = document[document.index(f"| {heading} |") :].partition("\n\n")
+    lines = table.splitlines()[2:]
+    return [[cell.strip().strip("`") for cell in line.strip("|").split("|")] for line in lines]
+
+
+def test_document_names_the_rows_and_scenes_of_the_suite() -> None:
+    document = (DOCUMENTS / "one-sided-blur.md").read_text("utf-8")
+    named = [name for first, *_ in rows_of(document, "row | what") for name in first.split("`, `")]
+    assert named == list(SUITES[SUITE])
+    assert {
+        f"{row[0]}/{row[1]}" for row in rows_of(document, "collection | scene")
+    } == SUITE_SCENES[SUITE]
+
+
+def test_document_is_right_about_the_data(data: Path) -> None:
+    document = (DOCUMENTS / "one-sided-blur.md").read_text("utf-8")
+    scenes = {str(scene): scene for scene in find_scenes(data / "middlebury")}
+    for collection, name, size, ndisp, scored in rows_of(document, "collection | scene"):
+        pair = scenes[f"{collection}/{name}"].load()
+        height, width = pair.left.shape[:2]
+        assert size == f"{width} x {height}"
+        assert int(ndisp) == pair.num_disparities
+        assert int(scored) == np.count_nonzero(pair.masks["nonocc"])
+
+
+def test_document_is_right_about_the_degradations(data: Path) -> None:
+    document = (DOCUMENTS / "one-sided-blur.md").read_text("utf-8")
+    pair = find_scene(data / "middlebury", "tsukuba").load()
+    for row, *sums in rows_of(document, "row | left image degraded"):
+        degrade = SUITES[SUITE][row]
+        images = degrade(pair.left), degrade(pair.right)
+        assert [int(total) for total in sums] == [
+            int(image.sum(dtype=np.int64)) for image in images
+        ]
