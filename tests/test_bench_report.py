@@ -489,7 +489,7 @@ def test_csv_holds_every_number(small: Results, written: list[Path]) -> None:
     assert {(line["suite"], line["side"]) for line in lines} == {(SUITE, "left")}
 
 
-def test_plots_show_every_method_and_scene(small: Results, written: list[Path]) -> None:
+def test_plots_show_every_method(small: Results, written: list[Path]) -> None:
     image = pytest.importorskip("PIL.Image")
     folder = written[0].parent
     for name in ("means", "scenes"):

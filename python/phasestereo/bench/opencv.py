@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 BM: dict[str, Any] = {"blockSize": 9}
 SGBM: dict[str, Any] = {
     "blockSize": 5,
-    "P1": 8 * 25,  # times the number of channels, as P2
-    "P2": 32 * 25,
+    "P1 per channel": 8 * 25,
+    "P2 per channel": 32 * 25,
     "disp12MaxDiff": -1,
     "uniquenessRatio": 0,
 }
@@ -76,9 +76,15 @@ def _match_sgbm(left: Image, right: Image, num_disparities: int, mode: str) -> M
     cv2 = require("cv2", extra="opencv")
     count = _sixteens(num_disparities)
     channels = 1 if left.ndim == 2 else left.shape[2]
-    penalties = {name: channels * SGBM[name] for name in ("P1", "P2")}
     matcher = cv2.StereoSGBM_create(
-        minDisparity=0, numDisparities=count, **{**SGBM, **penalties}, mode=getattr(cv2, mode)
+        minDisparity=0,
+        numDisparities=count,
+        blockSize=SGBM["blockSize"],
+        P1=channels * SGBM["P1 per channel"],
+        P2=channels * SGBM["P2 per channel"],
+        disp12MaxDiff=SGBM["disp12MaxDiff"],
+        uniquenessRatio=SGBM["uniquenessRatio"],
+        mode=getattr(cv2, mode),
     )
     found = matcher.compute(*(_continued(image, count, 0) for image in (left, right)))
     return _disparities(found[:, count:])

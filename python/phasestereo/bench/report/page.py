@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from phasestereo._extras import require
 from phasestereo.bench.report.cells import METRICS
 from phasestereo.bench.report.markdown import markdown_table, markdown_text
 from phasestereo.bench.report.origin import commands, explain, origin
@@ -93,6 +94,8 @@ def write_report(
         If the extra ``report`` is not installed.
     """
     results.require_metric(metric)
+    for module in ("matplotlib", "jinja2"):
+        require(module, extra="report")
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     figures = {"means": draw_means(results, metric)}
