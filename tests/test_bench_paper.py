@@ -6,13 +6,13 @@ import csv
 import json
 import shutil
 from dataclasses import replace
-from html.parser import HTMLParser
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 
+from html_page import Page
 from phasestereo import io
 from phasestereo.bench.paper import cells, claims, load_pairs, run_study
 from phasestereo.bench.paper.blurs import Blur, box_psf
@@ -464,27 +464,6 @@ def test_maps_are_those_of_the_figures(study: Study, folder: Path) -> None:
     assert (np.abs(phase - truth)[known] > 1).mean() < 0.5
     assert phase.shape == truth.shape == (375, 450)
     assert study.choices
-
-
-class Page(HTMLParser):
-    """What of a page the tests ask for."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.sources: list[str] = []
-        self.open: list[str] = []
-        self.text = ""
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
-        if tag not in ("meta", "img", "br"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
 
 
 def test_page_tells_the_claims_and_needs_nothing_else(study: Study, folder: Path) -> None:

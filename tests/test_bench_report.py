@@ -6,13 +6,13 @@ import csv
 import json
 import re
 import xml.etree.ElementTree as ET
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from html_page import Page
 from phasestereo import metrics
 from phasestereo.bench.cases import SUITE_SCENES, SUITES
 from phasestereo.bench.report import METRICS, fill_document, read_results, write_report
@@ -401,27 +401,6 @@ FILES = {
     *(f"{plot}.{kind}" for plot in ("means", "scenes") for kind in ("png", "svg")),
     *("tables.csv", "report.md", "report.html"),
 }
-
-
-class Page(HTMLParser):
-    """What of a page the tests ask for."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.sources: list[str] = []
-        self.open: list[str] = []
-        self.text = ""
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
-        if tag not in ("meta", "img", "br", "wbr"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from html_page import Page
 from phasestereo import io
 from phasestereo.demo import METHODS, SGBM, Demo, run_demo, verdict, write_demo
 from phasestereo.metrics import bad_pixels
@@ -105,27 +105,6 @@ def test_what_an_earlier_demo_left_is_removed(small: Demo, tmp_path: Path) -> No
     mine = tuple(outcome for outcome in small.outcomes if outcome.method != SGBM)
     write_demo(replace(small, outcomes=mine), tmp_path)
     assert set(os.listdir(tmp_path)) == FILES | {"other.txt"}  # noqa: PTH208 - names, hidden ones too
-
-
-class Page(HTMLParser):
-    """What of a page the tests ask for."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.sources: list[str] = []
-        self.open: list[str] = []
-        self.text = ""
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
-        if tag not in ("meta", "img", "br"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
 
 
 def test_page_is_whole_and_needs_nothing_else(small: Demo, folder: Path) -> None:
