@@ -77,7 +77,7 @@ def match(
     -----
     The method is that of Pedone & Heikkilä, *Blur and Contrast Invariant Fast Stereo Matching*,
     ACIVS 2008. Working memory is about ``(6 * window + 12) * W * num_disparities`` bytes a thread
-    (with masks ``8 * window + 20``), whatever the height; and for the whole pair 9 bytes a pixel.
+    (with masks ``8 * window + 22``), whatever the height; and for the whole pair 9 bytes a pixel.
     """
     chosen = resolve(preset, settings, overrides)
     if progress is not None and not callable(progress):
