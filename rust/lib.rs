@@ -43,6 +43,7 @@ pub mod votes;
 
 pub mod control;
 pub mod matcher;
+pub mod simd;
 
 pub mod reference;
 

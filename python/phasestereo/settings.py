@@ -93,8 +93,9 @@ class Settings:
         _core.check_settings(self)
 
 
-PRESETS: Mapping[str, Settings] = MappingProxyType({"paper": Settings()})
-"""The named settings: ``"paper"`` is the method of the paper to the letter."""
+PRESETS: Mapping[str, Settings] = MappingProxyType({"paper": Settings(), "fast": Settings()})
+"""The named settings: ``"paper"`` is the method of the paper to the letter, ``"fast"`` the same
+pipeline tuned for frame rate."""
 
 
 def resolve(preset: str, settings: Settings | None, overrides: Mapping[str, Any]) -> Settings:

@@ -1,0 +1,183 @@
+//! Instruction-set levels: the kernels, written once in plain Rust, compiled for each of them.
+//!
+//! This is the one file with unsafe code, and with anything that names an architecture.
+
+#![allow(
+    unsafe_code,
+    reason = "a function with target features may only be called where they exist"
+)]
+
+use std::sync::OnceLock;
+
+/// The environment variable that lowers the level.
+pub const OVERRIDE: &str = "PHASESTEREO_SIMD";
+
+/// A loop over arrays that the compiler vectorises with whatever instructions the level has.
+///
+/// `run`, and all that it calls, must be `#[inline(always)]`: what is not inlined into the level's own
+/// function is compiled for the baseline.
+pub trait Kernel {
+    /// What the kernel returns.
+    type Output;
+    /// Does the work.
+    fn run(self) -> Self::Output;
+}
+
+/// An instruction-set level that this machine has: no other can be had.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Level(Isa);
+
+/// Every level that there is code for, from the lowest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Isa {
+    /// What the target has without asking: SSE2 on x86-64, NEON on aarch64.
+    Baseline,
+    /// AVX2, and the bit manipulation that came with it.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    /// AVX-512 on bytes and words.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+    /// The same with a population count of bytes and words.
+    #[cfg(target_arch = "x86_64")]
+    Avx512Bitalg,
+}
+
+impl Isa {
+    #[cfg(target_arch = "x86_64")]
+    const ALL: &[(Self, &str)] = &[
+        (Self::Baseline, "sse2"),
+        (Self::Avx2, "avx2"),
+        (Self::Avx512, "avx512"),
+        (Self::Avx512Bitalg, "avx512bitalg"),
+    ];
+    #[cfg(not(target_arch = "x86_64"))]
+    const ALL: &[(Self, &str)] = &[(Self::Baseline, "baseline")];
+
+    fn is_here(self) -> bool {
+        match self {
+            Self::Baseline => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => {
+                is_x86_feature_detected!("avx2")
+                    && is_x86_feature_detected!("bmi1")
+                    && is_x86_feature_detected!("bmi2")
+                    && is_x86_feature_detected!("lzcnt")
+                    && is_x86_feature_detected!("popcnt")
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                Self::Avx2.is_here()
+                    && is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512bw")
+                    && is_x86_feature_detected!("avx512cd")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512Bitalg => {
+                Self::Avx512.is_here() && is_x86_feature_detected!("avx512bitalg")
+            }
+        }
+    }
+}
+
+impl Level {
+    /// The level to use: the highest that the machine has, or the one that [`OVERRIDE`] names, or the
+    /// highest below that. Read once; an unknown name counts for nothing.
+    pub fn best() -> Self {
+        static BEST: OnceLock<Level> = OnceLock::new();
+        *BEST.get_or_init(|| Self::at_most(std::env::var(OVERRIDE).ok().as_deref()))
+    }
+
+    /// The highest level of this machine that is not above the named one.
+    fn at_most(name: Option<&str>) -> Self {
+        let named = Isa::ALL.iter().position(|(_, known)| Some(*known) == name);
+        let allowed = &Isa::ALL[..=named.unwrap_or(Isa::ALL.len() - 1)];
+        let here = allowed.iter().rev().find(|(isa, _)| isa.is_here());
+        Self(here.map_or(Isa::Baseline, |(isa, _)| *isa))
+    }
+
+    /// The name of every level that there is code for, and the level where this machine has it.
+    pub fn all() -> impl Iterator<Item = (&'static str, Option<Self>)> {
+        Isa::ALL.iter().map(|(isa, name)| (*name, isa.is_here().then_some(Self(*isa))))
+    }
+
+    /// The name of this level.
+    pub fn name(self) -> &'static str {
+        Isa::ALL.iter().find(|(isa, _)| *isa == self.0).map_or("", |(_, name)| name)
+    }
+
+    /// Runs a kernel, compiled for this level.
+    #[inline]
+    pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        match self.0 {
+            Isa::Baseline => kernel.run(),
+            // SAFETY: a `Level` of these is only made where `is_here` has found every feature.
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => unsafe { avx2(kernel) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => unsafe { avx512(kernel) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512Bitalg => unsafe { avx512_bitalg(kernel) },
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+fn avx2<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[target_feature(enable = "avx512f,avx512bw,avx512cd,avx512dq,avx512vl")]
+fn avx512<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[target_feature(enable = "avx512f,avx512bw,avx512cd,avx512dq,avx512vl,avx512bitalg")]
+fn avx512_bitalg<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_lowers_the_level_and_never_raises_it() {
+        let best = Level::at_most(None);
+        assert_eq!(Level::at_most(Some("no such level")), best);
+        for (name, level) in Level::all() {
+            let lowered = Level::at_most(Some(name));
+            assert!(lowered <= best);
+            assert!(level.is_none_or(|level| level == lowered && level.name() == name));
+        }
+    }
+
+    #[test]
+    fn every_level_runs_the_same_code() {
+        struct Sum<'a>(&'a [u8]);
+        impl Kernel for Sum<'_> {
+            type Output = u32;
+            #[inline(always)]
+            fn run(self) -> u32 {
+                self.0.iter().map(|value| u32::from(*value)).sum()
+            }
+        }
+        let values: Vec<u8> = (0..1000).map(|i| i as u8).collect();
+        let expected = values.iter().map(|value| u32::from(*value)).sum();
+        for (name, level) in Level::all() {
+            match level {
+                Some(level) => assert_eq!(level.run(Sum(&values)), expected, "{name}"),
+                None => println!("{name}: not run, this machine does not have it"),
+            }
+        }
+    }
+}
