@@ -6,10 +6,10 @@ BIN := $(VENV)/bin
 CORE := python/phasestereo/_core.abi3.so
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench docs wheel hooks clean
+.PHONY: help demo test lint format bench bench-core docs wheel hooks clean
 
 help: ## List the commands
-	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
+	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
 
 demo: $(CORE) ## Render a pair, spoil one image, match it, print the score, write pictures and a report
 	$(BIN)/phasestereo demo --output demo
@@ -32,7 +32,10 @@ format: $(VENV)/ready ## Format the code
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
 
-bench: ## Time each stage of the core (make bench ARGS=scanline: one of them)
+bench: $(CORE) ## Time a match against OpenCV, in a quarter of an hour (PHASESTEREO_DATA as above)
+	PHASESTEREO_DATA="$${PHASESTEREO_DATA:-../shared}" $(BIN)/phasestereo bench speed --output speed/speed.jsonl $(ARGS)
+
+bench-core: ## Time each stage of the core (make bench-core ARGS=scanline: one of them)
 	cargo bench --locked -- $(ARGS)
 
 docs: $(CORE) ## Build the documentation into site/
@@ -46,7 +49,7 @@ hooks: ## Check every push as CI would
 	git config core.hooksPath .githooks
 
 clean: ## Remove all that was built
-	rm -rf $(VENV) target dist site demo $(CORE)
+	rm -rf $(VENV) target dist site demo speed $(CORE)
 
 # Debian's Python comes without ensurepip unless python3-venv is installed; virtualenv needs neither.
 $(VENV)/ready: pyproject.toml

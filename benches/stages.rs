@@ -1,18 +1,27 @@
 //! Time of each stage by itself, on one thread, in (pixel x candidate) or pixels a second.
 //!
-//! One group a stage, as the files of `rust/`; `cargo bench -- scanline` runs one of them.
+//! One group a stage, as the files of `rust/`; `cargo bench -- scanline` runs one of them. What the stages
+//! take is to be held against the limits of the machine: `cargo bench -- machine`.
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use phasestereo::aggregation::{Window, aggregate as aggregate_volume};
+use ndarray::Array3;
+use phasestereo::aggregation::Window;
+use phasestereo::candidates::Candidates;
 use phasestereo::control::Control;
-use phasestereo::matcher::{Execution, Pair, on_threads, run};
+use phasestereo::cost::{Costs, Operands};
+use phasestereo::matcher::on_threads;
 use phasestereo::plane::Plane;
-use phasestereo::settings::Settings;
+use phasestereo::settings::{CostKind, Optimizer, Penalty, Precision, Settings};
+use phasestereo::simd::Level;
+use phasestereo::strip::Strip;
 use phasestereo::view::{Image, View};
 
-const ROWS: usize = 120;
+/// Rows of the images; two blocks of lanes.
+const ROWS: usize = 64;
 const COLS: usize = 640;
+/// Numbers of candidates.
+const COUNTS: [usize; 4] = [16, 64, 256, 512];
 
 fn main() {
     divan::main();
@@ -27,76 +36,428 @@ fn noise<T>(rows: usize, cols: usize, mut value: impl FnMut(u32) -> T) -> Plane<
     })
 }
 
-fn window(candidates: usize) -> Window {
-    let settings = Settings::default();
-    Window::new((ROWS, COLS), candidates, &settings, settings.code_length() as u16)
+/// A scene and the same a few pixels further left.
+fn views() -> [View; 2] {
+    let scene = noise(ROWS, COLS + 8, |value| value as u8);
+    [0, 8].map(|shift| {
+        let pixel = |(y, x, _): (usize, usize, usize)| scene.row(y)[x + shift];
+        View { image: Image::U8(Array3::from_shape_fn((ROWS, COLS, 1), pixel)), mask: None }
+    })
 }
 
-fn evaluations(candidates: usize) -> ItemsCount {
-    ItemsCount::new(ROWS * COLS * candidates)
+/// The preset `fast`, of costs and totals in bytes.
+fn fast() -> Settings {
+    Settings {
+        neighborhood: 9,
+        frequencies: (1, 1),
+        precision: Precision::Byte,
+        optimizer: Optimizer::ScanlineOptimization,
+        penalty: Penalty { near: 1.0, far: 4.5 },
+        confidence: false,
+        ..Settings::default()
+    }
+}
+
+/// One bench: a level of this machine, a number of candidates.
+#[derive(Clone, Copy)]
+struct Case {
+    level: Level,
+    candidates: usize,
+}
+
+impl Case {
+    fn evaluations(self) -> ItemsCount {
+        ItemsCount::new(ROWS * COLS * self.candidates)
+    }
+}
+
+impl std::fmt::Display for Case {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "{}, {}", self.level.name(), self.candidates)
+    }
+}
+
+fn levels() -> impl Iterator<Item = Level> {
+    Level::all().filter_map(|(_, level)| level)
+}
+
+fn cases() -> impl Iterator<Item = Case> {
+    levels().flat_map(|level| COUNTS.map(|candidates| Case { level, candidates }))
+}
+
+/// What a strip of the whole image is matched from.
+struct Scene {
+    window: Window,
+    strip: Strip,
+    operands: Operands,
+}
+
+impl Scene {
+    fn new(case: Case, settings: &Settings) -> Self {
+        let (views, count) = (views(), case.candidates);
+        let candidates = Candidates::new(0, count as i64, COLS).expect("in reach");
+        let [left, right] = &views;
+        let costs =
+            Costs::new([left, right], candidates, settings, case.level, &Control::default())
+                .expect("memory");
+        let window = Window::new((ROWS, COLS), count, settings, costs.ceiling());
+        let strip = Strip { first: 0, rows: ROWS, margin: window.margin(), height: ROWS };
+        let mut operands = Operands::default();
+        operands.load(&costs, &strip).expect("memory");
+        Self { window, strip, operands }
+    }
 }
 
 mod descriptor {
-    use super::{Bencher, COLS, Control, ItemsCount, ROWS, Settings, noise, on_threads};
-    use phasestereo::descriptor::describe as describe_plane;
-
-    #[divan::bench(args = [7, 15, 31])]
-    fn describe(bencher: Bencher, neighborhood: usize) {
-        let gray = noise(ROWS, COLS, |value| 1000 * (value as i32 % 256));
-        let settings = Settings { neighborhood, ..Settings::default() };
-        let control = Control::default();
-        bencher
-            .counter(ItemsCount::new(ROWS * COLS))
-            .bench(|| on_threads(1, || describe_plane(&gray, &settings, &control)));
-    }
-}
-
-mod aggregation {
-    use super::{Bencher, COLS, Control, ROWS, aggregate_volume, evaluations, noise, window};
-
-    #[divan::bench(args = [16, 64, 256])]
-    fn aggregate(bencher: Bencher, candidates: usize) {
-        let costs = noise(ROWS, COLS * candidates, |value| (value % 15) as u16);
-        bencher
-            .counter(evaluations(candidates))
-            .bench(|| aggregate_volume(&costs, window(candidates), &Control::default()));
-    }
-}
-
-mod scanline {
-    use super::{Bencher, COLS, Control, ROWS, Settings, evaluations, noise, window};
-    use phasestereo::scanline::{Steps, optimize};
-    use phasestereo::settings::Optimizer;
-
-    #[divan::bench(args = [16, 64, 256])]
-    fn dynamic_programming(bencher: Bencher, candidates: usize) {
-        let costs = noise(ROWS, COLS * candidates, |value| value % 1134);
-        let steps = Steps::new(Settings::default().penalty, window(candidates), 1);
-        let optimizer = Optimizer::DynamicProgramming;
-        bencher
-            .counter(evaluations(candidates))
-            .bench(|| optimize(&costs, candidates, optimizer, steps, &Control::default()));
-    }
-}
-
-mod matcher {
     use super::{
-        Bencher, COLS, Control, Execution, Image, Pair, ROWS, Settings, View, evaluations, noise,
-        run,
+        Bencher, COLS, Control, Image, ItemsCount, ROWS, Settings, View, noise, on_threads,
     };
+    use ndarray::Array3;
+    use phasestereo::descriptor::describe as describe_gray;
+    use phasestereo::intensity::Gray;
+    use phasestereo::simd::Level;
 
-    #[divan::bench(args = [16, 64, 256])]
-    fn paper(bencher: Bencher, candidates: usize) {
-        let scene = noise(ROWS, COLS + 8, |value| value as u8);
-        let view = |shift: usize| View {
-            image: Image::U8(ndarray::Array3::from_shape_fn((ROWS, COLS, 1), |(y, x, _)| {
-                scene.row(y)[x + shift]
-            })),
-            mask: None,
-        };
-        let pair = Pair::new(view(0), view(8), 0, candidates as i64).expect("a legal pair");
-        let (settings, control) = (Settings::default(), Control::default());
-        let how = Execution { threads: 1, band_rows: None };
-        bencher.counter(evaluations(candidates)).bench(|| run(&pair, &settings, how, &control));
+    /// The image and the settings of one bench, by name.
+    type Case = (&'static str, fn() -> Image, Settings);
+
+    fn pixels<T>(channels: usize, mut value: impl FnMut(u32) -> T) -> Array3<T> {
+        let values = noise(ROWS, COLS * channels, &mut value).into_vec();
+        Array3::from_shape_vec((ROWS, COLS, channels), values).expect("as many values")
+    }
+
+    fn cases() -> Vec<Case> {
+        let bytes = || Image::U8(pixels(1, |value| value as u8));
+        let of_size = |neighborhood| Settings { neighborhood, ..Settings::default() };
+        let of_bits = |power, bits| Settings { power, bits, ..Settings::default() };
+        vec![
+            ("L = 7", bytes, of_size(7)),
+            ("L = 11", bytes, of_size(11)),
+            ("L = 15", bytes, of_size(15)),
+            ("L = 21", bytes, of_size(21)),
+            ("L = 63", bytes, of_size(63)),
+            ("b = 1", bytes, of_bits(1, 1)),
+            ("b = 3", bytes, of_bits(1, 3)),
+            ("b = 4", bytes, of_bits(1, 4)),
+            ("k = 2", bytes, of_bits(2, 2)),
+            ("colour", || Image::U8(pixels(3, |value| value as u8)), of_size(7)),
+            ("u16", || Image::U16(pixels(1, |value| value as u16)), of_size(7)),
+            ("f32", || Image::F32(pixels(1, |value| value as f32)), of_size(7)),
+        ]
+    }
+
+    fn names() -> Vec<String> {
+        let levels = Level::all().filter(|(_, level)| level.is_some());
+        levels
+            .flat_map(|(level, _)| {
+                cases().into_iter().map(move |(case, ..)| format!("{level}, {case}"))
+            })
+            .collect()
+    }
+
+    /// From the pixels of the image to its codes.
+    #[divan::bench(args = names())]
+    fn describe(bencher: Bencher, name: &str) {
+        let (level, case) = name.split_once(", ").expect("a level and a case");
+        let level = Level::all().find(|(known, _)| *known == level).and_then(|(_, level)| level);
+        let (_, image, settings) =
+            cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
+        let (level, control) = (level.expect("of this machine"), Control::default());
+        let view = View { image: image(), mask: None };
+        let work =
+            || describe_gray(&Gray::new(&view, level, &control)?, &settings, level, &control);
+        bencher.counter(ItemsCount::new(ROWS * COLS)).bench(|| on_threads(1, work));
+    }
+}
+
+/// Operands in lanes -> costs of one candidate after another, a few columns at a time into the same few
+/// kilobytes: the costs alone, as a match asks for them, without bringing images into lanes. The lanes of
+/// margins, which a match needs too, are not counted.
+mod cost {
+    use super::{Bencher, COLS, Case, CostKind, Operands, Scene, Settings, cases};
+    use phasestereo::simd::Kernel;
+    use phasestereo::value::Value;
+
+    /// Columns at a time.
+    const COLUMNS: usize = 32;
+
+    struct Write<'a, V> {
+        operands: &'a Operands,
+        lanes: usize,
+        candidates: usize,
+        costs: &'a mut [V],
+    }
+
+    impl<V: Value> Kernel for Write<'_, V> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run(self) {
+            for start in (0..COLS).step_by(COLUMNS) {
+                let columns = start..(start + COLUMNS).min(COLS);
+                for k in 0..self.candidates {
+                    let costs = &mut self.costs[..columns.len() * self.lanes];
+                    self.operands.write_costs(columns.clone(), k, costs);
+                }
+            }
+        }
+    }
+
+    fn write<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
+        let settings = Settings { window: 1, ..settings.clone() };
+        let Scene { strip, operands, .. } = Scene::new(case, &settings);
+        let lanes = strip.lanes();
+        let mut costs = vec![V::default(); COLUMNS * lanes];
+        let candidates = case.candidates;
+        bencher.counter(case.evaluations()).bench_local(|| {
+            let costs = divan::black_box(&mut costs[..]);
+            case.level.run(Write { operands: &operands, lanes, candidates, costs });
+        });
+    }
+
+    fn phase(frequencies: (usize, usize), bits: usize) -> Settings {
+        Settings { neighborhood: 9, frequencies, bits, ..Settings::default() }
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn phase_of_1_byte(bencher: Bencher, case: Case) {
+        write::<u8>(bencher, case, &phase((1, 1), 2));
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn phase_of_2_bytes(bencher: Bencher, case: Case) {
+        write::<u8>(bencher, case, &phase((2, 1), 2));
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn phase_of_4_bytes(bencher: Bencher, case: Case) {
+        write::<u8>(bencher, case, &phase((1, 1), 4));
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn phase_of_8_bytes(bencher: Bencher, case: Case) {
+        write::<u8>(bencher, case, &phase((4, 3), 2));
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn sad(bencher: Bencher, case: Case) {
+        write::<u16>(bencher, case, &Settings { cost: CostKind::Sad, ..Settings::default() });
+    }
+}
+
+/// One sweep over a strip: the costs as they are needed (of the codes of `fast` and of `paper`), sums over
+/// 9 x 9 pixels, the best of five.
+mod aggregation {
+    use super::{Bencher, Case, Scene, Settings, cases, fast};
+    use phasestereo::aggregation::{Aggregator, Sweep};
+    use phasestereo::value::Value;
+
+    fn sweep<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
+        let Scene { window, strip, operands } = Scene::new(case, settings);
+        assert!(window.largest_value(false) <= V::truncated(u64::MAX).widened());
+        let mut aggregator = Aggregator::<V>::default();
+        bencher.counter(case.evaluations()).bench_local(|| {
+            aggregator.begin(window, strip, false).expect("memory");
+            for tile in window.tiles() {
+                let aggregator = divan::black_box(&mut aggregator);
+                case.level.run(Sweep { aggregator, operands: &operands, tile: &tile });
+            }
+        });
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn bytes(bencher: Bencher, case: Case) {
+        sweep::<u8>(bencher, case, &fast());
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn words(bencher: Bencher, case: Case) {
+        sweep::<u16>(bencher, case, &Settings::default());
+    }
+}
+
+/// The search of a strip forth and back. Every tile has the same costs: fresh from the aggregation, as in a
+/// match, they are in the cache.
+mod scanline {
+    use super::{Bencher, COLS, Case, Optimizer, ROWS, Strip, Window, cases, noise};
+    use phasestereo::aggregation::Aggregated;
+    use phasestereo::scanline::{Advance, Scanline, Steps};
+    use phasestereo::strip::BLOCK;
+    use phasestereo::value::Value;
+
+    fn search<V: Value, T: Value>(bencher: Bencher, case: Case, optimizer: Optimizer) {
+        let candidates = case.candidates;
+        let window = Window { rows: ROWS, cols: COLS, candidates, side: 1, ..Window::default() };
+        let strip = Strip { first: 0, rows: ROWS, margin: 0, height: ROWS };
+        let widest = window.tiles().map(|tile| tile.finished.len()).max().unwrap_or(0);
+        let costs = noise(widest * strip.blocks() * candidates, BLOCK, |value| {
+            V::truncated(u64::from(value % 200))
+        });
+        let costs = Aggregated::new(costs.as_slice().as_chunks().0, strip.blocks(), candidates);
+        let (steps, mut scanline) = (Steps { near: 10, far: 50 }, Scanline::<T>::default());
+        bencher.counter(case.evaluations()).bench_local(|| {
+            scanline.begin(window, strip, optimizer, steps).expect("memory");
+            for tile in window.tiles() {
+                let scanline = divan::black_box(&mut scanline);
+                case.level.run(Advance { scanline, tile: &tile, costs });
+            }
+            scanline.trace_back();
+        });
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn dp_bytes(bencher: Bencher, case: Case) {
+        // Totals grow along the row: they never fit into bytes.
+        search::<u8, u32>(bencher, case, Optimizer::DynamicProgramming);
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn dp_words(bencher: Bencher, case: Case) {
+        search::<u16, u32>(bencher, case, Optimizer::DynamicProgramming);
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn so_bytes(bencher: Bencher, case: Case) {
+        search::<u8, u8>(bencher, case, Optimizer::ScanlineOptimization);
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn so_words(bencher: Bencher, case: Case) {
+        search::<u16, u32>(bencher, case, Optimizer::ScanlineOptimization);
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn wta_bytes(bencher: Bencher, case: Case) {
+        search::<u8, u8>(bencher, case, Optimizer::WinnerTakesAll);
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn wta_words(bencher: Bencher, case: Case) {
+        search::<u16, u32>(bencher, case, Optimizer::WinnerTakesAll);
+    }
+}
+
+/// Whole matches, from images to disparities, by a matcher that has its memory already.
+mod matcher {
+    use super::{Bencher, Case, Control, Settings, cases, fast, views};
+    use phasestereo::matcher::{Execution, Matcher, Pair};
+
+    fn whole(bencher: Bencher, case: Case, settings: &Settings) {
+        let [left, right] = views();
+        let pair = Pair::new(left, right, 0, case.candidates as i64).expect("a legal pair");
+        let how = Execution { threads: 1, strip_rows: None, level: case.level };
+        let matcher = Matcher::new(1).expect("a thread starts");
+        bencher
+            .counter(case.evaluations())
+            .bench_local(|| matcher.run(&pair, settings, how, &Control::default()));
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn like_fast(bencher: Bencher, case: Case) {
+        whole(bencher, case, &fast());
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn like_paper(bencher: Bencher, case: Case) {
+        whole(bencher, case, &Settings::default());
+    }
+}
+
+/// What the machine can do, in the same units: a stage that takes `n` of these steps for an evaluation is
+/// hardly faster than an `n`th of this. (The first byte of a code is: it has no sum to be added to.)
+mod machine {
+    use super::{Bencher, Level, levels, noise};
+    use divan::counter::{BytesCount, ItemsCount};
+    use phasestereo::plane::Plane;
+    use phasestereo::simd::Kernel;
+
+    /// Bytes of one operand: three of them are at home in any first-level cache.
+    const FEW: usize = 8 << 10;
+    /// Times that they are gone through for one sample.
+    const TIMES: usize = 1000;
+
+    /// A level of this machine, by its name.
+    struct At(Level);
+
+    impl std::fmt::Display for At {
+        fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+            write!(f, "{}", self.0.name())
+        }
+    }
+
+    fn every() -> impl Iterator<Item = At> {
+        levels().map(At)
+    }
+
+    /// What is done with each byte.
+    trait Step {
+        fn step(left: u8, right: u8, sum: u8) -> u8;
+    }
+
+    #[derive(Clone, Copy)]
+    struct Distance;
+    #[derive(Clone, Copy)]
+    struct Least;
+
+    impl Step for Distance {
+        #[inline(always)]
+        fn step(left: u8, right: u8, sum: u8) -> u8 {
+            sum.wrapping_add((left ^ right).count_ones() as u8)
+        }
+    }
+
+    impl Step for Least {
+        #[inline(always)]
+        fn step(left: u8, right: u8, sum: u8) -> u8 {
+            sum.min(left.saturating_add(right))
+        }
+    }
+
+    struct Through<'a, S>([&'a [u8]; 2], &'a mut [u8], S);
+
+    impl<S: Step> Kernel for Through<'_, S> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run(self) {
+            let Self([left, right], sums, _) = self;
+            for ((sum, left), right) in sums.iter_mut().zip(left).zip(right) {
+                *sum = S::step(*left, *right, *sum);
+            }
+        }
+    }
+
+    fn through<S: Step + Copy>(bencher: Bencher, At(level): &At, step: S) {
+        let operands: Plane<u8> = noise(2, FEW, |value| value as u8);
+        let mut sums = vec![0; FEW];
+        bencher.counter(ItemsCount::new(FEW * TIMES)).bench_local(|| {
+            for _ in 0..TIMES {
+                let rows = divan::black_box([operands.row(0), operands.row(1)]);
+                level.run(Through(rows, divan::black_box(&mut sums), step));
+            }
+        });
+    }
+
+    /// XOR, population count and sum of bytes.
+    #[divan::bench(args = every(), sample_count = 20)]
+    fn distance_of_bytes(bencher: Bencher, at: &At) {
+        through(bencher, at, Distance);
+    }
+
+    /// Saturating sum and minimum of bytes: one way of a search.
+    #[divan::bench(args = every(), sample_count = 20)]
+    fn least_of_bytes(bencher: Bencher, at: &At) {
+        through(bencher, at, Least);
+    }
+
+    /// Bytes copied within memory that fits into a first-level cache, a second-level one, and neither.
+    #[divan::bench(args = [8 << 10, 160 << 10, 64 << 20], sample_count = 20)]
+    fn copy(bencher: Bencher, bytes: usize) {
+        let (from, mut to) = (vec![1u8; bytes], vec![0u8; bytes]);
+        let times = ((64 << 20) / bytes).max(1);
+        bencher.counter(BytesCount::new(bytes * times)).bench_local(|| {
+            for _ in 0..times {
+                divan::black_box(&mut to[..]).copy_from_slice(divan::black_box(&from[..]));
+            }
+        });
     }
 }

@@ -1,48 +1,16 @@
 //! Integer tables of the local Fourier transform.
 //!
 //! The descriptor is *defined* on these integers, rounding included. Tables of non-zero frequencies sum
-//! to zero exactly, so a constant added to an image changes nothing, not even on ties.
-//!
-//! The uniform window slides: its table is indexed by the absolute coordinate modulo `L`, a sum over any
-//! `L` neighbours is then one period whatever pixel it starts at, and one rotation at the end moves the
-//! transform's origin to the centre pixel. Tapered windows do not slide; their tables are indexed by the
-//! offset from the centre and their rotation is the identity.
+//! to zero exactly, so a constant added to an image changes nothing, not even on ties. All are centred at
+//! the pixel: their real part is even and their imaginary part odd, so one half tells the whole.
 
 use std::f64::consts::TAU;
 
 use crate::settings::{Settings, Taper};
 
-/// Amplitude of the tables, as a power of two. Sums of 26-bit pixels over 63 x 63 with two tables then
-/// fit in 62 bits, and a tap is within 2^-12 of the exact value (2^-13 by rounding, the rest by balancing).
-const AMPLITUDE_LOG2: u32 = 12;
-
-/// A complex number in integers.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Complex {
-    /// Real part.
-    pub re: i64,
-    /// Imaginary part.
-    pub im: i64,
-}
-
-impl Complex {
-    /// The complex conjugate.
-    pub fn conj(self) -> Self {
-        Self { im: -self.im, ..self }
-    }
-
-    /// This sum with `factor * value` added.
-    pub fn plus(self, factor: Self, value: i64) -> Self {
-        Self { re: self.re + factor.re * value, im: self.im + factor.im * value }
-    }
-
-    /// The exact product.
-    pub fn times(self, other: Self) -> (i128, i128) {
-        let (a, b) = (i128::from(self.re), i128::from(self.im));
-        let (c, d) = (i128::from(other.re), i128::from(other.im));
-        (a * c - b * d, a * d + b * c)
-    }
-}
+/// Amplitude of the tables times `L`. Sums of 8-bit pixels then fit in 32 bits for every `L`, and those of
+/// any pixels are exact in double precision. A tap is within a step of the exact value: 1/570 for `L` = 7.
+const AMPLITUDE_TIMES_SIZE: usize = 4000;
 
 /// One spectral component of the descriptor: its frequency indices along x and y.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,35 +21,29 @@ pub struct Component {
     pub v: isize,
 }
 
+/// The taps `even[|j|] + i sgn(j) odd[|j|]`, `j` pixels from the centre.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Filter {
+    /// Real parts, from the centre outwards.
+    pub even: Vec<i32>,
+    /// Imaginary parts on the side of rising coordinates, from the centre (0) outwards.
+    pub odd: Vec<i32>,
+}
+
 /// Everything about the transform that does not depend on the image.
 #[derive(Debug, Clone)]
 pub struct Basis {
     size: usize,
-    slides: bool,
-    components: Vec<Component>,
-    filters: Vec<Vec<Complex>>,
-    rotations: Vec<Complex>,
+    frequencies: (usize, usize),
+    filters: Vec<Filter>,
 }
 
 impl Basis {
     /// Tables for checked settings.
     pub fn new(settings: &Settings) -> Self {
         let (size, (r, s)) = (settings.neighborhood, settings.frequencies);
-        let slides = settings.taper == Taper::Uniform;
-        let filter = |f| if slides { wave(size, f) } else { tapered(settings.taper, size, f) };
-        let identity = vec![Complex { re: 1, im: 0 }; size];
-        Self {
-            size,
-            slides,
-            components: components(r, s),
-            filters: (0..=r.max(s)).map(filter).collect(),
-            rotations: if slides { rotations(size) } else { identity },
-        }
-    }
-
-    /// Side of the neighbourhood, `L`.
-    pub fn size(&self) -> usize {
-        self.size
+        let filters = (0..=r.max(s)).map(|f| filter(settings.taper, size, f)).collect();
+        Self { size, frequencies: (r, s), filters }
     }
 
     /// Pixels from the centre of the neighbourhood to its side.
@@ -89,101 +51,62 @@ impl Basis {
         self.size / 2
     }
 
-    /// Whether filters are indexed by the absolute coordinate, so that sums can slide.
-    pub fn slides(&self) -> bool {
-        self.slides
+    /// Highest frequency indices `(r, s)` along x and y.
+    pub fn frequencies(&self) -> (usize, usize) {
+        self.frequencies
     }
 
-    /// The components in the order of the paper: `u = 0` first, `v` innermost.
-    pub fn components(&self) -> &[Component] {
-        &self.components
+    /// The components in the order of the paper: `u = 0` with `v = 1..=s`, half of a conjugate-symmetric
+    /// row of the spectrum; then `u = 1..=r` with all `v`.
+    pub fn components(&self) -> Vec<Component> {
+        let (r, s) = (self.frequencies.0, self.frequencies.1 as isize);
+        let axis = (1..=s).map(|v| Component { u: 0, v });
+        let rest = (1..=r).flat_map(|u| (-s..=s).map(move |v| Component { u, v }));
+        axis.chain(rest).collect()
     }
 
-    /// Highest frequency index along x.
-    pub fn highest_u(&self) -> usize {
-        self.components.iter().map(|c| c.u).max().unwrap_or(0)
+    /// The filters by frequency index; that of index 0 is the window itself.
+    pub fn filters(&self) -> &[Filter] {
+        &self.filters
     }
 
-    /// The factor of frequency index `f` (negative: the conjugate) at `coordinate`, which lies `offset`
-    /// pixels from the centre.
-    pub fn filter(&self, f: isize, coordinate: isize, offset: isize) -> Complex {
-        let place = if self.slides {
-            coordinate.rem_euclid(self.size as isize)
-        } else {
-            offset + self.radius() as isize
-        };
-        let value = self.filters[f.unsigned_abs()][place as usize];
-        if f < 0 { value.conj() } else { value }
-    }
-
-    /// The factors that move the origin to the centre pixel, by `(u x + v y)` modulo `L`.
-    pub fn rotations(&self) -> &[Complex] {
-        &self.rotations
-    }
-
-    /// Index into [`Self::rotations`] of `component` at pixel `(x, y)`.
-    pub fn rotation_index(&self, component: Component, x: usize, y: usize) -> usize {
-        let cycles = (component.u * x) as isize + component.v * y as isize;
-        cycles.rem_euclid(self.size as isize) as usize
+    /// How many times the largest pixel no component can exceed, nor any sum on the way to it.
+    pub fn gain(&self) -> u64 {
+        let largest = self.filters.iter().map(Filter::total).fold(0.0, f64::max);
+        largest.powi(2).ceil() as u64
     }
 }
 
-/// Half of the conjugate-symmetric spectrum: `u = 0` with `v = 1..=s`, then `u = 1..=r` with all `v`.
-fn components(r: usize, s: usize) -> Vec<Component> {
-    let s = s as isize;
-    let axis = (1..=s).map(|v| Component { u: 0, v });
-    let rest = (1..=r).flat_map(|u| (-s..=s).map(move |v| Component { u, v }));
-    axis.chain(rest).collect()
-}
-
-/// `exp(-2 pi i f m / L)` for `m = 0..L`; frequency 0 is plainly 1.
-fn wave(size: usize, f: usize) -> Vec<Complex> {
-    if f == 0 {
-        return vec![Complex { re: 1, im: 0 }; size];
+impl Filter {
+    /// The sum of the magnitudes of all taps.
+    fn total(&self) -> f64 {
+        let side = self.even[1..].iter().zip(&self.odd[1..]);
+        let side = side.map(|(even, odd)| f64::from(*even).hypot(f64::from(*odd)));
+        f64::from(self.even[0]).abs() + 2.0 * side.sum::<f64>()
     }
-    // Frequencies that share a divisor with L run through a shorter cycle, which must sum to zero itself.
-    let divisor = greatest_common_divisor(f, size);
-    let (period, step) = (size / divisor, f / divisor);
-    let angle = |m: usize| TAU * m as f64 / period as f64;
-    let cosines: Vec<f64> = (0..=period / 2).map(|m| amplitude() * angle(m).cos()).collect();
-    let cosines = rounded_to_zero_sum(&cosines);
-    let at = |m: usize| Complex {
-        re: cosines[m.min(period - m)],
-        im: -(amplitude() * angle(m).sin()).round() as i64,
-    };
-    (0..size).map(|m| at(m * step % period)).collect()
 }
 
-/// `exp(+2 pi i m / L)`.
-fn rotations(size: usize) -> Vec<Complex> {
-    let angle = |m: usize| TAU * m as f64 / size as f64;
-    let rounded = |value: f64| (amplitude() * value).round() as i64;
-    (0..size)
-        .map(|m| Complex { re: rounded(angle(m).cos()), im: rounded(angle(m).sin()) })
-        .collect()
+/// Even, as the centre of a table that sums to zero must be.
+fn amplitude(size: usize) -> usize {
+    AMPLITUDE_TIMES_SIZE / size / 2 * 2
 }
 
-/// `w(j) (exp(-2 pi i f j / L) - kappa)` for `j = -h..=h`, `kappa` such that a constant gives zero (the
-/// correction that makes Morlet wavelets admissible); frequency 0 is the window `w` itself.
-fn tapered(taper: Taper, size: usize, f: usize) -> Vec<Complex> {
-    let radius = size / 2;
+/// `w(j) (exp(-2 pi i f j / L) - kappa)`, `kappa` such that a constant gives zero (the correction that makes
+/// Morlet wavelets admissible; none is needed for the uniform window); frequency 0 is the window `w`.
+fn filter(taper: Taper, size: usize, f: usize) -> Filter {
+    let (radius, scale) = (size / 2, amplitude(size) as f64);
     let window: Vec<f64> = (0..=radius).map(|j| weight(taper, size, j)).collect();
     let angle = |j: usize| TAU * (f * j) as f64 / size as f64;
     let both_sides =
         |value: &dyn Fn(usize) -> f64| value(0) + 2.0 * (1..=radius).map(value).sum::<f64>();
     let kappa = both_sides(&|j| window[j] * angle(j).cos()) / both_sides(&|j| window[j]);
-    let real =
-        |j: usize| amplitude() * window[j] * if f == 0 { 1.0 } else { angle(j).cos() - kappa };
+    let real = |j: usize| scale * window[j] * if f == 0 { 1.0 } else { angle(j).cos() - kappa };
     let exact: Vec<f64> = (0..=radius).map(real).collect();
-    let cosines = if f == 0 {
-        exact.iter().map(|v| v.round() as i64).collect()
-    } else {
-        rounded_to_zero_sum(&exact)
-    };
-    let imaginary = |j: usize| (amplitude() * window[j] * angle(j).sin()).round() as i64;
-    let left = (1..=radius).rev().map(|j| Complex { re: cosines[j], im: imaginary(j) });
-    let right = (0..=radius).map(|j| Complex { re: cosines[j], im: -imaginary(j) });
-    left.chain(right).collect()
+    let imaginary = |j: usize| -(scale * window[j] * angle(j).sin()).round() as i32;
+    Filter {
+        even: if f == 0 { rounded(&exact) } else { rounded_to_zero_sum(&exact) },
+        odd: (0..=radius).map(imaginary).collect(),
+    }
 }
 
 /// The window's weight `j` pixels from its centre, where it is 1.
@@ -196,30 +119,26 @@ fn weight(taper: Taper, size: usize, j: usize) -> f64 {
     }
 }
 
-fn amplitude() -> f64 {
-    f64::from(1u32 << AMPLITUDE_LOG2)
+fn rounded(exact: &[f64]) -> Vec<i32> {
+    exact.iter().map(|value| value.round() as i32).collect()
 }
 
 /// Rounds one half of a symmetric filter, its centre first, so that the whole filter sums to zero: the
 /// taps that rounding had moved furthest to the wrong side are moved back by one.
-fn rounded_to_zero_sum(exact: &[f64]) -> Vec<i64> {
-    let mut rounded: Vec<i64> = exact.iter().map(|value| value.round() as i64).collect();
+fn rounded_to_zero_sum(exact: &[f64]) -> Vec<i32> {
+    let mut rounded = rounded(exact);
     // The centre counts once and all others twice: only an even centre can be balanced.
     if rounded[0] % 2 != 0 {
-        rounded[0] += if exact[0] > rounded[0] as f64 { 1 } else { -1 };
+        rounded[0] += if exact[0] > f64::from(rounded[0]) { 1 } else { -1 };
     }
-    let excess = rounded[0] / 2 + rounded[1..].iter().sum::<i64>();
-    let gain = |k: usize| (rounded[k] as f64 - exact[k]) * excess as f64;
+    let excess = rounded[0] / 2 + rounded[1..].iter().sum::<i32>();
+    let gain = |k: usize| (f64::from(rounded[k]) - exact[k]) * f64::from(excess);
     let mut order: Vec<usize> = (1..exact.len()).collect();
     order.sort_by(|&a, &b| gain(b).total_cmp(&gain(a)));
     for &k in order.iter().cycle().take(excess.unsigned_abs() as usize) {
         rounded[k] -= excess.signum();
     }
     rounded
-}
-
-fn greatest_common_divisor(a: usize, b: usize) -> usize {
-    if b == 0 { a } else { greatest_common_divisor(b, a % b) }
 }
 
 #[cfg(test)]
@@ -250,40 +169,26 @@ mod tests {
     fn filters_of_non_zero_frequency_sum_to_zero() {
         for (taper, size, basis) in every_basis() {
             for filter in &basis.filters[1..] {
-                let sum = filter.iter().fold((0, 0), |(re, im), c| (re + c.re, im + c.im));
-                assert_eq!(sum, (0, 0), "{taper:?} {size}");
+                let sum = filter.even[0] + 2 * filter.even[1..].iter().sum::<i32>();
+                assert_eq!((sum, filter.odd[0]), (0, 0), "{taper:?} {size}");
             }
         }
     }
 
     #[test]
-    fn uniform_filters_are_within_a_step_of_the_exact_wave() {
-        for (_, size, basis) in every_basis().filter(|(taper, ..)| *taper == Taper::Uniform) {
-            for (f, filter) in basis.filters.iter().enumerate().skip(1) {
-                for (m, c) in filter.iter().enumerate() {
-                    let angle = TAU * (f * m) as f64 / size as f64;
-                    let error = (c.re as f64 - amplitude() * angle.cos())
-                        .hypot(c.im as f64 + amplitude() * angle.sin());
-                    assert!(error < 0.75, "L = {size}, f = {f}, m = {m}: {error}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn tapered_filters_are_within_a_step_of_the_exact_ones() {
-        for (taper, size, basis) in every_basis().filter(|(taper, ..)| *taper != Taper::Uniform) {
+    fn filters_are_within_a_step_of_the_exact_ones() {
+        for (taper, size, basis) in every_basis() {
             let radius = (size / 2) as isize;
-            let weights: Vec<f64> =
-                (-radius..=radius).map(|j| weight(taper, size, j.unsigned_abs())).collect();
+            let weight = |j: isize| weight(taper, size, j.unsigned_abs());
+            let total: f64 = (-radius..=radius).map(weight).sum();
             for (f, filter) in basis.filters.iter().enumerate().skip(1) {
-                let angle = |j: usize| TAU * f as f64 * (j as f64 - radius as f64) / size as f64;
-                let total: f64 = weights.iter().sum();
-                let kappa = (0..size).map(|j| weights[j] * angle(j).cos()).sum::<f64>() / total;
-                for (j, c) in filter.iter().enumerate() {
-                    let scale = amplitude() * weights[j];
-                    let error = (c.re as f64 - scale * (angle(j).cos() - kappa))
-                        .hypot(c.im as f64 + scale * angle(j).sin());
+                let angle = |j: isize| TAU * f as f64 * j as f64 / size as f64;
+                let kappa =
+                    (-radius..=radius).map(|j| weight(j) * angle(j).cos()).sum::<f64>() / total;
+                for (j, (even, odd)) in (0..).zip(filter.even.iter().zip(&filter.odd)) {
+                    let scale = amplitude(size) as f64 * weight(j);
+                    let error = (f64::from(*even) - scale * (angle(j).cos() - kappa))
+                        .hypot(f64::from(*odd) + scale * angle(j).sin());
                     assert!(error < 1.01, "{taper:?}, L = {size}, f = {f}, j = {j}: {error}");
                 }
             }
@@ -291,19 +196,31 @@ mod tests {
     }
 
     #[test]
-    fn components_follow_the_paper() {
-        let order: Vec<_> = components(2, 1).iter().map(|c| (c.u, c.v)).collect();
-        assert_eq!(order, [(0, 1), (1, -1), (1, 0), (1, 1), (2, -1), (2, 0), (2, 1)]);
-        assert_eq!(components(4, 4).len(), 40);
-        assert_eq!(components(0, 2).len(), 2);
+    fn sums_of_bytes_fit_in_32_bits_and_those_of_any_pixels_in_53() {
+        for (taper, size, basis) in every_basis() {
+            assert!(128 * basis.gain() < 1 << 31, "{taper:?} {size}");
+            assert!(basis.gain() << 25 < 1 << 53, "{taper:?} {size}");
+        }
     }
 
     #[test]
-    fn tapers_fall_from_one_at_the_centre() {
-        for (taper, size, basis) in every_basis().filter(|(taper, ..)| *taper != Taper::Uniform) {
-            let window = &basis.filters[0];
-            assert_eq!(window[size / 2].re, 1 << AMPLITUDE_LOG2);
-            assert!((1..=size / 2).all(|j| window[j - 1].re <= window[j].re), "{taper:?} {size}");
+    fn components_follow_the_paper() {
+        let order = |frequencies| -> Vec<_> {
+            let basis =
+                Basis::new(&Settings { frequencies, neighborhood: 9, ..Settings::default() });
+            basis.components().iter().map(|c| (c.u, c.v)).collect()
+        };
+        assert_eq!(order((2, 1)), [(0, 1), (1, -1), (1, 0), (1, 1), (2, -1), (2, 0), (2, 1)]);
+        assert_eq!(order((4, 4)).len(), 40);
+        assert_eq!(order((0, 2)), [(0, 1), (0, 2)]);
+    }
+
+    #[test]
+    fn windows_fall_from_the_amplitude_at_the_centre() {
+        for (taper, size, basis) in every_basis() {
+            let window = &basis.filters[0].even;
+            assert_eq!(window[0] as usize, amplitude(size));
+            assert!(window.is_sorted_by(|a, b| a >= b), "{taper:?} {size}");
         }
     }
 }

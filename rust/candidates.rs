@@ -55,28 +55,11 @@ impl Candidates {
         !(0..width as isize).contains(&(x as isize - self.disparity(k)))
     }
 
-    /// Hands `write` each left value, the right values of its candidates, and its places in `row`.
-    pub fn pair_up<T: Copy, U>(
-        self,
-        left: &[T],
-        right: &[T],
-        row: &mut [U],
-        mut write: impl FnMut(T, &[T], &mut [U]),
-    ) {
-        let unrolled = self.unroll(right);
-        for (x, (&left, places)) in left.iter().zip(row.chunks_exact_mut(self.count)).enumerate() {
-            write(left, &unrolled[right.len() - 1 - x..][..self.count], places);
-        }
-    }
-
-    /// The right row as the candidates meet it: reversed and padded by its border values, so that the
-    /// candidates of `x` are the `count` values from `width - 1 - x`.
-    fn unroll<T: Copy>(self, right: &[T]) -> Vec<T> {
-        let width = right.len();
-        // Place i stands for x = 0 with a disparity of i - (width - 1) above the smallest.
-        let place = |i: usize| (width - 1) as isize - self.min - i as isize;
-        let column = |i| place(i).clamp(0, width as isize - 1) as usize;
-        (0..width - 1 + self.count).map(|i| right[column(i)]).collect()
+    /// The right columns as the candidates meet them, clamped into the image: column `x` meets candidate `k`
+    /// at place `x + count - 1 - k`.
+    pub fn unrolled(self, width: usize) -> Vec<usize> {
+        let column = |place| self.column(place, self.count - 1, width);
+        (0..width + self.count - 1).map(column).collect()
     }
 }
 
@@ -86,13 +69,13 @@ mod tests {
 
     #[test]
     fn an_unrolled_row_holds_every_candidate() {
-        let right: Vec<usize> = (0..7).collect();
         for min in -9..7 {
             for count in 1..=7 {
                 let Ok(candidates) = Candidates::new(min, count, 7) else { continue };
-                let unrolled = candidates.unroll(&right);
-                for (x, k) in (0..7).flat_map(|x| (0..count as usize).map(move |k| (x, k))) {
-                    assert_eq!(unrolled[6 - x + k], candidates.column(x, k, 7));
+                let unrolled = candidates.unrolled(7);
+                let count = candidates.count();
+                for (x, k) in (0..7).flat_map(|x| (0..count).map(move |k| (x, k))) {
+                    assert_eq!(unrolled[x + count - 1 - k], candidates.column(x, k, 7));
                 }
             }
         }

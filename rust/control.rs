@@ -17,14 +17,14 @@ impl Control {
         self.cancelled.store(true, Ordering::Relaxed);
     }
 
-    /// An error once [`Self::cancel`] was called; to be asked at least once per image row.
+    /// An error once [`Self::cancel`] was called; to be asked every few milliseconds.
     pub fn checkpoint(&self) -> Result<()> {
         if self.cancelled.load(Ordering::Relaxed) { Err(Error::Cancelled) } else { Ok(()) }
     }
 
-    /// Counts one finished row of the disparity map.
-    pub fn row_done(&self) {
-        self.rows_done.fetch_add(1, Ordering::Relaxed);
+    /// Counts finished rows of the disparity map.
+    pub fn finish_rows(&self, rows: usize) {
+        self.rows_done.fetch_add(rows, Ordering::Relaxed);
     }
 
     /// Finished rows of the disparity map.

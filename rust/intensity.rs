@@ -1,14 +1,15 @@
-//! Pixels of any type -> integers on one scale: gray planes for the phase codes, channel planes for SAD.
+//! Pixels of any type -> integers on one scale: gray values for the phase codes, channel planes for SAD.
 //!
-//! Everything after this module is integer arithmetic, so that results do not depend on how the work is
-//! cut into bands. Gray is `299 R + 587 G + 114 B` thousandths, exact for integer images: scaling both
-//! images by one factor then scales every spectral component exactly, and no code changes.
+//! Everything after this module is exact, so that results do not depend on how the work is cut into bands.
+//! Gray values of integer images are exact, too, those of colour images being `299 R + 587 G + 114 B`
+//! thousandths: scaling an image by a factor then scales every spectral component by it, and no code changes.
 
 use crate::control::Control;
 use crate::error::Result;
 use crate::masking::fill_masked;
-use crate::plane::Plane;
-use crate::view::View;
+use crate::plane::{Plane, zeroed};
+use crate::simd::{Kernel, Level};
+use crate::view::{Image, View};
 
 /// Steps into which the intensity range of a float image is cut: `2^21` to `2^22`, finer than 16 bits.
 const FLOAT_STEPS_LOG2: i32 = 21;
@@ -17,7 +18,7 @@ const FLOAT_REACH: f64 = (1 << 24) as f64;
 /// Share of the pixels left out at either end of a float image's robust range.
 const OUTLIERS: f64 = 0.001;
 /// Pixels that are enough to find that range; of larger images a sample is taken.
-const MOST_SAMPLES: usize = 1 << 20;
+const MOST_SAMPLES: usize = 1 << 16;
 
 /// Fixed-point steps per gray level of a channel plane, where black to white is 255 gray levels.
 pub const LEVEL_STEPS: u16 = 16;
@@ -45,43 +46,126 @@ impl Range {
     }
 }
 
-/// The gray plane under the phase codes, centred so that 25 bits and the sign hold any image.
-///
-/// Codes compare directions, not lengths: each image may have a scale of its own.
-pub fn gray_plane(view: &View, control: &Control) -> Result<Plane<i32>> {
-    let (rows, cols, _) = view.image.shape();
-    let scale = match view.image.white() {
-        Some(white) => Scale::Exact { middle: 500.0 * f64::from(white) },
-        None => Scale::new(robust_range(view, control)?),
-    };
-    let plane = Plane::by_rows((rows, cols), control, |y, gray: &mut [i32]| {
-        let mut luminance = vec![0.0; cols];
-        view.image.write_luminance(y, &mut luminance);
-        gray.iter_mut().zip(luminance).for_each(|(gray, value)| *gray = scale.gray(value));
-    })?;
-    filled(plane, view, control)
+/// The gray values under the phase codes, centred about zero; each image may have a scale of its own, since
+/// codes compare directions, not lengths.
+#[derive(Debug)]
+pub struct Gray<'a> {
+    source: Source<'a>,
+    size: (usize, usize),
+    reach: u32,
+}
+
+#[derive(Debug)]
+enum Source<'a> {
+    /// Converted a row at a time, when it is needed.
+    Image(&'a Image, Scale),
+    /// What is not that simple, or comes from elsewhere.
+    Plane(Plane<i32>),
+}
+
+impl<'a> Gray<'a> {
+    /// The gray values of a checked view; masked pixels take the values of valid neighbours.
+    pub fn new(view: &'a View, level: Level, control: &Control) -> Result<Self> {
+        let (rows, cols, channels) = view.image.shape();
+        let scale = match view.image.white() {
+            Some(white) => Scale::Exact { middle: (i32::from(white) + 1) / 2 },
+            None => Scale::Steps(Steps::new(robust_range(view, control)?)),
+        };
+        let reach = match scale {
+            Scale::Exact { middle } if channels == 3 => 1000 * middle as u32,
+            Scale::Exact { middle } => middle as u32,
+            Scale::Steps(_) => FLOAT_REACH as u32,
+        };
+        let gray = Self { source: Source::Image(&view.image, scale), size: (rows, cols), reach };
+        if view.mask.is_none() {
+            return Ok(gray);
+        }
+        let plane = Plane::by_bands(gray.size, 1, |y, row| {
+            control.checkpoint()?;
+            gray.write_row(y, level, row)
+        })?;
+        Ok(Self { source: Source::Plane(filled(plane, view, control)?), ..gray })
+    }
+
+    /// A plane whose values are of magnitude up to `reach`, at most 2^25.
+    pub fn within(reach: u32, plane: Plane<i32>) -> Self {
+        debug_assert!(reach <= 1 << 25);
+        Self { size: (plane.rows(), plane.cols()), source: Source::Plane(plane), reach }
+    }
+
+    /// Rows and columns.
+    pub fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    /// The largest magnitude there can be.
+    pub fn reach(&self) -> u32 {
+        self.reach
+    }
+
+    /// Writes row `y`.
+    pub fn write_row(&self, y: usize, level: Level, gray: &mut [i32]) -> Result<()> {
+        match &self.source {
+            Source::Plane(plane) => gray.copy_from_slice(plane.row(y)),
+            Source::Image(image, Scale::Exact { middle }) => {
+                image.write_centred(y, *middle, level, gray);
+            }
+            Source::Image(image, Scale::Steps(steps)) => {
+                let mut luminance = zeroed(gray.len())?;
+                image.write_luminance(y, &mut luminance);
+                level.run(ToSteps { luminance: &luminance, steps: *steps, gray });
+            }
+        }
+        Ok(())
+    }
 }
 
 /// How gray values become integers.
 #[derive(Debug, Clone, Copy)]
 enum Scale {
     /// Integer images, about the middle of their type's range.
-    Exact { middle: f64 },
-    /// Float images, in steps of a power of two above black: scaling an image by one changes nothing.
-    Steps { black: f64, exponent: i32 },
+    Exact { middle: i32 },
+    /// Float images.
+    Steps(Steps),
 }
 
-impl Scale {
+/// Steps of a power of two above black: scaling an image by one changes nothing.
+#[derive(Debug, Clone, Copy)]
+struct Steps {
+    black: f64,
+    /// Steps per unit: the product of two, since the power alone may overflow.
+    factors: [f64; 2],
+}
+
+impl Steps {
     fn new(range: Range) -> Self {
-        Self::Steps { black: range.black, exponent: FLOAT_STEPS_LOG2 - floor_log2(range.width()) }
+        let exponent = FLOAT_STEPS_LOG2 - floor_log2(range.width());
+        let half = exponent / 2;
+        Self { black: range.black, factors: [half, exponent - half].map(|power| 2f64.powi(power)) }
     }
 
+    #[inline(always)]
     fn gray(self, value: f64) -> i32 {
-        match self {
-            Self::Exact { middle } => (value - middle) as i32,
-            Self::Steps { black, exponent } => {
-                times_power(value - black, exponent).clamp(-FLOAT_REACH, FLOAT_REACH).round() as i32
-            }
+        let steps = (value - self.black) * self.factors[0] * self.factors[1];
+        // Beside 2^52 there is no room for fractions: the sum is rounded, and its low bits are the integer.
+        let rounded = steps.clamp(-FLOAT_REACH, FLOAT_REACH) + 1.5 * (1u64 << 52) as f64;
+        rounded.to_bits() as i32
+    }
+}
+
+struct ToSteps<'a> {
+    luminance: &'a [f64],
+    steps: Steps,
+    gray: &'a mut [i32],
+}
+
+impl Kernel for ToSteps<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (gray, value) in self.gray.iter_mut().zip(self.luminance) {
+            *gray = self.steps.gray(*value);
         }
     }
 }
@@ -126,27 +210,35 @@ fn levels(view: &View, range: Range, as_gray: bool, control: &Control) -> Result
     (0..if as_gray { 1 } else { channels }).map(plane).collect()
 }
 
-/// Where the valid pixels of a float image lie, but for the outliers at either end.
+/// Where the valid pixels of a float image lie, but for the outliers at either end; where all of them, if
+/// the others are of one value.
 ///
 /// The ends are those of an even sample: a large image has more pixels than its range needs.
 fn robust_range(view: &View, control: &Control) -> Result<Range> {
     let (rows, cols, _) = view.image.shape();
-    let stride = (rows * cols).div_ceil(MOST_SAMPLES);
-    let (mut extremes, mut sample) = (None::<Range>, Vec::new());
-    let mut luminance = vec![0.0; cols];
-    for y in 0..rows {
-        control.checkpoint()?;
-        view.image.write_luminance(y, &mut luminance);
-        for (x, &value) in luminance.iter().enumerate().filter(|(x, _)| view.is_valid(y, *x)) {
-            let here = Range { black: value, white: value };
-            extremes = Some(extremes.map_or(here, |range| range.union(here)));
-            if (y * cols + x) % stride == 0 {
-                sample.push(value);
-            }
+    let mut sample = luminances(view, (rows * cols).div_ceil(MOST_SAMPLES), control)?;
+    match inner_range(&mut sample) {
+        Some(range) if range.width() > 0.0 => Ok(range),
+        _ => {
+            let all = luminances(view, 1, control)?.into_iter();
+            let ranges = all.map(|value| Range { black: value, white: value });
+            Ok(ranges.reduce(Range::union).unwrap_or(Range { black: 0.0, white: 0.0 }))
         }
     }
-    let extremes = extremes.unwrap_or(Range { black: 0.0, white: 0.0 });
-    Ok(inner_range(&mut sample).filter(|range| range.width() > 0.0).unwrap_or(extremes))
+}
+
+/// The luminances of the valid ones among every so many pixels.
+fn luminances(view: &View, stride: usize, control: &Control) -> Result<Vec<f64>> {
+    let (rows, cols, _) = view.image.shape();
+    let mut sample = zeroed((rows * cols).div_ceil(stride))?;
+    sample.clear();
+    for y in 0..rows {
+        control.checkpoint()?;
+        let first = (y * cols).next_multiple_of(stride) - y * cols;
+        let valid = (first..cols).step_by(stride).filter(|x| view.is_valid(y, *x));
+        sample.extend(valid.map(|x| view.image.luminance(y, x)));
+    }
+    Ok(sample)
 }
 
 /// The range of a sample without its outliers; `None` if there is nothing in it.
@@ -172,10 +264,4 @@ fn filled<T: Copy + Default>(
 /// The exponent of the leading bit; 0 for zero, so that a constant image has some scale.
 fn floor_log2(value: f64) -> i32 {
     if value == 0.0 { 0 } else { ((value.to_bits() >> 52) & 0x7ff) as i32 - 1023 }
-}
-
-/// `value * 2^exponent` in two steps, since the power alone may overflow.
-fn times_power(value: f64, exponent: i32) -> f64 {
-    let half = exponent / 2;
-    value * 2f64.powi(half) * 2f64.powi(exponent - half)
 }

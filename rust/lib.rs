@@ -20,7 +20,9 @@
 //! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
 
 pub mod error;
+pub mod memory;
 pub mod plane;
+pub mod value;
 
 pub mod candidates;
 pub mod settings;
@@ -39,6 +41,7 @@ pub mod aggregation;
 pub mod cost;
 pub mod refinement;
 pub mod scanline;
+pub mod strip;
 pub mod votes;
 
 pub mod control;

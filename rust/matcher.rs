@@ -1,28 +1,29 @@
 //! The order of the stages; bands of rows on threads. No arithmetic of its own.
 
+use std::any::Any;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use crate::aggregation::{Aggregator, Window};
+use crate::aggregation::{Aggregated, Aggregator, Sweep, Tile, Window};
 use crate::candidates::Candidates;
 use crate::control::Control;
-use crate::cost::Costs;
+use crate::cost::{Costs, Operands};
 use crate::error::{Error, Result};
 use crate::plane::Plane;
-use crate::refinement::{Evidence, ResultRow};
-use crate::scanline::{Scanline, Steps};
+use crate::refinement::{Estimate, Judge, Margins, Measure};
+use crate::scanline::{Advance, Scanline, Steps};
 use crate::settings::Settings;
+use crate::simd::Level;
+use crate::strip::{BLOCK, Strip};
+use crate::value::Value;
 use crate::view::View;
 
 /// Most threads that one match may ask for.
 pub const MOST_THREADS: usize = 1024;
-/// Bands for each thread: one that falls behind then delays the others by a quarter of its work at most.
-const BANDS_PER_THREAD: usize = 4;
-/// A band warms up over two windows' heights of rows: that must be a small share of its own.
-const LEAST_BAND_WINDOWS: usize = 8;
-/// Higher bands would save nothing more, and answer for less even work.
-const MOST_BAND_ROWS: usize = 256;
+/// Blocks of rows that a strip has at most. TODO measure
+const MOST_BLOCKS: usize = 6;
 
 /// What is matched, and how far to search.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,7 +39,9 @@ pub struct Execution {
     /// Number of threads.
     pub threads: usize,
     /// Rows that one task matches; `None`: as suits the window and the threads.
-    pub band_rows: Option<usize>,
+    pub strip_rows: Option<usize>,
+    /// Instructions to use.
+    pub level: Level,
 }
 
 /// A disparity map and what is known about it, as seen from the left image.
@@ -48,8 +51,8 @@ pub struct Disparity {
     pub disparity: Plane<f32>,
     /// Bits of [`crate::refinement::flag`].
     pub flags: Plane<u16>,
-    /// From 0 to 1.
-    pub confidence: Plane<f32>,
+    /// From 0 to 1; `None`: not worked out.
+    pub confidence: Option<Plane<f32>>,
     /// Wall-clock time of each stage.
     pub timings: Timings,
 }
@@ -98,6 +101,33 @@ impl Pair {
     }
 }
 
+/// Matches pairs, one after another or several at a time; threads and memory are used again.
+#[derive(Debug)]
+pub struct Matcher {
+    pool: rayon::ThreadPool,
+    /// Memory that no strip is being matched in.
+    spare: Mutex<Vec<Box<dyn Any + Send>>>,
+}
+
+/// What a strip is matched in.
+#[derive(Debug)]
+struct Workspace<V, T> {
+    operands: Operands,
+    aggregator: Aggregator<V>,
+    scanline: Scanline<T>,
+    margins: Margins<V>,
+}
+
+/// All that the strips of a match have in common.
+struct Job<'a> {
+    costs: &'a Costs<'a>,
+    window: Window,
+    steps: Steps,
+    settings: &'a Settings,
+    level: Level,
+    control: &'a Control,
+}
+
 /// Matches a pair on threads of its own.
 ///
 /// They live as long as the match: a pool that outlived it would be dead, and waited for, in a forked
@@ -108,12 +138,15 @@ pub fn run(
     how: Execution,
     control: &Control,
 ) -> Result<Disparity> {
-    settings.check()?;
-    on_threads(how.threads, || match_pair(pair, settings, how, control))?
+    Matcher::new(how.threads)?.run(pair, settings, how, control)
 }
 
 /// Runs `work` on so many threads, started for it and ended after it.
 pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T> {
+    Ok(thread_pool(threads)?.install(work))
+}
+
+fn thread_pool(threads: usize) -> Result<rayon::ThreadPool> {
     if !(1..=MOST_THREADS).contains(&threads) {
         return Err(Error::value(
             "threads",
@@ -122,47 +155,168 @@ pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> R
         ));
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    Ok(pool.map_err(|error| Error::Threads(error.to_string()))?.install(work))
+    pool.map_err(|error| Error::Threads(error.to_string()))
 }
 
-fn match_pair(
-    pair: &Pair,
-    settings: &Settings,
-    how: Execution,
-    control: &Control,
-) -> Result<Disparity> {
-    let started = Instant::now();
-    let costs = Costs::new(pair.views(), pair.candidates, settings, control)?;
-    let described = Instant::now();
-    let mut map = Disparity::new(pair.size())?;
-    let band_rows = how.rows_per_band(pair, settings);
-    map.bands(band_rows).try_for_each(|band| match_band(band, pair, &costs, settings, control))?;
-    map.timings = Timings { description: described - started, matching: described.elapsed() };
-    Ok(map)
-}
-
-/// Matches the rows of one band: cost -> aggregation -> scanline -> refinement.
-fn match_band(
-    mut band: Band,
-    pair: &Pair,
-    costs: &Costs,
-    settings: &Settings,
-    control: &Control,
-) -> Result<()> {
-    let window = Window::new(pair.size(), pair.candidates.count(), settings, costs.ceiling());
-    let mut aggregator = Aggregator::new(window, band.first, costs, control)?;
-    let steps = Steps::new(settings.penalty, window, costs.steps());
-    let mut scanline = Scanline::new(window.cols, window.candidates, settings.optimizer, steps)?;
-    let mut aggregated = window.row()?;
-    for y in band.rows() {
-        control.checkpoint()?;
-        aggregator.write_row(y, &mut aggregated)?;
-        let chosen = scanline.choose(&aggregated);
-        let evidence = Evidence { y, chosen, aggregated: &aggregated, votes: costs.votes() };
-        band.result_row(y).write(evidence, pair.candidates, settings);
-        control.row_done();
+impl Matcher {
+    /// A matcher with so many threads.
+    pub fn new(threads: usize) -> Result<Self> {
+        Ok(Self { pool: thread_pool(threads)?, spare: Mutex::default() })
     }
-    Ok(())
+
+    /// Has the threads do some work, and does not wait for it, which must not panic.
+    pub fn spawn(&self, work: impl FnOnce() + Send + 'static) {
+        self.pool.spawn(work);
+    }
+
+    /// Matches a pair.
+    pub fn run(
+        &self,
+        pair: &Pair,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        settings.check()?;
+        self.pool.install(|| self.match_pair(pair, settings, how, control))
+    }
+
+    fn match_pair(
+        &self,
+        pair: &Pair,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        let started = Instant::now();
+        let costs = Costs::new(pair.views(), pair.candidates, settings, how.level, control)?;
+        let described = Instant::now();
+        let mut map = Disparity::new(pair.size(), settings.confidence)?;
+        let window = Window::new(pair.size(), pair.candidates.count(), settings, costs.ceiling());
+        let steps = Steps::new(settings.penalty, window, costs.steps());
+        let job = Job { costs: &costs, window, steps, settings, level: how.level, control };
+        let strip_rows = how.rows_per_strip(window, self.pool.current_num_threads());
+        let bands = map.bands(strip_rows).into_par_iter();
+        match job.width() {
+            Width::Bytes => bands.try_for_each(|band| self.match_band::<u8, u8>(band, &job)),
+            Width::ByteCosts => bands.try_for_each(|band| self.match_band::<u8, u32>(band, &job)),
+            Width::WordCosts => bands.try_for_each(|band| self.match_band::<u16, u32>(band, &job)),
+            Width::Widest => bands.try_for_each(|band| self.match_band::<u32, u64>(band, &job)),
+        }?;
+        map.timings = Timings { description: described - started, matching: described.elapsed() };
+        Ok(map)
+    }
+
+    /// Matches the rows of one band: cost -> aggregation -> scanline -> refinement.
+    fn match_band<V: Value, T: Value>(&self, mut band: Band, job: &Job) -> Result<()> {
+        let strip = band.strip(job.window);
+        let mut workspace = self.workspace::<V, T>();
+        workspace.operands.load(job.costs, &strip)?;
+        workspace.choose(strip, job)?;
+        if job.settings.confidence {
+            workspace.measure(strip, job)?;
+        }
+        workspace.write(&mut band, strip, job);
+        job.control.finish_rows(strip.rows);
+        self.spare.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
+        Ok(())
+    }
+
+    /// Memory to match a strip in: used before, if there is any of this kind.
+    fn workspace<V: Value, T: Value>(&self) -> Box<Workspace<V, T>> {
+        let spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        spare.and_then(|spare| spare.downcast().ok()).unwrap_or_default()
+    }
+}
+
+impl<V: Value, T: Value> Default for Workspace<V, T> {
+    fn default() -> Self {
+        Self {
+            operands: Operands::default(),
+            aggregator: Aggregator::default(),
+            scanline: Scanline::default(),
+            margins: Margins::default(),
+        }
+    }
+}
+
+impl<V: Value, T: Value> Workspace<V, T> {
+    /// Finds the best candidate of every pixel of the strip.
+    fn choose(&mut self, strip: Strip, job: &Job) -> Result<()> {
+        let Self { operands, aggregator, scanline, .. } = self;
+        scanline.begin(job.window, strip, job.settings.optimizer, job.steps)?;
+        job.sweep(strip, operands, aggregator, |tile, costs| {
+            job.level.run(Advance { scanline, tile, costs });
+        })?;
+        scanline.trace_back();
+        Ok(())
+    }
+
+    /// Sweeps over the costs again, to see by how much the chosen candidates are better than others.
+    fn measure(&mut self, strip: Strip, job: &Job) -> Result<()> {
+        let Self { operands, aggregator, scanline, margins } = self;
+        let (blocks, cols) = (strip.blocks(), job.window.cols);
+        margins.begin(cols * blocks)?;
+        let chosen = scanline.chosen();
+        job.sweep(strip, operands, aggregator, |tile, costs| {
+            job.level.run(Measure { margins, chosen, tile, costs, blocks, cols });
+        })
+    }
+
+    /// Writes the estimates of the strip into the map, a few columns of a block at a time: these are at hand.
+    fn write(&self, band: &mut Band, strip: Strip, job: &Job) {
+        let (chosen, cols, judge) = (self.scanline.chosen(), job.window.cols, job.judge());
+        let blocks = (0..strip.rows).step_by(BLOCK);
+        let corners = blocks.flat_map(|top| (0..cols).step_by(BLOCK).map(move |left| (top, left)));
+        for (first, left) in corners {
+            for lane in first..(first + BLOCK).min(strip.rows) {
+                let mut row = band.row(lane);
+                for x in left..(left + BLOCK).min(cols) {
+                    let place = (lane / BLOCK * cols + x) * BLOCK + lane % BLOCK;
+                    let margin = || self.margins.of(place, chosen[place], job.window.candidates);
+                    let margin = job.settings.confidence.then(margin);
+                    row.set(x, judge.estimate(strip.first + lane, x, chosen[place], margin));
+                }
+            }
+        }
+    }
+}
+
+impl Job<'_> {
+    /// Aggregates the costs of a strip, a tile at a time, and hands them on.
+    fn sweep<V: Value>(
+        &self,
+        strip: Strip,
+        operands: &Operands,
+        aggregator: &mut Aggregator<V>,
+        mut hand_on: impl FnMut(&Tile, Aggregated<V>),
+    ) -> Result<()> {
+        aggregator.begin(self.window, strip, operands.has_votes())?;
+        for tile in self.window.tiles() {
+            self.control.checkpoint()?;
+            self.level.run(Sweep { aggregator, operands, tile: &tile });
+            hand_on(&tile, aggregator.aggregated());
+        }
+        Ok(())
+    }
+
+    fn judge(&self) -> Judge<'_> {
+        Judge {
+            candidates: self.costs.candidates(),
+            cols: self.window.cols,
+            votes: self.costs.votes(),
+            fill: self.settings.fill,
+        }
+    }
+
+    /// The narrowest integers that hold every sum and every total.
+    fn width(&self) -> Width {
+        let optimizer = self.settings.optimizer;
+        let largest_cost = self.window.largest_value(self.costs.votes().is_some());
+        let largest_sum = self.window.largest_sum();
+        let largest_total = self.steps.largest_total(optimizer, self.window.cols, largest_sum);
+        Width::holding(largest_cost, largest_total)
+    }
 }
 
 /// The part of the result that one task writes.
@@ -171,56 +325,100 @@ struct Band<'a> {
     cols: usize,
     disparity: &'a mut [f32],
     flags: &'a mut [u16],
-    confidence: &'a mut [f32],
+    confidence: Option<&'a mut [f32]>,
 }
 
 impl Band<'_> {
-    fn rows(&self) -> std::ops::Range<usize> {
-        self.first..self.first + self.disparity.len() / self.cols
+    fn strip(&self, window: Window) -> Strip {
+        let rows = self.disparity.len() / self.cols;
+        Strip { first: self.first, rows, margin: window.margin(), height: window.rows }
     }
 
-    fn result_row(&mut self, y: usize) -> ResultRow<'_> {
-        let places = (y - self.first) * self.cols..(y - self.first + 1) * self.cols;
+    fn row(&mut self, row: usize) -> ResultRow<'_> {
+        let places = row * self.cols..(row + 1) * self.cols;
         ResultRow {
             disparity: &mut self.disparity[places.clone()],
             flags: &mut self.flags[places.clone()],
-            confidence: &mut self.confidence[places],
+            confidence: self.confidence.as_deref_mut().map(|band| &mut band[places]),
+        }
+    }
+}
+
+/// One row of the result, to be written.
+struct ResultRow<'a> {
+    disparity: &'a mut [f32],
+    flags: &'a mut [u16],
+    confidence: Option<&'a mut [f32]>,
+}
+
+impl ResultRow<'_> {
+    fn set(&mut self, x: usize, estimate: Estimate) {
+        self.disparity[x] = estimate.disparity;
+        self.flags[x] = estimate.flags;
+        if let Some(confidence) = &mut self.confidence {
+            confidence[x] = estimate.confidence;
         }
     }
 }
 
 impl Disparity {
-    fn new((rows, cols): (usize, usize)) -> Result<Self> {
+    fn new((rows, cols): (usize, usize), with_confidence: bool) -> Result<Self> {
         Ok(Self {
             disparity: Plane::new(rows, cols)?,
             flags: Plane::new(rows, cols)?,
-            confidence: Plane::new(rows, cols)?,
+            confidence: with_confidence.then(|| Plane::new(rows, cols)).transpose()?,
             timings: Timings::default(),
         })
     }
 
-    fn bands(&mut self, band_rows: usize) -> impl ParallelIterator<Item = Band<'_>> {
+    fn bands(&mut self, band_rows: usize) -> Vec<Band<'_>> {
         let cols = self.disparity.cols();
         let places = band_rows.saturating_mul(cols);
-        let disparity = self.disparity.as_mut_slice().par_chunks_mut(places);
-        let flags = self.flags.as_mut_slice().par_chunks_mut(places);
-        let confidence = self.confidence.as_mut_slice().par_chunks_mut(places);
-        let parts = disparity.zip(flags).zip(confidence).enumerate();
-        parts.map(move |(index, ((disparity, flags), confidence))| Band {
+        let disparity = self.disparity.as_mut_slice().chunks_mut(places);
+        let flags = self.flags.as_mut_slice().chunks_mut(places);
+        let confidence = self.confidence.iter_mut();
+        let mut confidence = confidence.flat_map(|plane| plane.as_mut_slice().chunks_mut(places));
+        let parts = disparity.zip(flags).enumerate();
+        let band = |(index, (disparity, flags))| Band {
             first: index * band_rows,
             cols,
             disparity,
             flags,
-            confidence,
-        })
+            confidence: confidence.next(),
+        };
+        parts.map(band).collect()
     }
 }
 
 impl Execution {
-    /// Several bands for each thread, but none so low that warming up dominates.
-    fn rows_per_band(self, pair: &Pair, settings: &Settings) -> usize {
-        let even = pair.size().0.div_ceil(BANDS_PER_THREAD * self.threads);
-        let least = LEAST_BAND_WINDOWS * settings.window;
-        self.band_rows.unwrap_or_else(|| even.min(MOST_BAND_ROWS).max(least)).max(1)
+    /// Rows that one task matches: those with which the threads are done soonest, counting the margins.
+    fn rows_per_strip(self, window: Window, threads: usize) -> usize {
+        let rounds = |rows: usize| window.rows.div_ceil(rows).div_ceil(threads);
+        let work = |rows: &usize| rounds(*rows) * (rows + 2 * window.margin());
+        let likely = (1..=MOST_BLOCKS).rev().map(|blocks| blocks * BLOCK).min_by_key(work);
+        self.strip_rows.or(likely).unwrap_or(BLOCK).max(1)
+    }
+}
+
+/// What integers a strip is made of: those of its costs and of its totals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Width {
+    Bytes,
+    ByteCosts,
+    WordCosts,
+    Widest,
+}
+
+impl Width {
+    fn holding(largest_cost: u64, largest_total: u64) -> Self {
+        if largest_cost > u16::MAX.into() || largest_total > u32::LARGEST_TOTAL {
+            Self::Widest
+        } else if largest_cost > u8::MAX.into() {
+            Self::WordCosts
+        } else if largest_total > u8::LARGEST_TOTAL {
+            Self::ByteCosts
+        } else {
+            Self::Bytes
+        }
     }
 }

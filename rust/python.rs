@@ -5,6 +5,7 @@
 
 mod arguments;
 mod supervisor;
+mod workers;
 
 use ndarray::{Array2, Array3};
 use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
@@ -12,18 +13,19 @@ use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use self::arguments::{Both, read_pair, read_settings, read_threads, read_view, read_volume};
+use self::arguments::{Both, read_pair, read_settings, read_view, read_volume};
 use self::supervisor::supervised;
+use self::workers::{Pool, Workers};
 use crate::aggregation::{Window, aggregate};
-use crate::control::Control;
 use crate::cost::Costs;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
-use crate::intensity::gray_plane;
-use crate::matcher::{Execution, on_threads, run};
+use crate::intensity::Gray;
+use crate::matcher::{Execution, on_threads};
 use crate::plane::Plane;
 use crate::refinement::flag;
 use crate::scanline::{Steps, optimize};
+use crate::simd::Level;
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -43,7 +45,8 @@ mod _core {
 
     #[pymodule_export]
     use super::{
-        aggregate_volume, check_settings, cost_volume, descriptor, match_pair, optimize_volume,
+        Workers, aggregate_volume, check_settings, cost_volume, descriptor, match_pair,
+        optimize_volume, simd_level,
     };
 
     #[pymodule_init]
@@ -63,10 +66,16 @@ mod _core {
 /// Has everything that is set up once and for all be set up now, by the thread that imports.
 ///
 /// A process that is forked while another thread does so inherits a job half done and waits for its end
-/// for ever: the tables of the array interface, those of the thread pool.
+/// for ever: the tables of the array interface, those of the thread pool, the instructions there are.
 fn warm_up(py: Python<'_>) -> PyResult<()> {
     PyArray2::<u8>::zeros(py, (1, 1), false).try_readonly().map_err(internal)?;
+    Level::best();
     Ok(on_threads(1, || ())?)
+}
+
+#[pyfunction]
+fn simd_level() -> &'static str {
+    Level::best().name()
 }
 
 #[pyfunction]
@@ -74,11 +83,11 @@ fn check_settings(settings: &Bound<'_, PyAny>) -> PyResult<()> {
     read_settings(settings).map(drop)
 }
 
-/// Disparity, flags, confidence and timings of a pair.
+/// Disparity, flags, confidence if it was worked out, and timings of a pair.
 type Matched<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<u16>>,
-    Bound<'py, PyArray2<f32>>,
+    Option<Bound<'py, PyArray2<f32>>>,
     Bound<'py, PyDict>,
 );
 
@@ -95,14 +104,16 @@ fn match_pair<'py>(
 ) -> PyResult<Matched<'py>> {
     let settings = read_settings(settings)?;
     let pair = read_pair(&images, &masks, &disparities)?;
-    let how = Execution { threads: read_threads(threads)?, band_rows: None };
-    let control = Control::default();
-    let rows = pair.size().0;
-    let map = supervised(py, &control, rows, progress, || run(&pair, &settings, how, &control))?;
+    let (pool, rows) = (Pool::of(threads)?, pair.size().0);
+    let how = Execution { threads: pool.threads(), strip_rows: None, level: Level::best() };
+    let map = supervised(py, &pool, rows, progress, move |matcher, control| {
+        matcher.run(&pair, &settings, how, control)
+    })?;
     let timings = PyDict::new(py);
     timings.set_item("description", map.timings.description.as_secs_f64())?;
     timings.set_item("matching", map.timings.matching.as_secs_f64())?;
-    Ok((wrap(py, map.disparity)?, wrap(py, map.flags)?, wrap(py, map.confidence)?, timings))
+    let confidence = map.confidence.map(|plane| wrap(py, plane)).transpose()?;
+    Ok((wrap(py, map.disparity)?, wrap(py, map.flags)?, confidence, timings))
 }
 
 #[pyfunction]
@@ -116,10 +127,10 @@ fn descriptor<'py>(
     let settings = read_settings(settings)?;
     let view = read_view(image, mask, "image")?;
     view.check("image")?;
-    let (threads, control) = (read_threads(threads)?, Control::default());
     let rows = view.image.shape().0;
-    let codes = supervised(py, &control, rows, None, || {
-        on_threads(threads, || describe(&gray_plane(&view, &control)?, &settings, &control))?
+    let codes = supervised(py, &Pool::of(threads)?, rows, None, move |_, control| {
+        let level = Level::best();
+        describe(&Gray::new(&view, level, control)?, &settings, level, control)
     })?;
     Ok(match codes {
         Codes::U16(codes) => wrap(py, codes)?.into_any(),
@@ -139,13 +150,11 @@ fn cost_volume<'py>(
     let settings = read_settings(settings)?;
     let none = py.None().into_bound(py);
     let pair = read_pair(&images, &(none.clone(), none), &disparities)?;
-    let (threads, control) = (read_threads(threads)?, Control::default());
     let ((rows, cols), count) = (pair.size(), pair.candidates().count());
-    let costs = supervised(py, &control, rows, None, || {
-        on_threads(threads, || {
-            let costs = Costs::new(pair.views(), pair.candidates(), &settings, &control)?;
-            costs.volume(rows, cols * count, &control)
-        })?
+    let costs = supervised(py, &Pool::of(threads)?, rows, None, move |_, control| {
+        let level = Level::best();
+        let costs = Costs::new(pair.views(), pair.candidates(), &settings, level, control)?;
+        costs.volume(rows, level, control)
     })?;
     let array = Array3::from_shape_vec((rows, cols, count), costs.into_vec());
     Ok(array.map_err(internal)?.into_pyarray(py))
@@ -160,9 +169,9 @@ fn aggregate_volume<'py>(
     let settings = read_settings(settings)?;
     let (costs, (rows, cols, count)) = read_volume(costs, "costs")?;
     let window = Window::new((rows, cols), count, &settings, u16::MAX);
-    let control = Control::default();
-    let work = || aggregate(&costs, window, &control);
-    let aggregated = supervised(py, &control, rows, None, work)?;
+    let aggregated = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
+        aggregate(&costs, window, Level::best(), control)
+    })?;
     let array = Array3::from_shape_vec((rows, cols, count), aggregated.into_vec());
     Ok(array.map_err(internal)?.into_pyarray(py))
 }
@@ -176,10 +185,11 @@ fn optimize_volume<'py>(
 ) -> PyResult<Bound<'py, PyArray2<u16>>> {
     let settings = read_settings(settings)?;
     let (costs, (rows, _, count)) = read_volume(costs, "costs")?;
-    let steps = Steps { rise: penalty.0, drop: penalty.1 };
-    let control = Control::default();
-    let work = || optimize(&costs, count, settings.optimizer, steps, &control);
-    wrap(py, supervised(py, &control, rows, None, work)?)
+    let steps = Steps { near: penalty.0, far: penalty.1 };
+    let chosen = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
+        optimize(&costs, count, settings.optimizer, steps, Level::best(), control)
+    })?;
+    wrap(py, chosen)
 }
 
 fn wrap<T: Element>(py: Python<'_>, plane: Plane<T>) -> PyResult<Bound<'_, PyArray2<T>>> {

@@ -1,46 +1,51 @@
 //! A spectral component -> the bits of its quantised phase (paper, eq. 3).
 //!
 //! Levels lie on a circle. Each is written in a Johnson code (a circular thermometer), whose Hamming
-//! distance *is* the distance around the circle (eq. 4), for any number of bits.
+//! distance *is* the distance around the circle (eq. 4), for any number of bits. Each bit tells on which side
+//! of a line through zero the component lies: a few comparisons, the same for every pixel.
 
-use std::f64::consts::FRAC_PI_2;
+use std::array::from_fn;
 
 use crate::settings::Settings;
+use crate::spectrum::Lane;
 
-/// Amplitude of the boundaries' direction vectors, as a power of two.
-const DIRECTION_LOG2: u32 = 30;
+/// Tangents of the multiples of 90 / 8 degrees inside the first quadrant.
+const TANGENTS: [f64; 7] = [
+    0.198_912_367_379_658,
+    0.414_213_562_373_095_05,
+    0.668_178_637_919_298_9,
+    1.0,
+    1.496_605_762_665_489,
+    2.414_213_562_373_095,
+    5.027_339_492_125_846,
+];
 
 /// Cuts the complex plane into sectors and names each by its code.
+///
+/// A quadrant's sectors begin where the quotient of its coordinates, correctly rounded, reaches a tangent:
+/// that depends on their ratio alone, so scaling an image changes nothing.
 #[derive(Debug, Clone)]
 pub struct Quantiser {
-    /// Directions of the boundaries strictly inside the first quadrant: (cosine, sine), rising.
-    boundaries: Vec<(i128, i128)>,
-    /// Sectors that share one quadrant; or, below one, quadrants that share a sector.
-    quadrants_per_sector: usize,
-    /// Code of each sector, counter-clockwise from the positive real axis.
-    codes: Vec<u64>,
-    /// Bits of each code.
+    /// The power `k` of the spectrum.
+    power: usize,
+    /// Bits of each code: half the number of levels.
     code_length: usize,
+    /// Tangents of the boundaries strictly inside the first quadrant, rising.
+    tangents: Vec<f64>,
 }
 
 impl Quantiser {
     /// Sectors and codes for `b` bits of the phase of `F^k`.
     pub fn new(settings: &Settings) -> Self {
-        let levels = 1 << settings.bits;
+        let code_length = 1 << (settings.bits - 1);
         // Doubling the phase folds the circle onto itself: F^2 passes its levels twice while F turns once.
-        let sectors = levels * settings.power;
-        let per_quadrant = (sectors / 4).max(1);
-        let direction = |m: usize| {
-            let angle = FRAC_PI_2 * m as f64 / per_quadrant as f64;
-            let scaled = |value: f64| (value * f64::from(1u32 << DIRECTION_LOG2)).round() as i128;
-            (scaled(angle.cos()), scaled(angle.sin()))
+        let tangents = match code_length * settings.power / 2 {
+            0 | 1 => vec![],
+            2 => tangents::<1>().to_vec(),
+            4 => tangents::<3>().to_vec(),
+            _ => tangents::<7>().to_vec(),
         };
-        Self {
-            boundaries: (1..per_quadrant).map(direction).collect(),
-            quadrants_per_sector: (4 / sectors).max(1),
-            codes: (0..sectors).map(|sector| johnson(sector % levels, levels / 2)).collect(),
-            code_length: levels / 2,
-        }
+        Self { power: settings.power, code_length, tangents }
     }
 
     /// Bits of one component's code, `2^(b-1)`.
@@ -50,17 +55,130 @@ impl Quantiser {
 
     /// Code of the component `re + i im`; a boundary belongs to the sector counter-clockwise of it, and
     /// zero to the first sector.
-    pub fn code(&self, re: i128, im: i128) -> u64 {
+    pub fn code(&self, re: i64, im: i64) -> u64 {
         let (quadrant, x, y) = match (re, im) {
-            (0, 0) => return self.codes[0],
+            (0, 0) => return 0,
             (1.., 0..) => (0, re, im),
             (..=0, 1..) => (1, im, -re),
             (..=-1, ..=0) => (2, -re, -im),
             (0.., ..=-1) => (3, -im, re),
         };
-        let inside = self.boundaries.iter().filter(|(cos, sin)| y * cos >= x * sin).count();
-        let sector = quadrant * (self.boundaries.len() + 1) / self.quadrants_per_sector + inside;
-        self.codes[sector]
+        let quotient = y as f64 / x as f64;
+        let inside = self.tangents.iter().filter(|tangent| quotient >= **tangent).count();
+        let levels = 2 * self.code_length;
+        // For k = b = 1 two quadrants share a sector.
+        let quadrants_per_sector = (4 / (levels * self.power)).max(1);
+        let sector = (quadrant * (self.tangents.len() + 1) + inside) / quadrants_per_sector;
+        johnson(sector % levels, self.code_length)
+    }
+
+    /// Adds the codes of one component of neighbouring pixels to their words, `shift` bits up, where there
+    /// are zeros.
+    #[inline(always)]
+    pub fn add<T: Lane>(&self, re: &[T], im: &[T], shift: usize, words: &mut [T::Word]) {
+        // The diagonal alone needs no quotient, only that zero does not reach it.
+        let diagonal = |x: T, y: T| y.minus(if x < T::from(1) { T::from(1) } else { x });
+        let quotient = |x: T, y: T| y.into() / x.into();
+        let zero = T::default();
+        let (three, seven) = (tangents::<3>(), tangents::<7>());
+        match (self.power, self.code_length) {
+            (1, 1) => add_each(re, im, shift, words, |place| place.below.into()),
+            (1, 2) => add_each(re, im, shift, words, |place| place.halves(quotient, [])),
+            (1, 4) => add_each(re, im, shift, words, |place| place.halves(diagonal, [zero])),
+            (1, 8) => add_each(re, im, shift, words, |place| place.halves(quotient, three)),
+            (2, 1) => add_each(re, im, shift, words, |place| place.doubled(quotient, [])),
+            (2, 2) => add_each(re, im, shift, words, |place| place.doubled(diagonal, [zero])),
+            (2, 4) => add_each(re, im, shift, words, |place| place.doubled(quotient, three)),
+            (2, 8) => add_each(re, im, shift, words, |place| place.doubled(quotient, seven)),
+            _ => unreachable!("settings are checked"),
+        }
+    }
+}
+
+/// Tangents of the `B` boundaries that cut a quadrant into equal sectors, rising.
+#[inline(always)]
+fn tangents<const B: usize>() -> [f64; B] {
+    from_fn(|m| TANGENTS[(m + 1) * (TANGENTS.len() + 1) / (B + 1) - 1])
+}
+
+#[inline(always)]
+fn add_each<T: Lane>(
+    re: &[T],
+    im: &[T],
+    shift: usize,
+    words: &mut [T::Word],
+    code: impl Fn(Place<T>) -> T::Word,
+) {
+    let n = words.len();
+    let (re, im) = (&re[..n], &im[..n]);
+    for i in 0..n {
+        words[i] = words[i] | code(Place::new(re[i], im[i])) << shift;
+    }
+}
+
+/// Where a component lies: in which half planes, and where in its quadrant.
+///
+/// To a half plane belongs that half of its border which opens it counter-clockwise, and never zero.
+#[derive(Debug, Clone, Copy)]
+struct Place<T> {
+    /// Left of the imaginary axis.
+    left: bool,
+    /// Below the real axis.
+    below: bool,
+    /// Coordinates once the quadrant is turned into the first one.
+    turned: (T, T),
+}
+
+impl<T: Lane> Place<T> {
+    #[inline(always)]
+    fn new(re: T, im: T) -> Self {
+        let zero = T::default();
+        // Components are integers: what is less than one is zero or less.
+        let bound = |with_border: bool| if with_border { T::from(1) } else { zero };
+        let (left, below) = (re < bound(im > zero), im < bound(re < zero));
+        let (x, y) = (re.magnitude(), im.magnitude());
+        Self { left, below, turned: if left ^ below { (y, x) } else { (x, y) } }
+    }
+
+    /// In the second or the fourth quadrant.
+    #[inline(always)]
+    fn in_even_quadrant(self) -> bool {
+        self.left ^ self.below
+    }
+
+    /// Code of the phase with `B` boundaries inside each quadrant, those whose bounds are reached by the
+    /// `measure` of the coordinates. Each bit stands for one of the half planes that the boundaries open.
+    #[inline(always)]
+    fn halves<M: PartialOrd, const B: usize>(
+        self,
+        measure: impl Fn(T, T) -> M,
+        bounds: [M; B],
+    ) -> T::Word {
+        let (even, below) = (self.in_even_quadrant(), self.below);
+        let measured = measure(self.turned.0, self.turned.1);
+        let mut code = T::Word::from(self.left) << B | T::Word::from(below) << (2 * B + 1);
+        for (m, bound) in bounds.into_iter().enumerate() {
+            let reached = measured >= bound;
+            code = code | T::Word::from((even | reached) ^ below) << m;
+            code = code | T::Word::from((even & reached) ^ below) << (B + 1 + m);
+        }
+        code
+    }
+
+    /// The same of twice the phase: two quadrants are once around the circle.
+    #[inline(always)]
+    fn doubled<M: PartialOrd, const B: usize>(
+        self,
+        measure: impl Fn(T, T) -> M,
+        bounds: [M; B],
+    ) -> T::Word {
+        let even = self.in_even_quadrant();
+        let measured = measure(self.turned.0, self.turned.1);
+        let mut code = T::Word::from(even) << B;
+        for (m, bound) in bounds.into_iter().enumerate() {
+            code = code | T::Word::from(even ^ (measured >= bound)) << m;
+        }
+        code
     }
 }
 
@@ -105,7 +223,7 @@ mod tests {
             for step in 0..720 {
                 // Boundaries lie at multiples of 11.25 degrees, none of which this meets.
                 let angle = (0.5 * f64::from(step) + 0.1).to_radians();
-                let (re, im) = ((angle.cos() * 1e9) as i128, (angle.sin() * 1e9) as i128);
+                let (re, im) = ((angle.cos() * 1e9) as i64, (angle.sin() * 1e9) as i64);
                 let turned = angle * power as f64 / std::f64::consts::PI;
                 let level = ((half as f64 * turned).floor() as i64).rem_euclid(2 * half);
                 let expected = johnson(level as usize, half as usize);
@@ -121,7 +239,7 @@ mod tests {
             let code = |boundary: usize, off: f64| {
                 let angle = std::f64::consts::TAU * boundary as f64 / sectors as f64 + off;
                 quantiser(power, bits)
-                    .code((angle.cos() * 1e12) as i128, (angle.sin() * 1e12) as i128)
+                    .code((angle.cos() * 1e12) as i64, (angle.sin() * 1e12) as i64)
             };
             for boundary in 0..sectors {
                 let johnson = |sector: usize| johnson(sector % (1 << bits), 1 << (bits - 1));
@@ -132,6 +250,35 @@ mod tests {
                     "k = {power}, b = {bits}"
                 );
             }
+        }
+    }
+
+    #[test]
+    fn rows_of_either_arithmetic_hold_the_codes_of_their_components() {
+        fn row<T: Lane>(quantiser: &Quantiser, components: &[(i32, i32)]) -> Vec<u64> {
+            let re: Vec<T> = components.iter().map(|(re, _)| T::from(*re)).collect();
+            let im: Vec<T> = components.iter().map(|(_, im)| T::from(*im)).collect();
+            let mut words = vec![T::Word::default(); components.len()];
+            quantiser.add(&re, &im, 3, &mut words);
+            words.into_iter().map(|word| word.into() >> 3).collect()
+        }
+        let near = (-9..=9).flat_map(|re| (-9..=9).map(move |im| (re, im)));
+        let far = near.clone().map(|(re, im)| (re * 150_000_001, im * 150_000_000));
+        let components: Vec<_> = near.chain(far).collect();
+        for (power, bits) in [1, 2].into_iter().flat_map(|k| (1..=4).map(move |b| (k, b))) {
+            let quantiser = quantiser(power, bits);
+            let code = |(re, im): &(i32, i32)| quantiser.code((*re).into(), (*im).into());
+            let expected: Vec<_> = components.iter().map(code).collect();
+            assert_eq!(row::<i32>(&quantiser, &components), expected, "k = {power}, b = {bits}");
+            assert_eq!(row::<f64>(&quantiser, &components), expected, "k = {power}, b = {bits}");
+        }
+    }
+
+    #[test]
+    fn tangents_are_those_of_an_eighth_of_a_right_angle() {
+        for (m, tangent) in (1..).zip(TANGENTS) {
+            let exact = (std::f64::consts::FRAC_PI_2 * f64::from(m) / 8.0).tan();
+            assert!((tangent / exact - 1.0).abs() < 1e-15, "{m}: {tangent}, {exact}");
         }
     }
 

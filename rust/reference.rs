@@ -10,7 +10,7 @@ use crate::normalisation::DEVIATION_STEPS;
 use crate::plane::{Plane, reflect};
 use crate::quantiser::Quantiser;
 use crate::scanline::Steps;
-use crate::settings::Settings;
+use crate::settings::{Optimizer, Settings};
 use crate::view::Mask;
 
 /// Twin of [`crate::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
@@ -51,23 +51,26 @@ pub fn normalise(plane: &Plane<u16>, window: usize) -> Plane<u16> {
 pub fn describe(gray: &Plane<i32>, settings: &Settings) -> Plane<u64> {
     let (basis, quantiser) = (Basis::new(settings), Quantiser::new(settings));
     let radius = basis.radius() as isize;
+    let tap = |f: isize, j: isize| {
+        let (filter, distance) = (&basis.filters()[f.unsigned_abs()], j.unsigned_abs());
+        let imaginary =
+            i64::from(filter.odd[distance]) * j.signum() as i64 * if f < 0 { -1 } else { 1 };
+        (i64::from(filter.even[distance]), imaginary)
+    };
     Plane::from_fn(gray.rows(), gray.cols(), |y, x| {
         let mut code = 0;
-        for (c, &component) in basis.components().iter().enumerate() {
-            let (mut re, mut im) = (0i128, 0i128);
+        for (c, component) in basis.components().into_iter().enumerate() {
+            let (mut re, mut im) = (0, 0);
             for (dy, dx) in
                 (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)))
             {
                 let (row, col) = (y as isize + dy, x as isize + dx);
                 let pixel = gray.row(reflect(row, gray.rows()))[reflect(col, gray.cols())];
-                let along = basis.filter(component.u as isize, col, dx);
-                let (a, b) = along.times(basis.filter(component.v, row, dy));
-                (re, im) = (re + a * i128::from(pixel), im + b * i128::from(pixel));
+                let ((a, b), (c, d)) = (tap(component.u as isize, dx), tap(component.v, dy));
+                re += (a * c - b * d) * i64::from(pixel);
+                im += (a * d + b * c) * i64::from(pixel);
             }
-            let rotation = basis.rotations()[basis.rotation_index(component, x, y)];
-            let (a, b) = (i128::from(rotation.re), i128::from(rotation.im));
-            code |=
-                quantiser.code(re * a - im * b, re * b + im * a) << (c * quantiser.code_length());
+            code |= quantiser.code(re, im) << (c * quantiser.code_length());
         }
         code
     })
@@ -102,7 +105,8 @@ pub fn aggregate(costs: &Plane<u16>, votes: &Plane<u16>, window: Window) -> Plan
     let count = window.candidates;
     let boxes = Plane::from_fn(window.rows, window.cols * count, |y, place| {
         let (x, k) = (place / count, place % count);
-        window.share(box_sum(costs, window, y, x, k), box_sum(votes, window, y, x, k))
+        let votes = box_sum(votes, Window { dropped: 0, ..window }, y, x, k);
+        window.share(box_sum(costs, window, y, x, k), votes) as u32
     });
     if !window.shiftable {
         return boxes;
@@ -117,55 +121,60 @@ pub fn aggregate(costs: &Plane<u16>, votes: &Plane<u16>, window: Window) -> Plan
     })
 }
 
-fn box_sum(volume: &Plane<u16>, window: Window, y: usize, x: usize, k: usize) -> u32 {
+fn box_sum(volume: &Plane<u16>, window: Window, y: usize, x: usize, k: usize) -> u64 {
     let radius = window.radius() as isize;
-    let mut sum = 0;
-    for dy in -radius..=radius {
-        for dx in -radius..=radius {
-            let row = (y as isize + dy).clamp(0, window.rows as isize - 1) as usize;
-            let col = (x as isize + dx).clamp(0, window.cols as isize - 1) as usize;
-            sum += u32::from(volume.row(row)[col * window.candidates + k]);
-        }
-    }
-    sum
+    let column_sum = |dx: isize| {
+        let col = (x as isize + dx).clamp(0, window.cols as isize - 1) as usize;
+        let row = |dy: isize| (y as isize + dy).clamp(0, window.rows as isize - 1) as usize;
+        let cost = |dy| u64::from(volume.row(row(dy))[col * window.candidates + k]);
+        (-radius..=radius).map(cost).sum::<u64>() >> window.dropped
+    };
+    (-radius..=radius).map(column_sum).sum()
 }
 
-/// Twin of [`crate::scanline::Scanline`]'s dynamic programming: every origin of every state is tried.
-pub fn dynamic_programming(costs: &[u32], candidates: usize, steps: Steps) -> Vec<u16> {
-    let mut totals: Vec<u64> = costs[..candidates].iter().map(|&cost| cost.into()).collect();
-    let mut origins = Vec::new();
-    for costs in costs.chunks(candidates).skip(1) {
+/// Twin of [`crate::scanline::Scanline`]: every origin of every state is tried.
+pub fn optimize(costs: &[u32], candidates: usize, optimizer: Optimizer, steps: Steps) -> Vec<u16> {
+    let mut totals = vec![0u64; candidates];
+    let mut origins: Vec<Vec<usize>> = Vec::new();
+    for costs in costs.chunks(candidates) {
         let best: Vec<(u64, usize)> = (0..candidates)
             .map(|to| {
-                // Staying comes first, so that it wins ties; then the origins in rising order.
-                let tried = std::iter::once(to).chain(0..candidates);
-                let total = |from: usize| match from {
-                    _ if from == to => Some(totals[from]),
-                    _ if from + 1 == to => Some(totals[from] + steps.rise),
-                    _ if from > to => Some(totals[from] + steps.drop),
-                    _ => None,
-                };
-                let paths = tried.filter_map(|from| total(from).map(|total| (total, from)));
-                paths.min_by_key(|(total, _)| *total).unwrap_or((u64::MAX, to))
+                let ways = ways(&totals, to, optimizer, steps);
+                ways.into_iter().min_by_key(|(total, _)| *total).unwrap_or((u64::MAX, to))
             })
             .collect();
         totals =
             best.iter().zip(costs).map(|((total, _), &cost)| total + u64::from(cost)).collect();
-        origins.push(best.into_iter().map(|(_, from)| from).collect::<Vec<_>>());
+        origins.push(best.into_iter().map(|(_, from)| from).collect());
     }
     let mut index = least(&totals);
-    let mut chosen = vec![index as u16];
+    let mut chosen = vec![];
     for origins in origins.iter().rev() {
-        index = origins[index];
         chosen.push(index as u16);
+        index = origins[index];
     }
     chosen.reverse();
     chosen
 }
 
-/// Twin of [`crate::scanline::Scanline`]'s winner-takes-all.
-pub fn winner_takes_all(costs: &[u32], candidates: usize) -> Vec<u16> {
-    costs.chunks(candidates).map(|costs| least(costs) as u16).collect()
+/// What it takes to come to `to`, and from where: of equal ones the first counts.
+fn ways(totals: &[u64], to: usize, optimizer: Optimizer, steps: Steps) -> Vec<(u64, usize)> {
+    let from = |from: usize, penalty: u64| (totals[from] + penalty, from);
+    let mut ways = vec![from(to, 0)];
+    let smaller = to.checked_sub(1);
+    ways.extend(smaller.map(|smaller| from(smaller, steps.near)));
+    match optimizer {
+        Optimizer::DynamicProgramming => {
+            ways.extend((to + 1..totals.len()).map(|larger| from(larger, steps.far)));
+        }
+        Optimizer::ScanlineOptimization => {
+            ways.extend((to + 1..totals.len()).take(1).map(|larger| from(larger, steps.near)));
+            ways.push(from(least(totals), steps.far));
+        }
+        // From the least, at no cost: then each pixel takes its own.
+        Optimizer::WinnerTakesAll => ways = vec![(0, least(totals))],
+    }
+    ways
 }
 
 fn least<T: Ord + Copy>(values: &[T]) -> usize {

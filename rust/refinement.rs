@@ -1,7 +1,12 @@
 //! Chosen candidates -> what the caller gets: disparities, flags that say why, and confidence.
 
+use crate::aggregation::{Aggregated, Tile};
 use crate::candidates::Candidates;
-use crate::settings::Settings;
+use crate::error::Result;
+use crate::memory::Memory;
+use crate::simd::Kernel;
+use crate::strip::BLOCK;
+use crate::value::Value;
 use crate::votes::Votes;
 
 /// Why an estimate is missing or not to be trusted; bits of the flags.
@@ -19,72 +24,151 @@ pub mod flag {
     pub const MISSING: u16 = MASKED | NO_CANDIDATE;
 }
 
-/// One row of the result, to be written.
-#[derive(Debug)]
-pub struct ResultRow<'a> {
+/// One pixel of the result.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
     /// Disparity, pixels; NaN where there is none.
-    pub disparity: &'a mut [f32],
+    pub disparity: f32,
     /// Reasons, from [`flag`].
-    pub flags: &'a mut [u16],
+    pub flags: u16,
     /// From 0 to 1.
-    pub confidence: &'a mut [f32],
+    pub confidence: f32,
 }
 
-/// What is known about one row when its result is written.
+/// What pixels are told by that all have in common.
 #[derive(Debug, Clone, Copy)]
-pub struct Evidence<'a> {
-    /// Row of the image.
-    pub y: usize,
-    /// Index of the candidate chosen for each pixel.
-    pub chosen: &'a [u16],
-    /// Aggregated costs, candidate innermost.
-    pub aggregated: &'a [u32],
+pub struct Judge<'a> {
+    /// The disparities that were searched.
+    pub candidates: Candidates,
+    /// Columns of the image.
+    pub cols: usize,
     /// Which (pixel, candidate) pairs are valid; `None`: all.
     pub votes: Option<&'a Votes<'a>>,
+    /// Whether untrusted estimates stay.
+    pub fill: bool,
 }
 
-impl ResultRow<'_> {
-    /// Fills the row in.
-    pub fn write(&mut self, evidence: Evidence, candidates: Candidates, settings: &Settings) {
-        self.flag_pixels(evidence, candidates);
-        let distrusted = if settings.fill { flag::MISSING } else { !0 };
-        let costs = evidence.aggregated.chunks_exact(candidates.count());
-        for (x, (chosen, costs)) in evidence.chosen.iter().zip(costs).enumerate() {
-            let index = usize::from(*chosen);
-            let missing = self.flags[x] & distrusted != 0;
-            self.disparity[x] = if missing { f32::NAN } else { candidates.disparity(index) as f32 };
-            self.confidence[x] = if missing { 0.0 } else { confidence(costs, index) };
+impl Judge<'_> {
+    /// The estimate of pixel `(y, x)`, for which `chosen` was chosen.
+    #[inline]
+    pub fn estimate(&self, y: usize, x: usize, chosen: u16, margin: Option<Margin>) -> Estimate {
+        let flags = self.flags(y, x, chosen.into());
+        let distrusted = if self.fill { flag::MISSING } else { !0 };
+        if flags & distrusted != 0 {
+            return Estimate { disparity: f32::NAN, flags, confidence: 0.0 };
         }
+        let disparity = self.candidates.disparity(chosen.into()) as f32;
+        Estimate { disparity, flags, confidence: margin.map_or(0.0, Margin::confidence) }
     }
 
-    fn flag_pixels(&mut self, evidence: Evidence, candidates: Candidates) {
-        let width = evidence.chosen.len();
-        for (x, &chosen) in evidence.chosen.iter().enumerate() {
-            let outside = candidates.is_outside(x, chosen.into(), width);
-            self.flags[x] = if outside { flag::OUTSIDE } else { 0 };
+    #[inline]
+    fn flags(&self, y: usize, x: usize, chosen: usize) -> u16 {
+        let is_outside = self.candidates.is_outside(x, chosen, self.cols);
+        let outside = if is_outside { flag::OUTSIDE } else { 0 };
+        let Some(votes) = self.votes else { return outside };
+        if votes.is_masked(y, x) {
+            flag::MASKED
+        } else if !(0..self.candidates.count()).any(|k| votes.has(y, x, k)) {
+            flag::NO_CANDIDATE
+        } else if votes.has(y, x, chosen) {
+            outside
+        } else {
+            outside | flag::MATCH_MASKED
         }
-        let Some(votes) = evidence.votes else { return };
-        for (x, &chosen) in evidence.chosen.iter().enumerate() {
-            if votes.is_masked(evidence.y, x) {
-                self.flags[x] = flag::MASKED;
-            } else if !(0..candidates.count()).any(|k| votes.has(evidence.y, x, k)) {
-                self.flags[x] = flag::NO_CANDIDATE;
-            } else if !votes.has(evidence.y, x, chosen.into()) {
-                self.flags[x] |= flag::MATCH_MASKED;
+    }
+}
+
+/// The aggregated cost of the chosen candidate, and the least one elsewhere: not next to it, where the same
+/// match shows again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Margin {
+    /// Cost of the chosen candidate.
+    pub own: u64,
+    /// Least cost elsewhere; `None`: there is no elsewhere.
+    pub elsewhere: Option<u64>,
+}
+
+impl Margin {
+    /// The margin relative to the least cost elsewhere, clipped to `[0, 1]`; 0 where there is no elsewhere.
+    pub fn confidence(self) -> f32 {
+        match self.elsewhere {
+            None | Some(0) => 0.0,
+            Some(second) => {
+                let margin = second.saturating_sub(self.own);
+                (margin as f64 / second as f64) as f32
             }
         }
     }
 }
 
-/// The margin of the chosen cost below the least cost elsewhere (not next to it, where the same match
-/// shows again), relative to the latter, clipped to `[0, 1]`; 0 where there is no elsewhere.
-pub fn confidence(costs: &[u32], chosen: usize) -> f32 {
-    let elsewhere = costs[..chosen.saturating_sub(1)].iter().chain(costs.iter().skip(chosen + 2));
-    match elsewhere.min() {
-        None | Some(0) => 0.0,
-        Some(&second) => {
-            let margin = second.saturating_sub(costs[chosen]);
-            (f64::from(margin) / f64::from(second)) as f32
+/// The margins of one strip after another; their memory is used again.
+#[derive(Debug)]
+pub struct Margins<V> {
+    own: Memory<V>,
+    elsewhere: Memory<V>,
+}
+
+impl<V> Default for Margins<V> {
+    fn default() -> Self {
+        Self { own: Memory::default(), elsewhere: Memory::default() }
+    }
+}
+
+impl<V: Value> Margins<V> {
+    /// Begins a strip of so many pixels, in blocks.
+    pub fn begin(&mut self, blocks: usize) -> Result<()> {
+        self.own.room(blocks * BLOCK)?;
+        self.elsewhere.room(blocks * BLOCK)
+    }
+
+    /// The margin of the pixel at a place of the strip, of which `chosen` of `count` candidates was chosen.
+    pub fn of(&self, place: usize, chosen: u16, count: usize) -> Margin {
+        let is_elsewhere = chosen >= 2 || usize::from(chosen) + 2 < count;
+        let own = self.own[place].widened();
+        let elsewhere = is_elsewhere.then(|| self.elsewhere[place].widened());
+        Margin { own, elsewhere }
+    }
+}
+
+/// The columns of a tile, searched for the costs of what was chosen and of what was not.
+#[derive(Debug)]
+pub struct Measure<'a, V> {
+    /// Where margins are kept.
+    pub margins: &'a mut Margins<V>,
+    /// Indices chosen, of one block after another, column after column, lane by lane.
+    pub chosen: &'a [u16],
+    /// The columns.
+    pub tile: &'a Tile,
+    /// What they cost.
+    pub costs: Aggregated<'a, V>,
+    /// Blocks of lanes.
+    pub blocks: usize,
+    /// Columns of the image.
+    pub cols: usize,
+}
+
+impl<V: Value> Kernel for Measure<'_, V> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let most = V::truncated(u64::MAX);
+        for (place, column) in self.tile.finished.clone().enumerate() {
+            for block in 0..self.blocks {
+                let at = block * self.cols + column;
+                let Some(chosen) = self.chosen[at * BLOCK..].first_chunk::<BLOCK>() else { return };
+                let (mut own, mut elsewhere) = ([most; BLOCK], [most; BLOCK]);
+                for (index, &cost) in (0..).zip(self.costs.of(place, block).every()) {
+                    for j in 0..BLOCK {
+                        let apart = u16::abs_diff(chosen[j], index);
+                        own[j] = if apart == 0 { cost[j] } else { own[j] };
+                        let other = if apart > 1 { cost[j] } else { most };
+                        elsewhere[j] = elsewhere[j].min(other);
+                    }
+                }
+                self.margins.own.as_chunks_mut().0[at] = own;
+                self.margins.elsewhere.as_chunks_mut().0[at] = elsewhere;
+            }
         }
     }
 }

@@ -37,21 +37,35 @@ pub enum Taper {
 }
 
 /// How a row of costs becomes a row of disparities.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Optimizer {
     /// One-pass dynamic programming along the scanline under the ordering constraint.
+    #[default]
     DynamicProgramming,
+    /// The same free to change in either direction, by one or by any number.
+    ScanlineOptimization,
     /// The smallest cost of each pixel by itself.
     WinnerTakesAll,
+}
+
+/// How exactly aggregated costs are worked out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Precision {
+    /// Exactly.
+    Full,
+    /// To so many bits of the sums over columns that the sum over the window fits a byte.
+    Byte,
 }
 
 /// What a change of disparity along the scanline costs, in units of the cost, per pixel of the window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Penalty {
-    /// For a disparity one larger than the left neighbour's.
-    pub rise: f64,
-    /// For a smaller disparity than the left neighbour's, however much smaller.
-    pub drop: f64,
+    /// With the ordering constraint: for a disparity one larger than the left neighbour's; without: for one
+    /// larger or one smaller.
+    pub near: f64,
+    /// With the ordering constraint: for a smaller disparity than the left neighbour's, however much
+    /// smaller; without: for any other disparity.
+    pub far: f64,
 }
 
 /// All settings of a match; the defaults are those of the `paper` preset.
@@ -73,6 +87,8 @@ pub struct Settings {
     pub window: usize,
     /// Whether the best of five shifted windows counts, or the centred one alone.
     pub shiftable: bool,
+    /// How exactly aggregated costs are worked out.
+    pub precision: Precision,
     /// How a row of costs becomes a row of disparities.
     pub optimizer: Optimizer,
     /// What a change of disparity costs.
@@ -81,6 +97,8 @@ pub struct Settings {
     pub intensity_range: Option<(f64, f64)>,
     /// Whether untrusted estimates stay in the map, flagged, or leave a hole.
     pub fill: bool,
+    /// Whether confidences are worked out, which takes a second sweep over the costs.
+    pub confidence: bool,
 }
 
 impl Default for Settings {
@@ -94,10 +112,12 @@ impl Default for Settings {
             bits: 2,
             window: 9,
             shiftable: true,
+            precision: Precision::Full,
             optimizer: Optimizer::DynamicProgramming,
-            penalty: Penalty { rise: 2.0, drop: 2.0 },
+            penalty: Penalty { near: 2.0, far: 2.0 },
             intensity_range: None,
             fill: true,
+            confidence: true,
         }
     }
 }
@@ -152,13 +172,13 @@ impl Settings {
     }
 
     fn check_penalty(&self) -> Result<()> {
-        let Penalty { rise, drop } = self.penalty;
+        let Penalty { near, far } = self.penalty;
         // The range also turns NaN away: it is contained in none.
-        if [rise, drop].iter().all(|p| (0.0..=LARGEST_PENALTY).contains(p)) {
+        if [near, far].iter().all(|p| (0.0..=LARGEST_PENALTY).contains(p)) {
             return Ok(());
         }
         let accepts = format!("numbers from 0 to {LARGEST_PENALTY}");
-        Err(Error::value("penalty", format!("({rise}, {drop})"), accepts))
+        Err(Error::value("penalty", format!("({near}, {far})"), accepts))
     }
 
     fn check_intensity_range(&self) -> Result<()> {
@@ -223,7 +243,7 @@ mod tests {
         assert!(refused(|s| s.power = 3).starts_with("power: got 3"));
         assert!(refused(|s| s.bits = 5).starts_with("bits: got 5"));
         for value in [-1.0, f64::NAN, f64::INFINITY] {
-            assert!(refused(|s| s.penalty.drop = value).starts_with("penalty: got"));
+            assert!(refused(|s| s.penalty.far = value).starts_with("penalty: got"));
         }
         for value in [(1.0, 1.0), (0.0, f64::INFINITY), (f64::NAN, 1.0)] {
             assert!(refused(|s| s.intensity_range = Some(value)).starts_with("intensity_range"));

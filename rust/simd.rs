@@ -172,7 +172,7 @@ mod tests {
             }
         }
         let values: Vec<u8> = (0..1000).map(|i| i as u8).collect();
-        let expected = values.iter().map(|value| u32::from(*value)).sum();
+        let expected: u32 = values.iter().map(|value| u32::from(*value)).sum();
         for (name, level) in Level::all() {
             match level {
                 Some(level) => assert_eq!(level.run(Sum(&values)), expected, "{name}"),

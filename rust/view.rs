@@ -1,10 +1,11 @@
 //! One camera's part of a pair: its pixels, of any type, and which of them are valid.
 
-use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
+use ndarray::{Array3, ArrayView1, ArrayView2, ArrayView3, Axis, s};
 
 use crate::error::{Error, Result};
 use crate::plane::Plane;
 use crate::settings::LARGEST_PIXEL;
+use crate::simd::{Kernel, Level};
 
 /// An image of `rows x cols x channels` (1 or 3 channels) as it came from the caller.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,6 +52,16 @@ impl Image {
         }
     }
 
+    /// Writes the gray values of row `y` of an integer image less `middle`, exactly; those of colour
+    /// images, `299 R + 587 G + 114 B`, in thousandths.
+    pub fn write_centred(&self, y: usize, middle: i32, level: Level, row: &mut [i32]) {
+        match self {
+            Self::U8(pixels) => write_centred(row_of(pixels, y), middle, level, row),
+            Self::U16(pixels) => write_centred(row_of(pixels, y), middle, level, row),
+            Self::F32(_) | Self::F64(_) => unreachable!("floats have no middle"),
+        }
+    }
+
     /// Writes the luminance of row `y` in thousandths of the pixels' unit: `299 R + 587 G + 114 B`, exact
     /// for integers.
     pub fn write_luminance(&self, y: usize, row: &mut [f64]) {
@@ -59,6 +70,16 @@ impl Image {
             Self::U16(pixels) => write_luminance(row_of(pixels, y), f64::from, row),
             Self::F32(pixels) => write_luminance(row_of(pixels, y), f64::from, row),
             Self::F64(pixels) => write_luminance(row_of(pixels, y), |value| value, row),
+        }
+    }
+
+    /// The luminance of one pixel in thousandths of the pixels' unit.
+    pub fn luminance(&self, y: usize, x: usize) -> f64 {
+        match self {
+            Self::U8(pixels) => luminance(pixels.slice(s![y, x, ..]), f64::from),
+            Self::U16(pixels) => luminance(pixels.slice(s![y, x, ..]), f64::from),
+            Self::F32(pixels) => luminance(pixels.slice(s![y, x, ..]), f64::from),
+            Self::F64(pixels) => luminance(pixels.slice(s![y, x, ..]), |value| value),
         }
     }
 
@@ -101,13 +122,60 @@ fn row_of<T>(pixels: &Array3<T>, y: usize) -> ArrayView2<'_, T> {
     pixels.index_axis(Axis(0), y)
 }
 
+fn write_centred<T>(pixels: ArrayView2<T>, middle: i32, level: Level, row: &mut [i32])
+where
+    T: Copy + Into<i32>,
+{
+    let pixels = pixels.as_standard_layout();
+    let values = pixels.as_slice().unwrap_or_default();
+    level.run(Centred { values, in_colour: pixels.ncols() == 3, middle, row });
+}
+
+struct Centred<'a, T> {
+    values: &'a [T],
+    in_colour: bool,
+    middle: i32,
+    row: &'a mut [i32],
+}
+
+impl<T: Copy + Into<i32>> Kernel for Centred<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        if self.in_colour {
+            for (gray, pixel) in self.row.iter_mut().zip(self.values.as_chunks().0) {
+                let [r, g, b] = pixel.map(T::into);
+                *gray = 299 * r + 587 * g + 114 * b - 1000 * self.middle;
+            }
+        } else {
+            for (gray, value) in self.row.iter_mut().zip(self.values) {
+                *gray = (*value).into() - self.middle;
+            }
+        }
+    }
+}
+
 fn write_luminance<T: Copy>(pixels: ArrayView2<T>, widen: impl Fn(T) -> f64, row: &mut [f64]) {
     if pixels.ncols() != 3 {
         return write_channel(pixels, 0, widen, row);
     }
-    for (value, pixel) in row.iter_mut().zip(pixels.outer_iter()) {
-        *value = 299.0 * widen(pixel[0]) + 587.0 * widen(pixel[1]) + 114.0 * widen(pixel[2]);
+    let pixels = pixels.as_standard_layout();
+    for (value, pixel) in row.iter_mut().zip(pixels.as_slice().unwrap_or_default().as_chunks().0) {
+        *value = weighted(pixel.map(&widen));
     }
+}
+
+fn luminance<T: Copy>(pixel: ArrayView1<T>, widen: impl Fn(T) -> f64) -> f64 {
+    if pixel.len() == 3 {
+        weighted([0, 1, 2].map(|c| widen(pixel[c])))
+    } else {
+        1000.0 * widen(pixel[0])
+    }
+}
+
+fn weighted([r, g, b]: [f64; 3]) -> f64 {
+    299.0 * r + 587.0 * g + 114.0 * b
 }
 
 fn write_channel<T: Copy>(

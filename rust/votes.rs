@@ -30,32 +30,13 @@ impl<'a> Votes<'a> {
         !self.is_masked(y, x) && self.masks[1].is_none_or(|mask| mask.row(y)[column])
     }
 
-    /// Writes 1 for each pair of row `y` that votes, else 0.
-    pub fn write_row(&self, y: usize, votes: &mut [u16]) {
-        self.for_each_pixel(y, votes, |left, right, votes| {
-            for (vote, right) in votes.iter_mut().zip(right) {
-                *vote = u16::from(left && *right);
-            }
-        });
+    /// Columns of either image.
+    pub fn width(&self) -> usize {
+        self.width
     }
 
-    /// Sets the costs of row `y` to 0 where there is no vote.
-    pub fn silence(&self, y: usize, costs: &mut [u16]) {
-        self.for_each_pixel(y, costs, |left, right, costs| {
-            for (cost, right) in costs.iter_mut().zip(right) {
-                *cost *= u16::from(left && *right);
-            }
-        });
-    }
-
-    fn for_each_pixel(
-        &self,
-        y: usize,
-        row: &mut [u16],
-        write: impl FnMut(bool, &[bool], &mut [u16]),
-    ) {
-        let everywhere = vec![true; self.width];
-        let [left, right] = self.masks.map(|mask| mask.map_or(&everywhere[..], |mask| mask.row(y)));
-        self.candidates.pair_up(left, right, row, write);
+    /// The masks of the left and of the right image; `None`: valid everywhere.
+    pub fn masks(&self) -> [Option<&'a Mask>; 2] {
+        self.masks
     }
 }

@@ -1,81 +1,280 @@
-//! Windows: the ring of sliding sums against each window summed by itself.
+//! Windows: sliding sums over lanes against each window summed by itself.
 
 mod common;
 
-use common::volumes;
-use phasestereo::aggregation::{Aggregator, Source, Window, aggregate};
+use common::{
+    COUNTS, affordable, eight_votes, hash, heights, levels, mask, naive, settings, tile, view,
+    volumes, widths,
+};
+use phasestereo::aggregation::{Aggregator, Sweep, Window, aggregate};
+use phasestereo::candidates::Candidates;
 use phasestereo::control::Control;
+use phasestereo::cost::{Costs, Operands};
+use phasestereo::error::Error;
 use phasestereo::plane::Plane;
 use phasestereo::reference;
+use phasestereo::settings::{LARGEST_WINDOW, Precision, Settings};
+use phasestereo::simd::Level;
+use phasestereo::strip::{BLOCK, Strip};
+use phasestereo::value::Value;
+use phasestereo::view::View;
 use proptest::prelude::*;
 
-/// Costs in which not everybody votes.
-#[derive(Debug)]
-struct Ballot {
-    costs: Plane<u16>,
-    votes: Plane<u16>,
+/// What naive windows may cost: pixels x candidates x places.
+const AFFORDABLE: usize = 1 << 22;
+
+fn aggregated(costs: &Plane<u16>, window: Window, level: Level) -> Plane<u32> {
+    aggregate(costs, window, level, &Control::default()).expect("memory")
 }
 
-impl Source for Ballot {
-    fn write_costs(&self, y: usize, costs: &mut [u16]) {
-        costs.copy_from_slice(self.costs.row(y));
-    }
-
-    fn write_votes(&self, y: usize, votes: &mut [u16]) {
-        votes.copy_from_slice(self.votes.row(y));
-    }
-
-    fn all_vote(&self) -> bool {
-        false
+fn check(costs: &Plane<u16>, window: Window) {
+    let expected = reference::aggregate(costs, &costs.map(|_| 1), window);
+    for level in levels() {
+        let found = aggregated(costs, window, level);
+        assert!(found == expected, "{} {window:?}", level.name());
     }
 }
 
-/// A window, its costs, and votes for about four of five of them.
-fn elections() -> impl Strategy<Value = (Window, Ballot)> {
-    let window = (1usize..=9, 1usize..=9, 1usize..=4, 0usize..=6, any::<bool>());
-    window.prop_flat_map(|(rows, cols, candidates, radius, shiftable)| {
-        let side = 2 * radius + 1;
-        let window = Window { rows, cols, candidates, side, shiftable, ceiling: 64 };
-        let lots = volumes(rows, cols, candidates, 4);
-        (Just(window), volumes(rows, cols, candidates, 64), lots).prop_map(
-            |(window, mut costs, lots)| {
-                let votes = lots.map(|&lot| u16::from(lot > 0));
-                for (cost, vote) in costs.as_mut_slice().iter_mut().zip(votes.as_slice()) {
-                    *cost *= vote;
-                }
-                (window, Ballot { costs, votes })
-            },
-        )
+fn random(window: Window) -> Plane<u16> {
+    Plane::from_fn(window.rows, window.cols * window.candidates, |y, place| {
+        (hash(7, y, place) % (u64::from(window.ceiling) + 1)) as u16
     })
 }
 
+/// Windows over images of any size, as large as can be afforded.
+fn windows() -> impl Strategy<Value = Window> {
+    let candidates = prop::sample::select(COUNTS[..5].to_vec());
+    let ceiling = prop::sample::select(vec![1u16, 14, 64, 36_720, u16::MAX]);
+    (heights(), widths(), candidates, 0usize..=31, any::<bool>(), ceiling, 0u32..6).prop_map(
+        |(rows, cols, candidates, radius, shiftable, ceiling, dropped)| {
+            let side = affordable(2 * radius + 1, AFFORDABLE / (rows * cols * candidates));
+            Window { rows, cols, candidates, side, shiftable, ceiling, dropped }
+        },
+    )
+}
+
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(192))]
+
     #[test]
-    fn sliding_sums_equal_single_windows((window, Ballot { costs, .. }) in elections()) {
-        let everybody = costs.map(|_| 1);
-        let expected = reference::aggregate(&costs, &everybody, window);
-        prop_assert_eq!(aggregate(&costs, window, &Control::default()).expect("memory"), expected);
+    fn sliding_sums_equal_single_windows(window in windows()) {
+        check(&random(window), window);
     }
 
     #[test]
-    fn any_first_row_and_any_votes((window, ballot) in elections(), first in 0usize..9) {
-        let first = first % window.rows;
-        let expected = reference::aggregate(&ballot.costs, &ballot.votes, window);
-        let control = Control::default();
-        let mut aggregator = Aggregator::new(window, first, &ballot, &control).expect("memory");
-        let mut row = window.row().expect("memory");
-        for y in first..window.rows {
-            aggregator.write_row(y, &mut row).expect("not cancelled");
-            prop_assert_eq!(&row[..], expected.row(y), "row {} from {}", y, first);
+    fn small_volumes_of_any_values(
+        (window, costs) in (1usize..=9, 1usize..=9, 1usize..=4, 0usize..=6, any::<bool>(), 0u32..3)
+            .prop_flat_map(|(rows, cols, candidates, radius, shiftable, dropped)| {
+                let side = 2 * radius + 1;
+                let window =
+                    Window { rows, cols, candidates, side, shiftable, ceiling: 3, dropped };
+                (Just(window), volumes(rows, cols, candidates, 3))
+            }),
+    ) {
+        check(&costs, window);
+    }
+
+    #[test]
+    fn bytes_hold_the_sums_of_byte_precision(settings in settings(), ceiling in 1u16..=36_720) {
+        let settings = Settings { precision: Precision::Byte, ..settings };
+        let window = Window::new((9, 9), 5, &settings, ceiling);
+        prop_assert!(window.largest_sum() <= 255, "{:?}", window);
+        let finer = Window { dropped: window.dropped.saturating_sub(1), ..window };
+        prop_assert!(window.dropped == 0 || finer.largest_sum() > 255, "{:?}", window);
+    }
+
+    /// Integers are chosen by the largest sum: a mean of few votes must not lead beyond it.
+    #[test]
+    fn no_share_is_above_the_largest_sum(settings in settings(), ceiling in 1u16..=64) {
+        let settings = Settings { precision: Precision::Byte, ..settings };
+        let window = Window::new((9, 9), 5, &settings, ceiling);
+        for votes in 1..=window.side as u64 {
+            let sum = (votes * u64::from(ceiling)) >> window.dropped;
+            let share = window.share(sum, votes);
+            prop_assert!(share <= window.largest_sum(), "{} by {}: {:?}", share, votes, window);
+        }
+    }
+}
+
+#[test]
+fn every_window_and_larger_ones_than_the_image() {
+    for side in (1..=LARGEST_WINDOW).step_by(2) {
+        for (shiftable, dropped) in [(true, 3), (false, 0)] {
+            let cols = tile() + 5;
+            let window =
+                Window { rows: 35, cols, candidates: 1, side, shiftable, ceiling: 99, dropped };
+            check(&random(window), window);
+            let window = Window { rows: 2, cols: 3, ..window };
+            check(&random(window), window);
+        }
+    }
+}
+
+#[test]
+fn every_number_of_candidates_and_every_width_about_a_tile() {
+    let tile = tile();
+    let near = [1, 2, tile - 1, tile, tile + 1, 2 * tile - 1, 2 * tile, 3 * tile + 7];
+    for (candidates, cols) in COUNTS.into_iter().zip(near.into_iter().cycle()) {
+        for (rows, side) in [(1, 5), (33, 3)] {
+            let shiftable = true;
+            let window =
+                Window { rows, cols, candidates, side, shiftable, ceiling: 14, dropped: 1 };
+            check(&random(window), window);
+        }
+    }
+}
+
+#[test]
+fn the_greatest_costs_there_are_do_not_overflow() {
+    for shiftable in [true, false] {
+        let ceiling = u16::MAX;
+        let window =
+            Window { rows: 33, cols: 34, candidates: 1, side: 63, shiftable, ceiling, dropped: 0 };
+        let volume = Plane::from_fn(33, 34, |_, _| u16::MAX);
+        let sums = aggregated(&volume, window, levels()[0]);
+        assert!(sums.as_slice().iter().all(|&sum| sum == 63 * 63 * 65_535));
+    }
+}
+
+#[test]
+fn tiles_cover_every_column_once() {
+    for cols in [1, 2, tile(), tile() + 1, 5 * tile() + 3] {
+        for side in (1..=LARGEST_WINDOW).step_by(2) {
+            for shiftable in [true, false] {
+                let window =
+                    Window { rows: 1, cols, candidates: 1, side, shiftable, ..Window::default() };
+                let covered: Vec<_> = window.tiles().flat_map(|tile| tile.finished).collect();
+                assert_eq!(covered, (0..cols).collect::<Vec<_>>(), "{window:?}");
+            }
         }
     }
 }
 
 #[test]
 fn the_mean_of_the_votes_counts() {
-    let window = Window { rows: 1, cols: 1, candidates: 1, side: 3, shiftable: false, ceiling: 14 };
+    let window =
+        Window { rows: 1, cols: 1, candidates: 1, side: 3, ceiling: 14, ..Window::default() };
     assert_eq!(window.share(30, 9), 30, "everybody voted");
     assert_eq!(window.share(10, 3), 30, "a third voted");
     assert_eq!(window.share(1, 2), 5, "4.5 is rounded up");
     assert_eq!(window.share(0, 0), 9 * 14, "nobody voted");
+}
+
+#[test]
+fn a_cancelled_sum_stops() {
+    let control = Control::default();
+    control.cancel();
+    let window = Window { rows: 2, cols: 2, candidates: 1, side: 1, ..Window::default() };
+    let stopped = aggregate(&random(window), window, levels()[0], &control);
+    assert_eq!(stopped, Err(Error::Cancelled));
+}
+
+/// A pair, its settings, and how it is cut into strips.
+#[derive(Debug)]
+struct Election {
+    views: [View; 2],
+    candidates: Candidates,
+    settings: Settings,
+    strip_rows: usize,
+}
+
+impl Election {
+    fn window(&self, ceiling: u16) -> Window {
+        let (rows, cols, _) = self.views[0].image.shape();
+        Window::new((rows, cols), self.candidates.count(), &self.settings, ceiling)
+    }
+
+    /// Costs aggregated by the kernels of a match, strip after strip in the same memory.
+    fn aggregated<V: Value>(&self, costs: &Costs, level: Level) -> Plane<u32> {
+        let (window, count) = (self.window(costs.ceiling()), self.candidates.count());
+        let mut result = Plane::new(window.rows, window.cols * count).expect("memory");
+        let (mut operands, mut aggregator) = (Operands::default(), Aggregator::<V>::default());
+        for first in (0..window.rows).step_by(self.strip_rows) {
+            let rows = self.strip_rows.min(window.rows - first);
+            let strip = Strip { first, rows, margin: window.margin(), height: window.rows };
+            operands.load(costs, &strip).expect("memory");
+            aggregator.begin(window, strip, operands.has_votes()).expect("memory");
+            for tile in window.tiles() {
+                level.run(Sweep { aggregator: &mut aggregator, operands: &operands, tile: &tile });
+                let aggregated = aggregator.aggregated();
+                for (place, x) in tile.finished.clone().enumerate() {
+                    for (lane, y) in strip.range().enumerate() {
+                        for (k, sums) in
+                            aggregated.of(place, lane / BLOCK).every().iter().enumerate()
+                        {
+                            result.row_mut(y)[x * count + k] = sums[lane % BLOCK].widened() as u32;
+                        }
+                    }
+                }
+            }
+        }
+        result
+    }
+
+    fn check(&self) {
+        let views = [&self.views[0], &self.views[1]];
+        let (settings, control) = (&self.settings, Control::default());
+        let costs = Costs::new(views, self.candidates, settings, levels()[0], &control)
+            .expect("not cancelled");
+        let window = self.window(costs.ceiling());
+        let votes = naive::votes(views, self.candidates);
+        let naive = naive::costs(views, self.candidates, settings);
+        let expected = reference::aggregate(&naive, &votes, window);
+        let largest = window.largest_value(costs.votes().is_some());
+        for level in levels() {
+            let told = format!("{window:?} {} {} rows", level.name(), self.strip_rows);
+            assert!(self.aggregated::<u32>(&costs, level) == expected, "u32: {told}");
+            if largest <= u16::MAX.into() {
+                assert!(self.aggregated::<u16>(&costs, level) == expected, "u16: {told}");
+            }
+            if largest <= u8::MAX.into() {
+                assert!(self.aggregated::<u8>(&costs, level) == expected, "u8: {told}");
+            }
+        }
+    }
+}
+
+fn elections() -> impl Strategy<Value = Election> {
+    let masks = (0u64..=100, any::<u64>());
+    (heights(), widths(), settings(), masks, 1usize..=70, -9i64..9, 1i64..=9).prop_filter_map(
+        "too much to do, or out of reach",
+        |(rows, cols, settings, (percent, seed), strip_rows, min, count)| {
+            let work = rows * cols * count as usize * settings.window.pow(2);
+            let described = rows * cols * settings.components() * settings.neighborhood.pow(2);
+            let candidates = Candidates::new(min, count, cols).ok()?;
+            let views = [seed, !seed].map(|seed| View {
+                mask: Some(mask(rows, cols, percent, seed)),
+                ..view(rows, cols, |y, x| hash(seed, y, x) as u8)
+            });
+            let affordable = work.max(described) <= AFFORDABLE;
+            affordable.then_some(Election { views, candidates, settings, strip_rows })
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(192))]
+
+    #[test]
+    fn any_votes_in_any_strips_of_any_integers(election in elections()) {
+        election.check();
+    }
+}
+
+/// Of few votes the mean may be above the sum of a window in which all vote against: bits are dropped there.
+#[test]
+fn few_votes_do_not_overflow_a_byte() {
+    Election {
+        views: eight_votes(),
+        candidates: Candidates::new(0, 4, 42).expect("in reach"),
+        settings: Settings {
+            frequencies: (3, 2),
+            bits: 1,
+            window: 11,
+            precision: Precision::Byte,
+            ..Settings::default()
+        },
+        strip_rows: 11,
+    }
+    .check();
 }

@@ -4,6 +4,9 @@ mod common;
 
 use common::{gray, level_pair, views};
 use ndarray::Array3;
+use phasestereo::control::Control;
+use phasestereo::intensity::Gray;
+use phasestereo::simd::Level;
 use phasestereo::view::{Image, Mask, View};
 use proptest::prelude::*;
 
@@ -59,8 +62,35 @@ proptest! {
         for ((y, x), _) in pixels.index_axis(ndarray::Axis(2), 0).indexed_iter() {
             let [r, g, b] = [0, 1, 2].map(|c| i32::from(pixels[(y, x, c)]));
             let thousandths = 299 * r + 587 * g + 114 * b;
-            prop_assert_eq!(narrow.row(y)[x], thousandths - 127_500);
-            prop_assert_eq!(wide.row(y)[x], thousandths - 32_767_500);
+            prop_assert_eq!(narrow.row(y)[x], thousandths - 128_000);
+            prop_assert_eq!(wide.row(y)[x], thousandths - 32_768_000);
+        }
+    }
+
+    #[test]
+    fn gray_integers_keep_their_unit(pixels in bytes(3, 4, 1)) {
+        let narrow = gray(&view(Image::U8(pixels.clone())));
+        let wide = gray(&view(Image::U16(pixels.mapv(u16::from))));
+        for ((y, x, _), &pixel) in pixels.indexed_iter() {
+            prop_assert_eq!(narrow.row(y)[x], i32::from(pixel) - 128);
+            prop_assert_eq!(wide.row(y)[x], i32::from(pixel) - 32_768);
+        }
+    }
+
+    #[test]
+    fn no_gray_value_is_beyond_the_announced_reach(view in (0u8..4).prop_flat_map(|kind| views(4, 5, kind))) {
+        let reach = Gray::new(&view, Level::best(), &Control::default()).expect("not cancelled").reach();
+        prop_assert!(gray(&view).as_slice().iter().all(|value| value.unsigned_abs() <= reach));
+    }
+
+    #[test]
+    fn the_level_changes_no_gray_value(view in (0u8..4).prop_flat_map(|kind| views(3, 37, kind))) {
+        let expected = gray(&view);
+        for (name, level) in Level::all().filter_map(|(name, level)| Some((name, level?))) {
+            let source = Gray::new(&view, level, &Control::default()).expect("not cancelled");
+            let mut row = vec![0; 37];
+            source.write_row(1, level, &mut row).expect("memory");
+            prop_assert_eq!(&row, expected.row(1), "{}", name);
         }
     }
 

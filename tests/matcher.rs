@@ -1,191 +1,438 @@
-//! Whole matches: every thread count and banding against the chain of the naive twins.
+//! Whole matches: any way to cut up the work, any integers, any memory used before, against the chain of the
+//! naive twins.
 
 mod common;
 
-use common::{gray, level_pair, settings, views};
-use phasestereo::aggregation::Window;
+use std::io::Write;
+use std::sync::Arc;
+
+use common::naive::{self, Seen};
+use common::{
+    OPTIMIZERS, affordable, eight_votes, hash, levels, mask, settings, tile, view, views,
+};
 use phasestereo::control::Control;
-use phasestereo::cost::Costs;
-use phasestereo::error::{Error, Result};
-use phasestereo::matcher::{Disparity, Execution, Pair, on_threads, run};
-use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::refinement::{confidence, flag};
-use phasestereo::scanline::Steps;
-use phasestereo::settings::{CostKind, Optimizer, Settings};
+use phasestereo::error::Error;
+use phasestereo::matcher::{Execution, Matcher, Pair, on_threads, run};
+use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Settings};
+use phasestereo::simd::Level;
+use phasestereo::value::Value;
 use phasestereo::view::{Image, View};
 use phasestereo::votes::Votes;
 use proptest::prelude::*;
+use proptest::sample::select;
 
-/// What a caller sees of a match; NaN compared by its bits.
-type Seen = (Vec<u32>, Vec<u16>, Vec<u32>);
+/// What the naive chain may cost: pixels x (candidates x places of the window, or the like of the codes).
+const AFFORDABLE: usize = 1 << 21;
 
-fn seen(map: Disparity) -> Seen {
-    let bits = |plane: Plane<f32>| plane.into_vec().into_iter().map(f32::to_bits).collect();
-    (bits(map.disparity), map.flags.into_vec(), bits(map.confidence))
+/// A pair and the settings to match it with.
+#[derive(Debug, Clone)]
+struct Job {
+    pair: Pair,
+    settings: Settings,
 }
 
-fn matched(pair: &Pair, settings: &Settings, threads: usize, band_rows: Option<usize>) -> Seen {
-    let how = Execution { threads, band_rows };
-    seen(run(pair, settings, how, &Control::default()).expect("a legal match"))
-}
-
-/// Costs of the naive twins before any vote is taken out.
-fn naive_costs(pair: &Pair, settings: &Settings) -> Plane<u16> {
-    let ([left, right], told) = (pair.views(), settings.intensity_range);
-    if settings.cost == CostKind::Phase {
-        let codes = [left, right].map(|view| reference::describe(&gray(view), settings));
-        return reference::phase_costs(&codes[0], &codes[1], pair.candidates());
+impl Job {
+    fn new([left, right]: [View; 2], min: i64, count: i64, settings: Settings) -> Self {
+        settings.check().expect("legal settings");
+        Self { pair: Pair::new(left, right, min, count).expect("a legal pair"), settings }
     }
-    let [left, right] = level_pair([left, right], told).map(|channels| {
-        let flatten = |plane: &Plane<u16>| match settings.cost {
-            CostKind::NormalisedSad => reference::normalise(plane, settings.window),
-            _ => plane.clone(),
-        };
-        channels.iter().map(flatten).collect::<Vec<_>>()
-    });
-    reference::absolute_differences(&left, &right, pair.candidates())
-}
 
-/// Whether left pixel and candidate are both valid, by definition.
-fn naive_vote(pair: &Pair, y: usize, x: usize, k: usize) -> bool {
-    let valid = |view: &View, x: usize| view.mask.as_ref().is_none_or(|mask| mask.row(y)[x]);
-    let column = pair.candidates().column(x, k, pair.size().1);
-    valid(pair.views()[0], x) && valid(pair.views()[1], column)
-}
+    fn run(&self, how: Execution) -> Seen {
+        Seen::of(run(&self.pair, &self.settings, how, &Control::default()).expect("a legal match"))
+    }
 
-fn naive_match(pair: &Pair, settings: &Settings) -> Result<Seen> {
-    let ((rows, cols), candidates) = (pair.size(), pair.candidates());
-    let count = candidates.count();
-    let scale = Costs::new(pair.views(), candidates, settings, &Control::default())?;
-    let window = Window::new((rows, cols), count, settings, scale.ceiling());
-    let steps = Steps::new(settings.penalty, window, scale.steps());
-    let votes = Plane::from_fn(rows, cols * count, |y, place| {
-        u16::from(naive_vote(pair, y, place / count, place % count))
-    });
-    let mut costs = naive_costs(pair, settings);
-    costs.as_mut_slice().iter_mut().zip(votes.as_slice()).for_each(|(cost, vote)| *cost *= vote);
-    let aggregated = reference::aggregate(&costs, &votes, window);
-    let mut result = (vec![], vec![], vec![]);
-    for y in 0..rows {
-        let row = aggregated.row(y);
-        let chosen = match settings.optimizer {
-            Optimizer::DynamicProgramming => reference::dynamic_programming(row, count, steps),
-            Optimizer::WinnerTakesAll => reference::winner_takes_all(row, count),
-        };
-        for (x, &index) in chosen.iter().enumerate() {
-            let (index, costs) = (usize::from(index), &row[x * count..][..count]);
-            let flags = naive_flags(pair, y, x, index);
-            let missing = flags & flag::MISSING != 0 || flags != 0 && !settings.fill;
-            let disparity = if missing { f32::NAN } else { candidates.disparity(index) as f32 };
-            let trust = if missing { 0.0 } else { confidence(costs, index) };
-            result.0.push(disparity.to_bits());
-            result.1.push(flags);
-            result.2.push(trust.to_bits());
+    fn run_with(&self, matcher: &Matcher, how: Execution) -> Seen {
+        let control = Control::default();
+        let map = matcher.run(&self.pair, &self.settings, how, &control).expect("a legal match");
+        assert_eq!(control.rows_done(), self.pair.size().0);
+        Seen::of(map)
+    }
+
+    fn expected(&self) -> Seen {
+        naive::matched(&self.pair, &self.settings)
+    }
+
+    /// Holds the match to the naive chain, at every level.
+    fn check(&self) {
+        let expected = self.expected();
+        for level in levels() {
+            assert!(self.run(how(1, None, level)) == expected, "{}: {self}", level.name());
         }
     }
-    Ok(result)
+
+    /// Which integers are wide enough for the costs and the totals of this match.
+    fn bytes(&self) -> (u64, u64) {
+        let (window, steps) = naive::scale(&self.pair, &self.settings);
+        let cols = self.pair.size().1;
+        let is_masked = Votes::new(self.pair.views(), self.pair.candidates()).is_some();
+        let cost = window.largest_value(is_masked);
+        let total = steps.largest_total(self.settings.optimizer, cols, window.largest_sum());
+        let cost = [u8::MAX.into(), u16::MAX.into()].iter().filter(|most| cost > **most).count();
+        let total = [u8::LARGEST_TOTAL, u32::LARGEST_TOTAL].iter().filter(|most| total > **most);
+        (1 << cost, [1, 4, 8][total.count()])
+    }
 }
 
-fn naive_flags(pair: &Pair, y: usize, x: usize, chosen: usize) -> u16 {
-    let (candidates, width) = (pair.candidates(), pair.size().1);
-    let masked = pair.views()[0].mask.as_ref().is_some_and(|mask| !mask.row(y)[x]);
-    if masked {
-        return flag::MASKED;
+impl std::fmt::Display for Job {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        let (size, candidates) = (self.pair.size(), self.pair.candidates());
+        write!(f, "{size:?}, {candidates:?}, {:?}", self.settings)
     }
-    if !(0..candidates.count()).any(|k| naive_vote(pair, y, x, k)) {
-        return flag::NO_CANDIDATE;
-    }
-    let outside = if candidates.is_outside(x, chosen, width) { flag::OUTSIDE } else { 0 };
-    let masked = if naive_vote(pair, y, x, chosen) { 0 } else { flag::MATCH_MASKED };
-    outside | masked
 }
 
+fn how(threads: usize, strip_rows: Option<usize>, level: Level) -> Execution {
+    Execution { threads, strip_rows, level }
+}
+
+fn executions() -> impl Strategy<Value = Execution> {
+    let rows = prop_oneof![3 => 1usize..=100, 1 => Just(usize::MAX)];
+    (1usize..=8, prop::option::of(rows), select(levels()))
+        .prop_map(|(threads, rows, level)| how(threads, rows, level))
+}
+
+/// Small pairs of any pixels; or pairs about as large as blocks and tiles, with few gray values (and so with
+/// ties galore) or many.
 fn pairs() -> impl Strategy<Value = Pair> {
-    (1usize..=14, 1usize..=14, 0u8..4).prop_flat_map(|(rows, cols, kind)| {
-        let range = (-(cols as i64)..cols as i64, 1..=cols as i64);
-        (views(rows, cols, kind), views(rows, cols, kind), range)
-            .prop_filter_map("every candidate outside", |(left, right, (min, count))| {
-                Pair::new(left, right, min, count).ok()
+    let small = (1usize..=14, 1usize..=14, 0u8..4)
+        .prop_flat_map(|(rows, cols, kind)| [views(rows, cols, kind), views(rows, cols, kind)]);
+    let heights = select(vec![1usize, 2, 31, 32, 33, 64, 65, 130]);
+    let widths = select(vec![1, 2, tile() - 1, tile(), tile() + 1, 2 * tile() + 3]);
+    let masked = prop::option::of(0u64..=100);
+    let seeded = (heights, widths, select(vec![1u64, 255]), masked, any::<u64>()).prop_map(
+        |(rows, cols, white, percent, seed)| {
+            [seed, !seed].map(|seed| View {
+                mask: percent.map(|percent| mask(rows, cols, percent, seed)),
+                ..view(rows, cols, |y, x| (hash(seed, y, x) % (white + 1)) as u8)
             })
+        },
+    );
+    let range = (any::<prop::sample::Index>(), any::<prop::sample::Index>());
+    (prop_oneof![2 => small, 1 => seeded], range).prop_map(|([left, right], (min, count))| {
+        let cols = left.image.shape().1;
+        let count = 1 + count.index(cols.min(70)) as i64;
+        let lowest = 1 - cols as i64 - (count - 1);
+        let min = lowest + min.index((2 * cols as i64 + count - 2) as usize) as i64;
+        Pair::new(left, right, min, count).expect("in reach")
+    })
+}
+
+fn jobs() -> impl Strategy<Value = Job> {
+    (pairs(), settings()).prop_map(|(pair, mut settings)| {
+        let (rows, cols) = pair.size();
+        let places = AFFORDABLE / (rows * cols * pair.candidates().count());
+        settings.window = affordable(settings.window, places);
+        let places = AFFORDABLE / (rows * cols * settings.components());
+        let (r, s) = settings.frequencies;
+        let least = (2 * r.max(s) + 1).max(3);
+        settings.neighborhood = affordable(settings.neighborhood, places).max(least);
+        Job { pair, settings }
     })
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig { max_shrink_iters: 300, ..ProptestConfig::with_cases(400) })]
+
     #[test]
-    fn any_match_equals_the_naive_chain(
-        pair in pairs(),
-        settings in settings(),
-        threads in 1usize..=8,
-        band_rows in prop::option::of(1usize..=15),
-    ) {
-        let expected = naive_match(&pair, &settings).expect("a legal match");
-        prop_assert_eq!(matched(&pair, &settings, threads, band_rows), expected);
+    fn any_match_equals_the_naive_chain(job in jobs(), how in executions()) {
+        prop_assert!(job.run(how) == job.expected(), "{}", job);
     }
 }
 
-fn noise_pair(rows: usize, cols: usize, count: i64) -> Pair {
-    let gray = common::noise(rows, cols + 5);
-    let view = |shift: usize| {
-        let pixel = |(y, x, _)| gray.row(y)[x + shift] as u8;
-        View {
-            image: Image::U8(ndarray::Array3::from_shape_fn((rows, cols, 1), pixel)),
-            mask: None,
+proptest! {
+    #![proptest_config(ProptestConfig { max_shrink_iters: 300, ..ProptestConfig::with_cases(60) })]
+
+    #[test]
+    fn memory_used_before_leaves_no_trace(
+        jobs in prop::collection::vec(jobs(), 2..7),
+        how in executions(),
+    ) {
+        let matcher = Matcher::new(how.threads).expect("threads start");
+        for job in &jobs {
+            prop_assert!(job.run_with(&matcher, how) == job.run(how), "{}", job);
         }
-    };
-    Pair::new(view(0), view(3), 0, count).expect("a legal pair")
+    }
+}
+
+/// A scene and the same further left by `shift`, so that costs range from none to all there are.
+fn shifted(rows: usize, cols: usize, shift: usize) -> [View; 2] {
+    [0, shift].map(|shift| view(rows, cols, |y, x| hash(9, y, x + shift) as u8))
+}
+
+fn with_masks([left, right]: [View; 2], percent: u64) -> [View; 2] {
+    [(left, 11), (right, 12)].map(|(view, seed)| {
+        let (rows, cols, _) = view.image.shape();
+        View { mask: Some(mask(rows, cols, percent, seed)), ..view }
+    })
+}
+
+/// Settings that need integers of every width, of costs and of totals, whatever the optimizer.
+fn settings_of_every_width() -> Vec<(Settings, (u64, u64))> {
+    let phase = Settings { neighborhood: 5, ..Settings::default() };
+    let byte = Settings { precision: Precision::Byte, ..phase };
+    let cheap = Penalty { near: 0.05, far: 0.1 };
+    let dear = Penalty { near: LARGEST_PENALTY, far: LARGEST_PENALTY };
+    let free = Optimizer::ScanlineOptimization;
+    let alone = Optimizer::WinnerTakesAll;
+    let normalised = Settings { cost: CostKind::NormalisedSad, ..byte };
+    vec![
+        (Settings { window: 3, optimizer: free, penalty: cheap, ..byte }, (1, 1)),
+        (Settings { window: 3, optimizer: alone, shiftable: false, ..phase }, (1, 1)),
+        (Settings { window: 3, ..byte }, (1, 4)),
+        (Settings { window: 3, optimizer: free, penalty: dear, ..phase }, (1, 4)),
+        (phase.clone(), (2, 4)),
+        (Settings { window: 5, optimizer: free, shiftable: false, ..phase }, (2, 4)),
+        (Settings { cost: CostKind::Sad, window: 1, ..phase }, (2, 4)),
+        (Settings { cost: CostKind::Sad, window: 1, optimizer: alone, ..byte }, (2, 1)),
+        (Settings { window: 3, optimizer: free, penalty: cheap, ..normalised }, (2, 1)),
+        (Settings { cost: CostKind::Sad, window: 7, optimizer: free, ..phase }, (4, 4)),
+        (Settings { cost: CostKind::NormalisedSad, window: 9, ..phase }, (4, 4)),
+        (
+            Settings { cost: CostKind::Sad, window: 63, optimizer: free, penalty: dear, ..phase },
+            (4, 8),
+        ),
+    ]
 }
 
 #[test]
-fn every_thread_count_and_banding_gives_the_same_bits() {
-    let (pair, settings) = (noise_pair(131, 67, 16), Settings::default());
-    let expected = matched(&pair, &settings, 1, Some(131));
-    for threads in 1..=8 {
-        for band_rows in [None, Some(1), Some(7), Some(64), Some(usize::MAX)] {
-            assert_eq!(
-                matched(&pair, &settings, threads, band_rows),
-                expected,
-                "{threads} {band_rows:?}"
-            );
+fn integers_of_every_width_give_the_bits_of_the_naive_chain() {
+    for (settings, bytes) in settings_of_every_width() {
+        let cols = if settings.window > 9 { 9 } else { tile() + 3 };
+        for views in [shifted(35, cols, 2), with_masks(shifted(35, cols, 2), 90)] {
+            let job = Job::new(views, -1, 8, settings.clone());
+            assert_eq!(job.bytes(), bytes, "{job}");
+            job.check();
         }
     }
+}
+
+#[test]
+fn penalties_from_none_to_the_largest() {
+    let ends = [0.0, LARGEST_PENALTY];
+    for (near, far) in ends.into_iter().flat_map(|near| ends.map(|far| (near, far))) {
+        for optimizer in OPTIMIZERS {
+            for (cost, window) in [(CostKind::Phase, 3), (CostKind::Phase, 31), (CostKind::Sad, 3)]
+            {
+                let penalty = Penalty { near, far };
+                let settings = Settings { cost, window, optimizer, penalty, ..Settings::default() };
+                Job::new(shifted(4, 11, 3), 0, 9, settings).check();
+            }
+        }
+    }
+}
+
+/// A row of waves, the right one half a wave on: at disparity 0 all bits differ, half a wave on none does.
+fn waves(rows: usize, cols: usize, half: usize) -> [View; 2] {
+    [0, half].map(|shift| {
+        let wave = |x: usize| (std::f64::consts::PI * (x + shift) as f64 / half as f64).cos();
+        view(rows, cols, |_, x| (128.0 + 100.0 * wave(x)) as u8)
+    })
+}
+
+/// At the very limit of bytes and one above it.
+#[test]
+fn totals_about_the_largest_byte_are_exact() {
+    let codes = Settings { neighborhood: 3, frequencies: (1, 0), ..Settings::default() };
+    let free = |far: f64| Settings {
+        bits: 1,
+        window: 15,
+        optimizer: Optimizer::ScanlineOptimization,
+        precision: Precision::Byte,
+        penalty: Penalty { near: far / 225.0, far: far / 225.0 },
+        ..codes
+    };
+    let ordered =
+        |far: f64| Settings { bits: 4, window: 1, penalty: Penalty { near: far, far }, ..codes };
+    for (settings, total) in
+        [(free(30.0), 1), (free(31.0), 4), (ordered(7.0), 1), (ordered(8.0), 4)]
+    {
+        for (half, min, count) in [(3, 0, 1), (3, 0, 7), (12, -3, 9), (3, -2, 31)] {
+            let job = Job::new(waves(3, 31, half), min, count, settings.clone());
+            assert_eq!(job.bytes(), (1, total), "{job}");
+            job.check();
+        }
+    }
+}
+
+/// At the very limit of 32 bits and one column beyond it.
+#[test]
+fn totals_about_the_largest_word_are_exact() {
+    let settings = Settings {
+        neighborhood: 5,
+        frequencies: (2, 0),
+        bits: 4,
+        window: 63,
+        shiftable: false,
+        penalty: Penalty { near: LARGEST_PENALTY, far: LARGEST_PENALTY },
+        ..Settings::default()
+    };
+    for (cols, bytes) in [(12_812, (2, 4)), (12_813, (2, 8))] {
+        let job = Job::new(waves(1, cols, 6), 0, 2, settings.clone());
+        assert_eq!(job.bytes(), bytes);
+        job.check();
+    }
+}
+
+#[test]
+fn few_votes_do_not_overflow_a_byte() {
+    for (optimizer, shiftable) in
+        [(Optimizer::WinnerTakesAll, false), (Optimizer::DynamicProgramming, true)]
+    {
+        let settings = Settings {
+            frequencies: (3, 2),
+            bits: 1,
+            window: 11,
+            precision: Precision::Byte,
+            optimizer,
+            shiftable,
+            ..Settings::default()
+        };
+        Job::new(eight_votes(), 0, 4, settings).check();
+    }
+}
+
+#[test]
+fn windows_larger_than_the_image_and_single_pixels() {
+    for (rows, cols, count) in [(1, 1, 1), (1, 40, 7), (40, 1, 1), (3, 4, 4), (65, 2, 2)] {
+        for window in [1, 3, 31, 63] {
+            for optimizer in OPTIMIZERS {
+                let settings =
+                    Settings { neighborhood: 5, window, optimizer, ..Settings::default() };
+                Job::new(shifted(rows, cols, 1), 0, count, settings.clone()).check();
+                Job::new(with_masks(shifted(rows, cols, 1), 60), 0, count, settings).check();
+            }
+        }
+    }
+}
+
+#[test]
+fn nothing_valid_is_no_estimate_anywhere() {
+    let job = Job::new(with_masks(shifted(5, 9, 1), 0), -2, 5, Settings::default());
+    job.check();
+    let seen = job.run(how(2, None, levels()[0]));
+    assert!(seen.disparity.into_iter().all(|bits| f32::from_bits(bits).is_nan()));
+}
+
+/// Jobs that leave the most in memory for the next: other sizes, costs, votes and integers.
+fn unlike_jobs() -> Vec<Job> {
+    let sizes = [(70, 3 * tile() + 1, 33), (3, 17, 16), (33, tile(), 9)];
+    let every = settings_of_every_width().into_iter().zip(sizes.into_iter().cycle()).enumerate();
+    every
+        .map(|(i, ((settings, _), (rows, cols, count)))| {
+            let settings = Settings { confidence: i % 3 > 0, bits: 1 + i % 4, ..settings };
+            let views = shifted(rows, cols, 2);
+            let views = if i % 2 == 0 { views } else { with_masks(views, 85) };
+            Job::new(views, -1, count, settings)
+        })
+        .collect()
+}
+
+#[test]
+fn a_matcher_forgets_any_job_before_any_other() {
+    let how = how(1, None, Level::best());
+    let jobs: Vec<_> = unlike_jobs().into_iter().map(|job| (job.run(how), job)).collect();
+    for (_, before) in &jobs {
+        let matcher = Matcher::new(1).expect("a thread starts");
+        for (expected, job) in &jobs {
+            before.run_with(&matcher, how);
+            assert!(job.run_with(&matcher, how) == *expected, "{job} after {before}");
+        }
+    }
+}
+
+#[test]
+fn one_matcher_serves_several_threads_at_once() {
+    let how = how(2, Some(16), Level::best());
+    let jobs: Vec<_> = unlike_jobs().into_iter().map(|job| (job.run(how), job)).collect();
+    let matcher = Matcher::new(2).expect("threads start");
+    std::thread::scope(|scope| {
+        for first in 0..4 {
+            let (jobs, matcher) = (&jobs, &matcher);
+            scope.spawn(move || {
+                for (expected, job) in jobs.iter().cycle().skip(3 * first).take(2 * jobs.len()) {
+                    assert!(job.run_with(matcher, how) == *expected, "{job}");
+                }
+            });
+        }
+    });
+}
+
+#[test]
+fn every_thread_count_and_strip_gives_the_same_bits() {
+    let job = Job::new(shifted(131, 67, 3), 0, 16, Settings::default());
+    let expected = job.expected();
+    for level in levels() {
+        for threads in 1..=8 {
+            for rows in [None, Some(1), Some(7), Some(33), Some(64), Some(usize::MAX)] {
+                let found = job.run(how(threads, rows, level));
+                assert!(found == expected, "{threads} threads, {rows:?} rows, {}", level.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn levels_that_this_machine_lacks_are_told() {
+    let mut told = std::io::stderr();
+    for (name, level) in Level::all() {
+        let run = if level.is_some() { "run" } else { "not run: this machine lacks it" };
+        writeln!(told, "level {name}: {run}").expect("somebody listens");
+    }
+    assert!(levels().contains(&Level::best()));
 }
 
 #[test]
 fn a_shifted_image_is_found_again() {
-    let pair = noise_pair(40, 80, 9);
-    let map = run(
-        &pair,
-        &Settings::default(),
-        Execution { threads: 2, band_rows: None },
-        &Control::default(),
-    )
-    .expect("a legal match");
-    for y in 0..40 {
-        assert!(map.disparity.row(y)[8..].iter().all(|d| d.to_bits() == 3f32.to_bits()), "row {y}");
-        assert!(map.flags.row(y)[8..].iter().all(|&flags| flags == 0), "row {y}");
+    let job = Job::new(shifted(40, 80, 3), 0, 9, Settings::default());
+    let seen = job.run(how(2, None, Level::best()));
+    for (place, (bits, flags)) in seen.disparity.iter().zip(&seen.flags).enumerate() {
+        assert!(place % 80 < 8 || *bits == 3f32.to_bits() && *flags == 0, "{place}");
     }
 }
 
 #[test]
-fn a_cancelled_match_stops_and_threads_are_counted() {
-    let pair = noise_pair(20, 20, 5);
-    let control = Control::default();
-    control.cancel();
-    let how = Execution { threads: 2, band_rows: None };
-    assert_eq!(run(&pair, &Settings::default(), how, &control), Err(Error::Cancelled));
+fn a_cancelled_match_stops_and_the_matcher_goes_on() {
+    let job = Job::new(shifted(200, 120, 3), 0, 60, Settings::default());
+    let how = how(2, Some(1), Level::best());
+    let expected = job.run(how);
+    let matcher = Matcher::new(2).expect("threads start");
+    let cancelled = Control::default();
+    cancelled.cancel();
+    assert_eq!(matcher.run(&job.pair, &job.settings, how, &cancelled), Err(Error::Cancelled));
+    // In the midst of it, after some rows: on a fast machine all may be done by then.
+    for rows in [1, 20, 100] {
+        let control = Arc::new(Control::default());
+        let watched = Arc::clone(&control);
+        let watch = std::thread::spawn(move || {
+            while watched.rows_done() < rows {
+                std::thread::yield_now();
+            }
+            watched.cancel();
+        });
+        match matcher.run(&job.pair, &job.settings, how, &control) {
+            Ok(map) => assert!(Seen::of(map) == expected),
+            Err(error) => assert_eq!(error, Error::Cancelled),
+        }
+        watch.join().expect("the watch ends");
+        assert!(job.run_with(&matcher, how) == expected, "cancelled after {rows} rows");
+    }
+}
+
+#[test]
+fn threads_are_counted() {
     for threads in [0, 1025] {
         let refused = on_threads(threads, || ()).expect_err("refused");
         assert!(refused.to_string().starts_with("threads: got"), "{refused}");
+        assert!(Matcher::new(threads).is_err());
     }
 }
 
 #[test]
-fn rows_are_counted_as_they_are_done() {
-    let control = Control::default();
-    let how = Execution { threads: 3, band_rows: Some(4) };
-    run(&noise_pair(21, 30, 5), &Settings::default(), how, &control).expect("a legal match");
-    assert_eq!(control.rows_done(), 21);
+fn settings_out_of_range_are_refused() {
+    let job = Job::new(shifted(2, 3, 1), 0, 1, Settings::default());
+    let settings = Settings { window: 65, ..Settings::default() };
+    let how = how(1, None, Level::best());
+    let refused = run(&job.pair, &settings, how, &Control::default()).expect_err("refused");
+    assert!(refused.to_string().starts_with("window: got 65"), "{refused}");
 }
 
 #[test]
@@ -206,6 +453,6 @@ fn images_of_two_sizes_or_types_are_refused() {
 
 #[test]
 fn without_masks_nobody_is_asked_to_vote() {
-    let pair = noise_pair(4, 9, 3);
+    let pair = Job::new(shifted(4, 9, 1), 0, 3, Settings::default()).pair;
     assert!(Votes::new(pair.views(), pair.candidates()).is_none());
 }

@@ -237,24 +237,37 @@ def votes(left_mask: Bools, right_mask: Bools, min_disparity: int, num_dispariti
     return np.stack([left_mask & right_mask[:, x] for x in columns.T], axis=-1)
 
 
-def box_sum(values: NDArray[Any], window: int) -> NDArray[Any]:
-    """Return the sum over the window x window box around each pixel; the edge is repeated."""
-    total = np.zeros(values.shape, dtype=np.result_type(values, np.int64))
-    for _, _, shifted in neighbours(values, (window - 1) // 2, "edge"):
-        total += shifted
-    return total
+def dropped_bits(window: int, ceiling: int) -> int:
+    """Return the least n for which window * (window * ceiling >> n) is at most 255."""
+    return next(n for n in range(64) if window * (window * ceiling >> n) <= 255)
 
 
-def full_box_sum(costs: Ints, window: int, voting: Bools, ceiling: int) -> Ints:
+def box_sum(values: NDArray[Any], window: int, dropped: int = 0) -> NDArray[Any]:
+    """Return the sum over the window x window box around each pixel; the edge is repeated.
+
+    Of the sum of each column of the box so many lowest bits are dropped.
+    """
+    half = (window - 1) // 2
+    columns = [
+        np.zeros(values.shape, dtype=np.result_type(values, np.int64)) for _ in range(window)
+    ]
+    for dx, _, shifted in neighbours(values, half, "edge"):
+        columns[half + dx] += shifted
+    kept = [column >> dropped if dropped else column for column in columns]
+    return np.sum(kept, axis=0, dtype=kept[0].dtype)
+
+
+def full_box_sum(costs: Ints, window: int, voting: Bools, ceiling: int, dropped: int = 0) -> Ints:
     """Return the box sum of the voting costs scaled to the full window, rounded half up.
 
-    Where nobody votes, every pixel of the window is taken to cost the ceiling.
+    Where nobody votes, every pixel of the window is taken to cost the ceiling: nothing is scaled
+    beyond that, either, as the little that is dropped from few votes would have it.
     """
-    size = window * window
+    most = window * (window * ceiling >> dropped)
     count = box_sum(voting.astype(np.int64), window)
-    total = box_sum(np.where(voting, costs, 0), window)
-    scaled = (total * size + count // 2) // np.maximum(count, 1)
-    return np.where(count == 0, size * ceiling, scaled)
+    total = box_sum(np.where(voting, costs, 0), window, dropped)
+    scaled = (total * window * window + count // 2) // np.maximum(count, 1)
+    return np.where(count == 0, most, np.minimum(scaled, most))
 
 
 def aggregate(
@@ -264,19 +277,21 @@ def aggregate(
     shiftable: bool,
     votes: Bools | None = None,
     ceiling: int | None = None,
+    dropped: int = 0,
 ) -> NDArray[Any]:
     """Return the least of the five box sums which the pixel anchors (section 2.3), (H, W, N).
 
     Centred at (0, 0), (+-h, 0), (0, +-h), h = (window - 1) / 2, each centre clamped into the image.
     Not shiftable: the one at (0, 0) alone. With votes, and integer costs with their ceiling (the
-    largest cost of one vote), the sums are those of `full_box_sum`.
+    largest cost of one vote), the sums are those of `full_box_sum`. Dropped are the lowest bits of
+    the sums of columns.
     """
     if votes is None:
-        sums = box_sum(costs, window)
+        sums = box_sum(costs, window, dropped)
     elif ceiling is None:
         raise ValueError("ceiling must be given with votes, got None")
     else:
-        sums = full_box_sum(costs, window, votes, ceiling)
+        sums = full_box_sum(costs, window, votes, ceiling, dropped)
     if not shiftable:
         return sums
     height, width = costs.shape[:2]
@@ -325,11 +340,46 @@ def scanline(aggregated: NDArray[Any], penalty_rise: int, penalty_drop: int) -> 
             offers = before[:, sources] + penalties
             cost[:, d] += offers.min(axis=1)
             came_from[:, x, d] = np.array(sources)[offers.argmin(axis=1)]
+    return followed(cost, came_from)
+
+
+def followed(cost: Ints, came_from: Ints) -> Ints:
+    """Return the path back from the smallest cheapest end of each row, (H, W)."""
+    height, width, _ = came_from.shape
     path = np.zeros((height, width), dtype=np.int64)
     path[:, -1] = np.argmin(cost, axis=1)
     for x in range(width - 1, 0, -1):
         path[:, x - 1] = came_from[np.arange(height), x, path[:, x]]
     return path
+
+
+def free_scanline(aggregated: NDArray[Any], near: int, far: int) -> Ints:
+    """Return the candidates of the cheapest path along each row, free in either direction, (H, W).
+
+    cost(x, d) = aggregated(x, d) + the least of
+
+    - stay: cost(x - 1, d),
+    - near: cost(x - 1, d - 1) + near, then cost(x - 1, d + 1) + near,
+    - far: cost(x - 1, d') + far, for every d'.
+
+    Equal costs go to the first of these, to the smallest d' and, at the end of the row, to the
+    smallest d.
+    """
+    height, width, number = aggregated.shape
+    came_from = np.zeros((height, width, number), dtype=np.int64)
+    cost = aggregated[:, 0].astype(np.int64)
+    for x in range(1, width):
+        before = cost
+        cost = aggregated[:, x].astype(np.int64)
+        for d in range(number):
+            # In the order of preference: argmin takes the first of equals.
+            beside = [n for n in (d - 1, d + 1) if 0 <= n < number]
+            sources = [d, *beside, *range(number)]
+            penalties = [0] + [near] * len(beside) + [far] * number
+            offers = before[:, sources] + penalties
+            cost[:, d] += offers.min(axis=1)
+            came_from[:, x, d] = np.array(sources)[offers.argmin(axis=1)]
+    return followed(cost, came_from)
 
 
 def confidence(aggregated: NDArray[Any], index: Ints) -> Floats:
@@ -348,9 +398,9 @@ def confidence(aggregated: NDArray[Any], index: Ints) -> Floats:
 # --- the whole method ---
 
 
-def window_penalty(penalty: float, window: int) -> int:
+def window_penalty(penalty: float, window: int, dropped: int = 0) -> int:
     """Return the penalty in bits per pixel as one on box sums, the nearest integer, halves up."""
-    return int(np.floor(penalty * window * window + 0.5))
+    return int(np.floor(penalty * window * window / 2**dropped + 0.5))
 
 
 def match_phase(

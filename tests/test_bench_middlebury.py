@@ -451,7 +451,7 @@ def test_command_downloads(
         (("blind",), 1, "nothing to score, no truth is known: scenes2001/blind"),
         (("blind", "--scene", "blind"), 2, "--scene: without truth there is nothing to score"),
         (("data", "--scene", "two"), 2, "--scene: got 'two'; there is scenes2001/one, scenes2001/"),
-        (("data", "--method", "papre"), 2, "--method: got 'papre'; accepts paper, sad, nsad"),
+        (("data", "--method", "papre"), 2, "--method: got 'papre'; accepts paper, fast, sad, nsad"),
         (("data", "--suite", "blunt"), 2, "--suite: got 'blunt'; accepts one-sided-blur, sharp"),
         (("data", "--degradation", "fog"), 2, "--degradation: got 'fog'; accepts sharp, gauss 2"),
         (("data", "--side", "top"), 2, "--side: got 'top'; accepts left, right"),

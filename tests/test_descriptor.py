@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 
 Taper = Literal["uniform", "gaussian", "hann"]
 
-# How far a component may be from the exact one, per unit of gray summed over its neighbourhood: the
-# two integer tables are within 2^-12 of the exact cosines each, rounding to a zero sum included.
+# How far a component was found to be from the exact one at most, per unit of gray summed over its
+# neighbourhood: the integer tables are rounded to steps of L / 4000, but the errors of many pixels
+# cancel, so that the sum is closer.
 TABLE_ERROR = 2.0**-11
 
 FAMILIES = [

@@ -53,7 +53,8 @@ def test_the_paper_preset_on_real_pairs(data: Path, name: str, bound: float) -> 
     bits=st.integers(1, 4),
     radius=st.integers(0, 4),
     shiftable=st.booleans(),
-    optimizer=st.sampled_from(["dp", "wta"]),
+    precision=st.sampled_from(["full", "byte"]),
+    optimizer=st.sampled_from(["dp", "so", "wta"]),
     penalty=st.sampled_from([0, 0.5, 2, (0, 5), (0.5, 0)]),
 )
 def test_codes_to_disparities_equal_the_oracle(
@@ -64,26 +65,107 @@ def test_codes_to_disparities_equal_the_oracle(
     radius: int,
     *,
     shiftable: bool,
+    precision: str,
     optimizer: str,
     penalty: float | tuple[float, float],
 ) -> None:
     count, window = min(4, shape[1]), 2 * radius + 1
     assume(-shape[1] - count + 1 < low < shape[1])
     left, right = np.random.default_rng(seed).integers(0, 256, (2, *shape), np.uint8)
-    aggregation: dict[str, Any] = {"window": window, "shiftable": shiftable}
+    aggregation: dict[str, Any] = {
+        "window": window,
+        "shiftable": shiftable,
+        "precision": precision,
+    }
     choice: dict[str, Any] = {"optimizer": optimizer, "penalty": penalty}
     options: dict[str, Any] = {"num_disparities": count, "min_disparity": low, "bits": bits}
     result = ps.match(left, right, **options, **aggregation, **choice)
     levels = [decoded(ps.descriptor(image, bits=bits), 7, bits) for image in (left, right)]
     costs = oracle.phase_costs(levels[0], levels[1], low, count, bits)
-    volume = oracle.aggregate(costs, window, shiftable=shiftable)
-    rise, drop = penalty if isinstance(penalty, tuple) else (penalty, penalty)
-    steps = oracle.window_penalty(rise, window), oracle.window_penalty(drop, window)
-    chosen = (
-        oracle.scanline(volume, *steps) if optimizer == "dp" else oracle.winner_takes_all(volume)
-    )
+    # Seven components, each of which differs by half the number of levels at most.
+    dropped = oracle.dropped_bits(window, 7 * 2 ** (bits - 1)) if precision == "byte" else 0
+    volume = oracle.aggregate(costs, window, shiftable=shiftable, dropped=dropped)
+    both = penalty if isinstance(penalty, tuple) else (penalty, penalty)
+    near, far = (oracle.window_penalty(each, window, dropped) for each in both)
+    chosen = {
+        "dp": lambda: oracle.scanline(volume, near, far),
+        "so": lambda: oracle.free_scanline(volume, near, far),
+        "wta": lambda: oracle.winner_takes_all(volume),
+    }[optimizer]()
     np.testing.assert_array_equal(result.disparity, chosen + low)
+    assert result.confidence is not None
     np.testing.assert_allclose(result.confidence, oracle.confidence(volume, chosen), rtol=1e-6)
+    without = ps.match(left, right, **options, **aggregation, **choice, confidence=False)
+    assert without.confidence is None
+    np.testing.assert_array_equal(without.disparity, result.disparity)
+
+
+def test_fast_with_masks_equals_the_oracle() -> None:
+    rng = np.random.default_rng(5)
+    left, right = noise_pair(24, 40, 3)
+    masks = [rng.random((24, 40)) > 0.3 for _ in range(2)]
+    masks[0][:12, :20] = False
+    result = ps.match(
+        left, right, num_disparities=7, preset="fast", left_mask=masks[0], right_mask=masks[1]
+    )
+    fast = ps.PRESETS["fast"]
+    codes = [
+        decoded(ps.descriptor(image, mask=mask, settings=fast), 4, fast.bits)
+        for image, mask in zip((left, right), masks, strict=True)
+    ]
+    voting = oracle.votes(masks[0], masks[1], 0, 7)
+    dropped = oracle.dropped_bits(fast.window, 8)
+    volume = oracle.aggregate(
+        oracle.phase_costs(codes[0], codes[1], 0, 7, fast.bits),
+        fast.window,
+        shiftable=fast.shiftable,
+        votes=voting,
+        ceiling=8,
+        dropped=dropped,
+    )
+    assert isinstance(fast.penalty, tuple)
+    near, far = (oracle.window_penalty(each, fast.window, dropped) for each in fast.penalty)
+    chosen = oracle.free_scanline(volume, near, far)
+    expected = np.where(voting.any(axis=2), chosen, np.nan)
+    assert (expected == 3).any()
+    np.testing.assert_array_equal(result.disparity, expected)
+
+
+def test_few_votes_in_bytes_cost_no_more_than_none() -> None:
+    """What is dropped from few votes must not scale up beyond what a byte was found to hold."""
+    texture = np.random.default_rng(0).integers(1, 256, (1, 70), np.uint8).repeat(40, axis=0)
+    left, right = texture[:, :60], 255 - texture[:, 3:63]  # every bit differs where it is shifted
+    left_mask = np.ones(left.shape, bool)
+    left_mask[::11] = False
+    described: dict[str, Any] = {"num_disparities": 7, "frequencies": (3, 0), "window": 11}
+    voting = oracle.votes(left_mask, np.ones_like(left_mask), 0, 7)
+    costs = ps.cost_volume(left, right, **described).astype(np.int64)
+    volume = oracle.aggregate(
+        costs, 11, shiftable=False, votes=voting, ceiling=6, dropped=oracle.dropped_bits(11, 6)
+    )
+    penalty = 79 * 4 / 121  # 79 and 11 * (66 >> 2) = 176 are 255
+    result = ps.match(
+        left,
+        right,
+        **described,
+        left_mask=left_mask,
+        shiftable=False,
+        confidence=False,
+        precision="byte",
+        optimizer="so",
+        penalty=penalty,
+    )
+    expected = oracle.free_scanline(volume, 79, 79)
+    np.testing.assert_array_equal(result.disparity[left_mask], expected[left_mask])
+
+
+# They were 5.26, 2.80 and 8.13 %.
+@pytest.mark.parametrize(("name", "bound"), [("tsukuba", 6.0), ("venus", 3.5), ("cones", 9.0)])
+def test_the_fast_preset_on_real_pairs(data: Path, name: str, bound: float) -> None:
+    pair = find_scene(data / "middlebury", name).load()
+    result = ps.match(pair.left, pair.right, num_disparities=pair.num_disparities, preset="fast")
+    assert pair.truth is not None
+    assert bad_pixels(result.disparity, pair.truth, 1.0, pair.masks["nonocc"]) <= bound
 
 
 def test_images_to_disparities_equal_the_oracle_but_for_rounding(data: Path) -> None:
@@ -124,6 +206,7 @@ def test_confidence_is_the_relative_margin() -> None:
         ps.cost_volume(left, right, num_disparities=6).astype(np.int64), 9, shiftable=True
     )
     expected = oracle.confidence(volume, result.disparity.astype(int))
+    assert result.confidence is not None
     np.testing.assert_allclose(result.confidence, expected, rtol=1e-6)
     assert result.confidence[:, 6:].min() > 0.5, "random texture leaves no doubt"
 
@@ -194,6 +277,7 @@ def test_nothing_to_match_with_leaves_no_candidate() -> None:
     result = ps.match(left, right, num_disparities=3, right_mask=np.zeros((6, 9), bool))
     assert (result.flags == ps.Flag.NO_CANDIDATE).all()
     assert np.isnan(result.disparity).all()
+    assert result.confidence is not None
     assert not result.confidence.any()
 
 
@@ -265,6 +349,7 @@ def test_windows_larger_than_the_image_are_fine(shape: tuple[int, int]) -> None:
 def test_results_tell_about_themselves_and_travel() -> None:
     left, right = noise_pair(10, 20, 2)
     result = ps.match(left, right, num_disparities=4)
+    assert result.confidence is not None
     assert result.disparity.dtype == result.confidence.dtype == np.float32
     assert result.flags.dtype == np.uint16
     assert set(result.timings) == {"description", "matching"}

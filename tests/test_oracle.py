@@ -364,6 +364,28 @@ def test_scaled_votes_round_half_up_and_none_cost_the_ceiling() -> None:
     assert shifted.tolist() == [9, 9, 14, 14, 18, 126]
 
 
+def test_a_byte_holds_what_is_left_of_a_window() -> None:
+    """9 * (72 >> 2) = 162, 9 * (72 >> 1) = 324; 3 * (3 * 28) = 252; 63 * (2520 >> 9) = 252."""
+    cases = [(9, 8), (3, 28), (63, 40), (1, 1)]
+    assert [oracle.dropped_bits(*case) for case in cases] == [2, 0, 9, 0]
+
+
+def test_bits_are_dropped_from_the_sum_of_each_column() -> None:
+    """Columns of the middle: 12, 15, 18, without their lowest bit 6, 7, 9."""
+    assert oracle.box_sum(NINE, 3, 1)[1, 1, 0] == 22
+    assert oracle.aggregate(NINE, 3, shiftable=False, dropped=2)[1, 1, 0] == 3 + 3 + 4
+    voting = NINE != 5  # 12, 10, 18 without a bit make 20, of which 9 / 8 are 22.5
+    voted = oracle.aggregate(NINE, 3, shiftable=False, votes=voting, ceiling=9, dropped=1)
+    assert voted[1, 1, 0] == 23
+    nobody = oracle.aggregate(NINE, 3, shiftable=False, votes=NINE < 0, ceiling=9, dropped=1)
+    assert (nobody == 3 * 13).all()
+    # Each column has two votes of 9, that is 18, or 9 without a bit; 27 * 9 / 6 = 40.5 exceed 39.
+    without_a_row = np.array([[[1]], [[1]], [[0]]] * 3) * np.ones((9, 9, 1), int) > 0
+    highest = np.full((9, 9, 1), 9)
+    full = oracle.aggregate(highest, 3, shiftable=False, votes=without_a_row, ceiling=9, dropped=1)
+    assert full[4, 4, 0] == 39
+
+
 def test_votes_want_the_ceiling() -> None:
     with pytest.raises(ValueError, match="ceiling"):
         oracle.aggregate(NINE, 3, shiftable=True, votes=NINE > 0)
@@ -420,6 +442,45 @@ def test_scanline_finds_the_cheapest_of_all_paths(width: int, number: int, data:
         assert path_cost(row, tuple(path), rise, drop) == least
 
 
+@pytest.mark.parametrize(
+    ("costs", "near", "far", "expected"),
+    [
+        ([[5, 5], [5, 5]], 1, 1, [0, 0]),  # all the same: the smallest
+        ([[0, 9, 9, 9], [9, 9, 9, 0]], 1, 2, [0, 3]),  # a jump up, which an order would forbid
+        ([[0, 9, 9, 9], [9, 9, 9, 0]], 1, 9, [0, 0]),  # no cheaper than to stay
+        ([[0, 9], [9, 0]], 5, 2, [0, 1]),  # far counts for a step, too, where it is less
+        ([[3, 3, 0], [9, 0, 9]], 3, 9, [1, 1]),  # to stay comes before any change
+        ([[0, 9, 0], [9, 0, 9]], 2, 2, [0, 1]),  # of two neighbours the smaller
+        ([[0, 9, 9, 0, 9], [9, 9, 9, 9, 0]], 9, 9, [0, 0]),
+        ([[0, 0, 9, 9, 9], [9, 9, 9, 9, 0]], 1, 2, [0, 4]),  # of all the cheapest the smallest
+    ],
+)
+def test_free_scanline_by_hand(
+    costs: list[list[int]], near: int, far: int, expected: list[int]
+) -> None:
+    assert oracle.free_scanline(one_row(*costs), near, far).tolist() == [expected]
+
+
+def free_path_cost(costs: NDArray[Any], path: tuple[int, ...], near: int, far: int) -> float:
+    total = float(sum(costs[x, d] for x, d in enumerate(path)))
+    for before, after in itertools.pairwise(path):
+        apart = abs(after - before)
+        total += 0 if apart == 0 else min(near, far) if apart == 1 else far
+    return total
+
+
+@given(st.integers(1, 4), st.integers(1, 4), st.data())
+def test_free_scanline_finds_the_cheapest_of_all_paths(width: int, number: int, data: Any) -> None:
+    cells = st.lists(st.integers(0, 6), min_size=width * number, max_size=width * number)
+    costs = np.array([data.draw(cells), data.draw(cells)]).reshape(2, width, number)
+    near, far = data.draw(st.integers(0, 5)), data.draw(st.integers(0, 5))
+    found = oracle.free_scanline(costs, near, far)
+    for row, path in zip(costs, found, strict=True):
+        every = itertools.product(range(number), repeat=width)
+        least = min(free_path_cost(row, candidate, near, far) for candidate in every)
+        assert free_path_cost(row, tuple(path), near, far) == least
+
+
 def test_confidence_by_hand() -> None:
     aggregated = one_row([10, 4, 6, 8], [10, 4, 6, 8], [5, 1, 0, 9], [8, 8, 8, 2])
     found = oracle.confidence(aggregated, np.array([[1, 0, 0, 3]]))
@@ -435,6 +496,12 @@ def test_confidence_by_hand() -> None:
 )
 def test_penalties_are_rounded_half_up(penalty: float, window: int, expected: int) -> None:
     assert oracle.window_penalty(penalty, window) == expected
+
+
+def test_penalties_lose_the_bits_that_costs_lose() -> None:
+    """4.5 * 81 / 4 = 91.125 and 1.5 * 9 / 4 = 3.375; 2 * 81 / 8 = 20.25 and 2 * 1 / 4 = 0.5."""
+    cases = [(4.5, 9, 2), (1.5, 3, 2), (2, 9, 3), (2, 1, 2)]
+    assert [oracle.window_penalty(*case) for case in cases] == [91, 3, 20, 1]
 
 
 def match(left: NDArray[Any], right: NDArray[Any], **overrides: Any) -> NDArray[np.int64]:

@@ -23,6 +23,15 @@ def test_dynamic_programming_follows_the_definition(
     np.testing.assert_array_equal(ps.optimize(costs, penalty=(rise, drop)), expected)
 
 
+@given(costs=VOLUMES, near=st.integers(0, 5), far=st.integers(0, 5))
+def test_scanline_optimisation_follows_the_definition(
+    costs: np.ndarray, near: int, far: int
+) -> None:
+    expected = oracle.free_scanline(costs.astype(np.int64), near, far)
+    found = ps.optimize(costs, penalty=(near, far), optimizer="so")
+    np.testing.assert_array_equal(found, expected)
+
+
 @given(costs=VOLUMES)
 def test_winner_takes_all_follows_the_definition(costs: np.ndarray) -> None:
     expected = oracle.winner_takes_all(costs.astype(np.int64))
@@ -32,7 +41,8 @@ def test_winner_takes_all_follows_the_definition(costs: np.ndarray) -> None:
 def test_no_cost_overflows() -> None:
     costs = np.full((1, 4000, 3), 2**32 - 1, np.uint32)
     costs[:, :, 1] -= 1
-    assert (ps.optimize(costs, penalty=2**40) == 1).all()
+    for optimizer in ("dp", "so", "wta"):
+        assert (ps.optimize(costs, penalty=2**40, optimizer=optimizer) == 1).all()
 
 
 @pytest.mark.parametrize("penalty", [1.0, "1", None, True, (1, 2.0), (True, 1), np.array([1, 2])])
@@ -48,5 +58,5 @@ def test_a_penalty_out_of_range_is_refused(penalty: object) -> None:
 
 
 def test_an_unknown_optimizer_is_refused() -> None:
-    with pytest.raises(ValueError, match="^optimizer: got 'sgd'; accepts 'dp', 'wta'"):
+    with pytest.raises(ValueError, match="^optimizer: got 'sgd'; accepts 'dp', 'so', 'wta'"):
         ps.optimize(np.zeros((1, 1, 1), np.uint32), penalty=1, optimizer="sgd")  # type: ignore[arg-type]  # the point

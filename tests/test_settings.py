@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import oracle
 import phasestereo as ps
 from phasestereo import _core
 
@@ -16,11 +17,25 @@ IMAGE = np.zeros((4, 5), np.uint8)
 
 
 def test_the_paper_is_the_default() -> None:
-    assert dict(ps.PRESETS) == {"paper": ps.Settings()}
+    assert list(ps.PRESETS) == ["paper", "fast"]
+    assert ps.PRESETS["paper"] == ps.Settings()
     result = ps.match(IMAGE, IMAGE, num_disparities=2)
     assert result.settings == ps.Settings(
         neighborhood=7, window=9, frequencies=(2, 1), power=1, bits=2, optimizer="dp"
     )
+
+
+def test_fast_fits_bytes_from_costs_to_paths() -> None:
+    """What fast is made for; wider integers would be several times as slow."""
+    fast = ps.PRESETS["fast"]
+    assert (fast.precision, fast.optimizer, fast.confidence) == ("byte", "so", False)
+    r, s = fast.frequencies
+    ceiling = (r * (2 * s + 1) + s) * 2 ** (fast.bits - 1)
+    assert fast.window * ceiling <= 255
+    dropped = oracle.dropped_bits(fast.window, ceiling)
+    assert isinstance(fast.penalty, tuple)
+    far = oracle.window_penalty(max(fast.penalty), fast.window, dropped)
+    assert fast.window * (fast.window * ceiling >> dropped) + far <= 255
 
 
 def test_settings_are_frozen_hashable_and_picklable() -> None:
@@ -75,6 +90,7 @@ BAD_VALUES: list[tuple[dict[str, Any], str]] = [
     ({"cost": "ssd"}, "cost"),
     ({"taper": "kaiser"}, "taper"),
     ({"optimizer": "sgm"}, "optimizer"),
+    ({"precision": "half"}, "precision"),
     ({"frequencies": (4, 4), "neighborhood": 9}, "frequencies .* bits"),
 ]
 
@@ -101,6 +117,9 @@ BAD_TYPES: list[dict[str, Any]] = [
     {"fill": None},
     {"cost": 1},
     {"optimizer": b"dp"},
+    {"precision": 8},
+    {"confidence": 0},
+    {"confidence": None},
 ]
 
 
@@ -125,7 +144,7 @@ def test_integers_of_numpy_are_integers() -> None:
 
 
 def test_unknown_names_are_refused_with_what_there_is() -> None:
-    with pytest.raises(ValueError, match="^preset: got 'robust'; accepts 'paper'$"):
+    with pytest.raises(ValueError, match="^preset: got 'robust'; accepts 'paper', 'fast'$"):
         ps.match(IMAGE, IMAGE, num_disparities=2, preset="robust")
     with pytest.raises(TypeError, match=r"^windows: no such setting; accepts cost, neighborhood"):
         ps.match(IMAGE, IMAGE, num_disparities=2, windows=5)

@@ -14,7 +14,7 @@ from phasestereo import _core
 from phasestereo.aggregation import aggregate
 from phasestereo.cost import cost_volume
 from phasestereo.descriptor import descriptor
-from phasestereo.matcher import match
+from phasestereo.matcher import Matcher, match
 from phasestereo.result import Flag, Result
 from phasestereo.scanline import optimize
 from phasestereo.settings import PRESETS, Settings
@@ -22,6 +22,7 @@ from phasestereo.settings import PRESETS, Settings
 __all__ = [
     "PRESETS",
     "Flag",
+    "Matcher",
     "Result",
     "Settings",
     "aggregate",

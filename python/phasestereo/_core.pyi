@@ -1,6 +1,7 @@
 """The compiled core: validated again here, so that no argument can make it panic."""
 
 from collections.abc import Callable
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from phasestereo.settings import Settings
 __all__ = [
     "DEBUG_BUILD",
     "FLAGS",
+    "Workers",
     "__version__",
     "aggregate_volume",
     "check_settings",
@@ -18,11 +20,18 @@ __all__ = [
     "descriptor",
     "match_pair",
     "optimize_volume",
+    "simd_level",
 ]
 
 __version__: str
 DEBUG_BUILD: bool
 FLAGS: dict[str, int]
+
+@final
+class Workers:
+    def __new__(cls, threads: int | None) -> Workers: ...
+    @property
+    def count(self) -> int: ...
 
 def check_settings(settings: Settings) -> None: ...
 def match_pair(
@@ -30,9 +39,11 @@ def match_pair(
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
     disparities: tuple[int, int],
     settings: Settings,
-    threads: int | None,
+    threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
-) -> tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32], dict[str, float]]: ...
+) -> tuple[
+    NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, dict[str, float]
+]: ...
 def descriptor(
     image: Pixels, mask: NDArray[np.bool_] | None, settings: Settings, threads: int | None
 ) -> NDArray[np.uint16] | NDArray[np.uint32] | NDArray[np.uint64]: ...
@@ -46,3 +57,4 @@ def aggregate_volume(costs: NDArray[np.uint16], settings: Settings) -> NDArray[n
 def optimize_volume(
     costs: NDArray[np.uint32], settings: Settings, penalty: tuple[int, int]
 ) -> NDArray[np.uint16]: ...
+def simd_level() -> str: ...

@@ -53,11 +53,11 @@ def descriptor(
     Notes
     -----
     Pedone & Heikkilä 2008, eq. 3; arg in [-pi, pi), floor, F = 0 at level 0. The transform is
-    computed in integers: its cosines are rounded to 2^-12, and those of one frequency sum to zero.
-    Float images are resolved in 2 to 4 million steps of the range in which their pixels lie, but
-    for 0.1 % at either end, and clamped four ranges beyond. A component may therefore differ from
-    a floating-point one where it lies nearer to a boundary than about 2^-11 of the sum of the
-    absolute gray values (less their mean) in the neighbourhood.
+    computed in integers: its cosines are rounded to steps of about L / 4000, and those of one
+    frequency sum to zero. Float images are resolved in 2 to 4 million steps of the range in which
+    their pixels lie, but for 0.1 % at either end (of large images: of an even sample), and clamped
+    four ranges beyond. A level may therefore differ from that of a floating-point component which
+    lies very near to a boundary: for natural images about one bit in a thousand does.
     """
     chosen = resolve("paper", settings, overrides)
     pixels = as_pixels(image, "image")

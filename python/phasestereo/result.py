@@ -41,7 +41,8 @@ class Result:
         uint16 (H, W), bits of `Flag`; 0 where nothing is held against the estimate.
     confidence
         float32 (H, W) in [0, 1]: the margin of the chosen aggregated cost below the least cost
-        more than one disparity away, relative to the latter; 0 where there is no estimate.
+        more than one disparity away, relative to the latter; 0 where there is no estimate. None if
+        the settings have ``confidence=False``.
     settings
         The settings that were used.
     timings
@@ -51,7 +52,7 @@ class Result:
 
     disparity: NDArray[np.float32]
     flags: NDArray[np.uint16]
-    confidence: NDArray[np.float32]
+    confidence: NDArray[np.float32] | None
     settings: Settings
     timings: Mapping[str, float]
 

@@ -21,7 +21,7 @@ def optimize(
     costs: ArrayLike,
     *,
     penalty: int | tuple[int, int],
-    optimizer: Literal["dp", "wta"] = "dp",
+    optimizer: Literal["dp", "so", "wta"] = "dp",
 ) -> NDArray[np.uint16]:
     """Choose a candidate for every pixel of a volume of aggregated costs.
 
@@ -31,12 +31,14 @@ def optimize(
         uint32 (H, W, D), as from `aggregate`.
     penalty
         What a change of the index along the scanline costs, in the unit of the costs: one integer,
-        or a pair for (rise by one, drop to any smaller index); 0 to 2^40.
+        or a pair (near, far); 0 to 2^40.
     optimizer
         ``"dp"``: dynamic programming along each row under the ordering constraint that an index may
-        rise by one at most from a pixel to the next (Pedone & Heikkilä 2008, section 2.3); equal
-        costs go to the same index, then to the smaller one. ``"wta"``: the least cost of each pixel
-        by itself.
+        rise by one at most from a pixel to the next, for near, or drop to any smaller one, for far
+        (Pedone & Heikkilä 2008, section 2.3); equal costs go to the same index, then to the smaller
+        one. ``"so"``: the same free to rise or drop by one, for near, or change to any other index,
+        for far; equal costs go to the same index, then to one smaller, one larger, and the least
+        index of the cheapest. ``"wta"``: the least cost of each pixel by itself.
 
     Returns
     -------
@@ -60,14 +62,14 @@ def optimize(
 def check_penalty(penalty: tuple[int, ...]) -> tuple[int, int]:
     """Return a pair of penalties as plain integers."""
     if len(penalty) != 2:
-        raise ValueError(f"penalty: got {penalty}; accepts one integer or a pair (rise, drop)")
+        raise ValueError(f"penalty: got {penalty}; accepts one integer or a pair (near, far)")
     if any(isinstance(value, bool) for value in penalty):
         raise TypeError("penalty: got a bool; accepts integers")
     try:
-        rise, drop = (index(value) for value in penalty)
+        near, far = (index(value) for value in penalty)
     except TypeError as error:
         raise TypeError(f"penalty: {error}; accepts an integer or a pair of them") from error
-    if not (0 <= rise <= LARGEST_PENALTY and 0 <= drop <= LARGEST_PENALTY):
+    if not (0 <= near <= LARGEST_PENALTY and 0 <= far <= LARGEST_PENALTY):
         # Not printed: Python may refuse to print a huge integer.
         raise ValueError("penalty: got an integer out of range; accepts those from 0 to 2^40")
-    return rise, drop
+    return near, far

@@ -49,14 +49,28 @@ class Settings:
     shiftable
         Whether the best of five windows counts, which the pixel anchors at the centre, top,
         bottom, left and right (section 2.3), or the centred one alone. Default True.
+    precision
+        How exactly aggregated costs are worked out: ``"full"``, exactly; ``"byte"``, to so many
+        bits that each fits a byte, which is nearly twice as fast: from the sum of each column of
+        the window the lowest n bits are dropped, the least n for which
+        window * (window * ceiling >> n) <= 255, the ceiling being the largest cost of one pixel.
+        Default ``"full"``.
     optimizer
-        How a row of costs becomes a row of disparities: ``"dp"``, one-pass dynamic programming
-        under the ordering constraint (section 2.3), or ``"wta"``, winner-takes-all. Default
-        ``"dp"``.
+        How a row of costs becomes a row of disparities. Default ``"dp"``.
+
+        - ``"dp"``: one-pass dynamic programming along the row under the ordering constraint
+          (section 2.3): from a pixel to the next the disparity stays, rises by one or drops to
+          any smaller one.
+        - ``"so"``: scanline optimisation, the same without the ordering constraint: it stays,
+          changes by one either way or jumps to any other (Scharstein & Szeliski, *A Taxonomy and
+          Evaluation of Dense Two-Frame Stereo Correspondence Algorithms*, IJCV 2002, with the two
+          penalties of Hirschmüller's semi-global matching, along one path).
+        - ``"wta"``: winner-takes-all, each pixel by itself.
     penalty
-        What a change of disparity along the scanline costs, in units of the cost, as averaged
-        over the window: one number, or a pair for (rise by one, drop to any smaller disparity);
-        0 to 65535. Default 2.
+        What a change of disparity along the row costs, in units of the cost, as averaged over the
+        window; 0 to 65535: one number, or a pair (near, far). With ``"dp"`` near is for a rise by
+        one, far for a drop by whatever; with ``"so"`` near is for a change by one, far for any
+        change; ``"wta"`` ignores both. Default 2.
     intensity_range
         Intensities (black, white) of the images, which set the unit of ``"sad"`` and ``"nsad"``;
         values beyond one range below black or above white are clamped. None: the range of the
@@ -66,6 +80,9 @@ class Settings:
     fill
         Whether estimates that are not to be trusted stay in the map, flagged (True), or become
         NaN (False). Default True.
+    confidence
+        Whether confidences are worked out, which takes a second sweep over the costs: as long
+        again or longer. If not, `Result.confidence` is None. Default True.
 
     Raises
     ------
@@ -83,19 +100,34 @@ class Settings:
     bits: int = 2
     window: int = 9
     shiftable: bool = True
-    optimizer: Literal["dp", "wta"] = "dp"
+    precision: Literal["full", "byte"] = "full"
+    optimizer: Literal["dp", "so", "wta"] = "dp"
     penalty: float | tuple[float, float] = 2.0
     intensity_range: tuple[float, float] | None = None
     fill: bool = True
+    confidence: bool = True
 
     def __post_init__(self) -> None:
         """Check every field at once, in the core, which owns the ranges."""
         _core.check_settings(self)
 
 
-PRESETS: Mapping[str, Settings] = MappingProxyType({"paper": Settings(), "fast": Settings()})
-"""The named settings: ``"paper"`` is the method of the paper to the letter, ``"fast"`` the same
-pipeline tuned for frame rate."""
+_PAPER = Settings()
+
+# TODO: measurements.
+_FAST = Settings(
+    neighborhood=9,
+    frequencies=(1, 1),
+    window=9,
+    precision="byte",
+    optimizer="so",
+    penalty=(1.0, 4.5),
+    confidence=False,
+)
+
+PRESETS: Mapping[str, Settings] = MappingProxyType({"paper": _PAPER, "fast": _FAST})
+"""The named settings: ``"paper"`` is the method of the paper to the letter; ``"fast"`` is made for
+frame rates: short codes, costs in bytes, disparities free to change either way, no confidence."""
 
 
 def resolve(preset: str, settings: Settings | None, overrides: Mapping[str, Any]) -> Settings:

@@ -12,7 +12,7 @@ use super::internal;
 use crate::error::Error;
 use crate::matcher::{MOST_THREADS, Pair};
 use crate::plane::{Plane, zeroed};
-use crate::settings::{CostKind, MOST_DISPARITIES, Optimizer, Penalty, Settings, Taper};
+use crate::settings::{CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Settings, Taper};
 use crate::view::{Image, Mask, View};
 
 /// Something of the left and the same of the right image, or any other two things.
@@ -22,8 +22,12 @@ const COSTS: [(&str, CostKind); 3] =
     [("phase", CostKind::Phase), ("sad", CostKind::Sad), ("nsad", CostKind::NormalisedSad)];
 const TAPERS: [(&str, Taper); 3] =
     [("uniform", Taper::Uniform), ("gaussian", Taper::Gaussian), ("hann", Taper::Hann)];
-const OPTIMIZERS: [(&str, Optimizer); 2] =
-    [("dp", Optimizer::DynamicProgramming), ("wta", Optimizer::WinnerTakesAll)];
+const PRECISIONS: [(&str, Precision); 2] = [("full", Precision::Full), ("byte", Precision::Byte)];
+const OPTIMIZERS: [(&str, Optimizer); 3] = [
+    ("dp", Optimizer::DynamicProgramming),
+    ("so", Optimizer::ScanlineOptimization),
+    ("wta", Optimizer::WinnerTakesAll),
+];
 
 /// Both images, their masks, and (`min_disparity`, `num_disparities`).
 pub fn read_pair(
@@ -126,6 +130,7 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         bits: natural(&field("bits")?, "bits")?,
         window: natural(&field("window")?, "window")?,
         shiftable: boolean(&field("shiftable")?, "shiftable")?,
+        precision: choice(&field("precision")?, "precision", &PRECISIONS)?,
         optimizer: choice(&field("optimizer")?, "optimizer", &OPTIMIZERS)?,
         penalty: read_penalty(&field("penalty")?)?,
         intensity_range: match field("intensity_range")? {
@@ -137,6 +142,7 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
             }
         },
         fill: boolean(&field("fill")?, "fill")?,
+        confidence: boolean(&field("confidence")?, "confidence")?,
     };
     settings.check()?;
     Ok(settings)
@@ -146,10 +152,10 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
 fn read_penalty(penalty: &Bound<'_, PyAny>) -> PyResult<Penalty> {
     if !penalty.is_instance_of::<PyTuple>() {
         let both = number(penalty, "penalty")?;
-        return Ok(Penalty { rise: both, drop: both });
+        return Ok(Penalty { near: both, far: both });
     }
-    let (rise, drop) = both(penalty, "penalty", "a number or a pair of them (rise, drop)")?;
-    Ok(Penalty { rise: number(&rise, "penalty")?, drop: number(&drop, "penalty")? })
+    let (near, far) = both(penalty, "penalty", "a number or a pair of them (near, far)")?;
+    Ok(Penalty { near: number(&near, "penalty")?, far: number(&far, "penalty")? })
 }
 
 /// A number of threads; None: what `RAYON_NUM_THREADS` says, or as many as the process may use.

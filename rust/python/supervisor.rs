@@ -1,53 +1,59 @@
-//! A running match beside the interpreter, which it lets go: Ctrl-C and progress are minded meanwhile.
+//! A running call beside the interpreter, which it lets go: Ctrl-C and progress are minded meanwhile.
 
-use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::thread;
+use std::sync::Arc;
+use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use pyo3::prelude::*;
 
 use super::internal;
+use super::workers::Pool;
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::matcher::Matcher;
 
-/// How often a running match looks for Ctrl-C and reports its progress.
+/// How often a running call looks for Ctrl-C and reports its progress.
 const TICK: Duration = Duration::from_millis(50);
+/// How long a cancelled call is waited for. It ends within milliseconds once it has begun, and until then it
+/// may have to wait for others.
+const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Runs `work` on a thread of its own. An exception, be it Ctrl-C or from `progress`, cancels it.
-pub fn supervised<T: Send>(
+/// Does `work` on the threads of a pool. An exception, be it Ctrl-C or from `progress`, cancels it.
+pub fn supervised<T: Send + 'static>(
     py: Python<'_>,
-    control: &Control,
+    pool: &Arc<Pool>,
     rows: usize,
     progress: Option<Bound<'_, PyAny>>,
-    work: impl FnOnce() -> Result<T> + Send,
+    work: impl FnOnce(&Matcher, &Control) -> Result<T> + Send + 'static,
 ) -> PyResult<T> {
     let progress = progress.map(Bound::unbind);
+    let control = Arc::new(Control::default());
     let report = |py: Python<'_>| -> PyResult<()> {
         py.check_signals()?;
         let Some(progress) = &progress else { return Ok(()) };
         progress.call1(py, (control.rows_done(), rows)).map(drop)
     };
     let outcome = py.detach(|| {
-        thread::scope(|scope| {
-            let (finish, finished) = channel::<()>();
-            let worker = thread::Builder::new().spawn_scoped(scope, move || {
-                // Dropped when the work ends, even by a panic: that wakes the supervisor.
-                let _finish = finish;
-                work()
-            });
-            let worker = worker.map_err(|error| Error::Threads(error.to_string()))?;
-            let mut interruption = Ok(());
-            while interruption.is_ok()
-                && finished.recv_timeout(TICK) == Err(RecvTimeoutError::Timeout)
-            {
-                interruption = Python::attach(report);
+        let turn = loop {
+            match pool.turn(TICK) {
+                Some(turn) => break turn,
+                None => Python::attach(report)?,
             }
-            if interruption.is_err() {
-                control.cancel();
+        };
+        let finished = turn.start(&control, work);
+        loop {
+            match finished.recv_timeout(TICK) {
+                Ok(outcome) => return outcome.map_err(PyErr::from),
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(internal("a worker thread panicked"));
+                }
+                Err(RecvTimeoutError::Timeout) => Python::attach(report).inspect_err(|_| {
+                    control.cancel();
+                    // Whatever has come of it: it is not wanted any more.
+                    let _ = finished.recv_timeout(PATIENCE);
+                })?,
             }
-            let outcome = worker.join().map_err(|_| internal("a worker thread panicked"))?;
-            interruption.and(outcome.map_err(PyErr::from))
-        })
+        }
     })?;
     report(py)?;
     Ok(outcome)

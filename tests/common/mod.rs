@@ -2,13 +2,50 @@
 
 #![allow(dead_code, reason = "each test file uses its own part of this")]
 
+pub mod naive;
+
 use ndarray::Array3;
+use phasestereo::aggregation::Window;
 use phasestereo::control::Control;
-use phasestereo::intensity::{gray_plane, level_planes};
+use phasestereo::intensity::{Gray, level_planes};
 use phasestereo::plane::Plane;
-use phasestereo::settings::{CostKind, Optimizer, Penalty, Settings, Taper};
+use phasestereo::settings::{
+    CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Settings, Taper,
+};
+use phasestereo::simd::Level;
 use phasestereo::view::{Image, Mask, View};
 use proptest::prelude::*;
+use proptest::sample::select;
+
+/// Numbers of candidates around those that fill a byte, a word or a register of answers.
+pub const COUNTS: [usize; 11] = [1, 7, 8, 9, 16, 17, 31, 33, 64, 65, 257];
+
+/// Every way to choose.
+pub const OPTIMIZERS: [Optimizer; 3] =
+    [Optimizer::DynamicProgramming, Optimizer::ScanlineOptimization, Optimizer::WinnerTakesAll];
+
+/// Every level that this machine has.
+pub fn levels() -> Vec<Level> {
+    Level::all().filter_map(|(_, level)| level).collect()
+}
+
+/// Columns of a tile: widths around it and its multiples are where a sweep may go wrong.
+pub fn tile() -> usize {
+    let window = Window { rows: 1, cols: 1 << 16, candidates: 1, side: 1, ..Window::default() };
+    window.tiles().next().map_or(1, |tile| tile.finished.len())
+}
+
+/// Numbers of rows: a few, or about as many as a block has lanes, or two of them.
+pub fn heights() -> impl Strategy<Value = usize> {
+    prop_oneof![3 => 1usize..=9, 1 => select(vec![15, 16, 17, 31, 32, 33, 63, 64, 65, 97])]
+}
+
+/// Numbers of columns: a few, or about as many as one tile has, or two of them.
+pub fn widths() -> impl Strategy<Value = usize> {
+    let tile = tile();
+    let near = vec![tile - 1, tile, tile + 1, 2 * tile - 1, 2 * tile, 2 * tile + 3];
+    prop_oneof![3 => 1usize..=12, 1 => select(near)]
+}
 
 /// Legal descriptors of any family; sizes lean to the small, where frequencies meet their bounds.
 pub fn descriptors() -> impl Strategy<Value = Settings> {
@@ -29,6 +66,12 @@ pub fn descriptors() -> impl Strategy<Value = Settings> {
     )
 }
 
+/// Penalties in the range of the costs, none at all, and those that no cost makes up for.
+pub fn penalties() -> impl Strategy<Value = Penalty> {
+    let one = || prop_oneof![4 => 0.0..4.0f64, 2 => Just(0.0), 1 => Just(LARGEST_PENALTY)];
+    (one(), one()).prop_map(|(near, far)| Penalty { near, far })
+}
+
 /// Legal settings of the whole matcher.
 pub fn settings() -> impl Strategy<Value = Settings> {
     let cost = prop_oneof![
@@ -36,17 +79,20 @@ pub fn settings() -> impl Strategy<Value = Settings> {
         1 => Just(CostKind::Sad),
         1 => Just(CostKind::NormalisedSad)
     ];
-    let optimizer =
-        prop_oneof![3 => Just(Optimizer::DynamicProgramming), 1 => Just(Optimizer::WinnerTakesAll)];
-    let penalty = (0.0..4.0, 0.0..4.0).prop_map(|(rise, drop)| Penalty { rise, drop });
-    (descriptors(), cost, 0usize..=5, any::<bool>(), optimizer, penalty, any::<bool>()).prop_map(
-        |(descriptor, cost, radius, shiftable, optimizer, penalty, fill)| Settings {
+    let radius = prop_oneof![6 => 0usize..=5, 1 => 6usize..=31];
+    let precision = select(vec![Precision::Full, Precision::Byte]);
+    let ways = (select(OPTIMIZERS.to_vec()), penalties());
+    let [shiftable, fill, confidence] = [any::<bool>(); 3];
+    (descriptors(), cost, radius, precision, ways, shiftable, fill, confidence).prop_map(
+        |(descriptor, cost, radius, precision, ways, shiftable, fill, confidence)| Settings {
             cost,
             window: 2 * radius + 1,
             shiftable,
-            optimizer,
-            penalty,
+            precision,
+            optimizer: ways.0,
+            penalty: ways.1,
             fill,
+            confidence,
             ..descriptor
         },
     )
@@ -107,9 +153,58 @@ pub fn views(rows: usize, cols: usize, kind: u8) -> impl Strategy<Value = View> 
     })
 }
 
-/// The gray plane of a view.
+/// The largest odd side up to `side` of squares with at most `places` places, but for one that is always had.
+pub fn affordable(side: usize, places: usize) -> usize {
+    let most = places.isqrt().max(1);
+    side.min(if most.is_multiple_of(2) { most - 1 } else { most })
+}
+
+/// A gray view of bytes without a mask.
+pub fn view(rows: usize, cols: usize, pixel: impl Fn(usize, usize) -> u8) -> View {
+    let pixels = Array3::from_shape_fn((rows, cols, 1), |(y, x, _)| pixel(y, x));
+    View { image: Image::U8(pixels), mask: None }
+}
+
+/// A number without any pattern for each place, the same in every run.
+pub fn hash(seed: u64, y: usize, x: usize) -> u64 {
+    let mut bits = seed ^ (y as u64) << 20 ^ (x as u64) << 40;
+    for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
+        bits = (bits ^ bits >> 30).wrapping_add(0x9e37_79b9_7f4a_7c15).wrapping_mul(factor);
+    }
+    bits ^ bits >> 31
+}
+
+/// A mask of which about `percent` pixels are valid, in clumps and singly.
+pub fn mask(rows: usize, cols: usize, percent: u64, seed: u64) -> Mask {
+    let valid = |seed, y, x| hash(seed, y, x) % 100 < percent;
+    Mask::from_fn(rows, cols, |y, x| valid(seed, y, x) && valid(!seed, y / 5, x / 5))
+}
+
+/// A scene and its negative, of 11 x 42 pixels: every bit of their codes differs, and at disparity 0 nobody
+/// votes but 8 pixels in one column. Each row has three pixels of a value, of which one is valid on the left
+/// and the others on the right, so that the masks hide nothing of the scene.
+pub fn eight_votes() -> [View; 2] {
+    let votes = |y, x| x == 18 && y < 8;
+    let valid = [0, 1].map(|side| {
+        Mask::from_fn(11, 42, |y, x| (x % 3 == 1) == (side == 0) || side == 0 && votes(y, x))
+    });
+    let scene = |y, x| hash(3, y, x / 3) as u8;
+    let [left, right] = valid.map(Some);
+    [
+        View { mask: left, ..view(11, 42, scene) },
+        View { mask: right, ..view(11, 42, |y, x| !scene(y, x)) },
+    ]
+}
+
+/// The gray values of a view.
 pub fn gray(view: &View) -> Plane<i32> {
-    gray_plane(view, &Control::default()).expect("not cancelled")
+    let gray = Gray::new(view, Level::best(), &Control::default()).expect("not cancelled");
+    let (rows, cols) = gray.size();
+    let mut plane = Plane::new(rows, cols).expect("memory");
+    for y in 0..rows {
+        gray.write_row(y, Level::best(), plane.row_mut(y)).expect("memory");
+    }
+    plane
 }
 
 /// The channel planes of a pair.

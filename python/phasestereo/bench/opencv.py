@@ -29,6 +29,48 @@ SGBM: dict[str, Any] = {
 }
 
 
+def create_bm(num_disparities: int) -> Any:
+    """Return a StereoBM for so many disparities, a multiple of 16.
+
+    Raises
+    ------
+    ImportError
+        If OpenCV is not installed.
+    """
+    cv2 = require("cv2", extra="opencv")
+    return cv2.StereoBM_create(numDisparities=num_disparities, **BM)
+
+
+def create_sgbm(num_disparities: int, mode: str, *, channels: int) -> Any:
+    """Return a StereoSGBM for so many disparities, a multiple of 16.
+
+    Parameters
+    ----------
+    num_disparities
+        How many.
+    mode
+        What `cv2` calls the mode, such as "STEREO_SGBM_MODE_HH".
+    channels
+        Of the images it is meant for; the penalties grow with them.
+
+    Raises
+    ------
+    ImportError
+        If OpenCV is not installed.
+    """
+    cv2 = require("cv2", extra="opencv")
+    return cv2.StereoSGBM_create(
+        minDisparity=0,
+        numDisparities=num_disparities,
+        blockSize=SGBM["blockSize"],
+        P1=channels * SGBM["P1 per channel"],
+        P2=channels * SGBM["P2 per channel"],
+        disp12MaxDiff=SGBM["disp12MaxDiff"],
+        uniquenessRatio=SGBM["uniquenessRatio"],
+        mode=getattr(cv2, mode),
+    )
+
+
 def match_bm(left: Image, right: Image, num_disparities: int) -> Map:
     """Match the gray images with StereoBM, at its defaults but for the block.
 
@@ -41,7 +83,7 @@ def match_bm(left: Image, right: Image, num_disparities: int) -> Map:
     """
     cv2 = require("cv2", extra="opencv")
     count, margin = _sixteens(num_disparities), BM["blockSize"] // 2
-    matcher = cv2.StereoBM_create(numDisparities=count, **BM)
+    matcher = create_bm(count)
     gray = [
         image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         for image in (left, right)
@@ -73,19 +115,8 @@ def match_sgbm_3way(left: Image, right: Image, num_disparities: int) -> Map:
 
 
 def _match_sgbm(left: Image, right: Image, num_disparities: int, mode: str) -> Map:
-    cv2 = require("cv2", extra="opencv")
     count = _sixteens(num_disparities)
-    channels = 1 if left.ndim == 2 else left.shape[2]
-    matcher = cv2.StereoSGBM_create(
-        minDisparity=0,
-        numDisparities=count,
-        blockSize=SGBM["blockSize"],
-        P1=channels * SGBM["P1 per channel"],
-        P2=channels * SGBM["P2 per channel"],
-        disp12MaxDiff=SGBM["disp12MaxDiff"],
-        uniquenessRatio=SGBM["uniquenessRatio"],
-        mode=getattr(cv2, mode),
-    )
+    matcher = create_sgbm(count, mode, channels=1 if left.ndim == 2 else left.shape[2])
     found = matcher.compute(*(_continued(image, count, 0) for image in (left, right)))
     return _disparities(found[:, count:])
 

@@ -4,7 +4,6 @@
 
 import sys
 from collections.abc import Sequence
-from itertools import count
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +18,7 @@ from phasestereo.bench.store import read_store
 from phasestereo.cli.bench_scenes import Choice
 from phasestereo.cli.bench_tables import costs_table, means_table, name_of
 from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.stores import put_aside
 from phasestereo.cli.terminal import progress_bar
 
 _OPTIONS = {"suite", "degradation", "side", "method", "scene"}
@@ -64,7 +64,7 @@ def middlebury(
     side
         Which image is degraded: left (the default), right, or both one after the other.
     method
-        What to compare: a preset or baseline (paper, sad, nsad), other settings of it
+        What to compare: a preset or baseline (paper, fast, sad, nsad), other settings of it
         (paper:neighborhood=11,window=9), opencv:bm, opencv:sgbm, opencv:sgbm-3way, an entry point
         of the group phasestereo.methods, or package.module:function; with +true-blur after it, the
         sharp image is first blurred like the other one. Without it, what the suite is for.
@@ -100,21 +100,13 @@ def _prepare(output: Path, jobs: Sequence[Job], *, fresh: bool) -> None:
         return
     kept = finished(jobs, read_store(output))
     if fresh:
-        aside = _unused(output)
-        output.rename(aside)
-        _tell(f"renamed {output} to {aside}")
+        _tell(f"renamed {output} to {put_aside(output)}")
     elif kept:
         here = describe_environment()["id"]
         foreign = sum(record["environment"] != here for record in kept)
         reason = f", {foreign} of them from other versions or machines" if foreign else ""
         told = f"{len(kept)} of {len(jobs)} cells are in {output} already{reason}"
         _tell(f"{told}; --fresh reruns them")
-
-
-def _unused(output: Path) -> Path:
-    """Return a name for an earlier file that no file has."""
-    names = (output.with_name(f"{output.name}.bak{number or ''}") for number in count())
-    return next(name for name in names if not name.exists())
 
 
 def _run(jobs: Sequence[Job], output: Path, workers: int | None) -> list[dict[str, Any]]:

@@ -17,9 +17,11 @@ from phasestereo.bench.report import fill_document, read_results, write_report
 from phasestereo.bench.report.documents import render_document
 from phasestereo.bench.report.origin import explain
 from phasestereo.bench.report.tables import Table, mean_table
+from phasestereo.bench.speed import SpeedResults, fill_speed, read_speed
+from phasestereo.cli.bench_tables import speed_screen
 from phasestereo.cli.errors import refusals
 
-_OPTIONS = {"metric", "method", "suite", "side"}
+_OPTIONS = {"metric", "method", "suite", "side", "output"}
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
 _PIPED_WIDTH = 120
 
@@ -33,9 +35,10 @@ def report(
     suite: str | None = None,
     side: str | None = None,
 ) -> None:
-    """Tell what came out of ``bench middlebury``: tables, plots, a page.
+    """Tell what came out of ``bench middlebury`` or ``bench speed``: tables, plots, a page.
 
-    Prints the means over the scenes, and writes whatever else is asked for. For example:
+    Prints the means over the scenes, or the times, and writes whatever else is asked for; of times
+    there is no page. For example:
 
     ```
     phasestereo bench report results.jsonl -o report
@@ -52,7 +55,7 @@ def report(
     readme
         Markdown files whose tables are to be replaced: what is between the comments
         ``<!-- bench:NAME -->`` and ``<!-- /bench:NAME -->``, NAME being one-sided-blur-means,
-        one-sided-blur-scenes or sharp.
+        one-sided-blur-scenes, sharp or speed.
     metric
         Which number: v2.nonocc, v2.all, v2.disc, v3.bad_0_5, v3.bad_1, v3.bad_2, v3.bad_4,
         v3.invalid, v3.avgerr, v3.rms, v3.a50, v3.a90, v3.a95, v3.a99, d1 or epe.
@@ -66,6 +69,11 @@ def report(
     with refusals(options=_OPTIONS):
         if not results:
             raise ValueError("no file of records given")
+        speed = read_speed(results)
+        if speed is not None:
+            others = {"output": output, "method": method, "suite": suite, "side": side}
+            _report_speed(speed, readme, [name for name, value in others.items() if value])
+            return
         told = read_results(results, suite=suite, side=side, methods=method)
         told.require_metric(metric)
         for document in readme:  # refused before anything is written
@@ -77,6 +85,17 @@ def report(
     console.print(_screen(mean_table(told, metric)))
     for line in (explain(told, metric), *(f"Wrote {path}" for path in (*written, *readme))):
         console.print(line, markup=False, soft_wrap=True)
+
+
+def _report_speed(told: SpeedResults, readme: tuple[Path, ...], others: list[str]) -> None:
+    if others:
+        raise ValueError(f"{others[0]}: results of bench speed have no choice of it")
+    for document in readme:
+        fill_speed(document, told)
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console.print(speed_screen(told))
+    for document in readme:
+        console.print(f"Wrote {document}", markup=False, soft_wrap=True)
 
 
 def _screen(table: Table) -> Screen:

@@ -1,17 +1,24 @@
-"""What ``phasestereo bench middlebury`` prints of its records."""
+"""What ``phasestereo bench`` prints of its records."""
 
 from __future__ import annotations
 
 from statistics import mean
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rich import box
+from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
 from phasestereo.bench.methods import TRUE_BLUR
+from phasestereo.bench.report.origin import made_with
+from phasestereo.bench.speed import explain_speed, memory_table, time_table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from phasestereo.bench.report.tables import Table as Contents
+    from phasestereo.bench.speed import SpeedResults
 
     Record = Mapping[str, Any]
 
@@ -46,13 +53,31 @@ def costs_table(records: Sequence[Record]) -> Table:
     return table
 
 
+def speed_screen(results: SpeedResults) -> Group:
+    """Return times and memory, and what they are."""
+    below = f"{explain_speed(results)} {made_with(results.environments.values())}"
+    times = _filled("Times: ours, and the rivals' divided by ours", time_table(results))
+    memory = _filled("Memory, MB", memory_table(results))
+    return Group(times, "", memory, "", Text(below))
+
+
 def name_of(record: Record) -> str:
     """Return the method's name, with its ending and the image that was degraded if not the left."""
     side = "" if record["side"] == "left" else f"\n({record['side']} degraded)"
     return f"{record['method']}{TRUE_BLUR * record['true_blur']}{side}"
 
 
-def _table(title: str) -> Table:
+def _filled(title: str, contents: Contents) -> Table:
+    table = _table(title, contents.header[0])
+    for number, heading in enumerate(contents.header[1:], start=1):
+        justify: Literal["left", "right"] = "left" if number < contents.labels else "right"
+        table.add_column(heading.replace(" ", "\n", 1), justify=justify)
+    for row in contents.rows:
+        table.add_row(*(entry.text for entry in row))
+    return table
+
+
+def _table(title: str, first: str = "method") -> Table:
     table = Table(
         title=title,
         title_justify="left",
@@ -60,7 +85,7 @@ def _table(title: str) -> Table:
         padding=(0, 1, 0, 0),
         show_edge=False,
     )
-    table.add_column("method", overflow="fold")
+    table.add_column(first, overflow="fold")
     return table
 
 

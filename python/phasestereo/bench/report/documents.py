@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Maker = Callable[[Results, str], Table]
 
-__all__ = ["MARKERS", "fill_document", "render_document"]
+__all__ = ["MARKERS", "fill_document", "fill_places", "render_document", "small_print"]
 
 MARKERS: Mapping[str, tuple[str, Maker]] = MappingProxyType(
     {
@@ -31,6 +31,9 @@ MARKERS: Mapping[str, tuple[str, Maker]] = MappingProxyType(
     }
 )
 """The names that markers can have: the suite whose results they show, and in which table."""
+
+_OTHERS = ("speed",)
+"""Names of markers that are filled from results of another kind."""
 
 _WIDTH = 110
 
@@ -61,10 +64,17 @@ def fill_document(
     OSError
         If the file cannot be read or written.
     """
-    document = render_document(path, results, metric=metric).encode()
-    if document != Path(path).read_bytes():
-        with replacing(path) as file:
-            file.write(document)
+    _replace(path, render_document(path, results, metric=metric))
+
+
+def fill_places(path: str | os.PathLike[str], texts: Mapping[str, str]) -> None:
+    """Replace what is between the markers of these names; the rest is as of `fill_document`."""
+    _replace(path, _render(path, texts))
+
+
+def small_print(text: str) -> str:
+    """Return what stands below a table as Markdown, in lines."""
+    return fill(markdown_text(text), _WIDTH, break_on_hyphens=False)
 
 
 def render_document(
@@ -72,18 +82,25 @@ def render_document(
 ) -> str:
     """Return what `fill_document` would write; parameters and errors are the same."""
     results.require_metric(metric)
-    small_print = fill(
-        markdown_text(f"{explain(results, metric)} {origin(results)}"),
-        _WIDTH,
-        break_on_hyphens=False,
-    )
+    below = small_print(f"{explain(results, metric)} {origin(results)}")
     texts = {
-        name: f"{markdown_table(table(results, metric))}\n\n{small_print}"
+        name: f"{markdown_table(table(results, metric))}\n\n{below}"
         for name, (suite, table) in MARKERS.items()
         if suite == results.suite
     }
+    return _render(path, texts)
+
+
+def _render(path: str | os.PathLike[str], texts: Mapping[str, str]) -> str:
+    others = [name for name in (*MARKERS, *_OTHERS) if name not in texts]
     try:
-        document = Path(path).read_bytes().decode()
-        return fill_markers(document, texts, others=[name for name in MARKERS if name not in texts])
+        return fill_markers(Path(path).read_bytes().decode(), texts, others=others)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def _replace(path: str | os.PathLike[str], document: str) -> None:
+    content = document.encode()
+    if content != Path(path).read_bytes():
+        with replacing(path) as file:
+            file.write(content)

@@ -11,12 +11,12 @@ from phasestereo.bench.report.cells import METRICS
 from phasestereo.bench.report.tables import scene_count
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from phasestereo.bench.report.cells import Place
     from phasestereo.bench.report.results import Results
 
-__all__ = ["commands", "explain", "origin"]
+__all__ = ["commands", "explain", "made_with", "origin"]
 
 _COMMIT = 12  # characters of it in running text
 _VARIANT = re.compile(r"(?P<scene>.+) \((?P<left>\S+) (?P<right>\S+)\)")
@@ -35,7 +35,12 @@ def explain(results: Results, metric: str) -> str:
 
 def origin(results: Results) -> str:
     """Say with what the numbers were made."""
-    return "Made with " + "; ".join(map(_environment, results.environments.values())) + "."
+    return made_with(results.environments.values())
+
+
+def made_with(environments: Iterable[Mapping[str, Any]]) -> str:
+    """Say which environments these are."""
+    return "Made with " + "; ".join(map(_environment, environments)) + "."
 
 
 def commands(results: Results, metric: str) -> list[str]:

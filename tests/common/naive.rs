@@ -1,0 +1,121 @@
+//! A whole match by the naive twins: what every fast one must give, bit for bit.
+
+use phasestereo::aggregation::Window;
+use phasestereo::candidates::Candidates;
+use phasestereo::control::Control;
+use phasestereo::cost::Costs;
+use phasestereo::matcher::{Disparity, Pair};
+use phasestereo::plane::Plane;
+use phasestereo::reference;
+use phasestereo::refinement::flag;
+use phasestereo::scanline::Steps;
+use phasestereo::settings::{CostKind, Settings};
+use phasestereo::view::View;
+
+use super::{gray, level_pair, levels};
+
+/// What a caller sees of a match; floats by their bits, so that NaN equals NaN.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Seen {
+    pub disparity: Vec<u32>,
+    pub flags: Vec<u16>,
+    pub confidence: Option<Vec<u32>>,
+}
+
+impl Seen {
+    pub fn of(map: Disparity) -> Self {
+        let bits = |plane: Plane<f32>| plane.into_vec().into_iter().map(f32::to_bits).collect();
+        Self {
+            disparity: bits(map.disparity),
+            flags: map.flags.into_vec(),
+            confidence: map.confidence.map(bits),
+        }
+    }
+}
+
+/// Window and penalties of a match.
+pub fn scale(pair: &Pair, settings: &Settings) -> (Window, Steps) {
+    let (candidates, control) = (pair.candidates(), Control::default());
+    let costs = Costs::new(pair.views(), candidates, settings, levels()[0], &control)
+        .expect("not cancelled");
+    let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
+    (window, Steps::new(settings.penalty, window, costs.steps()))
+}
+
+/// Costs, 0 where there is no vote.
+pub fn costs(views: [&View; 2], candidates: Candidates, settings: &Settings) -> Plane<u16> {
+    let votes = votes(views, candidates);
+    let costs = if settings.cost == CostKind::Phase {
+        let codes = views.map(|view| reference::describe(&gray(view), settings));
+        reference::phase_costs(&codes[0], &codes[1], candidates)
+    } else {
+        let [left, right] = level_pair(views, settings.intensity_range).map(|channels| {
+            let normalised = |plane: &Plane<u16>| match settings.cost {
+                CostKind::NormalisedSad => reference::normalise(plane, settings.window),
+                _ => plane.clone(),
+            };
+            channels.iter().map(normalised).collect::<Vec<_>>()
+        });
+        reference::absolute_differences(&left, &right, candidates)
+    };
+    Plane::from_fn(costs.rows(), costs.cols(), |y, place| costs.row(y)[place] * votes.row(y)[place])
+}
+
+/// 1 where left pixel and candidate are both valid, else 0.
+pub fn votes([left, right]: [&View; 2], candidates: Candidates) -> Plane<u16> {
+    let ((rows, cols, _), count) = (left.image.shape(), candidates.count());
+    Plane::from_fn(rows, cols * count, |y, place| {
+        let (x, k) = (place / count, place % count);
+        u16::from(left.is_valid(y, x) && right.is_valid(y, candidates.column(x, k, cols)))
+    })
+}
+
+/// The whole match.
+pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
+    let (candidates, count) = (pair.candidates(), pair.candidates().count());
+    let (window, steps) = scale(pair, settings);
+    let votes = votes(pair.views(), candidates);
+    let costs = costs(pair.views(), candidates, settings);
+    let aggregated = reference::aggregate(&costs, &votes, window);
+    let confidences = settings.confidence.then(Vec::new);
+    let mut seen = Seen { disparity: vec![], flags: vec![], confidence: confidences };
+    for y in 0..window.rows {
+        let row = aggregated.row(y);
+        let chosen = reference::optimize(row, count, settings.optimizer, steps);
+        for (x, &index) in chosen.iter().enumerate() {
+            let (index, places) = (usize::from(index), x * count..(x + 1) * count);
+            let flags = flags(pair, &votes.row(y)[places.clone()], (y, x), index);
+            let missing = flags & flag::MISSING != 0 || flags != 0 && !settings.fill;
+            let disparity = if missing { f32::NAN } else { candidates.disparity(index) as f32 };
+            seen.disparity.push(disparity.to_bits());
+            seen.flags.push(flags);
+            if let Some(confidences) = &mut seen.confidence {
+                let known = if missing { 0.0 } else { confidence(&row[places], index) };
+                confidences.push(known.to_bits());
+            }
+        }
+    }
+    seen
+}
+
+/// Flags of the pixel at `(y, x)`, by the votes for each of its candidates.
+fn flags(pair: &Pair, votes: &[u16], (y, x): (usize, usize), chosen: usize) -> u16 {
+    if !pair.views()[0].is_valid(y, x) {
+        return flag::MASKED;
+    }
+    if !votes.contains(&1) {
+        return flag::NO_CANDIDATE;
+    }
+    let is_outside = pair.candidates().is_outside(x, chosen, pair.size().1);
+    let outside = if is_outside { flag::OUTSIDE } else { 0 };
+    outside | if votes[chosen] == 1 { 0 } else { flag::MATCH_MASKED }
+}
+
+/// The margin to the least cost that is not next to the chosen one, relative to it.
+fn confidence(costs: &[u32], chosen: usize) -> f32 {
+    let apart = costs.iter().enumerate().filter(|(k, _)| k.abs_diff(chosen) > 1);
+    match apart.map(|(_, cost)| *cost).min() {
+        None | Some(0) => 0.0,
+        Some(other) => (f64::from(other.saturating_sub(costs[chosen])) / f64::from(other)) as f32,
+    }
+}

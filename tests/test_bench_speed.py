@@ -1,0 +1,537 @@
+"""The speed benchmark: who takes part, in which turns, what is recorded, and what is told of it."""
+
+from __future__ import annotations
+
+import copy
+import json
+import os
+import sys
+import threading
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from phasestereo import _core, io
+from phasestereo.bench import read_store
+from phasestereo.bench import speed as bench
+from phasestereo.bench.environment import usable_cpus
+from phasestereo.bench.speed import contenders, memory, pairs, records, rounds
+from phasestereo.bench.speed.affinity import pinned
+from phasestereo.rendering import render_pair
+from phasestereo.settings import PRESETS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from phasestereo.bench.speed import GrayPair
+
+cv2 = pytest.importorskip("cv2")
+cli = pytest.importorskip("phasestereo.cli")
+
+RIVALS = ["opencv:bm", "opencv:bm-unchecked", "opencv:sgbm-3way"]
+WEIGHT = {"peak_bytes": 3_000_000, "result_bytes": 1_000_000}
+
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="no affinity of threads elsewhere")
+
+
+@pytest.fixture
+def pair() -> GrayPair:
+    noise = np.random.default_rng(0).integers(0, 256, (40, 80), dtype=np.uint8)
+    return bench.GrayPair("tiny", noise[:, :-5].copy(), noise[:, 5:].copy(), 16)
+
+
+@pytest.fixture
+def weightless(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do without the processes that memory takes."""
+    monkeypatch.setattr(records, "memory_of", lambda *_args, **_kwargs: WEIGHT)
+
+
+@pytest.fixture(autouse=True)
+def as_before() -> Iterator[None]:
+    """Leave OpenCV the threads that it had."""
+    count = cv2.getNumThreads()
+    yield
+    cv2.setNumThreads(count)
+
+
+# Who takes part
+
+
+def test_ours_gets_the_threads_and_the_preset(pair: GrayPair) -> None:
+    ours = bench.CONTENDERS[bench.OURS](16, 1)
+    result = ours(pair.left, pair.right)
+    assert np.median(result.disparity) == 5
+    assert result.settings == PRESETS["fast"]
+    assert ours.func.__self__.threads == 1  # type: ignore[attr-defined] # a bound method's partial
+
+
+def test_rivals_are_set_as_they_say() -> None:
+    checked = bench.CONTENDERS["opencv:bm"](32, None).__self__  # type: ignore[attr-defined] # a bound method
+    unchecked = bench.CONTENDERS["opencv:bm-unchecked"](32, None).__self__  # type: ignore[attr-defined] # the same
+    plain = cv2.StereoBM_create()
+    assert checked.getBlockSize() == unchecked.getBlockSize() == 9
+    assert checked.getNumDisparities() == unchecked.getNumDisparities() == 32
+    assert checked.getUniquenessRatio() == plain.getUniquenessRatio() > 0
+    assert checked.getTextureThreshold() == plain.getTextureThreshold() > 0
+    assert unchecked.getUniquenessRatio() == unchecked.getTextureThreshold() == 0
+
+
+def test_sgbm_is_the_mode_of_three_ways() -> None:
+    matcher = bench.CONTENDERS["opencv:sgbm-3way"](16, None).__self__  # type: ignore[attr-defined] # a bound method
+    assert matcher.getMode() == cv2.STEREO_SGBM_MODE_SGBM_3WAY
+    assert (matcher.getP1(), matcher.getP2()) == (200, 800)
+
+
+def test_rivals_find_the_shift(pair: GrayPair) -> None:
+    for name in RIVALS:
+        found = bench.CONTENDERS[name](16, None)(pair.left, pair.right)
+        assert np.median(found[5:-5, 25:-5]) == 5 * 16, name
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_opencv_gets_its_threads(count: int) -> None:
+    contenders.set_opencv_threads(3 - count)
+    contenders.set_opencv_threads(count)
+    assert cv2.getNumThreads() == count
+
+
+def test_opencv_tells_its_build(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = "x:\n  CPU/HW features:\n    Baseline:      AVX2 \n      requested:  AVX\n"
+    monkeypatch.setattr(cv2, "getBuildInformation", lambda: told)
+    assert contenders.opencv_build() == "baseline: AVX2"
+    told += "    Dispatched code generation:\n      requested: X\n"
+    assert contenders.opencv_build() == "baseline: AVX2; dispatched: none"
+
+
+# Turns
+
+
+@on_linux
+def test_pinned_holds_threads_that_were_there_and_new_ones() -> None:
+    everywhere = os.sched_getaffinity(0)
+    told: dict[str, set[int]] = {}
+    go, stop = threading.Event(), threading.Event()
+
+    def early() -> None:
+        go.wait()
+        told["early"] = os.sched_getaffinity(0)
+        stop.wait()
+        told["after"] = os.sched_getaffinity(0)
+
+    thread = threading.Thread(target=early)
+    thread.start()
+    with pinned() as core:
+        go.set()
+        late = threading.Thread(target=lambda: told.update(late=os.sched_getaffinity(0)))
+        late.start()
+        late.join()
+        while "early" not in told:
+            stop.wait(0.001)
+        told["main"] = os.sched_getaffinity(0)
+    stop.set()
+    thread.join()
+    held = {name: told.pop(name) for name in ("main", "early", "late")}
+    assert held == {"main": {core}, "early": {core}, "late": {core}}
+    assert told == {"after": everywhere}
+    assert os.sched_getaffinity(0) == everywhere
+
+
+def test_without_affinity_nothing_is_held(monkeypatch: pytest.MonkeyPatch, pair: GrayPair) -> None:
+    monkeypatch.delattr(os, "sched_setaffinity", raising=False)
+    entrants, core = rounds.time_one_thread(pair, 1)
+    assert core is None
+    assert [entrant.opencv_threads for entrant in entrants] == [None, 1, 1, 1]
+
+
+def test_all_take_turns_in_changing_order(monkeypatch: pytest.MonkeyPatch, pair: GrayPair) -> None:
+    turns: list[str] = []
+
+    def made(name: str) -> Callable[..., Callable[..., None]]:
+        return lambda *_: lambda *_: turns.append(name)
+
+    monkeypatch.setattr(rounds, "CONTENDERS", {name: made(name) for name in bench.CONTENDERS})
+    entrants = rounds.time_all_threads(pair, 12)
+    by_round = [turns[start : start + 4] for start in range(0, len(turns), 4)]
+    assert len(by_round) == 13  # the first is to warm up, and does not count
+    assert all(sorted(turn) == sorted(bench.CONTENDERS) for turn in by_round)
+    assert len(set(map(tuple, by_round))) > 3
+    assert [len(entrant.seconds) for entrant in entrants] == [12] * 4
+
+
+@on_linux
+def test_opencv_takes_part_with_one_thread_and_two(pair: GrayPair) -> None:
+    entrants, core = rounds.time_one_thread(pair, 1)
+    assert core in os.sched_getaffinity(0)
+    assert [(e.name, e.opencv_threads) for e in entrants] == [
+        (bench.OURS, None),
+        *((name, count) for name in RIVALS for count in (1, 2)),
+    ]
+    assert [set(stage) for stage in entrants[0].stages] == [{"description", "matching"}]
+
+
+# Memory
+
+
+@on_linux
+def test_memory_is_that_of_the_match(pair: GrayPair) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (500, 600), dtype=np.uint8)
+    whole = bench.GrayPair("larger", noise, noise, 16)
+    weight = memory.memory_of(bench.OURS, whole, threads=1)
+    assert weight["result_bytes"] == 6 * noise.size  # disparities and flags
+    assert weight["peak_bytes"] > 0.9 * weight["result_bytes"]
+    theirs = memory.memory_of("opencv:bm", pair, threads=2)
+    assert theirs["result_bytes"] == 2 * pair.left.size
+
+
+def test_memory_says_why_it_is_not_known(pair: GrayPair) -> None:
+    assert memory.memory_of("nobody", pair, threads=1) == {"error": "KeyError: 'nobody'"}
+
+
+# Records
+
+
+@pytest.mark.usefixtures("weightless")
+def test_figures_follow_from_the_seconds(tmp_path: Path, pair: GrayPair) -> None:
+    one, everything = bench.run_speed([pair], tmp_path / "speed.jsonl", rounds=3)
+    assert (one["threads"], one["thread_count"]) == ("one", 1)
+    assert (everything["threads"], everything["thread_count"]) == ("all", usable_cpus())
+    assert everything["pinned_to"] is None
+    for record in (one, everything):
+        assert record["status"] == "ok", record
+        assert (record["width"], record["height"], record["num_disparities"]) == (75, 40, 16)
+        assert record["simd"] == _core.simd_level()
+        ours = record["ours"]
+        assert len(ours["seconds"]) == 3
+        assert ours["median"] == median(ours["seconds"])
+        assert ours["minimum"] == min(ours["seconds"])
+        assert ours["gde_per_second"] == pytest.approx(75 * 40 * 16 / ours["median"] / 1e9)
+        assert 0 < ours["description_share"] < 1
+        assert list(record["rivals"]) == RIVALS
+        for rival in record["rivals"].values():
+            ratios = [a / b for a, b in zip(rival["seconds"], ours["seconds"], strict=True)]
+            assert rival["median_ratio"] == pytest.approx(median(ratios))
+            assert rival["ratio_of_medians"] == pytest.approx(rival["median"] / ours["median"])
+            assert rival["memory"] == WEIGHT
+
+
+@pytest.mark.usefixtures("weightless")
+def test_the_faster_number_of_opencv_threads_counts(
+    monkeypatch: pytest.MonkeyPatch, pair: GrayPair
+) -> None:
+    stage = {"description": 0.5, "matching": 1.0}
+    slow, fast = [3.0, 3.0, 3.0], [4.0, 2.0, 2.0]
+    entrants = [
+        rounds.Entrant(bench.OURS, print, None, [2.0, 2.0, 1.0], [stage] * 3),
+        rounds.Entrant("opencv:bm", print, 1, slow),
+        rounds.Entrant("opencv:bm", print, 2, fast),
+    ]
+    monkeypatch.setattr(records, "time_one_thread", lambda *_: (entrants, 0))
+    record = records.measure(pair, "one", 3)
+    rival = record["rivals"]["opencv:bm"]
+    assert (rival["seconds"], rival["opencv_threads"]) == (fast, 2)
+    assert rival["slower"] == {"1": slow}
+    assert (rival["ratio_of_medians"], rival["median_ratio"]) == (1.0, 2.0)
+    assert record["ours"]["description_share"] == 0.25
+    assert record["pinned_to"] == 0
+
+
+@pytest.mark.usefixtures("weightless")
+def test_done_is_not_done_again_unless_something_changed(
+    tmp_path: Path, pair: GrayPair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = tmp_path / "speed.jsonl"
+    first = bench.run_speed([pair], store, rounds=1)
+    content = store.read_bytes()
+    assert bench.run_speed([pair], store, rounds=1) == first
+    assert store.read_bytes() == content
+    monkeypatch.setattr(_core, "simd_level", lambda: "another")
+    assert [r["simd"] for r in bench.run_speed([pair], store, rounds=1)] == ["another"] * 2
+    assert len(read_store(store)) == 5  # an environment, and twice two records
+
+
+def test_no_rounds_are_refused(tmp_path: Path, pair: GrayPair) -> None:
+    with pytest.raises(ValueError, match="^rounds: got 0; accepts 1 and more"):
+        bench.run_speed([pair], tmp_path / "speed.jsonl", rounds=0)
+
+
+# Pairs
+
+
+def test_unknown_pairs_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="^pairs: got 'venus'; accepts tsukuba, cones"):
+        bench.find_pairs(None, cache=tmp_path, names=["cones", "venus"])
+
+
+@pytest.mark.parametrize("name", ["tsukuba", "cones", "Motorcycle", "chess"])
+def test_what_is_not_there_is_left_out(tmp_path: Path, name: str) -> None:
+    for data, reason in ((None, "which takes a folder"), (tmp_path, str(tmp_path))):
+        found, left_out = bench.find_pairs(data, cache=tmp_path, names=[name])
+        assert found == []
+        assert len(left_out) == 1
+        assert left_out[0].startswith(f"left out: {name}, ")
+        assert reason in left_out[0]
+
+
+def test_colours_become_gray(tmp_path: Path) -> None:
+    folder = tmp_path / "large" / "chess_1920x1080"
+    folder.mkdir(parents=True)
+    colours = np.random.default_rng(0).integers(0, 256, (20, 300, 3), dtype=np.uint8)
+    io.write_image(folder / "left.png", colours)
+    io.write_image(folder / "right.png", colours[..., 0])
+    (found,), left_out = bench.find_pairs(tmp_path, cache=tmp_path, names=["chess"])
+    assert left_out == []
+    assert (found.name, found.num_disparities) == ("chess", 256)
+    assert found.evaluations == 20 * 300 * 256
+    np.testing.assert_array_equal(found.left, cv2.cvtColor(colours, cv2.COLOR_RGB2GRAY))
+    np.testing.assert_array_equal(found.right, colours[..., 0])
+    io.write_image(folder / "right.png", colours[:10])
+    assert "differ in size" in bench.find_pairs(tmp_path, cache=tmp_path, names=["chess"])[1][0]
+
+
+def test_a_pair_is_rendered_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def small(**size: int) -> Any:
+        asked.append(size)
+        return render_pair(height=24, width=32, num_disparities=8)
+
+    monkeypatch.setattr(pairs, "render_pair", small)
+    assert not bench.is_rendered(tmp_path)
+    (first,), _ = bench.find_pairs(None, cache=tmp_path, names=["rendered"])
+    assert bench.is_rendered(tmp_path)
+    (again,), _ = bench.find_pairs(None, cache=tmp_path, names=["rendered"])
+    assert asked == [{"height": 1988, "width": 2964, "num_disparities": 256}]
+    assert first.left.shape == (24, 32)
+    assert first.num_disparities == 256
+    np.testing.assert_array_equal(first.left, again.left)
+    np.testing.assert_array_equal(first.right, again.right)
+    assert (first.left != first.right).any()
+
+
+def test_real_pairs_have_the_sizes_that_are_told(data: Path, tmp_path: Path) -> None:
+    names = ["tsukuba", "cones", "Motorcycle"]
+    found, left_out = bench.find_pairs(data, cache=tmp_path, names=names)
+    assert left_out == []
+    assert [(p.left.shape, p.num_disparities) for p in found] == [
+        ((288, 384), 16),
+        ((375, 450), 64),
+        ((497, 741), 64),
+    ]
+    in_the_tree, _ = bench.find_pairs(data / "middlebury", cache=tmp_path, names=names)
+    assert [p.name for p in in_the_tree] == names
+
+
+# What is told
+
+
+ENVIRONMENT = {
+    "kind": "environment",
+    "id": "e",
+    "cpu": "Some [CPU]",
+    "commit": None,
+    "versions": {"phasestereo": "1.2.3", "opencv": "5.0"},
+    "date": "2026-01-02",
+}
+
+
+def record(**changed: Any) -> dict[str, Any]:
+    """Return a record such as `run_speed` makes."""
+    rival = {"median_ratio": 1.5, "memory": {"peak_bytes": 4_000_000, "result_bytes": 2}}
+    made = {
+        "kind": "speed",
+        "status": "ok",
+        "pair": "cones",
+        "height": 375,
+        "width": 450,
+        "num_disparities": 64,
+        "threads": "one",
+        "rounds": 15,
+        "environment": "e",
+        "simd": "avx2",
+        "opencv_build": "baseline: SSE3",
+        "thread_count": 1,
+        "pinned_to": 0,
+        "ours": {
+            "median": 0.01234,
+            "gde_per_second": 0.875,
+            "description_share": 0.4,
+            "memory": WEIGHT,
+        },
+        "rivals": {name: copy.deepcopy(rival) for name in RIVALS},
+    }
+    return {**made, **changed}
+
+
+def stored(path: Path, *lines: dict[str, Any]) -> Path:
+    path.write_text("".join(json.dumps(line) + "\n" for line in (ENVIRONMENT, *lines)))
+    return path
+
+
+def test_tables_show_the_last_record_of_each_cell_by_size(tmp_path: Path) -> None:
+    lines = [
+        record(ours={**record()["ours"], "median": 9.0}),
+        record(threads="all", thread_count=8, pinned_to=None),
+        record(pair="tsukuba", height=288, width=384, num_disparities=16),
+        record(),
+        record(status="failed", error="late"),
+    ]
+    lines[1]["rivals"]["opencv:bm"]["memory"] = {"error": "it died"}
+    del lines[2]["rivals"]["opencv:sgbm-3way"]
+    told = bench.read_speed([stored(tmp_path / "speed.jsonl", *lines)])
+    assert told is not None
+    assert told.pinned
+    texts = [
+        [[entry.text for entry in row] for row in table(told).rows]
+        for table in (bench.time_table, bench.memory_table)
+    ]
+    figures, cones = ["12.3", "0.88", "1.50", "1.50"], ["cones", "450 x 375", "64"]
+    tsukuba = ["tsukuba", "384 x 288", "16", "1"]
+    assert texts == [
+        [
+            [*tsukuba, *figures, "-", "40"],
+            [*cones, "1", *figures, "1.50", "40"],
+            [*cones, "8", *figures, "1.50", "40"],
+        ],
+        [
+            [*tsukuba, "3.0", "1.0", "4.0", "4.0", "-"],
+            [*cones, "1", "3.0", "1.0", "4.0", "4.0", "4.0"],
+            [*cones, "8", "3.0", "1.0", "-", "4.0", "4.0"],
+        ],
+    ]
+
+
+def test_it_is_told_whether_threads_were_held(tmp_path: Path) -> None:
+    for core, words in ((0, "was held to one"), (None, "was not held to any")):
+        told = bench.read_speed([stored(tmp_path / "speed.jsonl", record(pinned_to=core))])
+        assert told is not None
+        assert words in bench.explain_speed(told)
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ([record(ours={})], "is not whole: KeyError"),
+        ([record(status="failed", error="no luck")], "all 1 cells failed, no luck"),
+        ([record(), {"kind": "middlebury"}], "several benchmarks: middlebury, speed; give one"),
+    ],
+)
+def test_files_that_cannot_be_told(
+    tmp_path: Path, lines: list[dict[str, Any]], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        bench.read_speed([stored(tmp_path / "speed.jsonl", *lines)])
+
+
+def test_other_benchmarks_are_no_speed(tmp_path: Path) -> None:
+    store = stored(tmp_path / "results.jsonl", {"kind": "middlebury"})
+    assert bench.read_speed([store]) is None
+
+
+def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
+    told = bench.read_speed([stored(tmp_path / "speed.jsonl", record())])
+    assert told is not None
+    document = tmp_path / "speed.md"
+    other = "<!-- bench:sharp -->kept<!-- /bench:sharp -->\n"
+    document.write_text(f"# A\n<!-- bench:speed -->old<!-- /bench:speed -->\n{other}")
+    bench.fill_speed(document, told)
+    text = document.read_text()
+    assert "| cones | 450 x 375 | 64 | 1 | 12.3 | 0.88 | 1.50 | 1.50 | 1.50 | 40 |" in text
+    assert "| cones | 450 x 375 | 64 | 1 | 3.0 | 1.0 | 4.0 | 4.0 | 4.0 |" in text
+    assert "old" not in text
+    assert text.endswith(other)
+    assert "Made with phasestereo 1.2.3" in text
+    bench.fill_speed(document, told)
+    assert document.read_text() == text
+
+
+# The command
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, weightless: None) -> Path:  # noqa: ARG001 - it is in force
+    """Return the current folder, with a small pair in place of the large rendered one."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PHASESTEREO_DATA", raising=False)
+    monkeypatch.setenv("COLUMNS", "200")
+    noise = np.random.default_rng(0).integers(0, 256, (40, 270), dtype=np.uint8)
+    (tmp_path / "out").mkdir()
+    for side, view in (("left", noise[:, :-5]), ("right", noise[:, 5:])):
+        io.write_image(tmp_path / "out" / f"rendered-2964x1988-{side}.png", view)
+    return tmp_path
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    code = cli.run(["bench", *map(str, arguments)])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_the_command_and_its_report(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["speed", "-o", "out/speed.jsonl", "--rounds", 1]
+    code, out, err = run(capsys, *command)
+    assert code == 0, err
+    assert "265 x 40" in out
+    assert err.count("left out: ") == 4
+    assert "Records: out/speed.jsonl" in out
+
+    code, again, err = run(capsys, *command, "--pairs", "rendered")
+    assert (code, again) == (0, out)
+    assert "2 of 2 are in out/speed.jsonl already" in err
+
+    document = folder / "speed.md"
+    document.write_text("<!-- bench:speed --><!-- /bench:speed -->\n")
+    code, out, err = run(capsys, "report", "out/speed.jsonl", "--readme", "speed.md")
+    assert code == 0, err
+    assert "265 x 40" in out
+    assert "| rendered | 265 x 40 | 256 | 1 |" in document.read_text()
+
+    code, _, err = run(capsys, *command, "--pairs", "rendered", "--fresh")
+    assert code == 0
+    assert "renamed out/speed.jsonl to out/speed.jsonl.bak" in err
+    assert len(read_store("out/speed.jsonl")) == len(read_store("out/speed.jsonl.bak")) == 3
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["--pairs", "venus"], 2, "--pairs: got 'venus'"),
+        (["--pairs", "cones"], 1, "there is no pair to match"),
+        (["--rounds", "0"], 2, "rounds"),
+    ],
+)
+def test_commands_that_are_refused(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, message: str
+) -> None:
+    told = run(capsys, "speed", "-o", "out/speed.jsonl", *arguments)
+    assert told[0] == code
+    assert message in told[2].splitlines()[-1]
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_failure_is_recorded_and_told(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("no luck")
+
+    monkeypatch.setattr(records, "time_all_threads", fail)
+    code, out, err = run(
+        capsys, "speed", "-o", "out/speed.jsonl", "--rounds", 1, "--pairs", "rendered"
+    )
+    assert code == 1
+    assert "1 of 2 measurements failed" in err
+    assert "RuntimeError: no luck" in err
+    assert "265 x 40" in out
+
+
+def test_a_report_of_times_takes_no_choice(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stored(folder / "speed.jsonl", record())
+    code, _, err = run(capsys, "report", "speed.jsonl", "--suite", "sharp")
+    assert code == 2
+    assert "--suite: results of bench speed have no choice of it" in err

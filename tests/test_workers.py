@@ -1,0 +1,411 @@
+"""Threads and memory that matches share or keep: reuse, overlap, forks, pickles, what is left."""
+
+from __future__ import annotations
+
+import gc
+import os
+import pickle
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from inspect import signature
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from test_process import run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+RNG = np.random.default_rng(0)
+SIZES = [(40, 60), (150, 90), (3, 200), (40, 60), (1, 1), (97, 131)]
+PAIRS = [RNG.integers(0, 256, (2, *size), np.uint8) for size in SIZES]
+PRESETS = list(ps.PRESETS)
+BYTES_TO_WIDEST: list[dict[str, Any]] = [
+    {"preset": "fast"},
+    {"preset": "paper"},
+    {"preset": "fast", "precision": "full", "confidence": True},
+    {"cost": "sad", "penalty": 15},
+    {"cost": "sad", "window": 1, "optimizer": "wta"},
+]
+
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="read from what Linux tells")
+forking = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+
+
+def count(pair: Any) -> int:
+    """Return how many disparities to search for a pair."""
+    return min(24, int(pair.shape[2]))
+
+
+def assert_equal(found: ps.Result, expected: ps.Result) -> None:
+    """Check that two results are the same to the bit."""
+    for field in ("disparity", "flags", "confidence"):
+        ours, theirs = getattr(found, field), getattr(expected, field)
+        assert (ours is None) == (theirs is None)
+        if ours is not None:
+            np.testing.assert_array_equal(ours, theirs)
+    assert found.settings == expected.settings
+
+
+@pytest.mark.parametrize("options", BYTES_TO_WIDEST, ids=str)
+def test_a_matcher_gives_what_match_gives_whatever_it_matched_before(
+    options: dict[str, Any],
+) -> None:
+    matcher = ps.Matcher(**options, threads=2)
+    for pair in (*PAIRS, *reversed(PAIRS)):
+        found = matcher.match(*pair, num_disparities=count(pair))
+        assert_equal(found, ps.match(*pair, num_disparities=count(pair), **options))
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_matcher_takes_ranges_masks_and_progress(preset: str) -> None:
+    (left, right), calls = PAIRS[1], []
+    options: dict[str, Any] = {"num_disparities": 9, "min_disparity": -4}
+    masked: dict[str, Any] = options | {"left_mask": left > 50, "right_mask": right > 50}
+    matcher = ps.Matcher(preset=preset)
+    plain = matcher.match(left, right, **options)
+    found = matcher.match(left, right, **masked, progress=lambda *rows: calls.append(rows))
+    assert_equal(found, ps.match(left, right, **masked, preset=preset))
+    assert calls[-1] == (150, 150)
+    assert_equal(matcher.match(left, right, **options), plain)
+
+
+def test_a_matcher_tells_what_it_was_made_of() -> None:
+    matcher = ps.Matcher(settings=ps.Settings(bits=3), window=5, threads=3)
+    assert matcher.settings == ps.Settings(bits=3, window=5)
+    assert matcher.threads == 3
+    assert "bits=3" in repr(matcher)
+    assert "threads=3" in repr(matcher)
+    assert ps.Matcher().settings == ps.match(*PAIRS[0], num_disparities=2).settings
+    ours, theirs = signature(ps.Matcher).parameters, signature(ps.match).parameters
+    for name in ("preset", "settings", "threads"):
+        assert ours[name] == theirs[name]
+    ours = signature(ps.Matcher.match).parameters
+    assert {*ours, *signature(ps.Matcher).parameters} == {"self", *theirs}
+    for name in set(ours) - {"self"}:
+        assert ours[name] == theirs[name]
+
+
+def test_the_environment_says_how_many_threads_a_matcher_has(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("RAYON_NUM_THREADS", "3")
+    assert ps.Matcher().threads == 3
+    assert ps.Matcher(threads=2).threads == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"preset": "slow"}, ValueError, "^preset: got 'slow'"),
+        ({"window": 4}, ValueError, "^window: got 4"),
+        ({"windows": 5}, TypeError, "^windows: no such setting"),
+        ({"threads": 0}, ValueError, "^threads: got 0; accepts an integer from 1 to 1024"),
+        ({"threads": 2.0}, TypeError, "^threads: got float"),
+        ({"num_disparities": 4}, TypeError, "^num_disparities: no such setting"),
+    ],
+)
+def test_a_matcher_refuses_what_match_refuses(
+    options: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        ps.Matcher(**options)
+
+
+def test_a_matcher_survives_what_it_refuses() -> None:
+    matcher, pair = ps.Matcher(preset="fast"), PAIRS[1]
+    expected = matcher.match(*pair, num_disparities=9)
+
+    def stop(*_: int) -> None:
+        raise LookupError
+
+    for error, options in [
+        (ValueError, {"num_disparities": 1000}),
+        (TypeError, {"num_disparities": 9, "progress": 3}),
+        (LookupError, {"num_disparities": 9, "progress": stop}),
+    ]:
+        with pytest.raises(error):
+            matcher.match(*pair, **options)  # type: ignore[arg-type]  # that is the point
+        assert_equal(matcher.match(*pair, num_disparities=9), expected)
+
+
+def test_a_matcher_travels() -> None:
+    matcher = ps.Matcher(preset="fast", window=7, threads=3)
+    expected = matcher.match(*PAIRS[0], num_disparities=9)
+    copy = pickle.loads(pickle.dumps(matcher))  # noqa: S301  # our own bytes
+    assert (copy.settings, copy.threads) == (matcher.settings, 3)
+    assert_equal(copy.match(*PAIRS[0], num_disparities=9), expected)
+    assert_equal(matcher.match(*PAIRS[0], num_disparities=9), expected)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_several_threads_may_use_one_matcher(preset: str) -> None:
+    matcher = ps.Matcher(preset=preset, threads=2)
+    expected = [ps.match(*pair, num_disparities=count(pair), preset=preset) for pair in PAIRS]
+
+    def work(turn: int) -> None:
+        for step in range(6):
+            chosen = (turn + step) % len(PAIRS)
+            pair = PAIRS[chosen]
+            assert_equal(matcher.match(*pair, num_disparities=count(pair)), expected[chosen])
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(work, range(8)))
+
+
+# Threads
+
+
+def most_threads(call: Callable[[], object], callers: int) -> int:
+    """Return how many threads of others than the callers there are while all of them call."""
+    ready = threading.Barrier(callers + 1)
+
+    def work() -> None:
+        ready.wait()
+        for _ in range(8):
+            call()
+
+    threads = [threading.Thread(target=work) for _ in range(callers)]
+    for thread in threads:
+        thread.start()
+    before = len(list(Path("/proc/self/task").iterdir()))
+    ready.wait()
+    seen = [0]
+    while any(thread.is_alive() for thread in threads):
+        seen.append(len(list(Path("/proc/self/task").iterdir())))
+        time.sleep(0.001)
+    return max(seen) - before
+
+
+@on_linux
+def test_matches_at_the_same_time_share_their_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RAYON_NUM_THREADS", "3")
+    pair = RNG.integers(0, 256, (2, 200, 300), np.uint8)
+    shared = most_threads(lambda: ps.match(*pair, num_disparities=64), 10)
+    # Threads that have been told to end may be seen beside those that have just been started.
+    assert 1 <= shared <= 6
+    assert most_threads(lambda: ps.match(*pair, num_disparities=64, threads=3), 10) > 12
+    matcher = ps.Matcher()
+    assert most_threads(lambda: matcher.match(*pair, num_disparities=64), 10) <= 0
+
+
+@on_linux
+def test_no_threads_are_left_behind() -> None:
+    finished = run("""
+import os, time
+import numpy as np, phasestereo as ps
+pair = np.random.default_rng(0).integers(0, 256, (2, 40, 60), np.uint8)
+def settled(count):
+    for _ in range(500):
+        if len(os.listdir("/proc/self/task")) == count:
+            return True
+        time.sleep(0.01)
+before = len(os.listdir("/proc/self/task"))
+ps.match(*pair, num_disparities=8, threads=4)
+assert settled(before), "own"
+ps.match(*pair, num_disparities=8)
+assert settled(before), "shared"
+matcher = ps.Matcher(threads=4)
+for _ in range(3):
+    matcher.match(*pair, num_disparities=8)
+    assert len(os.listdir("/proc/self/task")) == before + 4
+del matcher
+assert settled(before), "kept"
+""")
+    assert finished.returncode == 0, finished.stderr
+
+
+def test_a_match_that_waits_for_others_can_be_interrupted() -> None:
+    finished = run("""
+import _thread, os, threading, time
+os.environ["RAYON_NUM_THREADS"] = "1"
+import numpy as np, phasestereo as ps
+pair = np.random.default_rng(0).integers(0, 256, (2, 1000, 1500), np.uint8)
+begun, over = threading.Event(), threading.Event()
+def occupy():
+    def stop(*rows):
+        begun.set()
+        if over.is_set():
+            raise LookupError
+    try:
+        ps.match(*pair, num_disparities=1500, window=63, progress=stop)
+    except LookupError:
+        pass
+threads = [threading.Thread(target=occupy) for _ in range(70)]
+for thread in threads:
+    thread.start()
+begun.wait()
+time.sleep(0.5)
+threading.Timer(0.5, _thread.interrupt_main).start()
+start = time.monotonic()
+try:
+    ps.match(*pair, num_disparities=1500, window=63)
+except KeyboardInterrupt:
+    print(time.monotonic() - start)
+over.set()
+for thread in threads:
+    thread.join()
+""")
+    assert finished.returncode == 0, finished.stderr
+    assert float(finished.stdout) < 10
+
+
+# Forks
+
+
+FORKED = """
+import os, signal, threading, time, warnings
+warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against it
+import numpy as np, phasestereo as ps
+pair = np.random.default_rng(0).integers(0, 256, (2, 400, 600), np.uint8)
+small = pair[:, :40, :60]
+matcher = ps.Matcher(preset="fast", threads=3)
+unused = ps.Matcher(threads=2)
+expected = matcher.match(*small, num_disparities=8)
+def check():
+    for found in (
+        matcher.match(*small, num_disparities=8),
+        matcher.match(*small, num_disparities=8),
+        ps.match(*small, num_disparities=8, preset="fast"),
+        ps.match(*small, num_disparities=8, preset="fast", threads=2),
+    ):
+        assert (found.disparity == expected.disparity).all()
+def forked(work):
+    child = os.fork()
+    if child == 0:
+        signal.alarm(30)
+        try:
+            work()
+            os._exit(0)
+        except BaseException as error:
+            print(repr(error), flush=True)
+            os._exit(3)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 0, status
+"""
+
+
+@forking
+@pytest.mark.parametrize(
+    "code",
+    [
+        "forked(check)",
+        "forked(lambda: (check(), forked(check), check()))",
+        "forked(lambda: globals().pop('unused') and None)",
+        "forked(lambda: (check(), globals().pop('matcher')) and None)",
+        "def leave():\n    global matcher, unused\n    del matcher, unused\nforked(leave)",
+    ],
+)
+def test_a_forked_child_has_threads_of_its_own(code: str) -> None:
+    finished = run(FORKED + code + "\ncheck()")
+    assert finished.returncode == 0, finished.stderr + finished.stdout
+
+
+@forking
+def test_children_forked_at_any_moment_match() -> None:
+    finished = run(
+        FORKED
+        + """
+stop = threading.Event()
+def busy(work):
+    while not stop.is_set():
+        work()
+threads = [threading.Thread(target=busy, args=[work]) for work in (
+    lambda: ps.match(*pair, num_disparities=64, preset="fast"),
+    lambda: ps.match(*small, num_disparities=8, preset="fast"),
+    lambda: matcher.match(*pair, num_disparities=64),
+    lambda: matcher.match(*small, num_disparities=8),
+    lambda: ps.Matcher(threads=2).match(*small, num_disparities=8),
+)]
+for thread in threads:
+    thread.start()
+try:
+    for moment in range(30):
+        time.sleep(0.001 * moment)
+        forked(check)
+finally:
+    stop.set()
+    for thread in threads:
+        thread.join()
+check()
+""",
+    )
+    assert finished.returncode == 0, finished.stderr + finished.stdout
+
+
+# Memory
+
+RESIDENT = """
+import gc, re
+import numpy as np, phasestereo as ps
+def resident():
+    gc.collect()
+    return int(re.search(r"VmRSS:\\s+(\\d+)", open("/proc/self/status").read())[1]) << 10
+rng = np.random.default_rng(0)
+large = rng.integers(0, 256, (2, 300, 1600), np.uint8)
+small = rng.integers(0, 256, (2, 60, 200), np.uint8)
+"""
+
+
+@on_linux
+@pytest.mark.parametrize("preset", PRESETS)
+def test_memory_does_not_grow_from_match_to_match(preset: str) -> None:
+    finished = run(
+        RESIDENT
+        + f"""
+matcher = ps.Matcher(preset={preset!r}, threads=2)
+def turn():
+    matcher.match(*large, num_disparities=64)
+    matcher.match(*small, num_disparities=32)
+    ps.match(*small, num_disparities=32, preset={preset!r}, threads=2)
+for _ in range(5):
+    turn()
+before = resident()
+for _ in range(30):
+    turn()
+print(resident() - before)
+"""
+    )
+    assert finished.returncode == 0, finished.stderr
+    # One match takes more than that.
+    assert int(finished.stdout) < 10 << 20
+
+
+@on_linux
+def test_match_keeps_no_memory_and_a_matcher_does() -> None:
+    finished = run(
+        RESIDENT
+        + """
+huge = rng.integers(0, 256, (2, 64, 2500), np.uint8)
+ps.match(*small, num_disparities=32)
+before = resident()
+ps.match(*huge, num_disparities=1000, preset="fast", threads=1)
+print(resident() - before)
+matcher = ps.Matcher(preset="fast", threads=1)
+matcher.match(*huge, num_disparities=1000)
+print(resident() - before)
+del matcher
+print(resident() - before)
+"""
+    )
+    assert finished.returncode == 0, finished.stderr
+    after_match, kept, after_matcher = map(int, finished.stdout.split())
+    assert after_match < 15 << 20
+    assert kept > 25 << 20
+    assert after_matcher < 15 << 20
+
+
+def test_a_matcher_is_freed_with_its_last_reference() -> None:
+    matcher = ps.Matcher(threads=1)
+    matcher.match(*PAIRS[0], num_disparities=8)
+    workers = matcher._workers
+    held = sys.getrefcount(workers)
+    del matcher
+    gc.collect()
+    assert sys.getrefcount(workers) == held - 1
