@@ -423,11 +423,14 @@ struct BoxSums<V> {
     run: usize,
     /// Sums down the columns to be kept for the next tile, of each candidate.
     kept: Memory<V>,
+    /// The steps from one value to a side of the window.
+    parts: Vec<Part>,
 }
 
 impl<V: Value> BoxSums<V> {
     fn begin(&mut self, window: Window, lanes: usize) -> Result<()> {
         (self.window, self.lanes) = (window, lanes);
+        self.parts = Part::up_to(window.side).collect();
         let columns = TILE + 2 * window.side;
         // Sums down the columns reach beyond the last lane of the last column.
         self.run = (columns * lanes + window.side).next_multiple_of(PAGE);
@@ -450,31 +453,31 @@ impl<V: Value> BoxSums<V> {
         let (more, columns) = runs.split_at_mut(self.run);
         let before = (side - 1) * lanes;
         let count = tile.entering.len() * lanes;
-        sum_runs(entering, [spare, more], side, 1, dropped, &mut columns[before..][..count]);
+        sum_runs(entering, [spare, more], &self.parts, 1, dropped, &mut columns[before..][..count]);
         let kept = &mut self.kept[k * before..][..before];
         repeat_edges(columns, kept, &tile.entering, self.window, side / 2, lanes);
         let first = (tile.summed.start + side / 2 - tile.entering.start) * lanes;
-        sum_runs(&columns[first..], [spare, more], side, lanes, 0, sums);
+        sum_runs(&columns[first..], [spare, more], &self.parts, lanes, 0, sums);
         kept.copy_from_slice(&columns[count..][..before]);
     }
 }
 
-/// Sums of `side` values that lie `step` apart, from sums of a third or of half as many, without the lowest
-/// bits; `spare` is for sums on the way.
+/// Sums of values that lie `step` apart, in `parts`, without the lowest bits; `spare` is for sums on the way.
 #[inline(always)]
 fn sum_runs<V: Value>(
     values: &[V],
     spare: [&mut [V]; 2],
-    side: usize,
+    parts: &[Part],
     step: usize,
     dropped: u32,
     sums: &mut [V],
 ) {
     let [mut now, mut next] = spare;
+    let side = parts.last().map_or(1, |part| part.sum);
     if side == 1 {
         sums.iter_mut().zip(values).for_each(|(sum, value)| *sum = value.shifted(dropped));
     }
-    for part in Part::up_to(side) {
+    for part in parts {
         let source = if part.added == 1 { values } else { &*now };
         if part.sum == side {
             part.add(source, values, step, dropped, sums);

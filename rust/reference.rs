@@ -76,7 +76,8 @@ pub fn describe(gray: &Plane<i32>, settings: &Settings) -> Plane<u64> {
     })
 }
 
-/// Twin of [`crate::cost::Costs::write_row`] for phase codes: every bit compared by itself, over the whole image.
+/// Twin of [`crate::cost::Operands::write_costs`] for phase codes: every bit compared by itself, over the whole
+/// image.
 pub fn phase_costs(left: &Plane<u64>, right: &Plane<u64>, candidates: Candidates) -> Plane<u16> {
     let (rows, cols, count) = (left.rows(), left.cols(), candidates.count());
     Plane::from_fn(rows, cols * count, |y, place| {
@@ -86,7 +87,7 @@ pub fn phase_costs(left: &Plane<u64>, right: &Plane<u64>, candidates: Candidates
     })
 }
 
-/// Twin of [`crate::cost::Costs::write_row`] for absolute differences.
+/// Twin of [`crate::cost::Operands::write_costs`] for absolute differences.
 pub fn absolute_differences(
     left: &[Plane<u16>],
     right: &[Plane<u16>],

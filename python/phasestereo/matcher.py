@@ -85,12 +85,12 @@ def match(
     The method is that of Pedone & Heikkilä, *Blur and Contrast Invariant Fast Stereo Matching*,
     ACIVS 2008.
 
-    Working memory of each thread is about ``(48 * W + 1200 * window) * num_disparities + 800 * W``
-    bytes, whatever the height of the images, and a quarter more with masks: 26 MB with the preset
-    ``"fast"`` for images 1920 pixels wide and 256 disparities, 30 MB with ``"paper"``. For the
-    whole pair there are copies of the images, codes of 4 bytes for each pixel of one image (those
-    of up to 16 bits), and the result: 6 bytes a pixel, 10 with confidences. Nothing but that is
-    kept, nor are any threads: to match one pair after another, `Matcher` keeps them.
+    Working memory of each thread is at most about
+    ``(72 * W + 1800 * window) * num_disparities + 1200 * W`` bytes, whatever the height of the
+    images, and a quarter more with masks: 45 MB for images 1920 pixels wide and 256 disparities.
+    For the whole pair there are copies of the images, codes of 4 bytes for each pixel of one image
+    (those of up to 16 bits), and the result: 6 bytes a pixel, 10 with confidences. Nothing but that
+    is kept, nor are any threads: to match one pair after another, `Matcher` keeps them.
     """
     chosen = resolve(preset, settings, overrides)
     search = min_disparity, num_disparities

@@ -121,8 +121,8 @@ _PAPER = Settings()
 #   neighborhood 11    13.8     20.7    18.8      23.7      14.2   28.1
 #   window 7           11.9     22.1    20.1      33.4      12.3   38.0
 #   paper              11.4     26.2    45.6      45.8      11.8   34.6
-# Larger penalties are a little better (10 % off the first column at most), but with the largest cost
-# they must fit a byte: a jump for less than 4.6 bits does.
+# Larger penalties are a little better (by 0.3 points at best), but together with the largest cost a
+# jump must fit a byte: for less than 4.6 bits it does.
 _FAST = Settings(
     neighborhood=9,
     frequencies=(1, 1),
