@@ -13,9 +13,14 @@
 //! 5. Dynamic programming along the row chooses a candidate for every pixel ([`scanline`]).
 //! 6. What was chosen becomes a disparity with its flags and its confidence ([`refinement`]).
 //!
-//! [`matcher`] runs these over bands of rows on threads, under the eyes of [`control`]. Everything is
-//! integer arithmetic: the result is the same to the bit for any number of threads and any banding, and
-//! equal to that of [`reference`](mod@reference), which does the same in the most obvious way.
+//! From 3 on, everything is worked out on strips of rows, each row in a lane of its own ([`strip`]), in
+//! integers as narrow as the settings allow ([`value`]), in memory that is used again ([`memory`]), by loops
+//! that are compiled for every instruction set ([`simd`]).
+//!
+//! [`matcher`] runs these strips on threads, under the eyes of [`control`]. All arithmetic is that of integers
+//! (the descriptor's may be carried out in floats that hold them exactly): the result is the same to the bit
+//! for any number of threads, any strips and any instructions, and equal to that of
+//! [`reference`](mod@reference), which does the same in the most obvious way.
 //!
 //! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
 
