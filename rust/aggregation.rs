@@ -263,7 +263,7 @@ impl<V: Value> Aggregator<V> {
             &mut self.centres,
             kept,
             &tile.summed,
-            self.window,
+            self.window.cols,
             self.window.reach(),
             lanes,
         );
@@ -334,7 +334,7 @@ fn repeat_edges<V: Value>(
     columns: &mut [V],
     kept: &[V],
     new: &Range<usize>,
-    window: Window,
+    cols: usize,
     reach: usize,
     lanes: usize,
 ) {
@@ -345,7 +345,7 @@ fn repeat_edges<V: Value>(
         let (before, first) = columns.split_at_mut(kept.len());
         before.chunks_exact_mut(lanes).for_each(|column| column.copy_from_slice(&first[..lanes]));
     }
-    if new.end == window.cols {
+    if new.end == cols {
         let (last, after) = columns.split_at_mut(end);
         let (last, after) = (&last[end - lanes..], &mut after[..reach * lanes]);
         after.chunks_exact_mut(lanes).for_each(|column| column.copy_from_slice(last));
@@ -416,8 +416,8 @@ fn least_of_five<V: Value>(here: [V; BLOCK], [a, b, c, d]: [[V; BLOCK]; 4]) -> [
 struct BoxSums<V> {
     window: Window,
     lanes: usize,
-    /// Five runs of columns: what enters; two of sums of more and more of it; sums down whole columns of the
-    /// window, behind those of the tile before; sums of more and more of these.
+    /// Four runs of columns: what enters; two of sums on the way; sums down whole columns of the window,
+    /// behind those of the tile before.
     runs: Memory<V>,
     /// Places from one run to the next.
     run: usize,
@@ -455,7 +455,7 @@ impl<V: Value> BoxSums<V> {
         let count = tile.entering.len() * lanes;
         sum_runs(entering, [spare, more], &self.parts, 1, dropped, &mut columns[before..][..count]);
         let kept = &mut self.kept[k * before..][..before];
-        repeat_edges(columns, kept, &tile.entering, self.window, side / 2, lanes);
+        repeat_edges(columns, kept, &tile.entering, self.window.cols, side / 2, lanes);
         let first = (tile.summed.start + side / 2 - tile.entering.start) * lanes;
         sum_runs(&columns[first..], [spare, more], &self.parts, lanes, 0, sums);
         kept.copy_from_slice(&columns[count..][..before]);

@@ -81,8 +81,8 @@ class Settings:
         Whether estimates that are not to be trusted stay in the map, flagged (True), or become
         NaN (False). Default True.
     confidence
-        Whether confidences are worked out, which takes a second sweep over the costs: as long
-        again or longer. If not, `Result.confidence` is None. Default True.
+        Whether confidences are worked out, which takes a second sweep over the costs: about
+        half as long again. If not, `Result.confidence` is None. Default True.
 
     Raises
     ------
