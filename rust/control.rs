@@ -1,5 +1,6 @@
 //! How a running match is watched and stopped from outside.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::error::{Error, Result};
@@ -7,11 +8,17 @@ use crate::error::{Error, Result};
 /// Shared between the threads that match and the one that waits for them.
 #[derive(Debug, Default)]
 pub struct Control {
-    cancelled: AtomicBool,
+    cancelled: Arc<AtomicBool>,
     rows_done: AtomicUsize,
 }
 
 impl Control {
+    /// For a part of the work whose rows are not those of the disparity map: it is cancelled together with
+    /// the whole, and its rows are counted apart.
+    pub fn aside(&self) -> Self {
+        Self { cancelled: Arc::clone(&self.cancelled), rows_done: AtomicUsize::new(0) }
+    }
+
     /// Asks every thread to stop at its next checkpoint.
     pub fn cancel(&self) {
         self.cancelled.store(true, Ordering::Relaxed);

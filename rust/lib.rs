@@ -42,6 +42,9 @@ pub mod descriptor;
 pub mod quantiser;
 pub mod spectrum;
 
+pub mod blur;
+pub mod psf;
+
 pub mod aggregation;
 pub mod cost;
 pub mod refinement;

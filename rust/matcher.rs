@@ -171,6 +171,11 @@ impl Matcher {
         self.pool.spawn(work);
     }
 
+    /// Has the threads do some work, and waits for it.
+    pub fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        self.pool.install(work)
+    }
+
     /// Matches a pair.
     pub fn run(
         &self,

@@ -17,12 +17,14 @@ use self::arguments::{Both, read_pair, read_settings, read_view, read_volume};
 use self::supervisor::supervised;
 use self::workers::{Pool, Workers};
 use crate::aggregation::{Window, aggregate};
+use crate::blur::{self, Side};
 use crate::cost::Costs;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
 use crate::intensity::Gray;
 use crate::matcher::{Execution, on_threads};
 use crate::plane::Plane;
+use crate::psf::{Family, Taps};
 use crate::refinement::flag;
 use crate::scanline::{Steps, optimize};
 use crate::simd::Level;
@@ -45,8 +47,8 @@ mod _core {
 
     #[pymodule_export]
     use super::{
-        Workers, aggregate_volume, check_settings, cost_volume, descriptor, match_pair,
-        optimize_volume, simd_level,
+        Workers, aggregate_volume, check_settings, cost_volume, descriptor, estimate_blur,
+        match_pair, optimize_volume, simd_level,
     };
 
     #[pymodule_init]
@@ -114,6 +116,60 @@ fn match_pair<'py>(
     timings.set_item("matching", map.timings.matching.as_secs_f64())?;
     let confidence = map.confidence.map(|plane| wrap(py, plane)).transpose()?;
     Ok((wrap(py, map.disparity)?, wrap(py, map.flags)?, confidence, timings))
+}
+
+/// Softer image (0 none, 1 left, 2 right), kind, size, angle and kernel of a blur.
+type Told<'py> = (u8, &'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
+
+/// The kinds of blur, the map of them, side of its tiles, certainty, gain, and noise left and right.
+type Estimated<'py> =
+    (Vec<Told<'py>>, Bound<'py, PyArray2<u8>>, usize, f32, f64, (f64, f64));
+
+#[pyfunction]
+fn estimate_blur<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    disparities: Both<'py>,
+    threads: &Bound<'py, PyAny>,
+) -> PyResult<Estimated<'py>> {
+    let pair = read_pair(&images, &masks, &disparities)?;
+    let (pool, rows) = (Pool::of(threads)?, pair.size().0);
+    let how = Execution { threads: pool.threads(), strip_rows: None, level: Level::best() };
+    let told = supervised(py, &pool, rows, None, move |matcher, control| {
+        blur::estimate(&pair, matcher, how, control)
+    })?;
+    let blurs: PyResult<_> = told.blurs.iter().map(|blur| tell_blur(py, blur)).collect();
+    let (rows, cols, labels) = told.labels;
+    let labels = wrap(py, Plane::from_vec(rows, cols, labels)?)?;
+    let [left, right] = told.noise;
+    Ok((blurs?, labels, told.tile, told.certainty, told.gain, (left, right)))
+}
+
+fn tell_blur<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Told<'py>> {
+    let kernel = |taps: &Taps| {
+        let kernel = Plane::from_vec(taps.side(), taps.side(), taps.values.clone())?;
+        wrap(py, kernel)
+    };
+    let side = match blur.side {
+        None => 0,
+        Some(Side::Left) => 1,
+        Some(Side::Right) => 2,
+    };
+    let (kind, size, angle) = match (blur.psf, &blur.taps) {
+        (Some(psf), _) => (family_name(psf.family), psf.size, psf.angle),
+        (None, Some(taps)) => ("other", taps.radius(), 0.0),
+        (None, None) => ("none", 0.0, 0.0),
+    };
+    Ok((side, kind, size, angle, blur.taps.as_ref().map(kernel).transpose()?))
+}
+
+fn family_name(family: Family) -> &'static str {
+    match family {
+        Family::Gaussian => "gaussian",
+        Family::Disk => "disk",
+        Family::Motion => "motion",
+    }
 }
 
 #[pyfunction]

@@ -1,0 +1,168 @@
+"""Which image is blurrier than the other, where, and by what: from the images alone.
+
+A match suffers from what the blur of the two images *differs* by. That can be seen without knowing
+what the images show: where both show the same, their power spectra differ by gain, by noise, and by
+the response of the relative blur.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from phasestereo import _core
+from phasestereo._images import as_mask, as_pair
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+Side = Literal["none", "left", "right"]
+Kind = Literal["none", "gaussian", "disk", "motion", "other"]
+
+_SIDES: tuple[Side, ...] = ("none", "left", "right")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blur:
+    """A kind of relative blur: what one image lacks to be like the other.
+
+    Parameters
+    ----------
+    side
+        The softer image; "none": both are alike.
+    kind
+        The family of the point-spread function: "gaussian", "disk" (defocus), "motion" (straight,
+        at constant speed), or "other", which none of these explains.
+    size
+        In pixels: the standard deviation of a Gaussian, the radius of a disk, the length of a
+        motion (1 is none) as `phasestereo.degradation.motion_psf` has it, the root mean square
+        radius of another; 0 of none.
+    angle
+        Direction of a motion in degrees, in [0, 180): 0 is along x, 90 along y, from x (right)
+        towards y (down); 0 of others.
+    psf
+        The point-spread function, float64 (n, n), n odd, sum 1: the sharper image convolved with it
+        is as soft as the other one. None if there is no blur.
+    """
+
+    side: Side
+    kind: Kind
+    size: float
+    angle: float
+    psf: NDArray[np.float64] | None
+
+    def __repr__(self) -> str:
+        """Tell the blur, without its array."""
+        if self.side == "none":
+            return "<Blur: none>"
+        along = f" at {self.angle:.0f} degrees" if self.kind == "motion" else ""
+        return f"<Blur: {self.side}, {self.kind} {self.size:.2f} px{along}>"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlurEstimate:
+    """What two images tell about their blur.
+
+    Parameters
+    ----------
+    blurs
+        The kinds of relative blur in the image, at least one, that of the largest area first.
+    labels
+        uint8 (rows, columns) of square tiles of the left image: the index into `blurs` of each.
+        Pixel (x, y) lies in the tile of row y // `tile` and column x // `tile`, or in the last one.
+    tile
+        Side of a tile in pixels.
+    certainty
+        In [0, 1]: how much better the first of `blurs` explains its part of the images than its
+        contrary, that is no blur, or the best of all blurs.
+    gain
+        Contrast of the left image relative to the right one.
+    noise
+        Standard deviations of the noise of the left and of the right image, in the unit of their
+        pixels (of the gray values 0.299 R + 0.587 G + 0.114 B of colour images). Texture that is as
+        fine as noise counts as such.
+    """
+
+    blurs: tuple[Blur, ...]
+    labels: NDArray[np.uint8]
+    tile: int
+    certainty: float
+    gain: float
+    noise: tuple[float, float]
+
+    @property
+    def blur(self) -> Blur:
+        """The kind of the largest area."""
+        return self.blurs[0]
+
+    def areas(self) -> tuple[float, ...]:
+        """Return the share of the image that each of `blurs` has."""
+        counts = np.bincount(self.labels.ravel(), minlength=len(self.blurs))
+        return tuple((counts / self.labels.size).tolist())
+
+
+def estimate_blur(
+    left: ArrayLike,
+    right: ArrayLike,
+    *,
+    num_disparities: int | None = None,
+    min_disparity: int = 0,
+    left_mask: ArrayLike | None = None,
+    right_mask: ArrayLike | None = None,
+    threads: int | None = None,
+) -> BlurEstimate:
+    """Estimate the relative blur of a rectified stereo pair, its gain and its noise.
+
+    Parameters
+    ----------
+    left, right, left_mask, right_mask, threads
+        As `phasestereo.match` takes them.
+    num_disparities, min_disparity
+        The disparities to search, as `phasestereo.match` takes them. None: as many as a third of
+        the images' width.
+
+    Returns
+    -------
+    BlurEstimate
+        "none", with certainty 0, for images below 64 x 64 pixels and others that tell nothing.
+
+    Raises
+    ------
+    TypeError, ValueError, MemoryError, KeyboardInterrupt
+        As `phasestereo.match`.
+
+    Notes
+    -----
+    The pair is matched at a quarter of its size, where little is left of the blur, to find blocks
+    of 64 x 64 pixels that show the same. To their power spectra the model
+
+        blurred = gain * |H|^2 * (sharp - its noise) + noise
+
+    is fitted for the responses H of Gaussians up to 8 px, disks up to 14 px and motions up to 31 px;
+    the fewest kinds that explain all blocks are kept, and neighbouring tiles agree unless the
+    evidence says otherwise. Where no family explains the spectra well, the kernel is measured: by
+    least squares between the images, one warped onto the other after a match at half their size.
+    The two images' blur is told apart only by what it differs by: if both are equally soft, there is
+    none.
+    """
+    pair = as_pair(left, right)
+    size = pair[0].shape
+    masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
+    count = max(1, -(-size[1] // 3)) if num_disparities is None else num_disparities
+    return estimate(pair, masks, (min_disparity, count), threads)
+
+
+def estimate(
+    pair: tuple[_core.Pixels, _core.Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    search: tuple[int, int],
+    threads: int | _core.Workers | None,
+) -> BlurEstimate:
+    """Estimate the blur of checked images: the part of `estimate_blur` that a match needs."""
+    blurs, labels, tile, certainty, gain, noise = _core.estimate_blur(pair, masks, search, threads)
+    kinds = tuple(
+        Blur(_SIDES[side], kind, size, angle, psf) for side, kind, size, angle, psf in blurs
+    )
+    return BlurEstimate(kinds, labels, tile, certainty, gain, noise)

@@ -1,0 +1,64 @@
+//! The blurs that are told apart: which image is the softer one, and by which point-spread function.
+
+use std::sync::OnceLock;
+
+use super::fit::Response;
+use super::spectrum::response;
+use crate::psf::{Family, Psf};
+
+/// Which image is the softer one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// The left one.
+    Left,
+    /// The right one.
+    Right,
+}
+
+/// A point-spread function with what it leaves of the power in every bin.
+#[derive(Debug, Clone)]
+pub struct Entry {
+    /// The function.
+    pub psf: Psf,
+    /// Its response.
+    pub response: Response,
+}
+
+const SIGMAS: [f64; 7] = [1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.0];
+const RADII: [f64; 7] = [2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
+const LENGTHS: [f64; 9] = [5.0, 7.0, 9.0, 11.0, 13.0, 15.0, 18.0, 21.0, 25.0];
+/// Degrees between the directions of motions.
+const TURN: usize = 15;
+
+impl Entry {
+    /// The entry of a function.
+    pub fn new(psf: Psf) -> Self {
+        Self { psf, response: response(&psf.taps()) }
+    }
+}
+
+/// A coarse choice from all families: finer than this, [`super::refine`] goes by itself.
+pub fn bank() -> &'static [Entry] {
+    static BANK: OnceLock<Vec<Entry>> = OnceLock::new();
+    BANK.get_or_init(|| {
+        let round = |family: Family, sizes: &'static [f64]| {
+            sizes.iter().map(move |size| Psf { family, size: *size, angle: 0.0 })
+        };
+        let motions = LENGTHS.iter().flat_map(|size| {
+            (0..180).step_by(TURN).map(move |angle| Psf {
+                family: Family::Motion,
+                size: *size,
+                angle: angle as f64,
+            })
+        });
+        let all = round(Family::Gaussian, &SIGMAS).chain(round(Family::Disk, &RADII)).chain(motions);
+        all.map(Entry::new).collect()
+    })
+}
+
+impl Side {
+    /// Its index: 0 left, 1 right.
+    pub fn index(self) -> usize {
+        self as usize
+    }
+}

@@ -1,0 +1,156 @@
+//! What both images show in common, roughly: planes of gray values, disparities at a fraction of the size, and
+//! blocks that lie on the same things.
+
+use super::bins::SIDE;
+use super::spectrum::Place;
+use crate::control::Control;
+use crate::error::Result;
+use crate::intensity::Gray;
+use crate::matcher::{Execution, Matcher, Pair};
+use crate::plane::Plane;
+use crate::settings::{Optimizer, Penalty, Precision, Settings};
+use crate::view::{Image, View};
+
+/// Gray values lie within this many of zero, whatever the type of the image.
+const REACH: f64 = 128.0;
+/// Side of the area about a block's centre whose median disparity is the block's, pixels.
+const CORE: usize = SIDE / 2;
+/// Of a block at least one pixel in so many must be valid... all but one in so many.
+const MASKED_SHARE: usize = 10;
+
+/// Gray values of an image.
+#[derive(Debug)]
+pub struct Shades {
+    /// Centred about the middle of the image's range.
+    pub plane: Plane<f32>,
+    /// How many of these make one unit of the pixels.
+    pub unit: f64,
+}
+
+impl Shades {
+    /// Those of a view; masked pixels take the values of valid neighbours.
+    pub fn new(view: &View, how: Execution, control: &Control) -> Result<Self> {
+        let gray = Gray::new(view, how.level, control)?;
+        let scale = REACH / f64::from(gray.reach());
+        let plane = Plane::by_bands(gray.size(), 1, |y, row| {
+            control.checkpoint()?;
+            let mut steps = vec![0; row.len()];
+            gray.write_row(y, how.level, &mut steps)?;
+            row.iter_mut().zip(steps).for_each(|(to, from)| *to = from as f32 * scale as f32);
+            Ok(())
+        })?;
+        Ok(Self { plane, unit: gray.steps(1.0) * scale })
+    }
+
+    /// Means over squares of `factor` pixels; what is left over at the far ends is left out.
+    fn reduced(&self, factor: usize, control: &Control) -> Result<Plane<f32>> {
+        let size = (self.plane.rows() / factor, self.plane.cols() / factor);
+        let share = 1.0 / (factor * factor) as f32;
+        Plane::by_rows(size, control, |y, row: &mut [f32]| {
+            for below in 0..factor {
+                let source = self.plane.row(y * factor + below).chunks_exact(factor);
+                row.iter_mut().zip(source).for_each(|(sum, part)| {
+                    *sum += part.iter().sum::<f32>();
+                });
+            }
+            row.iter_mut().for_each(|sum| *sum *= share);
+        })
+    }
+}
+
+/// Disparities at a fraction of the size.
+#[derive(Debug)]
+pub struct Rough {
+    disparity: Plane<f32>,
+    factor: usize,
+}
+
+impl Rough {
+    /// Matches the pair, reduced by a factor, on neighbourhoods of a certain side: the blur shrinks with the
+    /// images, and larger neighbourhoods see past what is left of it.
+    pub fn new(
+        pair: &Pair,
+        shades: [&Shades; 2],
+        (factor, neighborhood): (usize, usize),
+        matcher: &Matcher,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Self> {
+        let planes = [shades[0].reduced(factor, control)?, shades[1].reduced(factor, control)?];
+        let [left, right] = planes.map(as_view);
+        let candidates = pair.candidates();
+        let (low, high) = (candidates.min(), candidates.disparity(candidates.count() - 1));
+        let low = low.div_euclid(factor as isize) as i64;
+        let width = left.image.shape().1 as i64;
+        let count = (high.div_euclid(factor as isize) as i64 + 2 - low).min(width);
+        let low = low.clamp(1 - width - (count - 1), width - 1);
+        let pair = Pair::new(left, right, low, count)?;
+        let settings = Settings {
+            neighborhood,
+            frequencies: (1, 1),
+            precision: Precision::Byte,
+            optimizer: Optimizer::ScanlineOptimization,
+            penalty: Penalty { near: 1.0, far: 4.5 },
+            confidence: false,
+            ..Settings::default()
+        };
+        // Rows of the reduced pair are not rows of the result: its progress is counted apart.
+        let map = matcher.run(&pair, &settings, how, &control.aside())?;
+        Ok(Self { disparity: map.disparity, factor })
+    }
+
+    /// The disparity at a pixel of the whole image, between those of the nearest four of the reduced one.
+    pub fn at(&self, y: usize, x: usize) -> f32 {
+        let place = |at: usize, length: usize| {
+            let exact = (at as f32 + 0.5) / self.factor as f32 - 0.5;
+            let exact = exact.clamp(0.0, (length - 1) as f32);
+            let first = (exact as usize).min(length.saturating_sub(2));
+            (first, (first + 1).min(length - 1), exact - first as f32)
+        };
+        let (top, bottom, down) = place(y, self.disparity.rows());
+        let (left, right, along) = place(x, self.disparity.cols());
+        let row = |y: usize| {
+            let row = self.disparity.row(y);
+            row[left] + along * (row[right] - row[left])
+        };
+        (row(top) + down * (row(bottom) - row(top))) * self.factor as f32
+    }
+
+    /// The median about the centre of a left block.
+    fn of_block(&self, top: usize, left: usize) -> f32 {
+        let span = |corner: usize, length: usize| {
+            let first = ((corner + (SIDE - CORE) / 2) / self.factor).min(length - 1);
+            first..(first + CORE / self.factor).min(length)
+        };
+        let cols = span(left, self.disparity.cols());
+        let rows = span(top, self.disparity.rows());
+        let mut values: Vec<f32> =
+            rows.flat_map(|y| self.disparity.row(y)[cols.clone()].iter().copied()).collect();
+        let middle = values.len() / 2;
+        *values.select_nth_unstable_by(middle, f32::total_cmp).1 * self.factor as f32
+    }
+
+    /// The pair of blocks whose left one has this corner; `None` where the right one would not be inside its
+    /// image, or too much of either is masked.
+    pub fn place(&self, pair: &Pair, top: usize, left: usize) -> Option<Place> {
+        let right = left as isize - self.of_block(top, left).round() as isize;
+        let right = usize::try_from(right).ok().filter(|x| x + SIDE <= pair.size().1)?;
+        let place = Place { top, left, right };
+        let [left_view, right_view] = pair.views();
+        (is_valid(left_view, top, left) && is_valid(right_view, top, right)).then_some(place)
+    }
+}
+
+fn is_valid(view: &View, top: usize, left: usize) -> bool {
+    let Some(mask) = &view.mask else { return true };
+    let rows = (top..top + SIDE).map(|y| &mask.row(y)[left..left + SIDE]);
+    let masked = rows.flatten().filter(|valid| !**valid).count();
+    masked * MASKED_SHARE <= SIDE * SIDE
+}
+
+fn as_view(plane: Plane<f32>) -> View {
+    let shape = (plane.rows(), plane.cols(), 1);
+    let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
+    // The plane has as many values as its shape says.
+    View { image: Image::F32(pixels.unwrap_or_default()), mask: None }
+}

@@ -1,0 +1,155 @@
+//! Point-spread functions: the families that lenses and shutters make, as kernels of taps.
+
+/// A family of point-spread functions of one size each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Family {
+    /// Gaussian; the size is its standard deviation.
+    Gaussian,
+    /// Defocus of a round aperture; the size is the disk's radius.
+    Disk,
+    /// Straight motion at constant speed; the size is its length, of which 1 is none.
+    Motion,
+}
+
+/// A point-spread function of a family.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Psf {
+    /// Its family.
+    pub family: Family,
+    /// Its size, pixels.
+    pub size: f64,
+    /// Direction of a motion, degrees from x towards y; 0 for others.
+    pub angle: f64,
+}
+
+/// A square kernel of odd side whose taps have the sum 1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Taps {
+    /// Taps on either side of the centre.
+    pub reach: usize,
+    /// Row after row.
+    pub values: Vec<f64>,
+}
+
+/// Sub-samples of a pixel in each direction under a disk.
+const DISK_SAMPLES: usize = 8;
+/// Samples of a path per pixel of its length.
+const MOTION_SAMPLES: f64 = 16.0;
+
+impl Psf {
+    /// The kernel: a Gaussian cut at four standard deviations, a disk integrated over each pixel, a path
+    /// whose samples are split bilinearly over their four pixels.
+    pub fn taps(&self) -> Taps {
+        match self.family {
+            Family::Gaussian => gaussian(self.size),
+            Family::Disk => disk(self.size),
+            Family::Motion => motion(self.size, self.angle),
+        }
+    }
+
+    /// Root mean square distance from the centre along one axis, averaged over the directions, pixels: what makes sizes of
+    /// different families comparable.
+    pub fn spread(&self) -> f64 {
+        match self.family {
+            Family::Gaussian => self.size,
+            Family::Disk => self.size / 2.0,
+            Family::Motion => (self.size - 1.0) / 24f64.sqrt(),
+        }
+    }
+}
+
+impl Taps {
+    /// A kernel of so much reach from values of any sum that is not zero.
+    pub fn new(reach: usize, mut values: Vec<f64>) -> Self {
+        debug_assert_eq!(values.len(), (2 * reach + 1).pow(2));
+        let sum: f64 = values.iter().sum();
+        values.iter_mut().for_each(|value| *value /= sum);
+        Self { reach, values }
+    }
+
+    /// Taps along one side.
+    pub fn side(&self) -> usize {
+        2 * self.reach + 1
+    }
+
+    /// The taps as (dy, dx, value) relative to the centre.
+    pub fn places(&self) -> impl Iterator<Item = (isize, isize, f64)> + '_ {
+        let (side, reach) = (self.side(), self.reach as isize);
+        self.values.iter().enumerate().map(move |(i, value)| {
+            ((i / side) as isize - reach, (i % side) as isize - reach, *value)
+        })
+    }
+
+    /// Root mean square distance of the taps from their mean, pixels.
+    pub fn radius(&self) -> f64 {
+        let moment = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
+            self.places().map(|(dy, dx, value)| value * of(dy as f64, dx as f64)).sum()
+        };
+        let (y, x) = (moment(&|y, _| y), moment(&|_, x| x));
+        moment(&|dy, dx| (dy - y).powi(2) + (dx - x).powi(2)).max(0.0).sqrt()
+    }
+}
+
+fn gaussian(sigma: f64) -> Taps {
+    let reach = (4.0 * sigma + 0.5) as usize;
+    let side = 0..=2 * reach;
+    let profile: Vec<f64> = side
+        .map(|i| (-0.5 * ((i as f64 - reach as f64) / sigma.max(f64::MIN_POSITIVE)).powi(2)).exp())
+        .collect();
+    let rows = profile.iter().flat_map(|a| profile.iter().map(move |b| a * b));
+    Taps::new(reach, rows.collect())
+}
+
+fn disk(radius: f64) -> Taps {
+    let reach = (radius - 0.5).ceil().max(0.0) as usize;
+    let samples = (2 * reach + 1) * DISK_SAMPLES;
+    let place = |i: usize| (i as f64 + 0.5) / DISK_SAMPLES as f64 - 0.5 - reach as f64;
+    let side = 2 * reach + 1;
+    let mut values = vec![0.0; side * side];
+    for i in 0..samples {
+        let y = place(i);
+        for j in 0..samples {
+            if y * y + place(j).powi(2) <= radius * radius {
+                values[i / DISK_SAMPLES * side + j / DISK_SAMPLES] += 1.0;
+            }
+        }
+    }
+    if values.iter().all(|value| *value == 0.0) {
+        values[side * side / 2] = 1.0;
+    }
+    Taps::new(reach, values)
+}
+
+fn motion(length: f64, angle: f64) -> Taps {
+    let half = (length - 1.0).max(0.0) / 2.0;
+    let samples = (length * MOTION_SAMPLES).round().max(1.0) as usize + 1;
+    let steps = (0..samples).map(|i| -half + 2.0 * half * i as f64 / (samples - 1) as f64);
+    let (sine, cosine) = angle.to_radians().sin_cos();
+    path(steps.map(|step| (exact(step * sine), exact(step * cosine))))
+}
+
+/// Right angles are exact: the cosine of 90 degrees is 6e-17 in floating point.
+fn exact(value: f64) -> f64 {
+    (value * 1e12).round() / 1e12
+}
+
+/// A kernel of samples (y, x), each split bilinearly over its four pixels.
+pub fn path(samples: impl Iterator<Item = (f64, f64)>) -> Taps {
+    let samples: Vec<_> = samples.collect();
+    let farthest = samples.iter().map(|(y, x)| y.abs().max(x.abs())).fold(0.0, f64::max);
+    let reach = farthest.ceil() as usize;
+    // One more for the far neighbours of the ends, which have no weight.
+    let (side, wide) = (2 * reach + 1, 2 * reach + 2);
+    let mut values = vec![0.0; wide * wide];
+    for (y, x) in samples {
+        let (top, left) = (y.floor(), x.floor());
+        let place = |offset: f64| (offset + reach as f64) as usize;
+        for (row, down) in [(top, 1.0 - (y - top)), (top + 1.0, y - top)] {
+            for (col, along) in [(left, 1.0 - (x - left)), (left + 1.0, x - left)] {
+                values[place(row) * wide + place(col)] += down * along;
+            }
+        }
+    }
+    let rows = values.chunks(wide).take(side).flat_map(|row| &row[..side]);
+    Taps::new(reach, rows.copied().collect())
+}
