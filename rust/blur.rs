@@ -57,7 +57,9 @@ const MOST_TILES: usize = 6000;
 const LEAST_SPREAD: f64 = 0.6;
 /// Families that explain powers worse than this, nepers, may be wrong: then the kernel is measured.
 const DOUBTFUL: f32 = 0.3;
-/// ... unless what is measured explains them worse than the family by this factor.
+/// ... given this many blocks to measure it on
+const LEAST_BLOCKS: usize = 12;
+/// ... and unless what is measured explains them worse than the family by this factor.
 const MUCH_WORSE: f32 = 1.5;
 /// The least tenth of the blocks tells the noise.
 const QUIET: usize = 10;
@@ -202,7 +204,7 @@ impl Scene<'_> {
             taps: Some(found.entry.psf.taps()),
         };
         let family = Kind { blur, response: found.entry.response, fit: found.fit, powers };
-        if family.fit.loss <= DOUBTFUL {
+        if family.fit.loss <= DOUBTFUL || tiles.len() < LEAST_BLOCKS {
             return Ok(family);
         }
         self.measured(grid, tiles, noise, family)
