@@ -15,6 +15,7 @@ use crate::settings::{CostKind, Settings};
 use crate::simd::{Kernel, Level};
 use crate::strip::{BLOCK, Strip};
 use crate::value::Value;
+use crate::versions::Versions;
 use crate::view::View;
 use crate::votes::Votes;
 
@@ -43,15 +44,18 @@ impl<'a> Costs<'a> {
         views: [&'a View; 2],
         candidates: Candidates,
         settings: &Settings,
+        versions: Option<&Versions>,
         level: Level,
         control: &Control,
     ) -> Result<Self> {
         let (compared, ceiling, steps) = match settings.cost {
             CostKind::Phase => {
-                let codes =
-                    |view| describe(&Gray::new(view, level, control)?, settings, level, control);
-                let codes = [codes(views[0])?, codes(views[1])?];
-                (Compared::Codes(codes), settings.code_length() as u16, 1)
+                let codes = |side: usize| {
+                    let gray = Gray::new(views[side], level, control)?;
+                    let noise = versions.map(|versions| versions.noise()[side]);
+                    describe(&gray, settings, noise, level, control)
+                };
+                (Compared::Codes([codes(0)?, codes(1)?]), settings.code_length() as u16, 1)
             }
             CostKind::Sad => {
                 let channels = level_planes(views, settings.intensity_range, control)?;

@@ -53,6 +53,8 @@ pub struct Gray<'a> {
     source: Source<'a>,
     size: (usize, usize),
     reach: u32,
+    /// Steps per unit of the pixels: the product of two, since one of them may be beyond any float.
+    unit: [f64; 2],
 }
 
 #[derive(Debug)]
@@ -76,7 +78,13 @@ impl<'a> Gray<'a> {
             Scale::Exact { middle } => middle as u32,
             Scale::Steps(_) => FLOAT_REACH as u32,
         };
-        let gray = Self { source: Source::Image(&view.image, scale), size: (rows, cols), reach };
+        let unit = match scale {
+            Scale::Exact { .. } if channels == 3 => [1000.0, 1.0],
+            Scale::Exact { .. } => [1.0, 1.0],
+            Scale::Steps(Steps { factors: [a, b], .. }) => [1000.0 * a, b],
+        };
+        let gray =
+            Self { source: Source::Image(&view.image, scale), size: (rows, cols), reach, unit };
         if view.mask.is_none() {
             return Ok(gray);
         }
@@ -87,10 +95,11 @@ impl<'a> Gray<'a> {
         Ok(Self { source: Source::Plane(filled(plane, view, control)?), ..gray })
     }
 
-    /// A plane whose values are of magnitude up to `reach`, at most 2^25.
+    /// A plane whose values are of magnitude up to `reach`, at most 2^25, one step to a unit.
     pub fn within(reach: u32, plane: Plane<i32>) -> Self {
         debug_assert!(reach <= 1 << 25);
-        Self { size: (plane.rows(), plane.cols()), source: Source::Plane(plane), reach }
+        let size = (plane.rows(), plane.cols());
+        Self { size, source: Source::Plane(plane), reach, unit: [1.0, 1.0] }
     }
 
     /// Rows and columns.
@@ -101,6 +110,11 @@ impl<'a> Gray<'a> {
     /// The largest magnitude there can be.
     pub fn reach(&self) -> u32 {
         self.reach
+    }
+
+    /// How many steps a difference in intensity comes to.
+    pub fn steps(&self, difference: f64) -> f64 {
+        difference * self.unit[0] * self.unit[1]
     }
 
     /// Writes row `y`.

@@ -41,6 +41,7 @@ pub mod basis;
 pub mod descriptor;
 pub mod quantiser;
 pub mod spectrum;
+pub mod versions;
 
 pub mod aggregation;
 pub mod cost;

@@ -47,9 +47,13 @@ pub fn normalise(plane: &Plane<u16>, window: usize) -> Plane<u16> {
     })
 }
 
-/// Twin of [`crate::descriptor::describe`]: every component by its double sum.
-pub fn describe(gray: &Plane<i32>, settings: &Settings) -> Plane<u64> {
-    let (basis, quantiser) = (Basis::new(settings), Quantiser::new(settings));
+/// Twin of [`crate::descriptor::describe`]: every component by its double sum. Parts of components up to
+/// `threshold` are weak, if there is a weak level.
+pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane<u64> {
+    let (basis, mut quantiser) = (Basis::new(settings), Quantiser::new(settings));
+    if settings.has_weak() {
+        quantiser = quantiser.with_weak_level(threshold);
+    }
     let radius = basis.radius() as isize;
     let tap = |f: isize, j: isize| {
         let (filter, distance) = (&basis.filters()[f.unsigned_abs()], j.unsigned_abs());

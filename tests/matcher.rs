@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use common::naive::{self, Seen};
 use common::{
-    OPTIMIZERS, affordable, eight_votes, hash, levels, mask, settings, tile, view, views,
+    OPTIMIZERS, affordable, eight_votes, hash, levels, mask, noises, settings, tile, view, views,
 };
 use phasestereo::control::Control;
 use phasestereo::error::Error;
@@ -16,6 +16,7 @@ use phasestereo::matcher::{Execution, Matcher, Pair, on_threads, run};
 use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Settings};
 use phasestereo::simd::Level;
 use phasestereo::value::Value;
+use phasestereo::versions::Versions;
 use phasestereo::view::{Image, View};
 use phasestereo::votes::Votes;
 use proptest::prelude::*;
@@ -117,7 +118,7 @@ fn pairs() -> impl Strategy<Value = Pair> {
 }
 
 fn jobs() -> impl Strategy<Value = Job> {
-    (pairs(), settings()).prop_map(|(pair, mut settings)| {
+    (pairs(), settings(), noises()).prop_map(|(pair, mut settings, noise)| {
         let (rows, cols) = pair.size();
         let places = AFFORDABLE / (rows * cols * pair.candidates().count());
         settings.window = affordable(settings.window, places);
@@ -125,7 +126,8 @@ fn jobs() -> impl Strategy<Value = Job> {
         let (r, s) = settings.frequencies;
         let least = (2 * r.max(s) + 1).max(3);
         settings.neighborhood = affordable(settings.neighborhood, places).max(least);
-        Job { pair, settings }
+        let versions = Versions::of_noise(noise).expect("legal noise");
+        Job { pair: pair.with_versions(versions), settings }
     })
 }
 

@@ -10,7 +10,7 @@ use phasestereo::control::Control;
 use phasestereo::intensity::{Gray, level_planes};
 use phasestereo::plane::Plane;
 use phasestereo::settings::{
-    CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Settings, Taper,
+    CostKind, LARGEST_PENALTY, LARGEST_WEAK, Optimizer, Penalty, Precision, Settings, Taper,
 };
 use phasestereo::simd::Level;
 use phasestereo::view::{Image, Mask, View};
@@ -66,6 +66,21 @@ pub fn descriptors() -> impl Strategy<Value = Settings> {
     )
 }
 
+/// Legal descriptors, many of those that may have a weak level with one.
+pub fn weak_descriptors() -> impl Strategy<Value = Settings> {
+    let weak = prop_oneof![1 => Just(0.0), 1 => Just(LARGEST_WEAK), 6 => 0.01..4.0f64];
+    (descriptors(), weak).prop_map(|(descriptor, weak)| {
+        let settings = Settings { weak, ..descriptor.clone() };
+        if settings.check().is_ok() { settings } else { descriptor }
+    })
+}
+
+/// Noise of a pair: none, some, and more than any image has contrast.
+pub fn noises() -> impl Strategy<Value = [f64; 2]> {
+    let one = || prop_oneof![1 => Just(0.0), 4 => 0.0..8.0f64, 2 => 0.0..1e-4f64, 1 => Just(1e300)];
+    (one(), one()).prop_map(|(left, right)| [left, right])
+}
+
 /// Penalties in the range of the costs, none at all, and those that no cost makes up for.
 pub fn penalties() -> impl Strategy<Value = Penalty> {
     let one = || prop_oneof![4 => 0.0..4.0f64, 2 => Just(0.0), 1 => Just(LARGEST_PENALTY)];
@@ -83,9 +98,10 @@ pub fn settings() -> impl Strategy<Value = Settings> {
     let precision = select(vec![Precision::Full, Precision::Byte]);
     let ways = (select(OPTIMIZERS.to_vec()), penalties());
     let [shiftable, fill, confidence] = [any::<bool>(); 3];
-    (descriptors(), cost, radius, precision, ways, shiftable, fill, confidence).prop_map(
+    (weak_descriptors(), cost, radius, precision, ways, shiftable, fill, confidence).prop_map(
         |(descriptor, cost, radius, precision, ways, shiftable, fill, confidence)| Settings {
             cost,
+            weak: if cost == CostKind::Phase { descriptor.weak } else { 0.0 },
             window: 2 * radius + 1,
             shiftable,
             precision,
@@ -198,7 +214,11 @@ pub fn eight_votes() -> [View; 2] {
 
 /// The gray values of a view.
 pub fn gray(view: &View) -> Plane<i32> {
-    let gray = Gray::new(view, Level::best(), &Control::default()).expect("not cancelled");
+    plane(&Gray::new(view, Level::best(), &Control::default()).expect("not cancelled"))
+}
+
+/// All gray values.
+pub fn plane(gray: &Gray) -> Plane<i32> {
     let (rows, cols) = gray.size();
     let mut plane = Plane::new(rows, cols).expect("memory");
     for y in 0..rows {

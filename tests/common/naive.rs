@@ -1,18 +1,21 @@
 //! A whole match by the naive twins: what every fast one must give, bit for bit.
 
 use phasestereo::aggregation::Window;
+use phasestereo::basis::Basis;
 use phasestereo::candidates::Candidates;
 use phasestereo::control::Control;
 use phasestereo::cost::Costs;
+use phasestereo::intensity::Gray;
 use phasestereo::matcher::{Disparity, Pair};
 use phasestereo::plane::Plane;
 use phasestereo::reference;
 use phasestereo::refinement::flag;
 use phasestereo::scanline::Steps;
 use phasestereo::settings::{CostKind, Settings};
+use phasestereo::versions::Versions;
 use phasestereo::view::View;
 
-use super::{gray, level_pair, levels};
+use super::{level_pair, levels, plane};
 
 /// What a caller sees of a match; floats by their bits, so that NaN equals NaN.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -36,17 +39,27 @@ impl Seen {
 /// Window and penalties of a match.
 pub fn scale(pair: &Pair, settings: &Settings) -> (Window, Steps) {
     let (candidates, control) = (pair.candidates(), Control::default());
-    let costs = Costs::new(pair.views(), candidates, settings, levels()[0], &control)
-        .expect("not cancelled");
+    let costs =
+        Costs::new(pair.views(), candidates, settings, pair.versions(), levels()[0], &control)
+            .expect("not cancelled");
     let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
     (window, Steps::new(settings.penalty, window, costs.steps()))
 }
 
 /// Costs, 0 where there is no vote.
-pub fn costs(views: [&View; 2], candidates: Candidates, settings: &Settings) -> Plane<u16> {
+pub fn costs(
+    views: [&View; 2],
+    candidates: Candidates,
+    settings: &Settings,
+    versions: Option<&Versions>,
+) -> Plane<u16> {
     let votes = votes(views, candidates);
     let costs = if settings.cost == CostKind::Phase {
-        let codes = views.map(|view| reference::describe(&gray(view), settings));
+        let codes = [0, 1].map(|side| {
+            let gray = Gray::new(views[side], levels()[0], &Control::default()).expect("memory");
+            let noise = versions.map_or(0.0, |versions| versions.noise()[side]);
+            reference::describe(&plane(&gray), settings, weak_threshold(&gray, settings, noise))
+        });
         reference::phase_costs(&codes[0], &codes[1], candidates)
     } else {
         let [left, right] = level_pair(views, settings.intensity_range).map(|channels| {
@@ -59,6 +72,17 @@ pub fn costs(views: [&View; 2], candidates: Candidates, settings: &Settings) -> 
         reference::absolute_differences(&left, &right, candidates)
     };
     Plane::from_fn(costs.rows(), costs.cols(), |y, place| costs.row(y)[place] * votes.row(y)[place])
+}
+
+/// Magnitude up to which parts of components are weak: white noise gives each the energy of the window, of
+/// which half falls to either part.
+pub fn weak_threshold(gray: &Gray, settings: &Settings, noise: f64) -> f64 {
+    let window = Basis::new(settings).filters()[0].even.clone();
+    let weight = |j: isize| f64::from(window[j.unsigned_abs()]);
+    let radius = (settings.neighborhood / 2) as isize;
+    let places = (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)));
+    let energy: f64 = places.map(|(dy, dx)| (weight(dy) * weight(dx)).powi(2)).sum();
+    (settings.weak * gray.steps(noise) * (energy / 2.0).sqrt()).round()
 }
 
 /// 1 where left pixel and candidate are both valid, else 0.
@@ -75,7 +99,7 @@ pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
     let (candidates, count) = (pair.candidates(), pair.candidates().count());
     let (window, steps) = scale(pair, settings);
     let votes = votes(pair.views(), candidates);
-    let costs = costs(pair.views(), candidates, settings);
+    let costs = costs(pair.views(), candidates, settings, pair.versions());
     let aggregated = reference::aggregate(&costs, &votes, window);
     let confidences = settings.confidence.then(Vec::new);
     let mut seen = Seen { disparity: vec![], flags: vec![], confidence: confidences };
