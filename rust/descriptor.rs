@@ -6,9 +6,10 @@ use crate::error::{Error, Result};
 use crate::intensity::Gray;
 use crate::plane::{Plane, reflect, zeroed};
 use crate::quantiser::Quantiser;
-use crate::settings::{LARGEST_PIXEL, Settings};
+use crate::settings::Settings;
 use crate::simd::{Kernel, Level};
 use crate::spectrum::{Lane, Spectrum, Word, padded, segments};
+use crate::versions::check_noise;
 
 /// Rows that one task describes: it reads `L - 1` further ones. 16 and 64 are as fast to a few percent.
 const BAND_ROWS: usize = 32;
@@ -50,12 +51,35 @@ pub enum Codes {
 }
 
 impl Codes {
+    /// Takes the codes of another plane of the same settings where `labels` of the row say `label`.
+    pub fn take_where<'b>(&mut self, other: &Self, labels: impl Fn(usize) -> &'b [u8], label: u8) {
+        match (self, other) {
+            (Self::U16(codes), Self::U16(other)) => take_where(codes, other, labels, label),
+            (Self::U32(codes), Self::U32(other)) => take_where(codes, other, labels, label),
+            (Self::U64(codes), Self::U64(other)) => take_where(codes, other, labels, label),
+            _ => unreachable!("codes of the same settings are equally wide"),
+        }
+    }
+
     /// The same codes in the widest words.
     pub fn widened(self) -> Plane<u64> {
         match self {
             Self::U16(codes) => codes.map(|&code| code.into()),
             Self::U32(codes) => codes.map(|&code| code.into()),
             Self::U64(codes) => codes,
+        }
+    }
+}
+
+fn take_where<'b, C: Code>(
+    codes: &mut Plane<C>,
+    other: &Plane<C>,
+    labels: impl Fn(usize) -> &'b [u8],
+    label: u8,
+) {
+    for y in 0..codes.rows() {
+        for ((code, other), known) in codes.row_mut(y).iter_mut().zip(other.row(y)).zip(labels(y)) {
+            *code = if *known == label { *other } else { *code };
         }
     }
 }
@@ -104,14 +128,6 @@ fn weak_threshold(gray: &Gray, basis: &Basis, weak: f64, noise: Option<f64>) -> 
     // Beyond the largest component it makes no difference how far; its square must be finite.
     let beyond_any = (1u64 << 53) as f64;
     Ok((weak * basis.deviation() * gray.steps(noise)).round().min(beyond_any))
-}
-
-/// Refuses what is no standard deviation.
-pub fn check_noise(noise: f64) -> Result<f64> {
-    if (0.0..=LARGEST_PIXEL).contains(&noise) {
-        return Ok(noise);
-    }
-    Err(Error::value("noise", noise, format!("standard deviations from 0 to {LARGEST_PIXEL:e}")))
 }
 
 /// Rows that one task describes.

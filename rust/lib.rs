@@ -3,7 +3,8 @@
 //! The story of one disparity map, each step a module, in the order in which the data flows:
 //!
 //! 1. Two rectified images of any type ([`view`]) become integer planes ([`intensity`]); masked pixels take
-//!    the values of their neighbours ([`masking`]).
+//!    the values of their neighbours ([`masking`]). Blur can be added to them ([`convolution`]), to each part of
+//!    an image another one ([`versions`]).
 //! 2. Around every pixel a local Fourier transform ([`basis`], [`spectrum`]) is taken, of which only the
 //!    phase is kept, coarsely ([`quantiser`]): symmetric blur and contrast leave it alone. The levels are
 //!    packed into one word per pixel ([`descriptor`]).
@@ -32,16 +33,17 @@ pub mod value;
 pub mod candidates;
 pub mod settings;
 
+pub mod convolution;
 pub mod intensity;
 pub mod masking;
 pub mod normalisation;
+pub mod versions;
 pub mod view;
 
 pub mod basis;
 pub mod descriptor;
 pub mod quantiser;
 pub mod spectrum;
-pub mod versions;
 
 pub mod aggregation;
 pub mod cost;

@@ -4,6 +4,7 @@ use phasestereo::aggregation::Window;
 use phasestereo::basis::Basis;
 use phasestereo::candidates::Candidates;
 use phasestereo::control::Control;
+use phasestereo::convolution::Kernel;
 use phasestereo::cost::Costs;
 use phasestereo::intensity::Gray;
 use phasestereo::matcher::{Disparity, Pair};
@@ -12,7 +13,7 @@ use phasestereo::reference;
 use phasestereo::refinement::flag;
 use phasestereo::scanline::Steps;
 use phasestereo::settings::{CostKind, Settings};
-use phasestereo::versions::Versions;
+use phasestereo::versions::{MOST_CLASSES, Versions};
 use phasestereo::view::View;
 
 use super::{level_pair, levels, plane};
@@ -55,12 +56,8 @@ pub fn costs(
 ) -> Plane<u16> {
     let votes = votes(views, candidates);
     let costs = if settings.cost == CostKind::Phase {
-        let codes = [0, 1].map(|side| {
-            let gray = Gray::new(views[side], levels()[0], &Control::default()).expect("memory");
-            let noise = versions.map_or(0.0, |versions| versions.noise()[side]);
-            reference::describe(&plane(&gray), settings, weak_threshold(&gray, settings, noise))
-        });
-        reference::phase_costs(&codes[0], &codes[1], candidates)
+        let untold = Versions::of_noise([0.0; 2]).expect("legal noise");
+        phase_costs(views, candidates, settings, versions.unwrap_or(&untold))
     } else {
         let [left, right] = level_pair(views, settings.intensity_range).map(|channels| {
             let normalised = |plane: &Plane<u16>| match settings.cost {
@@ -72,6 +69,45 @@ pub fn costs(
         reference::absolute_differences(&left, &right, candidates)
     };
     Plane::from_fn(costs.rows(), costs.cols(), |y, place| costs.row(y)[place] * votes.row(y)[place])
+}
+
+/// Costs of phase codes: of whole images for each class, of which every pixel then takes its own's.
+fn phase_costs(
+    views: [&View; 2],
+    candidates: Candidates,
+    settings: &Settings,
+    versions: &Versions,
+) -> Plane<u16> {
+    let (rows, cols, _) = views[0].image.shape();
+    let count = candidates.count();
+    let classes = Plane::from_fn(rows, cols, |y, x| versions.class(y, x));
+    let of_class = |class: usize| {
+        classes.as_slice().contains(&class).then(|| {
+            let [left, right] = [0, 1].map(|side| {
+                let kernel = versions.kernels(class)[side].as_ref();
+                codes(views[side], kernel, settings, versions.noise()[side])
+            });
+            reference::phase_costs(&left, &right, candidates)
+        })
+    };
+    let volumes: Vec<_> = (0..MOST_CLASSES).map(of_class).collect();
+    Plane::from_fn(rows, cols * count, |y, place| {
+        let volume = &volumes[classes.row(y)[place / count]];
+        volume.as_ref().expect("of a class that occurs").row(y)[place]
+    })
+}
+
+/// Codes of an image, perhaps under a kernel: with four more bits, or as many as leave it below 2^25.
+fn codes(view: &View, kernel: Option<&Kernel>, settings: &Settings, noise: f64) -> Plane<u64> {
+    let gray = Gray::new(view, levels()[0], &Control::default()).expect("memory");
+    let threshold = weak_threshold(&gray, settings, noise);
+    let Some(kernel) = kernel else {
+        return reference::describe(&plane(&gray), settings, threshold);
+    };
+    let finer = [4, 3, 2, 1].into_iter().find(|bits| gray.reach() << bits <= 1 << 25);
+    let bits = finer.unwrap_or(0);
+    let threshold = weak_threshold(&gray, settings, noise * f64::from(1 << bits));
+    reference::describe(&reference::convolve(&plane(&gray), kernel, bits), settings, threshold)
 }
 
 /// Magnitude up to which parts of components are weak: white noise gives each the energy of the window, of
