@@ -88,9 +88,9 @@ impl Pair {
         Ok(Self { left, right, candidates, versions: None })
     }
 
-    /// The pair with what is known about its noise.
-    pub fn with_versions(self, versions: Versions) -> Self {
-        Self { versions: Some(versions), ..self }
+    /// The pair with the versions in which its pixels are compared.
+    pub fn with_versions(self, versions: impl Into<Option<Versions>>) -> Self {
+        Self { versions: versions.into(), ..self }
     }
 
     /// Left and right view.
@@ -103,7 +103,7 @@ impl Pair {
         self.candidates
     }
 
-    /// What else is known about the images.
+    /// The versions in which the pixels are compared; `None`: as they are.
     pub fn versions(&self) -> Option<&Versions> {
         self.versions.as_ref()
     }

@@ -435,7 +435,10 @@ fn each_class_is_compared_in_its_own_version() {
         let is_inner = |place: usize| (8..24).contains(&(place % 32));
         let expected = 1.0 + versions.class(y, x) as f32;
         let found = f32::from_bits(seen.disparity[y * 96 + x]);
-        assert!(!is_inner(y) || !is_inner(x) || found == expected, "{y}, {x}: {found}, {expected}");
+        assert!(
+            !is_inner(y) || !is_inner(x) || (found - expected).abs() < 0.1,
+            "{y}, {x}: {found}, {expected}"
+        );
     }
 }
 
