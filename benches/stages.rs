@@ -98,7 +98,7 @@ impl Scene {
         let candidates = Candidates::new(0, count as i64, COLS).expect("in reach");
         let [left, right] = &views;
         let costs =
-            Costs::new([left, right], candidates, settings, case.level, &Control::default())
+            Costs::new([left, right], candidates, settings, None, case.level, &Control::default())
                 .expect("memory");
         let window = Window::new((ROWS, COLS), count, settings, costs.ceiling());
         let strip = Strip { first: 0, rows: ROWS, margin: window.margin(), height: ROWS };
@@ -139,6 +139,9 @@ mod descriptor {
             ("b = 3", bytes, of_bits(1, 3)),
             ("b = 4", bytes, of_bits(1, 4)),
             ("k = 2", bytes, of_bits(2, 2)),
+            ("weak", bytes, Settings { weak: 1.0, ..Settings::default() }),
+            ("fast", bytes, super::fast()),
+            ("fast, weak", bytes, Settings { weak: 1.0, ..super::fast() }),
             ("colour", || Image::U8(pixels(3, |value| value as u8)), of_size(7)),
             ("u16", || Image::U16(pixels(1, |value| value as u16)), of_size(7)),
             ("f32", || Image::F32(pixels(1, |value| value as f32)), of_size(7)),
@@ -163,8 +166,15 @@ mod descriptor {
             cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
         let (level, control) = (level.expect("of this machine"), Control::default());
         let view = View { image: image(), mask: None };
-        let work =
-            || describe_gray(&Gray::new(&view, level, &control)?, &settings, level, &control);
+        let work = || {
+            describe_gray(
+                &Gray::new(&view, level, &control)?,
+                &settings,
+                Some(2.0),
+                level,
+                &control,
+            )
+        };
         bencher.counter(ItemsCount::new(ROWS * COLS)).bench(|| on_threads(1, work));
     }
 }

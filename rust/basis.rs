@@ -70,6 +70,14 @@ impl Basis {
         &self.filters
     }
 
+    /// Standard deviation of either part of a component of white noise whose own is 1: the energy of the
+    /// window, of which half falls to cosines and half to sines.
+    pub fn deviation(&self) -> f64 {
+        let window = self.filters[0].even.iter().map(|tap| f64::from(*tap).powi(2));
+        let side: f64 = window.clone().skip(1).sum();
+        (window.take(1).sum::<f64>() + 2.0 * side) / f64::sqrt(2.0)
+    }
+
     /// How many times the largest pixel no component can exceed, nor any sum on the way to it.
     pub fn gain(&self) -> u64 {
         let largest = self.filters.iter().map(Filter::total).fold(0.0, f64::max);

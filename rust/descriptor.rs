@@ -2,13 +2,14 @@
 
 use crate::basis::Basis;
 use crate::control::Control;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::intensity::Gray;
 use crate::plane::{Plane, reflect, zeroed};
 use crate::quantiser::Quantiser;
 use crate::settings::Settings;
 use crate::simd::{Kernel, Level};
 use crate::spectrum::{Lane, Spectrum, Word, padded, segments};
+use crate::versions::check_noise;
 
 /// Rows that one task describes: it reads `L - 1` further ones. 16 and 64 are as fast to a few percent.
 const BAND_ROWS: usize = 32;
@@ -50,6 +51,16 @@ pub enum Codes {
 }
 
 impl Codes {
+    /// Takes the codes of another plane of the same settings where `labels` of the row say `label`.
+    pub fn take_where<'b>(&mut self, other: &Self, labels: impl Fn(usize) -> &'b [u8], label: u8) {
+        match (self, other) {
+            (Self::U16(codes), Self::U16(other)) => take_where(codes, other, labels, label),
+            (Self::U32(codes), Self::U32(other)) => take_where(codes, other, labels, label),
+            (Self::U64(codes), Self::U64(other)) => take_where(codes, other, labels, label),
+            _ => unreachable!("codes of the same settings are equally wide"),
+        }
+    }
+
     /// The same codes in the widest words.
     pub fn widened(self) -> Plane<u64> {
         match self {
@@ -60,17 +71,32 @@ impl Codes {
     }
 }
 
-/// The codes of every pixel, component 0 in the lowest bits.
+fn take_where<'b, C: Code>(
+    codes: &mut Plane<C>,
+    other: &Plane<C>,
+    labels: impl Fn(usize) -> &'b [u8],
+    label: u8,
+) {
+    for y in 0..codes.rows() {
+        for ((code, other), known) in codes.row_mut(y).iter_mut().zip(other.row(y)).zip(labels(y)) {
+            *code = if *known == label { *other } else { *code };
+        }
+    }
+}
+
+/// The codes of every pixel, component 0 in the lowest bits. `noise` is the standard deviation of the noise of
+/// the image, in units of its pixels; without a weak level nobody asks for it.
 pub fn describe(
     gray: &Gray,
     settings: &Settings,
+    noise: Option<f64>,
     level: Level,
     control: &Control,
 ) -> Result<Codes> {
     Ok(match settings.code_length() {
-        ..=16 => Codes::U16(describe_as(gray, settings, level, control)?),
-        17..=32 => Codes::U32(describe_as(gray, settings, level, control)?),
-        _ => Codes::U64(describe_as(gray, settings, level, control)?),
+        ..=16 => Codes::U16(describe_as(gray, settings, noise, level, control)?),
+        17..=32 => Codes::U32(describe_as(gray, settings, noise, level, control)?),
+        _ => Codes::U64(describe_as(gray, settings, noise, level, control)?),
     })
 }
 
@@ -78,16 +104,30 @@ pub fn describe(
 pub fn describe_as<C: Code>(
     gray: &Gray,
     settings: &Settings,
+    noise: Option<f64>,
     level: Level,
     control: &Control,
 ) -> Result<Plane<C>> {
-    let (basis, quantiser) = (Basis::new(settings), Quantiser::new(settings));
+    let (basis, mut quantiser) = (Basis::new(settings), Quantiser::new(settings));
+    if settings.has_weak() {
+        quantiser = quantiser.with_weak_level(weak_threshold(gray, &basis, settings.weak, noise)?);
+    }
     // All sums are exact in either arithmetic: the narrow one is twice as fast.
     let fits = i32::try_from(basis.gain() * u64::from(gray.reach())).is_ok();
     Plane::by_bands(gray.size(), BAND_ROWS, |first, codes| {
         let band = Band { gray, first, basis: &basis, quantiser: &quantiser, level, control };
         if fits { band.describe::<i32, C>(codes) } else { band.describe::<f64, C>(codes) }
     })
+}
+
+/// The magnitude up to which parts of components of `gray` are weak, a whole number.
+fn weak_threshold(gray: &Gray, basis: &Basis, weak: f64, noise: Option<f64>) -> Result<f64> {
+    let missing =
+        || Error::value("noise", "None", "the noise of the images, which a weak level is told by");
+    let noise = check_noise(noise.ok_or_else(missing)?)?;
+    // Beyond the largest component it makes no difference how far; its square must be finite.
+    let beyond_any = (1u64 << 53) as f64;
+    Ok((weak * basis.deviation() * gray.steps(noise)).round().min(beyond_any))
 }
 
 /// Rows that one task describes.

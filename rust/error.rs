@@ -37,4 +37,12 @@ impl Error {
     pub fn value(argument: &'static str, got: impl ToString, accepts: impl ToString) -> Self {
         Self::Value { argument, got: got.to_string(), accepts: accepts.to_string() }
     }
+
+    /// The same about another argument, of which the refused value was a part.
+    pub fn of(self, argument: &'static str) -> Self {
+        match self {
+            Self::Value { got, accepts, .. } => Self::Value { argument, got, accepts },
+            other => other,
+        }
+    }
 }

@@ -5,6 +5,7 @@
 //! thousandths: scaling an image by a factor then scales every spectral component by it, and no code changes.
 
 use crate::control::Control;
+use crate::convolution::{Kernel as Blur, convolve};
 use crate::error::Result;
 use crate::masking::fill_masked;
 use crate::plane::{Plane, zeroed};
@@ -19,6 +20,11 @@ const FLOAT_REACH: f64 = (1 << 24) as f64;
 const OUTLIERS: f64 = 0.001;
 /// Pixels that are enough to find that range; of larger images a sample is taken.
 const MOST_SAMPLES: usize = 1 << 16;
+
+/// Largest magnitude of a gray value: sums of products with it are exact in double precision.
+pub const LARGEST_REACH: u32 = 1 << 25;
+/// Steps into which a blurred image cuts one of the image itself, at most.
+const FINER_LOG2: u32 = 4;
 
 /// Fixed-point steps per gray level of a channel plane, where black to white is 255 gray levels.
 pub const LEVEL_STEPS: u16 = 16;
@@ -95,11 +101,27 @@ impl<'a> Gray<'a> {
         Ok(Self { source: Source::Plane(filled(plane, view, control)?), ..gray })
     }
 
-    /// A plane whose values are of magnitude up to `reach`, at most 2^25, one step to a unit.
+    /// A plane whose values are of magnitude up to `reach`, at most [`LARGEST_REACH`], one step to a unit.
     pub fn within(reach: u32, plane: Plane<i32>) -> Self {
-        debug_assert!(reach <= 1 << 25);
+        debug_assert!(reach <= LARGEST_REACH);
         let size = (plane.rows(), plane.cols());
         Self { size, source: Source::Plane(plane), reach, unit: [1.0, 1.0] }
+    }
+
+    /// The same image under a kernel, in steps as much finer as there is room for, to be described by itself.
+    /// Masked pixels have taken the values of valid neighbours before, and so spread nothing of their own.
+    pub fn convolved(
+        &self,
+        kernel: &Blur,
+        level: Level,
+        control: &Control,
+    ) -> Result<Gray<'static>> {
+        let fits = |bits: &u32| self.reach << bits <= LARGEST_REACH;
+        let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
+        let plane = convolve(self, kernel, bits, level, control)?;
+        let [unit, rest] = self.unit;
+        let unit = [unit * f64::from(1 << bits), rest];
+        Ok(Gray { unit, ..Gray::within(self.reach << bits, plane) })
     }
 
     /// Rows and columns.

@@ -3,7 +3,8 @@
 //! The story of one disparity map, each step a module, in the order in which the data flows:
 //!
 //! 1. Two rectified images of any type ([`view`]) become integer planes ([`intensity`]); masked pixels take
-//!    the values of their neighbours ([`masking`]).
+//!    the values of their neighbours ([`masking`]). Blur can be added to them ([`convolution`]), to each part of
+//!    an image another one ([`versions`]).
 //! 2. Around every pixel a local Fourier transform ([`basis`], [`spectrum`]) is taken, of which only the
 //!    phase is kept, coarsely ([`quantiser`]): symmetric blur and contrast leave it alone. The levels are
 //!    packed into one word per pixel ([`descriptor`]).
@@ -12,6 +13,9 @@
 //! 4. Costs are summed over a window, of which the best of five positions counts ([`aggregation`]).
 //! 5. Dynamic programming along the row chooses a candidate for every pixel ([`scanline`]).
 //! 6. What was chosen becomes a disparity with its flags and its confidence ([`refinement`]).
+//!
+//! Before all that, [`blur`] may find out from spectra which image is the softer one, where, and by which
+//! point-spread function ([`psf`]), so that the other one can be given the same.
 //!
 //! From 3 on, everything is worked out on strips of rows, each row in a lane of its own ([`strip`]), in
 //! integers as narrow as the settings allow ([`value`]), in memory that is used again ([`memory`]), by loops
@@ -32,9 +36,11 @@ pub mod value;
 pub mod candidates;
 pub mod settings;
 
+pub mod convolution;
 pub mod intensity;
 pub mod masking;
 pub mod normalisation;
+pub mod versions;
 pub mod view;
 
 pub mod basis;
@@ -42,15 +48,15 @@ pub mod descriptor;
 pub mod quantiser;
 pub mod spectrum;
 
-pub mod blur;
-pub mod psf;
-
 pub mod aggregation;
 pub mod cost;
 pub mod refinement;
 pub mod scanline;
 pub mod strip;
 pub mod votes;
+
+pub mod blur;
+pub mod psf;
 
 pub mod control;
 pub mod matcher;

@@ -18,6 +18,7 @@ use crate::settings::Settings;
 use crate::simd::Level;
 use crate::strip::{BLOCK, Strip};
 use crate::value::Value;
+use crate::versions::Versions;
 use crate::view::View;
 
 /// Most threads that one match may ask for.
@@ -33,6 +34,7 @@ pub struct Pair {
     left: View,
     right: View,
     candidates: Candidates,
+    versions: Option<Versions>,
 }
 
 /// How the work is cut up; the result does not depend on it.
@@ -83,7 +85,12 @@ impl Pair {
             return Err(Error::value("right", "pixels of another type", "the type of left"));
         }
         let candidates = Candidates::new(min_disparity, num_disparities, cols)?;
-        Ok(Self { left, right, candidates })
+        Ok(Self { left, right, candidates, versions: None })
+    }
+
+    /// The pair with the versions in which its pixels are compared.
+    pub fn with_versions(self, versions: impl Into<Option<Versions>>) -> Self {
+        Self { versions: versions.into(), ..self }
     }
 
     /// Left and right view.
@@ -94,6 +101,11 @@ impl Pair {
     /// The disparities to search.
     pub fn candidates(&self) -> Candidates {
         self.candidates
+    }
+
+    /// The versions in which the pixels are compared; `None`: as they are.
+    pub fn versions(&self) -> Option<&Versions> {
+        self.versions.as_ref()
     }
 
     /// Rows and columns of either image.
@@ -196,7 +208,14 @@ impl Matcher {
         control: &Control,
     ) -> Result<Disparity> {
         let started = Instant::now();
-        let costs = Costs::new(pair.views(), pair.candidates, settings, how.level, control)?;
+        let costs = Costs::new(
+            pair.views(),
+            pair.candidates,
+            settings,
+            pair.versions(),
+            how.level,
+            control,
+        )?;
         let described = Instant::now();
         let mut map = Disparity::new(pair.size(), settings.confidence)?;
         let window = Window::new(pair.size(), pair.candidates.count(), settings, costs.ceiling());

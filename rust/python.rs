@@ -13,7 +13,9 @@ use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use self::arguments::{Both, read_pair, read_settings, read_view, read_volume};
+use self::arguments::{
+    Both, read_noise, read_pair, read_settings, read_versions, read_view, read_volume,
+};
 use self::supervisor::supervised;
 use self::workers::{Pool, Workers};
 use crate::aggregation::{Window, aggregate};
@@ -47,7 +49,11 @@ mod _core {
 
     #[pymodule_export]
     use super::{
+<<<<<<< HEAD
         Workers, aggregate_volume, check_settings, cost_volume, descriptor, estimate_blur,
+=======
+        Workers, aggregate_volume, check_settings, check_versions, cost_volume, descriptor,
+>>>>>>> engine-weak
         match_pair, optimize_volume, simd_level,
     };
 
@@ -85,6 +91,11 @@ fn check_settings(settings: &Bound<'_, PyAny>) -> PyResult<()> {
     read_settings(settings).map(drop)
 }
 
+#[pyfunction]
+fn check_versions(versions: &Bound<'_, PyAny>) -> PyResult<()> {
+    read_versions(versions).map(drop)
+}
+
 /// Disparity, flags, confidence if it was worked out, and timings of a pair.
 type Matched<'py> = (
     Bound<'py, PyArray2<f32>>,
@@ -94,7 +105,8 @@ type Matched<'py> = (
 );
 
 #[pyfunction]
-#[pyo3(signature = (images, masks, disparities, settings, threads, progress))]
+#[pyo3(signature = (images, masks, disparities, settings, threads, progress, versions))]
+#[expect(clippy::too_many_arguments, reason = "what Python tells by name")]
 fn match_pair<'py>(
     py: Python<'py>,
     images: Both<'py>,
@@ -103,9 +115,10 @@ fn match_pair<'py>(
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
+    versions: &Bound<'py, PyAny>,
 ) -> PyResult<Matched<'py>> {
     let settings = read_settings(settings)?;
-    let pair = read_pair(&images, &masks, &disparities)?;
+    let pair = read_pair(&images, &masks, &disparities)?.with_versions(read_versions(versions)?);
     let (pool, rows) = (Pool::of(threads)?, pair.size().0);
     let how = Execution { threads: pool.threads(), strip_rows: None, level: Level::best() };
     let map = supervised(py, &pool, rows, progress, move |matcher, control| {
@@ -179,14 +192,15 @@ fn descriptor<'py>(
     mask: &Bound<'py, PyAny>,
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
+    noise: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let settings = read_settings(settings)?;
+    let (settings, noise) = (read_settings(settings)?, read_noise(noise)?);
     let view = read_view(image, mask, "image")?;
     view.check("image")?;
     let rows = view.image.shape().0;
     let codes = supervised(py, &Pool::of(threads)?, rows, None, move |_, control| {
         let level = Level::best();
-        describe(&Gray::new(&view, level, control)?, &settings, level, control)
+        describe(&Gray::new(&view, level, control)?, &settings, noise, level, control)
     })?;
     Ok(match codes {
         Codes::U16(codes) => wrap(py, codes)?.into_any(),
@@ -202,14 +216,17 @@ fn cost_volume<'py>(
     disparities: Both<'py>,
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
+    versions: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray3<u16>>> {
     let settings = read_settings(settings)?;
     let none = py.None().into_bound(py);
     let pair = read_pair(&images, &(none.clone(), none), &disparities)?;
+    let versions = read_versions(versions)?;
     let ((rows, cols), count) = (pair.size(), pair.candidates().count());
     let costs = supervised(py, &Pool::of(threads)?, rows, None, move |_, control| {
         let level = Level::best();
-        let costs = Costs::new(pair.views(), pair.candidates(), &settings, level, control)?;
+        let (views, candidates) = (pair.views(), pair.candidates());
+        let costs = Costs::new(views, candidates, &settings, versions.as_ref(), level, control)?;
         costs.volume(rows, level, control)
     })?;
     let array = Array3::from_shape_vec((rows, cols, count), costs.into_vec());

@@ -3,11 +3,15 @@
 //! Levels lie on a circle. Each is written in a Johnson code (a circular thermometer), whose Hamming
 //! distance *is* the distance around the circle (eq. 4), for any number of bits. Each bit tells on which side
 //! of a line through zero the component lies: a few comparisons, the same for every pixel.
+//!
+//! With a weak level each real and each imaginary part is negative, weak or positive, in two bits: whether it
+//! is clearly negative and whether it is clearly positive. Opposite signs then differ in both bits, a weak part
+//! and a clear one in one.
 
 use std::array::from_fn;
 
 use crate::settings::Settings;
-use crate::spectrum::Lane;
+use crate::spectrum::{Lane, Word};
 
 /// Tangents of the multiples of 90 / 8 degrees inside the first quadrant.
 const TANGENTS: [f64; 7] = [
@@ -32,6 +36,8 @@ pub struct Quantiser {
     code_length: usize,
     /// Tangents of the boundaries strictly inside the first quadrant, rising.
     tangents: Vec<f64>,
+    /// Magnitude up to which a real or an imaginary part of `F^k` is weak, a whole number; `None`: none is.
+    weak: Option<f64>,
 }
 
 impl Quantiser {
@@ -45,17 +51,32 @@ impl Quantiser {
             4 => tangents::<3>().to_vec(),
             _ => tangents::<7>().to_vec(),
         };
-        Self { power: settings.power, code_length, tangents }
+        Self { power: settings.power, code_length, tangents, weak: None }
     }
 
-    /// Bits of one component's code, `2^(b-1)`.
+    /// The quantiser that calls parts of `F` weak up to `threshold`, a whole number, and those of `F^2` up to its
+    /// square; for `b` = 2.
+    pub fn with_weak_level(self, threshold: f64) -> Self {
+        debug_assert!(self.code_length == 2 && threshold >= 0.0);
+        Self { code_length: 4, weak: Some(threshold.powi(self.power as i32)), ..self }
+    }
+
+    /// Bits of one component's code, `2^(b-1)`; with a weak level 4.
     pub fn code_length(&self) -> usize {
         self.code_length
     }
 
     /// Code of the component `re + i im`; a boundary belongs to the sector counter-clockwise of it, and
-    /// zero to the first sector.
+    /// zero to the first sector. With a weak level: the clearly negative parts, then the clearly positive ones.
     pub fn code(&self, re: i64, im: i64) -> u64 {
+        if let Some(threshold) = self.weak {
+            let [re, im] = if self.power == 1 {
+                [re as f64, im as f64]
+            } else {
+                squared(re as f64, im as f64)
+            };
+            return three_levels::<f64, u64>([re, im], [-threshold, threshold]);
+        }
         let (quadrant, x, y) = match (re, im) {
             (0, 0) => return 0,
             (1.., 0..) => (0, re, im),
@@ -76,6 +97,9 @@ impl Quantiser {
     /// are zeros.
     #[inline(always)]
     pub fn add<T: Lane>(&self, re: &[T], im: &[T], shift: usize, words: &mut [T::Word]) {
+        if let Some(threshold) = self.weak {
+            return self.add_three_levels(re, im, shift, words, threshold);
+        }
         // The diagonal alone needs no quotient, only that zero does not reach it.
         let diagonal = |x: T, y: T| y.minus(if x < T::from(1) { T::from(1) } else { x });
         let quotient = |x: T, y: T| y.into() / x.into();
@@ -93,6 +117,44 @@ impl Quantiser {
             _ => unreachable!("settings are checked"),
         }
     }
+
+    #[inline(always)]
+    fn add_three_levels<T: Lane>(
+        &self,
+        re: &[T],
+        im: &[T],
+        shift: usize,
+        words: &mut [T::Word],
+        threshold: f64,
+    ) {
+        let n = words.len();
+        let (re, im) = (&re[..n], &im[..n]);
+        if self.power == 1 {
+            let bounds = [-threshold, threshold].map(T::nearest);
+            for i in 0..n {
+                words[i] = words[i] | three_levels::<T, T::Word>([re[i], im[i]], bounds) << shift;
+            }
+        } else {
+            for i in 0..n {
+                let parts = squared(re[i].into(), im[i].into());
+                words[i] = words[i]
+                    | three_levels::<f64, T::Word>(parts, [-threshold, threshold]) << shift;
+            }
+        }
+    }
+}
+
+/// The square of a component in double precision: its parts are those of the definition, rounding included.
+#[inline(always)]
+fn squared(re: f64, im: f64) -> [f64; 2] {
+    [(re - im) * (re + im), 2.0 * re * im]
+}
+
+/// Code of the parts of a component: which are below and which are above what is weak.
+#[inline(always)]
+fn three_levels<P: PartialOrd + Copy, W: Word>([re, im]: [P; 2], [low, high]: [P; 2]) -> W {
+    let negative = W::from(re < low) | W::from(im < low) << 1;
+    negative | W::from(re > high) << 2 | W::from(im > high) << 3
 }
 
 /// Tangents of the `B` boundaries that cut a quadrant into equal sectors, rising.
@@ -271,6 +333,66 @@ mod tests {
             let expected: Vec<_> = components.iter().map(code).collect();
             assert_eq!(row::<i32>(&quantiser, &components), expected, "k = {power}, b = {bits}");
             assert_eq!(row::<f64>(&quantiser, &components), expected, "k = {power}, b = {bits}");
+        }
+        for (power, threshold) in
+            [1, 2].into_iter().flat_map(|k| [0.0, 4.0, 450_000_000.0, 1e12].map(|t| (k, t)))
+        {
+            let quantiser = quantiser(power, 2).with_weak_level(threshold);
+            let code = |(re, im): &(i32, i32)| quantiser.code((*re).into(), (*im).into());
+            let expected: Vec<_> = components.iter().map(code).collect();
+            assert_eq!(
+                row::<i32>(&quantiser, &components),
+                expected,
+                "k = {power}, t = {threshold}"
+            );
+            assert_eq!(
+                row::<f64>(&quantiser, &components),
+                expected,
+                "k = {power}, t = {threshold}"
+            );
+        }
+    }
+
+    /// The levels of the parts of `(re + i im)^k` by whole numbers: -1, 0 or 1.
+    fn levels(power: usize, re: i32, im: i32, threshold: i32) -> [i128; 2] {
+        let [re, im, threshold] = [re, im, threshold].map(i128::from);
+        let level = |part: i128, weak: i128| if part.abs() <= weak { 0 } else { part.signum() };
+        match power {
+            1 => [re, im].map(|part| level(part, threshold)),
+            _ => [re * re - im * im, 2 * re * im].map(|part| level(part, threshold.pow(2))),
+        }
+    }
+
+    #[test]
+    fn parts_are_weak_up_to_the_threshold() {
+        let places = (-9..=9).flat_map(|re| (-9..=9).map(move |im| (re, im)));
+        let places: Vec<_> =
+            places.flat_map(|(re, im)| [(re, im), (re * 9973, im * 10_007)]).collect();
+        for (power, threshold) in [1, 2].into_iter().flat_map(|k| [0, 1, 3, 29_919].map(|t| (k, t)))
+        {
+            let quantiser = quantiser(power, 2).with_weak_level(threshold.into());
+            for &(re, im) in &places {
+                let code = quantiser.code(re.into(), im.into());
+                let [a, b] = levels(power, re, im, threshold);
+                let bits = [a < 0, b < 0, a > 0, b > 0].map(u64::from);
+                let expected = (0..).zip(bits).map(|(place, bit)| bit << place).sum::<u64>();
+                assert_eq!(code, expected, "k = {power}, t = {threshold}: {re}, {im}");
+            }
+        }
+    }
+
+    #[test]
+    fn opposite_signs_differ_in_two_bits_and_weak_parts_from_clear_ones_in_one() {
+        let quantiser = quantiser(1, 2).with_weak_level(2.0);
+        let parts: Vec<_> =
+            [-3, 0, 3].into_iter().flat_map(|re| [-3, 0, 3].map(|im| (re, im))).collect();
+        for (a, b) in parts.iter().flat_map(|a| parts.iter().map(move |b| (a, b))) {
+            let apart = (quantiser.code(a.0, a.1) ^ quantiser.code(b.0, b.1)).count_ones();
+            assert_eq!(
+                u64::from(apart),
+                (a.0.abs_diff(b.0) + a.1.abs_diff(b.1)) / 3,
+                "{a:?}, {b:?}"
+            );
         }
     }
 

@@ -5,6 +5,7 @@
 use crate::aggregation::Window;
 use crate::basis::Basis;
 use crate::candidates::Candidates;
+use crate::convolution::{Kernel, SHIFT};
 use crate::intensity::LEVEL_STEPS;
 use crate::normalisation::DEVIATION_STEPS;
 use crate::plane::{Plane, reflect};
@@ -47,9 +48,38 @@ pub fn normalise(plane: &Plane<u16>, window: usize) -> Plane<u16> {
     })
 }
 
-/// Twin of [`crate::descriptor::describe`]: every component by its double sum.
-pub fn describe(gray: &Plane<i32>, settings: &Settings) -> Plane<u64> {
-    let (basis, quantiser) = (Basis::new(settings), Quantiser::new(settings));
+/// Twin of [`crate::convolution::convolve`]: every sum by itself, one whole pass after the other.
+pub fn convolve(gray: &Plane<i32>, kernel: &Kernel, fraction: u32) -> Plane<i32> {
+    let passes = kernel.passes().iter().zip(kernel.fractions(fraction));
+    let start = (gray.clone(), 0);
+    let (convolved, _) = passes.fold(start, |(values, had), (weights, kept)| {
+        let unit = 1i64 << (SHIFT + had - kept);
+        let rounded = |y, x| (weighted_sum(&values, weights, y, x) + unit / 2).div_euclid(unit);
+        (Plane::from_fn(values.rows(), values.cols(), |y, x| rounded(y, x) as i32), kept)
+    });
+    convolved
+}
+
+fn weighted_sum(values: &Plane<i32>, weights: &Plane<i32>, y: usize, x: usize) -> i64 {
+    let (down, across) = ((weights.rows() / 2) as isize, (weights.cols() / 2) as isize);
+    let mut sum = 0;
+    for dy in -down..=down {
+        let row = values.row(reflect(y as isize - dy, values.rows()));
+        for dx in -across..=across {
+            let weight = weights.row((dy + down) as usize)[(dx + across) as usize];
+            sum += i64::from(weight) * i64::from(row[reflect(x as isize - dx, values.cols())]);
+        }
+    }
+    sum
+}
+
+/// Twin of [`crate::descriptor::describe`]: every component by its double sum. Parts of components up to
+/// `threshold` are weak, if there is a weak level.
+pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane<u64> {
+    let (basis, mut quantiser) = (Basis::new(settings), Quantiser::new(settings));
+    if settings.has_weak() {
+        quantiser = quantiser.with_weak_level(threshold);
+    }
     let radius = basis.radius() as isize;
     let tap = |f: isize, j: isize| {
         let (filter, distance) = (&basis.filters()[f.unsigned_abs()], j.unsigned_abs());

@@ -8,6 +8,8 @@ pub const LARGEST_WINDOW: usize = 63;
 pub const HIGHEST_FREQUENCY: usize = 4;
 /// Most disparities that one match may search.
 pub const MOST_DISPARITIES: usize = 16_384;
+/// Most deviations of the noise below which a component may count as weak: a sign that is this sure is no noise.
+pub const LARGEST_WEAK: f64 = 100.0;
 /// Largest penalty, in units of the cost: beyond the cost of any pixel it changes nothing.
 pub const LARGEST_PENALTY: f64 = 65_535.0;
 
@@ -83,6 +85,10 @@ pub struct Settings {
     pub power: usize,
     /// Bits `b` of the phase, 1 to 4: it is quantised to `2^b` levels.
     pub bits: usize,
+    /// Components whose magnitude is up to so many standard deviations of what the noise of the image makes of
+    /// them count as weak, a level of its own between the two signs; 0 to 100, 0: there is no such level. It
+    /// needs `bits` = 2, that is signs, and phase codes, which it makes twice as long.
+    pub weak: f64,
     /// Side of the square aggregation window, pixels; odd, 1 to 63.
     pub window: usize,
     /// Whether the best of five shifted windows counts, or the centred one alone.
@@ -110,6 +116,7 @@ impl Default for Settings {
             frequencies: (2, 1),
             power: 1,
             bits: 2,
+            weak: 0.0,
             window: 9,
             shiftable: true,
             precision: Precision::Full,
@@ -130,6 +137,7 @@ impl Settings {
         self.check_frequencies()?;
         between("power", self.power, 1, 2)?;
         between("bits", self.bits, 1, 4)?;
+        self.check_weak()?;
         self.check_code_length()?;
         self.check_penalty()?;
         self.check_intensity_range()
@@ -141,9 +149,14 @@ impl Settings {
         r * (2 * s + 1) + s
     }
 
-    /// Bits of one pixel's code: `2^(b-1)` for each component.
+    /// Whether weak components have a level of their own.
+    pub fn has_weak(&self) -> bool {
+        self.weak > 0.0
+    }
+
+    /// Bits of one pixel's code: `2^(b-1)` for each component, twice as many with a weak level.
     pub fn code_length(&self) -> usize {
-        self.components() << (self.bits - 1)
+        self.components() << (self.bits - 1) << usize::from(self.has_weak())
     }
 
     fn check_frequencies(&self) -> Result<()> {
@@ -158,16 +171,33 @@ impl Settings {
         Err(Error::value("frequencies", format!("({r}, {s})"), accepts))
     }
 
+    fn check_weak(&self) -> Result<()> {
+        if !(0.0..=LARGEST_WEAK).contains(&self.weak) {
+            let accepts = format!("a number from 0 to {LARGEST_WEAK}");
+            return Err(Error::value("weak", self.weak, accepts));
+        }
+        if self.has_weak() && (self.bits, self.cost) != (2, CostKind::Phase) {
+            let got =
+                format!("{} with bits = {} and the cost {:?}", self.weak, self.bits, self.cost);
+            return Err(Error::value("weak", got, "0 unless bits = 2 and cost = 'phase'"));
+        }
+        Ok(())
+    }
+
     fn check_code_length(&self) -> Result<()> {
         let length = self.code_length();
         if length <= 64 {
             return Ok(());
         }
         let (r, s) = self.frequencies;
+        let with_weak = if self.has_weak() { " and a weak level" } else { "" };
         Err(Error::value(
             "frequencies (r, s) and bits (b)",
-            format!("r = {r}, s = {s} and b = {}, which need {length} bits a pixel", self.bits),
-            "settings whose code (r (2 s + 1) + s) * 2^(b - 1) fits in 64 bits",
+            format!(
+                "r = {r}, s = {s} and b = {}{with_weak}, which need {length} bits a pixel",
+                self.bits
+            ),
+            "settings whose code (r (2 s + 1) + s) * 2^(b - 1), twice that with a weak level, fits in 64 bits",
         ))
     }
 
@@ -242,12 +272,29 @@ mod tests {
         }
         assert!(refused(|s| s.power = 3).starts_with("power: got 3"));
         assert!(refused(|s| s.bits = 5).starts_with("bits: got 5"));
+        for value in [-0.1, 100.1, f64::NAN, f64::INFINITY] {
+            assert!(refused(|s| s.weak = value).starts_with("weak: got"));
+        }
         for value in [-1.0, f64::NAN, f64::INFINITY] {
             assert!(refused(|s| s.penalty.far = value).starts_with("penalty: got"));
         }
         for value in [(1.0, 1.0), (0.0, f64::INFINITY), (f64::NAN, 1.0)] {
             assert!(refused(|s| s.intensity_range = Some(value)).starts_with("intensity_range"));
         }
+    }
+
+    #[test]
+    fn a_weak_level_needs_two_bits_of_phase_and_twice_their_room() {
+        let weak = |bits, cost| Settings { weak: 1.0, bits, cost, ..Settings::default() };
+        assert_eq!(weak(2, CostKind::Phase).check(), Ok(()));
+        assert_eq!(weak(2, CostKind::Phase).code_length(), 28);
+        for (bits, cost) in [(1, CostKind::Phase), (3, CostKind::Phase), (2, CostKind::Sad)] {
+            let refused = weak(bits, cost).check().expect_err("must be refused").to_string();
+            assert!(refused.starts_with("weak: got 1 with bits"), "{refused}");
+        }
+        let refused = Settings { frequencies: (3, 2), ..weak(2, CostKind::Phase) }.check();
+        let message = refused.expect_err("must be refused").to_string();
+        assert!(message.contains("a weak level, which need 68 bits"), "{message}");
     }
 
     #[test]

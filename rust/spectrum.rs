@@ -43,6 +43,8 @@ pub trait Lane:
     fn times(self, other: Self) -> Self;
     /// The magnitude.
     fn magnitude(self) -> Self;
+    /// A whole number, or the nearest one there is.
+    fn nearest(whole: f64) -> Self;
 }
 
 impl Lane for i32 {
@@ -67,6 +69,10 @@ impl Lane for i32 {
     fn magnitude(self) -> Self {
         self.wrapping_abs()
     }
+
+    fn nearest(whole: f64) -> Self {
+        whole as Self
+    }
 }
 
 impl Lane for f64 {
@@ -90,6 +96,10 @@ impl Lane for f64 {
     #[inline(always)]
     fn magnitude(self) -> Self {
         self.abs()
+    }
+
+    fn nearest(whole: f64) -> Self {
+        whole
     }
 }
 

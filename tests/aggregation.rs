@@ -17,6 +17,7 @@ use phasestereo::settings::{LARGEST_WINDOW, Precision, Settings};
 use phasestereo::simd::Level;
 use phasestereo::strip::{BLOCK, Strip};
 use phasestereo::value::Value;
+use phasestereo::versions::Versions;
 use phasestereo::view::View;
 use proptest::prelude::*;
 
@@ -214,11 +215,13 @@ impl Election {
     fn check(&self) {
         let views = [&self.views[0], &self.views[1]];
         let (settings, control) = (&self.settings, Control::default());
-        let costs = Costs::new(views, self.candidates, settings, levels()[0], &control)
+        let noise = Versions::of_noise([2.0; 2]).expect("legal noise");
+        let noise = Some(&noise);
+        let costs = Costs::new(views, self.candidates, settings, noise, levels()[0], &control)
             .expect("not cancelled");
         let window = self.window(costs.ceiling());
         let votes = naive::votes(views, self.candidates);
-        let naive = naive::costs(views, self.candidates, settings);
+        let naive = naive::costs(views, self.candidates, settings, noise);
         let expected = reference::aggregate(&naive, &votes, window);
         let largest = window.largest_value(costs.votes().is_some());
         for level in levels() {

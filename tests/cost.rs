@@ -19,7 +19,7 @@ fn volume(views: [&View; 2], candidates: Candidates, settings: &Settings) -> Pla
     let control = Control::default();
     let (rows, ..) = views[0].image.shape();
     let at = |level| {
-        let costs = Costs::new(views, candidates, settings, level, &control).expect("memory");
+        let costs = Costs::new(views, candidates, settings, None, level, &control).expect("memory");
         let volume = costs.volume(rows, level, &control).expect("memory");
         assert!(volume.as_slice().iter().all(|&cost| cost <= costs.ceiling()));
         volume
@@ -60,8 +60,14 @@ fn ceilings_and_steps_are_those_of_the_unit() {
     let candidates = Candidates::new(0, 1, 1).expect("in reach");
     let scale = |cost, bits| {
         let settings = Settings { cost, bits, ..Settings::default() };
-        let costs =
-            Costs::new([&colour, &colour], candidates, &settings, levels()[0], &Control::default());
+        let costs = Costs::new(
+            [&colour, &colour],
+            candidates,
+            &settings,
+            None,
+            levels()[0],
+            &Control::default(),
+        );
         costs.map(|costs| (costs.ceiling(), costs.steps()))
     };
     assert_eq!(scale(CostKind::Phase, 2), Ok((14, 1)), "bits");
@@ -82,7 +88,7 @@ fn codes_of_one_to_eight_bytes_fill_any_lanes() {
         for (rows, cols, min, count) in [(33, 9, -2, 9), (2, 35, 1, 17), (1, 1, 0, 1)] {
             let [left, right] = unlike(rows, cols, false);
             let candidates = Candidates::new(min, count, cols).expect("in reach");
-            let expected = naive::costs([&left, &right], candidates, &settings);
+            let expected = naive::costs([&left, &right], candidates, &settings, None);
             assert_eq!(volume([&left, &right], candidates, &settings), expected, "{settings:?}");
         }
     }
@@ -101,7 +107,7 @@ fn any_number_of_candidates_at_any_offset_is_within_reach() {
             let (far_left, far_right) = (2 - (cols + count) as i64, cols as i64 - 1);
             for min in [far_left, -3, 0, 2, far_right] {
                 let Ok(candidates) = Candidates::new(min, count as i64, cols) else { continue };
-                let expected = naive::costs([&left, &right], candidates, &settings);
+                let expected = naive::costs([&left, &right], candidates, &settings, None);
                 let found = volume([&left, &right], candidates, &settings);
                 assert_eq!(found, expected, "{cost:?}, {count} from {min} in {cols} columns");
             }
@@ -115,7 +121,7 @@ fn cancelled_costs_stop() {
     let candidates = Candidates::new(0, 2, 4).expect("in reach");
     let control = Control::default();
     let costs =
-        Costs::new([&left, &right], candidates, &Settings::default(), levels()[0], &control)
+        Costs::new([&left, &right], candidates, &Settings::default(), None, levels()[0], &control)
             .expect("not cancelled");
     control.cancel();
     assert_eq!(costs.volume(3, levels()[0], &control), Err(Error::Cancelled));
@@ -132,7 +138,7 @@ proptest! {
         let Ok(candidates) = Candidates::new(min, count, gray.cols()) else { return Ok(()) };
         let left = view(gray.rows(), gray.cols(), |y, x| gray.row(y)[x] as u8);
         let right = view(gray.rows(), gray.cols(), |y, x| (gray.row(y)[x] / 3) as u8);
-        let [a, b] = [&left, &right].map(|view| reference::describe(&common::gray(view), &settings));
+        let [a, b] = [&left, &right].map(|view| reference::describe(&common::gray(view), &settings, 0.0));
         let volume = volume([&left, &right], candidates, &settings);
         prop_assert_eq!(&volume, &reference::phase_costs(&a, &b, candidates));
         for (place, &cost) in volume.as_slice().iter().enumerate() {
@@ -153,7 +159,7 @@ proptest! {
     ) {
         let candidates = Candidates::new(min, 4, 7).expect("in reach");
         let settings = Settings { cost, window: 5, ..Settings::default() };
-        let expected = naive::costs([&left, &right], candidates, &settings);
+        let expected = naive::costs([&left, &right], candidates, &settings, None);
         prop_assert_eq!(volume([&left, &right], candidates, &settings), expected);
     }
 

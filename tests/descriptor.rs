@@ -3,7 +3,8 @@
 
 mod common;
 
-use common::{descriptors, every_descriptor, grays, noise};
+use common::naive::weak_threshold;
+use common::{descriptors, every_descriptor, grays, noise, noises, weak_descriptors};
 use phasestereo::control::Control;
 use phasestereo::descriptor::{Codes, describe};
 use phasestereo::error::Error;
@@ -20,11 +21,16 @@ const REACH: u32 = 1 << 25;
 
 /// Codes of a plane in either arithmetic at every level of this machine, which must be the same.
 fn codes(plane: &Plane<i32>, settings: &Settings) -> Codes {
+    noisy_codes(plane, settings, 0.0)
+}
+
+/// The same where the image has noise of this deviation.
+fn noisy_codes(plane: &Plane<i32>, settings: &Settings, noise: f64) -> Codes {
     let largest = plane.as_slice().iter().map(|value| value.unsigned_abs()).max();
     let mut found = [largest.expect("a pixel"), REACH].into_iter().flat_map(|reach| {
         let gray = Gray::within(reach, plane.clone());
         Level::all().filter_map(move |(name, level)| {
-            let codes = describe(&gray, settings, level?, &Control::default());
+            let codes = describe(&gray, settings, Some(noise), level?, &Control::default());
             Some((name, codes.expect("not cancelled")))
         })
     });
@@ -40,7 +46,7 @@ fn every_family_equals_its_definition() {
     }
     let gray = noise(4, 5);
     for settings in [3, 5, 7, 9, 11].into_iter().flat_map(every_descriptor) {
-        let expected = reference::describe(&gray, &settings);
+        let expected = reference::describe(&gray, &settings, 0.0);
         assert_eq!(codes(&gray, &settings).widened(), expected, "{settings:?}");
     }
 }
@@ -55,7 +61,10 @@ fn rows_of_any_length_equal_their_definition() {
             frequencies: (1, 1),
             ..Settings::default()
         }) {
-            assert_eq!(codes(&gray, &settings).widened(), reference::describe(&gray, &settings));
+            assert_eq!(
+                codes(&gray, &settings).widened(),
+                reference::describe(&gray, &settings, 0.0)
+            );
         }
     }
 }
@@ -73,7 +82,7 @@ fn the_largest_neighbourhood_holds_the_brightest_image() {
         };
         assert_eq!(
             codes(&extremes, &settings).widened(),
-            reference::describe(&extremes, &settings)
+            reference::describe(&extremes, &settings, 0.0)
         );
     }
 }
@@ -85,7 +94,7 @@ fn the_strongest_component_there_can_be_does_not_overflow() {
     let gray = Plane::from_fn(1, 126, |_, x| if wave(x) { 32_767_500 } else { -32_767_500 });
     let settings =
         Settings { neighborhood: 63, frequencies: (4, 0), bits: 4, ..Settings::default() };
-    assert_eq!(codes(&gray, &settings).widened(), reference::describe(&gray, &settings));
+    assert_eq!(codes(&gray, &settings).widened(), reference::describe(&gray, &settings, 0.0));
 }
 
 /// The definition, tables and their rounding included, is part of the format of stored codes.
@@ -111,7 +120,7 @@ fn bands_and_threads_leave_no_seam() {
     let gray = noise(300, 9);
     for taper in [Taper::Uniform, Taper::Hann] {
         let settings = Settings { taper, ..Settings::default() };
-        let expected = reference::describe(&gray, &settings);
+        let expected = reference::describe(&gray, &settings, 0.0);
         for threads in 1..=8 {
             let found = on_threads(threads, || codes(&gray, &settings)).expect("threads start");
             assert_eq!(found.widened(), expected, "{threads} threads");
@@ -144,14 +153,65 @@ fn a_cancelled_description_stops() {
     let control = Control::default();
     control.cancel();
     let gray = Gray::within(REACH, noise(3, 3));
-    let stopped = describe(&gray, &Settings::default(), Level::best(), &control);
+    let stopped = describe(&gray, &Settings::default(), None, Level::best(), &control);
     assert_eq!(stopped, Err(Error::Cancelled));
+}
+
+#[test]
+fn a_weak_level_wants_to_know_the_noise() {
+    let settings = Settings { weak: 1.0, ..Settings::default() };
+    let gray = Gray::within(REACH, noise(3, 3));
+    let refused = |noise| {
+        let codes = describe(&gray, &settings, noise, Level::best(), &Control::default());
+        codes.expect_err("must be refused").to_string()
+    };
+    assert!(refused(None).starts_with("noise: got None; accepts"));
+    for value in [-1.0, f64::NAN, f64::INFINITY] {
+        assert!(refused(Some(value)).starts_with("noise: got"));
+    }
+}
+
+#[test]
+fn noise_of_its_own_deviation_is_weak_to_two_thirds() {
+    // Uniform noise of 256 levels: the sums of many pixels are normal, and 68 % lie within one deviation.
+    let (gray, deviation) = (noise(200, 200), 256.0 / 12f64.sqrt());
+    for taper in [Taper::Uniform, Taper::Gaussian, Taper::Hann] {
+        let settings = Settings {
+            taper,
+            neighborhood: 9,
+            frequencies: (2, 2),
+            weak: 1.0,
+            ..Settings::default()
+        };
+        let clear: u32 = noisy_codes(&gray, &settings, deviation)
+            .widened()
+            .as_slice()
+            .iter()
+            .map(|code| code.count_ones())
+            .sum();
+        let parts = 200.0 * 200.0 * 2.0 * settings.components() as f64;
+        let weak = 1.0 - f64::from(clear) / parts;
+        let about = if taper == Taper::Uniform { 0.66..0.70 } else { 0.6..0.8 };
+        assert!(about.contains(&weak), "{taper:?}: {weak}");
+    }
 }
 
 proptest! {
     #[test]
+    fn any_weak_level_equals_its_definition(
+        gray in grays(10),
+        settings in weak_descriptors(),
+        noise in noises(),
+    ) {
+        let threshold =
+            weak_threshold(&Gray::within(REACH, gray.clone()), &settings, noise[0]);
+        let expected = reference::describe(&gray, &settings, threshold);
+        prop_assert_eq!(noisy_codes(&gray, &settings, noise[0]).widened(), expected);
+    }
+
+    #[test]
     fn any_image_equals_its_definition(gray in grays(12), settings in descriptors()) {
-        prop_assert_eq!(codes(&gray, &settings).widened(), reference::describe(&gray, &settings));
+        prop_assert_eq!(codes(&gray, &settings).widened(), reference::describe(&gray, &settings, 0.0));
     }
 
     #[test]

@@ -2,10 +2,12 @@
 
 mod common;
 
-use common::{gray, level_pair, views};
+use common::{gray, level_pair, plane, views};
 use ndarray::Array3;
 use phasestereo::control::Control;
+use phasestereo::convolution::Kernel;
 use phasestereo::intensity::Gray;
+use phasestereo::plane::Plane;
 use phasestereo::simd::Level;
 use phasestereo::view::{Image, Mask, View};
 use proptest::prelude::*;
@@ -100,6 +102,54 @@ proptest! {
         let [levels, _] = level_pair([&one, &one], None);
         let expected: Vec<u16> = pixels.iter().map(|&p| 16 * (255 + u16::from(p))).collect();
         prop_assert_eq!(levels[0].as_slice(), &expected[..]);
+    }
+}
+
+#[test]
+fn blurred_images_keep_fractions_and_their_unit() {
+    let thirds = Kernel::new(&Plane::from_fn(1, 3, |_, _| 1.0 / 3.0)).expect("a legal kernel");
+    let convolved = |image: Image| {
+        let view = view(image);
+        let gray = Gray::new(&view, Level::best(), &Control::default()).expect("memory");
+        let blurred = gray.convolved(&thirds, Level::best(), &Control::default()).expect("memory");
+        (plane(&gray), plane(&blurred), blurred.steps(1.0) / gray.steps(1.0))
+    };
+    let pixels = Array3::from_shape_fn((1, 60, 3), |(_, x, c)| (x * x * (c + 1) % 251) as u8);
+    let gray = pixels.slice(ndarray::s![.., .., ..1]).to_owned();
+    for (image, finer) in [
+        (Image::U8(gray.clone()), 16.0),
+        (Image::U8(pixels.clone()), 16.0),
+        (Image::U16(gray.mapv(|p| 257 * u16::from(p))), 16.0),
+        (Image::U16(pixels.mapv(|p| 257 * u16::from(p))), 1.0),
+        (Image::F32(gray.mapv(|p| f32::from(p) / 255.0)), 2.0),
+    ] {
+        let (sharp, blurred, unit) = convolved(image);
+        assert!((unit - finer).abs() < 1e-9, "{unit}, {finer}");
+        for x in 1..59 {
+            let around = [x - 1, x, x + 1].map(|x| f64::from(sharp.row(0)[x]));
+            let (mean, most) =
+                (around.iter().sum::<f64>() / 3.0, around.map(f64::abs).iter().sum::<f64>());
+            // Weights are off by a third of 2^-14.
+            let error = f64::from(blurred.row(0)[x]) / unit - mean;
+            assert!(error.abs() <= 0.5 / unit + 1e-4 * most, "{x}: {error}");
+        }
+    }
+}
+
+#[test]
+fn noise_is_told_in_steps_of_the_pixels_unit() {
+    let steps = |image: Image| {
+        let view = view(image);
+        Gray::new(&view, Level::best(), &Control::default()).expect("memory").steps(2.0)
+    };
+    assert!((steps(Image::U8(Array3::zeros((1, 2, 1)))) - 2.0).abs() < 1e-9);
+    assert!((steps(Image::U16(Array3::zeros((1, 2, 3)))) - 2000.0).abs() < 1e-9, "thousandths");
+    for white in [1.0, 1e-200, 3e250] {
+        let ramp = Array3::from_shape_fn((1, 1000, 1), |(_, x, _)| white / 999.0 * x as f64);
+        let view = view(Image::F64(ramp));
+        let gray = Gray::new(&view, Level::best(), &Control::default()).expect("memory");
+        let span = f64::from(plane(&gray).row(0)[999] - plane(&gray).row(0)[0]);
+        assert!((gray.steps(white) / span - 1.0).abs() < 1e-6);
     }
 }
 

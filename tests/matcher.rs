@@ -8,14 +8,18 @@ use std::sync::Arc;
 
 use common::naive::{self, Seen};
 use common::{
-    OPTIMIZERS, affordable, eight_votes, hash, levels, mask, settings, tile, view, views,
+    OPTIMIZERS, affordable, eight_votes, hash, levels, mask, noises, settings, tile, versions,
+    view, views,
 };
 use phasestereo::control::Control;
+use phasestereo::convolution::Kernel;
 use phasestereo::error::Error;
 use phasestereo::matcher::{Execution, Matcher, Pair, on_threads, run};
+use phasestereo::plane::Plane;
 use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Settings};
 use phasestereo::simd::Level;
 use phasestereo::value::Value;
+use phasestereo::versions::Versions;
 use phasestereo::view::{Image, View};
 use phasestereo::votes::Votes;
 use proptest::prelude::*;
@@ -117,7 +121,8 @@ fn pairs() -> impl Strategy<Value = Pair> {
 }
 
 fn jobs() -> impl Strategy<Value = Job> {
-    (pairs(), settings()).prop_map(|(pair, mut settings)| {
+    let known = prop_oneof![1 => noises().prop_map(noise_alone), 1 => versions()];
+    (pairs(), settings(), known).prop_map(|(pair, mut settings, known)| {
         let (rows, cols) = pair.size();
         let places = AFFORDABLE / (rows * cols * pair.candidates().count());
         settings.window = affordable(settings.window, places);
@@ -125,8 +130,14 @@ fn jobs() -> impl Strategy<Value = Job> {
         let (r, s) = settings.frequencies;
         let least = (2 * r.max(s) + 1).max(3);
         settings.neighborhood = affordable(settings.neighborhood, places).max(least);
-        Job { pair, settings }
+        let is_phase = settings.cost == CostKind::Phase;
+        let known = if is_phase { known } else { noise_alone(known.noise()) };
+        Job { pair: pair.with_versions(known), settings }
     })
+}
+
+fn noise_alone(noise: [f64; 2]) -> Versions {
+    Versions::of_noise(noise).expect("legal noise")
 }
 
 proptest! {
@@ -387,6 +398,69 @@ fn a_shifted_image_is_found_again() {
     for (place, (bits, flags)) in seen.disparity.iter().zip(&seen.flags).enumerate() {
         assert!(place % 80 < 8 || *bits == 3f32.to_bits() && *flags == 0, "{place}");
     }
+}
+
+/// A kernel of one tap: what it blurs is moved by so many columns, so that classes are told apart.
+fn moving(columns: isize) -> Kernel {
+    let taps = Plane::from_fn(1, 33, |_, x| f64::from(u8::from(x as isize - 16 == columns)));
+    Kernel::new(&taps).expect("a legal kernel")
+}
+
+/// As many classes as there may be, each of which finds another disparity.
+fn in_classes(count: usize, size: (usize, usize), tile: usize) -> Job {
+    let kernels = (0..count as isize).map(|class| [None, Some(moving(-class))]).collect();
+    let tiles = (size.0.div_ceil(tile), size.1.div_ceil(tile));
+    let labels = Plane::from_fn(tiles.0, tiles.1, |y, x| (hash(5, y, x) % count as u64) as u8);
+    let versions = Versions::new([0.5, 0.5], kernels, labels, tile).expect("legal versions");
+    let settings = Settings { weak: 1.0, confidence: false, ..Settings::default() };
+    let settings = Settings { neighborhood: 5, frequencies: (1, 1), window: 1, ..settings };
+    let Job { pair, settings } = Job::new(shifted(size.0, size.1, 1), 0, 20, settings);
+    Job { pair: pair.with_versions(versions), settings }
+}
+
+#[test]
+fn every_number_of_classes_in_tiles_of_any_size() {
+    for (count, tile_side) in [(1, 9), (2, 40), (3, 7), (4, 33), (5, 16), (16, 3), (16, 1)] {
+        in_classes(count, (67, 2 * tile() + 9), tile_side).check();
+    }
+}
+
+#[test]
+fn each_class_is_compared_in_its_own_version() {
+    let job = in_classes(4, (64, 96), 32);
+    let seen = job.run(how(1, None, Level::best()));
+    let versions = job.pair.versions().expect("classes");
+    // Within a tile, beyond the reach of the windows and of the left border.
+    for (y, x) in (8..56).flat_map(|y| (40..90).map(move |x| (y, x))) {
+        let is_inner = |place: usize| (8..24).contains(&(place % 32));
+        let expected = 1.0 + versions.class(y, x) as f32;
+        let found = f32::from_bits(seen.disparity[y * 96 + x]);
+        assert!(
+            !is_inner(y) || !is_inner(x) || (found - expected).abs() < 0.1,
+            "{y}, {x}: {found}, {expected}"
+        );
+    }
+}
+
+#[test]
+fn classes_that_change_nothing_change_nothing() {
+    let job = in_classes(1, (40, 50), 16);
+    let known = job.pair.versions().expect("noise").noise();
+    let labels = Plane::from_fn(3, 4, |y, x| (hash(1, y, x) % 3) as u8);
+    let same = Versions::new(known, vec![[None, Some(moving(0))]; 3], labels, 16).expect("legal");
+    let alike = Job { pair: job.pair.clone().with_versions(same), settings: job.settings.clone() };
+    let plain = Job { pair: job.pair.with_versions(noise_alone(known)), settings: job.settings };
+    let how = how(1, None, Level::best());
+    assert!(alike.run(how) == plain.run(how));
+}
+
+#[test]
+fn kernels_are_for_phase_codes() {
+    let Job { pair, settings } = in_classes(2, (6, 30), 4);
+    let settings = Settings { cost: CostKind::Sad, weak: 0.0, ..settings };
+    let how = how(1, None, Level::best());
+    let refused = run(&pair, &settings, how, &Control::default()).expect_err("refused");
+    assert!(refused.to_string().starts_with("equalisation: got"), "{refused}");
 }
 
 #[test]

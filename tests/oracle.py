@@ -63,6 +63,27 @@ def fill_masked(image: NDArray[Any], mask: Bools) -> NDArray[Any]:
     return filled
 
 
+def convolve(image: Floats, kernel: Floats) -> Floats:
+    """Return the sum of kernel(i, j) image(x - i, y - j), i and j from the kernel's centre.
+
+    The image continues by reflection.
+    """
+    rows, cols = kernel.shape[0] // 2, kernel.shape[1] // 2
+    total = np.zeros_like(image, dtype=np.float64)
+    for dx, dy, values in neighbours(image, max(rows, cols), "symmetric"):
+        if abs(dy) <= rows and abs(dx) <= cols:
+            total += kernel[rows - dy, cols - dx] * values
+    return total
+
+
+def class_map(labels: NDArray[np.uint8], tile: int, shape: tuple[int, int]) -> Ints:
+    """Return the class of each pixel: that of its square tile, or of the last one there is."""
+    rows = np.minimum(np.arange(shape[0]) // tile, labels.shape[0] - 1)
+    cols = np.minimum(np.arange(shape[1]) // tile, labels.shape[1] - 1)
+    classes: Ints = labels[rows][:, cols].astype(np.int64)
+    return classes
+
+
 def neighbours(
     values: NDArray[Any], half: int, mode: Literal["symmetric", "edge"]
 ) -> Iterator[tuple[int, int, NDArray[Any]]]:
@@ -153,6 +174,30 @@ def levels(F: Complexes, k: int, b: int) -> Ints:
     return np.where(F == 0, 0, np.floor(angle / (np.pi / M))).astype(np.int64)
 
 
+def weak_threshold(noise: float, weak: float, L: int, taper: Taper = "uniform") -> float:
+    """Return the magnitude up to which a real or imaginary part is weak.
+
+    Of white noise each has the standard deviation noise sqrt(sum(w(dx)^2 w(dy)^2) / 2).
+    """
+    w = taper_weights(L, taper)
+    return weak * noise * float(np.sqrt(np.sum(np.outer(w, w) ** 2) / 2))
+
+
+def parts(F: Complexes, k: int) -> Floats:
+    """Return the real and imaginary parts of F^k, (H, W, D, 2)."""
+    powered = F**k
+    return np.stack([powered.real, powered.imag], axis=-1)
+
+
+def weak_levels(F: Complexes, k: int, threshold: float) -> Ints:
+    """Return the levels -1, 0 (weak) and 1 of the parts of F^k, (H, W, D, 2).
+
+    A part is weak up to the k-th power of the threshold.
+    """
+    each = parts(F, k)
+    return np.where(np.abs(each) <= threshold**k, 0, np.sign(each)).astype(np.int64)
+
+
 def boundary_distance(F: Complexes, k: int, b: int) -> Floats:
     """Return how far, in the complex plane, F may move before its level can change.
 
@@ -190,6 +235,15 @@ def phase_costs(
     """Return the circular distance of left x and right x - d, (H, W, N)."""
     columns = right_columns(levels_left.shape[1], min_disparity, num_disparities)
     each = [circular_distance(levels_left, levels_right[:, x], b) for x in columns.T]
+    return np.stack(each, axis=-1)
+
+
+def weak_costs(
+    levels_left: Ints, levels_right: Ints, min_disparity: int, num_disparities: int
+) -> Ints:
+    """Return by how much the parts of left x and right x - d differ, in levels, (H, W, N)."""
+    columns = right_columns(levels_left.shape[1], min_disparity, num_disparities)
+    each = [np.abs(levels_left - levels_right[:, x]).sum(axis=(2, 3)) for x in columns.T]
     return np.stack(each, axis=-1)
 
 

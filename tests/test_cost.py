@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import oracle
 import phasestereo as ps
-from test_descriptor import decoded
+from test_descriptor import decoded, decoded_parts
 
 
 @pytest.mark.parametrize("bits", [1, 2, 3, 4])
@@ -23,6 +23,21 @@ def test_popcount_is_the_circular_distance(bits: int, seed: int, low: int, count
     levels = [decoded(ps.descriptor(image, bits=bits), 7, bits) for image in (left, right)]
     expected = oracle.phase_costs(levels[0], levels[1], low, count, bits)
     np.testing.assert_array_equal(volume, expected)
+
+
+@given(seed=st.integers(0, 1000), low=st.integers(-9, 9), count=st.integers(1, 8))
+def test_weak_parts_differ_by_half(seed: int, low: int, count: int) -> None:
+    left, right = np.random.default_rng(seed).integers(0, 256, (2, 4, 10), np.uint8)
+    noises = (20.0, 60.0)
+    volume = ps.cost_volume(
+        left, right, num_disparities=count, min_disparity=low, weak=1.0, noise=noises
+    )
+    codes = [
+        ps.descriptor(image, weak=1.0, noise=noise)
+        for image, noise in zip((left, right), noises, strict=True)
+    ]
+    levels = [decoded_parts(each, 7) for each in codes]
+    np.testing.assert_array_equal(volume, oracle.weak_costs(levels[0], levels[1], low, count))
 
 
 @given(

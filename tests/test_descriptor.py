@@ -83,6 +83,66 @@ def test_tapered_codes_follow_the_formulas(family: tuple[int, ...], taper: Taper
     assert_like_oracle(image, family, taper)
 
 
+def decoded_parts(codes: NDArray[Any], components: int) -> NDArray[np.int64]:
+    """Return the levels -1, 0 and 1 that codes with a weak level stand for, (H, W, D, 2)."""
+    shifts = np.arange(4 * components, dtype=np.uint64)
+    ones = codes.astype(np.uint64)[..., None] >> shifts & np.uint64(1)
+    each = ones.astype(np.int64).reshape(*codes.shape, components, 2, 2)
+    signed: NDArray[np.int64] = each[..., 1, :] - each[..., 0, :]
+    return signed
+
+
+@pytest.mark.parametrize("taper", ["uniform", "gaussian", "hann"])
+@pytest.mark.parametrize("weak", [0.3, 2.0, 100.0])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("family", [(7, 1, 1, 1), (9, 2, 1, 2)])
+def test_weak_parts_follow_the_formulas(
+    family: tuple[int, int, int, int], dtype: type[np.generic], weak: float, taper: Taper
+) -> None:
+    neighborhood, r, s, power = family
+    unit = 255 if dtype is np.uint8 else 40_000
+    image = (np.random.default_rng(7).random((14, 19, 3)) * unit).astype(dtype)
+    noise = 0.13 * unit
+    codes = ps.descriptor(
+        image,
+        neighborhood=neighborhood,
+        frequencies=(r, s),
+        power=power,
+        taper=taper,
+        weak=weak,
+        noise=noise,
+    )
+    gray = oracle.to_gray(image)
+    spectrum = oracle.spectrum(gray, neighborhood, r, s, taper)
+    threshold = oracle.weak_threshold(noise, weak, neighborhood, taper)
+    found = decoded_parts(codes, spectrum.shape[2])
+    expected = oracle.weak_levels(spectrum, power, threshold)
+    # The threshold is made of the rounded window: off by less than a part in a thousand.
+    off = uncertainty(gray, neighborhood)[..., None]
+    scale = power * np.abs(spectrum[..., None]) ** (power - 1)
+    reach = scale * off + off**power + 1e-3 * power * threshold**power
+    near = np.abs(np.abs(oracle.parts(spectrum, power)) - threshold**power) <= reach
+    np.testing.assert_array_equal(found[~near], expected[~near])
+    assert near.mean() < 0.25, "the bound excuses too much to be a test"
+    assert weak == 100 or {-1, 0, 1} == set(np.unique(expected))
+
+
+def test_a_weak_level_needs_the_noise() -> None:
+    image = np.zeros((4, 5), np.uint8)
+    with pytest.raises(ValueError, match="^noise: got None; accepts"):
+        ps.descriptor(image, weak=1.0)
+    assert not ps.descriptor(image, weak=1.0, noise=0.0).any(), "all parts are weak"
+    with pytest.raises(ValueError, match="^noise: got -1; accepts"):
+        ps.descriptor(image, noise=-1.0)
+    with pytest.raises(TypeError, match="^noise: got str; accepts a number"):
+        ps.descriptor(image, noise="1")  # type: ignore[arg-type]  # that is the point
+
+
+def test_without_a_weak_level_the_noise_has_no_effect() -> None:
+    image = np.random.default_rng(9).integers(0, 256, (9, 12), np.uint8)
+    np.testing.assert_array_equal(ps.descriptor(image, noise=9.0), ps.descriptor(image))
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
 def test_every_type_keeps_its_precision(dtype: type[np.generic]) -> None:
     rng = np.random.default_rng(5)
@@ -133,6 +193,7 @@ def test_words_are_the_narrowest() -> None:
     assert ps.descriptor(image).dtype == np.uint16
     assert ps.descriptor(image, bits=3).dtype == np.uint32
     assert ps.descriptor(image, bits=4).dtype == np.uint64
+    assert ps.descriptor(image, frequencies=(1, 1), weak=1.0, noise=1.0).dtype == np.uint16
     assert not ps.descriptor(image).any(), "nothing but ties: level 0 throughout"
 
 

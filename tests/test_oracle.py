@@ -207,6 +207,50 @@ def test_levels_of_doubled_phase() -> None:
     assert oracle.levels(ties, 2, 2).tolist() == [0, 1, -2, -1, 0, 1, -2, -1, 0]
 
 
+def test_weak_thresholds_by_hand() -> None:
+    """Uniform: L / sqrt(2); of L = 3 the Hann window's squares sum to (1/4 + 1 + 1/4)^2."""
+    assert oracle.weak_threshold(2, 0.5, 9) == pytest.approx(9 / np.sqrt(2))
+    assert oracle.weak_threshold(2, 3, 3, "hann") == pytest.approx(6 * 1.5 / np.sqrt(2))
+
+
+@pytest.mark.parametrize(("k", "u"), [(1, 1), (1, 2)])
+def test_weak_thresholds_are_deviations_of_parts_of_noise(k: int, u: int) -> None:
+    noise = np.random.default_rng(5).normal(0, 3, (300, 300))
+    each = oracle.parts(oracle.spectrum(noise, 5, u, 1), k)
+    assert each.std() == pytest.approx(oracle.weak_threshold(3, 1, 5), rel=0.02)
+
+
+def test_weak_levels_by_hand() -> None:
+    spectra = np.array([[[3 + 2j, -2.5 - 2j, 2 - 3j, 0]]])
+    levels = oracle.weak_levels(spectra, 1, 2)
+    assert levels.tolist() == [[[[1, 0], [-1, 0], [0, -1], [0, 0]]]]
+    squares = oracle.weak_levels(spectra, 2, 2)  # 5 + 12j, 2.25 + 10j, -5 - 12j, 0
+    assert squares.tolist() == [[[[1, 1], [0, 1], [-1, -1], [0, 0]]]]
+
+
+def test_weak_costs_by_hand() -> None:
+    left = np.array([[[[1, 0]], [[-1, 1]]]])
+    right = np.array([[[[-1, -1]], [[0, 1]]]])
+    assert oracle.weak_costs(left, right, 0, 2).tolist() == [[[3, 3], [1, 2]]]
+
+
+def test_convolution_flips_the_kernel_and_reflects_the_image() -> None:
+    image = np.array([[1.0, 10.0, 100.0]])
+    assert oracle.convolve(image, np.array([[0, 0, 1]])).tolist() == [[1, 1, 10]]
+    assert oracle.convolve(image, np.array([[1, 0, 0]])).tolist() == [[10, 100, 100]]
+    tall = np.array([[0], [0], [0], [0], [1]])
+    assert oracle.convolve(image.T, tall).tolist() == [[10], [1], [1]]
+
+
+def test_classes_are_those_of_tiles_and_go_on_beyond_the_last() -> None:
+    labels = np.array([[1, 2], [3, 4]], np.uint8)
+    assert oracle.class_map(labels, 2, (3, 6)).tolist() == [
+        [1, 1, 2, 2, 2, 2],
+        [1, 1, 2, 2, 2, 2],
+        [3, 3, 4, 4, 4, 4],
+    ]
+
+
 def test_boundary_distance_by_hand() -> None:
     point = np.array([3 + 4j])
     assert oracle.boundary_distance(point, 1, 1) == pytest.approx(4)  # the real axis

@@ -24,9 +24,14 @@ CODE = """
 import hashlib, json
 import numpy as np, phasestereo as ps
 from phasestereo import _core
+from phasestereo.equalisation import Equalisation
 rng = np.random.default_rng(0)
 pairs = [rng.integers(0, 256, (2, 70, 90), np.uint8), rng.random((2, 40, 50, 3), np.float32)]
 cases = [{"preset": "fast"}, {}, {"bits": 3, "neighborhood": 9, "frequencies": (2, 2)},
+         {"weak": 1, "noise": 9.0}, {"weak": 2, "power": 2, "noise": (0.1, 0.2)},
+         {"equalisation": Equalisation(
+             noise=(1.0, 1.0), labels=np.array([[0, 1], [2, 0]], np.uint8), tile=17,
+             kernels=[(None, None), (np.eye(3) / 3, None), (None, np.full((1, 5), 0.2))])},
          {"cost": "nsad", "penalty": .5, "optimizer": "so"}, {"optimizer": "wta", "window": 3}]
 digest = hashlib.sha256()
 for pair in pairs:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import Pixels
+from phasestereo.equalisation import Equalisation
 from phasestereo.settings import Settings
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "__version__",
     "aggregate_volume",
     "check_settings",
+    "check_versions",
     "cost_volume",
     "descriptor",
     "match_pair",
@@ -34,6 +36,7 @@ class Workers:
     def count(self) -> int: ...
 
 def check_settings(settings: Settings) -> None: ...
+def check_versions(versions: Equalisation | None) -> None: ...
 def match_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
@@ -41,17 +44,23 @@ def match_pair(
     settings: Settings,
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
+    versions: Equalisation | None,
 ) -> tuple[
     NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, dict[str, float]
 ]: ...
 def descriptor(
-    image: Pixels, mask: NDArray[np.bool_] | None, settings: Settings, threads: int | None
+    image: Pixels,
+    mask: NDArray[np.bool_] | None,
+    settings: Settings,
+    threads: int | None,
+    noise: float | None,
 ) -> NDArray[np.uint16] | NDArray[np.uint32] | NDArray[np.uint64]: ...
 def cost_volume(
     images: tuple[Pixels, Pixels],
     disparities: tuple[int, int],
     settings: Settings,
     threads: int | None,
+    versions: Equalisation | None,
 ) -> NDArray[np.uint16]: ...
 def aggregate_volume(costs: NDArray[np.uint16], settings: Settings) -> NDArray[np.uint32]: ...
 def optimize_volume(

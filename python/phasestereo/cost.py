@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from phasestereo import _core
 from phasestereo._images import as_pair
+from phasestereo.equalisation import Equalisation, Noise, as_equalisation
 from phasestereo.settings import Settings, resolve
 
 if TYPE_CHECKING:
@@ -21,13 +22,15 @@ def cost_volume(
     min_disparity: int = 0,
     settings: Settings | None = None,
     threads: int | None = None,
+    noise: Noise | None = None,
+    equalisation: Equalisation | None = None,
     **overrides: Any,
 ) -> NDArray[np.uint16]:
     """Compare every pixel with every candidate.
 
     Parameters
     ----------
-    left, right, num_disparities, min_disparity, threads
+    left, right, num_disparities, min_disparity, threads, noise, equalisation
         As `match` takes them.
     settings
         Settings to start from; None: those of the paper. ``cost`` and those it depends on matter
@@ -50,4 +53,5 @@ def cost_volume(
     """
     chosen = resolve("paper", settings, overrides)
     disparities = min_disparity, num_disparities
-    return _core.cost_volume(as_pair(left, right), disparities, chosen, threads)
+    versions = as_equalisation(noise, equalisation)
+    return _core.cost_volume(as_pair(left, right), disparities, chosen, threads, versions)

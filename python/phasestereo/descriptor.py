@@ -19,6 +19,7 @@ def descriptor(
     mask: ArrayLike | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
+    noise: float | None = None,
     **overrides: Any,
 ) -> NDArray[np.uint16] | NDArray[np.uint32] | NDArray[np.uint64]:
     """Describe every pixel by the quantised phases of its neighbourhood's Fourier transform.
@@ -31,9 +32,12 @@ def descriptor(
         bool (H, W), True = valid; what the other pixels hold has no effect. None: all are valid.
     settings
         Settings to start from; None: those of the paper. ``neighborhood``, ``taper``,
-        ``frequencies``, ``power`` and ``bits`` matter here.
+        ``frequencies``, ``power``, ``bits`` and ``weak`` matter here.
     threads
         Number of threads; None: as many as the process may use.
+    noise
+        Standard deviation of the noise of the image, in units of its pixels; of its gray values
+        where it has colour. Needed with ``weak > 0``, else without effect.
     **overrides
         Fields of `Settings` by name.
 
@@ -44,6 +48,8 @@ def descriptor(
         the order of eq. 3 (u = 0: v = 1..s; then u = 1..r: v = -s..s), the first in the lowest
         bits, 2^(b - 1) bits each: the level modulo 2^b in a Johnson code (0, 1, 3, 2 for b = 2), so
         that the number of bits in which two codes differ is the similarity measure of eq. 6.
+        With ``weak > 0`` 4 bits each: whether the real part is clearly negative, the imaginary
+        part too; whether the real part is clearly positive, the imaginary part too.
 
     Raises
     ------
@@ -58,7 +64,12 @@ def descriptor(
     their pixels lie, but for 0.1 % at either end (of large images: of an even sample), and clamped
     four ranges beyond. A level may therefore differ from that of a floating-point component which
     lies very near to a boundary: for natural images about one bit in a thousand does.
+
+    White noise of standard deviation s gives either part of every component the standard deviation
+    s sqrt(sum(w^2) / 2), w being the window: s L / sqrt(2) for the uniform one. A part is clear if
+    its magnitude exceeds ``weak`` times that (with ``power=2`` the square of it), rounded to a
+    whole step of the integers.
     """
     chosen = resolve("paper", settings, overrides)
     pixels = as_pixels(image, "image")
-    return _core.descriptor(pixels, as_mask(mask, pixels.shape, "mask"), chosen, threads)
+    return _core.descriptor(pixels, as_mask(mask, pixels.shape, "mask"), chosen, threads, noise)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from phasestereo import _core
 from phasestereo._images import as_mask, as_pair
+from phasestereo.equalisation import Equalisation, Noise, as_equalisation
 from phasestereo.result import Result
 from phasestereo.settings import Settings, resolve
 
@@ -33,6 +34,8 @@ def match(
     left_mask: ArrayLike | None = None,
     right_mask: ArrayLike | None = None,
     progress: Progress | None = None,
+    noise: Noise | None = None,
+    equalisation: Equalisation | None = None,
     **overrides: Any,
 ) -> Result:
     """Match a rectified stereo pair.
@@ -61,6 +64,14 @@ def match(
     progress
         Called as ``progress(rows_done, rows)`` every now and then from the calling thread; what it
         raises ends the match.
+    noise
+        Standard deviation of the noise of both images, or a pair of them (left, right), in units
+        of their pixels; of gray values where they have colour. Needed with ``weak > 0``, else
+        without effect.
+    equalisation
+        Versions of the images in which pixels are compared, see
+        `phasestereo.equalisation.Equalisation`; it tells the noise, too. For ``cost="phase"``.
+        None: the images as they are.
     **overrides
         Fields of `Settings` by name, which take precedence over ``preset`` and ``settings``.
 
@@ -89,13 +100,22 @@ def match(
     ``(72 * W + 1800 * window) * num_disparities + 1200 * W`` bytes, whatever the height of the
     images, and a quarter more with masks: 45 MB for images 1920 pixels wide and 256 disparities.
     For the whole pair there are copies of the images, codes of 4 bytes for each pixel of one image
-    (those of up to 16 bits), and the result: 6 bytes a pixel, 10 with confidences. Nothing but that
-    is kept, nor are any threads: to match one pair after another, `Matcher` keeps them.
+    (those of up to 16 bits), and the result: 6 bytes a pixel, 10 with confidences. Every further
+    version of the right image takes 2 bytes a pixel, and one strip's more for each thread. Nothing
+    but that is kept, nor are any threads: to match one pair after another, `Matcher` keeps them.
     """
     chosen = resolve(preset, settings, overrides)
     search = min_disparity, num_disparities
     masks = left_mask, right_mask
-    return _match((left, right), masks, search, settings=chosen, threads=threads, progress=progress)
+    return _match(
+        (left, right),
+        masks,
+        search,
+        settings=chosen,
+        threads=threads,
+        progress=progress,
+        versions=as_equalisation(noise, equalisation),
+    )
 
 
 class Matcher:
@@ -151,6 +171,8 @@ class Matcher:
         left_mask: ArrayLike | None = None,
         right_mask: ArrayLike | None = None,
         progress: Progress | None = None,
+        noise: Noise | None = None,
+        equalisation: Equalisation | None = None,
     ) -> Result:
         """Match a rectified stereo pair: parameters, result and errors are those of `match`."""
         search = min_disparity, num_disparities
@@ -162,6 +184,7 @@ class Matcher:
             settings=self._settings,
             threads=self._workers,
             progress=progress,
+            versions=as_equalisation(noise, equalisation),
         )
 
     def __reduce__(self) -> tuple[partial[Matcher], tuple[()]]:
@@ -181,6 +204,7 @@ def _match(
     settings: Settings,
     threads: int | _core.Workers | None,
     progress: Progress | None,
+    versions: Equalisation | None,
 ) -> Result:
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
@@ -188,6 +212,6 @@ def _match(
     size = pair[0].shape
     valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
     disparity, flags, confidence, timings = _core.match_pair(
-        pair, valid, search, settings, threads, progress
+        pair, valid, search, settings, threads, progress, versions
     )
     return Result(disparity, flags, confidence, settings, timings)

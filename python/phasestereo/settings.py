@@ -43,6 +43,13 @@ class Settings:
     bits
         Bits b of the phase, 1 to 4: it is quantised to 2^b levels (eq. 3). A pixel's code takes
         (r (2 s + 1) + s) 2^(b - 1) bits, at most 64. Default 2.
+    weak
+        Real and imaginary parts of the spectrum whose magnitude is up to so many standard
+        deviations of what the noise of the image makes of them count as weak, 0 to 100: where
+        there is little texture their signs are noise. A weak part differs by one from a clear one,
+        and clear ones of opposite signs by two; so a pixel's code takes twice the bits. It needs
+        ``bits=2`` and ``cost="phase"``, and the noise, which `match` is told. 0: there is no such
+        level. Default 0.
     window
         Side of the square aggregation window, in pixels; odd, 1 to 63; it may be larger than the
         image. Default 9.
@@ -98,6 +105,7 @@ class Settings:
     frequencies: tuple[int, int] = (2, 1)
     power: int = 1
     bits: int = 2
+    weak: float = 0.0
     window: int = 9
     shiftable: bool = True
     precision: Literal["full", "byte"] = "full"

@@ -9,15 +9,18 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyTuple};
 
 use super::internal;
+use crate::convolution::Kernel;
 use crate::error::Error;
 use crate::matcher::{MOST_THREADS, Pair};
 use crate::plane::{Plane, zeroed};
 use crate::settings::{CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Settings, Taper};
+use crate::versions::{Versions, check_noise};
 use crate::view::{Image, Mask, View};
 
 /// Something of the left and the same of the right image, or any other two things.
 pub type Both<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
 
+const KERNELS: &str = "pairs (left, right) of 2-D arrays of float32, or None";
 const COSTS: [(&str, CostKind); 3] =
     [("phase", CostKind::Phase), ("sad", CostKind::Sad), ("nsad", CostKind::NormalisedSad)];
 const TAPERS: [(&str, Taper); 3] =
@@ -128,6 +131,7 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         },
         power: natural(&field("power")?, "power")?,
         bits: natural(&field("bits")?, "bits")?,
+        weak: number(&field("weak")?, "weak")?,
         window: natural(&field("window")?, "window")?,
         shiftable: boolean(&field("shiftable")?, "shiftable")?,
         precision: choice(&field("precision")?, "precision", &PRECISIONS)?,
@@ -146,6 +150,50 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
     };
     settings.check()?;
     Ok(settings)
+}
+
+/// A standard deviation, or None.
+pub fn read_noise(noise: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
+    if noise.is_none() {
+        return Ok(None);
+    }
+    Ok(Some(check_noise(number(noise, "noise")?)?))
+}
+
+/// The fields of `phasestereo.equalisation.Equalisation`, checked; or None.
+pub fn read_versions(versions: &Bound<'_, PyAny>) -> PyResult<Option<Versions>> {
+    if versions.is_none() {
+        return Ok(None);
+    }
+    let field = |name: &str| versions.getattr(name);
+    let (left, right) = both(&field("noise")?, "noise", "a pair of numbers (left, right)")?;
+    let mut kernels = vec![];
+    let listed = field("kernels")?;
+    for pair in listed.try_iter().map_err(|_| wrong_type(&listed, "kernels", KERNELS))? {
+        let (left, right) = both(&pair?, "kernels", KERNELS)?;
+        kernels.push([read_kernel(&left)?, read_kernel(&right)?]);
+    }
+    let labels = field("labels")?;
+    let Ok(labels) = labels.cast::<PyArray2<u8>>() else {
+        return Err(wrong_type(&labels, "labels", "2-D arrays of uint8"));
+    };
+    let (rows, cols) = labels.dims().into_pattern();
+    let labels = Plane::from_vec(rows, cols, values(labels)?)?;
+    let noise = [number(&left, "noise")?, number(&right, "noise")?];
+    Ok(Some(Versions::new(noise, kernels, labels, natural(&field("tile")?, "tile")?)?))
+}
+
+fn read_kernel(kernel: &Bound<'_, PyAny>) -> PyResult<Option<Kernel>> {
+    if kernel.is_none() {
+        return Ok(None);
+    }
+    let Ok(taps) = kernel.cast::<PyArray2<f32>>() else {
+        return Err(wrong_type(kernel, "kernels", KERNELS));
+    };
+    let (rows, cols) = taps.dims().into_pattern();
+    let taps = values(taps)?.into_iter().map(f64::from).collect();
+    let kernel = Plane::from_vec(rows, cols, taps).and_then(|taps| Kernel::new(&taps));
+    Ok(Some(kernel.map_err(|error| error.of("kernels"))?))
 }
 
 /// One number for both changes, or a pair.

@@ -7,12 +7,14 @@ pub mod naive;
 use ndarray::Array3;
 use phasestereo::aggregation::Window;
 use phasestereo::control::Control;
+use phasestereo::convolution::Kernel;
 use phasestereo::intensity::{Gray, level_planes};
 use phasestereo::plane::Plane;
 use phasestereo::settings::{
-    CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Settings, Taper,
+    CostKind, LARGEST_PENALTY, LARGEST_WEAK, Optimizer, Penalty, Precision, Settings, Taper,
 };
 use phasestereo::simd::Level;
+use phasestereo::versions::{MOST_CLASSES, Versions};
 use phasestereo::view::{Image, Mask, View};
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -66,6 +68,53 @@ pub fn descriptors() -> impl Strategy<Value = Settings> {
     )
 }
 
+/// Legal descriptors, many of those that may have a weak level with one.
+pub fn weak_descriptors() -> impl Strategy<Value = Settings> {
+    let weak = prop_oneof![1 => Just(0.0), 1 => Just(LARGEST_WEAK), 6 => 0.01..4.0f64];
+    (descriptors(), weak).prop_map(|(descriptor, weak)| {
+        let settings = Settings { weak, ..descriptor.clone() };
+        if settings.check().is_ok() { settings } else { descriptor }
+    })
+}
+
+/// Noise of a pair: none, some, and more than any image has contrast.
+pub fn noises() -> impl Strategy<Value = [f64; 2]> {
+    let one = || prop_oneof![1 => Just(0.0), 4 => 0.0..8.0f64, 2 => 0.0..1e-4f64, 1 => Just(1e300)];
+    (one(), one()).prop_map(|(left, right)| [left, right])
+}
+
+/// Kernels of random taps, many of them zero, or none; at times larger than the image.
+pub fn kernels() -> impl Strategy<Value = Option<Kernel>> {
+    let radius = || prop_oneof![4 => 0usize..=2, 1 => 3usize..=8];
+    let taps = (radius(), radius()).prop_flat_map(|(down, across)| {
+        let tap = prop_oneof![1 => Just(0.0), 1 => 0.0..1.0f64];
+        let count = (2 * down + 1) * (2 * across + 1);
+        (Just(2 * down + 1), prop::collection::vec(tap, count))
+    });
+    let kernel = taps.prop_map(|(rows, mut taps)| {
+        taps[0] += 0.1;
+        let total: f64 = taps.iter().sum();
+        let taps = taps.iter().map(|tap| tap / total).collect::<Vec<_>>();
+        let taps = Plane::from_vec(rows, taps.len() / rows, taps).expect("the right length");
+        Kernel::new(&taps).expect("a legal kernel")
+    });
+    prop_oneof![1 => Just(None), 2 => kernel.prop_map(Some)]
+}
+
+/// Classes of any kernels in tiles of any size.
+pub fn versions() -> impl Strategy<Value = Versions> {
+    let kernels = prop::collection::vec((kernels(), kernels()), 1..=MOST_CLASSES);
+    let labels = (1usize..=5, 1usize..=5).prop_flat_map(|(rows, cols)| {
+        (Just((rows, cols)), prop::collection::vec(any::<prop::sample::Index>(), rows * cols))
+    });
+    (noises(), kernels, labels, 1usize..=40).prop_map(|(noise, kernels, (size, labels), tile)| {
+        let labels = labels.iter().map(|label| label.index(kernels.len()) as u8).collect();
+        let labels = Plane::from_vec(size.0, size.1, labels).expect("the right length");
+        let kernels = kernels.into_iter().map(|(left, right)| [left, right]).collect();
+        Versions::new(noise, kernels, labels, tile).expect("legal versions")
+    })
+}
+
 /// Penalties in the range of the costs, none at all, and those that no cost makes up for.
 pub fn penalties() -> impl Strategy<Value = Penalty> {
     let one = || prop_oneof![4 => 0.0..4.0f64, 2 => Just(0.0), 1 => Just(LARGEST_PENALTY)];
@@ -83,9 +132,10 @@ pub fn settings() -> impl Strategy<Value = Settings> {
     let precision = select(vec![Precision::Full, Precision::Byte]);
     let ways = (select(OPTIMIZERS.to_vec()), penalties());
     let [shiftable, fill, confidence] = [any::<bool>(); 3];
-    (descriptors(), cost, radius, precision, ways, shiftable, fill, confidence).prop_map(
+    (weak_descriptors(), cost, radius, precision, ways, shiftable, fill, confidence).prop_map(
         |(descriptor, cost, radius, precision, ways, shiftable, fill, confidence)| Settings {
             cost,
+            weak: if cost == CostKind::Phase { descriptor.weak } else { 0.0 },
             window: 2 * radius + 1,
             shiftable,
             precision,
@@ -198,7 +248,11 @@ pub fn eight_votes() -> [View; 2] {
 
 /// The gray values of a view.
 pub fn gray(view: &View) -> Plane<i32> {
-    let gray = Gray::new(view, Level::best(), &Control::default()).expect("not cancelled");
+    plane(&Gray::new(view, Level::best(), &Control::default()).expect("not cancelled"))
+}
+
+/// All gray values.
+pub fn plane(gray: &Gray) -> Plane<i32> {
     let (rows, cols) = gray.size();
     let mut plane = Plane::new(rows, cols).expect("memory");
     for y in 0..rows {

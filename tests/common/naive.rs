@@ -1,18 +1,22 @@
 //! A whole match by the naive twins: what every fast one must give, bit for bit.
 
 use phasestereo::aggregation::Window;
+use phasestereo::basis::Basis;
 use phasestereo::candidates::Candidates;
 use phasestereo::control::Control;
+use phasestereo::convolution::Kernel;
 use phasestereo::cost::Costs;
+use phasestereo::intensity::Gray;
 use phasestereo::matcher::{Disparity, Pair};
 use phasestereo::plane::Plane;
 use phasestereo::reference;
 use phasestereo::refinement::flag;
 use phasestereo::scanline::Steps;
 use phasestereo::settings::{CostKind, Settings};
+use phasestereo::versions::{MOST_CLASSES, Versions};
 use phasestereo::view::View;
 
-use super::{gray, level_pair, levels};
+use super::{level_pair, levels, plane};
 
 /// What a caller sees of a match; floats by their bits, so that NaN equals NaN.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -36,18 +40,24 @@ impl Seen {
 /// Window and penalties of a match.
 pub fn scale(pair: &Pair, settings: &Settings) -> (Window, Steps) {
     let (candidates, control) = (pair.candidates(), Control::default());
-    let costs = Costs::new(pair.views(), candidates, settings, levels()[0], &control)
-        .expect("not cancelled");
+    let costs =
+        Costs::new(pair.views(), candidates, settings, pair.versions(), levels()[0], &control)
+            .expect("not cancelled");
     let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
     (window, Steps::new(settings.penalty, window, costs.steps()))
 }
 
 /// Costs, 0 where there is no vote.
-pub fn costs(views: [&View; 2], candidates: Candidates, settings: &Settings) -> Plane<u16> {
+pub fn costs(
+    views: [&View; 2],
+    candidates: Candidates,
+    settings: &Settings,
+    versions: Option<&Versions>,
+) -> Plane<u16> {
     let votes = votes(views, candidates);
     let costs = if settings.cost == CostKind::Phase {
-        let codes = views.map(|view| reference::describe(&gray(view), settings));
-        reference::phase_costs(&codes[0], &codes[1], candidates)
+        let untold = Versions::of_noise([0.0; 2]).expect("legal noise");
+        phase_costs(views, candidates, settings, versions.unwrap_or(&untold))
     } else {
         let [left, right] = level_pair(views, settings.intensity_range).map(|channels| {
             let normalised = |plane: &Plane<u16>| match settings.cost {
@@ -59,6 +69,56 @@ pub fn costs(views: [&View; 2], candidates: Candidates, settings: &Settings) -> 
         reference::absolute_differences(&left, &right, candidates)
     };
     Plane::from_fn(costs.rows(), costs.cols(), |y, place| costs.row(y)[place] * votes.row(y)[place])
+}
+
+/// Costs of phase codes: of whole images for each class, of which every pixel then takes its own's.
+fn phase_costs(
+    views: [&View; 2],
+    candidates: Candidates,
+    settings: &Settings,
+    versions: &Versions,
+) -> Plane<u16> {
+    let (rows, cols, _) = views[0].image.shape();
+    let count = candidates.count();
+    let classes = Plane::from_fn(rows, cols, |y, x| versions.class(y, x));
+    let of_class = |class: usize| {
+        classes.as_slice().contains(&class).then(|| {
+            let [left, right] = [0, 1].map(|side| {
+                let kernel = versions.kernels(class)[side].as_ref();
+                codes(views[side], kernel, settings, versions.noise()[side])
+            });
+            reference::phase_costs(&left, &right, candidates)
+        })
+    };
+    let volumes: Vec<_> = (0..MOST_CLASSES).map(of_class).collect();
+    Plane::from_fn(rows, cols * count, |y, place| {
+        let volume = &volumes[classes.row(y)[place / count]];
+        volume.as_ref().expect("of a class that occurs").row(y)[place]
+    })
+}
+
+/// Codes of an image, perhaps under a kernel: with four more bits, or as many as leave it below 2^25.
+fn codes(view: &View, kernel: Option<&Kernel>, settings: &Settings, noise: f64) -> Plane<u64> {
+    let gray = Gray::new(view, levels()[0], &Control::default()).expect("memory");
+    let threshold = weak_threshold(&gray, settings, noise);
+    let Some(kernel) = kernel else {
+        return reference::describe(&plane(&gray), settings, threshold);
+    };
+    let finer = [4, 3, 2, 1].into_iter().find(|bits| gray.reach() << bits <= 1 << 25);
+    let bits = finer.unwrap_or(0);
+    let threshold = weak_threshold(&gray, settings, noise * f64::from(1 << bits));
+    reference::describe(&reference::convolve(&plane(&gray), kernel, bits), settings, threshold)
+}
+
+/// Magnitude up to which parts of components are weak: white noise gives each the energy of the window, of
+/// which half falls to either part.
+pub fn weak_threshold(gray: &Gray, settings: &Settings, noise: f64) -> f64 {
+    let window = Basis::new(settings).filters()[0].even.clone();
+    let weight = |j: isize| f64::from(window[j.unsigned_abs()]);
+    let radius = (settings.neighborhood / 2) as isize;
+    let places = (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)));
+    let energy: f64 = places.map(|(dy, dx)| (weight(dy) * weight(dx)).powi(2)).sum();
+    (settings.weak * gray.steps(noise) * (energy / 2.0).sqrt()).round()
 }
 
 /// 1 where left pixel and candidate are both valid, else 0.
@@ -75,7 +135,7 @@ pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
     let (candidates, count) = (pair.candidates(), pair.candidates().count());
     let (window, steps) = scale(pair, settings);
     let votes = votes(pair.views(), candidates);
-    let costs = costs(pair.views(), candidates, settings);
+    let costs = costs(pair.views(), candidates, settings, pair.versions());
     let aggregated = reference::aggregate(&costs, &votes, window);
     let confidences = settings.confidence.then(Vec::new);
     let mut seen = Seen { disparity: vec![], flags: vec![], confidence: confidences };

@@ -20,7 +20,7 @@ from phasestereo.io import read_image
 from phasestereo.matcher import match as match_pair
 from phasestereo.settings import PRESETS, Settings, resolve
 
-_VALUES = {"preset", "num_disparities", "min_disparity", "threads"}
+_VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise"}
 _OPTIONS = _VALUES | {field.name for field in fields(Settings)}
 
 _SEARCH = Group.create_ordered("Search")
@@ -44,6 +44,7 @@ def match(
     left_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     right_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
+    noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
     outputs: Annotated[Outputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
     scoring: Annotated[Scoring, Parameter(name="*", group=_SCORE)] = _SCORING,
     preset: Annotated[str, Parameter(group=_SETTINGS, help=_PRESET_HELP)] = _PRESET,
@@ -75,6 +76,8 @@ def match(
         The same of the right image.
     threads
         Number of threads; without it, as many as there are processors.
+    noise
+        Standard deviation of the images' noise, in units of their pixels; needed with --weak.
     """
     scoring.check()
     if not (outputs.asked_for() or scoring.truth):
@@ -98,6 +101,7 @@ def match(
             left_mask=masks[0],
             right_mask=masks[1],
             progress=progress,
+            noise=noise,
         )
     with refusals():
         score = None if truth is None else truth.score(result.disparity)

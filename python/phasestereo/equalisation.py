@@ -1,0 +1,133 @@
+"""What evens out one-sided blur: the versions of both images in which pixels are compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from phasestereo import _core
+from phasestereo._images import as_array
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    Taps = NDArray[np.float32]
+
+Noise: TypeAlias = float | tuple[float, float]
+"""Standard deviations of the noise of both images, or those of the left and of the right one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Equalisation:
+    """Several versions of both images of a pair, and which of them each pixel is compared in.
+
+    A blur that one image alone has is evened out by blurring the other one alike. Where the blur
+    differs over the image, so does what evens it out: each pixel of the left image is of a class,
+    and its code is that of the left image under the left kernel of its class. It is compared with
+    the codes of the right image under the right kernel of the same class.
+
+    Arrays are copied; the copies cannot be written to.
+
+    Parameters
+    ----------
+    noise
+        Standard deviations of the noise of the left and of the right image, in units of their
+        pixels; those of gray values where the images have colour. Read with ``weak > 0`` alone; a
+        kernel does not change them.
+    kernels
+        For each class, at most 16, a pair (left, right): what the images are convolved with, a 2-D
+        array of float32 or float64 with odd sides up to 129 whose centre is the pixel itself, its
+        taps finite, not negative and of sum 1 within 0.001, by which they are divided; or None
+        where an image stays as it is. Taps are rounded to steps of 2^-14. The image continues by
+        reflection (d c b a | a b c d); masked pixels take the value of the nearest valid one of
+        their row before, as they do for all codes. Default: one class of images as they are.
+    labels
+        uint8 (rows, cols): the class of each square tile of the left image.
+    tile
+        Side of the tiles, pixels, from 1. Pixel (x, y) is of the class
+        ``labels[min(y // tile, rows - 1), min(x // tile, cols - 1)]``.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type or dtype.
+    ValueError
+        If it has a wrong value or shape, or a label names no class.
+    """
+
+    noise: tuple[float, float]
+    kernels: Iterable[tuple[ArrayLike | None, ArrayLike | None]] = ((None, None),)
+    labels: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((1, 1), np.uint8))
+    tile: int = 1
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and check every field, in the core, which owns the ranges."""
+        object.__setattr__(self, "kernels", _as_kernels(self.kernels))
+        object.__setattr__(self, "labels", _as_labels(self.labels))
+        _core.check_versions(self)
+
+
+def as_equalisation(noise: Noise | None, equalisation: Equalisation | None) -> Equalisation | None:
+    """Return what a call tells of the noise of its images and of their versions, if anything.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If both are given, or the noise is out of range.
+    """
+    if equalisation is None:
+        return None if noise is None else Equalisation(noise=_as_pair(noise))
+    if not isinstance(equalisation, Equalisation):
+        kind = type(equalisation).__name__
+        raise TypeError(f"equalisation: got {kind}; accepts Equalisation or None")
+    if noise is not None:
+        raise ValueError(f"noise: got {noise!r} beside equalisation, which tells it; accepts None")
+    return equalisation
+
+
+def _as_pair(noise: Noise) -> tuple[float, float]:
+    return noise if isinstance(noise, tuple) else (noise, noise)
+
+
+def _as_kernels(kernels: object) -> tuple[tuple[Taps | None, Taps | None], ...]:
+    accepted = "a list with a pair (left, right) of 2-D arrays, or None, for each class"
+    if not isinstance(kernels, (list, tuple)):
+        raise TypeError(f"kernels: got {type(kernels).__name__}; accepts {accepted}")
+    for pair in kernels:
+        if not isinstance(pair, (list, tuple)):
+            raise TypeError(f"kernels: got {type(pair).__name__} for a pair; accepts {accepted}")
+        if len(pair) != 2:
+            raise ValueError(f"kernels: got {len(pair)} arrays for a pair; accepts {accepted}")
+    return tuple((_as_taps(left), _as_taps(right)) for left, right in kernels)
+
+
+def _as_taps(kernel: ArrayLike | None) -> Taps | None:
+    if kernel is None:
+        return None
+    taps = as_array(kernel, "kernels")
+    if taps.dtype.kind != "f" or taps.dtype.itemsize not in (4, 8):
+        raise TypeError(f"kernels: got dtype {taps.dtype}; accepts float32 or float64")
+    if taps.ndim != 2:
+        raise ValueError(f"kernels: got shape {taps.shape}; accepts 2-D arrays or None")
+    if np.abs(taps).max(initial=0) > np.finfo(np.float32).max:
+        raise ValueError("kernels: got a tap beyond float32; accepts a sum of 1 within 0.001")
+    copy = taps.astype(np.float32, order="C")
+    copy.flags.writeable = False
+    return copy
+
+
+def _as_labels(labels: ArrayLike) -> NDArray[np.uint8]:
+    found = as_array(labels, "labels")
+    if found.dtype != np.uint8:
+        raise TypeError(f"labels: got dtype {found.dtype}; accepts uint8")
+    if found.ndim != 2:
+        raise ValueError(f"labels: got shape {found.shape}; accepts (rows, cols)")
+    copy = found.astype(np.uint8, order="C")
+    copy.flags.writeable = False
+    return copy

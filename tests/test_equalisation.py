@@ -1,0 +1,211 @@
+"""Versions of the images: each pixel is compared in those of its class, as the oracle does it."""
+
+from __future__ import annotations
+
+import pickle
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import oracle
+import phasestereo as ps
+from phasestereo.equalisation import Equalisation
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+RNG = np.random.default_rng(3)
+LEFT, RIGHT = RNG.integers(0, 256, (2, 33, 70), np.uint8)
+LABELS = RNG.integers(0, 3, (3, 5)).astype(np.uint8)
+LEFT_MASK, RIGHT_MASK = RNG.random((2, *LEFT.shape)) > 0.2
+SEARCH: dict[str, Any] = {"num_disparities": 9, "min_disparity": -2}
+
+
+def one_tap(dy: int, dx: int) -> NDArray[np.float64]:
+    kernel = np.zeros((5, 7))
+    kernel[2 + dy, 3 + dx] = 1
+    return kernel
+
+
+MOVES = [(None, one_tap(1, -2)), (one_tap(0, 3), None), (one_tap(-2, 0), one_tap(0, 1))]
+
+
+def moved(image: NDArray[Any], kernel: NDArray[np.float64] | None) -> NDArray[Any]:
+    """Return the image under a kernel of one tap: exact in the type of the image."""
+    if kernel is None:
+        return image
+    return oracle.convolve(image.astype(np.float64), kernel).astype(image.dtype)
+
+
+def equalisation(**fields: Any) -> Equalisation:
+    known: dict[str, Any] = {"noise": (1.5, 4.0), "kernels": MOVES, "labels": LABELS, "tile": 13}
+    return Equalisation(**(known | fields))
+
+
+def costs_by_class(left: NDArray[Any], right: NDArray[Any], **options: Any) -> NDArray[np.uint16]:
+    """Return what whole versions of the images cost, each pixel taking what its class says."""
+    each = [ps.cost_volume(moved(left, a), moved(right, b), **SEARCH, **options) for a, b in MOVES]
+    classes = oracle.class_map(LABELS, 13, left.shape[:2])
+    stacked = np.stack(each)
+    chosen: NDArray[np.uint16] = np.take_along_axis(stacked, classes[None, :, :, None], axis=0)[0]
+    return chosen
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
+@pytest.mark.parametrize("weak", [0.0, 1.0])
+def test_each_pixel_is_compared_in_its_versions(dtype: type[np.generic], weak: float) -> None:
+    pair = LEFT.astype(dtype), RIGHT.astype(dtype)
+    found = ps.cost_volume(*pair, **SEARCH, weak=weak, equalisation=equalisation())
+    expected = costs_by_class(*pair, weak=weak, noise=(1.5, 4.0))
+    np.testing.assert_array_equal(found, expected)
+    assert (found != ps.cost_volume(*pair, **SEARCH, weak=weak, noise=(1.5, 4.0))).any()
+
+
+@pytest.mark.parametrize("optimizer", ["dp", "so", "wta"])
+@pytest.mark.parametrize("precision", ["full", "byte"])
+def test_the_rest_of_a_match_is_as_ever(optimizer: Any, precision: Any) -> None:
+    result = ps.match(
+        LEFT,
+        RIGHT,
+        **SEARCH,
+        weak=1.0,
+        equalisation=equalisation(),
+        optimizer=optimizer,
+        precision=precision,
+    )
+    costs = costs_by_class(LEFT, RIGHT, weak=1.0, noise=(1.5, 4.0)).astype(np.int64)
+    dropped = oracle.dropped_bits(9, 28) if precision == "byte" else 0
+    volume = oracle.aggregate(costs, 9, shiftable=True, dropped=dropped)
+    penalty = oracle.window_penalty(2, 9, dropped)
+    chosen = {
+        "dp": lambda: oracle.scanline(volume, penalty, penalty),
+        "so": lambda: oracle.free_scanline(volume, penalty, penalty),
+        "wta": lambda: oracle.winner_takes_all(volume),
+    }[optimizer]()
+    np.testing.assert_array_equal(result.disparity, chosen - 2)
+
+
+@pytest.mark.parametrize("name", ["disk", "tilted"])
+def test_blurred_versions_are_those_of_a_blurred_image(name: str) -> None:
+    y, x = np.mgrid[-6:7, -6:7]
+    inside = {"disk": y**2 + x**2 <= 30, "tilted": (abs(y - 2 * x) <= 1) & (x > -3)}[name]
+    kernel = inside / inside.sum()
+    scene = RNG.normal(0, 60, (60, 80))
+    scene = np.clip(oracle.convolve(scene, np.full((3, 3), 1 / 9)) * 3 + 128, 0, 255).astype(
+        np.uint8
+    )
+    blurred = oracle.convolve(scene.astype(np.float64), kernel)
+    known = Equalisation(noise=(0.0, 0.0), kernels=[(kernel, kernel)])
+    volume = ps.cost_volume(scene, scene, num_disparities=4, equalisation=known)
+    expected = ps.cost_volume(blurred, blurred, num_disparities=4)
+    # A few components lie within rounding of a boundary; 14 bits each on either side.
+    assert np.abs(volume.astype(int) - expected).mean() < 0.14
+    unlike = ps.cost_volume(scene, scene, num_disparities=4).astype(int)
+    assert np.abs(unlike - expected).mean() > 0.3
+
+
+def test_what_a_mask_covers_spreads_nowhere() -> None:
+    kernels = [(None, np.full((5, 5), 0.04)), (np.full((1, 9), 1 / 9), None), (None, None)]
+    known = equalisation(kernels=kernels)
+    masks: dict[str, Any] = {"left_mask": LEFT_MASK, "right_mask": RIGHT_MASK}
+    expected = ps.match(LEFT, RIGHT, **SEARCH, **masks, equalisation=known)
+    left = np.where(LEFT_MASK, LEFT, 255 - LEFT)
+    right = np.where(RIGHT_MASK, RIGHT, 255 - RIGHT)
+    found = ps.match(left, right, **SEARCH, **masks, equalisation=known)
+    for field in ("disparity", "flags", "confidence"):
+        np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
+
+
+def test_threads_and_matchers_change_nothing() -> None:
+    left, right = np.tile(LEFT, (4, 1)), np.tile(RIGHT, (4, 1))
+    expected = ps.match(left, right, **SEARCH, equalisation=equalisation(), threads=1).disparity
+    for threads in (2, 3, 8):
+        matcher = ps.Matcher(threads=threads)
+        found = matcher.match(left, right, **SEARCH, equalisation=equalisation())
+        np.testing.assert_array_equal(found.disparity, expected)
+        plain = matcher.match(left, right, **SEARCH)
+        np.testing.assert_array_equal(
+            plain.disparity, ps.match(left, right, **SEARCH, threads=1).disparity
+        )
+
+
+def test_noise_alone_is_one_class_of_images_as_they_are() -> None:
+    alone = Equalisation(noise=(2.0, 2.0))
+    for known in ({"noise": 2.0}, {"noise": (2.0, 2.0)}, {"equalisation": alone}):
+        found = ps.Matcher(weak=1.0).match(LEFT, RIGHT, **SEARCH, **known)
+        expected = ps.match(LEFT, RIGHT, **SEARCH, weak=1.0, noise=2.0)
+        np.testing.assert_array_equal(found.disparity, expected.disparity)
+
+
+def test_a_weak_level_needs_the_noise() -> None:
+    for call in (ps.match, ps.cost_volume):
+        with pytest.raises(ValueError, match="^noise: got None; accepts"):
+            call(LEFT, RIGHT, **SEARCH, weak=1.0)
+    with pytest.raises(ValueError, match="^noise: got None; accepts"):
+        ps.Matcher(weak=1.0).match(LEFT, RIGHT, **SEARCH)
+
+
+def test_arrays_are_copied_and_travel() -> None:
+    labels, kernel = LABELS.copy(), one_tap(0, 1)
+    known = Equalisation(noise=(1, 2), kernels=[(None, kernel)] * 3, labels=labels, tile=5)
+    labels[:] = 9
+    kernel[:] = 0
+    copy = pickle.loads(pickle.dumps(known))  # noqa: S301  # our own bytes
+    np.testing.assert_array_equal(copy.labels, LABELS)
+    assert copy.kernels[2][1].sum() == 1
+    assert (copy.noise, copy.tile) == ((1, 2), 5)
+    with pytest.raises(ValueError, match="read-only"):
+        known.labels[0, 0] = 1
+
+
+FLAT = np.full((3, 3), 1 / 9)
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "fields"),
+    [
+        (TypeError, "noise: got float; accepts a pair", {"noise": 1.0}),
+        (TypeError, "noise: got str; accepts a number", {"noise": ("1", 1.0)}),
+        (ValueError, "noise: got -1; accepts", {"noise": (1.0, -1.0)}),
+        (ValueError, "noise: got NaN; accepts", {"noise": (float("nan"), 1.0)}),
+        (ValueError, "kernels: got 0 classes; accepts", {"kernels": []}),
+        (ValueError, "kernels: got 17 classes; accepts", {"kernels": [(None, None)] * 17}),
+        (TypeError, "kernels: got ndarray; accepts a list", {"kernels": FLAT}),
+        (TypeError, "kernels: got ndarray for a pair", {"kernels": [FLAT]}),
+        (ValueError, "kernels: got 3 arrays for a pair", {"kernels": [(None, None, None)]}),
+        (TypeError, "kernels: got dtype int64", {"kernels": [(None, np.ones((1, 1), int))]}),
+        (ValueError, r"kernels: got shape \(9,\)", {"kernels": [(None, np.full(9, 1 / 9))]}),
+        (ValueError, "kernels: got 1 x 2 taps", {"kernels": [(np.full((1, 2), 0.5), None)]}),
+        (
+            ValueError,
+            "kernels: got 131 x 1 taps",
+            {"kernels": [(np.full((131, 1), 1 / 131), None)]},
+        ),
+        (ValueError, "kernels: got 0 x 1 taps", {"kernels": [(np.zeros((0, 1)), None)]}),
+        (ValueError, "kernels: got .*; accepts", {"kernels": [(FLAT * np.nan, None)]}),
+        (ValueError, "kernels: got .*; accepts", {"kernels": [(FLAT * 1e300, None)]}),
+        (ValueError, "kernels: got taps of sum", {"kernels": [(FLAT * 1.01, None)]}),
+        (TypeError, "labels: got dtype int64; accepts uint8", {"labels": LABELS.astype(int)}),
+        (ValueError, r"labels: got shape \(5,\)", {"labels": LABELS[0]}),
+        (ValueError, r"labels: got shape \(0, 5\)", {"labels": LABELS[:0]}),
+        (ValueError, "labels: got the label 3; accepts", {"labels": LABELS * 0 + np.uint8(3)}),
+        (ValueError, "tile: got 0; accepts", {"tile": 0}),
+        (ValueError, "tile: got -1; accepts", {"tile": -1}),
+        (TypeError, "tile: got float; accepts an integer", {"tile": 8.0}),
+    ],
+)
+def test_what_makes_no_sense_is_refused_by_name(
+    error: type[Exception], message: str, fields: dict[str, Any]
+) -> None:
+    with pytest.raises(error, match=f"^{message}"):
+        equalisation(**fields)
+
+
+def test_matches_refuse_what_does_not_go_together() -> None:
+    with pytest.raises(TypeError, match="^equalisation: got dict; accepts Equalisation"):
+        ps.match(LEFT, RIGHT, **SEARCH, equalisation={})  # type: ignore[arg-type]  # the point
+    with pytest.raises(ValueError, match="^noise: got 1.0 beside equalisation"):
+        ps.match(LEFT, RIGHT, **SEARCH, noise=1.0, equalisation=equalisation())
+    with pytest.raises(ValueError, match="^equalisation: got .*; accepts cost='phase'"):
+        ps.match(LEFT, RIGHT, **SEARCH, cost="sad", equalisation=equalisation())
