@@ -49,12 +49,8 @@ mod _core {
 
     #[pymodule_export]
     use super::{
-<<<<<<< HEAD
-        Workers, aggregate_volume, check_settings, cost_volume, descriptor, estimate_blur,
-=======
         Workers, aggregate_volume, check_settings, check_versions, cost_volume, descriptor,
->>>>>>> engine-weak
-        match_pair, optimize_volume, simd_level,
+        estimate_blur, match_pair, optimize_volume, simd_level,
     };
 
     #[pymodule_init]

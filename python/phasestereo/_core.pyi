@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import Pixels
+from phasestereo.blur import Kind
 from phasestereo.equalisation import Equalisation
 from phasestereo.settings import Settings
 
@@ -20,6 +21,7 @@ __all__ = [
     "check_versions",
     "cost_volume",
     "descriptor",
+    "estimate_blur",
     "match_pair",
     "optimize_volume",
     "simd_level",
@@ -37,6 +39,19 @@ class Workers:
 
 def check_settings(settings: Settings) -> None: ...
 def check_versions(versions: Equalisation | None) -> None: ...
+def estimate_blur(
+    images: tuple[Pixels, Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    disparities: tuple[int, int],
+    threads: int | Workers | None,
+) -> tuple[
+    list[tuple[int, Kind, float, float, NDArray[np.float64] | None]],
+    NDArray[np.uint8],
+    int,
+    float,
+    float,
+    tuple[float, float],
+]: ...
 def match_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
