@@ -12,6 +12,7 @@ import warnings
 
 from phasestereo import _core
 from phasestereo.aggregation import aggregate
+from phasestereo.blur import Blur, BlurEstimate, estimate_blur
 from phasestereo.cost import cost_volume
 from phasestereo.descriptor import descriptor
 from phasestereo.matcher import Matcher, match
@@ -21,6 +22,8 @@ from phasestereo.settings import PRESETS, Settings
 
 __all__ = [
     "PRESETS",
+    "Blur",
+    "BlurEstimate",
     "Flag",
     "Matcher",
     "Result",
@@ -28,6 +31,7 @@ __all__ = [
     "aggregate",
     "cost_volume",
     "descriptor",
+    "estimate_blur",
     "match",
     "optimize",
 ]

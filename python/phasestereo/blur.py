@@ -7,6 +7,7 @@ the response of the relative blur.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -77,20 +78,25 @@ class BlurEstimate:
     certainty
         In [0, 1]: how much better the first of `blurs` explains its part of the images than its
         contrary, that is no blur, or the best of all blurs.
-    gain
-        Contrast of the left image relative to the right one.
+    contrast
+        Contrast of the left image relative to the right one, as the spectra have it.
     noise
         Standard deviations of the noise of the left and of the right image, in the unit of their
         pixels (of the gray values 0.299 R + 0.587 G + 0.114 B of colour images). Texture that is as
         fine as noise counts as such.
+    gain, gamma
+        How intensities correspond, as fractions of their range: left = gain * right ** gamma. NaN
+        in the result of a match, which does without.
     """
 
     blurs: tuple[Blur, ...]
     labels: NDArray[np.uint8]
     tile: int
     certainty: float
-    gain: float
+    contrast: float
     noise: tuple[float, float]
+    gain: float = math.nan
+    gamma: float = math.nan
 
     @property
     def blur(self) -> Blur:
@@ -161,8 +167,8 @@ def estimate(
     threads: int | _core.Workers | None,
 ) -> BlurEstimate:
     """Estimate the blur of checked images: the part of `estimate_blur` that a match needs."""
-    blurs, labels, tile, certainty, gain, noise = _core.estimate_blur(pair, masks, search, threads)
+    blurs, labels, tile, certainty, contrast, noise = _core.estimate_blur(pair, masks, search, threads)
     kinds = tuple(
         Blur(_SIDES[side], kind, size, angle, psf) for side, kind, size, angle, psf in blurs
     )
-    return BlurEstimate(kinds, labels, tile, certainty, gain, noise)
+    return BlurEstimate(kinds, labels, tile, certainty, contrast, noise)

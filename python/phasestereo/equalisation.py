@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -15,7 +15,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from phasestereo.blur import Blur, BlurEstimate
+    from phasestereo.settings import Settings
+
     Taps = NDArray[np.float32]
+
+LARGER, LARGEST = 2, 63
+"""Pixels by which neighbourhoods and windows are larger where there is blur, and their largest."""
 
 Noise: TypeAlias = float | tuple[float, float]
 """Standard deviations of the noise of both images, or those of the left and of the right one."""
@@ -89,6 +95,53 @@ def as_equalisation(noise: Noise | None, equalisation: Equalisation | None) -> E
     if noise is not None:
         raise ValueError(f"noise: got {noise!r} beside equalisation, which tells it; accepts None")
     return equalisation
+
+
+def even_out(
+    estimate: BlurEstimate, settings: Settings, told: Equalisation | None
+) -> tuple[Settings, Equalisation]:
+    """Return the settings and the versions of both images that suit what was found out about them.
+
+    Parameters
+    ----------
+    estimate
+        What was found out.
+    settings
+        The settings asked for.
+    told
+        What the caller tells of the noise, which then counts.
+    """
+    noise = _weak_level(estimate) if told is None else told.noise
+    if not settings.equalise or all(blur.psf is None for blur in estimate.blurs):
+        return settings, Equalisation(noise=noise)
+    kernels = [_kernels(blur) for blur in estimate.blurs]
+    larger = {
+        name: min(getattr(settings, name) + LARGER, LARGEST) for name in ("neighborhood", "window")
+    }
+    versions = Equalisation(
+        noise=noise, kernels=kernels, labels=estimate.labels, tile=estimate.tile
+    )
+    return replace(settings, **larger), versions
+
+
+def _kernels(blur: Blur) -> tuple[ArrayLike | None, ArrayLike | None]:
+    """Return what the images are convolved with: the sharper one with what it lacks."""
+    return (blur.psf if blur.side == "right" else None, blur.psf if blur.side == "left" else None)
+
+
+def _weak_level(estimate: BlurEstimate) -> tuple[float, float]:
+    """Return the noise under which a component is weak: one level, at the contrast of each image.
+
+    The noise of the softer image is what is left in both once the sharper one is blurred; and fine
+    texture of the sharper one, which looks like noise, is not counted.
+    """
+    left, right = estimate.noise
+    level = {
+        "left": left,
+        "right": right * estimate.contrast,
+        "none": max(left, right * estimate.contrast),
+    }[estimate.blur.side]
+    return level, level / estimate.contrast
 
 
 def _as_pair(noise: Noise) -> tuple[float, float]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from phasestereo import _core
 from phasestereo._images import as_mask, as_pair
-from phasestereo.equalisation import Equalisation, Noise, as_equalisation
+from phasestereo.blur import estimate
+from phasestereo.equalisation import Equalisation, Noise, as_equalisation, even_out
 from phasestereo.result import Result
 from phasestereo.settings import Settings, resolve
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
     Progress = Callable[[int, int], object]
 
-PRESET = "paper"
+PRESET = "robust"
 """Name of the settings to start from where nothing else is said."""
 
 
@@ -66,12 +68,13 @@ def match(
         raises ends the match.
     noise
         Standard deviation of the noise of both images, or a pair of them (left, right), in units
-        of their pixels; of gray values where they have colour. Needed with ``weak > 0``, else
-        without effect.
+        of their pixels; of gray values where they have colour. It matters with ``weak > 0``; None:
+        it is estimated then.
     equalisation
         Versions of the images in which pixels are compared, see
         `phasestereo.equalisation.Equalisation`; it tells the noise, too. For ``cost="phase"``.
-        None: the images as they are.
+        None: with ``equalise=True`` those that even out the blur that is found, else the images as
+        they are.
     **overrides
         Fields of `Settings` by name, which take precedence over ``preset`` and ``settings``.
 
@@ -114,7 +117,7 @@ def match(
         settings=chosen,
         threads=threads,
         progress=progress,
-        versions=as_equalisation(noise, equalisation),
+        told=(noise, equalisation),
     )
 
 
@@ -184,7 +187,7 @@ class Matcher:
             settings=self._settings,
             threads=self._workers,
             progress=progress,
-            versions=as_equalisation(noise, equalisation),
+            told=(noise, equalisation),
         )
 
     def __reduce__(self) -> tuple[partial[Matcher], tuple[()]]:
@@ -204,14 +207,28 @@ def _match(
     settings: Settings,
     threads: int | _core.Workers | None,
     progress: Progress | None,
-    versions: Equalisation | None,
+    told: tuple[Noise | None, Equalisation | None],
 ) -> Result:
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
     pair = as_pair(*images)
     size = pair[0].shape
     valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
-    disparity, flags, confidence, timings = _core.match_pair(
+    versions, blur, timings = as_equalisation(*told), None, {}
+    if _asks_for_estimate(settings, *told):
+        started = perf_counter()
+        blur = estimate(pair, valid, search, threads)
+        settings, versions = even_out(blur, settings, versions)
+        timings["estimation"] = perf_counter() - started
+    disparity, flags, confidence, stages = _core.match_pair(
         pair, valid, search, settings, threads, progress, versions
     )
-    return Result(disparity, flags, confidence, settings, timings)
+    return Result(disparity, flags, confidence, settings, timings | stages, blur)
+
+
+def _asks_for_estimate(
+    settings: Settings, noise: Noise | None, equalisation: Equalisation | None
+) -> bool:
+    """Tell whether a match needs to know more of its images than it was told."""
+    needs_noise = settings.weak > 0 and noise is None
+    return equalisation is None and (settings.equalise or needs_noise)

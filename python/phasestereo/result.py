@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from phasestereo.blur import BlurEstimate
     from phasestereo.settings import Settings
 
 
@@ -44,10 +45,12 @@ class Result:
         more than one disparity away, relative to the latter; 0 where there is no estimate. None if
         the settings have ``confidence=False``.
     settings
-        The settings that were used.
+        The settings that were used: with ``equalise=True`` those that suit the blur.
     timings
-        Wall-clock seconds of the stages: ``"description"`` (images to codes), ``"matching"``
-        (codes to disparities).
+        Wall-clock seconds of the stages: ``"estimation"`` (of blur and noise, if they were asked
+        for), ``"description"`` (images to codes), ``"matching"`` (codes to disparities).
+    blur
+        What was found out about blur and noise, if that was asked for.
     """
 
     disparity: NDArray[np.float32]
@@ -55,6 +58,7 @@ class Result:
     confidence: NDArray[np.float32] | None
     settings: Settings
     timings: Mapping[str, float]
+    blur: BlurEstimate | None = None
 
     def __repr__(self) -> str:
         """Tell the size, the share of estimates and the time: arrays would tell nothing."""

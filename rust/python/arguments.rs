@@ -137,6 +137,7 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         precision: choice(&field("precision")?, "precision", &PRECISIONS)?,
         optimizer: choice(&field("optimizer")?, "optimizer", &OPTIMIZERS)?,
         penalty: read_penalty(&field("penalty")?)?,
+        equalise: boolean(&field("equalise")?, "equalise")?,
         intensity_range: match field("intensity_range")? {
             range if range.is_none() => None,
             range => {
