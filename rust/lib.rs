@@ -3,7 +3,7 @@
 //! The story of one disparity map, each step a module, in the order in which the data flows:
 //!
 //! 1. Two rectified images of any type ([`view`]) become integer planes ([`intensity`]); masked pixels take
-//!    the values of their neighbours ([`masking`]).
+//!    the values of their neighbours ([`masking`]). Blur can be added to them ([`convolution`]).
 //! 2. Around every pixel a local Fourier transform ([`basis`], [`spectrum`]) is taken, of which only the
 //!    phase is kept, coarsely ([`quantiser`]): symmetric blur and contrast leave it alone. The levels are
 //!    packed into one word per pixel ([`descriptor`]).
@@ -32,6 +32,7 @@ pub mod value;
 pub mod candidates;
 pub mod settings;
 
+pub mod convolution;
 pub mod intensity;
 pub mod masking;
 pub mod normalisation;

@@ -5,6 +5,7 @@
 use crate::aggregation::Window;
 use crate::basis::Basis;
 use crate::candidates::Candidates;
+use crate::convolution::{GUARD, Kernel, SHIFT, Weights};
 use crate::intensity::LEVEL_STEPS;
 use crate::normalisation::DEVIATION_STEPS;
 use crate::plane::{Plane, reflect};
@@ -45,6 +46,34 @@ pub fn normalise(plane: &Plane<u16>, window: usize) -> Plane<u16> {
         let deviations = (count * i64::from(plane.row(y)[x]) - sum) as f64 / variance.sqrt();
         ((deviations.clamp(-16.0, 16.0) + 16.0) * f64::from(DEVIATION_STEPS)).round() as u16
     })
+}
+
+/// Twin of [`crate::convolution::convolve`]: every sum by itself, one whole pass after the other.
+pub fn convolve(gray: &Plane<i32>, kernel: &Kernel, fraction: u32) -> Plane<i32> {
+    let pass = |values: &Plane<i32>, weights: &Plane<i32>, dropped: u32| {
+        let unit = 1 << dropped;
+        let rounded = |y, x| (weighted_sum(values, weights, y, x) + unit / 2).div_euclid(unit);
+        Plane::from_fn(values.rows(), values.cols(), |y, x| rounded(y, x) as i32)
+    };
+    match kernel.weights() {
+        Weights::All(weights) => pass(gray, weights, SHIFT - fraction),
+        Weights::Factors { column, row } => {
+            pass(&pass(gray, column, SHIFT - fraction - GUARD), row, SHIFT + GUARD)
+        }
+    }
+}
+
+fn weighted_sum(values: &Plane<i32>, weights: &Plane<i32>, y: usize, x: usize) -> i64 {
+    let (down, across) = ((weights.rows() / 2) as isize, (weights.cols() / 2) as isize);
+    let mut sum = 0;
+    for dy in -down..=down {
+        let row = values.row(reflect(y as isize - dy, values.rows()));
+        for dx in -across..=across {
+            let weight = weights.row((dy + down) as usize)[(dx + across) as usize];
+            sum += i64::from(weight) * i64::from(row[reflect(x as isize - dx, values.cols())]);
+        }
+    }
+    sum
 }
 
 /// Twin of [`crate::descriptor::describe`]: every component by its double sum.
