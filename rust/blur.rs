@@ -61,8 +61,8 @@ const DOUBTFUL: f32 = 0.3;
 const LEAST_BLOCKS: usize = 12;
 /// ... and unless what is measured explains them worse than the family by this factor.
 const MUCH_WORSE: f32 = 1.5;
-/// The loss of what is not worth trying, nepers: more than any that is found.
-const UNTRIED: f32 = 4.0;
+/// What is not worth trying is this much worse than no blur, nepers.
+const A_LITTLE: f32 = 0.01;
 /// The least tenth of the blocks tells the noise.
 const QUIET: usize = 10;
 /// What the noise is more than in the quietest tenth of the blocks, in the quietest of eight directions:
@@ -354,14 +354,16 @@ impl Grid {
     }
 }
 
-/// How badly every choice explains a pair of blocks; blurs of the image that lacks less power are not tried.
+/// How badly every choice explains a pair of blocks. Of many choices, blurs of the image that lacks less power
+/// are not tried, and taken for a little worse than none.
 fn losses_of(powers: &Powers, noise: [f32; 2], choices: &[Choice], level: Level) -> Vec<f32> {
     let evidence = [0, 1].map(|side| Evidence::new(powers, noise, side));
-    let [left, right] = [0, 1].map(|side| evidence[side].lack());
-    let softer = usize::from(right > left);
+    let loss = |side: usize, choice: &Choice| evidence[side].fit(choice.response, level).loss;
+    let sharper = usize::from(evidence[0].lack() >= evidence[1].lack());
+    let untried = loss(0, &Choice::at(0)) + A_LITTLE;
     let of = |choice: &Choice| match choice.side.map(Side::index) {
-        Some(side) if side != softer => UNTRIED,
-        side => evidence[side.unwrap_or(0)].fit(choice.response, level).loss,
+        Some(side) if side == sharper && choices.len() > MOST => untried,
+        side => loss(side.unwrap_or(0), choice),
     };
     choices.iter().map(of).collect()
 }
