@@ -50,6 +50,10 @@ pub struct Window {
     pub dropped: u32,
 }
 
+/// Largest sum over a window to the precision of bytes: two thirds of what a byte holds, so that it holds the
+/// cost of a jump, too.
+const LARGEST_BYTE_SUM: u64 = 170;
+
 impl Window {
     /// The window of checked settings over the costs of a pair.
     pub fn new(
@@ -60,7 +64,7 @@ impl Window {
     ) -> Self {
         let Settings { window: side, shiftable, .. } = *settings;
         let exact = Self { rows, cols, candidates, side, shiftable, ceiling, dropped: 0 };
-        let fits = |dropped| Self { dropped, ..exact }.largest_sum() <= u8::MAX.into();
+        let fits = |dropped| Self { dropped, ..exact }.largest_sum() <= LARGEST_BYTE_SUM;
         match settings.precision {
             Precision::Full => exact,
             Precision::Byte => {

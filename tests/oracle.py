@@ -292,8 +292,8 @@ def votes(left_mask: Bools, right_mask: Bools, min_disparity: int, num_dispariti
 
 
 def dropped_bits(window: int, ceiling: int) -> int:
-    """Return the least n for which window * (window * ceiling >> n) is at most 255."""
-    return next(n for n in range(64) if window * (window * ceiling >> n) <= 255)
+    """Return the least n for which window * (window * ceiling >> n) is at most 170."""
+    return next(n for n in range(64) if window * (window * ceiling >> n) <= 170)
 
 
 def box_sum(values: NDArray[Any], window: int, dropped: int = 0) -> NDArray[Any]:

@@ -409,9 +409,9 @@ def test_scaled_votes_round_half_up_and_none_cost_the_ceiling() -> None:
 
 
 def test_a_byte_holds_what_is_left_of_a_window() -> None:
-    """9 * (72 >> 2) = 162, 9 * (72 >> 1) = 324; 3 * (3 * 28) = 252; 63 * (2520 >> 9) = 252."""
+    """9 * (72 >> 2) = 162, 9 * (72 >> 1) = 324; 3 * (84 >> 1) = 126; 63 * (2520 >> 10) = 126."""
     cases = [(9, 8), (3, 28), (63, 40), (1, 1)]
-    assert [oracle.dropped_bits(*case) for case in cases] == [2, 0, 9, 0]
+    assert [oracle.dropped_bits(*case) for case in cases] == [2, 1, 10, 0]
 
 
 def test_bits_are_dropped_from_the_sum_of_each_column() -> None:
