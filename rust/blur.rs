@@ -47,7 +47,9 @@ const ROUGHEST: (usize, usize) = (4, 9);
 const ROUGH: (usize, usize) = (2, 9);
 /// Blocks that are enough to see whether there is blur.
 const ENOUGH_BLOCKS: usize = 110;
-/// Pixels between blocks, at least and at most, at first.
+/// Blocks that are enough of the largest images, too.
+const MOST_BLOCKS: usize = 400;
+/// Pixels between blocks at first, at least, and at most unless there were too many of them.
 const SPACING: (usize, usize) = (32, 64);
 /// Side of the tiles of a map, pixels, unless there were too many of them.
 const TILE: usize = 16;
@@ -136,7 +138,7 @@ pub fn estimate(
         let shades = [&shades[0], &shades[1]];
         let (rows, cols) = pair.size();
         if rows < SIDE || cols < SIDE {
-            return Ok(Estimate::nothing());
+            return Ok(Estimate::nothing(pair.size()));
         }
         let rough = Rough::new(pair, shades, ROUGHEST, matcher, how, control)?;
         Scene { pair, shades, rough, matcher, how, control }.estimate()
@@ -157,7 +159,7 @@ impl Scene<'_> {
         }
         merge(&mut kinds);
         if kinds.is_empty() {
-            return Ok(Estimate { noise: self.in_units(noise), ..Estimate::nothing() });
+            return Ok(Estimate { noise: self.in_units(noise), ..Estimate::nothing(self.pair.size()) });
         }
         let map =
             if kinds.len() > 1 { self.map(&kinds, noise)? } else { Map::uniform(self.pair.size()) };
@@ -167,8 +169,11 @@ impl Scene<'_> {
     /// The spacing of the first blocks.
     fn spacing(&self) -> usize {
         let (rows, cols) = self.pair.size();
-        let even = ((rows * cols / ENOUGH_BLOCKS) as f64).sqrt();
-        ((even / 16.0).round() as usize * 16).clamp(SPACING.0, SPACING.1)
+        let even = |blocks: usize| {
+            let spacing = ((rows * cols / blocks) as f64).sqrt();
+            (spacing / 16.0).round() as usize * 16
+        };
+        even(ENOUGH_BLOCKS).clamp(SPACING.0, SPACING.1.max(even(MOST_BLOCKS)))
     }
 
     fn grid(&self, step: usize) -> Result<Grid> {
@@ -423,11 +428,11 @@ impl Map {
 
 impl Estimate {
     /// That of images which tell nothing.
-    fn nothing() -> Self {
+    fn nothing((rows, cols): (usize, usize)) -> Self {
         Self {
             blurs: vec![Blur { side: None, psf: None, taps: None }],
             labels: (1, 1, vec![0]),
-            tile: usize::MAX,
+            tile: rows.max(cols),
             certainty: 0.0,
             gain: 1.0,
             noise: [0.0; 2],

@@ -12,9 +12,13 @@ import warnings
 
 from phasestereo import _core
 from phasestereo.aggregation import aggregate
-from phasestereo.blur import Blur, BlurEstimate, estimate_blur
+from phasestereo.blur import Blur, BlurEstimate
+from phasestereo.check import Diagnosis, check
 from phasestereo.cost import cost_volume
 from phasestereo.descriptor import descriptor
+from phasestereo.equalisation import Equalisation
+from phasestereo.estimation import estimate_blur
+from phasestereo.findings import Finding
 from phasestereo.matcher import Matcher, match
 from phasestereo.result import Flag, Result
 from phasestereo.scanline import optimize
@@ -24,11 +28,15 @@ __all__ = [
     "PRESETS",
     "Blur",
     "BlurEstimate",
+    "Diagnosis",
+    "Equalisation",
+    "Finding",
     "Flag",
     "Matcher",
     "Result",
     "Settings",
     "aggregate",
+    "check",
     "cost_volume",
     "descriptor",
     "estimate_blur",

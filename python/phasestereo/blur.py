@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from phasestereo import _core
-from phasestereo._images import as_mask, as_pair
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
+
+    from phasestereo._images import Pixels
 
 Side = Literal["none", "left", "right"]
 Kind = Literal["none", "gaussian", "disk", "motion", "other"]
@@ -52,7 +53,7 @@ class Blur:
     kind: Kind
     size: float
     angle: float
-    psf: NDArray[np.float64] | None
+    psf: NDArray[np.float64] | None = None
 
     def __repr__(self) -> str:
         """Tell the blur, without its array."""
@@ -109,65 +110,16 @@ class BlurEstimate:
         return tuple((counts / self.labels.size).tolist())
 
 
-def estimate_blur(
-    left: ArrayLike,
-    right: ArrayLike,
-    *,
-    num_disparities: int | None = None,
-    min_disparity: int = 0,
-    left_mask: ArrayLike | None = None,
-    right_mask: ArrayLike | None = None,
-    threads: int | None = None,
-) -> BlurEstimate:
-    """Estimate the relative blur of a rectified stereo pair, its gain and its noise.
-
-    Parameters
-    ----------
-    left, right, left_mask, right_mask, threads
-        As `phasestereo.match` takes them.
-    num_disparities, min_disparity
-        The disparities to search, as `phasestereo.match` takes them. None: as many as a third of
-        the images' width.
-
-    Returns
-    -------
-    BlurEstimate
-        "none", with certainty 0, for images below 64 x 64 pixels and others that tell nothing.
-
-    Raises
-    ------
-    TypeError, ValueError, MemoryError, KeyboardInterrupt
-        As `phasestereo.match`.
-
-    Notes
-    -----
-    The pair is matched at a quarter of its size, where little is left of the blur, to find blocks
-    of 64 x 64 pixels that show the same. To their power spectra the model
-
-        blurred = gain * |H|^2 * (sharp - its noise) + noise
-
-    is fitted for the responses H of Gaussians up to 8 px, disks up to 14 px and motions up to 31 px;
-    the fewest kinds that explain all blocks are kept, and neighbouring tiles agree unless the
-    evidence says otherwise. Where no family explains the spectra well, the kernel is measured: by
-    least squares between the images, one warped onto the other after a match at half their size.
-    The two images' blur is told apart only by what it differs by: if both are equally soft, there is
-    none.
-    """
-    pair = as_pair(left, right)
-    size = pair[0].shape
-    masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
-    count = max(1, -(-size[1] // 3)) if num_disparities is None else num_disparities
-    return estimate(pair, masks, (min_disparity, count), threads)
-
-
 def estimate(
-    pair: tuple[_core.Pixels, _core.Pixels],
+    pair: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
     search: tuple[int, int],
     threads: int | _core.Workers | None,
 ) -> BlurEstimate:
     """Estimate the blur of checked images: the part of `estimate_blur` that a match needs."""
-    blurs, labels, tile, certainty, contrast, noise = _core.estimate_blur(pair, masks, search, threads)
+    blurs, labels, tile, certainty, contrast, noise = _core.estimate_blur(
+        pair, masks, search, threads
+    )
     kinds = tuple(
         Blur(_SIDES[side], kind, size, angle, psf) for side, kind, size, angle, psf in blurs
     )

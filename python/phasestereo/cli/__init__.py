@@ -38,6 +38,12 @@ app = App(
 )
 app.command(match.match)
 app.command(demo.demo)
+app.command(
+    "phasestereo.cli.check:check",
+    name="check",
+    help="Diagnose a stereo pair: what keeps it from being matched well.\n\n"
+    "The exit code is 0 whatever is found.",
+)
 app.command(  # imported only when it is called, for the sake of the others
     "phasestereo.cli.bench:app",
     name="bench",

@@ -1,0 +1,221 @@
+"""The diagnosis of a pair: what keeps it from being matched well, told before it is matched.
+
+Here belongs the order of the measurements and the record of their results. Each is made elsewhere:
+`phasestereo.estimation`, `phasestereo.alignment`, `phasestereo.search_range` and
+`phasestereo.photometry`; what they mean is put into words in `phasestereo.findings`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo import findings
+from phasestereo._images import as_pair
+from phasestereo.alignment import measure_alignment
+from phasestereo.estimation import estimate_blur
+from phasestereo.photometry import fractions, low_texture, saturation
+from phasestereo.rough import LEAST_SIZE
+from phasestereo.search_range import find_range
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from phasestereo._images import Pixels
+    from phasestereo.alignment import Alignment
+    from phasestereo.blur import BlurEstimate
+    from phasestereo.findings import Finding
+    from phasestereo.photometry import Saturation
+    from phasestereo.search_range import SearchRange
+
+__all__ = ["Contrast", "Diagnosis", "check"]
+
+_TOLD = "side", "kind", "size", "angle"  # of a blur
+_GRAYS = 0.02, 0.98  # between them, the typical gray is looked for
+
+
+@dataclass(frozen=True, slots=True)
+class Contrast:
+    """How the gray levels of the images correspond: ``left = gain * right ** gamma``.
+
+    Parameters
+    ----------
+    gain, gamma
+        Of intensities as fractions of their range.
+    ratio
+        The left image's gray level over the right one's, at the right image's median.
+    """
+
+    gain: float
+    gamma: float
+    ratio: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnosis:
+    """What `check` found out about a pair; printing it prints its sentences.
+
+    Parameters
+    ----------
+    size
+        Rows and columns of the images.
+    search
+        Disparities to search, and whether the images are swapped; None: not to be told.
+    alignment
+        How the rows correspond; None: not to be told.
+    blur
+        The relative blur, with a map of it; None: not to be told.
+    contrast
+        Gain and gamma; None: not to be told.
+    noise
+        Standard deviations in gray levels of the images' own unit, left and right, or None.
+    saturation
+        Shares of the pixels at the ends of the scale, left and right.
+    low_texture
+        Shares of the images, 0 to 1, with nothing but noise, left and right, or None.
+    intensity_range
+        Length of the range of intensities, in the images' own unit.
+    """
+
+    size: tuple[int, int]
+    search: SearchRange | None
+    alignment: Alignment | None
+    blur: BlurEstimate | None
+    contrast: Contrast | None
+    noise: tuple[float, float] | None
+    saturation: tuple[Saturation, Saturation]
+    low_texture: tuple[float, float] | None
+    intensity_range: float
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What there is to say, in a fixed order of topics."""
+        return findings.of(self)
+
+    def __str__(self) -> str:
+        """Return one line a finding: its severity, and a sentence."""
+        return "\n".join(f"{found.severity}: {found.sentence}" for found in self.findings)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything as JSON has it; numbers that JSON does not have are None."""
+        told: dict[str, Any] = {
+            "width": self.size[1],
+            "height": self.size[0],
+            "findings": [asdict(found) for found in self.findings],
+            "search": _fields(self.search),
+            "alignment": None,
+            "blur": None if self.blur is None else _blur(self.blur),
+            "contrast": _fields(self.contrast),
+            "noise": _sides(self.noise),
+            "saturation": _sides([asdict(side) for side in self.saturation]),
+            "low_texture": _sides(self.low_texture),
+        }
+        if self.alignment is not None:
+            told["alignment"] = {
+                name: getattr(self.alignment, name)
+                for name in ("vertical", "rotation", "scale", "rms", "error", "blocks")
+            }
+        plain: dict[str, Any] = _plain(told)
+        return plain
+
+
+def check(left: ArrayLike, right: ArrayLike) -> Diagnosis:
+    """Diagnose a stereo pair, from the images alone.
+
+    Parameters
+    ----------
+    left, right
+        The images, as `phasestereo.match` takes them. They should be rectified, but need not be.
+
+    Returns
+    -------
+    Diagnosis
+        Relative blur, gain and gamma, noise, saturation, texture, vertical misalignment, whether
+        the images are swapped, and the range of disparities to search, with a sentence on each.
+        What images are too small or too uniform to tell is None, and a sentence says so. The
+        result depends on the images alone.
+
+    Raises
+    ------
+    TypeError
+        For a wrong type or dtype.
+    ValueError
+        For a wrong shape, different sizes, NaN or infinite pixels.
+    """
+    pair = as_pair(left, right)
+    gray_left, gray_right, length = fractions(*pair)
+    alignment = measure_alignment(gray_left, gray_right)
+    search = find_range(gray_left, gray_right, alignment)
+    blur = _estimate(gray_left, gray_right, pair, search)
+    noise = (0.0, 0.0) if blur is None else blur.noise
+    texture = low_texture(gray_left, noise[0] / length), low_texture(gray_right, noise[1] / length)
+    return Diagnosis(
+        size=(gray_left.shape[0], gray_left.shape[1]),
+        search=search,
+        alignment=alignment,
+        blur=blur,
+        contrast=None if blur is None else _contrast(blur, gray_right),
+        noise=None if blur is None else blur.noise,
+        saturation=(saturation(pair[0]), saturation(pair[1])),
+        low_texture=None if texture[0] is None or texture[1] is None else (texture[0], texture[1]),
+        intensity_range=length,
+    )
+
+
+def _estimate(
+    gray_left: NDArray[np.float32],
+    gray_right: NDArray[np.float32],
+    pair: tuple[Pixels, Pixels],
+    search: SearchRange | None,
+) -> BlurEstimate | None:
+    """Estimate the blur of images that are large enough and not of one gray."""
+    if min(gray_left.shape) < LEAST_SIZE or 0 in (np.ptp(gray_left), np.ptp(gray_right)):
+        return None
+    if search is None:
+        return estimate_blur(*pair)
+    return estimate_blur(
+        *pair, min_disparity=search.min_disparity, num_disparities=search.num_disparities
+    )
+
+
+def _contrast(blur: BlurEstimate, right: NDArray[np.float32]) -> Contrast:
+    typical = float(np.clip(np.median(right), *_GRAYS))
+    return Contrast(blur.gain, blur.gamma, blur.gain * typical ** (blur.gamma - 1))
+
+
+def _blur(estimate: BlurEstimate) -> dict[str, Any]:
+    shares = findings.shares(estimate)
+    return {
+        "certainty": estimate.certainty,
+        "blurs": [
+            {**{name: getattr(blur, name) for name in _TOLD}, "share": share}
+            for blur, share in zip(estimate.blurs, shares, strict=True)
+        ],
+        "tile": estimate.tile,
+        "labels": estimate.labels.tolist(),
+    }
+
+
+def _fields(record: SearchRange | Contrast | None) -> dict[str, Any] | None:
+    return None if record is None else asdict(record)
+
+
+def _sides(values: Any) -> Mapping[str, Any] | None:
+    return None if values is None else {"left": values[0], "right": values[1]}
+
+
+def _plain(value: Any) -> Any:
+    """Return nested records with numbers that JSON does not have as None."""
+    match value:
+        case dict():
+            return {name: _plain(inner) for name, inner in value.items()}
+        case list() | tuple():
+            return [_plain(inner) for inner in value]
+        case float() if not math.isfinite(value):
+            return None
+    return value

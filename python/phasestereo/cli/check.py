@@ -1,0 +1,100 @@
+"""``phasestereo check``: two image files in, a diagnosis out."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from cyclopts import Parameter
+from numpy.typing import NDArray
+
+import phasestereo
+from phasestereo.blur import Blur, BlurEstimate
+from phasestereo.check import Diagnosis
+from phasestereo.check import check as check_pair
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.findings import spread
+from phasestereo.io import read_image, write_image
+
+_TINTS = {"left": (1.0, 0.2, 0.1), "right": (0.1, 0.4, 1.0)}  # red, blue
+_NO_TINT = (0.0, 0.0, 0.0)
+_WEIGHT = 0.6  # of the tint, where the blur is the strongest
+
+
+def check(
+    left: Path,
+    right: Path,
+    /,
+    *,
+    blur_map: Path | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
+) -> None:
+    """Diagnose a stereo pair: what keeps it from being matched well.
+
+    One line each on swapped images, the disparities to search, vertical misalignment, relative
+    blur, gain and gamma, noise, saturation and texture; it begins with ``ok``, ``note`` or
+    ``warning``. The exit code is 0 whatever is found.
+
+    Parameters
+    ----------
+    left
+        Left image: PNG, JPEG, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour.
+    right
+        Right image, of the same size and type.
+    blur_map
+        PNG file for a picture of where which image is softer: the left image in gray, tinted red
+        where it is softer than the right one and blue where the right one is, the more the
+        stronger the blur.
+    as_json
+        Print one JSON object on standard output: sentences, numbers, the map of blurs.
+    """
+    if blur_map is not None:
+        _refuse_target(blur_map, (left, right))
+    with refusals():
+        images = read_image(left), read_image(right)
+        diagnosis = check_pair(*images)
+    if blur_map is not None:
+        with refusals():
+            write_image(blur_map, _picture(diagnosis.blur, images[0]))
+    sys.stdout.write(_json(diagnosis) if as_json else f"{diagnosis}\n")
+
+
+def _refuse_target(path: Path, sources: tuple[Path, Path]) -> None:
+    """Refuse a file that is no PNG, or that is read."""
+    if path.suffix.lower() != ".png":
+        raise CommandError(f"--blur-map: got {path}; accepts a .png file", WRONG_USAGE)
+    if any(path.exists() and source.exists() and path.samefile(source) for source in sources):
+        raise CommandError(f"--blur-map: {path} is in use already", WRONG_USAGE)
+
+
+def _json(diagnosis: Diagnosis) -> str:
+    told: dict[str, Any] = {"version": phasestereo.__version__, **diagnosis.as_dict()}
+    return json.dumps(told, indent=2, allow_nan=False) + "\n"
+
+
+def _picture(estimate: BlurEstimate | None, image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return an image in gray, tinted by what is blurred in it."""
+    gray = image[:, :, :3].mean(axis=2) if image.ndim == 3 else image.astype(np.float64)
+    gray = (gray - gray.min()) / max(float(np.ptp(gray)), np.finfo(float).tiny)
+    shown = np.repeat(gray[:, :, np.newaxis], 3, axis=2)
+    if estimate is not None:
+        rows, cols = (
+            np.minimum(np.arange(size) // estimate.tile, tiles - 1)
+            for size, tiles in zip(gray.shape, estimate.labels.shape, strict=True)
+        )
+        color, weight = _tints(estimate.blurs)
+        label = estimate.labels[np.ix_(rows, cols)]
+        shown += weight[label] * (color[label] - shown)
+    return np.asarray(np.rint(255 * shown), np.uint8)
+
+
+def _tints(blurs: Sequence[Blur]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a colour and how much of it to mix in, for each blur."""
+    color = np.array([_TINTS.get(blur.side, _NO_TINT) for blur in blurs])
+    strength = np.array([0.0 if blur.side == "none" else spread(blur) for blur in blurs])
+    weight = _WEIGHT * strength / max(float(strength.max()), np.finfo(float).tiny)
+    return color, weight[:, np.newaxis]

@@ -1,0 +1,142 @@
+"""``phasestereo check``: what it prints and writes, and what it refuses."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from phasestereo import io
+from phasestereo.blur import Blur, BlurEstimate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+cli = pytest.importorskip("phasestereo.cli")
+
+WRONG = 2
+FAILED = 1
+
+Run = tuple[int, str, str]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the current folder, which holds a pair at disparity 6."""
+    monkeypatch.chdir(tmp_path)
+    scene = np.random.default_rng(0).integers(0, 256, (80, 126, 3), dtype=np.uint8)
+    io.write_image("left.png", scene[:, :-6])
+    io.write_image("right.png", scene[:, 6:])
+    return tmp_path
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Run]:
+    """Return what runs the command line in this process: exit code, standard output, error."""
+
+    def run(*arguments: object) -> Run:
+        code = cli.run([str(argument) for argument in arguments])
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return run
+
+
+@pytest.fixture
+def blurred(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the left image be softer in the left half, the right one a little in the right half."""
+    estimate = BlurEstimate(
+        blurs=(Blur("left", "disk", 4.0, 0.0), Blur("right", "gaussian", 1.0, 0.0)),
+        labels=np.array([[0, 1]], np.uint8),
+        tile=60,  # the second row of tiles, of 20 pixels, is left to the first
+        certainty=1.0,
+        contrast=1.0,
+        gain=1.0,
+        gamma=1.0,
+        noise=(1.0, 1.0),
+    )
+    module = importlib.import_module("phasestereo.check")
+    monkeypatch.setattr(module, "estimate_blur", lambda *_, **__: estimate)
+
+
+def test_sentences_are_those_of_the_library(run: Callable[..., Run]) -> None:
+    code, out, err = run("check", "left.png", "right.png")
+    assert (code, err) == (0, "")
+    check = importlib.import_module("phasestereo.check").check
+    assert out == f"{check(io.read_image('left.png'), io.read_image('right.png'))}\n"
+
+
+def test_faults_are_no_failure(run: Callable[..., Run]) -> None:
+    code, out, _ = run("check", "right.png", "left.png")
+    assert code == 0
+    assert "warning: left and right seem to be swapped" in out
+
+
+def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
+    code, out, err = run("check", "left.png", "right.png", "--json")
+    assert (code, err) == (0, "")
+    said = json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    assert said["version"] == ps.__version__
+    assert (said["width"], said["height"]) == (120, 80)
+    assert said["search"]["swapped"] is False
+
+
+@pytest.mark.usefixtures("blurred")
+def test_blur_map_is_red_and_blue(run: Callable[..., Run]) -> None:
+    code, _, _ = run("check", "left.png", "right.png", "--blur-map", "map.png")
+    assert code == 0
+    picture = io.read_image("map.png").astype(float)
+    assert picture.shape == (80, 120, 3)
+    red, _, blue = np.moveaxis(picture, 2, 0)
+    assert (red - blue)[:, :60].min() > 100
+    assert 20 < (blue - red)[:, 60:].min() < 100  # a weaker blur, a weaker tint
+
+
+def test_blur_map_of_small_images_has_no_tint(run: Callable[..., Run]) -> None:
+    for name in ("left.png", "right.png"):
+        io.write_image(name, io.read_image(name)[:16, :16])
+    code, _, _ = run("check", "left.png", "right.png", "--blur-map", "map.png")
+    assert code == 0
+    assert np.ptp(io.read_image("map.png"), axis=2).max() == 0
+
+
+def test_help_tells_what_it_does(run: Callable[..., Run]) -> None:
+    code, out, _ = run("check", "--help")
+    assert code == 0
+    assert "--blur-map" in out
+    assert "exit code is 0" in " ".join(out.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        ("left.png", WRONG, "RIGHT"),
+        ("left.png right.png --jsn", WRONG, "--jsn"),
+        ("left.png right.png --blur-map map.pfm", WRONG, "--blur-map: got map.pfm; accepts a .png"),
+        ("left.png right.png --blur-map right.png", WRONG, "right.png is in use"),
+        ("left.png right.png --blur-map none/map.png", FAILED, "none: no such folder"),
+        ("left.png right.png --blur-map sub.png", FAILED, "sub.png exists and is not"),
+        ("none.png right.png", FAILED, "none.png: No such file"),
+        ("left.png small.png", FAILED, "right: got .*size of left"),
+        ("left.png text.png", FAILED, "text.png: not an image"),
+        ("nan.pfm nan.pfm", FAILED, "left: got NaN"),
+    ],
+)
+def test_refusals_are_one_line_and_leave_nothing(
+    folder: Path, run: Callable[..., Run], arguments: str, code: int, message: str
+) -> None:
+    Path("sub.png").mkdir()
+    Path("text.png").write_text("not an image at all")
+    io.write_image("small.png", np.zeros((40, 64), np.uint8))
+    io.write_image("nan.pfm", np.full((60, 65), np.nan, np.float32))
+    before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+    got, out, err = run("check", *arguments.split())
+    assert (got, out) == (code, "")
+    assert re.fullmatch(rf"phasestereo: error: .*{message}.*\n", err)
+    assert {path.name: path.stat().st_mtime_ns for path in folder.iterdir()} == before

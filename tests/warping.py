@@ -1,0 +1,29 @@
+"""Images moved as a badly mounted camera moves them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import ndimage
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+def moved(
+    image: NDArray[Any], *, down: float = 0.0, clockwise: float = 0.0, scale: float = 1.0
+) -> NDArray[Any]:
+    """Move what an image shows down by pixels, turn it about the centre by degrees, scale it."""
+    turn = np.deg2rad(clockwise)
+    inverse = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) / scale
+    centre = (np.array(image.shape[:2]) - 1) / 2
+    offset = centre - inverse @ (centre + np.array([down, 0]))
+    channels = [
+        ndimage.affine_transform(plane.astype(np.float64), inverse, offset, mode="mirror")
+        for plane in np.moveaxis(np.atleast_3d(image), 2, 0)
+    ]
+    stacked: NDArray[np.float64] = np.stack(channels, axis=2).reshape(image.shape)
+    if image.dtype == np.uint8:
+        stacked = np.clip(np.rint(stacked), 0, 255)
+    return stacked.astype(image.dtype)
