@@ -50,6 +50,8 @@ def test_phase_codes_make_at_most_half_of_the_errors(seed: int) -> None:
     rivals = [outcomes["sad"].degraded.bad, outcomes["nsad"].degraded.bad]
     assert outcomes["phase"].degraded.bad <= 0.5 * min(rivals)
     assert outcomes["phase"].sharp.bad < 16
+    assert outcomes["robust"].degraded.bad < 1.05 * outcomes["phase"].degraded.bad
+    assert outcomes["robust"].sharp.bad < outcomes["phase7"].sharp.bad
     assert max(outcomes[key].sharp.bad for key in ("phase7", "sad", "nsad")) < 10
     if SGBM.key in outcomes:
         assert outcomes[SGBM.key].degraded.bad > 25

@@ -37,12 +37,14 @@ CUSTOM = "custom"
 
 _DEFAULTS = {
     "one-sided-blur": (
+        "robust",
+        "robust+true-blur",
         *(f"paper:neighborhood={side}" for side in (7, 11, 15, 21)),
         "paper:neighborhood=7+true-blur",
         "opencv:sgbm",
         "opencv:sgbm+true-blur",
     ),
-    "sharp": ("paper", "sad", "nsad", "opencv:bm", "opencv:sgbm", "opencv:sgbm-3way"),
+    "sharp": ("robust", "paper", "sad", "nsad", "opencv:bm", "opencv:sgbm", "opencv:sgbm-3way"),
 }
 
 

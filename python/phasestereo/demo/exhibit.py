@@ -10,7 +10,7 @@ import numpy as np
 
 from phasestereo import __version__
 from phasestereo.demo import trials
-from phasestereo.demo.methods import NEIGHBORHOOD, NSAD, PHASE, SAD, SGBM, WINDOW
+from phasestereo.demo.methods import NEIGHBORHOOD, NSAD, ROBUST, SAD, SGBM, WINDOW
 from phasestereo.io import write_disparity, write_image
 from phasestereo.io.files import replacing
 from phasestereo.picture import colorize, disparity_picture, error_picture, panel
@@ -19,12 +19,10 @@ from phasestereo.settings import PRESETS
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping
 
-    from phasestereo.demo.methods import Map
+    from phasestereo.demo.methods import Map, Method
     from phasestereo.demo.trials import Demo, Outcome
     from phasestereo.picture import Picture
-    from phasestereo.settings import Settings
 
 
 def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
@@ -94,7 +92,7 @@ def _pictures(demo: Demo) -> dict[str, Picture]:
 def _overview(demo: Demo) -> Picture:
     """Return the whole story in one picture."""
     pair, truth = demo.pair, cast("Map", demo.pair.truth)
-    shown = [outcome for outcome in demo.outcomes if outcome.method in (PHASE, SAD, NSAD)]
+    shown = [outcome for outcome in demo.outcomes if outcome.method in (ROBUST, SAD, NSAD)]
     found = [outcome.degraded.disparity for outcome in shown]
     pictures = [demo.degraded, pair.right, colorize(truth, **_ends(truth))]
     pictures += [colorize(disparity, **_ends(truth)) for disparity in found]
@@ -124,8 +122,8 @@ def _ends(truth: Map) -> dict[str, float]:
 def _page(demo: Demo, folder: Path) -> str:
     """Return the page that tells the story, from the pictures in the folder."""
     count = demo.pair.num_disparities
-    changes = {outcome.method.key: _changes(outcome.method.settings) for outcome in demo.outcomes}
-    arguments = {"num_disparities": count, "preset": "paper", **changes["phase"]}
+    ours = [outcome.method for outcome in demo.outcomes if outcome.method.settings is not None]
+    arguments = {"num_disparities": count, **_changes(demo.outcomes[0].method)}
     return render_page(
         "demo.html.j2",
         demo=demo,
@@ -139,23 +137,21 @@ def _page(demo: Demo, folder: Path) -> str:
         },
         window=WINDOW,
         neighborhood=NEIGHBORHOOD,
-        commands=[_command(count, changed) for changed in changes.values() if changed],
+        commands=[_command(count, method) for method in ours],
         arguments=", ".join(f"{name}={value!r}" for name, value in arguments.items()),
         version=__version__,
     )
 
 
-def _changes(settings: Settings | None) -> dict[str, object]:
-    """Return the fields that are not as in the preset "paper", by name."""
-    if settings is None:
-        return {}
-    values = {field.name: getattr(settings, field.name) for field in fields(settings)}
-    return {
-        name: value for name, value in values.items() if value != getattr(PRESETS["paper"], name)
-    }
+def _changes(method: Method) -> dict[str, object]:
+    """Return the preset and the fields that are not as in it, by name."""
+    told = PRESETS[method.preset]
+    names = [field.name for field in fields(told)]
+    changed = [name for name in names if getattr(method.settings, name) != getattr(told, name)]
+    return {"preset": method.preset, **{name: getattr(method.settings, name) for name in changed}}
 
 
-def _command(num_disparities: int, changed: Mapping[str, object]) -> str:
-    options = {"num-disparities": num_disparities, "preset": "paper", **changed}
+def _command(num_disparities: int, method: Method) -> str:
+    options = {"num-disparities": num_disparities, **_changes(method)}
     spelt = " ".join(f"--{name} {value}" for name, value in options.items())
     return f"phasestereo match left.png right.png {spelt} --truth truth.pfm --truth-mask nonocc.png"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from phasestereo.bench.opencv import match_sgbm
 from phasestereo.matcher import match
-from phasestereo.settings import Settings
+from phasestereo.settings import PRESETS, Settings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,11 +38,14 @@ class Method:
         Its name in text.
     settings
         Those of `phasestereo.match`; None stands for OpenCV's StereoSGBM.
+    preset
+        The preset that they are told from.
     """
 
     key: str
     name: str
     settings: Settings | None
+    preset: str = "paper"
 
     @property
     def is_ours(self) -> bool:
@@ -56,6 +59,9 @@ class Method:
         result = match(left, right, num_disparities=num_disparities, settings=self.settings)
         return result.disparity
 
+
+# Told nothing of the blur, and with nothing chosen for these scenes.
+ROBUST = Method("robust", "robust (finds the blur itself)", PRESETS["robust"], "robust")
 
 # Penalties are the best for each on the scenes of seeds 5 to 8, both images sharp; in bits, gray
 # levels and standard deviations. Means, % wrong:
@@ -73,4 +79,4 @@ SAD = Method("sad", "SAD", Settings(cost="sad", window=WINDOW, penalty=10))
 NSAD = Method("nsad", "normalised SAD", Settings(cost="nsad", window=WINDOW, penalty=1))
 SGBM = Method("sgbm", "StereoSGBM (OpenCV)", None)
 
-METHODS: tuple[Method, ...] = (PHASE, SMALL, SAD, NSAD)
+METHODS: tuple[Method, ...] = (ROBUST, PHASE, SMALL, SAD, NSAD)
