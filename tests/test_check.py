@@ -42,6 +42,7 @@ def estimate(*blurs: Blur, **changes: Any) -> BlurEstimate:
         "labels": np.tile(np.arange(max(len(blurs), 1), dtype=np.uint8), (2, 1)),
         "tile": 40,
         "certainty": 0.9,
+        "contrast": 1.0,
         "gain": 1.0,
         "gamma": 1.0,
         "noise": (1.0, 1.2),

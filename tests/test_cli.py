@@ -129,11 +129,11 @@ def test_colour_image_shows_the_map(run: Callable[..., Run]) -> None:
 @pytest.mark.usefixtures("folder")
 def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
     code, out, err = match(
-        run, "--json", "-o", "out.pfm", "--color", "out.png", "--truth", "truth.pfm", "--bits", 3
+        run, "--json", "-o", "out.pfm", "--color", "out.png", "--truth", "truth.pfm", "--window", 5
     )
     assert (code, err) == (0, "")
     said = json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
-    result = ps.match(*pixels_of_pair(), num_disparities=COUNT, bits=3)
+    result = ps.match(*pixels_of_pair(), num_disparities=COUNT, window=5)
     score = metrics.score(result.disparity, io.read_disparity("truth.pfm"))
     assert (said["width"], said["height"]) == (65, 40)
     assert (said["min_disparity"], said["num_disparities"]) == (0, COUNT)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -69,6 +70,7 @@ def test_the_rest_of_a_match_is_as_ever(optimizer: Any, precision: Any) -> None:
         LEFT,
         RIGHT,
         **SEARCH,
+        preset="paper",
         weak=1.0,
         equalisation=equalisation(),
         optimizer=optimizer,
@@ -139,11 +141,16 @@ def test_noise_alone_is_one_class_of_images_as_they_are() -> None:
 
 
 def test_a_weak_level_needs_the_noise() -> None:
-    for call in (ps.match, ps.cost_volume):
-        with pytest.raises(ValueError, match="^noise: got None; accepts"):
-            call(LEFT, RIGHT, **SEARCH, weak=1.0)
     with pytest.raises(ValueError, match="^noise: got None; accepts"):
-        ps.Matcher(weak=1.0).match(LEFT, RIGHT, **SEARCH)
+        ps.cost_volume(LEFT, RIGHT, **SEARCH, weak=1.0)
+    for match in (
+        ps.Matcher(preset="paper", weak=1.0).match,
+        partial(ps.match, preset="paper", weak=1.0),
+    ):
+        result = match(LEFT, RIGHT, **SEARCH)
+        assert result.blur is not None, "a match estimates it"
+        told = ps.match(LEFT, RIGHT, **SEARCH, preset="paper", weak=1.0, noise=1.0)
+        assert told.blur is None
 
 
 def test_arrays_are_copied_and_travel() -> None:
@@ -208,4 +215,4 @@ def test_matches_refuse_what_does_not_go_together() -> None:
     with pytest.raises(ValueError, match="^noise: got 1.0 beside equalisation"):
         ps.match(LEFT, RIGHT, **SEARCH, noise=1.0, equalisation=equalisation())
     with pytest.raises(ValueError, match="^equalisation: got .*; accepts cost='phase'"):
-        ps.match(LEFT, RIGHT, **SEARCH, cost="sad", equalisation=equalisation())
+        ps.match(LEFT, RIGHT, **SEARCH, preset="paper", cost="sad", equalisation=equalisation())

@@ -79,6 +79,7 @@ def test_codes_to_disparities_equal_the_oracle(
     }
     choice: dict[str, Any] = {"optimizer": optimizer, "penalty": penalty}
     options: dict[str, Any] = {"num_disparities": count, "min_disparity": low, "bits": bits}
+    options["preset"] = "paper"
     result = ps.match(left, right, **options, **aggregation, **choice)
     levels = [decoded(ps.descriptor(image, bits=bits), 7, bits) for image in (left, right)]
     costs = oracle.phase_costs(levels[0], levels[1], low, count, bits)
@@ -143,19 +144,20 @@ def test_few_votes_in_bytes_cost_no_more_than_none() -> None:
     volume = oracle.aggregate(
         costs, 11, shiftable=False, votes=voting, ceiling=6, dropped=oracle.dropped_bits(11, 6)
     )
-    penalty = 79 * 4 / 121  # 79 and 11 * (66 >> 2) = 176 are 255
+    penalty = 167 * 8 / 121  # 167 and 11 * (66 >> 3) = 88 are 255
     result = ps.match(
         left,
         right,
         **described,
         left_mask=left_mask,
+        preset="paper",
         shiftable=False,
         confidence=False,
         precision="byte",
         optimizer="so",
         penalty=penalty,
     )
-    expected = oracle.free_scanline(volume, 79, 79)
+    expected = oracle.free_scanline(volume, 167, 167)
     np.testing.assert_array_equal(result.disparity[left_mask], expected[left_mask])
 
 
@@ -171,7 +173,7 @@ def test_the_fast_preset_on_real_pairs(data: Path, name: str, bound: float) -> N
 def test_images_to_disparities_equal_the_oracle_but_for_rounding(data: Path) -> None:
     pair = find_scene(data / "middlebury", "cones").load()
     left, right = pair.left[150:190], pair.right[150:190]
-    result = ps.match(left, right, num_disparities=64)
+    result = ps.match(left, right, num_disparities=64, preset="paper")
     expected = oracle.match_phase(
         left,
         right,
@@ -191,17 +193,18 @@ def test_images_to_disparities_equal_the_oracle_but_for_rounding(data: Path) -> 
 
 def test_sums_of_absolute_differences_equal_the_oracle() -> None:
     left, right = np.random.default_rng(3).integers(0, 256, (2, 15, 24, 3), np.uint8)
-    result = ps.match(left, right, num_disparities=7, cost="sad", penalty=40, window=5)
+    sad: dict[str, Any] = {"preset": "paper", "cost": "sad", "window": 5}
+    result = ps.match(left, right, num_disparities=7, **sad, penalty=40)
     volume = oracle.aggregate(oracle.sad_costs(left, right, 0, 7), 5, shiftable=True)
     step = oracle.window_penalty(40, 5)
     np.testing.assert_array_equal(result.disparity, oracle.scanline(volume, step, step))
-    everything = ps.match(left, right, num_disparities=7, cost="sad", penalty=0, window=5)
+    everything = ps.match(left, right, num_disparities=7, **sad, penalty=0)
     assert (everything.disparity != result.disparity).any(), "the penalty mattered"
 
 
 def test_confidence_is_the_relative_margin() -> None:
     left, right = noise_pair(12, 20, 3)
-    result = ps.match(left, right, num_disparities=6)
+    result = ps.match(left, right, num_disparities=6, preset="paper")
     volume = oracle.aggregate(
         ps.cost_volume(left, right, num_disparities=6).astype(np.int64), 9, shiftable=True
     )
@@ -274,7 +277,9 @@ def test_matches_on_masked_pixels_are_flagged() -> None:
 
 def test_nothing_to_match_with_leaves_no_candidate() -> None:
     left, right = noise_pair(6, 9, 2)
-    result = ps.match(left, right, num_disparities=3, right_mask=np.zeros((6, 9), bool))
+    result = ps.match(
+        left, right, num_disparities=3, right_mask=np.zeros((6, 9), bool), confidence=True
+    )
     assert (result.flags == ps.Flag.NO_CANDIDATE).all()
     assert np.isnan(result.disparity).all()
     assert result.confidence is not None
@@ -295,7 +300,7 @@ def test_nan_under_a_mask_is_welcome() -> None:
 def test_type_layout_and_byte_order_change_nothing(cost: str) -> None:
     rng = np.random.default_rng(2)
     left, right = rng.integers(0, 256, (2, 14, 22, 3), np.uint8)
-    options: dict[str, Any] = {"num_disparities": 5, "cost": cost}
+    options: dict[str, Any] = {"num_disparities": 5, "cost": cost, "preset": "paper"}
     expected = ps.match(left, right, **options).disparity
     wide = [image.astype(np.uint16) * np.uint16(257) for image in (left, right)]
     alpha = np.dstack([left, rng.integers(0, 256, (14, 22), np.uint8)])
@@ -348,11 +353,11 @@ def test_windows_larger_than_the_image_are_fine(shape: tuple[int, int]) -> None:
 
 def test_results_tell_about_themselves_and_travel() -> None:
     left, right = noise_pair(10, 20, 2)
-    result = ps.match(left, right, num_disparities=4)
+    result = ps.match(left, right, num_disparities=4, confidence=True)
     assert result.confidence is not None
     assert result.disparity.dtype == result.confidence.dtype == np.float32
     assert result.flags.dtype == np.uint16
-    assert set(result.timings) == {"description", "matching"}
+    assert set(result.timings) == {"estimation", "description", "matching"}
     assert "20x10, 100.0% estimated" in repr(result)
     copy = pickle.loads(pickle.dumps(result))  # noqa: S301  # our own bytes
     np.testing.assert_array_equal(copy.disparity, result.disparity)

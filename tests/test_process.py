@@ -153,7 +153,8 @@ MEMORY_CASES = {
     "disparities": "ps.match(wide, wide, num_disparities=16384, threads=1)",
     "masks": "ps.match(wide, wide, num_disparities=8192, left_mask=wide == 0, threads=1)",
     "neighbourhood": "ps.descriptor(long, neighborhood=63, frequencies=(4, 4), bits=1, threads=1)",
-    "image": "ps.match(broad, broad, num_disparities=1, threads=1)",
+    "image": "ps.match(broad, broad, num_disparities=1, preset='paper', threads=1)",
+    "estimation": "ps.match(vast, vast, num_disparities=1, threads=1)",
     "volume": "ps.cost_volume(tall, tall, num_disparities=512, threads=1)",
     "costs": "ps.aggregate(np.zeros((2000, 500, 400), np.uint16))",
     "aggregated": "ps.optimize(np.zeros((2000, 500, 150), np.uint32), penalty=1)",
@@ -168,6 +169,7 @@ import re, resource
 import numpy as np, phasestereo as ps
 wide, long = np.zeros((4, 16384), np.uint8), np.zeros((1, 4_000_000), np.uint8)
 tall, broad = np.zeros((2000, 600), np.uint8), np.zeros((5000, 5000), np.float32)
+vast = np.zeros((11000, 11000), np.uint8)
 ps.match(wide[:, :64], wide[:, :64], num_disparities=4, threads=1)
 used = int(re.search(r"VmSize:\\s+(\\d+)", open("/proc/self/status").read())[1]) << 10
 limit = used + (1 << 29)

@@ -16,10 +16,11 @@ from phasestereo import _core
 IMAGE = np.zeros((4, 5), np.uint8)
 
 
-def test_the_paper_is_the_default() -> None:
-    assert list(ps.PRESETS) == ["paper", "fast"]
+def test_robust_is_the_default_and_settings_are_those_of_the_paper() -> None:
+    assert list(ps.PRESETS) == ["robust", "paper", "fast"]
     assert ps.PRESETS["paper"] == ps.Settings()
-    result = ps.match(IMAGE, IMAGE, num_disparities=2)
+    assert ps.match(IMAGE, IMAGE, num_disparities=2).settings == ps.PRESETS["robust"]
+    result = ps.match(IMAGE, IMAGE, num_disparities=2, preset="paper")
     assert result.settings == ps.Settings(
         neighborhood=7, window=9, frequencies=(2, 1), power=1, bits=2, optimizer="dp"
     )
@@ -139,7 +140,7 @@ def test_bad_values_are_refused_by_name(fields: dict[str, Any], name: str) -> No
     with pytest.raises(ValueError, match=rf"^{name}.*: got .*; accepts "):
         ps.Settings(**fields)
     with pytest.raises(ValueError, match=f"^{name}"):
-        ps.match(IMAGE, IMAGE, num_disparities=2, **fields)
+        ps.match(IMAGE, IMAGE, num_disparities=2, preset="paper", **fields)
 
 
 @pytest.mark.parametrize("fields", BAD_TYPES)
@@ -155,8 +156,10 @@ def test_integers_of_numpy_are_integers() -> None:
 
 
 def test_unknown_names_are_refused_with_what_there_is() -> None:
-    with pytest.raises(ValueError, match="^preset: got 'robust'; accepts 'paper', 'fast'$"):
-        ps.match(IMAGE, IMAGE, num_disparities=2, preset="robust")
+    with pytest.raises(
+        ValueError, match="^preset: got 'blind'; accepts 'robust', 'paper', 'fast'$"
+    ):
+        ps.match(IMAGE, IMAGE, num_disparities=2, preset="blind")
     with pytest.raises(TypeError, match=r"^windows: no such setting; accepts cost, neighborhood"):
         ps.match(IMAGE, IMAGE, num_disparities=2, windows=5)
     with pytest.raises(TypeError, match="^preset: got int"):

@@ -27,7 +27,7 @@ from phasestereo import _core
 from phasestereo.equalisation import Equalisation
 rng = np.random.default_rng(0)
 pairs = [rng.integers(0, 256, (2, 70, 90), np.uint8), rng.random((2, 40, 50, 3), np.float32)]
-cases = [{"preset": "fast"}, {}, {"bits": 3, "neighborhood": 9, "frequencies": (2, 2)},
+cases = [{"preset": "fast"}, {"preset": "robust"}, {}, {"bits": 3, "neighborhood": 9, "frequencies": (2, 2)},
          {"weak": 1, "noise": 9.0}, {"weak": 2, "power": 2, "noise": (0.1, 0.2)},
          {"equalisation": Equalisation(
              noise=(1.0, 1.0), labels=np.array([[0, 1], [2, 0]], np.uint8), tile=17,
@@ -38,7 +38,7 @@ for pair in pairs:
     for case in cases:
         masks = {"left_mask": rng.random(pair.shape[1:3]) > 0.1}
         for options in (case, case | masks):
-            result = ps.match(*pair, num_disparities=30, **options)
+            result = ps.match(*pair, num_disparities=30, **{"preset": "paper"} | options)
             for field in (result.disparity, result.flags, result.confidence):
                 digest.update(b"" if field is None else field.tobytes())
 print(json.dumps([_core.simd_level(), digest.hexdigest()]))

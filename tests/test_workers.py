@@ -27,11 +27,12 @@ SIZES = [(40, 60), (150, 90), (3, 200), (40, 60), (1, 1), (97, 131)]
 PAIRS = [RNG.integers(0, 256, (2, *size), np.uint8) for size in SIZES]
 PRESETS = list(ps.PRESETS)
 BYTES_TO_WIDEST: list[dict[str, Any]] = [
+    {"preset": "robust"},
     {"preset": "fast"},
     {"preset": "paper"},
     {"preset": "fast", "precision": "full", "confidence": True},
-    {"cost": "sad", "penalty": 15},
-    {"cost": "sad", "window": 1, "optimizer": "wta"},
+    {"preset": "paper", "cost": "sad", "penalty": 15},
+    {"preset": "paper", "cost": "sad", "window": 1, "optimizer": "wta"},
 ]
 
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="read from what Linux tells")
