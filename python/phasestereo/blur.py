@@ -19,6 +19,8 @@ from phasestereo._images import as_mask, as_pair
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from phasestereo._images import Pixels
+
 Side = Literal["none", "left", "right"]
 Kind = Literal["none", "gaussian", "disk", "motion", "other"]
 
@@ -146,12 +148,12 @@ def estimate_blur(
 
         blurred = gain * |H|^2 * (sharp - its noise) + noise
 
-    is fitted for the responses H of Gaussians up to 8 px, disks up to 14 px and motions up to 31 px;
-    the fewest kinds that explain all blocks are kept, and neighbouring tiles agree unless the
-    evidence says otherwise. Where no family explains the spectra well, the kernel is measured: by
-    least squares between the images, one warped onto the other after a match at half their size.
-    The two images' blur is told apart only by what it differs by: if both are equally soft, there is
-    none.
+    is fitted for the responses H of Gaussians up to 8 px, disks up to 14 px and motions up to
+    31 px; the fewest kinds that explain all blocks are kept, and neighbouring tiles agree unless
+    the evidence says otherwise. Where no family explains the spectra well, the kernel is measured:
+    by least squares between the images, one warped onto the other after a match at half their
+    size. The two images' blur is told apart only by what it differs by: if both are equally soft,
+    there is none.
     """
     pair = as_pair(left, right)
     size = pair[0].shape
@@ -161,13 +163,15 @@ def estimate_blur(
 
 
 def estimate(
-    pair: tuple[_core.Pixels, _core.Pixels],
+    pair: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
     search: tuple[int, int],
     threads: int | _core.Workers | None,
 ) -> BlurEstimate:
     """Estimate the blur of checked images: the part of `estimate_blur` that a match needs."""
-    blurs, labels, tile, certainty, contrast, noise = _core.estimate_blur(pair, masks, search, threads)
+    blurs, labels, tile, certainty, contrast, noise = _core.estimate_blur(
+        pair, masks, search, threads
+    )
     kinds = tuple(
         Blur(_SIDES[side], kind, size, angle, psf) for side, kind, size, angle, psf in blurs
     )
