@@ -179,6 +179,98 @@ mod descriptor {
     }
 }
 
+/// An image of 741 x 497 gray bytes under the kernels of the usual blurs.
+mod convolution {
+    use super::{Bencher, Control, Image, ItemsCount, View, noise, on_threads};
+    use ndarray::Array3;
+    use phasestereo::convolution::{Kernel, convolve as convolve_gray};
+    use phasestereo::intensity::Gray;
+    use phasestereo::plane::Plane;
+    use phasestereo::simd::Level;
+
+    const ROWS: usize = 497;
+    const COLS: usize = 741;
+    /// Bits after the point.
+    const FRACTION: u32 = 4;
+    /// Samples of a pixel in each direction.
+    const SAMPLES: usize = 8;
+
+    /// The kernel whose taps are the shares of each pixel that are `inside`, by offsets from the centre.
+    fn shares(radius: usize, inside: impl Fn(f64, f64) -> bool) -> Kernel {
+        let side = 2 * radius + 1;
+        let offset = |pixel: usize, sample: usize| {
+            pixel as f64 - radius as f64 + (sample as f64 + 0.5) / SAMPLES as f64 - 0.5
+        };
+        let samples = |y, x| {
+            let places = (0..SAMPLES).flat_map(|j| (0..SAMPLES).map(move |i| (j, i)));
+            places.filter(|(j, i)| inside(offset(y, *j), offset(x, *i))).count() as f64
+        };
+        let shares = Plane::from_fn(side, side, samples);
+        let total: f64 = shares.as_slice().iter().sum();
+        Kernel::new(&shares.map(|share| share / total)).expect("a legal kernel")
+    }
+
+    fn disk(radius: f64) -> Kernel {
+        shares(radius.ceil() as usize, |y, x| y.hypot(x) <= radius)
+    }
+
+    /// A path of some pixels, one wide, at 30 degrees.
+    fn motion(length: f64) -> Kernel {
+        let (sine, cosine) = std::f64::consts::FRAC_PI_6.sin_cos();
+        shares((length / 2.0).ceil() as usize, |y, x| {
+            (x * cosine + y * sine).abs() <= length / 2.0 && (y * cosine - x * sine).abs() <= 0.5
+        })
+    }
+
+    fn gaussian(sigma: f64) -> Kernel {
+        let reach = (4.0 * sigma) as i32;
+        let profile = (-reach..=reach).map(|j| (-0.5 * (f64::from(j) / sigma).powi(2)).exp());
+        let total: f64 = profile.clone().sum();
+        let profile: Vec<f64> = profile.map(|tap| tap / total).collect();
+        Kernel::separable(&profile, &profile).expect("a legal kernel")
+    }
+
+    /// A kernel by name, and the largest magnitude of the gray values under it.
+    fn cases() -> Vec<(&'static str, Kernel, u32)> {
+        vec![
+            ("motion 15", motion(15.0), 128),
+            ("disk 2", disk(2.0), 128),
+            ("disk 6", disk(6.0), 128),
+            ("disk 10", disk(10.0), 128),
+            ("Gaussian 1.5", gaussian(1.5), 128),
+            ("Gaussian 4", gaussian(4.0), 128),
+            ("Gaussian 6", gaussian(6.0), 128),
+            ("disk 6 of 64 bits", disk(6.0), 1 << 24),
+            ("Gaussian 4 of 64 bits", gaussian(4.0), 1 << 24),
+        ]
+    }
+
+    fn names() -> Vec<String> {
+        let levels = Level::all().filter(|(_, level)| level.is_some());
+        let cases = cases();
+        levels
+            .flat_map(|(level, _)| cases.iter().map(move |(case, ..)| format!("{level}, {case}")))
+            .collect()
+    }
+
+    #[divan::bench(args = names(), sample_count = 20)]
+    fn convolve(bencher: Bencher, name: &str) {
+        let (level, case) = name.split_once(", ").expect("a level and a case");
+        let level = Level::all().find(|(known, _)| *known == level).and_then(|(_, level)| level);
+        let (_, kernel, reach) =
+            cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
+        let (level, control) = (level.expect("of this machine"), Control::default());
+        let pixels = noise(ROWS, COLS, |value| value as u8).into_vec();
+        let pixels = Array3::from_shape_vec((ROWS, COLS, 1), pixels).expect("as many values");
+        let view = View { image: Image::U8(pixels), mask: None };
+        let bytes = Gray::new(&view, level, &control).expect("memory");
+        let wide = noise(ROWS, COLS, |value| (value << 8) as i32 - (1 << 23));
+        let gray = if reach == 128 { bytes } else { Gray::within(reach, wide) };
+        let work = || convolve_gray(&gray, &kernel, FRACTION, level, &control);
+        bencher.counter(ItemsCount::new(ROWS * COLS)).bench_local(|| on_threads(1, work));
+    }
+}
+
 /// Operands in lanes -> costs of one candidate after another, a few columns at a time into the same few
 /// kilobytes: the costs alone, as a match asks for them, without bringing images into lanes. The lanes of
 /// margins, which a match needs too, are not counted.
@@ -348,12 +440,34 @@ mod scanline {
 
 /// Whole matches, from images to disparities, by a matcher that has its memory already.
 mod matcher {
-    use super::{Bencher, Case, Control, Settings, cases, fast, views};
+    use super::{Bencher, Case, Control, Penalty, Plane, Settings, cases, fast, noise, views};
+    use phasestereo::convolution::Kernel;
     use phasestereo::matcher::{Execution, Matcher, Pair};
+    use phasestereo::versions::Versions;
+
+    fn weak() -> Settings {
+        Settings { weak: 1.0, penalty: Penalty { near: 2.0, far: 9.0 }, ..fast() }
+    }
+
+    /// So many versions of the right image, moved by some pixels each.
+    fn versions(count: usize) -> Versions {
+        let moving = |class: usize| {
+            let taps = Plane::from_fn(1, 9, |_, x| if x == 4 + class { 1.0 } else { 0.0 });
+            Kernel::new(&taps).expect("a legal kernel")
+        };
+        let kernels = (0..count).map(|class| [None, (class > 0).then(|| moving(class))]).collect();
+        let labels = noise(4, 16, |value| (value as usize % count) as u8);
+        Versions::new([1.5; 2], kernels, labels, 40).expect("legal versions")
+    }
 
     fn whole(bencher: Bencher, case: Case, settings: &Settings) {
+        whole_of(bencher, case, settings, None);
+    }
+
+    fn whole_of(bencher: Bencher, case: Case, settings: &Settings, versions: Option<Versions>) {
         let [left, right] = views();
         let pair = Pair::new(left, right, 0, case.candidates as i64).expect("a legal pair");
+        let pair = pair.with_versions(versions);
         let how = Execution { threads: 1, strip_rows: None, level: case.level };
         let matcher = Matcher::new(1).expect("a thread starts");
         bencher
@@ -364,6 +478,17 @@ mod matcher {
     #[divan::bench(args = cases(), sample_count = 10)]
     fn like_fast(bencher: Bencher, case: Case) {
         whole(bencher, case, &fast());
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn like_fast_with_a_weak_level(bencher: Bencher, case: Case) {
+        whole_of(bencher, case, &weak(), Some(versions(1)));
+    }
+
+    /// In tiles that a strip and a tile of the sweep have several of.
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn in_four_classes(bencher: Bencher, case: Case) {
+        whole_of(bencher, case, &weak(), Some(versions(4)));
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]

@@ -147,7 +147,8 @@ impl Window {
 /// those whose five windows are.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Tile {
-    entering: Range<usize>,
+    /// Columns whose costs the step takes.
+    pub entering: Range<usize>,
     summed: Range<usize>,
     /// Columns whose aggregated costs the step gives.
     pub finished: Range<usize>,

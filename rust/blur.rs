@@ -61,6 +61,8 @@ const DOUBTFUL: f32 = 0.3;
 const LEAST_BLOCKS: usize = 12;
 /// ... and unless what is measured explains them worse than the family by this factor.
 const MUCH_WORSE: f32 = 1.5;
+/// The loss of what is not worth trying, nepers: more than any that is found.
+const UNTRIED: f32 = 4.0;
 /// The least tenth of the blocks tells the noise.
 const QUIET: usize = 10;
 /// What the noise is more than in the quietest tenth of the blocks, in the quietest of eight directions:
@@ -157,7 +159,8 @@ impl Scene<'_> {
         if kinds.is_empty() {
             return Ok(Estimate { noise: self.in_units(noise), ..Estimate::nothing() });
         }
-        let map = if kinds.len() > 1 { self.map(&kinds, noise)? } else { Map::uniform(self.pair.size()) };
+        let map =
+            if kinds.len() > 1 { self.map(&kinds, noise)? } else { Map::uniform(self.pair.size()) };
         Ok(self.told(kinds, map, noise))
     }
 
@@ -316,11 +319,8 @@ impl Grid {
 
     /// How badly every choice explains every tile.
     fn losses(&self, noise: [f32; 2], choices: &[Choice], level: Level) -> Losses {
-        let judged: Vec<Vec<f32>> = self
-            .powers
-            .par_iter()
-            .map(|powers| losses_of(powers, noise, choices, level))
-            .collect();
+        let judged: Vec<Vec<f32>> =
+            self.powers.par_iter().map(|powers| losses_of(powers, noise, choices, level)).collect();
         let mut judged = judged.into_iter();
         let untold = vec![f32::INFINITY; choices.len()];
         let tiles = self.places.iter().flat_map(|place| match place {
@@ -354,12 +354,14 @@ impl Grid {
     }
 }
 
-/// How badly every choice explains a pair of blocks.
+/// How badly every choice explains a pair of blocks; blurs of the image that lacks less power are not tried.
 fn losses_of(powers: &Powers, noise: [f32; 2], choices: &[Choice], level: Level) -> Vec<f32> {
     let evidence = [0, 1].map(|side| Evidence::new(powers, noise, side));
-    let of = |choice: &Choice| {
-        let side = choice.side.map_or(0, Side::index);
-        evidence[side].fit(choice.response, level).loss
+    let [left, right] = [0, 1].map(|side| evidence[side].lack());
+    let softer = usize::from(right > left);
+    let of = |choice: &Choice| match choice.side.map(Side::index) {
+        Some(side) if side != softer => UNTRIED,
+        side => evidence[side.unwrap_or(0)].fit(choice.response, level).loss,
     };
     choices.iter().map(of).collect()
 }

@@ -1,7 +1,6 @@
 //! Two images -> matching costs: what it costs to match a pixel with a candidate, one candidate of a strip
 //! at a time.
 
-use std::array::from_fn;
 use std::ops::Range;
 
 use crate::candidates::Candidates;
@@ -17,7 +16,7 @@ use crate::settings::{CostKind, Settings};
 use crate::simd::{self, Level};
 use crate::strip::{BLOCK, Strip};
 use crate::value::Value;
-use crate::versions::{Labels, MOST_CLASSES, Versions};
+use crate::versions::{Labels, Versions};
 use crate::view::View;
 use crate::votes::Votes;
 
@@ -28,9 +27,6 @@ struct PairCodes {
     rights: Vec<Codes>,
     labels: Option<Labels>,
 }
-
-/// Lanes come in multiples of this.
-const HALF: usize = BLOCK / 2;
 
 /// What the pixels of a pair are compared by, and what that amounts to.
 pub struct Costs<'a> {
@@ -103,6 +99,7 @@ impl<'a> Costs<'a> {
             let rows = BLOCK.min(rows - first);
             let strip = Strip { first, rows, margin: 0, height: volume.rows() };
             operands.load(self, &strip)?;
+            operands.mix(&(0..self.cols), level)?;
             costs.room(self.cols * strip.lanes())?;
             for k in 0..count {
                 control.checkpoint()?;
@@ -193,6 +190,18 @@ fn absolute_differences<'a>(
 struct Byte {
     left: Memory<u8>,
     rights: Vec<Memory<u8>>,
+    /// What the segments are compared with, of one after another.
+    mixed: Memory<u8>,
+}
+
+/// Columns whose labels are alike.
+#[derive(Debug)]
+struct Segment {
+    columns: Range<usize>,
+    /// The versions that they are compared with, as bits.
+    met: u16,
+    /// Where the mixture of these begins, if there are several: columns.
+    mixed: usize,
 }
 
 /// What is compared, of one strip: memory that is used for one strip after another.
@@ -204,8 +213,9 @@ pub struct Operands {
     bytes: Vec<Byte>,
     /// With which version of the right image each pixel is compared, if there are several.
     labels: Memory<u8>,
-    /// Of each column, as bits, with which versions its pixels are compared; empty: there is one.
-    met: Vec<u16>,
+    has_labels: bool,
+    /// The columns whose costs can be written, if there are labels.
+    segments: Vec<Segment>,
     /// Levels of each channel, left and right.
     words: Vec<[Memory<u16>; 2]>,
     /// Known costs, of one candidate after another.
@@ -260,11 +270,49 @@ impl Operands {
                 load_byte(codes, byte, right, strip, out)?;
             }
         }
-        self.met.clear();
-        if let Some(labels) = &codes.labels {
-            strip.transpose(left, |y| labels.row(y), |label| label, &mut self.labels)?;
-            let met = |column: &[u8]| column.iter().fold(0, |met, label| met | 1 << label);
-            self.met.extend(self.labels.chunks_exact(strip.lanes()).map(met));
+        self.segments.clear();
+        self.has_labels = codes.labels.is_some();
+        match &codes.labels {
+            Some(labels) => {
+                strip.transpose(left, |y| labels.row(y), |label| label, &mut self.labels)
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Brings together what these columns are compared with, in each lane one version of the right image or
+    /// another: to be done before their costs are written. For many candidates it takes no time.
+    pub fn mix(&mut self, columns: &Range<usize>, level: Level) -> Result<()> {
+        self.segments.clear();
+        if !self.has_labels {
+            return Ok(());
+        }
+        let (lanes, labels) = (self.lanes, self.labels.chunks_exact(self.lanes));
+        let labels: Vec<_> = labels.skip(columns.start).take(columns.len()).collect();
+        let (mut start, mut mixed) = (columns.start, 0);
+        for alike in labels.chunk_by(|a, b| a == b) {
+            let met = alike[0].iter().fold(0u16, |met, label| met | 1 << label);
+            let columns = start..start + alike.len();
+            start = columns.end;
+            self.segments.push(Segment { columns, met, mixed });
+            // With all candidates, one behind the other, they meet so many columns.
+            mixed += if met.is_power_of_two() { 0 } else { alike.len() + self.candidates - 1 };
+        }
+        for Byte { rights, mixed: out, .. } in &mut self.bytes {
+            out.room(mixed * lanes)?;
+            for Segment { columns, met, mixed } in &self.segments {
+                if !met.is_power_of_two() {
+                    let count = (columns.len() + self.candidates - 1) * lanes;
+                    let first = columns.start * lanes;
+                    level.run(Mix {
+                        rights,
+                        labels: &self.labels[first..][..lanes],
+                        met: *met,
+                        places: first..first + count,
+                        mixed: &mut out[mixed * lanes..][..count],
+                    });
+                }
+            }
         }
         Ok(())
     }
@@ -317,54 +365,48 @@ impl Operands {
     /// Writes in how many bits codes differ.
     #[inline(always)]
     fn write_distances<V: Value>(&self, columns: &Range<usize>, k: usize, costs: &mut [V]) {
-        let met = self.met.get(columns.clone()).unwrap_or(&[1]);
-        let met = met.iter().fold(0, |all, met| all | met);
-        match met.count_ones() {
-            0 | 1 => self.write_plain(met.trailing_zeros() as usize, columns, k, costs),
-            2 => self.write_mixed::<V, 2>(met, columns, k, costs),
-            3 | 4 => self.write_mixed::<V, 4>(met, columns, k, costs),
-            _ => self.write_mixed::<V, MOST_CLASSES>(met, columns, k, costs),
+        // The first candidate of a column comes last: a larger disparity lies further left.
+        let across = self.candidates - 1 - k;
+        debug_assert_eq!(self.segments.is_empty(), !self.has_labels);
+        if self.segments.is_empty() {
+            return self.write_between(
+                columns,
+                columns.start + across,
+                |byte| &byte.rights[0],
+                costs,
+            );
+        }
+        let mut rest = costs;
+        for Segment { columns, met, mixed } in &self.segments {
+            let (costs, others) = rest.split_at_mut(columns.len() * self.lanes);
+            if met.is_power_of_two() {
+                let version = met.trailing_zeros() as usize;
+                let first = columns.start + across;
+                self.write_between(columns, first, |byte| &byte.rights[version], costs);
+            } else {
+                self.write_between(columns, mixed + across, |byte| &byte.mixed, costs);
+            }
+            rest = others;
         }
     }
 
-    /// Where all pixels are compared with one version of the right image.
+    /// The same of columns of the left image and as many from one of the right image on.
     #[inline(always)]
-    fn write_plain<V: Value>(
+    fn write_between<V: Value>(
         &self,
-        version: usize,
         columns: &Range<usize>,
-        k: usize,
+        first: usize,
+        right: impl Fn(&Byte) -> &Memory<u8>,
         costs: &mut [V],
     ) {
-        for (index, Byte { left, rights }) in self.bytes.iter().enumerate() {
-            let [left, right] = self.places([left, &rights[version]], columns, k);
+        let count = columns.len() * self.lanes;
+        for (index, byte) in self.bytes.iter().enumerate() {
+            let left = &byte.left[columns.start * self.lanes..][..count];
+            let right = &right(byte)[first * self.lanes..][..count];
             if index == 0 {
                 write_distance(left, right, costs);
             } else {
                 add_distance(left, right, costs);
-            }
-        }
-    }
-
-    /// Where pixels are compared with several versions of the right image, `K` at most, whose bits are `met`.
-    #[inline(always)]
-    fn write_mixed<V: Value, const K: usize>(
-        &self,
-        met: u16,
-        columns: &Range<usize>,
-        k: usize,
-        costs: &mut [V],
-    ) {
-        let versions = members::<K>(met);
-        let labels = &self.labels[columns.start * self.lanes..][..costs.len()];
-        for (index, Byte { left, rights }) in self.bytes.iter().enumerate() {
-            let places = versions.map(|v| self.places([left, &rights[usize::from(v)]], columns, k));
-            let mixed =
-                Mixed { left: places[0][0], labels, versions, rights: places.map(|p| p[1]) };
-            if index == 0 {
-                mixed.for_each(costs, |cost, distance| *cost = distance);
-            } else {
-                mixed.for_each(costs, |cost, distance| *cost = cost.plus(distance));
             }
         }
     }
@@ -424,54 +466,36 @@ fn load_byte(
     }
 }
 
-/// The places of the bits in `met`, the last one again and again to the end.
-#[inline(always)]
-fn members<const K: usize>(mut met: u16) -> [u8; K] {
-    from_fn(|_| {
-        let first = met.trailing_zeros() as u8;
-        met = if met.is_power_of_two() { met } else { met & (met - 1) };
-        first
-    })
-}
-
-/// One byte of codes on the left, and of the `K` versions on the right of which the labels choose one.
-struct Mixed<'a, const K: usize> {
-    left: &'a [u8],
+/// Several versions of one byte of codes -> that which the labels choose in each lane, the same in every
+/// column.
+struct Mix<'a> {
+    rights: &'a [Memory<u8>],
     labels: &'a [u8],
-    versions: [u8; K],
-    rights: [&'a [u8]; K],
+    met: u16,
+    /// The values of the columns that are wanted.
+    places: Range<usize>,
+    mixed: &'a mut [u8],
 }
 
-impl<const K: usize> Mixed<'_, K> {
-    /// Calls `put` with each cost and its distance, a block of lanes at a time; lanes fill half blocks.
+impl simd::Kernel for Mix<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn for_each<V: Value>(&self, costs: &mut [V], put: impl Fn(&mut V, V)) {
-        let (blocks, rest) = costs.as_chunks_mut::<BLOCK>();
-        let done = blocks.len() * BLOCK;
-        for (index, costs) in blocks.iter_mut().enumerate() {
-            let distances = self.distances::<BLOCK>(index * BLOCK);
-            costs.iter_mut().zip(distances).for_each(|(c, d)| put(c, V::truncated(d.into())));
-        }
-        for (index, costs) in rest.as_chunks_mut::<HALF>().0.iter_mut().enumerate() {
-            let distances = self.distances::<HALF>(done + index * HALF);
-            costs.iter_mut().zip(distances).for_each(|(c, d)| put(c, V::truncated(d.into())));
+    fn run(self) {
+        let Self { rights, labels, met, places, mixed } = self;
+        for (version, right) in (0..).zip(rights).filter(|(version, _)| met >> version & 1 == 1) {
+            let right = right[places.clone()].chunks_exact(labels.len());
+            for (mixed, right) in mixed.chunks_exact_mut(labels.len()).zip(right) {
+                take_labelled(labels, version, right, mixed);
+            }
         }
     }
+}
 
-    /// All is copied into arrays first: only so is nothing known to overlap.
-    #[inline(always)]
-    fn distances<const N: usize>(&self, first: usize) -> [u8; N] {
-        let block = |values: &[u8]| -> [u8; N] {
-            let values = &values[first..][..N];
-            from_fn(|i| values[i])
-        };
-        let (left, labels) = (block(self.left), block(self.labels));
-        let mut mixed = [0; N];
-        for (right, version) in self.rights.iter().zip(self.versions) {
-            let right = block(right);
-            mixed = from_fn(|i| mixed[i] | if labels[i] == version { right[i] } else { 0 });
-        }
-        from_fn(|i| (left[i] ^ mixed[i]).count_ones() as u8)
+#[inline(always)]
+fn take_labelled(labels: &[u8], label: u8, right: &[u8], mixed: &mut [u8]) {
+    for ((mixed, right), known) in mixed.iter_mut().zip(right).zip(labels) {
+        *mixed = if *known == label { *right } else { *mixed };
     }
 }
 

@@ -313,13 +313,14 @@ impl Job<'_> {
     fn sweep<V: Value>(
         &self,
         strip: Strip,
-        operands: &Operands,
+        operands: &mut Operands,
         aggregator: &mut Aggregator<V>,
         mut hand_on: impl FnMut(&Tile, Aggregated<V>),
     ) -> Result<()> {
         aggregator.begin(self.window, strip, operands.has_votes())?;
         for tile in self.window.tiles() {
             self.control.checkpoint()?;
+            operands.mix(&tile.entering, self.level)?;
             self.level.run(Sweep { aggregator, operands, tile: &tile });
             hand_on(&tile, aggregator.aggregated());
         }

@@ -131,8 +131,7 @@ fn match_pair<'py>(
 type Told<'py> = (u8, &'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
 
 /// The kinds of blur, the map of them, side of its tiles, certainty, gain, and noise left and right.
-type Estimated<'py> =
-    (Vec<Told<'py>>, Bound<'py, PyArray2<u8>>, usize, f32, f64, (f64, f64));
+type Estimated<'py> = (Vec<Told<'py>>, Bound<'py, PyArray2<u8>>, usize, f32, f64, (f64, f64));
 
 #[pyfunction]
 fn estimate_blur<'py>(

@@ -5,7 +5,7 @@
 use crate::aggregation::Window;
 use crate::basis::Basis;
 use crate::candidates::Candidates;
-use crate::convolution::{Kernel, SHIFT};
+use crate::convolution::{GUARD, Kernel, SHIFT, Weights};
 use crate::intensity::LEVEL_STEPS;
 use crate::normalisation::DEVIATION_STEPS;
 use crate::plane::{Plane, reflect};
@@ -50,14 +50,17 @@ pub fn normalise(plane: &Plane<u16>, window: usize) -> Plane<u16> {
 
 /// Twin of [`crate::convolution::convolve`]: every sum by itself, one whole pass after the other.
 pub fn convolve(gray: &Plane<i32>, kernel: &Kernel, fraction: u32) -> Plane<i32> {
-    let passes = kernel.passes().iter().zip(kernel.fractions(fraction));
-    let start = (gray.clone(), 0);
-    let (convolved, _) = passes.fold(start, |(values, had), (weights, kept)| {
-        let unit = 1i64 << (SHIFT + had - kept);
-        let rounded = |y, x| (weighted_sum(&values, weights, y, x) + unit / 2).div_euclid(unit);
-        (Plane::from_fn(values.rows(), values.cols(), |y, x| rounded(y, x) as i32), kept)
-    });
-    convolved
+    let pass = |values: &Plane<i32>, weights: &Plane<i32>, dropped: u32| {
+        let unit = 1 << dropped;
+        let rounded = |y, x| (weighted_sum(values, weights, y, x) + unit / 2).div_euclid(unit);
+        Plane::from_fn(values.rows(), values.cols(), |y, x| rounded(y, x) as i32)
+    };
+    match kernel.weights() {
+        Weights::All(weights) => pass(gray, weights, SHIFT - fraction),
+        Weights::Factors { column, row } => {
+            pass(&pass(gray, column, SHIFT - fraction - GUARD), row, SHIFT + GUARD)
+        }
+    }
 }
 
 fn weighted_sum(values: &Plane<i32>, weights: &Plane<i32>, y: usize, x: usize) -> i64 {

@@ -13,9 +13,9 @@ use crate::memory::Memory;
 /// Lanes that a row of candidates is searched for at a time: those of one AVX2 register of bytes.
 pub const BLOCK: usize = 32;
 
-/// Rows and columns that are brought into lanes at a time: whole words are written then, not single bytes.
-const ROWS: usize = 8;
-const COLUMNS: usize = 32;
+/// Rows and columns that are brought into lanes at a time: whole registers of bytes, which lanes come in
+/// multiples of.
+const SIDE: usize = BLOCK / 2;
 
 /// Which rows of the image a strip holds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -61,16 +61,12 @@ impl Strip {
     ) -> Result<()> {
         let lanes = self.lanes();
         out.room(columns.len() * lanes)?;
-        for (columns, out) in columns.chunks(COLUMNS).zip(out.chunks_mut(COLUMNS * lanes)) {
-            for first in (0..lanes).step_by(ROWS) {
-                let rows = ROWS.min(lanes - first);
-                let mut tile = [[T::default(); COLUMNS]; ROWS];
-                for (lane, tile) in (first..first + rows).zip(&mut tile) {
-                    pick(row(self.row(lane)), columns, tile);
-                }
-                for (column, out) in out.chunks_exact_mut(lanes).enumerate() {
-                    let values: [U; ROWS] = from_fn(|row| value(tile[row][column]));
-                    out[first..first + rows].copy_from_slice(&values[..rows]);
+        for (columns, out) in columns.chunks(SIDE).zip(out.chunks_mut(SIDE * lanes)) {
+            let columns = Columns::new(columns);
+            for first in (0..lanes).step_by(SIDE) {
+                let tile = from_fn(|lane| columns.of(row(self.row(first + lane))).map(&value));
+                for (out, values) in out.chunks_exact_mut(lanes).zip(turned(tile)) {
+                    out[first..][..SIDE].copy_from_slice(&values);
                 }
             }
         }
@@ -78,21 +74,68 @@ impl Strip {
     }
 }
 
-/// Copies the values at these columns; most runs of columns have no gap.
-fn pick<T: Copy>(row: &[T], columns: &[usize], out: &mut [T; COLUMNS]) {
-    let (first, last) = (columns[0], columns[columns.len() - 1]);
-    if columns.iter().zip(first..=last).filter(|(column, x)| *column == x).count() == columns.len()
-    {
-        out[..columns.len()].copy_from_slice(&row[first..=last]);
-    } else {
-        out.iter_mut().zip(columns).for_each(|(out, column)| *out = row[*column]);
+/// A few columns of a row that are picked together.
+enum Columns<'a> {
+    /// From this one on without a gap, as most are.
+    Run(usize),
+    /// Others, or fewer.
+    Any(&'a [usize]),
+}
+
+impl<'a> Columns<'a> {
+    fn new(columns: &'a [usize]) -> Self {
+        let is_run = columns.windows(2).all(|pair| pair[1] == pair[0] + 1);
+        if is_run && columns.len() == SIDE { Self::Run(columns[0]) } else { Self::Any(columns) }
     }
+
+    /// Their values; what is beyond the last is of no meaning.
+    #[inline(always)]
+    fn of<T: Copy + Default>(&self, row: &[T]) -> [T; SIDE] {
+        let mut values = [T::default(); SIDE];
+        match self {
+            Self::Run(first) => values.copy_from_slice(&row[*first..][..SIDE]),
+            Self::Any(columns) => {
+                values.iter_mut().zip(*columns).for_each(|(value, x)| *value = row[*x]);
+            }
+        }
+        values
+    }
+}
+
+/// A square with rows and columns exchanged: each half of its rows is shuffled into the other, over and over.
+#[inline(always)]
+fn turned<U: Copy>(mut square: [[U; SIDE]; SIDE]) -> [[U; SIDE]; SIDE] {
+    for _ in 0..SIDE.ilog2() {
+        square = from_fn(|row| {
+            let (a, b) = (square[row / 2], square[row / 2 + SIDE / 2]);
+            let half = row % 2 * SIDE / 2;
+            from_fn(|i| if i % 2 == 0 { a[half + i / 2] } else { b[half + i / 2] })
+        });
+    }
+    square
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::plane::Plane;
+
+    #[test]
+    fn columns_of_any_order_and_number_come_into_lanes() {
+        let plane = Plane::from_fn(20, 50, |y, x| (1000 * y + x) as u16);
+        let strip = Strip { first: 0, rows: 20, margin: 1, height: 20 };
+        let runs: Vec<usize> = (0..50).collect();
+        let broken: Vec<usize> = (0..3).flat_map(|_| 7..20).chain([49, 0, 0, 3]).collect();
+        for columns in [&runs[..], &runs[3..35], &runs[..1], &broken, &[]] {
+            let mut out = Memory::default();
+            strip.transpose(columns, |y| plane.row(y), u32::from, &mut out).expect("memory");
+            assert_eq!(out.len(), columns.len() * strip.lanes());
+            for (column, out) in columns.iter().zip(out.chunks_exact(strip.lanes())) {
+                let expected = |lane| u32::from(plane.row(strip.row(lane))[*column]);
+                assert!(out.iter().enumerate().all(|(lane, value)| *value == expected(lane)));
+            }
+        }
+    }
 
     #[test]
     fn rows_beyond_the_image_repeat_its_edge() {

@@ -51,7 +51,8 @@ pub fn bank() -> &'static [Entry] {
                 angle: angle as f64,
             })
         });
-        let all = round(Family::Gaussian, &SIGMAS).chain(round(Family::Disk, &RADII)).chain(motions);
+        let all =
+            round(Family::Gaussian, &SIGMAS).chain(round(Family::Disk, &RADII)).chain(motions);
         all.map(Entry::new).collect()
     })
 }

@@ -62,7 +62,8 @@ impl Evidence {
         let signal = |power: &f32, noise: f32| (power - noise).max(LEAST_SIGNAL * power);
         let (blurred, sharp) = (&powers.binned[side], &powers.binned[1 - side]);
         let sharp: Vec<f32> = sharp.iter().map(|power| signal(power, noise[1 - side])).collect();
-        let quotient = |(blurred, sharp): (&f32, &f32)| ln(signal(blurred, noise[side])) - ln(*sharp);
+        let quotient =
+            |(blurred, sharp): (&f32, &f32)| ln(signal(blurred, noise[side])) - ln(*sharp);
         let low = bins().low.iter().zip(blurred.iter().zip(&sharp).map(quotient));
         Self {
             low: low.map(|(weight, quotient)| weight * quotient).sum(),
@@ -70,6 +71,15 @@ impl Evidence {
             sharp,
             noise: noise[side],
         }
+    }
+
+    /// By how much the image that is taken for the blurrier one has less power than the other one, given no
+    /// blur, nepers on average.
+    pub fn lack(&self) -> f32 {
+        let gain = self.low.clamp(-LARGEST_GAIN, LARGEST_GAIN).exp();
+        let lack = |(blurred, sharp): (&f32, &f32)| ln(gain * sharp + self.noise) - blurred;
+        let lacks = self.blurred.iter().zip(&self.sharp).map(lack);
+        lacks.zip(&bins().weights).map(|(lack, weight)| weight * lack).sum()
     }
 
     /// Fits the model: blurred = gain x response x (sharp - its noise) + noise.
@@ -85,7 +95,7 @@ struct Model<'a> {
 }
 
 /// Most bins there can be.
-const MOST_BINS: usize = 512;
+const MOST_BINS: usize = 256;
 
 impl Kernel for Model<'_> {
     type Output = Fit;
@@ -126,7 +136,13 @@ impl Kernel for Model<'_> {
 
 /// Logarithmic residuals, and the share of the signal in what is expected.
 #[inline(always)]
-fn residual(blurred: Lanes, sharp: Lanes, response: Lanes, gain: f32, noise: f32) -> (Lanes, Lanes) {
+fn residual(
+    blurred: Lanes,
+    sharp: Lanes,
+    response: Lanes,
+    gain: f32,
+    noise: f32,
+) -> (Lanes, Lanes) {
     let (mut residual, mut trust) = ([0.0; LANES], [0.0; LANES]);
     for lane in 0..LANES {
         let signal = gain * response[lane] * sharp[lane];

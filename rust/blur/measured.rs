@@ -60,7 +60,8 @@ fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
     let inner = Plane::from_fn(side, side, |y, x| kernel.row(corner + y)[corner + x]);
     let largest = inner.as_slice().iter().copied().fold(0.0, f32::max);
     let floor = largest * LEAST_TAP;
-    let start = inner.as_slice().iter().position(|tap| *tap == largest).filter(|_| largest > 0.0)?;
+    let start =
+        inner.as_slice().iter().position(|tap| *tap == largest).filter(|_| largest > 0.0)?;
     let mut values = vec![0.0; side * side];
     let mut open = vec![start];
     while let Some(place) = open.pop() {

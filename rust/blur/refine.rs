@@ -47,8 +47,9 @@ fn descend(seed: Found, judge: &impl Fn(Entry) -> Found) -> Found {
     let mut found = seed;
     for halving in 0..HALVINGS {
         let (grow, turn) = (STEP / f64::from(1 << halving), TURN / f64::from(1 << halving));
-        while let Some(better) = best(neighbours(found.entry.psf, grow, turn).map(Entry::new).map(judge))
-            .filter(|other| other.fit.loss < found.fit.loss)
+        while let Some(better) =
+            best(neighbours(found.entry.psf, grow, turn).map(Entry::new).map(judge))
+                .filter(|other| other.fit.loss < found.fit.loss)
         {
             found = better;
         }

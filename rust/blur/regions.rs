@@ -74,7 +74,8 @@ impl Losses {
 
     /// The losses of some of the choices alone.
     pub fn only(&self, choices: &[usize]) -> Self {
-        let pick = |losses: &[f32]| choices.iter().map(|choice| losses[*choice]).collect::<Vec<_>>();
+        let pick =
+            |losses: &[f32]| choices.iter().map(|choice| losses[*choice]).collect::<Vec<_>>();
         let values = self.values.chunks(self.choices).flat_map(pick).collect();
         Self { choices: choices.len(), values, ..*self }
     }
@@ -82,9 +83,8 @@ impl Losses {
     /// The tiles that a choice explains better than others do; of several choices the better half of these,
     /// since those that straddle a boundary are not of one kind.
     pub fn best_members(&self, choice: usize) -> Vec<usize> {
-        let is_member = |tile: &usize| {
-            self.of(*tile)[0].is_finite() && least(self.of(*tile)) == choice
-        };
+        let is_member =
+            |tile: &usize| self.of(*tile)[0].is_finite() && least(self.of(*tile)) == choice;
         let mut members: Vec<usize> = (0..self.rows * self.cols).filter(is_member).collect();
         if self.choices > 1 {
             members.sort_by(|a, b| self.of(*a)[choice].total_cmp(&self.of(*b)[choice]));
@@ -99,7 +99,8 @@ impl Losses {
         let best = |tile: usize| self.of(tile).iter().copied().fold(f32::INFINITY, f32::min);
         let mut steadied = self.clone();
         for (tile, losses) in steadied.values.chunks_mut(self.choices).enumerate() {
-            let steadiest = self.around(tile).fold(tile, |a, b| if best(b) < best(a) { b } else { a });
+            let steadiest =
+                self.around(tile).fold(tile, |a, b| if best(b) < best(a) { b } else { a });
             losses.copy_from_slice(self.of(steadiest));
         }
         steadied
@@ -130,7 +131,8 @@ impl Losses {
         let mut energy: Vec<f32> =
             self.of(tile).iter().map(|loss| if loss.is_finite() { *loss } else { 0.0 }).collect();
         for other in self.around(tile).filter(|other| *other != tile) {
-            let beside = other / self.cols == tile / self.cols || other % self.cols == tile % self.cols;
+            let beside =
+                other / self.cols == tile / self.cols || other % self.cols == tile % self.cols;
             energy[usize::from(labels[other])] -= if beside { BOUNDARY } else { BOUNDARY / 2.0 };
         }
         least(&energy) as u8

@@ -111,9 +111,8 @@ pub fn powers(
     let of_pair = |place: &Place| {
         control.checkpoint()?;
         let spectra = transform.pair(images, *place);
-        let powers = [0, 1].map(|side| {
-            spectra.iter().map(|pair| pair[side].norm_sqr()).collect::<Vec<f32>>()
-        });
+        let powers = [0, 1]
+            .map(|side| spectra.iter().map(|pair| pair[side].norm_sqr()).collect::<Vec<f32>>());
         let [left, right] = &powers;
         Ok(Powers {
             binned: [bins.pooled(left), bins.pooled(right)],
