@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Block = tuple[int, int, int]
 
 SIDE = 64
-UNTOLD = np.inf
+UNTOLD, UNTRIED = np.inf, 4.0
 
 
 # --- what both images show in common ---
@@ -141,7 +141,8 @@ def window() -> Floats:
     """Return the raised cosine whose squares have the sum 1."""
     profile = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(SIDE) + 0.5) / SIDE)
     square: Floats = np.outer(profile, profile)
-    return square / np.sqrt((square**2).sum())
+    normal: Floats = square / np.sqrt((square**2).sum())
+    return normal
 
 
 def half_spectrum(block: Floats) -> NDArray[np.complex128]:
@@ -238,6 +239,14 @@ def fit(
     return (weights * np.minimum(left, 2)).sum(1), gain * np.exp(correction)
 
 
+def lack(soft: Floats, sharp: Floats, noise: tuple[float, float]) -> float:
+    """Return by how much one image has less power than the other, given no blur, in nepers."""
+    signal = np.maximum(sharp - noise[1], 0.02 * sharp)
+    lows = np.log(np.maximum(soft - noise[0], 0.02 * soft)) - np.log(signal)
+    gain = np.exp(np.clip((bins().low * lows).sum(), -20, 20))
+    return float((bins().weights * (np.log(gain * signal + noise[0]) - np.log(soft))).sum())
+
+
 @cache
 def bank() -> tuple[list[Psf], Floats]:
     psfs: list[Psf] = [
@@ -261,7 +270,7 @@ def kernel_of(psf: Psf) -> Floats:
 
 def spread(psf: Psf) -> float:
     family, size, _ = psf
-    return {"gaussian": size, "disk": size / 2, "motion": (size - 1) / np.sqrt(24)}[family]
+    return {"gaussian": size, "disk": size / 2, "motion": float((size - 1) / np.sqrt(24))}[family]
 
 
 FLAT = np.ones((1, 1))
@@ -305,20 +314,40 @@ def noise_of(there: Grid) -> tuple[float, float]:
     return float(left), float(right)
 
 
-def losses_of(powers: Floats, noise: tuple[float, float]) -> Floats:
-    """Return how badly no blur, each of the bank on the left, and each on the right explain."""
+def losses_of(
+    powers: Floats, noise: tuple[float, float], choices: Sequence[tuple[Side, Floats]]
+) -> Floats:
+    """Return how badly each blur, of a side and with responses, explains a pair of blocks.
+
+    Blurs of the image that lacks less power than the other one are not tried.
+    """
     left, right = powers
+    ways = {"left": (left, right, noise), "right": (right, left, noise[::-1])}
+    softer = "right" if lack(*ways["right"]) > lack(*ways["left"]) else "left"
+    losses: list[Floats] = []
+    for side, responses in choices:
+        if side == "none":
+            losses.append((fit(*ways["left"], FLAT)[0] + fit(*ways["right"], FLAT)[0]) / 2)
+        elif side == softer:
+            losses.append(fit(*ways[side], responses)[0])
+        else:
+            losses.append(np.full(len(responses), UNTRIED))
+    return np.concatenate(losses)
+
+
+def everything() -> list[tuple[Side, Floats]]:
+    """Return what there is to choose from: no blur, the bank on the left, and on the right."""
     _, responses = bank()
-    none, _ = fit(left, right, noise, FLAT)
-    on_left, _ = fit(left, right, noise, responses)
-    on_right, _ = fit(right, left, noise[::-1], responses)
-    return np.concatenate([none, on_left, on_right])
+    return [("none", FLAT), ("left", responses), ("right", responses)]
 
 
-def all_losses(there: Grid, noise: tuple[float, float]) -> Floats:
-    losses = np.full((len(there.places), 1 + 2 * len(bank()[0])), UNTOLD)
+def losses_on(
+    there: Grid, noise: tuple[float, float], choices: Sequence[tuple[Side, Floats]]
+) -> Floats:
+    """Return the losses of all tiles (tiles, blurs)."""
+    losses = np.full((len(there.places), sum(len(each) for _, each in choices)), UNTOLD)
     for tile in np.flatnonzero(there.told):
-        losses[tile] = losses_of(there.powers[tile], noise)
+        losses[tile] = losses_of(there.powers[tile], noise, choices)
     return losses
 
 
@@ -350,13 +379,18 @@ def best_members(losses: Floats, choice: int) -> NDArray[np.intp]:
 
 def around(tile: int, shape: tuple[int, int]) -> list[int]:
     y, x = divmod(tile, shape[1])
-    rows, cols = range(max(y - 1, 0), min(y + 2, shape[0])), range(max(x - 1, 0), min(x + 2, shape[1]))
+    rows, cols = (
+        range(max(y - 1, 0), min(y + 2, shape[0])),
+        range(max(x - 1, 0), min(x + 2, shape[1])),
+    )
     return [row * shape[1] + col for row in rows for col in cols]
 
 
 def steadied(losses: Floats, shape: tuple[int, int]) -> Floats:
     best = losses.min(1)
-    taken = [min([tile, *around(tile, shape)], key=lambda t: best[t]) for tile in range(len(losses))]
+    taken = [
+        min([tile, *around(tile, shape)], key=lambda t: best[t]) for tile in range(len(losses))
+    ]
     return losses[taken]
 
 
@@ -374,7 +408,8 @@ def labels(losses: Floats, shape: tuple[int, int]) -> NDArray[np.intp]:
         if (after == now).all():
             break
         now = after
-    return now
+    kept: NDArray[np.intp] = now
+    return kept
 
 
 # --- kinds ---
@@ -392,9 +427,13 @@ class Kind:
     gain: float
 
 
-def refined(
-    soft: Floats, sharp: Floats, noise: tuple[float, float]
-) -> tuple[Psf, float, float]:
+def unseen() -> Kind:
+    """Return no blur as it is where it was chosen first, but nothing of it was left."""
+    nothing = np.full((2, len(bins().members)), np.finfo(np.float32).tiny, float)
+    return Kind("none", ("none", 0.0, 0.0), None, nothing, 2.0, 1.0)
+
+
+def refined(soft: Floats, sharp: Floats, noise: tuple[float, float]) -> tuple[Psf, float, float]:
     """Return the best of all families, from the nearest of the bank on, its loss and its gain."""
 
     def judge(psf: Psf) -> tuple[Psf, float, float]:
@@ -433,13 +472,16 @@ def kind_of(
     scene: Scene, there: Grid, tiles: NDArray[np.intp], noise: tuple[float, float], side: Side
 ) -> Kind:
     """Return what the blocks of these tiles say together."""
-    powers = there.powers[tiles].mean(0) if len(tiles) else there.powers[:1].mean(0)
+    powers = there.powers[tiles].mean(0)
     left, right = powers
-    loss, gain = fit(left, right, noise, FLAT)
+    loss = losses_of(powers, noise, [("none", FLAT)])
+    _, gain = fit(left, right, noise, FLAT)
     none = Kind("none", ("none", 0.0, 0.0), None, powers, float(loss[0]), float(gain[0]))
     if side == "none":
         return none
-    (soft, sharp), levels = ((left, right), noise) if side == "left" else ((right, left), noise[::-1])
+    (soft, sharp), levels = (
+        ((left, right), noise) if side == "left" else ((right, left), noise[::-1])
+    )
     psf, least, power = refined(soft, sharp, levels)
     if spread(psf) < 0.6 and least <= 0.3:
         return none
@@ -509,8 +551,9 @@ def cleaned(taps: Floats) -> Floats | None:
         if (grown == group).all():
             break
         group = grown
-    kept: Floats = np.where(group[1:-1, 1:-1], inner, 0)
-    return kept / kept.sum()
+    kept = np.where(group[1:-1, 1:-1], inner, 0)
+    normal: Floats = kept / kept.sum()
+    return normal
 
 
 # --- all of it ---
@@ -529,7 +572,7 @@ class Estimate:
 
 
 def certainty_of(kind: Kind, noise: tuple[float, float]) -> float:
-    losses = losses_of(kind.powers, noise)
+    losses = losses_of(kind.powers, noise, everything())
     contrary = losses[1:].min() if kind.side == "none" else losses[0]
     return float(np.clip(1 - kind.loss / contrary, 0, 1))
 
@@ -541,13 +584,17 @@ def estimate(scene: Scene) -> Estimate:
     disparity = rough(scene, 4, 9)
     there = grid(scene, disparity, spacing)
     noise = noise_of(there)
-    losses = all_losses(there, noise)
+    losses = losses_on(there, noise, everything())
     choices = chosen(losses)
     kinds: list[Kind] = []
     for number, choice in enumerate(choices):
         count = len(bank()[0])
         side: Side = "none" if choice == 0 else "left" if choice <= count else "right"
         members = best_members(losses[:, choices], number)
+        if len(members) == 0:
+            if side == "none":
+                kinds.append(unseen())
+            continue
         kind = kind_of(scene, there, members, noise, side)
         if kind.side != "none" or all(other.side != "none" for other in kinds):
             kinds.append(kind)
@@ -571,11 +618,8 @@ def estimate(scene: Scene) -> Estimate:
 
 def map_of(there: Grid, kinds: list[Kind], noise: tuple[float, float]) -> NDArray[np.intp]:
     """Return which kind explains each of the tiles."""
-    losses = np.full((len(there.places), len(kinds)), UNTOLD)
-    for tile in np.flatnonzero(there.told):
-        left, right = there.powers[tile]
-        for number, kind in enumerate(kinds):
-            shape = FLAT if kind.kernel is None else response(kind.kernel)[None]
-            pair = (right, left, noise[::-1]) if kind.side == "right" else (left, right, noise)
-            losses[tile, number] = fit(*pair, shape)[0][0]
+    choices: list[tuple[Side, Floats]] = [
+        (kind.side, FLAT if kind.kernel is None else response(kind.kernel)[None]) for kind in kinds
+    ]
+    losses = losses_on(there, noise, choices)
     return labels(steadied(losses, there.shape), there.shape).reshape(there.shape)
