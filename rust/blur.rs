@@ -151,15 +151,19 @@ impl Scene<'_> {
         let noise = grid.noise();
         let losses = grid.losses(noise, &Choice::all(), self.how.level);
         let chosen = losses.chosen();
+        let only = losses.only(&chosen);
         let mut kinds = Vec::new();
-        for choice in &chosen {
-            let only = losses.only(&chosen);
-            let members = only.best_members(kinds.len());
-            kinds.push(self.kind(&grid, &members, noise, Choice::at(*choice).side)?);
+        for (index, choice) in chosen.iter().enumerate() {
+            let (members, side) = (only.best_members(index), Choice::at(*choice).side);
+            // What was chosen later may have taken all the tiles of what was chosen first.
+            if side.is_none() || !members.is_empty() {
+                kinds.push(self.kind(&grid, &members, noise, side)?);
+            }
         }
         merge(&mut kinds);
         if kinds.is_empty() {
-            return Ok(Estimate { noise: self.in_units(noise), ..Estimate::nothing(self.pair.size()) });
+            let nothing = Estimate::nothing(self.pair.size());
+            return Ok(Estimate { noise: self.in_units(noise), ..nothing });
         }
         let map =
             if kinds.len() > 1 { self.map(&kinds, noise)? } else { Map::uniform(self.pair.size()) };
@@ -183,7 +187,14 @@ impl Scene<'_> {
         };
         let (rows, cols) = (height.div_ceil(step), width.div_ceil(step));
         let corners = (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x)));
-        let place = |(y, x)| self.rough.place(self.pair, corner(y, height), corner(x, width));
+        let [left, right] = self.shades;
+        let tells = |place: &Place| {
+            left.has_contrast(place.top, place.left) && right.has_contrast(place.top, place.right)
+        };
+        let place = |(y, x)| {
+            let place = self.rough.place(self.pair, corner(y, height), corner(x, width));
+            place.filter(tells)
+        };
         let places: Vec<Option<Place>> = corners.map(place).collect();
         let there: Vec<Place> = places.iter().flatten().copied().collect();
         let planes = self.shades.map(|shades| &shades.plane);
@@ -365,18 +376,26 @@ fn losses_of(powers: &Powers, noise: [f32; 2], choices: &[Choice], level: Level)
     let evidence = [0, 1].map(|side| Evidence::new(powers, noise, side));
     let loss = |side: usize, choice: &Choice| evidence[side].fit(choice.response, level).loss;
     let sharper = usize::from(evidence[0].lack() >= evidence[1].lack());
-    let untried = loss(0, &Choice::at(0)) + A_LITTLE;
+    let none = unblurred(&evidence, level).loss;
     let of = |choice: &Choice| match choice.side.map(Side::index) {
-        Some(side) if side == sharper && choices.len() > MOST => untried,
-        side => loss(side.unwrap_or(0), choice),
+        None => none,
+        Some(side) if side == sharper && choices.len() > MOST => none + A_LITTLE,
+        Some(side) => loss(side, choice),
     };
     choices.iter().map(of).collect()
+}
+
+/// How no blur explains a pair of blocks, with the mean of the losses that the left block has from the right one
+/// and the other way round: what one of them lacks may look like noise of the other one, but not both ways.
+fn unblurred(evidence: &[Evidence; 2], level: Level) -> Fit {
+    let [left, right] = [0, 1].map(|side| evidence[side].fit(flat(), level));
+    Fit { loss: 0.5 * (left.loss + right.loss), gain: left.gain }
 }
 
 impl Kind {
     fn none(powers: &Powers, noise: [f32; 2], level: Level) -> Self {
         let blur = Blur { side: None, psf: None, taps: None };
-        let fit = Evidence::new(powers, noise, 0).fit(flat(), level);
+        let fit = unblurred(&[0, 1].map(|side| Evidence::new(powers, noise, side)), level);
         Self { blur, response: flat().clone(), fit, powers: powers.clone() }
     }
 

@@ -153,3 +153,74 @@ pub fn path(samples: impl Iterator<Item = (f64, f64)>) -> Taps {
     let rows = values.chunks(wide).take(side).flat_map(|row| &row[..side]);
     Taps::new(reach, rows.copied().collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn psfs() -> impl Iterator<Item = Psf> {
+        let sizes = [1.0, 1.3, 2.0, 3.7, 6.0, 8.0];
+        let families = [Family::Gaussian, Family::Disk, Family::Motion];
+        let angles = [0.0, 17.0, 45.0, 90.0, 163.0];
+        families.into_iter().flat_map(move |family| {
+            sizes.into_iter().flat_map(move |size| {
+                angles.into_iter().map(move |angle| Psf { family, size, angle })
+            })
+        })
+    }
+
+    #[test]
+    fn taps_have_the_sum_one_and_are_symmetric_about_the_centre() {
+        for psf in psfs() {
+            let taps = psf.taps();
+            assert!((taps.values.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{psf:?}");
+            let mirrored = taps.values.iter().rev();
+            assert!(
+                taps.values.iter().zip(mirrored).all(|(a, b)| (a - b).abs() < 1e-12),
+                "{psf:?}"
+            );
+            assert_eq!(taps.values.len(), taps.side().pow(2));
+        }
+    }
+
+    #[test]
+    fn the_spread_is_that_of_the_taps_along_one_axis() {
+        for psf in psfs() {
+            // Splitting samples bilinearly, and pixels, have a spread of their own: at most a third of a pixel.
+            let along = psf.taps().radius() / 2f64.sqrt();
+            assert!((along - psf.spread()).abs() < 0.35, "{psf:?}: {along}");
+        }
+    }
+
+    #[test]
+    fn angles_turn_from_x_towards_y() {
+        let motion = |angle| Psf { family: Family::Motion, size: 9.0, angle }.taps();
+        assert!(motion(0.0).places().all(|(dy, _, tap)| dy == 0 || tap == 0.0));
+        assert!(motion(90.0).places().all(|(_, dx, tap)| dx == 0 || tap == 0.0));
+        let slant: f64 = motion(45.0).places().map(|(dy, dx, tap)| (dy * dx) as f64 * tap).sum();
+        assert!(slant > 1.0, "down to the right");
+    }
+
+    #[test]
+    fn the_least_of_every_family_is_none() {
+        for (family, size) in [
+            (Family::Gaussian, 0.0),
+            (Family::Disk, 0.01),
+            (Family::Motion, 1.0),
+            (Family::Motion, 0.5),
+        ] {
+            let taps = Psf { family, size, angle: 30.0 }.taps();
+            let centre = taps.values[taps.values.len() / 2];
+            assert!((centre - 1.0).abs() < 1e-12, "{family:?} {taps:?}");
+        }
+    }
+
+    #[test]
+    fn a_path_may_be_anything_but_symmetric() {
+        let taps = path([(0.0, 0.0), (0.0, 1.0), (2.0, 1.5)].into_iter());
+        assert_eq!(taps.reach, 2);
+        let tap = |y: usize, x: usize| taps.values[y * taps.side() + x];
+        let expected = [(2, 2, 1.0), (2, 3, 1.0), (4, 3, 0.5), (4, 4, 0.5)];
+        assert!(expected.iter().all(|(y, x, tap_)| (tap(*y, *x) - tap_ / 3.0).abs() < 1e-12));
+    }
+}

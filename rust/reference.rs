@@ -220,3 +220,31 @@ fn least<T: Ord + Copy>(values: &[T]) -> usize {
     }
     best
 }
+
+/// Twin of the fit of a blur to the powers of two blocks, `[blurred, sharp]` like the noise; `weights` are those
+/// of all bins and those by which gains are found. Returns loss and gain.
+pub fn blur_fit(
+    [blurred, sharp]: [Vec<f64>; 2],
+    noise: [f64; 2],
+    response: &[f64],
+    [weights, low]: [Vec<f64>; 2],
+) -> (f64, f64) {
+    let bins = 0..blurred.len();
+    let signal = |power: f64, noise: f64| (power - noise).max(0.02 * power);
+    let quotient = |bin: usize| {
+        let there = response[bin] * signal(sharp[bin], noise[1]);
+        (signal(blurred[bin], noise[0]) / there).ln()
+    };
+    let log_gain: f64 = bins.clone().map(|bin| low[bin] * quotient(bin)).sum();
+    let gain = log_gain.clamp(-20.0, 20.0).exp();
+    let there = |bin: usize| gain * response[bin] * signal(sharp[bin], noise[1]);
+    let residual = |bin: usize| (blurred[bin] / (there(bin) + noise[0])).ln();
+    let trust = |bin: usize| weights[bin] * there(bin) / (there(bin) + noise[0]);
+    let pull: f64 = bins.clone().map(|bin| trust(bin) * residual(bin).clamp(-2.0, 2.0)).sum();
+    let trusted: f64 = bins.clone().map(trust).sum();
+    let correction = (pull / trusted.max(1e-9)).clamp(-1.0, 1.0);
+    let left =
+        |bin: usize| (residual(bin) - trust(bin) / weights[bin].max(1e-300) * correction).abs();
+    let loss = bins.map(|bin| weights[bin] * left(bin).min(2.0)).sum();
+    (loss, gain * correction.exp())
+}

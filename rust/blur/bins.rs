@@ -10,7 +10,7 @@ pub const SIDE: usize = 64;
 /// Values are grouped by so many, so that loops over bins are vectorised.
 pub const LANES: usize = 16;
 
-/// Frequencies from here on are seen in fine cells, cycles per block.
+/// Frequencies up to here are seen in fine cells, cycles per block.
 const COARSE_FROM: isize = 16;
 /// Below so many cycles per block the window's own spectrum covers everything.
 const LOWEST: f64 = 1.2;
@@ -24,7 +24,7 @@ const SECTORS: usize = 8;
 /// Bins of half the frequency plane (the other half mirrors it), by rising frequency.
 #[derive(Debug)]
 pub struct Bins {
-    /// The bin of coefficient `kx * SIDE + ky`, kx below `SIDE / 2`.
+    /// The bin of coefficient `ky * SIDE + kx`, ky below `SIDE / 2`.
     bin: Vec<u16>,
     /// One over the number of coefficients in each bin.
     share: Vec<f32>,
@@ -48,9 +48,9 @@ impl Bins {
         let mut cells: BTreeMap<(isize, isize, isize), Vec<usize>> = BTreeMap::new();
         for place in 0..SIDE * SIDE / 2 {
             let (kx, ky) = wave(place);
-            let fine = kx < COARSE_FROM && (-COARSE_FROM..COARSE_FROM - 1).contains(&ky);
+            let fine = ky < COARSE_FROM && (-COARSE_FROM..COARSE_FROM - 1).contains(&kx);
             let size = if fine { 2 } else { 4 };
-            cells.entry((size, kx / size, (ky + 1).div_euclid(size))).or_default().push(place);
+            cells.entry((size, ky / size, (kx + 1).div_euclid(size))).or_default().push(place);
         }
         let mut cells: Vec<Vec<usize>> = cells.into_values().collect();
         cells.sort_by(|a, b| mean_frequency(a).total_cmp(&mean_frequency(b)));
@@ -83,7 +83,7 @@ impl Bins {
         self.weights.len()
     }
 
-    /// The mean in every bin of powers at `kx * SIDE + ky`; 1 in empty ones, which have a logarithm then.
+    /// The mean in every bin of powers at `ky * SIDE + kx`; 1 in empty ones, which have a logarithm then.
     pub fn pooled(&self, powers: &[f32]) -> Vec<f32> {
         let mut pooled = vec![0.0; self.count()];
         for (bin, power) in self.bin.iter().zip(powers) {
@@ -105,10 +105,10 @@ impl Bins {
     }
 }
 
-/// The cycles per block along x and y of coefficient `kx * SIDE + ky`.
+/// The cycles per block along x and y of coefficient `ky * SIDE + kx`.
 fn wave(place: usize) -> (isize, isize) {
-    let (kx, ky) = ((place / SIDE) as isize, (place % SIDE) as isize);
-    (kx, if ky < SIDE as isize / 2 { ky } else { ky - SIDE as isize })
+    let (ky, kx) = ((place / SIDE) as isize, (place % SIDE) as isize);
+    (if kx < SIDE as isize / 2 { kx } else { kx - SIDE as isize }, ky)
 }
 
 fn frequency(place: usize) -> f64 {
@@ -129,4 +129,80 @@ fn sector(place: usize) -> usize {
 fn normalise(values: &mut [f32]) {
     let sum: f32 = values.iter().sum();
     values.iter_mut().for_each(|value| *value /= sum);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_have_the_sum_one_and_only_low_bins_tell_gains() {
+        let bins = bins();
+        for weights in [&bins.weights, &bins.low] {
+            assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+            assert!(weights.iter().all(|weight| *weight >= 0.0));
+        }
+        let is_low: Vec<bool> = bins.low.iter().map(|weight| *weight > 0.0).collect();
+        let first = is_low.iter().position(|low| *low).expect("some are low");
+        assert!(is_low[first..].windows(2).all(|pair| pair[0] || !pair[1]), "by rising frequency");
+    }
+
+    #[test]
+    fn every_coefficient_is_in_one_bin() {
+        let bins = bins();
+        let mut members = vec![0; bins.count()];
+        bins.bin.iter().for_each(|bin| members[usize::from(*bin)] += 1);
+        assert_eq!(bins.bin.len(), SIDE * SIDE / 2);
+        assert_eq!(bins.count() % LANES, 0);
+        for (count, share) in members.iter().zip(&bins.share) {
+            let expected = if *count == 0 { 0.0 } else { 1.0 / *count as f32 };
+            assert!((share - expected).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn bins_are_small_cells_finer_where_frequencies_are_low() {
+        let bins = bins();
+        for bin in 0..bins.count() {
+            let places = (0..bins.bin.len()).filter(|place| usize::from(bins.bin[*place]) == bin);
+            let waves: Vec<_> = places.map(wave).collect();
+            let span = |of: &dyn Fn(&(isize, isize)) -> isize| {
+                let values = waves.iter().map(of);
+                values.clone().max().unwrap_or(0) - values.min().unwrap_or(0)
+            };
+            let lowest = waves.iter().map(|(x, y)| x.abs().max(*y)).min().unwrap_or(0);
+            let most = if lowest < COARSE_FROM - 2 { 1 } else { 3 };
+            assert!(span(&|wave| wave.0) <= most && span(&|wave| wave.1) <= most, "{waves:?}");
+        }
+    }
+
+    #[test]
+    fn pooled_is_the_mean_of_a_bin() {
+        let bins = bins();
+        let powers: Vec<f32> = (0..SIDE * SIDE / 2).map(|place| (place % 97) as f32).collect();
+        let pooled = bins.pooled(&powers);
+        let members = |bin: usize| {
+            let places =
+                (0..powers.len()).filter(move |place| usize::from(bins.bin[*place]) == bin);
+            places.collect::<Vec<_>>()
+        };
+        for (bin, mean) in pooled.iter().enumerate() {
+            let members = members(bin);
+            let sum: f32 = members.iter().map(|place| powers[*place]).sum();
+            let expected = if members.is_empty() { 1.0 } else { sum / members.len() as f32 };
+            assert!((mean - expected).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn noise_is_looked_for_in_the_quietest_direction() {
+        for quiet in 0..SECTORS {
+            let power = |place: usize| if sector(place) == quiet { 0.5 } else { 3.0 };
+            let powers: Vec<f32> = (0..SIDE * SIDE / 2).map(power).collect();
+            assert!((bins().least_high(&powers) - 0.5).abs() < 1e-6);
+        }
+        let along_x = SIDE + 30;
+        assert_eq!(wave(along_x), (30, 1));
+        assert_eq!((sector(along_x), sector(30 * SIDE)), (0, SECTORS / 2));
+    }
 }

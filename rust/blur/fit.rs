@@ -50,6 +50,12 @@ impl Response {
         Self { values, low }
     }
 
+    /// What is left in every bin.
+    #[cfg(test)]
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
     /// That of no blur.
     pub fn flat() -> Self {
         Self::new(vec![1.0; bins().count()])
@@ -173,7 +179,30 @@ fn ln(value: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::ln;
+    use super::super::bank::bank;
+    use super::super::bins::bins;
+    use super::*;
+    use crate::reference;
+
+    /// Powers that fall with the frequency, as those of images do, and what a blur of them would be.
+    fn powers(seed: u32, response: &Response, gain: f32, noise: [f32; 2]) -> Powers {
+        let mut state = seed;
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32
+        };
+        let count = bins().count();
+        let scene: Vec<f32> =
+            (0..count).map(|bin| 400.0 / (1.0 + bin as f32) * (0.5 + random())).collect();
+        let blurred = scene.iter().zip(&response.values);
+        let blurred = blurred.map(|(power, left)| gain * left * power + noise[0]).collect();
+        let sharp = scene.iter().map(|power| power + noise[1]).collect();
+        Powers { binned: [blurred, sharp], least_high: [0.0; 2] }
+    }
+
+    fn levels() -> impl Iterator<Item = Level> {
+        Level::all().filter_map(|(_, level)| level)
+    }
 
     #[test]
     fn the_logarithm_is_one() {
@@ -181,5 +210,72 @@ mod tests {
             let value = 1.37f32.powi(power);
             assert!((ln(value) - value.ln()).abs() < 1e-4, "{value}");
         }
+    }
+
+    #[test]
+    fn the_logarithm_of_nothing_is_finite() {
+        assert!((ln(0.0) - f32::MIN_POSITIVE.ln()).abs() < 1e-3);
+    }
+
+    #[test]
+    fn there_is_room_for_all_bins() {
+        assert!(bins().count() <= MOST_BINS);
+    }
+
+    #[test]
+    fn a_blur_explains_what_it_has_made() {
+        for entry in bank().iter().step_by(11) {
+            let powers = powers(1, &entry.response, 3.7, [0.4, 0.2]);
+            let fit = Evidence::new(&powers, [0.4, 0.2], 0).fit(&entry.response, Level::best());
+            assert!(fit.loss < 0.02, "{:?}: {fit:?}", entry.psf);
+            assert!((fit.gain / 3.7).ln().abs() < 0.05, "{:?}: {fit:?}", entry.psf);
+        }
+    }
+
+    #[test]
+    fn any_fit_is_that_of_the_naive_twin_at_every_level() {
+        let noise = [0.7, 0.3];
+        for (seed, entry) in bank().iter().enumerate().step_by(7) {
+            let powers = powers(seed as u32, &entry.response, 0.4, noise);
+            for side in 0..2 {
+                let evidence = Evidence::new(&powers, noise, side);
+                for other in bank().iter().step_by(13) {
+                    let expected = naive(&powers, noise, side, &other.response);
+                    let fit = evidence.fit(&other.response, Level::best());
+                    assert!((f64::from(fit.loss) - expected.0).abs() < 1e-3);
+                    assert!((f64::from(fit.gain) / expected.1).ln().abs() < 1e-3);
+                    assert!(levels().all(|level| evidence.fit(&other.response, level) == fit));
+                }
+            }
+        }
+    }
+
+    fn naive(powers: &Powers, noise: [f32; 2], side: usize, response: &Response) -> (f64, f64) {
+        let wide = |values: &[f32]| values.iter().copied().map(f64::from).collect::<Vec<_>>();
+        reference::blur_fit(
+            [side, 1 - side].map(|side| wide(&powers.binned[side])),
+            [side, 1 - side].map(|side| f64::from(noise[side])),
+            &wide(&response.values),
+            [&bins().weights, &bins().low].map(|weights| wide(weights)),
+        )
+    }
+
+    #[test]
+    fn the_softer_image_lacks_power_and_the_sharper_one_does_not() {
+        for entry in bank().iter().step_by(9) {
+            let powers = powers(5, &entry.response, 2.0, [0.3, 0.3]);
+            let [soft, sharp] = [0, 1].map(|side| Evidence::new(&powers, [0.3; 2], side).lack());
+            assert!(soft > sharp && soft > 0.0, "{:?}: {soft} {sharp}", entry.psf);
+        }
+        let alike = powers(5, &Response::flat(), 2.0, [0.3, 0.3]);
+        assert!(Evidence::new(&alike, [0.3; 2], 0).lack().abs() < 0.05);
+    }
+
+    #[test]
+    fn powers_of_nothing_are_explained_by_no_number_that_is_none() {
+        let nothing = vec![0.0; bins().count()];
+        let powers = Powers { binned: [nothing.clone(), nothing], least_high: [0.0; 2] };
+        let fit = Evidence::new(&powers, [0.0; 2], 0).fit(&bank()[0].response, Level::best());
+        assert!(fit.loss.is_finite() && fit.gain.is_finite());
     }
 }

@@ -77,3 +77,104 @@ fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
     }
     Some(Taps::new(REACH, values))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::matcher::{Execution, Matcher, Pair};
+    use crate::plane::reflect;
+    use crate::psf::path;
+    use crate::simd::Level;
+    use crate::view::{Image, View};
+
+    /// An image of squares of a few sizes.
+    fn scene(y: usize, x: usize) -> f32 {
+        let shade = |y: usize, x: usize, salt: u64| {
+            let mut bits = (y as u64) << 32 | x as u64 | salt << 60;
+            for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
+                bits = (bits ^ bits >> 29).wrapping_add(0x9e37_79b9).wrapping_mul(factor);
+            }
+            (bits >> 56) as f32
+        };
+        shade(y / 9, x / 9, 1) + 0.7 * shade(y / 4, x / 4, 2) + 0.5 * shade(y, x, 3)
+    }
+
+    fn convolved(image: &Plane<f32>, taps: &Taps) -> Plane<f32> {
+        Plane::from_fn(image.rows(), image.cols(), |y, x| {
+            let tap = |(dy, dx, value): (isize, isize, f64)| {
+                let row = image.row(reflect(y as isize - dy, image.rows()));
+                row[reflect(x as isize - dx, image.cols())] * value as f32
+            };
+            taps.places().map(tap).sum()
+        })
+    }
+
+    /// A hook, unlike its mirror images.
+    fn hook() -> Taps {
+        let down = (0..90).map(|i| (f64::from(i) / 15.0 - 4.0, -1.0));
+        let along = (0..60).map(|i| (2.0, f64::from(i) / 15.0 - 1.0));
+        path(down.chain(along))
+    }
+
+    /// Normalised correlation of two kernels of any reach.
+    fn likeness(a: &Taps, b: &Taps) -> f64 {
+        let product = |a: &Taps, b: &Taps| -> f64 {
+            let at = |dy: isize, dx: isize| {
+                b.places().find(|tap| (tap.0, tap.1) == (dy, dx)).map_or(0.0, |tap| tap.2)
+            };
+            a.places().map(|(dy, dx, value)| value * at(dy, dx)).sum()
+        };
+        product(a, b) / (product(a, a) * product(b, b)).sqrt()
+    }
+
+    #[test]
+    fn a_kernel_of_no_family_is_found_on_either_side() {
+        let (control, level) = (Control::default(), Level::best());
+        let how = Execution { threads: 1, strip_rows: None, level };
+        let matcher = Matcher::new(1).expect("a thread");
+        let sharp = Plane::from_fn(150, 200, scene);
+        let soft = convolved(&sharp, &hook());
+        for side in [Side::Left, Side::Right] {
+            let planes = if side == Side::Left { [&soft, &sharp] } else { [&sharp, &soft] };
+            let view = |plane: &Plane<f32>| {
+                let pixels =
+                    ndarray::Array3::from_shape_vec((150, 200, 1), plane.as_slice().into());
+                View { image: Image::F32(pixels.expect("the right length")), mask: None }
+            };
+            let pair = Pair::new(view(planes[0]), view(planes[1]), 0, 8).expect("a legal pair");
+            let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
+            let shades = [&shades[0], &shades[1]];
+            let rough =
+                Rough::new(&pair, shades, (2, 9), &matcher, how, &control).expect("a match");
+            let corner = |i: usize| Place { top: i / 4 * 40, left: i % 4 * 40, right: i % 4 * 40 };
+            let places: Vec<Place> = (0..12).map(corner).collect();
+            let found = measured(shades, &rough, &places, side, &control);
+            let found = found.expect("not cancelled").expect("there is contrast");
+            let mirrored = Taps::new(hook().reach, hook().values.into_iter().rev().collect());
+            let (alike, unlike) = (likeness(&found, &hook()), likeness(&found, &mirrored));
+            assert!(alike > 0.9 && unlike < 0.7, "{side:?}: {alike} {unlike}");
+        }
+    }
+
+    #[test]
+    fn only_what_hangs_together_about_the_largest_tap_is_kept() {
+        let mut kernel = Plane::from_fn(SIDE, SIDE, |_, _| 0.01);
+        let centre = SIDE / 2;
+        for (dy, dx, tap) in [(0, 0, 1.0), (1, 1, 0.5), (2, 2, 0.25), (0, 6, 0.9), (0, 1, -0.7)] {
+            kernel.row_mut(centre + dy)[centre + dx] = tap;
+        }
+        let taps = cleaned(&kernel).expect("there is a largest tap");
+        let kept: Vec<_> = taps.places().filter(|tap| tap.2 != 0.0).collect();
+        let expected = [(0, 0, 1.0 / 1.75), (1, 1, 0.5 / 1.75), (2, 2, 0.25 / 1.75)];
+        assert_eq!(kept.len(), 3);
+        for ((y, x, tap), (dy, dx, value)) in kept.into_iter().zip(expected) {
+            assert!((y, x) == (dy, dx) && (tap - value).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn of_nothing_there_is_no_kernel() {
+        assert_eq!(cleaned(&Plane::from_fn(SIDE, SIDE, |_, _| 0.0)), None);
+        assert_eq!(cleaned(&Plane::from_fn(SIDE, SIDE, |_, _| -1.0)), None);
+    }
+}

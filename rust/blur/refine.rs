@@ -77,3 +77,59 @@ fn largest(family: Family) -> f64 {
 fn best(found: impl Iterator<Item = Found>) -> Option<Found> {
     found.reduce(|a, b| if b.fit.loss < a.fit.loss { b } else { a })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::bins::bins;
+    use super::super::spectrum::Powers;
+    use super::*;
+
+    /// What blocks have to say whose blur is known.
+    fn evidence(psf: Psf) -> Evidence {
+        let noise = 0.05;
+        let scene = (0..bins().count()).map(|bin| 400.0 / (1.0 + bin as f32));
+        let response = Entry::new(psf).response;
+        let blurred =
+            scene.clone().zip(response.values()).map(|(power, left)| power * left + noise);
+        let binned = [blurred.collect(), scene.map(|power| power + noise).collect()];
+        Evidence::new(&Powers { binned, least_high: [0.0; 2] }, [noise; 2], 0)
+    }
+
+    #[test]
+    fn sizes_and_angles_between_those_of_the_bank_are_found() {
+        let families = [
+            (Family::Gaussian, 2.43, 0.0),
+            (Family::Gaussian, 6.2, 0.0),
+            (Family::Disk, 3.55, 0.0),
+            (Family::Disk, 7.1, 0.0),
+            (Family::Motion, 12.1, 38.0),
+            (Family::Motion, 8.3, 172.0),
+            (Family::Motion, 19.6, 96.0),
+        ];
+        for (family, size, angle) in families {
+            let found = refine(&evidence(Psf { family, size, angle }), Level::best()).entry.psf;
+            assert_eq!(found.family, family, "{found:?}");
+            assert!((found.size / size - 1.0).abs() < 0.02, "{found:?}, {size}");
+            let turn = (found.angle - angle + 90.0).rem_euclid(180.0) - 90.0;
+            assert!(turn.abs() < 2.0, "{found:?}, {angle}");
+        }
+    }
+
+    #[test]
+    fn sizes_stay_within_what_blocks_see() {
+        for family in [Family::Gaussian, Family::Disk, Family::Motion] {
+            let psf = Psf { family, size: 2.0 * largest(family), angle: 0.0 };
+            let found = refine(&evidence(psf), Level::best()).entry.psf;
+            assert!(found.size <= largest(found.family), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn no_blur_becomes_a_very_small_one() {
+        let found = refine(
+            &evidence(Psf { family: Family::Gaussian, size: 0.1, angle: 0.0 }),
+            Level::best(),
+        );
+        assert!(found.entry.psf.spread() < 0.3, "{:?}", found.entry.psf);
+    }
+}

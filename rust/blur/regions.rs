@@ -143,3 +143,127 @@ impl Losses {
 fn least(values: &[f32]) -> usize {
     (0..values.len()).fold(0, |a, b| if values[b] < values[a] { b } else { a })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UNTOLD: [f32; 3] = [f32::INFINITY; 3];
+
+    fn losses<const N: usize>(cols: usize, tiles: &[[f32; N]]) -> Losses {
+        let rows = tiles.len() / cols;
+        Losses { rows, cols, choices: N, values: tiles.concat() }
+    }
+
+    #[test]
+    fn the_best_for_all_tiles_is_chosen() {
+        let clear = [[0.9, 0.1, 0.5]; 12];
+        assert_eq!(losses(4, &clear).chosen(), [1]);
+    }
+
+    #[test]
+    fn no_blur_is_preferred_where_there_is_little_between_them() {
+        assert_eq!(losses(4, &[[0.12, 0.1, 0.5]; 12]).chosen(), [0]);
+        assert_eq!(losses(4, &[[0.2, 0.1, 0.5]; 12]).chosen(), [1]);
+    }
+
+    #[test]
+    fn what_explains_enough_tiles_better_is_chosen_too() {
+        let mut tiles = [[0.1, 0.9, 1.8]; 40];
+        assert_eq!(losses(8, &tiles).chosen(), [0]);
+        tiles[3] = [1.5, 0.1, 1.8];
+        assert_eq!(losses(8, &tiles).chosen(), [0, 1]);
+        tiles[39] = [1.4, 1.4, 0.1];
+        assert_eq!(losses(8, &tiles).chosen(), [0, 1, 2]);
+    }
+
+    #[test]
+    fn what_explains_tiles_a_little_better_by_chance_is_not() {
+        let mut tiles = [[0.1, 0.9, 1.8]; 40];
+        tiles[..20].fill([0.1, 0.05, 1.8]);
+        assert_eq!(losses(8, &tiles).chosen(), [0]);
+    }
+
+    #[test]
+    fn tiles_that_tell_nothing_do_not_count() {
+        let mut tiles = [UNTOLD; 40];
+        assert!(losses(8, &tiles).chosen().is_empty());
+        tiles[17] = [0.9, 0.1, 0.5];
+        assert_eq!(losses(8, &tiles).chosen(), [1]);
+    }
+
+    #[test]
+    fn there_are_so_many_choices_at_most() {
+        let tile = |own: usize| -> [f32; 12] {
+            std::array::from_fn(|choice| if choice == own { 0.0 } else { 2.0 })
+        };
+        let tiles: Vec<[f32; 12]> = (0..12).map(tile).collect();
+        assert_eq!(losses(4, &tiles).chosen().len(), MOST);
+    }
+
+    #[test]
+    fn a_single_choice_has_all_tiles_that_tell_something() {
+        let tiles = [[0.5], [f32::INFINITY], [0.1], [0.3]];
+        assert_eq!(losses(2, &tiles).best_members(0), [0, 2, 3]);
+    }
+
+    #[test]
+    fn of_several_choices_each_has_the_better_half_of_its_tiles() {
+        let tiles =
+            [[0.3, 0.9], [0.1, 0.9], [0.2, 0.9], [0.9, 0.4], [0.9, 0.2], [f32::INFINITY; 2]];
+        let losses = losses(3, &tiles);
+        assert_eq!(losses.best_members(0), [1, 2]);
+        assert_eq!(losses.best_members(1), [4]);
+    }
+
+    #[test]
+    fn what_was_chosen_first_may_be_left_without_tiles() {
+        // Choice 1 is the best for all; then 2 and 3 each explain one half better.
+        let mut tiles = [[2.0, 0.5, 0.1, 1.5]; 8];
+        tiles[4..].fill([2.0, 0.5, 1.5, 0.2]);
+        let losses = losses(4, &tiles);
+        assert_eq!(losses.chosen(), [1, 2, 3]);
+        assert!(losses.only(&[1, 2, 3]).best_members(0).is_empty());
+        assert_eq!(losses.only(&[1, 2, 3]).best_members(1).len(), 2);
+    }
+
+    #[test]
+    fn only_keeps_the_losses_of_some() {
+        let only = losses(2, &[[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]).only(&[2, 0]);
+        assert_eq!((only.choices, only.values), (2, vec![0.3, 0.1, 0.6, 0.4]));
+    }
+
+    #[test]
+    fn tiles_on_a_boundary_take_over_from_those_that_are_explained() {
+        let tiles =
+            [[0.1, 0.9], [0.8, 0.7], [0.9, 0.05], [0.9, 0.2], [f32::INFINITY; 2], [0.9, 0.3]];
+        let steadied = losses(6, &tiles).steadied();
+        let expected = [[0.1, 0.9], [0.9, 0.05], [0.9, 0.05], [0.9, 0.05], [0.9, 0.2], [0.9, 0.3]];
+        assert_eq!(steadied.values, expected.concat());
+    }
+
+    #[test]
+    fn specks_are_removed_unless_the_evidence_is_strong() {
+        let mut tiles = [[0.1, 0.6]; 25];
+        tiles[12] = [0.3, 0.1];
+        assert_eq!(losses(5, &tiles).labels(), [0; 25], "a speck");
+        tiles[12] = [1.8, 0.1];
+        let labels = losses(5, &tiles).labels();
+        assert_eq!((labels[12], labels.iter().sum::<u8>()), (1, 1), "clear evidence");
+    }
+
+    #[test]
+    fn areas_keep_their_boundary() {
+        let mut tiles = [[0.1, 0.5]; 36];
+        (0..36).filter(|tile| tile % 6 >= 3).for_each(|tile| tiles[tile] = [0.5, 0.1]);
+        let expected: Vec<u8> = (0..36).map(|tile| u8::from(tile % 6 >= 3)).collect();
+        assert_eq!(losses(6, &tiles).labels(), expected);
+    }
+
+    #[test]
+    fn tiles_that_tell_nothing_are_of_the_kind_around_them() {
+        let mut tiles = [[0.9, 0.2]; 25];
+        tiles[..3].fill([f32::INFINITY; 2]);
+        assert_eq!(losses(5, &tiles).labels(), [1; 25]);
+    }
+}

@@ -15,7 +15,7 @@ use crate::view::{Image, View};
 const REACH: f64 = 128.0;
 /// Side of the area about a block's centre whose median disparity is the block's, pixels.
 const CORE: usize = SIDE / 2;
-/// Of a block at least one pixel in so many must be valid... all but one in so many.
+/// Of a block at most one pixel in so many may be masked.
 const MASKED_SHARE: usize = 10;
 
 /// Gray values of an image.
@@ -40,6 +40,13 @@ impl Shades {
             Ok(())
         })?;
         Ok(Self { plane, unit: gray.steps(1.0) * scale })
+    }
+
+    /// Whether the block with this corner shows anything: what is of one value tells nothing about blur.
+    pub fn has_contrast(&self, top: usize, left: usize) -> bool {
+        let mut values = (top..top + SIDE).flat_map(|y| &self.plane.row(y)[left..left + SIDE]);
+        let first = values.next().map(|value| value.to_bits());
+        values.any(|value| Some(value.to_bits()) != first)
     }
 
     /// Means over squares of `factor` pixels; what is left over at the far ends is left out.
@@ -153,4 +160,107 @@ fn as_view(plane: Plane<f32>) -> View {
     let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
     // The plane has as many values as its shape says.
     View { image: Image::F32(pixels.unwrap_or_default()), mask: None }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::Level;
+    use crate::view::Mask;
+
+    const SHIFT: usize = 12;
+
+    fn texture(y: usize, x: usize) -> u8 {
+        let mut bits = (y as u64) << 32 | x as u64;
+        for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
+            bits = (bits ^ bits >> 29).wrapping_add(0x9e37_79b9).wrapping_mul(factor);
+        }
+        (bits >> 56) as u8
+    }
+
+    /// Squares of 3 pixels, everywhere at one disparity.
+    fn pair(masks: [Option<Mask>; 2]) -> Pair {
+        let view = |from: usize, mask| {
+            let pixel = |(y, x, _)| texture(y / 3, (x + from) / 3);
+            View { image: Image::U8(ndarray::Array3::from_shape_fn((130, 200, 1), pixel)), mask }
+        };
+        let [left, right] = masks;
+        Pair::new(view(0, left), view(SHIFT, right), 0, 40).expect("a legal pair")
+    }
+
+    fn rough(pair: &Pair, factor: usize) -> Rough {
+        let how = Execution { threads: 1, strip_rows: None, level: Level::best() };
+        let control = Control::default();
+        let matcher = Matcher::new(1).expect("a thread");
+        let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
+        Rough::new(pair, [&shades[0], &shades[1]], (factor, 9), &matcher, how, &control)
+            .expect("a match")
+    }
+
+    #[test]
+    fn blocks_lie_on_the_same_things() {
+        let pair = pair([None, None]);
+        for factor in [2, 4] {
+            let place = rough(&pair, factor).place(&pair, 20, 70);
+            assert_eq!(place, Some(Place { top: 20, left: 70, right: 70 - SHIFT }));
+        }
+    }
+
+    #[test]
+    fn blocks_lie_inside_both_images() {
+        let pair = pair([None, None]);
+        let rough = rough(&pair, 4);
+        assert_eq!(rough.place(&pair, 0, SHIFT - 8).map(|place| place.right), None);
+        assert!(rough.place(&pair, 130 - SIDE, 200 - SIDE).is_some());
+    }
+
+    #[test]
+    fn blocks_that_are_masked_in_either_image_are_left_out() {
+        let masked =
+            |share: usize| Some(Mask::from_fn(130, 200, |y, x| (31 * y + x) % 100 >= share));
+        for masks in [[masked(13), None], [None, masked(13)]] {
+            let pair = pair(masks);
+            assert_eq!(rough(&pair, 4).place(&pair, 20, 70), None);
+        }
+        let pair = pair([masked(5), masked(5)]);
+        assert!(rough(&pair, 4).place(&pair, 20, 70).is_some());
+    }
+
+    #[test]
+    fn between_pixels_disparities_are_interpolated_and_beyond_them_kept() {
+        let rough =
+            Rough { disparity: Plane::from_fn(2, 3, |y, x| (x + 10 * y) as f32), factor: 4 };
+        for (place, expected) in [((0, 0), 0.0), ((1, 3), 1.5), ((3, 5), 18.5), ((7, 11), 48.0)] {
+            assert!((rough.at(place.0, place.1) - expected).abs() < 1e-4, "{place:?}");
+        }
+    }
+
+    #[test]
+    fn one_value_all_over_is_no_contrast() {
+        let shades = |odd: usize| Shades {
+            plane: Plane::from_fn(80, 80, |y, x| if y * 80 + x == odd { 1.0 } else { 7.0 }),
+            unit: 1.0,
+        };
+        assert!(shades(79 * 80).has_contrast(16, 0), "the last row of the block");
+        assert!(!shades(79 * 80).has_contrast(15, 0), "the row below it");
+        assert!(shades(0).has_contrast(0, 0) && !shades(0).has_contrast(0, 1));
+    }
+
+    #[test]
+    fn shades_are_in_one_range_whatever_the_type() {
+        let how = Execution { threads: 1, strip_rows: None, level: Level::best() };
+        let bytes = ndarray::Array3::from_shape_fn((9, 11, 1), |(y, x, _)| texture(y, x));
+        let images = [
+            (Image::U16(bytes.mapv(|value| u16::from(value) * 256)), 1.0 / 256.0),
+            (Image::U8(bytes), 1.0),
+        ];
+        let of = |image| {
+            Shades::new(&View { image, mask: None }, how, &Control::default()).expect("memory")
+        };
+        let [wide, narrow] = images.map(|(image, unit)| (of(image), unit));
+        assert_eq!(wide.0.plane, narrow.0.plane);
+        for (shades, unit) in [wide, narrow] {
+            assert!((shades.unit / unit - 1.0).abs() < 1e-9);
+        }
+    }
 }

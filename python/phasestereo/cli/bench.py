@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cyclopts import App, Parameter
 
-from phasestereo.cli import bench_middlebury, bench_paper, bench_report, bench_speed
+from phasestereo.cli import bench_blur, bench_middlebury, bench_paper, bench_report, bench_speed
 
 __all__ = ["app"]
 
@@ -15,5 +15,6 @@ app = App(
 )
 app.command(bench_paper.paper)
 app.command(bench_middlebury.middlebury)
+app.command(bench_blur.blur)
 app.command(bench_speed.speed)
 app.command(bench_report.report)

@@ -11,15 +11,11 @@ from cyclopts import Group, Parameter, validators
 from rich.console import Console
 
 from phasestereo.bench.cases import SUITES
-from phasestereo.bench.environment import describe_environment
 from phasestereo.bench.middlebury import middlebury_jobs
-from phasestereo.bench.runner import Job, finished, run
-from phasestereo.bench.store import read_store
+from phasestereo.cli.bench_runs import prepare, run_cells, tell
 from phasestereo.cli.bench_scenes import Choice
 from phasestereo.cli.bench_tables import costs_table, means_table, name_of
 from phasestereo.cli.errors import CommandError, refusals
-from phasestereo.cli.stores import put_aside
-from phasestereo.cli.terminal import progress_bar
 
 _OPTIONS = {"suite", "degradation", "side", "method", "scene"}
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
@@ -80,9 +76,9 @@ def middlebury(
         scenes, left_out = choice.select(folders, suite)
         jobs = middlebury_jobs(scenes, method or None, degradation or None, suite=suite, sides=side)
         if left_out:
-            _tell(left_out)
-        _prepare(output, jobs, fresh=fresh)
-        records = _run(jobs, output, workers)
+            tell(left_out)
+        prepare(output, jobs, cells="cells", fresh=fresh)
+        records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
     for table in (means_table(records), costs_table(records)):
         console.print(table)
@@ -94,37 +90,8 @@ def middlebury(
         raise CommandError(_failure(failed, len(records)))
 
 
-def _prepare(output: Path, jobs: Sequence[Job], *, fresh: bool) -> None:
-    """Put an earlier file of records aside, or say what is kept of it."""
-    if not output.exists():
-        return
-    kept = finished(jobs, read_store(output))
-    if fresh:
-        _tell(f"renamed {output} to {put_aside(output)}")
-    elif kept:
-        here = describe_environment()["id"]
-        foreign = sum(record["environment"] != here for record in kept)
-        reason = f", {foreign} of them from other versions or machines" if foreign else ""
-        told = f"{len(kept)} of {len(jobs)} cells are in {output} already{reason}"
-        _tell(f"{told}; --fresh reruns them")
-
-
-def _run(jobs: Sequence[Job], output: Path, workers: int | None) -> list[dict[str, Any]]:
-    try:
-        with progress_bar("Matching") as progress:
-            return run(jobs, output, workers=workers, progress=progress)
-    except KeyboardInterrupt:
-        done = len(finished(jobs, read_store(output))) if output.exists() else 0
-        _tell(f"{done} of {len(jobs)} cells are in {output}; the same command does the others")
-        raise
-
-
 def _failure(failed: Sequence[dict[str, Any]], total: int) -> str:
     """Say in a line what failed."""
     first = failed[0]
     case = f"{name_of(first)} on {first['scene']}, {first['degradation']}"
     return f"{len(failed)} of {total} cells failed, the first of them {case}: {first['error']}"
-
-
-def _tell(message: str) -> None:
-    sys.stderr.write(f"phasestereo: {message}\n")

@@ -3,23 +3,28 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 from cyclopts import Parameter
 from rich import box
-from rich.console import Console
+from rich.console import Console, Group
 from rich.table import Table as Screen
 from rich.text import Text
 
+from phasestereo.bench.blur import fill_blur, read_blur
 from phasestereo.bench.methods import TRUE_BLUR
 from phasestereo.bench.report import fill_document, read_results, write_report
 from phasestereo.bench.report.documents import render_document
 from phasestereo.bench.report.origin import explain
 from phasestereo.bench.report.tables import Table, mean_table
-from phasestereo.bench.speed import SpeedResults, fill_speed, read_speed
-from phasestereo.cli.bench_tables import speed_screen
+from phasestereo.bench.speed import fill_speed, read_speed
+from phasestereo.cli.bench_tables import blur_screen, speed_screen
 from phasestereo.cli.errors import refusals
+
+Shown: TypeAlias = tuple[Group, Callable[[Path], None]]
+"""What to print, and what fills a document."""
 
 _OPTIONS = {"metric", "method", "suite", "side", "output"}
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
@@ -35,10 +40,10 @@ def report(
     suite: str | None = None,
     side: str | None = None,
 ) -> None:
-    """Tell what came out of ``bench middlebury`` or ``bench speed``: tables, plots, a page.
+    """Tell what came out of ``bench middlebury``, ``speed`` or ``blur``: tables, plots, a page.
 
-    Prints the means over the scenes, or the times, and writes whatever else is asked for; of times
-    there is no page. For example:
+    Prints the means over the scenes, the times, or what was found, and writes whatever else is
+    asked for; of ``speed`` and ``blur`` there is no page. For example:
 
     ```
     phasestereo bench report results.jsonl -o report
@@ -55,7 +60,7 @@ def report(
     readme
         Markdown files whose tables are to be replaced: what is between the comments
         ``<!-- bench:NAME -->`` and ``<!-- /bench:NAME -->``, NAME being one-sided-blur-means,
-        one-sided-blur-scenes, sharp or speed.
+        one-sided-blur-scenes, sharp, speed or blur.
     metric
         Which number: v2.nonocc, v2.all, v2.disc, v3.bad_0_5, v3.bad_1, v3.bad_2, v3.bad_4,
         v3.invalid, v3.avgerr, v3.rms, v3.a50, v3.a90, v3.a95, v3.a99, d1 or epe.
@@ -69,11 +74,16 @@ def report(
     with refusals(options=_OPTIONS):
         if not results:
             raise ValueError("no file of records given")
-        speed = read_speed(results)
-        if speed is not None:
-            others = {"output": output, "method": method, "suite": suite, "side": side}
-            _report_speed(speed, readme, [name for name, value in others.items() if value])
-            return
+        for benchmark, shown in (("speed", _speed(results)), ("blur", _blur(results))):
+            if shown is not None:
+                others = {"output": output, "method": method, "suite": suite, "side": side}
+                asked = [name for name, value in others.items() if value]
+                if asked:
+                    raise ValueError(
+                        f"{asked[0]}: results of bench {benchmark} have no choice of it"
+                    )
+                _show(shown, readme)
+                return
         told = read_results(results, suite=suite, side=side, methods=method)
         told.require_metric(metric)
         for document in readme:  # refused before anything is written
@@ -87,13 +97,26 @@ def report(
         console.print(line, markup=False, soft_wrap=True)
 
 
-def _report_speed(told: SpeedResults, readme: tuple[Path, ...], others: list[str]) -> None:
-    if others:
-        raise ValueError(f"{others[0]}: results of bench speed have no choice of it")
+def _speed(results: tuple[Path, ...]) -> Shown | None:
+    told = read_speed(results)
+    if told is None:
+        return None
+    return speed_screen(told), lambda document: fill_speed(document, told)
+
+
+def _blur(results: tuple[Path, ...]) -> Shown | None:
+    told = read_blur(results)
+    if told is None:
+        return None
+    return blur_screen(told), lambda document: fill_blur(document, told)
+
+
+def _show(shown: Shown, readme: tuple[Path, ...]) -> None:
+    screen, fill = shown
     for document in readme:
-        fill_speed(document, told)
+        fill(document)
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
-    console.print(speed_screen(told))
+    console.print(screen)
     for document in readme:
         console.print(f"Wrote {document}", markup=False, soft_wrap=True)
 

@@ -10,6 +10,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from phasestereo.bench.blur import blur_table, explain_blur
 from phasestereo.bench.methods import TRUE_BLUR
 from phasestereo.bench.report.origin import made_with
 from phasestereo.bench.speed import explain_speed, memory_table, time_table
@@ -17,6 +18,7 @@ from phasestereo.bench.speed import explain_speed, memory_table, time_table
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from phasestereo.bench.blur import BlurResults
     from phasestereo.bench.report.tables import Table as Contents
     from phasestereo.bench.speed import SpeedResults
 
@@ -59,6 +61,12 @@ def speed_screen(results: SpeedResults) -> Group:
     times = _filled("Times: ours, and the rivals' divided by ours", time_table(results))
     memory = _filled("Memory, MB", memory_table(results))
     return Group(times, "", memory, "", Text(below))
+
+
+def blur_screen(results: BlurResults) -> Group:
+    """Return how much of the blur was found, and what that is."""
+    below = explain_blur(results)
+    return Group(_filled("Blur that was found", blur_table(results)), "", Text(below))
 
 
 def name_of(record: Record) -> str:

@@ -32,7 +32,7 @@ MARKERS: Mapping[str, tuple[str, Maker]] = MappingProxyType(
 )
 """The names that markers can have: the suite whose results they show, and in which table."""
 
-_OTHERS = ("speed",)
+_OTHERS = ("blur", "speed")
 """Names of markers that are filled from results of another kind."""
 
 _WIDTH = 110

@@ -1,0 +1,352 @@
+"""The estimation of relative blur: as the oracle has it, and as it was made."""
+
+from __future__ import annotations
+
+import pickle
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import oracle
+import oracle_blur
+import phasestereo as ps
+from phasestereo.degradation import Degradation, disk_psf, gaussian_psf, motion_psf, suite
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from phasestereo.datasets import Pair
+
+    Image = NDArray[np.uint8]
+
+for module in ("scipy", "PIL"):
+    pytest.importorskip(module)
+
+SIZE, SHIFT, COUNT = (160, 224), 6, 16
+
+
+@cache
+def scene(shift: int = 0) -> Image:
+    """Return squares of many sizes, seen from the left or, moved, from the right."""
+    rng = np.random.default_rng(7)
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    image = np.zeros(SIZE)
+    for side, weight in ((13, 0.3), (7, 0.25), (4, 0.2), (2, 0.15), (1, 0.1)):
+        image += weight * rng.integers(0, 256, (200, 260))[y // side, (x + shift) // side]
+    return np.rint(image).astype(np.uint8)
+
+
+def shots(psf: NDArray[np.float64] | None, side: str = "left") -> tuple[Image, Image]:
+    """Return the scene from both sides, of which one is blurred, with a little noise."""
+    recipes = {name: Degradation(psf if name == side else None, noise=1) for name in SIDES}
+    return recipes["left"](scene()), recipes["right"](scene(SHIFT))
+
+
+SIDES = "left", "right"
+
+
+def arc(length: int, turn: float) -> NDArray[np.float64]:
+    """Return the kernel of a shake along a circle, by so many degrees."""
+    steps = np.linspace(-0.5, 0.5, 16 * length + 1)
+    angle = np.deg2rad(turn) * steps
+    y, x = (
+        np.cumsum(part) * (length - 1) / (16 * length) for part in (np.sin(angle), np.cos(angle))
+    )
+    reach = length // 2 + 1
+    kernel = np.zeros((2 * reach + 1, 2 * reach + 1))
+    for down, along in zip(y - y.mean() + reach, x - x.mean() + reach, strict=True):
+        top, left = int(down), int(along)
+        fy, fx = down - top, along - left
+        kernel[top : top + 2, left : left + 2] += np.outer((1 - fy, fy), (1 - fx, fx))
+    return kernel / kernel.sum()
+
+
+def likeness(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Return the best correlation of two kernels, which may be a pixel apart."""
+    side = max(a.shape[0], b.shape[0])
+    one, other = (np.pad(each, (side - each.shape[0]) // 2 + 1) for each in (a, b))
+    moves = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+    products = [(one * np.roll(other, move, (0, 1))).sum() for move in moves]
+    return float(max(products) / np.sqrt((one**2).sum() * (other**2).sum()))
+
+
+def load(data: Path, name: str) -> Pair:
+    from phasestereo.datasets import find_scene  # noqa: PLC0415  # needs Pillow, which may be missing
+
+    return find_scene(data / "middlebury", name).load()
+
+
+# As the oracle has it
+
+
+def agree(found: ps.BlurEstimate, expected: oracle_blur.Estimate) -> None:
+    told = [(blur.side, blur.kind) for blur in found.blurs]
+    assert told == [(kind.side, kind.psf[0]) for kind in expected.kinds]
+    for blur, kind in zip(found.blurs, expected.kinds, strict=True):
+        assert blur.size == pytest.approx(kind.psf[1], rel=0.02)
+        assert blur.angle == pytest.approx(kind.psf[2], abs=1)
+        if kind.psf[0] == "other":
+            assert kind.kernel is not None
+            np.testing.assert_allclose(blur.psf, kind.kernel, atol=2e-3)
+    assert (found.tile, found.labels.shape) == (expected.tile, expected.labels.shape)
+    assert np.mean(found.labels == expected.labels) >= 0.97
+    assert found.certainty == pytest.approx(expected.certainty, abs=0.01)
+    assert found.contrast == pytest.approx(expected.contrast, rel=0.01)
+    assert found.noise == pytest.approx(expected.noise, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "side"),
+    [
+        ("tsukuba", "sharp", "left"),
+        ("tsukuba", "mixed", "left"),
+        ("tsukuba", "motion 15", "right"),
+        ("venus", "disk 6", "left"),
+        ("venus", "contrast 1.5 0.6", "right"),
+        ("cones", "gauss 2", "right"),
+    ],
+)
+def test_real_pairs_are_as_the_oracle_has_them(data: Path, name: str, row: str, side: str) -> None:
+    pair = load(data, name)
+    images = {"left": pair.left, "right": pair.right}
+    images[side] = suite()[row](images[side])
+    search = (0, pair.num_disparities)
+    found = ps.estimate_blur(images["left"], images["right"], num_disparities=search[1])
+    agree(
+        found,
+        oracle_blur.estimate(oracle_blur.scene_of(images["left"], images["right"], search=search)),
+    )
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("psf", [None, gaussian_psf(1.7), motion_psf(12, 37), arc(15, 270)])
+def test_made_pairs_are_as_the_oracle_has_them(psf: NDArray[np.float64] | None, side: str) -> None:
+    images = shots(psf, side)
+    found = ps.estimate_blur(*images, num_disparities=COUNT)
+    agree(found, oracle_blur.estimate(oracle_blur.scene_of(*images, search=(0, COUNT))))
+
+
+def test_masks_and_other_searches_are_as_the_oracle_has_them() -> None:
+    rng = np.random.default_rng(1)
+    right, left = shots(disk_psf(3))  # seen the other way round: disparities are negative
+    masks = rng.random((2, *SIZE)) > 0.03
+    masks[0, :30] = masks[1, :, 200:] = False
+    search = (-15, 17)
+    found = ps.estimate_blur(
+        *(left, right),
+        min_disparity=search[0],
+        num_disparities=search[1],
+        left_mask=masks[0],
+        right_mask=masks[1],
+    )
+    known = oracle_blur.scene_of(left, right, search=search, masks=(masks[0], masks[1]))
+    agree(found, oracle_blur.estimate(known))
+    assert found.blur.side == "right"
+
+
+# As it was made
+
+
+def trial(data: Path, name: str, *blur: Any, side: str, noise: float) -> Any:
+    from phasestereo.bench import blur as bench  # noqa: PLC0415  # needs Pillow, which may be missing
+    from phasestereo.datasets import find_scene  # noqa: PLC0415  # likewise
+
+    tried = bench.Trial(find_scene(data / "middlebury", name), *blur, side, noise)
+    key = {"family": blur[0], "size": blur[1], "angle": blur[2], "side": side}
+    record = key | bench.try_out(tried)
+    return bench.verdict(record), record
+
+
+@pytest.mark.parametrize(
+    ("name", "blur", "side", "noise"),
+    [
+        ("tsukuba", ("gaussian", 1.0, 0.0), "left", 2.0),
+        ("Aloe", ("gaussian", 4.0, 0.0), "right", 1.0),
+        ("Rocks1", ("gaussian", 2.0, 0.0), "right", 2.0),
+        ("venus", ("disk", 2.0, 0.0), "right", 1.0),
+        ("Lampshade1", ("disk", 4.0, 0.0), "left", 2.0),
+        ("Art", ("disk", 8.0, 0.0), "right", 1.0),
+        ("Baby1", ("motion", 5.0, 135.0), "left", 2.0),
+        ("cones", ("motion", 9.0, 22.0), "right", 1.0),
+        ("Moebius", ("motion", 13.0, 67.0), "left", 1.0),
+        ("Aloe", ("motion", 21.0, 160.0), "left", 2.0),
+    ],
+)
+def test_known_blurs_are_found(
+    data: Path, name: str, blur: tuple[str, float, float], side: str, noise: float
+) -> None:
+    judged, record = trial(data, name, *blur, side=side, noise=noise)
+    assert judged.all, record
+
+
+SCENES = ("tsukuba", "cones", "Art", "Lampshade1", "Motorcycle", "Piano")
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_sharp_pairs_have_none(data: Path, name: str) -> None:
+    judged, record = trial(data, name, "none", 0.0, 0.0, side="neither", noise=0.0)
+    assert judged.all, record
+
+
+@pytest.mark.parametrize("name", SCENES[:4])
+@pytest.mark.parametrize("blur", [("gaussian", 3.0, 0.0), ("motion", 9.0, 0.0)])
+def test_pairs_that_are_equally_soft_have_none(
+    data: Path, name: str, blur: tuple[str, float, float]
+) -> None:
+    judged, record = trial(data, name, *blur, side="both", noise=1.0)
+    assert judged.all, record
+
+
+@pytest.mark.parametrize("name", ["tsukuba", "cones", "Aloe"])
+def test_areas_are_where_they_are(data: Path, name: str) -> None:
+    pair = load(data, name)
+    left = suite()["mixed"](pair.left)
+    found = ps.estimate_blur(left, pair.right, num_disparities=pair.num_disparities)
+    kinds = {blur.kind for blur in found.blurs}
+    assert kinds == {"none", "motion", "disk"}
+    assert {blur.side for blur in found.blurs if blur.kind != "none"} == {"left"}
+    rows, cols = left.shape[:2]
+    y, x = np.ogrid[:rows, :cols]
+    truth = np.array(["none", "motion", "none", "disk"])[(4 * y // rows + 4 * x // cols) % 4]
+    names = np.array([blur.kind for blur in found.blurs])
+    drawn = oracle.class_map(found.labels, found.tile, (rows, cols))
+    assert np.mean(names[drawn] == truth) > 0.75
+    assert found.areas() == pytest.approx(
+        [np.mean(found.labels == n) for n in range(len(found.blurs))]
+    )
+    assert sum(found.areas()) == pytest.approx(1)
+    assert found.areas() == tuple(sorted(found.areas(), reverse=True))
+
+
+@pytest.mark.parametrize("name", ["cones", "Aloe"])
+@pytest.mark.parametrize("side", SIDES)
+def test_a_curved_path_is_measured(data: Path, name: str, side: str) -> None:
+    pair, kernel = load(data, name), arc(15, 270)
+    images = {"left": pair.left, "right": pair.right}
+    images[side] = Degradation(kernel, noise=1)(images[side])
+    found = ps.estimate_blur(
+        images["left"], images["right"], num_disparities=pair.num_disparities
+    ).blur
+    assert (found.side, found.kind, found.angle) == (side, "other", 0)
+    assert found.psf is not None
+    assert found.psf.sum() == pytest.approx(1)
+    assert found.size == pytest.approx(oracle_blur.radius(found.psf))
+    assert likeness(found.psf, kernel) > 0.8
+    assert likeness(found.psf, kernel) > likeness(found.psf, kernel[::-1, ::-1]) + 0.2
+
+
+# What is told
+
+
+@pytest.mark.parametrize(
+    ("kind", "sizes"), [("gaussian", (1.3, 3.1)), ("disk", (2.6, 5.2)), ("motion", (7.7, 14))]
+)
+def test_the_kernel_is_that_of_the_size(kind: str, sizes: tuple[float, ...]) -> None:
+    makers: dict[str, Any] = {
+        "gaussian": lambda size, _: gaussian_psf(size),
+        "disk": lambda size, _: disk_psf(size),
+        "motion": motion_psf,
+    }
+    for size in sizes:
+        angle = 25 if kind == "motion" else 0
+        blur = ps.estimate_blur(*shots(makers[kind](size, angle)), num_disparities=COUNT).blur
+        assert blur.kind == kind
+        assert blur.psf is not None
+        assert blur.psf.dtype == np.float64
+        wanted = makers[kind](blur.size, blur.angle)
+        inner, outer = sorted((blur.psf, wanted), key=len)
+        margin = (len(outer) - len(inner)) // 2
+        np.testing.assert_allclose(np.pad(inner, margin), outer, atol=1e-6)
+
+
+def test_an_estimate_tells_itself() -> None:
+    found = ps.estimate_blur(*shots(motion_psf(11, 30)), num_disparities=COUNT)
+    assert found.blur is found.blurs[0]
+    assert repr(found.blur).startswith("<Blur: left, motion 1")
+    assert repr(found.blur).endswith(" px at 30 degrees>")
+    assert (found.labels.dtype, found.labels.tolist(), found.areas()) == (np.uint8, [[0]], (1.0,))
+    assert found.tile >= max(SIZE)
+    none = ps.estimate_blur(*shots(None), num_disparities=COUNT).blur
+    assert (none.side, none.kind, none.size, none.angle, none.psf) == ("none", "none", 0, 0, None)
+    assert repr(none) == "<Blur: none>"
+    copy = pickle.loads(pickle.dumps(found))  # noqa: S301  # our own
+    assert (copy.blur.size, copy.noise) == (found.blur.size, found.noise)
+
+
+def test_by_default_a_third_of_the_width_is_searched() -> None:
+    images = shots(disk_psf(3))
+    third = -(-SIZE[1] // 3)
+    told = [ps.estimate_blur(*images, **kwargs) for kwargs in ({}, {"num_disparities": third})]
+    assert told[0].noise == told[1].noise
+    assert told[0].blur.size == told[1].blur.size
+
+
+def test_the_number_of_threads_changes_nothing() -> None:
+    images = shots(arc(15, 270))
+    one, four = (ps.estimate_blur(*images, num_disparities=COUNT, threads=n) for n in (1, 4))
+    assert (one.certainty, one.contrast, one.noise) == (four.certainty, four.contrast, four.noise)
+    assert one.blur.psf is not None
+    np.testing.assert_array_equal(one.blur.psf, four.blur.psf)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (63, 64), (64, 63), (1, 300)])
+def test_small_images_tell_nothing(shape: tuple[int, int]) -> None:
+    image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    silent(ps.estimate_blur(image, image), max(shape))
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
+def test_images_without_contrast_tell_nothing(dtype: type[np.generic]) -> None:
+    flat = np.full((90, 100), 50, dtype)
+    silent(ps.estimate_blur(flat, flat), 100)
+    silent(ps.estimate_blur(flat, scene()[:90, :100].astype(dtype)), 100)
+
+
+def test_masked_images_tell_nothing() -> None:
+    left, right = shots(disk_psf(3))
+    silent(ps.estimate_blur(left, right, left_mask=np.zeros(SIZE, bool)), max(SIZE))
+
+
+def silent(found: ps.BlurEstimate, tile: int) -> None:
+    assert [blur.kind for blur in found.blurs] == ["none"]
+    assert (found.certainty, found.contrast, found.tile) == (0, 1, tile)
+    assert found.labels.tolist() == [[0]]
+
+
+GOOD = scene()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "error", "message"),
+    [
+        (("x", GOOD), {}, TypeError, "left: got dtype"),
+        ((GOOD, GOOD.astype(np.uint16)), {}, TypeError, "right: got dtype uint16; accepts that"),
+        ((GOOD, GOOD[:-1]), {}, ValueError, "right: got"),
+        ((GOOD[0], GOOD[0]), {}, ValueError, "left: got shape"),
+        ((GOOD.astype(complex), GOOD), {}, TypeError, "left: got dtype complex128"),
+        ((GOOD, GOOD), {"num_disparities": 0}, ValueError, "num_disparities: got 0"),
+        ((GOOD, GOOD), {"num_disparities": 1.5}, TypeError, "num_disparities: got float"),
+        ((GOOD, GOOD), {"num_disparities": 225}, ValueError, "num_disparities: got 225"),
+        ((GOOD, GOOD), {"min_disparity": 10**9}, ValueError, "min_disparity: got 1000000000"),
+        ((GOOD, GOOD), {"min_disparity": "0"}, TypeError, "min_disparity: got str"),
+        ((GOOD, GOOD), {"threads": 0}, ValueError, "threads: got 0"),
+        ((GOOD, GOOD), {"left_mask": np.ones(3, bool)}, ValueError, "left_mask: got shape"),
+        ((GOOD, GOOD), {"right_mask": np.ones(SIZE)}, TypeError, "right_mask: got dtype float64"),
+        (
+            (np.full(SIZE, np.nan, np.float32), GOOD.astype(np.float32)),
+            {},
+            ValueError,
+            "left: got NaN at row 0, column 0",
+        ),
+    ],
+)
+def test_what_is_refused(
+    arguments: tuple[Any, Any], options: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error) as raised:
+        ps.estimate_blur(*arguments, **options)
+    assert str(raised.value).startswith(message)
