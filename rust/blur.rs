@@ -1,13 +1,13 @@
 //! Which image is blurrier than the other, where and by what, from the images alone.
 //!
-//! 1. The pair is matched at a quarter of its size ([`rough`]), where little is left of the blur: that tells
+//! 1. The pair is matched at a quarter of its size (`rough`), where little is left of the blur: that tells
 //!    which blocks of the two images show the same things.
-//! 2. Of each such pair of blocks the power spectra are taken ([`spectrum`]), in bins ([`bins`]). What they
+//! 2. Of each such pair of blocks the power spectra are taken (`spectrum`), in bins (`bins`). What they
 //!    differ by is gain, noise, and the response of the relative blur, whatever the blocks show.
-//! 3. Each of a bank of blurs ([`bank`]) is fitted to every pair of blocks ([`fit`]); the fewest that explain
-//!    the tiles of the image are kept ([`regions`]).
-//! 4. Of each kind that was found, size and direction are refined ([`refine`]) on the powers of all its
-//!    blocks together; where no family explains these well, the kernel is measured ([`measured`]).
+//! 3. Each of a bank of blurs (`bank`) is fitted to every pair of blocks (`fit`); the fewest that explain
+//!    the tiles of the image are kept (`regions`).
+//! 4. Of each kind that was found, size and direction are refined (`refine`) on the powers of all its
+//!    blocks together; where no family explains these well, the kernel is measured (`measured`).
 //! 5. If there are several kinds, the map of them is drawn again, finer.
 //!
 //! All sums are in a fixed order, and nothing depends on threads or instructions.
@@ -197,8 +197,8 @@ impl Scene<'_> {
         };
         let places: Vec<Option<Place>> = corners.map(place).collect();
         let there: Vec<Place> = places.iter().flatten().copied().collect();
-        let planes = self.shades.map(|shades| &shades.plane);
-        Ok(Grid { rows, cols, places, powers: powers(planes, &there, self.control)? })
+        let images = self.shades.map(|shades| &shades.plane);
+        Ok(Grid { rows, cols, places, powers: powers(images, &there, self.control)? })
     }
 
     /// What the blocks of these tiles say together.

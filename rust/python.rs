@@ -159,17 +159,17 @@ fn tell_blur<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Told<'py>> {
         let kernel = Plane::from_vec(taps.side(), taps.side(), taps.values.clone())?;
         wrap(py, kernel)
     };
-    let side = match blur.side {
+    let softer = match blur.side {
         None => 0,
         Some(Side::Left) => 1,
         Some(Side::Right) => 2,
     };
-    let (kind, size, angle) = match (blur.psf, &blur.taps) {
+    let (family, size, angle) = match (blur.psf, &blur.taps) {
         (Some(psf), _) => (family_name(psf.family), psf.size, psf.angle),
         (None, Some(taps)) => ("other", taps.radius(), 0.0),
         (None, None) => ("none", 0.0, 0.0),
     };
-    Ok((side, kind, size, angle, blur.taps.as_ref().map(kernel).transpose()?))
+    Ok((softer, family, size, angle, blur.taps.as_ref().map(kernel).transpose()?))
 }
 
 fn family_name(family: Family) -> &'static str {

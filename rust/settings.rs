@@ -99,8 +99,6 @@ pub struct Settings {
     pub optimizer: Optimizer,
     /// What a change of disparity costs.
     pub penalty: Penalty,
-    /// Whether the caller has had the blur of the images estimated, to tell their versions.
-    pub equalise: bool,
     /// Intensities of black and white; `None`: the type's range for integers, a robust range for floats.
     pub intensity_range: Option<(f64, f64)>,
     /// Whether untrusted estimates stay in the map, flagged, or leave a hole.
@@ -124,7 +122,6 @@ impl Default for Settings {
             precision: Precision::Full,
             optimizer: Optimizer::DynamicProgramming,
             penalty: Penalty { near: 2.0, far: 2.0 },
-            equalise: false,
             intensity_range: None,
             fill: true,
             confidence: true,
@@ -141,10 +138,6 @@ impl Settings {
         between("power", self.power, 1, 2)?;
         between("bits", self.bits, 1, 4)?;
         self.check_weak()?;
-        if self.equalise && self.cost != CostKind::Phase {
-            let got = format!("true with the cost {:?}", self.cost);
-            return Err(Error::value("equalise", got, "false unless cost = 'phase'"));
-        }
         self.check_code_length()?;
         self.check_penalty()?;
         self.check_intensity_range()

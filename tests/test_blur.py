@@ -57,12 +57,13 @@ def arc(length: int, turn: float) -> NDArray[np.float64]:
         np.cumsum(part) * (length - 1) / (16 * length) for part in (np.sin(angle), np.cos(angle))
     )
     reach = length // 2 + 1
-    kernel = np.zeros((2 * reach + 1, 2 * reach + 1))
+    kernel: NDArray[np.float64] = np.zeros((2 * reach + 1, 2 * reach + 1))
     for down, along in zip(y - y.mean() + reach, x - x.mean() + reach, strict=True):
         top, left = int(down), int(along)
         fy, fx = down - top, along - left
         kernel[top : top + 2, left : left + 2] += np.outer((1 - fy, fy), (1 - fx, fx))
-    return kernel / kernel.sum()
+    kernel /= kernel.sum()
+    return kernel
 
 
 def likeness(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
@@ -91,6 +92,7 @@ def agree(found: ps.BlurEstimate, expected: oracle_blur.Estimate) -> None:
         assert blur.angle == pytest.approx(kind.psf[2], abs=1)
         if kind.psf[0] == "other":
             assert kind.kernel is not None
+            assert blur.psf is not None
             np.testing.assert_allclose(blur.psf, kind.kernel, atol=2e-3)
     assert (found.tile, found.labels.shape) == (expected.tile, expected.labels.shape)
     assert np.mean(found.labels == expected.labels) >= 0.97
@@ -151,12 +153,14 @@ def test_masks_and_other_searches_are_as_the_oracle_has_them() -> None:
 # As it was made
 
 
-def trial(data: Path, name: str, *blur: Any, side: str, noise: float) -> Any:
+def trial(
+    data: Path, name: str, family: str, size: float, angle: float, *, side: str, noise: float
+) -> Any:
     from phasestereo.bench import blur as bench  # noqa: PLC0415  # needs Pillow, which may be missing
     from phasestereo.datasets import find_scene  # noqa: PLC0415  # likewise
 
-    tried = bench.Trial(find_scene(data / "middlebury", name), *blur, side, noise)
-    key = {"family": blur[0], "size": blur[1], "angle": blur[2], "side": side}
+    tried = bench.Trial(find_scene(data / "middlebury", name), family, size, angle, side, noise)
+    key = {"family": family, "size": size, "angle": angle, "side": side}
     record = key | bench.try_out(tried)
     return bench.verdict(record), record
 
@@ -268,7 +272,8 @@ def test_an_estimate_tells_itself() -> None:
     assert found.blur is found.blurs[0]
     assert repr(found.blur).startswith("<Blur: left, motion 1")
     assert repr(found.blur).endswith(" px at 30 degrees>")
-    assert (found.labels.dtype, found.labels.tolist(), found.areas()) == (np.uint8, [[0]], (1.0,))
+    assert found.labels.dtype == np.uint8
+    assert (found.labels.tolist(), found.areas()) == ([[0]], (1.0,))
     assert found.tile >= max(SIZE)
     none = ps.estimate_blur(*shots(None), num_disparities=COUNT).blur
     assert (none.side, none.kind, none.size, none.angle, none.psf) == ("none", "none", 0, 0, None)

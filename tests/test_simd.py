@@ -27,7 +27,8 @@ from phasestereo import _core
 from phasestereo.equalisation import Equalisation
 rng = np.random.default_rng(0)
 pairs = [rng.integers(0, 256, (2, 70, 90), np.uint8), rng.random((2, 40, 50, 3), np.float32)]
-cases = [{"preset": "fast"}, {"preset": "robust"}, {}, {"bits": 3, "neighborhood": 9, "frequencies": (2, 2)},
+cases = [{"preset": "fast"}, {"preset": "robust"}, {},
+         {"bits": 3, "neighborhood": 9, "frequencies": (2, 2)},
          {"weak": 1, "noise": 9.0}, {"weak": 2, "power": 2, "noise": (0.1, 0.2)},
          {"equalisation": Equalisation(
              noise=(1.0, 1.0), labels=np.array([[0, 1], [2, 0]], np.uint8), tile=17,

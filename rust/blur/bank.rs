@@ -28,7 +28,7 @@ const SIGMAS: [f64; 7] = [1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.0];
 const RADII: [f64; 7] = [2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
 const LENGTHS: [f64; 9] = [5.0, 7.0, 9.0, 11.0, 13.0, 15.0, 18.0, 21.0, 25.0];
 /// Degrees between the directions of motions.
-const TURN: usize = 15;
+const TURN: u8 = 15;
 
 impl Entry {
     /// The entry of a function.
@@ -37,7 +37,7 @@ impl Entry {
     }
 }
 
-/// A coarse choice from all families: finer than this, [`super::refine`] goes by itself.
+/// A coarse choice from all families: finer than this, `refine` goes by itself.
 pub fn bank() -> &'static [Entry] {
     static BANK: OnceLock<Vec<Entry>> = OnceLock::new();
     BANK.get_or_init(|| {
@@ -45,10 +45,10 @@ pub fn bank() -> &'static [Entry] {
             sizes.iter().map(move |size| Psf { family, size: *size, angle: 0.0 })
         };
         let motions = LENGTHS.iter().flat_map(|size| {
-            (0..180).step_by(TURN).map(move |angle| Psf {
+            (0..180u8).step_by(TURN.into()).map(move |angle| Psf {
                 family: Family::Motion,
                 size: *size,
-                angle: angle as f64,
+                angle: f64::from(angle),
             })
         });
         let all =

@@ -58,14 +58,16 @@ fn warped(right: &Plane<f32>, rough: &Rough, control: &Control) -> Result<Plane<
 fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
     let (corner, side) = (SIDE / 2 - REACH, 2 * REACH + 1);
     let inner = Plane::from_fn(side, side, |y, x| kernel.row(corner + y)[corner + x]);
-    let largest = inner.as_slice().iter().copied().fold(0.0, f32::max);
-    let floor = largest * LEAST_TAP;
-    let start =
-        inner.as_slice().iter().position(|tap| *tap == largest).filter(|_| largest > 0.0)?;
+    let taps = inner.as_slice();
+    let start = (0..taps.len()).max_by(|a, b| taps[*a].total_cmp(&taps[*b]))?;
+    let floor = taps[start] * LEAST_TAP;
+    if floor <= 0.0 {
+        return None;
+    }
     let mut values = vec![0.0; side * side];
     let mut open = vec![start];
     while let Some(place) = open.pop() {
-        let tap = inner.as_slice()[place];
+        let tap = taps[place];
         if tap < floor || values[place] != 0.0 {
             continue;
         }
@@ -135,13 +137,13 @@ mod tests {
         let sharp = Plane::from_fn(150, 200, scene);
         let soft = convolved(&sharp, &hook());
         for side in [Side::Left, Side::Right] {
-            let planes = if side == Side::Left { [&soft, &sharp] } else { [&sharp, &soft] };
+            let shots = if side == Side::Left { [&soft, &sharp] } else { [&sharp, &soft] };
             let view = |plane: &Plane<f32>| {
                 let pixels =
                     ndarray::Array3::from_shape_vec((150, 200, 1), plane.as_slice().into());
                 View { image: Image::F32(pixels.expect("the right length")), mask: None }
             };
-            let pair = Pair::new(view(planes[0]), view(planes[1]), 0, 8).expect("a legal pair");
+            let pair = Pair::new(view(shots[0]), view(shots[1]), 0, 8).expect("a legal pair");
             let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
             let shades = [&shades[0], &shades[1]];
             let rough =

@@ -137,7 +137,6 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         precision: choice(&field("precision")?, "precision", &PRECISIONS)?,
         optimizer: choice(&field("optimizer")?, "optimizer", &OPTIMIZERS)?,
         penalty: read_penalty(&field("penalty")?)?,
-        equalise: boolean(&field("equalise")?, "equalise")?,
         intensity_range: match field("intensity_range")? {
             range if range.is_none() => None,
             range => {
@@ -150,6 +149,10 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         confidence: boolean(&field("confidence")?, "confidence")?,
     };
     settings.check()?;
+    // Not the core's business: who asks for it has the blur estimated, and tells the core what follows.
+    if boolean(&field("equalise")?, "equalise")? && settings.cost != CostKind::Phase {
+        return Err(Error::value("equalise", "True", "False unless cost = 'phase'").into());
+    }
     Ok(settings)
 }
 

@@ -10,8 +10,8 @@ from phasestereo._extras import require
 from phasestereo.bench import cases
 from phasestereo.bench.measurement import measured
 from phasestereo.bench.runner import Job, run
-from phasestereo.estimation import estimate_blur
 from phasestereo.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
+from phasestereo.estimation import estimate_blur
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
