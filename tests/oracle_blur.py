@@ -319,19 +319,22 @@ def losses_of(
 ) -> Floats:
     """Return how badly each blur, of a side and with responses, explains a pair of blocks.
 
-    Blurs of the image that lacks less power than the other one are not tried.
+    Of more than eight, those of an image that clearly lacks less power than the other one are not
+    tried.
     """
     left, right = powers
     ways = {"left": (left, right, noise), "right": (right, left, noise[::-1])}
-    softer = "right" if lack(*ways["right"]) > lack(*ways["left"]) else "left"
+    more = lack(*ways["left"]) - lack(*ways["right"])
+    many = sum(len(responses) for _, responses in choices) > 8
+    untried = {"left": many and -more > 0.3, "right": many and more > 0.3}
     losses: list[Floats] = []
     for side, responses in choices:
         if side == "none":
             losses.append((fit(*ways["left"], FLAT)[0] + fit(*ways["right"], FLAT)[0]) / 2)
-        elif side == softer:
-            losses.append(fit(*ways[side], responses)[0])
-        else:
+        elif untried[side]:
             losses.append(np.full(len(responses), UNTRIED))
+        else:
+            losses.append(fit(*ways[side], responses)[0])
     return np.concatenate(losses)
 
 
