@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Block = tuple[int, int, int]
 
 SIDE = 64
-UNTOLD, A_LITTLE = np.inf, 0.01
+UNTOLD, UNTRIED = np.inf, 4.0
 
 
 # --- what both images show in common ---
@@ -319,21 +319,22 @@ def losses_of(
 ) -> Floats:
     """Return how badly each blur, of a side and with responses, explains a pair of blocks.
 
-    Of more than 8, blurs of the image that lacks less power are taken for a little worse than none.
+    Of more than eight, those of an image that clearly lacks less power than the other one are not
+    tried.
     """
     left, right = powers
     ways = {"left": (left, right, noise), "right": (right, left, noise[::-1])}
-    softer = "right" if lack(*ways["right"]) > lack(*ways["left"]) else "left"
-    none = (fit(*ways["left"], FLAT)[0] + fit(*ways["right"], FLAT)[0]) / 2
+    more = lack(*ways["left"]) - lack(*ways["right"])
     many = sum(len(responses) for _, responses in choices) > 8
+    untried = {"left": many and -more > 0.3, "right": many and more > 0.3}
     losses: list[Floats] = []
     for side, responses in choices:
         if side == "none":
-            losses.append(none)
-        elif side == softer or not many:
-            losses.append(fit(*ways[side], responses)[0])
+            losses.append((fit(*ways["left"], FLAT)[0] + fit(*ways["right"], FLAT)[0]) / 2)
+        elif untried[side]:
+            losses.append(np.full(len(responses), UNTRIED))
         else:
-            losses.append(np.repeat(none + A_LITTLE, len(responses)))
+            losses.append(fit(*ways[side], responses)[0])
     return np.concatenate(losses)
 
 

@@ -62,8 +62,8 @@ def arc(length: int, turn: float) -> NDArray[np.float64]:
         top, left = int(down), int(along)
         fy, fx = down - top, along - left
         kernel[top : top + 2, left : left + 2] += np.outer((1 - fy, fy), (1 - fx, fx))
-    kernel /= kernel.sum()
-    return kernel
+    normal: NDArray[np.float64] = kernel / kernel.sum()
+    return normal
 
 
 def likeness(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
@@ -153,12 +153,11 @@ def test_masks_and_other_searches_are_as_the_oracle_has_them() -> None:
 # As it was made
 
 
-def trial(
-    data: Path, name: str, family: str, size: float, angle: float, *, side: str, noise: float
-) -> Any:
+def trial(data: Path, name: str, blur: tuple[str, float, float], *, side: str, noise: float) -> Any:
     from phasestereo.bench import blur as bench  # noqa: PLC0415  # needs Pillow, which may be missing
     from phasestereo.datasets import find_scene  # noqa: PLC0415  # likewise
 
+    family, size, angle = blur
     tried = bench.Trial(find_scene(data / "middlebury", name), family, size, angle, side, noise)
     key = {"family": family, "size": size, "angle": angle, "side": side}
     record = key | bench.try_out(tried)
@@ -183,7 +182,7 @@ def trial(
 def test_known_blurs_are_found(
     data: Path, name: str, blur: tuple[str, float, float], side: str, noise: float
 ) -> None:
-    judged, record = trial(data, name, *blur, side=side, noise=noise)
+    judged, record = trial(data, name, blur, side=side, noise=noise)
     assert judged.all, record
 
 
@@ -192,7 +191,7 @@ SCENES = ("tsukuba", "cones", "Art", "Lampshade1", "Motorcycle", "Piano")
 
 @pytest.mark.parametrize("name", SCENES)
 def test_sharp_pairs_have_none(data: Path, name: str) -> None:
-    judged, record = trial(data, name, "none", 0.0, 0.0, side="neither", noise=0.0)
+    judged, record = trial(data, name, ("none", 0.0, 0.0), side="neither", noise=0.0)
     assert judged.all, record
 
 
@@ -201,7 +200,7 @@ def test_sharp_pairs_have_none(data: Path, name: str) -> None:
 def test_pairs_that_are_equally_soft_have_none(
     data: Path, name: str, blur: tuple[str, float, float]
 ) -> None:
-    judged, record = trial(data, name, *blur, side="both", noise=1.0)
+    judged, record = trial(data, name, blur, side="both", noise=1.0)
     assert judged.all, record
 
 

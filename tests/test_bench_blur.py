@@ -1,0 +1,339 @@
+"""The benchmark of the estimation of blur: its trials, what is right about them, and its table."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from phasestereo import io
+from phasestereo.bench import blur as bench
+from phasestereo.bench import read_store
+from phasestereo.datasets import find_scenes
+from phasestereo.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from phasestereo.datasets import Scene
+
+cli = pytest.importorskip("phasestereo.cli")
+for module in ("scipy", "PIL"):
+    pytest.importorskip(module)
+
+SHIFT = 4
+Run = tuple[int, str, str]
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """Return a folder tree with a scene of squares of many sizes, everywhere at one disparity."""
+    folder = tmp_path / "data" / "scenes2001" / "squares"
+    folder.mkdir(parents=True)
+    rng = np.random.default_rng(7)
+    y, x = np.mgrid[:120, : 170 + SHIFT]
+    texture = np.zeros(y.shape)
+    for side, weight in ((13, 0.3), (7, 0.25), (4, 0.2), (2, 0.15), (1, 0.1)):
+        texture += weight * rng.integers(0, 256, (150, 200))[y // side, x // side]
+    image = np.rint(texture).astype(np.uint8)
+    io.write_image(folder / "im2.ppm", np.dstack([image[:, :-SHIFT]] * 3))
+    io.write_image(folder / "im6.ppm", np.dstack([image[:, SHIFT:]] * 3))
+    for file in ("disp2.pgm", "disp6.pgm"):
+        io.write_image(folder / file, np.full((120, 170), 8 * SHIFT, np.uint8))
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def scene(tree: Path) -> Scene:
+    return find_scenes(tree)[0]
+
+
+# Trials
+
+
+def test_there_are_so_many_trials(scene: Scene) -> None:
+    keys = [dict(job.key) for job in bench.blur_jobs([scene])]
+    assert len({json.dumps(key) for key in keys}) == len(keys) == 109
+    assert {key["kind"] for key in keys} == {"blur"}
+    sides = [key["side"] for key in keys]
+    assert [sides.count(side) for side in ("left", "right", "both", "neither")] == [52, 52, 4, 1]
+    assert len(bench.blur_jobs([scene], every=7)) == 16
+
+
+@pytest.mark.parametrize(
+    ("family", "psf"),
+    [("gaussian", gaussian_psf(3)), ("disk", disk_psf(3)), ("motion", motion_psf(3, 40))],
+)
+@pytest.mark.parametrize("side", ["left", "right", "both"])
+def test_images_are_blurred_as_told(scene: Scene, family: str, psf: Any, side: str) -> None:
+    pair = scene.load()
+    views = bench.Trial(scene, family, 3.0, 40.0, side, 2.0).views(pair)
+    for view, image, name, seed in zip(
+        views, (pair.left, pair.right), ("left", "right"), (1, 2), strict=True
+    ):
+        blurred = Degradation(psf, noise=2, seed=seed)(image)
+        np.testing.assert_array_equal(view, blurred if side in (name, "both") else image)
+
+
+def test_sharp_pairs_are_as_they_are(scene: Scene) -> None:
+    pair = scene.load()
+    left, right = bench.Trial(scene, "none", 0.0, 0.0, "neither", 0.0).views(pair)
+    np.testing.assert_array_equal(left, pair.left)
+    np.testing.assert_array_equal(right, pair.right)
+
+
+def test_a_record_tells_what_was_found(scene: Scene, tmp_path: Path) -> None:
+    (record,) = bench.run_blur([scene], tmp_path / "a.jsonl", every=1000, workers=0)
+    assert record["status"] == "ok"
+    assert (record["collection"], record["scene"]) == ("scenes2001", "squares")
+    assert record["found"] == {"side": "none", "kind": "none", "size": 0, "angle": 0}
+    assert (record["kinds"], record["areas"]) == (1, [1.0])
+    assert (record["width"], record["height"]) == (170, 120)
+    assert record["seconds"] > 0
+    assert 0 < record["certainty"] <= 1
+    tried = bench.try_out(bench.Trial(scene, "disk", 4.0, 0.0, "right", 1.0))
+    assert bench.verdict({"family": "disk", "size": 4, "angle": 0, "side": "right"} | tried).all
+
+
+@pytest.mark.parametrize("every", [0, -1])
+def test_every_zeroth_trial_is_refused(scene: Scene, every: int) -> None:
+    with pytest.raises(ValueError, match=f"every: got {every}; accepts 1 and more"):
+        bench.blur_jobs([scene], every=every)
+
+
+def test_without_scenes_there_is_nothing_to_do() -> None:
+    with pytest.raises(ValueError, match="there is no scene to blur"):
+        bench.blur_jobs([])
+
+
+# Verdicts
+
+
+def record(family: str, size: float, angle: float, side: str, /, **changes: Any) -> dict[str, Any]:
+    """Return a record of a trial in which all was found, but for the changes."""
+    found = {"side": side, "kind": family, "size": size, "angle": angle}
+    if side in ("both", "neither"):
+        found = {"side": "none", "kind": "none", "size": 0, "angle": 0}
+    kinds = changes.pop("kinds", 1)
+    return {
+        "kind": "blur",
+        "collection": "a",
+        "scene": "b",
+        "family": family,
+        "size": size,
+        "angle": angle,
+        "side": side,
+        "noise": 1.0,
+        "status": "ok",
+        "environment": "0",
+        "found": found | changes,
+        "kinds": kinds,
+    }
+
+
+@pytest.mark.parametrize(
+    ("told", "wrong"),
+    [
+        (record("disk", 3, 0, "left"), set()),
+        (record("disk", 3, 0, "left", size=3.5), set()),
+        (record("disk", 3, 0, "left", size=3.6), {"size"}),
+        (record("disk", 8, 0, "left", size=8.7), set()),
+        (record("disk", 8, 0, "left", size=7.1), {"size"}),
+        (record("disk", 3, 0, "left", side="right"), {"side"}),
+        (record("disk", 3, 0, "left", kind="gaussian"), {"kind", "size"}),
+        (record("disk", 2, 0, "left", kind="gaussian", size=1.1), set()),
+        (record("disk", 2, 0, "left", kind="gaussian", size=2), {"size"}),
+        (record("gaussian", 1.5, 0, "left", kind="disk", size=3), set()),
+        (record("gaussian", 2, 0, "left", kind="disk", size=4), {"kind", "size"}),
+        (record("gaussian", 1, 0, "left", kind="motion", size=3), {"kind", "size"}),
+        (record("motion", 9, 0, "left", angle=170), set()),
+        (record("motion", 9, 135, "left", angle=119), {"angle"}),
+        (record("motion", 9, 0, "left", kind="other"), {"kind", "size", "angle"}),
+        (record("motion", 9, 0, "right", kinds=2), {"single"}),
+        (record("none", 0, 0, "neither"), set()),
+        (record("disk", 3, 0, "both"), set()),
+        (record("disk", 3, 0, "both", side="left", kind="disk"), {"kind", "side"}),
+    ],
+)
+def test_verdicts(told: dict[str, Any], wrong: set[str]) -> None:
+    judged = bench.verdict(told)
+    names = ("kind", "side", "size", "angle", "single")
+    assert {name for name in names if not getattr(judged, name)} == wrong
+    assert judged.all == (not wrong)
+
+
+def test_errors_are_those_of_the_family_that_was_there() -> None:
+    judged = bench.verdict(record("disk", 2, 0, "left", kind="gaussian", size=1.1))
+    assert judged.size_error == pytest.approx(0.2)
+    judged = bench.verdict(record("motion", 9, 175, "left", angle=3, size=9.5))
+    assert judged.size_error == pytest.approx(0.5)
+    assert judged.angle_error == pytest.approx(8)
+    assert bench.verdict(record("none", 0, 0, "neither")).size_error is None
+
+
+# Results
+
+
+def stored(path: Path, *records: dict[str, Any]) -> Path:
+    facts = {
+        "kind": "environment",
+        "id": "0",
+        "cpu": "a processor",
+        "date": "2026-01-01",
+        "versions": {"phasestereo": "1.2.3"},
+    }
+    path.write_text("".join(json.dumps(line) + "\n" for line in (facts, *records)))
+    return path
+
+
+RECORDS = [
+    record("motion", 9, 30, "left", angle=34, size=9.4),
+    record("motion", 9, 30, "right", kind="disk"),
+    record("disk", 3, 0, "left"),
+    record("gaussian", 2, 0, "left"),
+    record("gaussian", 3, 0, "both"),
+    record("none", 0, 0, "neither") | {"noise": 0.0},
+]
+
+
+def test_the_table_has_a_row_for_each_blur(tmp_path: Path) -> None:
+    told = bench.read_blur([stored(tmp_path / "a.jsonl", *RECORDS)])
+    assert told is not None
+    rows = {row[0].text: [entry.text for entry in row[1:]] for row in bench.blur_table(told).rows}
+    assert rows == {
+        "gaussian 2": ["1", "100", "100", "100", "-", "100", "100", "0.00", "-"],
+        "disk 3": ["1", "100", "100", "100", "-", "100", "100", "0.00", "-"],
+        "motion 9": ["2", "50.0", "100", "50.0", "50.0", "100", "50.0", "0.40", "4.0"],
+        "none: as they are": ["1", "100", "100", "-", "-", "100", "100", "-", "-"],
+        "none: both alike": ["1", "100", "100", "-", "-", "100", "100", "-", "-"],
+        "all": ["6", "83.3", "100", "83.3", "83.3", "100", "83.3", "0.00", "4.0"],
+    }
+    assert list(rows)[-1] == "all"
+    assert "1 scenes; a blurred image has 8 bits and noise of 1 gray levels" in (
+        bench.explain_blur(told)
+    )
+
+
+def test_of_several_records_of_a_trial_the_last_counts(tmp_path: Path) -> None:
+    wrong = record("disk", 3, 0, "left", side="right")
+    failed = record("gaussian", 2, 0, "left") | {"status": "failed", "error": "E: no luck"}
+    told = bench.read_blur(
+        [
+            stored(tmp_path / name, *told)
+            for name, told in (("a", [wrong]), ("b", [*RECORDS, failed]))
+        ]
+    )
+    assert told is not None
+    assert len(told.records) == len(RECORDS)
+    assert all(bench.verdict(record).side for record in told.records)
+
+
+@pytest.mark.parametrize(
+    ("records", "message"),
+    [
+        ([record("disk", 3, 0, "left") | {"found": {}}], "a record of kind 'blur' is not whole"),
+        ([record("disk", 3, 0, "left") | {"status": "failed"}], "no results: all trials failed"),
+        ([RECORDS[0], {"kind": "speed"}], "results of several benchmarks: blur, speed; give one"),
+    ],
+)
+def test_files_that_cannot_be_told(
+    tmp_path: Path, records: list[dict[str, Any]], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        bench.read_blur([stored(tmp_path / "a.jsonl", *records)])
+
+
+def test_other_benchmarks_are_none_of_blur(tmp_path: Path) -> None:
+    assert bench.read_blur([stored(tmp_path / "a.jsonl", {"kind": "speed"})]) is None
+
+
+def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
+    told = bench.read_blur([stored(tmp_path / "a.jsonl", *RECORDS)])
+    assert told is not None
+    document = tmp_path / "blur.md"
+    other = "<!-- bench:speed -->kept<!-- /bench:speed -->\n"
+    document.write_text(f"# A\n<!-- bench:blur -->old<!-- /bench:blur -->\n{other}")
+    bench.fill_blur(document, told)
+    text = document.read_text()
+    assert "| disk 3 | 1 | 100 | 100 | 100 | - | 100 | 100 | 0.00 | - |" in text
+    assert "old" not in text
+    assert text.endswith(other)
+    assert "Made with phasestereo 1.2.3" in text
+
+
+# The command
+
+
+@pytest.fixture
+def run(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Run]:
+    """Return what runs ``bench`` in this process: exit code, standard output, error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments: object) -> Run:
+        code = cli.run(["bench", *map(str, arguments)])
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return run
+
+
+def test_the_command_and_its_report(run: Callable[..., Run], tree: Path, tmp_path: Path) -> None:
+    command = "blur", tree, "--every", 40, "--workers", 0
+    code, out, err = run(*command)
+    assert (code, err) == (0, "")
+    assert "none: as they are" in out
+    assert "Records: blur.jsonl" in out
+    assert len(read_store("blur.jsonl")) == 1 + 3
+    code, again, err = run(*command)
+    assert (code, again) == (0, out)
+    assert err == "phasestereo: 3 of 3 trials are in blur.jsonl already; --fresh reruns them\n"
+    code, _, err = run(*command, "--fresh")
+    assert (code, err) == (0, "phasestereo: renamed blur.jsonl to blur.jsonl.bak\n")
+
+    (tmp_path / "blur.md").write_text("<!-- bench:blur --><!-- /bench:blur -->\n")
+    code, out, err = run("report", "blur.jsonl", "--readme", "blur.md")
+    assert (code, err) == (0, "")
+    assert "none: as they are" in out
+    assert "Wrote blur.md" in out
+    assert "| none: as they are | 1 | 100 |" in (tmp_path / "blur.md").read_text()
+    code, _, err = run("report", "blur.jsonl", "--suite", "sharp")
+    assert code == 2
+    assert "--suite: results of bench blur have no choice of it" in err
+
+
+def test_a_failure_is_recorded_and_told(
+    run: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("no luck")
+
+    monkeypatch.setattr("phasestereo.bench.blur.trials.estimate_blur", fail)
+    code, out, err = run("blur", tree, "--every", 40, "--workers", 0)
+    assert (code, out) == (1, "")
+    told = "3 of 3 trials failed, the first of them none 0 on squares: RuntimeError: no luck"
+    assert err == f"phasestereo: error: {told}\n"
+
+
+@pytest.mark.usefixtures("tree")
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        ((), 1, "no folder given"),
+        (("missing",), 1, "no such folder"),
+        (("data", "--scene", "cones"), 2, "--scene: got 'cones'; there is scenes2001/squares"),
+        (("data", "--every", "0"), 2, "--every"),
+        (("data", "--workers", "-1"), 2, "--workers"),
+    ],
+)
+def test_commands_that_are_refused(
+    run: Callable[..., Run], arguments: tuple[str, ...], code: int, message: str
+) -> None:
+    told = run("blur", *arguments)
+    assert (told[0], told[1]) == (code, "")
+    assert message in told[2]
