@@ -139,6 +139,8 @@ def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
     assert (said["min_disparity"], said["num_disparities"]) == (0, COUNT)
     assert said["settings"] == json.loads(json.dumps(asdict(result.settings)))
     assert said["timings"].keys() == result.timings.keys()
+    assert result.blur is not None
+    assert said["blurs"] == result.blur.as_dicts()
     assert said["estimated"] == 1.0
     assert said["flags"] == {
         flag.name.lower(): np.count_nonzero(result.flags & flag) for flag in ps.Flag if flag.name

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -55,12 +55,16 @@ class Blur:
     angle: float
     psf: NDArray[np.float64] | None = None
 
+    def __str__(self) -> str:
+        """Return the blur in words."""
+        if self.side == "none":
+            return "none"
+        along = f" at {self.angle:.0f} degrees" if self.kind == "motion" else ""
+        return f"{self.side}, {self.kind} {self.size:.2f} px{along}"
+
     def __repr__(self) -> str:
         """Tell the blur, without its array."""
-        if self.side == "none":
-            return "<Blur: none>"
-        along = f" at {self.angle:.0f} degrees" if self.kind == "motion" else ""
-        return f"<Blur: {self.side}, {self.kind} {self.size:.2f} px{along}>"
+        return f"<Blur: {self}>"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +107,21 @@ class BlurEstimate:
     def blur(self) -> Blur:
         """The kind of the largest area."""
         return self.blurs[0]
+
+    def as_dicts(self) -> list[dict[str, Any]]:
+        """Return the kinds as JSON has them, each with its share of the image."""
+        return [
+            {name: getattr(blur, name) for name in ("side", "kind", "size", "angle")}
+            | {"share": share}
+            for blur, share in zip(self.blurs, self.areas(), strict=True)
+        ]
+
+    def __str__(self) -> str:
+        """Return the kinds in words, each with its share of the image."""
+        told = (
+            f"{blur} in {share:.0%}" for blur, share in zip(self.blurs, self.areas(), strict=True)
+        )
+        return str(self.blur) if len(self.blurs) == 1 else ", ".join(told)
 
     def areas(self) -> tuple[float, ...]:
         """Return the share of the image that each of `blurs` has."""

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Contrast", "Diagnosis", "check"]
 
-_TOLD = "side", "kind", "size", "angle"  # of a blur
 _GRAYS = 0.02, 0.98  # between them, the typical gray is looked for
 
 
@@ -189,13 +188,9 @@ def _contrast(blur: BlurEstimate, right: NDArray[np.float32]) -> Contrast:
 
 
 def _blur(estimate: BlurEstimate) -> dict[str, Any]:
-    shares = findings.shares(estimate)
     return {
         "certainty": estimate.certainty,
-        "blurs": [
-            {**{name: getattr(blur, name) for name in _TOLD}, "share": share}
-            for blur, share in zip(estimate.blurs, shares, strict=True)
-        ],
+        "blurs": estimate.as_dicts(),
         "tile": estimate.tile,
         "labels": estimate.labels.tolist(),
     }

@@ -9,15 +9,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
 from phasestereo.rough import LEAST_SIZE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from phasestereo.alignment import Alignment
-    from phasestereo.blur import Blur, BlurEstimate
+    from phasestereo.blur import Blur
     from phasestereo.check import Contrast, Diagnosis
 
     Severity = Literal["ok", "note", "warning"]
@@ -74,12 +72,6 @@ def of(diagnosis: Diagnosis) -> tuple[Finding, ...]:
         _saturation(diagnosis),
         _texture(diagnosis),
     )
-
-
-def shares(estimate: BlurEstimate) -> list[float]:
-    """Return the share of the tiles, 0 to 1, of each blur."""
-    counts = np.bincount(estimate.labels.ravel(), minlength=len(estimate.blurs))
-    return [float(count) for count in counts / max(estimate.labels.size, 1)]
 
 
 def _search(diagnosis: Diagnosis) -> Iterator[Finding]:
@@ -160,7 +152,7 @@ def _blur(diagnosis: Diagnosis) -> Iterator[Finding]:
         return
     seen = [
         (blur, share)
-        for blur, share in zip(estimate.blurs, shares(estimate), strict=True)
+        for blur, share in zip(estimate.blurs, estimate.areas(), strict=True)
         if spread(blur) >= _BLUR[0] and share >= _BLUR_SHARE
     ]
     for blur, share in seen:

@@ -54,6 +54,7 @@ class Summary:
             "num_disparities": self.disparities[1],
             "settings": asdict(self.result.settings),
             "timings": dict(self.result.timings),
+            "blurs": None if self.result.blur is None else self.result.blur.as_dicts(),
             "estimated": self.estimated,
             "flags": self.flags,
             "files": dict(self.files),
@@ -93,6 +94,7 @@ def show(summary: Summary, *, as_json: bool) -> None:
 def _lines(summary: Summary) -> list[str]:
     rows, cols = summary.result.disparity.shape
     seconds = sum(summary.result.timings.values())
+    blur = summary.result.blur
     flagged = [
         f"{name.replace('_', ' ')} {count / (rows * cols):.1%}"
         for name, count in summary.flags.items()
@@ -101,6 +103,7 @@ def _lines(summary: Summary) -> list[str]:
     return [
         f"{cols} x {rows} pixels, {summary.disparities[1]} disparities, {seconds:.3f} s",
         f"estimated {summary.estimated:.1%}, flagged: {', '.join(flagged) or 'none'}",
+        *([] if blur is None else [f"blur: {blur}"]),
         *(f"wrote {path}" for path in summary.files.values()),
     ]
 
