@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     Severity = Literal["ok", "note", "warning"]
 
-__all__ = ["Finding", "of", "shares", "spread"]
+__all__ = ["Finding", "of", "spread"]
 
 # From where on something is noted, and from where on it is warned of. Pairs as they come are below
 # the first: rows of Middlebury's are off by up to 0.26 pixels rms, medians of their gray levels
