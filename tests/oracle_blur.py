@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Block = tuple[int, int, int]
 
 SIDE = 64
-UNTOLD, A_LITTLE = np.inf, 0.01
+UNTOLD, UNTRIED = np.inf, 1.0
 
 
 # --- what both images show in common ---
@@ -319,20 +319,21 @@ def losses_of(
 ) -> Floats:
     """Return how badly each blur, of a side and with responses, explains a pair of blocks.
 
-    Of more than eight, those of an image that lacks less power than the other one are not tried.
+    Of more than eight, those of an image that clearly lacks less power than the other one are not
+    tried.
     """
     left, right = powers
     ways = {"left": (left, right, noise), "right": (right, left, noise[::-1])}
     more = lack(*ways["left"]) - lack(*ways["right"])
     many = sum(len(responses) for _, responses in choices) > 8
-    untried = {"left": many and more < 0, "right": many and more > 0}
+    untried = {"left": many and -more > 0.3, "right": many and more > 0.3}
     none = (fit(*ways["left"], FLAT)[0] + fit(*ways["right"], FLAT)[0]) / 2
     losses: list[Floats] = []
     for side, responses in choices:
         if side == "none":
             losses.append(none)
         elif untried[side]:
-            losses.append(np.repeat(none + A_LITTLE, len(responses)))
+            losses.append(np.full(len(responses), max(float(none), UNTRIED)))
         else:
             losses.append(fit(*ways[side], responses)[0])
     return np.concatenate(losses)
