@@ -1,13 +1,13 @@
 //! Which image is blurrier than the other, where and by what, from the images alone.
 //!
-//! 1. The pair is matched at a quarter of its size ([`rough`]), where little is left of the blur: that tells
+//! 1. The pair is matched at a quarter of its size (`rough`), where little is left of the blur: that tells
 //!    which blocks of the two images show the same things.
-//! 2. Of each such pair of blocks the power spectra are taken ([`spectrum`]), in bins ([`bins`]). What they
+//! 2. Of each such pair of blocks the power spectra are taken (`spectrum`), in bins (`bins`). What they
 //!    differ by is gain, noise, and the response of the relative blur, whatever the blocks show.
-//! 3. Each of a bank of blurs ([`bank`]) is fitted to every pair of blocks ([`fit`]); the fewest that explain
-//!    the tiles of the image are kept ([`regions`]).
-//! 4. Of each kind that was found, size and direction are refined ([`refine`]) on the powers of all its
-//!    blocks together; where no family explains these well, the kernel is measured ([`measured`]).
+//! 3. Each of a bank of blurs (`bank`) is fitted to every pair of blocks (`fit`); the fewest that explain
+//!    the tiles of the image are kept (`regions`).
+//! 4. Of each kind that was found, size and direction are refined (`refine`) on the powers of all its
+//!    blocks together; where no family explains these well, the kernel is measured (`measured`).
 //! 5. If there are several kinds, the map of them is drawn again, finer.
 //!
 //! All sums are in a fixed order, and nothing depends on threads or instructions.
@@ -61,11 +61,12 @@ const DOUBTFUL: f32 = 0.3;
 const LEAST_BLOCKS: usize = 12;
 /// ... and unless what is measured explains them worse than the family by this factor.
 const MUCH_WORSE: f32 = 1.5;
-/// The loss of what is not worth trying, nepers: more than any that is found.
-const UNTRIED: f32 = 4.0;
+/// The loss of what is not worth trying, nepers: what a blur of the wrong side costs, more or less. With 4, a few
+/// blocks that do not quite show the same outweigh all others.
+const UNTRIED: f32 = 1.0;
 /// An image that lacks so much more power than the other one is the softer one, nepers. Where blocks show next to
 /// nothing, either may seem to lack a little: trials of `bench blur` that are told a second kind of blur, with 0
-/// here: 468 of 1308.
+/// here and 4 above: 468 of 1308; with 0.3 and 4: 22.
 const CLEAR: f32 = 0.3;
 /// The least tenth of the blocks tells the noise.
 const QUIET: usize = 10;
@@ -187,17 +188,17 @@ impl Scene<'_> {
         let (rows, cols) = (height.div_ceil(step), width.div_ceil(step));
         let corners = (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x)));
         let [left, right] = self.shades;
-        let tells = |place: &Place| {
+        let in_contrast = |place: &Place| {
             left.has_contrast(place.top, place.left) && right.has_contrast(place.top, place.right)
         };
-        let place = |(y, x)| {
+        let block = |(y, x)| {
             let place = self.rough.place(self.pair, corner(y, height), corner(x, width));
-            place.filter(tells)
+            place.filter(in_contrast)
         };
-        let places: Vec<Option<Place>> = corners.map(place).collect();
+        let places: Vec<Option<Place>> = corners.map(block).collect();
         let there: Vec<Place> = places.iter().flatten().copied().collect();
-        let planes = self.shades.map(|shades| &shades.plane);
-        Ok(Grid { rows, cols, places, powers: powers(planes, &there, self.control)? })
+        let images = self.shades.map(|shades| &shades.plane);
+        Ok(Grid { rows, cols, places, powers: powers(images, &there, self.control)? })
     }
 
     /// What the blocks of these tiles say together.
@@ -468,18 +469,17 @@ mod tests {
     use crate::psf::Family;
 
     /// Powers of a pair whose left block is blurred by one of the bank, or not.
-    fn powers(blur: Option<usize>, noise: f32) -> Powers {
+    fn spectra(blur: Option<usize>, noise: f32) -> Powers {
         let scene: Vec<f32> = (0..bins().count()).map(|bin| 400.0 / (1.0 + bin as f32)).collect();
         let soft = match blur {
             Some(entry) => {
-                let psf = bank()[entry].psf;
-                let left = response(&psf.taps());
+                let left = response(&bank()[entry].psf.taps());
                 scene.iter().zip(left.values()).map(|(power, left)| power * left).collect()
             }
             None => scene.clone(),
         };
-        let noisy = |powers: Vec<f32>| powers.into_iter().map(|power| power + noise).collect();
-        Powers { binned: [noisy(soft), noisy(scene)], least_high: [0.0; 2] }
+        let seen = |all: Vec<f32>| all.into_iter().map(|power| power + noise).collect();
+        Powers { binned: [seen(soft), seen(scene)], least_high: [0.0; 2] }
     }
 
     fn swapped(powers: &Powers) -> Powers {
@@ -491,13 +491,13 @@ mod tests {
     fn losses_of_swapped_blocks_are_swapped() {
         let (count, level) = (bank().len(), Level::best());
         for (blur, noise) in [(None, [0.1, 0.1]), (Some(4), [0.1, 3.0]), (Some(40), [2.0, 0.1])] {
-            let powers = powers(blur, 0.1);
+            let pair = spectra(blur, 0.1);
             let [left, right] = noise;
-            let losses = losses_of(&powers, noise, &Choice::all(), level);
-            let others = losses_of(&swapped(&powers), [right, left], &Choice::all(), level);
-            assert_eq!(losses[0], others[0]);
-            assert_eq!(losses[1..=count], others[count + 1..]);
-            assert_eq!(losses[count + 1..], others[1..=count]);
+            let losses = losses_of(&pair, noise, &Choice::all(), level);
+            let mirror = losses_of(&swapped(&pair), [right, left], &Choice::all(), level);
+            assert_eq!(losses[..1], mirror[..1]);
+            assert_eq!(losses[1..=count], mirror[count + 1..]);
+            assert_eq!(losses[count + 1..], mirror[1..=count]);
         }
     }
 
@@ -505,13 +505,14 @@ mod tests {
     fn of_many_choices_those_of_the_clearly_sharper_image_are_not_tried() {
         let (count, level) = (bank().len(), Level::best());
         let disk = bank().iter().position(|entry| entry.psf.family == Family::Disk);
-        let of = |blur, choices: &[Choice]| losses_of(&powers(blur, 0.1), [0.1; 2], choices, level);
+        let of =
+            |blur, choices: &[Choice]| losses_of(&spectra(blur, 0.1), [0.1; 2], choices, level);
+        let untried = |loss: &f32| (loss - UNTRIED).abs() < f32::EPSILON;
         let soft = of(disk, &Choice::all());
-        assert!(soft[1..=count].iter().all(|loss| *loss <= 2.0));
-        assert!(soft[count + 1..].iter().all(|loss| *loss == UNTRIED));
-        assert!(of(None, &Choice::all()).iter().all(|loss| *loss <= 2.0), "neither is");
+        assert!(!soft[1..=count].iter().any(untried) && soft[count + 1..].iter().all(untried));
+        assert!(!of(None, &Choice::all()).iter().any(untried), "neither is clearly sharper");
         let few = [Choice::at(0), Choice::at(1), Choice::at(count + 1)];
-        assert!(of(disk, &few).iter().all(|loss| *loss <= 2.0), "each of a few is tried");
+        assert!(!of(disk, &few).iter().any(untried), "each of a few is tried");
     }
 
     #[test]

@@ -63,7 +63,9 @@ impl Taps {
     pub fn new(reach: usize, mut values: Vec<f64>) -> Self {
         debug_assert_eq!(values.len(), (2 * reach + 1).pow(2));
         let sum: f64 = values.iter().sum();
-        values.iter_mut().for_each(|value| *value /= sum);
+        for value in &mut values {
+            *value /= sum;
+        }
         Self { reach, values }
     }
 

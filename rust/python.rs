@@ -159,7 +159,7 @@ fn tell_blur<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Told<'py>> {
         let kernel = Plane::from_vec(taps.side(), taps.side(), taps.values.clone())?;
         wrap(py, kernel)
     };
-    let side = match blur.side {
+    let softer = match blur.side {
         None => 0,
         Some(Side::Left) => 1,
         Some(Side::Right) => 2,
@@ -169,7 +169,7 @@ fn tell_blur<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Told<'py>> {
         (None, Some(taps)) => ("other", taps.radius(), 0.0),
         (None, None) => ("none", 0.0, 0.0),
     };
-    Ok((side, kind, size, angle, blur.taps.as_ref().map(kernel).transpose()?))
+    Ok((softer, kind, size, angle, blur.taps.as_ref().map(kernel).transpose()?))
 }
 
 fn family_name(family: Family) -> &'static str {

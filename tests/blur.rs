@@ -67,6 +67,9 @@ fn pair(shots: &[Plane<f32>; 2], view: impl Fn(&Plane<f32>) -> View) -> Pair {
     Pair::new(view(left), view(right), 0, 16).expect("a legal pair")
 }
 
+/// What a camera of some type makes of a scene.
+type Take = dyn Fn(&Plane<f32>) -> View;
+
 fn how(threads: usize, level: Level) -> Execution {
     Execution { threads, strip_rows: None, level }
 }
@@ -177,7 +180,7 @@ fn the_type_and_the_scale_of_the_pixels_change_next_to_nothing() {
     let expected = psf(Family::Disk, 4.0, 0.0);
     let shots = shots(Side::Right, Some(&expected.taps()));
     let plain = estimated(&pair(&shots, bytes));
-    let views: [Box<dyn Fn(&Plane<f32>) -> View>; 6] = [
+    let views: [Box<Take>; 6] = [
         Box::new(|plane| {
             let image = Image::U16(array(plane, |value| 257 * value as u16));
             View { image, mask: None }
@@ -278,7 +281,7 @@ fn roles_and_directions_may_be_swapped() {
 fn what_a_mask_covers_does_not_count() {
     let expected = psf(Family::Gaussian, 2.5, 0.0);
     let shots = shots(Side::Left, Some(&expected.taps()));
-    let covered = |y: usize, x: usize| y < 40 || (y * x) % 61 == 0;
+    let covered = |y: usize, x: usize| y < 40 || (y * x).is_multiple_of(61);
     for fill in [f32::NAN, 1e9, f32::INFINITY] {
         let view = |plane: &Plane<f32>| {
             let pixel = |y: usize, x: usize| if covered(y, x) { fill } else { plane.row(y)[x] };

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Block = tuple[int, int, int]
 
 SIDE = 64
-UNTOLD, UNTRIED = np.inf, 4.0
+UNTOLD, UNTRIED = np.inf, 1.0
 
 
 # --- what both images show in common ---

@@ -48,7 +48,7 @@ pub fn bank() -> &'static [Entry] {
             (0..180).step_by(TURN).map(move |angle| Psf {
                 family: Family::Motion,
                 size: *size,
-                angle: angle as f64,
+                angle: f64::from(angle),
             })
         });
         let all =

@@ -63,7 +63,9 @@ impl Bins {
             sectors: Default::default(),
         };
         for (index, cell) in cells.iter().enumerate() {
-            cell.iter().for_each(|place| bins.bin[*place] = index as u16);
+            for place in cell {
+                bins.bin[*place] = index as u16;
+            }
             bins.share[index] = 1.0 / cell.len() as f32;
             let counted = cell.iter().map(|place| frequency(*place)).filter(|f| *f > LOWEST);
             bins.weights[index] = counted.map(|f| 1.0 / f).sum::<f64>() as f32;
@@ -128,7 +130,9 @@ fn sector(place: usize) -> usize {
 
 fn normalise(values: &mut [f32]) {
     let sum: f32 = values.iter().sum();
-    values.iter_mut().for_each(|value| *value /= sum);
+    for value in values {
+        *value /= sum;
+    }
 }
 
 #[cfg(test)]

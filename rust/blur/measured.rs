@@ -61,7 +61,7 @@ fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
     let largest = inner.as_slice().iter().copied().fold(0.0, f32::max);
     let floor = largest * LEAST_TAP;
     let start =
-        inner.as_slice().iter().position(|tap| *tap == largest).filter(|_| largest > 0.0)?;
+        inner.as_slice().iter().position(|tap| *tap >= largest).filter(|_| largest > 0.0)?;
     let mut values = vec![0.0; side * side];
     let mut open = vec![start];
     while let Some(place) = open.pop() {
@@ -135,13 +135,14 @@ mod tests {
         let sharp = Plane::from_fn(150, 200, scene);
         let soft = convolved(&sharp, &hook());
         for side in [Side::Left, Side::Right] {
-            let planes = if side == Side::Left { [&soft, &sharp] } else { [&sharp, &soft] };
-            let view = |plane: &Plane<f32>| {
+            let images = if side == Side::Left { [&soft, &sharp] } else { [&sharp, &soft] };
+            let as_view = |plane: &Plane<f32>| {
                 let pixels =
                     ndarray::Array3::from_shape_vec((150, 200, 1), plane.as_slice().into());
                 View { image: Image::F32(pixels.expect("the right length")), mask: None }
             };
-            let pair = Pair::new(view(planes[0]), view(planes[1]), 0, 8).expect("a legal pair");
+            let pair =
+                Pair::new(as_view(images[0]), as_view(images[1]), 0, 8).expect("a legal pair");
             let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
             let shades = [&shades[0], &shades[1]];
             let rough =

@@ -60,7 +60,9 @@ impl Shades {
                     *sum += part.iter().sum::<f32>();
                 });
             }
-            row.iter_mut().for_each(|sum| *sum *= share);
+            for sum in row {
+                *sum *= share;
+            }
         })
     }
 }

@@ -135,7 +135,9 @@ pub fn cross(images: [&Plane<f32>; 2], places: &[Place], control: &Control) -> R
         .map(|group| {
             control.checkpoint()?;
             let mut sums = empty();
-            group.iter().for_each(|place| sums.add_pair(&transform.pair(images, *place)));
+            for place in group {
+                sums.add_pair(&transform.pair(images, *place));
+            }
             Ok(sums)
         })
         .collect();
