@@ -239,7 +239,7 @@ fn waves(rows: usize, cols: usize, half: usize) -> [View; 2] {
     })
 }
 
-/// At the very limit of bytes and one above it.
+/// At the very limit of bytes and one above it: half of a penalty of 300 and 15 * (15 >> 1) = 105 are 255.
 #[test]
 fn totals_about_the_largest_byte_are_exact() {
     let codes = Settings { neighborhood: 3, frequencies: (1, 0), ..Settings::default() };
@@ -254,7 +254,7 @@ fn totals_about_the_largest_byte_are_exact() {
     let ordered =
         |far: f64| Settings { bits: 4, window: 1, penalty: Penalty { near: far, far }, ..codes };
     for (settings, total) in
-        [(free(30.0), 1), (free(31.0), 4), (ordered(7.0), 1), (ordered(8.0), 4)]
+        [(free(300.0), 1), (free(302.0), 4), (ordered(7.0), 1), (ordered(8.0), 4)]
     {
         for (half, min, count) in [(3, 0, 1), (3, 0, 7), (12, -3, 9), (3, -2, 31)] {
             let job = Job::new(waves(3, 31, half), min, count, settings.clone());
