@@ -333,7 +333,7 @@ def losses_of(
         if side == "none":
             losses.append(none)
         elif untried[side]:
-            losses.append(np.full(len(responses), max(float(none), UNTRIED)))
+            losses.append(np.full(len(responses), max(float(none[0]), UNTRIED)))
         else:
             losses.append(fit(*ways[side], responses)[0])
     return np.concatenate(losses)

@@ -85,7 +85,7 @@ def test_true_blur_is_the_same_method_otherwise() -> None:
 @pytest.mark.parametrize(
     ("spec", "error", "message"),
     [
-        ("papre", ValueError, "got 'papre'; accepts paper, fast, sad, nsad"),
+        ("papre", ValueError, "got 'papre'; accepts robust, paper, fast, sad, nsad"),
         ("opencv:bgm", ValueError, "got 'opencv:bgm'; accepts"),
         ("+true-blur", ValueError, "got ''"),
         ("paper:windows=3", TypeError, "got 'paper:windows=3': windows: no such setting"),

@@ -227,8 +227,8 @@ def test_defaults_are_the_whole_suite(scenes: list[Scene]) -> None:
     plain = {str(key["method"]) for key in keys if not key["true_blur"]}
     lengths = {f"paper:neighborhood={length}" for length in (7, 11, 15, 21)}
     opencv = {"opencv:sgbm"} & set(bench.available())
-    assert plain == lengths | opencv
-    assert told == {"paper:neighborhood=7"} | opencv
+    assert plain == {"robust"} | lengths | opencv
+    assert told == {"robust", "paper:neighborhood=7"} | opencv
     assert len(keys) == 9 * len(plain) + 6 * len(told)
     assert {job.key["degradation"] for job in middlebury_jobs(scenes, suite="sharp")} == {"sharp"}
 
@@ -238,7 +238,7 @@ def test_without_opencv_the_suite_is_ours(
 ) -> None:
     monkeypatch.setattr("phasestereo.bench.methods._opencv_is_installed", lambda: False)
     methods = {str(job.key["method"]) for job in middlebury_jobs(scenes)}
-    assert {name.partition(":")[0] for name in methods} == {"paper"}
+    assert {name.partition(":")[0] for name in methods} == {"robust", "paper"}
 
 
 # A user's own
@@ -451,7 +451,11 @@ def test_command_downloads(
         (("blind",), 1, "nothing to score, no truth is known: scenes2001/blind"),
         (("blind", "--scene", "blind"), 2, "--scene: without truth there is nothing to score"),
         (("data", "--scene", "two"), 2, "--scene: got 'two'; there is scenes2001/one, scenes2001/"),
-        (("data", "--method", "papre"), 2, "--method: got 'papre'; accepts paper, fast, sad, nsad"),
+        (
+            ("data", "--method", "papre"),
+            2,
+            "--method: got 'papre'; accepts robust, paper, fast, sad, nsad",
+        ),
         (("data", "--suite", "blunt"), 2, "--suite: got 'blunt'; accepts one-sided-blur, sharp"),
         (("data", "--degradation", "fog"), 2, "--degradation: got 'fog'; accepts sharp, gauss 2"),
         (("data", "--side", "top"), 2, "--side: got 'top'; accepts left, right"),
