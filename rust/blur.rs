@@ -130,6 +130,12 @@ struct Kind {
     powers: Powers,
 }
 
+/// Has all tables made that there are but once, among them the responses of the bank.
+pub fn prepare() {
+    flat();
+    bank();
+}
+
 /// Estimates the relative blur of a pair.
 pub fn estimate(
     pair: &Pair,

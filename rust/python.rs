@@ -70,10 +70,12 @@ mod _core {
 /// Has everything that is set up once and for all be set up now, by the thread that imports.
 ///
 /// A process that is forked while another thread does so inherits a job half done and waits for its end
-/// for ever: the tables of the array interface, those of the thread pool, the instructions there are.
+/// for ever: the tables of the array interface, those of the thread pool and of the estimation of blur, the instructions
+/// there are.
 fn warm_up(py: Python<'_>) -> PyResult<()> {
     PyArray2::<u8>::zeros(py, (1, 1), false).try_readonly().map_err(internal)?;
     Level::best();
+    blur::prepare();
     Ok(on_threads(1, || ())?)
 }
 
