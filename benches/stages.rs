@@ -12,7 +12,7 @@ use phasestereo::control::Control;
 use phasestereo::cost::{Costs, Operands};
 use phasestereo::matcher::on_threads;
 use phasestereo::plane::Plane;
-use phasestereo::settings::{CostKind, Optimizer, Penalty, Precision, Settings};
+use phasestereo::settings::{CostKind, Optimizer, Penalty, Precision, Rule, Settings};
 use phasestereo::simd::Level;
 use phasestereo::strip::Strip;
 use phasestereo::view::{Image, View};
@@ -51,7 +51,7 @@ fn fast() -> Settings {
         neighborhood: 9,
         frequencies: (1, 1),
         precision: Precision::Byte,
-        optimizer: Optimizer::ScanlineOptimization,
+        optimizer: Optimizer::Scanline(Rule::ScanlineOptimization),
         penalty: Penalty { near: 1.0, far: 4.5 },
         confidence: false,
         ..Settings::default()
@@ -380,13 +380,13 @@ mod aggregation {
 /// The search of a strip forth and back. Every tile has the same costs: fresh from the aggregation, as in a
 /// match, they are in the cache.
 mod scanline {
-    use super::{Bencher, COLS, Case, Optimizer, ROWS, Strip, Window, cases, noise};
+    use super::{Bencher, COLS, Case, ROWS, Rule, Strip, Window, cases, noise};
     use phasestereo::aggregation::Aggregated;
     use phasestereo::scanline::{Advance, Scanline, Steps};
     use phasestereo::strip::BLOCK;
     use phasestereo::value::Value;
 
-    fn search<V: Value, T: Value>(bencher: Bencher, case: Case, optimizer: Optimizer) {
+    fn search<V: Value, T: Value>(bencher: Bencher, case: Case, rule: Rule) {
         let candidates = case.candidates;
         let window = Window { rows: ROWS, cols: COLS, candidates, side: 1, ..Window::default() };
         let strip = Strip { first: 0, rows: ROWS, margin: 0, height: ROWS };
@@ -397,7 +397,7 @@ mod scanline {
         let costs = Aggregated::new(costs.as_slice().as_chunks().0, strip.blocks(), candidates);
         let (steps, mut scanline) = (Steps { near: 10, far: 50 }, Scanline::<T>::default());
         bencher.counter(case.evaluations()).bench_local(|| {
-            scanline.begin(window, strip, optimizer, steps).expect("memory");
+            scanline.begin(window, strip, rule, steps).expect("memory");
             for tile in window.tiles() {
                 let scanline = divan::black_box(&mut scanline);
                 case.level.run(Advance { scanline, tile: &tile, costs });
@@ -409,32 +409,32 @@ mod scanline {
     #[divan::bench(args = cases(), sample_count = 10)]
     fn dp_bytes(bencher: Bencher, case: Case) {
         // Totals grow along the row: they never fit into bytes.
-        search::<u8, u32>(bencher, case, Optimizer::DynamicProgramming);
+        search::<u8, u32>(bencher, case, Rule::DynamicProgramming);
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
     fn dp_words(bencher: Bencher, case: Case) {
-        search::<u16, u32>(bencher, case, Optimizer::DynamicProgramming);
+        search::<u16, u32>(bencher, case, Rule::DynamicProgramming);
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
     fn so_bytes(bencher: Bencher, case: Case) {
-        search::<u8, u8>(bencher, case, Optimizer::ScanlineOptimization);
+        search::<u8, u8>(bencher, case, Rule::ScanlineOptimization);
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
     fn so_words(bencher: Bencher, case: Case) {
-        search::<u16, u32>(bencher, case, Optimizer::ScanlineOptimization);
+        search::<u16, u32>(bencher, case, Rule::ScanlineOptimization);
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
     fn wta_bytes(bencher: Bencher, case: Case) {
-        search::<u8, u8>(bencher, case, Optimizer::WinnerTakesAll);
+        search::<u8, u8>(bencher, case, Rule::WinnerTakesAll);
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
     fn wta_words(bencher: Bencher, case: Case) {
-        search::<u16, u32>(bencher, case, Optimizer::WinnerTakesAll);
+        search::<u16, u32>(bencher, case, Rule::WinnerTakesAll);
     }
 }
 

@@ -50,8 +50,11 @@ pub mod spectrum;
 
 pub mod aggregation;
 pub mod cost;
+pub mod edges;
+pub mod evidence;
 pub mod refinement;
 pub mod scanline;
+pub mod semiglobal;
 pub mod strip;
 pub mod votes;
 

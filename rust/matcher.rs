@@ -10,11 +10,15 @@ use crate::aggregation::{Aggregated, Aggregator, Sweep, Tile, Window};
 use crate::candidates::Candidates;
 use crate::control::Control;
 use crate::cost::{Costs, Operands};
+use crate::edges::Edges;
 use crate::error::{Error, Result};
+use crate::evidence::Evidence;
 use crate::plane::Plane;
 use crate::refinement::{Estimate, Judge, Margins, Measure};
-use crate::scanline::{Advance, Scanline, Steps};
-use crate::settings::Settings;
+use crate::scanline::{self, Scanline, Steps};
+use crate::semiglobal::across::{Across, Advance, Rows};
+use crate::semiglobal::{BAND, Field, SemiGlobal};
+use crate::settings::{Optimizer, Rule, Settings};
 use crate::simd::Level;
 use crate::strip::{BLOCK, Strip};
 use crate::value::Value;
@@ -129,6 +133,7 @@ struct Workspace<V, T> {
     operands: Operands,
     aggregator: Aggregator<V>,
     scanline: Scanline<T>,
+    across: Across<V, T>,
     margins: Margins<V>,
 }
 
@@ -137,6 +142,7 @@ struct Job<'a> {
     costs: &'a Costs<'a>,
     window: Window,
     steps: Steps,
+    edges: Option<&'a Edges>,
     settings: &'a Settings,
     level: Level,
     control: &'a Control,
@@ -220,38 +226,82 @@ impl Matcher {
         let mut map = Disparity::new(pair.size(), settings.confidence)?;
         let window = Window::new(pair.size(), pair.candidates.count(), settings, costs.ceiling());
         let steps = Steps::new(settings.penalty, window, costs.steps());
-        let job = Job { costs: &costs, window, steps, settings, level: how.level, control };
-        let strip_rows = how.rows_per_strip(window, self.pool.current_num_threads());
-        let bands = map.bands(strip_rows).into_par_iter();
+        let edges = Edges::of_left(&pair.left, settings, how.level, control)?;
+        let edges = edges.as_ref();
+        let job = Job { costs: &costs, window, steps, edges, settings, level: how.level, control };
+        let bands = map.bands(job.band_rows(how, self.pool.current_num_threads()));
         match job.width() {
-            Width::Bytes => bands.try_for_each(|band| self.match_band::<u8, u8>(band, &job)),
-            Width::ByteCosts => bands.try_for_each(|band| self.match_band::<u8, u32>(band, &job)),
-            Width::WordCosts => bands.try_for_each(|band| self.match_band::<u16, u32>(band, &job)),
-            Width::Widest => bands.try_for_each(|band| self.match_band::<u32, u64>(band, &job)),
+            Width::Bytes => self.match_bands::<u8, u8>(bands, &job),
+            Width::ByteCosts => self.match_bands::<u8, u32>(bands, &job),
+            Width::WordCosts => self.match_bands::<u16, u32>(bands, &job),
+            Width::Widest => self.match_bands::<u32, u64>(bands, &job),
         }?;
         map.timings = Timings { description: described - started, matching: described.elapsed() };
         Ok(map)
     }
 
-    /// Matches the rows of one band: cost -> aggregation -> scanline -> refinement.
-    fn match_band<V: Value, T: Value>(&self, mut band: Band, job: &Job) -> Result<()> {
-        let strip = band.strip(job.window);
-        let mut workspace = self.workspace::<V, T>();
+    /// Matches bands, each by itself where the optimizer lets it be.
+    fn match_bands<V: Value, T: Value>(&self, mut bands: Vec<Band>, job: &Job) -> Result<()> {
+        match job.settings.optimizer {
+            Optimizer::Scanline(rule) => {
+                bands.into_par_iter().try_for_each(|band| self.match_band::<V, T>(band, rule, job))
+            }
+            Optimizer::SemiGlobal => {
+                let mut search: Box<SemiGlobal<V, T>> = self.memory();
+                let strips: Vec<_> = bands.iter().map(|band| band.strip(job.window)).collect();
+                search.run(
+                    job.field(),
+                    &mut bands,
+                    |band, rows| self.load_rows(strips[band], rows, job),
+                    |band, evidence| job.write(band, evidence),
+                )?;
+                self.keep(search);
+                Ok(())
+            }
+        }
+    }
+
+    /// Costs of a band, and the paths along its rows: cost -> aggregation -> paths.
+    fn load_rows<V: Value, T: Value>(
+        &self,
+        strip: Strip,
+        rows: &mut Rows<V, T>,
+        job: &Job,
+    ) -> Result<()> {
+        let mut workspace: Box<Workspace<V, T>> = self.memory();
         workspace.operands.load(job.costs, &strip)?;
-        workspace.choose(strip, job)?;
+        workspace.across(strip, job)?;
+        workspace.across.finish(rows, job.level)?;
+        self.keep(workspace);
+        Ok(())
+    }
+
+    /// Matches the rows of one band: cost -> aggregation -> scanline -> refinement.
+    fn match_band<V: Value, T: Value>(&self, mut band: Band, rule: Rule, job: &Job) -> Result<()> {
+        let strip = band.strip(job.window);
+        let mut workspace: Box<Workspace<V, T>> = self.memory();
+        workspace.operands.load(job.costs, &strip)?;
+        workspace.choose(strip, rule, job)?;
         if job.settings.confidence {
             workspace.measure(strip, job)?;
         }
         workspace.write(&mut band, strip, job);
         job.control.finish_rows(strip.rows);
-        self.spare.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
+        self.keep(workspace);
         Ok(())
     }
 
-    /// Memory to match a strip in: used before, if there is any of this kind.
-    fn workspace<V: Value, T: Value>(&self) -> Box<Workspace<V, T>> {
-        let spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        spare.and_then(|spare| spare.downcast().ok()).unwrap_or_default()
+    /// Memory to work in: used before, if there is any of this kind.
+    fn memory<M: Default + Send + 'static>(&self) -> Box<M> {
+        let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = spare.iter().rposition(|memory| memory.is::<M>());
+        let found = found.map(|index| spare.swap_remove(index));
+        found.and_then(|memory| memory.downcast().ok()).unwrap_or_default()
+    }
+
+    /// Keeps memory to be used again.
+    fn keep(&self, memory: Box<dyn Any + Send>) {
+        self.spare.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
     }
 }
 
@@ -261,6 +311,7 @@ impl<V: Value, T: Value> Default for Workspace<V, T> {
             operands: Operands::default(),
             aggregator: Aggregator::default(),
             scanline: Scanline::default(),
+            across: Across::default(),
             margins: Margins::default(),
         }
     }
@@ -268,19 +319,29 @@ impl<V: Value, T: Value> Default for Workspace<V, T> {
 
 impl<V: Value, T: Value> Workspace<V, T> {
     /// Finds the best candidate of every pixel of the strip.
-    fn choose(&mut self, strip: Strip, job: &Job) -> Result<()> {
+    fn choose(&mut self, strip: Strip, rule: Rule, job: &Job) -> Result<()> {
         let Self { operands, aggregator, scanline, .. } = self;
-        scanline.begin(job.window, strip, job.settings.optimizer, job.steps)?;
+        scanline.begin(job.window, strip, rule, job.steps)?;
         job.sweep(strip, operands, aggregator, |tile, costs| {
-            job.level.run(Advance { scanline, tile, costs });
+            job.level.run(scanline::Advance { scanline, tile, costs });
         })?;
         scanline.trace_back();
         Ok(())
     }
 
+    /// Finds the paths along the rows of the strip.
+    fn across(&mut self, strip: Strip, job: &Job) -> Result<()> {
+        let Self { operands, aggregator, across, .. } = self;
+        let Window { cols, candidates, .. } = job.window;
+        across.begin(strip, (cols, candidates), job.steps, job.edges)?;
+        job.sweep(strip, operands, aggregator, |tile, costs| {
+            job.level.run(Advance { across, tile, costs });
+        })
+    }
+
     /// Sweeps over the costs again, to see by how much the chosen candidates are better than others.
     fn measure(&mut self, strip: Strip, job: &Job) -> Result<()> {
-        let Self { operands, aggregator, scanline, margins } = self;
+        let Self { operands, aggregator, scanline, margins, .. } = self;
         let (blocks, cols) = (strip.blocks(), job.window.cols);
         margins.begin(cols * blocks)?;
         let chosen = scanline.chosen();
@@ -327,6 +388,39 @@ impl Job<'_> {
         Ok(())
     }
 
+    fn field(&self) -> Field<'_> {
+        Field {
+            size: (self.window.rows, self.window.cols),
+            candidates: self.window.candidates,
+            steps: self.steps,
+            edges: self.edges,
+            level: self.level,
+            control: self.control,
+        }
+    }
+
+    /// Writes what was found of a band into the map.
+    fn write(&self, band: &mut Band, evidence: &Evidence) -> Result<()> {
+        let judge = self.judge();
+        let strip = band.strip(self.window);
+        for (lane, y) in strip.range().enumerate() {
+            let found = evidence.row(lane);
+            let mut row = band.row(lane);
+            for x in 0..self.window.cols {
+                row.set(x, judge.estimate(y, x, found.chosen[x], None));
+            }
+        }
+        Ok(())
+    }
+
+    /// Rows of the bands that the map is written in.
+    fn band_rows(&self, how: Execution, threads: usize) -> usize {
+        match self.settings.optimizer {
+            Optimizer::Scanline(_) => how.rows_per_strip(self.window, threads),
+            Optimizer::SemiGlobal => BAND,
+        }
+    }
+
     fn judge(&self) -> Judge<'_> {
         Judge {
             candidates: self.costs.candidates(),
@@ -338,10 +432,14 @@ impl Job<'_> {
 
     /// The narrowest integers that hold every sum and every total.
     fn width(&self) -> Width {
-        let optimizer = self.settings.optimizer;
         let largest_cost = self.window.largest_value(self.costs.votes().is_some());
         let largest_sum = self.window.largest_sum();
-        let largest_total = self.steps.largest_total(optimizer, self.window.cols, largest_sum);
+        let largest_total = match self.settings.optimizer {
+            Optimizer::Scanline(rule) => {
+                self.steps.largest_total(rule, self.window.cols, largest_sum)
+            }
+            Optimizer::SemiGlobal => self.steps.largest_change().saturating_add(largest_sum),
+        };
         Width::holding(largest_cost, largest_total)
     }
 }

@@ -28,7 +28,9 @@ use crate::matcher::{Execution, on_threads};
 use crate::plane::Plane;
 use crate::psf::{Family, Taps};
 use crate::refinement::flag;
-use crate::scanline::{Steps, optimize};
+use crate::scanline::{self, Steps};
+use crate::semiglobal;
+use crate::settings::Optimizer;
 use crate::simd::Level;
 
 impl From<Error> for PyErr {
@@ -257,7 +259,15 @@ fn optimize_volume<'py>(
     let (costs, (rows, _, count)) = read_volume(costs, "costs")?;
     let steps = Steps { near: penalty.0, far: penalty.1 };
     let chosen = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
-        optimize(&costs, count, settings.optimizer, steps, Level::best(), control)
+        let level = Level::best();
+        match settings.optimizer {
+            Optimizer::Scanline(rule) => {
+                scanline::optimize(&costs, count, rule, steps, level, control)
+            }
+            Optimizer::SemiGlobal => {
+                semiglobal::optimize(&costs, count, steps, None, level, control)
+            }
+        }
     })?;
     wrap(py, chosen)
 }

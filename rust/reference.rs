@@ -11,7 +11,7 @@ use crate::normalisation::DEVIATION_STEPS;
 use crate::plane::{Plane, reflect};
 use crate::quantiser::Quantiser;
 use crate::scanline::Steps;
-use crate::settings::{Optimizer, Settings};
+use crate::settings::{Rule, Settings};
 use crate::view::Mask;
 
 /// Twin of [`crate::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
@@ -167,13 +167,13 @@ fn box_sum(volume: &Plane<u16>, window: Window, y: usize, x: usize, k: usize) ->
 }
 
 /// Twin of [`crate::scanline::Scanline`]: every origin of every state is tried.
-pub fn optimize(costs: &[u32], candidates: usize, optimizer: Optimizer, steps: Steps) -> Vec<u16> {
+pub fn optimize(costs: &[u32], candidates: usize, rule: Rule, steps: Steps) -> Vec<u16> {
     let mut totals = vec![0u64; candidates];
     let mut origins: Vec<Vec<usize>> = Vec::new();
     for costs in costs.chunks(candidates) {
         let best: Vec<(u64, usize)> = (0..candidates)
             .map(|to| {
-                let ways = ways(&totals, to, optimizer, steps);
+                let ways = ways(&totals, to, rule, steps);
                 ways.into_iter().min_by_key(|(total, _)| *total).unwrap_or((u64::MAX, to))
             })
             .collect();
@@ -192,21 +192,21 @@ pub fn optimize(costs: &[u32], candidates: usize, optimizer: Optimizer, steps: S
 }
 
 /// What it takes to come to `to`, and from where: of equal ones the first counts.
-fn ways(totals: &[u64], to: usize, optimizer: Optimizer, steps: Steps) -> Vec<(u64, usize)> {
+fn ways(totals: &[u64], to: usize, rule: Rule, steps: Steps) -> Vec<(u64, usize)> {
     let from = |from: usize, penalty: u64| (totals[from] + penalty, from);
     let mut ways = vec![from(to, 0)];
     let smaller = to.checked_sub(1);
     ways.extend(smaller.map(|smaller| from(smaller, steps.near)));
-    match optimizer {
-        Optimizer::DynamicProgramming => {
+    match rule {
+        Rule::DynamicProgramming => {
             ways.extend((to + 1..totals.len()).map(|larger| from(larger, steps.far)));
         }
-        Optimizer::ScanlineOptimization => {
+        Rule::ScanlineOptimization => {
             ways.extend((to + 1..totals.len()).take(1).map(|larger| from(larger, steps.near)));
             ways.push(from(least(totals), steps.far));
         }
         // From the least, at no cost: then each pixel takes its own.
-        Optimizer::WinnerTakesAll => ways = vec![(0, least(totals))],
+        Rule::WinnerTakesAll => ways = vec![(0, least(totals))],
     }
     ways
 }

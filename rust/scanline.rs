@@ -10,7 +10,7 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::memory::Memory;
 use crate::plane::Plane;
-use crate::settings::{Optimizer, Penalty};
+use crate::settings::{Penalty, Rule};
 use crate::simd::{Kernel, Level};
 use crate::strip::{BLOCK, Strip};
 use crate::value::Value;
@@ -32,14 +32,19 @@ impl Steps {
         Self { near: rounded(penalty.near), far: rounded(penalty.far) }
     }
 
-    /// The largest total that the optimizer can meet on rows of `cols` pixels that cost so much at most.
-    pub fn largest_total(self, optimizer: Optimizer, cols: usize, largest_cost: u64) -> u64 {
-        match optimizer {
-            Optimizer::WinnerTakesAll => largest_cost,
-            Optimizer::ScanlineOptimization => largest_cost.saturating_add(self.far.max(self.near)),
+    /// What the dearest change of a disparity costs.
+    pub fn largest_change(self) -> u64 {
+        self.far.max(self.near)
+    }
+
+    /// The largest total that the rule can meet on rows of `cols` pixels that cost so much at most.
+    pub fn largest_total(self, rule: Rule, cols: usize, largest_cost: u64) -> u64 {
+        match rule {
+            Rule::WinnerTakesAll => largest_cost,
+            Rule::ScanlineOptimization => largest_cost.saturating_add(self.largest_change()),
             // Not to change at all is always a way.
-            Optimizer::DynamicProgramming => {
-                largest_cost.saturating_mul(cols as u64).saturating_add(self.far.max(self.near))
+            Rule::DynamicProgramming => {
+                largest_cost.saturating_mul(cols as u64).saturating_add(self.largest_change())
             }
         }
     }
@@ -57,7 +62,7 @@ type Answers<T> = [Block<T>; 3];
 /// Chooses candidates along the rows of one strip after another; its memory is used again.
 #[derive(Debug, Default)]
 pub struct Scanline<T> {
-    optimizer: Optimizer,
+    rule: Rule,
     steps: Steps,
     candidates: usize,
     cols: usize,
@@ -76,14 +81,8 @@ pub struct Scanline<T> {
 
 impl<T: Value> Scanline<T> {
     /// Begins a strip.
-    pub fn begin(
-        &mut self,
-        window: Window,
-        strip: Strip,
-        optimizer: Optimizer,
-        steps: Steps,
-    ) -> Result<()> {
-        (self.optimizer, self.steps) = (optimizer, steps);
+    pub fn begin(&mut self, window: Window, strip: Strip, rule: Rule, steps: Steps) -> Result<()> {
+        (self.rule, self.steps) = (rule, steps);
         (self.candidates, self.cols, self.blocks) =
             (window.candidates, window.cols, strip.blocks());
         let pixels = self.cols * self.blocks;
@@ -116,12 +115,12 @@ impl<T: Value> Scanline<T> {
             for (place, column) in tile.finished.clone().enumerate() {
                 let costs = costs.of(place, block);
                 let answers = &mut answers[(block * self.cols + column) * groups..][..groups];
-                match self.optimizer {
-                    Optimizer::DynamicProgramming => in_order(totals, costs, steps, answers),
-                    Optimizer::ScanlineOptimization => {
+                match self.rule {
+                    Rule::DynamicProgramming => in_order(totals, costs, steps, answers),
+                    Rule::ScanlineOptimization => {
                         *least = freely(totals, *least, costs, steps, answers);
                     }
-                    Optimizer::WinnerTakesAll => take_all(costs, answers),
+                    Rule::WinnerTakesAll => take_all(costs, answers),
                 }
             }
         }
@@ -139,7 +138,7 @@ impl<T: Value> Scanline<T> {
                 let at = block * self.cols + column;
                 let here = &answers[at * groups..][..groups];
                 for (lane, index) in index.iter_mut().enumerate() {
-                    *index = self.optimizer.origin(*index, lane, next, here);
+                    *index = self.rule.origin(*index, lane, next, here);
                 }
                 chosen[at] = index;
                 next = here;
@@ -148,7 +147,7 @@ impl<T: Value> Scanline<T> {
     }
 }
 
-impl Optimizer {
+impl Rule {
     /// The index before `index`, from the answers about the column of `index` (none: it was the last) and
     /// about the column before.
     fn origin<T: Value>(
@@ -214,7 +213,7 @@ impl<V: Value, T: Value> Kernel for Advance<'_, V, T> {
 pub fn optimize(
     volume: &Plane<u32>,
     candidates: usize,
-    optimizer: Optimizer,
+    rule: Rule,
     steps: Steps,
     level: Level,
     control: &Control,
@@ -225,7 +224,7 @@ pub fn optimize(
     let (mut lanes, mut scanline) = (Memory::default(), Scanline::<u64>::default());
     for first in (0..rows).step_by(BLOCK) {
         let strip = Strip { first, rows: BLOCK.min(rows - first), margin: 0, height: rows };
-        scanline.begin(window, strip, optimizer, steps)?;
+        scanline.begin(window, strip, rule, steps)?;
         for tile in window.tiles() {
             control.checkpoint()?;
             let columns = tile.finished.clone();

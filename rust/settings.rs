@@ -13,6 +13,9 @@ pub const LARGEST_WEAK: f64 = 100.0;
 /// Largest penalty, in units of the cost: beyond the cost of any pixel it changes nothing.
 pub const LARGEST_PENALTY: f64 = 65_535.0;
 
+/// Most mean differences of neighbours above which gray values may be said to jump.
+pub const LARGEST_EDGES: f64 = 1000.0;
+
 /// Largest magnitude of a float pixel and of the ends of an intensity range; products with it are finite.
 pub const LARGEST_PIXEL: f64 = 1e300;
 
@@ -38,9 +41,18 @@ pub enum Taper {
     Hann,
 }
 
+/// How costs become disparities.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Optimizer {
+    /// Each row by itself.
+    Scanline(Rule),
+    /// The least sum of the costs of paths that come to the pixel from all sides.
+    SemiGlobal,
+}
+
 /// How a row of costs becomes a row of disparities.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Optimizer {
+pub enum Rule {
     /// One-pass dynamic programming along the scanline under the ordering constraint.
     #[default]
     DynamicProgramming,
@@ -95,10 +107,14 @@ pub struct Settings {
     pub shiftable: bool,
     /// How exactly aggregated costs are worked out.
     pub precision: Precision,
-    /// How a row of costs becomes a row of disparities.
+    /// How costs become disparities.
     pub optimizer: Optimizer,
     /// What a change of disparity costs.
     pub penalty: Penalty,
+    /// With [`Optimizer::SemiGlobal`]: where gray values of the left image jump by more than so many times the mean
+    /// difference of neighbours, the far penalty is halved; by more than thrice that, a third of it; 0 to 1000, 0:
+    /// nowhere.
+    pub edges: f64,
     /// Intensities of black and white; `None`: the type's range for integers, a robust range for floats.
     pub intensity_range: Option<(f64, f64)>,
     /// Whether untrusted estimates stay in the map, flagged, or leave a hole.
@@ -120,8 +136,9 @@ impl Default for Settings {
             window: 9,
             shiftable: true,
             precision: Precision::Full,
-            optimizer: Optimizer::DynamicProgramming,
+            optimizer: Optimizer::Scanline(Rule::DynamicProgramming),
             penalty: Penalty { near: 2.0, far: 2.0 },
+            edges: 0.0,
             intensity_range: None,
             fill: true,
             confidence: true,
@@ -140,6 +157,7 @@ impl Settings {
         self.check_weak()?;
         self.check_code_length()?;
         self.check_penalty()?;
+        number_between("edges", self.edges, LARGEST_EDGES)?;
         self.check_intensity_range()
     }
 
@@ -172,10 +190,7 @@ impl Settings {
     }
 
     fn check_weak(&self) -> Result<()> {
-        if !(0.0..=LARGEST_WEAK).contains(&self.weak) {
-            let accepts = format!("a number from 0 to {LARGEST_WEAK}");
-            return Err(Error::value("weak", self.weak, accepts));
-        }
+        number_between("weak", self.weak, LARGEST_WEAK)?;
         if self.has_weak() && (self.bits, self.cost) != (2, CostKind::Phase) {
             let got =
                 format!("{} with bits = {} and the cost {:?}", self.weak, self.bits, self.cost);
@@ -233,6 +248,14 @@ fn odd_between(argument: &'static str, value: usize, least: usize) -> Result<()>
     }
     let accepts = format!("an odd integer from {least} to {LARGEST_WINDOW}");
     Err(Error::value(argument, value, accepts))
+}
+
+fn number_between(argument: &'static str, value: f64, most: f64) -> Result<()> {
+    // The range also turns NaN away: it is contained in none.
+    if (0.0..=most).contains(&value) {
+        return Ok(());
+    }
+    Err(Error::value(argument, value, format!("a number from 0 to {most}")))
 }
 
 fn between(argument: &'static str, value: usize, least: usize, most: usize) -> Result<()> {

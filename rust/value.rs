@@ -12,6 +12,8 @@ pub trait Value: Copy + Debug + Default + Ord + Send + Sync + 'static {
     const FAR: Self;
     /// The largest total that stays clear of [`Self::FAR`].
     const LARGEST_TOTAL: u64;
+    /// What holds the sum of sixteen of them.
+    type Wide: Value;
 
     /// The low bits of `value`.
     fn truncated(value: u64) -> Self;
@@ -23,6 +25,8 @@ pub trait Value: Copy + Debug + Default + Ord + Send + Sync + 'static {
     fn minus(self, other: Self) -> Self;
     /// Sum, where one of the two may be [`Self::FAR`].
     fn plus_penalty(self, penalty: Self) -> Self;
+    /// Half the sum, rounded up.
+    fn mean(self, other: Self) -> Self;
     /// Without its lowest bits.
     fn shifted(self, bits: u32) -> Self;
     /// This answer after those that `self` holds: the last one is the lowest bit.
@@ -30,11 +34,14 @@ pub trait Value: Copy + Debug + Default + Ord + Send + Sync + 'static {
 }
 
 macro_rules! impl_value {
-    ($type:ty, far: $far:expr, largest_total: $largest:expr, plus_penalty: $plus_penalty:ident) => {
+    (
+        $type:ty, $wide:ty, far: $far:expr, largest_total: $largest:expr, plus_penalty: $plus_penalty:ident
+    ) => {
         impl Value for $type {
             const BITS: usize = <$type>::BITS as usize;
             const FAR: Self = $far;
             const LARGEST_TOTAL: u64 = $largest as u64;
+            type Wide = $wide;
 
             #[inline(always)]
             fn truncated(value: u64) -> Self {
@@ -62,6 +69,11 @@ macro_rules! impl_value {
             }
 
             #[inline(always)]
+            fn mean(self, other: Self) -> Self {
+                (<$wide>::from(self) + <$wide>::from(other) + 1 >> 1) as Self
+            }
+
+            #[inline(always)]
             fn shifted(self, bits: u32) -> Self {
                 self.wrapping_shr(bits)
             }
@@ -75,7 +87,7 @@ macro_rules! impl_value {
 }
 
 // Bytes and words have saturating instructions and no room to spare; the wide types have it the other way.
-impl_value!(u8, far: u8::MAX, largest_total: u8::MAX, plus_penalty: saturating_add);
-impl_value!(u16, far: u16::MAX, largest_total: u16::MAX, plus_penalty: saturating_add);
-impl_value!(u32, far: u32::MAX / 2, largest_total: u32::MAX / 4, plus_penalty: wrapping_add);
-impl_value!(u64, far: u64::MAX / 2, largest_total: u64::MAX / 4, plus_penalty: wrapping_add);
+impl_value!(u8, u16, far: u8::MAX, largest_total: u8::MAX, plus_penalty: saturating_add);
+impl_value!(u16, u32, far: u16::MAX, largest_total: u16::MAX, plus_penalty: saturating_add);
+impl_value!(u32, u64, far: u32::MAX / 2, largest_total: u32::MAX / 4, plus_penalty: wrapping_add);
+impl_value!(u64, u64, far: u64::MAX / 2, largest_total: u64::MAX / 64, plus_penalty: wrapping_add);

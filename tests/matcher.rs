@@ -8,15 +8,17 @@ use std::sync::Arc;
 
 use common::naive::{self, Seen};
 use common::{
-    OPTIMIZERS, affordable, eight_votes, hash, levels, mask, noises, settings, tile, versions,
-    view, views,
+    RULES, affordable, eight_votes, hash, levels, mask, noises, settings, tile, versions, view,
+    views,
 };
 use phasestereo::control::Control;
 use phasestereo::convolution::Kernel;
 use phasestereo::error::Error;
 use phasestereo::matcher::{Execution, Matcher, Pair, on_threads, run};
 use phasestereo::plane::Plane;
-use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Settings};
+use phasestereo::settings::{
+    CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Rule, Settings,
+};
 use phasestereo::simd::Level;
 use phasestereo::value::Value;
 use phasestereo::versions::Versions;
@@ -182,8 +184,8 @@ fn settings_of_every_width() -> Vec<(Settings, (u64, u64))> {
     let byte = Settings { precision: Precision::Byte, ..phase };
     let cheap = Penalty { near: 0.05, far: 0.1 };
     let dear = Penalty { near: LARGEST_PENALTY, far: LARGEST_PENALTY };
-    let free = Optimizer::ScanlineOptimization;
-    let alone = Optimizer::WinnerTakesAll;
+    let free = Optimizer::Scanline(Rule::ScanlineOptimization);
+    let alone = Optimizer::Scanline(Rule::WinnerTakesAll);
     let normalised = Settings { cost: CostKind::NormalisedSad, ..byte };
     vec![
         (Settings { window: 3, optimizer: free, penalty: cheap, ..byte }, (1, 1)),
@@ -220,7 +222,7 @@ fn integers_of_every_width_give_the_bits_of_the_naive_chain() {
 fn penalties_from_none_to_the_largest() {
     let ends = [0.0, LARGEST_PENALTY];
     for (near, far) in ends.into_iter().flat_map(|near| ends.map(|far| (near, far))) {
-        for optimizer in OPTIMIZERS {
+        for optimizer in RULES {
             for (cost, window) in [(CostKind::Phase, 3), (CostKind::Phase, 31), (CostKind::Sad, 3)]
             {
                 let penalty = Penalty { near, far };
@@ -246,7 +248,7 @@ fn totals_about_the_largest_byte_are_exact() {
     let free = |far: f64| Settings {
         bits: 1,
         window: 15,
-        optimizer: Optimizer::ScanlineOptimization,
+        optimizer: Optimizer::Scanline(Rule::ScanlineOptimization),
         precision: Precision::Byte,
         penalty: Penalty { near: far / 225.0, far: far / 225.0 },
         ..codes
@@ -285,9 +287,10 @@ fn totals_about_the_largest_word_are_exact() {
 
 #[test]
 fn few_votes_do_not_overflow_a_byte() {
-    for (optimizer, shiftable) in
-        [(Optimizer::WinnerTakesAll, false), (Optimizer::DynamicProgramming, true)]
-    {
+    for (optimizer, shiftable) in [
+        (Optimizer::Scanline(Rule::WinnerTakesAll), false),
+        (Optimizer::Scanline(Rule::DynamicProgramming), true),
+    ] {
         let settings = Settings {
             frequencies: (3, 2),
             bits: 1,
@@ -305,7 +308,7 @@ fn few_votes_do_not_overflow_a_byte() {
 fn windows_larger_than_the_image_and_single_pixels() {
     for (rows, cols, count) in [(1, 1, 1), (1, 40, 7), (40, 1, 1), (3, 4, 4), (65, 2, 2)] {
         for window in [1, 3, 31, 63] {
-            for optimizer in OPTIMIZERS {
+            for optimizer in RULES {
                 let settings =
                     Settings { neighborhood: 5, window, optimizer, ..Settings::default() };
                 Job::new(shifted(rows, cols, 1), 0, count, settings.clone()).check();

@@ -115,8 +115,9 @@ class Settings:
     window: int = 9
     shiftable: bool = True
     precision: Literal["full", "byte"] = "full"
-    optimizer: Literal["dp", "so", "wta"] = "dp"
+    optimizer: Literal["dp", "so", "wta", "sgm"] = "dp"
     penalty: float | tuple[float, float] = 2.0
+    edges: float = 0.0
     equalise: bool = False
     intensity_range: tuple[float, float] | None = None
     fill: bool = True

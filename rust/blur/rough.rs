@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::intensity::Gray;
 use crate::matcher::{Execution, Matcher, Pair};
 use crate::plane::Plane;
-use crate::settings::{Optimizer, Penalty, Precision, Settings};
+use crate::settings::{Optimizer, Penalty, Precision, Rule, Settings};
 use crate::view::{Image, View};
 
 /// Gray values lie within this many of zero, whatever the type of the image.
@@ -98,7 +98,7 @@ impl Rough {
             neighborhood,
             frequencies: (1, 1),
             precision: Precision::Byte,
-            optimizer: Optimizer::ScanlineOptimization,
+            optimizer: Optimizer::Scanline(Rule::ScanlineOptimization),
             penalty: Penalty { near: 1.0, far: 4.5 },
             confidence: false,
             ..Settings::default()

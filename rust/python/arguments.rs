@@ -13,7 +13,9 @@ use crate::convolution::Kernel;
 use crate::error::Error;
 use crate::matcher::{MOST_THREADS, Pair};
 use crate::plane::{Plane, zeroed};
-use crate::settings::{CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Settings, Taper};
+use crate::settings::{
+    CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Rule, Settings, Taper,
+};
 use crate::versions::{Versions, check_noise};
 use crate::view::{Image, Mask, View};
 
@@ -26,10 +28,11 @@ const COSTS: [(&str, CostKind); 3] =
 const TAPERS: [(&str, Taper); 3] =
     [("uniform", Taper::Uniform), ("gaussian", Taper::Gaussian), ("hann", Taper::Hann)];
 const PRECISIONS: [(&str, Precision); 2] = [("full", Precision::Full), ("byte", Precision::Byte)];
-const OPTIMIZERS: [(&str, Optimizer); 3] = [
-    ("dp", Optimizer::DynamicProgramming),
-    ("so", Optimizer::ScanlineOptimization),
-    ("wta", Optimizer::WinnerTakesAll),
+const OPTIMIZERS: [(&str, Optimizer); 4] = [
+    ("dp", Optimizer::Scanline(Rule::DynamicProgramming)),
+    ("so", Optimizer::Scanline(Rule::ScanlineOptimization)),
+    ("wta", Optimizer::Scanline(Rule::WinnerTakesAll)),
+    ("sgm", Optimizer::SemiGlobal),
 ];
 
 /// Both images, their masks, and (`min_disparity`, `num_disparities`).
@@ -137,6 +140,7 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         precision: choice(&field("precision")?, "precision", &PRECISIONS)?,
         optimizer: choice(&field("optimizer")?, "optimizer", &OPTIMIZERS)?,
         penalty: read_penalty(&field("penalty")?)?,
+        edges: number(&field("edges")?, "edges")?,
         intensity_range: match field("intensity_range")? {
             range if range.is_none() => None,
             range => {

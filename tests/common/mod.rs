@@ -11,7 +11,7 @@ use phasestereo::convolution::Kernel;
 use phasestereo::intensity::{Gray, level_planes};
 use phasestereo::plane::Plane;
 use phasestereo::settings::{
-    CostKind, LARGEST_PENALTY, LARGEST_WEAK, Optimizer, Penalty, Precision, Settings, Taper,
+    CostKind, LARGEST_PENALTY, LARGEST_WEAK, Penalty, Precision, Rule, Settings, Taper,
 };
 use phasestereo::simd::Level;
 use phasestereo::versions::{MOST_CLASSES, Versions};
@@ -23,8 +23,8 @@ use proptest::sample::select;
 pub const COUNTS: [usize; 11] = [1, 7, 8, 9, 16, 17, 31, 33, 64, 65, 257];
 
 /// Every way to choose.
-pub const OPTIMIZERS: [Optimizer; 3] =
-    [Optimizer::DynamicProgramming, Optimizer::ScanlineOptimization, Optimizer::WinnerTakesAll];
+pub const RULES: [Rule; 3] =
+    [Rule::DynamicProgramming, Rule::ScanlineOptimization, Rule::WinnerTakesAll];
 
 /// Every level that this machine has.
 pub fn levels() -> Vec<Level> {
@@ -130,7 +130,7 @@ pub fn settings() -> impl Strategy<Value = Settings> {
     ];
     let radius = prop_oneof![6 => 0usize..=5, 1 => 6usize..=31];
     let precision = select(vec![Precision::Full, Precision::Byte]);
-    let ways = (select(OPTIMIZERS.to_vec()), penalties());
+    let ways = (select(RULES.to_vec()), penalties());
     let [shiftable, fill, confidence] = [any::<bool>(); 3];
     (weak_descriptors(), cost, radius, precision, ways, shiftable, fill, confidence).prop_map(
         |(descriptor, cost, radius, precision, ways, shiftable, fill, confidence)| Settings {
@@ -139,7 +139,7 @@ pub fn settings() -> impl Strategy<Value = Settings> {
             window: 2 * radius + 1,
             shiftable,
             precision,
-            optimizer: ways.0,
+            rule: ways.0,
             penalty: ways.1,
             fill,
             confidence,

@@ -1,0 +1,129 @@
+//! Where the gray values of the left image jump from one pixel to a neighbour: disparities may jump there, too.
+
+use rayon::prelude::*;
+
+use crate::control::Control;
+use crate::error::Result;
+use crate::intensity::Gray;
+use crate::plane::Plane;
+use crate::settings::Settings;
+use crate::simd::{Kernel, Level};
+use crate::view::View;
+
+/// Rows that are classified together.
+const ROWS: usize = 32;
+
+/// Neighbours of a pixel, those that come before it row by row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Neighbour {
+    /// Above, to the left.
+    AboveLeft,
+    /// Above.
+    Above,
+    /// Above, to the right.
+    AboveRight,
+    /// To the left.
+    Left,
+}
+
+impl Neighbour {
+    /// The three of the row above, from the left one.
+    pub const ABOVE: [Self; 3] = [Self::AboveLeft, Self::Above, Self::AboveRight];
+
+    /// How large the jump from this neighbour is: 0 none, 1 small, 2 large.
+    #[inline(always)]
+    pub fn jump(self, edges: u8) -> u8 {
+        edges >> (2 * self as u8) & 3
+    }
+}
+
+/// The jumps from all neighbours, two bits each, of every pixel.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Edges(Plane<u8>);
+
+impl Edges {
+    /// Calls a jump small that is larger than the mean difference of horizontal neighbours times `threshold`,
+    /// and large where it is larger than thrice that. So neither contrast nor the unit of gray values matters.
+    pub fn new(gray: &Gray, threshold: f64, level: Level, control: &Control) -> Result<Self> {
+        let (rows, cols) = gray.size();
+        let plane = Plane::by_bands((rows, cols), 1, |y, row| {
+            control.checkpoint()?;
+            gray.write_row(y, level, row)
+        })?;
+        let sums = plane.as_slice().par_chunks(cols).map(|row| level.run(Roughness(row)));
+        let count = rows * (cols - 1).max(1);
+        // Gray values are below 2^26, so that a difference is, and its product with any threshold clamped.
+        let small = (threshold * (sums.sum::<u64>() as f64 / count as f64)) as u32;
+        let classes = Plane::by_bands((rows, cols), ROWS, |first, band| {
+            control.checkpoint()?;
+            for (y, edges) in (first..).zip(band.chunks_mut(cols)) {
+                let above = plane.row(y.saturating_sub(1));
+                level.run(Classify { here: plane.row(y), above, small, edges });
+            }
+            Ok(())
+        })?;
+        Ok(Self(classes))
+    }
+
+    /// Those of the left view of a pair, if the settings ask for them.
+    pub fn of_left(
+        view: &View,
+        settings: &Settings,
+        level: Level,
+        control: &Control,
+    ) -> Result<Option<Self>> {
+        let edges = || Self::new(&Gray::new(view, level, control)?, settings.edges, level, control);
+        (settings.edges > 0.0).then(edges).transpose()
+    }
+
+    /// The jumps of row `y`.
+    pub fn row(&self, y: usize) -> &[u8] {
+        self.0.row(y)
+    }
+}
+
+/// The sum of differences of neighbours in a row.
+struct Roughness<'a>(&'a [i32]);
+
+impl Kernel for Roughness<'_> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn run(self) -> u64 {
+        let pairs = self.0.iter().zip(&self.0[1..]);
+        pairs.map(|(a, b)| u64::from(a.abs_diff(*b))).sum()
+    }
+}
+
+/// The jumps of a row; the first row is its own neighbour above.
+struct Classify<'a> {
+    here: &'a [i32],
+    above: &'a [i32],
+    small: u32,
+    edges: &'a mut [u8],
+}
+
+impl Kernel for Classify<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { here, above, small, edges } = self;
+        let last = here.len() - 1;
+        edges.fill(0);
+        mark(&mut edges[1..], &here[1..], &above[..last], small, Neighbour::AboveLeft);
+        mark(edges, here, above, small, Neighbour::Above);
+        mark(&mut edges[..last], &here[..last], &above[1..], small, Neighbour::AboveRight);
+        mark(&mut edges[1..], &here[1..], &here[..last], small, Neighbour::Left);
+    }
+}
+
+#[inline(always)]
+fn mark(edges: &mut [u8], here: &[i32], there: &[i32], small: u32, neighbour: Neighbour) {
+    let large = small.saturating_mul(3);
+    for ((edges, a), b) in edges.iter_mut().zip(here).zip(there) {
+        let difference = a.abs_diff(*b);
+        let jump = u8::from(difference > small) + u8::from(difference > large);
+        *edges |= jump << (2 * neighbour as u8);
+    }
+}

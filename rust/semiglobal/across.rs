@@ -1,0 +1,219 @@
+//! Paths along the rows: from the left and from the right end, every row of a band in a lane of its own.
+
+use std::array::from_fn;
+
+use crate::aggregation::{Aggregated, Tile};
+use crate::edges::{Edges, Neighbour};
+use crate::error::Result;
+use crate::memory::Memory;
+use crate::scanline::Steps;
+use crate::semiglobal::volume::{GROUP, TakeColumns, Volume};
+use crate::semiglobal::{BAND, Far};
+use crate::simd::{Kernel, Level};
+use crate::strip::{BLOCK, Strip};
+use crate::value::Value;
+
+/// A band of rows as the other paths need it.
+#[derive(Debug)]
+pub struct Rows<V, T> {
+    /// What each candidate costs.
+    pub costs: Volume<V>,
+    /// The mean total of the two paths along the row.
+    pub totals: Volume<T>,
+}
+
+impl<V, T> Default for Rows<V, T> {
+    fn default() -> Self {
+        Self { costs: Volume::default(), totals: Volume::default() }
+    }
+}
+
+/// Paths along the rows of one band after another; its memory is used again.
+#[derive(Debug)]
+pub struct Across<V, T> {
+    candidates: usize,
+    cols: usize,
+    near: T,
+    far: Far<T>,
+    /// Jumps of the gray values: of one column after another, lane by lane.
+    edges: Memory<u8>,
+    /// Costs of one column after another, of all candidates, lane by lane.
+    costs: Memory<V>,
+    /// Totals in the same order: of the paths from the left, then the means.
+    totals: Memory<T>,
+    /// The least total of the column before.
+    least: [T; BLOCK],
+    /// Totals of the paths from the right, of two columns.
+    back: [Memory<T>; 2],
+}
+
+impl<V, T: Value> Default for Across<V, T> {
+    fn default() -> Self {
+        Self {
+            candidates: 0,
+            cols: 0,
+            near: T::default(),
+            far: Far::default(),
+            edges: Memory::default(),
+            costs: Memory::default(),
+            totals: Memory::default(),
+            least: [T::default(); BLOCK],
+            back: Default::default(),
+        }
+    }
+}
+
+impl<V: Value, T: Value> Across<V, T> {
+    /// Begins a band.
+    pub fn begin(
+        &mut self,
+        strip: Strip,
+        (cols, candidates): (usize, usize),
+        steps: Steps,
+        edges: Option<&Edges>,
+    ) -> Result<()> {
+        (self.cols, self.candidates) = (cols, candidates);
+        (self.near, self.far) = (T::truncated(steps.near), Far::new(steps));
+        match edges {
+            Some(edges) => {
+                let columns: Vec<_> = (0..cols).collect();
+                let strip = Strip { margin: 0, ..strip };
+                strip.transpose(&columns, |y| edges.row(y), |edges| edges, &mut self.edges)?;
+            }
+            None => {
+                self.edges.room(cols * BLOCK)?;
+                self.edges.fill(0);
+            }
+        }
+        self.costs.room(cols * candidates * BLOCK)?;
+        self.totals.room(cols * candidates * BLOCK)?;
+        self.least = [T::default(); BLOCK];
+        self.back.iter_mut().try_for_each(|column| column.room(candidates * BLOCK))
+    }
+
+    /// Hands on the rows of the band, when every column is done.
+    pub fn finish(&mut self, rows: &mut Rows<V, T>, level: Level) -> Result<()> {
+        rows.costs.begin((BAND, self.cols), self.candidates)?;
+        rows.totals.begin((BAND, self.cols), self.candidates)?;
+        level.run(Return(self));
+        let columns = GROUP * self.candidates;
+        for (group, columns) in self.costs.as_chunks().0.chunks(columns).enumerate() {
+            level.run(TakeColumns { volume: &mut rows.costs, group, columns });
+        }
+        for (group, columns) in self.totals.as_chunks().0.chunks(columns).enumerate() {
+            level.run(TakeColumns { volume: &mut rows.totals, group, columns });
+        }
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn advance(&mut self, tile: &Tile, aggregated: Aggregated<V>) {
+        let count = self.candidates;
+        let costs = self.costs.as_chunks_mut().0;
+        let totals = self.totals.as_chunks_mut().0;
+        let edges = self.edges.as_chunks::<BLOCK>().0;
+        for (place, x) in tile.finished.clone().enumerate() {
+            let costs = &mut costs[x * count..][..count];
+            costs.copy_from_slice(aggregated.of(place, 0).every());
+            let (before, here) = totals.split_at_mut(x * count);
+            let before = &before[x.saturating_sub(1) * count..];
+            let far = from_fn(|j| self.far.after(Neighbour::Left.jump(edges[x][j])));
+            self.least = step(before, self.least, costs, far, self.near, &mut here[..count]);
+        }
+    }
+
+    #[inline(always)]
+    fn come_back(&mut self) {
+        let count = self.candidates;
+        let edges = self.edges.as_chunks::<BLOCK>().0;
+        let costs = self.costs.as_chunks().0;
+        let totals = self.totals.as_chunks_mut::<BLOCK>().0;
+        let [before, here] = &mut self.back;
+        let (mut before, mut here) = (before.as_chunks_mut().0, here.as_chunks_mut().0);
+        let mut least = [T::default(); BLOCK];
+        for x in (0..self.cols).rev() {
+            let is_first = x + 1 == self.cols;
+            let far = if is_first {
+                [T::default(); BLOCK]
+            } else {
+                from_fn(|j| self.far.after(Neighbour::Left.jump(edges[x + 1][j])))
+            };
+            let before_it = if is_first { &[] } else { &*before };
+            least = step(before_it, least, &costs[x * count..][..count], far, self.near, here);
+            for (total, back) in totals[x * count..][..count].iter_mut().zip(&*here) {
+                *total = from_fn(|j| total[j].mean(back[j]));
+            }
+            std::mem::swap(&mut before, &mut here);
+        }
+    }
+}
+
+/// Extends paths by one pixel: the totals of all candidates there, and the least of them. No path comes from where
+/// nothing is `before`.
+#[inline(always)]
+fn step<V: Value, T: Value>(
+    before: &[[T; BLOCK]],
+    least: [T; BLOCK],
+    costs: &[[V; BLOCK]],
+    far: [T; BLOCK],
+    near: T,
+    totals: &mut [[T; BLOCK]],
+) -> [T; BLOCK] {
+    let count = costs.len();
+    let mut least_here = [T::FAR; BLOCK];
+    let (costs, totals) = (&costs[..count], &mut totals[..count]);
+    if before.is_empty() {
+        for (total, cost) in totals.iter_mut().zip(costs) {
+            *total = from_fn(|j| T::truncated(cost[j].widened()));
+            least_here = from_fn(|j| least_here[j].min(total[j]));
+        }
+        return least_here;
+    }
+    let before = &before[..count];
+    let relative = |total: &[T; BLOCK]| -> [T; BLOCK] { from_fn(|j| total[j].minus(least[j])) };
+    let (mut below, mut here) = ([T::FAR; BLOCK], relative(&before[0]));
+    for k in 0..count {
+        let above = if k + 1 < count { relative(&before[k + 1]) } else { [T::FAR; BLOCK] };
+        let (cost, mut total) = (&costs[k], [T::default(); BLOCK]);
+        for j in 0..BLOCK {
+            let changed = below[j].min(above[j]).plus_penalty(near);
+            let best = here[j].min(far[j]).min(changed);
+            total[j] = best.plus(T::truncated(cost[j].widened()));
+            least_here[j] = least_here[j].min(total[j]);
+        }
+        totals[k] = total;
+        (below, here) = (here, above);
+    }
+    least_here
+}
+
+/// The columns of a tile, reached from the left.
+pub struct Advance<'a, V, T> {
+    /// Where paths are kept.
+    pub across: &'a mut Across<V, T>,
+    /// The columns.
+    pub tile: &'a Tile,
+    /// What they cost.
+    pub costs: Aggregated<'a, V>,
+}
+
+impl<V: Value, T: Value> Kernel for Advance<'_, V, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.across.advance(self.tile, self.costs);
+    }
+}
+
+/// All columns, reached from the right.
+struct Return<'a, V, T>(&'a mut Across<V, T>);
+
+impl<V: Value, T: Value> Kernel for Return<'_, V, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.0.come_back();
+    }
+}
