@@ -190,7 +190,7 @@ pub struct AggregatedBlock<'a, V>(&'a [[V; BLOCK]]);
 
 /// Places from one block of lanes to the next: of bytes an odd number of cache lines, so that not all of
 /// them contend for the same few sets of the cache.
-fn stride(candidates: usize) -> usize {
+pub fn stride(candidates: usize) -> usize {
     2 * (candidates.div_ceil(2) | 1)
 }
 

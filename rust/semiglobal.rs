@@ -67,6 +67,16 @@ impl<T: Value> Far<T> {
             _ => third,
         }
     }
+
+    /// The penalties after jumps.
+    #[inline(always)]
+    pub fn after_all<const N: usize>(&self, jumps: [u8; N]) -> [T; N] {
+        let mut penalties = [T::default(); N];
+        for j in 0..N {
+            penalties[j] = self.after(jumps[j]);
+        }
+        penalties
+    }
 }
 
 /// The image that paths go through.
@@ -154,6 +164,9 @@ impl<V: Value, T: Value> SemiGlobal<V, T> {
         self.evidence.resize_with(at_once, Default::default);
         let parts = rayon::current_num_threads().min(groups / LEAST_GROUPS).max(1);
         self.parts.resize_with(parts, Default::default);
+        for (part, (paths, _)) in self.parts.iter_mut().enumerate() {
+            paths.begin(around(part, parts, groups).len(), field.candidates)?;
+        }
         self.above.begin(groups, field.candidates)
     }
 
@@ -184,20 +197,15 @@ impl<V: Value, T: Value> SemiGlobal<V, T> {
         let Self { rows, below, above, parts, evidence } = self;
         let groups = field.size.1.div_ceil(GROUP);
         let places = field.band(first + index);
-        let width = groups.div_ceil(parts.len());
-        let range = |part: usize| (part * width).min(groups)..((part + 1) * width).min(groups);
-        let around = |part: usize| {
-            let Range { start, end } = range(part);
-            start.saturating_sub(1)..(end + 1).min(groups)
-        };
+        let count = parts.len();
         let whole = &*above;
         parts.par_iter_mut().enumerate().try_for_each(|(part, (paths, selection))| {
             field.control.checkpoint()?;
-            paths.branch_off(whole, &around(part), field.candidates)?;
-            selection.begin(places.len(), range(part), field.candidates)?;
+            paths.branch_off(whole, around(part, count, groups).start);
+            selection.begin(places.len(), own(part, count, groups), field.candidates)?;
             field.level.run(Down {
                 paths,
-                first_group: around(part).start,
+                first_group: around(part, count, groups).start,
                 rows: &rows[index],
                 places: places.clone(),
                 from_below: &below[index].1,
@@ -209,13 +217,28 @@ impl<V: Value, T: Value> SemiGlobal<V, T> {
         })?;
         evidence[index].begin(places.len(), groups * GROUP)?;
         for (part, (paths, selection)) in parts.iter().enumerate() {
-            let range = range(part);
-            above.join(paths, around(part).start, &range);
+            let range = own(part, count, groups);
+            above.join(paths, around(part, count, groups).start, &range);
+            if part > 0 && !range.is_empty() {
+                above.meet(range.start);
+            }
             evidence[index].take(selection.evidence(), range.start * GROUP, range.len() * GROUP);
         }
         field.control.finish_rows(places.len());
         Ok(())
     }
+}
+
+/// The groups of columns of one of several parts.
+fn own(part: usize, parts: usize, groups: usize) -> Range<usize> {
+    let width = groups.div_ceil(parts);
+    (part * width).min(groups)..((part + 1) * width).min(groups)
+}
+
+/// These and one more on either side.
+fn around(part: usize, parts: usize, groups: usize) -> Range<usize> {
+    let Range { start, end } = own(part, parts, groups);
+    start.saturating_sub(1)..(end + 1).min(groups)
 }
 
 impl Field<'_> {

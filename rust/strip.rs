@@ -104,13 +104,21 @@ impl<'a> Columns<'a> {
 
 /// A square with rows and columns exchanged: each half of its rows is shuffled into the other, over and over.
 #[inline(always)]
-pub fn turned<U: Copy>(mut square: [[U; SIDE]; SIDE]) -> [[U; SIDE]; SIDE] {
+pub fn turned<U: Copy + Default>(mut square: [[U; SIDE]; SIDE]) -> [[U; SIDE]; SIDE] {
     for _ in 0..SIDE.ilog2() {
-        square = from_fn(|row| {
-            let (a, b) = (square[row / 2], square[row / 2 + SIDE / 2]);
-            let half = row % 2 * SIDE / 2;
-            from_fn(|i| if i % 2 == 0 { a[half + i / 2] } else { b[half + i / 2] })
-        });
+        let mut shuffled = [[U::default(); SIDE]; SIDE];
+        for row in 0..SIDE / 2 {
+            let (a, b) = (square[row], square[row + SIDE / 2]);
+            for i in 0..SIDE / 2 {
+                shuffled[2 * row][2 * i] = a[i];
+                shuffled[2 * row][2 * i + 1] = b[i];
+            }
+            for i in 0..SIDE / 2 {
+                shuffled[2 * row + 1][2 * i] = a[SIDE / 2 + i];
+                shuffled[2 * row + 1][2 * i + 1] = b[SIDE / 2 + i];
+            }
+        }
+        square = shuffled;
     }
     square
 }

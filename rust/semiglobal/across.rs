@@ -1,13 +1,11 @@
 //! Paths along the rows: from the left and from the right end, every row of a band in a lane of its own.
 
-use std::array::from_fn;
-
-use crate::aggregation::{Aggregated, Tile};
+use crate::aggregation::{Aggregated, Tile, stride};
 use crate::edges::{Edges, Neighbour};
 use crate::error::Result;
 use crate::memory::Memory;
 use crate::scanline::Steps;
-use crate::semiglobal::volume::{GROUP, TakeColumns, Volume};
+use crate::semiglobal::volume::{GROUP, Volume};
 use crate::semiglobal::{BAND, Far};
 use crate::simd::{Kernel, Level};
 use crate::strip::{BLOCK, Strip};
@@ -85,8 +83,8 @@ impl<V: Value, T: Value> Across<V, T> {
                 self.edges.fill(0);
             }
         }
-        self.costs.room(cols * candidates * BLOCK)?;
-        self.totals.room(cols * candidates * BLOCK)?;
+        self.costs.room(cols * stride(candidates) * BLOCK)?;
+        self.totals.room(cols * stride(candidates) * BLOCK)?;
         self.least = [T::default(); BLOCK];
         self.back.iter_mut().try_for_each(|column| column.room(candidates * BLOCK))
     }
@@ -96,35 +94,35 @@ impl<V: Value, T: Value> Across<V, T> {
         rows.costs.begin((BAND, self.cols), self.candidates)?;
         rows.totals.begin((BAND, self.cols), self.candidates)?;
         level.run(Return(self));
-        let columns = GROUP * self.candidates;
+        let columns = GROUP * stride(self.candidates);
         for (group, columns) in self.costs.as_chunks().0.chunks(columns).enumerate() {
-            level.run(TakeColumns { volume: &mut rows.costs, group, columns });
+            rows.costs.take(group, columns);
         }
         for (group, columns) in self.totals.as_chunks().0.chunks(columns).enumerate() {
-            level.run(TakeColumns { volume: &mut rows.totals, group, columns });
+            rows.totals.take(group, columns);
         }
         Ok(())
     }
 
     #[inline(always)]
     fn advance(&mut self, tile: &Tile, aggregated: Aggregated<V>) {
-        let count = self.candidates;
+        let (count, stride) = (self.candidates, stride(self.candidates));
         let costs = self.costs.as_chunks_mut().0;
         let totals = self.totals.as_chunks_mut().0;
         let edges = self.edges.as_chunks::<BLOCK>().0;
         for (place, x) in tile.finished.clone().enumerate() {
-            let costs = &mut costs[x * count..][..count];
+            let costs = &mut costs[x * stride..][..count];
             costs.copy_from_slice(aggregated.of(place, 0).every());
-            let (before, here) = totals.split_at_mut(x * count);
-            let before = &before[x.saturating_sub(1) * count..];
-            let far = from_fn(|j| self.far.after(Neighbour::Left.jump(edges[x][j])));
+            let (before, here) = totals.split_at_mut(x * stride);
+            let before = &before[x.saturating_sub(1) * stride..];
+            let far = self.far.after_all(jumps(edges[x]));
             self.least = step(before, self.least, costs, far, self.near, &mut here[..count]);
         }
     }
 
     #[inline(always)]
     fn come_back(&mut self) {
-        let count = self.candidates;
+        let (count, stride) = (self.candidates, stride(self.candidates));
         let edges = self.edges.as_chunks::<BLOCK>().0;
         let costs = self.costs.as_chunks().0;
         let totals = self.totals.as_chunks_mut::<BLOCK>().0;
@@ -136,12 +134,12 @@ impl<V: Value, T: Value> Across<V, T> {
             let far = if is_first {
                 [T::default(); BLOCK]
             } else {
-                from_fn(|j| self.far.after(Neighbour::Left.jump(edges[x + 1][j])))
+                self.far.after_all(jumps(edges[x + 1]))
             };
             let before_it = if is_first { &[] } else { &*before };
-            least = step(before_it, least, &costs[x * count..][..count], far, self.near, here);
-            for (total, back) in totals[x * count..][..count].iter_mut().zip(&*here) {
-                *total = from_fn(|j| total[j].mean(back[j]));
+            least = step(before_it, least, &costs[x * stride..][..count], far, self.near, here);
+            for (total, back) in totals[x * stride..][..count].iter_mut().zip(&*here) {
+                *total = mean(*total, *back);
             }
             std::mem::swap(&mut before, &mut here);
         }
@@ -164,17 +162,20 @@ fn step<V: Value, T: Value>(
     let (costs, totals) = (&costs[..count], &mut totals[..count]);
     if before.is_empty() {
         for (total, cost) in totals.iter_mut().zip(costs) {
-            *total = from_fn(|j| T::truncated(cost[j].widened()));
-            least_here = from_fn(|j| least_here[j].min(total[j]));
+            let mut first = [T::default(); BLOCK];
+            for j in 0..BLOCK {
+                first[j] = T::truncated(cost[j].widened());
+                least_here[j] = least_here[j].min(first[j]);
+            }
+            *total = first;
         }
         return least_here;
     }
     let before = &before[..count];
-    let relative = |total: &[T; BLOCK]| -> [T; BLOCK] { from_fn(|j| total[j].minus(least[j])) };
-    let (mut below, mut here) = ([T::FAR; BLOCK], relative(&before[0]));
+    let (mut below, mut here) = ([T::FAR; BLOCK], relative(before[0], least));
     for k in 0..count {
-        let above = if k + 1 < count { relative(&before[k + 1]) } else { [T::FAR; BLOCK] };
-        let (cost, mut total) = (&costs[k], [T::default(); BLOCK]);
+        let above = if k + 1 < count { relative(before[k + 1], least) } else { [T::FAR; BLOCK] };
+        let (cost, mut total) = (costs[k], [T::default(); BLOCK]);
         for j in 0..BLOCK {
             let changed = below[j].min(above[j]).plus_penalty(near);
             let best = here[j].min(far[j]).min(changed);
@@ -185,6 +186,31 @@ fn step<V: Value, T: Value>(
         (below, here) = (here, above);
     }
     least_here
+}
+
+#[inline(always)]
+fn mean<T: Value>(mut totals: [T; BLOCK], others: [T; BLOCK]) -> [T; BLOCK] {
+    for j in 0..BLOCK {
+        totals[j] = totals[j].mean(others[j]);
+    }
+    totals
+}
+
+#[inline(always)]
+fn relative<T: Value>(mut totals: [T; BLOCK], least: [T; BLOCK]) -> [T; BLOCK] {
+    for j in 0..BLOCK {
+        totals[j] = totals[j].minus(least[j]);
+    }
+    totals
+}
+
+/// The jumps from the left neighbours.
+#[inline(always)]
+fn jumps(mut edges: [u8; BLOCK]) -> [u8; BLOCK] {
+    for j in 0..BLOCK {
+        edges[j] = Neighbour::Left.jump(edges[j]);
+    }
+    edges
 }
 
 /// The columns of a tile, reached from the left.

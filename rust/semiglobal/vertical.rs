@@ -1,6 +1,5 @@
 //! Paths from row to row: straight and on both diagonals, every column of a group in a lane of its own.
 
-use std::array::from_fn;
 use std::mem::swap;
 use std::ops::Range;
 
@@ -20,45 +19,79 @@ const WAYS: usize = 3;
 /// A value for each column of a group.
 type Lanes<T> = [T; GROUP];
 
-/// Totals of the paths to the candidates of a row: of one way after another, candidate after candidate, column
-/// after column, between zeros. A path that begins at the edge of the image comes from zeros.
+/// Where the totals of each way begin in a [`Run`]; between the last and the first way there is room for one column
+/// of the groups on either side.
+const PLACES: [usize; WAYS] = [2 * GROUP, 3 * GROUP, 0];
+/// The first column of the group to the right, by the last way.
+const FROM_RIGHT: usize = GROUP;
+/// The last column of the group to the left, by the first way.
+const FROM_LEFT: usize = 2 * GROUP - 1;
+
+/// Totals of the paths to a candidate, of a group of columns.
+type Run<T> = [T; 4 * GROUP];
+
+/// Totals of the paths to the candidates of a row: of one group of columns after another, so that they are read
+/// one behind the other, between two groups that nobody reads. What lies beside a group, and is looked at from there,
+/// is kept a second time with it; beyond the image there are zeros, as if paths began there.
 #[derive(Debug)]
 struct Totals<T> {
     candidates: usize,
-    stride: usize,
     values: Memory<T>,
-    /// The least of each way and column.
-    least: Memory<T>,
+    /// The least of each way and column, between zeros.
+    least: [Memory<T>; WAYS],
 }
 
 impl<T> Default for Totals<T> {
     fn default() -> Self {
-        Self { candidates: 0, stride: 0, values: Memory::default(), least: Memory::default() }
+        Self { candidates: 0, values: Memory::default(), least: Default::default() }
     }
 }
 
 impl<T: Value> Totals<T> {
     fn begin(&mut self, groups: usize, candidates: usize) -> Result<()> {
-        // An odd number of cache lines, if of bytes: then not all candidates contend for the same few sets.
-        (self.candidates, self.stride) = (candidates, 2 * GROUP * ((groups + 2).div_ceil(2) | 1));
-        self.values.room(WAYS * candidates * self.stride)?;
-        self.least.room(WAYS * self.stride)?;
+        self.candidates = candidates;
+        self.values.room((groups + 2) * candidates * size_of::<Run<u8>>())?;
         self.values.fill(T::default());
-        self.least.fill(T::default());
-        Ok(())
+        self.least.iter_mut().try_for_each(|least| {
+            least.room((groups + 2) * GROUP)?;
+            least.fill(T::default());
+            Ok(())
+        })
     }
 
-    /// Copies groups from those of another, with which they begin at `first`, and `to` here.
+    #[inline(always)]
+    fn runs(&self, group: usize) -> &[Run<T>] {
+        &self.values.as_chunks().0[(group + 1) * self.candidates..][..self.candidates]
+    }
+
+    /// The runs of a group, and of those to its left and to its right.
+    #[inline(always)]
+    fn around(&mut self, group: usize) -> [&mut [Run<T>]; 3] {
+        let runs = self.values.as_chunks_mut().0[group * self.candidates..]
+            .chunks_exact_mut(self.candidates);
+        let mut runs = runs.into_iter();
+        std::array::from_fn(|_| runs.next().unwrap_or_default())
+    }
+
+    /// Copies some groups from those of another, which begin at `first`, and `to` here.
     fn take(&mut self, other: &Self, first: usize, to: usize, groups: usize) {
-        let count = groups * GROUP;
-        let copy = |ours: &mut Memory<T>, stride: usize, theirs: &Memory<T>| {
-            let rows = ours.chunks_exact_mut(stride).zip(theirs.chunks_exact(other.stride));
-            for (ours, theirs) in rows {
-                ours[to * GROUP..][..count].copy_from_slice(&theirs[first * GROUP..][..count]);
-            }
+        let copy = |ours: &mut [T], theirs: &[T], places: usize| {
+            let theirs = &theirs[(first + 1) * places..][..groups * places];
+            ours[(to + 1) * places..][..theirs.len()].copy_from_slice(theirs);
         };
-        copy(&mut self.values, self.stride, &other.values);
-        copy(&mut self.least, self.stride, &other.least);
+        copy(&mut self.values, &other.values, self.candidates * size_of::<Run<u8>>());
+        for (ours, theirs) in self.least.iter_mut().zip(&other.least) {
+            copy(ours, theirs, GROUP);
+        }
+    }
+
+    /// Has a group and the one to its left see each other.
+    fn meet(&mut self, group: usize) {
+        let [left, here, _] = self.around(group);
+        for (left, here) in left.iter_mut().zip(here) {
+            left[FROM_RIGHT] = here[PLACES[WAYS - 1]];
+            here[FROM_LEFT] = left[PLACES[0] + GROUP - 1];
+        }
     }
 }
 
@@ -84,66 +117,92 @@ impl<T: Value> Vertical<T> {
         self.here.begin(groups, candidates)
     }
 
-    /// Goes on where others are, of which these are the groups `range`.
-    pub fn branch_off(
-        &mut self,
-        whole: &Self,
-        range: &Range<usize>,
-        candidates: usize,
-    ) -> Result<()> {
-        self.begin(range.len(), candidates)?;
-        self.before.take(&whole.before, range.start, 0, range.len() + 2);
-        Ok(())
+    /// Goes on where others are, of which these are the groups from `first` on.
+    pub fn branch_off(&mut self, whole: &Self, first: usize) {
+        self.before.take(&whole.before, first, 0, self.groups);
     }
 
     /// Takes over where some groups of others are, that branched off at the group `first`.
     pub fn join(&mut self, part: &Self, first: usize, range: &Range<usize>) {
-        self.before.take(&part.before, range.start - first + 1, range.start + 1, range.len());
+        self.before.take(&part.before, range.start - first, range.start, range.len());
     }
 
+    /// After parts of the groups have joined, on both sides of this one.
+    pub fn meet(&mut self, group: usize) {
+        self.before.meet(group);
+    }
+
+    /// Extends the paths of a group of columns by a row.
     #[inline(always)]
-    fn advance_group<V: Value>(
+    fn advance<V: Value>(
         &mut self,
         group: usize,
         near: T,
         costs: &[Lanes<V>],
         far: [Lanes<T>; WAYS],
-        mut hand_on: impl FnMut(usize, [Lanes<T>; WAYS]),
+        sink: &mut impl Sink<T>,
     ) {
-        let Self { before, here, .. } = self;
-        let (count, stride) = (costs.len(), before.stride);
-        let first = (group + 1) * GROUP;
-        let came = |way: usize| first + way - 1;
-        let least: [Lanes<T>; WAYS] = from_fn(|way| lanes(&before.least, way * stride + came(way)));
-        let run = |way: usize| &before.values[way * count * stride..][..count * stride];
-        let runs: [&[T]; WAYS] = from_fn(run);
-        let relative = |k: usize, way: usize| -> Lanes<T> {
-            let total = lanes(runs[way], k * stride + came(way));
-            from_fn(|j| total[j].minus(least[way][j]))
-        };
-        let mut below = [[T::FAR; GROUP]; WAYS];
-        let mut now: [Lanes<T>; WAYS] = from_fn(|way| relative(0, way));
-        let mut least_here = [[T::FAR; GROUP]; WAYS];
-        for k in 0..count {
+        let runs = self.before.runs(group);
+        let (mut least, mut now) = ([[T::FAR; GROUP]; WAYS], [[T::FAR; GROUP]; WAYS]);
+        for way in 0..WAYS {
+            least[way] = lanes(&self.before.least[way], (group + 1) * GROUP + way - 1);
+            now[way] = came(&runs[0], way, least[way]);
+        }
+        let [left, here, right] = self.here.around(group);
+        let (mut below, mut least_here) = ([[T::FAR; GROUP]; WAYS], [[T::FAR; GROUP]; WAYS]);
+        for (k, (cost, here)) in costs.iter().copied().zip(here).enumerate() {
             let mut totals = [[T::default(); GROUP]; WAYS];
             for way in 0..WAYS {
-                let above = if k + 1 < count { relative(k + 1, way) } else { [T::FAR; GROUP] };
+                let above = match runs.get(k + 1) {
+                    Some(run) => came(run, way, least[way]),
+                    None => [T::FAR; GROUP],
+                };
                 for j in 0..GROUP {
                     let changed = below[way][j].min(above[j]).plus_penalty(near);
                     let best = now[way][j].min(far[way][j]).min(changed);
-                    totals[way][j] = best.plus(T::truncated(costs[k][j].widened()));
+                    totals[way][j] = best.plus(T::truncated(cost[j].widened()));
                     least_here[way][j] = least_here[way][j].min(totals[way][j]);
                 }
-                let place = (way * count + k) * stride + first;
-                here.values[place..][..GROUP].copy_from_slice(&totals[way]);
+                here[PLACES[way]..][..GROUP].copy_from_slice(&totals[way]);
                 (below[way], now[way]) = (now[way], above);
             }
-            hand_on(k, totals);
+            left[k][FROM_RIGHT] = here[PLACES[WAYS - 1]];
+            right[k][FROM_LEFT] = here[PLACES[0] + GROUP - 1];
+            sink.take(k, totals);
         }
-        for way in 0..WAYS {
-            here.least[way * stride + first..][..GROUP].copy_from_slice(&least_here[way]);
+        let here = &mut self.here;
+        for (least, totals) in here.least.iter_mut().zip(least_here) {
+            least[(group + 1) * GROUP..][..GROUP].copy_from_slice(&totals);
         }
     }
+
+    #[inline(always)]
+    fn end_row(&mut self) {
+        swap(&mut self.before, &mut self.here);
+    }
+}
+
+/// What takes the totals of the paths to each candidate.
+trait Sink<T> {
+    fn take(&mut self, k: usize, totals: [Lanes<T>; WAYS]);
+}
+
+/// Nobody wants them.
+struct Nowhere;
+
+impl<T> Sink<T> for Nowhere {
+    #[inline(always)]
+    fn take(&mut self, _: usize, _: [Lanes<T>; WAYS]) {}
+}
+
+/// The totals of a candidate where paths come from by one of the ways, relative to the least of these.
+#[inline(always)]
+fn came<T: Value>(run: &Run<T>, way: usize, least: Lanes<T>) -> Lanes<T> {
+    let mut totals = lanes(run, PLACES[way] + way - 1);
+    for j in 0..GROUP {
+        totals[j] = totals[j].minus(least[j]);
+    }
+    totals
 }
 
 #[inline(always)]
@@ -201,37 +260,46 @@ impl<V: Value, T: Value> Kernel for Up<'_, V, T> {
     fn run(self) {
         let Self { paths, rows, places: [first, last, start], edges, penalties, sums } = self;
         let (near, far) = penalties;
-        let height = last + 1 - first;
         for y in (first..=start).rev() {
-            let row = y - first;
-            let Some(here) = rows[row / height.max(1)] else { continue };
-            let row = row % height.max(1);
+            let below = (y < start).then_some(edges).flatten();
+            let [here, next] = rows;
+            let (Some(rows), row) =
+                (if y <= last { (here, y - first) } else { (next, y - last - 1) })
+            else {
+                continue;
+            };
             for group in 0..paths.groups {
-                let far = from_fn(|way| {
+                let mut penalties = [[T::default(); GROUP]; WAYS];
+                for way in 0..WAYS {
                     let from = Neighbour::ABOVE[WAYS - 1 - way];
-                    let below = (y < start).then_some(edges).flatten();
-                    jumps(below, y + 1, group, way, from).map(|jump| far.after(jump))
-                });
-                let costs = here.costs.of(row, group);
+                    penalties[way] = far.after_all(jumps(below, y + 1, group, way, from));
+                }
+                let costs = rows.costs.of(row, group);
                 if y <= last {
-                    let sums = sums.of_mut(row, group);
-                    paths.advance_group(group, near, costs, far, |k, [a, b, c]| {
-                        sums[k] = from_fn(|j| quarter([a[j], b[j], c[j]]));
-                    });
+                    let mut sink = Quarters(sums.of_mut(row, group));
+                    paths.advance(group, near, costs, penalties, &mut sink);
                 } else {
-                    paths.advance_group(group, near, costs, far, |_, _| ());
+                    paths.advance(group, near, costs, penalties, &mut Nowhere);
                 }
             }
-            swap(&mut paths.before, &mut paths.here);
+            paths.end_row();
         }
     }
 }
 
-/// A quarter of the sum, rounded.
-#[inline(always)]
-fn quarter<T: Value>(totals: [T; WAYS]) -> T {
-    let [a, b, c] = totals.map(wide);
-    T::truncated(a.plus(b).plus(c).plus(T::Wide::truncated(2)).shifted(2).widened())
+/// Writes a quarter of the sum of the totals, rounded.
+struct Quarters<'a, T>(&'a mut [Lanes<T>]);
+
+impl<T: Value> Sink<T> for Quarters<'_, T> {
+    #[inline(always)]
+    fn take(&mut self, k: usize, [a, b, c]: [Lanes<T>; WAYS]) {
+        let mut quarters = [T::default(); GROUP];
+        for j in 0..GROUP {
+            let sum = wide(a[j]).plus(wide(b[j])).plus(wide(c[j]));
+            quarters[j] = T::truncated(sum.plus(T::Wide::truncated(2)).shifted(2).widened());
+        }
+        self.0[k] = quarters;
+    }
 }
 
 #[inline(always)]
@@ -270,28 +338,43 @@ impl<V: Value, T: Value> Kernel for Down<'_, V, T> {
         for (row, y) in places.enumerate() {
             for local in 0..paths.groups {
                 let group = first_group + local;
-                let far = from_fn(|way| {
-                    jumps(edges, y, group, 1, Neighbour::ABOVE[way]).map(|jump| far.after(jump))
-                });
-                let (costs, across) = (rows.costs.of(row, group), rows.totals.of(row, group));
-                let up = &from_below.of(row, group)[..costs.len()];
-                let across = &across[..costs.len()];
-                let sums = selection.sums(costs.len());
-                paths.advance_group(local, near, costs, far, |k, [a, b, c]| {
-                    sums[k] = from_fn(|j| sum([a[j], b[j], c[j]], across[k][j], up[k][j]));
-                });
+                let mut penalties = [[T::default(); GROUP]; WAYS];
+                for way in 0..WAYS {
+                    let jumps = jumps(edges, y, group, 1, Neighbour::ABOVE[way]);
+                    penalties[way] = far.after_all(jumps);
+                }
+                let costs = rows.costs.of(row, group);
+                let mut sink = Sums {
+                    across: rows.totals.of(row, group),
+                    below: from_below.of(row, group),
+                    sums: selection.sums(),
+                };
+                paths.advance(local, near, costs, penalties, &mut sink);
                 selection.select(row, group);
             }
-            swap(&mut paths.before, &mut paths.here);
+            paths.end_row();
         }
     }
 }
 
-/// The sum of eight totals: of three from above, of two along the row, of which the mean is given, and of three
-/// from below, of which a quarter is.
-#[inline(always)]
-fn sum<T: Value>(above: [T; WAYS], across: T, below: T) -> T::Wide {
-    let [a, b, c] = above.map(wide);
-    let twice = wide(below).plus(wide(below)).plus(wide(across));
-    a.plus(b).plus(c).plus(twice).plus(twice)
+/// Writes the sum of eight totals: of three from above, of two along the row, of which the mean is given, and of
+/// three from below, of which a quarter is.
+struct Sums<'a, T: Value> {
+    across: &'a [Lanes<T>],
+    below: &'a [Lanes<T>],
+    sums: &'a mut [Lanes<T::Wide>],
+}
+
+impl<T: Value> Sink<T> for Sums<'_, T> {
+    #[inline(always)]
+    fn take(&mut self, k: usize, [a, b, c]: [Lanes<T>; WAYS]) {
+        let (across, below) = (self.across[k], self.below[k]);
+        let mut sums = [T::Wide::default(); GROUP];
+        for j in 0..GROUP {
+            let twice = wide(below[j]).plus(wide(below[j])).plus(wide(across[j]));
+            let above = wide(a[j]).plus(wide(b[j])).plus(wide(c[j]));
+            sums[j] = above.plus(twice).plus(twice);
+        }
+        self.sums[k] = sums;
+    }
 }

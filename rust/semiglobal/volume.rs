@@ -1,8 +1,8 @@
 //! Values of a band of rows: by row, group of columns, candidate, column of the group.
 
+use crate::aggregation::stride;
 use crate::error::Result;
 use crate::memory::Memory;
-use crate::simd::Kernel;
 use crate::strip::{BLOCK, SIDE, turned};
 
 /// Columns that are worked on together: as many as lanes.
@@ -12,75 +12,56 @@ pub const GROUP: usize = BLOCK;
 /// group.
 #[derive(Debug)]
 pub struct Volume<T> {
-    groups: usize,
     candidates: usize,
+    /// Places from one row to the next.
+    stride: usize,
     values: Memory<T>,
 }
 
 impl<T> Default for Volume<T> {
     fn default() -> Self {
-        Self { groups: 0, candidates: 0, values: Memory::default() }
+        Self { candidates: 0, stride: 0, values: Memory::default() }
     }
 }
 
 impl<T: Copy + Default> Volume<T> {
     /// Makes room for so many rows and columns.
     pub fn begin(&mut self, (rows, cols): (usize, usize), candidates: usize) -> Result<()> {
-        (self.groups, self.candidates) = (cols.div_ceil(GROUP), candidates);
-        self.values.room(rows * self.groups * candidates * GROUP)
+        (self.candidates, self.stride) = (candidates, stride(cols.div_ceil(GROUP) * candidates));
+        self.values.room(rows * self.stride * GROUP)
     }
 
     /// The values of a group of columns in a row, of one candidate after another.
     #[inline(always)]
     pub fn of(&self, row: usize, group: usize) -> &[[T; GROUP]] {
-        let first = (row * self.groups + group) * self.candidates;
+        let first = row * self.stride + group * self.candidates;
         &self.values.as_chunks().0[first..][..self.candidates]
     }
 
     /// The same, to be written.
     #[inline(always)]
     pub fn of_mut(&mut self, row: usize, group: usize) -> &mut [[T; GROUP]] {
-        let first = (row * self.groups + group) * self.candidates;
+        let first = row * self.stride + group * self.candidates;
         &mut self.values.as_chunks_mut().0[first..][..self.candidates]
     }
 
-    #[inline(always)]
-    fn take_group(&mut self, group: usize, columns: &[[T; BLOCK]]) {
+    /// Brings a group of columns, given one after another, [`stride`] places apart, candidate after candidate, from
+    /// lanes into rows.
+    pub fn take(&mut self, group: usize, columns: &[[T; BLOCK]]) {
         let none = [T::default(); BLOCK];
-        let corners =
-            (0..BLOCK).step_by(SIDE).flat_map(|y| (0..GROUP).step_by(SIDE).map(move |x| (y, x)));
-        for (top, left) in corners {
+        let sides = || (0..BLOCK).step_by(SIDE);
+        for (top, left) in sides().flat_map(|top| sides().map(move |left| (top, left))) {
             for k in 0..self.candidates {
-                let column =
-                    |x: usize| columns.get((left + x) * self.candidates + k).unwrap_or(&none);
-                let square = std::array::from_fn(|x| {
-                    let mut lanes = [T::default(); SIDE];
-                    lanes.copy_from_slice(&column(x)[top..][..SIDE]);
-                    lanes
-                });
+                let mut square = [[T::default(); SIDE]; SIDE];
+                for (x, lanes) in square.iter_mut().enumerate() {
+                    let column =
+                        columns.get((left + x) * stride(self.candidates) + k).unwrap_or(&none);
+                    lanes.copy_from_slice(&column[top..][..SIDE]);
+                }
                 for (y, values) in turned(square).iter().enumerate() {
                     self.of_mut(top + y, group)[k][left..][..SIDE].copy_from_slice(values);
                 }
             }
         }
-    }
-}
-
-/// Brings the rows of a block of lanes, given column after column and candidate after candidate, into a volume.
-pub struct TakeColumns<'a, T> {
-    /// Where they go, of as many rows as lanes.
-    pub volume: &'a mut Volume<T>,
-    /// The group of columns.
-    pub group: usize,
-    /// Its columns, fewer at the end of the rows.
-    pub columns: &'a [[T; BLOCK]],
-}
-
-impl<T: Copy + Default> Kernel for TakeColumns<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        self.volume.take_group(self.group, self.columns);
     }
 }
