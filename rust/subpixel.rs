@@ -116,12 +116,17 @@ fn mean(rows: [&[f32]; SIDE]) -> [f32; LANES] {
         for at in first..SIDE {
             let ahead = &rows[REACH + dy][at..][..LANES];
             let behind = &rows[REACH - dy][SIDE - 1 - at..][..LANES];
+            // Nothing is added as bits that are all zero: a choice would keep the sums out of registers.
+            let (mut steps, mut counted) = ([0.0; LANES], [0.0; LANES]);
             for j in 0..LANES {
                 let (a, b) = (ahead[j] - own[j], behind[j] - own[j]);
                 let is_same = (a.abs() <= SAME_SURFACE) & (b.abs() <= SAME_SURFACE);
-                sum[j] += if is_same { a + b } else { 0.0 };
-                count[j] += if is_same { 2.0 } else { 0.0 };
+                let kept = if is_same { !0 } else { 0 };
+                steps[j] = f32::from_bits((a + b).to_bits() & kept);
+                counted[j] = f32::from_bits(2f32.to_bits() & kept);
             }
+            sum = from_fn(|j| sum[j] + steps[j]);
+            count = from_fn(|j| count[j] + counted[j]);
         }
     }
     from_fn(|j| own[j] + sum[j] / count[j])
