@@ -55,7 +55,9 @@ proptest! {
         (below, own, above) in costs(),
         less in 1u32..1000,
     ) {
-        prop_assert!(offset(below, own, above.saturating_sub(less)) >= offset(below, own, above));
+        // But for the rounding of costs beyond 2^24, which floats do not hold exactly.
+        let nearer = offset(below, own, above.saturating_sub(less));
+        prop_assert!(nearer >= offset(below, own, above) - 1e-6);
     }
 
     #[test]
