@@ -12,7 +12,8 @@
 //!    or, for comparison, what their intensities or local contrasts ([`normalisation`]) differ by.
 //! 4. Costs are summed over a window, of which the best of five positions counts ([`aggregation`]).
 //! 5. Dynamic programming along the row chooses a candidate for every pixel ([`scanline`]).
-//! 6. What was chosen becomes a disparity with its flags and its confidence ([`refinement`]).
+//! 6. What was chosen becomes a disparity with its flags and its confidence ([`refinement`]); one between
+//!    candidates, where their costs tell ([`subpixel`]).
 //!
 //! Before all that, [`blur`] may find out from spectra which image is the softer one, where, and by which
 //! point-spread function ([`psf`]), so that the other one can be given the same.
@@ -56,6 +57,7 @@ pub mod refinement;
 pub mod scanline;
 pub mod semiglobal;
 pub mod strip;
+pub mod subpixel;
 pub mod votes;
 
 pub mod blur;

@@ -12,6 +12,7 @@ use crate::plane::{Plane, reflect};
 use crate::quantiser::Quantiser;
 use crate::scanline::Steps;
 use crate::settings::{Rule, Settings};
+use crate::subpixel::REACH;
 use crate::view::Mask;
 
 /// Twin of [`crate::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
@@ -219,6 +220,39 @@ fn least<T: Ord + Copy>(values: &[T]) -> usize {
         }
     }
     best
+}
+
+/// Twin of [`crate::subpixel::offset`]: the tip of a V, moved away from the candidate.
+pub fn offset(below: u32, own: u32, above: u32) -> f64 {
+    let [below, own, above] = [below, own, above].map(f64::from);
+    let slope = (below - own).max(above - own).max(1.0);
+    let tip = ((below - above) / (2.0 * slope)).clamp(-0.5, 0.5);
+    tip * (1.0 + 0.6 * (1.0 - 2.0 * tip.abs()))
+}
+
+/// Twin of [`crate::subpixel::smooth`]: every pair of neighbours asked for by itself.
+pub fn smooth(disparity: &Plane<f32>) -> Plane<f32> {
+    let (rows, cols, reach) = (disparity.rows(), disparity.cols(), REACH as isize);
+    let at = |y: usize, x: usize, dy: isize, dx: isize| {
+        let (y, x) = (y.checked_add_signed(dy)?, x.checked_add_signed(dx)?);
+        (y < rows && x < cols).then(|| disparity.row(y)[x])
+    };
+    let pairs = (0..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dy, dx)));
+    let pairs: Vec<(isize, isize)> = pairs.filter(|pair| *pair > (0, 0)).collect();
+    Plane::from_fn(rows, cols, |y, x| {
+        let own = disparity.row(y)[x];
+        let (mut sum, mut count) = (0.0, 1.0);
+        for &(dy, dx) in &pairs {
+            let (Some(ahead), Some(behind)) = (at(y, x, dy, dx), at(y, x, -dy, -dx)) else {
+                continue;
+            };
+            if (ahead - own).abs() <= 1.0 && (behind - own).abs() <= 1.0 {
+                sum += (ahead - own) + (behind - own);
+                count += 2.0;
+            }
+        }
+        own + sum / count
+    })
 }
 
 /// Twin of the fit of a blur to the powers of two blocks, `[blurred, sharp]` like the noise; `weights` are those

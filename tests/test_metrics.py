@@ -175,6 +175,71 @@ def test_sums_do_not_lose_small_errors_in_large_maps() -> None:
     assert metrics.end_point_error(estimate, truth) == pytest.approx(expected, rel=1e-12)
 
 
+def test_subpixel_is_about_the_estimates_that_are_right() -> None:
+    record = metrics.subpixel(ESTIMATE, TRUTH)  # errors 0, 0.25, 1, -1 of eight
+    assert record.inliers == 50.0
+    assert record.rms == pytest.approx(math.sqrt((0.0625 + 1 + 1) / 4))
+    assert record.bias == pytest.approx(0.25 / 4)
+    assert record.inlier == 1.0
+    wide = metrics.subpixel(ESTIMATE, TRUTH, where(*[0] * 4, *[1] * 6), inlier=5)
+    assert (wide.inliers, wide.bias, wide.rms) == (50.0, 3.5, math.sqrt((4 + 25) / 2))
+    assert wide.as_dict() == {name: getattr(wide, name) for name in wide.__slots__}
+
+
+@pytest.mark.parametrize(
+    ("estimates", "locking"),
+    [
+        ((5.0, 5.25, 5.5, 5.75), 0.0),
+        ((5.1, 5.26, 5.5, 5.99), 0.0),  # within their bins
+        ((5.0, 5.25, 5.5, 6.0), 100.0),  # two are whole, where one should be
+        ((5.0, 5.0, 6.0, 6.0), 300.0),
+        ((5.3, 5.3, 5.3, 5.8), 200.0),
+        ((-1e-9, 0.25, 0.5, 0.75), 100.0),
+    ],
+)
+def test_locking_is_what_a_bin_of_fractions_holds_too_much(
+    estimates: tuple[float, ...], locking: float
+) -> None:
+    truth = np.array([[5.0, 5.25, 5.5, 5.75]]) - 5 * (estimates[0] < 1)
+    estimate = np.array([estimates])
+    assert metrics.subpixel(estimate, truth, bins=4).locking == pytest.approx(locking)
+
+
+def test_locking_is_counted_against_the_fractions_of_the_truth() -> None:
+    truth = row(3, 3, 3, 3.5)
+    assert metrics.subpixel(truth, truth).locking == 0.0
+    assert metrics.subpixel(truth + np.float32(0.5), truth, bins=2).locking == 100.0
+    assert metrics.subpixel(row(3, 3, 3, 40), truth).locking == 0.0, "only inliers count"
+
+
+@pytest.mark.parametrize("value", [-1e-20, -0.0, 1 - 1e-16, 4.0])
+def test_fractions_that_rounding_makes_whole_have_a_bin(value: float) -> None:
+    estimate = np.array([[value]])
+    assert metrics.subpixel(estimate, estimate, bins=7).locking == 0.0
+
+
+def test_where_nothing_is_right_nothing_is_said_about_it() -> None:
+    record = metrics.subpixel(row(9, NAN), row(1, 2))
+    assert record.inliers == 0.0
+    assert all(math.isnan(number) for number in (record.rms, record.bias, record.locking))
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"inlier": -1}, ValueError, "inlier must be finite and >= 0"),
+        ({"inlier": "1"}, TypeError, "inlier must be a number of pixels"),
+        ({"bins": 1}, ValueError, "bins must be at least 2"),
+        ({"bins": 10.0}, TypeError, "bins must be an integer"),
+    ],
+)
+def test_subpixel_refuses_what_makes_no_sense(
+    options: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        metrics.subpixel(FLAT, FLAT, **options)
+
+
 maps = npst.arrays(
     np.float32,
     (4, 5),
@@ -214,6 +279,7 @@ ALL: list[tuple[str, Measure]] = [
     ("kitti_d1", metrics.kitti_d1),
     ("end_point_error", metrics.end_point_error),
     ("score", lambda d, gt, m: metrics.score(d, gt, mask=m)),
+    ("subpixel", metrics.subpixel),
 ]
 FLAT = np.ones((2, 3), np.float32)
 IN = np.ones((2, 3), np.bool_)
