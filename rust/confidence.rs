@@ -5,12 +5,12 @@
 //! counting most: they tend to show the same surface. So a weak pixel among firm ones that agree is trusted, and a
 //! firm one is not that stands alone.
 //!
-//! Areas under the ROC curve (is the disparity off by more than 1 px?) of the sum of eight paths, means over 13 sharp
-//! pairs and over 96 with one image degraded: 0.940 and 0.863 for visible pixels, 0.934 and 0.853 for all whose match
-//! lies within the right image. The ratio of the least cost elsewhere to the least one (PKR), and what is the same to
-//! an ROC curve, their relative margin, have 0.907 and 0.834, 0.888 and 0.820, and less on every single pair. Nothing
-//! else made it better: the left-right check, the share of the paths that agree, the cost itself, what of it are
-//! penalties, whether a pixel was filled.
+//! Areas under the ROC curve (is the disparity off by more than 1 px?) of the sum of eight paths, means over 13
+//! sharp pairs and over 96 with one image degraded: 0.940 and 0.863 for visible pixels, 0.934 and 0.853 for all
+//! whose match lies within the right image. The ratio of the least cost elsewhere to the least one (PKR), and what
+//! is the same to an ROC curve, their relative margin, have 0.907 and 0.834, 0.888 and 0.820, and less on every
+//! single pair. Nothing else that was tried beside it made it better: the left-right check, the share of the paths
+//! that agree, the cost itself, what of it are penalties, whether a pixel was filled.
 //!
 //! X. Hu, P. Mordohai: *A Quantitative Evaluation of Confidence Measures for Stereo Vision*, PAMI 2012.
 
@@ -25,7 +25,7 @@ use crate::simd::{Kernel, Level};
 /// 0.860; 2: 0.939, 0.860; 4: 0.940, 0.860; 8: 0.940, 0.859.
 pub const HALF_VOTE: f32 = 4.0;
 /// How far up, down, left and right votes count. As above: 0: 0.912, 0.831; 2: 0.936, 0.849; 4: 0.940, 0.860; 6: 0.935,
-/// 0.865, but on a pair with thin foreground less than the margin.
+/// 0.865, but on two pairs less than the margin.
 pub const RADIUS: usize = 4;
 /// Every so many-th row and column up to there counts: all of them take three times as long. As above: 1: 0.941, 0.859;
 /// 2: 0.940, 0.860.
@@ -37,11 +37,11 @@ pub const TOLERANCE: f32 = 1.0;
 /// neither contrast nor the unit of gray values matters. As above: 1: 0.940, 0.858; 2: 0.940, 0.860; 4: 0.938, 0.861;
 /// whatever the gray value: 0.927, 0.857.
 pub const SIMILAR: f64 = 2.0;
-/// The cube of the support that half of all disparities with it are right at. Logistic regression of right and wrong on
-/// the logarithm of the support, half of the weight on sharp and half on degraded pairs, gives the power 2.6 and the
-/// support 0.214, whichever scene is left out: 2.55 to 2.71 and 0.208 to 0.215. The mean confidence of a
-/// pair is below the share of its right pixels by 0.02 on sharp pairs (from 0.05 below to 0.00 above), and above it by
-/// 0.05 on degraded ones.
+/// The cube of the support that half of all disparities with it are right at. Logistic regression of right and
+/// wrong on the logarithm of the support, half of the weight on sharp and half on degraded pairs, gives the power
+/// 2.6 and the support 0.214, whichever scene is left out: 2.55 to 2.71 and 0.208 to 0.215. The mean confidence of
+/// a pair is below the share of its right pixels by 0.02 on sharp pairs (from 0.05 below to 0.00 above), and above
+/// it by 0.05 on degraded ones.
 pub const HALF_SUPPORT: f32 = 0.01;
 
 /// Rows that share what they are worked out in.

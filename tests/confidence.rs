@@ -1,5 +1,7 @@
 //! Confidences: rows of all pixels at once against each pixel by itself, and what they are to mean.
 
+#![allow(clippy::float_cmp, reason = "what is compared for equality is exact by its definition")]
+
 mod common;
 
 use common::{hash, levels};
