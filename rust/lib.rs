@@ -12,8 +12,8 @@
 //!    or, for comparison, what their intensities or local contrasts ([`normalisation`]) differ by.
 //! 4. Costs are summed over a window, of which the best of five positions counts ([`aggregation`]).
 //! 5. Dynamic programming along the row chooses a candidate for every pixel ([`scanline`]).
-//! 6. What was chosen becomes a disparity with its flags and its confidence ([`refinement`]); one between
-//!    candidates, where their costs tell ([`subpixel`]).
+//! 6. What was chosen becomes a disparity with its flags ([`refinement`]), between candidates where their costs
+//!    tell ([`subpixel`]), with a confidence, to which its surroundings have something to say ([`confidence`]).
 //!
 //! Before all that, [`blur`] may find out from spectra which image is the softer one, where, and by which
 //! point-spread function ([`psf`]), so that the other one can be given the same.
@@ -50,6 +50,7 @@ pub mod quantiser;
 pub mod spectrum;
 
 pub mod aggregation;
+pub mod confidence;
 pub mod cost;
 pub mod edges;
 pub mod evidence;

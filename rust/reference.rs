@@ -5,6 +5,7 @@
 use crate::aggregation::Window;
 use crate::basis::Basis;
 use crate::candidates::Candidates;
+use crate::confidence::{RADIUS, STEP, Scene, TOLERANCE, confidence, similar};
 use crate::convolution::{GUARD, Kernel, SHIFT, Weights};
 use crate::intensity::LEVEL_STEPS;
 use crate::normalisation::DEVIATION_STEPS;
@@ -281,4 +282,36 @@ pub fn blur_fit(
         |bin: usize| (residual(bin) - trust(bin) / weights[bin].max(1e-300) * correction).abs();
     let loss = bins.map(|bin| weights[bin] * left(bin).min(2.0)).sum();
     (loss, gain * correction.exp())
+}
+
+/// Twin of [`Scene::confidences`]: each pixel asks those around it.
+pub fn confidences(scene: Scene) -> Plane<f32> {
+    let (rows, cols) = (scene.disparity.rows(), scene.disparity.cols());
+    let similar = similar(scene.gray);
+    let around = |here: usize, length: usize| {
+        (0..length).filter(move |there| {
+            let away = here.abs_diff(*there);
+            away <= RADIUS && away.is_multiple_of(STEP)
+        })
+    };
+    Plane::from_fn(rows, cols, |y, x| {
+        let own = scene.disparity.row(y)[x];
+        if own.is_nan() {
+            return 0.0;
+        }
+        let (mut weight, mut votes) = (0.0, 0.0);
+        for (row, col) in around(y, rows).flat_map(|row| around(x, cols).map(move |col| (row, col)))
+        {
+            let other = scene.disparity.row(row)[col];
+            let difference = (scene.gray.row(y)[x] - scene.gray.row(row)[col]) as f32;
+            let alike = similar / (similar + difference * difference);
+            if !other.is_nan() {
+                weight += alike;
+            }
+            if (own - other).abs() <= TOLERANCE {
+                votes += alike * scene.votes.row(row)[col];
+            }
+        }
+        confidence(votes / weight)
+    })
 }

@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from numbers import Integral, Real
+from numbers import Integral
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from phasestereo._scoring import checked_threshold, scored_values
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -44,7 +46,6 @@ __all__ = [
     "subpixel",
 ]
 
-_MAP_NDIM = 2
 _D1_PIXELS = 3.0
 _D1_SHARE = 0.05
 
@@ -209,7 +210,9 @@ def bad_pixels(
     Scharstein & Szeliski, "A taxonomy and evaluation of dense two-frame stereo correspondence
     algorithms", IJCV 47, 2002, section 5.1.
     """
-    return _percent_bad(_errors(*_scored(estimate, truth, mask)), _threshold(threshold))
+    return _percent_bad(
+        _errors(*scored_values(estimate, truth, mask)), checked_threshold(threshold)
+    )
 
 
 def middlebury_v2(
@@ -249,7 +252,7 @@ def middlebury_v2(
         region: None if mask is None else bad_pixels(estimate, truth, threshold, mask)
         for region, mask in regions.items()
     }
-    return MiddleburyV2(**percent, threshold=_threshold(threshold))
+    return MiddleburyV2(**percent, threshold=checked_threshold(threshold))
 
 
 def middlebury_v3(
@@ -285,7 +288,7 @@ def middlebury_v3(
     Scharstein et al., "High-resolution stereo datasets with subpixel-accurate ground truth",
     GCPR 2014, section 6, and the program `evaldisp` of the MiddEval3 kit.
     """
-    values, wanted = _scored(estimate, truth, mask)
+    values, wanted = scored_values(estimate, truth, mask)
     limit = _count("num_disparities", num_disparities)
     return _v3(_errors(np.clip(values, 0, limit), wanted))
 
@@ -309,7 +312,7 @@ def kitti_d1(estimate: Floats, truth: Floats, mask: Mask | None = None) -> float
     ----------
     Menze & Geiger, "Object scene flow for autonomous vehicles", CVPR 2015, section 4.
     """
-    return _d1(*_scored(estimate, truth, mask))
+    return _d1(*scored_values(estimate, truth, mask))
 
 
 def end_point_error(estimate: Floats, truth: Floats, mask: Mask | None = None) -> float:
@@ -328,7 +331,7 @@ def end_point_error(estimate: Floats, truth: Floats, mask: Mask | None = None) -
     TypeError, ValueError
         As `bad_pixels`.
     """
-    return _mean(_present(_errors(*_scored(estimate, truth, mask))))
+    return _mean(_present(_errors(*scored_values(estimate, truth, mask))))
 
 
 def score(
@@ -353,7 +356,7 @@ def score(
     TypeError, ValueError
         As `middlebury_v3`.
     """
-    values, wanted = _scored(estimate, truth, mask)
+    values, wanted = scored_values(estimate, truth, mask)
     errors = _errors(values, wanted)
     clipped = errors
     if num_disparities is not None:
@@ -400,8 +403,8 @@ def subpixel(
     ----------
     Shimizu & Okutomi, "Precise sub-pixel estimation on area-based matching", ICCV 2001.
     """
-    limit, count = _threshold(inlier, "inlier"), _count("bins", bins, least=2)
-    values, wanted = _scored(estimate, truth, mask)
+    limit, count = checked_threshold(inlier, "inlier"), _count("bins", bins, least=2)
+    values, wanted = scored_values(estimate, truth, mask)
     errors = values - wanted
     right = np.abs(errors) <= limit  # false for the NaN of a missing estimate
     errors, values, wanted = errors[right], values[right], wanted[right]
@@ -467,57 +470,6 @@ def _present(errors: Values) -> Values:
 
 def _mean(values: Values) -> float:
     return float(values.mean()) if values.size else math.nan
-
-
-def _scored(estimate: Floats, truth: Floats, mask: Mask | None) -> tuple[Values, Values]:
-    """Return estimate and truth of the scored pixels, 1-D float64; a missing estimate is NaN."""
-    estimate, truth = _floats("estimate", estimate), _floats("truth", truth)
-    if estimate.ndim != _MAP_NDIM:
-        raise ValueError(f"estimate must be 2-D (H, W), got shape {estimate.shape}")
-    _same_shape("truth", truth.shape, estimate.shape)
-    known = np.isfinite(truth)
-    scored = known
-    if mask is not None:
-        scored = known & _mask(mask, estimate.shape)
-    if not scored.any():
-        raise ValueError(
-            f"nothing is left to score: of {truth.size} pixels {np.count_nonzero(known)} have a "
-            f"known truth, and the mask holds none of them"
-        )
-    values = estimate[scored].astype(np.float64)
-    values[~np.isfinite(values)] = np.nan
-    return values, truth[scored].astype(np.float64)
-
-
-def _floats(name: str, disparities: Floats) -> Floats:
-    array = np.asarray(disparities)
-    if not np.issubdtype(array.dtype, np.floating):
-        raise TypeError(
-            f"{name} must be an array of floats (disparities in pixels, NaN = none), got "
-            f"{array.dtype}: convert it first (OpenCV's int16 holds d * 16, KITTI's uint16 d * 256)"
-        )
-    return array
-
-
-def _mask(mask: Mask, shape: tuple[int, ...]) -> Mask:
-    array = np.asarray(mask)
-    if array.dtype != np.bool_:
-        raise TypeError(f"mask must be an array of bool (True = score), got {array.dtype}")
-    _same_shape("mask", array.shape, shape)
-    return array
-
-
-def _same_shape(name: str, shape: tuple[int, ...], wanted: tuple[int, ...]) -> None:
-    if shape != wanted:
-        raise ValueError(f"{name} must have the estimate's shape {wanted}, got {shape}")
-
-
-def _threshold(threshold: float, name: str = "threshold") -> float:
-    if not isinstance(threshold, Real) or isinstance(threshold, bool):
-        raise TypeError(f"{name} must be a number of pixels, got {threshold!r}")
-    if not (math.isfinite(threshold) and threshold >= 0):
-        raise ValueError(f"{name} must be finite and >= 0 pixels, got {threshold!r}")
-    return float(threshold)
 
 
 def _count(name: str, value: int, *, least: int = 1) -> int:

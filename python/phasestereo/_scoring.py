@@ -1,0 +1,77 @@
+"""What all scores of disparity maps share: which pixels count, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from numbers import Real
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Floats = npt.NDArray[np.floating]
+    Values = npt.NDArray[np.float64]
+    Mask = npt.NDArray[np.bool_]
+
+_MAP_NDIM = 2
+
+
+def scored_values(estimate: Floats, truth: Floats, mask: Mask | None) -> tuple[Values, Values]:
+    """Return estimate and truth of the scored pixels, 1-D float64; a missing estimate is NaN."""
+    scored = scored_pixels(estimate, truth, mask)
+    values = np.asarray(estimate)[scored].astype(np.float64)
+    values[~np.isfinite(values)] = np.nan
+    return values, np.asarray(truth)[scored].astype(np.float64)
+
+
+def scored_pixels(estimate: Floats, truth: Floats, mask: Mask | None) -> Mask:
+    """Return which pixels of a checked estimate, truth and mask are scored: at least one is."""
+    estimate, truth = _disparities("estimate", estimate), _disparities("truth", truth)
+    if estimate.ndim != _MAP_NDIM:
+        raise ValueError(f"estimate must be 2-D (H, W), got shape {estimate.shape}")
+    checked_shape("truth", truth.shape, estimate.shape)
+    known = np.isfinite(truth)
+    scored = known
+    if mask is not None:
+        scored = known & _mask(mask, estimate.shape)
+    if not scored.any():
+        raise ValueError(
+            f"nothing is left to score: of {truth.size} pixels {np.count_nonzero(known)} have a "
+            f"known truth, and the mask holds none of them"
+        )
+    return scored
+
+
+def checked_shape(name: str, shape: tuple[int, ...], wanted: tuple[int, ...]) -> None:
+    """Raise ValueError if the shape is not that of the estimate."""
+    if shape != wanted:
+        raise ValueError(f"{name} must have the estimate's shape {wanted}, got {shape}")
+
+
+def checked_threshold(threshold: float, name: str = "threshold") -> float:
+    """Return a threshold in pixels, finite and at least 0."""
+    if not isinstance(threshold, Real) or isinstance(threshold, bool):
+        raise TypeError(f"{name} must be a number of pixels, got {threshold!r}")
+    if not (math.isfinite(threshold) and threshold >= 0):
+        raise ValueError(f"{name} must be finite and >= 0 pixels, got {threshold!r}")
+    return float(threshold)
+
+
+def _disparities(name: str, disparities: Floats) -> Floats:
+    array = np.asarray(disparities)
+    if not np.issubdtype(array.dtype, np.floating):
+        raise TypeError(
+            f"{name} must be an array of floats (disparities in pixels, NaN = none), got "
+            f"{array.dtype}: convert it first (OpenCV's int16 holds d * 16, KITTI's uint16 d * 256)"
+        )
+    return array
+
+
+def _mask(mask: Mask, shape: tuple[int, ...]) -> Mask:
+    array = np.asarray(mask)
+    if array.dtype != np.bool_:
+        raise TypeError(f"mask must be an array of bool (True = score), got {array.dtype}")
+    checked_shape("mask", array.shape, shape)
+    return array
