@@ -13,6 +13,10 @@
 //! 4. Costs are summed over a window, of which the best of five positions counts ([`aggregation`]).
 //! 5. Dynamic programming along the row chooses a candidate for every pixel ([`scanline`]).
 //! 6. What was chosen becomes a disparity with its flags and its confidence ([`refinement`]).
+//! 7. Of a whole map, pixels that cannot be right are told: those whose match belongs to another pixel
+//!    ([`consistency`]) and small regions that stand out ([`speckles`]). They are filled from the pixels beside
+//!    them ([`filling`]), edges in depth are drawn to those of the image ([`guided`]), and what is still alone
+//!    gives way to its neighbours ([`median`]).
 //!
 //! Before all that, [`blur`] may find out from spectra which image is the softer one, where, and by which
 //! point-spread function ([`psf`]), so that the other one can be given the same.
@@ -54,6 +58,12 @@ pub mod refinement;
 pub mod scanline;
 pub mod strip;
 pub mod votes;
+
+pub mod consistency;
+pub mod filling;
+pub mod guided;
+pub mod median;
+pub mod speckles;
 
 pub mod blur;
 pub mod psf;

@@ -21,9 +21,22 @@ pub mod flag {
     pub const OUTSIDE: u16 = 4;
     /// The match lies on a masked pixel of the right image.
     pub const MATCH_MASKED: u16 = 8;
+    /// The left pixel is not seen in the right image: what was chosen for it belongs to another one.
+    pub const OCCLUDED: u16 = 16;
+    /// What was chosen belongs to another left pixel, too, although the right image sees this one.
+    pub const MISMATCHED: u16 = 32;
+    /// Another candidate costs about as much.
+    pub const LOW_CONFIDENCE: u16 = 64;
+    /// The pixel belongs to a small region that stands out from all around it.
+    pub const SPECKLE: u16 = 128;
+    /// The disparity is that of other pixels: this one's own is not trusted.
+    pub const FILLED: u16 = 256;
 
     /// Those that leave nothing to estimate.
     pub const MISSING: u16 = MASKED | NO_CANDIDATE;
+    /// Those of a pixel whose own estimate is missing or not to be trusted.
+    pub const UNTRUSTED: u16 =
+        MISSING | OUTSIDE | MATCH_MASKED | OCCLUDED | MISMATCHED | LOW_CONFIDENCE | SPECKLE;
 }
 
 /// One pixel of the result.
