@@ -10,7 +10,9 @@ use rayon::prelude::*;
 
 use crate::control::Control;
 use crate::error::Result;
-use crate::median::{BAND, LANES, Lanes, Padded, lanes, median};
+use crate::median::{
+    BAND, LANES, Lanes, NONE, Padded, disparity as disparity_of, key, lanes, median25,
+};
 use crate::plane::Plane;
 use crate::simd::{Kernel, Level};
 
@@ -43,13 +45,13 @@ pub fn guide(
         let count = out.len() / size.1;
         let rows = first as isize - REACH as isize..(first + count + REACH) as isize;
         let near = near_jumps(disparity, first, count);
-        let values = Padded::new(disparity, rows.clone(), REACH, |_| f32::NAN)?;
-        let grays = Padded::new(gray, rows, REACH, |value| value)?;
+        let keys = Padded::new(disparity, rows.clone(), REACH, key, |_| NONE)?;
+        let grays = Padded::new(gray, rows, REACH, |gray| gray, |gray| gray)?;
         let rows = out.chunks_mut(size.1).zip(near.chunks(size.1)).enumerate();
         for (y, (out, near)) in rows {
-            let values = from_fn(|row| values.row(y + row * STRIDE));
+            let keys = from_fn(|row| keys.row(y + row * STRIDE));
             let grays = from_fn(|row| grays.row(y + row * STRIDE));
-            level.run(Guide { values, grays, near, tolerance, out });
+            level.run(Guide { keys, grays, near, tolerance, out });
         }
         Ok(())
     })
@@ -99,8 +101,8 @@ fn mark(marks: &mut [bool], others: &[bool]) {
 
 /// One row, from those that its windows look at, with as many more columns on either side as they reach.
 struct Guide<'a> {
-    /// Disparities; NaN beside the image.
-    values: [&'a [f32]; SIDE],
+    /// Of disparities; none beside the image.
+    keys: [&'a [i32]; SIDE],
     grays: [&'a [i32]; SIDE],
     near: &'a [bool],
     tolerance: i32,
@@ -115,38 +117,33 @@ impl Kernel for Guide<'_> {
         let chunks = self.out.chunks_mut(LANES).zip(self.near.chunks(LANES));
         for (chunk, (out, near)) in chunks.enumerate() {
             let x = chunk * LANES;
-            let centre = lanes(self.values[SIDE / 2], x + REACH);
-            out.copy_from_slice(&centre[..out.len()]);
-            if !near.contains(&true) {
-                continue;
+            let centre = lanes(self.keys[SIDE / 2], x + REACH);
+            let mut guided = centre;
+            if near.contains(&true) {
+                let median = median25(like(self.keys, self.grays, x, self.tolerance));
+                for (j, &near) in near.iter().enumerate() {
+                    guided[j] = if near & (centre[j] != NONE) { median[j] } else { centre[j] };
+                }
             }
-            let median = median(like(self.values, self.grays, x, self.tolerance));
-            for (j, (out, &near)) in out.iter_mut().zip(near).enumerate() {
-                *out = if near & !out.is_nan() { median[j] } else { *out };
-            }
+            let guided = guided.map(disparity_of);
+            out.copy_from_slice(&guided[..out.len()]);
         }
     }
 }
 
-/// The disparities in the windows of the pixels from `x` on; in place of those that do not count in turn one
-/// below and one above all, so that what is in the middle stays there.
+/// The keys in the windows of the pixels from `x` on; in place of those that do not count in turn one below and
+/// one above all, so that what is in the middle stays there.
 #[inline(always)]
-fn like(
-    values: [&[f32]; SIDE],
-    grays: [&[i32]; SIDE],
-    x: usize,
-    tolerance: i32,
-) -> [Lanes<f32>; PLACES] {
+fn like(keys: [&[i32]; SIDE], grays: [&[i32]; SIDE], x: usize, tolerance: i32) -> [Lanes; PLACES] {
     let centre = lanes(grays[SIDE / 2], x + REACH);
-    let mut far = [f32::NEG_INFINITY; LANES];
+    let mut far = [i32::MIN; LANES];
     from_fn(|place| {
         let column = x + place % SIDE * STRIDE;
-        let (value, gray) =
-            (lanes(values[place / SIDE], column), lanes(grays[place / SIDE], column));
+        let (key, gray) = (lanes(keys[place / SIDE], column), lanes(grays[place / SIDE], column));
         let is_like: [bool; LANES] =
-            from_fn(|j| ((gray[j] - centre[j]).abs() <= tolerance) & !value[j].is_nan());
-        let kept = from_fn(|j| if is_like[j] { value[j] } else { far[j] });
-        far = from_fn(|j| if is_like[j] { far[j] } else { -far[j] });
+            from_fn(|j| ((gray[j] - centre[j]).abs() <= tolerance) & (key[j] != NONE));
+        let kept = from_fn(|j| if is_like[j] { key[j] } else { far[j] });
+        far = from_fn(|j| if is_like[j] { far[j] } else { !far[j] });
         kept
     })
 }

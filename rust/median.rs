@@ -1,4 +1,6 @@
 //! Medians of a map's neighbouring disparities, many pixels side by side.
+//!
+//! Disparities are compared as integers of the same order: that is one instruction wherever there are lanes.
 
 use std::array::from_fn;
 use std::ops::Range;
@@ -10,12 +12,14 @@ use crate::plane::Plane;
 use crate::simd::{Kernel, Level};
 
 /// Pixels whose medians are found at once.
-pub const LANES: usize = 16;
+pub const LANES: usize = 32;
+/// The key of no disparity, below all others.
+pub const NONE: i32 = i32::MIN;
 /// Rows of a band: of as many the values beside the image are made up at a time.
 pub const BAND: usize = 32;
 
-/// A value for each of some neighbouring pixels.
-pub type Lanes<T> = [T; LANES];
+/// A number for each of some neighbouring pixels.
+pub type Lanes = [i32; LANES];
 
 /// The median of 3 x 3 disparities about each pixel; beyond the border the map is continued by its last values.
 ///
@@ -25,7 +29,7 @@ pub fn smooth(disparity: &Plane<f32>, level: Level, control: &Control) -> Result
     Plane::by_bands(size, BAND, |first, out| {
         control.checkpoint()?;
         let rows = first as isize - 1..(first + out.len() / size.1) as isize + 1;
-        let padded = Padded::new(disparity, rows, 1, |value| value)?;
+        let padded = Padded::new(disparity, rows, 1, key, |key| key)?;
         for (y, out) in out.chunks_mut(size.1).enumerate() {
             level.run(Smooth { rows: [0, 1, 2].map(|dy| padded.row(y + dy)), out });
         }
@@ -33,49 +37,67 @@ pub fn smooth(disparity: &Plane<f32>, level: Level, control: &Control) -> Result
     })
 }
 
-/// Rows of a plane with so many more columns on either side that no neighbour is missing.
+/// The integer by which a disparity is compared.
+#[inline(always)]
+pub fn key(disparity: f32) -> i32 {
+    if disparity.is_nan() { NONE } else { flipped(disparity.to_bits().cast_signed()) }
+}
+
+/// The disparity of a key.
+#[inline(always)]
+pub fn disparity(key: i32) -> f32 {
+    if key == NONE { f32::NAN } else { f32::from_bits(flipped(key).cast_unsigned()) }
+}
+
+/// The larger a negative float, the smaller are its bits: all but the sign are turned over, or turned back.
+#[inline(always)]
+fn flipped(bits: i32) -> i32 {
+    bits ^ (bits >> 31 & i32::MAX)
+}
+
+/// Rows of a plane as integers, with so many more columns on either side that no neighbour is missing.
 #[derive(Debug)]
-pub struct Padded<T> {
-    values: Memory<T>,
+pub struct Padded {
+    values: Memory<i32>,
     cols: usize,
 }
 
-impl<T: Copy + Default> Padded<T> {
-    /// Of these rows and `margin` columns beside them, what the plane has, or `beyond` of the last value that it
-    /// has; on the right as many more as lanes may reach.
-    pub fn new(
+impl Padded {
+    /// Of these rows and `margin` columns beside them, what `inside` makes of what the plane has, or `beyond`
+    /// of the last number before; on the right as many more as lanes may reach.
+    pub fn new<T: Copy>(
         plane: &Plane<T>,
         rows: Range<isize>,
         margin: usize,
-        beyond: impl Fn(T) -> T,
+        inside: impl Fn(T) -> i32,
+        beyond: impl Fn(i32) -> i32,
     ) -> Result<Self> {
         let cols = plane.cols() + 2 * margin + LANES;
         let mut values = Memory::default();
         values.room(rows.len() * cols)?;
         for (y, out) in rows.zip(values.chunks_exact_mut(cols)) {
             let nearest = y.clamp(0, plane.rows() as isize - 1);
-            let row = plane.row(nearest as usize);
             let (before, out) = out.split_at_mut(margin);
-            let (inside, after) = out.split_at_mut(row.len());
-            before.fill(beyond(row[0]));
-            inside.copy_from_slice(row);
-            after.fill(beyond(row[row.len() - 1]));
-            if y != nearest {
-                inside.iter_mut().for_each(|value| *value = beyond(*value));
+            let (middle, after) = out.split_at_mut(plane.cols());
+            for (out, value) in middle.iter_mut().zip(plane.row(nearest as usize)) {
+                let number = inside(*value);
+                *out = if y == nearest { number } else { beyond(number) };
             }
+            before.fill(beyond(middle[0]));
+            after.fill(beyond(middle[middle.len() - 1]));
         }
         Ok(Self { values, cols })
     }
 
     /// The `index`-th of the rows.
-    pub fn row(&self, index: usize) -> &[T] {
+    pub fn row(&self, index: usize) -> &[i32] {
         &self.values[index * self.cols..][..self.cols]
     }
 }
 
-/// One row, from those above, at and below it, with one column more on either side.
+/// One row, from the keys of those above, at and below it, with one column more on either side.
 struct Smooth<'a> {
-    rows: [&'a [f32]; 3],
+    rows: [&'a [i32]; 3],
     out: &'a mut [f32],
 }
 
@@ -87,46 +109,58 @@ impl Kernel for Smooth<'_> {
         for (chunk, out) in self.out.chunks_mut(LANES).enumerate() {
             let x = chunk * LANES;
             let centre = lanes(self.rows[1], x + 1);
-            let values: [_; 9] = from_fn(|place| {
-                let value = lanes(self.rows[place / 3], x + place % 3);
-                from_fn(|j| if value[j].is_nan() { centre[j] } else { value[j] })
-            });
-            let median = median(values);
-            for (j, out) in out.iter_mut().enumerate() {
-                *out = if centre[j].is_nan() { centre[j] } else { median[j] };
-            }
+            let median = median9(from_fn(|place| {
+                let key = lanes(self.rows[place / 3], x + place % 3);
+                from_fn(|j| if key[j] == NONE { centre[j] } else { key[j] })
+            }));
+            let smoothed: [f32; LANES] =
+                from_fn(|j| disparity(if centre[j] == NONE { NONE } else { median[j] }));
+            out.copy_from_slice(&smoothed[..out.len()]);
         }
     }
 }
 
 /// The lanes of a row from `x` on.
 #[inline(always)]
-pub fn lanes<T: Copy + Default>(row: &[T], x: usize) -> Lanes<T> {
-    row[x..].first_chunk().copied().unwrap_or([T::default(); LANES])
+pub fn lanes(row: &[i32], x: usize) -> Lanes {
+    row[x..].first_chunk().copied().unwrap_or([0; LANES])
 }
 
-/// The median, lane by lane, of an odd number of values from 3 on, none of them NaN.
+/// Puts the extremes of some values aside, again and again, each time with another value in place of the last.
 ///
-/// Of any N / 2 + 2 of N values neither the least nor the largest is the median of all, so these two are put
-/// aside and another one joins, until there are three.
-#[inline(always)]
-pub fn median<const N: usize>(mut values: [Lanes<f32>; N]) -> Lanes<f32> {
-    let last = N / 2 + 1;
-    for first in 0..last - 1 {
-        put_apart(&mut values[first..=last]);
-        if first < last - 2 {
-            values[last] = values[last + 1 + first];
-        }
-    }
-    values[last - 1]
+/// Of any N / 2 + 2 of N values neither the least nor the largest is the median of all: at the end there are
+/// three of them. It is spelt out how often, since only known numbers of values stay in registers.
+macro_rules! put_aside {
+    ($values:ident, $half:literal: $($count:literal)*) => {
+        $(
+            put_apart::<{ $half + 2 - $count }>(&mut $values, $count);
+            if $count + 1 < $half {
+                $values[$half + 1] = $values[$half + 2 + $count];
+            }
+        )*
+    };
 }
 
-/// Brings the least of some values to the front and the largest to the end.
+/// The medians of 9 values.
 #[inline(always)]
-fn put_apart(values: &mut [Lanes<f32>]) {
-    let last = values.len() - 1;
-    let half = values.len().div_ceil(2);
-    for i in 0..values.len() / 2 {
+pub fn median9(mut values: [Lanes; 9]) -> Lanes {
+    put_aside!(values, 4: 0 1 2 3);
+    values[4]
+}
+
+/// The medians of 25 values.
+#[inline(always)]
+pub fn median25(mut values: [Lanes; 25]) -> Lanes {
+    put_aside!(values, 12: 0 1 2 3 4 5 6 7 8 9 10 11);
+    values[12]
+}
+
+/// Of `COUNT` values from the `first` on, brings the least to the front and the largest to the end.
+#[inline(always)]
+fn put_apart<const COUNT: usize>(values: &mut [Lanes], first: usize) {
+    let values = &mut values[first..][..COUNT];
+    let (last, half) = (COUNT - 1, COUNT.div_ceil(2));
+    for i in 0..COUNT / 2 {
         order(values, i, last - i);
     }
     for i in 1..half {
@@ -138,8 +172,8 @@ fn put_apart(values: &mut [Lanes<f32>]) {
 }
 
 #[inline(always)]
-fn order(values: &mut [Lanes<f32>], lower: usize, upper: usize) {
+fn order(values: &mut [Lanes], lower: usize, upper: usize) {
     let (a, b) = (values[lower], values[upper]);
-    values[lower] = from_fn(|j| if a[j] < b[j] { a[j] } else { b[j] });
-    values[upper] = from_fn(|j| if a[j] < b[j] { b[j] } else { a[j] });
+    values[lower] = from_fn(|j| a[j].min(b[j]));
+    values[upper] = from_fn(|j| a[j].max(b[j]));
 }

@@ -1,12 +1,14 @@
 //! Medians of 3 x 3 disparities, against sorting.
 
+use std::array::from_fn;
+
 mod common;
 
 use common::levels;
 use common::maps::{bits, maps, row};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
-use phasestereo::median::{LANES, median, smooth};
+use phasestereo::median::{NONE, disparity, key, median9, median25, smooth};
 use phasestereo::plane::Plane;
 use phasestereo::reference;
 use proptest::prelude::*;
@@ -23,11 +25,12 @@ fn smoothed(disparity: &Plane<f32>) -> Plane<f32> {
         .expect("a level")
 }
 
-fn check_median<const N: usize>(values: &[i8]) {
-    let mut values: [_; N] = std::array::from_fn(|i| f32::from(values[i]));
-    let found = median(values.map(|value| [value; LANES]));
-    values.sort_by(f32::total_cmp);
-    assert_eq!(found, [values[N / 2]; LANES]);
+/// The middle one of some numbers, multiplied in every lane by another one.
+fn middle(numbers: &[i8], lane: usize) -> i32 {
+    let mut numbers: Vec<_> =
+        numbers.iter().map(|&number| i32::from(number) * lane as i32).collect();
+    numbers.sort_unstable();
+    numbers[numbers.len() / 2]
 }
 
 proptest! {
@@ -37,11 +40,16 @@ proptest! {
     }
 
     #[test]
-    fn the_median_is_in_the_middle(values in prop::collection::vec(any::<i8>(), 25)) {
-        check_median::<3>(&values);
-        check_median::<5>(&values);
-        check_median::<9>(&values);
-        check_median::<25>(&values);
+    fn the_median_is_in_the_middle(numbers in prop::collection::vec(any::<i8>(), 25)) {
+        let lanes = |place: usize| from_fn(|lane| i32::from(numbers[place]) * lane as i32);
+        prop_assert_eq!(median9(from_fn(lanes)), from_fn(|lane| middle(&numbers[..9], lane)));
+        prop_assert_eq!(median25(from_fn(lanes)), from_fn(|lane| middle(&numbers, lane)));
+    }
+
+    #[test]
+    fn keys_have_the_order_of_disparities(a: f32, b: f32) {
+        prop_assert_eq!(key(a).cmp(&key(b)), a.total_cmp(&b));
+        prop_assert_eq!(disparity(key(a)).to_bits(), a.to_bits());
     }
 }
 
@@ -60,6 +68,12 @@ fn none_is_made_up_and_none_is_mixed_in() {
     assert!(smoothed[1].is_nan());
     assert_eq!(smoothed[0], 1.0);
     assert_eq!(smoothed[2..], [5.0, 5.0, 0.0]);
+}
+
+#[test]
+fn no_disparity_has_a_key_of_its_own() {
+    assert!(key(f32::NAN) == NONE && key(-f32::NAN) == NONE && disparity(NONE).is_nan());
+    assert!(key(f32::NEG_INFINITY) > NONE);
 }
 
 #[test]
