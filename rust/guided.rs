@@ -67,35 +67,32 @@ pub fn likeness(gray: &Plane<i32>) -> i32 {
     sums.sum::<u64>().div_ceil(pairs.max(1) as u64) as i32
 }
 
-/// Which pixels of `count` rows have one within reach that differs from its right or lower neighbour by a jump.
-fn near_jumps(disparity: &Plane<f32>, first: usize, count: usize) -> Vec<bool> {
+/// Which pixels of `count` rows have one within reach that differs from its right or lower neighbour by a jump:
+/// bytes that are not 0.
+fn near_jumps(disparity: &Plane<f32>, first: usize, count: usize) -> Vec<u8> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
-    let mut near = vec![false; count * cols];
-    let mut jumps = vec![false; cols + 2 * REACH];
-    let mut wide = vec![false; cols];
+    let mut near = vec![0; count * cols];
+    let (mut jumps, mut wide) = (vec![0; cols + 2 * REACH], vec![0; cols]);
     for y in first.saturating_sub(REACH)..(first + count + REACH).min(rows) {
         let (here, below) = (disparity.row(y), disparity.row((y + 1).min(rows - 1)));
         let inside = &mut jumps[REACH..][..cols];
         for (jump, (a, b)) in inside.iter_mut().zip(here.iter().zip(below)) {
-            *jump = (a - b).abs() > JUMP;
+            *jump = u8::from((a - b).abs() > JUMP);
         }
-        for (jump, pair) in inside.iter_mut().zip(here.windows(2)) {
-            *jump |= (pair[0] - pair[1]).abs() > JUMP;
+        for (jump, (a, b)) in inside.iter_mut().zip(here.iter().zip(&here[1..])) {
+            *jump |= u8::from((a - b).abs() > JUMP);
         }
-        wide.fill(false);
-        for shift in 0..=2 * REACH {
-            mark(&mut wide, &jumps[shift..]);
+        wide.fill(0);
+        (0..=2 * REACH).for_each(|shift| mark(&mut wide, &jumps[shift..]));
+        let last = (y + REACH + 1).saturating_sub(first).min(count);
+        for y in y.saturating_sub(first + REACH)..last {
+            mark(&mut near[y * cols..][..cols], &wide);
         }
-        let reached =
-            y.saturating_sub(first + REACH)..(y + REACH + 1).saturating_sub(first).min(count);
-        near[reached.start * cols..reached.end * cols]
-            .chunks_mut(cols)
-            .for_each(|near| mark(near, &wide));
     }
     near
 }
 
-fn mark(marks: &mut [bool], others: &[bool]) {
+fn mark(marks: &mut [u8], others: &[u8]) {
     marks.iter_mut().zip(others).for_each(|(mark, other)| *mark |= other);
 }
 
@@ -104,7 +101,7 @@ struct Guide<'a> {
     /// Of disparities; none beside the image.
     keys: [&'a [i32]; SIDE],
     grays: [&'a [i32]; SIDE],
-    near: &'a [bool],
+    near: &'a [u8],
     tolerance: i32,
     out: &'a mut [f32],
 }
@@ -119,14 +116,16 @@ impl Kernel for Guide<'_> {
             let x = chunk * LANES;
             let centre = lanes(self.keys[SIDE / 2], x + REACH);
             let mut guided = centre;
-            if near.contains(&true) {
+            if near.iter().any(|&near| near != 0) {
                 let median = median25(like(self.keys, self.grays, x, self.tolerance));
                 for (j, &near) in near.iter().enumerate() {
-                    guided[j] = if near & (centre[j] != NONE) { median[j] } else { centre[j] };
+                    guided[j] =
+                        if (near != 0) & (centre[j] != NONE) { median[j] } else { centre[j] };
                 }
             }
-            let guided = guided.map(disparity_of);
-            out.copy_from_slice(&guided[..out.len()]);
+            for (out, &key) in out.iter_mut().zip(&guided) {
+                *out = disparity_of(key);
+            }
         }
     }
 }
@@ -137,13 +136,17 @@ impl Kernel for Guide<'_> {
 fn like(keys: [&[i32]; SIDE], grays: [&[i32]; SIDE], x: usize, tolerance: i32) -> [Lanes; PLACES] {
     let centre = lanes(grays[SIDE / 2], x + REACH);
     let mut far = [i32::MIN; LANES];
-    from_fn(|place| {
+    let mut kept = [[NONE; LANES]; PLACES];
+    for (place, kept) in kept.iter_mut().enumerate() {
         let column = x + place % SIDE * STRIDE;
         let (key, gray) = (lanes(keys[place / SIDE], column), lanes(grays[place / SIDE], column));
-        let is_like: [bool; LANES] =
-            from_fn(|j| ((gray[j] - centre[j]).abs() <= tolerance) & (key[j] != NONE));
-        let kept = from_fn(|j| if is_like[j] { key[j] } else { far[j] });
-        far = from_fn(|j| if is_like[j] { far[j] } else { !far[j] });
-        kept
-    })
+        for j in 0..LANES {
+            let is_other = ((gray[j] - centre[j]).abs() > tolerance) | (key[j] == NONE);
+            // All bits or none.
+            let other = -i32::from(is_other);
+            kept[j] = key[j] & !other | far[j] & other;
+            far[j] ^= other;
+        }
+    }
+    kept
 }

@@ -1,8 +1,9 @@
 //! Medians of a map's neighbouring disparities, many pixels side by side.
 //!
 //! Disparities are compared as integers of the same order: that is one instruction wherever there are lanes.
+//! Loops over lanes are spelt out here: closures of such size are no longer inlined, and what is not inlined
+//! is not compiled for the level.
 
-use std::array::from_fn;
 use std::ops::Range;
 
 use crate::control::Control;
@@ -109,12 +110,18 @@ impl Kernel for Smooth<'_> {
         for (chunk, out) in self.out.chunks_mut(LANES).enumerate() {
             let x = chunk * LANES;
             let centre = lanes(self.rows[1], x + 1);
-            let median = median9(from_fn(|place| {
-                let key = lanes(self.rows[place / 3], x + place % 3);
-                from_fn(|j| if key[j] == NONE { centre[j] } else { key[j] })
-            }));
-            let smoothed: [f32; LANES] =
-                from_fn(|j| disparity(if centre[j] == NONE { NONE } else { median[j] }));
+            let mut keys = [[NONE; LANES]; 9];
+            for (place, keys) in keys.iter_mut().enumerate() {
+                *keys = lanes(self.rows[place / 3], x + place % 3);
+                for j in 0..LANES {
+                    keys[j] = if keys[j] == NONE { centre[j] } else { keys[j] };
+                }
+            }
+            let median = median9(keys);
+            let mut smoothed = [0.0; LANES];
+            for j in 0..LANES {
+                smoothed[j] = disparity(if centre[j] == NONE { NONE } else { median[j] });
+            }
             out.copy_from_slice(&smoothed[..out.len()]);
         }
     }
@@ -174,6 +181,7 @@ fn put_apart<const COUNT: usize>(values: &mut [Lanes], first: usize) {
 #[inline(always)]
 fn order(values: &mut [Lanes], lower: usize, upper: usize) {
     let (a, b) = (values[lower], values[upper]);
-    values[lower] = from_fn(|j| a[j].min(b[j]));
-    values[upper] = from_fn(|j| a[j].max(b[j]));
+    for j in 0..LANES {
+        (values[lower][j], values[upper][j]) = (a[j].min(b[j]), a[j].max(b[j]));
+    }
 }
