@@ -93,6 +93,11 @@ impl Window {
         (self.side * self.side) as u32
     }
 
+    /// What one unit of the mean cost comes to, of costs with so many steps to the unit.
+    pub fn unit(&self, steps: u16) -> f64 {
+        f64::from(self.area()) * f64::from(steps) / f64::from(1u32 << self.dropped)
+    }
+
     /// The largest sum over one column of the window, before bits are dropped.
     pub fn largest_column(&self) -> u64 {
         self.side as u64 * u64::from(self.ceiling)

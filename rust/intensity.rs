@@ -94,11 +94,16 @@ impl<'a> Gray<'a> {
         if view.mask.is_none() {
             return Ok(gray);
         }
-        let plane = Plane::by_bands(gray.size, 1, |y, row| {
-            control.checkpoint()?;
-            gray.write_row(y, level, row)
-        })?;
+        let plane = gray.plane(level, control)?;
         Ok(Self { source: Source::Plane(filled(plane, view, control)?), ..gray })
+    }
+
+    /// All gray values.
+    pub fn plane(&self, level: Level, control: &Control) -> Result<Plane<i32>> {
+        Plane::by_bands(self.size, 1, |y, row| {
+            control.checkpoint()?;
+            self.write_row(y, level, row)
+        })
     }
 
     /// A plane whose values are of magnitude up to `reach`, at most [`LARGEST_REACH`], one step to a unit.

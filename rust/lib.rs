@@ -11,9 +11,14 @@
 //! 3. A pixel and a candidate ([`candidates`]) in the other image cost as many bits as differ ([`cost`]);
 //!    or, for comparison, what their intensities or local contrasts ([`normalisation`]) differ by.
 //! 4. Costs are summed over a window, of which the best of five positions counts ([`aggregation`]).
-//! 5. Dynamic programming along the row chooses a candidate for every pixel ([`scanline`]).
+//! 5. Dynamic programming along the row chooses a candidate for every pixel ([`scanline`]), or the sum of many
+//!    paths does ([`semiglobal`]), which jump more easily at edges of the image ([`edges`]).
 //! 6. What was chosen becomes a disparity with its flags ([`refinement`]), between candidates where their costs
-//!    tell ([`subpixel`]), with a confidence, to which its surroundings have something to say ([`confidence`]).
+//!    tell ([`subpixel`]).
+//! 7. Of a whole map, pixels that cannot be right are told: those whose match belongs to another pixel
+//!    ([`consistency`]) and small regions that stand out ([`speckles`]). They are filled from the pixels beside
+//!    them ([`filling`]), edges in depth are drawn to those of the image ([`guided`]), what is still alone
+//!    gives way to its neighbours ([`median`]), and every disparity is given a confidence ([`confidence`]).
 //!
 //! Before all that, [`blur`] may find out from spectra which image is the softer one, where, and by which
 //! point-spread function ([`psf`]), so that the other one can be given the same.
@@ -60,6 +65,12 @@ pub mod semiglobal;
 pub mod strip;
 pub mod subpixel;
 pub mod votes;
+
+pub mod consistency;
+pub mod filling;
+pub mod guided;
+pub mod median;
+pub mod speckles;
 
 pub mod blur;
 pub mod psf;

@@ -42,7 +42,7 @@ fn fill_row<T: Copy>(row: &mut [T], valid: &[bool]) -> bool {
 }
 
 /// For every place the nearest one that holds true, ties to the smaller.
-fn nearest(present: &[bool]) -> Vec<Option<usize>> {
+pub(crate) fn nearest(present: &[bool]) -> Vec<Option<usize>> {
     let mut before = None;
     let mut places: Vec<Option<usize>> = Vec::with_capacity(present.len());
     for (i, &here) in present.iter().enumerate() {

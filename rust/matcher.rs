@@ -8,16 +8,18 @@ use rayon::prelude::*;
 
 use crate::aggregation::{Aggregated, Aggregator, Sweep, Tile, Window};
 use crate::candidates::Candidates;
+use crate::consistency::Checker;
 use crate::control::Control;
 use crate::cost::{Costs, Operands};
 use crate::edges::Edges;
 use crate::error::{Error, Result};
-use crate::evidence::Evidence;
+use crate::evidence::{Evidence, EvidenceRow};
+use crate::intensity::Gray;
 use crate::plane::Plane;
-use crate::refinement::{Estimate, Judge, Margins, Measure};
+use crate::refinement::{Draft, Judge, Margins, Measure, ResultRow};
 use crate::scanline::{self, Scanline, Steps};
 use crate::semiglobal::across::{Across, Advance, Rows};
-use crate::semiglobal::{BAND, Field, SemiGlobal};
+use crate::semiglobal::{BAND, Field, PATHS, SemiGlobal};
 use crate::settings::{Optimizer, Rule, Settings};
 use crate::simd::Level;
 use crate::strip::{BLOCK, Strip};
@@ -72,6 +74,8 @@ pub struct Timings {
     pub description: Duration,
     /// Codes to disparities.
     pub matching: Duration,
+    /// Disparities to those that are filled and smoothed, with confidences.
+    pub refinement: Duration,
 }
 
 impl Pair {
@@ -135,6 +139,7 @@ struct Workspace<V, T> {
     scanline: Scanline<T>,
     across: Across<V, T>,
     margins: Margins<V>,
+    evidence: Evidence,
 }
 
 /// All that the strips of a match have in common.
@@ -223,7 +228,7 @@ impl Matcher {
             control,
         )?;
         let described = Instant::now();
-        let mut map = Disparity::new(pair.size(), settings.confidence)?;
+        let mut map = Map::new(pair.size(), settings.needs_confidence())?;
         let window = Window::new(pair.size(), pair.candidates.count(), settings, costs.ceiling());
         let steps = Steps::new(settings.penalty, window, costs.steps());
         let edges = Edges::of_left(&pair.left, settings, how.level, control)?;
@@ -236,8 +241,19 @@ impl Matcher {
             Width::WordCosts => self.match_bands::<u16, u32>(bands, &job),
             Width::Widest => self.match_bands::<u32, u64>(bands, &job),
         }?;
-        map.timings = Timings { description: described - started, matching: described.elapsed() };
-        Ok(map)
+        let matched = Instant::now();
+        let gray = Gray::of_left(&pair.left, settings, how.level, control)?;
+        let Map { disparity, mut flags, votes } = map;
+        let (votes, gray) = (votes.as_ref(), gray.as_ref());
+        let draft = Draft { disparity, flags: &mut flags, votes, gray };
+        let (disparity, confidence) = draft.refine(settings, how.level, control)?;
+        let timings = Timings {
+            description: described - started,
+            matching: matched - described,
+            refinement: matched.elapsed(),
+        };
+        let confidence = confidence.filter(|_| settings.confidence);
+        Ok(Disparity { disparity, flags, confidence, timings })
     }
 
     /// Matches bands, each by itself where the optimizer lets it be.
@@ -282,10 +298,13 @@ impl Matcher {
         let mut workspace: Box<Workspace<V, T>> = self.memory();
         workspace.operands.load(job.costs, &strip)?;
         workspace.choose(strip, rule, job)?;
-        if job.settings.confidence {
+        if job.settings.needs_evidence() {
             workspace.measure(strip, job)?;
+            workspace.tell(strip, job)?;
+            job.write(&mut band, &workspace.evidence)?;
+        } else {
+            workspace.write(&mut band, strip, job);
         }
-        workspace.write(&mut band, strip, job);
         job.control.finish_rows(strip.rows);
         self.keep(workspace);
         Ok(())
@@ -313,6 +332,7 @@ impl<V: Value, T: Value> Default for Workspace<V, T> {
             scanline: Scanline::default(),
             across: Across::default(),
             margins: Margins::default(),
+            evidence: Evidence::default(),
         }
     }
 }
@@ -350,23 +370,47 @@ impl<V: Value, T: Value> Workspace<V, T> {
         })
     }
 
-    /// Writes the estimates of the strip into the map, a few columns of a block at a time: these are at hand.
+    /// Brings together what was found of the strip.
+    fn tell(&mut self, strip: Strip, job: &Job) -> Result<()> {
+        let Self { scanline, margins, evidence, .. } = self;
+        let Window { cols, candidates, .. } = job.window;
+        evidence.begin(strip.rows, cols)?;
+        let chosen = scanline.chosen();
+        for (lane, x) in places(strip.rows, cols) {
+            let place = (lane / BLOCK * cols + x) * BLOCK + lane % BLOCK;
+            let (own, elsewhere, offset) = margins.of(place, chosen[place], candidates);
+            let found = EvidenceRow {
+                chosen: &[chosen[place]],
+                own: &[own],
+                elsewhere: &[elsewhere],
+                offset: &[offset],
+            };
+            evidence.set(lane, x, found);
+        }
+        Ok(())
+    }
+
+    /// Writes what was chosen for the strip into the map, when nothing else is to be known of it.
     fn write(&self, band: &mut Band, strip: Strip, job: &Job) {
         let (chosen, cols, judge) = (self.scanline.chosen(), job.window.cols, job.judge());
-        let blocks = (0..strip.rows).step_by(BLOCK);
-        let corners = blocks.flat_map(|top| (0..cols).step_by(BLOCK).map(move |left| (top, left)));
-        for (first, left) in corners {
-            for lane in first..(first + BLOCK).min(strip.rows) {
-                let mut row = band.row(lane);
-                for x in left..(left + BLOCK).min(cols) {
-                    let place = (lane / BLOCK * cols + x) * BLOCK + lane % BLOCK;
-                    let margin = || self.margins.of(place, chosen[place], job.window.candidates);
-                    let margin = job.settings.confidence.then(margin);
-                    row.set(x, judge.estimate(strip.first + lane, x, chosen[place], margin));
-                }
-            }
+        for (lane, x) in places(strip.rows, cols) {
+            let index = chosen[(lane / BLOCK * cols + x) * BLOCK + lane % BLOCK];
+            let flags = judge.flags(strip.first + lane, x, index.into());
+            let place = lane * cols + x;
+            (band.disparity[place], band.flags[place]) = (judge.disparity(index, flags), flags);
         }
     }
+}
+
+/// The pixels of a strip, a few columns of a block at a time: these are at hand.
+fn places(rows: usize, cols: usize) -> impl Iterator<Item = (usize, usize)> {
+    let corners = (0..rows)
+        .step_by(BLOCK)
+        .flat_map(move |top| (0..cols).step_by(BLOCK).map(move |left| (top, left)));
+    corners.flat_map(move |(top, left)| {
+        let lanes = top..(top + BLOCK).min(rows);
+        lanes.flat_map(move |lane| (left..(left + BLOCK).min(cols)).map(move |x| (lane, x)))
+    })
 }
 
 impl Job<'_> {
@@ -401,14 +445,9 @@ impl Job<'_> {
 
     /// Writes what was found of a band into the map.
     fn write(&self, band: &mut Band, evidence: &Evidence) -> Result<()> {
-        let judge = self.judge();
-        let strip = band.strip(self.window);
-        for (lane, y) in strip.range().enumerate() {
-            let found = evidence.row(lane);
-            let mut row = band.row(lane);
-            for x in 0..self.window.cols {
-                row.set(x, judge.estimate(y, x, found.chosen[x], None));
-            }
+        let (judge, mut checker) = (self.judge(), Checker::default());
+        for (row, y) in band.strip(self.window).range().enumerate() {
+            judge.write(y, evidence.row(row), &mut checker, band.row(row))?;
         }
         Ok(())
     }
@@ -422,11 +461,17 @@ impl Job<'_> {
     }
 
     fn judge(&self) -> Judge<'_> {
+        let paths = match self.settings.optimizer {
+            Optimizer::Scanline(_) => 1,
+            Optimizer::SemiGlobal => PATHS,
+        };
         Judge {
             candidates: self.costs.candidates(),
             cols: self.window.cols,
             votes: self.costs.votes(),
-            fill: self.settings.fill,
+            subpixel: self.settings.subpixel,
+            consistency: self.settings.consistency.map(|most| most as u16),
+            unit: (self.window.unit(self.costs.steps()) * f64::from(paths)) as f32,
         }
     }
 
@@ -444,13 +489,20 @@ impl Job<'_> {
     }
 }
 
-/// The part of the result that one task writes.
+/// A map in the making.
+struct Map {
+    disparity: Plane<f32>,
+    flags: Plane<u16>,
+    votes: Option<Plane<f32>>,
+}
+
+/// The part of the map that one task writes.
 struct Band<'a> {
     first: usize,
     cols: usize,
     disparity: &'a mut [f32],
     flags: &'a mut [u16],
-    confidence: Option<&'a mut [f32]>,
+    votes: Option<&'a mut [f32]>,
 }
 
 impl Band<'_> {
@@ -464,35 +516,17 @@ impl Band<'_> {
         ResultRow {
             disparity: &mut self.disparity[places.clone()],
             flags: &mut self.flags[places.clone()],
-            confidence: self.confidence.as_deref_mut().map(|band| &mut band[places]),
+            votes: self.votes.as_deref_mut().map(|votes| &mut votes[places]),
         }
     }
 }
 
-/// One row of the result, to be written.
-struct ResultRow<'a> {
-    disparity: &'a mut [f32],
-    flags: &'a mut [u16],
-    confidence: Option<&'a mut [f32]>,
-}
-
-impl ResultRow<'_> {
-    fn set(&mut self, x: usize, estimate: Estimate) {
-        self.disparity[x] = estimate.disparity;
-        self.flags[x] = estimate.flags;
-        if let Some(confidence) = &mut self.confidence {
-            confidence[x] = estimate.confidence;
-        }
-    }
-}
-
-impl Disparity {
-    fn new((rows, cols): (usize, usize), with_confidence: bool) -> Result<Self> {
+impl Map {
+    fn new((rows, cols): (usize, usize), with_votes: bool) -> Result<Self> {
         Ok(Self {
             disparity: Plane::new(rows, cols)?,
             flags: Plane::new(rows, cols)?,
-            confidence: with_confidence.then(|| Plane::new(rows, cols)).transpose()?,
-            timings: Timings::default(),
+            votes: with_votes.then(|| Plane::new(rows, cols)).transpose()?,
         })
     }
 
@@ -501,15 +535,15 @@ impl Disparity {
         let places = band_rows.saturating_mul(cols);
         let disparity = self.disparity.as_mut_slice().chunks_mut(places);
         let flags = self.flags.as_mut_slice().chunks_mut(places);
-        let confidence = self.confidence.iter_mut();
-        let mut confidence = confidence.flat_map(|plane| plane.as_mut_slice().chunks_mut(places));
+        let votes = self.votes.iter_mut();
+        let mut votes = votes.flat_map(|plane| plane.as_mut_slice().chunks_mut(places));
         let parts = disparity.zip(flags).enumerate();
         let band = |(index, (disparity, flags))| Band {
             first: index * band_rows,
             cols,
             disparity,
             flags,
-            confidence: confidence.next(),
+            votes: votes.next(),
         };
         parts.map(band).collect()
     }

@@ -2,18 +2,23 @@
 //!
 //! Slow on purpose. The tests hold the fast stages to these, bit for bit.
 
+use std::cmp::Reverse;
+
 use crate::aggregation::Window;
 use crate::basis::Basis;
 use crate::candidates::Candidates;
 use crate::confidence::{RADIUS, STEP, Scene, TOLERANCE, confidence, similar};
+use crate::consistency::Choices;
 use crate::convolution::{GUARD, Kernel, SHIFT, Weights};
+use crate::guided::{self, JUMP, STRIDE};
 use crate::intensity::LEVEL_STEPS;
 use crate::normalisation::DEVIATION_STEPS;
 use crate::plane::{Plane, reflect};
 use crate::quantiser::Quantiser;
+use crate::refinement::flag;
 use crate::scanline::Steps;
 use crate::settings::{Rule, Settings};
-use crate::subpixel::REACH;
+use crate::subpixel;
 use crate::view::Mask;
 
 /// Twin of [`crate::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
@@ -232,8 +237,8 @@ pub fn offset(below: u32, own: u32, above: u32) -> f64 {
 }
 
 /// Twin of [`crate::subpixel::smooth`]: every pair of neighbours asked for by itself.
-pub fn smooth(disparity: &Plane<f32>) -> Plane<f32> {
-    let (rows, cols, reach) = (disparity.rows(), disparity.cols(), REACH as isize);
+pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
+    let (rows, cols, reach) = (disparity.rows(), disparity.cols(), subpixel::REACH as isize);
     let at = |y: usize, x: usize, dy: isize, dx: isize| {
         let (y, x) = (y.checked_add_signed(dy)?, x.checked_add_signed(dx)?);
         (y < rows && x < cols).then(|| disparity.row(y)[x])
@@ -313,5 +318,140 @@ pub fn confidences(scene: Scene) -> Plane<f32> {
             }
         }
         confidence(votes / weight)
+    })
+}
+
+/// Twin of [`crate::consistency::Checker`]: for every pixel all others of the row are asked.
+pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
+    let Choices { chosen, costs, candidates } = choices;
+    let cols = chosen.len();
+    let has_match = |x: usize| {
+        flags[x] & (flag::MISSING | flag::OUTSIDE | flag::MATCH_MASKED) == 0
+            && !candidates.is_outside(x, chosen[x].into(), cols)
+    };
+    let column = |x: usize| x as isize - candidates.disparity(chosen[x].into());
+    let is_consistent = |x: usize| {
+        let rivals = (0..cols).filter(|&other| has_match(other) && column(other) == column(x));
+        let owner = rivals.min_by_key(|&other| (costs[other], Reverse(chosen[other])));
+        has_match(x) && owner.is_some_and(|owner| chosen[owner].abs_diff(chosen[x]) <= most)
+    };
+    let reason = |x: usize| {
+        let beside = x.saturating_sub(1)..(x + 2).min(cols);
+        if !has_match(x) || is_consistent(x) {
+            0
+        } else if beside.into_iter().any(is_consistent) {
+            flag::MISMATCHED
+        } else {
+            flag::OCCLUDED
+        }
+    };
+    (0..cols).map(|x| flags[x] | reason(x)).collect()
+}
+
+/// Twin of [`crate::speckles::flag_speckles`]: each region is walked from each of its pixels.
+pub fn flag_speckles(
+    disparity: &Plane<f32>,
+    flags: &Plane<u16>,
+    (size, range): (usize, f32),
+) -> Plane<u16> {
+    let (rows, cols) = (disparity.rows(), disparity.cols());
+    let region = |y: usize, x: usize| {
+        let (mut region, mut next) = (vec![(y, x)], 0);
+        let mut seen = disparity.map(|_| false);
+        seen.row_mut(y)[x] = true;
+        while let Some(&(y, x)) = region.get(next) {
+            let beside = [(y.wrapping_sub(1), x), (y + 1, x), (y, x.wrapping_sub(1)), (y, x + 1)];
+            for (v, u) in beside.into_iter().filter(|&(v, u)| v < rows && u < cols) {
+                let is_step = (disparity.row(v)[u] - disparity.row(y)[x]).abs() <= range;
+                let is_new = !seen.row(v)[u] && trusted(disparity, flags, v, u).is_some();
+                if is_step && is_new {
+                    seen.row_mut(v)[u] = true;
+                    region.push((v, u));
+                }
+            }
+            next += 1;
+        }
+        region.len()
+    };
+    Plane::from_fn(rows, cols, |y, x| {
+        let is_speckle = trusted(disparity, flags, y, x).is_some() && region(y, x) <= size;
+        flags.row(y)[x] | if is_speckle { flag::SPECKLE } else { 0 }
+    })
+}
+
+fn trusted(disparity: &Plane<f32>, flags: &Plane<u16>, y: usize, x: usize) -> Option<f32> {
+    let value = disparity.row(y)[x];
+    (flags.row(y)[x] & flag::UNTRUSTED == 0 && !value.is_nan()).then_some(value)
+}
+
+/// Twin of [`crate::filling::fill`]: each pixel looks for its neighbours by itself. Disparity and flags.
+pub fn fill(disparity: &Plane<f32>, flags: &Plane<u16>) -> (Plane<f32>, Plane<u16>) {
+    let (rows, cols) = (disparity.rows(), disparity.cols());
+    let trusted = |y, x| trusted(disparity, flags, y, x);
+    let filling = |y: usize, x: usize| {
+        let seeded = (0..rows).filter(|&row| (0..cols).any(|col| trusted(row, col).is_some()));
+        let from = seeded.min_by_key(|row| (row.abs_diff(y), *row))?;
+        let before = (0..=x).rev().find_map(|col| trusted(from, col));
+        let after = (x..cols).find_map(|col| trusted(from, col));
+        before.into_iter().chain(after).reduce(f32::min)
+    };
+    let is_masked = |y: usize, x: usize| flags.row(y)[x] & flag::MASKED != 0;
+    let filled = Plane::from_fn(rows, cols, |y, x| match (trusted(y, x), filling(y, x)) {
+        (Some(value), _) => value,
+        _ if is_masked(y, x) => f32::NAN,
+        (None, Some(value)) => value,
+        (None, None) => disparity.row(y)[x],
+    });
+    let flags = Plane::from_fn(rows, cols, |y, x| {
+        let is_filled = trusted(y, x).is_none() && !is_masked(y, x) && filling(y, x).is_some();
+        flags.row(y)[x] | if is_filled { flag::FILLED } else { 0 }
+    });
+    (filled, flags)
+}
+
+/// Twin of [`crate::median::smooth`]: the nine values sorted.
+pub fn smooth(disparity: &Plane<f32>) -> Plane<f32> {
+    let near = |at: usize, length: usize| {
+        [-1, 0, 1].map(|step| (at as isize + step).clamp(0, length as isize - 1) as usize)
+    };
+    Plane::from_fn(disparity.rows(), disparity.cols(), |y, x| {
+        let centre = disparity.row(y)[x];
+        let rows = near(y, disparity.rows()).map(|row| disparity.row(row));
+        let window = rows.map(|row| near(x, disparity.cols()).map(|col| row[col]));
+        let mut values = window.as_flattened().to_vec();
+        values.iter_mut().filter(|value| value.is_nan()).for_each(|value| *value = centre);
+        values.sort_by(f32::total_cmp);
+        if centre.is_nan() { centre } else { values[4] }
+    })
+}
+
+/// Twin of [`crate::guided::guide`]: the like values sorted.
+pub fn guide(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
+    let (rows, cols) = (disparity.rows(), disparity.cols());
+    let differences = (0..rows).flat_map(|y| gray.row(y).windows(2));
+    let sum: i64 = differences.map(|pair| (i64::from(pair[0]) - i64::from(pair[1])).abs()).sum();
+    let tolerance = (sum as f64 / (rows * (cols - 1)).max(1) as f64).ceil() as i64;
+    let is_jump = |y: usize, x: usize| {
+        let neighbours =
+            [(y + 1, x), (y, x + 1)].into_iter().filter(|&(v, u)| v < rows && u < cols);
+        let step = |(v, u): (usize, usize)| disparity.row(v)[u] - disparity.row(y)[x];
+        neighbours.map(step).any(|step| step.abs() > JUMP)
+    };
+    let window = |at: usize, length: usize| {
+        at.saturating_sub(guided::REACH)..(at + guided::REACH + 1).min(length)
+    };
+    Plane::from_fn(rows, cols, |y, x| {
+        let places = || window(y, rows).flat_map(|v| window(x, cols).map(move |u| (v, u)));
+        if disparity.row(y)[x].is_nan() || !places().any(|(v, u)| is_jump(v, u)) {
+            return disparity.row(y)[x];
+        }
+        let seen = places().filter(|(v, u)| v.abs_diff(y) % STRIDE + u.abs_diff(x) % STRIDE == 0);
+        let like = seen.filter(|&(v, u)| {
+            i64::from(gray.row(v)[u].abs_diff(gray.row(y)[x])) <= tolerance
+                && !disparity.row(v)[u].is_nan()
+        });
+        let mut values: Vec<f32> = like.map(|(v, u)| disparity.row(v)[u]).collect();
+        values.sort_by(f32::total_cmp);
+        values[(values.len() - 1) / 2]
     })
 }

@@ -4,10 +4,21 @@ use std::array::from_fn;
 
 use crate::aggregation::{Aggregated, Tile};
 use crate::candidates::Candidates;
+use crate::confidence::{self, Scene};
+use crate::consistency::{Checker, Choices};
+use crate::control::Control;
 use crate::error::Result;
+use crate::evidence::{EvidenceRow, NONE};
+use crate::filling::fill;
+use crate::guided::guide;
+use crate::median;
 use crate::memory::Memory;
-use crate::simd::Kernel;
+use crate::plane::Plane;
+use crate::settings::Settings;
+use crate::simd::{Kernel, Level};
+use crate::speckles::flag_speckles;
 use crate::strip::BLOCK;
+use crate::subpixel::{self, offset};
 use crate::value::Value;
 use crate::votes::Votes;
 
@@ -21,20 +32,22 @@ pub mod flag {
     pub const OUTSIDE: u16 = 4;
     /// The match lies on a masked pixel of the right image.
     pub const MATCH_MASKED: u16 = 8;
+    /// The left pixel is not seen in the right image: what was chosen for it belongs to another one.
+    pub const OCCLUDED: u16 = 16;
+    /// What was chosen belongs to another left pixel, too, although the right image sees this one.
+    pub const MISMATCHED: u16 = 32;
+    /// Another candidate costs about as much.
+    pub const LOW_CONFIDENCE: u16 = 64;
+    /// The pixel belongs to a small region that stands out from all around it.
+    pub const SPECKLE: u16 = 128;
+    /// The disparity is that of other pixels: this one's own is not trusted.
+    pub const FILLED: u16 = 256;
 
     /// Those that leave nothing to estimate.
     pub const MISSING: u16 = MASKED | NO_CANDIDATE;
-}
-
-/// One pixel of the result.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Estimate {
-    /// Disparity, pixels; NaN where there is none.
-    pub disparity: f32,
-    /// Reasons, from [`flag`].
-    pub flags: u16,
-    /// From 0 to 1.
-    pub confidence: f32,
+    /// Those of a pixel whose own estimate is missing or not to be trusted.
+    pub const UNTRUSTED: u16 =
+        MISSING | OUTSIDE | MATCH_MASKED | OCCLUDED | MISMATCHED | LOW_CONFIDENCE | SPECKLE;
 }
 
 /// What pixels are told by that all have in common.
@@ -46,25 +59,67 @@ pub struct Judge<'a> {
     pub cols: usize,
     /// Which (pixel, candidate) pairs are valid; `None`: all.
     pub votes: Option<&'a Votes<'a>>,
-    /// Whether untrusted estimates stay.
-    pub fill: bool,
+    /// Whether estimates lie between candidates.
+    pub subpixel: bool,
+    /// Pixels by which the disparities of two left pixels with one match may differ; `None`: by whatever.
+    pub consistency: Option<u16>,
+    /// What one unit of the mean cost is in costs.
+    pub unit: f32,
+}
+
+/// One row of the result, to be written.
+#[derive(Debug)]
+pub struct ResultRow<'a> {
+    /// Disparities, pixels; NaN where there is none.
+    pub disparity: &'a mut [f32],
+    /// Reasons, from [`flag`].
+    pub flags: &'a mut [u16],
+    /// Votes for the disparities, from 0 to 1, if they are asked for.
+    pub votes: Option<&'a mut [f32]>,
 }
 
 impl Judge<'_> {
-    /// The estimate of pixel `(y, x)`, for which `chosen` was chosen.
-    #[inline]
-    pub fn estimate(&self, y: usize, x: usize, chosen: u16, margin: Option<Margin>) -> Estimate {
-        let flags = self.flags(y, x, chosen.into());
-        let distrusted = if self.fill { flag::MISSING } else { !0 };
-        if flags & distrusted != 0 {
-            return Estimate { disparity: f32::NAN, flags, confidence: 0.0 };
+    /// Writes row `y`.
+    pub fn write(
+        &self,
+        y: usize,
+        found: EvidenceRow,
+        checker: &mut Checker,
+        row: ResultRow,
+    ) -> Result<()> {
+        let ResultRow { disparity, flags, votes } = row;
+        for (x, (&chosen, flags)) in found.chosen.iter().zip(&mut *flags).enumerate() {
+            *flags = self.flags(y, x, chosen.into());
         }
-        let disparity = self.candidates.disparity(chosen.into()) as f32;
-        Estimate { disparity, flags, confidence: margin.map_or(0.0, Margin::confidence) }
+        if let Some(most) = self.consistency {
+            let (chosen, costs) = (&found.chosen[..self.cols], &found.own[..self.cols]);
+            checker.check(Choices { chosen, costs, candidates: self.candidates }, most, flags)?;
+        }
+        for (x, disparity) in disparity.iter_mut().enumerate() {
+            let offset = if self.subpixel { found.offset[x] } else { 0.0 };
+            *disparity = self.disparity(found.chosen[x], flags[x]) + offset;
+        }
+        for (x, vote) in votes.into_iter().flatten().enumerate() {
+            let elsewhere = found.elsewhere[x];
+            let elsewhere = (elsewhere != NONE).then_some(elsewhere.into());
+            *vote = confidence::vote(Margin { own: found.own[x].into(), elsewhere }, self.unit);
+        }
+        Ok(())
     }
 
+    /// The disparity of a chosen candidate, where there is something to estimate.
     #[inline]
-    fn flags(&self, y: usize, x: usize, chosen: usize) -> u16 {
+    pub fn disparity(&self, chosen: u16, flags: u16) -> f32 {
+        if flags & flag::MISSING == 0 {
+            self.candidates.disparity(chosen.into()) as f32
+        } else {
+            f32::NAN
+        }
+    }
+
+    /// What is to be said of pixel `(y, x)` and the candidate chosen for it.
+    #[inline]
+    pub fn flags(&self, y: usize, x: usize, chosen: usize) -> u16 {
         let is_outside = self.candidates.is_outside(x, chosen, self.cols);
         let outside = if is_outside { flag::OUTSIDE } else { 0 };
         let Some(votes) = self.votes else { return outside };
@@ -80,6 +135,77 @@ impl Judge<'_> {
     }
 }
 
+/// A map that is to be refined as a whole.
+#[derive(Debug)]
+pub struct Draft<'a> {
+    /// Disparities, pixels.
+    pub disparity: Plane<f32>,
+    /// Reasons, from [`flag`].
+    pub flags: &'a mut Plane<u16>,
+    /// Votes for the disparities, if they are asked for.
+    pub votes: Option<&'a Plane<f32>>,
+    /// Gray values of the left image, if the settings need them.
+    pub gray: Option<&'a Plane<i32>>,
+}
+
+impl Draft<'_> {
+    /// Tells what cannot be right, fills it, smooths; returns disparities and, if there are votes, confidences.
+    pub fn refine(
+        self,
+        settings: &Settings,
+        level: Level,
+        control: &Control,
+    ) -> Result<(Plane<f32>, Option<Plane<f32>>)> {
+        let Self { mut disparity, flags, votes, gray } = self;
+        if settings.speckle_size > 0 {
+            let region = (settings.speckle_size, settings.speckle_range as f32);
+            flag_speckles(&disparity, flags, region, control)?;
+        }
+        if settings.has_checks() {
+            disparity = fill(&disparity, flags, control)?;
+        }
+        if let (true, Some(gray)) = (settings.guided, gray) {
+            disparity = guide(&disparity, gray, level, control)?;
+        }
+        if settings.median > 0 {
+            disparity = median::smooth(&disparity, level, control)?;
+        }
+        if settings.subpixel {
+            disparity = subpixel::smooth(&disparity, level, control)?;
+        }
+        let confidences = match (votes, gray) {
+            (Some(votes), Some(gray)) => {
+                let scene = Scene { disparity: &disparity, votes, gray };
+                Some(scene.confidences(level, control)?)
+            }
+            _ => None,
+        };
+        let confidence = confidences.as_ref().map(|plane| plane.as_slice());
+        withdraw(settings, disparity.as_mut_slice(), flags.as_mut_slice(), confidence);
+        Ok((disparity, confidences))
+    }
+}
+
+/// Takes back what is not trusted, where it is not to be filled, and what is trusted too little.
+fn withdraw(
+    settings: &Settings,
+    disparity: &mut [f32],
+    flags: &mut [u16],
+    confidences: Option<&[f32]>,
+) {
+    for (x, (disparity, flags)) in disparity.iter_mut().zip(flags).enumerate() {
+        let confidence = confidences.map_or(1.0, |confidences| confidences[x]);
+        if f64::from(confidence) < settings.min_confidence && !disparity.is_nan() {
+            *flags |= flag::LOW_CONFIDENCE;
+            *disparity = f32::NAN;
+        }
+        if !settings.fill && *flags & flag::UNTRUSTED != 0 {
+            *flags &= !flag::FILLED;
+            *disparity = f32::NAN;
+        }
+    }
+}
+
 /// The aggregated cost of the chosen candidate, and the least one elsewhere: not next to it, where the same
 /// match shows again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,45 +216,35 @@ pub struct Margin {
     pub elsewhere: Option<u64>,
 }
 
-impl Margin {
-    /// The margin relative to the least cost elsewhere, clipped to `[0, 1]`; 0 where there is no elsewhere.
-    pub fn confidence(self) -> f32 {
-        match self.elsewhere {
-            None | Some(0) => 0.0,
-            Some(second) => {
-                let margin = second.saturating_sub(self.own);
-                (margin as f64 / second as f64) as f32
-            }
-        }
-    }
-}
-
-/// The margins of one strip after another; their memory is used again.
+/// What the aggregated costs of one strip after another say about what was chosen; its memory is used again.
 #[derive(Debug)]
 pub struct Margins<V> {
-    own: Memory<V>,
-    elsewhere: Memory<V>,
+    /// Of the chosen candidate, of those below and above it, and the least one elsewhere.
+    costs: [Memory<V>; 4],
 }
 
 impl<V> Default for Margins<V> {
     fn default() -> Self {
-        Self { own: Memory::default(), elsewhere: Memory::default() }
+        Self { costs: Default::default() }
     }
 }
 
 impl<V: Value> Margins<V> {
     /// Begins a strip of so many pixels, in blocks.
     pub fn begin(&mut self, blocks: usize) -> Result<()> {
-        self.own.room(blocks * BLOCK)?;
-        self.elsewhere.room(blocks * BLOCK)
+        self.costs.iter_mut().try_for_each(|costs| costs.room(blocks * BLOCK))
     }
 
-    /// The margin of the pixel at a place of the strip, of which `chosen` of `count` candidates was chosen.
-    pub fn of(&self, place: usize, chosen: u16, count: usize) -> Margin {
-        let is_elsewhere = chosen >= 2 || usize::from(chosen) + 2 < count;
-        let own = self.own[place].widened();
-        let elsewhere = is_elsewhere.then(|| self.elsewhere[place].widened());
-        Margin { own, elsewhere }
+    /// What was found of the pixel at a place of the strip, of which `chosen` of `count` candidates was chosen: its
+    /// cost, the least one elsewhere ([`NONE`]: there is no elsewhere), and where its match lies.
+    pub fn of(&self, place: usize, chosen: u16, count: usize) -> (u32, u32, f32) {
+        let cost = |costs: &Memory<V>| costs[place].widened().min(u64::from(NONE - 1)) as u32;
+        let [own, below, above, elsewhere] = self.costs.each_ref().map(cost);
+        let (chosen, last) = (usize::from(chosen), count - 1);
+        let is_elsewhere = chosen >= 2 || chosen + 2 <= last;
+        let is_inside = chosen > 0 && chosen < last;
+        let offset = if is_inside { offset(below, own, above) } else { 0.0 };
+        (own, if is_elsewhere { elsewhere } else { NONE }, offset)
     }
 }
 
@@ -154,24 +270,32 @@ impl<V: Value> Kernel for Measure<'_, V> {
 
     #[inline(always)]
     fn run(self) {
-        let most = V::truncated(u64::MAX);
+        let (none, most) = (V::default(), V::truncated(u64::MAX));
         for (place, column) in self.tile.finished.clone().enumerate() {
             for block in 0..self.blocks {
                 let at = block * self.cols + column;
                 let Some(chosen) = self.chosen[at * BLOCK..].first_chunk::<BLOCK>() else { return };
-                let (mut own, mut elsewhere) = ([most; BLOCK], [most; BLOCK]);
-                for (index, &cost) in (0..).zip(self.costs.of(place, block).every()) {
-                    let none = V::default();
-                    // All bits where the candidate is the chosen one or next to it.
+                let [mut own, mut below, mut above, mut elsewhere] = [[most; BLOCK]; 4];
+                for (index, &cost) in (0u16..).zip(self.costs.of(place, block).every()) {
+                    // All bits where the candidate is another one.
+                    let but = |wanted: [u16; BLOCK]| -> [V; BLOCK] {
+                        from_fn(|j| if wanted[j] == index { none } else { most })
+                    };
                     let is_near: [V; BLOCK] =
                         from_fn(|j| if u16::abs_diff(chosen[j], index) > 1 { none } else { most });
-                    let is_other: [V; BLOCK] =
-                        from_fn(|j| if chosen[j] == index { none } else { most });
-                    elsewhere = from_fn(|j| elsewhere[j].min(cost[j].max(is_near[j])));
-                    own = from_fn(|j| own[j].min(cost[j].max(is_other[j])));
+                    let least = |least: [V; BLOCK], but: [V; BLOCK]| -> [V; BLOCK] {
+                        from_fn(|j| least[j].min(cost[j].max(but[j])))
+                    };
+                    elsewhere = least(elsewhere, is_near);
+                    own = least(own, but(*chosen));
+                    below = least(below, but(chosen.map(|chosen| chosen.wrapping_sub(1))));
+                    above = least(above, but(chosen.map(|chosen| chosen + 1)));
                 }
-                self.margins.own.as_chunks_mut().0[at] = own;
-                self.margins.elsewhere.as_chunks_mut().0[at] = elsewhere;
+                for (kept, costs) in
+                    self.margins.costs.iter_mut().zip([own, below, above, elsewhere])
+                {
+                    kept.as_chunks_mut().0[at] = costs;
+                }
             }
         }
     }

@@ -27,7 +27,7 @@ pub struct Steps {
 impl Steps {
     /// The penalties of checked settings against costs summed over a window, `steps` to the unit.
     pub fn new(penalty: Penalty, window: Window, steps: u16) -> Self {
-        let unit = f64::from(window.area()) * f64::from(steps) / f64::from(1u32 << window.dropped);
+        let unit = window.unit(steps);
         let rounded = |value: f64| (value * unit).round() as u64;
         Self { near: rounded(penalty.near), far: rounded(penalty.far) }
     }

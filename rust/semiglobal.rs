@@ -34,6 +34,8 @@ use self::selection::Selection;
 use self::vertical::{Down, Up, Vertical};
 use self::volume::{GROUP, Volume};
 
+/// Paths that come to a pixel.
+pub const PATHS: u32 = 8;
 /// Rows of a band: as many as lanes.
 pub const BAND: usize = BLOCK;
 /// Rows below a band from which paths come up. Means of bad-1.0 and bad-2.0 (%) over the 12 sharp scenes of the
@@ -222,7 +224,7 @@ impl<V: Value, T: Value> SemiGlobal<V, T> {
             if part > 0 && !range.is_empty() {
                 above.meet(range.start);
             }
-            evidence[index].take(selection.evidence(), range.start * GROUP, range.len() * GROUP);
+            evidence[index].take(selection.evidence(), range.start * GROUP);
         }
         field.control.finish_rows(places.len());
         Ok(())

@@ -117,10 +117,25 @@ pub struct Settings {
     pub edges: f64,
     /// Intensities of black and white; `None`: the type's range for integers, a robust range for floats.
     pub intensity_range: Option<(f64, f64)>,
-    /// Whether untrusted estimates stay in the map, flagged, or leave a hole.
+    /// Whether estimates lie between candidates, and are smoothed over surfaces.
+    pub subpixel: bool,
+    /// Left-right check: pixels by which the disparities of two left pixels with one match may differ, 0 to 16384;
+    /// `None`: no check.
+    pub consistency: Option<usize>,
+    /// Most pixels of a region that is taken for a speckle; 0: none is.
+    pub speckle_size: usize,
+    /// Pixels by which the disparities of neighbours in one region differ at most, 0 to 16384.
+    pub speckle_range: f64,
+    /// Whether edges in depth are drawn to those of the left image.
+    pub guided: bool,
+    /// Side of the square over which disparities give way to their median: 3; 0: none.
+    pub median: usize,
+    /// Whether pixels that checks do not trust are filled from those beside them, or left without an estimate.
     pub fill: bool,
-    /// Whether confidences are worked out, which takes a second sweep over the costs.
+    /// Whether confidences are worked out.
     pub confidence: bool,
+    /// Least confidence of an estimate that stays in the map, 0 to 1.
+    pub min_confidence: f64,
 }
 
 impl Default for Settings {
@@ -140,8 +155,15 @@ impl Default for Settings {
             penalty: Penalty { near: 2.0, far: 2.0 },
             edges: 0.0,
             intensity_range: None,
+            subpixel: false,
+            consistency: None,
+            speckle_size: 0,
+            speckle_range: 1.0,
+            guided: false,
+            median: 0,
             fill: true,
             confidence: true,
+            min_confidence: 0.0,
         }
     }
 }
@@ -158,6 +180,14 @@ impl Settings {
         self.check_code_length()?;
         self.check_penalty()?;
         number_between("edges", self.edges, LARGEST_EDGES)?;
+        if let Some(most) = self.consistency {
+            between("consistency", most, 0, MOST_DISPARITIES)?;
+        }
+        number_between("speckle_range", self.speckle_range, MOST_DISPARITIES as f64)?;
+        if !matches!(self.median, 0 | 3) {
+            return Err(Error::value("median", self.median, "0 or 3"));
+        }
+        number_between("min_confidence", self.min_confidence, 1.0)?;
         self.check_intensity_range()
     }
 
@@ -175,6 +205,21 @@ impl Settings {
     /// Bits of one pixel's code: `2^(b-1)` for each component, twice as many with a weak level.
     pub fn code_length(&self) -> usize {
         self.components() << (self.bits - 1) << usize::from(self.has_weak())
+    }
+
+    /// Whether pixels are told that cannot be right.
+    pub fn has_checks(&self) -> bool {
+        self.consistency.is_some() || self.speckle_size > 0
+    }
+
+    /// Whether confidences are needed.
+    pub fn needs_confidence(&self) -> bool {
+        self.confidence || self.min_confidence > 0.0
+    }
+
+    /// Whether more is to be known of pixels than what was chosen for them.
+    pub fn needs_evidence(&self) -> bool {
+        self.needs_confidence() || self.subpixel || self.consistency.is_some()
     }
 
     fn check_frequencies(&self) -> Result<()> {

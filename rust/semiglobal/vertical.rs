@@ -350,7 +350,7 @@ impl<V: Value, T: Value> Kernel for Down<'_, V, T> {
                     sums: selection.sums(),
                 };
                 paths.advance(local, near, costs, penalties, &mut sink);
-                selection.select(row, group);
+                selection.select(row, group, costs);
             }
             paths.end_row();
         }

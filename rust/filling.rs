@@ -1,0 +1,75 @@
+//! Disparities for pixels whose own are not trusted: the background beside them.
+//!
+//! A pixel that the right image does not see belongs to the farther one of the surfaces beside it, and for
+//! wrong matches nothing did better: not the nearer neighbour, that of the more similar gray value, or one on
+//! the same side of the largest step of gray values.
+
+use crate::control::Control;
+use crate::error::Result;
+use crate::masking::nearest;
+use crate::plane::Plane;
+use crate::refinement::flag;
+
+/// Gives every pixel that is not masked, and not trusted, the smaller disparity of the nearest trusted pixels to
+/// its left and right, and [`flag::FILLED`]. A row without any trusted pixel takes what the nearest row with
+/// one (ties: above) has there; a map without any stays as it is.
+///
+/// Masked pixels become NaN.
+pub fn fill(
+    disparity: &Plane<f32>,
+    flags: &mut Plane<u16>,
+    control: &Control,
+) -> Result<Plane<f32>> {
+    let (rows, cols) = (disparity.rows(), disparity.cols());
+    let trusted = |y: usize| {
+        let pixels = disparity.row(y).iter().zip(flags.row(y));
+        pixels.map(|(&value, &flags)| if is_trusted(value, flags) { value } else { f32::NAN })
+    };
+    let seeded: Vec<bool> = (0..rows).map(|y| trusted(y).any(|value| !value.is_nan())).collect();
+    let sources = nearest(&seeded);
+    let filled = Plane::by_rows((rows, cols), control, |y, row| {
+        match sources[y] {
+            Some(from) => spread(trusted(from), row),
+            None => row.copy_from_slice(disparity.row(y)),
+        }
+        let pixels = row.iter_mut().zip(disparity.row(y)).zip(flags.row(y));
+        for ((out, &value), &flags) in pixels {
+            if is_trusted(value, flags) {
+                *out = value;
+            } else if flags & flag::MASKED != 0 {
+                *out = f32::NAN;
+            }
+        }
+    })?;
+    if sources.iter().any(Option::is_some) {
+        let pixels = disparity.as_slice().iter().zip(flags.as_mut_slice());
+        for (&value, flags) in pixels {
+            let is_filled = !is_trusted(value, *flags) && *flags & flag::MASKED == 0;
+            *flags |= if is_filled { flag::FILLED } else { 0 };
+        }
+    }
+    Ok(filled)
+}
+
+/// Whether a pixel's own estimate counts.
+pub fn is_trusted(disparity: f32, flags: u16) -> bool {
+    flags & flag::UNTRUSTED == 0 && !disparity.is_nan()
+}
+
+/// Writes the values of a row, and for NaN the smaller of the nearest values on either side.
+fn spread(
+    values: impl DoubleEndedIterator<Item = f32> + ExactSizeIterator + Clone,
+    row: &mut [f32],
+) {
+    let mut before = f32::NAN;
+    for (out, value) in row.iter_mut().zip(values.clone()) {
+        before = if value.is_nan() { before } else { value };
+        *out = before;
+    }
+    let mut after = f32::NAN;
+    for (out, value) in row.iter_mut().zip(values).rev() {
+        after = if value.is_nan() { after } else { value };
+        // Where there is a value, both are the same; a number is less than NaN.
+        *out = out.min(after);
+    }
+}
