@@ -58,7 +58,7 @@ fn small_regions_are_flagged_and_corners_do_not_connect() {
 fn a_serpent_through_all_bands_is_one_region() {
     let (rows, cols) = (131, 40);
     let is_body = |y: usize, x: usize| {
-        let turn = if x / 2 % 2 == 0 { rows - 1 } else { 0 };
+        let turn = if (x / 2).is_multiple_of(2) { rows - 1 } else { 0 };
         x.is_multiple_of(2) || y == turn
     };
     let disparity = Plane::from_fn(rows, cols, |y, x| if is_body(y, x) { 7.0 } else { f32::NAN });
