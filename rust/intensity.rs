@@ -9,6 +9,7 @@ use crate::convolution::{Kernel as Blur, convolve};
 use crate::error::Result;
 use crate::masking::fill_masked;
 use crate::plane::{Plane, zeroed};
+use crate::settings::Settings;
 use crate::simd::{Kernel, Level};
 use crate::view::{Image, View};
 
@@ -96,6 +97,17 @@ impl<'a> Gray<'a> {
         }
         let plane = gray.plane(level, control)?;
         Ok(Self { source: Source::Plane(filled(plane, view, control)?), ..gray })
+    }
+
+    /// All those of the left image of a pair, if the settings need them to refine its map.
+    pub fn of_left(
+        view: &View,
+        settings: &Settings,
+        level: Level,
+        control: &Control,
+    ) -> Result<Option<Plane<i32>>> {
+        let plane = || Gray::new(view, level, control)?.plane(level, control);
+        (settings.guided || settings.needs_confidence()).then(plane).transpose()
     }
 
     /// All gray values.

@@ -65,6 +65,11 @@ mod _core {
         flags.set_item("NO_CANDIDATE", flag::NO_CANDIDATE)?;
         flags.set_item("OUTSIDE", flag::OUTSIDE)?;
         flags.set_item("MATCH_MASKED", flag::MATCH_MASKED)?;
+        flags.set_item("OCCLUDED", flag::OCCLUDED)?;
+        flags.set_item("MISMATCHED", flag::MISMATCHED)?;
+        flags.set_item("LOW_CONFIDENCE", flag::LOW_CONFIDENCE)?;
+        flags.set_item("SPECKLE", flag::SPECKLE)?;
+        flags.set_item("FILLED", flag::FILLED)?;
         module.add("FLAGS", flags)
     }
 }
@@ -127,6 +132,7 @@ fn match_pair<'py>(
     let timings = PyDict::new(py);
     timings.set_item("description", map.timings.description.as_secs_f64())?;
     timings.set_item("matching", map.timings.matching.as_secs_f64())?;
+    timings.set_item("refinement", map.timings.refinement.as_secs_f64())?;
     let confidence = map.confidence.map(|plane| wrap(py, plane)).transpose()?;
     Ok((wrap(py, map.disparity)?, wrap(py, map.flags)?, confidence, timings))
 }

@@ -27,6 +27,18 @@ class Flag(IntFlag):
     """The match lies outside the right image."""
     MATCH_MASKED = 8
     """The match lies on a masked pixel of the right image."""
+    OCCLUDED = 16
+    """The match belongs to another left pixel, and to those beside this one theirs do, too: most
+    likely the right image does not see it."""
+    MISMATCHED = 32
+    """The match belongs to another left pixel, beside pixels to which theirs belong: most likely the
+    right image sees it elsewhere."""
+    LOW_CONFIDENCE = 64
+    """The confidence is below ``min_confidence``."""
+    SPECKLE = 128
+    """The pixel belongs to a small region that stands out from all around it."""
+    FILLED = 256
+    """The disparity is that of the background beside: the pixel's own is not to be trusted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,14 +53,16 @@ class Result:
     flags
         uint16 (H, W), bits of `Flag`; 0 where nothing is held against the estimate.
     confidence
-        float32 (H, W) in [0, 1]: the margin of the chosen aggregated cost below the least cost
-        more than one disparity away, relative to the latter; 0 where there is no estimate. None if
-        the settings have ``confidence=False``.
+        float32 (H, W) in [0, 1], about the probability that the disparity is within 1 px: how far
+        the chosen candidate is ahead of all others in the pixels around that have this disparity,
+        too, by those of similar gray value first; 0 where there is no estimate. None if the
+        settings have ``confidence=False``.
     settings
         The settings that were used: with ``equalise=True`` those that suit the blur.
     timings
         Wall-clock seconds of the stages: ``"estimation"`` (of blur and noise, if they were asked
-        for), ``"description"`` (images to codes), ``"matching"`` (codes to disparities).
+        for), ``"description"`` (images to codes), ``"matching"`` (codes to disparities),
+        ``"refinement"`` (checks, filling, smoothing, confidences).
     blur
         What was found out about blur and noise, if that was asked for.
     """

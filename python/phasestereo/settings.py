@@ -74,11 +74,20 @@ class Settings:
           Evaluation of Dense Two-Frame Stereo Correspondence Algorithms*, IJCV 2002, with the two
           penalties of Hirschmüller's semi-global matching, along one path).
         - ``"wta"``: winner-takes-all, each pixel by itself.
+        - ``"sgm"``: semi-global matching, the least sum of the costs of eight paths (Hirschmüller,
+          *Stereo Processing by Semiglobal Matching and Mutual Information*, PAMI 2008): along a
+          path a disparity stays, changes by one or jumps, as with ``"so"``. Three of them come up
+          from 16 rows below a band of 32, those from above from the edge of the image: so memory
+          does not grow with its height, and results are those of whole paths but for 0.1 %.
     penalty
         What a change of disparity along the row costs, in units of the cost, as averaged over the
         window; 0 to 65535: one number, or a pair (near, far). With ``"dp"`` near is for a rise by
         one, far for a drop by whatever; with ``"so"`` near is for a change by one, far for any
-        change; ``"wta"`` ignores both. Default 2.
+        change, as with ``"sgm"``; ``"wta"`` ignores both. Default 2.
+    edges
+        With ``"sgm"``: where the gray value of the left image jumps from one pixel of a path to
+        the next by more than so many times the mean difference of neighbours, the far penalty is
+        halved, by more than thrice that, a third of it; 0 to 1000, 0: nowhere. Default 0.
     equalise
         Whether the relative blur of the two images is estimated (`phasestereo.estimate_blur`) and
         the sharper one is given it, area by area, before they are compared; for ``cost="phase"``.
@@ -90,12 +99,37 @@ class Settings:
         type for integers (of 12 bits stored in uint16, say (0, 4095)); for floats the range in
         which the pixels of both images lie, but for 0.1 % at either end. Phase codes do not depend
         on it. Default None.
+    subpixel
+        Whether disparities lie between whole pixels: at the tip of a V through the costs about the
+        chosen one, corrected for what a V gets wrong; then smoothed over 7 x 7 pixels of the same
+        surface. Default False.
+    consistency
+        Left-right check: a pixel is flagged when the right pixel that was chosen for it fits
+        another left pixel better whose disparity differs by more than so many pixels, 0 to 16384
+        (OpenCV's ``disp12MaxDiff``). None: no check. Default None.
+    speckle_size
+        Regions of up to so many pixels that stand out from all around are flagged; 0: none is
+        (OpenCV's ``speckleWindowSize``). Default 0.
+    speckle_range
+        Neighbouring pixels whose disparities differ by no more, in pixels, are in one region; 0 to
+        16384 (OpenCV's ``speckleRange``). Default 1.
+    guided
+        Whether edges in depth are drawn to those of the left image: near a jump of the disparities
+        a pixel takes the median of those of similar gray value. Default False.
+    median
+        Side of the square over which disparities give way to their median, 3; 0: none. Default 0.
     fill
-        Whether estimates that are not to be trusted stay in the map, flagged (True), or become
-        NaN (False). Default True.
+        Whether pixels that the left-right check or the removal of speckles flags, and with either
+        of these also those whose match lies outside the right image, take the disparity of the
+        background beside them (True) or become NaN (False). Without such checks nothing is filled:
+        with True all estimates stay, flagged. Default True.
     confidence
-        Whether confidences are worked out, which takes a second sweep over the costs: about
-        half as long again. If not, `Result.confidence` is None. Default True.
+        Whether confidences are worked out. If not, `Result.confidence` is None. With an optimizer
+        other than ``"sgm"`` that takes a second sweep over the costs, half as long again, as do
+        ``subpixel`` and ``consistency``. Default True.
+    min_confidence
+        Estimates of less confidence, filled ones too, become NaN and are flagged; 0 to 1.
+        Default 0.
 
     Raises
     ------
@@ -120,8 +154,15 @@ class Settings:
     edges: float = 0.0
     equalise: bool = False
     intensity_range: tuple[float, float] | None = None
+    subpixel: bool = False
+    consistency: int | None = None
+    speckle_size: int = 0
+    speckle_range: float = 1.0
+    guided: bool = False
+    median: int = 0
     fill: bool = True
     confidence: bool = True
+    min_confidence: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every field at once, in the core, which owns the ranges."""
@@ -159,15 +200,21 @@ _FAST = Settings(
 #                           weak 2    10.7  17.4  30.3  16.0  23.8  16.4  21.3  11.2  19.0
 # A larger penalty changes no mean by more than 0.1.
 _ROBUST = Settings(
-    neighborhood=5,
+    neighborhood=3,
     frequencies=(1, 1),
-    weak=1.0,
-    window=7,
+    weak=0.5,
+    window=5,
+    shiftable=False,
     precision="byte",
-    optimizer="so",
-    penalty=(2.0, 9.0),
+    optimizer="sgm",
+    penalty=(4.0, 16.0),
+    edges=1.0,
     equalise=True,
-    confidence=False,
+    subpixel=True,
+    consistency=1,
+    speckle_size=100,
+    guided=True,
+    median=3,
 )
 
 PRESETS: Mapping[str, Settings] = MappingProxyType(

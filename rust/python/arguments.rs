@@ -149,8 +149,18 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
                 Some((number(&black, "intensity_range")?, number(&white, "intensity_range")?))
             }
         },
+        subpixel: boolean(&field("subpixel")?, "subpixel")?,
+        consistency: match field("consistency")? {
+            most if most.is_none() => None,
+            most => Some(natural(&most, "consistency")?),
+        },
+        speckle_size: natural(&field("speckle_size")?, "speckle_size")?,
+        speckle_range: number(&field("speckle_range")?, "speckle_range")?,
+        guided: boolean(&field("guided")?, "guided")?,
+        median: natural(&field("median")?, "median")?,
         fill: boolean(&field("fill")?, "fill")?,
         confidence: boolean(&field("confidence")?, "confidence")?,
+        min_confidence: number(&field("min_confidence")?, "min_confidence")?,
     };
     settings.check()?;
     // Not the core's business: who asks for it has the blur estimated, and tells the core what follows.
