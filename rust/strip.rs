@@ -15,7 +15,7 @@ pub const BLOCK: usize = 32;
 
 /// Rows and columns that are brought into lanes at a time: whole registers of bytes, which lanes come in
 /// multiples of.
-pub const SIDE: usize = BLOCK / 2;
+const SIDE: usize = BLOCK / 2;
 
 /// Which rows of the image a strip holds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -104,7 +104,7 @@ impl<'a> Columns<'a> {
 
 /// A square with rows and columns exchanged: each half of its rows is shuffled into the other, over and over.
 #[inline(always)]
-pub fn turned<U: Copy + Default>(mut square: [[U; SIDE]; SIDE]) -> [[U; SIDE]; SIDE] {
+fn turned<U: Copy + Default>(mut square: [[U; SIDE]; SIDE]) -> [[U; SIDE]; SIDE] {
     for _ in 0..SIDE.ilog2() {
         let mut shuffled = [[U::default(); SIDE]; SIDE];
         for row in 0..SIDE / 2 {

@@ -5,7 +5,7 @@ use crate::edges::{Edges, Neighbour};
 use crate::error::Result;
 use crate::memory::Memory;
 use crate::scanline::Steps;
-use crate::semiglobal::volume::{GROUP, Volume};
+use crate::semiglobal::volume::{GROUP, Take, Volume};
 use crate::semiglobal::{BAND, Far};
 use crate::simd::{Kernel, Level};
 use crate::strip::{BLOCK, Strip};
@@ -96,10 +96,10 @@ impl<V: Value, T: Value> Across<V, T> {
         level.run(Return(self));
         let columns = GROUP * stride(self.candidates);
         for (group, columns) in self.costs.as_chunks().0.chunks(columns).enumerate() {
-            rows.costs.take(group, columns);
+            level.run(Take { volume: &mut rows.costs, group, columns });
         }
         for (group, columns) in self.totals.as_chunks().0.chunks(columns).enumerate() {
-            rows.totals.take(group, columns);
+            level.run(Take { volume: &mut rows.totals, group, columns });
         }
         Ok(())
     }
@@ -111,12 +111,13 @@ impl<V: Value, T: Value> Across<V, T> {
         let totals = self.totals.as_chunks_mut().0;
         let edges = self.edges.as_chunks::<BLOCK>().0;
         for (place, x) in tile.finished.clone().enumerate() {
-            let costs = &mut costs[x * stride..][..count];
-            costs.copy_from_slice(aggregated.of(place, 0).every());
+            let kept = &mut costs[x * stride..][..count];
+            let costs = aggregated.of(place, 0).every();
             let (before, here) = totals.split_at_mut(x * stride);
             let before = &before[x.saturating_sub(1) * stride..];
             let far = self.far.after_all(jumps(edges[x]));
-            self.least = step(before, self.least, costs, far, self.near, &mut here[..count]);
+            let here = &mut here[..count];
+            self.least = step(before, self.least, costs, far, self.near, here, kept);
         }
     }
 
@@ -137,7 +138,8 @@ impl<V: Value, T: Value> Across<V, T> {
                 self.far.after_all(jumps(edges[x + 1]))
             };
             let before_it = if is_first { &[] } else { &*before };
-            least = step(before_it, least, &costs[x * stride..][..count], far, self.near, here);
+            let costs = &costs[x * stride..][..count];
+            least = step(before_it, least, costs, far, self.near, here, &mut []);
             for (total, back) in totals[x * stride..][..count].iter_mut().zip(&*here) {
                 *total = mean(*total, *back);
             }
@@ -147,7 +149,7 @@ impl<V: Value, T: Value> Across<V, T> {
 }
 
 /// Extends paths by one pixel: the totals of all candidates there, and the least of them. No path comes from where
-/// nothing is `before`.
+/// nothing is `before`; costs are `kept` where there is room.
 #[inline(always)]
 fn step<V: Value, T: Value>(
     before: &[[T; BLOCK]],
@@ -156,11 +158,13 @@ fn step<V: Value, T: Value>(
     far: [T; BLOCK],
     near: T,
     totals: &mut [[T; BLOCK]],
+    kept: &mut [[V; BLOCK]],
 ) -> [T; BLOCK] {
     let count = costs.len();
     let mut least_here = [T::FAR; BLOCK];
     let (costs, totals) = (&costs[..count], &mut totals[..count]);
     if before.is_empty() {
+        kept.iter_mut().zip(costs).for_each(|(kept, cost)| *kept = *cost);
         for (total, cost) in totals.iter_mut().zip(costs) {
             let mut first = [T::default(); BLOCK];
             for j in 0..BLOCK {
@@ -183,6 +187,9 @@ fn step<V: Value, T: Value>(
             least_here[j] = least_here[j].min(total[j]);
         }
         totals[k] = total;
+        if let Some(kept) = kept.get_mut(k) {
+            *kept = cost;
+        }
         (below, here) = (here, above);
     }
     least_here

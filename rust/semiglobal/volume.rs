@@ -3,10 +3,15 @@
 use crate::aggregation::stride;
 use crate::error::Result;
 use crate::memory::Memory;
-use crate::strip::{BLOCK, SIDE, turned};
+use crate::simd::Kernel;
+use crate::strip::BLOCK;
+use crate::value::Value;
 
 /// Columns that are worked on together: as many as lanes.
 pub const GROUP: usize = BLOCK;
+
+/// Columns that are brought into rows at a time: as many bytes as a word has.
+const SIDE: usize = 8;
 
 /// One value for every candidate of every pixel of a band. Beyond the last column there are zeros, up to a whole
 /// group.
@@ -24,7 +29,7 @@ impl<T> Default for Volume<T> {
     }
 }
 
-impl<T: Copy + Default> Volume<T> {
+impl<T: Value> Volume<T> {
     /// Makes room for so many rows and columns.
     pub fn begin(&mut self, (rows, cols): (usize, usize), candidates: usize) -> Result<()> {
         (self.candidates, self.stride) = (candidates, stride(cols.div_ceil(GROUP) * candidates));
@@ -45,23 +50,88 @@ impl<T: Copy + Default> Volume<T> {
         &mut self.values.as_chunks_mut().0[first..][..self.candidates]
     }
 
-    /// Brings a group of columns, given one after another, [`stride`] places apart, candidate after candidate, from
-    /// lanes into rows.
-    pub fn take(&mut self, group: usize, columns: &[[T; BLOCK]]) {
-        let none = [T::default(); BLOCK];
-        let sides = || (0..BLOCK).step_by(SIDE);
-        for (top, left) in sides().flat_map(|top| sides().map(move |left| (top, left))) {
-            for k in 0..self.candidates {
-                let mut square = [[T::default(); SIDE]; SIDE];
-                for (x, lanes) in square.iter_mut().enumerate() {
-                    let column =
-                        columns.get((left + x) * stride(self.candidates) + k).unwrap_or(&none);
-                    lanes.copy_from_slice(&column[top..][..SIDE]);
+    #[inline(always)]
+    fn take(&mut self, group: usize, columns: &[[T; BLOCK]]) {
+        let (candidates, apart) = (self.candidates, stride(self.candidates));
+        let (none, row) = ([T::default(); BLOCK], self.stride * GROUP);
+        let values = &mut self.values[group * candidates * GROUP..];
+        // All of a candidate before the next one: so lines of the cache are still at hand when they are needed again.
+        for (k, left) in (0..candidates).flat_map(|k| (0..GROUP).step_by(SIDE).map(move |x| (k, x)))
+        {
+            let mut lanes = [none; SIDE];
+            for (x, lanes) in lanes.iter_mut().enumerate() {
+                *lanes = *columns.get((left + x) * apart + k).unwrap_or(&none);
+            }
+            if T::BITS == 8 {
+                let mut place = k * GROUP + left;
+                let words = turned(&lanes);
+                for square in 0..BLOCK / SIDE {
+                    for words in &words {
+                        let pixels = words[square].to_le_bytes();
+                        let pixels = pixels.map(|byte| T::truncated(byte.into()));
+                        values[place..place + SIDE].copy_from_slice(&pixels);
+                        place += row;
+                    }
                 }
-                for (y, values) in turned(square).iter().enumerate() {
-                    self.of_mut(top + y, group)[k][left..][..SIDE].copy_from_slice(values);
+            } else {
+                for (x, column) in lanes.iter().enumerate() {
+                    for (y, value) in column.iter().enumerate() {
+                        values[k * GROUP + left + x + y * row] = *value;
+                    }
                 }
             }
         }
+    }
+}
+
+/// Bytes of eight columns, by row: in squares of eight by eight, whose rows are words that are shuffled into one
+/// another.
+#[inline(always)]
+fn turned<T: Value>(columns: &[[T; BLOCK]; SIDE]) -> [[u64; BLOCK / SIDE]; SIDE] {
+    let mut words = [[0; BLOCK / SIDE]; SIDE];
+    for (words, column) in words.iter_mut().zip(columns) {
+        for (square, word) in words.iter_mut().enumerate() {
+            let byte = |y: usize| column[square * SIDE + y].widened() as u8;
+            *word = u64::from_le_bytes(std::array::from_fn(byte));
+        }
+    }
+    exchange(&mut words, 4, 0x0000_0000_ffff_ffff);
+    exchange(&mut words, 2, 0x0000_ffff_0000_ffff);
+    exchange(&mut words, 1, 0x00ff_00ff_00ff_00ff);
+    words
+}
+
+/// Exchanges, in squares of bytes, those that are `step` places above and to the right of one another: of every
+/// two times `step` bytes, the upper words give their later ones for the earlier ones of the lower words.
+#[inline(always)]
+fn exchange(words: &mut [[u64; BLOCK / SIDE]; SIDE], step: usize, earlier: u64) {
+    for upper in (0..SIDE).filter(|word| word & step == 0) {
+        for square in 0..BLOCK / SIDE {
+            let (above, below) = (words[upper][square], words[upper + step][square]);
+            let given = (above >> (8 * step) ^ below) & earlier;
+            words[upper][square] = above ^ given << (8 * step);
+            words[upper + step][square] = below ^ given;
+        }
+    }
+}
+
+/// Brings a group of columns, given one after another, [`stride`] places apart, candidate after candidate, from
+/// lanes into rows.
+#[derive(Debug)]
+pub struct Take<'a, T> {
+    /// Where they go, of as many rows as lanes.
+    pub volume: &'a mut Volume<T>,
+    /// The group.
+    pub group: usize,
+    /// Its columns; there are fewer of the last one.
+    pub columns: &'a [[T; BLOCK]],
+}
+
+impl<T: Value> Kernel for Take<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.volume.take(self.group, self.columns);
     }
 }
