@@ -27,12 +27,18 @@ RNG = np.random.default_rng(0)
 SHIFT, COUNT = 5, 16
 TEXTURE = RNG.integers(0, 256, (40, 80 + SHIFT, 3), dtype=np.uint8)
 LEFT, RIGHT = TEXTURE[:, :-SHIFT].copy(), TEXTURE[:, SHIFT:].copy()
-OPENCV = ("opencv:bm", "opencv:sgbm", "opencv:sgbm-3way")
+OPENCV = ("opencv:bm", "opencv:sgbm", "opencv:sgbm-3x3", "opencv:sgbm-3way")
 
 
 def own(left: NDArray[np.uint8], right: NDArray[np.uint8], num_disparities: int) -> Any:
     """Match nothing: be a method of a user's."""
     return np.full(np.broadcast(left, right).shape[:2], num_disparities / 2, np.float32)
+
+
+def found(spec: str, left: Any = LEFT, right: Any = RIGHT) -> NDArray[Any]:
+    """Return the disparities that a method finds."""
+    answer = method(spec).match(left, right, COUNT)
+    return answer[0] if isinstance(answer, tuple) else answer
 
 
 NOT_CALLABLE = 3
@@ -66,7 +72,15 @@ def test_settings_by_name(spec: str, fields: dict[str, Any]) -> None:
     assert (chosen.name, chosen.true_blur, str(chosen)) == (spec, False, spec)
     assert chosen.settings == asdict(expected)
     direct = ps.match(LEFT, RIGHT, num_disparities=COUNT, settings=expected).disparity
-    np.testing.assert_array_equal(chosen.match(LEFT, RIGHT, COUNT), direct)
+    np.testing.assert_array_equal(found(spec), direct)
+
+
+def test_confidences_come_along_where_there_are_any() -> None:
+    answer = method("paper:window=5").match(LEFT, RIGHT, COUNT)
+    direct = ps.match(LEFT, RIGHT, num_disparities=COUNT, preset="paper", window=5)
+    assert direct.confidence is not None
+    np.testing.assert_array_equal(answer, [direct.disparity, direct.confidence])
+    assert isinstance(method("paper:confidence=false").match(LEFT, RIGHT, COUNT), np.ndarray)
 
 
 def test_every_preset_is_a_method() -> None:
@@ -114,7 +128,7 @@ def test_refusals(spec: Any, error: type[Exception], message: str) -> None:
 def test_opencv_matches_every_pixel_it_can(name: str, channels: int) -> None:
     pytest.importorskip("cv2")
     pair = (LEFT, RIGHT) if channels == 3 else (LEFT[:, :, 0].copy(), RIGHT[:, :, 0].copy())
-    disparity = method(name).match(*pair, COUNT)
+    disparity = found(name, *pair)
     assert disparity.dtype == np.float32
     assert disparity.shape == LEFT.shape[:2]
     assert np.abs(disparity[:, SHIFT:-8] - SHIFT).max() <= 0.5, "edges on three sides included"
@@ -209,7 +223,7 @@ def test_an_entry_point_is_a_method(plugin: str) -> None:
         "entry_point": "shift_plugin:match",
         "distribution": "shift-plugin 1.2",
     }
-    assert (chosen.match(LEFT, RIGHT, COUNT) == 4).all()
+    assert (found(plugin) == 4).all()
 
 
 def test_an_entry_point_runs_in_other_processes(plugin: str, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import sys
 from dataclasses import asdict
@@ -18,6 +19,7 @@ from phasestereo.bench.cases import SUITE_SCENES, Case
 from phasestereo.bench.middlebury import middlebury_jobs
 from phasestereo.datasets import find_scenes
 from phasestereo.degradation import Degradation, disk_psf
+from phasestereo.roc import roc_area
 from test_bench_cases import SHIFT, plant
 from test_bench_methods import own
 from test_bench_runner import start, wait_for_record
@@ -45,6 +47,24 @@ def sparse(left: Any, _right: Any, _count: int) -> Any:
     disparity[::3] = 1e6
     disparity[1::3] = np.nan
     return disparity
+
+
+def sure(left: Any, right: Any, count: int) -> Any:
+    """Trust what is right alone."""
+    disparity = sparse(left, right, count)
+    return disparity, np.where(disparity == SHIFT, 0.9, 0.1)
+
+
+def undecided(left: Any, right: Any, count: int) -> Any:
+    return sparse(left, right, count), np.full(left.shape[:2], 0.5, np.float32)
+
+
+def three(left: Any, right: Any, count: int) -> Any:
+    return *undecided(left, right, count), 1
+
+
+def blind(left: Any, right: Any, count: int) -> Any:
+    return silent(left, right, count), np.zeros(left.shape[:2], np.float32)
 
 
 def silent(left: Any, _right: Any, _count: int) -> Any:
@@ -162,7 +182,7 @@ def test_a_record_holds_what_metrics_say(data: Path, side: str) -> None:
     (record,) = run_middlebury(*arguments, sides=[side], workers=0)
     pair = scene.load()
     views = Case(scene, "one-sided-blur", "gauss 2", side).views(true_blur=False)
-    disparity = bench.method("paper:window=5").match(*views, pair.num_disparities)
+    disparity, confidence = bench.method("paper:window=5").match(*views, pair.num_disparities)
     assert pair.truth is not None
     nonocc, count = pair.masks["nonocc"], pair.num_disparities
     v3 = metrics.middlebury_v3(disparity, pair.truth, nonocc, num_disparities=count)
@@ -171,6 +191,7 @@ def test_a_record_holds_what_metrics_say(data: Path, side: str) -> None:
     assert record["v2"] == {"nonocc": v2.nonocc, "all": v2.all, "disc": v2.disc}
     assert record["d1"] == metrics.kitti_d1(disparity, pair.truth, nonocc)
     assert record["epe"] == metrics.end_point_error(disparity, pair.truth, nonocc)
+    assert record["roc"] == roc_area(confidence, disparity, pair.truth, mask=nonocc)
     assert (record["height"], record["width"], record["num_disparities"]) == (375, 450, 64)
     assert record["settings"]["window"] == 5
     assert list(record)[:9] == [
@@ -204,6 +225,20 @@ def test_what_there_is_not_is_null(scenes: list[Scene]) -> None:
     assert record["v2"]["all"] > 0
 
 
+def test_confidence_is_scored_where_there_is_one(scenes: list[Scene]) -> None:
+    methods: list[Any] = [sparse, sure, Method("undecided", undecided), Method("three", three)]
+    records = run_middlebury(scenes[:1], methods, ["sharp"], workers=0)
+    assert [record.get("roc") for record in records] == [None, 1.0, 0.5, None]
+    assert [record["status"] for record in records] == ["ok", "ok", "ok", "failed"]
+    assert records[1]["v2"] == records[0]["v2"], "the disparities are the same"
+    assert records[3]["error"].endswith("returned 3 things, not disparities, confidences")
+    (record,) = run_middlebury(scenes[:1], [Method("blind", blind)], ["sharp"], workers=0)
+    assert (record["status"], record["roc"]) == ("ok", None), "all are wrong"
+    (scenes[0].folder / "disp6.pgm").unlink()
+    (record,) = run_middlebury(scenes[:1], [sure], ["sharp"], workers=0)
+    assert (record["status"], record["roc"]) == ("ok", None), "no mask"
+
+
 def test_gray_pairs_are_matched_by_all(tmp_path: Path) -> None:
     scene = find_scenes(plant(tmp_path, "map", gray=True))[0]
     methods = [name for name in bench.available() if name != "opencv:bm"]  # too flat for it
@@ -230,7 +265,10 @@ def test_defaults_are_the_whole_suite(scenes: list[Scene]) -> None:
     assert plain == {"robust"} | lengths | opencv
     assert told == {"robust", "paper:neighborhood=7"} | opencv
     assert len(keys) == 9 * len(plain) + 6 * len(told)
-    assert {job.key["degradation"] for job in middlebury_jobs(scenes, suite="sharp")} == {"sharp"}
+    keys = [job.key for job in middlebury_jobs(scenes[:1], suite="sharp")]
+    assert {key["degradation"] for key in keys} == {"sharp"}
+    opencv = {"opencv:bm", "opencv:sgbm", "opencv:sgbm-3x3"} & set(bench.available())
+    assert {key["method"] for key in keys} == {"robust", "fast", "paper"} | opencv
 
 
 def test_without_opencv_the_suite_is_ours(
@@ -389,9 +427,10 @@ def test_command_takes_what_the_suite_is_of(run: Callable[..., Run], tree: Path)
         "scenes2001/blind, scenes2001/one, scenes2001/three\n"
     )
     assert _scenes("results.jsonl") == ["venus"]
+    shutil.rmtree(tree / "scenes2001" / "venus")
     code, _, err = run(tree, *common, "--suite", "sharp", "-o", "b.jsonl")
     assert (code, err) == (0, "phasestereo: left out, without a known truth: scenes2001/blind\n")
-    assert _scenes("b.jsonl") == ["one", "three", "venus"]
+    assert _scenes("b.jsonl") == ["one", "three"]
     assert run(tree, *common, "-o", "c.jsonl", "--scene", "scenes2001/*e", "ONE")[0] == 0
     assert _scenes("c.jsonl") == ["one", "three"]
 

@@ -20,6 +20,7 @@ from phasestereo.bench.report.cells import Place
 from phasestereo.bench.report.markdown import fill_markers, markdown_table, markdown_text
 from phasestereo.bench.report.origin import commands, explain, origin
 from phasestereo.bench.report.plots import styles
+from phasestereo.bench.report.sharp import explain_v3, sharp_tables, v2_table, v3_table
 from phasestereo.bench.report.tables import (
     Entry,
     Table,
@@ -43,6 +44,8 @@ for module in ("matplotlib", "jinja2", "PIL"):
 
 SUITE = "one-sided-blur"
 BLURS = ("gauss 2", "gauss 4", "disk 3", "disk 6", "motion 9", "motion 15")
+V2 = ("nonocc", "all", "disc")
+ENDINGS = ("", "-v2", "-v3")
 DOCUMENTS = Path(__file__).resolve().parent.parent / "docs"
 ENVIRONMENT = {
     "kind": "environment",
@@ -200,7 +203,7 @@ def test_one_row_has_its_mean_below(tmp_path: Path) -> None:
     table = scene_table(read_results([store(tmp_path / "a", records)]), "v2.nonocc")
     assert table.header == ("scene", "paper", "sad")
     assert texts(table)[0] == ["tsukuba", "*5.0*", "7.0"]
-    assert texts(table)[-1] == ["mean of 2", "*5.0*", "7.0"]
+    assert texts(table)[-1] == ["mean of 2 of 12", "*5.0*", "7.0"]
 
 
 def test_equal_figures_are_equally_good(tmp_path: Path) -> None:
@@ -232,6 +235,77 @@ def test_missing_numbers_are_no_scenes(tmp_path: Path) -> None:
 
 def test_pixels_have_two_places(small: Results) -> None:
     assert texts(mean_table(small, "v3.avgerr"))[0][1:] == ["4.00", "4.40"]
+
+
+def test_more_of_an_area_is_better(tmp_path: Path) -> None:
+    records = [record("paper", 1.0, roc=0.9), record("sad", 1.0, roc=0.8), record("nsad", 1.0)]
+    told = read_results([store(tmp_path / "a", records)])
+    found = texts(mean_table(told, "roc"))
+    assert found == [["paper", "*0.900*"], ["nsad", "-"], ["sad", "0.800"]]
+    assert "pixels: more is better." in explain(told, "roc")
+    assert "pixels, %: less is better." in explain(told, "v2.nonocc")
+    page = write_report(told, tmp_path / "out", metric="roc")[-2].read_text("utf-8")
+    assert "scenes: paper 0.900, sad 0.800." in page
+
+
+# Sharp pairs
+
+
+def sharp_record(method: str, scene: str, bad: float, **fields: Any) -> dict[str, Any]:
+    """Return a record of a sharp pair, in the folder where such scenes are."""
+    collection = {"cones": "scenes2003", "Piano": "MiddEval3/trainingQ"}.get(scene, "scenes2001")
+    regions = {"nonocc": bad, "all": bad + 1, "disc": bad + 5}
+    fields = {"v2": regions, "suite": "sharp", "collection": collection, **fields}
+    return record(method, bad, scene, **fields)
+
+
+def test_tables_of_sharp_pairs(tmp_path: Path) -> None:
+    records = [
+        sharp_record("paper", "tsukuba", 2.0, roc=0.1),
+        sharp_record("paper", "cones", 4.0),
+        sharp_record("paper", "Piano", 8.0, roc=0.9),
+        sharp_record("opencv:sgbm", "tsukuba", 6.0),
+        sharp_record("opencv:sgbm", "Piano", 6.0),
+    ]
+    told = read_results([store(tmp_path / "a", records)])
+    regions = [f"{scene} {name}" for scene in ("tsukuba", "cones") for name in V2]
+    assert v2_table(told).header == ("method", *regions, "mean")
+    assert texts(v2_table(told)) == [
+        ["paper", "*2.0*", "*3.0*", "*7.0*", "4.0", "5.0", "9.0", "5.0"],
+        ["opencv:sgbm", "6.0", "7.0", "11.0", "-", "-", "-", "-"],
+    ]
+    assert v3_table(told).header == ("method", "bad-2.0", "mean error", "ROC area")
+    assert texts(v3_table(told)) == [
+        ["paper", "4.0", "0.80", "0.900"],
+        ["opencv:sgbm", "*3.0*", "*0.60*", "-"],
+    ]
+    assert "over the other 1 scenes" in explain_v3(told)
+
+
+def test_regions_without_numbers_are_left_out(tmp_path: Path) -> None:
+    masks = {"nonocc": 2.0, "all": 4.0, "disc": None}
+    records = [sharp_record("paper", "venus", 2.0, v2=masks)]
+    told = read_results([store(tmp_path / "a", records)])
+    assert v2_table(told).header == ("method", "venus nonocc", "venus all", "mean")
+    assert texts(v2_table(told)) == [["paper", "2.0", "4.0", "3.0"]]
+    assert list(sharp_tables(told)) == ["As in version 2 of the Middlebury evaluation"]
+    elsewhere = read_results([store(tmp_path / "b", [sharp_record("paper", "Piano", 2.0)])])
+    assert list(sharp_tables(elsewhere)) == ["As in version 3"]
+
+
+def test_only_sharp_pairs_have_such_tables(small: Results, tmp_path: Path) -> None:
+    assert sharp_tables(small) == {}
+    records = [sharp_record("paper", scene, 2.0) for scene in ("venus", "Piano")]
+    told = read_results([store(tmp_path / "a", records)])
+    page = write_report(told, tmp_path / "out")[-2].read_text("utf-8")
+    path = tmp_path / "sharp.md"
+    path.write_text("".join(f"<!-- bench:sharp{n} --><!-- /bench:sharp{n} -->" for n in ENDINGS))
+    fill_document(path, told)
+    for table in (v2_table(told), v3_table(told), scene_table(told, "v2.nonocc")):
+        assert markdown_table(table) in page
+        assert markdown_table(table) in path.read_text("utf-8")
+    words = " ".join(path.read_text("utf-8").split())
+    assert "version 2 of the Middlebury evaluation had them" in words
 
 
 def test_costs_are_medians(small: Results) -> None:
@@ -341,7 +415,7 @@ def test_other_kinds_are_left_out(tmp_path: Path) -> None:
 def test_metrics_are_those_of_the_package() -> None:
     fields = set(metrics.Score.__dataclass_fields__) - {"pixels"}
     versions = {f"v2.{region}" for region in ("nonocc", "all", "disc")}
-    assert set(METRICS) == versions | {"d1", "epe"} | {
+    assert set(METRICS) == versions | {"d1", "epe", "roc"} | {
         f"v3.{name}" for name in fields - {"d1", "epe"}
     }
 

@@ -33,21 +33,19 @@ SUITES: Mapping[str, Mapping[str, Recipe]] = MappingProxyType(
 )
 """The degradations of each suite by name."""
 
-SUITE_SCENES: Mapping[str, frozenset[str]] = MappingProxyType(
-    {
-        "one-sided-blur": frozenset(
-            f"{collection}/{scene}"
-            for collection, scenes in (
-                ("scenes2001", ("tsukuba", "venus")),
-                ("scenes2003", ("cones",)),
-                ("scenes2005/ThirdSize", ("Art", "Moebius")),
-                ("scenes2006/ThirdSize", ("Aloe", "Baby1", "Rocks1", "Lampshade1")),
-                ("MiddEval3/trainingQ", ("Motorcycle", "Piano", "Playroom")),
-            )
-            for scene in scenes
-        )
-    }
+_SCENES = frozenset(
+    f"{collection}/{scene}"
+    for collection, scenes in (
+        ("scenes2001", ("tsukuba", "venus")),
+        ("scenes2003", ("cones",)),
+        ("scenes2005/ThirdSize", ("Art", "Moebius")),
+        ("scenes2006/ThirdSize", ("Aloe", "Baby1", "Rocks1", "Lampshade1")),
+        ("MiddEval3/trainingQ", ("Motorcycle", "Piano", "Playroom")),
+    )
+    for scene in scenes
 )
+
+SUITE_SCENES: Mapping[str, frozenset[str]] = MappingProxyType(dict.fromkeys(SUITES, _SCENES))
 """The scenes over which the means of a suite are taken, where it says; each as `str(scene)`."""
 
 SIDES = ("left", "right")

@@ -2,7 +2,8 @@
 
 A method is a function ``(left, right, num_disparities) -> disparity``: images uint8 (H, W) or
 (H, W, 3) in, disparities of the left one out, float32 or float64 (H, W) in pixels, 0 to
-num_disparities - 1 or between these, NaN where there is no estimate.
+num_disparities - 1 or between these, NaN where there is no estimate. It may also return a pair of
+these and of confidences, the same shape, the higher the more trusted.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ if TYPE_CHECKING:
 
     from phasestereo.bench.opencv import Image, Map
 
-Matcher: TypeAlias = Callable[..., "NDArray[np.floating[Any]]"]
+    Floats = NDArray[np.floating[Any]]
+
+Matcher: TypeAlias = Callable[..., "Floats | tuple[Floats, Floats]"]
 
 GROUP = "phasestereo.methods"
 """The group of the entry points that add methods."""
@@ -49,6 +52,7 @@ BASELINES: Mapping[str, Settings] = {
 _OPENCV: Mapping[str, tuple[Matcher, Mapping[str, Any]]] = {
     "opencv:bm": (opencv.match_bm, opencv.BM),
     "opencv:sgbm": (opencv.match_sgbm, {**opencv.SGBM, "mode": "HH"}),
+    "opencv:sgbm-3x3": (opencv.match_sgbm_3x3, {**opencv.SGBM_3X3, "mode": "HH"}),
     "opencv:sgbm-3way": (opencv.match_sgbm_3way, {**opencv.SGBM, "mode": "SGBM_3WAY"}),
 }
 
@@ -62,7 +66,8 @@ class Method:
     name
         What records and tables call it.
     match
-        The function ``(left, right, num_disparities) -> disparity``.
+        The function ``(left, right, num_disparities) -> disparity``, or a pair of it and of a
+        confidence.
     settings
         What else there is to know about it, as JSON has it.
     true_blur
@@ -96,8 +101,8 @@ def method(spec: str | Matcher | Method) -> Method:
     spec
         The name of a preset or a baseline, settings of it replaced if need be:
         ``"paper:neighborhood=11,window=9"``, ``"sad:penalty=5,8"``; ``"opencv:bm"``,
-        ``"opencv:sgbm"`` or ``"opencv:sgbm-3way"``; an entry point of the group
-        ``phasestereo.methods``; ``"package.module:function"``; any of these followed by
+        ``"opencv:sgbm"``, ``"opencv:sgbm-3x3"`` or ``"opencv:sgbm-3way"``; an entry point of the
+        group ``phasestereo.methods``; ``"package.module:function"``; any of these followed by
         ``"+true-blur"``. Or such a function itself; or a `Method`, returned as it is.
 
     Raises
@@ -147,9 +152,11 @@ def _ours(name: str, base: Settings, overrides: str) -> Method:
     return Method(name, partial(_match, settings=settings), asdict(settings))
 
 
-def _match(left: Image, right: Image, num_disparities: int, *, settings: Settings) -> Map:
+def _match(
+    left: Image, right: Image, num_disparities: int, *, settings: Settings
+) -> Map | tuple[Map, Map]:
     result = match(left, right, num_disparities=num_disparities, settings=settings, threads=1)
-    return result.disparity
+    return result.disparity if result.confidence is None else (result.disparity, result.confidence)
 
 
 def _parsed(overrides: str) -> dict[str, Any]:

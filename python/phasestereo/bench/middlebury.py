@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -18,6 +19,7 @@ from phasestereo.bench.methods import Method, available, method
 from phasestereo.bench.runner import Job, run
 from phasestereo.bench.worker import require_portable
 from phasestereo.metrics import Score, middlebury_v2, score
+from phasestereo.roc import roc_area
 
 if TYPE_CHECKING:
     import os
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from phasestereo.bench.methods import Matcher
     from phasestereo.datasets import Pair, Scene
 
+    Floats = NDArray[np.floating[Any]]
     Specs = Iterable[str | Matcher | Method]
     Degradations = Iterable[str] | Mapping[str, Recipe]
 
@@ -44,7 +47,7 @@ _DEFAULTS = {
         "opencv:sgbm",
         "opencv:sgbm+true-blur",
     ),
-    "sharp": ("robust", "paper", "sad", "nsad", "opencv:bm", "opencv:sgbm", "opencv:sgbm-3way"),
+    "sharp": ("robust", "fast", "paper", "opencv:bm", "opencv:sgbm", "opencv:sgbm-3x3"),
 }
 
 
@@ -66,9 +69,9 @@ def run_middlebury(
     scenes
         With truth, as `phasestereo.datasets.find_scenes` returns them.
     methods
-        Names, functions ``(left, right, num_disparities) -> disparity``, or `Method`s, as
-        `phasestereo.bench.method` takes them. A function must be one that other processes can
-        import, unless ``workers=0``. Default: those of `default_methods`.
+        Names, functions ``(left, right, num_disparities) -> disparity``, or a pair of it and of a
+        confidence, or `Method`s, as `phasestereo.bench.method` takes them. A function must be one
+        that other processes can import, unless ``workers=0``. Default: those of `default_methods`.
     degradations
         Names of the suite, all of them by default; or, in its place, some of your own by name:
         functions from an image to one of its shape and type. `phasestereo.degradation.Degradation`
@@ -88,12 +91,13 @@ def run_middlebury(
     list of dict
         A record per cell: "kind", "suite", "collection", "scene", "degradation", "side", "method"
         and "true_blur" tell which; "status" is "ok" or "failed". With "ok" there are "v2"
-        (`MiddleburyV2`'s regions), "v3" (the fields of `MiddleburyV3`), "d1" and "epe" (all three
-        on the non-occluded pixels), None where a mask is missing or nothing has an estimate;
-        "num_disparities", "width" and "height"; the method's "settings"; "seconds" and
+        (`MiddleburyV2`'s regions), "v3" (the fields of `MiddleburyV3`), "d1", "epe" and "roc",
+        which is what `phasestereo.roc.roc_area` says of the confidence (all four on the
+        non-occluded pixels), None where a mask or a confidence is missing or nothing has an
+        estimate; "num_disparities", "width" and "height"; the method's "settings"; "seconds" and
         "peak_bytes" of the call of the method alone; "environment". Otherwise "error" says why: a
-        method that raises, or returns anything but floats of the image's size, fails its cell. A
-        method with the true blur has no cell where the degradation has no kernel.
+        method that raises, or returns anything but floats of the image's size, or two of these,
+        fails its cell. A method with the true blur has no cell where the degradation has no kernel.
 
     Raises
     ------
@@ -164,8 +168,11 @@ def score_case(case: Case, spec: str | Method) -> dict[str, Any]:
     left, right = case.views(true_blur=entrant.true_blur)
     done = measured(lambda: entrant.match(left, right, pair.num_disparities))
     height, width = pair.left.shape[:2]
+    answer = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
+    disparity, confidence = _checked(*answer, size=(height, width))
     return {
-        **_metrics(_checked(done.answer, (height, width)), pair),
+        **_metrics(disparity, pair),
+        "roc": None if confidence is None else _roc(confidence, disparity, pair),
         "num_disparities": pair.num_disparities,
         "width": width,
         "height": height,
@@ -175,7 +182,7 @@ def score_case(case: Case, spec: str | Method) -> dict[str, Any]:
     }
 
 
-def _metrics(disparity: NDArray[np.floating[Any]], pair: Pair) -> dict[str, Any]:
+def _metrics(disparity: Floats, pair: Pair) -> dict[str, Any]:
     if pair.truth is None:
         raise ValueError("the scene has no truth")
     by_region = middlebury_v2(disparity, pair)
@@ -188,17 +195,33 @@ def _metrics(disparity: NDArray[np.floating[Any]], pair: Pair) -> dict[str, Any]
     return {"v2": regions, "v3": numbers, "d1": d1, "epe": epe}
 
 
-def _checked(disparity: object, size: tuple[int, int]) -> NDArray[np.floating[Any]]:
-    """Return what a method returned, if that is a disparity map."""
-    if not isinstance(disparity, np.ndarray):
-        raise TypeError(f"the method returned {type(disparity).__name__}, not an array")
-    if not np.issubdtype(disparity.dtype, np.floating):
+def _roc(confidence: Floats, disparity: Floats, pair: Pair) -> float | None:
+    """Return the area under the ROC curve; None without a mask, or if all pixels are alike."""
+    if pair.truth is None or "nonocc" not in pair.masks:
+        return None
+    area = roc_area(confidence, disparity, pair.truth, mask=pair.masks["nonocc"])
+    return area if math.isfinite(area) else None
+
+
+def _checked(*returned: object, size: tuple[int, int]) -> tuple[Floats, Floats | None]:
+    """Return what a method returned, if that is a disparity map, and a confidence or None."""
+    if len(returned) != 2:
+        raise TypeError(f"the method returned {len(returned)} things, not disparities, confidences")
+    disparity, confidence = returned
+    checked = _map(disparity, size)
+    return checked, None if confidence is None else _map(confidence, size)
+
+
+def _map(returned: object, size: tuple[int, int]) -> Floats:
+    if not isinstance(returned, np.ndarray):
+        raise TypeError(f"the method returned {type(returned).__name__}, not an array")
+    if not np.issubdtype(returned.dtype, np.floating):
         raise TypeError(
-            f"the method returned {disparity.dtype}, not floats: pixels, NaN where there is none"
+            f"the method returned {returned.dtype}, not floats: pixels, NaN where there is none"
         )
-    if disparity.shape != size:
-        raise ValueError(f"the method returned shape {disparity.shape}, not {size}")
-    return disparity
+    if returned.shape != size:
+        raise ValueError(f"the method returned shape {returned.shape}, not {size}")
+    return returned
 
 
 def _key(case: Case, entrant: Method) -> dict[str, str | int | float | bool | None]:

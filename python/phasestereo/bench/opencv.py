@@ -14,19 +14,28 @@ import numpy as np
 from phasestereo._extras import require
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     Image = NDArray[np.uint8]
     Map = NDArray[np.float32]
 
 BM: dict[str, Any] = {"blockSize": 9}
-SGBM: dict[str, Any] = {
-    "blockSize": 5,
-    "P1 per channel": 8 * 25,
-    "P2 per channel": 32 * 25,
-    "disp12MaxDiff": -1,
-    "uniquenessRatio": 0,
-}
+
+
+def _sgbm(block: int) -> dict[str, Any]:
+    """Return what StereoSGBM is told; its penalties grow with the block, as OpenCV advises."""
+    return {
+        "blockSize": block,
+        "P1 per channel": 8 * block**2,
+        "P2 per channel": 32 * block**2,
+        "disp12MaxDiff": -1,
+        "uniquenessRatio": 0,
+    }
+
+
+SGBM, SGBM_3X3 = _sgbm(5), _sgbm(3)
 
 
 def create_bm(num_disparities: int) -> Any:
@@ -41,7 +50,9 @@ def create_bm(num_disparities: int) -> Any:
     return cv2.StereoBM_create(numDisparities=num_disparities, **BM)
 
 
-def create_sgbm(num_disparities: int, mode: str, *, channels: int) -> Any:
+def create_sgbm(
+    num_disparities: int, mode: str, *, channels: int, options: Mapping[str, Any] = SGBM
+) -> Any:
     """Return a StereoSGBM for so many disparities, a multiple of 16.
 
     Parameters
@@ -52,6 +63,8 @@ def create_sgbm(num_disparities: int, mode: str, *, channels: int) -> Any:
         What `cv2` calls the mode, such as "STEREO_SGBM_MODE_HH".
     channels
         Of the images it is meant for; the penalties grow with them.
+    options
+        What else it is told: `SGBM` or `SGBM_3X3`.
 
     Raises
     ------
@@ -62,11 +75,11 @@ def create_sgbm(num_disparities: int, mode: str, *, channels: int) -> Any:
     return cv2.StereoSGBM_create(
         minDisparity=0,
         numDisparities=num_disparities,
-        blockSize=SGBM["blockSize"],
-        P1=channels * SGBM["P1 per channel"],
-        P2=channels * SGBM["P2 per channel"],
-        disp12MaxDiff=SGBM["disp12MaxDiff"],
-        uniquenessRatio=SGBM["uniquenessRatio"],
+        blockSize=options["blockSize"],
+        P1=channels * options["P1 per channel"],
+        P2=channels * options["P2 per channel"],
+        disp12MaxDiff=options["disp12MaxDiff"],
+        uniquenessRatio=options["uniquenessRatio"],
         mode=getattr(cv2, mode),
     )
 
@@ -103,6 +116,17 @@ def match_sgbm(left: Image, right: Image, num_disparities: int) -> Map:
     return _match_sgbm(left, right, num_disparities, "STEREO_SGBM_MODE_HH")
 
 
+def match_sgbm_3x3(left: Image, right: Image, num_disparities: int) -> Map:
+    """Match with StereoSGBM over eight directions and blocks of 3 x 3 pixels.
+
+    Raises
+    ------
+    ImportError
+        If OpenCV is not installed.
+    """
+    return _match_sgbm(left, right, num_disparities, "STEREO_SGBM_MODE_HH", SGBM_3X3)
+
+
 def match_sgbm_3way(left: Image, right: Image, num_disparities: int) -> Map:
     """Match with StereoSGBM over three directions.
 
@@ -114,9 +138,15 @@ def match_sgbm_3way(left: Image, right: Image, num_disparities: int) -> Map:
     return _match_sgbm(left, right, num_disparities, "STEREO_SGBM_MODE_SGBM_3WAY")
 
 
-def _match_sgbm(left: Image, right: Image, num_disparities: int, mode: str) -> Map:
-    count = _sixteens(num_disparities)
-    matcher = create_sgbm(count, mode, channels=1 if left.ndim == 2 else left.shape[2])
+def _match_sgbm(
+    left: Image,
+    right: Image,
+    num_disparities: int,
+    mode: str,
+    options: Mapping[str, Any] = SGBM,
+) -> Map:
+    count, channels = _sixteens(num_disparities), 1 if left.ndim == 2 else left.shape[2]
+    matcher = create_sgbm(count, mode, channels=channels, options=options)
     found = matcher.compute(*(_continued(image, count, 0) for image in (left, right)))
     return _disparities(found[:, count:])
 

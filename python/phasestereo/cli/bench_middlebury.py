@@ -61,9 +61,10 @@ def middlebury(
         Which image is degraded: left (the default), right, or both one after the other.
     method
         What to compare: a preset or baseline (robust, paper, fast, sad, nsad), other settings of it
-        (paper:neighborhood=11,window=9), opencv:bm, opencv:sgbm, opencv:sgbm-3way, an entry point
-        of the group phasestereo.methods, or package.module:function; with +true-blur after it, the
-        sharp image is first blurred like the other one. Without it, what the suite is for.
+        (paper:neighborhood=11,window=9), opencv:bm, opencv:sgbm, opencv:sgbm-3x3, opencv:sgbm-3way,
+        an entry point of the group phasestereo.methods, or package.module:function; with +true-blur
+        after it, the sharp image is first blurred like the other one. Without it, what the suite is
+        for.
     output
         File for the records.
     workers

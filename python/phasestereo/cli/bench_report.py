@@ -18,6 +18,7 @@ from phasestereo.bench.methods import TRUE_BLUR
 from phasestereo.bench.report import fill_document, read_results, write_report
 from phasestereo.bench.report.documents import render_document
 from phasestereo.bench.report.origin import explain
+from phasestereo.bench.report.sharp import sharp_tables
 from phasestereo.bench.report.tables import Table, mean_table
 from phasestereo.bench.speed import fill_speed, read_speed
 from phasestereo.cli.bench_tables import blur_screen, speed_screen
@@ -60,10 +61,10 @@ def report(
     readme
         Markdown files whose tables are to be replaced: what is between the comments
         ``<!-- bench:NAME -->`` and ``<!-- /bench:NAME -->``, NAME being one-sided-blur-means,
-        one-sided-blur-scenes, sharp, speed or blur.
+        one-sided-blur-scenes, sharp, sharp-v2, sharp-v3, speed or blur.
     metric
         Which number: v2.nonocc, v2.all, v2.disc, v3.bad_0_5, v3.bad_1, v3.bad_2, v3.bad_4,
-        v3.invalid, v3.avgerr, v3.rms, v3.a50, v3.a90, v3.a95, v3.a99, d1 or epe.
+        v3.invalid, v3.avgerr, v3.rms, v3.a50, v3.a90, v3.a95, v3.a99, d1, epe or roc.
     method
         Only these methods, in this order, each as a table names it.
     suite
@@ -93,6 +94,8 @@ def report(
             fill_document(document, told, metric=metric)
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
     console.print(_screen(mean_table(told, metric)))
+    for title, (_, table) in sharp_tables(told).items():
+        console.print(title, _screen(table), sep="\n")
     for line in (explain(told, metric), *(f"Wrote {path}" for path in (*written, *readme))):
         console.print(line, markup=False, soft_wrap=True)
 

@@ -21,14 +21,32 @@ KIND = "middlebury"
 
 
 class Metric(NamedTuple):
-    """A kind of number of which less is better: what it is, and its unit."""
+    """A kind of number: what it is, its unit if it has one, and whether more of it is better."""
 
     title: str
     unit: str
+    more: bool = False
+
+    @property
+    def better(self) -> str:
+        """Which values are better, in words."""
+        return f"{'more' if self.more else 'less'} is better"
+
+    @property
+    def label(self) -> str:
+        """What it is and in which unit."""
+        return ", ".join(filter(None, (self.title, self.unit)))
+
+    def rank(self, value: float) -> float:
+        """Return a key that sorts values from the best to the worst."""
+        return -value if self.more else value
 
     def format(self, value: float) -> str:
-        """Return the value as tables have it: percentages to 0.1, pixels to 0.01."""
-        return f"{value:.1f}" if self.unit == "%" else f"{value:.2f}"
+        """Return the value as tables have it: % to 0.1, pixels to 0.01, areas to 0.001."""
+        return f"{value:.{_DIGITS[self.unit]}f}"
+
+
+_DIGITS = {"%": 1, "px": 2, "": 3}
 
 
 METRICS: Mapping[str, Metric] = MappingProxyType(
@@ -49,6 +67,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
         "v3.a99": Metric("A99, non-occluded pixels", "px"),
         "d1": Metric("D1, non-occluded pixels", "%"),
         "epe": Metric("end-point error, non-occluded pixels", "px"),
+        "roc": Metric("ROC area of the confidence, non-occluded pixels", "", more=True),
     }
 )
 """The metrics by the names under which a record holds them."""

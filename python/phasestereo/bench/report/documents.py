@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from phasestereo.bench.report.markdown import fill_markers, markdown_table, markdown_text
 from phasestereo.bench.report.origin import explain, origin
+from phasestereo.bench.report.sharp import explain_v2, explain_v3, v2_table, v3_table
 from phasestereo.bench.report.tables import mean_table, scene_table
 from phasestereo.io.files import replacing
 
@@ -20,17 +21,21 @@ if TYPE_CHECKING:
     from phasestereo.bench.report.tables import Table
 
     Maker = Callable[[Results, str], Table]
+    Words = Callable[[Results, str], str]
 
 __all__ = ["MARKERS", "fill_document", "fill_places", "render_document", "small_print"]
 
-MARKERS: Mapping[str, tuple[str, Maker]] = MappingProxyType(
+MARKERS: Mapping[str, tuple[str, Maker, Words]] = MappingProxyType(
     {
-        "one-sided-blur-means": ("one-sided-blur", mean_table),
-        "one-sided-blur-scenes": ("one-sided-blur", scene_table),
-        "sharp": ("sharp", scene_table),
+        "one-sided-blur-means": ("one-sided-blur", mean_table, explain),
+        "one-sided-blur-scenes": ("one-sided-blur", scene_table, explain),
+        "sharp": ("sharp", scene_table, explain),
+        "sharp-v2": ("sharp", v2_table, explain_v2),
+        "sharp-v3": ("sharp", v3_table, explain_v3),
     }
 )
-"""The names that markers can have: the suite whose results they show, and in which table."""
+"""The names that markers can have: the suite whose results they show, in which table, and what
+is said of it."""
 
 _OTHERS = ("blur", "speed")
 """Names of markers that are filled from results of another kind."""
@@ -54,7 +59,7 @@ def fill_document(
     results
         What to show.
     metric
-        Which number, a name in `METRICS`.
+        Which number, a name in `METRICS`; tables of several metrics do not ask.
 
     Raises
     ------
@@ -82,10 +87,11 @@ def render_document(
 ) -> str:
     """Return what `fill_document` would write; parameters and errors are the same."""
     results.require_metric(metric)
-    below = small_print(f"{explain(results, metric)} {origin(results)}")
+    made = origin(results)
     texts = {
-        name: f"{markdown_table(table(results, metric))}\n\n{below}"
-        for name, (suite, table) in MARKERS.items()
+        name: f"{markdown_table(table(results, metric))}\n\n"
+        + small_print(f"{words(results, metric)} {made}")
+        for name, (suite, table, words) in MARKERS.items()
         if suite == results.suite
     }
     return _render(path, texts)

@@ -25,10 +25,10 @@ _STORE = "results.jsonl"
 
 def explain(results: Results, metric: str) -> str:
     """Say what the figures of a table are, and which of them are bold."""
-    title, unit = METRICS[metric]
+    title = METRICS[metric].label
     scenes = scene_count(results, metric) or "the scenes that all methods have, as many as it says"
     return (
-        f"{title[0].upper()}{title[1:]}, {unit}: less is better. Means over {scenes}, "
+        f"{title[0].upper()}{title[1:]}: {METRICS[metric].better}. Means over {scenes}, "
         f"{results.state}. Bold: the best of the methods that were not told the blur."
     )
 

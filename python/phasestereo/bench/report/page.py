@@ -14,6 +14,7 @@ from phasestereo.bench.report.markdown import markdown_table, markdown_text
 from phasestereo.bench.report.origin import commands, explain, origin
 from phasestereo.bench.report.plots import RIVAL, draw_duel, draw_means, leader, save_plot
 from phasestereo.bench.report.results import is_told
+from phasestereo.bench.report.sharp import sharp_tables
 from phasestereo.bench.report.tables import (
     blurs,
     cost_table,
@@ -158,9 +159,13 @@ def _sections(results: Results, metric: str, duel: tuple[str, str] | None) -> li
     ]
     if duel is not None:
         ours, rival = duel
-        text = f"Of the methods that compare phase codes, {ours} has the least {_span(results)}."
+        text = f"Of the methods that compare phase codes, {ours} has the best {_span(results)}."
         title = f"{ours} against {rival}"
         parts.insert(1, Section(title=title, text=text, plot="scenes"))
+    parts[1:1] = [
+        Section(title=title, text=f"{text} {made}", table=table)
+        for title, (text, table) in sharp_tables(results).items()
+    ]
     if results.failures:
         parts.insert(-2, Section(title="Failed cells", table=failure_table(results)))
     return parts
@@ -177,8 +182,9 @@ def _lead(results: Results) -> str:
 def _verdict(results: Results, metric: str) -> str:
     """List the methods from the best to the worst, those that were told the blur apart."""
     scenes, values = overall(results, metric)
-    ranked = sorted(values, key=values.__getitem__)
-    texts = {m: f"{m} {METRICS[metric].format(values[m])} {METRICS[metric].unit}" for m in ranked}
+    ranked = sorted(values, key=lambda method: METRICS[metric].rank(values[method]))
+    unit = METRICS[metric].unit
+    texts = {m: f"{m} {METRICS[metric].format(values[m])} {unit}".strip() for m in ranked}
     told = [texts[method] for method in ranked if is_told(method)]
     others = [texts[method] for method in ranked if not is_told(method)]
     parts = [", ".join(others), *([f"told the blur: {', '.join(told)}"] if told else [])]

@@ -75,7 +75,7 @@ def leader(results: Results, metric: str, methods: Collection[str]) -> str | Non
     """Return the best over all blurs of those methods which were told nothing; None without any."""
     values = overall(results, metric).values
     running = [method for method in methods if method in values and not is_told(method)]
-    return min(running, key=values.__getitem__, default=None)
+    return min(running, key=lambda m: METRICS[metric].rank(values[m]), default=None)
 
 
 def draw_means(results: Results, metric: str) -> Any:
@@ -129,7 +129,7 @@ def draw_duel(results: Results, metric: str, methods: tuple[str, str]) -> Any:
     panels = list(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).flat)
     for panel, row in zip(panels, rows, strict=False):
         values = [results.values(metric, method, row) for method in methods]
-        _draw_pairs(panel, results, values, [looks[method] for method in methods])
+        _draw_pairs(panel, results, metric, values, [looks[method] for method in methods])
         panel.set_title(row, loc="left", color=_INK, size=10)
     for panel in panels[max(0, len(rows) - columns) : len(rows)]:
         panel.tick_params(labelbottom=True)  # also where the panel below is removed
@@ -163,7 +163,11 @@ def save_plot(figure: Any, path: Path) -> None:
 
 
 def _draw_pairs(
-    panel: Any, results: Results, values: Sequence[Mapping[Any, float]], looks: Sequence[Style]
+    panel: Any,
+    results: Results,
+    metric: str,
+    values: Sequence[Mapping[Any, float]],
+    looks: Sequence[Style],
 ) -> None:
     """Draw the first method against the second; the line between takes the better one's colour."""
     names = place_names(results.places)
@@ -171,7 +175,7 @@ def _draw_pairs(
         found = [row.get(place) for row in values]
         pairs = [(v, look) for v, look in zip(found, looks, strict=True) if v is not None]
         if len(pairs) == len(looks):
-            _, winner = min(pairs, key=lambda pair: pair[0])
+            _, winner = min(pairs, key=lambda pair: METRICS[metric].rank(pair[0]))
             panel.plot([v for v, _ in pairs], [line, line], color=winner.colour, lw=2, alpha=0.45)
         for value, look in pairs:
             panel.plot([value], [line], **look.marker(6.5))
@@ -196,8 +200,7 @@ def _rule(axes: Any, labels: Sequence[str]) -> None:
 
 
 def _axis(metric: str) -> str:
-    title, unit = METRICS[metric]
-    return f"{title}, {unit}: less is better"
+    return f"{METRICS[metric].label}: {METRICS[metric].better}"
 
 
 def _title(figure: Any, text: str) -> None:

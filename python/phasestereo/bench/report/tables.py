@@ -33,6 +33,7 @@ __all__ = [
     "cost_table",
     "environment_table",
     "failure_table",
+    "figures",
     "groups",
     "mean_table",
     "means",
@@ -152,8 +153,8 @@ def mean_table(results: Results, metric: str) -> Table:
     columns = []
     for degradations in groups(results).values():
         count, values = means(results, metric, degradations)
-        figures = _figures(results.methods, values, METRICS[metric])
-        columns.append((*figures, Entry(_share(results, count))))
+        column = figures(results.methods, values, METRICS[metric])
+        columns.append((*column, Entry(_share(results, count))))
     *rows, counts = zip(*columns, strict=True)
     names = [*results.methods, "scenes"] if len(set(counts)) > 1 else results.methods
     labelled = zip(map(Entry, names), [*rows, counts], strict=False)
@@ -176,11 +177,11 @@ def scene_table(results: Results, metric: str) -> Table:
         values = {method: value for method, value in found.items() if value is not None}
         if values:
             labels = [Entry(names[place]), *[Entry(degradation)] * several]
-            rows.append((*labels, *_figures(results.methods, values, METRICS[metric])))
+            rows.append((*labels, *figures(results.methods, values, METRICS[metric])))
     if not several:
         count, averages = means(results, metric, results.degradations)
-        figures = _figures(results.methods, averages, METRICS[metric])
-        rows.append((Entry(f"mean of {_share(results, count)}"), *figures))
+        last = figures(results.methods, averages, METRICS[metric])
+        rows.append((Entry(f"mean of {_share(results, count)}"), *last))
     header = ("scene", *[f"{results.side} image"] * several, *results.methods)
     return Table(header, tuple(rows), labels=1 + several)
 
@@ -262,13 +263,14 @@ def failure_table(results: Results) -> Table:
     return Table(header, tuple(rows), labels=len(header))
 
 
-def _figures(
+def figures(
     methods: Iterable[str], values: Mapping[str, float], metric: Metric
 ) -> tuple[Entry, ...]:
     """Return the figures of methods; the best is marked where several compete."""
     texts = {method: metric.format(value) for method, value in values.items()}
     rivals = [method for method in values if not is_told(method)]
-    best = texts[min(rivals, key=values.__getitem__)] if len(rivals) > 1 else None
+    ranked = sorted(rivals, key=lambda method: metric.rank(values[method]))
+    best = texts[ranked[0]] if len(ranked) > 1 else None
     return tuple(
         Entry(texts.get(method, MISSING), best=method in rivals and texts[method] == best)
         for method in methods
