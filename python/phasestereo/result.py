@@ -22,7 +22,8 @@ class Flag(IntFlag):
     MASKED = 1
     """The left pixel is masked: there is no estimate."""
     NO_CANDIDATE = 2
-    """No candidate has a valid pixel in the right image: there is no estimate."""
+    """No candidate has a valid pixel in the right image: there is no estimate, unless one is
+    filled in."""
     OUTSIDE = 4
     """The match lies outside the right image."""
     MATCH_MASKED = 8
@@ -31,8 +32,8 @@ class Flag(IntFlag):
     """The match belongs to another left pixel, and to those beside this one theirs do, too: most
     likely the right image does not see it."""
     MISMATCHED = 32
-    """The match belongs to another left pixel, beside pixels to which theirs belong: most likely the
-    right image sees it elsewhere."""
+    """The match belongs to another left pixel, beside pixels to which theirs belong: most likely
+    the right image sees it elsewhere."""
     LOW_CONFIDENCE = 64
     """The confidence is below ``min_confidence``."""
     SPECKLE = 128
