@@ -311,6 +311,7 @@ impl Matcher {
     }
 
     /// Memory to work in: used before, if there is any of this kind.
+    #[expect(clippy::unnecessary_box_returns, reason = "the box is what is kept")]
     fn memory<M: Default + Send + 'static>(&self) -> Box<M> {
         let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         let found = spare.iter().rposition(|memory| memory.is::<M>());

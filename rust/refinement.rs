@@ -180,7 +180,7 @@ impl Draft<'_> {
             }
             _ => None,
         };
-        let confidence = confidences.as_ref().map(|plane| plane.as_slice());
+        let confidence = confidences.as_ref().map(Plane::as_slice);
         withdraw(settings, disparity.as_mut_slice(), flags.as_mut_slice(), confidence);
         Ok((disparity, confidences))
     }

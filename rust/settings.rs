@@ -84,6 +84,7 @@ pub struct Penalty {
 
 /// All settings of a match; the defaults are those of the `paper` preset.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a choice of its own, made by name")]
 pub struct Settings {
     /// What two pixels are compared by.
     pub cost: CostKind,

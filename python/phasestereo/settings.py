@@ -190,8 +190,8 @@ _FAST = Settings(
     confidence=False,
 )
 
-# Means of bad-1.0 (%) over the same scenes, told nothing: sharp, and the mean of the six blurs. Where
-# there is blur, neighborhood and window are two larger than said.
+# Means of bad-1.0 (%) over the same scenes, told nothing: sharp, and the mean of the six blurs.
+# Where there is blur, neighborhood and window are two larger than said.
 #   as below             5.6   17.9      edges 0.5            5.65     -
 #   neighborhood 5       6.2   18.0      edges 0 (2)          6.1   18.8 (18.1)
 #   window 7             6.0   18.0      guided=False         6.0   18.4
@@ -220,8 +220,9 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
     {"robust": _ROBUST, "paper": _PAPER, "fast": _FAST}
 )
 """The named settings. ``"robust"``: finds by itself which image is blurred and how, evens that out,
-does not let noise vote, searches along eight paths, checks, fills and smooths. ``"paper"``: the method of the paper to the letter. ``"fast"``, for
-frame rates: short codes, costs in bytes, disparities free to change either way, no confidence."""
+does not let noise vote, searches along eight paths, checks, fills and smooths. ``"paper"``: the
+method of the paper to the letter. ``"fast"``, for frame rates: short codes, costs in bytes,
+disparities free to change either way, no confidence."""
 
 
 def resolve(preset: str, settings: Settings | None, overrides: Mapping[str, Any]) -> Settings:

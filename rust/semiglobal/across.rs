@@ -72,16 +72,13 @@ impl<V: Value, T: Value> Across<V, T> {
     ) -> Result<()> {
         (self.cols, self.candidates) = (cols, candidates);
         (self.near, self.far) = (T::truncated(steps.near), Far::new(steps));
-        match edges {
-            Some(edges) => {
-                let columns: Vec<_> = (0..cols).collect();
-                let strip = Strip { margin: 0, ..strip };
-                strip.transpose(&columns, |y| edges.row(y), |edges| edges, &mut self.edges)?;
-            }
-            None => {
-                self.edges.room(cols * BLOCK)?;
-                self.edges.fill(0);
-            }
+        if let Some(edges) = edges {
+            let columns: Vec<_> = (0..cols).collect();
+            let strip = Strip { margin: 0, ..strip };
+            strip.transpose(&columns, |y| edges.row(y), |edges| edges, &mut self.edges)?;
+        } else {
+            self.edges.room(cols * BLOCK)?;
+            self.edges.fill(0);
         }
         self.costs.room(cols * stride(candidates) * BLOCK)?;
         self.totals.room(cols * stride(candidates) * BLOCK)?;
@@ -214,8 +211,8 @@ fn relative<T: Value>(mut totals: [T; BLOCK], least: [T; BLOCK]) -> [T; BLOCK] {
 /// The jumps from the left neighbours.
 #[inline(always)]
 fn jumps(mut edges: [u8; BLOCK]) -> [u8; BLOCK] {
-    for j in 0..BLOCK {
-        edges[j] = Neighbour::Left.jump(edges[j]);
+    for edges in &mut edges {
+        *edges = Neighbour::Left.jump(*edges);
     }
     edges
 }

@@ -270,9 +270,9 @@ impl<V: Value, T: Value> Kernel for Up<'_, V, T> {
             };
             for group in 0..paths.groups {
                 let mut penalties = [[T::default(); GROUP]; WAYS];
-                for way in 0..WAYS {
+                for (way, penalties) in penalties.iter_mut().enumerate() {
                     let from = Neighbour::ABOVE[WAYS - 1 - way];
-                    penalties[way] = far.after_all(jumps(below, y + 1, group, way, from));
+                    *penalties = far.after_all(jumps(below, y + 1, group, way, from));
                 }
                 let costs = rows.costs.of(row, group);
                 if y <= last {
@@ -339,15 +339,14 @@ impl<V: Value, T: Value> Kernel for Down<'_, V, T> {
             for local in 0..paths.groups {
                 let group = first_group + local;
                 let mut penalties = [[T::default(); GROUP]; WAYS];
-                for way in 0..WAYS {
-                    let jumps = jumps(edges, y, group, 1, Neighbour::ABOVE[way]);
-                    penalties[way] = far.after_all(jumps);
+                for (penalties, neighbour) in penalties.iter_mut().zip(Neighbour::ABOVE) {
+                    *penalties = far.after_all(jumps(edges, y, group, 1, neighbour));
                 }
                 let costs = rows.costs.of(row, group);
-                let mut sink = Sums {
+                let mut sink = Total {
                     across: rows.totals.of(row, group),
                     below: from_below.of(row, group),
-                    sums: selection.sums(),
+                    out: selection.sums(),
                 };
                 paths.advance(local, near, costs, penalties, &mut sink);
                 selection.select(row, group, costs);
@@ -359,13 +358,13 @@ impl<V: Value, T: Value> Kernel for Down<'_, V, T> {
 
 /// Writes the sum of eight totals: of three from above, of two along the row, of which the mean is given, and of
 /// three from below, of which a quarter is.
-struct Sums<'a, T: Value> {
+struct Total<'a, T: Value> {
     across: &'a [Lanes<T>],
     below: &'a [Lanes<T>],
-    sums: &'a mut [Lanes<T::Wide>],
+    out: &'a mut [Lanes<T::Wide>],
 }
 
-impl<T: Value> Sink<T> for Sums<'_, T> {
+impl<T: Value> Sink<T> for Total<'_, T> {
     #[inline(always)]
     fn take(&mut self, k: usize, [a, b, c]: [Lanes<T>; WAYS]) {
         let (across, below) = (self.across[k], self.below[k]);
@@ -375,6 +374,6 @@ impl<T: Value> Sink<T> for Sums<'_, T> {
             let above = wide(a[j]).plus(wide(b[j])).plus(wide(c[j]));
             sums[j] = above.plus(twice).plus(twice);
         }
-        self.sums[k] = sums;
+        self.out[k] = sums;
     }
 }

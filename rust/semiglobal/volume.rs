@@ -65,13 +65,10 @@ impl<T: Value> Volume<T> {
             if T::BITS == 8 {
                 let mut place = k * GROUP + left;
                 let words = turned(&lanes);
-                for square in 0..BLOCK / SIDE {
-                    for words in &words {
-                        let pixels = words[square].to_le_bytes();
-                        let pixels = pixels.map(|byte| T::truncated(byte.into()));
-                        values[place..place + SIDE].copy_from_slice(&pixels);
-                        place += row;
-                    }
+                for word in (0..BLOCK).map(|y| words[y % SIDE][y / SIDE]) {
+                    let pixels = word.to_le_bytes().map(|byte| T::truncated(byte.into()));
+                    values[place..place + SIDE].copy_from_slice(&pixels);
+                    place += row;
                 }
             } else {
                 for (x, column) in lanes.iter().enumerate() {
