@@ -459,7 +459,8 @@ def far_penalties(gray: Ints, near: int, far: int, edges: float, ahead: tuple[in
     there = next(v for x, y, v in neighbours(gray, 1, "edge") if (x, y) == (dx, dy))
     jump = np.abs(gray - there)
     parts = np.select([(edges == 0) | (jump <= step), jump <= 3 * step], [1, 2], 3)
-    return np.maximum(far // parts, near)
+    penalties: Ints = np.maximum(far // parts, near)
+    return penalties
 
 
 def path_totals(costs: Ints, far: Ints, near: int, dx: int) -> Ints:
@@ -505,11 +506,11 @@ def path_sums(aggregated: Ints, near: int, far: int, gray: Ints, edges: float = 
     for first in range(0, len(aggregated), BAND):
         rows = slice(first, min(first + BAND, len(aggregated)))
         seen = slice(first, min(first + BAND + LOOK, len(aggregated)))
-        from_below = [
+        from_below: list[Ints] = [
             path_totals(aggregated[seen][::-1], fars(dx, 1)[seen][::-1], near, dx)[::-1]
             for dx in (-1, 0, 1)
         ]
-        sums[rows] += 4 * ((sum(from_below)[: rows.stop - first] + 2) // 4)
+        sums[rows] += 4 * ((np.sum(from_below, axis=0)[: rows.stop - first] + 2) // 4)
     return sums
 
 

@@ -98,14 +98,14 @@ def first_flags(chosen: Ints, low: int, masks: tuple[Bools, Bools], number: int)
     """Return what is to be said of every pixel and the candidate chosen for it, by itself."""
     left_mask, right_mask = masks
     height, width = chosen.shape
-    anyone = oracle.votes(left_mask, right_mask, low, number).any(axis=2)
+    voting = oracle.votes(left_mask, right_mask, low, number)
     flags = np.zeros(chosen.shape, np.int64)
     for y, x in np.ndindex(height, width):
         column = x - low - chosen[y, x]
         inside = int(np.clip(column, 0, width - 1))
         if not left_mask[y, x]:
             flags[y, x] = ps.Flag.MASKED
-        elif not anyone[y, x]:
+        elif not voting[y, x].any():
             flags[y, x] = ps.Flag.NO_CANDIDATE
         else:
             flags[y, x] = ps.Flag.OUTSIDE * (column != inside)
@@ -143,7 +143,8 @@ def check(evidence: Evidence, flags: Ints, low: int, most: int) -> Ints:
 
 def trusted(disparity: Map, flags: Ints) -> Bools:
     """Return where a pixel's own estimate counts."""
-    return ~np.isnan(disparity) & (flags & UNTRUSTED == 0)
+    counts: Bools = ~np.isnan(disparity) & (flags & UNTRUSTED == 0)
+    return counts
 
 
 def regions(disparity: Map, counts: Bools, step: float) -> Iterator[list[Pixel]]:
@@ -218,8 +219,9 @@ def guide(disparity: Map, gray: Ints) -> Map:
     """
     guided = disparity.copy()
     alike = np.ceil(oracle.mean_step(gray))
+    size = disparity.shape[0], disparity.shape[1]
     for y, x in np.argwhere(near_jumps(disparity) & ~np.isnan(disparity)):
-        window = around((int(y), int(x)), gray.shape, 4, 2)
+        window = around((int(y), int(x)), size, 4, 2)
         like = [disparity[p] for p in window if abs(gray[p] - gray[y, x]) <= alike]
         known = sorted(value for value in like if not np.isnan(value))
         guided[y, x] = known[(len(known) - 1) // 2]

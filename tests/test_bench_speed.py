@@ -169,7 +169,9 @@ def test_opencv_takes_part_with_one_thread_and_two(pair: GrayPair) -> None:
         (bench.OURS, None),
         *((name, count) for name in RIVALS for count in (1, 2)),
     ]
-    assert [set(stage) for stage in entrants[0].stages] == [{"description", "matching", "refinement"}]
+    assert [set(stage) for stage in entrants[0].stages] == [
+        {"description", "matching", "refinement"}
+    ]
 
 
 # Memory

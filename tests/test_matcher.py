@@ -374,6 +374,18 @@ def test_threads_change_nothing() -> None:
             np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
 
+@pytest.mark.parametrize("fill", [True, False])
+def test_threads_change_nothing_however_columns_and_bands_are_shared(*, fill: bool) -> None:
+    left, right = two_surfaces(1, (150, 700, 3))
+    mask = np.random.default_rng(3).random((150, 700)) > 0.05
+    options: dict[str, Any] = {"num_disparities": 12, "left_mask": mask, "fill": fill}
+    expected = ps.match(left, right, threads=1, **options)
+    for threads in (2, 5, 11):
+        found = ps.match(left, right, threads=threads, **options)
+        for field in ("disparity", "flags", "confidence"):
+            np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 3)])
 def test_windows_larger_than_the_image_are_fine(shape: tuple[int, int]) -> None:
     image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
