@@ -201,12 +201,13 @@ def around(pixel: Pixel, shape: tuple[int, int], reach: int, step: int = 1) -> I
 
 def near_jumps(disparity: Map) -> Bools:
     """Return where, up to four pixels away, the next disparity right or below is off by over 1."""
-    jumps = np.zeros(disparity.shape, bool)
+    height, width = disparity.shape
+    jumps = np.zeros((height, width), bool)
     jumps[:, :-1] |= np.abs(np.diff(disparity, axis=1)) > 1
     jumps[:-1] |= np.abs(np.diff(disparity, axis=0)) > 1
     near = np.zeros_like(jumps)
     for y, x in np.argwhere(jumps):
-        for pixel in around((int(y), int(x)), jumps.shape, 4):
+        for pixel in around((int(y), int(x)), (height, width), 4):
             near[pixel] = True
     return near
 
@@ -219,9 +220,9 @@ def guide(disparity: Map, gray: Ints) -> Map:
     """
     guided = disparity.copy()
     alike = np.ceil(oracle.mean_step(gray))
-    size = disparity.shape[0], disparity.shape[1]
+    height, width = disparity.shape
     for y, x in np.argwhere(near_jumps(disparity) & ~np.isnan(disparity)):
-        window = around((int(y), int(x)), size, 4, 2)
+        window = around((int(y), int(x)), (height, width), 4, 2)
         like = [disparity[p] for p in window if abs(gray[p] - gray[y, x]) <= alike]
         known = sorted(value for value in like if not np.isnan(value))
         guided[y, x] = known[(len(known) - 1) // 2]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import select
 import signal
 import subprocess
 import sys
@@ -408,8 +409,10 @@ def test_progress_is_shown_on_terminals() -> None:
     arguments = ["match", "left.png", "right.png", "--num-disparities", "16", "--json"]
     command = [sys.executable, "-m", "phasestereo", *arguments]
     run = subprocess.run(command, stdout=subprocess.PIPE, stderr=slave, check=False)  # noqa: S603 - our own command
-    os.close(slave)
+    # What was written may get lost with the last one that holds the other end.
+    assert select.select([master], [], [], 10)[0], "something is shown"
     shown = os.read(master, 100_000).decode()
+    os.close(slave)
     os.close(master)
     assert run.returncode == 0
     assert "Matching" in shown
