@@ -436,17 +436,82 @@ def free_scanline(aggregated: NDArray[Any], near: int, far: int) -> Ints:
     return followed(cost, came_from)
 
 
-def confidence(aggregated: NDArray[Any], index: Ints) -> Floats:
-    """Return clip((c2 - c1) / c2, 0, 1), (H, W): c1 the chosen cost, c2 the least not beside it.
+# --- semi-global search ---
 
-    Zero where c2 is zero or every candidate is the chosen one or next to it.
+BAND, LOOK = 32, 16
+"""Rows of a band, and rows below it from which paths come up."""
+
+
+def mean_step(gray: NDArray[Any]) -> float:
+    """Return the mean difference of horizontal neighbours; 0 where there are none."""
+    steps = np.abs(np.diff(gray, axis=1))
+    return float(steps.mean()) if steps.size else 0.0
+
+
+def far_penalties(gray: Ints, near: int, far: int, edges: float, ahead: tuple[int, int]) -> Ints:
+    """Return what a jump of a path costs to each pixel from the one (dx, dy) ahead of it, (H, W).
+
+    Where the gray value differs by more than `edges` times the mean difference of neighbours, in
+    whole steps of gray, half of it, by more than thrice that a third; not less than near.
     """
-    chosen = index[:, :, np.newaxis]
-    c1 = np.take_along_axis(aggregated, chosen, axis=2)[:, :, 0].astype(np.float64)
-    elsewhere = np.abs(np.arange(aggregated.shape[2]) - chosen) > 1
-    c2 = np.where(elsewhere, aggregated, np.inf).min(axis=2)
-    known = np.isfinite(c2) & (c2 != 0)
-    return np.where(known, np.clip((c2 - c1) / np.where(known, c2, 1), 0, 1), 0)
+    dx, dy = ahead
+    step = int(edges * mean_step(gray))
+    there = next(v for x, y, v in neighbours(gray, 1, "edge") if (x, y) == (dx, dy))
+    jump = np.abs(gray - there)
+    parts = np.select([(edges == 0) | (jump <= step), jump <= 3 * step], [1, 2], 3)
+    penalties: Ints = np.maximum(far // parts, near)
+    return penalties
+
+
+def path_totals(costs: Ints, far: Ints, near: int, dx: int) -> Ints:
+    """Return the totals of paths from row to row, each from column x + dx of the one above.
+
+    total(p, d) = cost(p, d) + the least of m(d), m(d - 1) + near, m(d + 1) + near and far(p), m
+    being the totals of the pixel before, less the least of these; from beyond the image nothing.
+    """
+    totals = costs.copy()
+    height, width, _ = costs.shape
+    columns = np.arange(width) + dx
+    inside = ((columns >= 0) & (columns < width))[:, np.newaxis]
+    for y in range(1, height):
+        before = totals[y - 1, np.clip(columns, 0, width - 1)]
+        m = before - before.min(axis=1, keepdims=True)
+        unreachable = np.iinfo(np.int64).max // 2
+        beside = np.pad(m, [(0, 0), (1, 1)], constant_values=unreachable) + near
+        jump = np.broadcast_to(far[y][:, np.newaxis], m.shape)
+        totals[y] += np.where(inside, np.min([m, beside[:, :-2], beside[:, 2:], jump], axis=0), 0)
+    return totals
+
+
+def path_sums(aggregated: Ints, near: int, far: int, gray: Ints, edges: float = 0.0) -> Ints:
+    """Return the sums of the totals of eight paths to each pixel and candidate, (H, W, N).
+
+    Two along the row, of which the mean, rounded up, counts twice; three from above; three from
+    below, which begin `LOOK` rows under the last one of each band, and of which four times the
+    rounded quarter counts.
+    """
+
+    def fars(dx: int, dy: int) -> Ints:
+        return far_penalties(gray, near, far, edges, (dx, dy))
+
+    def turned(values: NDArray[Any]) -> NDArray[Any]:
+        return np.swapaxes(values, 0, 1)
+
+    columns = turned(aggregated)
+    from_left = turned(path_totals(columns, turned(fars(-1, 0)), near, 0))
+    from_right = turned(path_totals(columns[::-1], turned(fars(1, 0))[::-1], near, 0)[::-1])
+    sums: Ints = 2 * ((from_left + from_right + 1) // 2)
+    for dx in (-1, 0, 1):
+        sums = sums + path_totals(aggregated, fars(dx, -1), near, dx)
+    for first in range(0, len(aggregated), BAND):
+        rows = slice(first, min(first + BAND, len(aggregated)))
+        seen = slice(first, min(first + BAND + LOOK, len(aggregated)))
+        from_below: list[Ints] = [
+            path_totals(aggregated[seen][::-1], fars(dx, 1)[seen][::-1], near, dx)[::-1]
+            for dx in (-1, 0, 1)
+        ]
+        sums[rows] += 4 * ((np.sum(from_below, axis=0)[: rows.stop - first] + 2) // 4)
+    return sums
 
 
 # --- the whole method ---

@@ -11,10 +11,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import oracle
+import oracle_refinement as refinement
 import phasestereo as ps
 from phasestereo.datasets import find_scene
 from phasestereo.metrics import bad_pixels
 from test_descriptor import decoded
+from test_refinement import two_surfaces
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -94,8 +96,11 @@ def test_codes_to_disparities_equal_the_oracle(
         "wta": lambda: oracle.winner_takes_all(volume),
     }[optimizer]()
     np.testing.assert_array_equal(result.disparity, chosen + low)
+    unit = window**2 / 2**dropped
+    voices = refinement.votes(refinement.of_scanlines(volume, chosen), unit)
+    expected = refinement.confidence(result.disparity, voices, left.astype(np.int64))
     assert result.confidence is not None
-    np.testing.assert_allclose(result.confidence, oracle.confidence(volume, chosen), rtol=1e-6)
+    np.testing.assert_allclose(result.confidence, expected, rtol=0, atol=1e-5)
     without = ps.match(left, right, **options, **aggregation, **choice, confidence=False)
     assert without.confidence is None
     np.testing.assert_array_equal(without.disparity, result.disparity)
@@ -202,77 +207,101 @@ def test_sums_of_absolute_differences_equal_the_oracle() -> None:
     assert (everything.disparity != result.disparity).any(), "the penalty mattered"
 
 
-def test_confidence_is_the_relative_margin() -> None:
-    left, right = noise_pair(12, 20, 3)
+def test_confidence_tells_texture_from_none() -> None:
+    left, right = noise_pair(30, 60, 3)
+    for image in (left, right):
+        image[:, 35:] = 128
     result = ps.match(left, right, num_disparities=6, preset="paper")
-    volume = oracle.aggregate(
-        ps.cost_volume(left, right, num_disparities=6).astype(np.int64), 9, shiftable=True
-    )
-    expected = oracle.confidence(volume, result.disparity.astype(int))
     assert result.confidence is not None
-    np.testing.assert_allclose(result.confidence, expected, rtol=1e-6)
-    assert result.confidence[:, 6:].min() > 0.5, "random texture leaves no doubt"
+    assert result.confidence[:, 6:28].min() > 0.9, "random texture leaves no doubt"
+    assert result.confidence[:, 50:].max() < 0.01, "nothing speaks for anything"
 
 
 def test_shifted_texture_is_found_and_the_border_is_flagged() -> None:
     left, right = noise_pair(30, 60, 5)
-    result = ps.match(left, right, num_disparities=16)
+    result = ps.match(left, right, num_disparities=16, preset="paper")
     assert (result.disparity[:, 10:] == 5).all()
     assert (result.flags[:, 10:] == 0).all()
     columns = np.arange(60) - result.disparity
     np.testing.assert_array_equal((result.flags & ps.Flag.OUTSIDE) != 0, columns < 0)
 
 
-def test_negative_disparities() -> None:
+def test_robust_finds_shifted_texture_and_fills_the_border() -> None:
+    left, right = noise_pair(30, 60, 5)
+    result = ps.match(left, right, num_disparities=16)
+    assert np.abs(result.disparity - 5).max() < 0.4, "the right border draws half-way to the next"
+    assert np.abs(result.disparity[:, 10:-10] - 5).max() < 0.1
+    assert (result.flags[:, 10:-5] == 0).all()
+    assert (result.flags[:, :3] & ps.Flag.FILLED != 0).all()
+    assert (result.flags[:, :3] & ps.Flag.OUTSIDE != 0).any(axis=0).all()
+
+
+@pytest.mark.parametrize("preset", ["paper", "fast", "robust"])
+def test_negative_disparities(preset: str) -> None:
     right, left = noise_pair(20, 40, 4)
-    result = ps.match(left, right, num_disparities=8, min_disparity=-7)
-    assert (result.disparity[:, :30] == -4).all()
-    columns = np.arange(40) - result.disparity
+    result = ps.match(left, right, num_disparities=8, min_disparity=-7, preset=preset)
+    assert (np.rint(result.disparity[:, :30]) == -4).all()
+    columns = np.arange(40) - np.rint(result.disparity)
     np.testing.assert_array_equal((result.flags & ps.Flag.OUTSIDE) != 0, columns > 39)
 
 
-def test_without_fill_untrusted_estimates_are_missing() -> None:
-    left, right = noise_pair(20, 40, 6)
-    dense = ps.match(left, right, num_disparities=12)
-    sparse = ps.match(left, right, num_disparities=12, fill=False)
-    np.testing.assert_array_equal(np.isnan(sparse.disparity), dense.flags != 0)
-    np.testing.assert_array_equal(sparse.flags, dense.flags)
+@pytest.mark.parametrize("preset", ["paper", "fast", "robust"])
+def test_without_fill_flagged_estimates_are_missing(preset: str) -> None:
+    """Nothing else changes: not even the disparities of the others."""
+    left, right = two_surfaces(0, (40, 60))
+    dense = ps.match(left, right, num_disparities=12, preset=preset)
+    sparse = ps.match(left, right, num_disparities=12, preset=preset, fill=False)
     assert np.isfinite(dense.disparity).all()
     assert (dense.flags != 0).any()
+    np.testing.assert_array_equal(np.isnan(sparse.disparity), dense.flags != 0)
+    np.testing.assert_array_equal(sparse.flags, dense.flags & ~ps.Flag.FILLED)
+    known = np.isfinite(sparse.disparity)
+    np.testing.assert_array_equal(sparse.disparity[known], dense.disparity[known])
+    filled = dense.flags & ps.Flag.FILLED != 0
+    np.testing.assert_array_equal(filled, (dense.flags != 0) & (preset == "robust"))
 
 
-def test_masked_pixels_neither_vote_nor_are_estimated() -> None:
+@pytest.mark.parametrize("preset", ["paper", "robust"])
+def test_masked_pixels_neither_vote_nor_are_estimated(preset: str) -> None:
     rng = np.random.default_rng(1)
     left, right = noise_pair(30, 50, 4)
     masks: dict[str, Any] = {
         "left_mask": rng.random((30, 50)) > 0.1,
         "right_mask": rng.random((30, 50)) > 0.1,
     }
-    result = ps.match(left, right, num_disparities=8, **masks)
+    options: dict[str, Any] = {"num_disparities": 8, "preset": preset, **masks}
+    result = ps.match(left, right, **options)
     garbage = [
         np.where(mask, image, 255 - image)
         for image, mask in zip((left, right), masks.values(), strict=True)
     ]
-    again = ps.match(*garbage, num_disparities=8, **masks)
+    again = ps.match(*garbage, **options)
     for field in ("disparity", "flags", "confidence"):
         np.testing.assert_array_equal(getattr(again, field), getattr(result, field))
     masked = ~masks["left_mask"]
     np.testing.assert_array_equal((result.flags & ps.Flag.MASKED) != 0, masked)
     assert np.isnan(result.disparity[masked]).all()
-    missing = (result.flags & (ps.Flag.MASKED | ps.Flag.NO_CANDIDATE)) != 0
+    without_candidate = (result.flags & ps.Flag.NO_CANDIDATE) != 0
+    assert without_candidate.any()
+    missing = masked | (without_candidate & (preset == "paper"))  # else it is filled
     np.testing.assert_array_equal(np.isnan(result.disparity), missing)
-    assert (result.disparity[:, 8:][~masked[:, 8:]] == 4).mean() > 0.99
+    assert (np.rint(result.disparity[:, 8:][~masked[:, 8:]]) == 4).mean() > 0.99
 
 
 def test_matches_on_masked_pixels_are_flagged() -> None:
     left, right = noise_pair(20, 30, 3)
     right_mask = np.ones((20, 30), bool)
     right_mask[8:12, 10:13] = False
-    result = ps.match(left, right, num_disparities=6, right_mask=right_mask)
+    result = ps.match(left, right, num_disparities=6, right_mask=right_mask, preset="paper")
     columns = np.clip(np.arange(30) - result.disparity, 0, 29).astype(int)
     hit = ~right_mask[np.arange(20)[:, None], columns]
     np.testing.assert_array_equal((result.flags & ps.Flag.MATCH_MASKED) != 0, hit)
     assert hit.any()
+    robust = ps.match(left, right, num_disparities=6, right_mask=right_mask)
+    filled = robust.flags & ps.Flag.MATCH_MASKED != 0
+    assert (robust.flags[filled] & ps.Flag.FILLED != 0).all()
+    assert filled[:, 13:16].any()
+    assert (np.rint(robust.disparity) == 3).all()
 
 
 def test_nothing_to_match_with_leaves_no_candidate() -> None:
@@ -332,7 +361,8 @@ def test_gray_and_colour_may_meet() -> None:
 def test_contrast_is_left_alone() -> None:
     left, right = noise_pair(25, 40, 3)
     dim = (left // 4 + 60).astype(np.uint8)
-    assert (ps.match(dim, right, num_disparities=8).disparity[:, 8:] == 3).all()
+    assert (ps.match(dim, right, num_disparities=8, preset="paper").disparity[:, 8:] == 3).all()
+    assert np.abs(ps.match(dim, right, num_disparities=8).disparity - 3).max() < 0.4
 
 
 def test_threads_change_nothing() -> None:
@@ -340,6 +370,18 @@ def test_threads_change_nothing() -> None:
     expected = ps.match(left, right, num_disparities=9, threads=1)
     for threads in range(2, 9):
         found = ps.match(left, right, num_disparities=9, threads=threads)
+        for field in ("disparity", "flags", "confidence"):
+            np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
+
+
+@pytest.mark.parametrize("fill", [True, False])
+def test_threads_change_nothing_however_columns_and_bands_are_shared(*, fill: bool) -> None:
+    left, right = two_surfaces(1, (150, 700, 3))
+    mask = np.random.default_rng(3).random((150, 700)) > 0.05
+    options: dict[str, Any] = {"num_disparities": 12, "left_mask": mask, "fill": fill}
+    expected = ps.match(left, right, threads=1, **options)
+    for threads in (2, 5, 11):
+        found = ps.match(left, right, threads=threads, **options)
         for field in ("disparity", "flags", "confidence"):
             np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
@@ -357,7 +399,7 @@ def test_results_tell_about_themselves_and_travel() -> None:
     assert result.confidence is not None
     assert result.disparity.dtype == result.confidence.dtype == np.float32
     assert result.flags.dtype == np.uint16
-    assert set(result.timings) == {"estimation", "description", "matching"}
+    assert set(result.timings) == {"estimation", "description", "matching", "refinement"}
     assert "20x10, 100.0% estimated" in repr(result)
     copy = pickle.loads(pickle.dumps(result))  # noqa: S301  # our own bytes
     np.testing.assert_array_equal(copy.disparity, result.disparity)

@@ -525,11 +525,52 @@ def test_free_scanline_finds_the_cheapest_of_all_paths(width: int, number: int, 
         assert free_path_cost(row, tuple(path), near, far) == least
 
 
-def test_confidence_by_hand() -> None:
-    aggregated = one_row([10, 4, 6, 8], [10, 4, 6, 8], [5, 1, 0, 9], [8, 8, 8, 2])
-    found = oracle.confidence(aggregated, np.array([[1, 0, 0, 3]]))
-    assert found.tolist() == [[0.5, 0, 0, 0.75]]
-    assert oracle.confidence(one_row([1, 9]), np.array([[0]])).tolist() == [[0]]
+# --- semi-global search ---
+
+
+def test_penalties_are_lower_where_gray_values_jump() -> None:
+    """Of 0, 2, 12, 18 the mean step is 6: 10 is more, 18 is not more than thrice that."""
+    gray = np.array([[0, 2, 12, 18], [19, 0, 12, 18]])
+    assert oracle.mean_step(gray[:1]) == 6
+    left = oracle.far_penalties(gray[:1], 1, 13, 1.0, (-1, 0))
+    assert left.tolist() == [[13, 13, 6, 13]]
+    assert oracle.far_penalties(gray[:1], 1, 13, 1.0, (1, 0)).tolist() == [[13, 6, 13, 13]]
+    assert oracle.far_penalties(gray[:1], 5, 13, 0.5, (-1, 0)).tolist() == [[13, 13, 5, 6]]
+    assert oracle.far_penalties(gray[:1], 1, 13, 0.0, (-1, 0)).tolist() == [[13] * 4]
+    steep = np.array([[0, 0, 0, 0], [40, 0, 10, 0]])  # steps 0 0 0 40 10 10: mean 10
+    assert oracle.far_penalties(steep, 1, 13, 1.0, (0, -1))[1].tolist() == [4, 13, 13, 13]
+    assert oracle.far_penalties(steep, 1, 13, 1.0, (-1, -1))[1].tolist() == [4, 13, 13, 13]
+
+
+def test_path_totals_by_hand() -> None:
+    """A row after another: to stay, to change by one, to jump; relative to the least before."""
+    costs = np.array([[[0, 9, 9]], [[9, 0, 9]], [[9, 9, 0]], [[5, 5, 5]]])
+    far = np.full((4, 1), 3)
+    expected = [[0, 9, 9], [9, 2, 12], [11, 9, 2], [8, 7, 5]]
+    assert oracle.path_totals(costs, far, 2, 0)[:, 0].tolist() == expected
+
+
+def test_paths_begin_where_they_enter_the_image() -> None:
+    costs = np.array([[[0, 4], [4, 0]], [[1, 1], [1, 1]]])
+    far = np.full((2, 2), 2)
+    assert oracle.path_totals(costs, far, 2, -1)[1].tolist() == [[1, 1], [1, 3]]
+    assert oracle.path_totals(costs, far, 2, 1)[1].tolist() == [[3, 1], [1, 1]]
+
+
+def test_a_single_pixel_has_eight_times_its_cost() -> None:
+    """Of three totals of 3 the quarter is 9 / 4, rounded 2; four times that are 8 in place of 9."""
+    sums = oracle.path_sums(one_row([3, 4]), 1, 2, np.zeros((1, 1), np.int64))
+    assert sums.tolist() == [[[3 * 3 + 2 * 3 + 8, 3 * 4 + 2 * 4 + 12]]]
+
+
+@pytest.mark.parametrize(("below", "seen"), [(15, True), (16, True), (17, False)])
+def test_paths_come_up_from_sixteen_rows_below_a_band(below: int, *, seen: bool) -> None:
+    costs = np.zeros((60, 1, 2), np.int64)
+    costs[31 + below] = [[0, 40]]
+    sums = oracle.path_sums(costs, 5, 5, np.zeros((60, 1), np.int64))
+    assert (oracle.path_sums(np.zeros_like(costs), 5, 5, np.zeros((60, 1), np.int64)) == 0).all()
+    assert bool(sums[31].any()) is seen
+    assert sums[32, 0, 1] > 0
 
 
 # --- the whole method ---

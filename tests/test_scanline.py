@@ -38,10 +38,31 @@ def test_winner_takes_all_follows_the_definition(costs: np.ndarray) -> None:
     np.testing.assert_array_equal(ps.optimize(costs, penalty=1, optimizer="wta"), expected)
 
 
+@given(costs=VOLUMES, near=st.integers(0, 5), far=st.integers(0, 5))
+def test_semi_global_matching_follows_the_definition(
+    costs: np.ndarray, near: int, far: int
+) -> None:
+    flat = np.zeros(costs.shape[:2], np.int64)
+    expected = oracle.winner_takes_all(oracle.path_sums(costs.astype(np.int64), near, far, flat))
+    found = ps.optimize(costs, penalty=(near, far), optimizer="sgm")
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("rows", [32, 33, 49, 100])
+@pytest.mark.parametrize("cols", [5, 16, 131])
+def test_paths_come_up_from_below_each_band(rows: int, cols: int) -> None:
+    costs = np.random.default_rng(rows * cols).integers(0, 30, (rows, cols, 5), np.uint32)
+    flat = np.zeros((rows, cols), np.int64)
+    expected = oracle.winner_takes_all(oracle.path_sums(costs.astype(np.int64), 2, 6, flat))
+    found = ps.optimize(costs, penalty=(2, 6), optimizer="sgm")
+    np.testing.assert_array_equal(found, expected)
+    assert (found != oracle.winner_takes_all(costs)).any()
+
+
 def test_no_cost_overflows() -> None:
     costs = np.full((1, 4000, 3), 2**32 - 1, np.uint32)
     costs[:, :, 1] -= 1
-    for optimizer in ("dp", "so", "wta"):
+    for optimizer in ("dp", "so", "wta", "sgm"):
         assert (ps.optimize(costs, penalty=2**40, optimizer=optimizer) == 1).all()
 
 
@@ -58,5 +79,5 @@ def test_a_penalty_out_of_range_is_refused(penalty: object) -> None:
 
 
 def test_an_unknown_optimizer_is_refused() -> None:
-    with pytest.raises(ValueError, match="^optimizer: got 'sgd'; accepts 'dp', 'so', 'wta'"):
+    with pytest.raises(ValueError, match="^optimizer: got 'sgd'; accepts 'dp', 'so', 'wta', 'sgm'"):
         ps.optimize(np.zeros((1, 1, 1), np.uint32), penalty=1, optimizer="sgd")  # type: ignore[arg-type]  # the point

@@ -28,6 +28,8 @@ from phasestereo.equalisation import Equalisation
 rng = np.random.default_rng(0)
 pairs = [rng.integers(0, 256, (2, 70, 90), np.uint8), rng.random((2, 40, 50, 3), np.float32)]
 cases = [{"preset": "fast"}, {"preset": "robust"}, {},
+         {"preset": "robust", "fill": False, "min_confidence": .5, "precision": "full"},
+         {"preset": "robust", "optimizer": "so", "speckle_size": 9},
          {"bits": 3, "neighborhood": 9, "frequencies": (2, 2)},
          {"weak": 1, "noise": 9.0}, {"weak": 2, "power": 2, "noise": (0.1, 0.2)},
          {"equalisation": Equalisation(

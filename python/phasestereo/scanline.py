@@ -21,7 +21,7 @@ def optimize(
     costs: ArrayLike,
     *,
     penalty: int | tuple[int, int],
-    optimizer: Literal["dp", "so", "wta"] = "dp",
+    optimizer: Literal["dp", "so", "wta", "sgm"] = "dp",
 ) -> NDArray[np.uint16]:
     """Choose a candidate for every pixel of a volume of aggregated costs.
 
@@ -30,15 +30,20 @@ def optimize(
     costs
         uint32 (H, W, D), as from `aggregate`.
     penalty
-        What a change of the index along the scanline costs, in the unit of the costs: one integer,
-        or a pair (near, far); 0 to 2^40.
+        What a change of the index along a path costs, in the unit of the costs: one integer, or a
+        pair (near, far); 0 to 2^40.
     optimizer
         ``"dp"``: dynamic programming along each row under the ordering constraint that an index may
         rise by one at most from a pixel to the next, for near, or drop to any smaller one, for far
         (Pedone & Heikkilä 2008, section 2.3); equal costs go to the same index, then to the smaller
         one. ``"so"``: the same free to rise or drop by one, for near, or change to any other index,
         for far; equal costs go to the same index, then to one smaller, one larger, and the least
-        index of the cheapest. ``"wta"``: the least cost of each pixel by itself.
+        index of the cheapest. ``"wta"``: the least cost of each pixel by itself. ``"sgm"``: the
+        least sum of the totals of eight paths, along each of which the index changes as with
+        ``"so"``, but where far is less than near, it counts as near (Hirschmüller, *Stereo
+        Processing by Semiglobal Matching and Mutual Information*, PAMI 2008); equal sums go to the
+        smallest index. Of these paths two come along the row, three from the top of the volume, and
+        three come up from 16 rows below each band of 32.
 
     Returns
     -------

@@ -1,0 +1,333 @@
+"""What becomes of chosen candidates, written from its definitions alone, as `oracle` is.
+
+From what was chosen for each pixel, and what that and others cost, to a map with flags and
+confidences: places between candidates, the left-right check, speckles, filling, edges drawn to
+those of the image, medians, smoother surfaces, trust. Disparities are float32 throughout, since
+thresholds are held against their differences; what is summed is summed in float64.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import oracle
+import phasestereo as ps
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    Bools = NDArray[np.bool_]
+    Ints = NDArray[np.int64]
+    Floats = NDArray[np.float64]
+    Map = NDArray[np.float32]
+    Pixel = tuple[int, int]
+
+MISSING = ps.Flag.MASKED | ps.Flag.NO_CANDIDATE
+UNMATCHED = MISSING | ps.Flag.OUTSIDE | ps.Flag.MATCH_MASKED
+UNTRUSTED = (
+    UNMATCHED | ps.Flag.OCCLUDED | ps.Flag.MISMATCHED | ps.Flag.SPECKLE | ps.Flag.LOW_CONFIDENCE
+)
+PATHS = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What was chosen, what it costs and the cheapest that is not next to it (inf: none), (H, W).
+
+    The offset is where the match lies, in pixels from the chosen candidate.
+    """
+
+    chosen: Ints
+    own: Ints
+    elsewhere: Floats
+    offset: Map
+
+
+# --- choices ---
+
+
+def evidence_of(totals: Ints, costs: Ints, chosen: Ints) -> Evidence:
+    """Return what totals (H, W, N) tell of chosen candidates, and costs of places between them."""
+    at = chosen[:, :, np.newaxis]
+    beside = np.abs(np.arange(totals.shape[2]) - at) <= 1
+    return Evidence(
+        chosen=chosen,
+        own=np.take_along_axis(totals, at, axis=2)[:, :, 0],
+        elsewhere=np.where(beside, np.inf, totals).min(axis=2),
+        offset=offsets(costs, chosen),
+    )
+
+
+def of_scanlines(aggregated: Ints, chosen: Ints) -> Evidence:
+    """Return the evidence of aggregated costs."""
+    return evidence_of(aggregated, aggregated, chosen)
+
+
+def of_paths(aggregated: Ints, sums: Ints) -> Evidence:
+    """Return the evidence of sums of paths, each of which has the pixel's own costs twice again."""
+    return evidence_of(sums, sums + 2 * PATHS * aggregated, oracle.winner_takes_all(sums))
+
+
+def offsets(costs: Ints, chosen: Ints) -> Map:
+    """Return the place of the match between candidates, -0.5 to 0.5 from the chosen one, (H, W).
+
+    The tip of the V through the costs of the candidate below, the chosen and that above; as much
+    steeper about the candidate as flatter half-way to the next: t / 2 (1 + 0.6 (1 - |t|)), t being
+    twice the tip's place. Candidates at either end are taken as they are.
+    """
+    found = np.zeros(chosen.shape, np.float32)
+    for y, x in np.ndindex(chosen.shape):
+        n = chosen[y, x]
+        if not 0 < n < costs.shape[2] - 1:
+            continue
+        below, own, above = costs[y, x, n - 1 : n + 2]
+        depth = np.float32(max(max(below, above) - own, 1))
+        t = np.clip(np.float32(below - above) / depth, np.float32(-1), np.float32(1))
+        one = np.float32(1)
+        found[y, x] = np.float32(0.5) * t * (one + np.float32(0.6) * (one - abs(t)))
+    return found
+
+
+def first_flags(chosen: Ints, low: int, masks: tuple[Bools, Bools], number: int) -> Ints:
+    """Return what is to be said of every pixel and the candidate chosen for it, by itself."""
+    left_mask, right_mask = masks
+    height, width = chosen.shape
+    voting = oracle.votes(left_mask, right_mask, low, number)
+    flags = np.zeros(chosen.shape, np.int64)
+    for y, x in np.ndindex(height, width):
+        column = x - low - chosen[y, x]
+        inside = int(np.clip(column, 0, width - 1))
+        if not left_mask[y, x]:
+            flags[y, x] = ps.Flag.MASKED
+        elif not voting[y, x].any():
+            flags[y, x] = ps.Flag.NO_CANDIDATE
+        else:
+            flags[y, x] = ps.Flag.OUTSIDE * (column != inside)
+            flags[y, x] |= ps.Flag.MATCH_MASKED * (not right_mask[y, inside])
+    return flags
+
+
+def check(evidence: Evidence, flags: Ints, low: int, most: int) -> Ints:
+    """Return the flags with those of the left-right check.
+
+    A right pixel belongs to the left one that has chosen it for the least, of several the nearest
+    surface. A left pixel is inconsistent whose disparity differs from that of the owner of its
+    match by more than `most`: mismatched beside a pixel that is consistent, else occluded.
+    """
+    height, width = flags.shape
+    checked = flags.copy()
+    for y in range(height):
+        chosen, own = evidence.chosen[y], evidence.own[y]
+        matched = [x for x in range(width) if not flags[y, x] & UNMATCHED]
+        match = {x: x - low - chosen[x] for x in matched}
+        consistent = set()
+        for x in matched:
+            rivals = [other for other in matched if match[other] == match[x]]
+            owner = min(rivals, key=lambda other: (own[other], -chosen[other]))
+            if abs(chosen[owner] - chosen[x]) <= most:
+                consistent.add(x)
+        for x in set(matched) - consistent:
+            is_beside = x - 1 in consistent or x + 1 in consistent
+            checked[y, x] |= ps.Flag.MISMATCHED if is_beside else ps.Flag.OCCLUDED
+    return checked
+
+
+# --- maps ---
+
+
+def trusted(disparity: Map, flags: Ints) -> Bools:
+    """Return where a pixel's own estimate counts."""
+    counts: Bools = ~np.isnan(disparity) & (flags & UNTRUSTED == 0)
+    return counts
+
+
+def regions(disparity: Map, counts: Bools, step: float) -> Iterator[list[Pixel]]:
+    """Yield the pixels that hang together by neighbours (of four) that differ by `step` at most."""
+    left = {(int(y), int(x)) for y, x in np.argwhere(counts)}
+    while left:
+        region = [left.pop()]
+        for y, x in region:
+            for there in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)):
+                if there in left and abs(disparity[there] - disparity[y, x]) <= step:
+                    left.remove(there)
+                    region.append(there)
+        yield region
+
+
+def flag_speckles(disparity: Map, flags: Ints, size: int, step: float) -> Ints:
+    """Return the flags with those of regions of up to `size` trusted pixels."""
+    flagged = flags.copy()
+    for region in regions(disparity, trusted(disparity, flags), step):
+        if len(region) <= size:
+            for pixel in region:
+                flagged[pixel] |= ps.Flag.SPECKLE
+    return flagged
+
+
+def fill(disparity: Map, flags: Ints) -> tuple[Map, Ints]:
+    """Return the map with the smaller of the nearest trusted disparities to the left and right.
+
+    A row without any takes them from the nearest row that has one, the upper of two. Masked pixels
+    have none.
+    """
+    counts = trusted(disparity, flags)
+    rows = [int(y) for y in np.flatnonzero(counts.any(axis=1))]
+    filled, marked = disparity.copy(), flags.copy()
+    filled[flags & ps.Flag.MASKED != 0] = np.nan
+    for y, x in np.argwhere(~counts & (flags & ps.Flag.MASKED == 0)):
+        if rows:
+            source = min(rows, key=lambda row: (abs(row - y), row))
+            places = np.flatnonzero(counts[source])
+            beside = [*places[places <= x][-1:], *places[places >= x][:1]]
+            filled[y, x] = disparity[source, beside].min()
+            marked[y, x] |= ps.Flag.FILLED
+    return filled, marked
+
+
+def around(pixel: Pixel, shape: tuple[int, int], reach: int, step: int = 1) -> Iterator[Pixel]:
+    """Yield the pixels of the image up to `reach` rows and columns away, every so many-th."""
+    for dy in range(-reach, reach + 1, step):
+        for dx in range(-reach, reach + 1, step):
+            y, x = pixel[0] + dy, pixel[1] + dx
+            if 0 <= y < shape[0] and 0 <= x < shape[1]:
+                yield y, x
+
+
+def near_jumps(disparity: Map) -> Bools:
+    """Return where, up to four pixels away, the next disparity right or below is off by over 1."""
+    height, width = disparity.shape
+    jumps = np.zeros((height, width), bool)
+    jumps[:, :-1] |= np.abs(np.diff(disparity, axis=1)) > 1
+    jumps[:-1] |= np.abs(np.diff(disparity, axis=0)) > 1
+    near = np.zeros_like(jumps)
+    for y, x in np.argwhere(jumps):
+        for pixel in around((int(y), int(x)), (height, width), 4):
+            near[pixel] = True
+    return near
+
+
+def guide(disparity: Map, gray: Ints) -> Map:
+    """Return the map with medians of like pixels near jumps, of two middle ones the smaller.
+
+    Of 9 x 9 pixels every second row and column counts, and of these the pixels whose gray values
+    differ by the mean difference of neighbours, rounded up, at most.
+    """
+    guided = disparity.copy()
+    alike = np.ceil(oracle.mean_step(gray))
+    height, width = disparity.shape
+    for y, x in np.argwhere(near_jumps(disparity) & ~np.isnan(disparity)):
+        window = around((int(y), int(x)), (height, width), 4, 2)
+        like = [disparity[p] for p in window if abs(gray[p] - gray[y, x]) <= alike]
+        known = sorted(value for value in like if not np.isnan(value))
+        guided[y, x] = known[(len(known) - 1) // 2]
+    return guided
+
+
+def shifted(values: NDArray[Any], dy: int, dx: int) -> Floats:
+    """Return the values at (y + dy, x + dx); NaN beyond the image."""
+    reach = max(abs(dy), abs(dx))
+    padded = np.pad(values.astype(np.float64), reach, constant_values=np.nan)
+    return padded[reach + dy :, reach + dx :][: values.shape[0], : values.shape[1]]
+
+
+def median(disparity: Map) -> Map:
+    """Return the medians of 3 x 3 disparities; the edge is repeated, unknown ones are as the own.
+
+    What is unknown stays so.
+    """
+    nine = [values for _, _, values in oracle.neighbours(disparity, 1, "edge")]
+    known = [np.where(np.isnan(values), disparity, values) for values in nine]
+    medians = np.sort(known, axis=0)[4]
+    return np.where(np.isnan(disparity), disparity, medians)
+
+
+def smooth(disparity: Map) -> Map:
+    """Return the mean over 7 x 7 of the pixels that lie, as those opposite do, within 1 of it."""
+    total, count = np.zeros(disparity.shape), np.ones(disparity.shape)
+    for dy, dx in itertools.product(range(-3, 4), repeat=2):
+        if (dy, dx) != (0, 0):
+            one, other = (
+                shifted(disparity, *there).astype(np.float32) - disparity
+                for there in ((dy, dx), (-dy, -dx))
+            )
+            same = (np.abs(one) <= 1) & (np.abs(other) <= 1)
+            total += np.where(same, one, 0)
+            count += same
+    return (disparity + total / count).astype(np.float32)
+
+
+# --- trust ---
+
+
+def votes(evidence: Evidence, unit: float) -> Floats:
+    """Return how firmly each pixel votes: a / (a + 4), a being how far the chosen one is ahead."""
+    ahead = np.maximum(evidence.elsewhere - evidence.own, 0) / unit
+    return np.where(np.isinf(ahead), 0, ahead / (np.where(np.isinf(ahead), 0, ahead) + 4))
+
+
+def confidence(disparity: Map, voices: Floats, gray: Ints, agree: float = 1.0) -> Floats:
+    """Return s^3 / (s^3 + 0.01), s being the share of the votes around that support a disparity.
+
+    Of 9 x 9 pixels every second row and column votes, for disparities up to `agree` from its own;
+    it counts half where the gray value differs by twice the mean difference of neighbours.
+    """
+    half = max(2 * oracle.mean_step(gray), 1) ** 2
+    weight, support = np.zeros(disparity.shape), np.zeros(disparity.shape)
+    for dy, dx in itertools.product(range(-4, 5, 2), repeat=2):
+        there = shifted(disparity, dy, dx)
+        alike = half / (half + (shifted(gray, dy, dx) - gray) ** 2)
+        weight += np.where(np.isnan(there), 0, alike)
+        agrees = np.abs(there - disparity) <= agree
+        support += np.where(agrees, alike * shifted(voices, dy, dx), 0)
+    known = ~np.isnan(disparity)
+    share = (support / np.where(known, weight, 1)) ** 3
+    return np.where(known, share / (share + 0.01), 0)
+
+
+def withdraw(
+    disparity: Map, flags: Ints, trust: NDArray[Any], *, least: float, filled: bool
+) -> tuple[Map, Ints]:
+    """Return the map without what is trusted too little, and what is flagged if not filled."""
+    low = (trust < least) & ~np.isnan(disparity)
+    flags = flags | low * ps.Flag.LOW_CONFIDENCE
+    gone = low | ((not filled) & (flags & UNTRUSTED != 0))
+    if not filled:
+        flags = np.where(flags & UNTRUSTED != 0, flags & ~ps.Flag.FILLED, flags)
+    return np.where(gone, np.float32(np.nan), disparity), flags
+
+
+def refine(
+    evidence: Evidence,
+    gray: Ints,
+    *,
+    low: int,
+    number: int,
+    masks: tuple[Bools, Bools],
+    settings: ps.Settings,
+) -> tuple[Map, Ints]:
+    """Return disparities and flags, from candidates to smooth surfaces, before any is withdrawn."""
+    flags = first_flags(evidence.chosen, low, masks, number)
+    if settings.consistency is not None:
+        flags = check(evidence, flags, low, settings.consistency)
+    disparity = (low + evidence.chosen).astype(np.float32)
+    if settings.subpixel:
+        disparity += evidence.offset
+    disparity[flags & MISSING != 0] = np.nan
+    if settings.speckle_size > 0:
+        step = settings.speckle_range
+        flags = flag_speckles(disparity, flags, settings.speckle_size, step)
+    if settings.consistency is not None or settings.speckle_size > 0:
+        disparity, flags = fill(disparity, flags)
+    if settings.guided:
+        disparity = guide(disparity, gray)
+    if settings.median:
+        disparity = median(disparity)
+    if settings.subpixel:
+        disparity = smooth(disparity)
+    return disparity, flags

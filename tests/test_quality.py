@@ -1,0 +1,201 @@
+"""How good maps and their confidences are: on real scenes, beside OpenCV, and where truth is exact.
+
+Bounds are the figures of the day with a little room: what makes them worse has to be noticed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple, replace
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import oracle
+import phasestereo as ps
+from phasestereo.bench.cases import SUITES
+from phasestereo.datasets import find_scene
+from phasestereo.metrics import bad_pixels, middlebury_v2, subpixel
+from phasestereo.rendering import render_pair
+from phasestereo.roc import roc_area
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from phasestereo.datasets import Pair
+
+for module in ("scipy", "PIL"):
+    pytest.importorskip(module)
+
+BAD_SHARP = {
+    "tsukuba": 3.8,
+    "venus": 0.5,
+    "cones": 2.6,
+    "Motorcycle": 4.8,
+    "Piano": 11.8,
+    "Playroom": 13.9,
+    "Art": 9.0,
+    "Moebius": 8.3,
+    "Aloe": 4.3,
+    "Baby1": 2.2,
+    "Lampshade1": 4.1,
+    "Rocks1": 1.9,
+}
+"""Percent of the non-occluded pixels that robust had wrong by more than 1 px; mean 5.6."""
+
+BAD_BLURRED = {"tsukuba": 9.4, "venus": 4.7, "cones": 12.5, "Aloe": 15.7}
+"""The same, means over six blurs of the left image."""
+
+BLURS = ("gauss 2", "gauss 4", "disk 3", "disk 6", "motion 9", "motion 15")
+
+
+@cache
+def matched(data: Path, name: str) -> tuple[Pair, ps.Result]:
+    """Return a real pair and what robust finds of it."""
+    pair = find_scene(data / "middlebury", name).load()
+    return pair, ps.match(pair.left, pair.right, num_disparities=pair.num_disparities)
+
+
+def bad(pair: Pair, disparity: Any) -> float:
+    assert pair.truth is not None
+    return bad_pixels(disparity, pair.truth, 1.0, pair.masks["nonocc"])
+
+
+@pytest.mark.parametrize("name", BAD_SHARP)
+def test_robust_on_real_scenes(data: Path, name: str) -> None:
+    pair, result = matched(data, name)
+    assert np.isfinite(result.disparity).all(), "maps are dense"
+    assert bad(pair, result.disparity) < BAD_SHARP[name] + 0.4
+
+
+def test_the_mean_of_robust_over_real_scenes(data: Path) -> None:
+    each = [bad(pair, result.disparity) for pair, result in (matched(data, n) for n in BAD_SHARP)]
+    assert np.mean(each) < 5.75
+
+
+@pytest.mark.parametrize("name", BAD_BLURRED)
+def test_robust_where_the_left_image_is_blurred(data: Path, name: str) -> None:
+    pair, _ = matched(data, name)
+    blurred = [SUITES["one-sided-blur"][blur](pair.left) for blur in BLURS]
+    maps = [ps.match(x, pair.right, num_disparities=pair.num_disparities) for x in blurred]
+    assert np.mean([bad(pair, each.disparity) for each in maps]) < BAD_BLURRED[name] + 0.4
+
+
+def test_robust_beats_semi_global_block_matching_in_every_region(data: Path) -> None:
+    """On sharp pairs; in means over the scenes there was half of its errors."""
+    pytest.importorskip("cv2")
+    from phasestereo.bench.opencv import match_sgbm  # noqa: PLC0415  # only where OpenCV is
+
+    ours, theirs = [], []
+    for name in ("tsukuba", "venus", "cones"):
+        pair, result = matched(data, name)
+        rival = match_sgbm(pair.left, pair.right, pair.num_disparities)
+        ours.append(astuple(middlebury_v2(result.disparity, pair))[:3])
+        theirs.append(astuple(middlebury_v2(rival, pair))[:3])
+    assert (np.array(ours) < 0.9 * np.array(theirs)).all()
+    assert (np.mean(ours, axis=0) < 0.85 * np.mean(theirs, axis=0)).all()
+    assert np.mean(ours) < 0.6 * np.mean(theirs)
+
+
+def test_disparities_lie_between_whole_pixels() -> None:
+    pair = render_pair(0, height=360, width=480, num_disparities=64)
+    truth, mask = pair.truth, pair.masks["nonocc"]
+    assert truth is not None
+    maps = {
+        preset: ps.match(pair.left, pair.right, num_disparities=64, preset=preset).disparity
+        for preset in ("robust", "fast")
+    }
+    robust = subpixel(maps["robust"], truth, mask)
+    assert robust.inliers >= 95
+    assert robust.rms < 0.16
+    assert abs(robust.bias) < 0.02
+    assert robust.locking <= 20
+    assert subpixel(maps["fast"], truth, mask).locking > 100, "integers do"
+
+
+# --- confidence ---
+
+
+@pytest.mark.parametrize("name", ["tsukuba", "venus"])
+def test_confidence_tells_right_from_wrong_better_than_the_margin(data: Path, name: str) -> None:
+    """The margin is by how much the second best sum of paths is above the best, relative to it."""
+    pair = find_scene(data / "middlebury", name).load()
+    settings = replace(ps.PRESETS["robust"], equalise=False, precision="full")
+    options: dict[str, Any] = {"num_disparities": pair.num_disparities, "settings": settings}
+    result = ps.match(pair.left, pair.right, noise=2.0, **options)
+    costs = ps.cost_volume(pair.left, pair.right, noise=2.0, **options)
+    volume = ps.aggregate(costs, window=settings.window, shiftable=False).astype(np.int64)
+    gray = np.rint(1000 * oracle.to_gray(pair.left)).astype(np.int64)
+    near, far = 4 * settings.window**2, 16 * settings.window**2
+    sums = oracle.path_sums(volume, near, far, gray, settings.edges)
+    best = oracle.winner_takes_all(sums)[:, :, np.newaxis]
+    beside = np.abs(np.arange(sums.shape[2]) - best) <= 1
+    second = np.where(beside, np.inf, sums).min(axis=2)
+    margin = (second - sums.min(axis=2)) / second
+    assert pair.truth is not None
+    assert result.confidence is not None
+    areas = [
+        roc_area(measure, result.disparity, pair.truth, mask=pair.masks["nonocc"])
+        for measure in (result.confidence, margin)
+    ]
+    assert areas[0] > areas[1] + 0.005
+    assert areas[0] > 0.88
+
+
+@pytest.mark.parametrize("name", BAD_SHARP)
+def test_confidences_are_about_the_share_of_right_disparities(data: Path, name: str) -> None:
+    pair, result = matched(data, name)
+    assert pair.truth is not None
+    assert result.confidence is not None
+    assert result.confidence.min() >= 0
+    assert result.confidence.max() <= 1
+    mask = pair.masks["nonocc"]
+    right = 1 - bad(pair, result.disparity) / 100
+    assert float(result.confidence[mask].mean()) == pytest.approx(right, abs=0.06)
+    assert roc_area(result.confidence, result.disparity, pair.truth, mask=mask) > 0.88
+
+
+def test_less_is_kept_and_it_is_better_the_more_confidence_is_asked_for(data: Path) -> None:
+    pair, dense = matched(data, "cones")
+    assert pair.truth is not None
+    assert dense.confidence is not None
+    shares, errors = [], []
+    for least in (0.0, 0.3, 0.6, 0.9, 0.97):
+        result = ps.match(
+            pair.left, pair.right, num_disparities=pair.num_disparities, min_confidence=least
+        )
+        kept = np.isfinite(result.disparity)
+        np.testing.assert_array_equal(kept, dense.confidence >= np.float64(least))
+        np.testing.assert_array_equal(result.flags & ps.Flag.LOW_CONFIDENCE != 0, ~kept)
+        np.testing.assert_array_equal(result.disparity[kept], dense.disparity[kept])
+        shares.append(kept.mean())
+        errors.append(bad_pixels(result.disparity, pair.truth, 1.0, pair.masks["nonocc"] & kept))
+    assert shares[0] == 1
+    assert (np.diff(shares) < 0).all()
+    assert (np.diff(errors) < 0).all()
+    assert errors[-1] < 0.5 * errors[0]
+
+
+# --- speckles ---
+
+
+@pytest.mark.parametrize("consistency", [None, 1])
+@pytest.mark.parametrize("size", [1, 30, 400])
+def test_speckles_are_those_of_opencv(data: Path, consistency: int | None, size: int) -> None:
+    cv2 = pytest.importorskip("cv2")
+    pair = find_scene(data / "middlebury", "tsukuba").load()
+    settings = ps.Settings(
+        window=3, optimizer="wta", confidence=False, fill=False, consistency=consistency
+    )
+    options: dict[str, Any] = {"num_disparities": 16, "settings": settings}
+    draft = ps.match(pair.left, pair.right, **options)
+    result = ps.match(pair.left, pair.right, speckle_size=size, speckle_range=1, **options)
+    gone = -1
+    filtered = np.where(np.isnan(draft.disparity), gone, draft.disparity).astype(np.int16)
+    cv2.filterSpeckles(filtered, gone, size, 1)
+    expected = (filtered == gone) & np.isfinite(draft.disparity)
+    assert 0.001 < expected.mean() < 0.5
+    np.testing.assert_array_equal(result.flags & ps.Flag.SPECKLE != 0, expected)
+    np.testing.assert_array_equal(result.flags & ~ps.Flag.SPECKLE, draft.flags)
+    np.testing.assert_array_equal(np.isnan(result.disparity), filtered == gone)

@@ -1,0 +1,360 @@
+"""Whole matches with all that refines them held to the oracle, and the oracle to maps by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import oracle
+import oracle_refinement as refinement
+import phasestereo as ps
+from test_descriptor import decoded, decoded_parts
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Masks = tuple[NDArray[np.bool_], NDArray[np.bool_]]
+
+NAN = np.nan
+NOISE = 3.0
+ROBUST = replace(ps.PRESETS["robust"], equalise=False)
+
+
+def volume_of(
+    pair: NDArray[Any], settings: ps.Settings, search: tuple[int, int], masks: Masks | None
+) -> tuple[NDArray[np.int64], int]:
+    """Return the oracle's aggregated costs of phase codes, and how many bits they lost."""
+    r, s = settings.frequencies
+    components = r * (2 * s + 1) + s
+    noise = NOISE if settings.weak else None
+    codes = [
+        ps.descriptor(image, mask=mask, settings=settings, noise=noise)
+        for image, mask in zip(pair, masks or (None, None), strict=True)
+    ]
+    if settings.weak:
+        ceiling = 4 * components
+        parts = [decoded_parts(code, components) for code in codes]
+        costs = oracle.weak_costs(parts[0], parts[1], *search)
+    else:
+        ceiling = components * 2 ** (settings.bits - 1)
+        levels = [decoded(code, components, settings.bits) for code in codes]
+        costs = oracle.phase_costs(levels[0], levels[1], *search, settings.bits)
+    byte = settings.precision == "byte"
+    dropped = oracle.dropped_bits(settings.window, ceiling) if byte else 0
+    volume = oracle.aggregate(
+        costs,
+        settings.window,
+        shiftable=settings.shiftable,
+        votes=None if masks is None else oracle.votes(*masks, *search),
+        ceiling=ceiling,
+        dropped=dropped,
+    )
+    return volume, dropped
+
+
+def evidence_of(
+    volume: NDArray[np.int64], settings: ps.Settings, dropped: int, gray: NDArray[np.int64]
+) -> tuple[refinement.Evidence, float]:
+    """Return what the oracle chooses, and what one bit in every pixel of the window comes to."""
+    both = settings.penalty
+    near, far = (
+        oracle.window_penalty(each, settings.window, dropped)
+        for each in (both if isinstance(both, tuple) else (both, both))
+    )
+    unit = settings.window**2 / 2**dropped
+    if settings.optimizer == "sgm":
+        sums = oracle.path_sums(volume, near, far, gray, settings.edges)
+        return refinement.of_paths(volume, sums), unit * refinement.PATHS
+    chosen = {
+        "dp": lambda: oracle.scanline(volume, near, far),
+        "so": lambda: oracle.free_scanline(volume, near, far),
+        "wta": lambda: oracle.winner_takes_all(volume),
+    }[settings.optimizer]()
+    return refinement.of_scanlines(volume, chosen), unit
+
+
+def assert_equals_the_oracle(
+    pair: NDArray[Any], settings: ps.Settings, search: tuple[int, int], masks: Masks | None = None
+) -> ps.Result:
+    """Check a match against the oracle in all that it returns; return it."""
+    low, number = search
+    options: dict[str, Any] = {"min_disparity": low, "num_disparities": number}
+    if masks is not None:
+        options |= {"left_mask": masks[0], "right_mask": masks[1]}
+    if settings.weak:
+        options["noise"] = NOISE
+    result = ps.match(*pair, settings=settings, **options)
+    everything = np.ones(pair.shape[1:3], bool)
+    thousandths = 1000 if pair.ndim == 4 else 1
+    gray = np.rint(thousandths * oracle.to_gray(pair[0])).astype(np.int64)
+    gray = gray if masks is None else oracle.fill_masked(gray, masks[0])
+    volume, dropped = volume_of(pair, settings, search, masks)
+    evidence, unit = evidence_of(volume, settings, dropped, gray)
+    disparity, flags = refinement.refine(
+        evidence,
+        gray,
+        low=low,
+        number=number,
+        masks=masks or (everything, everything),
+        settings=settings,
+    )
+    trust: NDArray[Any] = np.ones(disparity.shape)
+    if result.confidence is not None:
+        # Whether disparities agree that are one apart may depend on the last bit.
+        voices = refinement.votes(evidence, unit)
+        least, most = (
+            refinement.confidence(disparity, voices, gray, agree) for agree in (0.99999, 1.00001)
+        )
+        assert (result.confidence >= least - 1e-5).all()
+        assert (result.confidence <= most + 1e-5).all()
+        trust = result.confidence
+    disparity, flags = refinement.withdraw(
+        disparity, flags, trust, least=settings.min_confidence, filled=settings.fill
+    )
+    np.testing.assert_array_equal(result.flags, flags)
+    np.testing.assert_allclose(result.disparity, disparity, rtol=0, atol=1e-5)
+    if not settings.subpixel:
+        np.testing.assert_array_equal(result.disparity, disparity)
+    return result
+
+
+def two_surfaces(seed: int, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return a pair: a square in front of a plane, both of random texture, with a little noise."""
+    rng = np.random.default_rng(seed)
+    height, width = shape[:2]
+    plane, square = rng.integers(20, 230, (2, height, width + 6, *shape[2:]))
+    left, right = plane[:, :width].copy(), plane[:, 1 : width + 1].copy()
+    rows = slice(height // 4, 3 * height // 4 + 1)
+    near = width // 2
+    left[rows, near : near + 6] = square[rows, near : near + 6][:, : width - near]
+    first = max(near - 3, 0)
+    right[rows, first : first + 6] = square[rows, near : near + 6][:, : width - first]
+    noisy = np.stack([left, right]) + rng.integers(-12, 13, (2, *left.shape))
+    return np.clip(noisy, 0, 255).astype(np.uint8)
+
+
+def random_masks(seed: int, shape: tuple[int, int]) -> Masks:
+    """Return masks with holes, and one whole row of nothing."""
+    rng = np.random.default_rng(seed)
+    left, right = rng.random((2, *shape)) > 0.15
+    left[shape[0] // 2] = False
+    return left, right
+
+
+SETTINGS = st.builds(
+    ps.Settings,
+    neighborhood=st.just(3),
+    frequencies=st.just((1, 1)),
+    weak=st.sampled_from([0, 0.5]),
+    window=st.sampled_from([1, 3, 5]),
+    shiftable=st.booleans(),
+    precision=st.sampled_from(["full", "byte"]),
+    optimizer=st.sampled_from(["dp", "so", "wta", "sgm", "sgm", "sgm"]),
+    penalty=st.sampled_from([1, (0.5, 2), (4, 16), (3, 1)]),
+    edges=st.sampled_from([0, 0.3, 1]),
+    subpixel=st.booleans(),
+    consistency=st.sampled_from([None, 0, 1]),
+    speckle_size=st.sampled_from([0, 3, 20]),
+    speckle_range=st.sampled_from([0, 0.5, 1]),
+    guided=st.booleans(),
+    median=st.sampled_from([0, 3]),
+    fill=st.booleans(),
+    confidence=st.sampled_from([True]),
+    min_confidence=st.sampled_from([0, 0, 0.37, 0.85]),
+)
+
+
+@settings(max_examples=80)
+@given(
+    seed=st.integers(0, 1000),
+    shape=st.tuples(st.integers(1, 11), st.integers(1, 17)),
+    low=st.integers(-3, 2),
+    wanted=SETTINGS,
+    masked=st.booleans(),
+    coloured=st.booleans(),
+)
+def test_matches_equal_the_oracle(
+    seed: int,
+    shape: tuple[int, int],
+    low: int,
+    wanted: ps.Settings,
+    *,
+    masked: bool,
+    coloured: bool,
+) -> None:
+    number = min(6, shape[1])
+    low = min(max(low, 2 - shape[1] - number), shape[1] - 1)
+    pair = two_surfaces(seed, (*shape, 3) if coloured else shape)
+    masks = random_masks(seed, shape) if masked else None
+    assert_equals_the_oracle(pair, wanted, (low, number), masks)
+
+
+@pytest.mark.parametrize("shape", [(71, 21), (33, 18, 3)])
+@pytest.mark.parametrize("masked", [False, True])
+def test_robust_equals_the_oracle_over_several_bands(
+    shape: tuple[int, ...], *, masked: bool
+) -> None:
+    """Paths come up from 16 rows under bands of 32, whatever rows there are."""
+    masks = random_masks(3, (shape[0], shape[1])) if masked else None
+    result = assert_equals_the_oracle(two_surfaces(3, shape), ROBUST, (0, 7), masks)
+    kinds = ps.Flag.OUTSIDE, ps.Flag.FILLED, ps.Flag.OCCLUDED | ps.Flag.MISMATCHED
+    assert all((result.flags & kind != 0).any() for kind in kinds)
+    assert (result.disparity % 1 > 0).any()
+
+
+@pytest.mark.parametrize("optimizer", ["dp", "so", "wta"])
+def test_scanlines_can_be_refined_as_well(optimizer: Any) -> None:
+    """Speckles without a check, which leaves few of them; then the check without speckles."""
+    spotted = {"window": 3, "penalty": 0.1, "speckle_size": 12, "speckle_range": 0.5}
+    checks: list[tuple[dict[str, Any], int]] = [
+        (spotted | {"consistency": None}, ps.Flag.SPECKLE),
+        ({"speckle_size": 0}, ps.Flag.OCCLUDED | ps.Flag.MISMATCHED),
+    ]
+    for check, kinds in checks:
+        wanted = replace(ROBUST, optimizer=optimizer, min_confidence=0.5, **check)
+        result = assert_equals_the_oracle(two_surfaces(5, (40, 26)), wanted, (-1, 7))
+        for kind in (kinds, ps.Flag.FILLED, ps.Flag.LOW_CONFIDENCE):
+            assert (result.flags & kind != 0).any()
+
+
+# --- the oracle by hand ---
+
+
+def a_map(*rows: list[float]) -> NDArray[np.float32]:
+    return np.array(rows, np.float32)
+
+
+def chosen_for(row: list[int], own: list[int]) -> refinement.Evidence:
+    """Return what was chosen for one row, and what it costs."""
+    return refinement.Evidence(
+        chosen=np.array([row]),
+        own=np.array([own]),
+        elsewhere=np.full((1, len(row)), np.inf),
+        offset=np.zeros((1, len(row)), np.float32),
+    )
+
+
+@pytest.mark.parametrize(
+    ("costs", "expected"),
+    [
+        ([4, 0, 4], 0.0),
+        ([4, 2, 2], 0.5),  # what is above costs no more: half-way to it
+        ([0, 2, 4], -0.5),
+        ([8, 0, 4], 0.5 * 0.5 * 1.3),
+        ([4, 0, 8], -0.5 * 0.5 * 1.3),
+        ([5, 5, 5], 0.0),
+    ],
+)
+def test_offsets_by_hand(costs: list[int], expected: float) -> None:
+    found = refinement.offsets(np.array([[costs]]), np.array([[1]]))
+    assert found[0, 0] == pytest.approx(expected)
+    assert refinement.offsets(np.array([[costs]]), np.array([[2]]))[0, 0] == 0
+
+
+def test_paths_count_their_own_costs_twice_again() -> None:
+    aggregated, sums = np.array([[[3, 1, 2, 9]]]), np.array([[[30, 10, 14, 90]]])
+    found = refinement.of_paths(aggregated, sums)
+    assert [int(each[0, 0]) for each in (found.chosen, found.own, found.elsewhere)] == [1, 10, 90]
+    assert found.offset == refinement.offsets(np.array([[[78, 26, 46, 234]]]), found.chosen)
+
+
+def test_the_check_by_hand() -> None:
+    """Of left columns 2, 3 and 5, which choose right column 2, 3 owns it; of 4 and 6, 4 owns 3."""
+    found = chosen_for([0, 0, 0, 1, 1, 3, 3, 0], [1, 1, 5, 4, 4, 9, 9, 1])
+    none = np.zeros((1, 8), np.int64)
+    flags = refinement.check(found, none, 0, 1)[0].tolist()
+    mismatched = int(ps.Flag.MISMATCHED)
+    assert flags == [0, 0, 0, 0, 0, mismatched, mismatched, 0]
+    apart = refinement.check(found, none, 0, 0)[0].tolist()
+    assert apart[2] == mismatched
+    equal = chosen_for([0, 0, 0, 3], [4, 4, 4, 4])  # of equal costs the nearer one owns
+    assert refinement.check(equal, none[:, :4], 0, 1)[0].tolist() == [mismatched, 0, 0, 0]
+    # 2, 3, 5 and 7 own their matches; beside 0 there is none of them.
+    wide = chosen_for([0, 0, 2, 2, 2, 2, 5, 5], [1] * 4 + [9] * 4)
+    hidden = refinement.check(wide, none, 0, 0)[0]
+    occluded = int(ps.Flag.OCCLUDED)
+    assert hidden.tolist() == [occluded, mismatched, 0, 0, mismatched, 0, mismatched, 0]
+
+
+def test_regions_hang_together_by_steps() -> None:
+    disparity = a_map([1, 2, 3, 9], [9, 9, 9, 8])
+    flags = np.zeros((2, 4), np.int64)
+    small = refinement.flag_speckles(disparity, flags, 3, 1.0) != 0
+    assert small.tolist() == [[True, True, True, False], [False] * 4]
+    assert not refinement.flag_speckles(disparity, flags, 2, 1.0).any()
+    assert refinement.flag_speckles(disparity, flags, 1, 0.5)[0, :3].all()
+    flags[0, 1] = ps.Flag.OUTSIDE
+    split = refinement.flag_speckles(disparity, flags, 1, 1.0)
+    assert (split[0, [0, 2]] == ps.Flag.SPECKLE).all()
+    assert split[0, 1] == ps.Flag.OUTSIDE
+
+
+def test_filling_by_hand() -> None:
+    flags = np.zeros((3, 4), np.int64)
+    flags[0, 1:3] = flags[1, :] = ps.Flag.OCCLUDED
+    flags[2, 0] = flags[2, 3] = ps.Flag.SPECKLE
+    flags[2, 1] = ps.Flag.MASKED
+    disparity = a_map([5, 9, 9, 3], [9, 9, 9, 9], [9, 1, 7, 9])
+    filled, marked = refinement.fill(disparity, flags)
+    np.testing.assert_array_equal(filled, a_map([5, 3, 3, 3], [5, 3, 3, 3], [7, NAN, 7, 7]))
+    expected = (flags != 0) & (flags != ps.Flag.MASKED)
+    np.testing.assert_array_equal(marked & ps.Flag.FILLED != 0, expected)
+    alone, unmarked = refinement.fill(disparity, np.full((3, 4), ps.Flag.OUTSIDE))
+    np.testing.assert_array_equal(alone, disparity)
+    assert (unmarked == ps.Flag.OUTSIDE).all()
+
+
+def test_guiding_by_hand() -> None:
+    """The pixel that is white shows the near surface, whatever the map says."""
+    gray = np.array([[0, 0, 0, 0, 0, 200, 200, 200, 200, 200]]).repeat(5, axis=0)
+    disparity = np.where(gray > 0, 7, 2).astype(np.float32)
+    disparity[:, 5] = 2
+    expected = np.where(gray > 0, 7, 2)
+    np.testing.assert_array_equal(refinement.guide(disparity, gray), expected)
+    flat = np.full((3, 9), 2, np.float32)
+    flat[1, 4] = 3  # no jump: left alone
+    np.testing.assert_array_equal(refinement.guide(flat, np.zeros((3, 9), np.int64)), flat)
+
+
+def test_medians_by_hand() -> None:
+    assert refinement.median(a_map([1, 2, 9]))[0].tolist() == [1, 2, 9]
+    holed = a_map([1, 1, 1], [1, 9, NAN], [1, 1, 1])
+    np.testing.assert_array_equal(refinement.median(holed)[1], [1, 1, NAN])
+
+
+def test_smoothing_leaves_slants_and_steps() -> None:
+    slant = (0.25 * np.arange(12, dtype=np.float32)).reshape(1, 12).repeat(4, axis=0)
+    np.testing.assert_allclose(refinement.smooth(slant), slant, atol=1e-6)
+    step = a_map([1, 1, 1, 5, 5, 5])
+    np.testing.assert_array_equal(refinement.smooth(step), step)
+    np.testing.assert_allclose(refinement.smooth(a_map([1, 1.75, 1])), [[1, 1.25, 1]])
+
+
+def test_votes_and_confidence_by_hand() -> None:
+    found = replace(chosen_for([0, 0, 0], [10, 10, 20]), elsewhere=np.array([[50, np.inf, 10]]))
+    np.testing.assert_allclose(refinement.votes(found, 10.0), [[0.5, 0, 0]])
+    voices, gray = np.array([[0.5, 0, 1.0]]), np.zeros((1, 3), np.int64)
+    cube = 0.75**3
+    np.testing.assert_allclose(
+        refinement.confidence(a_map([1, 1, 2]), voices, gray)[0],
+        [cube / (cube + 0.01), 0, cube / (cube + 0.01)],
+    )
+    apart = refinement.confidence(a_map([1, NAN, 9]), voices, gray)[0]
+    np.testing.assert_allclose(apart, [0.25**3 / (0.25**3 + 0.01), 0, 0.125 / 0.135])
+
+
+def test_withdrawal_by_hand() -> None:
+    flags = np.array([[0, ps.Flag.OCCLUDED | ps.Flag.FILLED, 0]])
+    trust = np.array([[0.2, 0.9, 0.9]])
+    disparity = a_map([1, 2, 3])
+    found, told = refinement.withdraw(disparity, flags, trust, least=0.5, filled=True)
+    np.testing.assert_array_equal(found, a_map([NAN, 2, 3]))
+    assert told.tolist() == [[64, 16 | 256, 0]]
+    found, told = refinement.withdraw(disparity, flags, trust, least=0.0, filled=False)
+    np.testing.assert_array_equal(found, a_map([1, NAN, 3]))
+    assert told.tolist() == [[0, 16, 0]]
