@@ -196,7 +196,7 @@ fn withdraw(
     for (x, (disparity, flags)) in disparity.iter_mut().zip(flags).enumerate() {
         let confidence = confidences.map_or(1.0, |confidences| confidences[x]);
         if f64::from(confidence) < settings.min_confidence && !disparity.is_nan() {
-            *flags |= flag::LOW_CONFIDENCE;
+            *flags = (*flags | flag::LOW_CONFIDENCE) & !flag::FILLED;
             *disparity = f32::NAN;
         }
         if !settings.fill && *flags & flag::UNTRUSTED != 0 {

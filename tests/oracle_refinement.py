@@ -297,8 +297,7 @@ def withdraw(
     low = (trust < least) & ~np.isnan(disparity)
     flags = flags | low * ps.Flag.LOW_CONFIDENCE
     gone = low | ((not filled) & (flags & UNTRUSTED != 0))
-    if not filled:
-        flags = np.where(flags & UNTRUSTED != 0, flags & ~ps.Flag.FILLED, flags)
+    flags = np.where(gone, flags & ~ps.Flag.FILLED, flags)
     return np.where(gone, np.float32(np.nan), disparity), flags
 
 

@@ -83,7 +83,8 @@ class Settings:
         What a change of disparity along the row costs, in units of the cost, as averaged over the
         window; 0 to 65535: one number, or a pair (near, far). With ``"dp"`` near is for a rise by
         one, far for a drop by whatever; with ``"so"`` near is for a change by one, far for any
-        change, as with ``"sgm"``; ``"wta"`` ignores both. Default 2.
+        change, as with ``"sgm"``, for which it is at least near; ``"wta"`` ignores both.
+        Default 2.
     edges
         With ``"sgm"``: where the gray value of the left image jumps from one pixel of a path to
         the next by more than so many times the mean difference of neighbours, the far penalty is

@@ -103,8 +103,8 @@ fn turned<T: Value>(columns: &[[T; BLOCK]; SIDE]) -> [[u64; BLOCK / SIDE]; SIDE]
 #[inline(always)]
 fn exchange(words: &mut [[u64; BLOCK / SIDE]; SIDE], step: usize, earlier: u64) {
     for upper in (0..SIDE).filter(|word| word & step == 0) {
-        for square in 0..BLOCK / SIDE {
-            let (above, below) = (words[upper][square], words[upper + step][square]);
+        let (above, below) = (words[upper], words[upper + step]);
+        for (square, (above, below)) in above.into_iter().zip(below).enumerate() {
             let given = (above >> (8 * step) ^ below) & earlier;
             words[upper][square] = above ^ given << (8 * step);
             words[upper + step][square] = below ^ given;
