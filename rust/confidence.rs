@@ -16,6 +16,7 @@
 
 use crate::control::Control;
 use crate::error::Result;
+use crate::intensity::roughness;
 use crate::plane::{Plane, zeroed};
 use crate::refinement::Margin;
 use crate::simd::{Kernel, Level};
@@ -96,10 +97,9 @@ impl Scene<'_> {
 
 /// The square of the difference of gray values at which votes count half: at least that of one step.
 pub fn similar(gray: &Plane<i32>) -> f32 {
-    let row = |y| gray.row(y).windows(2).map(|pair| u64::from(pair[0].abs_diff(pair[1])));
-    let sum: u64 = (0..gray.rows()).flat_map(row).sum();
     let count = gray.rows() * gray.cols().saturating_sub(1);
-    let difference = (SIMILAR * (sum as f64 / count.max(1) as f64)).max(1.0) as f32;
+    let mean = roughness(gray) as f64 / count.max(1) as f64;
+    let difference = (SIMILAR * mean).max(1.0) as f32;
     difference * difference
 }
 

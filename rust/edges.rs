@@ -1,14 +1,11 @@
 //! Where the gray values of the left image jump from one pixel to a neighbour: disparities may jump there, too.
 
-use rayon::prelude::*;
-
 use crate::control::Control;
 use crate::error::Result;
-use crate::intensity::Gray;
+use crate::intensity::{Gray, roughness};
 use crate::plane::Plane;
 use crate::settings::Settings;
 use crate::simd::{Kernel, Level};
-use crate::view::View;
 
 /// Rows that are classified together.
 const ROWS: usize = 32;
@@ -45,53 +42,40 @@ impl Edges {
     /// Calls a jump small that is larger than the mean difference of horizontal neighbours times `threshold`,
     /// and large where it is larger than thrice that. So neither contrast nor the unit of gray values matters.
     pub fn new(gray: &Gray, threshold: f64, level: Level, control: &Control) -> Result<Self> {
-        let (rows, cols) = gray.size();
-        let plane = Plane::by_bands((rows, cols), 1, |y, row| {
-            control.checkpoint()?;
-            gray.write_row(y, level, row)
-        })?;
-        let sums = plane.as_slice().par_chunks(cols).map(|row| level.run(Roughness(row)));
+        Self::of(&gray.plane(level, control)?, threshold, level, control)
+    }
+
+    /// The same of gray values that are at hand.
+    pub fn of(gray: &Plane<i32>, threshold: f64, level: Level, control: &Control) -> Result<Self> {
+        let (rows, cols) = (gray.rows(), gray.cols());
         let count = rows * (cols - 1).max(1);
         // Gray values are below 2^26, so that a difference is, and its product with any threshold clamped.
-        let small = (threshold * (sums.sum::<u64>() as f64 / count as f64)) as u32;
+        let small = (threshold * (roughness(gray) as f64 / count as f64)) as u32;
         let classes = Plane::by_bands((rows, cols), ROWS, |first, band| {
             control.checkpoint()?;
             for (y, edges) in (first..).zip(band.chunks_mut(cols)) {
-                let above = plane.row(y.saturating_sub(1));
-                level.run(Classify { here: plane.row(y), above, small, edges });
+                let above = gray.row(y.saturating_sub(1));
+                level.run(Classify { here: gray.row(y), above, small, edges });
             }
             Ok(())
         })?;
         Ok(Self(classes))
     }
 
-    /// Those of the left view of a pair, if the settings ask for them.
-    pub fn of_left(
-        view: &View,
+    /// Those of gray values that are at hand, if the settings ask for them.
+    pub fn asked_for(
+        gray: Option<&Plane<i32>>,
         settings: &Settings,
         level: Level,
         control: &Control,
     ) -> Result<Option<Self>> {
-        let edges = || Self::new(&Gray::new(view, level, control)?, settings.edges, level, control);
-        (settings.edges > 0.0).then(edges).transpose()
+        let gray = gray.filter(|_| settings.edges > 0.0);
+        gray.map(|gray| Self::of(gray, settings.edges, level, control)).transpose()
     }
 
     /// The jumps of row `y`.
     pub fn row(&self, y: usize) -> &[u8] {
         self.0.row(y)
-    }
-}
-
-/// The sum of differences of neighbours in a row.
-struct Roughness<'a>(&'a [i32]);
-
-impl Kernel for Roughness<'_> {
-    type Output = u64;
-
-    #[inline(always)]
-    fn run(self) -> u64 {
-        let pairs = self.0.iter().zip(&self.0[1..]);
-        pairs.map(|(a, b)| u64::from(a.abs_diff(*b))).sum()
     }
 }
 

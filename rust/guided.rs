@@ -6,10 +6,9 @@
 
 use std::array::from_fn;
 
-use rayon::prelude::*;
-
 use crate::control::Control;
 use crate::error::Result;
+use crate::intensity::roughness;
 use crate::median::{
     BAND, LANES, Lanes, NONE, Padded, disparity as disparity_of, key, lanes, median25,
 };
@@ -59,12 +58,8 @@ pub fn guide(
 
 /// The mean difference of horizontal neighbours, rounded up.
 pub fn likeness(gray: &Plane<i32>) -> i32 {
-    let sums = (0..gray.rows()).into_par_iter().map(|y| {
-        let pairs = gray.row(y).windows(2);
-        pairs.map(|pair| u64::from(pair[0].abs_diff(pair[1]))).sum::<u64>()
-    });
     let pairs = gray.rows() * gray.cols().saturating_sub(1);
-    sums.sum::<u64>().div_ceil(pairs.max(1) as u64) as i32
+    roughness(gray).div_ceil(pairs.max(1) as u64) as i32
 }
 
 /// Which pixels of `count` rows have one within reach that differs from its right or lower neighbour by a jump:

@@ -4,6 +4,8 @@
 //! Gray values of integer images are exact, too, those of colour images being `299 R + 587 G + 114 B`
 //! thousandths: scaling an image by a factor then scales every spectral component by it, and no code changes.
 
+use rayon::prelude::*;
+
 use crate::control::Control;
 use crate::convolution::{Kernel as Blur, convolve};
 use crate::error::Result;
@@ -24,6 +26,9 @@ const MOST_SAMPLES: usize = 1 << 16;
 
 /// Largest magnitude of a gray value: sums of products with it are exact in double precision.
 pub const LARGEST_REACH: u32 = 1 << 25;
+/// Differences of gray values whose sum fits 32 bits.
+const FEW: usize = 32;
+const _: () = assert!((2 * LARGEST_REACH as u64) * (FEW as u64) < 1 << 32);
 /// Steps into which a blurred image cuts one of the image itself, at most.
 const FINER_LOG2: u32 = 4;
 
@@ -99,7 +104,7 @@ impl<'a> Gray<'a> {
         Ok(Self { source: Source::Plane(filled(plane, view, control)?), ..gray })
     }
 
-    /// All those of the left image of a pair, if the settings need them to refine its map.
+    /// All those of the left image of a pair, if the settings need them.
     pub fn of_left(
         view: &View,
         settings: &Settings,
@@ -107,7 +112,8 @@ impl<'a> Gray<'a> {
         control: &Control,
     ) -> Result<Option<Plane<i32>>> {
         let plane = || Gray::new(view, level, control)?.plane(level, control);
-        (settings.guided || settings.needs_confidence()).then(plane).transpose()
+        let is_needed = settings.edges > 0.0 || settings.guided || settings.needs_confidence();
+        is_needed.then(plane).transpose()
     }
 
     /// All gray values.
@@ -171,6 +177,17 @@ impl<'a> Gray<'a> {
         }
         Ok(())
     }
+}
+
+/// The sum of the differences of horizontal neighbours.
+pub fn roughness(gray: &Plane<i32>) -> u64 {
+    let row = |row: &[i32]| {
+        // A sum of a few differences fits a word, as the differences do.
+        let pairs = row.chunks(FEW).zip(row[1..].chunks(FEW));
+        let sum = |(a, b): (&[i32], &[i32])| a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).sum();
+        pairs.map(sum).map(|sum: u32| u64::from(sum)).sum::<u64>()
+    };
+    gray.as_slice().par_chunks(gray.cols()).map(row).sum()
 }
 
 /// How gray values become integers.

@@ -231,7 +231,9 @@ impl Matcher {
         let mut map = Map::new(pair.size(), settings.needs_confidence())?;
         let window = Window::new(pair.size(), pair.candidates.count(), settings, costs.ceiling());
         let steps = Steps::new(settings.penalty, window, costs.steps());
-        let edges = Edges::of_left(&pair.left, settings, how.level, control)?;
+        let gray = Gray::of_left(&pair.left, settings, how.level, control)?;
+        let gray = gray.as_ref();
+        let edges = Edges::asked_for(gray, settings, how.level, control)?;
         let edges = edges.as_ref();
         let job = Job { costs: &costs, window, steps, edges, settings, level: how.level, control };
         let bands = map.bands(job.band_rows(how, self.pool.current_num_threads()));
@@ -242,9 +244,8 @@ impl Matcher {
             Width::Widest => self.match_bands::<u32, u64>(bands, &job),
         }?;
         let matched = Instant::now();
-        let gray = Gray::of_left(&pair.left, settings, how.level, control)?;
         let Map { disparity, mut flags, votes } = map;
-        let (votes, gray) = (votes.as_ref(), gray.as_ref());
+        let votes = votes.as_ref();
         let draft = Draft { disparity, flags: &mut flags, votes, gray };
         let (disparity, confidence) = draft.refine(settings, how.level, control)?;
         let timings = Timings {

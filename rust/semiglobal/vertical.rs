@@ -230,8 +230,14 @@ fn jumps(
             None => (0, 1),
         };
         let there = &row[first.min(row.len())..];
-        for (jump, edges) in jumps[skipped..].iter_mut().zip(there) {
-            *jump = neighbour.jump(*edges);
+        let mut near = [0; GROUP];
+        if let (Some(all), 0) = (there.first_chunk(), skipped) {
+            near = *all;
+        } else {
+            near[skipped..].iter_mut().zip(there).for_each(|(near, edges)| *near = *edges);
+        }
+        for (jump, edges) in jumps.iter_mut().zip(near) {
+            *jump = neighbour.jump(edges);
         }
     }
     jumps
