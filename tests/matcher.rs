@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 use common::naive::{self, Seen};
 use common::{
-    RULES, affordable, eight_votes, hash, levels, mask, noises, settings, tile, versions, view,
-    views,
+    OPTIMIZERS, affordable, eight_votes, hash, levels, mask, noises, robust, settings, tile,
+    versions, view, views,
 };
 use phasestereo::control::Control;
 use phasestereo::convolution::Kernel;
@@ -72,7 +72,10 @@ impl Job {
         let cols = self.pair.size().1;
         let is_masked = Votes::new(self.pair.views(), self.pair.candidates()).is_some();
         let cost = window.largest_value(is_masked);
-        let total = steps.largest_total(self.settings.optimizer, cols, window.largest_sum());
+        let total = match self.settings.optimizer {
+            Optimizer::Scanline(rule) => steps.largest_total(rule, cols, window.largest_sum()),
+            Optimizer::SemiGlobal => window.largest_sum() + steps.largest_change(),
+        };
         let cost = [u8::MAX.into(), u16::MAX.into()].iter().filter(|most| cost > **most).count();
         let total = [u8::LARGEST_TOTAL, u32::LARGEST_TOTAL].iter().filter(|most| total > **most);
         (1 << cost, [1, 4, 8][total.count()])
@@ -186,14 +189,18 @@ fn settings_of_every_width() -> Vec<(Settings, (u64, u64))> {
     let dear = Penalty { near: LARGEST_PENALTY, far: LARGEST_PENALTY };
     let free = Optimizer::Scanline(Rule::ScanlineOptimization);
     let alone = Optimizer::Scanline(Rule::WinnerTakesAll);
+    let several = Optimizer::SemiGlobal;
     let normalised = Settings { cost: CostKind::NormalisedSad, ..byte };
     vec![
         (Settings { window: 3, optimizer: free, penalty: cheap, ..byte }, (1, 1)),
         (Settings { window: 3, optimizer: alone, shiftable: false, ..phase }, (1, 1)),
+        (Settings { window: 3, optimizer: several, penalty: cheap, ..byte }, (1, 1)),
         (Settings { window: 3, ..byte }, (1, 4)),
+        (Settings { window: 3, optimizer: several, penalty: dear, ..phase }, (1, 4)),
         (Settings { window: 3, optimizer: free, penalty: dear, ..phase }, (1, 4)),
         (phase.clone(), (2, 4)),
         (Settings { window: 5, optimizer: free, shiftable: false, ..phase }, (2, 4)),
+        (Settings { window: 5, optimizer: several, edges: 0.5, ..phase }, (2, 4)),
         (Settings { cost: CostKind::Sad, window: 1, ..phase }, (2, 4)),
         (Settings { cost: CostKind::Sad, window: 1, optimizer: alone, ..byte }, (2, 1)),
         (Settings { window: 3, optimizer: free, penalty: cheap, ..normalised }, (2, 1)),
@@ -201,6 +208,16 @@ fn settings_of_every_width() -> Vec<(Settings, (u64, u64))> {
         (Settings { cost: CostKind::NormalisedSad, window: 9, ..phase }, (4, 4)),
         (
             Settings { cost: CostKind::Sad, window: 63, optimizer: free, penalty: dear, ..phase },
+            (4, 8),
+        ),
+        (
+            Settings {
+                cost: CostKind::Sad,
+                window: 63,
+                optimizer: several,
+                penalty: dear,
+                ..phase
+            },
             (4, 8),
         ),
     ]
@@ -222,7 +239,7 @@ fn integers_of_every_width_give_the_bits_of_the_naive_chain() {
 fn penalties_from_none_to_the_largest() {
     let ends = [0.0, LARGEST_PENALTY];
     for (near, far) in ends.into_iter().flat_map(|near| ends.map(|far| (near, far))) {
-        for optimizer in RULES {
+        for optimizer in OPTIMIZERS {
             for (cost, window) in [(CostKind::Phase, 3), (CostKind::Phase, 31), (CostKind::Sad, 3)]
             {
                 let penalty = Penalty { near, far };
@@ -290,6 +307,7 @@ fn few_votes_do_not_overflow_a_byte() {
     for (optimizer, shiftable) in [
         (Optimizer::Scanline(Rule::WinnerTakesAll), false),
         (Optimizer::Scanline(Rule::DynamicProgramming), true),
+        (Optimizer::SemiGlobal, false),
     ] {
         let settings = Settings {
             frequencies: (3, 2),
@@ -308,7 +326,7 @@ fn few_votes_do_not_overflow_a_byte() {
 fn windows_larger_than_the_image_and_single_pixels() {
     for (rows, cols, count) in [(1, 1, 1), (1, 40, 7), (40, 1, 1), (3, 4, 4), (65, 2, 2)] {
         for window in [1, 3, 31, 63] {
-            for optimizer in RULES {
+            for optimizer in OPTIMIZERS {
                 let settings =
                     Settings { neighborhood: 5, window, optimizer, ..Settings::default() };
                 Job::new(shifted(rows, cols, 1), 0, count, settings.clone()).check();
