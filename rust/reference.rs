@@ -505,7 +505,7 @@ pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
     (0..cols).map(|x| flags[x] | reason(x)).collect()
 }
 
-/// Twin of [`crate::speckles::flag_speckles`]: each region is walked from each of its pixels.
+/// Twin of [`crate::speckles::flag_speckles`]: each region is walked from each of its pixels, until it is too large.
 pub fn flag_speckles(
     disparity: &Plane<f32>,
     flags: &Plane<u16>,
@@ -516,7 +516,9 @@ pub fn flag_speckles(
         let (mut region, mut next) = (vec![(y, x)], 0);
         let mut seen = disparity.map(|_| false);
         seen.row_mut(y)[x] = true;
-        while let Some(&(y, x)) = region.get(next) {
+        while let Some(&(y, x)) = region.get(next)
+            && region.len() <= size
+        {
             let beside = [(y.wrapping_sub(1), x), (y + 1, x), (y, x.wrapping_sub(1)), (y, x + 1)];
             for (v, u) in beside.into_iter().filter(|&(v, u)| v < rows && u < cols) {
                 let is_step = (disparity.row(v)[u] - disparity.row(y)[x]).abs() <= range;
