@@ -10,8 +10,9 @@ use phasestereo::aggregation::Window;
 use phasestereo::candidates::Candidates;
 use phasestereo::control::Control;
 use phasestereo::cost::{Costs, Operands};
-use phasestereo::matcher::on_threads;
+use phasestereo::matcher::{Matcher, on_threads};
 use phasestereo::plane::Plane;
+use phasestereo::refinement::flag;
 use phasestereo::settings::{CostKind, Optimizer, Penalty, Precision, Rule, Settings};
 use phasestereo::simd::Level;
 use phasestereo::strip::Strip;
@@ -83,6 +84,58 @@ fn levels() -> impl Iterator<Item = Level> {
 
 fn cases() -> impl Iterator<Item = Case> {
     levels().flat_map(|level| COUNTS.map(|candidates| Case { level, candidates }))
+}
+
+/// A level of this machine, by its name.
+struct At(Level);
+
+impl std::fmt::Display for At {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "{}", self.0.name())
+    }
+}
+
+fn every() -> impl Iterator<Item = At> {
+    levels().map(At)
+}
+
+/// A map to be refined, and what is known besides.
+struct Map {
+    disparity: Plane<f32>,
+    flags: Plane<u16>,
+    votes: Plane<f32>,
+    gray: Plane<i32>,
+}
+
+impl Map {
+    const PIXELS: usize = ROWS * COLS;
+
+    /// Surfaces of 20 x 40 pixels, some of a gray value of their own; one pixel in sixteen is alone, one in ten
+    /// occluded.
+    fn new() -> Self {
+        let lots = noise(ROWS, COLS, |value| value);
+        let surface = |y: usize, x: usize| (7 * (y / 20) + 5 * (x / 40)) % 11;
+        let disparity = Plane::from_fn(ROWS, COLS, |y, x| {
+            let lot = lots.row(y)[x];
+            let alone = if lot % 16 == 0 { 9.0 } else { 0.0 };
+            surface(y, x) as f32 + alone + (lot >> 8) as f32 / 512.0
+        });
+        let flags = lots.map(|lot| if lot % 10 == 0 { flag::OCCLUDED } else { 0 });
+        let votes = lots.map(|lot| (lot % 1000) as f32 / 1000.0);
+        let gray = Plane::from_fn(ROWS, COLS, |y, x| {
+            (20 * (surface(y, x) / 2)) as i32 + (lots.row(y)[x] >> 12) as i32
+        });
+        Self { disparity, flags, votes, gray }
+    }
+
+    /// Times one stage on one thread.
+    fn bench<T: Send>(bencher: Bencher, stage: impl Fn(&Self) -> T + Sync) {
+        let map = Self::new();
+        let pool = Matcher::new(1).expect("a thread starts");
+        bencher
+            .counter(ItemsCount::new(Self::PIXELS))
+            .bench_local(|| pool.install(|| stage(divan::black_box(&map))));
+    }
 }
 
 /// What a strip of the whole image is matched from.
@@ -438,15 +491,189 @@ mod scanline {
     }
 }
 
+/// The search of an image along eight paths, from aggregated costs to chosen candidates. Every tile has the same
+/// costs: fresh from the aggregation, as in a match, they are in the cache.
+mod semiglobal {
+    use super::{Bencher, COLS, Case, Control, Matcher, ROWS, Strip, Window, cases, noise};
+    use phasestereo::aggregation::Aggregated;
+    use phasestereo::edges::Edges;
+    use phasestereo::intensity::Gray;
+    use phasestereo::scanline::Steps;
+    use phasestereo::semiglobal::across::{Across, Advance, Rows};
+    use phasestereo::semiglobal::{BAND, Field, SemiGlobal};
+    use phasestereo::strip::BLOCK;
+    use phasestereo::value::Value;
+    use std::sync::Mutex;
+
+    fn search<V: Value, T: Value>(bencher: Bencher, case: Case, has_edges: bool) {
+        let (candidates, level, control) = (case.candidates, case.level, &Control::default());
+        let window = Window { rows: ROWS, cols: COLS, candidates, side: 1, ..Window::default() };
+        let widest = window.tiles().map(|tile| tile.finished.len()).max().unwrap_or(0);
+        let costs = noise(widest * candidates, BLOCK, |value| V::truncated(u64::from(value % 200)));
+        let costs = Aggregated::new(costs.as_slice().as_chunks().0, 1, candidates);
+        let gray = Gray::within(1 << 16, noise(ROWS, COLS, |value| value as i32));
+        let edges = Edges::new(&gray, 1.0, level, control).expect("memory");
+        let (edges, steps) = (has_edges.then_some(&edges), Steps { near: 10, far: 50 });
+        let field = Field { size: (ROWS, COLS), candidates, steps, edges, level, control };
+        let (mut search, across) = (SemiGlobal::<V, T>::default(), Mutex::default());
+        let load = |band: usize, rows: &mut Rows<V, T>| {
+            let mut across = across.lock().expect("one thread");
+            let strip = Strip { first: band * BAND, rows: BAND, margin: 0, height: ROWS };
+            Across::begin(&mut *across, strip, (COLS, candidates), steps, edges)?;
+            for tile in window.tiles() {
+                level.run(Advance { across: &mut across, tile: &tile, costs });
+            }
+            across.finish(rows, level)
+        };
+        let pool = Matcher::new(1).expect("a thread starts");
+        bencher.counter(case.evaluations()).bench_local(|| {
+            let mut bands = [(); ROWS / BAND];
+            let search = divan::black_box(&mut search);
+            pool.install(|| search.run(field, &mut bands, load, |(), _| Ok(())))
+        });
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn bytes(bencher: Bencher, case: Case) {
+        search::<u8, u8>(bencher, case, false);
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn bytes_with_edges(bencher: Bencher, case: Case) {
+        search::<u8, u8>(bencher, case, true);
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn words(bencher: Bencher, case: Case) {
+        search::<u16, u32>(bencher, case, false);
+    }
+}
+
+mod consistency {
+    use super::{Bencher, COLS, Map, ROWS};
+    use phasestereo::candidates::Candidates;
+    use phasestereo::consistency::{Checker, Choices};
+
+    #[divan::bench]
+    fn check(bencher: Bencher) {
+        let candidates = Candidates::new(0, 32, COLS).expect("in reach");
+        let Map { disparity, votes, .. } = Map::new();
+        let chosen = disparity.map(|disparity| *disparity as u16);
+        let costs = votes.map(|vote| (1000.0 * vote) as u32);
+        Map::bench(bencher, |_| {
+            let (mut checker, mut flags) = (Checker::default(), [0; COLS]);
+            for y in 0..ROWS {
+                let choices = Choices { chosen: chosen.row(y), costs: costs.row(y), candidates };
+                flags.fill(0);
+                checker.check(choices, 1, divan::black_box(&mut flags)).expect("memory");
+            }
+        });
+    }
+}
+
+mod speckles {
+    use super::{Bencher, Control, Map};
+    use phasestereo::speckles::flag_speckles;
+
+    #[divan::bench]
+    fn flag(bencher: Bencher) {
+        Map::bench(bencher, |map| {
+            let mut flags = map.flags.clone();
+            flag_speckles(&map.disparity, &mut flags, (100, 1.0), &Control::default())
+                .map(|()| flags)
+        });
+    }
+}
+
+mod filling {
+    use super::{Bencher, Control, Map};
+
+    #[divan::bench]
+    fn fill(bencher: Bencher) {
+        Map::bench(bencher, |map| {
+            let mut flags = map.flags.clone();
+            phasestereo::filling::fill(&map.disparity, &mut flags, &Control::default())
+        });
+    }
+}
+
+mod guided {
+    use super::{At, Bencher, Control, Map, every};
+
+    #[divan::bench(args = every())]
+    fn guide(bencher: Bencher, At(level): &At) {
+        Map::bench(bencher, |map| {
+            phasestereo::guided::guide(&map.disparity, &map.gray, *level, &Control::default())
+        });
+    }
+}
+
+mod median {
+    use super::{At, Bencher, Control, Map, every};
+
+    #[divan::bench(args = every())]
+    fn smooth(bencher: Bencher, At(level): &At) {
+        Map::bench(bencher, |map| {
+            phasestereo::median::smooth(&map.disparity, *level, &Control::default())
+        });
+    }
+}
+
+mod subpixel {
+    use super::{At, Bencher, Control, Map, every};
+
+    #[divan::bench(args = every())]
+    fn smooth(bencher: Bencher, At(level): &At) {
+        Map::bench(bencher, |map| {
+            phasestereo::subpixel::smooth(&map.disparity, *level, &Control::default())
+        });
+    }
+}
+
+mod confidence {
+    use super::{At, Bencher, Control, Map, every};
+    use phasestereo::confidence::Scene;
+
+    #[divan::bench(args = every())]
+    fn confidences(bencher: Bencher, At(level): &At) {
+        Map::bench(bencher, |Map { disparity, votes, gray, .. }| {
+            Scene { disparity, votes, gray }.confidences(*level, &Control::default())
+        });
+    }
+}
+
 /// Whole matches, from images to disparities, by a matcher that has its memory already.
 mod matcher {
-    use super::{Bencher, Case, Control, Penalty, Plane, Settings, cases, fast, noise, views};
+    use super::{
+        Bencher, Case, Control, Matcher, Optimizer, Penalty, Plane, Precision, Settings, cases,
+        fast, noise, views,
+    };
     use phasestereo::convolution::Kernel;
-    use phasestereo::matcher::{Execution, Matcher, Pair};
+    use phasestereo::matcher::{Execution, Pair};
     use phasestereo::versions::Versions;
 
     fn weak() -> Settings {
         Settings { weak: 1.0, penalty: Penalty { near: 2.0, far: 9.0 }, ..fast() }
+    }
+
+    fn robust() -> Settings {
+        Settings {
+            neighborhood: 3,
+            frequencies: (1, 1),
+            weak: 0.5,
+            window: 5,
+            shiftable: false,
+            precision: Precision::Byte,
+            optimizer: Optimizer::SemiGlobal,
+            penalty: Penalty { near: 4.0, far: 16.0 },
+            edges: 1.0,
+            subpixel: true,
+            consistency: Some(1),
+            speckle_size: 100,
+            guided: true,
+            median: 3,
+            ..Settings::default()
+        }
     }
 
     /// So many versions of the right image, moved by some pixels each.
@@ -492,6 +719,11 @@ mod matcher {
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
+    fn like_robust(bencher: Bencher, case: Case) {
+        whole_of(bencher, case, &robust(), Some(versions(1)));
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
     fn like_paper(bencher: Bencher, case: Case) {
         whole(bencher, case, &Settings::default());
     }
@@ -500,7 +732,7 @@ mod matcher {
 /// What the machine can do, in the same units: a stage that takes `n` of these steps for an evaluation is
 /// hardly faster than an `n`th of this. (The first byte of a code is: it has no sum to be added to.)
 mod machine {
-    use super::{Bencher, Level, levels, noise};
+    use super::{At, Bencher, every, noise};
     use divan::counter::{BytesCount, ItemsCount};
     use phasestereo::plane::Plane;
     use phasestereo::simd::Kernel;
@@ -509,19 +741,6 @@ mod machine {
     const FEW: usize = 8 << 10;
     /// Times that they are gone through for one sample.
     const TIMES: usize = 1000;
-
-    /// A level of this machine, by its name.
-    struct At(Level);
-
-    impl std::fmt::Display for At {
-        fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-            write!(f, "{}", self.0.name())
-        }
-    }
-
-    fn every() -> impl Iterator<Item = At> {
-        levels().map(At)
-    }
 
     /// What is done with each byte.
     trait Step {

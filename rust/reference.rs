@@ -3,6 +3,7 @@
 //! Slow on purpose. The tests hold the fast stages to these, bit for bit.
 
 use std::cmp::Reverse;
+use std::ops::Range;
 
 use crate::aggregation::Window;
 use crate::basis::Basis;
@@ -10,6 +11,7 @@ use crate::candidates::Candidates;
 use crate::confidence::{RADIUS, STEP, Scene, TOLERANCE, confidence, similar};
 use crate::consistency::Choices;
 use crate::convolution::{GUARD, Kernel, SHIFT, Weights};
+use crate::evidence::NONE;
 use crate::guided::{self, JUMP, STRIDE};
 use crate::intensity::LEVEL_STEPS;
 use crate::normalisation::DEVIATION_STEPS;
@@ -17,6 +19,7 @@ use crate::plane::{Plane, reflect};
 use crate::quantiser::Quantiser;
 use crate::refinement::flag;
 use crate::scanline::Steps;
+use crate::semiglobal::{BAND, LOOK, PATHS};
 use crate::settings::{Rule, Settings};
 use crate::subpixel;
 use crate::view::Mask;
@@ -228,6 +231,160 @@ fn least<T: Ord + Copy>(values: &[T]) -> usize {
     best
 }
 
+/// Twin of [`crate::edges::Edges`]: each pixel and neighbour by itself. In the lowest bits of a pixel is the jump from
+/// above to the left, then those from above, from above to the right, and from the left.
+pub fn edges(gray: &Plane<i32>, threshold: f64) -> Plane<u8> {
+    let (rows, cols) = (gray.rows(), gray.cols());
+    let differences = (0..rows).flat_map(|y| gray.row(y).windows(2));
+    let sum: u64 = differences.map(|pair| u64::from(pair[0].abs_diff(pair[1]))).sum();
+    let mean = sum as f64 / (rows * (cols - 1)).max(1) as f64;
+    let small = (threshold * mean) as u64;
+    Plane::from_fn(rows, cols, |y, x| {
+        let above = y.saturating_sub(1);
+        let beside = [(above, x.checked_sub(1)), (above, Some(x)), (above, Some(x + 1))];
+        let neighbours = beside.into_iter().chain([(y, x.checked_sub(1))]);
+        let jump = |(row, col): (usize, Option<usize>)| {
+            let neighbour = col.and_then(|col| gray.row(row).get(col));
+            let difference = neighbour.map(|neighbour| neighbour.abs_diff(gray.row(y)[x]).into());
+            let is_more_than = |limit: u64| difference.is_some_and(|it: u64| it > limit);
+            u8::from(is_more_than(small)) + u8::from(is_more_than(3 * small))
+        };
+        neighbours.map(jump).zip(0..).map(|(jump, place)| jump << (2 * place)).sum()
+    })
+}
+
+/// Twin of [`crate::semiglobal::SemiGlobal`]: every path by itself, through the whole image; those from below through
+/// each band and some rows more. What all of them come to, for every candidate of every pixel. `edges` are those of
+/// [`edges`](fn@edges).
+pub fn semi_global(
+    costs: &Plane<u32>,
+    candidates: usize,
+    steps: Steps,
+    edges: Option<&Plane<u8>>,
+) -> Plane<u64> {
+    let (image, rows) = (Image { costs, candidates, steps, edges }, costs.rows());
+    let across = [1, -1].map(|dx| image.totals((0, dx), 0..rows));
+    let above = [1, 0, -1].map(|dx| image.totals((1, dx), 0..rows));
+    let below = |first: usize| {
+        let seen = first..(first + BAND + LOOK).min(rows);
+        [1, 0, -1].map(|dx| image.totals((-1, dx), seen.clone()))
+    };
+    let below: Vec<_> = (0..rows).step_by(BAND).map(below).collect();
+    Plane::from_fn(rows, costs.cols(), |y, place| {
+        let sum = |totals: &[Plane<u64>]| -> u64 { totals.iter().map(|t| t.row(y)[place]).sum() };
+        2 * sum(&across).div_ceil(2) + sum(&above) + 4 * ((sum(&below[y / BAND]) + 2) / 4)
+    })
+}
+
+/// What paths go through.
+struct Image<'a> {
+    costs: &'a Plane<u32>,
+    candidates: usize,
+    steps: Steps,
+    edges: Option<&'a Plane<u8>>,
+}
+
+impl Image<'_> {
+    /// Totals of the paths that take steps of `(dy, dx)` through some rows, where they begin.
+    fn totals(&self, (dy, dx): (isize, isize), rows: Range<usize>) -> Plane<u64> {
+        let Self { costs, candidates, .. } = *self;
+        let columns = 0..costs.cols() / candidates;
+        let mut totals = costs.map(|_| 0);
+        for y in in_order(rows.clone(), dy) {
+            for x in in_order(columns.clone(), dx) {
+                let from = (y.wrapping_add_signed(-dy), x.wrapping_add_signed(-dx));
+                let is_inside = rows.contains(&from.0) && columns.contains(&from.1);
+                let places = |x: usize| x * candidates..(x + 1) * candidates;
+                let ways = match is_inside {
+                    true => self.ways(&totals.row(from.0)[places(from.1)], self.far(from, (y, x))),
+                    false => vec![0; candidates],
+                };
+                let costs = &costs.row(y)[places(x)];
+                for ((total, way), cost) in
+                    totals.row_mut(y)[places(x)].iter_mut().zip(ways).zip(costs)
+                {
+                    *total = way + u64::from(*cost);
+                }
+            }
+        }
+        totals
+    }
+
+    /// What it takes to come to each candidate from the pixel before, beyond the least total there: to stay, to change
+    /// by one, or to come from wherever that least total is. (Should it be here or next to here, that costs no less.)
+    fn ways(&self, before: &[u64], far: u64) -> Vec<u64> {
+        let least = before[least(before)];
+        let way = |k: usize| {
+            let beside = [k.checked_sub(1), Some(k + 1)].into_iter().flatten();
+            let changed = beside.filter_map(|k| before.get(k)).map(|total| total + self.steps.near);
+            changed.chain([before[k], least + far]).fold(u64::MAX, u64::min) - least
+        };
+        (0..before.len()).map(way).collect()
+    }
+
+    /// The far penalty between two neighbours: less where the gray value jumps, whichever way the path goes.
+    fn far(&self, a: (usize, usize), b: (usize, usize)) -> u64 {
+        let (before, after) = (a.min(b), a.max(b));
+        let neighbour = match (after.0 - before.0, (before.1 + 1).checked_sub(after.1)) {
+            (0, _) => 3,
+            (_, column) => column.unwrap_or(0),
+        };
+        let jump = self.edges.map_or(0, |edges| edges.row(after.0)[after.1] >> (2 * neighbour) & 3);
+        (self.steps.far / u64::from(1 + jump)).max(self.steps.near)
+    }
+}
+
+/// A range in the order in which steps of this sign go through it.
+fn in_order(range: Range<usize>, step: isize) -> Vec<usize> {
+    if step < 0 { range.rev().collect() } else { range.collect() }
+}
+
+/// What is known of the candidate chosen for a pixel: twin of [`crate::evidence::EvidenceRow`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Its index.
+    pub chosen: u16,
+    /// What it costs.
+    pub own: u32,
+    /// The least cost elsewhere.
+    pub elsewhere: u32,
+    /// Where the match lies, from the candidate on, pixels.
+    pub offset: f32,
+}
+
+/// Twin of [`crate::semiglobal::selection::Selection`]: of one pixel, by what all paths come to and by its own costs.
+pub fn select(sums: &[u64], costs: &[u32]) -> Found {
+    let evidence =
+        |(&sum, &cost): (&u64, &u32)| subpixel::evidence(capped(sum), capped(cost.into()), PATHS);
+    let valley: Vec<_> = sums.iter().zip(costs).map(evidence).collect();
+    found(least(sums), sums, &valley)
+}
+
+/// Twin of [`crate::refinement::Margins`]: of one pixel, by its aggregated costs.
+pub fn margin(chosen: u16, costs: &[u32]) -> Found {
+    let costs: Vec<u64> = costs.iter().map(|&cost| cost.into()).collect();
+    let valley: Vec<_> = costs.iter().map(|&cost| capped(cost)).collect();
+    found(chosen.into(), &costs, &valley)
+}
+
+fn found(chosen: usize, costs: &[u64], valley: &[u32]) -> Found {
+    let elsewhere = costs.iter().enumerate().filter(|(k, _)| k.abs_diff(chosen) > 1);
+    let beside =
+        chosen.checked_sub(1).and_then(|below| valley.get(below)).zip(valley.get(chosen + 1));
+    Found {
+        chosen: chosen as u16,
+        own: capped(costs[chosen]),
+        elsewhere: elsewhere.map(|(_, &cost)| capped(cost)).min().unwrap_or(NONE),
+        offset: beside
+            .map_or(0.0, |(&below, &above)| subpixel::offset(below, valley[chosen], above)),
+    }
+}
+
+/// As large a cost as there can be.
+fn capped(cost: u64) -> u32 {
+    cost.min(u64::from(NONE - 1)) as u32
+}
+
 /// Twin of [`crate::subpixel::offset`]: the tip of a V, moved away from the candidate.
 pub fn offset(below: u32, own: u32, above: u32) -> f64 {
     let [below, own, above] = [below, own, above].map(f64::from);
@@ -348,7 +505,7 @@ pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
     (0..cols).map(|x| flags[x] | reason(x)).collect()
 }
 
-/// Twin of [`crate::speckles::flag_speckles`]: each region is walked from each of its pixels.
+/// Twin of [`crate::speckles::flag_speckles`]: each region is walked from each of its pixels, until it is too large.
 pub fn flag_speckles(
     disparity: &Plane<f32>,
     flags: &Plane<u16>,
@@ -359,7 +516,9 @@ pub fn flag_speckles(
         let (mut region, mut next) = (vec![(y, x)], 0);
         let mut seen = disparity.map(|_| false);
         seen.row_mut(y)[x] = true;
-        while let Some(&(y, x)) = region.get(next) {
+        while let Some(&(y, x)) = region.get(next)
+            && region.len() <= size
+        {
             let beside = [(y.wrapping_sub(1), x), (y + 1, x), (y, x.wrapping_sub(1)), (y, x + 1)];
             for (v, u) in beside.into_iter().filter(|&(v, u)| v < rows && u < cols) {
                 let is_step = (disparity.row(v)[u] - disparity.row(y)[x]).abs() <= range;

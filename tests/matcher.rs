@@ -8,14 +8,15 @@ use std::sync::Arc;
 
 use common::naive::{self, Seen};
 use common::{
-    RULES, affordable, eight_votes, hash, levels, mask, noises, settings, tile, versions, view,
-    views,
+    OPTIMIZERS, affordable, eight_votes, hash, levels, mask, noises, refinements, robust, settings,
+    tile, versions, view, views,
 };
 use phasestereo::control::Control;
 use phasestereo::convolution::Kernel;
 use phasestereo::error::Error;
 use phasestereo::matcher::{Execution, Matcher, Pair, on_threads, run};
 use phasestereo::plane::Plane;
+use phasestereo::refinement::flag;
 use phasestereo::settings::{
     CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Rule, Settings,
 };
@@ -40,7 +41,10 @@ struct Job {
 impl Job {
     fn new([left, right]: [View; 2], min: i64, count: i64, settings: Settings) -> Self {
         settings.check().expect("legal settings");
-        Self { pair: Pair::new(left, right, min, count).expect("a legal pair"), settings }
+        let pair = Pair::new(left, right, min, count).expect("a legal pair");
+        // Weak components are told by the noise.
+        let known = settings.has_weak().then(|| noise_alone([1.0; 2]));
+        Self { pair: pair.with_versions(known), settings }
     }
 
     fn run(&self, how: Execution) -> Seen {
@@ -72,7 +76,10 @@ impl Job {
         let cols = self.pair.size().1;
         let is_masked = Votes::new(self.pair.views(), self.pair.candidates()).is_some();
         let cost = window.largest_value(is_masked);
-        let total = steps.largest_total(self.settings.optimizer, cols, window.largest_sum());
+        let total = match self.settings.optimizer {
+            Optimizer::Scanline(rule) => steps.largest_total(rule, cols, window.largest_sum()),
+            Optimizer::SemiGlobal => window.largest_sum() + steps.largest_change(),
+        };
         let cost = [u8::MAX.into(), u16::MAX.into()].iter().filter(|most| cost > **most).count();
         let total = [u8::LARGEST_TOTAL, u32::LARGEST_TOTAL].iter().filter(|most| total > **most);
         (1 << cost, [1, 4, 8][total.count()])
@@ -186,14 +193,18 @@ fn settings_of_every_width() -> Vec<(Settings, (u64, u64))> {
     let dear = Penalty { near: LARGEST_PENALTY, far: LARGEST_PENALTY };
     let free = Optimizer::Scanline(Rule::ScanlineOptimization);
     let alone = Optimizer::Scanline(Rule::WinnerTakesAll);
+    let several = Optimizer::SemiGlobal;
     let normalised = Settings { cost: CostKind::NormalisedSad, ..byte };
     vec![
         (Settings { window: 3, optimizer: free, penalty: cheap, ..byte }, (1, 1)),
         (Settings { window: 3, optimizer: alone, shiftable: false, ..phase }, (1, 1)),
+        (Settings { window: 3, optimizer: several, penalty: cheap, ..byte }, (1, 1)),
         (Settings { window: 3, ..byte }, (1, 4)),
+        (Settings { window: 3, optimizer: several, penalty: dear, ..phase }, (1, 4)),
         (Settings { window: 3, optimizer: free, penalty: dear, ..phase }, (1, 4)),
         (phase.clone(), (2, 4)),
         (Settings { window: 5, optimizer: free, shiftable: false, ..phase }, (2, 4)),
+        (Settings { window: 5, optimizer: several, edges: 0.5, ..phase }, (2, 4)),
         (Settings { cost: CostKind::Sad, window: 1, ..phase }, (2, 4)),
         (Settings { cost: CostKind::Sad, window: 1, optimizer: alone, ..byte }, (2, 1)),
         (Settings { window: 3, optimizer: free, penalty: cheap, ..normalised }, (2, 1)),
@@ -201,6 +212,16 @@ fn settings_of_every_width() -> Vec<(Settings, (u64, u64))> {
         (Settings { cost: CostKind::NormalisedSad, window: 9, ..phase }, (4, 4)),
         (
             Settings { cost: CostKind::Sad, window: 63, optimizer: free, penalty: dear, ..phase },
+            (4, 8),
+        ),
+        (
+            Settings {
+                cost: CostKind::Sad,
+                window: 63,
+                optimizer: several,
+                penalty: dear,
+                ..phase
+            },
             (4, 8),
         ),
     ]
@@ -222,7 +243,7 @@ fn integers_of_every_width_give_the_bits_of_the_naive_chain() {
 fn penalties_from_none_to_the_largest() {
     let ends = [0.0, LARGEST_PENALTY];
     for (near, far) in ends.into_iter().flat_map(|near| ends.map(|far| (near, far))) {
-        for optimizer in RULES {
+        for optimizer in OPTIMIZERS {
             for (cost, window) in [(CostKind::Phase, 3), (CostKind::Phase, 31), (CostKind::Sad, 3)]
             {
                 let penalty = Penalty { near, far };
@@ -290,6 +311,7 @@ fn few_votes_do_not_overflow_a_byte() {
     for (optimizer, shiftable) in [
         (Optimizer::Scanline(Rule::WinnerTakesAll), false),
         (Optimizer::Scanline(Rule::DynamicProgramming), true),
+        (Optimizer::SemiGlobal, false),
     ] {
         let settings = Settings {
             frequencies: (3, 2),
@@ -308,7 +330,7 @@ fn few_votes_do_not_overflow_a_byte() {
 fn windows_larger_than_the_image_and_single_pixels() {
     for (rows, cols, count) in [(1, 1, 1), (1, 40, 7), (40, 1, 1), (3, 4, 4), (65, 2, 2)] {
         for window in [1, 3, 31, 63] {
-            for optimizer in RULES {
+            for optimizer in OPTIMIZERS {
                 let settings =
                     Settings { neighborhood: 5, window, optimizer, ..Settings::default() };
                 Job::new(shifted(rows, cols, 1), 0, count, settings.clone()).check();
@@ -464,6 +486,164 @@ fn kernels_are_for_phase_codes() {
     let how = how(1, None, Level::best());
     let refused = run(&pair, &settings, how, &Control::default()).expect_err("refused");
     assert!(refused.to_string().starts_with("equalisation: got"), "{refused}");
+}
+
+/// A near patch in front of a surface: some of the latter is hidden on the right, and there is noise.
+fn layered(rows: usize, cols: usize) -> [View; 2] {
+    let is_near = |y: usize, x: usize| {
+        (rows / 4..rows - rows / 4).contains(&y) && (cols / 3..cols - cols / 3).contains(&x)
+    };
+    let scene = |y, x| hash(9, y, x) as u8;
+    let left = |y, x| match (hash(3, y, x) % 12, is_near(y, x)) {
+        (0, _) => hash(4, y, x) as u8,
+        (_, true) => scene(y, x + 2),
+        (_, false) => scene(y, x + 6),
+    };
+    [view(rows, cols, left), view(rows, cols, |y, x| scene(y, x + 8))]
+}
+
+/// The same in three classes, by tiles that fit into nothing.
+fn equalised(job: Job) -> Job {
+    let labels = Plane::from_fn(4, 7, |y, x| (hash(2, y, x) % 3) as u8);
+    let kernels = vec![[None, None], [Some(moving(1)), None], [None, Some(moving(-2))]];
+    let versions = Versions::new([0.5, 1.5], kernels, labels, 11).expect("legal versions");
+    Job { pair: job.pair.with_versions(versions), ..job }
+}
+
+/// Matches like those by default, of pairs large and tiny, with and without masks, in one version and in several.
+fn robust_jobs() -> Vec<Job> {
+    let sizes = [(1, 1, 1), (1, 40, 7), (40, 1, 1), (33, 65, 1), (3, 4, 4), (50, 70, 9)];
+    let pairs = sizes.into_iter().flat_map(|(rows, cols, count)| {
+        let views = layered(rows, cols);
+        [views.clone(), with_masks(views, 85)].map(|views| (views, count))
+    });
+    let jobs = pairs.map(|(views, count)| Job::new(views, -count / 4, count, robust()));
+    jobs.flat_map(|job| [job.clone(), equalised(job)]).collect()
+}
+
+#[test]
+fn matches_by_default_are_those_of_the_naive_chain() {
+    robust_jobs().iter().for_each(Job::check);
+}
+
+/// Wide enough that several threads share a band, and high enough for several bands.
+#[test]
+fn matches_by_default_are_the_same_however_they_are_worked_out() {
+    let wide = |views| equalised(Job::new(views, -2, 12, robust()));
+    let views = layered(70, 32 * 13);
+    let jobs = robust_jobs().into_iter().chain([wide(views.clone()), wide(with_masks(views, 90))]);
+    let known: Vec<_> = jobs.map(|job| (job.run(how(1, None, levels()[0])), job)).collect();
+    for threads in [1, 2, 4] {
+        let matcher = Matcher::new(threads).expect("threads start");
+        for level in levels() {
+            // From the largest on, and the other way round.
+            for (expected, job) in known.iter().rev().chain(&known) {
+                let found = job.run_with(&matcher, how(threads, Some(7), level));
+                assert!(found == *expected, "{threads} threads, {}: {job}", level.name());
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { max_shrink_iters: 100, ..ProptestConfig::with_cases(40) })]
+
+    #[test]
+    fn matches_by_default_but_for_refinement_are_those_of_the_naive_chain(
+        pair in pairs(),
+        refinement in refinements(),
+        how in executions(),
+    ) {
+        let Settings { neighborhood, frequencies, weak, window, .. } = robust();
+        let Settings { shiftable, precision, optimizer, penalty, edges, .. } = robust();
+        let settings = Settings { neighborhood, frequencies, weak, window, ..refinement };
+        let settings = Settings { shiftable, precision, optimizer, penalty, edges, ..settings };
+        let job = Job { pair: pair.with_versions(noise_alone([1.0; 2])), settings };
+        prop_assert!(job.run(how) == job.expected(), "{}", job);
+    }
+}
+
+fn disparities(seen: &Seen) -> Vec<f32> {
+    seen.disparity.iter().map(|bits| f32::from_bits(*bits)).collect()
+}
+
+fn found_with(settings: Settings) -> Seen {
+    let job = Job::new(with_masks(layered(60, 80), 97), -1, 12, settings);
+    job.check();
+    job.run(how(2, None, Level::best()))
+}
+
+#[test]
+fn what_is_not_filled_is_missing() {
+    let filled = found_with(robust());
+    let bare = found_with(Settings { fill: false, ..robust() });
+    assert!(filled.flags.iter().any(|flags| flags & flag::FILLED != 0));
+    let pixels = disparities(&filled).into_iter().zip(disparities(&bare));
+    let flags = filled.flags.iter().zip(&bare.flags);
+    for ((filled, bare), (all, flags)) in pixels.zip(flags) {
+        let is_trusted = flags & flag::UNTRUSTED == 0;
+        assert_eq!(*flags, all & !flag::FILLED);
+        assert_eq!(filled.is_nan(), flags & flag::MASKED != 0);
+        assert!(if is_trusted { filled.to_bits() == bare.to_bits() } else { bare.is_nan() });
+    }
+}
+
+#[test]
+fn what_is_trusted_too_little_is_withdrawn() {
+    let all = found_with(robust());
+    // What a third of all pixels stays below.
+    let mut least: Vec<_> =
+        all.confidence.iter().flatten().map(|bits| f32::from_bits(*bits)).collect();
+    least.sort_by(f32::total_cmp);
+    let least = f64::from(least[least.len() / 3]);
+    for confidence in [true, false] {
+        let some = found_with(Settings { min_confidence: least, confidence, ..robust() });
+        assert_eq!(some.confidence, all.confidence.clone().filter(|_| confidence));
+        let confidences = all.confidence.as_ref().expect("asked for").iter();
+        let (mut kept, mut withdrawn) = (0, 0);
+        for (place, bits) in confidences.enumerate() {
+            let is_low = f64::from(f32::from_bits(*bits)) < least;
+            let was_there = !f32::from_bits(all.disparity[place]).is_nan();
+            if is_low && was_there {
+                withdrawn += 1;
+                assert_eq!(some.flags[place], all.flags[place] | flag::LOW_CONFIDENCE);
+                assert!(f32::from_bits(some.disparity[place]).is_nan());
+            } else {
+                kept += 1;
+                assert_eq!(some.flags[place], all.flags[place]);
+                assert_eq!(some.disparity[place], all.disparity[place]);
+            }
+        }
+        assert!(kept > 100 && withdrawn > 100, "{kept} and {withdrawn}");
+    }
+}
+
+#[test]
+fn each_check_goes_by_itself_with_any_optimizer() {
+    for optimizer in OPTIMIZERS {
+        let plain = Settings { optimizer, consistency: None, speckle_size: 0, ..robust() };
+        let speckles = found_with(Settings { speckle_size: 9, ..plain.clone() });
+        let owners = found_with(Settings { consistency: Some(0), ..plain.clone() });
+        let all = |seen: &Seen| seen.flags.iter().fold(0, |all, flags| all | flags);
+        let owned = flag::OCCLUDED | flag::MISMATCHED;
+        assert_eq!(all(&speckles) & (owned | flag::SPECKLE), flag::SPECKLE, "{optimizer:?}");
+        assert_eq!(all(&owners) & (owned | flag::SPECKLE), owned, "{optimizer:?}");
+        let none = all(&found_with(plain));
+        assert_eq!(none & (owned | flag::SPECKLE | flag::FILLED), 0, "{optimizer:?}");
+    }
+}
+
+/// The right image shows the scene further right: disparities are negative.
+#[test]
+fn negative_disparities_are_found() {
+    let [right, left] = shifted(60, 90, 5);
+    let job = Job::new([left, right], -9, 9, robust());
+    job.check();
+    let found = disparities(&job.run(how(1, None, Level::best())));
+    let inner = (10..50).flat_map(|y| (10..75).map(move |x| y * 90 + x));
+    for place in inner {
+        assert!((found[place] + 5.0).abs() < 0.5, "{place}: {}", found[place]);
+    }
 }
 
 #[test]

@@ -4,6 +4,7 @@
 
 pub mod maps;
 pub mod naive;
+pub mod volumes;
 
 use ndarray::Array3;
 use phasestereo::aggregation::Window;
@@ -12,7 +13,8 @@ use phasestereo::convolution::Kernel;
 use phasestereo::intensity::{Gray, level_planes};
 use phasestereo::plane::Plane;
 use phasestereo::settings::{
-    CostKind, LARGEST_PENALTY, LARGEST_WEAK, Penalty, Precision, Rule, Settings, Taper,
+    CostKind, LARGEST_EDGES, LARGEST_PENALTY, LARGEST_WEAK, MOST_DISPARITIES, Optimizer, Penalty,
+    Precision, Rule, Settings, Taper,
 };
 use phasestereo::simd::Level;
 use phasestereo::versions::{MOST_CLASSES, Versions};
@@ -23,9 +25,17 @@ use proptest::sample::select;
 /// Numbers of candidates around those that fill a byte, a word or a register of answers.
 pub const COUNTS: [usize; 11] = [1, 7, 8, 9, 16, 17, 31, 33, 64, 65, 257];
 
-/// Every way to choose.
+/// Every way to choose along a row.
 pub const RULES: [Rule; 3] =
     [Rule::DynamicProgramming, Rule::ScanlineOptimization, Rule::WinnerTakesAll];
+
+/// Every way to choose.
+pub const OPTIMIZERS: [Optimizer; 4] = [
+    Optimizer::Scanline(Rule::DynamicProgramming),
+    Optimizer::Scanline(Rule::ScanlineOptimization),
+    Optimizer::Scanline(Rule::WinnerTakesAll),
+    Optimizer::SemiGlobal,
+];
 
 /// Every level that this machine has.
 pub fn levels() -> Vec<Level> {
@@ -131,22 +141,73 @@ pub fn settings() -> impl Strategy<Value = Settings> {
     ];
     let radius = prop_oneof![6 => 0usize..=5, 1 => 6usize..=31];
     let precision = select(vec![Precision::Full, Precision::Byte]);
-    let ways = (select(RULES.to_vec()), penalties());
-    let [shiftable, fill, confidence] = [any::<bool>(); 3];
-    (weak_descriptors(), cost, radius, precision, ways, shiftable, fill, confidence).prop_map(
-        |(descriptor, cost, radius, precision, ways, shiftable, fill, confidence)| Settings {
+    let optimizers = OPTIMIZERS.into_iter().chain([Optimizer::SemiGlobal; 2]).collect::<Vec<_>>();
+    let edges = prop_oneof![2 => Just(0.0), 2 => 0.1..3.0f64, 1 => Just(LARGEST_EDGES)];
+    let ways = (select(optimizers), penalties(), edges);
+    (weak_descriptors(), cost, radius, precision, ways, any::<bool>(), refinements()).prop_map(
+        |(descriptor, cost, radius, precision, ways, shiftable, refinement)| Settings {
             cost,
+            neighborhood: descriptor.neighborhood,
+            taper: descriptor.taper,
+            frequencies: descriptor.frequencies,
+            power: descriptor.power,
+            bits: descriptor.bits,
             weak: if cost == CostKind::Phase { descriptor.weak } else { 0.0 },
             window: 2 * radius + 1,
             shiftable,
             precision,
-            rule: ways.0,
+            optimizer: ways.0,
             penalty: ways.1,
-            fill,
-            confidence,
-            ..descriptor
+            edges: ways.2,
+            ..refinement
         },
     )
+}
+
+/// Legal ways to refine a map, with other defaults.
+pub fn refinements() -> impl Strategy<Value = Settings> {
+    let consistency = prop::option::of(select(vec![0, 1, 2, MOST_DISPARITIES]));
+    let speckles = (select(vec![0, 0, 1, 5, 100]), select(vec![0.0, 0.5, 1.0, 3.0]));
+    let median = select(vec![0, 3]);
+    let least = prop_oneof![2 => Just(0.0), 1 => 0.0..1.0f64, 1 => Just(1.0)];
+    let choices = [any::<bool>(); 4];
+    (consistency, speckles, median, least, choices).prop_map(
+        |(consistency, speckles, median, min_confidence, [subpixel, guided, fill, confidence])| {
+            Settings {
+                subpixel,
+                consistency,
+                speckle_size: speckles.0,
+                speckle_range: speckles.1,
+                guided,
+                median,
+                fill,
+                confidence,
+                min_confidence,
+                ..Settings::default()
+            }
+        },
+    )
+}
+
+/// The settings that a pair is matched with by default, but for what is found out about its blur.
+pub fn robust() -> Settings {
+    Settings {
+        neighborhood: 3,
+        frequencies: (1, 1),
+        weak: 0.5,
+        window: 5,
+        shiftable: false,
+        precision: Precision::Byte,
+        optimizer: Optimizer::SemiGlobal,
+        penalty: Penalty { near: 4.0, far: 16.0 },
+        edges: 1.0,
+        subpixel: true,
+        consistency: Some(1),
+        speckle_size: 100,
+        guided: true,
+        median: 3,
+        ..Settings::default()
+    }
 }
 
 /// Every legal (L, r, s, k, b) of one size.

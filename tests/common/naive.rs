@@ -3,20 +3,24 @@
 use phasestereo::aggregation::Window;
 use phasestereo::basis::Basis;
 use phasestereo::candidates::Candidates;
+use phasestereo::confidence::{Scene, vote};
+use phasestereo::consistency::Choices;
 use phasestereo::control::Control;
 use phasestereo::convolution::Kernel;
 use phasestereo::cost::Costs;
+use phasestereo::evidence::NONE;
 use phasestereo::intensity::Gray;
 use phasestereo::matcher::{Disparity, Pair};
 use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::refinement::flag;
+use phasestereo::reference::{self, Found};
+use phasestereo::refinement::{Margin, flag};
 use phasestereo::scanline::Steps;
-use phasestereo::settings::{CostKind, Settings};
+use phasestereo::semiglobal::PATHS;
+use phasestereo::settings::{CostKind, Optimizer, Settings};
 use phasestereo::versions::{MOST_CLASSES, Versions};
 use phasestereo::view::View;
 
-use super::{level_pair, levels, plane};
+use super::{gray, level_pair, levels, plane};
 
 /// What a caller sees of a match; floats by their bits, so that NaN equals NaN.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -39,12 +43,18 @@ impl Seen {
 
 /// Window and penalties of a match.
 pub fn scale(pair: &Pair, settings: &Settings) -> (Window, Steps) {
+    let (window, steps) = window(pair, settings);
+    (window, Steps::new(settings.penalty, window, steps))
+}
+
+/// Window of a match, and steps to the unit of its costs.
+fn window(pair: &Pair, settings: &Settings) -> (Window, u16) {
     let (candidates, control) = (pair.candidates(), Control::default());
     let costs =
         Costs::new(pair.views(), candidates, settings, pair.versions(), levels()[0], &control)
             .expect("not cancelled");
     let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
-    (window, Steps::new(settings.penalty, window, costs.steps()))
+    (window, costs.steps())
 }
 
 /// Costs, 0 where there is no vote.
@@ -132,30 +142,117 @@ pub fn votes([left, right]: [&View; 2], candidates: Candidates) -> Plane<u16> {
 
 /// The whole match.
 pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
+    let found = found(pair, settings);
+    let draft = drafted(pair, settings, &found);
+    let gray = gray(pair.views()[0]);
+    let votes = found.map(|found| {
+        let elsewhere = (found.elsewhere != NONE).then_some(found.elsewhere.into());
+        vote(Margin { own: found.own.into(), elsewhere }, unit(pair, settings))
+    });
+    let (disparity, mut flags) = refined(draft, &gray, settings);
+    let confidences =
+        reference::confidences(Scene { disparity: &disparity, votes: &votes, gray: &gray });
+    let mut disparity = disparity.into_vec();
+    for (place, disparity) in disparity.iter_mut().enumerate() {
+        let flags = &mut flags.as_mut_slice()[place];
+        let is_doubtful = f64::from(confidences.as_slice()[place]) < settings.min_confidence;
+        if is_doubtful && !disparity.is_nan() {
+            (*disparity, *flags) = (f32::NAN, *flags | flag::LOW_CONFIDENCE);
+        }
+        if !settings.fill && *flags & flag::UNTRUSTED != 0 {
+            (*disparity, *flags) = (f32::NAN, *flags & !flag::FILLED);
+        }
+    }
+    let bits = |values: Vec<f32>| values.into_iter().map(f32::to_bits).collect();
+    let confidence = settings.confidence.then(|| bits(confidences.into_vec()));
+    Seen { disparity: bits(disparity), flags: flags.into_vec(), confidence }
+}
+
+/// What is known of the candidate chosen for each pixel.
+fn found(pair: &Pair, settings: &Settings) -> Plane<Found> {
     let (candidates, count) = (pair.candidates(), pair.candidates().count());
     let (window, steps) = scale(pair, settings);
     let votes = votes(pair.views(), candidates);
     let costs = costs(pair.views(), candidates, settings, pair.versions());
-    let aggregated = reference::aggregate(&costs, &votes, window);
-    let confidences = settings.confidence.then(Vec::new);
-    let mut seen = Seen { disparity: vec![], flags: vec![], confidence: confidences };
-    for y in 0..window.rows {
-        let row = aggregated.row(y);
-        let chosen = reference::optimize(row, count, settings.optimizer, steps);
-        for (x, &index) in chosen.iter().enumerate() {
-            let (index, places) = (usize::from(index), x * count..(x + 1) * count);
-            let flags = flags(pair, &votes.row(y)[places.clone()], (y, x), index);
-            let missing = flags & flag::MISSING != 0 || flags != 0 && !settings.fill;
-            let disparity = if missing { f32::NAN } else { candidates.disparity(index) as f32 };
-            seen.disparity.push(disparity.to_bits());
-            seen.flags.push(flags);
-            if let Some(confidences) = &mut seen.confidence {
-                let known = if missing { 0.0 } else { confidence(&row[places], index) };
-                confidences.push(known.to_bits());
-            }
+    let costs = reference::aggregate(&costs, &votes, window);
+    let of_pixel = |x: usize| x * count..(x + 1) * count;
+    match settings.optimizer {
+        Optimizer::Scanline(rule) => {
+            let row = |y| reference::optimize(costs.row(y), count, rule, steps);
+            let chosen: Vec<_> = (0..window.rows).map(row).collect();
+            Plane::from_fn(window.rows, window.cols, |y, x| {
+                reference::margin(chosen[y][x], &costs.row(y)[of_pixel(x)])
+            })
+        }
+        Optimizer::SemiGlobal => {
+            let gray = gray(pair.views()[0]);
+            let edges = (settings.edges > 0.0).then(|| reference::edges(&gray, settings.edges));
+            let sums = reference::semi_global(&costs, count, steps, edges.as_ref());
+            Plane::from_fn(window.rows, window.cols, |y, x| {
+                reference::select(&sums.row(y)[of_pixel(x)], &costs.row(y)[of_pixel(x)])
+            })
         }
     }
-    seen
+}
+
+/// What one unit of the mean cost is in the costs that decide.
+fn unit(pair: &Pair, settings: &Settings) -> f32 {
+    let (window, steps) = window(pair, settings);
+    let paths = if settings.optimizer == Optimizer::SemiGlobal { PATHS } else { 1 };
+    (window.unit(steps) * f64::from(paths)) as f32
+}
+
+/// Disparities and flags, of each row by itself.
+fn drafted(pair: &Pair, settings: &Settings, found: &Plane<Found>) -> (Plane<f32>, Plane<u16>) {
+    let (candidates, count) = (pair.candidates(), pair.candidates().count());
+    let votes = votes(pair.views(), candidates);
+    let mut all = vec![];
+    for y in 0..found.rows() {
+        let row = found.row(y);
+        let of_pixel = |x: usize| &votes.row(y)[x * count..(x + 1) * count];
+        let flags = (0..row.len()).map(|x| flags(pair, of_pixel(x), (y, x), row[x].chosen.into()));
+        let flags: Vec<_> = flags.collect();
+        let chosen: Vec<_> = row.iter().map(|found| found.chosen).collect();
+        let costs: Vec<_> = row.iter().map(|found| found.own).collect();
+        let choices = Choices { chosen: &chosen, costs: &costs, candidates };
+        all.extend(match settings.consistency {
+            Some(most) => reference::check_row(choices, most as u16, &flags),
+            None => flags,
+        });
+    }
+    let flags = Plane::from_vec(found.rows(), found.cols(), all).expect("all rows");
+    let disparity = Plane::from_fn(found.rows(), found.cols(), |y, x| {
+        let Found { chosen, offset, .. } = found.row(y)[x];
+        let whole = candidates.disparity(chosen.into()) as f32;
+        let is_missing = flags.row(y)[x] & flag::MISSING != 0;
+        if is_missing { f32::NAN } else { whole + if settings.subpixel { offset } else { 0.0 } }
+    });
+    (disparity, flags)
+}
+
+/// Disparities and flags, of the map as a whole.
+fn refined(
+    (mut disparity, mut flags): (Plane<f32>, Plane<u16>),
+    gray: &Plane<i32>,
+    settings: &Settings,
+) -> (Plane<f32>, Plane<u16>) {
+    if settings.speckle_size > 0 {
+        let region = (settings.speckle_size, settings.speckle_range as f32);
+        flags = reference::flag_speckles(&disparity, &flags, region);
+    }
+    if settings.consistency.is_some() || settings.speckle_size > 0 {
+        (disparity, flags) = reference::fill(&disparity, &flags);
+    }
+    if settings.guided {
+        disparity = reference::guide(&disparity, gray);
+    }
+    if settings.median > 0 {
+        disparity = reference::smooth(&disparity);
+    }
+    if settings.subpixel {
+        disparity = reference::smooth_surfaces(&disparity);
+    }
+    (disparity, flags)
 }
 
 /// Flags of the pixel at `(y, x)`, by the votes for each of its candidates.
@@ -169,13 +266,4 @@ fn flags(pair: &Pair, votes: &[u16], (y, x): (usize, usize), chosen: usize) -> u
     let is_outside = pair.candidates().is_outside(x, chosen, pair.size().1);
     let outside = if is_outside { flag::OUTSIDE } else { 0 };
     outside | if votes[chosen] == 1 { 0 } else { flag::MATCH_MASKED }
-}
-
-/// The margin to the least cost that is not next to the chosen one, relative to it.
-fn confidence(costs: &[u32], chosen: usize) -> f32 {
-    let apart = costs.iter().enumerate().filter(|(k, _)| k.abs_diff(chosen) > 1);
-    match apart.map(|(_, cost)| *cost).min() {
-        None | Some(0) => 0.0,
-        Some(other) => (f64::from(other.saturating_sub(costs[chosen])) / f64::from(other)) as f32,
-    }
 }
