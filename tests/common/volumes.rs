@@ -88,6 +88,7 @@ impl Volume {
         let mut found = Plane::from_fn(rows, cols, |_, _| None);
         let mut bands: Vec<_> = found.as_mut_slice().chunks_mut(BAND * cols).collect();
         let Search { paths, across } = search;
+        let across = &*across;
         let load = |band, rows: &mut Rows<V, T>| {
             let spare = across.lock().expect("no panic").pop();
             let mut used = spare.unwrap_or_default();
