@@ -295,9 +295,10 @@ impl Image<'_> {
                 let from = (y.wrapping_add_signed(-dy), x.wrapping_add_signed(-dx));
                 let is_inside = rows.contains(&from.0) && columns.contains(&from.1);
                 let places = |x: usize| x * candidates..(x + 1) * candidates;
-                let ways = match is_inside {
-                    true => self.ways(&totals.row(from.0)[places(from.1)], self.far(from, (y, x))),
-                    false => vec![0; candidates],
+                let ways = if is_inside {
+                    self.ways(&totals.row(from.0)[places(from.1)], self.far(from, (y, x)))
+                } else {
+                    vec![0; candidates]
                 };
                 let costs = &costs.row(y)[places(x)];
                 for ((total, way), cost) in
