@@ -568,7 +568,7 @@ fn disparities(seen: &Seen) -> Vec<f32> {
 }
 
 fn found_with(settings: Settings) -> Seen {
-    let job = Job::new(with_masks(layered(45, 60), 97), -1, 10, settings);
+    let job = Job::new(with_masks(layered(60, 80), 97), -1, 12, settings);
     job.check();
     job.run(how(2, None, Level::best()))
 }
