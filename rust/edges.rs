@@ -40,7 +40,7 @@ pub struct Edges(Plane<u8>);
 
 impl Edges {
     /// Calls a jump small that is larger than the mean difference of horizontal neighbours times `threshold`,
-    /// and large where it is larger than thrice that. So neither contrast nor the unit of gray values matters.
+    /// in whole steps, and large where it is larger than thrice that. So neither contrast nor the unit of gray values matters.
     pub fn new(gray: &Gray, threshold: f64, level: Level, control: &Control) -> Result<Self> {
         Self::of(&gray.plane(level, control)?, threshold, level, control)
     }

@@ -150,7 +150,7 @@ fn noise_alone(noise: [f64; 2]) -> Versions {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 300, ..ProptestConfig::with_cases(400) })]
+    #![proptest_config(ProptestConfig { max_shrink_iters: 300, ..ProptestConfig::with_cases(200) })]
 
     #[test]
     fn any_match_equals_the_naive_chain(job in jobs(), how in executions()) {
@@ -606,7 +606,8 @@ fn what_is_trusted_too_little_is_withdrawn() {
             let was_there = !f32::from_bits(all.disparity[place]).is_nan();
             if is_low && was_there {
                 withdrawn += 1;
-                assert_eq!(some.flags[place], all.flags[place] | flag::LOW_CONFIDENCE);
+                let flags = all.flags[place] & !flag::FILLED;
+                assert_eq!(some.flags[place], flags | flag::LOW_CONFIDENCE);
                 assert!(f32::from_bits(some.disparity[place]).is_nan());
             } else {
                 kept += 1;

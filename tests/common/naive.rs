@@ -157,7 +157,8 @@ pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
         let flags = &mut flags.as_mut_slice()[place];
         let is_doubtful = f64::from(confidences.as_slice()[place]) < settings.min_confidence;
         if is_doubtful && !disparity.is_nan() {
-            (*disparity, *flags) = (f32::NAN, *flags | flag::LOW_CONFIDENCE);
+            let doubtful = (*flags | flag::LOW_CONFIDENCE) & !flag::FILLED;
+            (*disparity, *flags) = (f32::NAN, doubtful);
         }
         if !settings.fill && *flags & flag::UNTRUSTED != 0 {
             (*disparity, *flags) = (f32::NAN, *flags & !flag::FILLED);

@@ -87,8 +87,7 @@ impl Volume {
         let field = Field { size: (rows, cols), candidates, steps, edges, level, control };
         let mut found = Plane::from_fn(rows, cols, |_, _| None);
         let mut bands: Vec<_> = found.as_mut_slice().chunks_mut(BAND * cols).collect();
-        let Search { paths, across } = search;
-        let across = &*across;
+        let (paths, across) = (&mut search.paths, &search.across);
         let load = |band, rows: &mut Rows<V, T>| {
             let spare = across.lock().expect("no panic").pop();
             let mut used = spare.unwrap_or_default();
