@@ -56,8 +56,9 @@ class Result:
     confidence
         float32 (H, W) in [0, 1], about the probability that the disparity is within 1 px: how far
         the chosen candidate is ahead of all others in the pixels around that have this disparity,
-        too, by those of similar gray value first; 0 where there is no estimate that could be withdrawn. None
-        if the settings have ``confidence=False``.
+        too, by those of similar gray value first. Pixels that ``min_confidence`` or ``fill=False``
+        left without an estimate have theirs, others without one 0. None if the settings have
+        ``confidence=False``.
     settings
         The settings that were used: with ``equalise=True`` those that suit the blur.
     timings
