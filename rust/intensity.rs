@@ -26,9 +26,6 @@ const MOST_SAMPLES: usize = 1 << 16;
 
 /// Largest magnitude of a gray value: sums of products with it are exact in double precision.
 pub const LARGEST_REACH: u32 = 1 << 25;
-/// Differences of gray values whose sum fits 32 bits.
-const FEW: usize = 32;
-const _: () = assert!((2 * LARGEST_REACH as u64) * (FEW as u64) < 1 << 32);
 /// Steps into which a blurred image cuts one of the image itself, at most.
 const FINER_LOG2: u32 = 4;
 
@@ -181,11 +178,9 @@ impl<'a> Gray<'a> {
 
 /// The sum of the differences of horizontal neighbours.
 pub fn roughness(gray: &Plane<i32>) -> u64 {
-    let row = |row: &[i32]| {
-        // A sum of a few differences fits a word, as the differences do.
-        let pairs = row.chunks(FEW).zip(row[1..].chunks(FEW));
-        let sum = |(a, b): (&[i32], &[i32])| a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).sum();
-        pairs.map(sum).map(|sum: u32| u64::from(sum)).sum::<u64>()
+    let row = |row: &[i32]| -> u64 {
+        let pairs = row.iter().zip(&row[1..]);
+        pairs.map(|(a, b)| u64::from(a.abs_diff(*b))).sum()
     };
     gray.as_slice().par_chunks(gray.cols()).map(row).sum()
 }
