@@ -497,7 +497,6 @@ mod semiglobal {
     use super::{Bencher, COLS, Case, Control, Matcher, ROWS, Strip, Window, cases, noise};
     use phasestereo::aggregation::Aggregated;
     use phasestereo::edges::Edges;
-    use phasestereo::intensity::Gray;
     use phasestereo::scanline::Steps;
     use phasestereo::semiglobal::across::{Across, Advance, Rows};
     use phasestereo::semiglobal::{BAND, Field, SemiGlobal};
@@ -511,7 +510,7 @@ mod semiglobal {
         let widest = window.tiles().map(|tile| tile.finished.len()).max().unwrap_or(0);
         let costs = noise(widest * candidates, BLOCK, |value| V::truncated(u64::from(value % 200)));
         let costs = Aggregated::new(costs.as_slice().as_chunks().0, 1, candidates);
-        let gray = Gray::within(1 << 16, noise(ROWS, COLS, |value| value as i32));
+        let gray = noise(ROWS, COLS, |value| value as i32);
         let edges = Edges::new(&gray, 1.0, level, control).expect("memory");
         let (edges, steps) = (has_edges.then_some(&edges), Steps { near: 10, far: 50 });
         let field = Field { size: (ROWS, COLS), candidates, steps, edges, level, control };

@@ -2,7 +2,7 @@
 
 use crate::control::Control;
 use crate::error::Result;
-use crate::intensity::{Gray, roughness};
+use crate::intensity::roughness;
 use crate::plane::Plane;
 use crate::settings::Settings;
 use crate::simd::{Kernel, Level};
@@ -40,13 +40,9 @@ pub struct Edges(Plane<u8>);
 
 impl Edges {
     /// Calls a jump small that is larger than the mean difference of horizontal neighbours times `threshold`,
-    /// in whole steps, and large where it is larger than thrice that. So neither contrast nor the unit of gray values matters.
-    pub fn new(gray: &Gray, threshold: f64, level: Level, control: &Control) -> Result<Self> {
-        Self::of(&gray.plane(level, control)?, threshold, level, control)
-    }
-
-    /// The same of gray values that are at hand.
-    pub fn of(gray: &Plane<i32>, threshold: f64, level: Level, control: &Control) -> Result<Self> {
+    /// in whole steps, and large where it is larger than thrice that. So neither contrast nor the unit of gray
+    /// values matters.
+    pub fn new(gray: &Plane<i32>, threshold: f64, level: Level, control: &Control) -> Result<Self> {
         let (rows, cols) = (gray.rows(), gray.cols());
         let count = rows * (cols - 1).max(1);
         // Gray values are below 2^26, so that a difference is, and its product with any threshold clamped.
@@ -70,7 +66,7 @@ impl Edges {
         control: &Control,
     ) -> Result<Option<Self>> {
         let gray = gray.filter(|_| settings.edges > 0.0);
-        gray.map(|gray| Self::of(gray, settings.edges, level, control)).transpose()
+        gray.map(|gray| Self::new(gray, settings.edges, level, control)).transpose()
     }
 
     /// The jumps of row `y`.

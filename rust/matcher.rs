@@ -378,7 +378,7 @@ impl<V: Value, T: Value> Workspace<V, T> {
         let Window { cols, candidates, .. } = job.window;
         evidence.begin(strip.rows, cols)?;
         let chosen = scanline.chosen();
-        for (lane, x) in places(strip.rows, cols) {
+        places(strip.rows, cols).for_each(|(lane, x)| {
             let place = (lane / BLOCK * cols + x) * BLOCK + lane % BLOCK;
             let (own, elsewhere, offset) = margins.of(place, chosen[place], candidates);
             let found = EvidenceRow {
@@ -388,19 +388,19 @@ impl<V: Value, T: Value> Workspace<V, T> {
                 offset: &[offset],
             };
             evidence.set(lane, x, found);
-        }
+        });
         Ok(())
     }
 
     /// Writes what was chosen for the strip into the map, when nothing else is to be known of it.
     fn write(&self, band: &mut Band, strip: Strip, job: &Job) {
         let (chosen, cols, judge) = (self.scanline.chosen(), job.window.cols, job.judge());
-        for (lane, x) in places(strip.rows, cols) {
+        places(strip.rows, cols).for_each(|(lane, x)| {
             let index = chosen[(lane / BLOCK * cols + x) * BLOCK + lane % BLOCK];
             let flags = judge.flags(strip.first + lane, x, index.into());
             let place = lane * cols + x;
             (band.disparity[place], band.flags[place]) = (judge.disparity(index, flags), flags);
-        }
+        });
     }
 }
 

@@ -7,7 +7,6 @@ use phasestereo::control::Control;
 use phasestereo::edges::Edges;
 use phasestereo::error::Result;
 use phasestereo::evidence::EvidenceRow;
-use phasestereo::intensity::{Gray, LARGEST_REACH};
 use phasestereo::matcher::on_threads;
 use phasestereo::memory::Memory;
 use phasestereo::plane::Plane;
@@ -79,8 +78,7 @@ impl Volume {
     ) -> Result<Plane<Found>> {
         let (rows, cols) = self.size();
         let edges = self.gray.as_ref().map(|(gray, threshold)| {
-            let gray = Gray::within(LARGEST_REACH, gray.clone());
-            Edges::new(&gray, *threshold, level, &Control::default()).expect("memory")
+            Edges::new(gray, *threshold, level, &Control::default()).expect("memory")
         });
         let Self { candidates, steps, .. } = *self;
         let edges = edges.as_ref();
