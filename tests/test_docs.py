@@ -1,4 +1,4 @@
-"""The documentation: its examples run, its command lines parse, its pages build and hold together."""
+"""The documentation: examples run, command lines parse, pages build and hold together."""
 
 from __future__ import annotations
 
@@ -10,18 +10,21 @@ import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
-from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from conftest import counterpart
-from documentation import PAGES, ROOT, Block, blocks, commands, name
 
 import phasestereo as ps
+from conftest import counterpart
+from documentation import PAGES, ROOT, Block, blocks, commands, name
 from phasestereo.io import Calibration, read_image, write_disparity, write_image
 from phasestereo.metrics import bad_pixels
 from phasestereo.rendering import render_pair
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 HEIGHT, WIDTH, NUM_DISPARITIES = 240, 320, 80
 PICTURES = {"gallery": 15, "how-it-works": 6, "how-it-works/descriptor": 8}
@@ -54,8 +57,8 @@ def here(pair_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def _calibration_text(calibration: Calibration) -> str:
     rows = ("; ".join(" ".join(map(str, row)) for row in calibration.cam0),) * 2
     lines = [f"cam{number}=[{row}]" for number, row in enumerate(rows)]
-    for field in ("doffs", "baseline", "width", "height", "ndisp"):
-        lines.append(f"{field}={getattr(calibration, field)}")
+    fields = "doffs", "baseline", "width", "height", "ndisp"
+    lines += [f"{field}={getattr(calibration, field)}" for field in fields]
     return "\n".join(lines) + "\n"
 
 
@@ -94,7 +97,9 @@ def _foreign(found: list[Block]) -> list[str]:
 
 def test_a_broken_example_fails(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text('# Page\n\n```python title="not run"\n1 / 0\n```\n\n```python\nx = 1\n1 / 0\n```\n')
+    page.write_text(
+        '# Page\n\n```python title="not run"\n1 / 0\n```\n\n```python\nx = 1\n1 / 0\n```\n'
+    )
     found = [block for block in blocks(page, "python") if block.runs]
     with pytest.raises(ZeroDivisionError) as raised:
         run(found, page, {})
@@ -237,7 +242,9 @@ def test_no_page_asks_another_host_for_anything(site: Path, pages: dict[str, Pag
     assert foreign == set()
     styles = [path.read_text(encoding="utf-8") for path in site.rglob("*.css")]
     assert styles
-    asked = [found for style in styles for found in re.findall(r"url\(\s*['\"]?(?:https?:)?//", style)]
+    asked = [
+        found for style in styles for found in re.findall(r"url\(\s*['\"]?(?:https?:)?//", style)
+    ]
     assert asked == []
 
 
