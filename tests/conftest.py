@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -14,6 +16,17 @@ ON_CI = os.environ.get("CI") == "true"
 # No deadlines: a slow machine is no failure. On CI the same examples every time.
 hypothesis.settings.register_profile("project", deadline=None, derandomize=ON_CI)
 hypothesis.settings.load_profile("project")
+
+
+def counterpart(module: str) -> Any:
+    """Import what is tested against; without it, skip visibly, or fail where it must be there."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        message = f"no {module} to test against: {error}"
+        if ON_CI:
+            pytest.fail(message)
+        pytest.skip(message, allow_module_level=True)
 
 
 @pytest.fixture(scope="session")

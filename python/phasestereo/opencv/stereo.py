@@ -135,7 +135,10 @@ class StereoPhase(Parameters):
         """Return the disparities of RGB images, NaN where there is no estimate."""
         low, count = self._check_range(left.shape[1])
         matcher = self._matcher(settings)
-        return matcher.match(left, right, min_disparity=low, num_disparities=count).disparity
+        found = matcher.match(left, right, min_disparity=low, num_disparities=count).disparity
+        if not settings.fill:  # smoothing has led a few out of the image
+            found[np.arange(found.shape[1]) - np.rint(found) < 0] = np.nan
+        return found
 
     def _matcher(self, settings: Settings) -> Matcher:
         """Return a matcher of such settings, a new one if there is none yet."""
