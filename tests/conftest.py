@@ -39,3 +39,10 @@ def data() -> Path:
     if ON_CI:
         pytest.fail(message)
     pytest.skip(message)
+
+
+def counterpart(module: str) -> Any:
+    """Return a module that tests hold ours against; skip them where it is missing, fail on CI."""
+    if ON_CI:
+        return import_module(module)
+    return pytest.importorskip(module)
