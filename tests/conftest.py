@@ -18,17 +18,6 @@ hypothesis.settings.register_profile("project", deadline=None, derandomize=ON_CI
 hypothesis.settings.load_profile("project")
 
 
-def counterpart(module: str) -> Any:
-    """Import what is tested against; without it, skip visibly, or fail where it must be there."""
-    try:
-        return import_module(module)
-    except ImportError as error:
-        message = f"no {module} to test against: {error}"
-        if ON_CI:
-            pytest.fail(message)
-        pytest.skip(message, allow_module_level=True)
-
-
 @pytest.fixture(scope="session")
 def data() -> Path:
     """Return the folder of real pairs; without it, skip visibly, or fail where it must be there."""

@@ -274,6 +274,44 @@ def test_disp12_max_diff(cones: Pair) -> None:
     assert share(maps[OFF]) < share(maps[8]) < share(maps[2]) < share(maps[1])
 
 
+@pytest.mark.parametrize("ratio", [1, 10, 60, 100])
+def test_uniqueness_ratio(cones: Pair, ratio: int) -> None:
+    """As OpenCV has it: some cost times (100 - ratio) is below that of the best times 100."""
+    options: dict[str, Any] = {"preset": "paper", "optimizer": "wta", "window": 3}
+    volume = ps.cost_volume(cones.left, cones.right, num_disparities=64)
+    costs = ps.aggregate(volume, window=3).astype(np.int64)
+    best = costs.argmin(axis=2)[:, :, np.newaxis]
+    own = np.take_along_axis(costs, best, axis=2)
+    is_elsewhere = np.abs(np.arange(64) - best) > 1
+    is_ambiguous = (is_elsewhere & (costs * (100 - ratio) < own * 100)).any(axis=2)
+    is_outside = np.arange(costs.shape[1]) < best[:, :, 0]
+    found = StereoPhase_create(0, 64, uniquenessRatio=ratio, disp12MaxDiff=OFF, **options).compute(
+        bgr(cones.left), bgr(cones.right)
+    )
+    assert (is_ambiguous & ~is_outside).mean() > 0.001
+    np.testing.assert_array_equal(found == INVALID, is_ambiguous | is_outside)
+
+
+def test_what_is_not_unique_is_wrong_more_often(cones: Pair) -> None:
+    """A ratio below 0 is 10, and a larger one leaves less and better, here and with OpenCV."""
+    images = bgr(cones.left), bgr(cones.right)
+    for create in (StereoPhase_create, cv2.StereoSGBM_create):
+        maps = [
+            create(0, 64, 3, 216, 864, 1, uniquenessRatio=ratio).compute(*images)
+            for ratio in (0, 10, 30, -1)
+        ]
+        np.testing.assert_array_equal(maps[3], maps[1])
+        shares = [share(disparity) for disparity in maps[:3]]
+        assert shares == sorted(set(shares))
+        kept = [cones.masks["nonocc"] & (disparity != INVALID) for disparity in maps[:3]]
+        assert cones.truth is not None
+        errors = [
+            bad_pixels(disparity / 16, cones.truth, 1.0, each)
+            for disparity, each in zip(maps, kept, strict=False)
+        ]
+        assert errors == sorted(set(errors), reverse=True)
+
+
 @pytest.mark.parametrize(("size", "most"), [(100, 1), (400, 2), (100, 0), (20, 16000), (9, OFF)])
 def test_speckles_are_those_of_opencv(cones: Pair, size: int, most: int) -> None:
     """Of whole disparities that nothing smooths: `robust` looks for them before it smooths."""
@@ -510,9 +548,11 @@ def test_setters_count_from_the_next_pair_on(pair: Pair) -> None:
     stereo.setMinDisparity(2)
     stereo.setNumDisparities(45)
     stereo.setDisp12MaxDiff(3)
+    stereo.setUniquenessRatio(7)
     stereo.setSpeckleWindowSize(60)
     stereo.setSpeckleRange(1)
     options: dict[str, Any] = {"disp12MaxDiff": 3, "speckleWindowSize": 60, "speckleRange": 1}
+    options["uniquenessRatio"] = 7
     expected = StereoPhase_create(2, 45, **options).compute(*images)
     np.testing.assert_array_equal(stereo.compute(*images), expected)
 

@@ -151,12 +151,14 @@ class StereoPhase(Parameters):
     def _settings(self, *, is_checked: bool = True) -> Settings:
         """Return what the parameters mean; without checks as `cv2.ximgproc` has right matchers."""
         if not is_checked:
-            return replace(self._chosen, consistency=None, speckle_size=0)
+            return replace(self._chosen, consistency=None, uniqueness=0, speckle_size=0)
         most = self.getDisp12MaxDiff() if self.getDisp12MaxDiff() > 0 else 1
+        ratio = self.getUniquenessRatio()
         has_speckles = self.getSpeckleRange() >= 0 and self.getSpeckleWindowSize() > 0
         return replace(
             self._chosen,
             consistency=most if most < self.getNumDisparities() - 1 else None,
+            uniqueness=ratio if ratio >= 0 else NEGATIVE_UNIQUENESS,
             speckle_size=self.getSpeckleWindowSize() if has_speckles else 0,
             speckle_range=min(self.getSpeckleRange(), LARGEST_RANGE) if has_speckles else 0,
         )
