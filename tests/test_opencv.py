@@ -214,6 +214,9 @@ def test_negative_disparities(pair: Pair) -> None:
     assert disparity.min() == (-shift - 1) * 16
     assert disparity.max() > 0
     found = in_pixels(disparity, (-shift - 1) * 16)
+    columns = np.arange(found.shape[1]) - found
+    assert np.nanmin(columns) > -0.6
+    assert np.nanmax(columns) < found.shape[1] - 0.4
     truth, mask = pair.truth[:, shift:] - shift, pair.masks["nonocc"][:, shift:]
     assert bad_pixels(found, truth, 1.0, mask & np.isfinite(found)) < 6
 
@@ -488,7 +491,7 @@ def test_the_wls_filter(pair: Pair) -> None:
     images = bgr(pair.left), bgr(pair.right)
     stereo = StereoPhase_create(0, COUNT, disp12MaxDiff=OFF)
     left, right = stereo.compute(*images), stereo.compute_right(*images)
-    wls = cv2.ximgproc.createDisparityWLSFilterGeneric(True)  # noqa: FBT003 - cv2's own
+    wls = cv2.ximgproc.createDisparityWLSFilterGeneric(use_confidence=True)
     wls.setDepthDiscontinuityRadius(1)
     wls.setLambda(500.0)
     wls.setSigmaColor(1.5)

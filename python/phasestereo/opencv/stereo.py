@@ -137,7 +137,8 @@ class StereoPhase(Parameters):
         matcher = self._matcher(settings)
         found = matcher.match(left, right, min_disparity=low, num_disparities=count).disparity
         if not settings.fill:  # smoothing has led a few out of the image
-            found[np.arange(found.shape[1]) - np.rint(found) < 0] = np.nan
+            columns = np.arange(found.shape[1]) - np.rint(found)
+            found[(columns < 0) | (columns >= found.shape[1])] = np.nan
         return found
 
     def _matcher(self, settings: Settings) -> Matcher:
