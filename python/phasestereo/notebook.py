@@ -159,7 +159,7 @@ def _scale(known: NDArray[np.float32], ends: Ends) -> str:
 
 def _ticks(low: float, high: float) -> Iterable[tuple[float, str]]:
     """Yield round numbers, each with its place between the ends, 0 to 1."""
-    locator = require("matplotlib.ticker", extra="plot").MaxNLocator(6)
+    locator = require("matplotlib.ticker", extra="plot").MaxNLocator(8, steps=(1, 2, 5, 10))
     for value in locator.tick_values(low, high):
         if low <= value <= high:
             yield (value - low) / (high - low), f"{value:.10g}"
@@ -182,7 +182,7 @@ def _shrunk(values: NDArray[np.float32], box: tuple[int, int]) -> NDArray[np.flo
     rows, cols = values.shape
     factor = max(1.0, cols / box[0], rows / box[1])
     y, x = (
-        ((np.arange(max(1, int(size / factor))) + 0.5) * factor).astype(int).clip(max=size - 1)
+        ((np.arange(max(1, round(size / factor))) + 0.5) * factor).astype(int).clip(max=size - 1)
         for size in (rows, cols)
     )
     return values[np.ix_(y, x)]
