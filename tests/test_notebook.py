@@ -128,7 +128,8 @@ def test_the_histogram_stands_on_the_colours_of_the_map(result: ps.Result) -> No
     assert bars.tolist() == [72, 24, 0, 48]
     np.testing.assert_array_equal(picture[71, [0, 1, 3]], wanted[[0, 1, 3]])
     ticks = re.findall(r'left:([\d.]+)%;">([\d.-]+)<', whole._repr_html_())
-    assert ticks == [("12.50", "3"), ("37.50", "4"), ("62.50", "5"), ("87.50", "6")]
+    assert {"3", "4", "5", "6"} <= {label for _, label in ticks}
+    assert [float(at) for at, _ in ticks] == [25 * (float(label) - 2.5) for _, label in ticks]
 
 
 def test_the_pair_is_there_if_it_is_known(result: ps.Result) -> None:
@@ -191,11 +192,11 @@ def test_large_results_stay_small_and_true() -> None:
     html = result._repr_html_()
     assert len(html) < 1_000_000
     picture = Block(html).picture("Disparity map, 2000 by 1500 pixels")
-    assert picture.shape == (360, 480, 3)
-    y, x = (((np.arange(size) + 0.5) * 1500 / 360).astype(int) for size in (360, 480))
+    assert picture.shape == (330, 440, 3)
+    y, x = (((np.arange(size) + 0.5) * 1500 / 330).astype(int) for size in (330, 440))
     low, high = limits(disparity[np.isfinite(disparity)])
     wanted = colorize(disparity[np.ix_(y, x)], low=low, high=high)
-    assert (wanted[:, :120] == NEUTRAL).all()
+    assert (wanted[:, :110] == NEUTRAL).all()
     assert np.abs(picture.astype(int) - wanted).max() < 10, "the ends come of a sample"
 
 

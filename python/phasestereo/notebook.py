@@ -35,16 +35,16 @@ if TYPE_CHECKING:
 
 __all__ = ["html"]
 
-_MAP = 480, 360  # pixels, width and height: without any compression still below 0.7 MB of text
-_THUMBNAIL = 160, 160  # three of them are as wide as a map
-_LEAST = 160  # pixels that a small picture is enlarged to
-_SCALE_WIDTH = 480
+_MAP = 440, 330  # pixels, width and height: without any compression still below 0.6 MB of text
+_THUMBNAIL = 144, 144  # three of them are as wide as a map
+_LEAST = 144  # pixels that a small picture is enlarged to
+_SCALE_WIDTH = 456
 _SAMPLES = 2**20  # disparities that tell how all are distributed
 _BARS, _GAP, _STRIP = 72, 4, 12  # rows of the histogram, and of the colours below it
 _PHOTOGRAPH_QUALITY = 85  # of a JPEG
 
-_BLOCK = "max-width:1060px;line-height:1.4;"
-_BESIDE = "display:inline-block;vertical-align:top;max-width:540px;"
+_BLOCK = "max-width:980px;line-height:1.4;"
+_BESIDE = "display:inline-block;vertical-align:top;max-width:486px;"
 _FIGURE = "display:inline-block;vertical-align:top;margin:6px 14px 6px 0;max-width:100%;"
 _IMAGE = "display:block;margin:0;max-width:100%;"
 _CAPTION = "margin:3px 0 0;font-size:90%;"
