@@ -18,6 +18,7 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
+from phasestereo.blur import Blur, BlurEstimate
 from phasestereo.picture import NEUTRAL, colorize, limits
 
 if TYPE_CHECKING:
@@ -218,6 +219,29 @@ def test_text_is_escaped(result: ps.Result) -> None:
     block = shown(replace(result, blur=hostile))
     assert "script" not in block.tags
     assert "<script>alert('x')</script>" in block.text
+
+
+def test_estimates_of_blur_show_their_kinds() -> None:
+    kinds = Blur("none", "none", 0.0, 0.0), Blur("left", "motion", 9.0, 45.0)
+    labels = np.array([[0, 0, 0, 1]], np.uint8)
+    block = Block(BlurEstimate(kinds, labels, 16, 0.875, 1.0, (1.5, 0.25))._repr_html_())
+    assert not block.open
+    assert "none75.0%left, motion 9.00 px at 45 degrees25.0%" in block.text
+    assert "certainty 0.88, noise 1.5 left, 0.25 right" in block.text
+
+
+def test_diagnoses_show_their_findings() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
+    diagnosis = ps.check(image[:, :120], 255 - image[:, 8:])
+    block = Block(diagnosis._repr_html_())
+    assert not block.open
+    assert block.tags.count("tr") == len(diagnosis.findings) + 1
+    assert all(found.sentence in block.text for found in diagnosis.findings)
+    assert "128" not in block.text
+    assert "120 x 96 pixels" in block.text
+    warned = sum(found.severity == "warning" for found in diagnosis.findings)
+    assert block.tags.count("b") == 1 + 3 * warned
+    assert warned
 
 
 def test_without_matplotlib_words_remain(
