@@ -26,6 +26,11 @@ ROOT_PAGES = ("CHANGELOG.md", "CONTRIBUTING.md")
 """Documents in the folder above, which are pages, too."""
 
 
+def on_page_markdown(markdown: str, **_: object) -> str:
+    """Lead links to names of ``api.md`` to whichever page of the interface describes them."""
+    return re.sub(r"\]\((?:\.\./)?api\.md#([\w.]+)\)", r"][\1]", markdown)
+
+
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the documents of the folder above to the pages; links into this folder follow."""
     for name in ROOT_PAGES:
