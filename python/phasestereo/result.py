@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import IntFlag
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -46,7 +46,7 @@ class Flag(IntFlag):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """A disparity map as seen from the left image; it can be pickled.
+    """A disparity map as seen from the left image; it can be pickled, which leaves out the pair.
 
     Parameters
     ----------
@@ -69,6 +69,10 @@ class Result:
         ``"refinement"`` (checks, filling, smoothing, confidences).
     blur
         What was found out about blur and noise, if that was asked for.
+    pair
+        The left and the right image as they were given, each (H, W) or (H, W, C), to look at beside
+        the disparities: references that keep them in memory, not copies, so a change of the images
+        shows. None if it is not known, as in what comes out of a pickle.
     """
 
     disparity: NDArray[np.float32]
@@ -77,6 +81,16 @@ class Result:
     settings: Settings
     timings: Mapping[str, float]
     blur: BlurEstimate | None = None
+    pair: tuple[NDArray[Any], NDArray[Any]] | None = None
+
+    def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
+        """Tell how to make another one without the pair, which would be most of a pickle."""
+        kept = (field.name for field in fields(self) if field.name != "pair")
+        return type(self), tuple(getattr(self, name) for name in kept)
+
+    def __copy__(self) -> Result:
+        """Return another one of the same arrays, pair and all: `copy.copy` is no pickle."""
+        return replace(self)
 
     def __repr__(self) -> str:
         """Tell the size, the share of estimates and the time: arrays would tell nothing."""
