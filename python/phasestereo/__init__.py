@@ -55,10 +55,14 @@ if TYPE_CHECKING:
     from phasestereo import degradation as degradation
     from phasestereo import io as io
     from phasestereo import metrics as metrics
+    from phasestereo import opencv as opencv
     from phasestereo import picture as picture
+    from phasestereo import plot as plot
     from phasestereo import roc as roc
 else:
-    _ON_DEMAND = {"datasets", "degradation", "io", "metrics", "picture", "roc"}
+    _ON_DEMAND = {
+        "datasets", "degradation", "io", "metrics", "opencv", "picture", "plot", "roc",
+    }  # fmt: skip
 
     def __getattr__(name):
         """Import the modules that are addressed as `ps.io` when they are first addressed."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from enum import IntFlag
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -98,3 +99,8 @@ class Result:
         estimated = (self.disparity == self.disparity).mean()  # NaN is unequal to itself
         seconds = sum(self.timings.values())
         return f"<Result {cols}x{rows}, {estimated:.1%} estimated, {seconds:.3f} s>"
+
+    def _repr_html_(self) -> str:
+        """Show the maps, the pair and what is known of them, in Jupyter and in marimo."""
+        shown: str = import_module("phasestereo.notebook").html(self)  # it needs `Flag` from here
+        return shown
