@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike, NDArray
 
+    from phasestereo import PointCloud
+
     Picture = NDArray[np.uint8]
 
 QUALITY = 88  # of 100; with colours at full resolution, so that maps keep their edges
@@ -45,6 +47,25 @@ def relief(disparity: NDArray[np.float32]) -> Picture:
     """Return a disparity map as a surface that is lit from the left."""
     slope = np.gradient(np.asarray(disparity, np.float64), axis=1)
     return gray(np.tanh(2 * slope), -1, 1)
+
+
+def seen(cloud: PointCloud, degrees: float, *, focal: float, size: tuple[int, int]) -> Picture:
+    """Return a coloured cloud as a camera sees it that has gone round its middle."""
+    turn, (rows, cols) = np.radians(degrees), size
+    picture = np.full((rows, cols, 3), 24, np.uint8)
+    if cloud.colors is None:
+        return picture
+    distance = float(np.median(cloud.points[:, 2]))
+    x, y, z = (cloud.points - np.float32([0, 0, distance])).T
+    x, z = x * np.cos(turn) - z * np.sin(turn), x * np.sin(turn) + z * np.cos(turn)
+    z = np.maximum(z + 1.25 * distance, 0.1 * distance)
+    column, row = (np.rint(c * focal / z + n / 2).astype(int) for c, n in ((x, cols), (y, rows)))
+    order = np.argsort(-z)  # the nearest comes last, over all others
+    for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):  # a point is 2 x 2 pixels
+        i, j = row[order] + down, column[order] + right
+        inside = (i >= 0) & (i < rows) & (j >= 0) & (j < cols)
+        picture[i[inside], j[inside]] = cloud.colors[order][inside]
+    return picture
 
 
 def drawn(figure: Figure) -> Picture:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
@@ -79,6 +80,40 @@ def in_pieces(left: Image, right: Image) -> NDArray[np.uint16]:
     versions = ps.Equalisation(noise=(1.0, 1.0), kernels=[(None, disk_psf(3))])
     costs = ps.cost_volume(left, right, num_disparities=64, equalisation=versions)
     return ps.optimize(ps.aggregate(costs, window=7), penalty=(10, 40), optimizer="sgm")
+
+
+def like_opencv(left: Image, right: Image) -> NDArray[np.int16]:
+    """Use the matcher that stands in for OpenCV's."""
+    stereo: ps.opencv.StereoPhase = ps.opencv.StereoPhase_create(
+        minDisparity=0, numDisparities=64, blockSize=5, uniquenessRatio=10, preset="fast"
+    )
+    stereo.setSpeckleWindowSize(100)
+    use(stereo.getNumDisparities() + 1, stereo.compute_right(left, right))
+    disparity: NDArray[np.int16] = stereo.compute(left, right)
+    use(ps.opencv.createRightMatcher(stereo), ps.opencv.createDisparityWLSFilter(stereo))
+    return disparity
+
+
+def in_pictures(result: ps.Result, file: Path) -> None:
+    """Draw a result."""
+    _, axes = plt.subplots()
+    ps.plot.disparity(result, axes, low=0, high=64)
+    ps.plot.flags(result)
+    ps.plot.confidence(result)
+    ps.plot.histogram(result)
+    if result.pair is not None:
+        ps.plot.pair(result.pair, style="side by side")
+    ps.plot.overview(result).savefig(file)
+
+
+def in_space(result: ps.Result, folder: Path) -> Map:
+    """Turn disparities into depths and points."""
+    rig = ps.io.Calibration.from_focal(700.0, 0.12, width=640, height=480)
+    cloud: ps.PointCloud = ps.point_cloud(result, rig, mask=result.flags == 0, max_depth=9.0)
+    ps.io.write_ply(folder / "cloud.ply", cloud)
+    ps.io.write_depth(folder / "depth.png", rig.depth(result.disparity), unit="m")
+    use(len(cloud), cloud.points.shape, cloud.colors, rig.q)
+    return ps.io.read_depth(folder / "depth.png", unit="m")
 
 
 def in_files(name: str) -> float:
