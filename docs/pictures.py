@@ -56,7 +56,7 @@ def seen(cloud: PointCloud, degrees: float, *, focal: float, size: tuple[int, in
     if cloud.colors is None:
         return picture
     distance = float(np.median(cloud.points[:, 2]))
-    x, y, z = (cloud.points - np.float32([0, 0, distance])).T
+    x, y, z = (cloud.points - np.array([0, 0, distance], np.float32)).T
     x, z = x * np.cos(turn) - z * np.sin(turn), x * np.sin(turn) + z * np.cos(turn)
     z = np.maximum(z + 1.25 * distance, 0.1 * distance)
     column, row = (np.rint(c * focal / z + n / 2).astype(int) for c, n in ((x, cols), (y, rows)))
