@@ -9,6 +9,8 @@ The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in t
 """
 
 import warnings
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from phasestereo import _core
 from phasestereo.aggregation import aggregate
@@ -24,17 +26,23 @@ from phasestereo.result import Flag, Result
 from phasestereo.scanline import optimize
 from phasestereo.settings import PRESETS, Settings
 
+if TYPE_CHECKING:
+    from phasestereo.streaming import Failure, Frame, Stream, stream
+
 __all__ = [
     "PRESETS",
     "Blur",
     "BlurEstimate",
     "Diagnosis",
     "Equalisation",
+    "Failure",
     "Finding",
     "Flag",
+    "Frame",
     "Matcher",
     "Result",
     "Settings",
+    "Stream",
     "aggregate",
     "check",
     "cost_volume",
@@ -42,7 +50,11 @@ __all__ = [
     "estimate_blur",
     "match",
     "optimize",
+    "stream",
 ]
+_LATER = dict.fromkeys(("Failure", "Frame", "Stream", "stream"), "phasestereo.streaming")
+"""What is imported when it is first asked for, to keep the import of the package short."""
+
 __version__ = _core.__version__
 
 if _core.DEBUG_BUILD:
@@ -52,3 +64,9 @@ if _core.DEBUG_BUILD:
         RuntimeWarning,
         stacklevel=2,
     )
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_LATER[name]), name)
