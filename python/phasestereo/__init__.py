@@ -10,7 +10,7 @@ The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in t
 
 import warnings
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from phasestereo import _core
 from phasestereo.aggregation import aggregate
@@ -25,9 +25,6 @@ from phasestereo.matcher import Matcher, match
 from phasestereo.result import Flag, Result
 from phasestereo.scanline import optimize
 from phasestereo.settings import PRESETS, Settings
-
-if TYPE_CHECKING:
-    from phasestereo.streaming import Failure, Frame, Stream, stream
 
 __all__ = [
     "PRESETS",
@@ -52,10 +49,33 @@ __all__ = [
     "optimize",
     "stream",
 ]
-_LATER = dict.fromkeys(("Failure", "Frame", "Stream", "stream"), "phasestereo.streaming")
-"""What is imported when it is first asked for, to keep the import of the package short."""
-
 __version__ = _core.__version__
+
+if TYPE_CHECKING:
+    from phasestereo import datasets as datasets
+    from phasestereo import degradation as degradation
+    from phasestereo import io as io
+    from phasestereo import metrics as metrics
+    from phasestereo import picture as picture
+    from phasestereo import rerun_log as rerun_log
+    from phasestereo import roc as roc
+    from phasestereo import video as video
+    from phasestereo.streaming import Failure, Frame, Stream, stream
+else:
+    _ON_DEMAND = {"datasets", "degradation", "io", "metrics", "picture", "rerun_log", "roc", "video"}
+    _OF_STREAMING = {"Failure", "Frame", "Stream", "stream"}
+
+    def __getattr__(name):
+        """Import the modules that are addressed as `ps.io` when they are first addressed."""
+        if name in _ON_DEMAND:
+            return import_module(f"{__name__}.{name}")
+        if name in _OF_STREAMING:
+            return getattr(import_module(f"{__name__}.streaming"), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+    def __dir__():
+        return sorted({*globals(), *_ON_DEMAND, *_OF_STREAMING})
+
 
 if _core.DEBUG_BUILD:
     warnings.warn(
@@ -64,9 +84,3 @@ if _core.DEBUG_BUILD:
         RuntimeWarning,
         stacklevel=2,
     )
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _LATER:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_LATER[name]), name)

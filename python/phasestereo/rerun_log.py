@@ -1,0 +1,1 @@
+"""Frames logged to rerun, which shows them as they come or replays them: https://rerun.io."""
