@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import av
 import numpy as np
 from scipy import ndimage
+
+from conftest import counterpart
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
@@ -16,10 +17,12 @@ if TYPE_CHECKING:
 
     Image = NDArray[np.uint8]
 
+av = counterpart("av")
+
 ROWS, COLS = 64, 96
 COUNT = 16
-LOSSLESS = {"codec": "ffv1", "pixels": "bgr0"}
-INTRA = {"codec": "mjpeg", "pixels": "yuvj444p", "options": {"q": "2"}}
+LOSSLESS: dict[str, Any] = {"codec": "ffv1", "pixels": "bgr0"}
+INTRA: dict[str, Any] = {"codec": "mjpeg", "pixels": "yuvj444p", "options": {"q": "2"}}
 
 
 def shift(index: int) -> int:

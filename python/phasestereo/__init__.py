@@ -62,7 +62,16 @@ if TYPE_CHECKING:
     from phasestereo import video as video
     from phasestereo.streaming import Failure, Frame, Stream, stream
 else:
-    _ON_DEMAND = {"datasets", "degradation", "io", "metrics", "picture", "rerun_log", "roc", "video"}
+    _ON_DEMAND = {
+        "datasets",
+        "degradation",
+        "io",
+        "metrics",
+        "picture",
+        "rerun_log",
+        "roc",
+        "video",
+    }
     _OF_STREAMING = {"Failure", "Frame", "Stream", "stream"}
 
     def __getattr__(name):

@@ -209,17 +209,14 @@ class Stream(Iterator[Frame]):
         wanted: slice,
         on_error: Callable[[Failure], object] | None,
     ) -> None:
-        self._source, self._matcher, self._given = source, matcher, given
-        self._wanted, self._report = wanted, on_error or _warn
-        self._failed = 0
-        self._checked = False
-        taken = self._taken()
-        self._frames = self._matched(_ahead(self._peeked(taken)) if source.ahead else taken)
+        self._source, self._wanted = source, wanted
+        self._work = _Work(source, matcher, given, on_error or _warn)
+        self._frames = self._work.frames(wanted)
 
     @property
     def failed(self) -> int:
         """Number of frames that failed so far."""
-        return self._failed
+        return self._work.failed
 
     @property
     def length(self) -> int | None:
@@ -238,7 +235,7 @@ class Stream(Iterator[Frame]):
     @property
     def matcher(self) -> Matcher:
         """What matches the frames."""
-        return self._matcher
+        return self._work.matcher
 
     def close(self) -> None:
         """End the stream and free the source."""
@@ -266,9 +263,28 @@ class Stream(Iterator[Frame]):
         """Close the stream."""
         self.close()
 
-    def _taken(self) -> Generator[_Taken]:
+
+class _Work:
+    """What is done for a stream; it does not know the stream, so that this can be freed."""
+
+    def __init__(
+        self,
+        source: Source[Pair],
+        matcher: Matcher,
+        given: Mapping[str, Any],
+        report: Callable[[Failure], object],
+    ) -> None:
+        self.matcher, self.failed = matcher, 0
+        self._source, self._given, self._report = source, given, report
+        self._checked = False
+
+    def frames(self, wanted: slice) -> Generator[Frame]:
+        """Return what yields the frames; what is wrong with all of them is raised at once."""
+        taken = self._taken(wanted)
+        return self._matched(_ahead(self._peeked(taken)) if self._source.ahead else taken)
+
+    def _taken(self, wanted: slice) -> Generator[_Taken]:
         """Yield the wanted captures, and the images of each or what keeps them from being had."""
-        wanted = self._wanted
         for capture in islice(self._source.captures, wanted.start, wanted.stop, wanted.step):
             try:
                 yield capture, as_pair(*capture.take())
@@ -276,7 +292,7 @@ class Stream(Iterator[Frame]):
                 yield capture, error
 
     def _peeked(self, taken: Iterator[_Taken]) -> Iterator[_Taken]:
-        """Look at the first frame: what is wrong with all of them shall be known at once."""
+        """Look at the first frame."""
         first = list(islice(taken, 1))
         for _, images in first:
             if isinstance(images, LayoutError):
@@ -289,7 +305,7 @@ class Stream(Iterator[Frame]):
         if self._checked or isinstance(images, Exception):
             return
         size = images[0].shape
-        _try(self._matcher, self._given, width=size[1])
+        _try(self.matcher, self._given, width=size[1])
         for name in ("left_mask", "right_mask"):
             as_mask(self._given[name], size, name)
         self._checked = True
@@ -301,7 +317,7 @@ class Stream(Iterator[Frame]):
                 try:
                     frame = self._frame(capture, images)
                 except _FAULTS as error:
-                    self._failed += 1
+                    self.failed += 1
                     self._report(Failure(capture.index, capture.time, error))
                 else:
                     yield frame
@@ -310,7 +326,7 @@ class Stream(Iterator[Frame]):
         if isinstance(images, Exception):
             raise images
         left, right = images
-        result = self._matcher.match(left, right, **self._given)
+        result = self.matcher.match(left, right, **self._given)
         return Frame(capture.index, capture.time, _squeezed(left), _squeezed(right), result)
 
 
@@ -327,12 +343,12 @@ def _ahead(items: Iterator[T]) -> Generator[T]:
 def _try(matcher: Matcher, given: Mapping[str, Any], *, width: int | None) -> None:
     """Match a black row: what is refused now would be refused of any images.
 
-    Without a width, which limits the number of disparities, that is left to be seen.
+    Without a width, what depends on it is left to be seen.
     """
     count = given["num_disparities"]
     if width is None:
-        fits = type(count) is int and 1 <= count <= _WIDEST
-        width, count = (1, 1) if fits else (_WIDEST, count)
+        width = _WIDEST
+        count = 1 if type(count) is int and 1 <= count <= _WIDEST else count
     black = np.zeros((1, width), np.uint8)
     masks = {"left_mask": None, "right_mask": None}  # are of another size
     matcher.match(black, black, **{**given, **masks, "num_disparities": count})

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv")
 
-_CLOCK = 90_000  # ticks a second, as is usual
+_CLOCK = 60_000  # ticks a second: nearly all there may be in MPEG-4 Part 2
 _TICK = _CLOCK // 1000  # least step that all of the formats can tell
 _CODECS = {  # the first that there is; constant quality, of the first kind near lossless
-    "libx264": {"crf": "17", "preset": "veryfast"},
-    "mpeg4": {"qscale": "3", "flags": "+qscale"},
+    "libx264": {"crf": "17", "preset": "veryfast", "bf": "0"},
+    "mpeg4": {"b": "50M", "qmin": "2", "qmax": "4"},
 }
 # Written in fragments, each of which can be played when it is complete, and made an ordinary file
 # at the end.
@@ -141,6 +141,12 @@ class VideoWriter:
         stream.pix_fmt = "yuv420p"  # what every player can show
         stream.codec_context.gop_size = max(1, round(_KEY_SECONDS * self._rate))
         stream.codec_context.time_base = stream.time_base = Fraction(1, _CLOCK)
+        try:
+            stream.codec_context.open()
+        except BaseException:
+            container.close()
+            self._draft.unlink(missing_ok=True)
+            raise
         self._container, self._stream, self._size = container, stream, (rows, cols)
 
     def _next(self, time: float | None) -> int:
