@@ -25,6 +25,7 @@ from phasestereo.matcher import Matcher, match
 from phasestereo.result import Flag, Result
 from phasestereo.scanline import optimize
 from phasestereo.settings import PRESETS, Settings
+from phasestereo.triangulation import PointCloud, point_cloud
 
 __all__ = [
     "PRESETS",
@@ -37,6 +38,7 @@ __all__ = [
     "Flag",
     "Frame",
     "Matcher",
+    "PointCloud",
     "Result",
     "Settings",
     "Stream",
@@ -47,6 +49,7 @@ __all__ = [
     "estimate_blur",
     "match",
     "optimize",
+    "point_cloud",
     "stream",
 ]
 __version__ = _core.__version__

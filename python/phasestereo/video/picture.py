@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from phasestereo._images import as_pixels, as_rgb8
 from phasestereo.picture import NEUTRAL, colorize
 
 if TYPE_CHECKING:
@@ -49,17 +50,4 @@ class FramePicture:
         steps = np.rint((disparity - np.float32(self._low)) * np.float32(self._scale))
         steps = np.where(np.isnan(steps), _STEPS, np.clip(steps, 0, _STEPS - 1))
         coloured = self._colours[steps.astype(np.intp)]
-        return np.concatenate([viewable(frame.left), coloured], axis=1)
-
-
-def viewable(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return an image as uint8 (H, W, 3); floats are stretched between their extremes."""
-    pixels = image.reshape(*image.shape[:2], -1)[:, :, :3]
-    if pixels.dtype == np.uint16:
-        pixels = pixels >> 8
-    elif pixels.dtype.kind == "f":
-        known = pixels[np.isfinite(pixels)]
-        low, high = (known.min(), known.max()) if known.size else (0.0, 1.0)
-        stretched = (pixels - low) * (255 / max(high - low, np.finfo(np.float32).tiny))
-        pixels = np.nan_to_num(stretched).clip(0, 255)
-    return np.broadcast_to(pixels.astype(np.uint8), (*pixels.shape[:2], 3))
+        return np.concatenate([as_rgb8(as_pixels(frame.left, "left")), coloured], axis=1)
