@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from conftest import counterpart
-from footage import COLS, COUNT, ROWS, pair, shift
 
 import phasestereo as ps
+from conftest import counterpart
+from footage import COLS, COUNT, ROWS, pair, shift
 from phasestereo.rerun_log import log_failure, log_frame, saving
 
 rerun = counterpart("rerun")

@@ -120,7 +120,7 @@ def test_frames_are_taken_from_images_at_hand_only_when_asked_for() -> None:
         ({"stop": 0}, ()),
     ],
 )
-def test_some_of_the_frames(options: dict[str, int], indices: Any) -> None:
+def test_some_of_the_frames(options: dict[str, Any], indices: Any) -> None:
     assert disparities(ps.stream("video.mkv", **options, **FAST)) == expected(indices)
     known = ps.stream([pair(index) for index in range(10)], **options, **FAST)
     assert known.length == len(indices)
@@ -187,7 +187,8 @@ def test_what_on_error_raises_ends_the_stream() -> None:
     def stop(failure: Failure) -> None:
         raise failure.error
 
-    frames = ps.stream([pair(0), (1, 2), pair(2)], on_error=stop, **FAST)
+    pairs: list[Any] = [pair(0), (1, 2), pair(2)]
+    frames = ps.stream(pairs, on_error=stop, **FAST)
     next(frames)
     with pytest.raises(TypeError, match="^left"):
         next(frames)

@@ -5,15 +5,12 @@ Needs the extra ``rerun``.
 
 from __future__ import annotations
 
-import os
-import secrets
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from phasestereo._extras import require
-from phasestereo.io.files import suffix
 from phasestereo.triangulation import point_cloud
+from phasestereo.video.drafts import draft_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -116,13 +113,7 @@ def saving(path: StrPath) -> Iterator[Any]:
         If rerun is not installed.
     """
     rerun = require("rerun", extra="rerun")
-    if suffix(path) != ".rrd":
-        raise ValueError(f"path of a recording must end in .rrd, got {os.fspath(path)!r}")
-    target = Path(os.path.realpath(path))  # a symbolic link stays, the file it names is replaced
-    if target.exists() and not target.is_file():
-        raise OSError(f"{os.fspath(path)} exists and is not a regular file")
-    draft = target.with_name(f"{target.stem}.{secrets.token_hex(4)}.part.rrd")
-    draft.open("xb").close()  # rerun itself would only log that it cannot
+    target, draft = draft_of(path, (".rrd",), "recording")
     recording = rerun.RecordingStream("phasestereo")
     recording.save(draft)
     try:

@@ -92,7 +92,7 @@ class Failure:
 
 
 def stream(
-    source: Place | Iterable[tuple[ArrayLike, ArrayLike]],
+    source: Place | Iterable[tuple[ArrayLike, ArrayLike]] | Iterable[ArrayLike],
     right: Place | None = None,
     *,
     num_disparities: int,
@@ -125,7 +125,8 @@ def stream(
           and EuRoC) or in names that say ``left`` and ``right``; with ``layout``, images that hold
           both views.
         - The number of a camera that delivers both views in each picture.
-        - An iterable of pairs of images as `match` takes them. What it raises ends the stream.
+        - An iterable of pairs of images as `match` takes them, or with ``layout`` of images that
+          hold both views. What it raises ends the stream.
 
         With ``right``, the left view.
     right

@@ -108,6 +108,12 @@ def open_rig(folder: Path) -> Source[Pair]:
     return _paired([(path, path.with_name(_LEFT.sub(_partner, path.name))) for path in lefts])
 
 
+def folders_of(folder: Path) -> list[Path]:
+    """Return the folders whose images are those of a folder, if it is opened: itself and views."""
+    views = [folder / name for pair in _VIEWS for name in pair]
+    return [folder, *(view for view in views if view.is_dir())]
+
+
 def _partner(word: re.Match[str]) -> str:
     return _SWAPPED.get(word[0], "right")
 

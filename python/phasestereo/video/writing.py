@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import os
-import secrets
 from fractions import Fraction
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.io.files import suffix
+from phasestereo.video.drafts import draft_of
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from types import TracebackType
     from typing import Self
 
@@ -26,12 +25,13 @@ SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv")
 _CLOCK = 60_000  # ticks a second: nearly all there may be in MPEG-4 Part 2
 _TICK = _CLOCK // 1000  # least step that all of the formats can tell
 _CODECS = {  # the first that there is; constant quality, of the first kind near lossless
-    "libx264": {"crf": "17", "preset": "veryfast", "bf": "0"},
+    "libx264": {"crf": "17", "preset": "veryfast", "tune": "zerolatency"},
     "mpeg4": {"b": "50M", "qmin": "2", "qmax": "4"},
 }
-# Written in fragments, each of which can be played when it is complete, and made an ordinary file
-# at the end.
-_OPTIONS = {"movflags": "hybrid_fragmented+frag_keyframe"}
+# Whatever is complete goes to the disk at once. MP4 is written in fragments, each of which can be
+# played, and made an ordinary file at the end.
+_OPTIONS = {"flush_packets": "1"}
+_FRAGMENTS = {"movflags": "hybrid_fragmented+frag_keyframe"}
 _KEY_SECONDS = 1
 
 
@@ -62,13 +62,10 @@ class VideoWriter:
 
     def __init__(self, path: StrPath, *, rate: float = 25.0) -> None:
         require("av", extra="live")
-        self._target = target(path)
+        self._target, self._draft = draft_of(path, SUFFIXES, "video")
         if not rate > 0:
             raise ValueError(f"rate: got {rate}; accepts more than 0")
         self._rate = Fraction(rate).limit_denominator(1001)
-        self._draft = self._target.with_name(
-            f"{self._target.stem}.{secrets.token_hex(4)}.part{self._target.suffix}"
-        )
         self._container: Any = None
         self._stream: Any = None
         self._size = (0, 0)
@@ -160,31 +157,8 @@ class VideoWriter:
         return self._ticks
 
 
-def target(path: StrPath) -> Path:
-    """Return the file that a path names, if a video can be written there.
-
-    Raises
-    ------
-    OSError
-        If its folder does not exist or cannot be written to, or it is no file.
-    ValueError
-        If its suffix is unknown.
-    """
-    if suffix(path) not in SUFFIXES:
-        raise ValueError(
-            f"path of a video must end in one of {', '.join(SUFFIXES)}, got {os.fspath(path)!r}"
-        )
-    found = Path(os.path.realpath(path))  # a symbolic link stays, the file it names is replaced
-    if found.exists() and not found.is_file():
-        raise OSError(f"{os.fspath(path)} exists and is not a regular file")
-    trial = found.with_name(f".{secrets.token_hex(8)}")
-    trial.open("xb").close()  # nothing else knows all that can go wrong
-    trial.unlink()
-    return found
-
-
 def _options(path: Path) -> dict[str, str]:
-    return {} if path.suffix.lower() == ".mkv" else _OPTIONS
+    return _OPTIONS | ({} if path.suffix.lower() == ".mkv" else _FRAGMENTS)
 
 
 def _can_encode(av: Any, name: str) -> bool:
