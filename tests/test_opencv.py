@@ -83,6 +83,8 @@ def test_arguments_are_in_the_order_of_opencv() -> None:
 
 def test_defaults_are_those_of_opencv() -> None:
     ours, sgbm, bm = StereoPhase_create(), cv2.StereoSGBM_create(), cv2.StereoBM_create()
+    assert ours.getBlockSize() == 0, "that of the preset"
+    ours.setBlockSize(3)
     for name in accessors(sgbm):
         assert getattr(ours, f"get{name}")() == getattr(sgbm, f"get{name}")(), name
     for name in {*accessors(bm)} - {*accessors(sgbm)}:
@@ -280,7 +282,7 @@ def test_disp12_max_diff(cones: Pair) -> None:
 @pytest.mark.parametrize("ratio", [1, 10, 60, 100])
 def test_uniqueness_ratio(cones: Pair, ratio: int) -> None:
     """As OpenCV has it: some cost times (100 - ratio) is below that of the best times 100."""
-    options: dict[str, Any] = {"preset": "paper", "optimizer": "wta", "window": 3}
+    options: dict[str, Any] = {"preset": "paper", "optimizer": "wta", "blockSize": 3}
     volume = ps.cost_volume(cones.left, cones.right, num_disparities=64)
     costs = ps.aggregate(volume, window=3).astype(np.int64)
     best = costs.argmin(axis=2)[:, :, np.newaxis]
@@ -319,7 +321,7 @@ def test_what_is_not_unique_is_wrong_more_often(cones: Pair) -> None:
 def test_speckles_are_those_of_opencv(cones: Pair, size: int, most: int) -> None:
     """Of whole disparities that nothing smooths: `robust` looks for them before it smooths."""
     images = bgr(cones.left), bgr(cones.right)
-    options: dict[str, Any] = {"preset": "paper", "optimizer": "wta", "window": 3}
+    options: dict[str, Any] = {"preset": "paper", "optimizer": "wta", "blockSize": 3}
     expected = StereoPhase_create(0, 64, **options).compute(*images)
     before = share(expected)
     cv2.filterSpeckles(expected, INVALID, size, min(16 * most, 32767))
@@ -339,29 +341,55 @@ def test_no_speckles_are_looked_for(cones: Pair, size: int, most: int) -> None:
     )
 
 
-def test_what_describes_costs_changes_nothing(pair: Pair) -> None:
+def test_what_is_in_units_of_costs_changes_nothing(pair: Pair) -> None:
     images = bgr(pair.left), bgr(pair.right)
     stereo = StereoPhase_create(0, COUNT)
     plain = stereo.compute(*images)
-    stereo.setBlockSize(21)
     stereo.setP1(8 * 3 * 21**2)
     stereo.setP2(32 * 3 * 21**2)
     stereo.setPreFilterCap(63)
     stereo.setMode(cv2.StereoSGBM_MODE_HH)
     stereo.setTextureThreshold(100)
     np.testing.assert_array_equal(stereo.compute(*images), plain)
-    larger = StereoPhase_create(0, COUNT, window=21).compute(*images)
-    assert (larger != plain).mean() > 0.3
+
+
+@pytest.mark.parametrize(("block", "window"), [(0, 5), (1, 1), (5, 5), (6, 7), (21, 21)])
+def test_blocks_are_windows(pair: Pair, block: int, window: int) -> None:
+    images = bgr(pair.left), bgr(pair.right)
+    stereo = StereoPhase_create(0, COUNT)
+    stereo.setBlockSize(block)
+    assert stereo.getBlockSize() == block
+    result = ps.match(
+        pair.left,
+        pair.right,
+        num_disparities=COUNT,
+        window=window,
+        consistency=1,
+        speckle_size=0,
+        fill=False,
+    )
+    found = in_pixels(stereo.compute(*images))
+    known = ~np.isnan(found)
+    assert known.mean() > 0.6
+    np.testing.assert_allclose(found[known], result.disparity[known], atol=1 / 32)
+    right = stereo.compute_right(*images)
+    other = StereoPhase_create(0, COUNT, 9).compute_right(*images)
+    assert (right != other).mean() > 0.05
 
 
 # --- OpenCV's pipelines ---
 
 
-def test_the_parameters_of_the_sample_make_better_maps_than_with_opencv(data: Path) -> None:
-    for name in ("cones", "venus", "Aloe"):
+@pytest.mark.parametrize("block", [5, 16])
+def test_the_parameters_of_the_sample_make_better_maps_than_with_opencv(
+    data: Path, block: int
+) -> None:
+    """With its block of 16, and with one that suits either matcher better."""
+    for name in ("cones", "venus", "Motorcycle"):
         pair = find_scene(data / "middlebury", name).load()
         images = bgr(pair.left), bgr(pair.right)
-        options = SAMPLE | {"numDisparities": -(-pair.num_disparities // 16) * 16}
+        count = -(-pair.num_disparities // 16) * 16
+        options = SAMPLE | {"numDisparities": count, "blockSize": block}
         maps = [
             in_pixels(create(minDisparity=0, **options).compute(*images))
             for create in (StereoPhase_create, cv2.StereoSGBM_create)
@@ -372,7 +400,7 @@ def test_the_parameters_of_the_sample_make_better_maps_than_with_opencv(data: Pa
         assert kept[0].sum() > kept[1].sum()
         assert pair.truth is not None
         errors = [bad_pixels(d, pair.truth, 1.0, k) for d, k in zip(maps, kept, strict=True)]
-        assert errors[0] < 0.8 * errors[1], name
+        assert errors[0] < 0.9 * errors[1], name
 
 
 def test_depth_by_opencv(pair: Pair) -> None:
@@ -584,7 +612,7 @@ def test_threads_are_kept_while_settings_are(pair: Pair, monkeypatch: pytest.Mon
 
 def test_presets_and_settings(pair: Pair) -> None:
     images = bgr(pair.left), bgr(pair.right)
-    stereo = StereoPhase_create(0, COUNT, preset="fast", window=7, threads=2)
+    stereo = StereoPhase_create(0, COUNT, blockSize=7, preset="fast", threads=2)
     expected = ps.match(
         pair.left,
         pair.right,
@@ -609,10 +637,10 @@ def test_a_given_array_is_written_to(pair: Pair) -> None:
 
 
 def test_it_shows_how_it_was_made() -> None:
-    stereo = StereoPhase_create(-4, 64, 16, uniquenessRatio=5, preset="fast", window=7)
+    stereo = StereoPhase_create(-4, 64, 16, uniquenessRatio=5, preset="fast", power=2)
     expected = (
         "StereoPhase(minDisparity=-4, numDisparities=64, blockSize=16, uniquenessRatio=5, "
-        "preset='fast', window=7)"
+        "preset='fast', power=2)"
     )
     assert repr(stereo) == expected
     assert repr(createRightMatcher(stereo)) == f"RightMatcher({expected})"
@@ -652,7 +680,9 @@ def test_it_shows_how_it_was_made() -> None:
         ({"preset": "best"}, ValueError, "preset: got 'best'"),
         ({"threads": 0}, ValueError, "threads: got 0"),
         ({"windows": 3}, TypeError, "windows: no such setting"),
-        ({"window": 4}, ValueError, "window: got 4"),
+        ({"window": 5}, TypeError, "window: OpenCV's blockSize sets it here"),
+        ({"blockSize": 64}, ValueError, "blockSize: got 64; accepts 0 to 63"),
+        ({"neighborhood": 4}, ValueError, "neighborhood: got 4"),
         ({"consistency": 2}, TypeError, "consistency: OpenCV's disp12MaxDiff sets it here"),
         ({"speckle_size": 2}, TypeError, "speckle_size: OpenCV's speckleWindowSize sets it here"),
     ],

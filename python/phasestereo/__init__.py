@@ -59,22 +59,18 @@ if TYPE_CHECKING:
     from phasestereo import degradation as degradation
     from phasestereo import io as io
     from phasestereo import metrics as metrics
+    from phasestereo import opencv as opencv
     from phasestereo import picture as picture
+    from phasestereo import plot as plot
     from phasestereo import rerun_log as rerun_log
     from phasestereo import roc as roc
     from phasestereo import video as video
     from phasestereo.streaming import Failure, Frame, Stream, stream
 else:
     _ON_DEMAND = {
-        "datasets",
-        "degradation",
-        "io",
-        "metrics",
-        "picture",
-        "rerun_log",
-        "roc",
+        "datasets", "degradation", "io", "metrics", "opencv", "picture", "plot", "rerun_log", "roc",
         "video",
-    }
+    }  # fmt: skip
     _OF_STREAMING = {"Failure", "Frame", "Stream", "stream"}
 
     def __getattr__(name):

@@ -21,7 +21,7 @@ RANGES: Mapping[str, tuple[int, int]] = MappingProxyType(
     {
         "minDisparity": (-LARGEST_DISPARITY, LARGEST_DISPARITY),
         "numDisparities": (1, 2 * LARGEST_DISPARITY + 1),
-        "blockSize": NATURAL,
+        "blockSize": (0, 63),
         "P1": NATURAL,
         "P2": NATURAL,
         "disp12MaxDiff": ANY,
@@ -40,18 +40,19 @@ RANGES: Mapping[str, tuple[int, int]] = MappingProxyType(
 
 DEFAULTS: Mapping[str, int] = MappingProxyType(
     dict.fromkeys(RANGES, 0)
-    | {"numDisparities": 16, "blockSize": 3}
+    | {"numDisparities": 16, "blockSize": 0}
     | {"preFilterType": 1, "preFilterSize": 9, "textureThreshold": 10}
 )
-"""Those of ``StereoSGBM_create``, and of ``StereoBM_create`` for what it alone has."""
+"""Those of ``StereoSGBM_create``, and of ``StereoBM_create`` for what it alone has; but for the
+block size, 0 being that of the preset."""
 
 
 class Parameters:
     """What OpenCV's StereoSGBM and StereoBM are told, and what a `StereoPhase` makes of it.
 
-    These count: minDisparity, numDisparities, disp12MaxDiff, uniquenessRatio, speckleWindowSize and
-    speckleRange. The others describe costs which this matcher does not have. They are kept and
-    returned, so that programs run as they are, and change no disparity.
+    These count: minDisparity, numDisparities, blockSize, disp12MaxDiff, uniquenessRatio,
+    speckleWindowSize and speckleRange. The others describe costs which this matcher does not have.
+    They are kept and returned, so that programs run as they are, and change no disparity.
 
     Parameters
     ----------
@@ -128,11 +129,11 @@ class Parameters:
         self._set("speckleRange", speckleRange)
 
     def getBlockSize(self) -> int:
-        """Return the block size as it was set."""
+        """Return the side of the window that costs are summed over, 0 being the preset's."""
         return self._values["blockSize"]
 
     def setBlockSize(self, blockSize: int) -> None:
-        """Set the block size, which changes no disparity: the setting ``window`` does."""
+        """Set the side of the window that costs are summed over, up to 63; 0: the preset's."""
         self._set("blockSize", blockSize)
 
     def getP1(self) -> int:

@@ -29,7 +29,8 @@ LARGEST_RANGE = 16384
 NEGATIVE_UNIQUENESS = 10
 """What StereoSGBM takes a uniquenessRatio below 0 for."""
 
-CHECKS = {
+DECIDED = {
+    "window": "blockSize",
     "consistency": "disp12MaxDiff",
     "uniqueness": "uniquenessRatio",
     "speckle_size": "speckleWindowSize",
@@ -49,8 +50,8 @@ class StereoPhase(Parameters):
         self, *, preset: str, threads: int | None, overrides: dict[str, Any], **values: int
     ) -> None:
         super().__init__(**values)
-        for name in overrides.keys() & CHECKS.keys():
-            raise TypeError(f"{name}: OpenCV's {CHECKS[name]} sets it here")
+        for name in overrides.keys() & DECIDED.keys():
+            raise TypeError(f"{name}: OpenCV's {DECIDED[name]} sets it here")
         self._name, self._overrides, self._threads = preset, overrides, threads
         self._chosen = resolve(preset, None, {"fill": False, "confidence": False, **overrides})
         self._matchers: dict[Settings, Matcher] = {}
@@ -151,13 +152,18 @@ class StereoPhase(Parameters):
 
     def _settings(self, *, is_checked: bool = True) -> Settings:
         """Return what the parameters mean; without checks as `cv2.ximgproc` has right matchers."""
+        block = self.getBlockSize()
+        window = block + 1 - block % 2 if block > 0 else self._chosen.window
         if not is_checked:
-            return replace(self._chosen, consistency=None, uniqueness=0, speckle_size=0)
+            return replace(
+                self._chosen, window=window, consistency=None, uniqueness=0, speckle_size=0
+            )
         most = self.getDisp12MaxDiff() if self.getDisp12MaxDiff() > 0 else 1
         ratio = self.getUniquenessRatio()
         has_speckles = self.getSpeckleRange() >= 0 and self.getSpeckleWindowSize() > 0
         return replace(
             self._chosen,
+            window=window,
             consistency=most if most < self.getNumDisparities() - 1 else None,
             uniqueness=ratio if ratio >= 0 else NEGATIVE_UNIQUENESS,
             speckle_size=self.getSpeckleWindowSize() if has_speckles else 0,
@@ -227,7 +233,7 @@ def _sixteenths(disparity: NDArray[np.float32], invalid: int, target: Sixteenths
 def StereoPhase_create(  # noqa: PLR0917 -- OpenCV takes them by position
     minDisparity: int = 0,
     numDisparities: int = 16,
-    blockSize: int = 3,
+    blockSize: int = 0,
     P1: int = 0,
     P2: int = 0,
     disp12MaxDiff: int = 0,
@@ -241,7 +247,7 @@ def StereoPhase_create(  # noqa: PLR0917 -- OpenCV takes them by position
     threads: int | None = None,
     **overrides: Any,
 ) -> StereoPhase:
-    """Make a matcher that is used like OpenCV's; order and defaults are ``StereoSGBM_create``'s.
+    """Make a matcher that is used like OpenCV's; the parameters are ``StereoSGBM_create``'s.
 
     Parameters
     ----------
@@ -250,6 +256,10 @@ def StereoPhase_create(  # noqa: PLR0917 -- OpenCV takes them by position
     numDisparities
         Number of disparities to search, 1 to the images' width; any, not only multiples of 16. All
         are below 2048.
+    blockSize
+        Side of the window that costs are summed over, up to 63 pixels, even ones being enlarged by
+        one. 0: that of the preset, 5 for ``"robust"`` and 9 for ``"fast"``. 3 to 7 are good for
+        most pairs; blocks as large as StereoBM needs cost details here, too.
     disp12MaxDiff
         Left-right check: a pixel is left out when the right pixel that was chosen for it fits
         another one better whose disparity differs by more than so many pixels. 0 or less: 1, as
@@ -263,9 +273,9 @@ def StereoPhase_create(  # noqa: PLR0917 -- OpenCV takes them by position
         Regions of up to speckleWindowSize pixels are left out that stand out from all around, by
         more than speckleRange pixels. Without these (the size 0 or less, or the range less than 0)
         none are.
-    blockSize, P1, P2, preFilterCap, mode
-        Kept and returned, of no effect: they belong to OpenCV's costs, and what suits those does
-        not suit phase codes. `Settings` ``window``, ``penalty`` and ``optimizer`` are their kin.
+    P1, P2, preFilterCap, mode
+        Kept and returned, of no effect: they are in units of OpenCV's costs, which are not those of
+        phase codes. `Settings` ``penalty`` and ``optimizer`` are their kin.
     preset
         Name of the settings to start from, one of `phasestereo.PRESETS`.
     threads
