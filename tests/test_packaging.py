@@ -335,21 +335,43 @@ def _rival(_: Path) -> object:
     return match_sgbm(np.zeros((32, 32, 3), np.uint8), np.zeros((32, 32, 3), np.uint8), 16)
 
 
-CALLS = {
-    "PIL": (_read("a.png"), "io"),
-    "tifffile": (_read("a.tif"), "io"),
-    "matplotlib": (_colour, "plot"),
-    "jinja2": (_page, "report"),
-    "scipy": (_render, "bench"),
-    "cv2": (_rival, "opencv"),
-}
+def _film(folder: Path) -> object:
+    (folder / "video.mp4").touch()
+    return ps.stream(folder / "video.mp4", num_disparities=16)
 
 
-@pytest.mark.parametrize("module", CALLS)
+def _record(folder: Path) -> object:
+    with ps.rerun_log.saving(folder / "recording.rrd") as recording:
+        return recording
+
+
+def _filter(_: Path) -> object:
+    return ps.opencv.createDisparityWLSFilter(ps.opencv.StereoPhase_create())
+
+
+CALLS = [
+    ("PIL", "io", _read("a.png")),
+    ("tifffile", "io", _read("a.tif")),
+    ("matplotlib", "plot", _colour),
+    ("matplotlib", "plot", lambda _: ps.plot.disparity(np.ones((8, 8), np.float32))),
+    ("jinja2", "report", _page),
+    ("scipy", "bench", _render),
+    ("cv2", "opencv", _rival),
+    ("cv2", "opencv", _filter),
+    ("cv2", "live", lambda _: ps.stream(0, num_disparities=16)),
+    ("av", "live", _film),
+    ("rerun", "rerun", _record),
+]
+
+
+@pytest.mark.parametrize(("module", "extra", "call"), CALLS)
 def test_users_are_told_the_command_when_they_call_what_needs_it(
-    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    module: str,
+    extra: str,
+    call: Callable[[Path], object],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    call, extra = CALLS[module]
     hide(module, monkeypatch)
     command = re.escape(f"it comes with: pip install 'phasestereo[{extra}]'")
     with pytest.raises(ImportError, match=rf"^{module}[.\w]* is not installed; {command}$"):

@@ -116,6 +116,26 @@ def in_space(result: ps.Result, folder: Path) -> Map:
     return ps.io.read_depth(folder / "depth.png", unit="m")
 
 
+def in_time(film: Path) -> int:
+    """Match a video, write another one, and a recording."""
+    failures: list[ps.Failure] = []
+    picture = ps.video.FramePicture(low=0, high=64)
+    frames: ps.Stream = ps.stream(
+        film, num_disparities=64, preset="fast", layout="side-by-side", on_error=failures.append
+    )
+    with (
+        frames,
+        ps.video.VideoWriter(film.with_suffix(".mp4")) as video,
+        ps.rerun_log.saving("recording.rrd") as recording,
+    ):
+        for frame in frames:
+            one: ps.Frame = frame
+            video.write(picture(one), one.time)
+            ps.rerun_log.log_frame(one, recording=recording)
+            use(one.index, one.result.disparity)
+    return frames.failed + len(failures)
+
+
 def in_files(name: str) -> float:
     """Read and write the formats of the field."""
     folder = Path(name)
