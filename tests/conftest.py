@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -26,3 +28,8 @@ def data() -> Path:
     if ON_CI:
         pytest.fail(message)
     pytest.skip(message)
+
+
+def counterpart(module: str) -> Any:
+    """Import what to test against; without it, skip visibly, or fail where it must be there."""
+    return import_module(module) if ON_CI else pytest.importorskip(module)

@@ -48,6 +48,13 @@ class _View(NamedTuple):
     valid: NDArray[np.bool_]
 
 
+class _Terms(NamedTuple):
+    """What images are compared by."""
+
+    settings: Settings
+    versions: Equalisation | None
+
+
 @AbstractMatchingCost.register_subclass(METHOD)
 class PhaseCost(AbstractMatchingCost):
     """Hamming distance of the phase codes of two pixels, its mean over a window; unit: bits.
@@ -95,6 +102,7 @@ class PhaseCost(AbstractMatchingCost):
         self.instantiate_class(**cfg)
         self._settings = _settings(self.cfg or {})
         self._window_size = _support(self._settings)
+        self._border = (self._window_size - 1) // 2
 
     def check_conf(self, **cfg: Any) -> dict[str, Any]:
         """Return the step with its defaults, once every parameter is found right."""
@@ -130,29 +138,27 @@ class PhaseCost(AbstractMatchingCost):
         self.check_band_input_mc(img_left, img_right)
         left, right = _view(img_left, self._band), _view(img_right, self._band)
         disparities = np.asarray(cost_volume.coords["disp"].data, dtype=np.float64)
-        settings, versions = _evened_out(left, right, disparities, self._settings)
+        terms = _evened_out(left, right, disparities, self._settings)
         costs = np.full((*left.pixels.shape, disparities.size), np.nan, dtype=np.float32)
-        for offset, pixels in self._shifted(right):
-            whole = disparities - offset
-            mine = np.flatnonzero(whole == np.rint(whole))
-            _fill(costs, mine, whole[mine].astype(int), (left.pixels, pixels), settings, versions)
-        _leave_out_borders(costs, disparities, (self._window_size - 1) // 2)
+        shifted = self._shifted(right)
+        for part, pixels in enumerate(shifted):  # disparities come in steps of 1 / len(shifted)
+            first = int(np.floor(disparities[0]))
+            _fill(costs[:, :, part :: len(shifted)], (left.pixels, pixels), first, terms)
+        _leave_out_borders(costs, disparities, self._border)
         columns = cost_volume.attrs["col_to_compute"] - img_left.coords["col"].data[0]
         cost_volume["cost_volume"].data = costs[:, columns, :]
         cost_volume.attrs.update({"type_measure": "min", "cmax": _most_bits(self._settings)})
         return cost_volume
 
-    def _shifted(self, right: _View) -> list[tuple[float, Plane]]:
-        """Return the right image as Pandora interpolates it between columns, by the offset."""
+    def _shifted(self, right: _View) -> list[Plane]:
+        """Return the right image, then as Pandora interpolates it at 1/n, 2/n ... of a column."""
         rows, cols = right.pixels.shape
-        subpixels, order = int(self._subpix or 1), int(self._spline_order or 1)
         coords = {"row": np.arange(rows), "col": np.arange(cols)}
         image = Dataset({"im": DataArray(right.pixels, coords, ("row", "col"))})
-        return [
-            # Between columns there is one less; what stands for it lies outside, and has no cost.
-            (part / subpixels, np.pad(found["im"].data, ((0, 0), (0, min(part, 1))), mode="edge"))
-            for part, found in enumerate(shift_right_img(image, subpixels, None, order))
-        ]
+        found = shift_right_img(image, int(self._subpix or 1), order=int(self._spline_order or 1))
+        # Between columns there is one less; what stands for it lies outside, and has no cost.
+        between = [np.pad(each["im"].data, ((0, 0), (0, 1)), mode="edge") for each in found[1:]]
+        return [right.pixels, *between]
 
 
 def _settings(cfg: dict[str, Any]) -> Settings:
@@ -194,41 +200,34 @@ def _view(image: Dataset, band: str | None) -> _View:
 
 def _evened_out(
     left: _View, right: _View, disparities: NDArray[np.float64], settings: Settings
-) -> tuple[Settings, Equalisation | None]:
-    """Return what the images are to be compared by, once blur and noise are known, if need be."""
+) -> _Terms:
+    """Return how the images are to be compared once their blur and noise are known, if need be."""
     if not (settings.equalise or settings.weak > 0):
-        return settings, None
+        return _Terms(settings, None)
     pair = as_pair(left.pixels, right.pixels)
-    width = left.pixels.shape[1]
-    ends = int(np.floor(disparities[0])), int(np.ceil(disparities[-1]))
-    search = -ends[1], min(ends[1] - ends[0] + 1, width)
-    return even_out(estimate(pair, (left.valid, right.valid), search, None), settings, None)
+    low, high = int(np.floor(disparities[0])), int(np.ceil(disparities[-1]))
+    search = -high, min(high - low + 1, left.pixels.shape[1])
+    found = estimate(pair, (left.valid, right.valid), search, None)
+    return _Terms(*even_out(found, settings, None))
 
 
-def _fill(
-    costs: Volume,
-    where: NDArray[np.intp],
-    disparities: NDArray[np.intp],
-    pair: tuple[Plane, Plane],
-    settings: Settings,
-    versions: Equalisation | None,
-) -> None:
-    """Write the costs at consecutive whole disparities into these places of the volume."""
+def _fill(costs: Volume, pair: tuple[Plane, Plane], first: int, terms: _Terms) -> None:
+    """Write the costs at whole disparities, in Pandora's sign, from the first one on."""
     width = pair[0].shape[1]
-    inside = np.abs(disparities) < width
-    where, disparities = where[inside], disparities[inside]
+    settings, versions = terms
+    end = min(costs.shape[2], width - first)  # beyond, nothing lies inside the right image
     block = min(_BLOCK, width)
-    for start in range(0, where.size, block):
-        some = disparities[start : start + block]
+    for start in range(max(0, 1 - width - first), end, block):
+        count = min(block, end - start)
         bits = compare(
             *pair,
-            min_disparity=-int(some[-1]),
-            num_disparities=some.size,
+            min_disparity=1 - first - start - count,
+            num_disparities=count,
             settings=settings,
             equalisation=versions,
         )
         sums = aggregate(bits, window=settings.window, shiftable=False)[:, :, ::-1]
-        costs[:, :, where[start : start + block]] = sums / np.float32(settings.window**2)
+        costs[:, :, start : start + count] = sums / np.float32(settings.window**2)
 
 
 def _leave_out_borders(costs: Volume, disparities: NDArray[np.float64], border: int) -> None:
