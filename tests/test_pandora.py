@@ -55,7 +55,10 @@ def rendered() -> Pair:
 
 def gray(image: NDArray[Any]) -> Plane:
     planes = np.atleast_3d(image).astype(np.float32)
-    return planes @ np.float32([0.299, 0.587, 0.114]) if planes.shape[2] == 3 else planes[:, :, 0]
+    if planes.shape[2] == 1:
+        return planes[:, :, 0]
+    mixed: Plane = planes @ np.array([0.299, 0.587, 0.114], np.float32)
+    return mixed
 
 
 def dataset(image: NDArray[Any], search: tuple[int, int], mask: NDArray[Any] | None = None) -> Any:
@@ -110,6 +113,7 @@ def run(pair: tuple[Plane, Plane], count: int, config: dict[str, Any]) -> Any:
 
 def bad(result: Any, pair: Pair) -> float:
     """Return the share of wrong pixels in percent, where every method has an estimate."""
+    assert pair.truth is not None
     inner, border = np.zeros(pair.truth.shape, np.bool_), 10
     inner[border:-border, pair.num_disparities + border : -border] = True
     scored = inner & pair.masks["nonocc"]
