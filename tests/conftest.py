@@ -31,5 +31,7 @@ def data() -> Path:
 
 
 def counterpart(module: str) -> Any:
-    """Import what to test against; without it, skip visibly, or fail where it must be there."""
-    return import_module(module) if ON_CI else pytest.importorskip(module)
+    """Return a module that tests hold ours against; skip them where it is missing, fail on CI."""
+    if ON_CI:
+        return import_module(module)
+    return pytest.importorskip(module)
