@@ -198,14 +198,15 @@ def _ordered(image: DataArray, name: str, xarray: Any) -> DataArray:
     """Return a view of an image with its rows first, its columns second, its bands last."""
     if not isinstance(image, xarray.DataArray):
         raise TypeError(f"{name}: got {type(image).__name__}; accepts an xarray.DataArray")
-    rows = [dim for dim in image.dims if dim in ROWS]
-    columns = [dim for dim in image.dims if dim in COLUMNS]
-    if len(rows) != 1 or len(columns) != 1 or image.ndim > 3:
+    labelled = cast("DataArray", image)
+    rows = [dim for dim in labelled.dims if dim in ROWS]
+    columns = [dim for dim in labelled.dims if dim in COLUMNS]
+    if len(rows) != 1 or len(columns) != 1 or labelled.ndim > 3:
         raise ValueError(
-            f"{name}: got dimensions {image.dims}; accepts rows ({', '.join(ROWS)}), columns "
+            f"{name}: got dimensions {labelled.dims}; accepts rows ({', '.join(ROWS)}), columns "
             f"({', '.join(COLUMNS)}) and at most one more, of bands"
         )
-    return image.transpose(rows[0], columns[0], ...)
+    return labelled.transpose(rows[0], columns[0], ...)
 
 
 def _check_rows(left: DataArray, right: DataArray) -> None:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from phasestereo.cli.scoring import Truth
+    from phasestereo.io import Georeference
     from phasestereo.metrics import Score
     from phasestereo.settings import Settings
 
@@ -33,6 +34,8 @@ class Outcome:
         The smallest disparity searched, and how many were.
     truth, score
         The disparities known to be right, if any, and the metrics against them.
+    place
+        Where on Earth the left image lies, if its file says so.
     """
 
     pair: tuple[Image, Image]
@@ -40,6 +43,7 @@ class Outcome:
     disparities: tuple[int, int]
     truth: Truth | None = None
     score: Score | None = None
+    place: Georeference | None = None
 
 
 def rehearsal(disparities: tuple[int, int], settings: Settings) -> Outcome:
