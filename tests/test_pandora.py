@@ -321,6 +321,16 @@ def test_real_pairs_come_out_better_than_with_census(
     assert wrong[0] < share * wrong[1]
 
 
+def test_semiglobal_matching_takes_the_costs(rendered: Pair) -> None:
+    pytest.importorskip("pandora_plugin_libsgm")  # no extra of ours, but what CARS always has
+    pandora.import_plugin()
+    penalty = {"P1": 4, "P2": 16, "p2_method": "constant", "penalty_method": "sgm_penalty"}
+    step = {"optimization_method": "sgm", "overcounting": False, "penalty": penalty}
+    config = pipeline({"matching_cost_method": "phase"}, optimization=step)
+    result = run((gray(rendered.left), gray(rendered.right)), rendered.num_disparities, config)
+    assert bad(result, rendered) < 8
+
+
 def test_the_command_runs_from_files(rendered: Pair, tmp_path: Path) -> None:
     for name, image in (("left", rendered.left), ("right", rendered.right)):
         shape = {"height": image.shape[0], "width": image.shape[1], "count": 1}
