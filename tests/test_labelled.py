@@ -272,6 +272,8 @@ def test_wrong_arguments_are_named(rendered: Pair) -> None:
         labelled.match(left, right, num_disparities=COUNT, right_mask=right[0])
     with pytest.raises(ValueError, match="num_disparities"):
         labelled.match(left, right, num_disparities=0)
+    with pytest.raises(ValueError, match="left: got shape .*at least one pixel"):
+        labelled.match(left[:, :0], right[:, :0], num_disparities=COUNT)
     two = [xarray.concat([image, image], "band") for image in (left, right)]
     with pytest.raises(ValueError, match=r"left: got shape \(70, 110, 2\)"):
         labelled.match(*two, num_disparities=COUNT)

@@ -215,7 +215,7 @@ def _check_rows(left: DataArray, right: DataArray) -> None:
     if sizes[0] != sizes[1]:
         raise ValueError(f"right: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
     dims = left.dims[0], right.dims[0]
-    if dims[0] not in left.coords or dims[1] not in right.coords:
+    if dims[0] not in left.coords or dims[1] not in right.coords or not sizes[0][0]:
         return
     rows = [np.asarray(image.coords[dim]) for image, dim in zip((left, right), dims, strict=True)]
     step = abs(rows[0][-1] - rows[0][0]) / max(1, len(rows[0]) - 1)
