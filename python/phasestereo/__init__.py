@@ -25,6 +25,7 @@ from phasestereo.matcher import Matcher, match
 from phasestereo.result import Flag, Result
 from phasestereo.scanline import optimize
 from phasestereo.settings import PRESETS, Settings
+from phasestereo.triangulation import PointCloud, point_cloud
 
 __all__ = [
     "PRESETS",
@@ -35,6 +36,7 @@ __all__ = [
     "Finding",
     "Flag",
     "Matcher",
+    "PointCloud",
     "Result",
     "Settings",
     "aggregate",
@@ -44,6 +46,7 @@ __all__ = [
     "estimate_blur",
     "match",
     "optimize",
+    "point_cloud",
 ]
 __version__ = _core.__version__
 
@@ -52,10 +55,14 @@ if TYPE_CHECKING:
     from phasestereo import degradation as degradation
     from phasestereo import io as io
     from phasestereo import metrics as metrics
+    from phasestereo import opencv as opencv
     from phasestereo import picture as picture
+    from phasestereo import plot as plot
     from phasestereo import roc as roc
 else:
-    _ON_DEMAND = {"datasets", "degradation", "io", "metrics", "picture", "roc"}
+    _ON_DEMAND = {
+        "datasets", "degradation", "io", "metrics", "opencv", "picture", "plot", "roc",
+    }  # fmt: skip
 
     def __getattr__(name):
         """Import the modules that are addressed as `ps.io` when they are first addressed."""
