@@ -21,9 +21,10 @@ from packaging.utils import canonicalize_name
 
 import phasestereo as ps
 from conftest import ROOT, counterpart
+from phasestereo import labelled
 from phasestereo._extras import require
 from phasestereo.bench.opencv import match_sgbm
-from phasestereo.io import read_image
+from phasestereo.io import read_image, write_geotiff
 from phasestereo.picture import colorize
 from phasestereo.rendering import render_pair
 from phasestereo.report import render_page
@@ -54,7 +55,7 @@ WANTED = [
 DISTRIBUTIONS = {"PIL": "pillow", "cv2": "opencv-contrib-python-headless", "rerun": "rerun-sdk"}
 """What brings a module whose name is another."""
 
-IMPORTED_FREELY = {"cli": "cli"}
+IMPORTED_FREELY = {"cli": "cli", "pandora_plugin.py": "pandora"}
 """Parts of the package that are only imported when an extra is there, which they may use."""
 
 DYNAMIC = {("io/raster.py", "module"): ["PIL"]}
@@ -290,7 +291,7 @@ def test_what_is_optional_is_never_imported_outright() -> None:
 
 def _allowed(path: str) -> set[str]:
     extra = IMPORTED_FREELY.get(path.partition("/")[0]) or IMPORTED_FREELY.get(path)
-    return set() if extra is None else brought(extra)
+    return set() if extra is None else with_theirs(brought(extra))
 
 
 def _imports(tree: ast.AST) -> Iterator[tuple[ast.stmt, str]]:
@@ -349,6 +350,10 @@ def _filter(_: Path) -> object:
     return ps.opencv.createDisparityWLSFilter(ps.opencv.StereoPhase_create())
 
 
+def _label(_: Path) -> object:
+    return labelled.as_dataset(ps.match(*np.zeros((2, 40, 60), np.uint8), num_disparities=8))
+
+
 CALLS = [
     ("PIL", "io", _read("a.png")),
     ("tifffile", "io", _read("a.tif")),
@@ -361,6 +366,8 @@ CALLS = [
     ("cv2", "live", lambda _: ps.stream(0, num_disparities=16)),
     ("av", "live", _film),
     ("rerun", "rerun", _record),
+    ("rasterio", "geo", lambda folder: write_geotiff(folder / "out.tif", np.ones((8, 8), "f4"))),
+    ("xarray", "geo", _label),
 ]
 
 
@@ -384,6 +391,17 @@ def test_the_command_without_its_extra_says_how_to_get_it(module: str) -> None:
     told = f"{module} is not installed; it comes with: pip install 'phasestereo[cli]'"
     assert (finished.returncode, finished.stdout) == (1, "")
     assert finished.stderr == f"phasestereo: error: {told}\n"
+
+
+def test_the_plugin_without_pandora_says_how_to_get_it() -> None:
+    finished = run(
+        "-c", "import sys; sys.modules['pandora'] = None\nimport phasestereo.pandora_plugin"
+    )
+    told = (
+        "ImportError: pandora is not installed; it comes with: pip install 'phasestereo[pandora]'"
+    )
+    assert finished.returncode == 1
+    assert finished.stderr.endswith(f"{told}\n")
 
 
 MAIN = """

@@ -9,14 +9,25 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import xarray
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from phasestereo import bench
+from phasestereo import bench, labelled
 from phasestereo.datasets import Pair, find_scenes
 from phasestereo.degradation import Degradation, disk_psf, suite
 from phasestereo.demo import run_demo, write_demo
-from phasestereo.io import read_calibration, read_disparity, read_image, write_disparity
+from phasestereo.io import (
+    GeoImage,
+    Georeference,
+    read_calibration,
+    read_disparity,
+    read_geotiff,
+    read_geotiff_pair,
+    read_image,
+    write_disparity,
+    write_geotiff,
+)
 from phasestereo.rendering import render_pair
 
 Image = NDArray[np.uint8]
@@ -134,6 +145,19 @@ def in_time(film: Path) -> int:
             ps.rerun_log.log_frame(one, recording=recording)
             use(one.index, one.result.disparity)
     return frames.failed + len(failures)
+
+
+def on_the_ground(folder: Path) -> xarray.Dataset:
+    """Match georeferenced images, and labelled ones."""
+    place = Georeference(crs="EPSG:32631", transform=(0.5, 0, 500000, 0, -0.5, 4800000))
+    left, right = read_geotiff_pair(folder / "left.tif", folder / "right.tif")
+    one: GeoImage = read_geotiff(folder / "left.tif", bands=[3, 2, 1])
+    result = ps.match(left.image, right.image, left_mask=left.mask, num_disparities=64)
+    write_geotiff(folder / "disparity.tif", result.disparity, like=left)
+    write_geotiff(folder / "all.tif", {"disparity": result.disparity}, like=place)
+    use(one.georeference.crs, labelled.as_dataset(result))
+    arrays = (xarray.DataArray(view.image, dims=("y", "x")) for view in (left, right))
+    return labelled.match(*arrays, num_disparities=64, window=7)
 
 
 def in_files(name: str) -> float:
