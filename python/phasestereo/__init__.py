@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from phasestereo import datasets as datasets
     from phasestereo import degradation as degradation
     from phasestereo import io as io
+    from phasestereo import labelled as labelled
     from phasestereo import metrics as metrics
     from phasestereo import opencv as opencv
     from phasestereo import picture as picture
@@ -68,8 +69,8 @@ if TYPE_CHECKING:
     from phasestereo.streaming import Failure, Frame, Stream, stream
 else:
     _ON_DEMAND = {
-        "datasets", "degradation", "io", "metrics", "opencv", "picture", "plot", "rerun_log", "roc",
-        "video",
+        "datasets", "degradation", "io", "labelled", "metrics", "opencv", "picture", "plot",
+        "rerun_log", "roc", "video",
     }  # fmt: skip
     _OF_STREAMING = {"Failure", "Frame", "Stream", "stream"}
 
