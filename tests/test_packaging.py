@@ -105,7 +105,19 @@ def test_an_import_loads_none_of_what_only_some_need() -> None:
     )
     ours = {name.split(".")[1] for name in loaded if name.startswith("phasestereo.")}
     assert "_core" in ours
-    assert ours & {"cli", "bench", "demo", "rendering", "datasets", "io", "picture"} == set()
+    others = {"cli", "bench", "demo", "rendering", "datasets", "io", "picture", "streaming"}
+    assert ours & (others | {"diagnosis", "estimation", "triangulation"}) == set()
+
+
+@pytest.mark.parametrize("name", ps.__all__)
+def test_what_is_imported_when_it_is_asked_for_is_there(name: str) -> None:
+    assert name in dir(ps)
+    assert getattr(ps, name) is not None
+
+
+def test_a_name_that_is_not_there_is_told() -> None:
+    with pytest.raises(AttributeError, match=r"^module 'phasestereo' has no attribute 'mach'$"):
+        ps.mach  # type: ignore[attr-defined]  # noqa: B018  # that is what is tested
 
 
 # Dependencies
