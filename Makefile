@@ -14,11 +14,11 @@ help: ## List the commands
 demo: $(CORE) ## Render a pair, spoil one image, match it, print the score, write pictures and a report
 	$(BIN)/phasestereo demo --output demo
 
-test: $(CORE) ## Run all the tests (PHASESTEREO_DATA: the folder of real pairs, default ../shared)
+test: $(VENV)/counterparts ## Run all the tests (PHASESTEREO_DATA: the folder of real pairs, default ../shared)
 	cargo test --locked
 	$(BIN)/python -m pytest
 
-lint: $(CORE) ## Check formats, lints, types, stubs and the documentation of the code
+lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code
 	cargo fmt --check
 	cargo clippy --locked --all-targets --features python -- --deny warnings
 	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --quiet
@@ -59,6 +59,10 @@ $(VENV)/ready: pyproject.toml
 		PYTHONPATH=$(VENV)/bootstrap $(PYTHON) -m virtualenv --quiet $(VENV))
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 	$(BIN)/pip install --quiet --group dev
+	touch $@
+
+$(VENV)/counterparts: $(CORE)
+	$(BIN)/pip install --quiet --group counterparts
 	touch $@
 
 $(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs)

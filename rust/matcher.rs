@@ -473,6 +473,7 @@ impl Job<'_> {
             votes: self.costs.votes(),
             subpixel: self.settings.subpixel,
             consistency: self.settings.consistency.map(|most| most as u16),
+            uniqueness: self.settings.uniqueness as u64,
             unit: (self.window.unit(self.costs.steps()) * f64::from(paths)) as f32,
         }
     }

@@ -68,6 +68,7 @@ mod _core {
         flags.set_item("OCCLUDED", flag::OCCLUDED)?;
         flags.set_item("MISMATCHED", flag::MISMATCHED)?;
         flags.set_item("LOW_CONFIDENCE", flag::LOW_CONFIDENCE)?;
+        flags.set_item("AMBIGUOUS", flag::AMBIGUOUS)?;
         flags.set_item("SPECKLE", flag::SPECKLE)?;
         flags.set_item("FILLED", flag::FILLED)?;
         module.add("FLAGS", flags)

@@ -42,12 +42,20 @@ pub mod flag {
     pub const SPECKLE: u16 = 128;
     /// The disparity is that of other pixels: this one's own is not trusted.
     pub const FILLED: u16 = 256;
+    /// A disparity elsewhere fits nearly as well.
+    pub const AMBIGUOUS: u16 = 512;
 
     /// Those that leave nothing to estimate.
     pub const MISSING: u16 = MASKED | NO_CANDIDATE;
     /// Those of a pixel whose own estimate is missing or not to be trusted.
-    pub const UNTRUSTED: u16 =
-        MISSING | OUTSIDE | MATCH_MASKED | OCCLUDED | MISMATCHED | LOW_CONFIDENCE | SPECKLE;
+    pub const UNTRUSTED: u16 = MISSING
+        | OUTSIDE
+        | MATCH_MASKED
+        | OCCLUDED
+        | MISMATCHED
+        | LOW_CONFIDENCE
+        | SPECKLE
+        | AMBIGUOUS;
 }
 
 /// What pixels are told by that all have in common.
@@ -63,6 +71,8 @@ pub struct Judge<'a> {
     pub subpixel: bool,
     /// Pixels by which the disparities of two left pixels with one match may differ; `None`: by whatever.
     pub consistency: Option<u16>,
+    /// Percent of the least cost elsewhere by which that of a choice must be below it; 0: whatever it is.
+    pub uniqueness: u64,
     /// What one unit of the mean cost is in costs.
     pub unit: f32,
 }
@@ -95,14 +105,19 @@ impl Judge<'_> {
             let (chosen, costs) = (&found.chosen[..self.cols], &found.own[..self.cols]);
             checker.check(Choices { chosen, costs, candidates: self.candidates }, most, flags)?;
         }
+        if self.uniqueness > 0 {
+            for (x, flags) in flags.iter_mut().enumerate() {
+                let is_ambiguous = Margin::of(&found, x).is_ambiguous(self.uniqueness);
+                let is_estimated = *flags & flag::MISSING == 0;
+                *flags |= if is_estimated && is_ambiguous { flag::AMBIGUOUS } else { 0 };
+            }
+        }
         for (x, disparity) in disparity.iter_mut().enumerate() {
             let offset = if self.subpixel { found.offset[x] } else { 0.0 };
             *disparity = self.disparity(found.chosen[x], flags[x]) + offset;
         }
         for (x, vote) in votes.into_iter().flatten().enumerate() {
-            let elsewhere = found.elsewhere[x];
-            let elsewhere = (elsewhere != NONE).then_some(elsewhere.into());
-            *vote = confidence::vote(Margin { own: found.own[x].into(), elsewhere }, self.unit);
+            *vote = confidence::vote(Margin::of(&found, x), self.unit);
         }
         Ok(())
     }
@@ -214,6 +229,23 @@ pub struct Margin {
     pub own: u64,
     /// Least cost elsewhere; `None`: there is no elsewhere.
     pub elsewhere: Option<u64>,
+}
+
+impl Margin {
+    /// What was found of the pixel at a place of a row.
+    #[inline(always)]
+    fn of(found: &EvidenceRow, x: usize) -> Self {
+        let elsewhere = found.elsewhere[x];
+        Self {
+            own: found.own[x].into(),
+            elsewhere: (elsewhere != NONE).then_some(elsewhere.into()),
+        }
+    }
+
+    /// Whether the cost of the choice is not below the least one elsewhere by so many percent of that, at most 100.
+    pub fn is_ambiguous(self, percent: u64) -> bool {
+        self.elsewhere.is_some_and(|elsewhere| elsewhere * (100 - percent) < self.own * 100)
+    }
 }
 
 /// What the aggregated costs of one strip after another say about what was chosen; its memory is used again.

@@ -16,6 +16,9 @@ pub const LARGEST_PENALTY: f64 = 65_535.0;
 /// Most mean differences of neighbours above which gray values may be said to jump.
 pub const LARGEST_EDGES: f64 = 1000.0;
 
+/// All of a cost, in percent.
+pub const MOST_UNIQUENESS: usize = 100;
+
 /// Largest magnitude of a float pixel and of the ends of an intensity range; products with it are finite.
 pub const LARGEST_PIXEL: f64 = 1e300;
 
@@ -123,6 +126,9 @@ pub struct Settings {
     /// Left-right check: pixels by which the disparities of two left pixels with one match may differ, 0 to 16384;
     /// `None`: no check.
     pub consistency: Option<usize>,
+    /// Percent by which the least cost elsewhere must exceed that of the chosen candidate, as a share of the former,
+    /// 0 to 100; 0: no check.
+    pub uniqueness: usize,
     /// Most pixels of a region that is taken for a speckle; 0: none is.
     pub speckle_size: usize,
     /// Pixels by which the disparities of neighbours in one region differ at most, 0 to 16384.
@@ -158,6 +164,7 @@ impl Default for Settings {
             intensity_range: None,
             subpixel: false,
             consistency: None,
+            uniqueness: 0,
             speckle_size: 0,
             speckle_range: 1.0,
             guided: false,
@@ -184,6 +191,7 @@ impl Settings {
         if let Some(most) = self.consistency {
             between("consistency", most, 0, MOST_DISPARITIES)?;
         }
+        between("uniqueness", self.uniqueness, 0, MOST_UNIQUENESS)?;
         number_between("speckle_range", self.speckle_range, MOST_DISPARITIES as f64)?;
         if !matches!(self.median, 0 | 3) {
             return Err(Error::value("median", self.median, "0 or 3"));
@@ -210,7 +218,7 @@ impl Settings {
 
     /// Whether pixels are told that cannot be right.
     pub fn has_checks(&self) -> bool {
-        self.consistency.is_some() || self.speckle_size > 0
+        self.consistency.is_some() || self.uniqueness > 0 || self.speckle_size > 0
     }
 
     /// Whether confidences are needed.
@@ -220,7 +228,8 @@ impl Settings {
 
     /// Whether more is to be known of pixels than what was chosen for them.
     pub fn needs_evidence(&self) -> bool {
-        self.needs_confidence() || self.subpixel || self.consistency.is_some()
+        let checks_choices = self.consistency.is_some() || self.uniqueness > 0;
+        self.needs_confidence() || self.subpixel || checks_choices
     }
 
     fn check_frequencies(&self) -> Result<()> {

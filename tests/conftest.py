@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -26,3 +28,10 @@ def data() -> Path:
     if ON_CI:
         pytest.fail(message)
     pytest.skip(message)
+
+
+def counterpart(module: str) -> Any:
+    """Return a module that tests hold ours against; skip them where it is missing, fail on CI."""
+    if ON_CI:
+        return import_module(module)
+    return pytest.importorskip(module)

@@ -30,9 +30,8 @@ if TYPE_CHECKING:
 
 MISSING = ps.Flag.MASKED | ps.Flag.NO_CANDIDATE
 UNMATCHED = MISSING | ps.Flag.OUTSIDE | ps.Flag.MATCH_MASKED
-UNTRUSTED = (
-    UNMATCHED | ps.Flag.OCCLUDED | ps.Flag.MISMATCHED | ps.Flag.SPECKLE | ps.Flag.LOW_CONFIDENCE
-)
+CHECKED = ps.Flag.OCCLUDED | ps.Flag.MISMATCHED | ps.Flag.AMBIGUOUS | ps.Flag.SPECKLE
+UNTRUSTED = UNMATCHED | CHECKED | ps.Flag.LOW_CONFIDENCE
 PATHS = 8
 
 
@@ -136,6 +135,14 @@ def check(evidence: Evidence, flags: Ints, low: int, most: int) -> Ints:
             is_beside = x - 1 in consistent or x + 1 in consistent
             checked[y, x] |= ps.Flag.MISMATCHED if is_beside else ps.Flag.OCCLUDED
     return checked
+
+
+def flag_ambiguous(evidence: Evidence, flags: Ints, percent: int) -> Ints:
+    """Return the flags with those of choices not cheaper than all else by so many percent of it."""
+    known = np.isfinite(evidence.elsewhere)
+    elsewhere = np.where(known, evidence.elsewhere, 0)
+    ambiguous = known & (elsewhere * (100 - percent) < 100 * evidence.own)
+    return np.where(ambiguous & (flags & MISSING == 0), flags | ps.Flag.AMBIGUOUS, flags)
 
 
 # --- maps ---
@@ -314,6 +321,8 @@ def refine(
     flags = first_flags(evidence.chosen, low, masks, number)
     if settings.consistency is not None:
         flags = check(evidence, flags, low, settings.consistency)
+    if settings.uniqueness > 0:
+        flags = flag_ambiguous(evidence, flags, settings.uniqueness)
     disparity = (low + evidence.chosen).astype(np.float32)
     if settings.subpixel:
         disparity += evidence.offset
@@ -321,7 +330,8 @@ def refine(
     if settings.speckle_size > 0:
         step = settings.speckle_range
         flags = flag_speckles(disparity, flags, settings.speckle_size, step)
-    if settings.consistency is not None or settings.speckle_size > 0:
+    checks = settings.consistency is not None, settings.uniqueness > 0, settings.speckle_size > 0
+    if any(checks):
         disparity, flags = fill(disparity, flags)
     if settings.guided:
         disparity = guide(disparity, gray)

@@ -159,6 +159,7 @@ SETTINGS = st.builds(
     edges=st.sampled_from([0, 0.3, 1]),
     subpixel=st.booleans(),
     consistency=st.sampled_from([None, 0, 1]),
+    uniqueness=st.sampled_from([0, 0, 5, 30, 100]),
     speckle_size=st.sampled_from([0, 3, 20]),
     speckle_range=st.sampled_from([0, 0.5, 1]),
     guided=st.booleans(),
@@ -211,7 +212,9 @@ def test_robust_equals_the_oracle_over_several_bands(
 def test_scanlines_can_be_refined_as_well(optimizer: Any) -> None:
     """Speckles without a check, which leaves few of them; then the check without speckles."""
     spotted = {"window": 3, "penalty": 0.1, "speckle_size": 12, "speckle_range": 0.5}
+    unclear = {"speckle_size": 0, "consistency": None, "uniqueness": 20}
     checks: list[tuple[dict[str, Any], int]] = [
+        (unclear, ps.Flag.AMBIGUOUS),
         (spotted | {"consistency": None}, ps.Flag.SPECKLE),
         ({"speckle_size": 0}, ps.Flag.OCCLUDED | ps.Flag.MISMATCHED),
     ]

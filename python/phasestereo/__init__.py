@@ -9,6 +9,8 @@ The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in t
 """
 
 import warnings
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 from phasestereo import _core
 from phasestereo.aggregation import aggregate
@@ -44,6 +46,26 @@ __all__ = [
     "optimize",
 ]
 __version__ = _core.__version__
+
+if TYPE_CHECKING:
+    from phasestereo import datasets as datasets
+    from phasestereo import degradation as degradation
+    from phasestereo import io as io
+    from phasestereo import metrics as metrics
+    from phasestereo import picture as picture
+    from phasestereo import roc as roc
+else:
+    _ON_DEMAND = {"datasets", "degradation", "io", "metrics", "picture", "roc"}
+
+    def __getattr__(name):
+        """Import the modules that are addressed as `ps.io` when they are first addressed."""
+        if name in _ON_DEMAND:
+            return import_module(f"{__name__}.{name}")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+    def __dir__():
+        return sorted({*globals(), *_ON_DEMAND})
+
 
 if _core.DEBUG_BUILD:
     warnings.warn(

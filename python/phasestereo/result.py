@@ -40,6 +40,8 @@ class Flag(IntFlag):
     """The pixel belongs to a small region that stands out from all around it."""
     FILLED = 256
     """The disparity is that of the background beside: the pixel's own is not to be trusted."""
+    AMBIGUOUS = 512
+    """A disparity elsewhere fits nearly as well: less worse than ``uniqueness`` asks for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -108,6 +108,10 @@ class Settings:
         Left-right check: a pixel is flagged when the right pixel that was chosen for it fits
         another left pixel better whose disparity differs by more than so many pixels, 0 to 16384
         (OpenCV's ``disp12MaxDiff``). None: no check. Default None.
+    uniqueness
+        A pixel is flagged whose disparity costs not at least so many percent less than the best one
+        elsewhere, that is more than one away: 0 to 100, 0: none is (OpenCV's ``uniquenessRatio``).
+        Default 0.
     speckle_size
         Regions of up to so many pixels that stand out from all around are flagged; 0: none is
         (OpenCV's ``speckleWindowSize``). Default 0.
@@ -120,14 +124,14 @@ class Settings:
     median
         Side of the square over which disparities give way to their median, 3; 0: none. Default 0.
     fill
-        Whether pixels that the left-right check or the removal of speckles flags, and with either
-        of these also those whose match lies outside the right image, take the disparity of the
-        background beside them (True) or become NaN (False). Without such checks nothing is filled:
-        with True all estimates stay, flagged. Default True.
+        Whether pixels that the left-right check, ``uniqueness`` or the removal of speckles flags,
+        and with any of these also those whose match lies outside the right image, take the
+        disparity of the background beside them (True) or become NaN (False). Without such checks
+        nothing is filled: with True all estimates stay, flagged. Default True.
     confidence
         Whether confidences are worked out. If not, `Result.confidence` is None. With an optimizer
         other than ``"sgm"`` that takes a second sweep over the costs, half as long again, as do
-        ``subpixel`` and ``consistency``. Default True.
+        ``subpixel``, ``consistency`` and ``uniqueness``. Default True.
     min_confidence
         Estimates of less confidence, filled ones too, become NaN and are flagged; 0 to 1.
         Default 0.
@@ -157,6 +161,7 @@ class Settings:
     intensity_range: tuple[float, float] | None = None
     subpixel: bool = False
     consistency: int | None = None
+    uniqueness: int = 0
     speckle_size: int = 0
     speckle_range: float = 1.0
     guided: bool = False

@@ -154,6 +154,7 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
             most if most.is_none() => None,
             most => Some(natural(&most, "consistency")?),
         },
+        uniqueness: natural(&field("uniqueness")?, "uniqueness")?,
         speckle_size: natural(&field("speckle_size")?, "speckle_size")?,
         speckle_range: number(&field("speckle_range")?, "speckle_range")?,
         guided: boolean(&field("guided")?, "guided")?,

@@ -13,8 +13,8 @@ use phasestereo::convolution::Kernel;
 use phasestereo::intensity::{Gray, level_planes};
 use phasestereo::plane::Plane;
 use phasestereo::settings::{
-    CostKind, LARGEST_EDGES, LARGEST_PENALTY, LARGEST_WEAK, MOST_DISPARITIES, Optimizer, Penalty,
-    Precision, Rule, Settings, Taper,
+    CostKind, LARGEST_EDGES, LARGEST_PENALTY, LARGEST_WEAK, MOST_DISPARITIES, MOST_UNIQUENESS,
+    Optimizer, Penalty, Precision, Rule, Settings, Taper,
 };
 use phasestereo::simd::Level;
 use phasestereo::versions::{MOST_CLASSES, Versions};
@@ -167,15 +167,18 @@ pub fn settings() -> impl Strategy<Value = Settings> {
 /// Legal ways to refine a map, with other defaults.
 pub fn refinements() -> impl Strategy<Value = Settings> {
     let consistency = prop::option::of(select(vec![0, 1, 2, MOST_DISPARITIES]));
+    let uniqueness = prop_oneof![2 => Just(0), 1 => 1..=MOST_UNIQUENESS];
     let speckles = (select(vec![0, 0, 1, 5, 100]), select(vec![0.0, 0.5, 1.0, 3.0]));
     let median = select(vec![0, 3]);
     let least = prop_oneof![2 => Just(0.0), 1 => 0.0..1.0f64, 1 => Just(1.0)];
     let choices = [any::<bool>(); 4];
-    (consistency, speckles, median, least, choices).prop_map(
-        |(consistency, speckles, median, min_confidence, [subpixel, guided, fill, confidence])| {
+    let checks = (consistency, uniqueness);
+    (checks, speckles, median, least, choices).prop_map(
+        |(checks, speckles, median, min_confidence, [subpixel, guided, fill, confidence])| {
             Settings {
                 subpixel,
-                consistency,
+                consistency: checks.0,
+                uniqueness: checks.1,
                 speckle_size: speckles.0,
                 speckle_range: speckles.1,
                 guided,

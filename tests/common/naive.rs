@@ -216,10 +216,14 @@ fn drafted(pair: &Pair, settings: &Settings, found: &Plane<Found>) -> (Plane<f32
         let chosen: Vec<_> = row.iter().map(|found| found.chosen).collect();
         let costs: Vec<_> = row.iter().map(|found| found.own).collect();
         let choices = Choices { chosen: &chosen, costs: &costs, candidates };
-        all.extend(match settings.consistency {
+        let flags = match settings.consistency {
             Some(most) => reference::check_row(choices, most as u16, &flags),
             None => flags,
-        });
+        };
+        let ambiguous = row.iter().map(|found| ambiguous(found, settings.uniqueness as f64));
+        all.extend(flags.iter().zip(ambiguous).map(|(&flags, ambiguous)| {
+            if flags & flag::MISSING == 0 { flags | ambiguous } else { flags }
+        }));
     }
     let flags = Plane::from_vec(found.rows(), found.cols(), all).expect("all rows");
     let disparity = Plane::from_fn(found.rows(), found.cols(), |y, x| {
@@ -229,6 +233,13 @@ fn drafted(pair: &Pair, settings: &Settings, found: &Plane<Found>) -> (Plane<f32
         if is_missing { f32::NAN } else { whole + if settings.subpixel { offset } else { 0.0 } }
     });
     (disparity, flags)
+}
+
+/// The flag of a candidate that costs more than all but so many percent of the least cost elsewhere.
+fn ambiguous(found: &Found, percent: f64) -> u16 {
+    let least = f64::from(found.elsewhere) * (100.0 - percent);
+    let is_unique = percent == 0.0 || found.elsewhere == NONE;
+    if !is_unique && f64::from(found.own) * 100.0 > least { flag::AMBIGUOUS } else { 0 }
 }
 
 /// Disparities and flags, of the map as a whole.
@@ -241,7 +252,9 @@ fn refined(
         let region = (settings.speckle_size, settings.speckle_range as f32);
         flags = reference::flag_speckles(&disparity, &flags, region);
     }
-    if settings.consistency.is_some() || settings.speckle_size > 0 {
+    let checks =
+        [settings.consistency.is_some(), settings.uniqueness > 0, settings.speckle_size > 0];
+    if checks.contains(&true) {
         (disparity, flags) = reference::fill(&disparity, &flags);
     }
     if settings.guided {

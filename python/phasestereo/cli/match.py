@@ -12,6 +12,7 @@ from cyclopts import Group, Parameter, validators
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.mask import read_mask
 from phasestereo.cli.options import Overrides
+from phasestereo.cli.outcome import Outcome, rehearsal
 from phasestereo.cli.outputs import Outputs
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.summary import Summary, show
@@ -86,7 +87,7 @@ def match(
         settings = resolve(preset, None, overrides or {})
     sources = [left, right, left_mask, right_mask, *scoring.sources()]
     disparities = min_disparity, num_disparities
-    outputs.check(sources, disparities)
+    outputs.check(sources, rehearsal(disparities, settings))
     with refusals():
         images = read_image(left), read_image(right)
         masks = read_mask(left_mask), read_mask(right_mask)
@@ -105,5 +106,6 @@ def match(
         )
     with refusals():
         score = None if truth is None else truth.score(result.disparity)
-        written = outputs.write(result.disparity)
-    show(Summary(result, disparities, score, written), as_json=outputs.json)
+        outcome = Outcome(images, result, disparities, truth, score)
+        written = outputs.write(outcome)
+    show(Summary(outcome, written), as_json=outputs.json)

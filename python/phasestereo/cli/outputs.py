@@ -9,16 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from cyclopts import Parameter
-from numpy.typing import NDArray
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
+from phasestereo.cli.outcome import Outcome
 from phasestereo.io import write_disparity, write_image
 from phasestereo.picture import disparity_picture
 
-Map = NDArray[np.float32]
-Writer = Callable[[Path, Map], None]
+Writer = Callable[[Path, Outcome], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,15 +43,15 @@ class Outputs:
         """Tell whether anything is to come out."""
         return bool(self.output or self.color or self.json)
 
-    def check(self, sources: Iterable[Path | None], disparities: tuple[int, int]) -> None:
+    def check(self, sources: Iterable[Path | None], rehearsal: Outcome) -> None:
         """Refuse what cannot or must not be written.
 
         Parameters
         ----------
         sources
             The files that are read.
-        disparities
-            The smallest one, and how many there are.
+        rehearsal
+            A small outcome with the extremes of what may come out.
 
         Raises
         ------
@@ -62,27 +60,29 @@ class Outputs:
             in a format that does not hold all of the disparities.
         """
         taken = [source for source in sources if source]
-        low, count = disparities
-        extremes = np.array([[low, low + count - 1]], dtype=np.float32)
         for name, path, write in self._files():
             if any(_same(path, other) for other in taken):
                 raise CommandError(f"{option(name)}: {path} is in use already", WRONG_USAGE)
             taken.append(path)
-            _rehearse(name, path, write, extremes)
+            _rehearse(name, path, write, rehearsal)
 
-    def write(self, disparity: Map) -> dict[str, str]:
+    def write(self, outcome: Outcome) -> dict[str, str]:
         """Write what was asked for; return the paths by option."""
         for _, path, write in self._files():
-            write(path, disparity)
+            write(path, outcome)
         return {name: str(path) for name, path, _ in self._files()}
 
     def _files(self) -> list[tuple[str, Path, Writer]]:
-        files = ("output", self.output, write_disparity), ("color", self.color, _write_color)
+        files = ("output", self.output, _write_disparity), ("color", self.color, _write_color)
         return [(name, path, write) for name, path, write in files if path]
 
 
-def _write_color(path: Path, disparity: Map) -> None:
-    write_image(path, disparity_picture(disparity))
+def _write_disparity(path: Path, outcome: Outcome) -> None:
+    write_disparity(path, outcome.result.disparity)
+
+
+def _write_color(path: Path, outcome: Outcome) -> None:
+    write_image(path, disparity_picture(outcome.result.disparity))
 
 
 def _same(path: Path, other: Path) -> bool:
@@ -92,7 +92,7 @@ def _same(path: Path, other: Path) -> bool:
     return os.path.realpath(path) == os.path.realpath(other)
 
 
-def _rehearse(name: str, path: Path, write: Writer, disparity: Map) -> None:
+def _rehearse(name: str, path: Path, write: Writer, rehearsal: Outcome) -> None:
     """Write a draft beside the file and remove it: nothing else knows all that can go wrong."""
     target = Path(os.path.realpath(path))  # a symbolic link stays, the file it names is replaced
     if target.is_dir():
@@ -100,7 +100,7 @@ def _rehearse(name: str, path: Path, write: Writer, disparity: Map) -> None:
     draft = target.with_name(f".{secrets.token_hex(8)}{path.suffix}")
     with refusals():
         try:
-            write(draft, disparity)
+            write(draft, rehearsal)
         except ValueError as error:
             raise CommandError(f"{option(name)}: {error}", WRONG_USAGE) from error
         finally:

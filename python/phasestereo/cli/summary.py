@@ -18,62 +18,57 @@ from phasestereo.result import Flag
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from phasestereo.cli.outcome import Outcome
     from phasestereo.metrics import Score
-    from phasestereo.result import Result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Summary:
-    """A result, how it was asked for, and what has become of it.
+    """An outcome, and what has become of it.
 
     Parameters
     ----------
-    result
-        The result.
-    disparities
-        The smallest disparity searched, and how many were.
-    score
-        The metrics, where there was a truth.
+    outcome
+        The outcome.
     files
         The files written, by option.
     """
 
-    result: Result
-    disparities: tuple[int, int]
-    score: Score | None
+    outcome: Outcome
     files: Mapping[str, str]
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it; numbers that JSON does not have are None."""
-        rows, cols = self.result.disparity.shape
+        result, disparities = self.outcome.result, self.outcome.disparities
+        rows, cols = result.disparity.shape
         summary = {
             "version": phasestereo.__version__,
             "width": cols,
             "height": rows,
-            "min_disparity": self.disparities[0],
-            "num_disparities": self.disparities[1],
-            "settings": asdict(self.result.settings),
-            "timings": dict(self.result.timings),
-            "blurs": None if self.result.blur is None else self.result.blur.as_dicts(),
+            "min_disparity": disparities[0],
+            "num_disparities": disparities[1],
+            "settings": asdict(result.settings),
+            "timings": dict(result.timings),
+            "blurs": None if result.blur is None else result.blur.as_dicts(),
             "estimated": self.estimated,
             "flags": self.flags,
             "files": dict(self.files),
         }
-        if self.score is not None:
-            metrics = self.score.as_dict().items()
+        if self.outcome.score is not None:
+            metrics = self.outcome.score.as_dict().items()
             summary["metrics"] = {k: v if math.isfinite(v) else None for k, v in metrics}
         return summary
 
     @property
     def estimated(self) -> float:
         """Share of the pixels with an estimate, 0 to 1."""
-        return float(np.isfinite(self.result.disparity).mean())
+        return float(np.isfinite(self.outcome.result.disparity).mean())
 
     @property
     def flags(self) -> dict[str, int]:
         """Number of pixels under each flag, by its name."""
         return {
-            flag.name.lower(): int(np.count_nonzero(self.result.flags & flag))
+            flag.name.lower(): int(np.count_nonzero(self.outcome.result.flags & flag))
             for flag in Flag
             if flag.name
         }
@@ -87,23 +82,23 @@ def show(summary: Summary, *, as_json: bool) -> None:
     console = Console(highlight=False, soft_wrap=True)
     for line in _lines(summary):
         console.print(line, markup=False)
-    if summary.score is not None:
-        console.print(_table(summary.score))
+    if summary.outcome.score is not None:
+        console.print(_table(summary.outcome.score))
 
 
 def _lines(summary: Summary) -> list[str]:
-    rows, cols = summary.result.disparity.shape
-    seconds = sum(summary.result.timings.values())
-    blur = summary.result.blur
+    result = summary.outcome.result
+    rows, cols = result.disparity.shape
+    seconds = sum(result.timings.values())
     flagged = [
         f"{name.replace('_', ' ')} {count / (rows * cols):.1%}"
         for name, count in summary.flags.items()
         if count
     ]
     return [
-        f"{cols} x {rows} pixels, {summary.disparities[1]} disparities, {seconds:.3f} s",
+        f"{cols} x {rows} pixels, {summary.outcome.disparities[1]} disparities, {seconds:.3f} s",
         f"estimated {summary.estimated:.1%}, flagged: {', '.join(flagged) or 'none'}",
-        *([] if blur is None else [f"blur: {blur}"]),
+        *([] if result.blur is None else [f"blur: {result.blur}"]),
         *(f"wrote {path}" for path in summary.files.values()),
     ]
 

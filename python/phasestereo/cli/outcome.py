@@ -1,0 +1,53 @@
+"""What a match came to: everything that ``phasestereo match`` may be asked to write or to show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo.result import Result
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo.cli.scoring import Truth
+    from phasestereo.metrics import Score
+    from phasestereo.settings import Settings
+
+    Image = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """A result, what it was made from, and how it compares.
+
+    Parameters
+    ----------
+    pair
+        The left and the right image.
+    result
+        The result.
+    disparities
+        The smallest disparity searched, and how many were.
+    truth, score
+        The disparities known to be right, if any, and the metrics against them.
+    """
+
+    pair: tuple[Image, Image]
+    result: Result
+    disparities: tuple[int, int]
+    truth: Truth | None = None
+    score: Score | None = None
+
+
+def rehearsal(disparities: tuple[int, int], settings: Settings) -> Outcome:
+    """Return the smallest outcome there is that has the smallest and the largest disparity."""
+    low, count = disparities
+    extremes = np.array([[low, low + count - 1]], dtype=np.float32)
+    black = np.zeros(extremes.shape, dtype=np.uint8)
+    flags = np.zeros(extremes.shape, dtype=np.uint16)
+    confidence = np.ones_like(extremes) if settings.confidence else None
+    result = Result(extremes, flags, confidence, settings, {"matching": 0.0})
+    return Outcome((black, black), result, disparities)
