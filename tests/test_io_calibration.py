@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from phasestereo.io import Calibration, read_calibration, read_disparity
+from conftest import counterpart
+from phasestereo.io import Calibration, read_calibration, read_disparity, read_q
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
 QUARTER = "middlebury/MiddEval3/trainingQ"
 
@@ -69,6 +72,8 @@ def test_calibration_is_parsed(tmp_path: Path) -> None:
         ("cam0=[1000.5 0 300;", "cam0=[1000.5 0;", "line 1.*3 numbers"),
         ("cam0=[1000.5 0 300;", "cam0=[1000.5 nan 300;", "cam0 must be 3 x 3 finite"),
         ("cam0=[1000.5 0 300;", "cam0=[-1000.5 0 300;", "positive focal length"),
+        ("[1000.5 0 300; 0 1000.5 200", "[1000.5 1 300; 0 1000.5 200", "rectified camera"),
+        ("cam0=[1000.5 0 300; 0 1000.5 200", "cam0=[1000.5 0 300; 0 -5 200", "rectified camera"),
         ("cam1=", "cam9=", "no line gives cam1"),
         ("doffs=30", "doffs=nan", "doffs must be finite"),
         ("baseline=200.25", "baseline=0", "baseline must be positive"),
@@ -110,3 +115,165 @@ def test_real_depth_lies_where_the_calibration_says(data: Path) -> None:
     depth = loaded.depth(truth)
     np.testing.assert_array_equal(np.isnan(depth), np.isnan(truth))
     assert 1900 < np.nanmin(depth) < np.nanmax(depth) < 5000  # mm: a motorcycle in a workshop
+
+
+# OpenCV's Q
+
+
+Q = np.array(
+    [
+        [1, 0, 0, -333.75],
+        [0, 1, 0, -240.5],
+        [0, 0, 0, 512.25],
+        [0, 0, 1 / 128, 4 / 128],  # baseline 128, doffs 4
+    ]
+)
+SIZE = {"width": 640, "height": 480}
+
+
+def test_q_and_calibration_say_the_same() -> None:
+    rig = Calibration.from_q(Q, **SIZE)
+    assert rig == Calibration.from_focal(512.25, 128, doffs=4, cx=333.75, cy=240.5, **SIZE)
+    assert rig.cam1[0][2] == 337.75
+    np.testing.assert_array_equal(rig.q, Q)
+    assert Calibration.from_q(-2 * Q, **SIZE) == rig  # Q is homogeneous
+    assert Calibration.from_q(Q.astype(np.float32).tolist(), **SIZE) == rig
+
+
+def test_focal_lengths_may_differ() -> None:
+    camera = ((500.0, 0, 300), (0, 400.0, 200), (0, 0, 1))
+    rig = Calibration(cam0=camera, cam1=camera, doffs=0, baseline=64, **SIZE)
+    np.testing.assert_array_equal(rig.q[1], [0, 1.25, 0, -250])
+    assert Calibration.from_q(rig.q, **SIZE) == rig
+
+
+def changed(row: int, column: int, value: float) -> NDArray[np.float64]:
+    matrix = Q.copy()
+    matrix[row, column] = value
+    return matrix
+
+
+@pytest.mark.parametrize(
+    ("q", "error", "message"),
+    [
+        (Q[:3], ValueError, "q must be 4 x 4 finite numbers"),
+        (changed(0, 3, np.nan), ValueError, "q must be 4 x 4 finite numbers"),
+        (Q > 0, TypeError, "q must hold real numbers, got dtype bool"),
+        (np.zeros((4, 4)), ValueError, "q must be .1 0 0 -cx"),
+        (np.eye(4), ValueError, "q must be .1 0 0 -cx"),  # no focal length
+        (Q.T, ValueError, "q must be .1 0 0 -cx"),
+        (changed(0, 1, 0.5), ValueError, "q must be .1 0 0 -cx"),
+        (
+            Q * [[1], [-1], [-1], [1]],
+            ValueError,
+            "Y down, Z forward",
+        ),  # as OpenCV's sample turns it
+        (changed(3, 2, -1 / 128), ValueError, r"element \[3, 2\].* on the right of"),
+        (changed(3, 2, 0), ValueError, r"element \[3, 2\]"),
+    ],
+)
+def test_other_matrices_are_no_q(q: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=f"^{message}" if message.startswith("q") else message):
+        Calibration.from_q(q, **SIZE)
+
+
+def test_two_equal_cameras_look_through_the_centre() -> None:
+    rig = Calibration.from_focal(500, 0.12, **SIZE)
+    assert rig.cam0 == rig.cam1 == ((500, 0, 319.5), (0, 500, 239.5), (0, 0, 1))
+    assert (rig.doffs, rig.baseline, rig.ndisp) == (0, 0.12, None)
+    assert rig.depth(60) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"focal": 0}, ValueError, "focal must be positive"),
+        ({"focal": "500"}, TypeError, "focal must be a number"),
+        ({"focal": True}, TypeError, "focal must be a number"),
+        ({"focal": np.nan}, ValueError, "focal must be finite"),
+        ({"baseline": -0.1}, ValueError, "baseline must be positive"),
+        ({"doffs": np.inf}, ValueError, "doffs must be finite"),
+        ({"cx": np.nan}, ValueError, "cx must be finite"),
+        ({"cy": [1]}, TypeError, "cy must be a number"),
+        ({"width": 0}, ValueError, "width must be positive"),
+        ({"height": 480.0}, TypeError, "height must be an integer"),
+    ],
+)
+def test_cameras_that_cannot_be_are_refused(
+    arguments: Any, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=f"^{message}"):
+        Calibration.from_focal(**({"focal": 500, "baseline": 0.12} | SIZE | arguments))
+
+
+def test_calibrations_hold_for_one_size(tmp_path: Path) -> None:
+    loaded = calibration(tmp_path, CALIBRATION)
+    loaded.check_size((480, 640))
+    loaded.check_size((480, 640, 3))
+    with pytest.raises(ValueError, match="that of 640 x 480 .* the images' 320 x 240"):
+        loaded.check_size((240, 320))
+
+
+@pytest.mark.parametrize("suffix", [".yml", ".yaml", ".xml"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_q_is_read_from_files_of_opencv(tmp_path: Path, suffix: str, dtype: type) -> None:
+    cv2 = counterpart("cv2")
+    path = tmp_path / f"extrinsics{suffix}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("P1", np.ones((3, 4)))
+    storage.write("Q", Q.astype(dtype))
+    storage.write("Q2", np.zeros((4, 4)))
+    storage.release()
+    np.testing.assert_allclose(read_q(path), Q, rtol=1e-8 if dtype == np.float64 else 1e-7)
+
+
+def test_q_is_read_from_files_of_numpy(tmp_path: Path) -> None:
+    np.save(tmp_path / "q.npy", Q)
+    np.savez(tmp_path / "rig.npz", R1=np.eye(3), Q=Q)
+    np.savetxt(tmp_path / "q.txt", Q)
+    np.savetxt(tmp_path / "commas.txt", Q, delimiter=", ")
+    for name in ("q.npy", "rig.npz", "q.txt", "commas.txt"):
+        matrix = read_q(tmp_path / name)
+        assert matrix.dtype == np.float64
+        np.testing.assert_array_equal(matrix, Q)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("q.txt", b"1 2 3\n4 5 6", r"q\.txt: Q is 4 x 4 numbers, this is float64 .* \(2, 3\)"),
+        ("q.txt", b"1 2 3\n4 5", r"q\.txt: "),
+        ("q.txt", b"one two", r"q\.txt: .*one"),
+        ("q.txt", b"", r"q\.txt: Q is 4 x 4"),
+        ("q.npy", b"not an array", r"q\.npy: "),
+        ("q.npz", b"not a zip", r"q\.npz: "),
+        ("q.yml", b"%YAML:1.0\nP: 1\n", r"q\.yml: no 4 x 4 matrix .* named Q"),
+        (
+            "q.yml",
+            b"Q: !!opencv-matrix\n rows: 4\n cols: 4\n dt: d\n data: [ 1., 0. ]",
+            r"q\.yml: the matrix Q has 2 numbers instead of 16",
+        ),
+        (
+            "q.yml",
+            b"Q: !!opencv-matrix\n rows: 3\n cols: 4\n dt: d\n data: [ 1., 0. ]",
+            r"q\.yml: no 4 x 4",
+        ),
+        ("q.xml", b"<opencv_storage></opencv_storage>", r"q\.xml: no 4 x 4"),
+        ("q.csv", b"", r"must end in one of \.npy, .*, got '\.csv'"),
+    ],
+)
+def test_files_without_a_q_are_refused(
+    tmp_path: Path, name: str, content: bytes, message: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ValueError, match=message):
+        read_q(tmp_path / name)
+
+
+def test_archives_without_a_q_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "rig.npz", R1=np.eye(3))
+    with pytest.raises(ValueError, match=r"rig\.npz: no array is named Q, only R1"):
+        read_q(tmp_path / "rig.npz")
+    np.save(tmp_path / "q.npy", np.array([[None] * 4] * 4))
+    with pytest.raises(ValueError, match=r"q\.npy: "):
+        read_q(tmp_path / "q.npy")

@@ -25,6 +25,7 @@ from phasestereo.matcher import Matcher, match
 from phasestereo.result import Flag, Result
 from phasestereo.scanline import optimize
 from phasestereo.settings import PRESETS, Settings
+from phasestereo.triangulation import PointCloud, point_cloud
 
 __all__ = [
     "PRESETS",
@@ -35,6 +36,7 @@ __all__ = [
     "Finding",
     "Flag",
     "Matcher",
+    "PointCloud",
     "Result",
     "Settings",
     "aggregate",
@@ -44,6 +46,7 @@ __all__ = [
     "estimate_blur",
     "match",
     "optimize",
+    "point_cloud",
 ]
 __version__ = _core.__version__
 

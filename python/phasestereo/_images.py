@@ -62,6 +62,31 @@ def as_pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
     return pair
 
 
+def as_rgb8(pixels: Pixels) -> NDArray[np.uint8]:
+    """Return an image, as `as_pixels` does, as one to look at: uint8 (H, W, 3).
+
+    uint8 stays as it is; uint16 is shifted down from as many bits as the image uses, since few
+    cameras use all 16; floats are stretched to the range in which they lie, but for 0.1 % at either
+    end, NaN being black.
+    """
+    if pixels.dtype == np.uint16:
+        shift = max(int(pixels.max()).bit_length() - 8, 0)
+        shown = np.right_shift(pixels, shift, dtype=np.uint16).astype(np.uint8)
+    elif pixels.dtype == np.uint8:
+        shown = pixels.astype(np.uint8, copy=False)
+    else:
+        shown = _stretched(pixels)
+    return np.broadcast_to(shown, (*shown.shape[:2], 3))
+
+
+def _stretched(pixels: Pixels) -> NDArray[np.uint8]:
+    known = np.isfinite(pixels)
+    low, high = np.percentile(pixels[known], (0.1, 99.9)) if known.any() else (0.0, 1.0)
+    share = (np.where(known, pixels, low) - low) / ((high - low) or 1.0)
+    stretched: NDArray[np.uint8] = np.rint(255 * np.clip(share, 0, 1)).astype(np.uint8)
+    return stretched
+
+
 def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray[np.bool_] | None:
     """Return a mask (True = valid) of the given size as a contiguous array, or None."""
     if mask is None:

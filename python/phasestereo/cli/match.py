@@ -10,6 +10,7 @@ from typing import Annotated
 from cyclopts import Group, Parameter, validators
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.geometry import Geometry
 from phasestereo.cli.mask import read_mask
 from phasestereo.cli.options import Overrides
 from phasestereo.cli.outcome import Outcome, rehearsal
@@ -26,11 +27,12 @@ _OPTIONS = _VALUES | {field.name for field in fields(Settings)}
 
 _SEARCH = Group.create_ordered("Search")
 _OUTPUT = Group.create_ordered("Output")
+_GEOMETRY = Group.create_ordered("Geometry", help="For --ply and --depth.")
 _SCORE = Group.create_ordered("Score")
 _SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
 _AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
 _REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
-_OUTPUTS, _SCORING = Outputs(), Scoring()
+_OUTPUTS, _NO_GEOMETRY, _SCORING = Outputs(), Geometry(), Scoring()
 _PRESET = signature(match_pair).parameters["preset"].default
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
 
@@ -47,6 +49,7 @@ def match(
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
     outputs: Annotated[Outputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
+    geometry: Annotated[Geometry, Parameter(name="*", group=_GEOMETRY)] = _NO_GEOMETRY,
     scoring: Annotated[Scoring, Parameter(name="*", group=_SCORE)] = _SCORING,
     preset: Annotated[str, Parameter(group=_SETTINGS, help=_PRESET_HELP)] = _PRESET,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
@@ -54,8 +57,8 @@ def match(
     """Match a rectified stereo pair.
 
     The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in the right one.
-    At least one of ``--output``, ``--color``, ``--truth`` and ``--json`` says what to do with the
-    disparities d. For example:
+    At least one of ``--output``, ``--color``, ``--ply``, ``--depth``, ``--truth`` and ``--json``
+    says what to do with the disparities d. For example:
 
     ```
     phasestereo match left.png right.png --num-disparities 64 -o out.pfm
@@ -81,17 +84,22 @@ def match(
         Standard deviation of the images' noise, in units of their pixels; needed with --weak.
     """
     scoring.check()
+    geometry.check(wanted=outputs.need_geometry())
     if not (outputs.asked_for() or scoring.truth):
-        raise CommandError("nothing to do: give -o, --color, --truth or --json", WRONG_USAGE)
+        raise CommandError(
+            "nothing to do: give -o, --color, --ply, --depth, --truth or --json", WRONG_USAGE
+        )
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
     sources = [left, right, left_mask, right_mask, *scoring.sources()]
+    sources += geometry.sources()
     disparities = min_disparity, num_disparities
-    outputs.check(sources, rehearsal(disparities, settings))
     with refusals():
         images = read_image(left), read_image(right)
         masks = read_mask(left_mask), read_mask(right_mask)
         truth = scoring.read(images[0].shape[:2])
+        rig = geometry.read(images[0].shape[:2], disparities)
+    outputs.check(sources, rehearsal(disparities, settings, rig))
     with refusals(options=_OPTIONS), progress_bar("Matching") as progress:
         result = match_pair(
             *images,
@@ -106,6 +114,6 @@ def match(
         )
     with refusals():
         score = None if truth is None else truth.score(result.disparity)
-        outcome = Outcome(images, result, disparities, truth, score)
+        outcome = Outcome(images, result, disparities, truth, score, rig)
         written = outputs.write(outcome)
     show(Summary(outcome, written), as_json=outputs.json)

@@ -12,6 +12,7 @@ from phasestereo.result import Result
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from phasestereo.cli.geometry import Rig
     from phasestereo.cli.scoring import Truth
     from phasestereo.metrics import Score
     from phasestereo.settings import Settings
@@ -33,6 +34,8 @@ class Outcome:
         The smallest disparity searched, and how many were.
     truth, score
         The disparities known to be right, if any, and the metrics against them.
+    rig
+        The geometry of the pair, if it is known.
     """
 
     pair: tuple[Image, Image]
@@ -40,9 +43,10 @@ class Outcome:
     disparities: tuple[int, int]
     truth: Truth | None = None
     score: Score | None = None
+    rig: Rig | None = None
 
 
-def rehearsal(disparities: tuple[int, int], settings: Settings) -> Outcome:
+def rehearsal(disparities: tuple[int, int], settings: Settings, rig: Rig | None = None) -> Outcome:
     """Return the smallest outcome there is that has the smallest and the largest disparity."""
     low, count = disparities
     extremes = np.array([[low, low + count - 1]], dtype=np.float32)
@@ -50,4 +54,5 @@ def rehearsal(disparities: tuple[int, int], settings: Settings) -> Outcome:
     flags = np.zeros(extremes.shape, dtype=np.uint16)
     confidence = np.ones_like(extremes) if settings.confidence else None
     result = Result(extremes, flags, confidence, settings, {"matching": 0.0})
-    return Outcome((black, black), result, disparities)
+    small = None if rig is None else rig.of_size(extremes.shape)
+    return Outcome((black, black), result, disparities, rig=small)

@@ -12,8 +12,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
+from phasestereo.cli.geometry import Rig
 from phasestereo.cli.outcome import Outcome
-from phasestereo.io import write_disparity, write_image
+from phasestereo.io import write_depth, write_disparity, write_image, write_ply
 from phasestereo.picture import disparity_picture
 
 Writer = Callable[[Path, Outcome], None]
@@ -31,17 +32,29 @@ class Outputs:
     color
         Image file for the disparities in colour, beside a scale in pixels; pixels without an
         estimate are gray. Needs the extra ``plot``.
+    ply
+        File for the points in space, in the colours of the left image: .ply, binary; X to the
+        right, Y down, Z forward, in the unit of the baseline. Needs a geometry.
+    depth
+        File for the depths: .png of 16-bit mm, 0 being none, or .tif, .pfm, .npy in the unit of the
+        baseline. Needs a geometry.
     json
         Print one JSON object on standard output: size, settings, timings, flags, metrics, files.
     """
 
     output: Annotated[Path | None, Parameter(alias="-o")] = None
     color: Path | None = None
+    ply: Path | None = None
+    depth: Path | None = None
     json: Annotated[bool, Parameter(negative=(), show_default=False)] = False
 
     def asked_for(self) -> bool:
         """Tell whether anything is to come out."""
-        return bool(self.output or self.color or self.json)
+        return bool(self._files() or self.json)
+
+    def need_geometry(self) -> bool:
+        """Tell whether anything that is to come out depends on the geometry of the pair."""
+        return bool(self.ply or self.depth)
 
     def check(self, sources: Iterable[Path | None], rehearsal: Outcome) -> None:
         """Refuse what cannot or must not be written.
@@ -73,7 +86,12 @@ class Outputs:
         return {name: str(path) for name, path, _ in self._files()}
 
     def _files(self) -> list[tuple[str, Path, Writer]]:
-        files = ("output", self.output, _write_disparity), ("color", self.color, _write_color)
+        files = [
+            ("output", self.output, _write_disparity),
+            ("color", self.color, _write_color),
+            ("ply", self.ply, _write_ply),
+            ("depth", self.depth, _write_depth),
+        ]
         return [(name, path, write) for name, path, write in files if path]
 
 
@@ -83,6 +101,23 @@ def _write_disparity(path: Path, outcome: Outcome) -> None:
 
 def _write_color(path: Path, outcome: Outcome) -> None:
     write_image(path, disparity_picture(outcome.result.disparity))
+
+
+def _write_ply(path: Path, outcome: Outcome) -> None:
+    write_ply(path, _rig(outcome).points(outcome.result.disparity, outcome.pair[0]))
+
+
+def _write_depth(path: Path, outcome: Outcome) -> None:
+    rig = _rig(outcome)
+    if rig.unit is None and path.suffix.lower() == ".png":
+        raise ValueError("a .png holds mm: give --unit mm, cm or m, that of the baseline")
+    write_depth(path, rig.depth(outcome.result.disparity), unit=rig.unit or "mm")
+
+
+def _rig(outcome: Outcome) -> Rig:
+    if outcome.rig is None:
+        raise ValueError("needs a geometry: give --calib, --q, or --focal and --baseline")
+    return outcome.rig
 
 
 def _same(path: Path, other: Path) -> bool:

@@ -1,26 +1,35 @@
-"""Files in and out: images, disparity maps, ground truth and calibrations.
+"""Files in and out: images, disparity and depth maps, ground truth, calibrations, point clouds.
 
 In memory a disparity map is float32 with NaN where there is no estimate; every format's own mark
 for that (+inf in PFM, 0 in KITTI's PNG) is translated here and nowhere else. What a file holds
 arrives exactly, to the bit, or not at all: nothing is narrowed, rescaled or clipped on the way.
-Files are written whole or not at all. Images need the extra ``io``; ``.npy`` and ``.pfm`` do not.
+Files are written whole or not at all. Images need the extra ``io``; ``.npy``, ``.pfm`` and ``.ply``
+do not.
 """
 
 from __future__ import annotations
 
 from phasestereo.io.calibration import Calibration, read_calibration
+from phasestereo.io.depth import LengthUnit, read_depth, write_depth
 from phasestereo.io.disparity import read_disparity, read_truth, write_disparity
 from phasestereo.io.image import read_image, write_image
 from phasestereo.io.pfm import read_pfm, write_pfm
+from phasestereo.io.ply import write_ply
+from phasestereo.io.qmatrix import read_q
 
 __all__ = [
     "Calibration",
+    "LengthUnit",
     "read_calibration",
+    "read_depth",
     "read_disparity",
     "read_image",
     "read_pfm",
+    "read_q",
     "read_truth",
+    "write_depth",
     "write_disparity",
     "write_image",
     "write_pfm",
+    "write_ply",
 ]

@@ -1,10 +1,11 @@
-"""Calibrations of rectified pairs, as Middlebury's ``calib.txt`` states them."""
+"""Calibrations of rectified pairs: Middlebury's ``calib.txt``, OpenCV's Q, a few numbers."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from numbers import Integral, Real
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 
@@ -25,11 +26,20 @@ Camera: TypeAlias = tuple[tuple[float, ...], ...]
 class Calibration:
     """The geometry of a rectified pair; the fields are those of ``calib.txt`` [1]_.
 
+    Points and depths that follow from it are in the frame of the left camera, X to the right, Y
+    down and Z forward, and in the unit of `baseline`.
+
     Raises
     ------
+    TypeError
+        If width, height or ndisp is not an integer.
     ValueError
-        If a camera is not a 3 x 3 matrix with a positive focal length, or baseline, width, height
-        or ndisp is not positive, or a number is not finite.
+        If a camera is not [fx 0 cx; 0 fy cy; 0 0 1] with positive focal lengths, or baseline,
+        width, height or ndisp is not positive, or a number is not finite.
+
+    See Also
+    --------
+    read_calibration : From Middlebury's ``calib.txt``.
 
     References
     ----------
@@ -69,11 +79,134 @@ class Calibration:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive and finite, got {value}")
+        for name in ("width", "height", "ndisp"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Integral):
+                raise TypeError(f"{name} must be an integer, got {value!r}")
+
+    @classmethod
+    def from_focal(
+        cls,
+        focal: float,
+        baseline: float,
+        *,
+        width: int,
+        height: int,
+        doffs: float = 0.0,
+        cx: float | None = None,
+        cy: float | None = None,
+    ) -> Self:
+        """Make the calibration of two equal cameras.
+
+        Parameters
+        ----------
+        focal
+            Focal length, pixels.
+        baseline
+            Distance of the cameras; its unit is that of all depths.
+        width, height
+            Size of the images, pixels.
+        doffs
+            Difference of the principal points in x, right - left, pixels.
+        cx, cy
+            Principal point of the left camera, pixels, the centre of the first pixel being (0, 0).
+            None: the centre of the image.
+
+        Raises
+        ------
+        TypeError
+            If an argument is not a number, or width or height not an integer.
+        ValueError
+            If focal, baseline, width or height is not positive, or a number is not finite.
+        """
+        f = _number("focal", focal)
+        if f <= 0:
+            raise ValueError(f"focal must be positive and finite, got {focal}")
+        offset = _number("doffs", doffs)
+        x = (width - 1) / 2 if cx is None else _number("cx", cx)
+        y = (height - 1) / 2 if cy is None else _number("cy", cy)
+        return cls(
+            cam0=((f, 0.0, x), (0.0, f, y), (0.0, 0.0, 1.0)),
+            cam1=((f, 0.0, x + offset), (0.0, f, y), (0.0, 0.0, 1.0)),
+            doffs=offset,
+            baseline=_number("baseline", baseline),
+            width=width,
+            height=height,
+        )
+
+    @classmethod
+    def from_q(cls, q: ArrayLike, *, width: int, height: int) -> Self:
+        """Make a calibration of the matrix Q of OpenCV's ``stereoRectify`` [2]_.
+
+        Parameters
+        ----------
+        q
+            The 4 x 4 matrix [1 0 0 -cx; 0 1 0 -cy; 0 0 0 f; 0 0 -1/Tx (cx - cx')/Tx], or a multiple
+            of it; Tx = -baseline. Its second row may have a factor, which is fx / fy.
+        width, height
+            Size of the rectified images, pixels.
+
+        Raises
+        ------
+        TypeError
+            If q does not hold real numbers, or width or height is not an integer.
+        ValueError
+            If q is no such matrix, or is that of a pair in which the left camera is on the right.
+
+        See Also
+        --------
+        read_q : From the files in which Q is kept.
+
+        References
+        ----------
+        .. [2] OpenCV, camera calibration and 3D reconstruction, ``stereoRectify`` and
+           ``reprojectImageTo3D``, https://docs.opencv.org/4.x/d9/d0c/group__calib3d.html
+        """
+        (_, _, _, x), (_, row, _, y), (_, _, _, f), (_, _, inverse, offset) = _checked_q(q)
+        cx, fy, cy, doffs = -x, f / row, -y / row, offset / inverse
+        return cls(
+            cam0=((f, 0.0, cx), (0.0, fy, cy), (0.0, 0.0, 1.0)),
+            cam1=((f, 0.0, cx + doffs), (0.0, fy, cy), (0.0, 0.0, 1.0)),
+            doffs=doffs,
+            baseline=1 / inverse,
+            width=width,
+            height=height,
+        )
+
+    @property
+    def q(self) -> NDArray[np.float64]:
+        """OpenCV's matrix Q of this pair, (4, 4): what ``cv2.reprojectImageTo3D`` takes."""
+        (fx, _, cx), (_, fy, cy), _ = self.cam0
+        row, inverse = fx / fy, 1 / self.baseline
+        return np.array(
+            [
+                [1, 0, 0, -cx],
+                [0, row, 0, -cy * row],
+                [0, 0, 0, fx],
+                [0, 0, inverse, self.doffs * inverse],
+            ],
+            dtype=np.float64,
+        )
 
     @property
     def focal(self) -> float:
         """Focal length of the left camera, pixels."""
         return self.cam0[0][0]
+
+    def check_size(self, shape: tuple[int, ...]) -> None:
+        """Refuse a map or an image, of shape (H, W, ...), that is not of the calibrated size.
+
+        Raises
+        ------
+        ValueError
+            If the size is another one: f, cx, cy and doffs hold for one size only.
+        """
+        if shape[:2] != (self.height, self.width):
+            given = " x ".join(map(str, reversed(shape[:2])))
+            raise ValueError(
+                f"calibration: got that of {self.width} x {self.height} pixels; accepts that of "
+                f"the images' {given} (focal length, principal point and doffs depend on the size)"
+            )
 
     def depth(self, disparity: ArrayLike) -> NDArray[np.float32]:
         """Return the depth of each disparity, Z = baseline * focal / (d + doffs).
@@ -104,6 +237,14 @@ class Calibration:
             return np.where(in_front, ahead, np.nan).astype(np.float32)
 
 
+def _number(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a number, got {value!r}")
+    if not math.isfinite(value):
+        raise ValueError(f"{name} must be finite, got {value}")
+    return float(value)
+
+
 def _checked_camera(name: str, matrix: ArrayLike) -> Camera:
     """Return a matrix as rows of numbers, which compare and hash as arrays do not."""
     rows = np.asarray(matrix, dtype=np.float64)
@@ -112,7 +253,37 @@ def _checked_camera(name: str, matrix: ArrayLike) -> Camera:
             f"{name} must be 3 x 3 finite numbers, the first the positive focal length, "
             f"got {matrix!r}"
         )
+    (_, skew, _), (turn, fy, _), bottom = rows.tolist()
+    if fy <= 0 or skew != 0 or turn != 0 or bottom != [0, 0, 1]:
+        raise ValueError(
+            f"{name} must be [fx 0 cx; 0 fy cy; 0 0 1] as of a rectified camera, got {matrix!r}"
+        )
     return tuple(tuple(row) for row in rows.tolist())
+
+
+_Q_ZEROS = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1), (2, 2), (3, 0), (3, 1))
+
+
+def _checked_q(q: ArrayLike) -> list[list[float]]:
+    """Return the rows of a matrix Q, scaled so that the first element is 1."""
+    given = np.asarray(q)
+    if given.dtype.kind not in "iuf":
+        raise TypeError(f"q must hold real numbers, got dtype {given.dtype}")
+    if given.shape != (4, 4) or not np.isfinite(given).all():
+        raise ValueError(f"q must be 4 x 4 finite numbers, got {given.tolist()}")
+    matrix = given.astype(np.float64) / (given[0, 0] or 1)
+    if any(matrix[place] for place in _Q_ZEROS) or not (matrix[[0, 1, 2], [0, 1, 3]] > 0).all():
+        raise ValueError(
+            "q must be [1 0 0 -cx; 0 1 0 -cy; 0 0 0 f; 0 0 1/baseline doffs/baseline] with f > 0 "
+            f"(X to the right, Y down, Z forward), got {given.tolist()}"
+        )
+    if not matrix[3, 2] > 0:
+        raise ValueError(
+            f"q must have a positive element [3, 2], which is 1/baseline, got {matrix[3, 2]:g}: "
+            "is the left camera on the right of the other one?"
+        )
+    rows: list[list[float]] = matrix.tolist()
+    return rows
 
 
 def read_calibration(path: StrPath) -> Calibration:

@@ -8,17 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from phasestereo.io.files import suffix
 from phasestereo.io.image import read_image, write_image
+from phasestereo.io.maps import (
+    FLOAT_SUFFIXES,
+    check_map,
+    known_suffix,
+    read_stored,
+    write_floats,
+)
 from phasestereo.io.pixels import channels
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from phasestereo.io.files import StrPath
-
-_FLOAT_SUFFIXES = (".pfm", ".npy", ".tif", ".tiff")
-_SUFFIXES = (*_FLOAT_SUFFIXES, ".png")
 
 _KITTI_SCALE = 256
 _KITTI_END = 65535.5 / _KITTI_SCALE  # the first value to round to 65536
@@ -57,16 +60,8 @@ def read_disparity(path: StrPath) -> NDArray[np.float32]:
     .. [1] M. Menze, A. Geiger, Object scene flow for autonomous vehicles, CVPR 2015; the stereo
        development kit, https://www.cvlibs.net/datasets/kitti/eval_scene_flow.php
     """
-    ending = _known_suffix(path)
-    stored = read_image(path)
-    expected = np.uint16 if ending == ".png" else np.float32
-    if channels(stored.shape) != 1 or stored.dtype != expected:
-        hint = " (read_truth reads gray-coded maps of any scale)" if ending == ".png" else ""
-        raise ValueError(
-            f"{os.fspath(path)}: a disparity map in {ending} is {np.dtype(expected)} of shape "
-            f"(H, W), this is {stored.dtype} of shape {stored.shape}{hint}"
-        )
-    if ending == ".png":
+    stored = read_stored(path, "disparity", hint=" (read_truth reads gray-coded maps of any scale)")
+    if stored.dtype == np.uint16:
         return _decode_gray(stored, scale=_KITTI_SCALE, unknown=0)
     return np.where(np.isfinite(stored), stored, np.float32(np.nan))
 
@@ -96,14 +91,12 @@ def write_disparity(path: StrPath, disparity: NDArray[np.floating[Any]]) -> None
     ImportError
         If the format needs the extra ``io`` and that is not installed.
     """
-    ending = _known_suffix(path)
-    checked = _check_map(disparity)
+    ending = known_suffix(path, "disparity")
+    checked = check_map(disparity, "disparity")
     if ending == ".png":
         write_image(path, _encode_kitti(checked))
-    elif ending == ".pfm":
-        write_image(path, np.where(np.isnan(checked), np.float32(np.inf), checked))
     else:
-        write_image(path, checked)
+        write_floats(path, checked)
 
 
 def read_truth(path: StrPath, *, scale: float, unknown: int | None = 0) -> NDArray[np.float32]:
@@ -146,29 +139,6 @@ def read_truth(path: StrPath, *, scale: float, unknown: int | None = 0) -> NDArr
     return _decode_gray(stored, scale=scale, unknown=unknown)
 
 
-def _known_suffix(path: StrPath) -> str:
-    ending = suffix(path)
-    if ending not in _SUFFIXES:
-        raise ValueError(
-            f"path of a disparity map must end in one of {', '.join(_SUFFIXES)}, got {ending!r}"
-        )
-    return ending
-
-
-def _check_map(disparity: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
-    """Return a disparity map as float32, if it is one."""
-    if not isinstance(disparity, np.ndarray) or disparity.dtype.name not in ("float32", "float64"):
-        got = getattr(disparity, "dtype", type(disparity).__name__)
-        raise TypeError(f"disparity must be an array of float32 or float64, got {got}")
-    if channels(disparity.shape) != 1:
-        raise ValueError(f"disparity must have shape (H, W), got {disparity.shape}")
-    with np.errstate(over="ignore"):  # what overflows is refused as infinite
-        checked = disparity.astype(np.float32)
-    if np.isinf(checked).any():
-        raise ValueError("disparity must be finite in float32, or NaN for no estimate; got inf")
-    return checked
-
-
 def _encode_kitti(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Code a map as round(256 d), halves up and at least 1, and NaN as 0."""
     known = ~np.isnan(disparity)
@@ -178,7 +148,7 @@ def _encode_kitti(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
         raise ValueError(
             f"disparity must lie in [0, 65535.5/256) for a 16-bit .png; "
             f"{np.count_nonzero(outside)} values do not (the map spans {low:g} to {high:g}): "
-            f"write {', '.join(_FLOAT_SUFFIXES)} instead"
+            f"write {', '.join(FLOAT_SUFFIXES)} instead"
         )
     codes = np.floor(np.where(known, disparity, 0) * np.float64(_KITTI_SCALE) + 0.5)
     return np.where(known, np.maximum(codes, 1), 0).astype(np.uint16)

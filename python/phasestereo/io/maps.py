@@ -1,0 +1,72 @@
+"""What disparity and depth maps have in common: float32 with NaN in memory, and their formats."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo.io.files import suffix
+from phasestereo.io.image import read_image, write_image
+from phasestereo.io.pixels import channels
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo.io.files import StrPath
+
+FLOAT_SUFFIXES = (".pfm", ".npy", ".tif", ".tiff")
+_SUFFIXES = (*FLOAT_SUFFIXES, ".png")
+
+
+def known_suffix(path: StrPath, name: str) -> str:
+    """Return the suffix of the path of a map, if it is that of a format of maps."""
+    ending = suffix(path)
+    if ending not in _SUFFIXES:
+        raise ValueError(
+            f"path of a {name} map must end in one of {', '.join(_SUFFIXES)}, got {ending!r}"
+        )
+    return ending
+
+
+def check_map(values: NDArray[np.floating[Any]], name: str) -> NDArray[np.float32]:
+    """Return a map as float32, if it is one."""
+    if not isinstance(values, np.ndarray) or values.dtype.name not in ("float32", "float64"):
+        got = getattr(values, "dtype", type(values).__name__)
+        raise TypeError(f"{name} must be an array of float32 or float64, got {got}")
+    if channels(values.shape) != 1:
+        raise ValueError(f"{name} must have shape (H, W), got {values.shape}")
+    with np.errstate(over="ignore"):  # what overflows is refused as infinite
+        checked = values.astype(np.float32)
+    if np.isinf(checked).any():
+        what = "estimate" if name == "disparity" else name
+        raise ValueError(f"{name} must be finite in float32, or NaN for no {what}; got inf")
+    return checked
+
+
+def read_stored(path: StrPath, name: str, *, hint: str = "") -> NDArray[Any]:
+    """Read a map as it is stored: uint16 from a PNG, else float32.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is unknown, or the file is damaged or does not hold a map.
+    """
+    ending = known_suffix(path, name)
+    stored = read_image(path)
+    expected = np.uint16 if ending == ".png" else np.float32
+    if channels(stored.shape) != 1 or stored.dtype != expected:
+        raise ValueError(
+            f"{os.fspath(path)}: a {name} map in {ending} is {np.dtype(expected)} of shape "
+            f"(H, W), this is {stored.dtype} of shape {stored.shape}"
+            f"{hint if ending == '.png' else ''}"
+        )
+    return stored
+
+
+def write_floats(path: StrPath, values: NDArray[np.float32]) -> None:
+    """Write a map in one of the formats of `FLOAT_SUFFIXES`; NaN is +inf in a PFM file."""
+    if suffix(path) == ".pfm":
+        values = np.where(np.isnan(values), np.float32(np.inf), values)
+    write_image(path, values)

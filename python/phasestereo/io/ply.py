@@ -1,0 +1,77 @@
+"""Point clouds as PLY, the format of the Stanford 3D Scanning Repository."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo.io.files import replacing, suffix
+from phasestereo.triangulation import PointCloud
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo.io.files import StrPath
+
+_POSITION = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+_COLOUR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+_NAMES = {"<f4": "float", "u1": "uchar"}
+
+
+def write_ply(path: StrPath, cloud: PointCloud) -> None:
+    """Write a point cloud as a binary, little-endian PLY file [1]_.
+
+    Parameters
+    ----------
+    path
+        The file, ``.ply``; an existing one is replaced, and only once the new one is complete.
+    cloud
+        The points; each becomes a vertex of float x, y, z and, if there are colours, uchar red,
+        green, blue. Coordinates are written to the bit.
+
+    Raises
+    ------
+    TypeError
+        If cloud is not a `PointCloud`.
+    ValueError
+        If the suffix is another one.
+    OSError
+        If the file cannot be written.
+
+    References
+    ----------
+    .. [1] Greg Turk, The PLY polygon file format, 1994.
+    """
+    if suffix(path) != ".ply":
+        raise ValueError(f"path of a point cloud must end in .ply, got {suffix(path)!r}")
+    if not isinstance(cloud, PointCloud):
+        raise TypeError(f"cloud must be a PointCloud, got {type(cloud).__name__}")
+    vertices = _vertices(cloud)
+    with replacing(path) as file:
+        file.write(_header(vertices))
+        file.write(vertices.data)
+
+
+def _vertices(cloud: PointCloud) -> NDArray[Any]:
+    columns = _POSITION + ([] if cloud.colors is None else _COLOUR)
+    vertices = np.empty(len(cloud), dtype=columns)
+    for axis, (name, _) in enumerate(_POSITION):
+        vertices[name] = cloud.points[:, axis]
+    if cloud.colors is not None:
+        for channel, (name, _) in enumerate(_COLOUR):
+            vertices[name] = cloud.colors[:, channel]
+    return vertices
+
+
+def _header(vertices: NDArray[Any]) -> bytes:
+    columns = vertices.dtype.descr
+    lines = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment left camera: x to the right, y down, z forward",
+        f"element vertex {len(vertices)}",
+        *(f"property {_NAMES[column[1].replace('|', '')]} {column[0]}" for column in columns),
+        "end_header\n",
+    ]
+    return "\n".join(lines).encode("ascii")

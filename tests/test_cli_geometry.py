@@ -1,0 +1,210 @@
+"""Points and depths through the command line: from every form of geometry, or a clear refusal."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from conftest import counterpart
+from phasestereo import io
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+cli = pytest.importorskip("phasestereo.cli")
+
+WRONG, FAILED = 2, 1
+SHIFT, COUNT = 5, 16
+CALIB = """\
+cam0=[100 0 32; 0 100 20; 0 0 1]
+cam1=[100 0 34; 0 100 20; 0 0 1]
+doffs=2
+baseline=70
+width=65
+height=40
+"""
+RIG = "--focal 100 --baseline 70"
+# One geometry in each of its forms -> millimetres per unit of its baseline
+GEOMETRIES = {
+    "--calib calib.txt": 1,
+    "--calib metres.txt --unit m": 1000,
+    "--q q.npy --unit cm": 10,
+    "--focal 100 --baseline 0.07 --doffs 2 --cx 32 --cy 20 --unit m": 1000,
+}
+
+Run = tuple[int, str, str]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the current folder: a pair, everywhere at disparity SHIFT, and what calibrates it."""
+    monkeypatch.chdir(tmp_path)
+    scene = np.random.default_rng(0).integers(0, 256, (40, 70, 3), dtype=np.uint8)
+    io.write_image("left.png", scene[:, :-SHIFT])
+    io.write_image("right.png", scene[:, SHIFT:])
+    Path("calib.txt").write_text(CALIB, encoding="utf-8")
+    Path("metres.txt").write_text(CALIB.replace("=70", "=0.07"), encoding="utf-8")
+    rig = io.read_calibration("calib.txt")
+    np.save("q.npy", replace(rig, baseline=7).q)
+    return tmp_path
+
+
+@pytest.fixture
+def match(capsys: pytest.CaptureFixture[str]) -> Callable[[str], Run]:
+    """Return what matches the pair in this process: exit code, standard output, error."""
+
+    def match(options: str) -> Run:
+        arguments = f"match left.png right.png --num-disparities {COUNT} {options}"
+        code = cli.run(arguments.split())
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return match
+
+
+@pytest.mark.parametrize(("geometry", "scale"), GEOMETRIES.items())
+def test_points_come_out_in_colour(match: Callable[[str], Run], geometry: str, scale: int) -> None:
+    trimesh = counterpart("trimesh")
+    code, out, err = match(f"--ply out.ply -o out.npy {geometry}")
+    assert (code, err) == (0, "")
+    assert "wrote out.ply" in out
+    disparity = io.read_disparity("out.npy")
+    calibration = io.read_calibration("calib.txt")
+    expected = ps.point_cloud(disparity, calibration, image=io.read_image("left.png"))
+    read = trimesh.load("out.ply")
+    assert len(read.vertices) == disparity.size
+    np.testing.assert_allclose(read.vertices * scale, expected.points, rtol=1e-6, atol=1e-4)
+    np.testing.assert_array_equal(np.asarray(read.colors)[:, :3], expected.colors)
+    depth = 70 * 100 / (SHIFT + 2)
+    assert np.median(read.vertices[:, 2]) * scale == pytest.approx(depth, rel=0.01)
+
+
+@pytest.mark.parametrize(("geometry", "scale"), GEOMETRIES.items())
+def test_depths_come_out_as_millimetres_and_as_floats(
+    match: Callable[[str], Run], geometry: str, scale: int
+) -> None:
+    for name in ("out.png", "out.tif"):
+        assert match(f"--depth {name} -o out.npy {geometry}")[0] == 0
+    expected = io.read_calibration("calib.txt").depth(io.read_disparity("out.npy"))
+    np.testing.assert_allclose(io.read_depth("out.tif") * scale, expected, rtol=1e-6)
+    assert io.read_image("out.png").dtype == np.uint16
+    np.testing.assert_allclose(io.read_depth("out.png"), expected, rtol=0, atol=0.501)
+
+
+def test_what_has_no_depth_or_is_too_far_is_left_out(match: Callable[[str], Run]) -> None:
+    trimesh = counterpart("trimesh")
+    valid = np.ones((40, 65), np.uint8)
+    valid[:10] = 0
+    io.write_image("mask.png", valid)
+    options = "--left-mask mask.png --ply out.ply --depth out.tif --calib calib.txt"
+    assert match(options)[0] == 0
+    depth = io.read_depth("out.tif")
+    assert np.isnan(depth[:10]).all()
+    assert len(trimesh.load("out.ply").vertices) == np.isfinite(depth).sum() > 0
+    limit = float(np.nanmedian(depth))
+    assert match(f"{options} --max-depth {limit!r}")[0] == 0
+    expected = np.where(depth <= limit, depth, np.nan)
+    assert 0 < np.isfinite(expected).sum() < np.isfinite(depth).sum()
+    np.testing.assert_array_equal(io.read_depth("out.tif"), expected)
+    assert len(trimesh.load("out.ply").vertices) == np.isfinite(expected).sum()
+
+
+def test_json_names_the_files(match: Callable[[str], Run]) -> None:
+    code, out, _ = match("--json --ply out.ply --depth out.pfm --calib calib.txt")
+    assert code == 0
+    assert json.loads(out)["files"] == {"ply": "out.ply", "depth": "out.pfm"}
+
+
+REFUSALS = [
+    ("--ply a.ply", WRONG, "--ply: needs a geometry: give --calib, --q, or --focal and --baseline"),
+    ("--depth a.tif", WRONG, "--depth: needs a geometry"),
+    ("--ply a.ply --calib calib.txt --q q.npy", WRONG, "--q: got --calib, too; accepts one"),
+    (f"--ply a.ply --q q.npy {RIG}", WRONG, "--focal: got --q, too; accepts one geometry"),
+    ("--ply a.ply --focal 100", WRONG, "--focal: needs --baseline"),
+    ("--ply a.ply --baseline 70", WRONG, "--baseline: has no effect without --focal"),
+    ("--ply a.ply --calib calib.txt --cx 3", WRONG, "--cx: has no effect without --focal"),
+    ("--json --calib calib.txt", WRONG, "--calib: has no effect without --ply or --depth"),
+    ("--json --max-depth 5", WRONG, "--max-depth: has no effect without --ply or --depth"),
+    ("--ply a.ply --focal 0 --baseline 70", WRONG, "--focal"),
+    ("--ply a.ply --focal 100 --baseline -7", WRONG, "--baseline"),
+    (f"--ply a.ply {RIG} --doffs nan", FAILED, "doffs must be finite"),
+    (f"--ply a.ply {RIG} --doffs -99", FAILED, "no disparity up to 15 has a depth .* -99"),
+    (f"--ply a.ply {RIG} --unit inch", WRONG, "--unit"),
+    ("--depth a.png --q q.npy", WRONG, "--depth: a .png holds mm: give --unit"),
+    (f"--depth a.png {RIG} --unit m", WRONG, "--depth: .*is the unit right"),
+    (f"--depth a.jpg {RIG}", WRONG, "--depth: path of a depth map must end in"),
+    (f"--ply a.obj {RIG}", WRONG, "--ply: path of a point cloud must end in .ply"),
+    (f"--depth a.tif -o ./a.tif {RIG}", WRONG, "--depth: a.tif is in use"),
+    ("--depth calib.tif --calib calib.tif", WRONG, "--depth: calib.tif is in use"),
+    (f"--ply sub.ply {RIG}", FAILED, "--ply: sub.ply is a folder"),
+    (f"--ply none/a.ply {RIG}", FAILED, "none: no such folder"),
+    ("--ply a.ply --calib none.txt", FAILED, "none.txt: No such file"),
+    ("--ply a.ply --calib other.txt", FAILED, "other.txt: .*that of 66 x 40 pixels.* 65 x 40"),
+    ("--ply a.ply --calib left.png", FAILED, "left.png: "),
+    ("--ply a.ply --q three.npy", FAILED, "three.npy: Q is 4 x 4"),
+    ("--ply a.ply --q turned.npy", FAILED, "turned.npy: .*Y down"),
+]
+
+
+@pytest.mark.parametrize(("options", "code", "message"), REFUSALS)
+def test_refusals_come_before_the_match_and_leave_nothing(
+    match: Callable[[str], Run],
+    monkeypatch: pytest.MonkeyPatch,
+    options: str,
+    code: int,
+    message: str,
+) -> None:
+    Path("sub.ply").mkdir()
+    Path("calib.tif").write_text(CALIB, encoding="utf-8")
+    Path("other.txt").write_text(CALIB.replace("=65", "=66"), encoding="utf-8")
+    np.save("three.npy", np.eye(3))
+    np.save("turned.npy", np.load("q.npy") * [[1], [-1], [-1], [1]])
+    before = sorted(os.listdir())  # noqa: PTH208 - names, hidden ones too
+    monkeypatch.setattr("phasestereo.cli.match.match_pair", lambda *_, **__: pytest.fail("matched"))
+    got, out, err = match(options)
+    assert (got, out) == (code, "")
+    assert re.fullmatch(rf"phasestereo: error: .*{message}.*\n", err), err
+    assert sorted(os.listdir()) == before  # noqa: PTH208 - names, hidden ones too
+
+
+def test_failing_writes_leave_nothing_behind(
+    folder: Path, match: Callable[[str], Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("a.ply").write_bytes(b"as before")
+    before = sorted(os.listdir(folder))  # noqa: PTH208 - names, hidden ones too
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device", "a.ply")
+
+    monkeypatch.setattr("phasestereo.cli.outputs.Outputs.check", lambda *_: None)
+    monkeypatch.setattr(Path, "replace", fail)
+    code, _, err = match("--ply a.ply --calib calib.txt")
+    assert (code, err) == (FAILED, "phasestereo: error: a.ply: No space left on device\n")
+    assert sorted(os.listdir(folder)) == before  # noqa: PTH208 - names, hidden ones too
+    assert Path("a.ply").read_bytes() == b"as before"
+
+
+def test_a_real_pair_becomes_points(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trimesh = counterpart("trimesh")
+    scene = data / "middlebury/MiddEval3/trainingQ/Motorcycle"
+    images = [str(scene / "im0.png"), str(scene / "im1.png")]
+    options = ["--num-disparities", "80", "--calib", str(scene / "calib.txt")]
+    files = ["--ply", str(tmp_path / "m.ply"), "--depth", str(tmp_path / "m.png")]
+    assert cli.run(["match", *images, *options, *files]) == 0
+    assert capsys.readouterr().err == ""
+    points = trimesh.load(tmp_path / "m.ply").vertices
+    assert len(points) == 741 * 497
+    near, far = np.percentile(points[:, 2], (1, 99))
+    assert 1900 < near < far < 5500  # mm: a motorcycle in a workshop
+    depth = io.read_depth(tmp_path / "m.png")
+    np.testing.assert_allclose(depth.ravel(), points[:, 2], rtol=0, atol=0.501)

@@ -1,0 +1,102 @@
+"""PLY: what independent readers find in our files."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from conftest import counterpart
+from phasestereo import PointCloud
+from phasestereo.io import write_ply
+
+
+def cloud(*, coloured: bool, count: int = 1000) -> PointCloud:
+    random = np.random.default_rng(0)
+    points = random.normal(0, 1000, (count, 3)).astype(np.float32)
+    colors = random.integers(0, 256, (count, 3), dtype=np.uint8) if coloured else None
+    return PointCloud(points, colors)
+
+
+@pytest.mark.parametrize("coloured", [False, True])
+def test_trimesh_reads_it(tmp_path: Path, *, coloured: bool) -> None:
+    trimesh = counterpart("trimesh")
+    written = cloud(coloured=coloured)
+    write_ply(tmp_path / "cloud.ply", written)
+    read = trimesh.load(tmp_path / "cloud.ply")
+    np.testing.assert_array_equal(read.vertices.astype(np.float32), written.points)
+    if written.colors is not None:
+        np.testing.assert_array_equal(np.asarray(read.colors)[:, :3], written.colors)
+
+
+@pytest.mark.parametrize("coloured", [False, True])
+@pytest.mark.parametrize("count", [0, 1, 1000])
+def test_plyfile_reads_it(tmp_path: Path, *, coloured: bool, count: int) -> None:
+    plyfile = counterpart("plyfile")
+    written = cloud(coloured=coloured, count=count)
+    write_ply(tmp_path / "cloud.ply", written)
+    read = plyfile.PlyData.read(tmp_path / "cloud.ply", mmap=False)
+    assert (read.text, read.byte_order, len(read.elements)) == (False, "<", 1)
+    vertices = read["vertex"].data
+    columns = ["x", "y", "z", *(["red", "green", "blue"] if coloured else [])]
+    assert list(vertices.dtype.names) == columns
+    assert [vertices.dtype[name].str for name in columns] == ["<f4"] * 3 + ["|u1"] * (
+        len(columns) - 3
+    )
+    found = np.stack([vertices[name] for name in "xyz"], axis=1)
+    np.testing.assert_array_equal(found, written.points)
+    if written.colors is not None:
+        shown = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=1)
+        np.testing.assert_array_equal(shown, written.colors)
+
+
+def test_it_is_written_byte_by_byte_as_the_format_says(tmp_path: Path) -> None:
+    points = np.array([[1, -2, 3.5]], np.float32)
+    write_ply(tmp_path / "CLOUD.PLY", PointCloud(points, np.array([[1, 2, 255]], np.uint8)))
+    header, body = (tmp_path / "CLOUD.PLY").read_bytes().split(b"end_header\n")
+    assert header.decode() == (
+        "ply\n"
+        "format binary_little_endian 1.0\n"
+        "comment left camera: x to the right, y down, z forward\n"
+        "element vertex 1\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+    )
+    assert body == b"\0\0\x80\x3f\0\0\0\xc0\0\0\x60\x40\x01\x02\xff"
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "error", "message"),
+    [
+        ("cloud.pcd", cloud(coloured=True), ValueError, r"path .* \.ply, got '\.pcd'"),
+        ("cloud", cloud(coloured=True), ValueError, "path"),
+        ("cloud.ply", np.zeros((4, 3)), TypeError, "cloud must be a PointCloud, got ndarray"),
+        ("none/cloud.ply", cloud(coloured=True), FileNotFoundError, "no such folder"),
+    ],
+)
+def test_refusals_leave_nothing(
+    tmp_path: Path, name: str, given: Any, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        write_ply(tmp_path / name, given)
+    assert os.listdir(tmp_path) == []  # noqa: PTH208 - names, hidden ones too
+
+
+def test_what_was_there_stays_until_the_new_one_is_complete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "cloud.ply"
+    write_ply(path, cloud(coloured=True))
+    before = path.read_bytes()
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(OSError, match="No space"):
+        write_ply(path, cloud(coloured=False))
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["cloud.ply"]  # noqa: PTH208 - names, hidden ones too
