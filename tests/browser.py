@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
-import os
-import shutil
 from contextlib import contextmanager
+from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from PIL import Image
+
+from phasestereo.io.raster import decode_raster
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
-    from selenium.webdriver import Chrome
-
-ON_CI = os.environ.get("CI") == "true"
 
 # WebGL is drawn by SwiftShader, on the processor; whatever leads out of the machine goes nowhere.
 _OPTIONS = (
@@ -42,7 +40,7 @@ _OPTIONS = (
 class Browser:
     """One Chromium, by the driver that is installed beside it; pages open in a window of it."""
 
-    def __init__(self, driver: Chrome) -> None:
+    def __init__(self, driver: Any) -> None:
         self.driver = driver
 
     def open(self, page: Path, *, width: int = 1280, height: int = 900, dark: bool = False) -> None:
@@ -59,28 +57,24 @@ class Browser:
 
     def run(self, script: str, *arguments: Any) -> Any:
         """Run a script in the page; return what it returns."""
-        return self.driver.execute_script(script, *arguments)  # type: ignore[no-untyped-call] # selenium
+        return self.driver.execute_script(script, *arguments)
 
     def wait(self, condition: str, seconds: float = 30.0) -> None:
         """Wait until an expression of the page is true."""
-        from selenium.common.exceptions import TimeoutException
-        from selenium.webdriver.support.wait import WebDriverWait
-
-        try:
-            WebDriverWait(self.driver, seconds, 0.05).until(
-                lambda _: self.run(f"return Boolean({condition})")
-            )
-        except TimeoutException:
-            pytest.fail(f"{condition}: did not come true; the console says {self.complaints()}")
+        until = monotonic() + seconds
+        while not self.run(f"return Boolean({condition})"):
+            if monotonic() > until:
+                pytest.fail(f"{condition}: did not come true; the console says {self.complaints()}")
+            sleep(0.03)
 
     def complaints(self) -> list[str]:
         """Return what the console said since the last call, but for remarks."""
-        told = self.driver.get_log("browser")  # type: ignore[no-untyped-call] # selenium
+        told = self.driver.get_log("browser")
         return [line["message"] for line in told if line["level"] in ("SEVERE", "WARNING")]
 
     def requests(self) -> list[str]:
         """Return what was asked for since the last call, but for data that the page holds."""
-        told = self.driver.get_log("performance")  # type: ignore[no-untyped-call] # selenium
+        told = self.driver.get_log("performance")
         events = [json.loads(line["message"])["message"] for line in told]
         urls = [
             event["params"]["request"]["url"]
@@ -95,7 +89,7 @@ class Browser:
             shot = self.driver.find_element("css selector", selector).screenshot_as_png
         else:
             shot = self.driver.get_screenshot_as_png()
-        return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"))
+        return np.asarray(decode_raster(io.BytesIO(shot)), dtype=np.uint8)[:, :, :3]
 
     def whole_page(self) -> bytes:
         """Return all of the page as a PNG, also what is out of sight."""
@@ -103,30 +97,19 @@ class Browser:
         width = self.run("return innerWidth")
         clip = {"x": 0, "y": 0, "width": width, "height": height, "scale": 1}
         options = {"captureBeyondViewport": True, "clip": clip}
-        import base64
-
         shot = self.driver.execute_cdp_cmd("Page.captureScreenshot", options)["data"]
         return base64.b64decode(shot)
 
 
 @contextmanager
-def running() -> Iterator[Browser]:
-    """Start a browser, and end it afterwards; skip visibly, or fail on CI, where there is none."""
-    program, service = shutil.which("chromium"), shutil.which("chromedriver")
-    if not (program and service):
-        message = "no chromium and chromedriver: apt-get install chromium chromium-driver"
-        if ON_CI:
-            pytest.fail(message)
-        pytest.skip(message)
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
+def running(webdriver: Any, program: str, service: str) -> Iterator[Browser]:
+    """Start a browser, and end it afterwards; both programs are named: none is downloaded."""
     options = webdriver.ChromeOptions()
     options.binary_location = program
     for option in _OPTIONS:
         options.add_argument(option)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options, Service(service))  # both named: nothing is downloaded
+    driver = webdriver.Chrome(options, webdriver.ChromeService(service))
     try:
         yield Browser(driver)
     finally:

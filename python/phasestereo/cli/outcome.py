@@ -36,6 +36,8 @@ class Outcome:
         The disparities known to be right, if any, and the metrics against them.
     rig
         The geometry of the pair, if it is known.
+    names
+        The names of the images' files.
     """
 
     pair: tuple[Image, Image]
@@ -44,6 +46,7 @@ class Outcome:
     truth: Truth | None = None
     score: Score | None = None
     rig: Rig | None = None
+    names: tuple[str, str] = ("left", "right")
 
 
 def rehearsal(disparities: tuple[int, int], settings: Settings, rig: Rig | None = None) -> Outcome:

@@ -211,8 +211,6 @@ def _reliability(
     }
 
 
-def scored(
-    result: Result, truth: Map | None, mask: NDArray[np.bool_] | None
-) -> Score | None:
+def scored(result: Result, truth: Map | None, mask: NDArray[np.bool_] | None) -> Score | None:
     """Return all metrics, if there is a truth to work them out from."""
     return None if truth is None else score(result.disparity, truth, mask=mask)

@@ -44,6 +44,7 @@ def write_pair_page(
     truth: ArrayLike | None = None,
     mask: ArrayLike | None = None,
     calibration: Calibration | None = None,
+    max_depth: float | None = None,
     min_disparity: int = 0,
     num_disparities: int | None = None,
     title: str = "Stereo pair",
@@ -72,6 +73,9 @@ def write_pair_page(
     calibration
         Geometry of the points; without one they are drawn as if the focal length were the images'
         width and the cameras one unit apart, and the page says so.
+    max_depth
+        Points farther away, in the unit of the baseline, are left out; None: those more than half
+        as far again as nine tenths of them.
     min_disparity, num_disparities
         What was searched, to tell it; None: not told.
     title
@@ -82,7 +86,7 @@ def write_pair_page(
     TypeError
         If an argument has the wrong type.
     ValueError
-        If sizes differ, or there is nothing to score.
+        If sizes differ, or there is nothing to score; if there is a mask and no truth.
     OSError
         If the file cannot be written.
     ImportError
@@ -93,7 +97,11 @@ def write_pair_page(
     size = pair[0].shape[:2]
     known, counted = _checked(size, result, truth, mask)
     shown = _Shown(pair, result, known, counted, _step(size))
-    scene = scene_of(result.disparity, calibration, step=shown.step, most=MOST_POINTS)
+    if calibration is not None:
+        calibration.check_size(size)
+    scene = scene_of(
+        result.disparity, calibration, step=shown.step, most=MOST_POINTS, max_depth=max_depth
+    )
     search = None if num_disparities is None else (min_disparity, num_disparities)
     page = render_page("pair.html.j2", title=str(title), **_told(shown, scene, search))
     with replacing(path) as file:
@@ -193,4 +201,5 @@ def _told(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[s
 
 
 def _is_gray(image: Pixels) -> bool:
-    return image.shape[2] == 1
+    channels: int = image.shape[2]
+    return channels == 1

@@ -32,6 +32,8 @@ class Scene:
         Number of pixels with a depth, from which these were drawn.
     far
         Share of these that are too far away to be shown.
+    limit
+        The largest depth that is shown.
     geometry
         The geometry that makes points of pixels.
     nominal
@@ -41,6 +43,7 @@ class Scene:
     pixels: NDArray[np.uint32]
     total: int
     far: float
+    limit: float
     geometry: Calibration
     nominal: bool
 
@@ -58,7 +61,14 @@ class Scene:
         }
 
 
-def scene_of(disparity: Map, calibration: Calibration | None, *, step: int, most: int) -> Scene:
+def scene_of(
+    disparity: Map,
+    calibration: Calibration | None,
+    *,
+    step: int,
+    most: int,
+    max_depth: float | None = None,
+) -> Scene:
     """Return points of a disparity map, spread evenly over its pixels.
 
     Parameters
@@ -72,21 +82,24 @@ def scene_of(disparity: Map, calibration: Calibration | None, *, step: int, most
         Only pixels are chosen that the layers of the page hold: every step-th of every step-th row.
     most
         The largest number of points.
+    max_depth
+        Points farther away are left out; None: those far beyond nearly all of them.
     """
     geometry = calibration or _nominal(disparity.shape)
     depth = geometry.depth(disparity[::step, ::step]).ravel()
     index = np.flatnonzero(np.isfinite(depth))
-    limit = _FAR * float(np.percentile(depth[index], 90)) if index.size else 0.0
+    limit = max_depth
+    if limit is None:
+        limit = _FAR * float(np.percentile(depth[index], 90)) if index.size else 0.0
     near = index[depth[index] <= limit]
     far = 1 - near.size / index.size if index.size else 0.0
     chosen = _spread(near, most).astype(np.uint32)
-    return Scene(chosen, index.size, far, geometry, calibration is None)
+    return Scene(chosen, index.size, far, limit, geometry, calibration is None)
 
 
 def _nominal(size: tuple[int, ...]) -> Calibration:
     rows, cols = size
-    camera = ((cols, 0, (cols - 1) / 2), (0, cols, (rows - 1) / 2), (0, 0, 1))
-    return Calibration(cam0=camera, cam1=camera, doffs=0, baseline=1, width=cols, height=rows)
+    return Calibration.from_focal(cols, 1.0, width=cols, height=rows)
 
 
 def _spread(index: NDArray[np.intp], most: int) -> NDArray[np.intp]:

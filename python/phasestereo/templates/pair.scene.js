@@ -52,8 +52,9 @@ function boxOf(points) {
 
 // Look from a little behind, right of and above the left camera at what is in the middle of its
 // image. Plotly's unit is the cube root of the box's volume, its origin the middle of the box.
-function cameraOf(box, unit) {
+function cameraOf(box, unit, { clientWidth, clientHeight }) {
   const { focal, centre } = page.scene;
+  const back = 0.22 + Math.max(0, clientHeight / clientWidth - 0.6); // narrow windows see less
   const z = depthOf(middleOf(Float32Array.from(drawn, (at) => maps.disparity[at])));
   const x = (((page.cols * page.step) / 2 - centre[0]) * z) / focal[0];
   const y = (((page.rows * page.step) / 2 - centre[1]) * z) / focal[1];
@@ -61,12 +62,12 @@ function cameraOf(box, unit) {
     const [px, py, pz] = point.map((value, offset) => (value - (box[offset][0] + box[offset][1]) / 2) / unit);
     return { x: px, y: py, z: pz };
   };
-  return { up: { x: 0, y: -1, z: 0 }, center: placed(x, y, z), eye: placed(0.2 * z, -0.18 * z, -0.22 * z) };
+  return { up: { x: 0, y: -1, z: 0 }, center: placed(x, y, z), eye: placed(0.2 * z, -0.18 * z, -back * z) };
 }
 
 const middleOf = (numbers) => numbers.sort()[numbers.length >> 1];
 
-function cloudLayout() {
+function cloudLayout(place) {
   const box = boxOf(Array.from(drawn, pointOf));
   const unit = Math.cbrt(box.reduce((volume, [low, high]) => volume * (high - low), 1));
   const [x, y, z] = box.map(([low, high]) => (high - low) / unit);
@@ -77,7 +78,7 @@ function cloudLayout() {
   return {
     scene: {
       xaxis: axis("x", box[0]), yaxis: axis("y", box[1]), zaxis: axis(`z, ${page.scene.unit}`, box[2]),
-      aspectmode: "manual", aspectratio: { x, y, z }, dragmode: "orbit", camera: cameraOf(box, unit),
+      aspectmode: "manual", aspectratio: { x, y, z }, dragmode: "orbit", camera: cameraOf(box, unit, place),
     },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: styleOf("--soft"), activecolor: styleOf("--accent") },
     uirevision: "kept", // other colours leave the camera where it is
@@ -99,7 +100,7 @@ async function makeScene() {
     if (key === "picture" || maps[key]) element("tint").append(made("option", { value: key, textContent: label }));
   }
   if (!seen().length) element("trusted").checked = false;
-  const draw = () => Plotly.react(place, [cloudTrace()], cloudLayout(), CLOUD_BUTTONS);
+  const draw = () => Plotly.react(place, [cloudTrace()], cloudLayout(place), CLOUD_BUTTONS);
   const first = async () => {
     await draw();
     figures.push(draw);
