@@ -36,6 +36,9 @@ _OPTIONS = (
     "--no-first-run",
 )
 
+# Chromium's hints on how Plotly and WebGL could be faster.
+_HINTS = ("willReadFrequently", "GPU stall due to ReadPixels")
+
 
 class Browser:
     """One Chromium, by the driver that is installed beside it; pages open in a window of it."""
@@ -68,9 +71,10 @@ class Browser:
             sleep(0.03)
 
     def complaints(self) -> list[str]:
-        """Return what the console said since the last call, but for remarks."""
+        """Return what the console said since the last call, but for hints on speed."""
         told = self.driver.get_log("browser")
-        return [line["message"] for line in told if line["level"] in ("SEVERE", "WARNING")]
+        messages = [line["message"] for line in told if line["level"] in ("SEVERE", "WARNING")]
+        return [text for text in messages if not any(hint in text for hint in _HINTS)]
 
     def requests(self) -> list[str]:
         """Return what was asked for since the last call, but for data that the page holds."""

@@ -32,6 +32,12 @@ _TENTHS = 10
 _THRESHOLDS = np.geomspace(0.05, 32.0, 80)
 _ALIKE = "#8c8c8c"
 _AREAS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2", "#f0e442")
+_CHARTS = {
+    "disparities": ("Disparities", "Histogram of the disparities"),
+    "errors": ("Errors", "Share of the pixels that are off by more than so much"),
+    "reliability": ("Is the confidence right?", "Share of right disparities by confidence"),
+    "confidences": ("Confidences", "Histogram of the confidences"),
+}
 _KINDS = {
     "gaussian": "Gaussian of standard deviation {size:.2f} px",
     "disk": "out of focus, a disk of radius {size:.2f} px",
@@ -165,7 +171,9 @@ def charts(
     result: Result, truth: Map | None, scored: NDArray[np.bool_] | None
 ) -> dict[str, dict[str, Any]]:
     """Return the numbers of the charts: how disparities, errors and confidences are spread."""
-    found = {"disparities": _histogram(result.disparity, truth)}
+    found = {}
+    if np.isfinite(result.disparity).any():
+        found["disparities"] = _histogram(result.disparity, truth)
     if truth is not None and scored is not None and scored.any():
         error = np.abs(result.disparity[scored].astype(np.float64) - truth[scored])
         present = np.sort(error[np.isfinite(error)])
@@ -185,8 +193,6 @@ def _histogram(disparity: Map, truth: Map | None) -> dict[str, Any]:
     known = disparity[np.isfinite(disparity)]
     wanted = known[:0] if truth is None else truth[np.isfinite(truth)]
     either = np.concatenate([known, wanted])
-    if not either.size:
-        return {}
     low, high = float(either.min()), float(either.max())
     edges = np.linspace(low, high if high > low else low + 1.0, _BINS + 1)
     told: dict[str, Any] = {"edges": edges.tolist()}
@@ -214,3 +220,30 @@ def _reliability(
 def scored(result: Result, truth: Map | None, mask: NDArray[np.bool_] | None) -> Score | None:
     """Return all metrics, if there is a truth to work them out from."""
     return None if truth is None else score(result.disparity, truth, mask=mask)
+
+
+def chart_titles(shown: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Return the key, the title and the description of each chart."""
+    return [(key, *_CHARTS[key]) for key in shown]
+
+
+def readout(
+    result: Result, truth: Map | None, *, exact: bool, metric: bool, gray: tuple[bool, bool]
+) -> list[tuple[str, str]]:
+    """Return the key and the name of each value that is told of a pixel."""
+    rows = [
+        ("pixel", "Pixel"),
+        ("disparity", "Disparity d"),
+        ("match", "Right x = x \N{MINUS SIGN} d"),
+    ]
+    if result.confidence is not None:
+        rows.append(("confidence", "Confidence"))
+    rows.append(("flags", "Flags"))
+    if truth is not None:
+        rows += [("truth", "Truth"), ("error", "d \N{MINUS SIGN} truth")]
+    if metric:
+        rows.append(("depth", "Depth"))
+    if exact:
+        sides = zip(("left", "right"), gray, strict=True)
+        rows += [(side, f"{side.capitalize()} {'gray' if one else 'RGB'}") for side, one in sides]
+    return rows

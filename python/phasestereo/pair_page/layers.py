@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,12 +20,11 @@ if TYPE_CHECKING:
 
     Map = NDArray[np.float32]
 
-__all__ = ["Kind", "Layer", "arrays_of", "described", "described_flags", "flag_kinds", "layers_of"]
+__all__ = ["Kind", "Layer", "arrays_of", "flag_kinds", "layers_of", "views"]
 
 _ROBUST = (1.0, 99.0)  # percentiles: a few outliers must not take the colours from the rest
 _WORST = 4.0  # error in pixels from which on the colour is the darkest
 _OTHER = "#8250df"
-CONFIDENCE_STEPS = 10_000  # a step is finer than what is read out
 
 # Colours that people with any colour vision tell apart (after Okabe and Ito), and what to say.
 _FLAGS = {
@@ -130,14 +129,12 @@ def colours(name: str, *, white: float = 0.0) -> str:
     return base64.b64encode(table.tobytes()).decode()
 
 
-def described(result: Result, truth: Map | None) -> list[dict[str, Any]]:
-    """Return the layers as JSON has them."""
-    return [asdict(layer) for layer in layers_of(result, truth)]
-
-
-def described_flags(kinds: list[Kind]) -> list[dict[str, Any]]:
-    """Return the flags as JSON has them."""
-    return [asdict(kind) for kind in kinds]
+def views(layers: list[Layer]) -> list[tuple[str, str]]:
+    """Return the keys and labels of all that can be looked at, in the order of their buttons."""
+    told = [(layer.key, layer.label) for layer in layers]
+    place = 1 + any(key == "confidence" for key, _ in told)
+    pair = [("left", "Left image"), ("right", "Right image")]
+    return [*pair, *told[:place], ("flags", "Flags"), *told[place:]]
 
 
 def arrays_of(
@@ -148,7 +145,7 @@ def arrays_of(
     found: dict[str, NDArray[Any] | None] = {
         "disparity": result.disparity,
         "flags": result.flags,
-        "confidence": None if result.confidence is None else _stepped(result.confidence),
+        "confidence": result.confidence,
         "truth": truth,
         "scored": None if scored is None else scored.astype(np.uint8),
     }
@@ -163,8 +160,3 @@ def _robust_ends(*maps: Map) -> tuple[float, float]:
             low, high = np.percentile(known, _ROBUST).tolist()
             return (low, high) if high > low else (low - 0.5, low + 0.5)
     return 0.0, 1.0
-
-
-def _stepped(confidence: Map) -> NDArray[np.uint16]:
-    """Return confidences as whole steps, half as large as floats and easier to pack."""
-    return np.round(confidence * CONFIDENCE_STEPS).astype(np.uint16)

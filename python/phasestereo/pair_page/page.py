@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from phasestereo._extras import require
 from phasestereo._images import as_mask, as_pair
+from phasestereo.io import Calibration
 from phasestereo.io.files import replacing
 from phasestereo.pair_page import facts, layers
 from phasestereo.pair_page.embedding import as_picture, picture_uri, stretch
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Pixels
-    from phasestereo.io import Calibration
     from phasestereo.io.files import StrPath
 
     Map = NDArray[np.float32]
@@ -97,8 +97,7 @@ def write_pair_page(
     size = pair[0].shape[:2]
     known, counted = _checked(size, result, truth, mask)
     shown = _Shown(pair, result, known, counted, _step(size))
-    if calibration is not None:
-        calibration.check_size(size)
+    _check_geometry(size, calibration, max_depth)
     scene = scene_of(
         result.disparity, calibration, step=shown.step, most=MOST_POINTS, max_depth=max_depth
     )
@@ -146,6 +145,18 @@ def _checked(
     return values.astype(np.float32), counted
 
 
+def _check_geometry(
+    size: tuple[int, ...], calibration: Calibration | None, max_depth: float | None
+) -> None:
+    if calibration is not None:
+        if not isinstance(calibration, Calibration):
+            got = type(calibration).__name__
+            raise TypeError(f"calibration: got {got}; accepts a Calibration or None")
+        calibration.check_size(size)
+    if max_depth is not None and not max_depth > 0:
+        raise ValueError(f"max_depth: got {max_depth}; accepts positive numbers or None")
+
+
 def _step(size: tuple[int, ...]) -> int:
     """Return the least step at which no more pixels are left than a page shows."""
     step = 1
@@ -163,8 +174,17 @@ def _told(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[s
     ends = stretch(shown.pair)
     thin = (slice(None, None, shown.step), slice(None, None, shown.step))
     left, right = (picture_uri(as_picture(image[thin], ends)) for image in shown.pair)
+    maps = layers.layers_of(result, truth)
+    views = layers.views(maps)
+    charts = facts.charts(result, truth, scored)
+    gray = _is_gray(shown.pair[0]), _is_gray(shown.pair[1])
     rows, cols = result.disparity.shape
     return {
+        "views": views,
+        "charts": facts.chart_titles(charts),
+        "readout": facts.readout(
+            result, truth, exact=ends is None, metric=not scene.nominal, gray=gray
+        ),
         "rows": rows,
         "cols": cols,
         "step": shown.step,
@@ -190,11 +210,11 @@ def _told(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[s
             "rows": -(-rows // shown.step),
             "step": shown.step,
             "exact": ends is None,
-            "confidenceSteps": layers.CONFIDENCE_STEPS,
-            "gray": {"left": _is_gray(shown.pair[0]), "right": _is_gray(shown.pair[1])},
-            "layers": layers.described(result, truth),
-            "flags": layers.described_flags(kinds),
-            "charts": facts.charts(result, truth, scored),
+            "gray": dict(zip(("left", "right"), gray, strict=True)),
+            "views": views,
+            "layers": [asdict(layer) for layer in maps],
+            "flags": [asdict(kind) for kind in kinds],
+            "charts": charts,
             "scene": scene.described(),
         },
     }

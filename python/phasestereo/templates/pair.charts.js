@@ -3,6 +3,17 @@
 const styleOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const figures = []; // what is drawn, to be given other colours when the theme changes
 
+// Draw when it comes near: most of Plotly's work is for what is further down.
+function whenNear(place, draw) {
+  new IntersectionObserver(async ([entry], observer) => {
+    if (!entry.isIntersecting) return;
+    observer.disconnect();
+    await draw();
+    figures.push(draw);
+    place.dataset.drawn = "yes";
+  }, { rootMargin: "300px" }).observe(place);
+}
+
 function look(across, up) {
   const axis = (text) => ({
     title: { text, font: { size: 12 }, standoff: 8 }, gridcolor: styleOf("--line"), linecolor: styleOf("--line"),
@@ -68,28 +79,17 @@ function confidenceChart({ edges, shares }) {
 }
 
 const CHARTS = {
-  disparities: [disparityChart, "Disparities", "Histogram of the disparities"],
-  errors: [errorChart, "Errors", "Share of the pixels that are off by more than so much"],
-  reliability: [reliabilityChart, "Is the confidence right?", "Share of right disparities by confidence"],
-  confidences: [confidenceChart, "Confidences", "Histogram of the confidences"],
+  disparities: disparityChart, errors: errorChart, reliability: reliabilityChart, confidences: confidenceChart,
 };
 
 function makeCharts() {
-  for (const [key, [chart, title, words]] of Object.entries(CHARTS)) {
-    const told = page.charts[key];
-    if (!told || !Object.keys(told).length) continue;
-    const place = made("div", { id: `chart-${key}` });
-    place.setAttribute("role", "img");
-    place.setAttribute("aria-label", words);
-    element("charts").append(made("div", { className: "chart card" }, made("h3", { textContent: title }), place));
-    const draw = () => {
-      const { traces, layout } = chart(told);
+  for (const [key, told] of Object.entries(page.charts)) {
+    const place = element(`chart-${key}`);
+    whenNear(place, () => {
+      const { traces, layout } = CHARTS[key](told);
       return Plotly.react(place, traces, layout, { displayModeBar: false, responsive: true });
-    };
-    figures.push(draw);
-    draw();
+    });
   }
-  if (!element("charts").children.length) element("charts").append(made("p", { textContent: "There is nothing to count." }));
 }
 
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {

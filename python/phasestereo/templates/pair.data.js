@@ -30,15 +30,12 @@ async function unpacked(text, Numbers) {
 
 async function loadMaps() {
   const types = {
-    disparity: Float32Array, confidence: Uint16Array, truth: Float32Array,
+    disparity: Float32Array, confidence: Float32Array, truth: Float32Array,
     flags: Uint16Array, scored: Uint8Array,
   };
   for (const [name, Numbers] of Object.entries(types)) {
     const holder = element(`array-${name}`);
     if (holder) maps[name] = await unpacked(holder.textContent, Numbers);
-  }
-  if (maps.confidence) {
-    maps.confidence = Float32Array.from(maps.confidence, (steps) => steps / page.confidenceSteps);
   }
   if (maps.truth) maps.error = maps.disparity.map((found, at) => errorOf(found, at));
 }

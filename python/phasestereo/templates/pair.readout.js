@@ -12,47 +12,33 @@ function intensity(side, x, y) {
   return page.gray[side] ? `${r}` : `${r} ${g} ${b}`;
 }
 
-// Name, what is said, and the colour of each value; rows are the same for every pixel.
+// What is said of a pixel, by the rows of the read-out; of rows that a page has not, too.
 function valuesOf({ x, y }) {
   const at = y * page.cols + x;
   const found = maps.disparity[at];
   const known = Number.isFinite(found);
   const none = "\u2013";
   const match = x * page.step - found;
-  const rows = [
-    ["pixel", "Pixel", `${x * page.step}, ${y * page.step}`],
-    ["disparity", "Disparity d", known ? numberOf(found, 3, "px") : "no estimate"],
-    ["match", "Right x = x \u2212 d", known ? numberOf(match, 3) : none],
-  ];
-  if (maps.confidence) rows.push(["confidence", "Confidence", numberOf(maps.confidence[at], 3)]);
-  rows.push(["flags", "Flags", named(maps.flags[at]).join(", ") || "none"]);
-  if (maps.truth) {
-    const truth = maps.truth[at];
-    const scored = maps.scored[at] === 1;
-    rows.push(["truth", "Truth", Number.isFinite(truth) ? numberOf(truth, 3, "px") : "unknown"]);
-    rows.push(["error", "d \u2212 truth", !scored ? "not scored" : known ? numberOf(found - truth, 3, "px") : "missing"]);
-  }
-  if (!page.scene.nominal) {
-    const depth = depthOf(found);
-    rows.push(["depth", "Depth", depth > 0 ? Number(depth.toPrecision(6)).toString() : none]);
-  }
-  if (page.exact) {
-    rows.push(["left", page.gray.left ? "Left gray" : "Left RGB", intensity("left", x, y)]);
-    const nearest = Math.round(match / page.step);
-    rows.push(["right", page.gray.right ? "Right gray" : "Right RGB", known ? intensity("right", nearest, y) : none]);
-  }
-  return rows;
+  const depth = depthOf(found);
+  return {
+    pixel: `${x * page.step}, ${y * page.step}`,
+    disparity: known ? numberOf(found, 3, "px") : "no estimate",
+    match: known ? numberOf(match, 3) : none,
+    confidence: maps.confidence && numberOf(maps.confidence[at], 3),
+    flags: named(maps.flags[at]).join(", ") || "none",
+    truth: Number.isFinite(maps.truth?.[at]) ? numberOf(maps.truth[at], 3, "px") : "unknown",
+    error: !maps.scored?.[at] ? "not scored" : known ? numberOf(found - maps.truth[at], 3, "px") : "missing",
+    depth: depth > 0 ? String(Number(depth.toPrecision(6))) : none,
+    left: intensity("left", x, y),
+    right: known ? intensity("right", Math.round(match / page.step), y) : none,
+  };
 }
 
 function tell(pixel) {
   state.pixel = pixel;
-  for (const [key, name, value] of valuesOf(pixel)) {
-    let cell = element(`value-${key}`);
-    if (!cell) {
-      cell = made("dd", { id: `value-${key}` });
-      element("values").append(made("div", {}, made("dt", { textContent: name }), cell));
-    }
-    cell.textContent = value;
+  const values = valuesOf(pixel);
+  for (const cell of element("values").querySelectorAll("dd")) {
+    cell.textContent = values[cell.id.replace("value-", "")];
   }
   drawLens("left", pixel.x, pixel.y);
   drawLens("right", pixel.x - maps.disparity[pixel.y * page.cols + pixel.x] / page.step, pixel.y);
@@ -89,7 +75,8 @@ function stepBy([dx, dy], count) {
   const within = (value, size) => Math.min(size - 1, Math.max(0, value));
   const { x, y } = state.pixel;
   hold({ x: within(x + dx * count, page.cols), y: within(y + dy * count, page.rows) });
-  element("spoken").textContent = valuesOf(state.pixel).map(([, name, value]) => `${name} ${value}`).join("; ");
+  const rows = [...element("values").children];
+  element("spoken").textContent = rows.map(({ children: [name, value] }) => `${name.textContent} ${value.textContent}`).join("; ");
 }
 
 function bindReadout() {

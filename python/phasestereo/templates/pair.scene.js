@@ -100,19 +100,15 @@ async function makeScene() {
     if (key === "picture" || maps[key]) element("tint").append(made("option", { value: key, textContent: label }));
   }
   if (!seen().length) element("trusted").checked = false;
-  const draw = () => Plotly.react(place, [cloudTrace()], cloudLayout(place), CLOUD_BUTTONS);
-  const first = async () => {
-    await draw();
-    figures.push(draw);
+  let listening = false;
+  const draw = async () => {
+    await Plotly.react(place, [cloudTrace()], cloudLayout(place), CLOUD_BUTTONS);
+    if (listening) return;
+    listening = true;
     place.on("plotly_click", ({ points: [point] }) => showPixel(point.customdata));
     for (const id of ["tint", "trusted", "dot"]) element(id).addEventListener("change", draw);
-    place.dataset.drawn = "yes";
   };
-  new IntersectionObserver(([entry], observer) => {
-    if (!entry.isIntersecting) return;
-    observer.disconnect();
-    first();
-  }, { rootMargin: "300px" }).observe(place);
+  whenNear(place, draw);
 }
 
 function showPixel(at) {

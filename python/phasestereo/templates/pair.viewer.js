@@ -6,14 +6,7 @@ const UNFLAGGED = [236, 235, 230];
 
 const hex = (colour) => [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
 
-const views = [
-  { key: "left", label: "Left image" },
-  { key: "right", label: "Right image" },
-  ...page.layers.slice(0, 1),
-  ...page.layers.slice(1, 2).filter((layer) => layer.key === "confidence"),
-  { key: "flags", label: "Flags" },
-  ...page.layers.slice(1).filter((layer) => layer.key !== "confidence"),
-];
+const views = page.views.map(([key, label]) => page.layers.find((layer) => layer.key === key) ?? { key, label });
 for (const layer of page.layers) layer.table = bytesOf(layer.lookup);
 
 const state = { view: "disparity", mix: 1, how: "wipe", timer: 0, pixel: null, held: false, only: 0 };
@@ -139,25 +132,24 @@ function setMix(share) {
   stage.refresh();
 }
 
-function makeTabs() {
-  views.forEach((view, place) => {
-    const input = made("input", { type: "radio", name: "view", value: view.key });
+function bindTabs() {
+  for (const input of document.querySelectorAll("#tabs input")) {
     input.addEventListener("change", () => {
       flicker(false);
-      choose(view.key);
+      choose(input.value);
     });
-    const small = made("canvas", { width: 128, height: Math.round(Math.min(128, Math.max(32, 128 * page.rows / page.cols))) });
-    small.setAttribute("aria-hidden", "true");
-    const context = small.getContext("2d");
-    context.imageSmoothingQuality = "high";
-    context.imageSmoothingEnabled = page.cols > small.width;
-    const scale = Math.max(small.width / page.cols, small.height / page.rows); // cover
-    context.translate((small.width - page.cols * scale) / 2, (small.height - page.rows * scale) / 2);
-    context.drawImage(canvasOf(view.key), 0, 0, page.cols * scale, page.rows * scale);
-    const name = made("span", { textContent: view.label.replace(" image", "") });
-    element("tabs").append(made("label", { className: "tab", title: `${view.label} (${place + 1})` }, input, small, name));
-  });
-  element("last-key").textContent = views.length;
+    drawSmall(input.parentElement.querySelector("canvas"), canvasOf(input.value));
+  }
+}
+
+// As much of an image as fills a small canvas.
+function drawSmall(small, canvas) {
+  const context = small.getContext("2d");
+  const scale = Math.max(small.width / page.cols, small.height / page.rows);
+  context.imageSmoothingQuality = "high";
+  context.imageSmoothingEnabled = scale < 1;
+  context.translate((small.width - page.cols * scale) / 2, (small.height - page.rows * scale) / 2);
+  context.drawImage(canvas, 0, 0, page.cols * scale, page.rows * scale);
 }
 
 function bindControls() {
