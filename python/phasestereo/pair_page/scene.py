@@ -57,7 +57,7 @@ class Scene:
             "centre": [x, y],
             "scale": focal * self.geometry.baseline,  # depth = scale / (disparity + doffs)
             "doffs": self.geometry.doffs,
-            "unit": "baselines" if self.nominal else "units of the baseline",
+            "unit": "in baselines" if self.nominal else "in the unit of the baseline",
         }
 
 

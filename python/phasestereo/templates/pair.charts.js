@@ -37,7 +37,7 @@ function disparityChart({ edges, found, wanted }) {
   const traces = [];
   if (found) {
     const color = x.map((value) => `rgb(${colourOf(layer, value).join(",")})`);
-    traces.push({ type: "bar", x, y: found, marker: { color, line: { width: 0 } }, name: "found", showlegend: Boolean(wanted), hovertemplate: "%{y:.2f} %" });
+    traces.push({ type: "bar", x, y: found, marker: { color, line: { width: 0 } }, name: "found", showlegend: false, hovertemplate: "%{y:.2f} %" });
   }
   if (wanted) {
     traces.push({ type: "scatter", mode: "lines", x, y: wanted, line: { color: styleOf("--text"), width: 1.25, shape: "hvh" }, name: "truth", hovertemplate: "%{y:.2f} %" });
@@ -51,7 +51,7 @@ function errorChart({ thresholds, wrong }) {
     type: "scatter", mode: "lines", x: thresholds, y: wrong, line, fill: "tozeroy", name: "wrong",
     showlegend: false, hovertemplate: "%{y:.2f} % are off by more",
   }];
-  const ticks = { type: "log", tickvals: [0.1, 0.25, 0.5, 1, 2, 4, 8, 16, 32], hoverformat: ".2f" };
+  const ticks = { type: "log", tickvals: [0.1, 0.25, 0.5, 1, 2, 4, 8, 16], tickformat: "~g", tickangle: 0, hoverformat: ".2f" };
   return { traces, layout: look({ text: "off by more than, px", more: ticks }, { text: "% of scored pixels" }) };
 }
 

@@ -77,7 +77,7 @@ function cloudLayout(place) {
   });
   return {
     scene: {
-      xaxis: axis("x", box[0]), yaxis: axis("y", box[1]), zaxis: axis(`z, ${page.scene.unit}`, box[2]),
+      xaxis: axis("x", box[0]), yaxis: axis("y", box[1]), zaxis: axis(`depth ${page.scene.unit}`, box[2]),
       aspectmode: "manual", aspectratio: { x, y, z }, dragmode: "orbit", camera: cameraOf(box, unit, place),
     },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: styleOf("--soft"), activecolor: styleOf("--accent") },
