@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -401,6 +403,34 @@ def test_results_tell_about_themselves_and_travel() -> None:
     assert result.flags.dtype == np.uint16
     assert set(result.timings) == {"estimation", "description", "matching", "refinement"}
     assert "20x10, 100.0% estimated" in repr(result)
-    copy = pickle.loads(pickle.dumps(result))  # noqa: S301  # our own bytes
-    np.testing.assert_array_equal(copy.disparity, result.disparity)
-    assert copy.settings == result.settings
+    travelled = pickle.loads(pickle.dumps(result))  # noqa: S301  # our own bytes
+    for field in ("disparity", "flags", "confidence"):
+        np.testing.assert_array_equal(getattr(travelled, field), getattr(result, field))
+    assert travelled.settings == result.settings
+    assert travelled.timings == result.timings
+
+
+@pytest.mark.parametrize("reused", [False, True])
+def test_results_refer_to_the_images_as_given(*, reused: bool) -> None:
+    left, right = noise_pair(10, 20, 2)
+    match = ps.Matcher().match if reused else ps.match
+    colour, single = np.repeat(left[:, :, None], 4, axis=2), right[:, :, None]
+    for images in ((left, right), (colour, single)):
+        pair = match(*images, num_disparities=4).pair
+        assert pair is not None
+        assert pair[0] is images[0]
+        assert pair[1] is images[1]
+    pair = match((left / 255).tolist(), right / 255, num_disparities=4).pair
+    assert pair is not None
+    np.testing.assert_array_equal(pair[0], left / 255)
+
+
+def test_the_pair_does_not_travel() -> None:
+    images = np.random.default_rng(0).integers(0, 256, (2, 60, 80, 3), np.uint8)
+    result = ps.match(*images, num_disparities=4, equalise=False)
+    assert copy.copy(result).pair is result.pair is not None
+    written = pickle.dumps(result)
+    alone = pickle.dumps(replace(result, pair=None))
+    assert len(written) == len(alone)
+    assert pickle.loads(written).pair is None  # noqa: S301  # our own bytes
+    assert copy.deepcopy(result).pair is None

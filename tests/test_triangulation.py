@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -106,10 +107,18 @@ def test_a_result_is_taken_as_it_is() -> None:
     result = ps.match(pair.left, pair.right, num_disparities=24)
     assert pair.calibration is not None
     sure = result.flags == 0
-    cloud = ps.point_cloud(result, pair.calibration, image=pair.left, mask=sure)
+    cloud = ps.point_cloud(result, pair.calibration, mask=sure)
     assert 0.5 * sure.size < len(cloud) == sure.sum() < sure.size
     alone = ps.point_cloud(result.disparity, pair.calibration, image=pair.left, mask=sure)
     np.testing.assert_array_equal(cloud.points, alone.points)
+    assert cloud.colors is not None
+    assert alone.colors is not None
+    np.testing.assert_array_equal(cloud.colors, alone.colors)
+    other = ps.point_cloud(result, pair.calibration, image=pair.right, mask=sure)
+    assert other.colors is not None
+    assert (other.colors != cloud.colors).any()
+    forgotten = replace(result, pair=None)  # as one that was pickled
+    assert ps.point_cloud(forgotten, pair.calibration).colors is None
 
 
 @pytest.mark.parametrize(

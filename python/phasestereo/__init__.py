@@ -33,12 +33,15 @@ __all__ = [
     "BlurEstimate",
     "Diagnosis",
     "Equalisation",
+    "Failure",
     "Finding",
     "Flag",
+    "Frame",
     "Matcher",
     "PointCloud",
     "Result",
     "Settings",
+    "Stream",
     "aggregate",
     "check",
     "cost_volume",
@@ -47,6 +50,7 @@ __all__ = [
     "match",
     "optimize",
     "point_cloud",
+    "stream",
 ]
 __version__ = _core.__version__
 
@@ -54,20 +58,32 @@ if TYPE_CHECKING:
     from phasestereo import datasets as datasets
     from phasestereo import degradation as degradation
     from phasestereo import io as io
+    from phasestereo import labelled as labelled
     from phasestereo import metrics as metrics
+    from phasestereo import opencv as opencv
     from phasestereo import picture as picture
+    from phasestereo import plot as plot
+    from phasestereo import rerun_log as rerun_log
     from phasestereo import roc as roc
+    from phasestereo import video as video
+    from phasestereo.streaming import Failure, Frame, Stream, stream
 else:
-    _ON_DEMAND = {"datasets", "degradation", "io", "metrics", "picture", "roc"}
+    _ON_DEMAND = {
+        "datasets", "degradation", "io", "labelled", "metrics", "opencv", "picture", "plot",
+        "rerun_log", "roc", "video",
+    }  # fmt: skip
+    _OF_STREAMING = {"Failure", "Frame", "Stream", "stream"}
 
     def __getattr__(name):
         """Import the modules that are addressed as `ps.io` when they are first addressed."""
         if name in _ON_DEMAND:
             return import_module(f"{__name__}.{name}")
+        if name in _OF_STREAMING:
+            return getattr(import_module(f"{__name__}.streaming"), name)
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
     def __dir__():
-        return sorted({*globals(), *_ON_DEMAND})
+        return sorted({*globals(), *_ON_DEMAND, *_OF_STREAMING})
 
 
 if _core.DEBUG_BUILD:

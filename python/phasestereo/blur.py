@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -122,6 +123,11 @@ class BlurEstimate:
             f"{blur} in {share:.0%}" for blur, share in zip(self.blurs, self.areas(), strict=True)
         )
         return str(self.blur) if len(self.blurs) == 1 else ", ".join(told)
+
+    def _repr_html_(self) -> str:
+        """Show the kinds as a table in notebooks."""
+        shown: str = import_module("phasestereo.notebook").blur_html(self)  # light until asked for
+        return shown
 
     def areas(self) -> tuple[float, ...]:
         """Return the share of the image that each of `blurs` has."""

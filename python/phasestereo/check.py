@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -99,6 +100,11 @@ class Diagnosis:
     def __str__(self) -> str:
         """Return one line a finding: its severity, and a sentence."""
         return "\n".join(f"{found.severity}: {found.sentence}" for found in self.findings)
+
+    def _repr_html_(self) -> str:
+        """Show the findings as a table in notebooks."""
+        shown: str = import_module("phasestereo.notebook").diagnosis_html(self)
+        return shown
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it; numbers that JSON does not have are None."""

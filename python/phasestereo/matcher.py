@@ -7,7 +7,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from phasestereo import _core
-from phasestereo._images import as_mask, as_pair
+from phasestereo._images import as_array, as_mask, as_pair
 from phasestereo.blur import estimate
 from phasestereo.equalisation import Equalisation, Noise, as_equalisation, even_out
 from phasestereo.result import Result
@@ -81,7 +81,8 @@ def match(
     Returns
     -------
     Result
-        Disparities, flags and, if the settings ask for them, confidences, each (H, W).
+        Disparities, flags and, if the settings ask for them, confidences, each (H, W). It refers
+        to the images, too, and so keeps them in memory.
 
     Raises
     ------
@@ -226,7 +227,8 @@ def _match(
     disparity, flags, confidence, stages = _core.match_pair(
         pair, valid, search, settings, threads, progress, versions
     )
-    return Result(disparity, flags, confidence, settings, timings | stages, blur)
+    given = as_array(images[0], "left"), as_array(images[1], "right")
+    return Result(disparity, flags, confidence, settings, timings | stages, blur, given)
 
 
 def _asks_for_estimate(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo._extras import require
+from phasestereo._images import as_pixels
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +25,26 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
     Ends = tuple[float, float]
 
-__all__ = ["NEUTRAL", "UNSCORED", "colorize", "disparity_picture", "error_picture", "panel"]
+__all__ = [
+    "CONFIDENCE_COLOURS",
+    "DISPARITY_COLOURS",
+    "ERROR_COLOURS",
+    "GOOD",
+    "NEUTRAL",
+    "UNSCORED",
+    "as_map",
+    "colorize",
+    "disparity_picture",
+    "distribution",
+    "error_map",
+    "error_picture",
+    "limits",
+    "panel",
+    "viewable",
+]
+
+DISPARITY_COLOURS, CONFIDENCE_COLOURS, ERROR_COLOURS = "turbo", "viridis", "YlOrRd"
+"""Names of matplotlib's maps of colours."""
 
 NEUTRAL = (112, 112, 112)
 """Colour of pixels without an estimate: turbo, whose colours are vivid, has none near it."""
@@ -36,8 +56,9 @@ GOOD = 1.0
 """Largest error in pixels that is not bad."""
 
 _ROBUST = (1.0, 99.0)  # percentiles: a few outliers must not take the colours from the rest
-_DISPARITY_COLOURS = "turbo"
-_ERROR_COLOURS = "YlOrRd"
+_INTENSITIES = (0.1, 99.9)  # percentiles: the ends of `Settings.intensity_range`, too
+_SAMPLES = 2**20  # pixels: as good as all to find the ends of intensities
+_BINS = 96
 _PAPER = "#f4f4f4"  # not white, from which a picture of no errors would not stand out
 _DPI = 100
 
@@ -69,9 +90,9 @@ def colorize(
     ImportError
         If matplotlib is not installed.
     """
-    values = _map("disparity", disparity)
+    values = as_map("disparity", disparity)
     known = np.isfinite(values)
-    return _coloured(values, known, _ends(values[known], low, high), _DISPARITY_COLOURS, NEUTRAL)
+    return _coloured(values, known, limits(values[known], low, high), DISPARITY_COLOURS, NEUTRAL)
 
 
 def disparity_picture(
@@ -96,8 +117,8 @@ def disparity_picture(
     TypeError, ValueError, ImportError
         As `colorize`.
     """
-    values = _map("disparity", disparity)
-    low, high = _ends(values[np.isfinite(values)], low, high)
+    values = as_map("disparity", disparity)
+    low, high = limits(values[np.isfinite(values)], low, high)
     rows, cols = values.shape
     text = _text_size(cols)
     margin, beside = 2 * text, 7 * text
@@ -107,7 +128,7 @@ def disparity_picture(
     figure.text(margin / width, 1 - 0.5 * margin / height, title, va="center", size=_points(text))
     box = (margin + cols + text) / width, margin / height, text / width, rows / height
     normalize = require("matplotlib.colors", extra="plot").Normalize(low, high)
-    mappable = require("matplotlib.cm", extra="plot").ScalarMappable(normalize, _DISPARITY_COLOURS)
+    mappable = require("matplotlib.cm", extra="plot").ScalarMappable(normalize, DISPARITY_COLOURS)
     bar = figure.colorbar(mappable, cax=figure.add_axes(box))
     bar.set_label("disparity, pixels", size=_points(text))
     bar.ax.tick_params(labelsize=_points(text))
@@ -144,7 +165,35 @@ def error_picture(
     ImportError
         If matplotlib is not installed.
     """
-    found, wanted = _map("estimate", estimate), _map("truth", truth, like=np.shape(estimate))
+    error = error_map(estimate, truth, mask, worst=worst)
+    scored = ~np.isnan(error)
+    picture = _coloured(error, scored, (0.0, float(worst)), ERROR_COLOURS, UNSCORED)
+    picture[scored & (error <= GOOD)] = 255
+    return picture
+
+
+def error_map(
+    estimate: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None, *, worst: float
+) -> Map:
+    """Return what `error_picture` colours: errors in pixels, float64 (H, W).
+
+    Parameters
+    ----------
+    estimate, truth, mask, worst
+        As for `error_picture`.
+
+    Returns
+    -------
+    ndarray
+        The absolute error, ``worst`` where the estimate is missing, NaN where the pixel does not
+        count.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `error_picture`.
+    """
+    found, wanted = as_map("estimate", estimate), as_map("truth", truth, like=np.shape(estimate))
     if _number("worst", worst) <= GOOD:
         raise ValueError(f"worst: got {worst:g}; accepts more than {GOOD:g} pixel")
     scored = np.isfinite(wanted)
@@ -152,10 +201,58 @@ def error_picture(
         scored &= _mask(mask, like=found.shape)
     error = np.full(found.shape, float(worst))
     np.subtract(found, wanted, out=error, where=scored & np.isfinite(found))
-    error = np.abs(error)
-    picture = _coloured(error, scored, (0.0, float(worst)), _ERROR_COLOURS, UNSCORED)
-    picture[scored & (error <= GOOD)] = 255
-    return picture
+    return np.where(scored, np.abs(error), np.nan)
+
+
+def viewable(*images: ArrayLike) -> list[Picture]:
+    """Return images as a screen shows them.
+
+    Parameters
+    ----------
+    *images
+        As `phasestereo.match` takes them: (H, W), (H, W, 1), (H, W, 3) or (H, W, 4).
+
+    Returns
+    -------
+    list of ndarray
+        uint8 (H, W, 3), RGB. Images of 8 bits are as they were; of others black is the 0.1th and
+        white the 99.9th percentile of all images together, so that one that is darker looks so, and
+        black is what is not finite.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `phasestereo.match` for images.
+    """
+    pixels = [as_pixels(image, "image") for image in images]
+    if any(image.dtype != np.uint8 for image in pixels):
+        pixels = _stretched(pixels)
+    return [np.repeat(image, 3 // image.shape[2], axis=2).astype(np.uint8) for image in pixels]
+
+
+def distribution(values: NDArray[np.floating]) -> tuple[NDArray[np.intp], Map]:
+    """Count disparities from the smallest to the largest.
+
+    Parameters
+    ----------
+    values
+        Finite values, at least one.
+
+    Returns
+    -------
+    counts, edges
+        Counts of n bins, and their n + 1 edges. Values that are whole are at the bins' centres: if
+        there are few enough, each has its own.
+    """
+    low, high = float(values.min()), float(values.max())
+    if (values == np.rint(values)).all():
+        step = -(-int(high - low + 1) // (2 * _BINS))
+        bins = -(-int(high - low + 1) // step)
+        low, high = low - 0.5, low - 0.5 + bins * step
+    else:
+        bins = _BINS
+        low, high = (low - 0.5, high + 0.5) if low == high else (low, high)
+    return np.histogram(values, bins, (low, high))
 
 
 def panel(
@@ -209,6 +306,19 @@ def panel(
     return _drawn(figure)
 
 
+def _stretched(images: Sequence[NDArray[Any]]) -> list[NDArray[Any]]:
+    """Bring the intensities of all images together into the range of 8 bits."""
+    every = [max(1, round(image.shape[0] * image.shape[1] / _SAMPLES)) for image in images]
+    sample = np.concatenate([image[::n].ravel() for image, n in zip(images, every, strict=True)])
+    known = sample[np.isfinite(sample)].astype(np.float64)
+    low, high = np.percentile(known, _INTENSITIES) if known.size else (0.0, 1.0)
+    length = max(high - low, np.finfo(np.float64).tiny)
+    return [
+        np.nan_to_num(np.clip((image.astype(np.float64) - low) / length, 0, 1) * 255).round()
+        for image in images
+    ]
+
+
 def _coloured(
     values: Map, shown: Mask, ends: Ends, colours: str, elsewhere: tuple[int, int, int]
 ) -> Picture:
@@ -223,7 +333,9 @@ def _coloured(
     return picture
 
 
-def _ends(known: Map, low: float | None, high: float | None) -> Ends:
+def limits(
+    known: NDArray[np.floating], low: float | None = None, high: float | None = None
+) -> Ends:
     """Return the disparities at the ends of the colours: the given ones, else robust ones."""
     robust = np.percentile(known, _ROBUST) if known.size else (0.0, 1.0)
     ends = (
@@ -259,7 +371,8 @@ def _points(pixels: int) -> float:
     return 0.8 * pixels * 72 / _DPI
 
 
-def _map(name: str, values: ArrayLike, *, like: tuple[int, ...] | None = None) -> Map:
+def as_map(name: str, values: ArrayLike, *, like: tuple[int, ...] | None = None) -> Map:
+    """Return floats (H, W) of any precision as float64; else the error names the argument."""
     array = np.asarray(values)
     if not np.issubdtype(array.dtype, np.floating):
         raise TypeError(f"{name}: got {array.dtype}; accepts floats (pixels, NaN = none)")

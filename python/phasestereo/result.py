@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import IntFlag
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -46,7 +47,7 @@ class Flag(IntFlag):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """A disparity map as seen from the left image; it can be pickled.
+    """A disparity map as seen from the left image; it can be pickled, which leaves out the pair.
 
     Parameters
     ----------
@@ -69,6 +70,10 @@ class Result:
         ``"refinement"`` (checks, filling, smoothing, confidences).
     blur
         What was found out about blur and noise, if that was asked for.
+    pair
+        The left and the right image as they were given, each (H, W) or (H, W, C), to look at beside
+        the disparities: references that keep them in memory, not copies, so a change of the images
+        shows. None if it is not known, as in what comes out of a pickle.
     """
 
     disparity: NDArray[np.float32]
@@ -77,6 +82,16 @@ class Result:
     settings: Settings
     timings: Mapping[str, float]
     blur: BlurEstimate | None = None
+    pair: tuple[NDArray[Any], NDArray[Any]] | None = None
+
+    def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
+        """Tell how to make another one without the pair, which would be most of a pickle."""
+        kept = (field.name for field in fields(self) if field.name != "pair")
+        return type(self), tuple(getattr(self, name) for name in kept)
+
+    def __copy__(self) -> Result:
+        """Return another one of the same arrays, pair and all: `copy.copy` is no pickle."""
+        return replace(self)
 
     def __repr__(self) -> str:
         """Tell the size, the share of estimates and the time: arrays would tell nothing."""
@@ -84,3 +99,8 @@ class Result:
         estimated = (self.disparity == self.disparity).mean()  # NaN is unequal to itself
         seconds = sum(self.timings.values())
         return f"<Result {cols}x{rows}, {estimated:.1%} estimated, {seconds:.3f} s>"
+
+    def _repr_html_(self) -> str:
+        """Show the maps, the pair and what is known of them, in Jupyter and in marimo."""
+        shown: str = import_module("phasestereo.notebook").html(self)  # it needs `Flag` from here
+        return shown

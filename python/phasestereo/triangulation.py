@@ -82,10 +82,10 @@ def point_cloud(
     calibration
         The geometry of the pair, of the map's size.
     image
-        What the colours are taken from, usually the left image: (H, W) gray, (H, W, 3) RGB or
-        (H, W, 4) RGBA, as `match` takes it. uint8 stays as it is; uint16 is shifted down from as
-        many bits as the image uses; floats are stretched to what they span, but for 0.1 % of the
-        pixels at either end. None: there are no colours.
+        What the colours are taken from: (H, W) gray, (H, W, 3) RGB or (H, W, 4) RGBA, as `match`
+        takes it. uint8 stays as it is; uint16 is shifted down from as many bits as the image uses;
+        floats are stretched to what they span, but for 0.1 % of the pixels at either end. None:
+        the left image of the result's pair; there are no colours where that is not known.
     mask
         bool (H, W), True = wanted; None: all are. ``result.flags == 0`` leaves out everything that
         was filled in or is not to be trusted.
@@ -121,6 +121,8 @@ def point_cloud(
     if valid is not None:
         wanted &= valid
     points, wanted = _triangulated(depth, wanted, calibration)
+    if image is None and isinstance(disparity, Result) and disparity.pair is not None:
+        image = disparity.pair[0]
     return PointCloud(points, None if image is None else _colours(image, values.shape)[wanted])
 
 

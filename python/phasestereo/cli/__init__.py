@@ -44,6 +44,11 @@ app.command(
     help="Diagnose a stereo pair: what keeps it from being matched well.\n\n"
     "The exit code is 0 whatever is found.",
 )
+app.command(
+    "phasestereo.cli.live:live",
+    name="live",
+    help="Match every frame of a video, a folder of images, or a pair of cameras.",
+)
 app.command(  # imported only when it is called, for the sake of the others
     "phasestereo.cli.bench:app",
     name="bench",

@@ -12,17 +12,17 @@ from cyclopts import Group, Parameter, validators
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.geometry import Geometry
 from phasestereo.cli.mask import read_mask
-from phasestereo.cli.options import Overrides
+from phasestereo.cli.options import Bands, Overrides
 from phasestereo.cli.outcome import Outcome, rehearsal
 from phasestereo.cli.outputs import Outputs
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.summary import Summary, show
 from phasestereo.cli.terminal import progress_bar
-from phasestereo.io import read_image
+from phasestereo.cli.views import join, read_views
 from phasestereo.matcher import match as match_pair
 from phasestereo.settings import PRESETS, Settings, resolve
 
-_VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise"}
+_VALUES = {"bands", "preset", "num_disparities", "min_disparity", "threads", "noise"}
 _OPTIONS = _VALUES | {field.name for field in fields(Settings)}
 
 _SEARCH = Group.create_ordered("Search")
@@ -46,6 +46,7 @@ def match(
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
     left_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     right_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
+    bands: Annotated[Bands | None, Parameter(group=_SEARCH)] = None,
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
     outputs: Annotated[Outputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
@@ -78,6 +79,8 @@ def match(
         Image of the left image's size, non-zero where its pixels are valid.
     right_mask
         The same of the right image.
+    bands
+        Number of the band of GeoTIFF images to match, or 3,2,1 for red, green and blue.
     threads
         Number of threads; without it, as many as there are processors.
     noise
@@ -95,8 +98,9 @@ def match(
     sources = [left, right, left_mask, right_mask, *scoring.sources()]
     sources += geometry.sources()
     disparities = min_disparity, num_disparities
-    with refusals():
-        images = read_image(left), read_image(right)
+    with refusals(options=_OPTIONS):
+        views = read_views(left, right, bands)
+        images = views[0].image, views[1].image
         masks = read_mask(left_mask), read_mask(right_mask)
         truth = scoring.read(images[0].shape[:2])
         rig = geometry.read(images[0].shape[:2], disparities)
@@ -108,14 +112,14 @@ def match(
             min_disparity=min_disparity,
             settings=settings,
             threads=threads,
-            left_mask=masks[0],
-            right_mask=masks[1],
+            left_mask=join(masks[0], views[0].mask),
+            right_mask=join(masks[1], views[1].mask),
             progress=progress,
             noise=noise,
         )
     with refusals():
         score = None if truth is None else truth.score(result.disparity)
-        names = left.name, right.name
-        outcome = Outcome(images, result, disparities, truth, score, rig, names)
+        place, names = views[0].place, (left.name, right.name)
+        outcome = Outcome(images, result, disparities, truth, score, rig, place, names)
         written = outputs.write(outcome)
     show(Summary(outcome, written), as_json=outputs.json)

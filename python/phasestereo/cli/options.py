@@ -33,6 +33,15 @@ def _numbers(_hint: Any, tokens: Sequence[Token]) -> float | tuple[float, ...]:
     return values if len(values) > 1 else values[0]
 
 
+def _whole_numbers(_hint: Any, tokens: Sequence[Token]) -> tuple[int, ...]:
+    """Read ``3,2,1`` as three numbers."""
+    return tuple(int(part) for part in tokens[0].value.split(","))
+
+
+Bands = Annotated[tuple[int, ...], Parameter(converter=_whole_numbers, n_tokens=1)]
+"""Whole numbers within one word of the command line."""
+
+
 def _as_option(hint: Any) -> Any:
     """Return the type hint of a field as an option takes it.
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from phasestereo.cli.geometry import Rig
     from phasestereo.cli.scoring import Truth
+    from phasestereo.io import Georeference
     from phasestereo.metrics import Score
     from phasestereo.settings import Settings
 
@@ -36,6 +37,8 @@ class Outcome:
         The disparities known to be right, if any, and the metrics against them.
     rig
         The geometry of the pair, if it is known.
+    place
+        Where on Earth the left image lies, if its file says so.
     names
         The names of the images' files.
     """
@@ -46,6 +49,7 @@ class Outcome:
     truth: Truth | None = None
     score: Score | None = None
     rig: Rig | None = None
+    place: Georeference | None = None
     names: tuple[str, str] = ("left", "right")
 
 

@@ -14,7 +14,7 @@ from cyclopts import Parameter
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
 from phasestereo.cli.geometry import Rig
 from phasestereo.cli.outcome import Outcome
-from phasestereo.io import write_depth, write_disparity, write_image, write_ply
+from phasestereo.io import write_depth, write_disparity, write_geotiff, write_image, write_ply
 from phasestereo.pair_page import write_pair_page
 from phasestereo.picture import disparity_picture
 
@@ -28,8 +28,8 @@ class Outputs:
     Parameters
     ----------
     output
-        File for the disparities in pixels: .pfm, .npy, .tif, or .png as KITTI has it (16 bits,
-        256 d).
+        File for the disparities in pixels: .pfm, .npy, .tif (which keeps the georeference of the
+        left image), or .png as KITTI has it (16 bits, 256 d).
     color
         Image file for the disparities in colour, beside a scale in pixels; pixels without an
         estimate are gray. Needs the extra ``plot``.
@@ -103,7 +103,11 @@ class Outputs:
 
 
 def _write_disparity(path: Path, outcome: Outcome) -> None:
-    write_disparity(path, outcome.result.disparity)
+    disparity = outcome.result.disparity
+    if outcome.place is not None and path.suffix.lower() in (".tif", ".tiff"):
+        write_geotiff(path, {"disparity": disparity}, like=outcome.place)
+    else:
+        write_disparity(path, disparity)
 
 
 def _write_color(path: Path, outcome: Outcome) -> None:

@@ -3,8 +3,8 @@
 In memory a disparity map is float32 with NaN where there is no estimate; every format's own mark
 for that (+inf in PFM, 0 in KITTI's PNG) is translated here and nowhere else. What a file holds
 arrives exactly, to the bit, or not at all: nothing is narrowed, rescaled or clipped on the way.
-Files are written whole or not at all. Images need the extra ``io``; ``.npy``, ``.pfm`` and ``.ply``
-do not.
+Files are written whole or not at all. Images need the extra ``io``, GeoTIFF the extra ``geo``;
+``.npy``, ``.pfm`` and ``.ply`` need neither.
 """
 
 from __future__ import annotations
@@ -12,6 +12,13 @@ from __future__ import annotations
 from phasestereo.io.calibration import Calibration, read_calibration
 from phasestereo.io.depth import LengthUnit, read_depth, write_depth
 from phasestereo.io.disparity import read_disparity, read_truth, write_disparity
+from phasestereo.io.geotiff import (
+    GeoImage,
+    Georeference,
+    read_geotiff,
+    read_geotiff_pair,
+    write_geotiff,
+)
 from phasestereo.io.image import read_image, write_image
 from phasestereo.io.pfm import read_pfm, write_pfm
 from phasestereo.io.ply import write_ply
@@ -19,16 +26,21 @@ from phasestereo.io.qmatrix import read_q
 
 __all__ = [
     "Calibration",
+    "GeoImage",
+    "Georeference",
     "LengthUnit",
     "read_calibration",
     "read_depth",
     "read_disparity",
+    "read_geotiff",
+    "read_geotiff_pair",
     "read_image",
     "read_pfm",
     "read_q",
     "read_truth",
     "write_depth",
     "write_disparity",
+    "write_geotiff",
     "write_image",
     "write_pfm",
     "write_ply",

@@ -12,7 +12,7 @@ from phasestereo.io.npy import decode_npy, encode_npy
 from phasestereo.io.pfm import decode_pfm, encode_pfm
 from phasestereo.io.pixels import channels
 from phasestereo.io.raster import RASTER_MAGICS, decode_raster, encode_raster
-from phasestereo.io.tiff import decode_tiff, encode_tiff
+from phasestereo.io.tiff import TIFF_MAGICS, decode_tiff, encode_tiff
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # How a file starts -> what decodes it.
 _DECODERS: dict[tuple[bytes, ...], Callable[[BinaryIO], NDArray[Any]]] = {
     RASTER_MAGICS: decode_raster,
-    (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"): decode_tiff,
+    TIFF_MAGICS: decode_tiff,
     (b"\x93NUMPY",): decode_npy,
     (b"Pf", b"PF"): decode_pfm,
 }

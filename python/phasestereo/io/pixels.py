@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,9 @@ Pixels: TypeAlias = NDArray[np.uint8 | np.uint16 | np.float32]
 
 MAX_PIXELS = 2**30
 """Images of formats in which a few bytes can claim any size are refused above this one."""
+
+
+_EXACT = 2**24  # float32 holds all integers up to here
 
 
 def channels(shape: tuple[int, ...]) -> int:
@@ -46,3 +49,25 @@ def look_up(colours: NDArray[np.uint8], samples: NDArray[np.uint8]) -> NDArray[n
 def expand_bits(samples: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Replace bits by 0 and 255, as everything that shows a bit as a gray level does."""
     return samples.astype(np.uint8) * np.uint8(255)
+
+
+def as_samples(samples: NDArray[Any]) -> Pixels:
+    """Return samples of any real type as one that images have here, none losing anything.
+
+    Raises
+    ------
+    ValueError
+        If the samples are complex, or integers too large for float32.
+    """
+    native = samples.astype(samples.dtype.newbyteorder("="), copy=False)
+    if native.dtype in (np.uint8, np.uint16, np.float32):
+        return native
+    if native.dtype.kind not in "iuf":
+        raise ValueError(f"samples of type {native.dtype}; an image has real numbers")
+    if native.dtype.kind in "iu" and max(-int(native.min()), int(native.max())) > _EXACT:
+        raise ValueError(f"{native.dtype} samples beyond 2**24, which float32 would round")
+    with np.errstate(over="ignore"):
+        narrow = native.astype(np.float32)
+    if np.isinf(narrow).any() and not np.isinf(native).any():
+        raise ValueError(f"{native.dtype} samples beyond the range of float32")
+    return narrow

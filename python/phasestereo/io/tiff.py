@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from phasestereo._extras import require
+from phasestereo.io.files import decoding
 from phasestereo.io.pixels import channels, check_size, expand_bits, look_up
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from phasestereo.io.files import StrPath
     from phasestereo.io.pixels import Pixels
 
 # What tifffile is to say about an image, by the number of channels.
@@ -21,6 +23,29 @@ _TAGS: dict[int, dict[str, Any]] = {
     3: {"photometric": "rgb"},
     4: {"photometric": "rgb", "extrasamples": ["unassalpha"]},
 }
+
+
+TIFF_MAGICS = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"
+"""How a TIFF or BigTIFF file starts."""
+
+# Scale and tie points, transformation, GeoTIFF's keys, GDAL's "no data" value, RPCs.
+_GEO_TAGS = {33550, 33922, 34264, 34735, 42113, 50844}
+
+
+def is_geotiff(path: StrPath) -> bool:
+    """Tell whether a file is a TIFF with tags that place it, or that mask it by a value.
+
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        As `phasestereo.io.read_image`.
+    """
+    with decoding(path) as file:
+        if not file.read(4).startswith(TIFF_MAGICS):
+            return False
+        file.seek(0)
+        with require("tifffile", extra="io").TiffFile(file) as tiff:
+            return not _GEO_TAGS.isdisjoint(tag.code for tag in tiff.pages[0].tags)
 
 
 def decode_tiff(file: BinaryIO) -> NDArray[Any]:

@@ -1,0 +1,170 @@
+"""``phasestereo live``: videos, folders or cameras in, a disparity map for each frame out."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+from contextlib import closing
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Group, Parameter, validators
+
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.live_outputs import LiveOutputs, Sink, Writers
+from phasestereo.cli.live_tally import Tally
+from phasestereo.cli.options import Overrides
+from phasestereo.matcher import PRESET
+from phasestereo.settings import PRESETS, Settings, resolve
+from phasestereo.streaming import Failure, Frame, Stream, stream
+from phasestereo.video.capture import Layout
+from phasestereo.video.decoding import is_address
+from phasestereo.video.folders import folders_of
+
+_VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise", "layout"}
+_OPTIONS = _VALUES | {"start", "stop", "every"} | {field.name for field in fields(Settings)}
+
+_SOURCE = Group.create_ordered("Source")
+_SEARCH = Group.create_ordered("Search")
+_OUTPUT = Group.create_ordered("Output")
+_SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
+_AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
+_NOT_NEGATIVE = validators.Number(gte=0, lt=2**31)
+_REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
+_OUTPUTS = LiveOutputs()
+_PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}; fast for frame rates."
+_MORE = Parameter(group=_SOURCE, consume_multiple=True, show_default=False)
+
+
+def live(
+    source: Annotated[str | None, Parameter(group=_SOURCE)] = None,
+    right: Annotated[str | None, Parameter(group=_SOURCE)] = None,
+    /,
+    *,
+    cameras: Annotated[tuple[int, ...], _MORE] = (),
+    layout: Annotated[Layout | None, Parameter(group=_SOURCE)] = None,
+    start: Annotated[int, Parameter(group=_SOURCE, validator=_NOT_NEGATIVE)] = 0,
+    stop: Annotated[int | None, Parameter(group=_SOURCE, validator=_NOT_NEGATIVE)] = None,
+    every: Annotated[int, Parameter(group=_SOURCE, validator=_AT_LEAST_ONE)] = 1,
+    num_disparities: Annotated[int, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)],
+    min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
+    threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
+    noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
+    outputs: Annotated[LiveOutputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
+    preset: Annotated[str, Parameter(group=_SETTINGS, help=_PRESET_HELP)] = PRESET,
+    overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
+) -> None:
+    """Match every frame of a video, a folder of images, or a pair of cameras.
+
+    At least one of ``--output``, ``--frames``, ``--rerun`` and ``--json`` says what to do with the
+    disparities. A frame that fails is reported and skipped; all keep their numbers. Ctrl-C ends the
+    run, and what was matched until then is written. For example:
+
+    ```
+    phasestereo live video.mp4 --num-disparities 64 --preset fast -o disparities.mp4
+    phasestereo live --cameras 0 1 --num-disparities 64 --preset fast -o disparities.mp4
+    phasestereo live left/ right/ --num-disparities 64 --frames maps/%06d.pfm
+    ```
+
+    Parameters
+    ----------
+    source
+        A video file or address (rtsp://...) whose pictures hold both views, or a folder with both
+        views, in subfolders left and right or in names; with RIGHT, the left view alone.
+    right
+        The right view: a second video or folder of images.
+    cameras
+        Numbers of the left and the right camera, or of one that delivers both views in each
+        picture; in place of SOURCE.
+    layout
+        Where a picture that holds both views has them: side-by-side (the default), or top-bottom
+        with the left view above. With a folder: its images hold both views.
+    start
+        Number of the first frame to match.
+    stop
+        Number of the frame to stop before.
+    every
+        Match each so many-th frame.
+    num_disparities
+        Number of disparities to search, 1 to the images' width.
+    min_disparity
+        Smallest disparity to search.
+    threads
+        Number of threads; without it, as many as there are processors.
+    noise
+        Standard deviation of the images' noise, in units of their pixels; needed with --weak.
+    """
+    places = _places(source, right, cameras)
+    if not outputs.asked_for():
+        raise CommandError("nothing to do: give -o, --frames, --rerun or --json", WRONG_USAGE)
+    with refusals(options=_OPTIONS):
+        settings = resolve(preset, None, overrides or {})
+    disparities = min_disparity, num_disparities
+    outputs.check(_files(places), disparities)
+    tally = Tally(disparities, settings)
+    with refusals(options=_OPTIONS):
+        frames = stream(
+            *places,
+            layout=layout,
+            start=start,
+            stop=stop,
+            every=every,
+            num_disparities=num_disparities,
+            min_disparity=min_disparity,
+            settings=settings,
+            threads=threads,
+            noise=noise,
+            on_error=tally.fail,
+        )
+    try:
+        with closing(frames), refusals(options=_OPTIONS):
+            _run(frames, outputs, tally)
+    finally:
+        tally.show(as_json=outputs.json)
+    if tally.interrupted:
+        raise KeyboardInterrupt
+    if not tally.done:
+        raise CommandError(f"none of {tally.failed} frames could be matched")
+
+
+def _run(frames: Stream, outputs: LiveOutputs, tally: Tally) -> None:
+    """Match and write all frames, or those until Ctrl-C."""
+    try:
+        with Writers(outputs, tally, rate=frames.rate) as writers, tally.shown(frames.length):
+            for frame in frames:
+                _write(frame, writers.sinks, tally)
+    except KeyboardInterrupt:
+        tally.interrupted = True
+
+
+def _write(frame: Frame, sinks: list[Sink], tally: Tally) -> None:
+    """Write a frame everywhere it can be; where it cannot, it fails alone."""
+    errors = []
+    for write in sinks:
+        try:
+            write(frame)
+        except (ValueError, TypeError) as error:
+            errors.append(error)
+    if errors:
+        tally.fail(Failure(frame.index, frame.time, errors[0]))
+    else:
+        tally.count(frame)
+
+
+def _places(source: str | None, right: str | None, cameras: tuple[int, ...]) -> tuple[Any, ...]:
+    """Return what `stream` takes as its source, and as the right view if it is apart."""
+    if cameras:
+        if source is not None:
+            raise CommandError("--cameras: stands in place of SOURCE, not beside it", WRONG_USAGE)
+        if len(cameras) > 2 or min(cameras) < 0:
+            told = " ".join(map(str, cameras))
+            raise CommandError(f"--cameras: got {told}; accepts one or two numbers", WRONG_USAGE)
+        return cameras
+    if source is None:
+        raise CommandError("SOURCE is missing: a video, a folder, or --cameras 0 1", WRONG_USAGE)
+    return (source,) if right is None else (source, right)
+
+
+def _files(places: tuple[Any, ...]) -> list[Path]:
+    """Return the files and folders that are read."""
+    paths = [Path(place) for place in places if isinstance(place, str) and not is_address(place)]
+    return [read for path in paths for read in (folders_of(path) if path.is_dir() else [path])]

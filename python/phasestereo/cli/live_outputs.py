@@ -1,0 +1,186 @@
+"""What ``phasestereo live`` writes: checked before it begins, whole whatever ends it."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import os
+import secrets
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Annotated, Self
+
+import numpy as np
+from cyclopts import Parameter, validators
+
+from phasestereo._extras import require
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
+from phasestereo.cli.live_tally import Tally
+from phasestereo.io import read_calibration, write_disparity
+from phasestereo.rerun_log import log_failure, log_frame, saving
+from phasestereo.streaming import Frame
+from phasestereo.video import FramePicture, VideoWriter
+from phasestereo.video.drafts import draft_of
+
+Sink = Callable[[Frame], object]
+
+_RATE = 25.0  # of sources that do not tell theirs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveOutputs:
+    """What to do with the disparities.
+
+    Parameters
+    ----------
+    output
+        Video file, .mp4, .mov or .mkv: the left images beside the disparities in colour, the same
+        from the smallest to the largest disparity searched in all frames.
+    frames
+        Files for the disparities in pixels, such as maps/%06d.pfm: the number of the frame takes
+        the place of %06d. .pfm, .npy, .tif, or .png as KITTI has it (16 bits, 256 d).
+    rerun
+        Recording for the viewer rerun, .rrd: images and disparities; needs the extra ``rerun``.
+    calib
+        Middlebury's calib.txt, for coloured points in --rerun.
+    rate
+        Frames a second of the video, where the source does not tell when they were taken; without
+        it, 25.
+    json
+        Print one JSON object on standard output: settings, frames, failures, files.
+    """
+
+    output: Annotated[Path | None, Parameter(alias="-o")] = None
+    frames: str | None = None
+    rerun: Path | None = None
+    calib: Path | None = None
+    rate: Annotated[float | None, Parameter(validator=validators.Number(gt=0, lte=1000))] = None
+    json: Annotated[bool, Parameter(negative=(), show_default=False)] = False
+
+    def asked_for(self) -> bool:
+        """Tell whether anything is to come out."""
+        return bool(self.output or self.frames or self.rerun or self.json)
+
+    def check(self, sources: Iterable[Path], disparities: tuple[int, int]) -> None:
+        """Refuse what cannot or must not be written, and make the folder of the frames.
+
+        Raises
+        ------
+        CommandError
+            If an option has no effect, a file is a source, a folder, or cannot be written, or a
+            format does not hold all of the disparities.
+        """
+        for name, needed in (("calib", "rerun"), ("rate", "output")):
+            if getattr(self, name) is not None and getattr(self, needed) is None:
+                message = f"{option(name)}: has no effect without {option(needed)}"
+                raise CommandError(message, WRONG_USAGE)
+        read = {os.path.realpath(source) for source in sources}
+        for name, path in (("output", self.output), ("rerun", self.rerun)):
+            if path is not None and os.path.realpath(path) in read:
+                raise CommandError(f"{option(name)}: {path} is in use already", WRONG_USAGE)
+        with refusals():
+            if self.output is not None:
+                require("matplotlib", extra="plot")
+                _checked("output", partial(VideoWriter, self.output))
+            if self.rerun is not None:
+                require("rerun", extra="rerun")
+                _checked("rerun", partial(draft_of, self.rerun, (".rrd",), "recording"))
+            if self.frames is not None:
+                _check_frames(self.frames, read, disparities)
+
+
+class Writers:
+    """Everything a frame is written to, in a ``with`` block that completes it.
+
+    Parameters
+    ----------
+    outputs
+        What was asked for.
+    tally
+        What keeps count; it learns which files there are, and what it is told of failures goes to
+        the recording, too.
+    rate
+        Frames a second of the source, if it tells.
+    """
+
+    def __init__(self, outputs: LiveOutputs, tally: Tally, *, rate: float | None) -> None:
+        self._outputs, self._tally = outputs, tally
+        self._rate = outputs.rate or rate or _RATE
+        self._open = ExitStack()
+        self.sinks: list[Sink] = []
+
+    def __enter__(self) -> Self:
+        """Open the files."""
+        with ExitStack() as opened:
+            if self._outputs.output is not None:
+                self._add_video(opened, self._outputs.output)
+            if self._outputs.frames is not None:
+                self.sinks.append(partial(_write_frame, self._outputs.frames))
+                self._tally.files["frames"] = self._outputs.frames
+            if self._outputs.rerun is not None:
+                self._add_recording(opened, self._outputs.rerun)
+            self._open = opened.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Complete the files."""
+        self._open.close()
+
+    def _add_video(self, opened: ExitStack, path: Path) -> None:
+        low, count = self._tally.disparities
+        picture = FramePicture(low, low + count)
+        video = opened.enter_context(VideoWriter(path, rate=self._rate))
+        self.sinks.append(lambda frame: video.write(picture(frame), frame.time))
+        self._tally.files["output"] = str(path)
+
+    def _add_recording(self, opened: ExitStack, path: Path) -> None:
+        low, count = self._tally.disparities
+        calib = self._outputs.calib
+        calibration = None if calib is None else read_calibration(calib)
+        recording = opened.enter_context(saving(path))
+        log = partial(
+            log_frame, low=low, high=low + count, calibration=calibration, recording=recording
+        )
+        self.sinks.append(log)
+        self._tally.tell = partial(log_failure, recording=recording)
+        self._tally.files["rerun"] = str(path)
+
+
+def _write_frame(pattern: str, frame: Frame) -> None:
+    write_disparity(pattern % frame.index, frame.result.disparity)
+
+
+def _check_frames(pattern: str, read: set[str], disparities: tuple[int, int]) -> None:
+    try:
+        distinct = len({pattern % 0, pattern % 1, pattern % 11}) == 3
+    except (TypeError, ValueError):
+        distinct = False
+    if not distinct:
+        message = f"--frames: got {pattern}; accepts a name with one number, such as maps/%06d.pfm"
+        raise CommandError(message, WRONG_USAGE)
+    folder = Path(pattern % 0).parent
+    if os.path.realpath(folder) in read:
+        raise CommandError(f"--frames: {folder} holds the images", WRONG_USAGE)
+    folder.mkdir(parents=True, exist_ok=True)
+    low, count = disparities
+    extremes = np.array([[low, low + count - 1]], dtype=np.float32)
+    draft = folder / f".{secrets.token_hex(8)}{Path(pattern % 0).suffix}"
+    try:
+        _checked("frames", partial(write_disparity, draft, extremes))
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _checked(name: str, attempt: Callable[[], object]) -> None:
+    """Try something; a value that is refused is the option's."""
+    try:
+        attempt()
+    except ValueError as error:
+        raise CommandError(f"{option(name)}: {error}", WRONG_USAGE) from error

@@ -1,0 +1,123 @@
+"""How a run over many frames goes: on the terminal while it lasts, and summed up at its end."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import contextmanager
+from dataclasses import asdict
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+
+import phasestereo
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from phasestereo.settings import Settings
+    from phasestereo.streaming import Failure, Frame
+
+_KEPT = 1000  # failures to list: a camera may fail for days
+
+
+class Tally:
+    """Keeps count of the frames.
+
+    Parameters
+    ----------
+    disparities
+        The smallest disparity searched, and how many were.
+    settings
+        What frames are matched with.
+    """
+
+    def __init__(self, disparities: tuple[int, int], settings: Settings) -> None:
+        self.disparities, self.settings = disparities, settings
+        self.done, self.failed, self.interrupted = 0, 0, False
+        self.files: dict[str, str] = {}
+        self.tell: Callable[[Failure], object] | None = None
+        self._failures: list[dict[str, Any]] = []
+        self._size: tuple[int, ...] | None = None
+        self._start, self._seconds = monotonic(), 0.0
+        self._console = Console(stderr=True, highlight=False, soft_wrap=True)
+        self._changed: Callable[[], object] | None = None
+
+    def count(self, frame: Frame) -> None:
+        """Count a frame that is done."""
+        self.done += 1
+        self._size = frame.result.disparity.shape
+        self._change()
+
+    def fail(self, failure: Failure) -> None:
+        """Count a frame that failed, and say so at once."""
+        self.failed += 1
+        if len(self._failures) < _KEPT:
+            said = {"frame": failure.index, "error": " ".join(str(failure.error).split())}
+            self._failures.append(said)
+        line = " ".join(str(failure).split())
+        self._console.print(f"phasestereo: skipped {line}", markup=False)
+        if self.tell is not None:
+            self.tell(failure)
+        self._change()
+
+    @contextmanager
+    def shown(self, length: int | None) -> Iterator[None]:
+        """Show the count on standard error while the block lasts, if that is a terminal."""
+        self._start = monotonic()
+        columns = SpinnerColumn(), TextColumn("{task.description}"), BarColumn()
+        try:
+            with Progress(
+                *columns, console=self._console, transient=True, disable=not sys.stderr.isatty()
+            ) as bar:
+                task = bar.add_task(self._line(), total=length)
+                self._changed = lambda: bar.update(
+                    task, completed=self.done + self.failed, description=self._line()
+                )
+                yield
+        finally:
+            self._changed = None
+            self._seconds = monotonic() - self._start
+
+    def show(self, *, as_json: bool) -> None:
+        """Print what it came to on standard output."""
+        if as_json:
+            sys.stdout.write(json.dumps(self.as_dict(), indent=2, allow_nan=False) + "\n")
+            return
+        console = Console(highlight=False, soft_wrap=True)
+        size = "" if self._size is None else f" of {self._size[1]} x {self._size[0]} pixels"
+        console.print(f"{self._line()}{size}, {self.disparities[1]} disparities", markup=False)
+        for path in self.files.values() if self.done else ():
+            console.print(f"wrote {path}", markup=False)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything as JSON has it."""
+        rows, cols = self._size or (None, None)
+        return {
+            "version": phasestereo.__version__,
+            "width": cols,
+            "height": rows,
+            "min_disparity": self.disparities[0],
+            "num_disparities": self.disparities[1],
+            "settings": asdict(self.settings),
+            "frames": self.done,
+            "failed": self.failed,
+            "failures": self._failures,
+            "interrupted": self.interrupted,
+            "seconds": self._seconds,
+            "frames_per_second": self._rate(self._seconds),
+            "files": self.files if self.done else {},
+        }
+
+    def _change(self) -> None:
+        if self._changed is not None:
+            self._changed()
+
+    def _line(self) -> str:
+        rate = self._rate(self._seconds or monotonic() - self._start)
+        return f"{self.done} frames, {self.failed} failed, {rate:.1f} frames/s"
+
+    def _rate(self, seconds: float) -> float:
+        return self.done / seconds if seconds else 0.0

@@ -1,0 +1,87 @@
+"""The images of a pair as files tell them: pixels, what of them is valid, and where they lie."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from phasestereo.io import read_image
+from phasestereo.io.geotiff import check_pair, read_geotiff
+from phasestereo.io.tiff import is_geotiff
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from phasestereo.io import GeoImage, Georeference
+
+    Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One image of a pair.
+
+    Parameters
+    ----------
+    image
+        As `phasestereo.match` takes it.
+    mask
+        bool (H, W), True = valid; None: all.
+    place
+        Where on Earth it lies; None: the file does not say.
+    """
+
+    image: NDArray[Any]
+    mask: Mask | None = None
+    place: Georeference | None = None
+
+
+def read_views(left: Path, right: Path, bands: tuple[int, ...] | None = None) -> tuple[View, View]:
+    """Read both images; those in GeoTIFF files with their masks and places.
+
+    Parameters
+    ----------
+    left, right
+        The files.
+    bands
+        The bands of GeoTIFF files to read, as `read_geotiff` has it.
+
+    Raises
+    ------
+    OSError, TypeError, ValueError, ImportError
+        As `phasestereo.io.read_image`, `read_geotiff` and `check_pair`.
+    """
+    paths = left, right
+    if bands is None and not all(is_geotiff(path) for path in paths):
+        found = [_read_alone(path) for path in paths]
+        return found[0], found[1]
+    pair = [_read_geotiff(path, bands) for path in paths]
+    check_pair(pair[0], pair[1], names=(os.fspath(left), os.fspath(right)))
+    return _as_view(pair[0]), _as_view(pair[1])
+
+
+def join(mask: Mask | None, other: Mask | None) -> Mask | None:
+    """Return what both masks leave valid; None: everything."""
+    if mask is None or other is None:
+        return other if mask is None else mask
+    return mask & other
+
+
+def _read_alone(path: Path) -> View:
+    return _as_view(_read_geotiff(path)) if is_geotiff(path) else View(read_image(path))
+
+
+def _read_geotiff(path: Path, bands: tuple[int, ...] | None = None) -> GeoImage:
+    """Read a GeoTIFF file; without what that takes, say why other readers will not do."""
+    try:
+        return read_geotiff(path, bands=bands)
+    except ImportError as error:
+        raise ImportError(f"{path} is a GeoTIFF, whose masks and place count: {error}") from error
+
+
+def _as_view(found: GeoImage) -> View:
+    return View(found.image, found.mask, found.georeference)

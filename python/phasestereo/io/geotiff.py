@@ -1,0 +1,393 @@
+"""GeoTIFF through rasterio: images with what says where on Earth they lie, and which pixels count.
+
+A georeference goes in and comes out as it is: nothing is reprojected or resampled here.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo._extras import require
+from phasestereo.io.files import decoding, replacing
+from phasestereo.io.pixels import as_samples, channels, check_size, look_up
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from phasestereo.io.files import StrPath
+    from phasestereo.io.pixels import Pixels
+
+    Mask = NDArray[np.bool_]
+
+_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # what GDAL has where there is no transform
+_SAME = 1e-3  # relative difference of pixel sizes that rounding may make
+_DTYPES = ("uint8", "uint16", "float32")
+_TILE = 256
+_PREDICTORS = {"u": 2, "f": 1}  # none for floats: tifffile alone, as in read_image, has none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Georeference:
+    """Where on Earth the pixels of an image lie.
+
+    Parameters
+    ----------
+    crs
+        Coordinate reference system: an ``rasterio.crs.CRS``, or what it is made from, such as
+        "EPSG:32631"; None: unknown, as of most epipolar images.
+    transform
+        Coordinates of pixels, ``affine.Affine`` or its first six coefficients (a, b, c, d, e, f):
+        x = a col + b row + c, y = d col + e row + f at the upper left corner of a pixel; None:
+        unknown.
+    gcps
+        Ground control points, ``rasterio.control.GroundControlPoint``, in coordinates of `crs`; a
+        file has either these or a transform.
+    rpcs
+        Rational polynomial coefficients of the sensor, ``rasterio.rpc.RPC``; None: unknown.
+    point
+        Whether a sample stands for a point ("PixelIsPoint") rather than an area.
+    """
+
+    crs: Any = None
+    transform: Any = None
+    gcps: tuple[Any, ...] = ()
+    rpcs: Any = None
+    point: bool = False
+
+    @property
+    def pixel_size(self) -> tuple[float, float] | None:
+        """Lengths of one column and one row in units of the CRS; None if unknown."""
+        if self.transform is None:
+            return None
+        a, b, _, d, e, _ = tuple(self.transform)[:6]
+        return float(np.hypot(a, d)), float(np.hypot(b, e))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GeoImage:
+    """An image of a GeoTIFF file.
+
+    Parameters
+    ----------
+    image
+        uint8, uint16 or float32, (H, W) or (H, W, 3), as `phasestereo.match` takes it.
+    mask
+        bool (H, W), True = valid; None: all are.
+    georeference
+        Where it lies.
+    tags
+        The metadata of the file by name.
+    """
+
+    image: Pixels
+    mask: Mask | None
+    georeference: Georeference
+    tags: Mapping[str, str]
+
+
+def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoImage:
+    """Read an image, its mask and its georeference.
+
+    Parameters
+    ----------
+    path
+        A GeoTIFF file; what GDAL finds beside it (``.tfw``, ``.RPB``, ``.msk`` ...) counts, too.
+    bands
+        The number of one band, or of three that are taken for red, green and blue, counted from 1.
+        None: the only one, or those that the file calls red, green and blue; alpha goes into the
+        mask.
+
+    Returns
+    -------
+    GeoImage
+        Samples as they are stored: uint8, uint16, float32; those of other real types as float32
+        (int16 is exact in it). Masked are pixels of the file's "no data" value (of colour images
+        those that have it in all bands), those that its mask or alpha leaves out, and NaN.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    TypeError
+        If the bands are no integers.
+    ValueError
+        If it is damaged or no GeoTIFF; if it has no such bands, or more than can be meant; if its
+        samples are complex, or integers beyond 2**24; if it has more than 2**30 pixels.
+    ImportError
+        If rasterio is not installed.
+
+    Notes
+    -----
+    Scale and offset of a band are not applied: matching does not depend on them.
+    """
+    chosen = None if bands is None else _as_bands(bands)
+    rasterio = require("rasterio", extra="geo")
+    with (
+        decoding(path),
+        _unplaced_allowed(),
+        rasterio.open(os.fspath(path), driver="GTiff") as file,
+    ):
+        check_size(file.width, file.height)
+        indexes = _indexes(file, chosen)
+        samples = file.read(indexes)
+        valid = _valid(file, indexes, samples)
+        return GeoImage(
+            image=_as_image(file, indexes, samples),
+            mask=None if valid.all() else valid,
+            georeference=_georeference(file),
+            tags=file.tags(),
+        )
+
+
+def read_geotiff_pair(
+    left: StrPath, right: StrPath, *, bands: Sequence[int] | None = None
+) -> tuple[GeoImage, GeoImage]:
+    """Read both images of a stereo pair; see `read_geotiff`.
+
+    Raises
+    ------
+    OSError, TypeError, ValueError, ImportError
+        As `read_geotiff`; ValueError also if the images differ in size, or, where both tell them,
+        in their reference systems or pixel sizes.
+    """
+    pair = read_geotiff(left, bands=bands), read_geotiff(right, bands=bands)
+    check_pair(pair[0], pair[1], names=(os.fspath(left), os.fspath(right)))
+    return pair
+
+
+def check_pair(
+    left: GeoImage, right: GeoImage, *, names: tuple[str, str] = ("left", "right")
+) -> None:
+    """Refuse two images that cannot be a rectified stereo pair.
+
+    Raises
+    ------
+    ValueError
+        If the images differ in size, or, where both tell them, in their reference systems or pixel
+        sizes (by more than 0.1 %). Where they lie does not matter.
+    """
+    sizes = left.image.shape[:2], right.image.shape[:2]
+    if sizes[0] != sizes[1]:
+        raise ValueError(f"{names[1]}: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
+    places = left.georeference, right.georeference
+    if places[0].crs and places[1].crs and places[0].crs != places[1].crs:
+        raise ValueError(
+            f"{names[1]}: got {_name(places[1].crs)}; accepts the reference system of {names[0]}, "
+            f"{_name(places[0].crs)}"
+        )
+    steps = places[0].pixel_size, places[1].pixel_size
+    if steps[0] and steps[1] and not np.allclose(steps[0], steps[1], rtol=_SAME, atol=0):
+        raise ValueError(
+            f"{names[1]}: got pixels of {_by(steps[1])}; accepts those of {names[0]}, "
+            f"{_by(steps[0])}: resample one of them"
+        )
+
+
+def write_geotiff(
+    path: StrPath,
+    image: ArrayLike | Mapping[str, ArrayLike],
+    *,
+    like: Georeference | GeoImage | None = None,
+    tags: Mapping[str, str] | None = None,
+) -> None:
+    """Write an image, or several bands, with a georeference: tiled, compressed without loss.
+
+    Parameters
+    ----------
+    path
+        The file; an existing one is replaced, and only once the new one is complete.
+    image
+        uint8, uint16, float32 or float64 (rounded to float32): (H, W), (H, W, 3) RGB, (H, W, 4)
+        RGB with alpha; or bands (H, W) by their names, all of the type that holds them all
+        (disparity and flags: float32, exactly). In floats NaN is "no data", and the file says so.
+    like
+        The georeference, or an image that has it; None: there is none.
+    tags
+        Metadata by name.
+
+    Raises
+    ------
+    TypeError
+        If an array has another type, or `like` is something else.
+    ValueError
+        If a shape is not as above, shapes differ, or the reference system or the transform means
+        nothing to rasterio.
+    OSError
+        If the file cannot be written.
+    ImportError
+        If rasterio is not installed.
+    """
+    memory = require("rasterio.io", extra="geo")
+    names, planes, options = _layers(image)
+    place = like.georeference if isinstance(like, GeoImage) else like or Georeference()
+    options |= _placed(place)
+    count, height, width = planes.shape
+    with replacing(path) as file, _unplaced_allowed(), memory.MemoryFile() as draft:
+        with draft.open(
+            driver="GTiff", dtype=planes.dtype.name, count=count, height=height, width=width,
+            tiled=True, blockxsize=_TILE, blockysize=_TILE, compress="deflate",
+            predictor=_PREDICTORS[planes.dtype.kind], bigtiff="if_safer", **options,
+        ) as dataset:  # fmt: skip
+            dataset.update_tags(AREA_OR_POINT="Point" if place.point else "Area", **(tags or {}))
+            dataset.write(planes)
+            for number, name in enumerate(names, start=1):
+                dataset.set_band_description(number, name)
+        file.write(draft.getbuffer())
+
+
+@contextmanager
+def _unplaced_allowed() -> Iterator[None]:
+    """Silence what rasterio warns of here: images without a georeference are no mistake.
+
+    Nor is alpha beside a "no data" value: both count.
+    """
+    errors = require("rasterio.errors", extra="geo")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", errors.NotGeoreferencedWarning)
+        warnings.simplefilter("ignore", errors.NodataShadowWarning)
+        yield
+
+
+def _as_bands(bands: Sequence[int]) -> list[int]:
+    if isinstance(bands, str) or not all(isinstance(band, int | np.integer) for band in bands):
+        raise TypeError(f"bands: got {bands!r}; accepts the numbers of one or three bands")
+    if len(bands) not in (1, 3):
+        raise ValueError(f"bands: got {len(bands)}; accepts one, or three (red, green, blue)")
+    return [int(band) for band in bands]
+
+
+def _indexes(file: Any, chosen: list[int] | None) -> list[int]:
+    """Return the bands to read: the chosen ones, or those that the colours of the file name."""
+    if chosen is not None:
+        if not set(chosen) <= set(file.indexes):
+            raise ValueError(f"bands: got {chosen}; accepts 1 to {file.count}")
+        return chosen
+    colours = {kind.name: band for band, kind in zip(file.indexes, file.colorinterp, strict=True)}
+    if {"red", "green", "blue"} <= colours.keys():
+        return [colours["red"], colours["green"], colours["blue"]]
+    others = [band for band in file.indexes if band != colours.get("alpha")]
+    if len(others) == 1:
+        return others
+    names = ", ".join(f"{band} {file.descriptions[band - 1] or ''}".strip() for band in others)
+    raise ValueError(f"bands: the file has {len(others)} ({names}) and no colours; choose 1 or 3")
+
+
+def _valid(file: Any, indexes: list[int], samples: NDArray[Any]) -> Mask:
+    """Tell which pixels are neither "no data" nor masked nor transparent nor NaN."""
+    valid: Mask = (file.read_masks(indexes) != 0).any(axis=0)
+    for band, kind in zip(file.indexes, file.colorinterp, strict=True):
+        if kind.name == "alpha" and band not in indexes:
+            valid &= file.read(band) != 0
+    if samples.dtype.kind == "f":
+        valid &= ~np.isnan(samples).any(axis=0)
+    return valid
+
+
+def _as_image(file: Any, indexes: list[int], samples: NDArray[Any]) -> Pixels:
+    """Return bands as gray levels or RGB; a palette is looked up."""
+    if len(indexes) == 3:
+        return as_samples(np.ascontiguousarray(np.moveaxis(samples, 0, 2)))
+    plane: NDArray[Any] = samples[0]
+    if file.colorinterp[indexes[0] - 1].name == "palette" and plane.dtype == np.uint8:
+        entries = file.colormap(indexes[0])
+        colours = np.array([entries.get(index, (0, 0, 0))[:3] for index in range(256)], np.uint8)
+        return look_up(colours, plane)
+    return as_samples(plane)
+
+
+def _georeference(file: Any) -> Georeference:
+    gcps, gcps_crs = file.gcps
+    transform = file.transform
+    return Georeference(
+        crs=gcps_crs if gcps else file.crs,
+        transform=None if tuple(transform)[:6] == _IDENTITY else transform,
+        gcps=tuple(gcps),
+        rpcs=file.rpcs,
+        point=file.tags().get("AREA_OR_POINT") == "Point",
+    )
+
+
+def _layers(
+    image: ArrayLike | Mapping[str, ArrayLike],
+) -> tuple[list[str], NDArray[Any], dict[str, Any]]:
+    """Return the names of bands, the bands (count, H, W), and what GDAL is to know of them."""
+    options: dict[str, Any] = {}
+    if isinstance(image, Mapping):
+        names = list(image)
+        planes = _stacked({name: np.asarray(band) for name, band in image.items()})
+    else:
+        names, whole = [], np.asarray(image)
+        if not channels(whole.shape):
+            raise ValueError(
+                f"image: got shape {whole.shape}; accepts (H, W), (H, W, 3) and (H, W, 4)"
+            )
+        planes = np.atleast_3d(whole).transpose(2, 0, 1)
+        if len(planes) > 1:
+            options |= {"photometric": "rgb"} | ({"alpha": "yes"} if len(planes) == 4 else {})
+    if planes.dtype == np.float64:
+        planes = planes.astype(np.float32)
+    if planes.dtype.name not in _DTYPES:
+        raise TypeError(f"image: got dtype {planes.dtype}; accepts {', '.join(_DTYPES)}, float64")
+    if planes.dtype.kind == "f":
+        options["nodata"] = np.nan
+    return names, np.ascontiguousarray(planes), options
+
+
+def _stacked(bands: dict[str, NDArray[Any]]) -> NDArray[Any]:
+    shapes = {band.shape for band in bands.values()}
+    if len(shapes) != 1 or channels(shape := shapes.pop()) != 1 or len(shape) != 2:
+        raise ValueError(f"image: got bands of shapes {shapes or '()'}; accepts one (H, W) for all")
+    for name, band in bands.items():
+        if band.dtype.name not in (*_DTYPES, "float64"):
+            raise TypeError(f"{name}: got dtype {band.dtype}; accepts {', '.join(_DTYPES)}")
+    return np.stack(list(bands.values()))
+
+
+def _placed(place: Georeference) -> dict[str, Any]:
+    """Return what rasterio takes for a georeference."""
+    if not isinstance(place, Georeference):
+        kind = type(place).__name__
+        raise TypeError(f"like: got {kind}; accepts Georeference, GeoImage or None")
+    options: dict[str, Any] = {"crs": _as_crs(place.crs), "rpcs": place.rpcs}
+    if place.gcps:
+        options["gcps"] = list(place.gcps)
+    elif place.transform is not None:
+        options["transform"] = _as_affine(place.transform)
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _as_crs(crs: Any) -> Any:
+    if crs is None:
+        return None
+    errors = require("rasterio.errors", extra="geo")
+    try:
+        return require("rasterio.crs", extra="geo").CRS.from_user_input(crs)
+    except errors.CRSError as error:
+        raise ValueError(
+            f"crs: got {crs!r}; accepts a reference system, such as 'EPSG:32631'"
+        ) from error
+
+
+def _as_affine(transform: Any) -> Any:
+    terms = tuple(transform)[:6]
+    if len(terms) != 6:
+        raise ValueError(f"transform: got {transform!r}; accepts six numbers (a, b, c, d, e, f)")
+    return require("affine", extra="geo").Affine(*terms)
+
+
+def _name(crs: Any) -> str:
+    text: str = getattr(crs, "to_string", lambda: str(crs))()
+    return text
+
+
+def _by(size: tuple[float, float]) -> str:
+    return f"{size[0]:g} x {size[1]:g}"

@@ -1,0 +1,201 @@
+"""OpenCV's parameters by OpenCV's names: their ranges, and a get and a set for each."""
+
+# ruff: noqa: N802, N803 -- the names are OpenCV's
+
+from __future__ import annotations
+
+from operator import index
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+ANY = -(2**31), 2**31 - 1
+"""What an int of C++ holds."""
+NATURAL = 0, ANY[1]
+LARGEST_DISPARITY = 2047
+"""The largest whole disparity whose sixteenths int16 holds, and the next below the smallest."""
+
+RANGES: Mapping[str, tuple[int, int]] = MappingProxyType(
+    {
+        "minDisparity": (-LARGEST_DISPARITY, LARGEST_DISPARITY),
+        "numDisparities": (1, 2 * LARGEST_DISPARITY + 1),
+        "blockSize": (0, 63),
+        "P1": NATURAL,
+        "P2": NATURAL,
+        "disp12MaxDiff": ANY,
+        "preFilterCap": NATURAL,
+        "uniquenessRatio": (ANY[0], 100),
+        "speckleWindowSize": ANY,
+        "speckleRange": ANY,
+        "mode": (0, 3),
+        "preFilterType": (0, 1),
+        "preFilterSize": NATURAL,
+        "textureThreshold": NATURAL,
+        "smallerBlockSize": ANY,
+    }
+)
+"""Of each parameter the smallest and the largest value."""
+
+DEFAULTS: Mapping[str, int] = MappingProxyType(
+    dict.fromkeys(RANGES, 0)
+    | {"numDisparities": 16, "blockSize": 0}
+    | {"preFilterType": 1, "preFilterSize": 9, "textureThreshold": 10}
+)
+"""Those of ``StereoSGBM_create``, and of ``StereoBM_create`` for what it alone has; but for the
+block size, 0 being that of the preset."""
+
+
+class Parameters:
+    """What OpenCV's StereoSGBM and StereoBM are told, and what a `StereoPhase` makes of it.
+
+    These count: minDisparity, numDisparities, blockSize, disp12MaxDiff, uniquenessRatio,
+    speckleWindowSize and speckleRange. The others describe costs which this matcher does not have.
+    They are kept and returned, so that programs run as they are, and change no disparity.
+
+    Parameters
+    ----------
+    **values
+        Parameters by name; others have their `DEFAULTS`.
+
+    Raises
+    ------
+    TypeError
+        If a value is not an integer.
+    ValueError
+        If it is out of its range.
+    """
+
+    def __init__(self, **values: int) -> None:
+        self._values = dict(DEFAULTS)
+        for name, value in values.items():
+            self._set(name, value)
+
+    def _set(self, name: str, value: int) -> None:
+        if isinstance(value, bool) or not hasattr(value, "__index__"):
+            raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
+        number, (low, high) = index(value), RANGES[name]
+        if not low <= number <= high:
+            raise ValueError(f"{name}: got {number}; accepts {low} to {high}")
+        self._values[name] = number
+
+    def getMinDisparity(self) -> int:
+        """Return the smallest disparity that is searched."""
+        return self._values["minDisparity"]
+
+    def setMinDisparity(self, minDisparity: int) -> None:
+        """Set the smallest disparity that is searched, -2047 to 2047 pixels."""
+        self._set("minDisparity", minDisparity)
+
+    def getNumDisparities(self) -> int:
+        """Return how many disparities are searched."""
+        return self._values["numDisparities"]
+
+    def setNumDisparities(self, numDisparities: int) -> None:
+        """Set how many disparities are searched: any number, not only multiples of 16."""
+        self._set("numDisparities", numDisparities)
+
+    def getDisp12MaxDiff(self) -> int:
+        """Return by how much the left-right check lets disparities differ."""
+        return self._values["disp12MaxDiff"]
+
+    def setDisp12MaxDiff(self, disp12MaxDiff: int) -> None:
+        """Set by how many pixels the left-right check lets disparities differ; 0 or less: by 1."""
+        self._set("disp12MaxDiff", disp12MaxDiff)
+
+    def getUniquenessRatio(self) -> int:
+        """Return by how many percent the best cost is to be ahead."""
+        return self._values["uniquenessRatio"]
+
+    def setUniquenessRatio(self, uniquenessRatio: int) -> None:
+        """Set by how many percent the best cost is to be ahead, up to 100; 0: by none, less: 10."""
+        self._set("uniquenessRatio", uniquenessRatio)
+
+    def getSpeckleWindowSize(self) -> int:
+        """Return the largest size of the regions that are left out."""
+        return self._values["speckleWindowSize"]
+
+    def setSpeckleWindowSize(self, speckleWindowSize: int) -> None:
+        """Set up to how many pixels a region is left out that stands out; 0 or less: none is."""
+        self._set("speckleWindowSize", speckleWindowSize)
+
+    def getSpeckleRange(self) -> int:
+        """Return by how much neighbours of one region differ at most."""
+        return self._values["speckleRange"]
+
+    def setSpeckleRange(self, speckleRange: int) -> None:
+        """Set by how many pixels neighbours of a region differ at most; less than 0: no regions."""
+        self._set("speckleRange", speckleRange)
+
+    def getBlockSize(self) -> int:
+        """Return the side of the window that costs are summed over, 0 being the preset's."""
+        return self._values["blockSize"]
+
+    def setBlockSize(self, blockSize: int) -> None:
+        """Set the side of the window that costs are summed over, up to 63; 0: the preset's."""
+        self._set("blockSize", blockSize)
+
+    def getP1(self) -> int:
+        """Return P1 as it was set."""
+        return self._values["P1"]
+
+    def setP1(self, P1: int) -> None:
+        """Set P1, which changes no disparity: the setting ``penalty`` does."""
+        self._set("P1", P1)
+
+    def getP2(self) -> int:
+        """Return P2 as it was set."""
+        return self._values["P2"]
+
+    def setP2(self, P2: int) -> None:
+        """Set P2, which changes no disparity: the setting ``penalty`` does."""
+        self._set("P2", P2)
+
+    def getMode(self) -> int:
+        """Return the mode as it was set."""
+        return self._values["mode"]
+
+    def setMode(self, mode: int) -> None:
+        """Set the mode, 0 to 3, which changes no disparity: the setting ``optimizer`` does."""
+        self._set("mode", mode)
+
+    def getPreFilterCap(self) -> int:
+        """Return the cap of the prefilter as it was set."""
+        return self._values["preFilterCap"]
+
+    def setPreFilterCap(self, preFilterCap: int) -> None:
+        """Set the cap of the prefilter, which changes no disparity: there is no prefilter."""
+        self._set("preFilterCap", preFilterCap)
+
+    def getPreFilterType(self) -> int:
+        """Return the type of StereoBM's prefilter as it was set."""
+        return self._values["preFilterType"]
+
+    def setPreFilterType(self, preFilterType: int) -> None:
+        """Set the type of StereoBM's prefilter, 0 or 1, which changes no disparity."""
+        self._set("preFilterType", preFilterType)
+
+    def getPreFilterSize(self) -> int:
+        """Return the size of StereoBM's prefilter as it was set."""
+        return self._values["preFilterSize"]
+
+    def setPreFilterSize(self, preFilterSize: int) -> None:
+        """Set the size of StereoBM's prefilter, which changes no disparity."""
+        self._set("preFilterSize", preFilterSize)
+
+    def getTextureThreshold(self) -> int:
+        """Return StereoBM's least texture as it was set."""
+        return self._values["textureThreshold"]
+
+    def setTextureThreshold(self, textureThreshold: int) -> None:
+        """Set StereoBM's least texture, which changes no disparity: ``min_confidence`` does."""
+        self._set("textureThreshold", textureThreshold)
+
+    def getSmallerBlockSize(self) -> int:
+        """Return StereoBM's smaller block size as it was set."""
+        return self._values["smallerBlockSize"]
+
+    def setSmallerBlockSize(self, blockSize: int) -> None:
+        """Set StereoBM's smaller block size, which changes no disparity (nor does it there)."""
+        self._set("smallerBlockSize", blockSize)

@@ -1,0 +1,374 @@
+"""Many pairs in, a disparity map for each: videos, folders of images, cameras.
+
+A pair that cannot be had, or not be matched, is reported and skipped; the others keep their
+numbers. Where the pairs come from is the business of `phasestereo.video`.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from importlib import import_module
+from itertools import chain, islice
+from numbers import Integral
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from phasestereo._images import as_mask, as_pair
+from phasestereo.matcher import PRESET, Matcher
+from phasestereo.video.capture import LayoutError
+from phasestereo.video.sources import open_source
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterable, Mapping
+    from types import TracebackType
+    from typing import Self
+
+    from numpy.typing import ArrayLike
+
+    from phasestereo.equalisation import Equalisation, Noise
+    from phasestereo.result import Result
+    from phasestereo.settings import Settings
+    from phasestereo.video.capture import Capture, Image, Layout, Pair, Source
+    from phasestereo.video.sources import Place
+
+    _Taken = tuple[Capture[Pair], Pair | Exception]
+
+T = TypeVar("T")
+
+_LOG = logging.getLogger("phasestereo")
+_FAULTS = (OSError, ValueError, TypeError)
+"""What may be wrong with one frame and not with the next."""
+_WIDEST = 16384  # the most disparities there can be
+_END: Any = object()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One pair of a stream, matched.
+
+    Parameters
+    ----------
+    index
+        Its number in the source, from 0. Frames that failed have a number, too.
+    time
+        When it was taken, in seconds: since the beginning of the video, or since the cameras were
+        opened. None where the source does not tell.
+    left, right
+        The images, gray (H, W) or RGB (H, W, 3).
+    result
+        What `phasestereo.match` returns for them.
+    """
+
+    index: int
+    time: float | None
+    left: Image
+    right: Image
+    result: Result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Failure:
+    """A frame that could not be had or not be matched.
+
+    Parameters
+    ----------
+    index, time
+        As those of a `Frame`.
+    error
+        What went wrong: an OSError, ValueError or TypeError.
+    """
+
+    index: int
+    time: float | None
+    error: Exception
+
+    def __str__(self) -> str:
+        """Tell which frame failed, and why."""
+        return f"frame {self.index}: {self.error}"
+
+
+def stream(
+    source: Place | Iterable[tuple[ArrayLike, ArrayLike]] | Iterable[ArrayLike],
+    right: Place | None = None,
+    *,
+    num_disparities: int,
+    min_disparity: int = 0,
+    layout: Layout | None = None,
+    start: int = 0,
+    stop: int | None = None,
+    every: int = 1,
+    on_error: Callable[[Failure], object] | None = None,
+    preset: str = PRESET,
+    settings: Settings | None = None,
+    threads: int | None = None,
+    left_mask: ArrayLike | None = None,
+    right_mask: ArrayLike | None = None,
+    noise: Noise | None = None,
+    equalisation: Equalisation | None = None,
+    **overrides: Any,
+) -> Stream:
+    """Match every frame of a video, a folder of images, or a pair of cameras.
+
+    One `Matcher` matches them all. Frames that fail are reported and skipped: those that are
+    damaged or missing, or whose two images differ in size. Whatever is wrong from the start is
+    raised at once.
+
+    Parameters
+    ----------
+    source
+        - A video file, or an address such as ``rtsp://...``: each picture holds both views.
+        - A folder of images: with both views in subfolders (``left`` and ``right``, or as in KITTI
+          and EuRoC) or in names that say ``left`` and ``right``; with ``layout``, images that hold
+          both views.
+        - The number of a camera that delivers both views in each picture.
+        - An iterable of pairs of images as `match` takes them, or with ``layout`` of images that
+          hold both views. What it raises ends the stream.
+
+        With ``right``, the left view.
+    right
+        The right view of a source of the same kind: a second video file, folder or camera. Frames
+        of videos are paired by their number, images by their names if some agree, else in order.
+    layout
+        Where a picture that holds both views has them: ``"side-by-side"``, left and right halves,
+        or ``"top-bottom"``, the left view above. None: side by side.
+    start, stop, every
+        Frames to match, by number: from ``start`` up to but without ``stop``, each ``every``-th.
+    on_error
+        Called with a `Failure` for every frame that fails; what it raises ends the stream. None:
+        it becomes a warning of the logger ``phasestereo``.
+    num_disparities, min_disparity, preset, settings, threads, left_mask, right_mask, noise
+        As `match` takes them; masks and noise hold for every frame.
+    equalisation, **overrides
+        Likewise.
+
+    Returns
+    -------
+    Stream
+        An iterator of `Frame`; a context manager, too, which frees the source at its end.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a wrong argument, a file that is no video, a folder without images, a picture that
+        cannot be cut in two, or what `match` refuses whatever the images hold.
+    OSError
+        If a file, a folder or a camera cannot be opened.
+    ImportError
+        If the extra is missing: ``live`` for videos and cameras, ``io`` for images.
+
+    Notes
+    -----
+    A decoder finds only some kinds of damage. In a video whose frames build upon each other, those
+    after a damaged one may be wrong up to the next key frame; intra-coded video (MJPEG, H.264 with
+    key frames only) does not spread damage.
+
+    With ``preset="robust"`` the blur of every frame is estimated anew; ``"fast"`` does without.
+
+    Examples
+    --------
+    >>> with ps.stream("video.mp4", num_disparities=64, preset="fast") as frames:
+    ...     for frame in frames:
+    ...         print(frame.index, np.nanmedian(frame.result.disparity))
+    """
+    if on_error is not None and not callable(on_error):
+        raise TypeError(f"on_error: got {type(on_error).__name__}; accepts a callable or None")
+    wanted = _wanted(start, stop, every)
+    matcher = Matcher(preset=preset, settings=settings, threads=threads, **overrides)
+    given = {
+        "num_disparities": num_disparities,
+        "min_disparity": min_disparity,
+        "left_mask": left_mask,
+        "right_mask": right_mask,
+        "noise": noise,
+        "equalisation": equalisation,
+    }
+    _try(matcher, given, width=None)
+    opened = open_source(source, right, layout=layout)
+    try:
+        return Stream(opened, matcher, given, wanted, on_error)
+    except BaseException:
+        opened.close()
+        raise
+
+
+class Stream(Iterator[Frame]):
+    """The matched frames of a source, one after another; see `stream`, which makes it.
+
+    While a frame is matched, the next one of a file is read and decoded. What the source holds is
+    freed at its end, by `close`, at the end of a ``with`` block, or with the stream itself.
+    """
+
+    def __init__(
+        self,
+        source: Source[Pair],
+        matcher: Matcher,
+        given: Mapping[str, Any],
+        wanted: slice,
+        on_error: Callable[[Failure], object] | None,
+    ) -> None:
+        self._source, self._wanted = source, wanted
+        self._work = _Work(source, matcher, given, on_error or _warn)
+        self._frames = self._work.frames(wanted)
+
+    @property
+    def failed(self) -> int:
+        """Number of frames that failed so far."""
+        return self._work.failed
+
+    @property
+    def length(self) -> int | None:
+        """Number of frames to match, if it is known; files may hold fewer than they say."""
+        known, stop = self._source.length, self._wanted.stop
+        if known is None and stop is None:
+            return None
+        end = min(bound for bound in (known, stop) if bound is not None)
+        return len(range(self._wanted.start, end, self._wanted.step))
+
+    @property
+    def rate(self) -> float | None:
+        """Frames a second of the source, if it tells."""
+        return self._source.rate
+
+    @property
+    def matcher(self) -> Matcher:
+        """What matches the frames."""
+        return self._work.matcher
+
+    def close(self) -> None:
+        """End the stream and free the source."""
+        self._frames.close()
+        self._source.close()
+
+    def __iter__(self) -> Self:
+        """Return the stream itself."""
+        return self
+
+    def __next__(self) -> Frame:
+        """Return the next frame that did not fail."""
+        return next(self._frames)
+
+    def __enter__(self) -> Self:
+        """Return the stream."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the stream."""
+        self.close()
+
+
+class _Work:
+    """What is done for a stream; it does not know the stream, so that this can be freed."""
+
+    def __init__(
+        self,
+        source: Source[Pair],
+        matcher: Matcher,
+        given: Mapping[str, Any],
+        report: Callable[[Failure], object],
+    ) -> None:
+        self.matcher, self.failed = matcher, 0
+        self._source, self._given, self._report = source, given, report
+        self._checked = False
+
+    def frames(self, wanted: slice) -> Generator[Frame]:
+        """Return what yields the frames; what is wrong with all of them is raised at once."""
+        taken = self._taken(wanted)
+        return self._matched(_ahead(self._peeked(taken)) if self._source.ahead else taken)
+
+    def _taken(self, wanted: slice) -> Generator[_Taken]:
+        """Yield the wanted captures, and the images of each or what keeps them from being had."""
+        for capture in islice(self._source.captures, wanted.start, wanted.stop, wanted.step):
+            try:
+                yield capture, as_pair(*capture.take())
+            except _FAULTS as error:
+                yield capture, error
+
+    def _peeked(self, taken: Iterator[_Taken]) -> Iterator[_Taken]:
+        """Look at the first frame."""
+        first = list(islice(taken, 1))
+        for _, images in first:
+            if isinstance(images, LayoutError):
+                raise images
+            self._check(images)
+        return chain(first, taken)
+
+    def _check(self, images: Pair | Exception) -> None:
+        """Raise what is wrong with the arguments, once it is known for what images they are."""
+        if self._checked or isinstance(images, Exception):
+            return
+        size = images[0].shape
+        _try(self.matcher, self._given, width=size[1])
+        for name in ("left_mask", "right_mask"):
+            as_mask(self._given[name], size, name)
+        self._checked = True
+
+    def _matched(self, taken: Generator[_Taken]) -> Generator[Frame]:
+        with closing(self._source), closing(taken):
+            for capture, images in taken:
+                self._check(images)
+                try:
+                    frame = self._frame(capture, images)
+                except _FAULTS as error:
+                    self.failed += 1
+                    self._report(Failure(capture.index, capture.time, error))
+                else:
+                    yield frame
+
+    def _frame(self, capture: Capture[Pair], images: Pair | Exception) -> Frame:
+        if isinstance(images, Exception):
+            raise images
+        left, right = images
+        result = self.matcher.match(left, right, **self._given)
+        return Frame(capture.index, capture.time, _squeezed(left), _squeezed(right), result)
+
+
+def _ahead(items: Iterator[T]) -> Generator[T]:
+    """Yield items, and have another thread fetch each while the one before is in use."""
+    executor = import_module("concurrent.futures").ThreadPoolExecutor  # it takes a while
+    with executor(1, thread_name_prefix="phasestereo-ahead") as thread:
+        coming = thread.submit(next, items, _END)
+        while (item := coming.result()) is not _END:
+            coming = thread.submit(next, items, _END)
+            yield item
+
+
+def _try(matcher: Matcher, given: Mapping[str, Any], *, width: int | None) -> None:
+    """Match a black row: what is refused now would be refused of any images.
+
+    Without a width, what depends on it is left to be seen.
+    """
+    count = given["num_disparities"]
+    if width is None:
+        width = _WIDEST
+        count = 1 if type(count) is int and 1 <= count <= _WIDEST else count
+    black = np.zeros((1, width), np.uint8)
+    masks = {"left_mask": None, "right_mask": None}  # are of another size
+    matcher.match(black, black, **{**given, **masks, "num_disparities": count})
+
+
+def _wanted(start: int, stop: int | None, every: int) -> slice:
+    for name, value, least in (("start", start, 0), ("stop", stop, 0), ("every", every, 1)):
+        if value is None and name == "stop":
+            continue
+        if not isinstance(value, Integral) or isinstance(value, bool):
+            raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
+        if value < least:
+            raise ValueError(f"{name}: got {value}; accepts {least} or more")
+    return slice(start, stop, every)
+
+
+def _squeezed(image: Image) -> Image:
+    return image[:, :, 0] if image.shape[2] == 1 else image
+
+
+def _warn(failure: Failure) -> None:
+    _LOG.warning("%s", failure)

@@ -1,0 +1,142 @@
+"""What a source gives: captures in the order of time, each of which may turn out to be damaged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import zip_longest
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar
+
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+T = TypeVar("T")
+Image: TypeAlias = NDArray[Any]
+Pair: TypeAlias = tuple[Image, Image]
+Layout: TypeAlias = Literal["side-by-side", "top-bottom"]
+
+AXES = {"side-by-side": 1, "top-bottom": 0}
+"""Along which axis of a picture its left and its right view follow each other, by layout."""
+
+
+class LayoutError(ValueError):
+    """A picture cannot be cut in two equal halves."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capture(Generic[T]):
+    """What was recorded at one moment.
+
+    Parameters
+    ----------
+    index
+        Its number in the source, from 0; captures that are lost have one, too.
+    time
+        Seconds from the source's own zero, if it tells.
+    take
+        Returns what was recorded: an image, or a pair of them. Raises OSError or ValueError if it
+        is damaged. To be called at most once, before the next capture is asked for.
+    """
+
+    index: int
+    time: float | None
+    take: Callable[[], T]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Source(Generic[T]):
+    """A sequence of captures.
+
+    Parameters
+    ----------
+    captures
+        The captures. Their iterator raises nothing: what fails does so when it is taken.
+    close
+        Frees what the source holds: files, cameras.
+    length
+        Number of captures, if that is known beforehand.
+    rate
+        Captures a second, if that is known.
+    ahead
+        Whether captures may be taken before they are needed, by another thread.
+    """
+
+    captures: Iterator[Capture[T]]
+    close: Callable[[], None]
+    length: int | None = None
+    rate: float | None = None
+    ahead: bool = False
+
+
+def halves(picture: Image, layout: Layout) -> Pair:
+    """Cut a picture that holds both views in two.
+
+    Raises
+    ------
+    LayoutError
+        If it has an odd number of columns or rows there.
+    """
+    axis = AXES[layout]
+    half, rest = divmod(picture.shape[axis], 2)
+    if rest or not half:
+        size, sides = f"{picture.shape[1]} x {picture.shape[0]}", ("rows", "columns")[axis]
+        raise LayoutError(f"layout: {layout!r} needs an even number of {sides}, got {size} pixels")
+    return (picture[:half], picture[half:]) if axis == 0 else (picture[:, :half], picture[:, half:])
+
+
+def split(source: Source[Image], layout: Layout) -> Source[Pair]:
+    """Return a source of pairs from one whose pictures hold both views."""
+
+    def cut(capture: Capture[Image]) -> Capture[Pair]:
+        return Capture(capture.index, capture.time, lambda: halves(capture.take(), layout))
+
+    return Source(
+        captures=map(cut, source.captures),
+        close=source.close,
+        length=source.length,
+        rate=source.rate,
+        ahead=source.ahead,
+    )
+
+
+def join(left: Source[Image], right: Source[Image]) -> Source[Pair]:
+    """Return a source of pairs from one for each view; it ends where the shorter one does."""
+    lengths = [source.length for source in (left, right) if source.length is not None]
+
+    def close() -> None:
+        left.close()
+        right.close()
+
+    return Source(
+        captures=_joined(left.captures, right.captures),
+        close=close,
+        length=min(lengths, default=None),
+        rate=left.rate or right.rate,
+        ahead=left.ahead and right.ahead,
+    )
+
+
+def lost(index: int, time: float | None, error: Exception) -> Capture[Any]:
+    """Return a capture that is known to be lost."""
+
+    def fail() -> Any:
+        raise error
+
+    return Capture(index, time, fail)
+
+
+def _joined(
+    left: Iterator[Capture[Image]], right: Iterator[Capture[Image]]
+) -> Iterator[Capture[Pair]]:
+    for index, (one, other) in enumerate(zip_longest(left, right)):
+        if one is None or other is None:
+            ended, going = ("left", "right") if one is None else ("right", "left")
+            message = f"the {ended} view ends after {index} frames, the {going} one goes on"
+            yield lost(index, None, ValueError(message))
+            return
+        yield Capture(index, one.time, _both(one, other))
+
+
+def _both(one: Capture[Image], other: Capture[Image]) -> Callable[[], Pair]:
+    return lambda: (one.take(), other.take())

@@ -1,0 +1,41 @@
+"""Files that grow while they are written: under a name of their own until they are complete."""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from phasestereo.io.files import suffix
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from phasestereo.io.files import StrPath
+
+
+def draft_of(path: StrPath, suffixes: Sequence[str], what: str) -> tuple[Path, Path]:
+    """Return the file that a path names, and the draft beside it, which does not exist yet.
+
+    Raises
+    ------
+    OSError
+        If its folder does not exist or cannot be written to, or it is no file.
+    ValueError
+        If it does not end in one of the suffixes; ``what`` says what is written.
+    """
+    if suffix(path) not in suffixes:
+        raise ValueError(
+            f"path of a {what} must end in {' or '.join(suffixes)}, got {os.fspath(path)!r}"
+        )
+    target = Path(os.path.realpath(path))  # a symbolic link stays, the file it names is replaced
+    if not target.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "no such folder", str(target.parent))
+    if target.exists() and not target.is_file():
+        raise OSError(f"{os.fspath(path)} exists and is not a regular file")
+    draft = target.with_name(f"{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
+    draft.open("xb").close()  # nothing else knows all that can go wrong
+    draft.unlink()
+    return target, draft

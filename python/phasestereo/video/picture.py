@@ -1,0 +1,53 @@
+"""Frames as pictures to look at, all of a video in the same colours."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from phasestereo._images import as_pixels, as_rgb8
+from phasestereo.picture import NEUTRAL, colorize
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo.streaming import Frame
+
+_STEPS = 256  # of the colours: one more stands for no estimate
+
+
+class FramePicture:
+    """Puts the disparities of a frame, in colour, beside its left image.
+
+    The colours are those of `phasestereo.picture.colorize`, looked up in a table. They mean the
+    same in every picture, so that a video does not flicker.
+
+    Parameters
+    ----------
+    low, high
+        Disparities at the ends of the colours; beyond them the colours stay.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If these are no finite numbers, or low is not below high.
+    ImportError
+        If matplotlib is not installed.
+    """
+
+    def __init__(self, low: float, high: float) -> None:
+        if not low < high:
+            raise ValueError(f"low: got {low}; accepts less than high, which is {high}")
+        self._low, self._scale = low, (_STEPS - 1) / (high - low)
+        ramp = np.linspace(low, high, _STEPS)[np.newaxis]
+        none = np.array([NEUTRAL], np.uint8)
+        self._colours = np.concatenate([colorize(ramp, low=low, high=high)[0], none])
+
+    def __call__(self, frame: Frame) -> NDArray[np.uint8]:
+        """Return the picture: uint8 (H, 2 W, 3), RGB."""
+        disparity = frame.result.disparity
+        steps = np.rint((disparity - np.float32(self._low)) * np.float32(self._scale))
+        steps = np.where(np.isnan(steps), _STEPS, np.clip(steps, 0, _STEPS - 1))
+        coloured = self._colours[steps.astype(np.intp)]
+        return np.concatenate([as_rgb8(as_pixels(frame.left, "left")), coloured], axis=1)

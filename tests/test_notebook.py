@@ -1,0 +1,303 @@
+"""What notebooks show of a result: what it says, its pictures, and that Jupyter and marimo do."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import io
+import os
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from conftest import counterpart
+from phasestereo.blur import Blur, BlurEstimate
+from phasestereo.picture import NEUTRAL, colorize, limits
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+pytest.importorskip("matplotlib")
+
+from PIL import Image
+
+SETUP = """
+import numpy as np
+import phasestereo as ps
+
+disparity = np.tile(np.linspace(5, 45, 120, dtype=np.float32), (90, 1))
+disparity[10:20, 30:50] = np.nan
+flags = np.where(np.isnan(disparity), ps.Flag.OCCLUDED, 0).astype(np.uint16)
+left = np.zeros((90, 120, 3), np.uint8)
+left[:, :60] = 255, 0, 0
+result = ps.Result(
+    disparity, flags, np.ones_like(disparity), ps.Settings(), {"matching": 0.25}, None, (left, left)
+)
+"""
+EXPORTED = 60  # seconds that a notebook may take
+
+
+class Block(HTMLParser):
+    """Images, tags and text of a piece of HTML."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.images: list[dict[str, str]] = []
+        self.tags: list[str] = []
+        self.open: list[str] = []
+        self.text = ""
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        if tag == "img":
+            self.images.append({name: value or "" for name, value in attrs})
+        else:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+    def picture(self, start: str) -> NDArray[np.uint8]:
+        """Decode the image whose text begins so."""
+        (found,) = (image for image in self.images if image["alt"].startswith(start))
+        return decoded(found["src"])
+
+
+def decoded(uri: str) -> NDArray[np.uint8]:
+    kind, data = uri.split(";base64,")
+    assert kind in ("data:image/png", "data:image/jpeg")
+    with Image.open(io.BytesIO(base64.b64decode(data, validate=True))) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def shown(result: ps.Result) -> Block:
+    block = Block(result._repr_html_())
+    assert not block.open
+    return block
+
+
+@pytest.fixture(scope="module")
+def result() -> ps.Result:
+    names: dict[str, Any] = {}
+    exec(SETUP, names)  # noqa: S102  # our own text, which the notebooks run, too
+    made: ps.Result = names["result"]
+    return made
+
+
+def test_the_map_has_the_colours_of_its_disparities(result: ps.Result) -> None:
+    picture = shown(result).picture("Disparity map, 120 by 90 pixels: blue is")
+    np.testing.assert_array_equal(picture, colorize(result.disparity))
+    assert (picture[10:20, 30:50] == NEUTRAL).all()
+
+
+def test_words_tell_size_share_reasons_time_and_blur(result: ps.Result) -> None:
+    text = shown(result).text
+    assert "120 x 90 pixels, 98.1% estimated, 0.250 s" in text
+    assert "No estimate, gray: 1.9%, flagged occluded 1.9%" in text
+    assert "All flags: occluded 1.9%" in text
+    assert "mean 1.00" in text
+    whole = replace(result, disparity=np.ones_like(result.disparity), flags=0 * result.flags)
+    assert "No estimate" not in shown(whole).text
+    assert "All flags: none" in shown(whole).text
+    texture = np.random.default_rng(0).integers(0, 256, (64, 72), np.uint8)
+    matched = ps.match(texture[:, :68], texture[:, 4:], num_disparities=8)
+    assert f"blur: {matched.blur}, " in shown(matched).text
+
+
+def test_the_histogram_stands_on_the_colours_of_the_map(result: ps.Result) -> None:
+    whole = replace(result, disparity=np.array([[3, 3, 3, 4, 6, 6]] * 2, np.float32))
+    block = shown(whole)
+    picture = block.picture("Histogram of disparities from 3.0 to 6.0 pixels, median 3.5")
+    assert picture.shape[1] == 4, "one column for each whole disparity"
+    wanted = colorize(np.array([[3.0, 4.0, 5.0, 6.0]]), low=3, high=6)[0]
+    np.testing.assert_array_equal(picture[-1], wanted)
+    bars = (picture[:72] != NEUTRAL).any(axis=2).sum(axis=0)
+    assert bars.tolist() == [72, 24, 0, 48]
+    np.testing.assert_array_equal(picture[71, [0, 1, 3]], wanted[[0, 1, 3]])
+    ticks = re.findall(r'left:([\d.]+)%;">([\d.-]+)<', whole._repr_html_())
+    assert {"3", "4", "5", "6"} <= {label for _, label in ticks}
+    assert [float(at) for at, _ in ticks] == [25 * (float(label) - 2.5) for _, label in ticks]
+
+
+def test_the_pair_is_there_if_it_is_known(result: ps.Result) -> None:
+    block = shown(result)
+    for side in ("Left image", "Right image"):
+        picture = block.picture(side)
+        assert picture.shape == (90, 120, 3)
+        assert np.abs(picture[40, 20].astype(int) - (255, 0, 0)).max() < 12
+        assert picture[40, 100].max() < 12
+    alone = shown(replace(result, pair=None))
+    assert not any("image" in image["alt"] for image in alone.images)
+    assert len(alone.images) == len(block.images) - 2
+
+
+def test_images_of_any_type_are_seen_in_one_scale(result: ps.Result) -> None:
+    steps = np.tile(np.linspace(100, 4000, 120).astype(np.uint16), (90, 1))
+    for scale in (1, np.float32(1 / 4096)):
+        block = shown(replace(result, pair=(steps * scale, (steps * scale / 2)[:, :, np.newaxis])))
+        assert block.picture("Left")[:, -5:].min() > 235
+        assert 100 < block.picture("Right")[:, -5:].mean() < 135
+
+
+def test_confidence_is_there_if_there_is_one(result: ps.Result) -> None:
+    confidence = np.zeros_like(result.disparity)
+    confidence[:, 60:] = 1
+    picture = shown(replace(result, confidence=confidence)).picture("Map of confidences")
+    assert picture[40, 20].sum() < 250
+    assert picture[40, 100].sum() > 400
+    without = shown(replace(result, confidence=None))
+    assert not any("confidence" in image["alt"] for image in without.images)
+    assert "Confidence" not in without.text
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 700), (900, 1), (3, 2)])
+@pytest.mark.parametrize("value", [0.0, -7.0, 3.25, np.nan, np.inf])
+def test_odd_results_show_themselves(shape: tuple[int, int], value: float) -> None:
+    disparity = np.full(shape, value, np.float32)
+    flags, image = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
+    result = ps.Result(disparity, flags, image, ps.Settings(), {}, None, (image, image))
+    block = shown(result)
+    picture = block.picture("Disparity map")
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) == 1
+    assert (tuple(picture[0, 0]) == NEUTRAL) == (not np.isfinite(value))
+    assert any(image["alt"].startswith("Histogram") for image in block.images) == bool(
+        np.isfinite(value)
+    )
+    assert all(int(image["width"]) > 0 and int(image["height"]) > 0 for image in block.images)
+
+
+def test_large_results_stay_small_and_true() -> None:
+    """Noise is the worst that can be: nothing compresses it."""
+    rng = np.random.default_rng(0)
+    disparity = rng.uniform(0, 255, (1500, 2000)).astype(np.float32)
+    disparity[:, :500] = np.nan
+    pair = (rng.integers(0, 256, (1500, 2000, 3), np.uint8),) * 2
+    confidence = rng.random((1500, 2000), np.float32)
+    result = ps.Result(
+        disparity, np.zeros((1500, 2000), np.uint16), confidence, ps.Settings(), {}, None, pair
+    )
+    html = result._repr_html_()
+    assert len(html) < 1_000_000
+    picture = Block(html).picture("Disparity map, 2000 by 1500 pixels")
+    assert picture.shape == (330, 440, 3)
+    y, x = (((np.arange(size) + 0.5) * 1500 / 330).astype(int) for size in (330, 440))
+    low, high = limits(disparity[np.isfinite(disparity)])
+    wanted = colorize(disparity[np.ix_(y, x)], low=low, high=high)
+    assert (wanted[:, :110] == NEUTRAL).all()
+    assert np.abs(picture.astype(int) - wanted).max() < 10, "the ends come of a sample"
+
+
+def test_it_needs_nothing_from_elsewhere_and_survives_sanitizers(result: ps.Result) -> None:
+    html = result._repr_html_()
+    block = Block(html)
+    assert set(block.tags) <= {"div", "b", "figure", "figcaption", "img", "span"}
+    assert all(image["src"].startswith("data:image/") for image in block.images)
+    assert all(image["alt"] for image in block.images)
+    assert not re.search(r"https?:|url\(|[^-]color:|background", html), "colours are the page's"
+
+
+def test_text_is_escaped(result: ps.Result) -> None:
+    class Hostile:
+        def __str__(self) -> str:
+            return "<script>alert('x')</script>"
+
+    hostile: Any = Hostile()
+    block = shown(replace(result, blur=hostile))
+    assert "script" not in block.tags
+    assert "<script>alert('x')</script>" in block.text
+
+
+def test_estimates_of_blur_show_their_kinds() -> None:
+    kinds = Blur("none", "none", 0.0, 0.0), Blur("left", "motion", 9.0, 45.0)
+    labels = np.array([[0, 0, 0, 1]], np.uint8)
+    block = Block(BlurEstimate(kinds, labels, 16, 0.875, 1.0, (1.5, 0.25))._repr_html_())
+    assert not block.open
+    assert "none75.0%left, motion 9.00 px at 45 degrees25.0%" in block.text
+    assert "certainty 0.88, noise 1.5 left, 0.25 right" in block.text
+
+
+def test_diagnoses_show_their_findings() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
+    diagnosis = ps.check(image[:, :120], 255 - image[:, 8:])
+    block = Block(diagnosis._repr_html_())
+    assert not block.open
+    assert block.tags.count("tr") == len(diagnosis.findings) + 1
+    assert all(found.sentence in block.text for found in diagnosis.findings)
+    assert "128" not in block.text
+    assert "120 x 96 pixels" in block.text
+    warned = sum(found.severity == "warning" for found in diagnosis.findings)
+    assert block.tags.count("b") == 1 + 3 * warned
+    assert warned
+
+
+def test_without_matplotlib_words_remain(
+    result: ps.Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    block = shown(result)
+    assert not block.images
+    assert "pip install 'phasestereo[plot]'" in block.text
+    assert "98.1% estimated" in block.text
+
+
+def test_a_notebook_shows_the_result(result: ps.Result, tmp_path: Path) -> None:
+    nbformat, nbclient = counterpart("nbformat"), counterpart("nbclient")
+    counterpart("ipykernel")
+    v4 = nbformat.v4
+    notebook = v4.new_notebook(cells=[v4.new_code_cell(SETUP), v4.new_code_cell("result")])
+    client = nbclient.NotebookClient(
+        notebook,
+        kernel_name="python3",
+        timeout=EXPORTED,
+        resources={"metadata": {"path": tmp_path}},
+    )
+    asyncio.run(client.async_execute())
+    (output,) = notebook.cells[1].outputs
+    assert output.output_type == "execute_result"
+    assert output.data["text/plain"].startswith("<Result 120x90, 98.1% estimated")
+    block = Block(output.data["text/html"])
+    assert len(block.images) == 5
+    np.testing.assert_array_equal(block.picture("Disparity map"), colorize(result.disparity))
+    assert "98.1% estimated" in block.text
+
+
+def test_marimo_shows_the_result(result: ps.Result, tmp_path: Path) -> None:
+    counterpart("marimo")
+    cells = "".join(f"    {line}\n" for line in SETUP.strip().splitlines())
+    script, page = tmp_path / "notebook.py", tmp_path / "page.html"
+    script.write_text(
+        "import marimo\n\napp = marimo.App()\n\n\n@app.cell\ndef _():\n"
+        f"{cells}    return (result,)\n\n\n@app.cell\ndef _(result):\n    result\n    return\n"
+    )
+    command = [sys.executable, "-m", "marimo", "export", "html", "--no-include-code"]
+    done = subprocess.run(  # noqa: S603  # marimo's own command line
+        [*command, str(script), "-o", str(page)],
+        env=os.environ | {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=EXPORTED,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    written = page.read_text(encoding="utf-8")
+    assert "98.1% estimated" in written
+    uris = re.findall(r"data:image/(?:png|jpeg);base64,[A-Za-z0-9+/=]+", written)
+    wanted = colorize(result.disparity)
+    assert any(np.array_equal(decoded(uri), wanted) for uri in uris if len(uri) > 500)
