@@ -28,6 +28,7 @@ from phasestereo.io import (
     write_disparity,
     write_geotiff,
 )
+from phasestereo.pair_page import write_pair_page
 from phasestereo.rendering import render_pair
 
 Image = NDArray[np.uint8]
@@ -115,6 +116,12 @@ def in_pictures(result: ps.Result, file: Path) -> None:
     if result.pair is not None:
         ps.plot.pair(result.pair, style="side by side")
     ps.plot.overview(result).savefig(file)
+
+
+def on_a_page(left: Image, right: Image, folder: Path) -> None:
+    """Show a result to whoever has a browser."""
+    result = ps.match(left, right, num_disparities=64)
+    write_pair_page(folder / "page.html", left, right, result, num_disparities=64, title="A pair")
 
 
 def in_space(result: ps.Result, folder: Path) -> Map:
