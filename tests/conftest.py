@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import os
+import shutil
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import hypothesis
 import pytest
+
+from browser import Browser, running
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 ROOT = Path(__file__).resolve().parent.parent
 ON_CI = os.environ.get("CI") == "true"
@@ -35,3 +41,18 @@ def counterpart(module: str) -> Any:
     if ON_CI:
         return import_module(module)
     return pytest.importorskip(module)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """Return Chromium; without it, skip visibly, or fail where it must be there."""
+    webdriver = counterpart("selenium.webdriver")
+    programs = shutil.which("chromium"), shutil.which("chromedriver")
+    if programs[0] and programs[1]:
+        with running(webdriver, programs[0], programs[1]) as chromium:
+            yield chromium
+        return
+    message = "no browser: apt-get install chromium chromium-driver"
+    if ON_CI:
+        pytest.fail(message)
+    pytest.skip(message)

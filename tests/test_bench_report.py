@@ -501,7 +501,7 @@ def test_page_is_whole_and_needs_nothing_else(small: Results, written: list[Path
     assert page.open == []
     assert len(page.sources) == 2
     assert all(source.startswith("data:image/svg+xml;base64,") for source in page.sources)
-    assert "http" not in content
+    assert "://" not in content
     assert "<strong>15.0</strong>" in content
     assert "no <b> | `here` at all" in page.text
     assert "<b>" not in content

@@ -61,14 +61,14 @@ def blurred(monkeypatch: pytest.MonkeyPatch) -> None:
         gamma=1.0,
         noise=(1.0, 1.0),
     )
-    module = importlib.import_module("phasestereo.check")
+    module = importlib.import_module("phasestereo.diagnosis")
     monkeypatch.setattr(module, "estimate_blur", lambda *_, **__: estimate)
 
 
 def test_sentences_are_those_of_the_library(run: Callable[..., Run]) -> None:
     code, out, err = run("check", "left.png", "right.png")
     assert (code, err) == (0, "")
-    check = importlib.import_module("phasestereo.check").check
+    check = importlib.import_module("phasestereo.diagnosis").check
     assert out == f"{check(io.read_image('left.png'), io.read_image('right.png'))}\n"
 
 

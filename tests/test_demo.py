@@ -116,7 +116,7 @@ def test_page_is_whole_and_needs_nothing_else(small: Demo, folder: Path) -> None
     assert page.open == []
     assert len(page.sources) >= 5 + 2 * len(small.outcomes)
     assert all(source.startswith("data:image/png;base64,") for source in page.sources)
-    assert "http" not in content
+    assert "://" not in content
     assert "prefers-color-scheme: dark" in content
     assert verdict(small) in page.text
     for outcome in small.outcomes:

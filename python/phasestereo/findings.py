@@ -1,6 +1,6 @@
 """What a diagnosis means, in plain words: severities, sentences, and from where on they apply.
 
-Here belongs everything between the numbers of a `phasestereo.check.Diagnosis` and its reader.
+Here belongs everything between the numbers of a `phasestereo.diagnosis.Diagnosis` and its reader.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from phasestereo.alignment import Alignment
     from phasestereo.blur import Blur
-    from phasestereo.check import Contrast, Diagnosis
+    from phasestereo.diagnosis import Contrast, Diagnosis
 
     Severity = Literal["ok", "note", "warning"]
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from phasestereo.blur import BlurEstimate
-    from phasestereo.check import Diagnosis
+    from phasestereo.diagnosis import Diagnosis
     from phasestereo.picture import Ends, Picture
     from phasestereo.result import Result
 

@@ -1,7 +1,7 @@
 """What a quick look at a pair needs: small copies of the images, and a rough map of disparities.
 
 Here belong the reductions and the match over *all* disparities, of either sign, that the diagnosis
-of a pair (`phasestereo.check`) starts from; nothing here knows what the disparities should be.
+of a pair (`phasestereo.diagnosis`) starts from; nothing here knows what the disparities should be.
 """
 
 from __future__ import annotations

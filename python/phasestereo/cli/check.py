@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 import phasestereo
 from phasestereo.blur import Blur, BlurEstimate
-from phasestereo.check import Diagnosis
-from phasestereo.check import check as check_pair
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.diagnosis import Diagnosis
+from phasestereo.diagnosis import check as check_pair
 from phasestereo.findings import spread
 from phasestereo.io import read_image, write_image
 

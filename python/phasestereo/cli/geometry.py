@@ -68,7 +68,7 @@ class Geometry:
         given = [field.name for field in fields(self) if getattr(self, field.name) is not None]
         sources = [name for name in ("calib", "q", "focal") if name in given]
         if given and not wanted:
-            raise _wrong(given[0], "has no effect without --ply or --depth")
+            raise _wrong(given[0], "has no effect without --ply, --depth or --report")
         if len(sources) > 1:
             raise _wrong(sources[1], f"got {option(sources[0])}, too; accepts one geometry")
         for name in given:

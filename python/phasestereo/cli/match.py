@@ -27,7 +27,7 @@ _OPTIONS = _VALUES | {field.name for field in fields(Settings)}
 
 _SEARCH = Group.create_ordered("Search")
 _OUTPUT = Group.create_ordered("Output")
-_GEOMETRY = Group.create_ordered("Geometry", help="For --ply and --depth.")
+_GEOMETRY = Group.create_ordered("Geometry", help="For --ply, --depth and --report.")
 _SCORE = Group.create_ordered("Score")
 _SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
 _AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
@@ -58,8 +58,8 @@ def match(
     """Match a rectified stereo pair.
 
     The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in the right one.
-    At least one of ``--output``, ``--color``, ``--ply``, ``--depth``, ``--truth`` and ``--json``
-    says what to do with the disparities d. For example:
+    At least one of ``--output``, ``--color``, ``--ply``, ``--depth``, ``--report``, ``--truth``
+    and ``--json`` says what to do with the disparities d. For example:
 
     ```
     phasestereo match left.png right.png --num-disparities 64 -o out.pfm
@@ -87,10 +87,11 @@ def match(
         Standard deviation of the images' noise, in units of their pixels; needed with --weak.
     """
     scoring.check()
-    geometry.check(wanted=outputs.need_geometry())
+    geometry.check(wanted=outputs.use_geometry())
     if not (outputs.asked_for() or scoring.truth):
         raise CommandError(
-            "nothing to do: give -o, --color, --ply, --depth, --truth or --json", WRONG_USAGE
+            "nothing to do: give -o, --color, --ply, --depth, --report, --truth or --json",
+            WRONG_USAGE,
         )
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
@@ -118,7 +119,7 @@ def match(
         )
     with refusals():
         score = None if truth is None else truth.score(result.disparity)
-        place = views[0].place
-        outcome = Outcome(images, result, disparities, truth, score, rig, place)
+        place, names = views[0].place, (left.name, right.name)
+        outcome = Outcome(images, result, disparities, truth, score, rig, place, names)
         written = outputs.write(outcome)
     show(Summary(outcome, written), as_json=outputs.json)

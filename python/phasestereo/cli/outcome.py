@@ -39,6 +39,8 @@ class Outcome:
         The geometry of the pair, if it is known.
     place
         Where on Earth the left image lies, if its file says so.
+    names
+        The names of the images' files.
     """
 
     pair: tuple[Image, Image]
@@ -48,6 +50,7 @@ class Outcome:
     score: Score | None = None
     rig: Rig | None = None
     place: Georeference | None = None
+    names: tuple[str, str] = ("left", "right")
 
 
 def rehearsal(disparities: tuple[int, int], settings: Settings, rig: Rig | None = None) -> Outcome:

@@ -15,6 +15,7 @@ from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
 from phasestereo.cli.geometry import Rig
 from phasestereo.cli.outcome import Outcome
 from phasestereo.io import write_depth, write_disparity, write_geotiff, write_image, write_ply
+from phasestereo.pair_page import write_pair_page
 from phasestereo.picture import disparity_picture
 
 Writer = Callable[[Path, Outcome], None]
@@ -38,6 +39,10 @@ class Outputs:
     depth
         File for the depths: .png of 16-bit mm, 0 being none, or .tif, .pfm, .npy in the unit of the
         baseline. Needs a geometry.
+    report
+        HTML file that shows the pair, all layers with their values, metrics and points in space, in
+        any browser and without a network. Points are to scale with a geometry. Needs the extra
+        ``report``.
     json
         Print one JSON object on standard output: size, settings, timings, flags, metrics, files.
     """
@@ -46,15 +51,16 @@ class Outputs:
     color: Path | None = None
     ply: Path | None = None
     depth: Path | None = None
+    report: Path | None = None
     json: Annotated[bool, Parameter(negative=(), show_default=False)] = False
 
     def asked_for(self) -> bool:
         """Tell whether anything is to come out."""
         return bool(self._files() or self.json)
 
-    def need_geometry(self) -> bool:
+    def use_geometry(self) -> bool:
         """Tell whether anything that is to come out depends on the geometry of the pair."""
-        return bool(self.ply or self.depth)
+        return bool(self.ply or self.depth or self.report)
 
     def check(self, sources: Iterable[Path | None], rehearsal: Outcome) -> None:
         """Refuse what cannot or must not be written.
@@ -91,6 +97,7 @@ class Outputs:
             ("color", self.color, _write_color),
             ("ply", self.ply, _write_ply),
             ("depth", self.depth, _write_depth),
+            ("report", self.report, _write_report),
         ]
         return [(name, path, write) for name, path, write in files if path]
 
@@ -116,6 +123,22 @@ def _write_depth(path: Path, outcome: Outcome) -> None:
     if rig.unit is None and path.suffix.lower() == ".png":
         raise ValueError("a .png holds mm: give --unit mm, cm or m, that of the baseline")
     write_depth(path, rig.depth(outcome.result.disparity), unit=rig.unit or "mm")
+
+
+def _write_report(path: Path, outcome: Outcome) -> None:
+    (low, count), truth, rig = outcome.disparities, outcome.truth, outcome.rig
+    write_pair_page(
+        path,
+        *outcome.pair,
+        outcome.result,
+        truth=None if truth is None else truth.disparity,
+        mask=None if truth is None else truth.mask,
+        calibration=None if rig is None else rig.calibration,
+        max_depth=None if rig is None else rig.max_depth,
+        min_disparity=low,
+        num_disparities=count,
+        title=" and ".join(outcome.names),
+    )
 
 
 def _rig(outcome: Outcome) -> Rig:

@@ -11,8 +11,8 @@ import pytest
 
 from phasestereo import degradation
 from phasestereo.blur import Blur, BlurEstimate
-from phasestereo.check import Diagnosis, check
 from phasestereo.datasets import find_scene
+from phasestereo.diagnosis import Diagnosis, check
 from warping import moved
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Diagnosis]:
     """Return what checks a pair, the estimate of blur being given."""
 
     def told(images: Pair, given: BlurEstimate | None = None) -> Diagnosis:
-        module = importlib.import_module("phasestereo.check")
+        module = importlib.import_module("phasestereo.diagnosis")
         monkeypatch.setattr(module, "estimate_blur", lambda *_, **__: given or estimate())
         return check(*images)
 

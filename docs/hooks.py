@@ -1,0 +1,40 @@
+"""What the build of this documentation does besides its plug-ins: see `hooks` in mkdocs.yml.
+
+Importing `pictures` here, beside this file, is what lets the examples of the pages import it. They
+render their scenes, as a user would; the build renders each once.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pictures  # noqa: F401  # the examples that the build runs ask for it
+from mkdocs.structure.files import File
+
+from phasestereo import rendering
+
+if TYPE_CHECKING:
+    from mkdocs.config.defaults import MkDocsConfig
+    from mkdocs.structure.files import Files
+
+rendering.render_pair = cache(rendering.render_pair)
+
+ROOT_PAGES = ("CHANGELOG.md", "CONTRIBUTING.md")
+"""Documents in the folder above, which are pages, too."""
+
+
+def on_page_markdown(markdown: str, **_: object) -> str:
+    """Lead links to names of ``api.md`` to whichever page of the interface describes them."""
+    return re.sub(r"\]\((?:\.\./)?api\.md#([\w.]+)\)", r"][\1]", markdown)
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the documents of the folder above to the pages; links into this folder follow."""
+    for name in ROOT_PAGES:
+        text = (Path(config.docs_dir).parent / name).read_text(encoding="utf-8")
+        page = re.sub(r"\]\(docs/", "](", text)
+        files.append(File.generated(config, name.lower(), content=page))
+    return files

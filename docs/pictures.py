@@ -1,0 +1,82 @@
+"""Pictures for the pages: what examples that run while the documentation is built show.
+
+An example marked ``exec`` prints Markdown or HTML, and the page shows that below it. Here is what
+turns arrays into pictures, and pictures into HTML.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PIL import Image
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike, NDArray
+
+    from phasestereo import PointCloud
+
+    Picture = NDArray[np.uint8]
+
+QUALITY = 88  # of 100; with colours at full resolution, so that maps keep their edges
+
+
+def row(pictures: Mapping[str, Picture]) -> str:
+    """Return pictures, uint8 gray or RGB, side by side, each above its caption, as HTML."""
+    figures = "".join(
+        f'<figure><img alt="{escape(caption)}" src="{_uri(picture)}">'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+        for caption, picture in pictures.items()
+    )
+    return f'<div class="pictures">{figures}</div>'
+
+
+def gray(values: ArrayLike, low: float = 0.0, high: float = 1.0) -> Picture:
+    """Return a map as gray levels: low is black, high is white, NaN is black."""
+    share = (np.asarray(values, np.float64) - low) / (high - low)
+    return (255 * np.clip(np.nan_to_num(share), 0, 1)).astype(np.uint8)
+
+
+def relief(disparity: NDArray[np.float32]) -> Picture:
+    """Return a disparity map as a surface that is lit from the left."""
+    slope = np.gradient(np.asarray(disparity, np.float64), axis=1)
+    return gray(np.tanh(2 * slope), -1, 1)
+
+
+def seen(cloud: PointCloud, degrees: float, *, focal: float, size: tuple[int, int]) -> Picture:
+    """Return a coloured cloud as a camera sees it that has gone round its middle."""
+    turn, (rows, cols) = np.radians(degrees), size
+    picture = np.full((rows, cols, 3), 24, np.uint8)
+    if cloud.colors is None:
+        return picture
+    distance = float(np.median(cloud.points[:, 2]))
+    x, y, z = (cloud.points - np.array([0, 0, distance], np.float32)).T
+    x, z = x * np.cos(turn) - z * np.sin(turn), x * np.sin(turn) + z * np.cos(turn)
+    z = np.maximum(z + 1.25 * distance, 0.1 * distance)
+    column, row = (np.rint(c * focal / z + n / 2).astype(int) for c, n in ((x, cols), (y, rows)))
+    order = np.argsort(-z)  # the nearest comes last, over all others
+    for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):  # a point is 2 x 2 pixels
+        i, j = row[order] + down, column[order] + right
+        inside = (i >= 0) & (i < rows) & (j >= 0) & (j < cols)
+        picture[i[inside], j[inside]] = cloud.colors[order][inside]
+    return picture
+
+
+def drawn(figure: Figure) -> Picture:
+    """Return a figure of matplotlib as a picture."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
+    return np.asarray(Image.open(file).convert("RGB"))
+
+
+def _uri(picture: Picture) -> str:
+    """Return a picture as a URI that holds all of it."""
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "JPEG", quality=QUALITY, subsampling=0)
+    return f"data:image/jpeg;base64,{base64.b64encode(file.getvalue()).decode()}"

@@ -1,0 +1,191 @@
+// The viewer: which layer the stage shows, mixed with the left image or flickering with the right.
+
+const NO_ESTIMATE = [112, 112, 112];
+const NOT_SCORED = [190, 190, 190];
+const UNFLAGGED = [236, 235, 230];
+
+const hex = (colour) => [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+
+const views = page.views.map(([key, label]) => page.layers.find((layer) => layer.key === key) ?? { key, label });
+for (const layer of page.layers) layer.table = bytesOf(layer.lookup);
+
+const state = { view: "disparity", mix: 1, how: "wipe", timer: 0, pixel: null, held: false, only: 0 };
+const shown = {}; // canvases by view, painted when first seen
+const viewOf = (key) => views.find((view) => view.key === key);
+
+// Colour of a value of a layer of numbers.
+function colourOf(layer, value) {
+  if (Number.isNaN(value)) return layer.key === "error" ? NOT_SCORED : NO_ESTIMATE;
+  if (!Number.isFinite(value)) return NO_ESTIMATE;
+  const share = (value - layer.low) / (layer.high - layer.low);
+  const place = 3 * Math.min(255, Math.max(0, Math.floor(share * 256)));
+  return layer.table.subarray(place, place + 3);
+}
+
+// Colour of a pixel's flags: that of the first reason, or of the one that is picked out.
+function flagColour(flags) {
+  const kind = page.flags.find(({ bit }) => flags & bit && (!state.only || state.only === bit));
+  return kind ? (kind.rgb ??= hex(kind.colour)) : UNFLAGGED;
+}
+
+function canvasOf(key) {
+  if (pictures[key]) return pictures[key].canvas;
+  return (shown[key] ??= painted(viewOf(key)));
+}
+
+function painted(view) {
+  const canvas = made("canvas", { width: page.cols, height: page.rows });
+  const context = canvas.getContext("2d");
+  const image = context.createImageData(page.cols, page.rows);
+  const values = maps[view.key];
+  for (let at = 0; at < values.length; at++) {
+    const colour = view.table ? colourOf(view, values[at]) : flagColour(values[at]);
+    image.data[4 * at] = colour[0];
+    image.data[4 * at + 1] = colour[1];
+    image.data[4 * at + 2] = colour[2];
+    image.data[4 * at + 3] = 255;
+  }
+  context.putImageData(image, 0, 0);
+  return canvas;
+}
+
+function drawStage(context) {
+  const over = canvasOf(state.view);
+  const whole = state.mix >= 1 || state.view === "left";
+  if (!whole) context.drawImage(canvasOf("left"), 0, 0);
+  context.save();
+  let edge = null;
+  if (!whole && state.how === "fade") context.globalAlpha = state.mix;
+  if (!whole && state.how === "wipe") {
+    const [first, last] = stage.sight;
+    edge = first + state.mix * (last - first);
+    context.beginPath();
+    context.rect(0, 0, edge, page.rows);
+    context.clip();
+  }
+  context.drawImage(over, 0, 0);
+  context.restore();
+  if (edge !== null) drawEdge(context, edge);
+  if (state.pixel) drawMarks(context);
+}
+
+function drawEdge(context, edge) {
+  const thick = 1.5 / stage.scale;
+  context.fillStyle = "rgb(0 0 0 / .5)";
+  context.fillRect(edge - thick, 0, 2 * thick, page.rows);
+  context.fillStyle = "white";
+  context.fillRect(edge - thick / 2, 0, thick, page.rows);
+}
+
+// A box round the pixel; on the right image round its match, joined by the disparity.
+function drawMarks(context) {
+  const { x, y } = state.pixel;
+  const found = maps.disparity[y * page.cols + x];
+  if (state.view !== "right") return drawBox(context, x, y, "white");
+  drawBox(context, x, y, "rgb(255 255 255 / .45)");
+  if (!Number.isFinite(found)) return;
+  const match = x - found / page.step;
+  context.strokeStyle = "#ffd33d";
+  context.lineWidth = 1.5 / stage.scale;
+  context.beginPath();
+  context.moveTo(x + 0.5, y + 0.5);
+  context.lineTo(match + 0.5, y + 0.5);
+  context.stroke();
+  drawBox(context, match, y, "#ffd33d");
+}
+
+function drawBox(context, x, y, colour) {
+  const room = Math.max(0, 9 / stage.scale - 1) / 2; // at least nine screen pixels wide
+  for (const [style, width] of [["rgb(0 0 0 / .75)", 3.5], [colour, 1.5]]) {
+    context.strokeStyle = style;
+    context.lineWidth = width / stage.scale;
+    context.strokeRect(x - room, y - room, 1 + 2 * room, 1 + 2 * room);
+  }
+}
+
+function choose(key) {
+  state.view = key;
+  for (const input of document.querySelectorAll("#tabs input")) input.checked = input.value === key;
+  element("mix-to").textContent = key === "left" ? "Left image" : viewOf(key).label;
+  element("mix").disabled = key === "left";
+  element("now").textContent = viewOf(key).label;
+  showScale(viewOf(key));
+  stage.refresh();
+}
+
+// Flicker: left and right in turn, at the same place.
+const swap = () => choose(state.view === "left" ? "right" : "left");
+
+function flicker(on) {
+  clearInterval(state.timer);
+  const rate = Number(element("rate").value);
+  state.timer = on ? setInterval(swap, 1000 / rate) : 0;
+  element("flicker").setAttribute("aria-pressed", String(on));
+  if (on) setMix(1);
+  if (on && state.view !== "right") choose("left");
+}
+
+function setMix(share) {
+  state.mix = share;
+  element("mix").value = 100 * share;
+  element("mix").setAttribute("aria-valuetext", `${Math.round(100 * share)} % ${viewOf(state.view).label}`);
+  stage.refresh();
+}
+
+function bindTabs() {
+  for (const input of document.querySelectorAll("#tabs input")) {
+    input.addEventListener("change", () => {
+      flicker(false);
+      choose(input.value);
+    });
+    drawSmall(input.parentElement.querySelector("canvas"), canvasOf(input.value));
+  }
+}
+
+// As much of an image as fills a small canvas.
+function drawSmall(small, canvas) {
+  const context = small.getContext("2d");
+  const scale = Math.max(small.width / page.cols, small.height / page.rows);
+  context.imageSmoothingQuality = "high";
+  context.imageSmoothingEnabled = scale < 1;
+  context.translate((small.width - page.cols * scale) / 2, (small.height - page.rows * scale) / 2);
+  context.drawImage(canvas, 0, 0, page.cols * scale, page.rows * scale);
+}
+
+function bindControls() {
+  element("flicker").addEventListener("click", () => flicker(!state.timer));
+  element("swap").addEventListener("click", () => { flicker(false); swap(); });
+  element("rate").addEventListener("input", () => {
+    element("rate-told").textContent = `${element("rate").value} / s`;
+    if (state.timer) flicker(true);
+  });
+  element("mix").addEventListener("input", () => setMix(element("mix").value / 100));
+  for (const input of document.querySelectorAll("input[name=how]")) {
+    input.addEventListener("change", () => { state.how = input.value; stage.refresh(); });
+  }
+  element("closer").addEventListener("click", () => stage.zoomBy(2));
+  element("farther").addEventListener("click", () => stage.zoomBy(0.5));
+  element("whole").addEventListener("click", () => stage.zoomBy(0));
+  document.addEventListener("keydown", pressed);
+}
+
+const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+function pressed(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("select, textarea")) return;
+  const view = views[Number(event.key) - 1];
+  const onStage = event.target === stage.canvas;
+  if (view) { flicker(false); choose(view.key); }
+  else if (event.key === "f") flicker(!state.timer);
+  else if (event.key === "+" || event.key === "=") stage.zoomBy(2, middle());
+  else if (event.key === "-") stage.zoomBy(0.5, middle());
+  else if (event.key === "0") stage.zoomBy(0);
+  else if (event.key === "Escape") hold(null);
+  else if (event.key === " " && (onStage || event.target === document.body)) { flicker(false); swap(); }
+  else if (STEPS[event.key] && onStage) stepBy(STEPS[event.key], event.shiftKey ? 10 : 1);
+  else return;
+  event.preventDefault();
+}
+
+// Where keys zoom to: the pixel that is held, else the middle.
+const middle = () => (state.held ? [state.pixel.x + 0.5, state.pixel.y + 0.5] : undefined);

@@ -1,0 +1,120 @@
+"""A browser as the tests drive it: Chromium without a window and without a network."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from contextlib import contextmanager
+from time import monotonic, sleep
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from phasestereo.io.raster import decode_raster
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+# WebGL is drawn by SwiftShader, on the processor; whatever leads out of the machine goes nowhere.
+_OPTIONS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-dev-shm-usage",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--hide-scrollbars",
+    "--force-color-profile=srgb",
+    "--host-resolver-rules=MAP * ~NOTFOUND",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--no-first-run",
+)
+
+# Chromium's hints on how Plotly and WebGL could be faster.
+_HINTS = ("willReadFrequently", "GPU stall due to ReadPixels")
+
+
+class Browser:
+    """One Chromium, by the driver that is installed beside it; pages open in a window of it."""
+
+    def __init__(self, driver: Any) -> None:
+        self.driver = driver
+
+    def open(self, page: Path, *, width: int = 1280, height: int = 900, dark: bool = False) -> None:
+        """Open a page at this size and in this theme, and wait until its scripts are done."""
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
+        self.complaints()  # those of an earlier page
+        self.requests()
+        self.driver.get(page.absolute().as_uri())
+        if self.run("return document.getElementById('page') !== null"):
+            self.wait("document.documentElement.dataset.ready === 'yes'")
+
+    def run(self, script: str, *arguments: Any) -> Any:
+        """Run a script in the page; return what it returns."""
+        return self.driver.execute_script(script, *arguments)
+
+    def wait(self, condition: str, seconds: float = 30.0) -> None:
+        """Wait until an expression of the page is true."""
+        until = monotonic() + seconds
+        while not self.run(f"return Boolean({condition})"):
+            if monotonic() > until:
+                pytest.fail(f"{condition}: did not come true; the console says {self.complaints()}")
+            sleep(0.03)
+
+    def complaints(self) -> list[str]:
+        """Return what the console said since the last call, but for hints on speed."""
+        told = self.driver.get_log("browser")
+        messages = [line["message"] for line in told if line["level"] in ("SEVERE", "WARNING")]
+        return [text for text in messages if not any(hint in text for hint in _HINTS)]
+
+    def requests(self) -> list[str]:
+        """Return what was asked for since the last call, but for data that the page holds."""
+        told = self.driver.get_log("performance")
+        events = [json.loads(line["message"])["message"] for line in told]
+        urls = [
+            event["params"]["request"]["url"]
+            for event in events
+            if event["method"] == "Network.requestWillBeSent"
+        ]
+        return [url for url in urls if not url.startswith(("data:", "blob:"))]
+
+    def picture(self, selector: str = "") -> NDArray[np.uint8]:
+        """Return what is in sight, or one element, as RGB."""
+        if selector:
+            shot = self.driver.find_element("css selector", selector).screenshot_as_png
+        else:
+            shot = self.driver.get_screenshot_as_png()
+        return np.asarray(decode_raster(io.BytesIO(shot)), dtype=np.uint8)[:, :, :3]
+
+    def whole_page(self) -> bytes:
+        """Return all of the page as a PNG, also what is out of sight."""
+        height = self.run("return document.documentElement.scrollHeight")
+        width = self.run("return innerWidth")
+        clip = {"x": 0, "y": 0, "width": width, "height": height, "scale": 1}
+        options = {"captureBeyondViewport": True, "clip": clip}
+        shot = self.driver.execute_cdp_cmd("Page.captureScreenshot", options)["data"]
+        return base64.b64decode(shot)
+
+
+@contextmanager
+def running(webdriver: Any, program: str, service: str) -> Iterator[Browser]:
+    """Start a browser, and end it afterwards; both programs are named: none is downloaded."""
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for option in _OPTIONS:
+        options.add_argument(option)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options, webdriver.ChromeService(service))
+    try:
+        yield Browser(driver)
+    finally:
+        driver.quit()

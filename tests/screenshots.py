@@ -1,0 +1,102 @@
+"""The pictures of pages in the documentation, made again: ``python tests/screenshots.py``.
+
+Needs Chromium, its driver, selenium and the extras ``bench`` and ``report``. Look at what comes out
+before it is committed.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+from time import sleep
+from typing import TYPE_CHECKING
+
+from PIL import Image
+from selenium import webdriver
+
+import phasestereo as ps
+from browser import Browser, running
+from phasestereo.degradation import Degradation, disk_psf
+from phasestereo.pair_page import write_pair_page
+from phasestereo.rendering import render_pair
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
+
+
+def write_page(path: Path) -> None:
+    """Write the page of a rendered pair whose left image is out of focus."""
+    pair = render_pair(3, height=480, width=640, num_disparities=80)
+    left = Degradation(disk_psf(3.0), noise=1.0)(pair.left)
+    result = ps.match(left, pair.right, num_disparities=pair.num_disparities)
+    write_pair_page(
+        path,
+        left,
+        pair.right,
+        result,
+        truth=pair.truth,
+        mask=pair.masks["nonocc"],
+        calibration=pair.calibration,
+        num_disparities=pair.num_disparities,
+        title="A rendered pair, its left image out of focus",
+    )
+
+
+def viewer(browser: Browser) -> None:
+    """Show the wipe from the left image to the disparities, a pixel held."""
+    browser.run("setMix(0.55); hold({ x: 330, y: 250 }); scrollTo(0, 0)")
+
+
+def errors(browser: Browser) -> None:
+    """Show the errors, faded over the left image."""
+    browser.run(
+        "document.querySelector('input[value=fade]').click(); choose('error'); setMix(0.8);"
+        "hold({ x: 455, y: 200 }); document.querySelector('.viewer').scrollIntoView()"
+    )
+
+
+def cloud(browser: Browser) -> None:
+    """Show the points in space."""
+    browser.run("document.getElementById('space').scrollIntoView()")
+    browser.wait("document.getElementById('cloud').dataset.drawn === 'yes'")
+    sleep(2)  # until the last frame is drawn
+
+
+def figures(browser: Browser) -> None:
+    """Show the charts and the blur."""
+    browser.run("document.getElementById('spread').scrollIntoView()")
+    browser.wait("document.querySelectorAll('[id^=chart-][data-drawn]').length === 3")
+
+
+SHOTS: dict[str, tuple[Callable[[Browser], None], bool]] = {
+    "report-page": (viewer, False),
+    "report-page-error": (errors, True),
+    "report-page-points": (cloud, False),
+    "report-page-charts": (figures, True),
+}
+
+
+def main() -> None:
+    """Take all pictures."""
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not (chromium and driver):
+        raise SystemExit("needs chromium and chromedriver")
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        running(webdriver, chromium, driver) as browser,
+    ):
+        page = Path(folder) / "page.html"
+        write_page(page)
+        for name, (arrange, dark) in SHOTS.items():
+            browser.open(page, width=1280, height=960, dark=dark)
+            arrange(browser)
+            sleep(0.5)
+            picture = Image.fromarray(browser.picture())
+            picture.save(IMAGES / f"{name}.jpg", quality=84, optimize=True)
+
+
+if __name__ == "__main__":
+    main()

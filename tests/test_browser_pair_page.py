@@ -1,0 +1,488 @@
+"""The page of a pair in a real browser: what is seen, said and done in it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from conftest import counterpart
+from phasestereo.io import Calibration
+from phasestereo.pair_page import page as page_module
+from phasestereo.pair_page import write_pair_page
+from phasestereo.pair_page.scene import scene_of
+from phasestereo.picture import NEUTRAL, UNSCORED, colorize
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from browser import Browser
+
+for module in ("plotly", "jinja2", "matplotlib", "PIL"):
+    counterpart(module)
+
+SHAPE = (36, 48)
+HIDDEN, FLAGGED, WRONG = (30, 5), (20, 6), (12, 7)  # x, y: no estimate, filled, 5 px off
+PLACES = [(0, 0), (47, 35), (24, 18), HIDDEN, FLAGGED, WRONG]
+CALIBRATION = Calibration.from_focal(50, 0.2, width=48, height=36)
+
+
+def images(seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    rng = np.random.default_rng(seed)
+    left, right = (rng.integers(0, 256, (*SHAPE, 3), dtype=np.uint8) for _ in range(2))
+    return left, right
+
+
+def made_up() -> ps.Result:
+    """Return a result in which every number is known to be another one."""
+    rows, cols = SHAPE
+    disparity = np.linspace(1, 9, rows * cols, dtype=np.float32).reshape(SHAPE)
+    flags = np.zeros(SHAPE, dtype=np.uint16)
+    flags[FLAGGED[::-1]] = ps.Flag.OCCLUDED | ps.Flag.FILLED
+    flags[HIDDEN[::-1]] = ps.Flag.MASKED
+    disparity[HIDDEN[::-1]] = np.nan
+    confidence = np.linspace(1, 0, rows * cols, dtype=np.float32).reshape(SHAPE)
+    labels = np.array([[0, 0, 1], [0, 0, 1]], dtype=np.uint8)
+    kinds = ps.Blur("left", "disk", 3.0, 0.0, np.full((3, 3), 1 / 9)), ps.Blur("none", "none", 0, 0)
+    blur = ps.BlurEstimate(kinds, labels, 16, 0.9, 1.0, (1.0, 2.0))
+    return ps.Result(disparity, flags, confidence, ps.PRESETS["robust"], {"matching": 0.5}, blur)
+
+
+def truth_of(result: ps.Result) -> NDArray[np.float32]:
+    truth = result.disparity + np.float32(0.25)
+    truth[WRONG[::-1]] -= 5.25
+    truth[HIDDEN[::-1]] = 2
+    truth[-1] = np.nan
+    return truth
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("pages") / "pair & more #1.html"
+    result = made_up()
+    truth = truth_of(result)
+    write_pair_page(
+        path, *images(), result, truth=truth, calibration=CALIBRATION, num_disparities=10
+    )
+    return path
+
+
+@pytest.fixture
+def opened(browser: Browser, page: Path) -> Browser:
+    """Return a browser that shows the page as it is at first; only loaded when need be."""
+    if browser.run("return location.href + innerWidth") != f"{page.as_uri()}1280":
+        browser.open(page)
+    browser.run(
+        """
+        flicker(false);
+        hold(null);
+        stage.zoomBy(0);
+        document.querySelector("input[value=wipe]").click();
+        setMix(1);
+        choose("disparity");
+        tell({ x: 24, y: 18 });
+        """
+    )
+    return browser
+
+
+def click(browser: Browser, selector: str) -> None:
+    browser.driver.find_element("css selector", selector).click()
+
+
+def press(browser: Browser, selector: str, *keys: str) -> None:
+    browser.driver.find_element("css selector", selector).send_keys(*keys)
+
+
+def look_at(browser: Browser, layer: str) -> None:
+    click(browser, f".tab:has(input[value={layer}])")
+
+
+def on_stage(browser: Browser, x: int, y: int) -> tuple[int, ...]:
+    """Return the colour of a pixel of the images on the stage, marks left out."""
+    colour = browser.run(
+        """
+        const [x, y] = arguments;
+        const pixel = state.pixel;
+        state.pixel = null;
+        stage.paint();
+        state.pixel = pixel;
+        const [left, top] = stage.origin;
+        const at = (start, place) => Math.floor(start + (place + 0.5) * stage.scale);
+        return [...stage.context.getImageData(at(left, x), at(top, y), 1, 1).data.slice(0, 3)];
+        """,
+        x,
+        y,
+    )
+    return tuple(colour)
+
+
+def hover(browser: Browser, x: float, y: float, *, clicked: bool = False) -> None:
+    """Move the mouse to the middle of a pixel."""
+    actions = counterpart("selenium.webdriver").ActionChains(browser.driver, duration=20)
+    canvas = browser.driver.find_element("css selector", "#stage")
+    browser.run("arguments[0].scrollIntoView({block: 'center'})", canvas)
+    dx, dy = browser.run(
+        """
+        const [left, top] = stage.origin, [x, y] = arguments;
+        return [left + (x + 0.5) * stage.scale - stage.canvas.clientWidth / 2,
+                top + (y + 0.5) * stage.scale - stage.canvas.clientHeight / 2];
+        """,
+        x,
+        y,
+    )
+    actions.move_to_element_with_offset(canvas, round(dx), round(dy))
+    (actions.click() if clicked else actions).perform()
+
+
+def read(browser: Browser) -> dict[str, str]:
+    """Return what the read-out says, with plain minus signs."""
+    told = browser.run(
+        """
+        const cells = [...document.querySelectorAll("#values dd")];
+        return cells.map((cell) => [cell.id.replace("value-", ""), cell.textContent]);
+        """
+    )
+    return {name: text.replace("\N{MINUS SIGN}", "-") for name, text in told}
+
+
+def test_loads_without_a_word_and_without_a_network(browser: Browser, page: Path) -> None:
+    browser.open(page)
+    assert browser.requests() == [page.as_uri()]
+    assert browser.driver.title == "Stereo pair \N{EN DASH} phasestereo"
+    draw_all(browser)
+    assert browser.complaints() == []
+    assert browser.requests() == []
+
+
+def draw_all(browser: Browser) -> None:
+    """Bring everything near once that is drawn only then."""
+    for place in browser.run(
+        "return [...document.querySelectorAll('#cloud, [id^=chart-]')].map((node) => node.id)"
+    ):
+        browser.run("document.getElementById(arguments[0]).scrollIntoView()", place)
+        browser.wait(f"document.getElementById('{place}').dataset.drawn === 'yes'")
+
+
+def test_nothing_jumps_while_it_loads(browser: Browser, page: Path) -> None:
+    browser.open(page)
+    browser.run(
+        """
+        window.shift = 0;
+        new PerformanceObserver((list) => {
+          for (const entry of list.getEntries()) window.shift += entry.value;
+          window.told = true;
+        }).observe({ type: "layout-shift", buffered: true });
+        setTimeout(() => (window.told = true), 300);
+        """
+    )
+    browser.wait("window.told")
+    assert browser.run("return window.shift") < 0.02
+
+
+def test_layers_have_their_colours(opened: Browser) -> None:
+    result = made_up()
+    left, right = images()
+    known = truth_of(result)
+    low, high = np.nanpercentile(known, (1, 99))
+    expected: dict[str, NDArray[np.uint8]] = {
+        "left": left,
+        "right": right,
+        "disparity": colorize(result.disparity, low=low, high=high),
+        "truth": colorize(known, low=low, high=high),
+    }
+    for layer, picture in expected.items():
+        look_at(opened, layer)
+        for x, y in PLACES:
+            assert on_stage(opened, x, y) == pytest.approx(picture[y, x].tolist(), abs=4)
+    look_at(opened, "error")
+    assert on_stage(opened, 0, 0) == (255, 255, 255)  # 0.25 px is right
+    assert on_stage(opened, *WRONG) == (128, 0, 38)  # the end of the scale
+    assert on_stage(opened, *HIDDEN) == NEUTRAL
+    assert on_stage(opened, 0, 35) == UNSCORED
+    look_at(opened, "flags")
+    assert on_stage(opened, *FLAGGED) == (0xE6, 0x9F, 0x00)
+    look_at(opened, "confidence")
+    assert on_stage(opened, 0, 0) == (253, 231, 36)  # viridis ends yellow
+
+
+def test_flags_can_be_picked_out(opened: Browser) -> None:
+    look_at(opened, "flags")
+    assert "occluded 0.1 %" in opened.driver.find_element("css selector", "#scale").text
+    click(opened, "#scale button:nth-child(1)")
+    assert on_stage(opened, *HIDDEN) == (0x5A, 0x5A, 0x5A)
+    assert on_stage(opened, *FLAGGED) == (236, 235, 230)
+    click(opened, "#scale button:nth-child(1)")
+    assert on_stage(opened, *FLAGGED) == (0xE6, 0x9F, 0x00)
+
+
+def test_flicker_shows_left_and_right_in_turn(opened: Browser) -> None:
+    left, right = images()
+    click(opened, "#flicker")
+    assert opened.run("return document.getElementById('flicker').ariaPressed") == "true"
+    for side, image in (("right", right), ("left", left), ("right", right)):
+        opened.wait(f"state.view === '{side}'")
+        if opened.run("return state.view") == side:
+            colour = opened.run("flicker(false); return null") or on_stage(opened, 24, 18)
+            shown = opened.run("return state.view")
+            wanted = {"left": left, "right": right}[shown]
+            assert colour == tuple(wanted[18, 24])
+            opened.run("flicker(true)")
+        assert image is not None
+    click(opened, "#flicker")
+    stays = opened.run("return state.view")
+    assert opened.run("return state.timer") == 0
+    press(opened, "#stage", " ")
+    assert {stays, opened.run("return state.view")} == {"left", "right"}
+
+
+def test_flicker_takes_its_rate(opened: Browser) -> None:
+    press(opened, "#rate", "\ue010")  # End
+    assert opened.driver.find_element("css selector", "#rate-told").text == "6 / s"
+    opened.run("window.swaps = 0; window.old = choose; choose = (key) => { swaps++; old(key); }")
+    click(opened, "#flicker")
+    opened.wait("window.swaps >= 5")
+    look_at(opened, "disparity")  # ends it
+    assert opened.run("return state.timer") == 0
+
+
+def test_slider_mixes_the_left_image_with_the_layer(opened: Browser) -> None:
+    left, _ = images()
+    near, far = (2, 18), (45, 18)
+    whole = {place: on_stage(opened, *place) for place in (near, far)}
+    press(opened, "#mix", "\ue011")  # Home
+    for x, y in (near, far):
+        assert on_stage(opened, x, y) == tuple(left[y, x])
+    opened.run(
+        "const mix = document.getElementById('mix'); mix.value = 50;"
+        "mix.dispatchEvent(new Event('input'))"
+    )
+    assert on_stage(opened, *near) == whole[near]
+    assert on_stage(opened, *far) == tuple(left[far[::-1]])
+    click(opened, "label:has(input[value=fade])")
+    for x, y in (near, far):
+        middle = (left[y, x].astype(float) + whole[x, y]) / 2
+        assert on_stage(opened, x, y) == pytest.approx(middle.tolist(), abs=2)
+
+
+@pytest.mark.parametrize("zoomed", [False, True])
+def test_readout_shows_the_right_numbers(opened: Browser, *, zoomed: bool) -> None:
+    result, (left, right) = made_up(), images()
+    truth = truth_of(result)
+    for x, y in PLACES:
+        if zoomed:
+            opened.run("stage.move(arguments[0], arguments[1], 4)", x, y)
+        hover(opened, x, y)
+        told = read(opened)
+        assert told["pixel"] == f"{x}, {y}"
+        found = float(result.disparity[y, x])
+        assert result.confidence is not None
+        assert told["confidence"] == f"{result.confidence[y, x]:.3f}"
+        assert told["left"] == "{} {} {}".format(*left[y, x])
+        if (x, y) == HIDDEN:
+            assert (told["disparity"], told["match"], told["error"]) == (
+                "no estimate",
+                "\N{EN DASH}",
+                "missing",
+            )
+            continue
+        assert told["disparity"] == f"{found:.3f} px"
+        assert told["match"] == f"{x - found:.3f}"
+        assert float(told["depth"]) == pytest.approx(50 * 0.2 / found, rel=1e-5)
+        at = round(x - found)
+        assert told["right"] == ("outside" if at < 0 else "{} {} {}".format(*right[y, at]))
+        unknown = np.isnan(truth[y, x])
+        assert told["error"] == ("not scored" if unknown else f"{found - truth[y, x]:.3f} px")
+    opened.run("stage.zoomBy(0)")
+    hover(opened, *FLAGGED)
+    assert read(opened)["flags"] == "occluded, filled"
+    hover(opened, *HIDDEN)
+    assert read(opened)["flags"] == "masked"
+
+
+def test_a_click_holds_the_pixel(opened: Browser) -> None:
+    hover(opened, *WRONG, clicked=True)
+    hover(opened, 40, 30)
+    assert read(opened)["pixel"] == "12, 7"
+    press(opened, "#stage", "\ue00c")  # Escape
+    hover(opened, 40, 30)
+    assert read(opened)["pixel"] == "40, 30"
+
+
+def test_keys_do_what_the_mouse_does(opened: Browser) -> None:
+    stage = "#stage"
+    press(opened, stage, "\ue014", "\ue014", "\ue015")  # right, right, down
+    assert read(opened)["pixel"] == "26, 19"
+    spoken = opened.driver.find_element("css selector", "#spoken").get_attribute("textContent")
+    assert spoken.startswith("Pixel 26, 19; Disparity d")
+    press(opened, stage, "2")
+    assert opened.run("return state.view") == "right"
+    press(opened, stage, "+")
+    assert opened.run("return stage.zoom") == 2
+    press(opened, stage, "0")
+    assert opened.run("return stage.zoom") == 1
+    press(opened, stage, "f")
+    assert opened.run("return state.timer") != 0
+    press(opened, stage, "f")
+
+
+def test_zoom_and_drag_keep_pixels_under_the_pointer(opened: Browser) -> None:
+    hover(opened, 36, 9)
+    opened.run("stage.zoomBy(4, [36.5, 9.5])")
+    hover(opened, 36, 9)
+    assert read(opened)["pixel"] == "36, 9"
+    actions = counterpart("selenium.webdriver").ActionChains(opened.driver, duration=30)
+    before = opened.run("return stage.x")
+    actions.click_and_hold().move_by_offset(-60, 0).release().perform()
+    assert opened.run("return stage.x") == pytest.approx(
+        before + 60 / opened.run("return stage.scale"), abs=1
+    )
+    assert opened.run("return state.held") is False  # a drag is no click
+
+
+def test_points_are_drawn_and_turn(opened: Browser) -> None:
+    draw_all(opened)
+    opened.run("document.getElementById('cloud').scrollIntoView({block: 'center'})")
+    first = settled(opened)
+    coloured = (np.ptp(first.astype(int), axis=2) > 60).mean()
+    assert coloured > 0.01  # the points have the colours of the noise they come from
+    actions = counterpart("selenium.webdriver").ActionChains(opened.driver, duration=100)
+    cloud = opened.driver.find_element("css selector", "#cloud")
+    actions.move_to_element(cloud).click_and_hold().move_by_offset(120, 40).release().perform()
+    turned = settled(opened)
+    assert (np.abs(turned.astype(int) - first).max(axis=2) > 60).mean() > 0.01
+    scene = scene_of(made_up().disparity, CALIBRATION, step=1, most=9999)
+    assert scene.pixels.size > 1600
+    unflagged = np.count_nonzero(made_up().flags.flat[scene.pixels] == 0)
+    assert unflagged == scene.pixels.size - 1
+    count = opened.driver.find_element("css selector", "#cloud-told").text
+    assert count == f"{unflagged:,} points"
+    click(opened, "#trusted")
+    opened.wait(f"document.getElementById('cloud-told').textContent === '{unflagged + 1:,} points'")
+
+
+def settled(browser: Browser) -> NDArray[np.uint8]:
+    """Return the 3-D view once it stands still."""
+    before = browser.picture("#cloud")
+    for _ in range(20):
+        after = browser.picture("#cloud")
+        if (after == before).all():
+            break
+        before = after
+    return before
+
+
+def test_points_are_where_the_disparities_say(opened: Browser) -> None:
+    found = made_up().disparity[18, 24]
+    point = opened.run("return pointOf(18 * 48 + 24)")
+    z = 50 * 0.2 / found
+    assert point == pytest.approx([(24 - 23.5) * z / 50, (18 - 17.5) * z / 50, z], rel=1e-5)
+    opened.run("showPixel(7 * 48 + 12)")
+    assert read(opened)["pixel"] == "12, 7"
+
+
+def test_both_themes(browser: Browser, page: Path) -> None:
+    shades: dict[bool, float] = {}
+    texts = set()
+    for dark in (False, True):
+        browser.open(page, dark=dark)
+        shades[dark] = float(browser.picture().mean())
+        draw_all(browser)
+        text = "return document.querySelector('#chart-disparities .xtitle').style.fill"
+        texts.add(browser.run(text))
+    assert shades[False] > shades[True] + 70
+    assert len(texts) == 2
+
+
+@pytest.mark.parametrize("width", [360, 800, 1600])
+def test_fits_every_width(browser: Browser, page: Path, width: int) -> None:
+    browser.open(page, width=width)
+    assert browser.run("return document.documentElement.scrollWidth") <= width
+
+
+def test_everything_has_a_name(opened: Browser) -> None:
+    nameless = opened.run(
+        """
+        const named = (node) => node.labels?.length || node.ariaLabel || node.textContent.trim();
+        const controls = document.querySelectorAll("button, input, select, canvas[role]");
+        const images = document.querySelectorAll("img:not([alt])");
+        const mine = [...controls].filter((node) => !node.closest(".modebar"));
+        return [...mine.filter((node) => !named(node)), ...images].map((node) => node.outerHTML);
+        """
+    )
+    assert nameless == []
+
+
+# What not every result has
+
+
+def nothing_found() -> ps.Result:
+    return replace(made_up(), disparity=np.full(SHAPE, np.nan, dtype=np.float32))
+
+
+def of_noise(
+    rows: int, cols: int
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8], ps.Result, dict[str, Any]]:
+    left, right = np.random.default_rng(1).integers(0, 256, (2, rows, cols), dtype=np.uint8)
+    result = ps.match(left, right, num_disparities=1)
+    return left, right, result, {"truth": np.zeros((rows, cols))}
+
+
+Variant = tuple["NDArray[Any]", "NDArray[Any]", ps.Result, dict[str, Any]]
+LEFT, RIGHT = images()
+LEVELS = LEFT.astype(np.uint16) * 16, RIGHT.astype(np.uint16) * 16
+FLOATS = LEFT * 1e6 - 3, RIGHT * 1e6
+TRUTH = {"truth": truth_of(made_up())}
+HOSTILE = {"title": "</script><script>throw 1</script> {{ x }} \u2028"}
+VARIANTS: dict[str, Variant] = {
+    "no truth": (LEFT, RIGHT, made_up(), {}),
+    "no blur, no confidence": (LEFT, RIGHT, replace(made_up(), blur=None, confidence=None), TRUTH),
+    "no estimate": (LEFT, RIGHT, nothing_found(), TRUTH),
+    "gray and colour": (LEFT[:, :, 0], RIGHT, made_up(), {}),
+    "16 bits": (*LEVELS, made_up(), {}),
+    "floats": (*FLOATS, made_up(), {}),
+    "a hostile title": (LEFT, RIGHT, made_up(), HOSTILE),
+    "1 x 1": of_noise(1, 1),
+    "5 x 8": of_noise(5, 8),
+    "2 x 60": of_noise(2, 60),
+}
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_whatever_there_is_is_shown(browser: Browser, tmp_path: Path, name: str) -> None:
+    left, right, result, more = VARIANTS[name]
+    write_pair_page(tmp_path / "page.html", left, right, result, **more)
+    browser.open(tmp_path / "page.html", width=640, height=640)
+    layers = browser.run("return views.map((view) => view.key)")
+    assert ("truth" in layers) == ("error" in layers) == ("truth" in more)
+    assert ("confidence" in layers) == (result.confidence is not None)
+    for layer in layers:
+        look_at(browser, layer)
+    rows, cols = result.disparity.shape
+    hover(browser, cols - 1, rows - 1)
+    found = result.disparity[-1, -1]
+    wanted = f"{found:.3f} px" if np.isfinite(found) else "no estimate"
+    assert read(browser)["disparity"] == wanted
+    if name == "16 bits":
+        assert "left" not in read(browser)  # what is shown is not what was measured
+    draw_all(browser)
+    assert browser.complaints() == []
+
+
+def test_thinned_out_numbers_are_those_of_their_pixels(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page_module, "MOST_PIXELS", 500)
+    result = made_up()
+    write_pair_page(tmp_path / "page.html", *images(), result)
+    browser.open(tmp_path / "page.html")
+    hover(browser, 5, 7)  # of those shown, which are every second one
+    told = read(browser)
+    assert told["pixel"] == "10, 14"
+    assert told["disparity"] == f"{result.disparity[14, 10]:.3f} px"
+    assert told["match"] == f"{10 - result.disparity[14, 10]:.3f}"

@@ -1,0 +1,112 @@
+"""``phasestereo match --report``: a whole page, or a refusal before any work."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from conftest import counterpart
+from phasestereo import io
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from browser import Browser
+
+cli = pytest.importorskip("phasestereo.cli")
+for module in ("plotly", "jinja2", "matplotlib", "PIL"):
+    counterpart(module)
+
+SHIFT = 3
+TOLD = ("disparity", "truth", "depth")
+Run = tuple[int, str, str]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the current folder: a pair, everywhere at disparity SHIFT, and its truth."""
+    monkeypatch.chdir(tmp_path)
+    scene = np.random.default_rng(0).integers(0, 256, (30, 50, 3), dtype=np.uint8)
+    io.write_image("left.png", scene[:, :-SHIFT])
+    io.write_image("right.png", scene[:, SHIFT:])
+    io.write_disparity("truth.pfm", np.full((30, 47), SHIFT, dtype=np.float32))
+    return tmp_path
+
+
+@pytest.fixture
+def match(capsys: pytest.CaptureFixture[str]) -> Callable[[str], Run]:
+    """Return what matches the pair in this process: exit code, standard output, error."""
+
+    def match(options: str) -> Run:
+        code = cli.run(f"match left.png right.png --num-disparities 8 {options}".split())
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return match
+
+
+def test_page_has_what_was_asked_for(browser: Browser, match: Callable[[str], Run]) -> None:
+    options = "--report page.html --truth truth.pfm -o out.npy --focal 40 --baseline 0.5"
+    code, out, err = match(options)
+    assert (code, err) == (0, "")
+    assert "wrote page.html" in out
+    browser.open(Path("page.html"))
+    assert browser.complaints() == []
+    assert browser.driver.title.startswith("left.png and right.png")
+    found = io.read_disparity("out.npy")[15, 23]
+    browser.run("tell({ x: 23, y: 15 })")
+    told = {key: browser.run(f"return element('value-{key}').textContent") for key in TOLD}
+    assert told["disparity"] == f"{found:.3f} px"
+    assert told["truth"] == "3.000 px"
+    assert float(told["depth"]) == pytest.approx(40 * 0.5 / found, rel=1e-5)
+    text = browser.run("return document.body.innerText")
+    assert "8 disparities searched: 0 to 7 px" in text
+    assert "Nominal geometry" not in text
+
+
+def test_a_page_alone_is_something_to_do(match: Callable[[str], Run]) -> None:
+    assert match("--report page.html")[0] == 0
+    page = Path("page.html").read_text("utf-8")
+    assert "Nominal geometry" in page
+    assert sorted(path.name for path in Path().iterdir()) == [
+        "left.png",
+        "page.html",
+        "right.png",
+        "truth.pfm",
+    ]
+
+
+def never(*_: object, **__: object) -> None:
+    raise AssertionError("matched in vain")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--report none/page.html", "none: no such folder"),
+        ("--report left.png", "--report: left.png is in use already"),
+        ("--report .", "--report: . is a folder"),
+    ],
+)
+def test_refused_before_matching(
+    match: Callable[[str], Run], monkeypatch: pytest.MonkeyPatch, options: str, message: str
+) -> None:
+    monkeypatch.setattr("phasestereo.cli.match.match_pair", never)
+    code, _, err = match(options)
+    assert code != 0
+    assert message in err
+
+
+def test_missing_extra_is_named_before_matching(
+    match: Callable[[str], Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("phasestereo.cli.match.match_pair", never)
+    monkeypatch.setitem(sys.modules, "plotly", None)
+    code, _, err = match("--report page.html")
+    assert code == 1
+    assert "pip install 'phasestereo[report]'" in err
+    assert not Path("page.html").exists()

@@ -1,0 +1,512 @@
+"""What an installed package brings and asks for: imports, extras, types, and the files of it."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tomllib
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import phasestereo as ps
+from conftest import ROOT, counterpart
+from phasestereo import labelled
+from phasestereo._extras import require
+from phasestereo.bench.opencv import match_sgbm
+from phasestereo.io import read_image, write_geotiff
+from phasestereo.picture import colorize
+from phasestereo.rendering import render_pair
+from phasestereo.report import render_page
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+PACKAGE = ROOT / "python/phasestereo"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
+WANTED = [
+    "cli",
+    "io",
+    "plot",
+    "report",
+    "bench",
+    "opencv",
+    "live",
+    "geo",
+    "pandora",
+    "dask",
+    "download",
+    "demo",
+    "rerun",
+    "all",
+]
+
+DISTRIBUTIONS = {"PIL": "pillow", "cv2": "opencv-contrib-python-headless", "rerun": "rerun-sdk"}
+"""What brings a module whose name is another."""
+
+IMPORTED_FREELY = {"cli": "cli", "pandora_plugin.py": "pandora"}
+"""Parts of the package that are only imported when an extra is there, which they may use."""
+
+DYNAMIC = {("io/raster.py", "module"): ["PIL"]}
+"""Modules that `require` is given in a way that cannot be read from the source."""
+
+
+# Imports
+
+
+def run(
+    *arguments: str, cwd: Path | None = None, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Run Python in a process of its own, from which this package can be imported."""
+    path = os.pathsep.join([str(ROOT / "python"), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(  # noqa: S603  # our own interpreter on our own code
+        [sys.executable, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=cwd,
+        env=os.environ | {"PYTHONPATH": path.rstrip(os.pathsep)} | environment,
+    )
+
+
+def test_an_import_loads_numpy_and_nothing_else_from_outside() -> None:
+    finished = run(
+        "-W",
+        "error",
+        "-c",
+        "import sys; before = set(sys.modules); import phasestereo\n"
+        "print(*{name.partition('.')[0] for name in set(sys.modules) - before})",
+    )
+    assert (finished.returncode, finished.stderr) == (0, "")
+    assert set(finished.stdout.split()) - sys.stdlib_module_names == {"numpy", "phasestereo"}
+
+
+def test_an_import_loads_none_of_what_only_some_need() -> None:
+    """Each of these takes as long to load as much of this package."""
+    finished = run(
+        "-c",
+        "import sys, numpy; before = set(sys.modules); import phasestereo\n"
+        "print(*set(sys.modules) - before)",
+    )
+    loaded = set(finished.stdout.split())
+    assert (
+        loaded & {"inspect", "importlib.metadata", "email", "json", "tomllib", "asyncio"} == set()
+    )
+    ours = {name.split(".")[1] for name in loaded if name.startswith("phasestereo.")}
+    assert "_core" in ours
+    others = {"cli", "bench", "demo", "rendering", "datasets", "io", "picture", "streaming"}
+    assert ours & (others | {"diagnosis", "estimation", "triangulation"}) == set()
+
+
+@pytest.mark.parametrize("name", ps.__all__)
+def test_what_is_imported_when_it_is_asked_for_is_there(name: str) -> None:
+    assert name in dir(ps)
+    assert getattr(ps, name) is not None
+
+
+def test_a_name_that_is_not_there_is_told() -> None:
+    with pytest.raises(AttributeError, match=r"^module 'phasestereo' has no attribute 'mach'$"):
+        ps.mach  # type: ignore[attr-defined]  # noqa: B018  # that is what is tested
+
+
+# Dependencies
+
+
+def test_numpy_is_the_one_dependency() -> None:
+    assert [Requirement(line).name for line in PROJECT["dependencies"]] == ["numpy"]
+
+
+def test_the_installed_package_asks_for_numpy_alone() -> None:
+    try:
+        lines = metadata.requires("phasestereo") or []
+    except metadata.PackageNotFoundError:
+        pytest.skip("phasestereo is not installed, but on the path")
+    asked = [Requirement(line) for line in lines]
+    always = [one.name for one in asked if one.marker is None or one.marker.evaluate({"extra": ""})]
+    assert always == ["numpy"]
+
+
+@pytest.mark.parametrize("extra", WANTED)
+def test_extras_that_are_promised_are_there(extra: str) -> None:
+    assert brought(extra)
+
+
+def test_all_is_everything() -> None:
+    assert brought("all") == {name for extra in EXTRAS for name in brought(extra)}
+
+
+def brought(extra: str) -> set[str]:
+    """Return the distributions that an extra names, itself and by the extras it is made of."""
+    names: set[str] = set()
+    for line in EXTRAS[extra]:
+        asked = Requirement(line)
+        if asked.name == "phasestereo":
+            names = names.union(*(brought(inner) for inner in asked.extras))
+        else:
+            names.add(canonicalize_name(asked.name))
+    return names
+
+
+def with_theirs(names: set[str]) -> set[str]:
+    """Return distributions and all that these depend on, as far as they are installed."""
+    known: set[str] = set()
+    waiting = list(names)
+    while waiting:
+        name = waiting.pop()
+        if name in known:
+            continue
+        known.add(name)
+        try:
+            lines = metadata.requires(name) or []
+        except metadata.PackageNotFoundError:
+            continue
+        asked = [Requirement(line) for line in lines]
+        needed = [one for one in asked if one.marker is None or one.marker.evaluate({"extra": ""})]
+        waiting += [canonicalize_name(one.name) for one in needed]
+    return known
+
+
+# What the source asks for
+
+
+def sources() -> Iterator[tuple[str, ast.Module]]:
+    """Return every module of the package, by its path, as a syntax tree."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        yield path.relative_to(PACKAGE).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
+
+
+def asked_for() -> list[tuple[str, str, str]]:
+    """Return path, module and extra of every `require` in the package."""
+    return [
+        (path, module, extra)
+        for path, tree in sources()
+        for call in ast.walk(tree)
+        if isinstance(call, ast.Call)
+        and isinstance(call.func, ast.Name)
+        and call.func.id == "require"
+        for module, extra in _arguments(path, tree, call)
+    ]
+
+
+def _arguments(path: str, tree: ast.Module, call: ast.Call) -> list[tuple[str, str]]:
+    """Return the modules and extras that a call may name: constants, or those of a loop."""
+    module, extra = call.args[0], call.keywords[0].value
+    if isinstance(module, ast.Constant) and isinstance(extra, ast.Constant):
+        return [(str(module.value), str(extra.value))]
+    assert isinstance(module, ast.Name), f"{path}:{call.lineno}: say what it needs by a constant"
+    if (path, module.id) in DYNAMIC:
+        names: Any = DYNAMIC[path, module.id]
+    else:
+        names = _looped(path, tree, call)
+    if isinstance(names, dict):
+        return list(names.items())
+    assert isinstance(extra, ast.Constant)
+    return [(name, str(extra.value)) for name in names]
+
+
+def _looped(path: str, tree: ast.Module, call: ast.Call) -> Any:
+    """Return what the loop around a call goes through: a literal, or a constant of the module."""
+    loops = [node for node in ast.walk(tree) if isinstance(node, ast.For)]
+    around = next((loop for loop in loops if call in ast.walk(loop)), None)
+    assert around is not None, f"{path}:{call.lineno}: say what it needs by a constant"
+    values = around.iter
+    if isinstance(values, ast.Call) and isinstance(values.func, ast.Attribute):
+        values = values.func.value  # of .items()
+    if isinstance(values, ast.Name):
+        values = next(
+            node.value
+            for node in tree.body
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == values.id
+        )
+    return ast.literal_eval(values)
+
+
+ASKED = asked_for()
+INSTALLED = metadata.packages_distributions()
+
+
+def test_the_source_was_read() -> None:
+    found = {(module, extra) for _, module, extra in ASKED}
+    assert {("PIL.Image", "io"), ("cyclopts", "cli"), ("scipy", "demo"), ("cv2", "opencv")} <= found
+
+
+@pytest.mark.parametrize(("module", "extra"), sorted({(m, e) for _, m, e in ASKED}))
+def test_the_extra_that_is_named_brings_the_module(module: str, extra: str) -> None:
+    top = module.partition(".")[0]
+    wanted = canonicalize_name(DISTRIBUTIONS.get(top, top))
+    assert wanted in with_theirs(brought(extra))
+    installed = INSTALLED.get(top)
+    assert installed is None or wanted in map(canonicalize_name, installed)
+
+
+@pytest.mark.parametrize(("module", "extra"), sorted({(m, e) for _, m, e in ASKED}))
+def test_a_missing_module_is_told_with_the_command_that_installs_it(
+    module: str, extra: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hide(module, monkeypatch)
+    told = f"{module} is not installed; it comes with: pip install 'phasestereo[{extra}]'"
+    with pytest.raises(ImportError, match=f"^{re.escape(told)}$"):
+        require(module, extra=extra)
+
+
+def hide(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make an installed package, and all of its modules, impossible to import."""
+    top = module.partition(".")[0]
+    loaded = [name for name in sys.modules if name == top or name.startswith(f"{top}.")]
+    for name in {top, module, *loaded}:
+        monkeypatch.setitem(sys.modules, name, None)
+
+
+def test_an_error_inside_an_optional_package_is_not_taken_for_its_absence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "broken_package.py").write_text("import nowhere_to_be_found\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ModuleNotFoundError, match="^No module named 'nowhere_to_be_found'$"):
+        require("broken_package", extra="io")
+
+
+def test_every_command_that_is_named_installs_something() -> None:
+    files = [*PACKAGE.rglob("*.py"), ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    named = {
+        extra
+        for path in files
+        for extras in re.findall(r"pip install '?(?:phasestereo|\.)\[([\w,]+)\]", path.read_text())
+        for extra in extras.split(",")
+    }
+    assert "io" in named
+    assert named <= EXTRAS.keys()
+
+
+def test_what_is_optional_is_never_imported_outright() -> None:
+    ours = {"phasestereo", "numpy", *sys.stdlib_module_names}
+    freely = [
+        f"{path}:{node.lineno}: {name}"
+        for path, tree in sources()
+        for node, name in _imports(tree)
+        if name not in ours
+        and canonicalize_name(DISTRIBUTIONS.get(name, name)) not in _allowed(path)
+    ]
+    assert freely == []
+
+
+def _allowed(path: str) -> set[str]:
+    extra = IMPORTED_FREELY.get(path.partition("/")[0]) or IMPORTED_FREELY.get(path)
+    return set() if extra is None else with_theirs(brought(extra))
+
+
+def _imports(tree: ast.AST) -> Iterator[tuple[ast.stmt, str]]:
+    """Return the packages that are imported when code runs, not when it is type-checked."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            for other in node.orelse:
+                yield from _imports(other)
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node, alias.name.partition(".")[0]
+        elif isinstance(node, ast.ImportFrom):
+            yield node, (node.module or "phasestereo").partition(".")[0]
+        else:
+            yield from _imports(node)
+
+
+# Missing extras, as users meet them
+
+
+def _read(name: str) -> Callable[[Path], object]:
+    def read(folder: Path) -> object:
+        (folder / name).write_bytes({"a.png": b"\x89PNG\r\n\x1a\n", "a.tif": b"II*\0"}[name])
+        return read_image(folder / name)
+
+    return read
+
+
+def _colour(_: Path) -> object:
+    return colorize(np.ones((8, 8), np.float32))
+
+
+def _page(_: Path) -> object:
+    return render_page("demo.html.j2")
+
+
+def _render(_: Path) -> object:
+    return render_pair(0, height=32, width=32, num_disparities=8)
+
+
+def _rival(_: Path) -> object:
+    return match_sgbm(np.zeros((32, 32, 3), np.uint8), np.zeros((32, 32, 3), np.uint8), 16)
+
+
+def _film(folder: Path) -> object:
+    (folder / "video.mp4").touch()
+    return ps.stream(folder / "video.mp4", num_disparities=16)
+
+
+def _record(folder: Path) -> object:
+    with ps.rerun_log.saving(folder / "recording.rrd") as recording:
+        return recording
+
+
+def _filter(_: Path) -> object:
+    return ps.opencv.createDisparityWLSFilter(ps.opencv.StereoPhase_create())
+
+
+def _label(_: Path) -> object:
+    return labelled.as_dataset(ps.match(*np.zeros((2, 40, 60), np.uint8), num_disparities=8))
+
+
+CALLS = [
+    ("PIL", "io", _read("a.png")),
+    ("tifffile", "io", _read("a.tif")),
+    ("matplotlib", "plot", _colour),
+    ("matplotlib", "plot", lambda _: ps.plot.disparity(np.ones((8, 8), np.float32))),
+    ("jinja2", "report", _page),
+    ("scipy", "bench", _render),
+    ("cv2", "opencv", _rival),
+    ("cv2", "opencv", _filter),
+    ("cv2", "live", lambda _: ps.stream(0, num_disparities=16)),
+    ("av", "live", _film),
+    ("rerun", "rerun", _record),
+    ("rasterio", "geo", lambda folder: write_geotiff(folder / "out.tif", np.ones((8, 8), "f4"))),
+    ("xarray", "geo", _label),
+]
+
+
+@pytest.mark.parametrize(("module", "extra", "call"), CALLS)
+def test_users_are_told_the_command_when_they_call_what_needs_it(
+    module: str,
+    extra: str,
+    call: Callable[[Path], object],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    hide(module, monkeypatch)
+    command = re.escape(f"it comes with: pip install 'phasestereo[{extra}]'")
+    with pytest.raises(ImportError, match=rf"^{module}[.\w]* is not installed; {command}$"):
+        call(tmp_path)
+
+
+@pytest.mark.parametrize("module", ["cyclopts", "rich"])
+def test_the_command_without_its_extra_says_how_to_get_it(module: str) -> None:
+    finished = run("-c", f"import sys; sys.modules[{module!r}] = None\n{MAIN}", COLUMNS="200")
+    told = f"{module} is not installed; it comes with: pip install 'phasestereo[cli]'"
+    assert (finished.returncode, finished.stdout) == (1, "")
+    assert finished.stderr == f"phasestereo: error: {told}\n"
+
+
+def test_the_plugin_without_pandora_says_how_to_get_it() -> None:
+    finished = run(
+        "-c", "import sys; sys.modules['pandora'] = None\nimport phasestereo.pandora_plugin"
+    )
+    told = (
+        "ImportError: pandora is not installed; it comes with: pip install 'phasestereo[pandora]'"
+    )
+    assert finished.returncode == 1
+    assert finished.stderr.endswith(f"{told}\n")
+
+
+MAIN = """
+from phasestereo.__main__ import main
+sys.argv = ["phasestereo", "--version"]
+sys.exit(main())
+"""
+
+
+def test_the_command_with_its_extra_starts() -> None:
+    counterpart("cyclopts")
+    finished = run("-c", f"import sys\n{MAIN}")
+    assert (finished.returncode, finished.stderr) == (0, "")
+    assert re.fullmatch(r"\d+\.\d+\.\d+\S*\n", finished.stdout)
+
+
+# Types
+
+
+WRONG = """
+from __future__ import annotations
+
+import numpy as np
+
+import phasestereo as ps
+
+image = np.zeros((40, 60), np.uint8)
+ps.match(image, image)  # wrong: no number of disparities
+result = ps.match(image, image, num_disparities=16)
+print(result.disparities)  # wrong: no such field
+result.disparity = result.disparity  # wrong: it is frozen
+ps.Matcher(preset=3)  # wrong: a preset is a name
+ps.Settings(optimizer="best")  # wrong: no such optimizer
+ps.io.read_picture("left.png")  # wrong: no such function
+text: str = ps.estimate_blur(image, image, num_disparities=16)  # wrong: it is an estimate
+"""
+"""What a type checker must not let pass: each line marked so."""
+
+
+@pytest.fixture(scope="module")
+def complaints(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Return what mypy has against the scripts of a user who has installed the package."""
+    counterpart("mypy")
+    folder = tmp_path_factory.mktemp("user")
+    shutil.copy(ROOT / "tests/user_script.py", folder / "right.py")
+    (folder / "wrong.py").write_text(WRONG)
+    options = "--strict", "--no-error-summary", "--config-file=", f"--cache-dir={folder / 'cache'}"
+    finished = run("-m", "mypy", *options, "right.py", "wrong.py", cwd=folder)
+    assert finished.stderr == ""
+    return finished.stdout.splitlines()
+
+
+def test_a_script_that_uses_all_of_the_interface_type_checks(complaints: list[str]) -> None:
+    assert [line for line in complaints if not line.startswith("wrong.py")] == []
+
+
+def test_a_script_that_is_wrong_does_not(complaints: list[str]) -> None:
+    wanted = [n for n, line in enumerate(WRONG.splitlines(), 1) if "# wrong" in line]
+    told = [re.match(r"wrong\.py:(\d+): error", line) for line in complaints]
+    assert [int(found[1]) for found in told if found] == wanted
+
+
+def test_the_script_names_all_of_the_interface() -> None:
+    tree = ast.parse((ROOT / "tests/user_script.py").read_text())
+    used = {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "ps"
+    }
+    assert set(ps.__all__) <= used
+
+
+# Files
+
+
+def test_everything_beside_the_code_is_in_the_source_distribution(tmp_path: Path) -> None:
+    maturin = shutil.which("maturin", path=Path(sys.executable).parent) or shutil.which("maturin")
+    if maturin is None or shutil.which("cargo") is None:
+        pytest.skip("maturin or cargo is not installed")
+    subprocess.run(  # noqa: S603  # our own build tool
+        [maturin, "sdist", "--out", str(tmp_path)], cwd=ROOT, check=True, capture_output=True
+    )
+    (archive,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(archive) as packed:
+        names = {name.partition("/")[2] for name in packed.getnames()}
+    there = {path.relative_to(ROOT).as_posix() for path in PACKAGE.rglob("*") if _is_kept(path)}
+    assert {f"python/phasestereo/{name}" for name in ("py.typed", "_core.pyi")} <= there
+    assert any(name.endswith(".j2") for name in there)
+    assert there <= names
+    assert {"LICENSE", "README.md", "Cargo.lock", "rust/lib.rs", "pyproject.toml"} <= names
+    assert not [name for name in names if name.endswith((".so", ".pyd"))]
+
+
+def _is_kept(path: Path) -> bool:
+    built = path.suffix in (".pyc", ".so", ".pyd") or "__pycache__" in path.parts
+    return path.is_file() and not built

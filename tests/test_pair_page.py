@@ -1,0 +1,257 @@
+"""The page of a pair as a file: whole or not at all, safe to open, and honest."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from conftest import counterpart
+from phasestereo.io import Calibration
+from phasestereo.pair_page import page as page_module
+from phasestereo.pair_page import write_pair_page
+from phasestereo.pair_page.embedding import as_picture, stretch
+from phasestereo.pair_page.facts import blur_told, charts
+from phasestereo.pair_page.layers import flag_kinds
+from phasestereo.pair_page.scene import scene_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+for module in ("plotly", "jinja2", "matplotlib", "PIL"):
+    counterpart(module)
+
+SHAPE = (24, 40)
+COUNT = 8
+
+
+def noise(seed: int = 0, shape: tuple[int, ...] = SHAPE) -> NDArray[np.uint8]:
+    return np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
+
+
+def pair_of() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return a pair whose disparities are all 3."""
+    left = noise()
+    return left, np.roll(left, -3, axis=1)
+
+
+@pytest.fixture(scope="module")
+def result() -> ps.Result:
+    return ps.match(*pair_of(), num_disparities=COUNT)
+
+
+class Told(HTMLParser):
+    """What of a page the tests ask for: its text but for scripts, and what its scripts hold."""
+
+    def __init__(self, page: Path) -> None:
+        super().__init__()
+        self.text, self.scripts, self.tags = "", 0, [""]
+        self.feed(page.read_text("utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.scripts += tag == "script"
+        assert not any(
+            name in ("src", "href") and not (value or "").startswith("data:")
+            for name, value in attrs
+        )
+
+    def handle_data(self, data: str) -> None:
+        if self.tags[-1] not in ("script", "style"):
+            self.text += data
+
+
+def told(page: Path) -> Any:
+    """Return the numbers that the page's scripts work with, refusing what JSON does not have."""
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    match = re.search(r'id="page">(.*?)</script>', page.read_text("utf-8"), re.DOTALL)
+    assert match
+    return json.loads(match[1], parse_constant=refuse)
+
+
+def test_needs_nothing_beside_it(tmp_path: Path, result: ps.Result) -> None:
+    page = tmp_path / "page.html"
+    write_pair_page(page, *pair_of(), result, num_disparities=COUNT)
+    text = Told(page).text
+    assert "40 \N{MULTIPLICATION SIGN} 24 pixels, 8 disparities searched: 0 to 7 px." in text
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page.read_text("utf-8"))
+    assert policy
+    assert policy[1].startswith("default-src 'none'")
+    assert list(tmp_path.iterdir()) == [page]
+
+
+def test_titles_are_text(tmp_path: Path, result: ps.Result) -> None:
+    page, title = tmp_path / "page.html", "</title><script>alert('&')</script>"
+    write_pair_page(page, *pair_of(), result, title="plain")
+    plain = Told(page)
+    write_pair_page(page, *pair_of(), result, title=title)
+    odd = Told(page)
+    assert odd.scripts == plain.scripts
+    assert odd.text.count(title) == plain.text.count("plain") == 2
+
+
+def test_metrics_are_those_of_the_library(tmp_path: Path, result: ps.Result) -> None:
+    page = tmp_path / "page.html"
+    truth = np.full(SHAPE, 3.0)
+    truth[0, 0] = np.nan
+    mask = np.ones(SHAPE, dtype=bool)
+    mask[:, :5] = False
+    write_pair_page(page, *pair_of(), result, truth=truth, mask=mask)
+    score = ps.metrics.score(result.disparity, truth, mask=mask)
+    text = Told(page).text
+    for name, value in (("bad-0.5", f"{score.bad_0_5:.2f} %"), ("rms", f"{score.rms:.2f} px")):
+        assert re.search(rf"{name}\s*{re.escape(value)}", text)
+    assert re.search(rf"pixels scored\s*{score.pixels:,}", text)
+
+
+def test_without_any_estimate(tmp_path: Path, result: ps.Result) -> None:
+    page = tmp_path / "page.html"
+    nothing = replace(result, disparity=np.full(SHAPE, np.nan, dtype=np.float32))
+    write_pair_page(page, *pair_of(), nothing, truth=np.ones(SHAPE))
+    assert told(page)["charts"]["errors"]["wrong"] == [100] * 80
+    text = Told(page).text
+    assert re.search("avgerr\\s*\N{EN DASH}", text)
+    assert "No pixel has a depth" in text
+
+
+def test_large_maps_are_thinned_out(
+    tmp_path: Path, result: ps.Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page_module, "MOST_PIXELS", 120)
+    page = tmp_path / "page.html"
+    write_pair_page(page, *pair_of(), result)
+    held = told(page)
+    assert (held["cols"], held["rows"], held["step"]) == (14, 8, 3)
+    assert "every 3rd pixel of every 3rd row" in " ".join(Told(page).text.split())
+
+
+REFUSED: list[tuple[dict[str, Any], type[Exception], str]] = [
+    ({"left": noise(shape=(24, 41))}, ValueError, "right"),
+    ({"right": noise().astype(np.float32)}, TypeError, "right"),
+    ({"left": noise(shape=(9, 9)), "right": noise(shape=(9, 9))}, ValueError, "result"),
+    ({"result": np.zeros(SHAPE)}, TypeError, "result"),
+    ({"truth": np.zeros((3, 3))}, ValueError, "truth"),
+    ({"truth": np.zeros(SHAPE, dtype=int)}, TypeError, "truth"),
+    ({"truth": np.full(SHAPE, np.nan)}, ValueError, "truth"),
+    ({"truth": np.zeros(SHAPE), "mask": np.zeros(SHAPE)}, TypeError, "mask"),
+    ({"truth": np.zeros(SHAPE), "mask": np.ones((2, 2), dtype=bool)}, ValueError, "mask"),
+    ({"mask": np.ones(SHAPE, dtype=bool)}, ValueError, "mask: has no effect without truth"),
+    ({"calibration": Calibration.from_focal(9, 1, width=9, height=9)}, ValueError, "calibration"),
+    ({"calibration": "calib.txt"}, TypeError, "calibration"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "error", "message"), REFUSED)
+def test_refusals_leave_the_file_alone(
+    tmp_path: Path,
+    result: ps.Result,
+    wrong: dict[str, Any],
+    error: type[Exception],
+    message: str,
+) -> None:
+    page = tmp_path / "page.html"
+    page.write_text("earlier")
+    left, right = pair_of()
+    given: dict[str, Any] = {"left": left, "right": right, "result": result} | wrong
+    with pytest.raises(error, match=message):
+        write_pair_page(page, **given)
+    assert page.read_text() == "earlier"
+    assert list(tmp_path.iterdir()) == [page]
+
+
+@pytest.mark.parametrize("missing", ["jinja2", "plotly", "matplotlib"])
+def test_names_the_extra(
+    tmp_path: Path, result: ps.Result, monkeypatch: pytest.MonkeyPatch, missing: str
+) -> None:
+    monkeypatch.setitem(sys.modules, missing, None)
+    with pytest.raises(ImportError, match=r"pip install 'phasestereo\[report\]'"):
+        write_pair_page(tmp_path / "page.html", *pair_of(), result)
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_folder(tmp_path: Path, result: ps.Result) -> None:
+    with pytest.raises(FileNotFoundError):
+        write_pair_page(tmp_path / "none" / "page.html", *pair_of(), result)
+
+
+# What is told
+
+
+def test_intensities_are_stretched_alike() -> None:
+    left = np.linspace(1000, 2000, 1001, dtype=np.float32).reshape(1, -1, 1)
+    ends = stretch((left, left + 500))
+    assert ends == pytest.approx((1000, 2500), abs=3)
+    shown = as_picture(left, ends)
+    assert (shown[0, 0, 0], shown[0, -1, 0]) == (0, pytest.approx(255 * 2 / 3, abs=1))
+    assert stretch((noise(), noise())) is None
+
+
+def test_flags_have_their_shares() -> None:
+    flags = np.array([[0, 4], [4 | 256, 16 | 256]], dtype=np.uint16)
+    kinds = flag_kinds(flags)
+    assert [(kind.name, kind.pixels, kind.share) for kind in kinds] == [
+        ("outside", 2, 0.5),
+        ("occluded", 1, 0.25),
+        ("filled", 2, 0.5),
+    ]
+
+
+def test_blur_in_words() -> None:
+    none = ps.Blur("none", "none", 0.0, 0.0)
+    disk = ps.Blur("left", "disk", 4.0, 0.0, np.full((3, 3), 1 / 9))
+    motion = ps.Blur("right", "motion", 9.0, 45.0, np.eye(9) / 9)
+    labels = np.array([[0, 0], [0, 1]], dtype=np.uint8)
+
+    def say(*kinds: ps.Blur) -> Any:
+        chosen = labels if len(kinds) > 1 else np.zeros_like(labels)
+        return blur_told(ps.BlurEstimate(kinds, chosen, 16, 0.9, 1.0, (1.0, 1.0)))
+
+    assert say(none).verdict.startswith("No relative blur")
+    assert say(disk).verdict == "Relative blur: the left image is softer than the other."
+    told = say(disk, none)
+    assert told.verdict.endswith("the left image is softer than the other, not everywhere alike.")
+    assert [(area.words, area.share) for area in told.areas] == [
+        ("left image: out of focus, a disk of radius 4.00 px", 0.75),
+        ("no relative blur", 0.25),
+    ]
+    assert "now one image, now the other" in say(disk, motion).verdict
+    assert say(disk, motion).areas[1].words == "right image: motion by 9.0 px at 45°"
+
+
+def test_charts_count_every_pixel(result: ps.Result) -> None:
+    truth = np.full(SHAPE, 3, dtype=np.float32)
+    truth[:, -1] = np.nan
+    scored = np.isfinite(truth)
+    shown = charts(result, truth, scored)
+    estimated = 100 * np.isfinite(result.disparity).mean()
+    assert sum(shown["disparities"]["found"]) == pytest.approx(estimated)
+    assert sum(shown["reliability"]["pixels"]) == np.count_nonzero(scored)
+    errors = np.abs(result.disparity - truth)[scored]
+    limit = shown["errors"]["thresholds"][40]
+    assert shown["errors"]["wrong"][40] == pytest.approx(100 * (errors > limit).mean())
+
+
+def test_points_lie_where_the_calibration_says() -> None:
+    disparity = np.full((10, 20), 4, dtype=np.float32)
+    disparity[0] = 0  # infinitely far
+    disparity[1] = np.nan
+    disparity[2, :3] = 0.5  # far beyond the others
+    scene = scene_of(disparity, None, step=1, most=50)
+    assert scene.nominal
+    assert (scene.geometry.focal, scene.total, scene.pixels.size) == (20, 160, 50)
+    assert scene.far == pytest.approx(3 / 160)
+    assert np.unique(disparity.flat[scene.pixels]).tolist() == [4]
+    near = scene_of(disparity, None, step=1, most=500, max_depth=1e3)
+    assert near.pixels.size == 160

@@ -1,0 +1,196 @@
+"""A user's script: everything of the public API, as somebody with a type checker writes it.
+
+The tests check it with ``mypy --strict`` against the package as installed; nobody runs it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray
+from numpy.typing import NDArray
+
+import phasestereo as ps
+from phasestereo import bench, labelled
+from phasestereo.datasets import Pair, find_scenes
+from phasestereo.degradation import Degradation, disk_psf, suite
+from phasestereo.demo import run_demo, write_demo
+from phasestereo.io import (
+    GeoImage,
+    Georeference,
+    read_calibration,
+    read_disparity,
+    read_geotiff,
+    read_geotiff_pair,
+    read_image,
+    write_disparity,
+    write_geotiff,
+)
+from phasestereo.pair_page import write_pair_page
+from phasestereo.rendering import render_pair
+
+Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
+
+
+def use(*_values: object) -> None:
+    """Stand for what a user does with values."""
+
+
+def matched(left: Image, right: Image) -> Map:
+    """Match a pair by everything that says how."""
+    mask = np.ones(left.shape[:2], dtype=bool)
+    result: ps.Result = ps.match(
+        left,
+        right,
+        num_disparities=64,
+        min_disparity=-8,
+        preset="robust",
+        threads=2,
+        left_mask=mask,
+        right_mask=None,
+        progress=lambda done, rows: use(done / rows),
+        noise=(1.0, 2.0),
+        fill=False,
+        penalty=(4.0, 16.0),
+    )
+    settings: ps.Settings = ps.PRESETS["paper"]
+    matcher = ps.Matcher(settings=settings, threads=1)
+    again = matcher.match(left, right, num_disparities=64)
+    seconds: float = sum(again.timings.values())
+    use(again.settings.window, matcher.threads, seconds)
+    return result.disparity
+
+
+def told(result: ps.Result) -> NDArray[np.bool_]:
+    """Ask a result for everything."""
+    confidence: Map | None = result.confidence
+    flags: NDArray[np.uint16] = result.flags
+    if result.blur is not None:
+        blur: ps.Blur = result.blur.blur
+        use(blur.side, blur.kind, blur.size, blur.angle, result.blur.areas())
+    if confidence is not None:
+        use(float(confidence.mean()))
+    doubted: NDArray[np.bool_] = (flags & (ps.Flag.OCCLUDED | ps.Flag.MISMATCHED)) != 0
+    return doubted
+
+
+def diagnosed(left: Image, right: Image) -> ps.Diagnosis:
+    """Ask what is wrong with a pair."""
+    estimate: ps.BlurEstimate = ps.estimate_blur(left, right, num_disparities=64)
+    found = ps.check(left, right)
+    warnings: list[ps.Finding] = [one for one in found.findings if one.severity == "warning"]
+    use(estimate.certainty, len(warnings))
+    return found
+
+
+def in_pieces(left: Image, right: Image) -> NDArray[np.uint16]:
+    """Go the way of a match step by step."""
+    use(ps.descriptor(left, neighborhood=9).dtype)
+    versions = ps.Equalisation(noise=(1.0, 1.0), kernels=[(None, disk_psf(3))])
+    costs = ps.cost_volume(left, right, num_disparities=64, equalisation=versions)
+    return ps.optimize(ps.aggregate(costs, window=7), penalty=(10, 40), optimizer="sgm")
+
+
+def like_opencv(left: Image, right: Image) -> NDArray[np.int16]:
+    """Use the matcher that stands in for OpenCV's."""
+    stereo: ps.opencv.StereoPhase = ps.opencv.StereoPhase_create(
+        minDisparity=0, numDisparities=64, blockSize=5, uniquenessRatio=10, preset="fast"
+    )
+    stereo.setSpeckleWindowSize(100)
+    use(stereo.getNumDisparities() + 1, stereo.compute_right(left, right))
+    disparity: NDArray[np.int16] = stereo.compute(left, right)
+    use(ps.opencv.createRightMatcher(stereo), ps.opencv.createDisparityWLSFilter(stereo))
+    return disparity
+
+
+def in_pictures(result: ps.Result, file: Path) -> None:
+    """Draw a result."""
+    _, axes = plt.subplots()
+    ps.plot.disparity(result, axes, low=0, high=64)
+    ps.plot.flags(result)
+    ps.plot.confidence(result)
+    ps.plot.histogram(result)
+    if result.pair is not None:
+        ps.plot.pair(result.pair, style="side by side")
+    ps.plot.overview(result).savefig(file)
+
+
+def on_a_page(left: Image, right: Image, folder: Path) -> None:
+    """Show a result to whoever has a browser."""
+    result = ps.match(left, right, num_disparities=64)
+    write_pair_page(folder / "page.html", left, right, result, num_disparities=64, title="A pair")
+
+
+def in_space(result: ps.Result, folder: Path) -> Map:
+    """Turn disparities into depths and points."""
+    rig = ps.io.Calibration.from_focal(700.0, 0.12, width=640, height=480)
+    cloud: ps.PointCloud = ps.point_cloud(result, rig, mask=result.flags == 0, max_depth=9.0)
+    ps.io.write_ply(folder / "cloud.ply", cloud)
+    ps.io.write_depth(folder / "depth.png", rig.depth(result.disparity), unit="m")
+    use(len(cloud), cloud.points.shape, cloud.colors, rig.q)
+    return ps.io.read_depth(folder / "depth.png", unit="m")
+
+
+def in_time(film: Path) -> int:
+    """Match a video, write another one, and a recording."""
+    failures: list[ps.Failure] = []
+    picture = ps.video.FramePicture(low=0, high=64)
+    frames: ps.Stream = ps.stream(
+        film, num_disparities=64, preset="fast", layout="side-by-side", on_error=failures.append
+    )
+    with (
+        frames,
+        ps.video.VideoWriter(film.with_suffix(".mp4")) as video,
+        ps.rerun_log.saving("recording.rrd") as recording,
+    ):
+        for frame in frames:
+            one: ps.Frame = frame
+            video.write(picture(one), one.time)
+            ps.rerun_log.log_frame(one, recording=recording)
+            use(one.index, one.result.disparity)
+    return frames.failed + len(failures)
+
+
+def on_the_ground(folder: Path) -> xarray.Dataset:
+    """Match georeferenced images, and labelled ones."""
+    place = Georeference(crs="EPSG:32631", transform=(0.5, 0, 500000, 0, -0.5, 4800000))
+    left, right = read_geotiff_pair(folder / "left.tif", folder / "right.tif")
+    one: GeoImage = read_geotiff(folder / "left.tif", bands=[3, 2, 1])
+    result = ps.match(left.image, right.image, left_mask=left.mask, num_disparities=64)
+    write_geotiff(folder / "disparity.tif", result.disparity, like=left)
+    write_geotiff(folder / "all.tif", {"disparity": result.disparity}, like=place)
+    use(one.georeference.crs, labelled.as_dataset(result))
+    arrays = (xarray.DataArray(view.image, dims=("y", "x")) for view in (left, right))
+    return labelled.match(*arrays, num_disparities=64, window=7)
+
+
+def in_files(name: str) -> float:
+    """Read and write the formats of the field."""
+    folder = Path(name)
+    left = read_image(folder / "left.png")
+    right = ps.io.read_image(f"{name}/right.png")
+    disparity = ps.match(left, right, num_disparities=64).disparity
+    write_disparity(folder / "out.pfm", disparity)
+    truth = read_disparity(folder / "truth.pfm")
+    depth: Map = read_calibration(folder / "calib.txt").depth(disparity)
+    picture: Image = ps.picture.colorize(disparity, low=0, high=64)
+    use(depth.shape, picture.shape)
+    return ps.metrics.bad_pixels(disparity, truth, 1.0)
+
+
+def on_test_pairs(folder: Path) -> ps.metrics.Score | None:
+    """Score a match of rendered, degraded and real pairs."""
+    pair: Pair = render_pair(0, height=120, width=160, num_disparities=32)
+    soft = Degradation(disk_psf(2), noise=1)(pair.left)
+    harder = suite()["motion 9"](pair.left)
+    pairs = [scene.load() for scene in find_scenes(folder)]
+    result = ps.match(soft, pair.right, num_disparities=pair.num_disparities)
+    use(len(pairs), harder.shape, bench.__name__)
+    if pair.truth is None or result.confidence is None:
+        return None
+    area: float = ps.roc.roc_area(result.confidence, result.disparity, pair.truth)
+    use(area, write_demo(run_demo(0), folder))
+    return ps.metrics.score(result.disparity, pair.truth)
