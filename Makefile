@@ -38,8 +38,7 @@ bench: $(CORE) ## Time a match against OpenCV, in a quarter of an hour (PHASESTE
 bench-core: ## Time each stage of the core (make bench-core ARGS=scanline: one of them)
 	cargo bench --locked -- $(ARGS)
 
-docs: $(CORE) ## Build the documentation into site/
-	$(BIN)/pip install --quiet --group docs
+docs: $(VENV)/counterparts ## Build the documentation, and the pictures in it, into site/
 	$(BIN)/mkdocs build --strict
 
 wheel: $(VENV)/ready ## Build a wheel into dist/

@@ -77,11 +77,10 @@ def run(found: list[Block], page: Path, names: dict[str, object]) -> None:
 WITH_EXAMPLES = [page for page in PAGES if any(block.runs for block in blocks(page, "python"))]
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("page", WITH_EXAMPLES, ids=name)
-def test_examples_run_as_they_stand(page: Path, here: Path) -> None:
+def test_examples_run_as_they_stand(page: Path) -> None:
     names: dict[str, object] = {"__name__": "__main__"}
-    if page.name == "README.md":  # whose readers have a video of their own
-        names["frames"] = [(read_image(here / "left.png"), read_image(here / "right.png"))]
     found = [block for block in blocks(page, "python") if block.runs]
     for module in _foreign(found):
         counterpart(module)
