@@ -14,7 +14,9 @@ import pytest
 from browser import Browser, running
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
+
+    Run = tuple[int, str, str]
 
 ROOT = Path(__file__).resolve().parent.parent
 ON_CI = os.environ.get("CI") == "true"
@@ -43,14 +45,28 @@ def counterpart(module: str) -> Any:
     return pytest.importorskip(module)
 
 
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Run]:
+    """Return what runs the command line in this process: exit code, standard output, error."""
+    cli = pytest.importorskip("phasestereo.cli")
+
+    def run(*arguments: object) -> Run:
+        code = cli.run([str(argument) for argument in arguments])
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return run
+
+
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
     """Return Chromium; without it, skip visibly, or fail where it must be there."""
     webdriver = counterpart("selenium.webdriver")
-    programs = shutil.which("chromium"), shutil.which("chromedriver")
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    programs = chromium, shutil.which("chromedriver")
     if programs[0] and programs[1]:
-        with running(webdriver, programs[0], programs[1]) as chromium:
-            yield chromium
+        with running(webdriver, programs[0], programs[1]) as opened:
+            yield opened
         return
     message = "no browser: apt-get install chromium chromium-driver"
     if ON_CI:

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from conftest import Run
+
 cli = pytest.importorskip("phasestereo.cli")
 
 SHIFT = 5
 COUNT = 16
-
-Run = tuple[int, str, str]
 
 
 @pytest.fixture
@@ -45,18 +45,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     truth[:, :SHIFT] = np.nan
     io.write_disparity("truth.pfm", truth)
     return tmp_path
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Run]:
-    """Return what runs the command line in this process: exit code, standard output, error."""
-
-    def run(*arguments: object) -> Run:
-        code = cli.run([str(argument) for argument in arguments])
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return run
 
 
 def match(run: Callable[..., Run], *options: object, count: int = COUNT) -> Run:

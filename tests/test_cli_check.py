@@ -18,12 +18,12 @@ from phasestereo.blur import Blur, BlurEstimate
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from conftest import Run
+
 cli = pytest.importorskip("phasestereo.cli")
 
 WRONG = 2
 FAILED = 1
-
-Run = tuple[int, str, str]
 
 
 @pytest.fixture(autouse=True)
@@ -34,18 +34,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     io.write_image("left.png", scene[:, :-6])
     io.write_image("right.png", scene[:, 6:])
     return tmp_path
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Run]:
-    """Return what runs the command line in this process: exit code, standard output, error."""
-
-    def run(*arguments: object) -> Run:
-        code = cli.run([str(argument) for argument in arguments])
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return run
 
 
 @pytest.fixture

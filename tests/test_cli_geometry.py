@@ -19,6 +19,8 @@ from phasestereo import io
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from conftest import Run
+
 cli = pytest.importorskip("phasestereo.cli")
 
 WRONG, FAILED = 2, 1
@@ -40,8 +42,6 @@ GEOMETRIES = {
     "--focal 100 --baseline 0.07 --doffs 2 --cx 32 --cy 20 --unit m": 1000,
 }
 
-Run = tuple[int, str, str]
-
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -58,16 +58,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def match(capsys: pytest.CaptureFixture[str]) -> Callable[[str], Run]:
+def match(run: Callable[..., Run]) -> Callable[[str], Run]:
     """Return what matches the pair in this process: exit code, standard output, error."""
-
-    def match(options: str) -> Run:
-        arguments = f"match left.png right.png --num-disparities {COUNT} {options}"
-        code = cli.run(arguments.split())
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return match
+    arguments = "match", "left.png", "right.png", "--num-disparities", COUNT
+    return lambda options: run(*arguments, *options.split())
 
 
 @pytest.mark.parametrize(("geometry", "scale"), GEOMETRIES.items())

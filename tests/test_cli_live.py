@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from conftest import Run
+
 WRONG, FAILED, INTERRUPTED = 2, 1, 130
 SEARCH = ("--num-disparities", COUNT, "--preset", "fast")
-
-Run = tuple[int, str, str]
 
 
 @pytest.fixture(autouse=True)
@@ -42,18 +42,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     film(Path("video.mkv"), side_by_side(6), **LOSSLESS, times=[0, 1, 2, 5, 6, 7])
     return tmp_path
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Run]:
-    """Return what runs the command line in this process: exit code, standard output, error."""
-
-    def run(*arguments: object) -> Run:
-        code = cli.run([str(argument) for argument in arguments])
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return run
 
 
 def process(*arguments: object) -> list[str]:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from browser import Browser
+    from conftest import Run
 
 cli = pytest.importorskip("phasestereo.cli")
 for module in ("plotly", "jinja2", "matplotlib", "PIL"):
@@ -23,7 +24,6 @@ for module in ("plotly", "jinja2", "matplotlib", "PIL"):
 
 SHIFT = 3
 TOLD = ("disparity", "truth", "depth")
-Run = tuple[int, str, str]
 
 
 @pytest.fixture(autouse=True)
@@ -38,15 +38,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def match(capsys: pytest.CaptureFixture[str]) -> Callable[[str], Run]:
+def match(run: Callable[..., Run]) -> Callable[[str], Run]:
     """Return what matches the pair in this process: exit code, standard output, error."""
-
-    def match(options: str) -> Run:
-        code = cli.run(f"match left.png right.png --num-disparities 8 {options}".split())
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return match
+    arguments = "match", "left.png", "right.png", "--num-disparities", 8
+    return lambda options: run(*arguments, *options.split())
 
 
 def test_page_has_what_was_asked_for(browser: Browser, match: Callable[[str], Run]) -> None:

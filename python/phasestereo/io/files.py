@@ -48,11 +48,7 @@ def replacing(path: StrPath) -> Iterator[BinaryIO]:
     OSError
         If the folder does not exist or cannot be written to, or the path is not a regular file.
     """
-    target = Path(os.path.realpath(path))  # a symbolic link stays, the file it names is replaced
-    if not target.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "no such folder", str(target.parent))
-    if target.exists() and not target.is_file():
-        raise OSError(f"{os.fspath(path)} exists and is not a regular file")
+    target = target_of(path)
     draft = target.with_name(f".{secrets.token_hex(8)}.part")
     try:
         with draft.open("xb") as file:
@@ -60,6 +56,22 @@ def replacing(path: StrPath) -> Iterator[BinaryIO]:
         draft.replace(target)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def target_of(path: StrPath) -> Path:
+    """Return the file that is to be written: a symbolic link stays, what it names is replaced.
+
+    Raises
+    ------
+    OSError
+        If its folder does not exist, or something else than a file has its name.
+    """
+    target = Path(os.path.realpath(path))
+    if not target.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "no such folder", str(target.parent))
+    if target.exists() and not target.is_file():
+        raise OSError(f"{os.fspath(path)} exists and is not a regular file")
+    return target
 
 
 def suffix(path: StrPath) -> str:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import secrets
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from phasestereo.io.files import suffix
+from phasestereo.io.files import suffix, target_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from phasestereo.io.files import StrPath
 
@@ -30,11 +29,7 @@ def draft_of(path: StrPath, suffixes: Sequence[str], what: str) -> tuple[Path, P
         raise ValueError(
             f"path of a {what} must end in {' or '.join(suffixes)}, got {os.fspath(path)!r}"
         )
-    target = Path(os.path.realpath(path))  # a symbolic link stays, the file it names is replaced
-    if not target.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "no such folder", str(target.parent))
-    if target.exists() and not target.is_file():
-        raise OSError(f"{os.fspath(path)} exists and is not a regular file")
+    target = target_of(path)
     draft = target.with_name(f"{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
     draft.open("xb").close()  # nothing else knows all that can go wrong
     draft.unlink()
