@@ -55,11 +55,19 @@ def replacing(path: StrPath) -> Iterator[BinaryIO]:
         raise OSError(f"{os.fspath(path)} exists and is not a regular file")
     draft = target.with_name(f".{secrets.token_hex(8)}.part")
     try:
-        with draft.open("xb") as file:
+        with _created(draft) as file:
             yield file
         draft.replace(target)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _created(draft: Path) -> BinaryIO:
+    """Open a new file; where that fails, its folder is to blame, of which the caller knows."""
+    try:
+        return draft.open("xb")
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(draft.parent)) from error
 
 
 def suffix(path: StrPath) -> str:
