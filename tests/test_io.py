@@ -96,7 +96,7 @@ def test_places_that_take_no_file_are_refused(tmp_path: Path, name: str) -> None
 def test_folders_that_cannot_be_written_to_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    def refuse(self: Path, mode: str) -> None:
+    def refuse(self: Path, *_: str) -> None:
         raise PermissionError(errno.EACCES, "Permission denied", str(self))
 
     monkeypatch.setattr(Path, "open", refuse)
