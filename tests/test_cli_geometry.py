@@ -131,6 +131,7 @@ REFUSALS = [
     ("--ply a.ply --focal 100 --baseline -7", WRONG, "--baseline"),
     (f"--ply a.ply {RIG} --doffs nan", FAILED, "doffs must be finite"),
     (f"--ply a.ply {RIG} --doffs -99", FAILED, "no disparity up to 15 has a depth .* -99"),
+    (f"--ply a.ply {RIG} --max-depth 1", WRONG, "--max-depth: got 1; .* nothing is nearer than"),
     (f"--ply a.ply {RIG} --unit inch", WRONG, "--unit"),
     ("--depth a.png --q q.npy", WRONG, "--depth: a .png holds mm: give --unit"),
     (f"--depth a.png {RIG} --unit m", WRONG, "--depth: .*is the unit right"),

@@ -118,6 +118,35 @@ def test_bands_have_names_and_one_type_that_holds_all(tmp_path: Path) -> None:
     )
 
 
+def test_bands_by_name_are_no_colours(tmp_path: Path) -> None:
+    bands = {name: np.zeros((20, 30), np.uint8) for name in "abcd"}  # d: not transparent everywhere
+    write_geotiff(tmp_path / "out.tif", bands)
+    with pytest.raises(ValueError, match=r"4 \(1 a, 2 b, 3 c, 4 d\) and no colours"):
+        read_geotiff(tmp_path / "out.tif")
+    assert read_geotiff(tmp_path / "out.tif", bands=[1]).mask is None
+
+
+@pytest.mark.parametrize("dtype", [">u2", ">f4", ">f8"])
+def test_the_order_of_bytes_does_not_matter(tmp_path: Path, dtype: str) -> None:
+    image = np.arange(600, dtype=dtype).reshape(20, 30)
+    write_geotiff(tmp_path / "one.tif", image)
+    write_geotiff(tmp_path / "many.tif", {"a": image})
+    for name in ("one.tif", "many.tif"):
+        np.testing.assert_array_equal(read_geotiff(tmp_path / name).image, image)
+
+
+def test_tags_that_were_read_can_be_written(tmp_path: Path) -> None:
+    point = Georeference(crs="EPSG:32631", transform=PLACE.transform, point=True)
+    image = np.zeros((4, 5), np.uint8)
+    write_geotiff(tmp_path / "a.tif", image, like=PLACE, tags={"SENSOR": "made up"})
+    tags = read_geotiff(tmp_path / "a.tif").tags
+    assert tags["AREA_OR_POINT"] == "Area"
+    write_geotiff(tmp_path / "b.tif", image, like=point, tags=tags)
+    found = read_geotiff(tmp_path / "b.tif")
+    assert found.tags == {**tags, "AREA_OR_POINT": "Point"}
+    assert found.georeference.point
+
+
 def test_rpcs_and_the_kind_of_pixel_are_kept(tmp_path: Path) -> None:
     place = Georeference(rpcs=RPCS, point=True, crs="EPSG:4326", transform=(2, 0, 1, 0, -2, 50))
     write_geotiff(tmp_path / "sensor.tif", noise((20, 30), "uint16"), like=place)
@@ -232,6 +261,25 @@ def test_other_integers_become_floats_exactly(tmp_path: Path, dtype: str) -> Non
     assert not found.mask[2, 3]
 
 
+@pytest.mark.parametrize(
+    ("dtype", "nodata"),
+    [("int32", -(2**31)), ("uint32", 2**32 - 1), ("float64", -np.finfo("float64").max)],
+)
+def test_no_data_may_be_what_float32_does_not_hold(
+    tmp_path: Path, dtype: str, nodata: float
+) -> None:
+    plane = noise((3, 20, 30), dtype)
+    plane[:, 4:7] = nodata
+    for planes, colours in ((plane[:1], None), (plane, ["red", "green", "blue"])):
+        found = read_geotiff(save(tmp_path / "a.tif", planes, nodata=nodata, colours=colours))
+        assert found.mask is not None
+        assert np.flatnonzero(~found.mask.all(axis=1)).tolist() == [4, 5, 6]
+        kept = np.squeeze(np.moveaxis(planes, 0, 2))[found.mask]
+        np.testing.assert_array_equal(found.image[found.mask], kept.astype(np.float32))
+        ps.match(found.image, found.image, num_disparities=4, preset="paper",
+                 left_mask=found.mask, right_mask=found.mask)  # fmt: skip
+
+
 def test_int16_with_no_data_can_be_matched(tmp_path: Path) -> None:
     scene = noise((60, 90), "int16")
     scene[20:30, 40:50] = -32768
@@ -281,6 +329,7 @@ def test_colours_are_told_by_the_file_not_by_their_order(tmp_path: Path) -> None
         ([1, 2], ValueError, "bands: got 2; accepts one, or three"),
         ([], ValueError, "bands: got 0"),
         ("123", TypeError, "bands: got '123'"),
+        (3, TypeError, "bands: got 3; accepts the numbers of one or three bands"),
         ([1.5], TypeError, "bands"),
     ],
 )
@@ -367,6 +416,7 @@ def test_pairs_may_lie_anywhere(tmp_path: Path, other: Georeference | None) -> N
         (np.zeros((4, 5, 2), np.uint8), None, ValueError, r"image: got shape \(4, 5, 2\)"),
         (np.zeros((0, 5), np.uint8), None, ValueError, "image: got shape"),
         (np.zeros((4, 5), np.int16), None, TypeError, "image: got dtype int16"),
+        (np.full((4, 5), 1e300), None, ValueError, "image: got float64 samples beyond"),
         ({"a": np.zeros((4, 5), np.bool_)}, None, TypeError, "a: got dtype bool"),
         ({"a": np.zeros((4, 5, 3), np.uint8)}, None, ValueError, "image: got bands of shapes"),
         ({}, None, ValueError, "image: got bands"),

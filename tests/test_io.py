@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -89,6 +90,19 @@ def test_places_that_take_no_file_are_refused(tmp_path: Path, name: str) -> None
     with pytest.raises(OSError, match="not a regular file"):
         WRITERS[name](tmp_path / name)
     assert not list((tmp_path / name).iterdir())
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_folders_that_cannot_be_written_to_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    def refuse(self: Path, *_: str) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(PermissionError) as caught:
+        WRITERS[name](tmp_path / name)
+    assert caught.value.filename == str(tmp_path)
 
 
 def test_a_symbolic_link_keeps_naming_its_file(tmp_path: Path) -> None:

@@ -196,6 +196,8 @@ def test_two_equal_cameras_look_through_the_centre() -> None:
         ({"cx": np.nan}, ValueError, "cx must be finite"),
         ({"cy": [1]}, TypeError, "cy must be a number"),
         ({"width": 0}, ValueError, "width must be positive"),
+        ({"width": "640"}, TypeError, "width must be a number"),
+        ({"height": None}, TypeError, "height must be a number"),
         ({"height": 480.0}, TypeError, "height must be an integer"),
     ],
 )

@@ -137,6 +137,26 @@ def test_no_data_is_masked(rendered: Pair, name: str, where: str) -> None:
     masked_alike(rendered, found, left[0].to_numpy() != -32768)
 
 
+@pytest.mark.parametrize(
+    ("dtype", "nodata"), [("int32", -(2**31)), ("float64", -np.finfo("float64").max)]
+)
+def test_no_data_may_be_what_float32_does_not_hold(
+    rendered: Pair, dtype: str, nodata: float
+) -> None:
+    left, right = (view.astype(dtype) for view in views(rendered, nodata=nodata))
+    left[0, 20:30, 40:50] = nodata
+    found = labelled.match(left, right, num_disparities=COUNT, preset="paper")
+    masked_alike(rendered, found, left[0].to_numpy() != nodata)
+
+
+@pytest.mark.parametrize("name", ["scale_factor", "add_offset"])
+def test_the_no_data_of_packed_pixels_is_none_of_unpacked_ones(rendered: Pair, name: str) -> None:
+    left, right = (view.astype(np.float32) for view in views(rendered))
+    left.encoding = {"_FillValue": int(left[0, 30, 50]), name: 2}
+    found = labelled.match(left, right, num_disparities=COUNT, preset="paper")
+    masked_alike(rendered, found, np.ones(left.shape[1:], np.bool_))
+
+
 def test_nan_is_masked(rendered: Pair) -> None:
     left, right = views(rendered)
     left, right = left.astype(np.float64), right.astype(np.float64)
@@ -229,6 +249,8 @@ def test_results_can_be_labelled_by_themselves(rendered: Pair) -> None:
     }  # fmt: skip
     with pytest.raises(ValueError, match=r"like: got \(9, 9\) pixels.*\(70, 110\)"):
         labelled.as_dataset(result, like=xarray.DataArray(np.zeros((9, 9)), dims=("y", "x")))
+    with pytest.raises(TypeError, match="result: got ndarray; accepts a phasestereo.Result"):
+        labelled.as_dataset(result.disparity)  # type: ignore[arg-type]  # the wrong type it is
 
 
 def test_rows_must_correspond(rendered: Pair) -> None:

@@ -18,7 +18,7 @@ from phasestereo._extras import require
 from phasestereo._images import as_mask
 from phasestereo.io.pixels import as_samples
 from phasestereo.matcher import match as match_pair
-from phasestereo.result import Flag
+from phasestereo.result import Flag, Result
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
     from phasestereo.io.pixels import Pixels
-    from phasestereo.result import Result
 
     Mask = NDArray[np.bool_]
 
@@ -40,6 +39,7 @@ COLUMNS = ("x", "col", "lon", "longitude")
 """Names that the dimension of the columns may have."""
 
 _NO_DATA = ("_FillValue", "missing_value", "nodata")
+_PACKED = {"scale_factor", "add_offset"}
 _SAME = 1e-3  # of a row: coordinates are computed, and rounded
 
 
@@ -63,7 +63,8 @@ def match(
         other name; in any order. Integers and floats of any size; what is neither uint8, uint16
         nor float32 is matched as float32. Chunked arrays are computed. Where an image tells its
         "no data" value (``_FillValue``, ``missing_value`` or ``nodata``, among its attributes or
-        in its encoding), pixels that have it in all bands are masked, as is NaN.
+        in its encoding, unless that has a scale or an offset, too: then it is that of the packed
+        numbers, which xarray has unpacked), pixels that have it in all bands are masked, as is NaN.
     num_disparities, min_disparity
         The disparities to search, in pixels, as `phasestereo.match` takes them.
     left_mask, right_mask
@@ -100,8 +101,8 @@ def match(
         )
     ]
     result = match_pair(
-        _as_image(pixels[0], "left"),
-        _as_image(pixels[1], "right"),
+        _as_image(pixels[0], masks[0], "left"),
+        _as_image(pixels[1], masks[1], "right"),
         num_disparities=num_disparities,
         min_disparity=min_disparity,
         left_mask=masks[0],
@@ -134,12 +135,14 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     Raises
     ------
     TypeError
-        If `like` is no DataArray.
+        If the result is no `Result`, or `like` no DataArray.
     ValueError
         If its dimensions cannot be told, or its size is not that of the result.
     ImportError
         If xarray is not installed.
     """
+    if not isinstance(result, Result):
+        raise TypeError(f"result: got {type(result).__name__}; accepts a phasestereo.Result")
     xarray = require("xarray", extra="geo")
     dims, coords = ("y", "x"), {}
     if like is not None:
@@ -235,9 +238,9 @@ def _computed(views: Iterable[DataArray]) -> list[NDArray[Any]]:
     return [view.to_numpy() for view in views]
 
 
-def _as_image(pixels: NDArray[Any], name: str) -> Pixels:
+def _as_image(pixels: NDArray[Any], mask: Mask | None, name: str) -> Pixels:
     try:
-        return as_samples(pixels)
+        return as_samples(pixels, mask)
     except ValueError as error:
         raise ValueError(f"{name}: got {error}") from error
 
@@ -248,7 +251,9 @@ def _valid(view: DataArray, pixels: NDArray[Any]) -> Mask | None:
     missing = np.zeros(layers.shape[:2], dtype=np.bool_)
     if layers.dtype.kind == "f":
         missing |= np.isnan(layers).any(axis=2)
-    for attributes in (view.attrs, view.encoding):
+    # Of packed pixels the encoding tells what they were, and "no data" has become NaN.
+    is_packed = not _PACKED.isdisjoint(view.encoding)
+    for attributes in (view.attrs, {} if is_packed else view.encoding):
         for value in (attributes.get(name) for name in _NO_DATA):
             if isinstance(value, Real):
                 missing |= (layers == value).all(axis=2)

@@ -89,6 +89,8 @@ class Geometry:
         OSError, ValueError
             If a file is not what it should be, is of images of another size, or not a single one
             of the disparities has a depth.
+        CommandError
+            If not a single one has a depth that is wanted.
         """
         calibration = self._calibration(*size)
         if calibration is None:
@@ -102,6 +104,13 @@ class Geometry:
             raise ValueError(
                 f"no disparity up to {largest} has a depth with doffs = {calibration.doffs:g}: "
                 "what is nearer has larger disparities"
+            )
+        nearest = calibration.depth(largest + 1).item()
+        if self.max_depth is not None and nearest > self.max_depth:
+            raise _wrong(
+                "max_depth",
+                f"got {self.max_depth:g}; with disparities up to {largest} nothing is nearer than "
+                f"{nearest:g}: it is in the unit of the baseline",
             )
         unit = self.unit or (None if self.calib is None else "mm")
         return Rig(calibration, unit, self.max_depth)

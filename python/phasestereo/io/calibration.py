@@ -123,6 +123,8 @@ class Calibration:
         if f <= 0:
             raise ValueError(f"focal must be positive and finite, got {focal}")
         offset = _number("doffs", doffs)
+        for name, side in (("width", width), ("height", height)):
+            _number(name, side)  # __post_init__ refuses those that are no sides of images
         x = (width - 1) / 2 if cx is None else _number("cx", cx)
         y = (height - 1) / 2 if cy is None else _number("cy", cy)
         return cls(

@@ -51,7 +51,7 @@ def replacing(path: StrPath) -> Iterator[BinaryIO]:
     target = target_of(path)
     draft = target.with_name(f".{secrets.token_hex(8)}.part")
     try:
-        with draft.open("xb") as file:
+        with created(draft) as file:
             yield file
         draft.replace(target)
     finally:
@@ -72,6 +72,14 @@ def target_of(path: StrPath) -> Path:
     if target.exists() and not target.is_file():
         raise OSError(f"{os.fspath(path)} exists and is not a regular file")
     return target
+
+
+def created(draft: Path) -> BinaryIO:
+    """Open a new file; where that fails, its folder is to blame, of which the caller knows."""
+    try:
+        return draft.open("xb")
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(draft.parent)) from error
 
 
 def suffix(path: StrPath) -> str:

@@ -121,7 +121,8 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
         If the bands are no integers.
     ValueError
         If it is damaged or no GeoTIFF; if it has no such bands, or more than can be meant; if its
-        samples are complex, or integers beyond 2**24; if it has more than 2**30 pixels.
+        samples are complex or, where they are not masked, integers beyond 2**24; if it has more
+        than 2**30 pixels.
     ImportError
         If rasterio is not installed.
 
@@ -141,7 +142,7 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
         samples = file.read(indexes)
         valid = _valid(file, indexes, samples)
         return GeoImage(
-            image=_as_image(file, indexes, samples),
+            image=_as_image(file, indexes, samples, valid),
             mask=None if valid.all() else valid,
             georeference=_georeference(file),
             tags=file.tags(),
@@ -212,15 +213,15 @@ def write_geotiff(
     like
         The georeference, or an image that has it; None: there is none.
     tags
-        Metadata by name.
+        Metadata by name; ``AREA_OR_POINT`` is that of `like`.
 
     Raises
     ------
     TypeError
         If an array has another type, or `like` is something else.
     ValueError
-        If a shape is not as above, shapes differ, or the reference system or the transform means
-        nothing to rasterio.
+        If a shape is not as above, shapes differ, a number is beyond float32, or the reference
+        system or the transform means nothing to rasterio.
     OSError
         If the file cannot be written.
     ImportError
@@ -237,7 +238,8 @@ def write_geotiff(
             tiled=True, blockxsize=_TILE, blockysize=_TILE, compress="deflate",
             predictor=_PREDICTORS[planes.dtype.kind], bigtiff="if_safer", **options,
         ) as dataset:  # fmt: skip
-            dataset.update_tags(AREA_OR_POINT="Point" if place.point else "Area", **(tags or {}))
+            kind = {"AREA_OR_POINT": "Point" if place.point else "Area"}
+            dataset.update_tags(**{**(tags or {}), **kind})  # tags of a file that was read have it
             dataset.write(planes)
             for number, name in enumerate(names, start=1):
                 dataset.set_band_description(number, name)
@@ -258,7 +260,8 @@ def _unplaced_allowed() -> Iterator[None]:
 
 
 def _as_bands(bands: Sequence[int]) -> list[int]:
-    if isinstance(bands, str) or not all(isinstance(band, int | np.integer) for band in bands):
+    is_list = not isinstance(bands, str) and hasattr(bands, "__len__")
+    if not (is_list and all(isinstance(band, int | np.integer) for band in bands)):
         raise TypeError(f"bands: got {bands!r}; accepts the numbers of one or three bands")
     if len(bands) not in (1, 3):
         raise ValueError(f"bands: got {len(bands)}; accepts one, or three (red, green, blue)")
@@ -292,16 +295,16 @@ def _valid(file: Any, indexes: list[int], samples: NDArray[Any]) -> Mask:
     return valid
 
 
-def _as_image(file: Any, indexes: list[int], samples: NDArray[Any]) -> Pixels:
+def _as_image(file: Any, indexes: list[int], samples: NDArray[Any], valid: Mask) -> Pixels:
     """Return bands as gray levels or RGB; a palette is looked up."""
     if len(indexes) == 3:
-        return as_samples(np.ascontiguousarray(np.moveaxis(samples, 0, 2)))
+        return as_samples(np.ascontiguousarray(np.moveaxis(samples, 0, 2)), valid)
     plane: NDArray[Any] = samples[0]
     if file.colorinterp[indexes[0] - 1].name == "palette" and plane.dtype == np.uint8:
         entries = file.colormap(indexes[0])
         colours = np.array([entries.get(index, (0, 0, 0))[:3] for index in range(256)], np.uint8)
         return look_up(colours, plane)
-    return as_samples(plane)
+    return as_samples(plane, valid)
 
 
 def _georeference(file: Any) -> Georeference:
@@ -323,9 +326,10 @@ def _layers(
     options: dict[str, Any] = {}
     if isinstance(image, Mapping):
         names = list(image)
-        planes = _stacked({name: np.asarray(band) for name, band in image.items()})
+        planes = _stacked({name: _native(band) for name, band in image.items()})
+        options["photometric"] = "minisblack"  # else GDAL takes bytes for colours, a 4th for alpha
     else:
-        names, whole = [], np.asarray(image)
+        names, whole = [], _native(image)
         if not channels(whole.shape):
             raise ValueError(
                 f"image: got shape {whole.shape}; accepts (H, W), (H, W, 3) and (H, W, 4)"
@@ -334,12 +338,25 @@ def _layers(
         if len(planes) > 1:
             options |= {"photometric": "rgb"} | ({"alpha": "yes"} if len(planes) == 4 else {})
     if planes.dtype == np.float64:
-        planes = planes.astype(np.float32)
+        planes = _narrowed(planes)
     if planes.dtype.name not in _DTYPES:
         raise TypeError(f"image: got dtype {planes.dtype}; accepts {', '.join(_DTYPES)}, float64")
     if planes.dtype.kind == "f":
         options["nodata"] = np.nan
     return names, np.ascontiguousarray(planes), options
+
+
+def _narrowed(planes: NDArray[Any]) -> Pixels:
+    try:
+        return as_samples(planes)
+    except ValueError as error:
+        raise ValueError(f"image: got {error}") from error
+
+
+def _native(band: ArrayLike) -> NDArray[Any]:
+    """Return an array in the byte order of this machine, the only one that rasterio writes."""
+    given = np.asarray(band)
+    return given.astype(given.dtype.newbyteorder("="), copy=False)
 
 
 def _stacked(bands: dict[str, NDArray[Any]]) -> NDArray[Any]:

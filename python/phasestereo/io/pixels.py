@@ -51,23 +51,37 @@ def expand_bits(samples: NDArray[np.bool_]) -> NDArray[np.uint8]:
     return samples.astype(np.uint8) * np.uint8(255)
 
 
-def as_samples(samples: NDArray[Any]) -> Pixels:
+def as_samples(samples: NDArray[Any], valid: NDArray[np.bool_] | None = None) -> Pixels:
     """Return samples of any real type as one that images have here, none losing anything.
+
+    Parameters
+    ----------
+    samples
+        (H, W) or (H, W, C).
+    valid
+        (H, W), True = counts; None: all do. What does not count may have a value that float32 does
+        not hold, as "no data" often has.
 
     Raises
     ------
     ValueError
-        If the samples are complex, or integers too large for float32.
+        If the samples are complex, or one that counts is too large for float32.
     """
     native = samples.astype(samples.dtype.newbyteorder("="), copy=False)
     if native.dtype in (np.uint8, np.uint16, np.float32):
         return native
     if native.dtype.kind not in "iuf":
         raise ValueError(f"samples of type {native.dtype}; an image has real numbers")
-    if native.dtype.kind in "iu" and max(-int(native.min()), int(native.max())) > _EXACT:
-        raise ValueError(f"{native.dtype} samples beyond 2**24, which float32 would round")
     with np.errstate(over="ignore"):
         narrow = native.astype(np.float32)
-    if np.isinf(narrow).any() and not np.isinf(native).any():
-        raise ValueError(f"{native.dtype} samples beyond the range of float32")
+    if native.dtype.kind == "f":
+        lost = np.isinf(narrow) & np.isfinite(native)
+        why = "the range of float32"
+    else:
+        lost = (native > _EXACT) | (native < -_EXACT)
+        why = "2**24, which float32 would round"
+    counts = True if valid is None else valid.reshape(valid.shape + (1,) * (native.ndim - 2))
+    if (lost & counts).any():
+        raise ValueError(f"{native.dtype} samples beyond {why}")
+    narrow[lost] = np.nan
     return narrow

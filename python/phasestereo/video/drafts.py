@@ -6,7 +6,7 @@ import os
 import secrets
 from typing import TYPE_CHECKING
 
-from phasestereo.io.files import suffix, target_of
+from phasestereo.io.files import created, suffix, target_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,6 +31,6 @@ def draft_of(path: StrPath, suffixes: Sequence[str], what: str) -> tuple[Path, P
         )
     target = target_of(path)
     draft = target.with_name(f"{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
-    draft.open("xb").close()  # nothing else knows all that can go wrong
+    created(draft).close()  # nothing else knows all that can go wrong
     draft.unlink()
     return target, draft
