@@ -235,6 +235,8 @@ def _image(
     rows, cols = picture.shape[:2]
     factor = max(1, _LEAST // max(rows, cols))
     width, height = size or (factor * cols, factor * rows)
+    # Style sheets of pages would undo the attribute, and narrow ones the proportions.
+    held = f"height:{height}px;" if size else "height:auto;"
     kind = "jpeg" if photograph else "png"
     encoded, options = io.BytesIO(), {"quality": _PHOTOGRAPH_QUALITY} if photograph else {}
     image = require("PIL.Image", extra="plot").fromarray(np.ascontiguousarray(picture))
@@ -243,7 +245,7 @@ def _image(
     sharp = "" if photograph else "image-rendering:pixelated;"
     return (
         f'<img src="data:image/{kind};base64,{data}" alt="{escape(alt)}" width="{width}" '
-        f'height="{height}" style="{_IMAGE}{sharp}">'
+        f'height="{height}" style="{_IMAGE}{held}{sharp}">'
     )
 
 
