@@ -46,7 +46,7 @@ _BARS, _GAP, _STRIP = 72, 4, 12  # rows of the histogram, and of the colours bel
 _PHOTOGRAPH_QUALITY = 85  # of a JPEG
 
 _BLOCK = "max-width:980px;line-height:1.4;"
-_BESIDE = "display:inline-block;vertical-align:top;max-width:486px;"
+_BESIDE = "display:inline-block;vertical-align:top;max-width:520px;"
 _FIGURE = "display:inline-block;vertical-align:top;margin:6px 14px 6px 0;max-width:100%;"
 _IMAGE = "display:block;margin:0;max-width:100%;"
 _CAPTION = "margin:3px 0 0;font-size:90%;"
