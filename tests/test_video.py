@@ -440,7 +440,7 @@ def test_picture_of_another_size_is_refused_and_the_rest_written() -> None:
         with pytest.raises(ValueError, match=r"^picture: got shape \(0, 45, 3\)"):
             writer.write(smooth(0)[:0])
         with pytest.raises(TypeError, match="^picture: got list"):
-            writer.write(smooth(0).tolist())  # type: ignore[arg-type] # on purpose
+            writer.write(smooth(0).tolist())
         with pytest.raises(TypeError, match="^picture: got float64"):
             writer.write(np.zeros((31, 45, 3)))  # type: ignore[arg-type] # on purpose
         with pytest.raises(ValueError, match=r"^picture: got shape \(31, 45\)"):
