@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     Picture = NDArray[np.uint8]
 
 QUALITY = 88  # of 100; with colours at full resolution, so that maps keep their edges
+_SHARP = 200  # dots per inch: screens of two dots a pixel show them all
 
 
 def row(pictures: Mapping[str, Picture]) -> str:
@@ -71,7 +72,7 @@ def seen(cloud: PointCloud, degrees: float, *, focal: float, size: tuple[int, in
 def drawn(figure: Figure) -> Picture:
     """Return a figure of matplotlib as a picture."""
     file = io.BytesIO()
-    figure.savefig(file, format="png")
+    figure.savefig(file, format="png", dpi=_SHARP)
     return np.asarray(Image.open(file).convert("RGB"))
 
 

@@ -219,6 +219,8 @@ def test_no_frame_at_all_is_a_failure(run: Callable[..., Run]) -> None:
     code, _, err = run("live", "b.mkv", *SEARCH, "-o", "o.mp4")
     assert code == FAILED
     assert err.endswith("phasestereo: error: none of 2 frames could be matched\n")
+    code, _, err = run("live", "a.mkv", *SEARCH, "--start", "2", "-o", "o.mp4")
+    assert (code, err) == (FAILED, "phasestereo: error: there is no frame to match\n")
     assert listing() == {"video.mkv", "a.mkv", "b.mkv"}
 
 

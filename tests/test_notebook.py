@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from browser import Browser
+
 pytest.importorskip("matplotlib")
 
 from PIL import Image
@@ -143,6 +145,26 @@ def test_the_pair_is_there_if_it_is_known(result: ps.Result) -> None:
     alone = shown(replace(result, pair=None))
     assert not any("image" in image["alt"] for image in alone.images)
     assert len(alone.images) == len(block.images) - 2
+
+
+def test_style_sheets_of_pages_leave_proportions(
+    browser: Browser, tmp_path: Path, result: ps.Result
+) -> None:
+    page = tmp_path / "page.html"
+    style = "<style>img { max-width: 100%; height: auto }</style>"  # as in JupyterLab and MkDocs
+    page.write_text(style + result._repr_html_(), "utf-8")
+    for width in (1000, 300):  # the second is narrower than some of the pictures
+        browser.open(page, width=width)
+        sizes = browser.run(
+            "return [...document.images].map((i) => "
+            "[i.alt, i.clientWidth, i.clientHeight, i.naturalWidth / i.naturalHeight])"
+        )
+        assert len(sizes) == 5
+        for alt, shown, height, shape in sizes:
+            if alt.startswith("Histogram"):
+                assert height == 88
+            else:
+                assert shown / height == pytest.approx(shape, rel=0.02)
 
 
 def test_images_of_any_type_are_seen_in_one_scale(result: ps.Result) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import re
 import sys
@@ -15,6 +17,7 @@ import pytest
 import phasestereo as ps
 from conftest import counterpart
 from phasestereo.io import Calibration
+from phasestereo.io.raster import decode_raster
 from phasestereo.pair_page import page as page_module
 from phasestereo.pair_page import write_pair_page
 from phasestereo.pair_page.embedding import as_picture, stretch
@@ -137,6 +140,10 @@ def test_large_maps_are_thinned_out(
     assert "every 3rd pixel of every 3rd row" in " ".join(Told(page).text.split())
 
 
+def test_full_hd_is_shown_whole() -> None:
+    assert page_module._step((1080, 1920)) == 1
+
+
 REFUSED: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"left": noise(shape=(24, 41))}, ValueError, "right"),
     ({"right": noise().astype(np.float32)}, TypeError, "right"),
@@ -216,7 +223,7 @@ def test_blur_in_words() -> None:
 
     def say(*kinds: ps.Blur) -> Any:
         chosen = labels if len(kinds) > 1 else np.zeros_like(labels)
-        return blur_told(ps.BlurEstimate(kinds, chosen, 16, 0.9, 1.0, (1.0, 1.0)))
+        return blur_told(ps.BlurEstimate(kinds, chosen, 16, 0.9, 1.0, (1.0, 1.0)), (40, 40))
 
     assert say(none).verdict.startswith("No relative blur")
     assert say(disk).verdict == "Relative blur: the left image is softer than the other."
@@ -228,6 +235,19 @@ def test_blur_in_words() -> None:
     ]
     assert "now one image, now the other" in say(disk, motion).verdict
     assert say(disk, motion).areas[1].words == "right image: motion by 9.0 px at 45°"
+
+
+def test_tiles_lie_on_their_pixels() -> None:
+    kinds = ps.Blur("none", "none", 0.0, 0.0), ps.Blur("left", "disk", 4.0, 0.0)
+    labels = np.array([[0, 1], [1, 0]], dtype=np.uint8)
+    estimate = ps.BlurEstimate(kinds, labels, 16, 0.9, 1.0, (1.0, 1.0))
+    uri = blur_told(estimate, (33, 45)).map.partition(",")[2]
+    drawn = np.asarray(decode_raster(io.BytesIO(base64.b64decode(uri))))
+    assert drawn.shape == (33, 45, 3)
+    first = (drawn == drawn[0, 0]).all(axis=2)  # the last tile of a row is as wide as is left
+    expected = np.zeros((33, 45), dtype=bool)
+    expected[:16, :16] = expected[16:, 16:] = True
+    assert (first == expected).all()
 
 
 def test_charts_count_every_pixel(result: ps.Result) -> None:

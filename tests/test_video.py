@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -370,6 +371,8 @@ def test_gray_and_deep_images_are_shown_beside_the_colours() -> None:
 def test_colours_need_a_range() -> None:
     with pytest.raises(ValueError, match="^low: got 4; accepts less than high"):
         FramePicture(4, 4)
+    with pytest.raises(ValueError, match="^low: got 0 and high inf; accepts finite"):
+        FramePicture(0, math.inf)
 
 
 # Writing
@@ -434,12 +437,35 @@ def test_picture_of_another_size_is_refused_and_the_rest_written() -> None:
         writer.write(smooth(0))
         with pytest.raises(ValueError, match="^picture: got 20 x 10 pixels; accepts 45 x 31"):
             writer.write(smooth(0, 10, 20))
+        with pytest.raises(ValueError, match=r"^picture: got shape \(0, 45, 3\)"):
+            writer.write(smooth(0)[:0])
+        with pytest.raises(TypeError, match="^picture: got list"):
+            writer.write(smooth(0).tolist())
         with pytest.raises(TypeError, match="^picture: got float64"):
             writer.write(np.zeros((31, 45, 3)))  # type: ignore[arg-type] # on purpose
         with pytest.raises(ValueError, match=r"^picture: got shape \(31, 45\)"):
             writer.write(np.zeros((31, 45), np.uint8))
         writer.write(smooth(1))
     assert len(outcomes(open_video("a.mkv"))) == 2
+
+
+def test_times_that_are_none_are_refused_and_later_ones_kept() -> None:
+    with VideoWriter("a.mkv") as writer:
+        for time in (math.nan, math.inf):
+            with pytest.raises(ValueError, match="^time: got (nan|inf); accepts finite"):
+                writer.write(smooth(0), time)
+        writer.write(smooth(0), 3.0)
+        writer.write(smooth(1), 3.5)
+    with av.open("a.mkv") as container:
+        assert [frame.time for frame in container.decode(video=0)] == [0, 0.5]
+
+
+def test_closed_video_takes_no_more() -> None:
+    with VideoWriter("a.mkv") as writer:
+        writer.write(smooth(0))
+    with pytest.raises(ValueError, match="closed"):
+        writer.write(smooth(1))
+    assert [path.name for path in Path().iterdir()] == ["a.mkv"]
 
 
 def test_places_where_no_video_can_be_are_refused() -> None:
@@ -452,6 +478,8 @@ def test_places_where_no_video_can_be_are_refused() -> None:
         VideoWriter("folder.mp4")
     with pytest.raises(ValueError, match="^rate: got 0"):
         VideoWriter("a.mp4", rate=0)
+    with pytest.raises(ValueError, match="^rate: got inf"):
+        VideoWriter("a.mp4", rate=math.inf)
 
 
 def test_mpeg4_where_there_is_no_h264(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -134,6 +134,14 @@ class BlurEstimate:
         counts = np.bincount(self.labels.ravel(), minlength=len(self.blurs))
         return tuple((counts / self.labels.size).tolist())
 
+    def label_map(self, size: tuple[int, int]) -> NDArray[np.uint8]:
+        """Return the index into `blurs` of every pixel of an image of so many rows and columns."""
+        y, x = (
+            np.minimum(np.arange(length) // self.tile, tiles - 1)
+            for length, tiles in zip(size, self.labels.shape, strict=True)
+        )
+        return self.labels[np.ix_(y, x)]
+
 
 def estimate(
     pair: tuple[Pixels, Pixels],

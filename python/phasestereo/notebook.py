@@ -46,7 +46,7 @@ _BARS, _GAP, _STRIP = 72, 4, 12  # rows of the histogram, and of the colours bel
 _PHOTOGRAPH_QUALITY = 85  # of a JPEG
 
 _BLOCK = "max-width:980px;line-height:1.4;"
-_BESIDE = "display:inline-block;vertical-align:top;max-width:486px;"
+_BESIDE = "display:inline-block;vertical-align:top;max-width:520px;"
 _FIGURE = "display:inline-block;vertical-align:top;margin:6px 14px 6px 0;max-width:100%;"
 _IMAGE = "display:block;margin:0;max-width:100%;"
 _CAPTION = "margin:3px 0 0;font-size:90%;"
@@ -235,6 +235,8 @@ def _image(
     rows, cols = picture.shape[:2]
     factor = max(1, _LEAST // max(rows, cols))
     width, height = size or (factor * cols, factor * rows)
+    # Style sheets of pages would undo the attribute, and narrow ones the proportions.
+    held = f"height:{height}px;" if size else "height:auto;"
     kind = "jpeg" if photograph else "png"
     encoded, options = io.BytesIO(), {"quality": _PHOTOGRAPH_QUALITY} if photograph else {}
     image = require("PIL.Image", extra="plot").fromarray(np.ascontiguousarray(picture))
@@ -243,7 +245,7 @@ def _image(
     sharp = "" if photograph else "image-rendering:pixelated;"
     return (
         f'<img src="data:image/{kind};base64,{data}" alt="{escape(alt)}" width="{width}" '
-        f'height="{height}" style="{_IMAGE}{sharp}">'
+        f'height="{height}" style="{_IMAGE}{held}{sharp}">'
     )
 
 

@@ -362,17 +362,13 @@ def blur(
     if not isinstance(found, BlurEstimate):
         raise TypeError(f"estimate: got {type(found).__name__}; accepts a Result or BlurEstimate")
     labels = found.labels
-    size = tuple(length * found.tile for length in labels.shape)
+    rows, cols = (length * found.tile for length in labels.shape)
     if isinstance(estimate, Result):
-        size = estimate.disparity.shape
-        y, x = (
-            np.minimum(np.arange(length) // found.tile, tiles - 1)
-            for length, tiles in zip(size, labels.shape, strict=True)
-        )
-        labels = labels[np.ix_(y, x)]
+        rows, cols = estimate.disparity.shape
+        labels = found.label_map((rows, cols))
     colours = _category_colours(len(found.blurs))
     image = _draw_categories(ax, labels, [str(one) for one in found.blurs], colours, legend=legend)
-    image.set_extent((-0.5, size[1] - 0.5, size[0] - 0.5, -0.5))
+    image.set_extent((-0.5, cols - 0.5, rows - 0.5, -0.5))
     return image
 
 

@@ -123,6 +123,8 @@ def live(
     if tally.interrupted:
         raise KeyboardInterrupt
     if not tally.done:
+        if not tally.failed:
+            raise CommandError("there is no frame to match")
         raise CommandError(f"none of {tally.failed} frames could be matched")
 
 

@@ -66,8 +66,8 @@ class BlurTold:
     figures: list[tuple[str, str]]
 
 
-def blur_told(blur: BlurEstimate) -> BlurTold:
-    """Tell what was found out about the blur of a pair."""
+def blur_told(blur: BlurEstimate, size: tuple[int, int]) -> BlurTold:
+    """Tell what was found out about the blur of a pair of images with so many rows and columns."""
     areas = [
         Area(_words(kind), share, _colour(kind, number), _psf_uri(kind))
         for number, (kind, share) in enumerate(zip(blur.blurs, blur.areas(), strict=True))
@@ -78,7 +78,7 @@ def blur_told(blur: BlurEstimate) -> BlurTold:
         ("noise, left", f"{blur.noise[0]:.3g}"),
         ("noise, right", f"{blur.noise[1]:.3g}"),
     ]
-    return BlurTold(_verdict(blur), areas, _map_uri(blur, areas), figures)
+    return BlurTold(_verdict(blur), areas, _map_uri(blur, areas, size), figures)
 
 
 def _colour(kind: Blur, number: int) -> str:
@@ -109,10 +109,10 @@ def _psf_uri(kind: Blur) -> str | None:
     return picture_uri(np.round(255 * (1 - share)).astype(np.uint8))
 
 
-def _map_uri(blur: BlurEstimate, areas: list[Area]) -> str:
-    """Draw the tiles, one pixel each, in the colours of the areas."""
+def _map_uri(blur: BlurEstimate, areas: list[Area], size: tuple[int, int]) -> str:
+    """Draw every pixel in the colour of the area that its tile belongs to."""
     table = np.array([[int(a.colour[i : i + 2], 16) for i in (1, 3, 5)] for a in areas], np.uint8)
-    return picture_uri(table[blur.labels])
+    return picture_uri(table[blur.label_map(size)])
 
 
 def metric_rows(told: Score) -> list[tuple[str, str]]:

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["require_page", "write_pair_page"]
 
-MOST_PIXELS = 2_000_000
-"""Maps of more pixels are thinned out: a page is for looking at, and has to open at once."""
+MOST_PIXELS = 2_100_000
+"""Maps of more pixels, that is beyond Full HD, are thinned out: a page has to open at once."""
 
 MOST_POINTS = 60_000
 """Points of the 3-D view."""
@@ -53,9 +53,9 @@ def write_pair_page(
 
     It has the pair to flick between, disparities, confidences, flags and errors with their values
     under the cursor, the diagnosis of the blur, metrics, settings and times, and the points in
-    three dimensions. It needs a browser of 2023 or later. Of maps of more than two million pixels
-    it shows every n-th pixel of every n-th row, with the values of just these, and says so; of the
-    points, 60 000 drawn at random.
+    three dimensions. It needs a browser of 2023 or later. Of maps of more than 2.1 million
+    pixels, that is beyond Full HD, it shows every n-th pixel of every n-th row, with the values of
+    just these, and says so; of the points, 60 000 drawn at random.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def _told(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[s
         "preset": facts.preset_of(result.settings),
         "timings": facts.timing_rows(result.timings),
         "versions": facts.versions(),
-        "blur": None if result.blur is None else facts.blur_told(result.blur),
+        "blur": None if result.blur is None else facts.blur_told(result.blur, (rows, cols)),
         "arrays": layers.arrays_of(result, truth, scored, shown.step),
         "page": {
             "cols": -(-cols // shown.step),

@@ -51,7 +51,8 @@ function errorChart({ thresholds, wrong }) {
     type: "scatter", mode: "lines", x: thresholds, y: wrong, line, fill: "tozeroy", name: "wrong",
     showlegend: false, hovertemplate: "%{y:.2f} % are off by more",
   }];
-  const ticks = { type: "log", tickvals: [0.1, 0.25, 0.5, 1, 2, 4, 8, 16], tickformat: "~g", tickangle: 0, hoverformat: ".2f" };
+  const tickvals = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16];
+  const ticks = { type: "log", tickvals, ticktext: tickvals.map(String), tickangle: 0, hoverformat: ".2f" };
   return { traces, layout: look({ text: "off by more than, px", more: ticks }, { text: "% of scored pixels" }) };
 }
 

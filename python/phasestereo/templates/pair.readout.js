@@ -75,6 +75,7 @@ function stepBy([dx, dy], count) {
   const within = (value, size) => Math.min(size - 1, Math.max(0, value));
   const { x, y } = state.pixel;
   hold({ x: within(x + dx * count, page.cols), y: within(y + dy * count, page.rows) });
+  if (!stage.shows(state.pixel)) stage.move(state.pixel.x + 0.5, state.pixel.y + 0.5);
   const rows = [...element("values").children];
   element("spoken").textContent = rows.map(({ children: [name, value] }) => `${name.textContent} ${value.textContent}`).join("; ");
 }

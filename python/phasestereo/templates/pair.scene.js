@@ -113,5 +113,5 @@ async function makeScene() {
 
 function showPixel(at) {
   hold({ x: at % page.cols, y: Math.floor(at / page.cols) });
-  if (stage.zoom > 1) stage.move(state.pixel.x, state.pixel.y);
+  if (!stage.shows(state.pixel)) stage.move(state.pixel.x + 0.5, state.pixel.y + 0.5);
 }

@@ -58,6 +58,14 @@ class Stage {
     return [Math.max(0, -left / this.scale), Math.min(this.cols, end)];
   }
 
+  // Whether all of a pixel is in sight, but for what rounding takes.
+  shows({ x, y }) {
+    const [left, top] = this.origin;
+    const fits = (start, room) => start >= -1 && start + this.scale <= room + 1;
+    return fits(left + x * this.scale, this.canvas.clientWidth)
+      && fits(top + y * this.scale, this.canvas.clientHeight);
+  }
+
   // Image coordinates of a pointer.
   at(event) {
     const box = this.canvas.getBoundingClientRect();

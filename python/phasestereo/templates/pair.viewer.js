@@ -171,17 +171,21 @@ function bindControls() {
 
 const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
+// What has the focus and no use of its own for the space bar, such as the layer just chosen.
+const IDLE = "body, input[type=range], input[type=radio]:checked";
+
 function pressed(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("select, textarea")) return;
   const view = views[Number(event.key) - 1];
+  const key = event.key.toLowerCase(); // also with Caps Lock
   const onStage = event.target === stage.canvas;
   if (view) { flicker(false); choose(view.key); }
-  else if (event.key === "f") flicker(!state.timer);
+  else if (key === "f") flicker(!state.timer);
   else if (event.key === "+" || event.key === "=") stage.zoomBy(2, middle());
   else if (event.key === "-") stage.zoomBy(0.5, middle());
   else if (event.key === "0") stage.zoomBy(0);
   else if (event.key === "Escape") hold(null);
-  else if (event.key === " " && (onStage || event.target === document.body)) { flicker(false); swap(); }
+  else if (event.key === " " && (onStage || event.target.matches(IDLE))) { flicker(false); swap(); }
   else if (STEPS[event.key] && onStage) stepBy(STEPS[event.key], event.shiftKey ? 10 : 1);
   else return;
   event.preventDefault();

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +38,8 @@ class FramePicture:
     """
 
     def __init__(self, low: float, high: float) -> None:
+        if not (math.isfinite(low) and math.isfinite(high)):
+            raise ValueError(f"low: got {low} and high {high}; accepts finite numbers")
         if not low < high:
             raise ValueError(f"low: got {low}; accepts less than high, which is {high}")
         self._low, self._scale = low, (_STEPS - 1) / (high - low)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -63,7 +64,7 @@ class VideoWriter:
     def __init__(self, path: StrPath, *, rate: float = 25.0) -> None:
         require("av", extra="live")
         self._target, self._draft = draft_of(path, SUFFIXES, "video")
-        if not rate > 0:
+        if not 0 < rate < math.inf:
             raise ValueError(f"rate: got {rate}; accepts more than 0")
         self._rate = Fraction(rate).limit_denominator(1001)
         self._container: Any = None
@@ -71,6 +72,7 @@ class VideoWriter:
         self._size = (0, 0)
         self._start: float | None = None
         self._ticks = -_TICK
+        self._closed = False
 
     def write(self, picture: NDArray[np.uint8], time: float | None = None) -> None:
         """Append a picture.
@@ -86,14 +88,14 @@ class VideoWriter:
         Raises
         ------
         TypeError, ValueError
-            If it is no such picture, or has another size than the first.
+            If it is no such picture, or has another size than the first; if the time is not
+            finite, or the writer is closed.
         OSError
             If the file cannot be written.
         """
-        if picture.dtype != np.uint8:
-            raise TypeError(f"picture: got {picture.dtype}; accepts uint8")
-        if picture.ndim != 3 or picture.shape[2] != 3:
-            raise ValueError(f"picture: got shape {picture.shape}; accepts (H, W, 3)")
+        if self._closed:
+            raise ValueError(f"{self._target}: this video is closed; accepts no more pictures")
+        _check(picture, time)
         rows, cols = picture.shape[:2]
         if self._container is None:
             self._open(rows, cols)
@@ -107,6 +109,7 @@ class VideoWriter:
 
     def close(self) -> None:
         """Complete the file and put it in its place."""
+        self._closed = True
         container, self._container = self._container, None
         if container is None:
             return
@@ -155,6 +158,16 @@ class VideoWriter:
             ticks = round((time - self._start) * _CLOCK)
         self._ticks = max(ticks, self._ticks + _TICK)
         return self._ticks
+
+
+def _check(picture: NDArray[np.uint8], time: float | None) -> None:
+    if not isinstance(picture, np.ndarray) or picture.dtype != np.uint8:
+        got = getattr(picture, "dtype", type(picture).__name__)
+        raise TypeError(f"picture: got {got}; accepts uint8")
+    if picture.ndim != 3 or picture.shape[2] != 3 or not picture.size:
+        raise ValueError(f"picture: got shape {picture.shape}; accepts (H, W, 3)")
+    if time is not None and not math.isfinite(time):
+        raise ValueError(f"time: got {time}; accepts finite numbers")
 
 
 def _options(path: Path) -> dict[str, str]:
