@@ -16,13 +16,13 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
+from phasestereo._images import on_screen, screen_range
 from phasestereo.io import Calibration
 from phasestereo.io.raster import decode_raster
 from phasestereo.pair_page import page as page_module
 from phasestereo.pair_page import write_pair_page
-from phasestereo.pair_page.embedding import as_picture, stretch
 from phasestereo.pair_page.facts import blur_told, charts
-from phasestereo.pair_page.layers import flag_kinds
+from phasestereo.pair_page.layers import FLAGS, flag_kinds
 from phasestereo.pair_page.scene import scene_of
 
 if TYPE_CHECKING:
@@ -198,11 +198,28 @@ def test_no_folder(tmp_path: Path, result: ps.Result) -> None:
 
 def test_intensities_are_stretched_alike() -> None:
     left = np.linspace(1000, 2000, 1001, dtype=np.float32).reshape(1, -1, 1)
-    ends = stretch((left, left + 500))
+    ends = screen_range((left, left + 500))
     assert ends == pytest.approx((1000, 2500), abs=3)
-    shown = as_picture(left, ends)
+    shown = on_screen(left, ends)
     assert (shown[0, 0, 0], shown[0, -1, 0]) == (0, pytest.approx(255 * 2 / 3, abs=1))
-    assert stretch((noise(), noise())) is None
+
+
+def test_only_images_of_more_than_8_bits_are_stretched(tmp_path: Path, result: ps.Result) -> None:
+    for dtype in (np.uint8, np.uint16):
+        left, right = (image.astype(dtype) for image in pair_of())
+        write_pair_page(tmp_path / "page.html", left, right, result)
+        told = "Intensities are stretched" in (tmp_path / "page.html").read_text(encoding="utf-8")
+        assert told == (dtype is np.uint16)
+
+
+def test_what_is_not_finite_is_black() -> None:
+    image = np.array([[0, 100, np.nan, np.inf, -np.inf]], dtype=np.float32)
+    assert on_screen(image, (0.0, 100.0)).tolist() == [[0, 255, 0, 0, 0]]
+
+
+def test_every_flag_has_a_colour_of_its_own() -> None:
+    assert set(FLAGS) == set(ps.Flag)
+    assert len({colour for colour, _ in FLAGS.values()}) == len(ps.Flag)
 
 
 def test_flags_have_their_shares() -> None:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import sys
-from typing import TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 Pixels: TypeAlias = (
     NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32] | NDArray[np.float64]
 )
 
 ACCEPTED = "uint8, uint16, float32 or float64"
+
+_INTENSITIES = (0.1, 99.9)  # percentiles: the ends of `Settings.intensity_range`, too
+_SAMPLES = 2**20  # pixels: as good as all to find the ends of intensities
 
 
 def as_pixels(image: ArrayLike, name: str) -> Pixels:
@@ -75,16 +81,25 @@ def as_rgb8(pixels: Pixels) -> NDArray[np.uint8]:
     elif pixels.dtype == np.uint8:
         shown = pixels.astype(np.uint8, copy=False)
     else:
-        shown = _stretched(pixels)
+        shown = on_screen(pixels, screen_range([pixels]))
     return np.broadcast_to(shown, (*shown.shape[:2], 3))
 
 
-def _stretched(pixels: Pixels) -> NDArray[np.uint8]:
-    known = np.isfinite(pixels)
-    low, high = np.percentile(pixels[known], (0.1, 99.9)) if known.any() else (0.0, 1.0)
-    share = (np.where(known, pixels, low) - low) / ((high - low) or 1.0)
-    stretched: NDArray[np.uint8] = np.rint(255 * np.clip(share, 0, 1)).astype(np.uint8)
-    return stretched
+def screen_range(images: Sequence[NDArray[Any]]) -> tuple[float, float]:
+    """Return the intensities to show as black and white, the same for all images."""
+    every = [max(1, round(image.shape[0] * image.shape[1] / _SAMPLES)) for image in images]
+    sample = np.concatenate([image[::n].ravel() for image, n in zip(images, every, strict=True)])
+    known = sample[np.isfinite(sample)].astype(np.float64)
+    low, high = np.percentile(known, _INTENSITIES).tolist() if known.size else (0.0, 1.0)
+    return low, high if high > low else low + 1.0
+
+
+def on_screen(image: NDArray[Any], black_white: tuple[float, float]) -> NDArray[np.uint8]:
+    """Return an image in 8 bits, stretched to a range; black is what is not finite."""
+    low, high = black_white
+    values = image.astype(np.float64)
+    share = (np.where(np.isfinite(values), values, low) - low) / (high - low)
+    return np.rint(255 * np.clip(share, 0, 1)).astype(np.uint8)
 
 
 def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray[np.bool_] | None:

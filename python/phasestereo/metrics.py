@@ -145,6 +145,11 @@ class Score(MiddleburyV3):
     epe: float
 
 
+def unit_of(metric: str) -> str:
+    """Return the unit of a metric by its name in `Score.as_dict`: % or px."""
+    return "%" if metric.startswith(("bad", "invalid", "D1")) else "px"
+
+
 @dataclass(frozen=True, slots=True)
 class SubPixel:
     """How exact the estimates are that are right, and whether they flock to whole pixels.

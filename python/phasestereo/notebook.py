@@ -23,7 +23,7 @@ from phasestereo.picture import (
     limits,
     viewable,
 )
-from phasestereo.result import Flag
+from phasestereo.result import tell_flags
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -127,19 +127,8 @@ def _words(result: Result) -> Iterable[str]:
     told += [f"{sum(result.timings.values()):.3f} s"]
     yield f"<b>phasestereo.Result</b> {escape(', '.join(told))}"
     if share:
-        yield f"No estimate, gray: {share:.1%}, flagged {_shares(result.flags * missing)}"
-    yield f"All flags: {_shares(result.flags)}"
-
-
-def _shares(flags: NDArray[np.uint16]) -> str:
-    """Return the share of the pixels under each flag that occurs, in words."""
-    counts = {flag.name: np.count_nonzero(flags & flag) for flag in Flag}
-    told = (
-        f"{str(name).lower().replace('_', ' ')} {count / flags.size:.1%}"
-        for name, count in counts.items()
-        if count
-    )
-    return ", ".join(told) or "none"
+        yield f"No estimate, gray: {share:.1%}, flagged {tell_flags(result.flags * missing)}"
+    yield f"All flags: {tell_flags(result.flags)}"
 
 
 def _known(disparity: NDArray[np.float32]) -> NDArray[np.float32]:

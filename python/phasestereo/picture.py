@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo._images import as_pixels
+from phasestereo._images import as_pixels, on_screen, screen_range
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -56,8 +56,6 @@ GOOD = 1.0
 """Largest error in pixels that is not bad."""
 
 _ROBUST = (1.0, 99.0)  # percentiles: a few outliers must not take the colours from the rest
-_INTENSITIES = (0.1, 99.9)  # percentiles: the ends of `Settings.intensity_range`, too
-_SAMPLES = 2**20  # pixels: as good as all to find the ends of intensities
 _BINS = 96
 _PAPER = "#f4f4f4"  # not white, from which a picture of no errors would not stand out
 _DPI = 100
@@ -225,9 +223,11 @@ def viewable(*images: ArrayLike) -> list[Picture]:
         As `phasestereo.match` for images.
     """
     pixels = [as_pixels(image, "image") for image in images]
+    shown: list[NDArray[Any]] = list(pixels)
     if any(image.dtype != np.uint8 for image in pixels):
-        pixels = _stretched(pixels)
-    return [np.repeat(image, 3 // image.shape[2], axis=2).astype(np.uint8) for image in pixels]
+        black_white = screen_range(pixels)
+        shown = [on_screen(image, black_white) for image in pixels]
+    return [np.repeat(image, 3 // image.shape[2], axis=2) for image in shown]
 
 
 def distribution(values: NDArray[np.floating]) -> tuple[NDArray[np.intp], Map]:
@@ -304,19 +304,6 @@ def panel(
         figure.figimage(picture, x, height - y - 2 * text - rows, origin="upper")
         figure.text(x / width, 1 - (y + text) / height, title, va="center", size=_points(text))
     return _drawn(figure)
-
-
-def _stretched(images: Sequence[NDArray[Any]]) -> list[NDArray[Any]]:
-    """Bring the intensities of all images together into the range of 8 bits."""
-    every = [max(1, round(image.shape[0] * image.shape[1] / _SAMPLES)) for image in images]
-    sample = np.concatenate([image[::n].ravel() for image, n in zip(images, every, strict=True)])
-    known = sample[np.isfinite(sample)].astype(np.float64)
-    low, high = np.percentile(known, _INTENSITIES) if known.size else (0.0, 1.0)
-    length = max(high - low, np.finfo(np.float64).tiny)
-    return [
-        np.nan_to_num(np.clip((image.astype(np.float64) - low) / length, 0, 1) * 255).round()
-        for image in images
-    ]
 
 
 def _coloured(

@@ -182,7 +182,7 @@ def flags(result: Result | ArrayLike, ax: Axes | None = None, *, legend: bool = 
         If matplotlib is not installed.
     """
     categories = _categories(result.flags if isinstance(result, Result) else result)
-    names = ["none", *(str(flag.name).lower().replace("_", " ") for flag in Flag)]
+    names = ["none", *(flag.words for flag in Flag)]
     colours = [_UNFLAGGED, *_category_colours(len(Flag))]
     return _draw_categories(ax, categories, names, colours, legend=legend)
 

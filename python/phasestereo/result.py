@@ -44,6 +44,22 @@ class Flag(IntFlag):
     AMBIGUOUS = 512
     """A disparity elsewhere fits nearly as well: less worse than ``uniqueness`` asks for."""
 
+    @property
+    def words(self) -> str:
+        """The name as people read it."""
+        return str(self.name).lower().replace("_", " ")
+
+
+def count_flags(flags: NDArray[np.uint16]) -> dict[Flag, int]:
+    """Return the number of pixels under each flag, 0 for those that none has."""
+    return {flag: int((flags & flag != 0).sum()) for flag in Flag}
+
+
+def tell_flags(flags: NDArray[np.uint16]) -> str:
+    """Return the share of the pixels under each flag that occurs, in words."""
+    told = [f"{flag.words} {n / flags.size:.1%}" for flag, n in count_flags(flags).items() if n]
+    return ", ".join(told) or "none"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:

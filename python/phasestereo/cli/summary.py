@@ -13,7 +13,8 @@ from rich.console import Console
 from rich.table import Table
 
 import phasestereo
-from phasestereo.result import Flag
+from phasestereo.metrics import unit_of
+from phasestereo.result import count_flags, tell_flags
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -67,11 +68,8 @@ class Summary:
     @property
     def flags(self) -> dict[str, int]:
         """Number of pixels under each flag, by its name."""
-        return {
-            flag.name.lower(): int(np.count_nonzero(self.outcome.result.flags & flag))
-            for flag in Flag
-            if flag.name
-        }
+        counts = count_flags(self.outcome.result.flags)
+        return {str(flag.name).lower(): count for flag, count in counts.items()}
 
 
 def show(summary: Summary, *, as_json: bool) -> None:
@@ -90,14 +88,9 @@ def _lines(summary: Summary) -> list[str]:
     result = summary.outcome.result
     rows, cols = result.disparity.shape
     seconds = sum(result.timings.values())
-    flagged = [
-        f"{name.replace('_', ' ')} {count / (rows * cols):.1%}"
-        for name, count in summary.flags.items()
-        if count
-    ]
     return [
         f"{cols} x {rows} pixels, {summary.outcome.disparities[1]} disparities, {seconds:.3f} s",
-        f"estimated {summary.estimated:.1%}, flagged: {', '.join(flagged) or 'none'}",
+        f"estimated {summary.estimated:.1%}, flagged: {tell_flags(result.flags)}",
         *([] if result.blur is None else [f"blur: {result.blur}"]),
         *(f"wrote {path}" for path in summary.files.values()),
     ]
@@ -107,9 +100,5 @@ def _table(score: Score) -> Table:
     table = Table("metric", title="Against the truth", title_justify="left")
     table.add_column("value", justify="right")
     for name, value in score.as_dict().items():
-        table.add_row(name, f"{value:,}" if name == "pixels" else f"{value:.2f} {_unit(name)}")
+        table.add_row(name, f"{value:,}" if name == "pixels" else f"{value:.2f} {unit_of(name):<2}")
     return table
-
-
-def _unit(name: str) -> str:
-    return "% " if name.startswith(("bad", "invalid", "D1")) else "px"

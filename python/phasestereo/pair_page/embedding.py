@@ -16,9 +16,8 @@ if TYPE_CHECKING:
 
     Picture = NDArray[np.uint8]
 
-__all__ = ["as_picture", "packed", "picture_uri", "stretch"]
+__all__ = ["packed", "picture_uri"]
 
-_OUTLIERS = (0.1, 99.9)  # percentiles that become black and white where intensities need stretching
 _SPEED = 6  # of zlib: higher levels take long and gain 1 %
 
 
@@ -45,23 +44,3 @@ def picture_uri(picture: Picture) -> str:
     file = io.BytesIO()
     encode_raster(file, np.ascontiguousarray(flat), "PNG")
     return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
-
-
-def as_picture(pixels: NDArray[Any], ends: tuple[float, float] | None) -> Picture:
-    """Return an image in 8 bits: as it is, or with its intensities stretched between ends."""
-    if ends is None:
-        return np.asarray(pixels, dtype=np.uint8)
-    low, high = ends
-    share = (pixels.astype(np.float64) - low) / (high - low)
-    return np.round(255 * np.clip(np.nan_to_num(share), 0, 1)).astype(np.uint8)
-
-
-def stretch(pair: tuple[NDArray[Any], NDArray[Any]]) -> tuple[float, float] | None:
-    """Return the intensities to show as black and white, the same for both; None: 0 and 255."""
-    if pair[0].dtype == np.uint8:
-        return None
-    known = np.concatenate([pixels[np.isfinite(pixels)] for pixels in pair])
-    if not known.size:
-        return 0.0, 1.0
-    low, high = np.percentile(known, _OUTLIERS).tolist()
-    return (low, high) if high > low else (low, low + 1.0)

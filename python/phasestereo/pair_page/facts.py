@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import phasestereo
-from phasestereo.metrics import score
+from phasestereo.metrics import score, unit_of
 from phasestereo.pair_page.embedding import picture_uri
 from phasestereo.settings import PRESETS
 
@@ -119,11 +119,12 @@ def metric_rows(told: Score) -> list[tuple[str, str]]:
     """Return metrics by name as they are read, NaN as a dash."""
     rows = []
     for name, value in told.as_dict().items():
-        unit = "%" if name.startswith(("bad", "invalid", "D1")) else "px"
         if name == "pixels":
             rows.append(("pixels scored", f"{value:,.0f}"))
         else:
-            rows.append((name, f"{value:.2f} {unit}" if math.isfinite(value) else "\N{EN DASH}"))
+            rows.append(
+                (name, f"{value:.2f} {unit_of(name)}" if math.isfinite(value) else "\N{EN DASH}")
+            )
     return rows
 
 

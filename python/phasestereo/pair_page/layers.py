@@ -10,8 +10,14 @@ import numpy as np
 
 from phasestereo._extras import require
 from phasestereo.pair_page.embedding import packed
-from phasestereo.picture import GOOD
-from phasestereo.result import Flag
+from phasestereo.picture import (
+    CONFIDENCE_COLOURS,
+    DISPARITY_COLOURS,
+    ERROR_COLOURS,
+    GOOD,
+    limits,
+)
+from phasestereo.result import Flag, count_flags
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,24 +26,22 @@ if TYPE_CHECKING:
 
     Map = NDArray[np.float32]
 
-__all__ = ["Kind", "Layer", "arrays_of", "flag_kinds", "layers_of", "views"]
+__all__ = ["FLAGS", "Kind", "Layer", "arrays_of", "flag_kinds", "layers_of", "views"]
 
-_ROBUST = (1.0, 99.0)  # percentiles: a few outliers must not take the colours from the rest
 _WORST = 4.0  # error in pixels from which on the colour is the darkest
-_OTHER = "#8250df"
 
 # Colours that people with any colour vision tell apart (after Okabe and Ito), and what to say.
-_FLAGS = {
-    "MASKED": ("#5a5a5a", "the left pixel is masked"),
-    "NO_CANDIDATE": ("#2b2b2b", "nothing valid to compare it with"),
-    "OUTSIDE": ("#0072b2", "the match lies outside the right image"),
-    "MATCH_MASKED": ("#56b4e9", "the match lies on a masked pixel"),
-    "OCCLUDED": ("#e69f00", "most likely the right image does not see it"),
-    "MISMATCHED": ("#d55e00", "the match belongs to another pixel"),
-    "LOW_CONFIDENCE": ("#cc79a7", "the confidence is below the limit"),
-    "SPECKLE": ("#009e73", "part of a small region that stands out"),
-    "AMBIGUOUS": ("#8250df", "another disparity fits nearly as well"),
-    "FILLED": ("#f0e442", "it has the disparity of the background beside"),
+FLAGS = {
+    Flag.MASKED: ("#5a5a5a", "the left pixel is masked"),
+    Flag.NO_CANDIDATE: ("#2b2b2b", "nothing valid to compare it with"),
+    Flag.OUTSIDE: ("#0072b2", "the match lies outside the right image"),
+    Flag.MATCH_MASKED: ("#56b4e9", "the match lies on a masked pixel"),
+    Flag.OCCLUDED: ("#e69f00", "most likely the right image does not see it"),
+    Flag.MISMATCHED: ("#d55e00", "the match belongs to another pixel"),
+    Flag.LOW_CONFIDENCE: ("#cc79a7", "the confidence is below the limit"),
+    Flag.SPECKLE: ("#009e73", "part of a small region that stands out"),
+    Flag.AMBIGUOUS: ("#8250df", "another disparity fits nearly as well"),
+    Flag.FILLED: ("#f0e442", "it has the disparity of the background beside"),
 }
 
 
@@ -92,15 +96,15 @@ def layers_of(result: Result, truth: Map | None) -> list[Layer]:
     """Return the layers of numbers that there are for a result, in the order of their buttons."""
     ends = _robust_ends(result.disparity if truth is None else truth, result.disparity)
     near = "near is red, far is blue"
-    depth = colours("turbo")
+    depth = colours(DISPARITY_COLOURS)
     found = [Layer("disparity", "Disparity", "px", *ends, depth, 3, near, "no estimate")]
     if result.confidence is not None:
         sure = "about the probability that the disparity is within 1 px"
-        lookup = colours("viridis")
+        lookup = colours(CONFIDENCE_COLOURS)
         found.append(Layer("confidence", "Confidence", "", 0, 1, lookup, 3, sure, "no estimate"))
     if truth is not None:
         wrong = f"|disparity - truth|: up to {GOOD:g} px is white"
-        lookup = colours("YlOrRd", white=GOOD / _WORST)
+        lookup = colours(ERROR_COLOURS, white=GOOD / _WORST)
         found.append(Layer("error", "Error", "px", 0, _WORST, lookup, 3, wrong, "not scored"))
         found.append(Layer("truth", "Truth", "px", *ends, depth, 3, near, "unknown"))
     return found
@@ -108,17 +112,12 @@ def layers_of(result: Result, truth: Map | None) -> list[Layer]:
 
 def flag_kinds(flags: NDArray[np.uint16]) -> list[Kind]:
     """Return every flag that a pixel has, reasons before the fillings they led to."""
-    order = list(_FLAGS)
-    kinds = []
-    for flag in Flag:
-        name = flag.name or str(flag.value)
-        count = int(np.count_nonzero(flags & flag))
-        colour, meaning = _FLAGS.get(name, (_OTHER, ""))
-        if count:
-            words = name.lower().replace("_", " ")
-            kinds.append(Kind(flag.value, words, count, count / flags.size, colour, meaning))
-    places = {name.lower().replace("_", " "): place for place, name in enumerate(order)}
-    return sorted(kinds, key=lambda kind: places.get(kind.name, len(places)))
+    counts = count_flags(flags)
+    return [
+        Kind(flag.value, flag.words, counts[flag], counts[flag] / flags.size, colour, meaning)
+        for flag, (colour, meaning) in FLAGS.items()
+        if counts[flag]
+    ]
 
 
 def colours(name: str, *, white: float = 0.0) -> str:
@@ -157,6 +156,6 @@ def _robust_ends(*maps: Map) -> tuple[float, float]:
     for values in maps:
         known = values[np.isfinite(values)]
         if known.size:
-            low, high = np.percentile(known, _ROBUST).tolist()
+            low, high = limits(known)
             return (low, high) if high > low else (low - 0.5, low + 0.5)
     return 0.0, 1.0

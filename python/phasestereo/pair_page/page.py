@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo._images import as_mask, as_pair
+from phasestereo._images import as_mask, as_pair, on_screen, screen_range
 from phasestereo.io import Calibration
 from phasestereo.io.files import replacing
 from phasestereo.pair_page import facts, layers
-from phasestereo.pair_page.embedding import as_picture, picture_uri, stretch
+from phasestereo.pair_page.embedding import picture_uri
 from phasestereo.pair_page.scene import Scene, scene_of
 from phasestereo.report import render_page
 from phasestereo.result import Result
@@ -171,9 +171,9 @@ def _told(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[s
     scored = None if truth is None else facts.scored_pixels(truth, shown.mask)
     score = facts.scored(result, truth, shown.mask)
     kinds = layers.flag_kinds(result.flags)
-    ends = stretch(shown.pair)
+    ends = None if shown.pair[0].dtype == np.uint8 else screen_range(shown.pair)
     thin = (slice(None, None, shown.step), slice(None, None, shown.step))
-    left, right = (picture_uri(as_picture(image[thin], ends)) for image in shown.pair)
+    left, right = (picture_uri(_as_picture(image[thin], ends)) for image in shown.pair)
     maps = layers.layers_of(result, truth)
     views = layers.views(maps)
     charts = facts.charts(result, truth, scored)
@@ -218,6 +218,10 @@ def _told(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[s
             "scene": scene.described(),
         },
     }
+
+
+def _as_picture(pixels: Pixels, ends: tuple[float, float] | None) -> NDArray[np.uint8]:
+    return np.asarray(pixels, dtype=np.uint8) if ends is None else on_screen(pixels, ends)
 
 
 def _is_gray(image: Pixels) -> bool:
