@@ -150,9 +150,12 @@ def estimate(
     threads: int | _core.Workers | None,
 ) -> BlurEstimate:
     """Estimate the blur of checked images: the part of `estimate_blur` that a match needs."""
-    blurs, labels, tile, certainty, contrast, noise = _core.estimate_blur(
-        pair, masks, search, threads
-    )
+    return as_estimate(_core.estimate_blur(pair, masks, search, threads))
+
+
+def as_estimate(found: _core.Estimated) -> BlurEstimate:
+    """Return what the core has found out."""
+    blurs, labels, tile, certainty, contrast, noise = found
     kinds = tuple(
         Blur(_SIDES[side], kind, size, angle, psf) for side, kind, size, angle, psf in blurs
     )
