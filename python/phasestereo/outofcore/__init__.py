@@ -1,7 +1,7 @@
 """Matching pairs larger than memory: read by windows, kept block by block, resumed after a kill.
 
-`run` holds the order of things, `plan` how much fits into memory, `store` what is finished, and
-`sinks` the files that come out.
+`run` holds the order of things, `request` what is asked for, `plan` how much fits into memory,
+`work` the bands, `store` what is finished, and `sinks` the files that come out.
 """
 
 from __future__ import annotations

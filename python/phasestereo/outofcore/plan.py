@@ -114,26 +114,20 @@ def cache(pair: RasterPair) -> int:
     return max(_LEAST_CACHE, 2 * sum(raster.block[1] for raster in pair.rasters))
 
 
-def tiles(
-    size: tuple[int, int], search: tuple[int, int], step: int, columns: int | None, overlap: int
-) -> tuple[Tile, ...]:
+def tiles(survey: Survey, columns: int | None, overlap: int) -> tuple[Tile, ...]:
     """Return the tiles of a pair.
 
     Parameters
     ----------
-    size
-        Rows and columns of the pair.
-    search
-        Smallest disparity, number of disparities.
-    step
-        What is read begins at multiples of so many columns.
+    survey
+        That of the pair.
     columns
         Columns of a tile; None: all.
     overlap
         Further columns on either side, beyond those in which candidates lie.
     """
-    width = size[1]
-    low, count = search
+    width, low, count = survey.size[1], survey.min_disparity, survey.num_disparities
+    step = 1 if columns is None else survey.column_step
     reach = overlap + max(abs(low), abs(low + count - 1)) + count
     starts = range(0, width, columns or width)
     ends = [*starts[1:], width]
@@ -216,7 +210,7 @@ def _cure(least: int, surveys: Sequence[Survey], pair: RasterPair) -> str:
     width, count = max(survey.size[1] for survey in surveys), surveys[0].num_disparities
     text = (
         f"{tell_bytes(least)} or more for {width} columns and {count} disparities; less would do "
-        "with fewer disparities, with preset='fast', or in tiles of columns (tile_columns), "
+        "with fewer disparities, with the preset fast, or in tiles of columns (tile_columns), "
         "which are approximate"
     )
     blocks = max(pair.rasters, key=lambda raster: raster.block[1])
