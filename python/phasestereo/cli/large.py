@@ -145,10 +145,11 @@ def _tell(plan: Plan) -> None:
     rows, cols = plan.size
     tiles = "" if len(plan.tiles) == 1 else f" in {len(plan.tiles)} tiles of columns (approximate)"
     bands = f"{plan.bands} band{'s' * (plan.bands != 1)}"
+    threads = f"{plan.threads} thread{'s' * (plan.threads != 1)}"
     finished = f", {plan.finished} finished before" if plan.finished else ""
     _say(
         f"{cols} x {rows} pixels, {plan.num_disparities} disparities: {bands} of {plan.rows} "
-        f"rows{tiles}{finished}, {plan.threads} threads, at most "
+        f"rows{tiles}{finished}, {threads}, at most "
         f"{tell_bytes(plan.memory)} of memory, about {duration}"
     )
 

@@ -214,7 +214,7 @@ def _cure(least: int, surveys: Sequence[Survey], pair: RasterPair) -> str:
         "which are approximate"
     )
     blocks = max(pair.rasters, key=lambda raster: raster.block[1])
-    if blocks.block[1] > least // 4:
+    if 2 * (cache(pair) + _pieces(pair)) > least:
         text += (
             f"; {blocks.path} is stored in blocks of {blocks.block[0]} rows, which are read as a "
             "whole: store it in tiles"

@@ -47,7 +47,9 @@ class Request:
     def __post_init__(self) -> None:
         """Check what nothing else does."""
         check_whole("tile_columns", self.tile_columns, COLUMNS)
-        check_whole("column_overlap", self.column_overlap, 1)
+        _check_type("column_overlap", self.column_overlap)
+        if self.column_overlap < 0:
+            raise ValueError(f"column_overlap: got {self.column_overlap}; accepts 0 or more")
         if "confidence" in self.outputs and not self.settings.confidence:
             raise ValueError(
                 "confidence_output: got a file, and settings that work none out; accepts None"
@@ -82,12 +84,14 @@ class Request:
 
 def check_whole(name: str, value: int | None, step: int = ROWS) -> None:
     """Refuse what is neither None nor a positive multiple of a step."""
-    if value is None:
-        return
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer or None")
-    if value < 1 or value % step:
+    _check_type(name, value)
+    if value is not None and (value < 1 or value % step):
         raise ValueError(f"{name}: got {value}; accepts multiples of {step}")
+
+
+def _check_type(name: str, value: object) -> None:
+    if value is not None and (not isinstance(value, Integral) or isinstance(value, bool)):
+        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
 
 
 def as_outputs(

@@ -137,7 +137,8 @@ class Sink:
             reason = getattr(error, "strerror", None) or error.__cause__ or error
             raise OSError(
                 getattr(error, "errno", None) or errno.EIO,
-                f"cannot be written ({reason}); it may take {tell_bytes(size)}",
+                f"cannot be written ({reason}); it may take {tell_bytes(size)}; finished "
+                "bands are kept, and the same command goes on from there",
                 str(self.path),
             ) from error
 

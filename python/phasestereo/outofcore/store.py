@@ -13,7 +13,7 @@ import os
 import re
 import shutil
 import zipfile
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
@@ -238,8 +238,10 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
-        if not (folder / _RUN).exists():  # the run is over, or never began
-            shutil.rmtree(folder, ignore_errors=True)
+        if folder.is_dir() and not (folder / _RUN).exists():  # the run is over, or never began
+            with suppress(OSError):  # other files stay, and so does a lock that others hold
+                path.unlink(missing_ok=True)
+                folder.rmdir()
 
 
 def _write(file: BinaryIO, arrays: Arrays) -> None:
