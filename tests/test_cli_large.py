@@ -162,6 +162,36 @@ def test_no_finished_block_is_touched_by_the_next_run() -> None:
     assert before.items() < blocks().items()
 
 
+def highest(process: subprocess.Popen[str]) -> int:
+    """Return the most memory that a process has resident until it ends, in bytes."""
+    most = 0
+    while process.poll() is None:
+        found = re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{process.pid}/status").read_text())
+        most = max(most, int(found[1]) * 1024 if found else 0)  # a zombie has none
+        time.sleep(0.001)
+    return most
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is read from /proc")
+@pytest.mark.parametrize(("preset", "limit"), [("fast", 125), ("robust", 220)])
+def test_memory_stays_below_the_limit(preset: str, limit: int) -> None:
+    random = np.random.default_rng(0)
+    image = random.integers(0, 256, (2400, 1500), np.uint8)
+    for name in ("left.tif", "right.tif"):
+        write_geotiff(name, image)
+    command = [*PAIR, "--max-memory", f"{limit}MB", "--preset", preset, "-o", "out.tif"]
+    process = subprocess.Popen(  # noqa: S603  # our own
+        [sys.executable, "-m", "phasestereo", *command, "--json"],
+        text=True,
+        stdout=subprocess.PIPE,
+    )
+    most = highest(process)
+    out, _ = process.communicate()
+    assert process.returncode == 0
+    assert json.loads(out)["bands"]["matched"] >= 2
+    assert 0 < most <= limit * 10**6
+
+
 def test_another_run_is_refused_unless_told_otherwise(run: Callable[..., Run]) -> None:
     end_half_way(signal.SIGTERM)
     code, _, err = run(*COMMAND, "-o", "out.tif", "--window", "7")

@@ -167,7 +167,7 @@ def test_tiles_of_columns_are_approximate_and_say_so() -> None:
     assert report.approximate == "matched in tiles of 256 columns, each with 0 more on either side"
     assert [tile.columns for tile in report.plan.tiles] == [(0, 256), (256, WIDTH)]
     assert report.plan.tiles[0].reads[1] == WIDTH  # all candidates are inside
-    assert 0 < report.plan.tiles[1].reads[0] <= 256 - 2 * COUNT
+    assert 0 < report.plan.tiles[1].reads[0] <= 256 - 2 * (COUNT - 1)
     assert read_geotiff("out.tif").tags["APPROXIMATE"] == report.approximate
     assert (read("out.tif") == np.load("whole.npy")).mean() > 0.95
     assert match("out.tif", tile_columns=512).approximate is None  # one tile is no tile
@@ -235,7 +235,8 @@ def test_a_run_goes_on_where_it_ended(
         assert before.items() <= blocks().items()
 
     report = match(preset=preset, progress=progress)
-    assert seen == [96, 128, 160, 192, HEIGHT]
+    assert sorted(seen) == seen
+    assert {96, 128, 160, 192, HEIGHT} <= set(seen)
     assert (report.plan.bands, report.plan.finished) == (4, 3)
     whole = ps.match(*pair, num_disparities=COUNT, preset=preset)
     np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)
@@ -258,7 +259,7 @@ def test_tiles_go_on_too() -> None:
     match("whole.npy", **tiles)
     with pytest.raises(EndingError):
         match(progress=end_after(8), **tiles)
-    assert match(**tiles).plan.finished == 9  # the last of a tile has 16 rows
+    assert match(**tiles).plan.finished == 8  # and the ninth was at work
     np.testing.assert_array_equal(np.load("out.npy"), np.load("whole.npy"))
 
 
@@ -352,8 +353,11 @@ def test_what_has_no_finished_band_is_no_obstacle() -> None:
 
 @pytest.mark.usefixtures("pair")
 def test_two_runs_at_once_are_refused() -> None:
+    told: list[int] = []
+
     def progress(done: int, _rows: int) -> None:
-        if done == 64:
+        if done == 64 and not told:
+            told.append(done)
             other = subprocess.run(  # noqa: S603  # our own
                 [sys.executable, "-c", SLOW, "robust"], capture_output=True, text=True, check=False
             )
@@ -361,6 +365,7 @@ def test_two_runs_at_once_are_refused() -> None:
             assert "out.npy.part: another run is at work there" in other.stderr
 
     assert match(progress=progress).plan.bands == 7
+    assert told
 
 
 @pytest.mark.usefixtures("pair")
@@ -487,6 +492,7 @@ def test_a_truncated_image_ends_the_run_and_keeps_what_is_finished(
         np.save(name, image)
     whole = Path("right.npy").read_bytes()
     given: dict[str, Any] = {"num_disparities": COUNT, "max_memory": MEMORY, "band_rows": 32}
+    given["preset"] = "fast"  # which reads few rows ahead
 
     def progress(done: int, _rows: int) -> None:
         if done == 64:
@@ -512,7 +518,7 @@ outofcore.match("left.npy", "right.npy", sys.argv[1], num_disparities=24, max_me
 
 @pytest.mark.skipif(os.name == "nt", reason="the size of files cannot be limited")
 @pytest.mark.parametrize(("output", "limit", "told"), [
-    ("out.npy", 20_000, r"kB are needed\); what is finished is kept .*part/tile0000-rows0000"),
+    ("out.npy", 20_000, r"kB are needed\); what is finished is kept .*part/tile0000-"),
     ("out.npy", 200_000, "cannot be written .* bands are kept.*'out.npy'"),
     ("out.tif", 200_000, "cannot be written .* bands are kept.*'out.tif'"),
     ("out.zarr", 60_000, "cannot be written .* bands are kept.*'out.zarr'"),

@@ -98,7 +98,8 @@ def match(
     announce
         Called with the `Plan` before the first band, and again with what that tells of the time.
     progress
-        Called as ``progress(rows_done, rows)`` after each band, rows being those of all tiles.
+        Called as ``progress(rows_done, rows)`` every now and then and after each band, rows being
+        those of all tiles; what it raises ends the run.
 
     Returns
     -------

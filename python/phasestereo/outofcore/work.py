@@ -83,7 +83,7 @@ class Work:
         rows = plan.size[0] * len(plan.tiles)
         self._tell(done, rows)
         for tile in plan.tiles:
-            for matched, seconds in self._bands(tile, plan):
+            for matched, seconds in self._bands(tile, plan, done):
                 done += matched
                 self._tell(done, rows)
                 if not plan.by_band and done < rows:
@@ -122,8 +122,11 @@ class Work:
             approximate=request.approximation(plan.size[1]),
         )
 
-    def _bands(self, tile: Tile, plan: Plan) -> Iterator[tuple[int, float]]:
-        """Match the bands of a tile that are not finished; yield rows and seconds of each."""
+    def _bands(self, tile: Tile, plan: Plan, done: int) -> Iterator[tuple[int, float]]:
+        """Match the bands of a tile that are not finished; yield rows and seconds of each.
+
+        Before, `done` rows of all tiles were finished.
+        """
         height = plan.size[0]
         if self.store.done(tile.number) == height:
             return
@@ -133,10 +136,12 @@ class Work:
             threads=plan.threads,
             state=self.store.state(tile.number),
         )
+        before = done - sweep.done
         while (first := sweep.done) < height:
             started = perf_counter()
             last = min(height, first + plan.rows)
-            block = self._block(sweep.advance(last), tile)
+            within = self._within(plan, before + first, last - first)
+            block = self._block(sweep.advance(last, progress=within), tile)
             block["seconds"] = np.array(perf_counter() - started)
             self.store.save(tile.number, (first, last), block, sweep.state())
             yield last - first, perf_counter() - started
@@ -177,6 +182,17 @@ class Work:
         )
         share = self.survey.num_disparities / min(self.survey.num_disparities, across)
         return (perf_counter() - started) / (rows * across) * share
+
+    def _within(self, plan: Plan, done: int, rows: int) -> Progress | None:
+        """Return what tells how far a band is, of so many rows after so many others."""
+        if self.progress is None:
+            return None
+        every = plan.size[0] * len(plan.tiles)
+
+        def progress(part: int, parts: int) -> None:
+            self._tell(done + min(rows - 1, rows * part // max(parts, 1)), every)
+
+        return progress
 
     def _announce(self, plan: Plan) -> None:
         if self.announce is not None:
