@@ -137,10 +137,10 @@ def match_large(
 
 
 def _tell(plan: Plan) -> None:
-    """Say what a run takes, before it starts and again when its first band is there."""
+    """Say what a run takes, before it starts and again when its second band is there."""
     duration = tell_duration(plan.seconds)
     if plan.by_band:
-        _say(f"by the first band, {duration} to go")
+        _say(f"by its second band, {duration} to go")
         return
     rows, cols = plan.size
     tiles = "" if len(plan.tiles) == 1 else f" in {len(plan.tiles)} tiles of columns (approximate)"

@@ -75,7 +75,8 @@ class Plan:
     seconds
         Time that matching these bands takes, as expected.
     by_band
-        Whether that is from a band that was matched; else from a small part of the pair.
+        Whether that is from a band that was matched, and of what is left then; else from a small
+        part of the pair.
     """
 
     size: tuple[int, int]

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 from phasestereo._extras import require
 from phasestereo.io.files import suffix
 from phasestereo.io.windows import open_pair
-from phasestereo.matcher import PRESET, Matcher
+from phasestereo.matcher import Matcher
 from phasestereo.outofcore import plan as planning
 from phasestereo.outofcore.request import Request, as_outputs, check_whole
 from phasestereo.outofcore.sinks import Sink
 from phasestereo.outofcore.sizes import as_bytes
 from phasestereo.outofcore.store import opened
 from phasestereo.outofcore.work import Work
-from phasestereo.settings import Settings, resolve
+from phasestereo.settings import PRESET, Settings, resolve
 from phasestereo.surveying import survey
 
 if TYPE_CHECKING:
@@ -96,7 +96,8 @@ def match(
         Whether to drop what an earlier run left finished. Otherwise it is gone on from, if it is of
         the same inputs, settings and version; memory, threads and rows may differ.
     announce
-        Called with the `Plan` before the first band, and again with what that tells of the time.
+        Called with the `Plan` before the first band, and again after the second one, with what that
+        tells of the time: the first one looks ahead, and takes longer than others.
     progress
         Called as ``progress(rows_done, rows)`` every now and then and after each band, rows being
         those of all tiles; what it raises ends the run.

@@ -77,16 +77,17 @@ class Work:
         )
 
     def run(self, plan: Plan) -> Plan:
-        """Match all that is not finished; return the plan with what the first band tells."""
+        """Match all that is not finished; return the plan with what the second band tells."""
         self._announce(plan)
         done = sum(self.store.done(tile.number) for tile in plan.tiles)
         rows = plan.size[0] * len(plan.tiles)
         self._tell(done, rows)
+        bands = 0
         for tile in plan.tiles:
             for matched, seconds in self._bands(tile, plan, done):
-                done += matched
+                done, bands = done + matched, bands + 1
                 self._tell(done, rows)
-                if not plan.by_band and done < rows:
+                if bands == 2 and done < rows:  # the first one of a sweep looks ahead
                     plan = replace(plan, seconds=seconds / matched * (rows - done), by_band=True)
                     self._announce(plan)
         return plan
