@@ -42,7 +42,7 @@ def local(workers: int) -> Iterator[Any]:
         "n_workers": workers,
         "threads_per_worker": 1,
         "processes": True,
-        "dashboard_address": None,
+        "dashboard_address": "127.0.0.1:0",  # at the usual port there may be one of another run
         "silence_logs": logging.CRITICAL,  # that workers die is told in the manifest
     }
     # A pair whose worker died comes back at once: who is to blame is found out here.
@@ -84,9 +84,25 @@ def remote(address: str) -> Iterator[Any]:
 
 
 def slots(client: Any) -> int:
-    """Return how many pairs the workers match at the same time."""
-    threads: dict[str, int] = client.nthreads()
+    """Return how many pairs the workers match at the same time.
+
+    Raises
+    ------
+    OSError
+        If the scheduler is lost.
+    """
+    try:
+        threads: dict[str, int] = client.nthreads()
+    except OSError as error:
+        raise lost(error) from error
     return max(1, sum(threads.values()))  # there is none while the last one is started again
+
+
+def lost(error: Exception) -> ConnectionError:
+    """Return what to raise when a scheduler does not answer any more."""
+    return ConnectionError(
+        f"the scheduler is lost; the same run again does what is missing ({error})"
+    )
 
 
 def _check_versions(client: Any) -> None:

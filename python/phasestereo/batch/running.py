@@ -12,7 +12,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from phasestereo._extras import require
-from phasestereo.batch.cluster import local, remote, share, slots
+from phasestereo.batch.cluster import local, lost, remote, share, slots
 from phasestereo.batch.manifest import DONE, Manifest, Record
 from phasestereo.batch.work import Order, blank, match_files
 from phasestereo.io.maps import FLOAT_SUFFIXES
@@ -283,7 +283,7 @@ class _Run:
         except scheduling.KilledWorker:
             record, queue = blank(job.pair, job.recipe, _DIED), self._suspects
         except (require("distributed", extra="dask").CancelledError, OSError) as error:
-            raise ConnectionError(f"{_LOST}: {error}") from error
+            raise lost(error) from error
         except Exception as error:  # noqa: BLE001 -- what a worker cannot load may raise anything
             record = blank(job.pair, job.recipe, f"the worker could not run it: {error!r}")
         if record.state != DONE and job.attempts <= self._retries:
@@ -306,7 +306,6 @@ class _Run:
             self._progress(self._skipped + self._done + self._failed, len(self._pairs))
 
 
-_LOST = "the scheduler is lost; the same run again does what is missing"
 _DIED = "its worker died: it ran out of memory, was killed, or crashed"
 
 

@@ -17,11 +17,14 @@ import phasestereo
 from phasestereo.batch.manifest import DONE, FAILED, Record
 from phasestereo.cli.mask import read_mask
 from phasestereo.cli.views import join, read_views
-from phasestereo.io import write_disparity, write_geotiff, write_image
+from phasestereo.io import write_geotiff, write_image
+from phasestereo.io.maps import write_floats
 from phasestereo.matcher import match
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from phasestereo.batch.pairs import PairFiles
     from phasestereo.io import Georeference
@@ -133,14 +136,21 @@ def _write(name: str, order: Order, result: Result, place: Georeference | None) 
     layers = {f"{name}.{layer}.tif": getattr(result, layer) for layer in order.layers}
     layers[f"{name}{order.suffix}"] = result.disparity
     for file, values in layers.items():
-        path = order.folder / file
-        if place is not None and path.suffix in (".tif", ".tiff"):
-            write_geotiff(path, {path.stem.rpartition(".")[2]: values}, like=place)
-        elif values is result.disparity:
-            write_disparity(path, values)
-        else:
-            write_image(path, values)
+        try:
+            _save(order.folder / file, values, place)
+        except OSError as error:
+            hint = error.strerror or f"{error}; is the disk full?"
+            raise OSError(f"{order.folder / file} cannot be written: {hint}") from error
     return {file: (order.folder / file).stat().st_size for file in layers}
+
+
+def _save(path: Path, values: NDArray[Any], place: Georeference | None) -> None:
+    if place is not None and path.suffix in (".tif", ".tiff"):
+        write_geotiff(path, {path.stem.rpartition(".")[2]: values}, like=place)
+    elif values.dtype == np.float32:
+        write_floats(path, values)
+    else:
+        write_image(path, values)
 
 
 def _identity(path: Path) -> list[Any]:
