@@ -222,12 +222,12 @@ def _check_images(left: Array, right: Array, da: Any) -> None:
             raise ValueError(
                 f"{name}: got shape {image.shape}; accepts (H, W), (H, W, 1), (H, W, 3), (H, W, 4)"
             )
-    # One row of each tells the rest of what is wrong.
-    rows = [np.zeros((min(1, len(side)), *side.shape[1:]), side.dtype) for side in (left, right)]
-    as_pair(*rows)
     sizes = left.shape[:2], right.shape[:2]
     if sizes[0] != sizes[1]:
         raise ValueError(f"right: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
+    # One row of each tells the rest of what is wrong.
+    rows = [np.zeros((min(1, len(side)), *side.shape[1:]), side.dtype) for side in (left, right)]
+    as_pair(*rows)
 
 
 def _check_chunks(array: Array, name: str) -> None:
@@ -310,7 +310,7 @@ def _table(
     """Return an array (H, W) of records of all that is found out of a pixel, a task a band."""
     da = require("dask.array", extra="dask")
     ends = np.cumsum(bands)
-    rows = da.from_array(np.column_stack([ends - bands, ends]), chunks=(1, 2), name=False)
+    rows = da.from_array(np.column_stack([ends - bands, ends]), chunks=(1, 2))
     arguments: list[Any] = [rows, "yb"]
     for side, axes in zip(sides, ("yxc", "yxc", "yx", "yx"), strict=True):
         if side is None:
