@@ -16,6 +16,7 @@ use phasestereo::refinement::flag;
 use phasestereo::settings::{CostKind, Optimizer, Penalty, Precision, Rule, Settings};
 use phasestereo::simd::Level;
 use phasestereo::strip::Strip;
+use phasestereo::texture::Texture;
 use phasestereo::view::{Image, View};
 
 /// Rows of the images; two blocks of lanes.
@@ -42,7 +43,11 @@ fn views() -> [View; 2] {
     let scene = noise(ROWS, COLS + 8, |value| value as u8);
     [0, 8].map(|shift| {
         let pixel = |(y, x, _): (usize, usize, usize)| scene.row(y)[x + shift];
-        View { image: Image::U8(Array3::from_shape_fn((ROWS, COLS, 1), pixel)), mask: None }
+        View {
+            image: Image::U8(Array3::from_shape_fn((ROWS, COLS, 1), pixel)),
+            mask: None,
+            range: None,
+        }
     })
 }
 
@@ -104,7 +109,7 @@ struct Map {
     disparity: Plane<f32>,
     flags: Plane<u16>,
     votes: Plane<f32>,
-    gray: Plane<i32>,
+    texture: Texture,
 }
 
 impl Map {
@@ -122,10 +127,10 @@ impl Map {
         });
         let flags = lots.map(|lot| if lot % 10 == 0 { flag::OCCLUDED } else { 0 });
         let votes = lots.map(|lot| (lot % 1000) as f32 / 1000.0);
-        let gray = Plane::from_fn(ROWS, COLS, |y, x| {
+        let texture = Texture::new(Plane::from_fn(ROWS, COLS, |y, x| {
             (20 * (surface(y, x) / 2)) as i32 + (lots.row(y)[x] >> 12) as i32
-        });
-        Self { disparity, flags, votes, gray }
+        }));
+        Self { disparity, flags, votes, texture }
     }
 
     /// Times one stage on one thread.
@@ -218,7 +223,7 @@ mod descriptor {
         let (_, image, settings) =
             cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
         let (level, control) = (level.expect("of this machine"), Control::default());
-        let view = View { image: image(), mask: None };
+        let view = View { image: image(), mask: None, range: None };
         let work = || {
             describe_gray(
                 &Gray::new(&view, level, &control)?,
@@ -315,7 +320,7 @@ mod convolution {
         let (level, control) = (level.expect("of this machine"), Control::default());
         let pixels = noise(ROWS, COLS, |value| value as u8).into_vec();
         let pixels = Array3::from_shape_vec((ROWS, COLS, 1), pixels).expect("as many values");
-        let view = View { image: Image::U8(pixels), mask: None };
+        let view = View { image: Image::U8(pixels), mask: None, range: None };
         let bytes = Gray::new(&view, level, &control).expect("memory");
         let wide = noise(ROWS, COLS, |value| (value << 8) as i32 - (1 << 23));
         let gray = if reach == 128 { bytes } else { Gray::within(reach, wide) };
@@ -511,7 +516,7 @@ mod semiglobal {
         let costs = noise(widest * candidates, BLOCK, |value| V::truncated(u64::from(value % 200)));
         let costs = Aggregated::new(costs.as_slice().as_chunks().0, 1, candidates);
         let gray = noise(ROWS, COLS, |value| value as i32);
-        let edges = Edges::new(&gray, 1.0, level, control).expect("memory");
+        let edges = Edges::new(&super::Texture::new(gray), 1.0, level, control).expect("memory");
         let (edges, steps) = (has_edges.then_some(&edges), Steps { near: 10, far: 50 });
         let field = Field { size: (ROWS, COLS), candidates, steps, edges, level, control };
         let (mut search, across) = (SemiGlobal::<V, T>::default(), Mutex::default());
@@ -528,7 +533,7 @@ mod semiglobal {
         bencher.counter(case.evaluations()).bench_local(|| {
             let mut bands = [(); ROWS / BAND];
             let search = divan::black_box(&mut search);
-            pool.install(|| search.run(field, &mut bands, load, |(), _| Ok(())))
+            pool.install(|| search.run(field, (0, None), &mut bands, load, |(), _| Ok(())))
         });
     }
 
@@ -602,7 +607,7 @@ mod guided {
     #[divan::bench(args = every())]
     fn guide(bencher: Bencher, At(level): &At) {
         Map::bench(bencher, |map| {
-            phasestereo::guided::guide(&map.disparity, &map.gray, *level, &Control::default())
+            phasestereo::guided::guide(&map.disparity, &map.texture, *level, &Control::default())
         });
     }
 }
@@ -635,8 +640,8 @@ mod confidence {
 
     #[divan::bench(args = every())]
     fn confidences(bencher: Bencher, At(level): &At) {
-        Map::bench(bencher, |Map { disparity, votes, gray, .. }| {
-            Scene { disparity, votes, gray }.confidences(*level, &Control::default())
+        Map::bench(bencher, |Map { disparity, votes, texture, .. }| {
+            Scene { disparity, votes, texture }.confidences(*level, &Control::default())
         });
     }
 }

@@ -16,6 +16,7 @@ mod bank;
 mod bins;
 mod fit;
 mod measured;
+mod parts;
 mod refine;
 mod regions;
 mod rough;
@@ -29,22 +30,22 @@ pub use self::bank::Side;
 use self::bank::bank;
 use self::bins::{SIDE, bins};
 use self::fit::{Evidence, Fit, Response};
-use self::measured::measured;
+use self::measured::{look, measured};
+use self::parts::{Means, ROUGHEST, Rows};
 use self::refine::refine;
 use self::regions::{Losses, MOST};
-use self::rough::{Rough, Shades};
-use self::spectrum::{Place, Powers, powers, response};
+use self::rough::{Scale, shades_per_unit};
+use self::spectrum::{Cross, Place, Powers, powers, response};
 use crate::control::Control;
 use crate::error::Result;
 use crate::matcher::{Execution, Matcher, Pair};
 use crate::psf::{Psf, Taps};
 use crate::simd::Level;
+use crate::source::Source;
 
-/// Factor and neighbourhood of the match that tells which blocks show the same.
-const ROUGHEST: (usize, usize) = (4, 9);
-/// Those of the match by which a kernel is measured: means of bad-1.0 over 12 scenes with an arc of 15 px and
-/// 270 degrees after one such kernel, from (4, 9): 22.7 %, (2, 9): 18.1 %, (2, 15): 18.5 %; true kernel: 17.6.
-const ROUGH: (usize, usize) = (2, 9);
+/// The match by which a kernel is measured: means of bad-1.0 over 12 scenes with an arc of 15 px and 270 degrees after
+/// one such kernel, by factor and neighbourhood: 4, 9: 22.7 %; 2, 9: 18.1 %; 2, 15: 18.5 %; true kernel: 17.6.
+const ROUGH: Scale = Scale { factor: 2, neighborhood: 9 };
 /// Blocks that are enough to see whether there is blur.
 const ENOUGH_BLOCKS: usize = 110;
 /// Blocks that are enough of the largest images, too.
@@ -114,12 +115,11 @@ struct Grid {
 
 /// All that the steps have in common.
 struct Scene<'a> {
-    pair: &'a Pair,
-    shades: [&'a Shades; 2],
-    rough: Rough,
-    matcher: &'a Matcher,
-    how: Execution,
-    control: &'a Control,
+    rows: Rows<'a>,
+    size: (usize, usize),
+    /// How many of the gray values of either image make one unit of its pixels.
+    units: [f64; 2],
+    means: Means<'a>,
 }
 
 /// A kind of blur with what its blocks have to say.
@@ -143,24 +143,46 @@ pub fn estimate(
     how: Execution,
     control: &Control,
 ) -> Result<Estimate> {
-    matcher.install(|| {
-        let [left, right] = pair.views();
-        let shades = [Shades::new(left, how, control)?, Shades::new(right, how, control)?];
-        let shades = [&shades[0], &shades[1]];
-        let (rows, cols) = pair.size();
-        if rows < SIDE || cols < SIDE {
-            return Ok(Estimate::nothing(pair.size()));
-        }
-        let rough = Rough::new(pair, shades, ROUGHEST, matcher, how, control)?;
-        Scene { pair, shades, rough, matcher, how, control }.estimate()
+    let means = Means { matcher, how, control };
+    matcher.install(|| match is_enough(pair.size()) {
+        true => Scene::new(Rows::kept(pair, means)?, pair, pair.size(), means)?.estimate(),
+        false => Ok(Estimate::nothing(pair.size())),
     })
 }
 
-impl Scene<'_> {
+/// The same of a pair that is read a part at a time, to the bit.
+pub fn estimate_by_rows(
+    source: &dyn Source,
+    matcher: &Matcher,
+    how: Execution,
+    control: &Control,
+) -> Result<Estimate> {
+    let means = Means { matcher, how, control };
+    matcher.install(|| match is_enough(source.size()) {
+        true => {
+            Scene::new(Rows::Read(source), &source.rows(0..1)?, source.size(), means)?.estimate()
+        }
+        false => Ok(Estimate::nothing(source.size())),
+    })
+}
+
+/// Whether there is room for a block.
+fn is_enough((rows, cols): (usize, usize)) -> bool {
+    rows >= SIDE && cols >= SIDE
+}
+
+impl<'a> Scene<'a> {
+    /// `sample` is any part of the pair.
+    fn new(rows: Rows<'a>, sample: &Pair, size: (usize, usize), means: Means<'a>) -> Result<Self> {
+        let [left, right] = sample.views();
+        let unit = |view| shades_per_unit(view, means.how.level, means.control);
+        Ok(Self { rows, size, units: [unit(left)?, unit(right)?], means })
+    }
+
     fn estimate(&self) -> Result<Estimate> {
         let grid = self.grid(self.spacing())?;
         let noise = grid.noise();
-        let losses = grid.losses(noise, &Choice::all(), self.how.level);
+        let losses = grid.losses(noise, &Choice::all(), self.means.how.level);
         let chosen = losses.chosen();
         let only = losses.only(&chosen);
         let mut kinds = Vec::new();
@@ -173,17 +195,16 @@ impl Scene<'_> {
         }
         merge(&mut kinds);
         if kinds.is_empty() {
-            let nothing = Estimate::nothing(self.pair.size());
+            let nothing = Estimate::nothing(self.size);
             return Ok(Estimate { noise: self.in_units(noise), ..nothing });
         }
-        let map =
-            if kinds.len() > 1 { self.map(&kinds, noise)? } else { Map::uniform(self.pair.size()) };
+        let map = if kinds.len() > 1 { self.map(&kinds, noise)? } else { Map::uniform(self.size) };
         Ok(self.told(kinds, map, noise))
     }
 
     /// The spacing of the first blocks.
     fn spacing(&self) -> usize {
-        let (rows, cols) = self.pair.size();
+        let (rows, cols) = self.size;
         let even = |blocks: usize| {
             let spacing = ((rows * cols / blocks) as f64).sqrt();
             (spacing / 16.0).round() as usize * 16
@@ -192,24 +213,24 @@ impl Scene<'_> {
     }
 
     fn grid(&self, step: usize) -> Result<Grid> {
-        let (height, width) = self.pair.size();
+        let (height, width) = self.size;
         let corner = |tile: usize, length: usize| {
             (tile * step + step / 2).saturating_sub(SIDE / 2).min(length - SIDE)
         };
         let (rows, cols) = (height.div_ceil(step), width.div_ceil(step));
-        let corners = (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x)));
-        let [left, right] = self.shades;
-        let tells = |place: &Place| {
-            left.has_contrast(place.top, place.left) && right.has_contrast(place.top, place.right)
-        };
-        let place = |(y, x)| {
-            let place = self.rough.place(self.pair, corner(y, height), corner(x, width));
-            place.filter(tells)
-        };
-        let places: Vec<Option<Place>> = corners.map(place).collect();
-        let there: Vec<Place> = places.iter().flatten().copied().collect();
-        let images = self.shades.map(|shades| &shades.plane);
-        Ok(Grid { rows, cols, places, powers: powers(images, &there, self.control)? })
+        let tops: Vec<usize> = (0..rows).map(|y| corner(y, height)).collect();
+        let (mut places, mut found) = (vec![], vec![]);
+        self.rows.look(&tops, ROUGHEST, self.means, |part, rough, rows| {
+            let corners =
+                tops[rows].iter().flat_map(|top| (0..cols).map(|x| (*top, corner(x, width))));
+            let new: Vec<_> = corners.map(|(top, left)| part.place(rough, top, left)).collect();
+            let images = part.shades.each_ref().map(|shades| &shades.plane);
+            let there = part.local(new.iter().flatten());
+            found.extend(powers(images, &there, self.means.control)?);
+            places.extend(new);
+            Ok(())
+        })?;
+        Ok(Grid { rows, cols, places, powers: found })
     }
 
     /// What the blocks of these tiles say together.
@@ -221,10 +242,10 @@ impl Scene<'_> {
         side: Option<Side>,
     ) -> Result<Kind> {
         let powers = grid.together(tiles);
-        let none = Kind::none(&powers, noise, self.how.level);
+        let none = Kind::none(&powers, noise, self.means.how.level);
         let Some(side) = side else { return Ok(none) };
         let evidence = Evidence::new(&powers, noise, side.index());
-        let found = refine(&evidence, self.how.level);
+        let found = refine(&evidence, self.means.how.level);
         if found.entry.psf.spread() < LEAST_SPREAD && found.fit.loss <= DOUBTFUL {
             return Ok(none);
         }
@@ -248,16 +269,20 @@ impl Scene<'_> {
         noise: [f32; 2],
         family: Kind,
     ) -> Result<Kind> {
-        let rough =
-            Rough::new(self.pair, self.shades, ROUGH, self.matcher, self.how, self.control)?;
-        let places: Vec<Place> = tiles.iter().filter_map(|tile| grid.places[*tile]).collect();
         let Some(side) = family.blur.side else { return Ok(family) };
-        let Some(taps) = measured(self.shades, &rough, &places, side, self.control)? else {
-            return Ok(family);
-        };
+        let places: Vec<Place> = tiles.iter().filter_map(|tile| grid.places[*tile]).collect();
+        let mut tops: Vec<usize> = places.iter().map(|place| place.top).collect();
+        tops.dedup();
+        let mut sums = Cross::default();
+        self.rows.look(&tops, ROUGH, self.means, |part, rough, rows| {
+            let here = &tops[rows];
+            let there = places.iter().filter(|place| here.contains(&place.top));
+            look(&part.shades, rough, &part.local(there), &mut sums, self.means.control)
+        })?;
+        let Some(taps) = measured(&sums, side) else { return Ok(family) };
         let response = response(&taps);
         let evidence = Evidence::new(&family.powers, noise, side.index());
-        let fit = evidence.fit(&response, self.how.level);
+        let fit = evidence.fit(&response, self.means.how.level);
         if fit.loss > MUCH_WORSE * family.fit.loss {
             return Ok(family);
         }
@@ -267,7 +292,7 @@ impl Scene<'_> {
 
     /// The map of the kinds.
     fn map(&self, kinds: &[Kind], noise: [f32; 2]) -> Result<Map> {
-        let (rows, cols) = self.pair.size();
+        let (rows, cols) = self.size;
         let even = ((rows * cols / MOST_TILES) as f64).sqrt() as usize;
         let tile = even.next_multiple_of(TILE).max(TILE);
         let grid = self.grid(tile)?;
@@ -275,24 +300,24 @@ impl Scene<'_> {
             .iter()
             .map(|kind| Choice { side: kind.blur.side, response: &kind.response })
             .collect();
-        let losses = grid.losses(noise, &choices, self.how.level).steadied();
+        let losses = grid.losses(noise, &choices, self.means.how.level).steadied();
         Ok(Map { rows: grid.rows, cols: grid.cols, labels: losses.labels(), tile })
     }
 
     fn in_units(&self, noise: [f32; 2]) -> [f64; 2] {
-        [0, 1].map(|side| f64::from(noise[side]).sqrt() / self.shades[side].unit)
+        [0, 1].map(|side| f64::from(noise[side]).sqrt() / self.units[side])
     }
 
     fn told(&self, kinds: Vec<Kind>, map: Map, noise: [f32; 2]) -> Estimate {
         let (map, order) = map.by_area(kinds.len());
         let first = &kinds[order[0]];
-        let units = self.shades[1].unit / self.shades[0].unit;
+        let units = self.units[1] / self.units[0];
         let gain = match first.blur.side {
             Some(Side::Right) => 1.0 / f64::from(first.fit.gain).sqrt(),
             _ => f64::from(first.fit.gain).sqrt(),
         };
         Estimate {
-            certainty: first.certainty(noise, self.how.level),
+            certainty: first.certainty(noise, self.means.how.level),
             gain: gain * units,
             noise: self.in_units(noise),
             blurs: order.iter().map(|kind| kinds[*kind].blur.clone()).collect(),

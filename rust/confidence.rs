@@ -16,10 +16,10 @@
 
 use crate::control::Control;
 use crate::error::Result;
-use crate::intensity::roughness;
 use crate::plane::{Plane, zeroed};
 use crate::refinement::Margin;
 use crate::simd::{Kernel, Level};
+use crate::texture::{Roughness, Texture};
 
 /// How far ahead of all others the best candidate of a pixel with half a vote is, in units of the mean cost (bits, for
 /// phase codes of 16 bits). Area under the ROC curve of visible pixels, over 13 sharp and 32 degraded pairs: 1: 0.937,
@@ -70,15 +70,15 @@ pub struct Scene<'a> {
     pub disparity: &'a Plane<f32>,
     /// Votes for them, from 0 to 1.
     pub votes: &'a Plane<f32>,
-    /// Gray values of the left image, in any unit, below 2^30.
-    pub gray: &'a Plane<i32>,
+    /// Gray values of the left image.
+    pub texture: &'a Texture,
 }
 
 impl Scene<'_> {
     /// The confidence of every disparity; 0 where there is none.
     pub fn confidences(&self, level: Level, control: &Control) -> Result<Plane<f32>> {
         let (rows, cols) = (self.disparity.rows(), self.disparity.cols());
-        let similar = similar(self.gray);
+        let similar = similar(self.texture.roughness);
         Plane::by_bands((rows, cols), ROWS, |first, band| {
             control.checkpoint()?;
             let mut weights = zeroed(cols)?;
@@ -91,15 +91,17 @@ impl Scene<'_> {
 
     #[inline(always)]
     fn row(&self, y: usize) -> Row<'_> {
-        Row { disparity: self.disparity.row(y), votes: self.votes.row(y), gray: self.gray.row(y) }
+        Row {
+            disparity: self.disparity.row(y),
+            votes: self.votes.row(y),
+            gray: self.texture.gray.row(y),
+        }
     }
 }
 
 /// The square of the difference of gray values at which votes count half: at least that of one step.
-pub fn similar(gray: &Plane<i32>) -> f32 {
-    let count = gray.rows() * gray.cols().saturating_sub(1);
-    let mean = roughness(gray) as f64 / count.max(1) as f64;
-    let difference = (SIMILAR * mean).max(1.0) as f32;
+pub fn similar(roughness: Roughness) -> f32 {
+    let difference = (SIMILAR * roughness.mean()).max(1.0) as f32;
     difference * difference
 }
 

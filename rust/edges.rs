@@ -2,10 +2,10 @@
 
 use crate::control::Control;
 use crate::error::Result;
-use crate::intensity::roughness;
 use crate::plane::Plane;
 use crate::settings::Settings;
 use crate::simd::{Kernel, Level};
+use crate::texture::Texture;
 
 /// Rows that are classified together.
 const ROWS: usize = 32;
@@ -42,11 +42,11 @@ impl Edges {
     /// Calls a jump small that is larger than the mean difference of horizontal neighbours times `threshold`,
     /// in whole steps, and large where it is larger than thrice that. So neither contrast nor the unit of gray
     /// values matters.
-    pub fn new(gray: &Plane<i32>, threshold: f64, level: Level, control: &Control) -> Result<Self> {
+    pub fn new(texture: &Texture, threshold: f64, level: Level, control: &Control) -> Result<Self> {
+        let gray = &texture.gray;
         let (rows, cols) = (gray.rows(), gray.cols());
-        let count = rows * (cols - 1).max(1);
         // Gray values are below 2^26, so that a difference is, and its product with any threshold clamped.
-        let small = (threshold * (roughness(gray) as f64 / count as f64)) as u32;
+        let small = (threshold * texture.roughness.mean()) as u32;
         let classes = Plane::by_bands((rows, cols), ROWS, |first, band| {
             control.checkpoint()?;
             for (y, edges) in (first..).zip(band.chunks_mut(cols)) {
@@ -58,15 +58,15 @@ impl Edges {
         Ok(Self(classes))
     }
 
-    /// Those of gray values that are at hand, if the settings ask for them.
+    /// Those of an image at hand, if the settings ask for them.
     pub fn asked_for(
-        gray: Option<&Plane<i32>>,
+        texture: Option<&Texture>,
         settings: &Settings,
         level: Level,
         control: &Control,
     ) -> Result<Option<Self>> {
-        let gray = gray.filter(|_| settings.edges > 0.0);
-        gray.map(|gray| Self::new(gray, settings.edges, level, control)).transpose()
+        let texture = texture.filter(|_| settings.edges > 0.0);
+        texture.map(|texture| Self::new(texture, settings.edges, level, control)).transpose()
     }
 
     /// The jumps of row `y`.

@@ -10,9 +10,13 @@ use crate::masking::nearest;
 use crate::plane::Plane;
 use crate::refinement::flag;
 
+/// Rows without a trusted pixel take what another one has that is so many rows away at most. Such rows are rare, and
+/// of what is further away they know nothing.
+pub const REACH: usize = 32;
+
 /// Gives every pixel that is not masked, and not trusted, the smaller disparity of the nearest trusted pixels to
 /// its left and right, and [`flag::FILLED`]. A row without any trusted pixel takes what the nearest row with
-/// one (ties: above) has there; a map without any stays as it is.
+/// one, up to [`REACH`] away (ties: above), has there; without such a row it stays as it is.
 ///
 /// Masked pixels become NaN.
 pub fn fill(
@@ -26,7 +30,10 @@ pub fn fill(
         pixels.map(|(&value, &flags)| if is_trusted(value, flags) { value } else { f32::NAN })
     };
     let seeded: Vec<bool> = (0..rows).map(|y| trusted(y).any(|value| !value.is_nan())).collect();
-    let sources = nearest(&seeded);
+    let mut sources = nearest(&seeded);
+    for (y, source) in sources.iter_mut().enumerate() {
+        *source = source.filter(|from| from.abs_diff(y) <= REACH);
+    }
     let filled = Plane::by_rows((rows, cols), control, |y, row| {
         match sources[y] {
             Some(from) => spread(trusted(from), row),
@@ -41,9 +48,8 @@ pub fn fill(
             }
         }
     })?;
-    if sources.iter().any(Option::is_some) {
-        let pixels = disparity.as_slice().iter().zip(flags.as_mut_slice());
-        for (&value, flags) in pixels {
+    for y in (0..rows).filter(|&y| sources[y].is_some()) {
+        for (&value, flags) in disparity.row(y).iter().zip(flags.row_mut(y)) {
             let is_filled = !is_trusted(value, *flags) && *flags & flag::MASKED == 0;
             *flags |= if is_filled { flag::FILLED } else { 0 };
         }

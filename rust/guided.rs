@@ -8,12 +8,12 @@ use std::array::from_fn;
 
 use crate::control::Control;
 use crate::error::Result;
-use crate::intensity::roughness;
 use crate::median::{
     BAND, LANES, Lanes, NONE, Padded, disparity as disparity_of, key, lanes, median25,
 };
 use crate::plane::Plane;
 use crate::simd::{Kernel, Level};
+use crate::texture::{Roughness, Texture};
 
 /// Pixels that a window reaches in each direction.
 pub const REACH: usize = 4;
@@ -33,19 +33,19 @@ const PLACES: usize = SIDE * SIDE;
 /// image do on average, which is the same for any contrast.
 pub fn guide(
     disparity: &Plane<f32>,
-    gray: &Plane<i32>,
+    texture: &Texture,
     level: Level,
     control: &Control,
 ) -> Result<Plane<f32>> {
     let size = (disparity.rows(), disparity.cols());
-    let tolerance = likeness(gray);
+    let tolerance = likeness(texture.roughness);
     Plane::by_bands(size, BAND, |first, out| {
         control.checkpoint()?;
         let count = out.len() / size.1;
         let rows = first as isize - REACH as isize..(first + count + REACH) as isize;
         let near = near_jumps(disparity, first, count);
         let keys = Padded::new(disparity, rows.clone(), REACH, key, |_| NONE)?;
-        let grays = Padded::new(gray, rows, REACH, |gray| gray, |gray| gray)?;
+        let grays = Padded::new(&texture.gray, rows, REACH, |gray| gray, |gray| gray)?;
         let rows = out.chunks_mut(size.1).zip(near.chunks(size.1)).enumerate();
         for (y, (out, near)) in rows {
             let keys = from_fn(|row| keys.row(y + row * STRIDE));
@@ -57,9 +57,8 @@ pub fn guide(
 }
 
 /// The mean difference of horizontal neighbours, rounded up.
-pub fn likeness(gray: &Plane<i32>) -> i32 {
-    let pairs = gray.rows() * gray.cols().saturating_sub(1);
-    roughness(gray).div_ceil(pairs.max(1) as u64) as i32
+pub fn likeness(roughness: Roughness) -> i32 {
+    roughness.ceiling() as i32
 }
 
 /// Which pixels of `count` rows have one within reach that differs from its right or lower neighbour by a jump:

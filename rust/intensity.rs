@@ -4,14 +4,11 @@
 //! Gray values of integer images are exact, too, those of colour images being `299 R + 587 G + 114 B`
 //! thousandths: scaling an image by a factor then scales every spectral component by it, and no code changes.
 
-use rayon::prelude::*;
-
 use crate::control::Control;
 use crate::convolution::{Kernel as Blur, convolve};
 use crate::error::Result;
 use crate::masking::fill_masked;
 use crate::plane::{Plane, zeroed};
-use crate::settings::Settings;
 use crate::simd::{Kernel, Level};
 use crate::view::{Image, View};
 
@@ -40,20 +37,27 @@ pub const LEVEL_CEILING: u16 = 3 * 255 * LEVEL_STEPS;
 
 /// Black and white, in thousandths of the pixels' unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Range {
-    black: f64,
-    white: f64,
+pub struct Range {
+    /// Black.
+    pub black: f64,
+    /// White.
+    pub white: f64,
 }
 
 impl Range {
-    fn width(self) -> f64 {
+    /// From black to white.
+    pub fn width(self) -> f64 {
         self.white - self.black
     }
 
-    fn union(self, other: Self) -> Self {
+    /// The smallest range that has both.
+    pub fn union(self, other: Self) -> Self {
         Self { black: self.black.min(other.black), white: self.white.max(other.white) }
     }
 }
+
+/// That of an image without a valid pixel.
+pub const NOWHERE: Range = Range { black: 0.0, white: 0.0 };
 
 /// The gray values under the phase codes, centred about zero; each image may have a scale of its own, since
 /// codes compare directions, not lengths.
@@ -80,7 +84,7 @@ impl<'a> Gray<'a> {
         let (rows, cols, channels) = view.image.shape();
         let scale = match view.image.white() {
             Some(white) => Scale::Exact { middle: (i32::from(white) + 1) / 2 },
-            None => Scale::Steps(Steps::new(robust_range(view, control)?)),
+            None => Scale::Steps(Steps::new(float_range(view, control)?)),
         };
         let reach = match scale {
             Scale::Exact { middle } if channels == 3 => 1000 * middle as u32,
@@ -99,18 +103,6 @@ impl<'a> Gray<'a> {
         }
         let plane = gray.plane(level, control)?;
         Ok(Self { source: Source::Plane(filled(plane, view, control)?), ..gray })
-    }
-
-    /// All those of the left image of a pair, if the settings need them.
-    pub fn of_left(
-        view: &View,
-        settings: &Settings,
-        level: Level,
-        control: &Control,
-    ) -> Result<Option<Plane<i32>>> {
-        let plane = || Gray::new(view, level, control)?.plane(level, control);
-        let is_needed = settings.edges > 0.0 || settings.guided || settings.needs_confidence();
-        is_needed.then(plane).transpose()
     }
 
     /// All gray values.
@@ -176,15 +168,6 @@ impl<'a> Gray<'a> {
     }
 }
 
-/// The sum of the differences of horizontal neighbours.
-pub fn roughness(gray: &Plane<i32>) -> u64 {
-    let row = |row: &[i32]| -> u64 {
-        let pairs = row.iter().zip(&row[1..]);
-        pairs.map(|(a, b)| u64::from(a.abs_diff(*b))).sum()
-    };
-    gray.as_slice().par_chunks(gray.cols()).map(row).sum()
-}
-
 /// How gray values become integers.
 #[derive(Debug, Clone, Copy)]
 enum Scale {
@@ -243,7 +226,7 @@ pub fn level_planes(
 ) -> Result<[Vec<Plane<u16>>; 2]> {
     let range = match told.or(left.image.white().map(|white| (0.0, f64::from(white)))) {
         Some((black, white)) => Range { black: 1000.0 * black, white: 1000.0 * white },
-        None => robust_range(left, control)?.union(robust_range(right, control)?),
+        None => float_range(left, control)?.union(float_range(right, control)?),
     };
     let as_gray = left.image.shape().2 != 3 || right.image.shape().2 != 3;
     Ok([levels(left, range, as_gray, control)?, levels(right, range, as_gray, control)?])
@@ -275,43 +258,72 @@ fn levels(view: &View, range: Range, as_gray: bool, control: &Control) -> Result
     (0..if as_gray { 1 } else { channels }).map(plane).collect()
 }
 
-/// Where the valid pixels of a float image lie, but for the outliers at either end; where all of them, if
-/// the others are of one value.
-///
-/// The ends are those of an even sample: a large image has more pixels than its range needs.
-fn robust_range(view: &View, control: &Control) -> Result<Range> {
+/// Where the valid pixels of a float image lie: what the view tells, or else what is found of it.
+fn float_range(view: &View, control: &Control) -> Result<Range> {
+    if let Some(range) = view.range {
+        return Ok(range);
+    }
     let (rows, cols, _) = view.image.shape();
-    let mut sample = luminances(view, (rows * cols).div_ceil(MOST_SAMPLES), control)?;
-    match inner_range(&mut sample) {
-        Some(range) if range.width() > 0.0 => Ok(range),
-        _ => {
-            let all = luminances(view, 1, control)?.into_iter();
-            let ranges = all.map(|value| Range { black: value, white: value });
-            Ok(ranges.reduce(Range::union).unwrap_or(Range { black: 0.0, white: 0.0 }))
-        }
+    let mut sample = Sample::new((rows, cols));
+    sample.add(view, 0, control)?;
+    match sample.range() {
+        Some(range) => Ok(range),
+        None => Ok(full_range(view, control)?.unwrap_or(NOWHERE)),
     }
 }
 
-/// The luminances of the valid ones among every so many pixels.
-fn luminances(view: &View, stride: usize, control: &Control) -> Result<Vec<f64>> {
+/// Some of the valid pixels of a float image: where they lie, but for the outliers at either end, is the range of the
+/// image. It is an even sample, since a large image has more pixels than its range needs.
+#[derive(Debug)]
+pub struct Sample {
+    cols: usize,
+    stride: usize,
+    values: Vec<f64>,
+}
+
+impl Sample {
+    /// Of an image of so many rows and columns, of which nothing was seen yet.
+    pub fn new((rows, cols): (usize, usize)) -> Self {
+        Self { cols, stride: (rows * cols).div_ceil(MOST_SAMPLES), values: vec![] }
+    }
+
+    /// Adds what is of a view that begins at row `first` of the image.
+    pub fn add(&mut self, view: &View, first: usize, control: &Control) -> Result<()> {
+        for y in 0..view.image.shape().0 {
+            control.checkpoint()?;
+            let start = (first + y) * self.cols;
+            let skipped = start.next_multiple_of(self.stride) - start;
+            let sampled = (skipped..self.cols).step_by(self.stride);
+            let valid = sampled.filter(|x| view.is_valid(y, *x));
+            self.values.extend(valid.map(|x| view.image.luminance(y, x)));
+        }
+        Ok(())
+    }
+
+    /// The range; `None` if all are of one value, or there are none: then it is that of every pixel.
+    pub fn range(mut self) -> Option<Range> {
+        let last = self.values.len().checked_sub(1)?;
+        let outliers = (OUTLIERS * last as f64) as usize;
+        let mut ranked = |rank: usize| *self.values.select_nth_unstable_by(rank, f64::total_cmp).1;
+        let range = Range { black: ranked(outliers), white: ranked(last - outliers) };
+        (range.width() > 0.0).then_some(range)
+    }
+}
+
+/// Where all valid pixels lie; `None` if there are none.
+pub fn full_range(view: &View, control: &Control) -> Result<Option<Range>> {
     let (rows, cols, _) = view.image.shape();
-    let mut sample = zeroed((rows * cols).div_ceil(stride))?;
-    sample.clear();
+    let mut range: Option<Range> = None;
     for y in 0..rows {
         control.checkpoint()?;
-        let first = (y * cols).next_multiple_of(stride) - y * cols;
-        let valid = (first..cols).step_by(stride).filter(|x| view.is_valid(y, *x));
-        sample.extend(valid.map(|x| view.image.luminance(y, x)));
+        let valid = (0..cols).filter(|x| view.is_valid(y, *x));
+        let values = valid.map(|x| view.image.luminance(y, x));
+        range = values
+            .map(|value| Range { black: value, white: value })
+            .chain(range)
+            .reduce(Range::union);
     }
-    Ok(sample)
-}
-
-/// The range of a sample without its outliers; `None` if there is nothing in it.
-fn inner_range(sample: &mut [f64]) -> Option<Range> {
-    let last = sample.len().checked_sub(1)?;
-    let outliers = (OUTLIERS * last as f64) as usize;
-    let mut ranked = |rank: usize| *sample.select_nth_unstable_by(rank, f64::total_cmp).1;
-    Some(Range { black: ranked(outliers), white: ranked(last - outliers) })
+    Ok(range)
 }
 
 /// `plane` with the masked pixels replaced by valid neighbours.

@@ -46,6 +46,7 @@ pub mod convolution;
 pub mod intensity;
 pub mod masking;
 pub mod normalisation;
+pub mod texture;
 pub mod versions;
 pub mod view;
 
@@ -77,7 +78,9 @@ pub mod psf;
 
 pub mod control;
 pub mod matcher;
+pub mod reach;
 pub mod simd;
+pub mod source;
 
 pub mod reference;
 

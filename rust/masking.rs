@@ -1,12 +1,18 @@
 //! Masked pixels take the values of valid neighbours, so that what they hold has no effect on anything.
 
 use crate::control::Control;
+use crate::convolution::LARGEST_KERNEL;
 use crate::error::Result;
 use crate::plane::Plane;
+use crate::settings::LARGEST_WINDOW;
 use crate::view::Mask;
 
+/// Rows without a valid value copy one that is so many rows away at most: as far as codes reach under the largest
+/// kernel, so that what is further away matters to no valid pixel.
+pub const REACH: usize = LARGEST_KERNEL / 2 + LARGEST_WINDOW / 2;
+
 /// Replaces masked values by the nearest valid one of their row (ties: left); rows without any copy the
-/// nearest row that has one (ties: above); a plane without any becomes zero.
+/// nearest row that has one, up to [`REACH`] away (ties: above), or become zero.
 pub fn fill_masked<T: Copy + Default>(
     plane: &mut Plane<T>,
     mask: &Mask,
@@ -19,12 +25,12 @@ pub fn fill_masked<T: Copy + Default>(
     }
     for (y, source) in nearest(&seeded).into_iter().enumerate() {
         match source {
-            Some(from) if from != y => {
+            Some(from) if from == y => {}
+            Some(from) if from.abs_diff(y) <= REACH => {
                 let copied = plane.row(from).to_vec();
                 plane.row_mut(y).copy_from_slice(&copied);
             }
-            Some(_) => {}
-            None => plane.row_mut(y).fill(T::default()),
+            _ => plane.row_mut(y).fill(T::default()),
         }
     }
     Ok(())

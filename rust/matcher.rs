@@ -1,6 +1,7 @@
 //! The order of the stages; bands of rows on threads. No arithmetic of its own.
 
 use std::any::Any;
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -14,7 +15,7 @@ use crate::cost::{Costs, Operands};
 use crate::edges::Edges;
 use crate::error::{Error, Result};
 use crate::evidence::{Evidence, EvidenceRow};
-use crate::intensity::Gray;
+use crate::intensity;
 use crate::plane::Plane;
 use crate::refinement::{Draft, Judge, Margins, Measure, ResultRow};
 use crate::scanline::{self, Scanline, Steps};
@@ -23,6 +24,7 @@ use crate::semiglobal::{BAND, Field, PATHS, SemiGlobal};
 use crate::settings::{Optimizer, Rule, Settings};
 use crate::simd::Level;
 use crate::strip::{BLOCK, Strip};
+use crate::texture::{Roughness, Texture};
 use crate::value::Value;
 use crate::versions::Versions;
 use crate::view::View;
@@ -101,6 +103,13 @@ impl Pair {
         Self { versions: versions.into(), ..self }
     }
 
+    /// The pair as a part of one whose left and right pixels, if they are floats, lie in these ranges.
+    pub fn with_ranges(mut self, ranges: [Option<intensity::Range>; 2]) -> Self {
+        let [left, right] = ranges;
+        (self.left.range, self.right.range) = (left, right);
+        self
+    }
+
     /// Left and right view.
     pub fn views(&self) -> [&View; 2] {
         [&self.left, &self.right]
@@ -131,6 +140,32 @@ pub struct Matcher {
     spare: Mutex<Vec<Box<dyn Any + Send>>>,
 }
 
+/// Rows of a pair that are matched by themselves, and what else is known of the whole one that the pair is a part of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Section {
+    /// The rows. With [`Optimizer::SemiGlobal`] they begin with a band, and so must the pair.
+    pub rows: Range<usize>,
+    /// The roughness of the whole left image; `None`: the pair is the whole.
+    pub roughness: Option<Roughness>,
+    /// Where the paths through the rows above have come to; `None`: they begin here.
+    pub paths: Option<Vec<u8>>,
+    /// Whether it is to be told where the paths through these rows come to.
+    pub is_handed_on: bool,
+}
+
+/// What was chosen for some rows.
+#[derive(Debug)]
+pub struct Choice {
+    /// The map, to be refined.
+    pub map: Map,
+    /// Where paths have come to after the last row, if that was asked for and the optimizer has any.
+    pub paths: Option<Vec<u8>>,
+    /// The left image, if the settings need it.
+    pub texture: Option<Texture>,
+    /// Wall-clock time of each stage so far.
+    pub timings: Timings,
+}
+
 /// What a strip is matched in.
 #[derive(Debug)]
 struct Workspace<V, T> {
@@ -148,6 +183,7 @@ struct Job<'a> {
     window: Window,
     steps: Steps,
     edges: Option<&'a Edges>,
+    section: &'a Section,
     settings: &'a Settings,
     level: Level,
     control: &'a Control,
@@ -211,6 +247,34 @@ impl Matcher {
         self.pool.install(|| self.match_pair(pair, settings, how, control))
     }
 
+    /// Matches some rows of a pair, to be refined together with those around them.
+    pub fn choose(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Choice> {
+        settings.check()?;
+        section.check(pair, settings)?;
+        self.pool.install(|| self.choose_rows(pair, section, settings, how, control))
+    }
+
+    /// Refines a map of some rows; `texture` is of the same rows, if the settings need it.
+    pub fn refine(
+        &self,
+        map: Map,
+        texture: Option<&Texture>,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        settings.check()?;
+        map.check(texture, settings)?;
+        self.pool.install(|| map.refined(texture, settings, how.level, control))
+    }
+
     fn match_pair(
         &self,
         pair: &Pair,
@@ -218,62 +282,68 @@ impl Matcher {
         how: Execution,
         control: &Control,
     ) -> Result<Disparity> {
+        let section = Section::whole(pair);
+        let choice = self.choose_rows(pair, &section, settings, how, control)?;
+        let refined = choice.map.refined(choice.texture.as_ref(), settings, how.level, control)?;
+        let refinement = refined.timings.refinement;
+        Ok(Disparity { timings: Timings { refinement, ..choice.timings }, ..refined })
+    }
+
+    fn choose_rows(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Choice> {
         let started = Instant::now();
-        let costs = Costs::new(
-            pair.views(),
-            pair.candidates,
-            settings,
-            pair.versions(),
-            how.level,
-            control,
-        )?;
+        let (views, candidates, level) = (pair.views(), pair.candidates, how.level);
+        let costs = Costs::new(views, candidates, settings, pair.versions(), level, control)?;
         let described = Instant::now();
-        let mut map = Map::new(pair.size(), settings.needs_confidence())?;
-        let window = Window::new(pair.size(), pair.candidates.count(), settings, costs.ceiling());
+        let texture = Texture::of_view(&pair.left, settings, section.roughness, level, control)?;
+        let edges = Edges::asked_for(texture.as_ref(), settings, level, control)?;
+        let mut map = Map::new((section.rows.len(), pair.size().1), settings.needs_confidence())?;
+        let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
         let steps = Steps::new(settings.penalty, window, costs.steps());
-        let gray = Gray::of_left(&pair.left, settings, how.level, control)?;
-        let gray = gray.as_ref();
-        let edges = Edges::asked_for(gray, settings, how.level, control)?;
         let edges = edges.as_ref();
-        let job = Job { costs: &costs, window, steps, edges, settings, level: how.level, control };
-        let bands = map.bands(job.band_rows(how, self.pool.current_num_threads()));
-        match job.width() {
+        let job = Job { costs: &costs, window, steps, edges, section, settings, level, control };
+        let bands = map.bands(section, job.band_rows(how, self.pool.current_num_threads()));
+        let paths = match job.width() {
             Width::Bytes => self.match_bands::<u8, u8>(bands, &job),
             Width::ByteCosts => self.match_bands::<u8, u32>(bands, &job),
             Width::WordCosts => self.match_bands::<u16, u32>(bands, &job),
             Width::Widest => self.match_bands::<u32, u64>(bands, &job),
         }?;
-        let matched = Instant::now();
-        let Map { disparity, mut flags, votes } = map;
-        let votes = votes.as_ref();
-        let draft = Draft { disparity, flags: &mut flags, votes, gray };
-        let (disparity, confidence) = draft.refine(settings, how.level, control)?;
-        let timings = Timings {
-            description: described - started,
-            matching: matched - described,
-            refinement: matched.elapsed(),
-        };
-        let confidence = confidence.filter(|_| settings.confidence);
-        Ok(Disparity { disparity, flags, confidence, timings })
+        let (description, matching) = (described - started, described.elapsed());
+        let timings = Timings { description, matching, refinement: Duration::ZERO };
+        Ok(Choice { map, paths, texture, timings })
     }
 
-    /// Matches bands, each by itself where the optimizer lets it be.
-    fn match_bands<V: Value, T: Value>(&self, mut bands: Vec<Band>, job: &Job) -> Result<()> {
+    /// Matches bands, each by itself where the optimizer lets it be; where it does not, paths go on after the last one.
+    fn match_bands<V: Value, T: Value>(
+        &self,
+        mut bands: Vec<Band>,
+        job: &Job,
+    ) -> Result<Option<Vec<u8>>> {
         match job.settings.optimizer {
             Optimizer::Scanline(rule) => {
-                bands.into_par_iter().try_for_each(|band| self.match_band::<V, T>(band, rule, job))
+                let parts = bands.into_par_iter();
+                parts.try_for_each(|band| self.match_band::<V, T>(band, rule, job))?;
+                Ok(None)
             }
             Optimizer::SemiGlobal => {
                 let mut search: Box<SemiGlobal<V, T>> = self.memory();
-                let strips: Vec<_> = bands.iter().map(|band| band.strip(job.window)).collect();
                 search.run(
                     job.field(),
+                    (job.section.rows.start / BAND, job.section.paths.as_deref()),
                     &mut bands,
-                    |band, rows| self.load_rows(strips[band], rows, job),
+                    |band, rows| self.load_rows(job.strip(band), rows, job),
                     |band, evidence| job.write(band, evidence),
                 )?;
+                let paths = job.section.is_handed_on.then(|| search.paths());
                 self.keep(search);
-                Ok(())
+                Ok(paths)
             }
         }
     }
@@ -454,10 +524,19 @@ impl Job<'_> {
         Ok(())
     }
 
+    /// The strip of a band of the pair, with [`Optimizer::SemiGlobal`].
+    fn strip(&self, band: usize) -> Strip {
+        let (first, height) = (band * BAND, self.window.rows);
+        let rows = BAND.min(height - first);
+        Strip { first, rows, margin: self.window.margin(), height }
+    }
+
     /// Rows of the bands that the map is written in.
     fn band_rows(&self, how: Execution, threads: usize) -> usize {
         match self.settings.optimizer {
-            Optimizer::Scanline(_) => how.rows_per_strip(self.window, threads),
+            Optimizer::Scanline(_) => {
+                how.rows_per_strip(self.section.rows.len(), self.window.margin(), threads)
+            }
             Optimizer::SemiGlobal => BAND,
         }
     }
@@ -493,10 +572,14 @@ impl Job<'_> {
 }
 
 /// A map in the making.
-struct Map {
-    disparity: Plane<f32>,
-    flags: Plane<u16>,
-    votes: Option<Plane<f32>>,
+#[derive(Debug)]
+pub struct Map {
+    /// Disparities, pixels; NaN where there is none.
+    pub disparity: Plane<f32>,
+    /// Bits of [`crate::refinement::flag`].
+    pub flags: Plane<u16>,
+    /// Votes for the disparities, from 0 to 1, if the settings need them.
+    pub votes: Option<Plane<f32>>,
 }
 
 /// The part of the map that one task writes.
@@ -533,7 +616,42 @@ impl Map {
         })
     }
 
-    fn bands(&mut self, band_rows: usize) -> Vec<Band<'_>> {
+    /// Refuses planes of several sizes, and too few of them.
+    fn check(&self, texture: Option<&Texture>, settings: &Settings) -> Result<()> {
+        let needs_votes = settings.needs_confidence();
+        let is_missing = needs_votes && self.votes.is_none()
+            || (needs_votes || settings.guided) && texture.is_none();
+        if is_missing {
+            return Err(Error::value("map", "None", "votes and gray values with these settings"));
+        }
+        let size = (self.disparity.rows(), self.disparity.cols());
+        let votes = self.votes.as_ref().map(|votes| (votes.rows(), votes.cols()));
+        let gray = texture.map(|texture| (texture.gray.rows(), texture.gray.cols()));
+        let sizes = [Some((self.flags.rows(), self.flags.cols())), votes, gray];
+        match sizes.into_iter().flatten().find(|other| *other != size) {
+            Some(other) => Err(Error::value("map", format!("{other:?}"), format!("{size:?}"))),
+            None => Ok(()),
+        }
+    }
+
+    /// Tells what cannot be right, fills it, smooths.
+    fn refined(
+        self,
+        texture: Option<&Texture>,
+        settings: &Settings,
+        level: Level,
+        control: &Control,
+    ) -> Result<Disparity> {
+        let started = Instant::now();
+        let Self { disparity, mut flags, votes } = self;
+        let draft = Draft { disparity, flags: &mut flags, votes: votes.as_ref(), texture };
+        let (disparity, confidence) = draft.refine(settings, level, control)?;
+        let confidence = confidence.filter(|_| settings.confidence);
+        let timings = Timings { refinement: started.elapsed(), ..Timings::default() };
+        Ok(Disparity { disparity, flags, confidence, timings })
+    }
+
+    fn bands(&mut self, section: &Section, band_rows: usize) -> Vec<Band<'_>> {
         let cols = self.disparity.cols();
         let places = band_rows.saturating_mul(cols);
         let disparity = self.disparity.as_mut_slice().chunks_mut(places);
@@ -542,7 +660,7 @@ impl Map {
         let mut votes = votes.flat_map(|plane| plane.as_mut_slice().chunks_mut(places));
         let parts = disparity.zip(flags).enumerate();
         let band = |(index, (disparity, flags))| Band {
-            first: index * band_rows,
+            first: section.rows.start + index * band_rows,
             cols,
             disparity,
             flags,
@@ -552,11 +670,29 @@ impl Map {
     }
 }
 
+impl Section {
+    /// All rows.
+    pub fn whole(pair: &Pair) -> Self {
+        Self { rows: 0..pair.size().0, roughness: None, paths: None, is_handed_on: false }
+    }
+
+    /// Refuses rows that the pair has not.
+    fn check(&self, pair: &Pair, settings: &Settings) -> Result<()> {
+        let (Range { start, end }, height) = (self.rows.clone(), pair.size().0);
+        let is_band = settings.optimizer != Optimizer::SemiGlobal || start % BAND == 0;
+        if start < end && end <= height && is_band {
+            return Ok(());
+        }
+        let accepts = format!("rows within 0..{height}, in whole bands with optimizer = 'sgm'");
+        Err(Error::value("rows", format!("{start}..{end}"), accepts))
+    }
+}
+
 impl Execution {
     /// Rows that one task matches: those with which the threads are done soonest, counting the margins.
-    fn rows_per_strip(self, window: Window, threads: usize) -> usize {
-        let rounds = |rows: usize| window.rows.div_ceil(rows).div_ceil(threads);
-        let work = |rows: &usize| rounds(*rows) * (rows + 2 * window.margin());
+    fn rows_per_strip(self, all: usize, margin: usize, threads: usize) -> usize {
+        let rounds = |rows: usize| all.div_ceil(rows).div_ceil(threads);
+        let work = |rows: &usize| rounds(*rows) * (rows + 2 * margin);
         let likely = (1..=MOST_BLOCKS).rev().map(|blocks| blocks * BLOCK).min_by_key(work);
         self.strip_rows.or(likely).unwrap_or(BLOCK).max(1)
     }

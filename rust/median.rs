@@ -18,6 +18,8 @@ pub const LANES: usize = 32;
 pub const NONE: i32 = i32::MIN;
 /// Rows of a band: of as many the values beside the image are made up at a time.
 pub const BAND: usize = 32;
+/// Rows above and below that a median is of.
+pub const REACH: usize = 1;
 
 /// A number for each of some neighbouring pixels.
 pub type Lanes = [i32; LANES];

@@ -4,18 +4,23 @@
 //! from writing into them.
 
 mod arguments;
+mod reader;
 mod supervisor;
 mod workers;
 
+use std::sync::Arc;
+
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use self::arguments::{
-    Both, read_noise, read_pair, read_settings, read_versions, read_view, read_volume,
+    Both, Told, read_draft, read_noise, read_pair, read_settings, read_versions, read_view,
+    read_volume,
 };
+use self::reader::{Ranges, Reader};
 use self::supervisor::supervised;
 use self::workers::{Pool, Workers};
 use crate::aggregation::{Window, aggregate};
@@ -24,14 +29,21 @@ use crate::cost::Costs;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
 use crate::intensity::Gray;
-use crate::matcher::{Execution, on_threads};
+use crate::matcher::{Disparity, Execution, Map, Section, Timings, on_threads};
 use crate::plane::Plane;
 use crate::psf::{Family, Taps};
+use crate::reach::Reach;
 use crate::refinement::flag;
 use crate::scanline::{self, Steps};
 use crate::semiglobal;
 use crate::settings::Optimizer;
 use crate::simd::Level;
+use crate::source;
+use crate::texture::Roughness;
+
+/// Rows that one task matches of a large image: with more, strips would be faster by a tenth, and take as much more
+/// memory.
+const STRIP_ROWS: usize = 64;
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -51,8 +63,9 @@ mod _core {
 
     #[pymodule_export]
     use super::{
-        Workers, aggregate_volume, check_settings, check_versions, cost_volume, descriptor,
-        estimate_blur, match_pair, optimize_volume, simd_level,
+        Workers, aggregate_volume, check_settings, check_versions, choose_rows, cost_volume,
+        descriptor, estimate_blur, estimate_blur_by_rows, find_ranges, find_roughness, match_pair,
+        optimize_volume, reach, refine_rows, simd_level,
     };
 
     #[pymodule_init]
@@ -130,19 +143,28 @@ fn match_pair<'py>(
     let map = supervised(py, &pool, rows, progress, move |matcher, control| {
         matcher.run(&pair, &settings, how, control)
     })?;
+    tell_disparity(py, map)
+}
+
+fn tell_disparity(py: Python<'_>, found: Disparity) -> PyResult<Matched<'_>> {
+    let confidence = found.confidence.map(|plane| wrap(py, plane)).transpose()?;
+    let timings = tell_timings(py, found.timings)?;
+    Ok((wrap(py, found.disparity)?, wrap(py, found.flags)?, confidence, timings))
+}
+
+fn tell_timings(py: Python<'_>, found: Timings) -> PyResult<Bound<'_, PyDict>> {
     let timings = PyDict::new(py);
-    timings.set_item("description", map.timings.description.as_secs_f64())?;
-    timings.set_item("matching", map.timings.matching.as_secs_f64())?;
-    timings.set_item("refinement", map.timings.refinement.as_secs_f64())?;
-    let confidence = map.confidence.map(|plane| wrap(py, plane)).transpose()?;
-    Ok((wrap(py, map.disparity)?, wrap(py, map.flags)?, confidence, timings))
+    timings.set_item("description", found.description.as_secs_f64())?;
+    timings.set_item("matching", found.matching.as_secs_f64())?;
+    timings.set_item("refinement", found.refinement.as_secs_f64())?;
+    Ok(timings)
 }
 
 /// Softer image (0 none, 1 left, 2 right), kind, size, angle and kernel of a blur.
-type Told<'py> = (u8, &'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
+type Kind<'py> = (u8, &'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
 
 /// The kinds of blur, the map of them, side of its tiles, certainty, gain, and noise left and right.
-type Estimated<'py> = (Vec<Told<'py>>, Bound<'py, PyArray2<u8>>, usize, f32, f64, (f64, f64));
+type Estimated<'py> = (Vec<Kind<'py>>, Bound<'py, PyArray2<u8>>, usize, f32, f64, (f64, f64));
 
 #[pyfunction]
 fn estimate_blur<'py>(
@@ -158,6 +180,29 @@ fn estimate_blur<'py>(
     let told = supervised(py, &pool, rows, None, move |matcher, control| {
         blur::estimate(&pair, matcher, how, control)
     })?;
+    tell_estimate(py, told)
+}
+
+/// The same of a pair that is read by rows.
+#[pyfunction]
+fn estimate_blur_by_rows<'py>(
+    py: Python<'py>,
+    read: Bound<'py, PyAny>,
+    size: (usize, usize),
+    disparities: (i64, i64),
+    ranges: Option<Ranges>,
+    threads: &Bound<'py, PyAny>,
+) -> PyResult<Estimated<'py>> {
+    let (reader, pool) = (Reader::new(read, size, disparities, ranges)?, Pool::of(threads)?);
+    let how = Execution { threads: pool.threads(), strip_rows: None, level: Level::best() };
+    let source = Arc::clone(&reader);
+    let told = supervised(py, &pool, size.0, None, move |matcher, control| {
+        blur::estimate_by_rows(&*source, matcher, how, control)
+    });
+    tell_estimate(py, told.map_err(|failure| reader.reason(failure))?)
+}
+
+fn tell_estimate(py: Python<'_>, told: blur::Estimate) -> PyResult<Estimated<'_>> {
     let blurs: PyResult<_> = told.blurs.iter().map(|blur| tell_blur(py, blur)).collect();
     let (rows, cols, labels) = told.labels;
     let labels = wrap(py, Plane::from_vec(rows, cols, labels)?)?;
@@ -165,7 +210,123 @@ fn estimate_blur<'py>(
     Ok((blurs?, labels, told.tile, told.certainty, told.gain, (left, right)))
 }
 
-fn tell_blur<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Told<'py>> {
+/// Where the pixels lie of images of floats that are read by rows.
+#[pyfunction]
+fn find_ranges(
+    py: Python<'_>,
+    read: Bound<'_, PyAny>,
+    size: (usize, usize),
+    disparities: (i64, i64),
+) -> PyResult<Ranges> {
+    let reader = Reader::new(read, size, disparities, None)?;
+    let source = Arc::clone(&reader);
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
+        source::ranges(&*source, control)
+    });
+    let [left, right] = found.map_err(|failure| reader.reason(failure))?;
+    Ok(((left.black, left.white), (right.black, right.white)))
+}
+
+/// The roughness of a left image that is read by rows: a sum of differences, and of how many.
+#[pyfunction]
+fn find_roughness(
+    py: Python<'_>,
+    read: Bound<'_, PyAny>,
+    size: (usize, usize),
+    disparities: (i64, i64),
+    ranges: Option<Ranges>,
+) -> PyResult<(u64, u64)> {
+    let reader = Reader::new(read, size, disparities, ranges)?;
+    let source = Arc::clone(&reader);
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
+        source::roughness(&*source, Level::best(), control)
+    });
+    let Roughness { sum, pairs } = found.map_err(|failure| reader.reason(failure))?;
+    Ok((sum, pairs))
+}
+
+/// How many rows disparities depend on: of the images, of the map that is refined, and of masked pixels.
+#[pyfunction]
+fn reach(
+    settings: &Bound<'_, PyAny>,
+    versions: &Bound<'_, PyAny>,
+) -> PyResult<(usize, usize, usize)> {
+    let (settings, versions) = (read_settings(settings)?, read_versions(versions)?);
+    let Reach { images, map, masked } = Reach::new(&settings, versions.as_ref());
+    Ok((images, map, masked))
+}
+
+/// A map that is not refined yet: disparities, flags, and votes and gray values of the left image, if the settings
+/// need them.
+type Draft<'py> = (
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray2<u16>>,
+    Option<Bound<'py, PyArray2<f32>>>,
+    Option<Bound<'py, PyArray2<i32>>>,
+);
+
+/// The draft of some rows, where paths have come to, and timings.
+type Chosen<'py> = (Draft<'py>, Option<Bound<'py, PyArray1<u8>>>, Bound<'py, PyDict>);
+
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "what Python tells by name")]
+fn choose_rows<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    survey: &Bound<'py, PyAny>,
+    first: usize,
+    rows: (usize, usize),
+    paths: Option<Bound<'py, PyArray1<u8>>>,
+    threads: &Bound<'py, PyAny>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Chosen<'py>> {
+    let told = Told::read(survey)?;
+    let pair = read_pair(&images, &masks, &told.disparities)?
+        .with_versions(told.versions.map(|versions| versions.from_row(first)))
+        .with_ranges(told.ranges);
+    let (settings, pool) = (told.settings, Pool::of(threads)?);
+    let section = Section {
+        rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
+        roughness: told.roughness,
+        paths: paths.map(|paths| paths.to_vec()).transpose().map_err(internal)?,
+        is_handed_on: true,
+    };
+    let level = Level::best();
+    let how = Execution { threads: pool.threads(), strip_rows: Some(STRIP_ROWS), level };
+    let count = section.rows.len();
+    let wanted = section.rows.clone();
+    let chosen = supervised(py, &pool, count, progress, move |matcher, control| {
+        let mut chosen = matcher.choose(&pair, &section, &settings, how, control)?;
+        chosen.texture = chosen.texture.map(|texture| texture.of_rows(wanted)).transpose()?;
+        Ok(chosen)
+    })?;
+    let Map { disparity, flags, votes } = chosen.map;
+    let (disparity, flags) = (wrap(py, disparity)?, wrap(py, flags)?);
+    let votes = votes.map(|votes| wrap(py, votes)).transpose()?;
+    let gray = chosen.texture.map(|texture| wrap(py, texture.gray)).transpose()?;
+    let paths = chosen.paths.map(|paths| paths.into_pyarray(py));
+    Ok(((disparity, flags, votes, gray), paths, tell_timings(py, chosen.timings)?))
+}
+
+#[pyfunction]
+fn refine_rows<'py>(
+    py: Python<'py>,
+    draft: &Bound<'py, PyAny>,
+    survey: &Bound<'py, PyAny>,
+    threads: &Bound<'py, PyAny>,
+) -> PyResult<Matched<'py>> {
+    let (told, pool) = (Told::read(survey)?, Pool::of(threads)?);
+    let (map, texture) = read_draft(draft, told.roughness)?;
+    let how = Execution { threads: pool.threads(), strip_rows: None, level: Level::best() };
+    let (rows, settings) = (map.flags.rows(), told.settings);
+    let refined = supervised(py, &pool, rows, None, move |matcher, control| {
+        matcher.refine(map, texture.as_ref(), &settings, how, control)
+    })?;
+    tell_disparity(py, refined)
+}
+
+fn tell_blur<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Kind<'py>> {
     let kernel = |taps: &Taps| {
         let kernel = Plane::from_vec(taps.side(), taps.side(), taps.values.clone())?;
         wrap(py, kernel)

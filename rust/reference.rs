@@ -12,8 +12,10 @@ use crate::confidence::{RADIUS, STEP, Scene, TOLERANCE, confidence, similar};
 use crate::consistency::Choices;
 use crate::convolution::{GUARD, Kernel, SHIFT, Weights};
 use crate::evidence::NONE;
+use crate::filling;
 use crate::guided::{self, JUMP, STRIDE};
 use crate::intensity::LEVEL_STEPS;
+use crate::masking;
 use crate::normalisation::DEVIATION_STEPS;
 use crate::plane::{Plane, reflect};
 use crate::quantiser::Quantiser;
@@ -30,8 +32,8 @@ pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     let (rows, cols) = (plane.rows(), plane.cols());
     let is_seeded = |y: &usize| mask.row(*y).contains(&true);
     Plane::from_fn(rows, cols, |y, x| {
-        let Some(from) = (0..rows).filter(is_seeded).min_by_key(|row| (row.abs_diff(y), *row))
-        else {
+        let near = (0..rows).filter(|row| row.abs_diff(y) <= masking::REACH);
+        let Some(from) = near.filter(is_seeded).min_by_key(|row| (row.abs_diff(y), *row)) else {
             return 0;
         };
         let valid = (0..cols).filter(|&col| mask.row(from)[col]);
@@ -450,7 +452,7 @@ pub fn blur_fit(
 /// Twin of [`Scene::confidences`]: each pixel asks those around it.
 pub fn confidences(scene: Scene) -> Plane<f32> {
     let (rows, cols) = (scene.disparity.rows(), scene.disparity.cols());
-    let similar = similar(scene.gray);
+    let (gray, similar) = (&scene.texture.gray, similar(scene.texture.roughness));
     let around = |here: usize, length: usize| {
         (0..length).filter(move |there| {
             let away = here.abs_diff(*there);
@@ -466,7 +468,7 @@ pub fn confidences(scene: Scene) -> Plane<f32> {
         for (row, col) in around(y, rows).flat_map(|row| around(x, cols).map(move |col| (row, col)))
         {
             let other = scene.disparity.row(row)[col];
-            let difference = (scene.gray.row(y)[x] - scene.gray.row(row)[col]) as f32;
+            let difference = (gray.row(y)[x] - gray.row(row)[col]) as f32;
             let alike = similar / (similar + difference * difference);
             if !other.is_nan() {
                 weight += alike;
@@ -551,6 +553,9 @@ pub fn fill(disparity: &Plane<f32>, flags: &Plane<u16>) -> (Plane<f32>, Plane<u1
     let filling = |y: usize, x: usize| {
         let seeded = (0..rows).filter(|&row| (0..cols).any(|col| trusted(row, col).is_some()));
         let from = seeded.min_by_key(|row| (row.abs_diff(y), *row))?;
+        if from.abs_diff(y) > filling::REACH {
+            return None;
+        }
         let before = (0..=x).rev().find_map(|col| trusted(from, col));
         let after = (x..cols).find_map(|col| trusted(from, col));
         before.into_iter().chain(after).reduce(f32::min)

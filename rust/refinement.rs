@@ -19,6 +19,7 @@ use crate::simd::{Kernel, Level};
 use crate::speckles::flag_speckles;
 use crate::strip::BLOCK;
 use crate::subpixel::{self, offset};
+use crate::texture::Texture;
 use crate::value::Value;
 use crate::votes::Votes;
 
@@ -159,8 +160,8 @@ pub struct Draft<'a> {
     pub flags: &'a mut Plane<u16>,
     /// Votes for the disparities, if they are asked for.
     pub votes: Option<&'a Plane<f32>>,
-    /// Gray values of the left image, if the settings need them.
-    pub gray: Option<&'a Plane<i32>>,
+    /// The left image, if the settings need it.
+    pub texture: Option<&'a Texture>,
 }
 
 impl Draft<'_> {
@@ -171,7 +172,7 @@ impl Draft<'_> {
         level: Level,
         control: &Control,
     ) -> Result<(Plane<f32>, Option<Plane<f32>>)> {
-        let Self { mut disparity, flags, votes, gray } = self;
+        let Self { mut disparity, flags, votes, texture } = self;
         if settings.speckle_size > 0 {
             let region = (settings.speckle_size, settings.speckle_range as f32);
             flag_speckles(&disparity, flags, region, control)?;
@@ -179,8 +180,8 @@ impl Draft<'_> {
         if settings.has_checks() {
             disparity = fill(&disparity, flags, control)?;
         }
-        if let (true, Some(gray)) = (settings.guided, gray) {
-            disparity = guide(&disparity, gray, level, control)?;
+        if let (true, Some(texture)) = (settings.guided, texture) {
+            disparity = guide(&disparity, texture, level, control)?;
         }
         if settings.median > 0 {
             disparity = median::smooth(&disparity, level, control)?;
@@ -188,9 +189,9 @@ impl Draft<'_> {
         if settings.subpixel {
             disparity = subpixel::smooth(&disparity, level, control)?;
         }
-        let confidences = match (votes, gray) {
-            (Some(votes), Some(gray)) => {
-                let scene = Scene { disparity: &disparity, votes, gray };
+        let confidences = match (votes, texture) {
+            (Some(votes), Some(texture)) => {
+                let scene = Scene { disparity: &disparity, votes, texture };
                 Some(scene.confidences(level, control)?)
             }
             _ => None,

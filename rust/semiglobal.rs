@@ -126,20 +126,23 @@ impl<V, T: Value> Default for SemiGlobal<V, T> {
 }
 
 impl<V: Value, T: Value> SemiGlobal<V, T> {
-    /// Searches an image: `load` tells the rows of the band of an index, `hand_on` takes what was found of it to one of
-    /// `bands`.
+    /// Searches some bands of an image, from that of index `top` on: `load` tells the rows of the band of an index,
+    /// `hand_on` takes what was found of it to one of `bands`. Paths from above go on from where those through the
+    /// bands before had come to, or begin.
     pub fn run<B: Send>(
         &mut self,
         field: Field,
+        (top, paths): (usize, Option<&[u8]>),
         bands: &mut [B],
         load: impl Fn(usize, &mut Rows<V, T>) -> Result<()> + Sync,
         hand_on: impl Fn(&mut B, &Evidence) -> Result<()> + Sync,
     ) -> Result<()> {
-        let (at_once, count) = (rayon::current_num_threads().min(MOST_BANDS), bands.len());
-        self.begin(field, at_once.min(count))?;
-        let mut loaded = 0;
-        for (first, bands) in (0..).step_by(at_once).zip(bands.chunks_mut(at_once)) {
-            if first > 0 {
+        let at_once = rayon::current_num_threads().min(MOST_BANDS);
+        self.begin(field, at_once.min(bands.len()))?;
+        paths.map(|paths| self.above.read(paths)).transpose()?;
+        let (mut loaded, count) = (top, field.size.0.div_ceil(BAND));
+        for (first, bands) in (top..).step_by(at_once).zip(bands.chunks_mut(at_once)) {
+            if first > top {
                 self.rows.rotate_left(at_once);
             }
             let end = (first + bands.len() + 1).min(count);
@@ -157,6 +160,11 @@ impl<V: Value, T: Value> SemiGlobal<V, T> {
                 .try_for_each(|(band, found)| hand_on(band, found))?;
         }
         Ok(())
+    }
+
+    /// Where the paths from above have come to.
+    pub fn paths(&self) -> Vec<u8> {
+        self.above.write()
     }
 
     fn begin(&mut self, field: Field, at_once: usize) -> Result<()> {
@@ -267,7 +275,7 @@ pub fn optimize(
     let field = Field { size: (rows, cols), candidates, steps, edges, level, control };
     let mut bands: Vec<_> = chosen.as_mut_slice().chunks_mut(BAND * cols).collect();
     let load = |band: usize, rows: &mut Rows<u32, u64>| load_volume(field, volume, band, rows);
-    SemiGlobal::default().run(field, &mut bands, load, |band, evidence| {
+    SemiGlobal::default().run(field, (0, None), &mut bands, load, |band, evidence| {
         for (row, out) in band.chunks_exact_mut(cols).enumerate() {
             out.copy_from_slice(&evidence.row(row).chosen[..cols]);
         }

@@ -29,8 +29,18 @@ pub trait Value: Copy + Debug + Default + Ord + Send + Sync + 'static {
     fn mean(self, other: Self) -> Self;
     /// Without its lowest bits.
     fn shifted(self, bits: u32) -> Self;
+    /// Writes the values one after another, as bytes.
+    fn write(values: &[Self], bytes: &mut Vec<u8>);
     /// This answer after those that `self` holds: the last one is the lowest bit.
     fn then(self, answer: bool) -> Self;
+}
+
+/// Takes values from bytes, so many for each, as they were written: by whichever type, if its values fit this one.
+pub fn read<T: Value>(values: &mut [T], width: usize, bytes: &[u8]) {
+    for (value, bytes) in values.iter_mut().zip(bytes.chunks_exact(width)) {
+        let digits = bytes.iter().rev();
+        *value = T::truncated(digits.fold(0, |number, digit| number << 8 | u64::from(*digit)));
+    }
 }
 
 macro_rules! impl_value {
@@ -76,6 +86,10 @@ macro_rules! impl_value {
             #[inline(always)]
             fn shifted(self, bits: u32) -> Self {
                 self.wrapping_shr(bits)
+            }
+
+            fn write(values: &[Self], bytes: &mut Vec<u8>) {
+                values.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
             }
 
             #[inline(always)]

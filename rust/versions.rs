@@ -19,6 +19,8 @@ pub struct Versions {
     kernels: Vec<[Option<Kernel>; 2]>,
     labels: Plane<u8>,
     tile: usize,
+    /// The row of the labelled image that the pair begins with.
+    first: usize,
 }
 
 /// Which version of an image every pixel is compared in, by index.
@@ -27,6 +29,8 @@ pub struct Labels {
     /// A row of pixels for each row of tiles.
     rows: Plane<u8>,
     tile: usize,
+    /// Rows of the first of these tiles that lie above the pair.
+    above: usize,
 }
 
 impl Versions {
@@ -56,12 +60,17 @@ impl Versions {
         if tile == 0 {
             return Err(Error::value("tile", 0, "an integer from 1"));
         }
-        Ok(Self { noise, kernels, labels, tile })
+        Ok(Self { noise, kernels, labels, tile, first: 0 })
     }
 
     /// The images as they are, with noise of these standard deviations.
     pub fn of_noise(noise: [f64; 2]) -> Result<Self> {
         Self::new(noise, vec![[None, None]], Plane::from_fn(1, 1, |_, _| 0), 1)
+    }
+
+    /// The same for a pair that begins with row `first` of the one that is labelled.
+    pub fn from_row(self, first: usize) -> Self {
+        Self { first, ..self }
     }
 
     /// Standard deviations of the noise of the left and of the right image, in units of the pixels.
@@ -71,13 +80,22 @@ impl Versions {
 
     /// Whether any image is blurred.
     pub fn has_kernels(&self) -> bool {
-        self.kernels.iter().flatten().any(Option::is_some)
+        self.every_kernel().next().is_some()
+    }
+
+    /// What images are blurred by.
+    pub fn every_kernel(&self) -> impl Iterator<Item = &Kernel> {
+        self.kernels.iter().flatten().flatten()
     }
 
     /// The class of a pixel of the left image.
     pub fn class(&self, y: usize, x: usize) -> usize {
-        let (row, col) = (y / self.tile, x / self.tile);
-        self.labels.row(row.min(self.labels.rows() - 1))[col.min(self.labels.cols() - 1)].into()
+        let row = self.labels.row(self.row_of_labels(y));
+        row[(x / self.tile).min(self.labels.cols() - 1)].into()
+    }
+
+    fn row_of_labels(&self, y: usize) -> usize {
+        ((y + self.first) / self.tile).min(self.labels.rows() - 1)
     }
 
     /// What a class blurs the left and the right image by.
@@ -96,11 +114,13 @@ impl Versions {
         let alike = |class: usize| (0..class).find(|before| kernel(*before) == kernel(class));
         let alike: Vec<_> = (0..self.kernels.len()).map(|c| alike(c).unwrap_or(c)).collect();
         let mut classes = vec![];
-        let tiles = ((rows - 1) / self.tile + 1).min(self.labels.rows());
-        let mut labels = Plane::new(tiles, cols)?;
-        for tile in 0..tiles {
-            for (x, label) in labels.row_mut(tile).iter_mut().enumerate() {
-                let class = alike[self.class(tile * self.tile, x)];
+        let tiles = self.row_of_labels(0)..=self.row_of_labels(rows - 1);
+        let above = self.first - tiles.start() * self.tile;
+        let mut labels = Plane::new(tiles.clone().count(), cols)?;
+        for (index, tile) in tiles.enumerate() {
+            let y = (tile * self.tile).saturating_sub(self.first);
+            for (x, label) in labels.row_mut(index).iter_mut().enumerate() {
+                let class = alike[self.class(y, x)];
                 let known = classes.iter().position(|known| *known == class);
                 *label = known.unwrap_or(classes.len()) as u8;
                 if known.is_none() {
@@ -109,14 +129,14 @@ impl Versions {
             }
         }
         let kernels = classes.into_iter().map(kernel).collect();
-        Ok((kernels, Labels { rows: labels, tile: self.tile }))
+        Ok((kernels, Labels { rows: labels, tile: self.tile, above }))
     }
 }
 
 impl Labels {
     /// The labels of row `y`.
     pub fn row(&self, y: usize) -> &[u8] {
-        self.rows.row((y / self.tile).min(self.rows.rows() - 1))
+        self.rows.row(((y + self.above) / self.tile).min(self.rows.rows() - 1))
     }
 }
 

@@ -3,6 +3,7 @@
 use ndarray::{Array3, ArrayView1, ArrayView2, ArrayView3, Axis, s};
 
 use crate::error::{Error, Result};
+use crate::intensity::Range;
 use crate::plane::Plane;
 use crate::settings::LARGEST_PIXEL;
 use crate::simd::{Kernel, Level};
@@ -30,6 +31,8 @@ pub struct View {
     pub image: Image,
     /// Its valid pixels; `None`: all.
     pub mask: Option<Mask>,
+    /// Where the pixels lie of the whole image, of floats, of which this is a part; `None`: it is the whole.
+    pub range: Option<Range>,
 }
 
 impl Image {

@@ -11,6 +11,7 @@ use phasestereo::error::Error;
 use phasestereo::plane::Plane;
 use phasestereo::reference;
 use phasestereo::refinement::Margin;
+use phasestereo::texture::{Roughness, Texture};
 use proptest::prelude::*;
 
 /// Planes that a scene is of.
@@ -18,12 +19,12 @@ use proptest::prelude::*;
 struct Planes {
     disparity: Plane<f32>,
     votes: Plane<f32>,
-    gray: Plane<i32>,
+    texture: Texture,
 }
 
 impl Planes {
     fn scene(&self) -> Scene<'_> {
-        Scene { disparity: &self.disparity, votes: &self.votes, gray: &self.gray }
+        Scene { disparity: &self.disparity, votes: &self.votes, texture: &self.texture }
     }
 
     /// Those of every level, which are the same.
@@ -44,7 +45,7 @@ impl Planes {
         Self {
             disparity: Plane::from_fn(rows, cols, |_, _| 7.0),
             votes: Plane::from_fn(rows, cols, |_, _| vote),
-            gray: Plane::from_fn(rows, cols, |y, x| (hash(1, y, x) % 256) as i32),
+            texture: Texture::new(Plane::from_fn(rows, cols, |y, x| (hash(1, y, x) % 256) as i32)),
         }
     }
 }
@@ -60,9 +61,9 @@ fn planes() -> impl Strategy<Value = Planes> {
             part => part as f32 / 4.0,
         }),
         votes: Plane::from_fn(rows, cols, |y, x| (hash(!seed, y, x) % 101) as f32 / 100.0),
-        gray: Plane::from_fn(rows, cols, |y, x| {
+        texture: Texture::new(Plane::from_fn(rows, cols, |y, x| {
             (hash(seed.rotate_left(32), y, x) % contrast) as i32
-        }),
+        })),
     })
 }
 
@@ -89,7 +90,7 @@ proptest! {
         let mut planes = Planes::flat((12, 12), 0.5);
         planes.disparity = Plane::from_fn(12, 12, |y, x| (hash(seed, y, x) % 9) as f32);
         let found = planes.confidences();
-        planes.gray = planes.gray.map(|gray| 64 * gray + 1000);
+        planes.texture = Texture::new(planes.texture.gray.map(|gray| 64 * gray + 1000));
         let scaled = planes.confidences();
         let pairs = found.as_slice().iter().zip(scaled.as_slice());
         prop_assert!(pairs.into_iter().all(|(one, other)| (one - other).abs() < 1e-5));
@@ -127,6 +128,7 @@ fn half_of_the_disparities_with_the_support_of_a_fifth_are_right() {
 #[test]
 fn a_difference_counts_by_what_is_usual() {
     let ramp = Plane::from_fn(3, 5, |y, x| (10 * x + 1000 * y) as i32);
+    let similar = |gray: &Plane<i32>| similar(Roughness::of(gray.as_slice(), gray.cols()));
     assert_eq!(similar(&ramp), 400.0, "twice 10, squared");
     assert_eq!(similar(&ramp.map(|_| 3)), 1.0, "at least one step");
     assert_eq!(similar(&Plane::from_fn(4, 1, |y, _| y as i32)), 1.0, "no neighbours");
@@ -135,7 +137,7 @@ fn a_difference_counts_by_what_is_usual() {
 #[test]
 fn a_firm_pixel_that_stands_alone_is_not_trusted_and_a_weak_one_among_firm_ones_is() {
     let mut planes = Planes::flat((11, 11), 0.6);
-    planes.gray = planes.gray.map(|_| 100);
+    planes.texture = Texture::new(planes.texture.gray.map(|_| 100));
     planes.disparity.row_mut(5)[5] = 9.0;
     planes.votes.row_mut(5)[5] = 1.0;
     let alone = planes.confidences();
@@ -149,7 +151,7 @@ fn a_firm_pixel_that_stands_alone_is_not_trusted_and_a_weak_one_among_firm_ones_
 fn the_surface_of_the_same_gray_value_counts_most() {
     let mut planes = Planes::flat((20, 20), 0.6);
     // An edge in depth right of the edge in the image: the pixels between them are fattened foreground.
-    planes.gray = Plane::from_fn(20, 20, |_, x| if x < 10 { 20 } else { 200 });
+    planes.texture = Texture::new(Plane::from_fn(20, 20, |_, x| if x < 10 { 20 } else { 200 }));
     planes.disparity = Plane::from_fn(20, 20, |_, x| if x < 12 { 9.0 } else { 3.0 });
     let found = planes.confidences();
     assert!(found.row(10)[11] < found.row(10)[9] / 2.0, "{found:?}");

@@ -8,13 +8,15 @@ use phasestereo::control::Control;
 use phasestereo::guided::{guide, likeness};
 use phasestereo::plane::Plane;
 use phasestereo::reference;
+use phasestereo::texture::{Roughness, Texture};
 use proptest::prelude::*;
 use proptest::sample::select;
 
 fn guided(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
+    let texture = Texture::new(gray.clone());
     let planes = levels()
         .into_iter()
-        .map(|level| guide(disparity, gray, level, &Control::default()).expect("memory"));
+        .map(|level| guide(disparity, &texture, level, &Control::default()).expect("memory"));
     planes
         .reduce(|one, other| {
             assert_eq!(bits(&one), bits(&other));
@@ -66,7 +68,7 @@ fn contrast_and_offset_change_nothing() {
         bits(&guided(&disparity, &gray.map(|value| value * factor + offset)))
     };
     let noise = Plane::from_fn(33, 50, |y, x| if (x + y) % 2 == 0 { 0 } else { 10 });
-    assert_eq!(likeness(&noise), 10);
+    assert_eq!(likeness(Roughness::of(noise.as_slice(), 50)), 10);
     assert_eq!(guided_by(1, 0), guided_by(1, 1000));
     assert_eq!(guided_by(-1, 0), guided_by(1, 0));
 }
@@ -80,7 +82,8 @@ fn slopes_stay_as_they_are() {
 #[test]
 fn differences_of_the_largest_grays_are_counted() {
     let gray = Plane::from_fn(2, 3, |_, x| if x == 1 { 1 << 25 } else { -(1 << 25) });
-    assert_eq!(likeness(&gray), 1 << 26);
-    assert_eq!(likeness(&Plane::from_fn(3, 1, |y, _| y as i32)), 0, "no neighbours");
-    assert_eq!(likeness(&Plane::from_fn(1, 4, |_, x| i32::from(x == 3))), 1, "rounded up");
+    let of = |gray: &Plane<i32>| likeness(Roughness::of(gray.as_slice(), gray.cols()));
+    assert_eq!(of(&gray), 1 << 26);
+    assert_eq!(of(&Plane::from_fn(3, 1, |y, _| y as i32)), 0, "no neighbours");
+    assert_eq!(of(&Plane::from_fn(1, 4, |_, x| i32::from(x == 3))), 1, "rounded up");
 }

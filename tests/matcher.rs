@@ -698,6 +698,7 @@ fn images_of_two_sizes_or_types_are_refused() {
     let view = |rows, image: fn(ndarray::Array3<u8>) -> Image| View {
         image: image(ndarray::Array3::zeros((rows, 4, 1))),
         mask: None,
+        range: None,
     };
     let refused =
         |right| Pair::new(view(3, Image::U8), right, 0, 1).expect_err("refused").to_string();

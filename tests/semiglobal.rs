@@ -14,6 +14,7 @@ use phasestereo::reference::{self, Found};
 use phasestereo::scanline::Steps;
 use phasestereo::semiglobal::{BAND, LOOK, optimize};
 use phasestereo::settings::LARGEST_EDGES;
+use phasestereo::texture::Texture;
 use phasestereo::value::Value;
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -200,7 +201,7 @@ proptest! {
     ) {
         let expected = reference::edges(&gray, threshold);
         for level in levels() {
-            let found = Edges::new(&gray, threshold, level, &Control::default()).expect("memory");
+            let found = Edges::new(&Texture::new(gray.clone()), threshold, level, &Control::default()).expect("memory");
             for y in 0..gray.rows() {
                 prop_assert_eq!(found.row(y), expected.row(y));
             }

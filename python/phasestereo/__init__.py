@@ -38,15 +38,20 @@ __all__ = [
     "Result",
     "Settings",
     "Stream",
+    "Survey",
+    "Sweep",
     "aggregate",
     "check",
     "cost_volume",
     "descriptor",
     "estimate_blur",
+    "halo",
     "match",
+    "match_rows",
     "optimize",
     "point_cloud",
     "stream",
+    "survey",
 ]
 __version__ = _core.__version__
 
@@ -62,10 +67,12 @@ if TYPE_CHECKING:
     from phasestereo import rerun_log as rerun_log
     from phasestereo import roc as roc
     from phasestereo import video as video
+    from phasestereo.banding import Sweep, halo, match_rows
     from phasestereo.diagnosis import Diagnosis, check
     from phasestereo.estimation import estimate_blur
     from phasestereo.findings import Finding
     from phasestereo.streaming import Failure, Frame, Stream, stream
+    from phasestereo.surveying import Survey, survey
     from phasestereo.triangulation import PointCloud, point_cloud
 else:
     _ON_DEMAND = {
@@ -80,10 +87,15 @@ else:
         "Frame": "streaming",
         "PointCloud": "triangulation",
         "Stream": "streaming",
+        "Survey": "surveying",
+        "Sweep": "banding",
         "check": "diagnosis",
         "estimate_blur": "estimation",
+        "halo": "banding",
+        "match_rows": "banding",
         "point_cloud": "triangulation",
         "stream": "streaming",
+        "survey": "surveying",
     }
 
     def __getattr__(name):

@@ -1,15 +1,16 @@
 """The compiled core: validated again here, so that no argument can make it panic."""
 
 from collections.abc import Callable
-from typing import final
+from typing import TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import Pixels
-from phasestereo.blur import Kind
+from phasestereo.blur import Estimated
 from phasestereo.equalisation import Equalisation
 from phasestereo.settings import Settings
+from phasestereo.surveying import Checked, Survey
 
 __all__ = [
     "DEBUG_BUILD",
@@ -19,12 +20,26 @@ __all__ = [
     "aggregate_volume",
     "check_settings",
     "check_versions",
+    "choose_rows",
     "cost_volume",
     "descriptor",
     "estimate_blur",
+    "estimate_blur_by_rows",
+    "find_ranges",
+    "find_roughness",
     "match_pair",
     "optimize_volume",
+    "reach",
+    "refine_rows",
     "simd_level",
+]
+
+_Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+_Draft: TypeAlias = tuple[
+    NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, NDArray[np.int32] | None
+]
+_Matched: TypeAlias = tuple[
+    NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, dict[str, float]
 ]
 
 __version__: str
@@ -44,14 +59,30 @@ def estimate_blur(
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
     disparities: tuple[int, int],
     threads: int | Workers | None,
-) -> tuple[
-    list[tuple[int, Kind, float, float, NDArray[np.float64] | None]],
-    NDArray[np.uint8],
-    int,
-    float,
-    float,
-    tuple[float, float],
-]: ...
+) -> Estimated: ...
+def estimate_blur_by_rows(
+    read: Checked,
+    size: tuple[int, int],
+    disparities: tuple[int, int],
+    ranges: _Ranges | None,
+    threads: int | Workers | None,
+) -> Estimated: ...
+def find_ranges(read: Checked, size: tuple[int, int], disparities: tuple[int, int]) -> _Ranges: ...
+def find_roughness(
+    read: Checked, size: tuple[int, int], disparities: tuple[int, int], ranges: _Ranges | None
+) -> tuple[int, int]: ...
+def reach(settings: Settings, versions: Equalisation | None) -> tuple[int, int, int]: ...
+def choose_rows(
+    images: tuple[Pixels, Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    survey: Survey,
+    first: int,
+    rows: tuple[int, int],
+    paths: NDArray[np.uint8] | None,
+    threads: int | Workers | None,
+    progress: Callable[[int, int], object] | None,
+) -> tuple[_Draft, NDArray[np.uint8] | None, dict[str, float]]: ...
+def refine_rows(draft: _Draft, survey: Survey, threads: int | Workers | None) -> _Matched: ...
 def match_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
@@ -60,9 +91,7 @@ def match_pair(
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
     versions: Equalisation | None,
-) -> tuple[
-    NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, dict[str, float]
-]: ...
+) -> _Matched: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -23,6 +23,16 @@ if TYPE_CHECKING:
 
 Side = Literal["none", "left", "right"]
 Kind = Literal["none", "gaussian", "disk", "motion", "other"]
+
+Estimated: TypeAlias = tuple[
+    list[tuple[int, Kind, float, float, "NDArray[np.float64] | None"]],
+    "NDArray[np.uint8]",
+    int,
+    float,
+    float,
+    tuple[float, float],
+]
+"""What the core tells: kinds, labels, tile, certainty, contrast, noise, as `BlurEstimate` has it."""
 
 _SIDES: tuple[Side, ...] = ("none", "left", "right")
 
@@ -150,9 +160,12 @@ def estimate(
     threads: int | _core.Workers | None,
 ) -> BlurEstimate:
     """Estimate the blur of checked images: the part of `estimate_blur` that a match needs."""
-    blurs, labels, tile, certainty, contrast, noise = _core.estimate_blur(
-        pair, masks, search, threads
-    )
+    return as_estimate(_core.estimate_blur(pair, masks, search, threads))
+
+
+def as_estimate(found: Estimated) -> BlurEstimate:
+    """Return what the core has found out."""
+    blurs, labels, tile, certainty, contrast, noise = found
     kinds = tuple(
         Blur(_SIDES[side], kind, size, angle, psf) for side, kind, size, angle, psf in blurs
     )

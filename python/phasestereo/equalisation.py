@@ -97,6 +97,14 @@ def as_equalisation(noise: Noise | None, equalisation: Equalisation | None) -> E
     return equalisation
 
 
+def asks_for_estimate(
+    settings: Settings, noise: Noise | None, equalisation: Equalisation | None
+) -> bool:
+    """Tell whether a match needs to know more of its images than it was told."""
+    needs_noise = settings.weak > 0 and noise is None
+    return equalisation is None and (settings.equalise or needs_noise)
+
+
 def even_out(
     estimate: BlurEstimate, settings: Settings, told: Equalisation | None
 ) -> tuple[Settings, Equalisation]:

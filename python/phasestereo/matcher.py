@@ -9,9 +9,15 @@ from typing import TYPE_CHECKING, Any
 from phasestereo import _core
 from phasestereo._images import as_array, as_mask, as_pair
 from phasestereo.blur import estimate
-from phasestereo.equalisation import Equalisation, Noise, as_equalisation, even_out
+from phasestereo.equalisation import (
+    Equalisation,
+    Noise,
+    as_equalisation,
+    asks_for_estimate,
+    even_out,
+)
 from phasestereo.result import Result
-from phasestereo.settings import Settings, resolve
+from phasestereo.settings import PRESET, Settings, resolve
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,9 +25,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     Progress = Callable[[int, int], object]
-
-PRESET = "robust"
-"""Name of the settings to start from where nothing else is said."""
 
 
 def match(
@@ -219,7 +222,7 @@ def _match(
     size = pair[0].shape
     valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
     versions, blur, timings = as_equalisation(*told), None, {}
-    if _asks_for_estimate(settings, *told):
+    if asks_for_estimate(settings, *told):
         started = perf_counter()
         blur = estimate(pair, valid, search, threads)
         settings, versions = even_out(blur, settings, versions)
@@ -229,11 +232,3 @@ def _match(
     )
     given = as_array(images[0], "left"), as_array(images[1], "right")
     return Result(disparity, flags, confidence, settings, timings | stages, blur, given)
-
-
-def _asks_for_estimate(
-    settings: Settings, noise: Noise | None, equalisation: Equalisation | None
-) -> bool:
-    """Tell whether a match needs to know more of its images than it was told."""
-    needs_noise = settings.weak > 0 and noise is None
-    return equalisation is None and (settings.equalise or needs_noise)

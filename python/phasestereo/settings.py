@@ -230,6 +230,9 @@ does not let noise vote, searches along eight paths, checks, fills and smooths. 
 method of the paper to the letter. ``"fast"``, for frame rates: short codes, costs in bytes,
 disparities free to change either way, no confidence."""
 
+PRESET = "robust"
+"""Name of the settings to start from where nothing else is said."""
+
 
 def resolve(preset: str, settings: Settings | None, overrides: Mapping[str, Any]) -> Settings:
     """Return the settings that a call means: a preset or given settings, then overrides by name.

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from phasestereo._images import as_mask, as_pair
-from phasestereo.matcher import PRESET, Matcher
+from phasestereo.matcher import Matcher
+from phasestereo.settings import PRESET
 from phasestereo.video.capture import LayoutError
 from phasestereo.video.sources import open_source
 

@@ -5,7 +5,7 @@ use rustfft::num_complex::Complex32;
 use super::bank::Side;
 use super::bins::SIDE;
 use super::rough::{Rough, Shades};
-use super::spectrum::{Place, cross, kernel};
+use super::spectrum::{Cross, Place, kernel};
 use crate::control::Control;
 use crate::error::Result;
 use crate::plane::Plane;
@@ -18,21 +18,25 @@ const LEAST_TAP: f32 = 0.08;
 /// Share of the mean power of the sharp image that is added to every power, against division by nothing.
 const REGULAR: f32 = 1e-3;
 
-/// The kernel that turns the sharp image into the soft one, by least squares over blocks of the left image
-/// and of the right one as seen from the left: the sum of cross-spectra over that of powers.
-///
-/// `None` if there is nothing to see it by.
-pub fn measured(
-    shades: [&Shades; 2],
+/// Adds what blocks of the left image have in common with the right one as seen from the left.
+pub fn look(
+    shades: &[Shades; 2],
     rough: &Rough,
     places: &[Place],
-    side: Side,
+    sums: &mut Cross,
     control: &Control,
-) -> Result<Option<Taps>> {
+) -> Result<()> {
     let seen = warped(&shades[1].plane, rough, control)?;
     let places: Vec<Place> =
         places.iter().map(|place| Place { right: place.left, ..*place }).collect();
-    let sums = cross([&shades[0].plane, &seen], &places, control)?;
+    sums.add_all([&shades[0].plane, &seen], &places, control)
+}
+
+/// The kernel that turns the sharp image into the soft one, by least squares over what was looked at: the sum of
+/// cross-spectra over that of powers.
+///
+/// `None` if there is nothing to see it by.
+pub fn measured(sums: &Cross, side: Side) -> Option<Taps> {
     let sharp = &sums.powers[1 - side.index()];
     let regular = sharp.iter().sum::<f32>() / sharp.len() as f32 * REGULAR;
     let quotient = |(product, power): (&Complex32, &f32)| {
@@ -40,7 +44,7 @@ pub fn measured(
         product / (power + regular).max(f32::MIN_POSITIVE)
     };
     let quotients: Vec<_> = sums.product.iter().zip(sharp).map(quotient).collect();
-    Ok(cleaned(&kernel(&quotients)))
+    cleaned(&kernel(&quotients))
 }
 
 /// The right image as seen from the left one.
@@ -83,6 +87,7 @@ fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::blur::rough::Scale;
     use crate::matcher::{Execution, Matcher, Pair};
     use crate::plane::reflect;
     use crate::psf::path;
@@ -134,6 +139,7 @@ mod tests {
         let (control, level) = (Control::default(), Level::best());
         let how = Execution { threads: 1, strip_rows: None, level };
         let matcher = Matcher::new(1).expect("a thread");
+        let scale = Scale { factor: 2, neighborhood: 9 };
         let sharp = Plane::from_fn(150, 200, scene);
         let soft = convolved(&sharp, &hook());
         for side in [Side::Left, Side::Right] {
@@ -141,17 +147,21 @@ mod tests {
             let view = |plane: &Plane<f32>| {
                 let pixels =
                     ndarray::Array3::from_shape_vec((150, 200, 1), plane.as_slice().into());
-                View { image: Image::F32(pixels.expect("the right length")), mask: None }
+                View {
+                    image: Image::F32(pixels.expect("the right length")),
+                    mask: None,
+                    range: None,
+                }
             };
             let pair = Pair::new(view(shots[0]), view(shots[1]), 0, 8).expect("a legal pair");
             let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
-            let shades = [&shades[0], &shades[1]];
             let rough =
-                Rough::new(&pair, shades, (2, 9), &matcher, how, &control).expect("a match");
+                Rough::new(&pair, &shades, scale, &matcher, how, &control).expect("a match");
             let corner = |i: usize| Place { top: i / 4 * 40, left: i % 4 * 40, right: i % 4 * 40 };
             let places: Vec<Place> = (0..12).map(corner).collect();
-            let found = measured(shades, &rough, &places, side, &control);
-            let found = found.expect("not cancelled").expect("there is contrast");
+            let mut sums = Cross::default();
+            look(&shades, &rough, &places, &mut sums, &control).expect("not cancelled");
+            let found = measured(&sums, side).expect("there is contrast");
             let mirrored = Taps::new(hook().reach, hook().values.into_iter().rev().collect());
             let (alike, unlike) = (likeness(&found, &hook()), likeness(&found, &mirrored));
             assert!(alike > 0.9 && unlike < 0.7, "{side:?}: {alike} {unlike}");

@@ -5,10 +5,11 @@ use super::bins::SIDE;
 use super::spectrum::Place;
 use crate::control::Control;
 use crate::error::Result;
-use crate::intensity::Gray;
+use crate::intensity::{Gray, Range};
 use crate::matcher::{Execution, Matcher, Pair};
 use crate::plane::Plane;
 use crate::settings::{Optimizer, Penalty, Precision, Rule, Settings};
+use crate::simd::Level;
 use crate::view::{Image, View};
 
 /// Gray values lie within this many of zero, whatever the type of the image.
@@ -23,23 +24,32 @@ const MASKED_SHARE: usize = 10;
 pub struct Shades {
     /// Centred about the middle of the image's range.
     pub plane: Plane<f32>,
-    /// How many of these make one unit of the pixels.
-    pub unit: f64,
+}
+
+/// How many shades make one unit of the pixels of a view.
+pub fn shades_per_unit(view: &View, level: Level, control: &Control) -> Result<f64> {
+    let gray = Gray::new(view, level, control)?;
+    Ok(gray.steps(1.0) * scale(&gray))
+}
+
+/// How many shades a step of gray values is.
+fn scale(gray: &Gray) -> f64 {
+    REACH / f64::from(gray.reach())
 }
 
 impl Shades {
     /// Those of a view; masked pixels take the values of valid neighbours.
     pub fn new(view: &View, how: Execution, control: &Control) -> Result<Self> {
         let gray = Gray::new(view, how.level, control)?;
-        let scale = REACH / f64::from(gray.reach());
+        let scale = scale(&gray) as f32;
         let plane = Plane::by_bands(gray.size(), 1, |y, row| {
             control.checkpoint()?;
             let mut steps = vec![0; row.len()];
             gray.write_row(y, how.level, &mut steps)?;
-            row.iter_mut().zip(steps).for_each(|(to, from)| *to = from as f32 * scale as f32);
+            row.iter_mut().zip(steps).for_each(|(to, from)| *to = from as f32 * scale);
             Ok(())
         })?;
-        Ok(Self { plane, unit: gray.steps(1.0) * scale })
+        Ok(Self { plane })
     }
 
     /// Whether the block with this corner shows anything: what is of one value tells nothing about blur.
@@ -67,6 +77,15 @@ impl Shades {
     }
 }
 
+/// How roughly a pair is matched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Scale {
+    /// By what it is reduced.
+    pub factor: usize,
+    /// Side of the neighbourhoods that codes describe, then.
+    pub neighborhood: usize,
+}
+
 /// Disparities at a fraction of the size.
 #[derive(Debug)]
 pub struct Rough {
@@ -79,8 +98,8 @@ impl Rough {
     /// images, and larger neighbourhoods see past what is left of it.
     pub fn new(
         pair: &Pair,
-        shades: [&Shades; 2],
-        (factor, neighborhood): (usize, usize),
+        shades: &[Shades; 2],
+        Scale { factor, neighborhood }: Scale,
         matcher: &Matcher,
         how: Execution,
         control: &Control,
@@ -161,7 +180,8 @@ fn as_view(plane: Plane<f32>) -> View {
     let shape = (plane.rows(), plane.cols(), 1);
     let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
     // The plane has as many values as its shape says.
-    View { image: Image::F32(pixels.unwrap_or_default()), mask: None }
+    let range = Range { black: -1000.0 * REACH, white: 1000.0 * REACH };
+    View { image: Image::F32(pixels.unwrap_or_default()), mask: None, range: Some(range) }
 }
 
 #[cfg(test)]
@@ -184,7 +204,11 @@ mod tests {
     fn pair(masks: [Option<Mask>; 2]) -> Pair {
         let view = |from: usize, mask| {
             let pixel = |(y, x, _)| texture(y / 3, (x + from) / 3);
-            View { image: Image::U8(ndarray::Array3::from_shape_fn((130, 200, 1), pixel)), mask }
+            View {
+                image: Image::U8(ndarray::Array3::from_shape_fn((130, 200, 1), pixel)),
+                mask,
+                range: None,
+            }
         };
         let [left, right] = masks;
         Pair::new(view(0, left), view(SHIFT, right), 0, 40).expect("a legal pair")
@@ -195,7 +219,7 @@ mod tests {
         let control = Control::default();
         let matcher = Matcher::new(1).expect("a thread");
         let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
-        Rough::new(pair, [&shades[0], &shades[1]], (factor, 9), &matcher, how, &control)
+        Rough::new(pair, &shades, Scale { factor, neighborhood: 9 }, &matcher, how, &control)
             .expect("a match")
     }
 
@@ -241,7 +265,6 @@ mod tests {
     fn one_value_all_over_is_no_contrast() {
         let shades = |odd: usize| Shades {
             plane: Plane::from_fn(80, 80, |y, x| if y * 80 + x == odd { 1.0 } else { 7.0 }),
-            unit: 1.0,
         };
         assert!(shades(79 * 80).has_contrast(16, 0), "the last row of the block");
         assert!(!shades(79 * 80).has_contrast(15, 0), "the row below it");
@@ -256,13 +279,12 @@ mod tests {
             (Image::U16(bytes.mapv(|value| u16::from(value) * 256)), 1.0 / 256.0),
             (Image::U8(bytes), 1.0),
         ];
-        let of = |image| {
-            Shades::new(&View { image, mask: None }, how, &Control::default()).expect("memory")
-        };
-        let [wide, narrow] = images.map(|(image, unit)| (of(image), unit));
-        assert_eq!(wide.0.plane, narrow.0.plane);
-        for (shades, unit) in [wide, narrow] {
-            assert!((shades.unit / unit - 1.0).abs() < 1e-9);
-        }
+        let planes = images.map(|(image, unit)| {
+            let (view, control) = (View { image, mask: None, range: None }, Control::default());
+            let found = shades_per_unit(&view, how.level, &control).expect("memory");
+            assert!((found / unit - 1.0).abs() < 1e-9);
+            Shades::new(&view, how, &control).expect("memory").plane
+        });
+        assert_eq!(planes[0], planes[1]);
     }
 }

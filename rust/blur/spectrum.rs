@@ -122,31 +122,40 @@ pub fn powers(
     places.par_iter().map(of_pair).collect()
 }
 
-/// The sums of the products over pairs of blocks, each scaled so that strong contrast counts no more.
-pub fn cross(images: [&Plane<f32>; 2], places: &[Place], control: &Control) -> Result<Cross> {
-    let transform = Transform::get();
-    let empty = || Cross {
-        product: vec![Complex32::default(); HALF],
-        powers: [vec![0.0; HALF], vec![0.0; HALF]],
-    };
-    // In groups of a fixed size, one after another: the sums must not depend on the threads.
-    let groups: Result<Vec<Cross>> = places
-        .par_chunks(16)
-        .map(|group| {
-            control.checkpoint()?;
-            let mut sums = empty();
-            for place in group {
-                sums.add_pair(&transform.pair(images, *place));
-            }
-            Ok(sums)
-        })
-        .collect();
-    let mut total = empty();
-    groups?.iter().for_each(|sums| total.add(sums));
-    Ok(total)
+impl Default for Cross {
+    fn default() -> Self {
+        Self {
+            product: vec![Complex32::default(); HALF],
+            powers: [vec![0.0; HALF], vec![0.0; HALF]],
+        }
+    }
 }
 
 impl Cross {
+    /// Adds the products of pairs of blocks, each scaled so that strong contrast counts no more.
+    pub fn add_all(
+        &mut self,
+        images: [&Plane<f32>; 2],
+        places: &[Place],
+        control: &Control,
+    ) -> Result<()> {
+        let transform = Transform::get();
+        // In groups that depend neither on the threads nor on how many rows of blocks there are, one after another.
+        let rows = places.chunk_by(|a, b| a.top == b.top);
+        let groups: Vec<&[Place]> = rows.flat_map(|row| row.chunks(16)).collect();
+        let sums_of = |group: &&[Place]| {
+            control.checkpoint()?;
+            let mut sums = Self::default();
+            for place in *group {
+                sums.add_pair(&transform.pair(images, *place));
+            }
+            Ok(sums)
+        };
+        let sums: Result<Vec<Self>> = groups.par_iter().map(sums_of).collect();
+        sums?.iter().for_each(|sums| self.add(sums));
+        Ok(())
+    }
+
     fn add_pair(&mut self, spectra: &[[Complex32; 2]]) {
         let power: f32 = spectra.iter().flatten().map(Complex32::norm_sqr).sum();
         let scale = HALF as f32 / power.max(f32::MIN_POSITIVE);
@@ -283,7 +292,11 @@ mod tests {
         let image = noise(3);
         let loud = image.map(|value| 10.0 * value);
         let place = Place { top: 0, left: 5, right: 5 };
-        let sums = |image| cross([image, image], &[place], &Control::default()).expect("it runs");
+        let sums = |image| {
+            let mut sums = Cross::default();
+            sums.add_all([image, image], &[place], &Control::default()).expect("it runs");
+            sums
+        };
         let (one, ten) = (sums(&image), sums(&loud));
         for (a, b) in one.product.iter().zip(&ten.product) {
             assert!((a - b).norm() <= 1e-3 * a.norm().max(1e-3));
@@ -295,12 +308,14 @@ mod tests {
     #[test]
     fn sums_over_blocks_do_not_depend_on_the_threads() {
         let images = [noise(4), noise(5)];
-        let place = |i: usize| Place { top: i % 7, left: i % 23, right: i % 19 };
+        let place = |i: usize| Place { top: i / 40, left: i % 23, right: i % 19 };
         let places: Vec<Place> = (0..50).map(place).collect();
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            let work = || cross([&images[0], &images[1]], &places, &Control::default());
-            pool.expect("threads").install(work).expect("it runs")
+            let mut sums = Cross::default();
+            let mut work = || sums.add_all([&images[0], &images[1]], &places, &Control::default());
+            pool.expect("threads").install(&mut work).expect("it runs");
+            sums
         };
         let (one, four) = (on(1), on(4));
         assert_eq!(one.product, four.product);

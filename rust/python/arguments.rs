@@ -9,13 +9,16 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyTuple};
 
 use super::internal;
+use super::reader::as_ranges;
 use crate::convolution::Kernel;
 use crate::error::Error;
-use crate::matcher::{MOST_THREADS, Pair};
+use crate::intensity;
+use crate::matcher::{MOST_THREADS, Map, Pair};
 use crate::plane::{Plane, zeroed};
 use crate::settings::{
     CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Rule, Settings, Taper,
 };
+use crate::texture::{Roughness, Texture};
 use crate::versions::{Versions, check_noise};
 use crate::view::{Image, Mask, View};
 
@@ -69,7 +72,7 @@ pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) 
         );
         return Err(PyValueError::new_err(message));
     }
-    Ok(View { image, mask: read_mask(mask, (rows, cols), name)? })
+    Ok(View { image, mask: read_mask(mask, (rows, cols), name)?, range: None })
 }
 
 fn read_mask(mask: &Bound<'_, PyAny>, size: (usize, usize), name: &str) -> PyResult<Option<Mask>> {
@@ -169,6 +172,59 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         return Err(Error::value("equalise", "True", "False unless cost = 'phase'").into());
     }
     Ok(settings)
+}
+
+/// What `phasestereo.surveying.Survey` tells of a whole pair.
+pub struct Told<'py> {
+    pub settings: Settings,
+    pub versions: Option<Versions>,
+    pub disparities: Both<'py>,
+    pub ranges: [Option<intensity::Range>; 2],
+    pub roughness: Option<Roughness>,
+}
+
+impl<'py> Told<'py> {
+    /// The fields, checked.
+    pub fn read(survey: &Bound<'py, PyAny>) -> PyResult<Self> {
+        let settings = read_settings(&survey.getattr("settings")?)?;
+        let roughness: Option<(u64, u64)> = survey.getattr("roughness")?.extract()?;
+        if roughness.is_none() && Texture::is_needed(&settings) {
+            let accepts = "that of the whole left image, with these settings";
+            return Err(Error::value("roughness", "None", accepts).into());
+        }
+        Ok(Self {
+            settings,
+            versions: read_versions(&survey.getattr("equalisation")?)?,
+            disparities: (survey.getattr("min_disparity")?, survey.getattr("num_disparities")?),
+            ranges: as_ranges(survey.getattr("ranges")?.extract()?),
+            roughness: roughness.map(|(sum, pairs)| Roughness { sum, pairs }),
+        })
+    }
+}
+
+/// Disparities and flags of rows that are not refined yet; votes and gray values, or None where there are none.
+pub fn read_draft(
+    draft: &Bound<'_, PyAny>,
+    roughness: Option<Roughness>,
+) -> PyResult<(Map, Option<Texture>)> {
+    let planes: [Bound<'_, PyAny>; 4] = draft.extract()?;
+    let [disparity, flags, votes, gray] = &planes;
+    let (disparity, flags) = (read_plane(disparity, "disparity")?, read_plane(flags, "flags")?);
+    let votes = if votes.is_none() { None } else { Some(read_plane(votes, "votes")?) };
+    let gray = if gray.is_none() { None } else { Some(read_plane(gray, "gray")?) };
+    let texture = gray.zip(roughness).map(|(gray, roughness)| Texture { gray, roughness });
+    Ok((Map { disparity, flags, votes }, texture))
+}
+
+fn read_plane<T: Element + Copy + Default>(
+    array: &Bound<'_, PyAny>,
+    name: &'static str,
+) -> PyResult<Plane<T>> {
+    let Ok(array) = array.cast::<PyArray2<T>>() else {
+        return Err(wrong_type(array, name, "a 2-D array of its type"));
+    };
+    let (rows, cols) = array.dims().into_pattern();
+    Ok(Plane::from_vec(rows, cols, values(array)?)?)
 }
 
 /// A standard deviation, or None.

@@ -4,14 +4,14 @@ use std::mem::swap;
 use std::ops::Range;
 
 use crate::edges::{Edges, Neighbour};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::memory::Memory;
 use crate::semiglobal::Far;
 use crate::semiglobal::across::Rows;
 use crate::semiglobal::selection::Selection;
 use crate::semiglobal::volume::{GROUP, Volume};
 use crate::simd::Kernel;
-use crate::value::Value;
+use crate::value::{Value, read};
 
 /// Where paths come from in the row before: its column to the left, the same, the one to the right.
 const WAYS: usize = 3;
@@ -85,6 +85,26 @@ impl<T: Value> Totals<T> {
         }
     }
 
+    /// Everything that the next row needs, as bytes, after their number for each value.
+    fn write(&self) -> Vec<u8> {
+        let mut bytes = vec![size_of::<T>() as u8];
+        T::write(&self.values, &mut bytes);
+        self.least.iter().for_each(|least| T::write(least, &mut bytes));
+        bytes
+    }
+
+    /// Takes over what was written, perhaps as another type; whether it is of as many paths.
+    fn read(&mut self, bytes: &[u8]) -> bool {
+        let Some((&width @ 1..=8, mut rest)) = bytes.split_first() else { return false };
+        for part in std::iter::once(&mut self.values).chain(&mut self.least) {
+            let length = part.len() * usize::from(width);
+            let Some((bytes, after)) = rest.split_at_checked(length) else { return false };
+            read(part, width.into(), bytes);
+            rest = after;
+        }
+        rest.is_empty()
+    }
+
     /// Has a group and the one to its left see each other.
     fn meet(&mut self, group: usize) {
         let [left, here, _] = self.around(group);
@@ -115,6 +135,20 @@ impl<T: Value> Vertical<T> {
         self.groups = groups;
         self.before.begin(groups, candidates)?;
         self.here.begin(groups, candidates)
+    }
+
+    /// Where the paths are, as bytes.
+    pub fn write(&self) -> Vec<u8> {
+        self.before.write()
+    }
+
+    /// Goes on where the paths were that were written; they must be as many.
+    pub fn read(&mut self, bytes: &[u8]) -> Result<()> {
+        if self.before.read(bytes) {
+            return Ok(());
+        }
+        let got = format!("{} bytes", bytes.len());
+        Err(Error::value("paths", got, "what a match of the same images and settings has left"))
     }
 
     /// Goes on where others are, of which these are the groups from `first` on.

@@ -264,7 +264,7 @@ pub fn views(rows: usize, cols: usize, kind: u8) -> impl Strategy<Value = View> 
             _ => Image::F64(array.mapv(|value| f64::from(value) * 1e6 - 3.0)),
         };
         let mask = mask.map(|mask| Mask::from_vec(rows, cols, mask).expect("the right length"));
-        View { image, mask }
+        View { image, mask, range: None }
     })
 }
 
@@ -277,7 +277,7 @@ pub fn affordable(side: usize, places: usize) -> usize {
 /// A gray view of bytes without a mask.
 pub fn view(rows: usize, cols: usize, pixel: impl Fn(usize, usize) -> u8) -> View {
     let pixels = Array3::from_shape_fn((rows, cols, 1), |(y, x, _)| pixel(y, x));
-    View { image: Image::U8(pixels), mask: None }
+    View { image: Image::U8(pixels), mask: None, range: None }
 }
 
 /// A number without any pattern for each place, the same in every run.

@@ -17,6 +17,7 @@ use phasestereo::refinement::{Margin, flag};
 use phasestereo::scanline::Steps;
 use phasestereo::semiglobal::PATHS;
 use phasestereo::settings::{CostKind, Optimizer, Settings};
+use phasestereo::texture::Texture;
 use phasestereo::versions::{MOST_CLASSES, Versions};
 use phasestereo::view::View;
 
@@ -144,14 +145,14 @@ pub fn votes([left, right]: [&View; 2], candidates: Candidates) -> Plane<u16> {
 pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
     let found = found(pair, settings);
     let draft = drafted(pair, settings, &found);
-    let gray = gray(pair.views()[0]);
+    let texture = Texture::new(gray(pair.views()[0]));
     let votes = found.map(|found| {
         let elsewhere = (found.elsewhere != NONE).then_some(found.elsewhere.into());
         vote(Margin { own: found.own.into(), elsewhere }, unit(pair, settings))
     });
-    let (disparity, mut flags) = refined(draft, &gray, settings);
+    let (disparity, mut flags) = refined(draft, &texture.gray, settings);
     let confidences =
-        reference::confidences(Scene { disparity: &disparity, votes: &votes, gray: &gray });
+        reference::confidences(Scene { disparity: &disparity, votes: &votes, texture: &texture });
     let mut disparity = disparity.into_vec();
     for (place, disparity) in disparity.iter_mut().enumerate() {
         let flags = &mut flags.as_mut_slice()[place];

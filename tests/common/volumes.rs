@@ -16,6 +16,7 @@ use phasestereo::semiglobal::across::{Across, Advance, Rows};
 use phasestereo::semiglobal::{BAND, Field, SemiGlobal};
 use phasestereo::simd::Level;
 use phasestereo::strip::Strip;
+use phasestereo::texture::Texture;
 use phasestereo::value::Value;
 
 /// Costs and what they are searched with.
@@ -78,7 +79,8 @@ impl Volume {
     ) -> Result<Plane<Found>> {
         let (rows, cols) = self.size();
         let edges = self.gray.as_ref().map(|(gray, threshold)| {
-            Edges::new(gray, *threshold, level, &Control::default()).expect("memory")
+            Edges::new(&Texture::new(gray.clone()), *threshold, level, &Control::default())
+                .expect("memory")
         });
         let Self { candidates, steps, .. } = *self;
         let edges = edges.as_ref();
@@ -93,7 +95,7 @@ impl Volume {
             across.lock().expect("no panic").push(used);
             Ok(())
         };
-        paths.run(field, &mut bands, load, |band, evidence| {
+        paths.run(field, (0, None), &mut bands, load, |band, evidence| {
             for (row, out) in band.chunks_exact_mut(cols).enumerate() {
                 write(evidence.row(row), out);
             }

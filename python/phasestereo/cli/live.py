@@ -13,8 +13,7 @@ from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.live_outputs import LiveOutputs, Sink, Writers
 from phasestereo.cli.live_tally import Tally
 from phasestereo.cli.options import Overrides
-from phasestereo.matcher import PRESET
-from phasestereo.settings import PRESETS, Settings, resolve
+from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 from phasestereo.streaming import Failure, Frame, Stream, stream
 from phasestereo.video.capture import Layout
 from phasestereo.video.decoding import is_address

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from phasestereo._images import as_array, as_pair
-from phasestereo.matcher import PRESET, Matcher
+from phasestereo.matcher import Matcher
 from phasestereo.opencv.parameters import DEFAULTS, LARGEST_DISPARITY, Parameters
-from phasestereo.settings import resolve
+from phasestereo.settings import PRESET, resolve
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -1,0 +1,311 @@
+"""What must be known of a whole pair before any part is matched, gathered a few rows at a time.
+
+Some things are the same for all parts, or parts would not fit together: the relative blur and the
+map of it, the noise, the range in which the pixels of float images lie, how much neighbouring gray
+values differ.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from phasestereo import _core
+from phasestereo._images import as_mask, as_pair
+from phasestereo.blur import Blur, BlurEstimate, as_estimate
+from phasestereo.equalisation import (
+    Equalisation,
+    Noise,
+    as_equalisation,
+    asks_for_estimate,
+    even_out,
+)
+from phasestereo.settings import PRESET, Settings, resolve
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from phasestereo._images import Pixels
+
+    Mask = NDArray[np.bool_]
+    Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
+    Reader: TypeAlias = Callable[[int, int], Rows]
+    Range: TypeAlias = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Survey:
+    """What is known of a whole pair; `survey` makes it, and it can be pickled and saved.
+
+    Parameters
+    ----------
+    size
+        Rows and columns of either image.
+    dtype
+        Type of the pixels, "uint8", "uint16", "float32" or "float64".
+    min_disparity, num_disparities
+        The disparities to search.
+    settings
+        The settings that every part is matched with: with ``equalise=True`` those that suit the
+        blur that was found.
+    equalisation
+        The versions in which pixels are compared, of the whole pair; it tells the noise, too. None:
+        the images as they are.
+    blur
+        What was found out about blur and noise, if that was asked for.
+    ranges
+        Where the pixels of the left and of the right image lie, if they are floats: (black, white)
+        in thousandths of their unit, but for 0.1 % at either end. None: not needed.
+    roughness
+        By how much horizontal neighbours of the left image differ: the sum, in steps of gray
+        values, and of how many pairs. None: not needed.
+    """
+
+    size: tuple[int, int]
+    dtype: str
+    min_disparity: int
+    num_disparities: int
+    settings: Settings
+    equalisation: Equalisation | None = None
+    blur: BlurEstimate | None = None
+    ranges: tuple[Range, Range] | None = None
+    roughness: tuple[int, int] | None = None
+
+    @property
+    def column_step(self) -> int:
+        """The columns at which a part may begin are multiples of it."""
+        several = self.equalisation is not None and self.equalisation.labels.shape[1] > 1
+        return self.equalisation.tile if self.equalisation and several else 1
+
+    def columns(self, first: int, last: int) -> Survey:
+        """Return that of the columns [first, last) of the pair, to be matched by themselves.
+
+        What is known of the whole pair stays as it is.
+
+        Raises
+        ------
+        ValueError
+            If the pair has no such columns, or `first` is no multiple of `column_step`.
+        """
+        if not 0 <= first < last <= self.size[1] or first % self.column_step:
+            raise ValueError(
+                f"first, last: got {first}, {last}; accepts columns from 0 to {self.size[1]}, "
+                f"the first a multiple of {self.column_step}"
+            )
+        versions = self.equalisation
+        if versions is not None and self.column_step > 1:
+            skipped = min(first // versions.tile, versions.labels.shape[1] - 1)
+            versions = replace(versions, labels=versions.labels[:, skipped:])
+        return replace(self, size=(self.size[0], last - first), equalisation=versions)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a file, ``.npz`` without pickled objects, which `load` reads.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        with open(path, "wb") as file:  # noqa: PTH123 - np.savez would add an extension to a name
+            np.savez(file, allow_pickle=False, **_as_arrays(self))
+
+
+def load(path: str | os.PathLike[str]) -> Survey:
+    """Read what `Survey.save` has written.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is no such file.
+    """
+    with open(path, "rb") as file:  # noqa: PTH123 - a path may be a string
+        try:
+            with np.load(file, allow_pickle=False) as arrays:
+                return _from_arrays(dict(arrays))
+        except (EOFError, KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"path: got {path}; accepts what Survey.save wrote: {error}") from None
+
+
+def survey(
+    read: Reader,
+    size: tuple[int, int],
+    *,
+    num_disparities: int,
+    min_disparity: int = 0,
+    preset: str = PRESET,
+    settings: Settings | None = None,
+    threads: int | None = None,
+    noise: Noise | None = None,
+    equalisation: Equalisation | None = None,
+    **overrides: Any,
+) -> Survey:
+    """Gather what must be known of a whole pair, in memory that does not grow with its height.
+
+    Parts that are matched with it come out as `phasestereo.match` has them, to the bit.
+
+    Parameters
+    ----------
+    read
+        Called as ``read(first, last)``, several times, some hundred rows at a time; returns the
+        rows [first, last) of both images and of their masks, ``(left, right, left_mask,
+        right_mask)``, as `phasestereo.match` takes them; a mask may be None. Other threads than the
+        calling one call it, one at a time. What it raises comes out as it is.
+    size
+        Rows and columns of either image.
+    num_disparities, min_disparity, preset, settings, threads, noise, equalisation, **overrides
+        As `phasestereo.match` takes them.
+
+    Returns
+    -------
+    Survey
+        With no more than the settings need: one row is read in any case; the pair is gone through
+        once or twice for the blur and the noise (``equalise=True`` or ``weak > 0``), once for
+        ``edges``, ``guided`` or confidences, once for float images.
+
+    Raises
+    ------
+    TypeError, ValueError, MemoryError, KeyboardInterrupt
+        As `phasestereo.match`.
+    """
+    asked = resolve(preset, settings, overrides)
+    rows = Checked(read, _as_size(size))
+    dtype = rows(0, 1)[0][0].dtype
+    search = min_disparity, num_disparities
+    versions, blur, ranges, roughness = as_equalisation(noise, equalisation), None, None, None
+    if dtype.kind == "f" and (asked.cost == "phase" or asked.intensity_range is None):
+        ranges = _core.find_ranges(rows, rows.size, search)
+    if asks_for_estimate(asked, noise, equalisation):
+        found = _core.estimate_blur_by_rows(rows, rows.size, search, ranges, threads)
+        blur = as_estimate(found)
+        asked, versions = even_out(blur, asked, versions)
+    if asked.edges > 0 or asked.guided or asked.confidence or asked.min_confidence > 0:
+        roughness = _core.find_roughness(rows, rows.size, search, ranges)
+    return Survey(
+        size=rows.size,
+        dtype=dtype.name,
+        min_disparity=min_disparity,
+        num_disparities=num_disparities,
+        settings=asked,
+        equalisation=versions,
+        blur=blur,
+        ranges=ranges,
+        roughness=roughness,
+    )
+
+
+class Checked:
+    """A reader whose rows are what they must be, as the core takes them."""
+
+    def __init__(self, read: Reader, size: tuple[int, int], dtype: str | None = None) -> None:
+        if not callable(read):
+            raise TypeError(f"read: got {type(read).__name__}; accepts a callable")
+        self.size = size
+        self._read, self._dtype = read, dtype
+
+    def __call__(
+        self, first: int, last: int
+    ) -> tuple[tuple[Pixels, Pixels], tuple[Mask | None, Mask | None]]:
+        """Read rows, in the type of those that were read before."""
+        left, right, left_mask, right_mask = self._read(first, last)
+        pair = as_pair(left, right)
+        size = last - first, self.size[1]
+        if pair[0].shape[:2] != size:
+            raise ValueError(
+                f"read: got {pair[0].shape[:2]} pixels for the rows {first} to {last}; "
+                f"accepts {size}"
+            )
+        name = pair[0].dtype.name
+        if self._dtype not in (None, name):
+            raise TypeError(
+                f"read: got {name} for the rows {first} to {last}; accepts that of "
+                f"others, {self._dtype}"
+            )
+        self._dtype = name
+        masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
+        return pair, masks
+
+
+def _as_size(size: tuple[int, int]) -> tuple[int, int]:
+    rows, cols = size
+    if not (isinstance(rows, int | np.integer) and isinstance(cols, int | np.integer)):
+        raise TypeError(f"size: got {size!r}; accepts numbers of rows and columns")
+    if rows < 1 or cols < 1:
+        raise ValueError(f"size: got {size!r}; accepts at least one row and one column")
+    return int(rows), int(cols)
+
+
+def _as_arrays(told: Survey) -> dict[str, NDArray[Any]]:
+    """Return arrays that `_from_arrays` makes the same of: what is no array is one of JSON."""
+    plain: dict[str, Any] = {
+        "size": told.size, "dtype": told.dtype, "ranges": told.ranges, "roughness": told.roughness,
+        "min_disparity": told.min_disparity, "num_disparities": told.num_disparities,
+        "settings": asdict(told.settings),
+    }  # fmt: skip
+    arrays: dict[str, NDArray[Any]] = {}
+    if told.equalisation is not None:
+        plain["noise"] = told.equalisation.noise
+        plain["tile"], plain["classes"] = (
+            told.equalisation.tile,
+            len(list(told.equalisation.kernels)),
+        )
+        arrays["labels"] = told.equalisation.labels
+        for number, pair in enumerate(told.equalisation.kernels):
+            named = zip(("left", "right"), pair, strict=True)
+            arrays |= {
+                f"{side}_{number}": np.asarray(taps) for side, taps in named if taps is not None
+            }
+    if told.blur is not None:
+        names = "tile", "certainty", "contrast", "noise", "gain", "gamma"
+        plain["blur"] = {name: getattr(told.blur, name) for name in names}
+        kind = "side", "kind", "size", "angle"
+        plain["blurs"] = [{name: getattr(blur, name) for name in kind} for blur in told.blur.blurs]
+        arrays["blur_labels"] = told.blur.labels
+        psfs = {f"psf_{number}": blur.psf for number, blur in enumerate(told.blur.blurs)}
+        arrays |= {name: psf for name, psf in psfs.items() if psf is not None}
+    return arrays | {"told": np.array(json.dumps(plain))}
+
+
+def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
+    plain = json.loads(str(arrays["told"]))
+    equalisation = blur = None
+    if "noise" in plain:
+        kernels = [
+            (arrays.get(f"left_{number}"), arrays.get(f"right_{number}"))
+            for number in range(plain["classes"])
+        ]
+        equalisation = Equalisation(
+            noise=tuple(plain["noise"]),
+            kernels=kernels,
+            labels=arrays["labels"],
+            tile=plain["tile"],
+        )
+    if "blur" in plain:
+        kinds = tuple(
+            Blur(**told, psf=arrays.get(f"psf_{number}"))
+            for number, told in enumerate(plain["blurs"])
+        )
+        told = plain["blur"] | {"noise": tuple(plain["blur"]["noise"])}
+        blur = BlurEstimate(blurs=kinds, labels=arrays["blur_labels"], **told)
+    settings: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in plain["settings"].items()
+    }
+    return Survey(
+        size=tuple(plain["size"]),
+        dtype=plain["dtype"],
+        min_disparity=plain["min_disparity"],
+        num_disparities=plain["num_disparities"],
+        settings=Settings(**settings),
+        equalisation=equalisation,
+        blur=blur,
+        ranges=plain["ranges"] and tuple(tuple(ends) for ends in plain["ranges"]),
+        roughness=plain["roughness"] and tuple(plain["roughness"]),
+    )

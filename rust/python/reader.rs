@@ -1,0 +1,83 @@
+//! A pair that Python reads a few rows at a time, for as long as one call lasts.
+
+use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use pyo3::prelude::*;
+
+use super::arguments::{Both, read_pair};
+use crate::candidates::Candidates;
+use crate::error::{Error, Result};
+use crate::intensity;
+use crate::matcher::Pair;
+use crate::source::Source;
+
+/// A callable `read(first, last)` that returns ((left, right), masks) of these rows, as [`read_pair`] takes them.
+pub struct Reader {
+    read: Py<PyAny>,
+    size: (usize, usize),
+    disparities: (i64, i64),
+    candidates: Candidates,
+    ranges: [Option<intensity::Range>; 2],
+    /// What was raised by it.
+    raised: Mutex<Option<PyErr>>,
+}
+
+/// Black and white of the left and of the right image, in thousandths of their unit.
+pub type Ranges = ((f64, f64), (f64, f64));
+
+impl Reader {
+    /// Reads a pair of so many rows and columns.
+    pub fn new(
+        read: Bound<'_, PyAny>,
+        size: (usize, usize),
+        disparities: (i64, i64),
+        ranges: Option<Ranges>,
+    ) -> Result<Arc<Self>> {
+        let candidates = Candidates::new(disparities.0, disparities.1, size.1)?;
+        let (ranges, raised) = (as_ranges(ranges), Mutex::default());
+        Ok(Arc::new(Self { read: read.unbind(), size, disparities, candidates, ranges, raised }))
+    }
+
+    /// What the callable raised, if that is why a call failed.
+    pub fn reason(&self, failure: PyErr) -> PyErr {
+        let raised = self.raised.lock().unwrap_or_else(PoisonError::into_inner).take();
+        raised.unwrap_or(failure)
+    }
+
+    fn call(&self, py: Python<'_>, rows: &Range<usize>) -> PyResult<Pair> {
+        let (images, masks): (Both<'_>, Both<'_>) =
+            self.read.bind(py).call1((rows.start, rows.end))?.extract()?;
+        let (min, count) = self.disparities;
+        let search = (min.into_pyobject(py)?.into_any(), count.into_pyobject(py)?.into_any());
+        Ok(read_pair(&images, &masks, &search)?.with_ranges(self.ranges))
+    }
+}
+
+impl Source for Reader {
+    fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    fn candidates(&self) -> Candidates {
+        self.candidates
+    }
+
+    fn rows(&self, rows: Range<usize>) -> Result<Pair> {
+        let pair = Python::attach(|py| self.call(py, &rows)).map_err(|raised| {
+            *self.raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(raised);
+            Error::Cancelled
+        })?;
+        if pair.size() == (rows.len(), self.size.1) {
+            return Ok(pair);
+        }
+        let accepts = format!("{} x {} for rows {rows:?}", rows.len(), self.size.1);
+        Err(Error::value("read", format!("{:?} pixels", pair.size()), accepts))
+    }
+}
+
+/// Black and white as images have them.
+pub fn as_ranges(told: Option<Ranges>) -> [Option<intensity::Range>; 2] {
+    let range = |(black, white)| Some(intensity::Range { black, white });
+    told.map_or([None; 2], |(left, right)| [range(left), range(right)])
+}

@@ -1,0 +1,63 @@
+//! How many rows above and below its own a disparity depends on: what parts of an image need beyond their own rows, to
+//! come out as parts of the whole.
+
+use crate::aggregation::Window;
+use crate::convolution::Weights;
+use crate::settings::{CostKind, Optimizer, Settings};
+use crate::versions::Versions;
+use crate::{confidence, filling, guided, masking, median, semiglobal, subpixel};
+
+/// Rows on either side.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reach {
+    /// Rows of the images around one whose disparities are chosen; with [`Optimizer::SemiGlobal`] besides all that is
+    /// above.
+    pub images: usize,
+    /// Rows of what was chosen around one that is refined.
+    pub map: usize,
+    /// Rows of the images around one of gray values, some of which are of masked rows.
+    pub masked: usize,
+}
+
+impl Reach {
+    /// That of checked settings, for images that are compared in these versions.
+    pub fn new(settings: &Settings, versions: Option<&Versions>) -> Self {
+        let window = Window::new((1, 1), 1, settings, 0).margin();
+        let description = match settings.cost {
+            CostKind::Phase => settings.neighborhood / 2 + versions.map_or(0, largest_radius),
+            CostKind::Sad => 0,
+            CostKind::NormalisedSad => settings.window / 2,
+        };
+        let below = match settings.optimizer {
+            Optimizer::Scanline(_) => 0,
+            Optimizer::SemiGlobal => semiglobal::LOOK,
+        };
+        // Gray values are compared with those of the row above.
+        let images = (window + description + below).max(1);
+        Self { images, map: refinement(settings), masked: masking::REACH }
+    }
+}
+
+/// How far the stages look that follow one another. A region that is no larger than a speckle has no more rows than
+/// pixels.
+fn refinement(settings: &Settings) -> usize {
+    let stages = [
+        (settings.speckle_size > 0, settings.speckle_size),
+        (settings.has_checks(), filling::REACH),
+        // A jump is one to the next row.
+        (settings.guided, guided::REACH + 1),
+        (settings.median > 0, median::REACH),
+        (settings.subpixel, subpixel::REACH),
+        (settings.needs_confidence(), confidence::RADIUS),
+    ];
+    stages.into_iter().filter(|(is_used, _)| *is_used).map(|(_, rows)| rows).sum()
+}
+
+/// Rows on either side of the largest kernel.
+fn largest_radius(versions: &Versions) -> usize {
+    let rows = versions.every_kernel().map(|kernel| match kernel.weights() {
+        Weights::All(weights) => weights.rows(),
+        Weights::Factors { column, .. } => column.rows(),
+    });
+    rows.max().unwrap_or(1) / 2
+}
