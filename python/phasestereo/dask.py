@@ -6,17 +6,16 @@ The bands put together are what `phasestereo.match` finds for the whole pair, bi
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo._images import as_pair
-from phasestereo.banding import halo, match_rows
-from phasestereo.matcher import PRESET
-from phasestereo.settings import resolve
+from phasestereo.banding import match_rows
+from phasestereo.settings import PRESET, resolve
 from phasestereo.surveying import survey as survey_pair
 
 if TYPE_CHECKING:
@@ -36,7 +35,8 @@ _BAND_ROWS = 512
 """Rows of a band: enough that starting a task is nothing beside it."""
 _HALOS = 4
 """A band has at least so many times the rows of its halo: what is done twice stays little."""
-_STEP = 32  # rows that are matched at once
+_STEP = 32  # rows that are matched at once, at multiples of it
+_WIDEST = 16384  # the most disparities there can be
 
 
 class Maps(NamedTuple):
@@ -111,7 +111,8 @@ def maps(
 
     What must be known of the whole pair (its blur and noise, the range of float images) is found
     out **at the call**, window by window, unless ``survey`` tells it: then every pixel is computed
-    once now and once by the tasks. Nothing is read now with ``preset="fast"`` and integer images.
+    up to four times now and once by the tasks. With ``preset="fast"`` and integer images no more
+    than the first row is.
 
     Parameters
     ----------
@@ -158,6 +159,7 @@ def maps(
     _check_count("threads", threads)
     if band_rows is not None:
         _check_count("band_rows", band_rows)
+    _check_count("num_disparities", num_disparities, most=min(size[1], _WIDEST))
     if survey is None:
         survey = survey_pair(
             _Windows(sides),
@@ -170,7 +172,7 @@ def maps(
         )
     else:
         _check_survey(survey, size, (min_disparity, num_disparities))
-    reach = _reach(survey, overlap)
+    reach = _reach(survey, overlap, masked=any(mask is not None for mask in masks))
     bands = _bands(size[0], band_rows, max(reach))
     table = _table(sides, survey, bands, reach, {"overlap": overlap, "threads": threads})
     layers = [_layer(table, name) for name in table.dtype.names]
@@ -262,11 +264,12 @@ def _check_overlap(settings: Settings, overlap: int | None) -> None:
         )
 
 
-def _check_count(name: str, value: int, *, least: int = 1) -> None:
+def _check_count(name: str, value: int, *, least: int = 1, most: int | None = None) -> None:
     if not isinstance(value, int | np.integer) or isinstance(value, bool):
         raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
-    if value < least:
-        raise ValueError(f"{name}: got {value}; accepts {least} or more")
+    if value < least or (most is not None and value > most):
+        end = "or more" if most is None else f"to {most}"
+        raise ValueError(f"{name}: got {value}; accepts {least} {end}")
 
 
 def _check_survey(survey: Survey, size: tuple[int, int], search: tuple[int, int]) -> None:
@@ -280,14 +283,14 @@ def _check_survey(survey: Survey, size: tuple[int, int], search: tuple[int, int]
         )
 
 
-def _reach(survey: Survey, overlap: int | None) -> tuple[int, int]:
-    """Return how many rows above and below a band its task needs."""
-    rows = halo(survey.settings, survey.equalisation)
-    if rows is not None:
-        return rows, rows
-    # Of "sgm" all but the paths reaches as far as of any other optimizer.
-    beside = halo(replace(survey.settings, optimizer="wta"), survey.equalisation) or 0
-    return beside + (overlap or 0), beside
+def _reach(survey: Survey, overlap: int | None, *, masked: bool) -> tuple[int, int]:
+    """Return how many rows above and below a band `match_rows` may ask for."""
+    images, refined, copied = _core.reach(survey.settings, survey.equalisation)
+    beside = images + refined + (copied if masked else 0)
+    if survey.settings.optimizer != "sgm":
+        return beside, beside
+    # There bands begin and end at multiples, and so does what is read for them.
+    return beside + (overlap or 0) + 2 * _STEP, beside + _STEP
 
 
 def _bands(height: int, band_rows: int | None, reach: int) -> tuple[int, ...]:

@@ -16,8 +16,7 @@ from phasestereo.batch.cluster import local, lost, remote, share, slots
 from phasestereo.batch.manifest import DONE, Manifest, Record
 from phasestereo.batch.work import Order, blank, match_files
 from phasestereo.io.maps import FLOAT_SUFFIXES
-from phasestereo.matcher import PRESET
-from phasestereo.settings import resolve
+from phasestereo.settings import PRESET, resolve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator

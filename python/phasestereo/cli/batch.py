@@ -16,8 +16,7 @@ from phasestereo.batch import Record, Report, read_pairs, run
 from phasestereo.cli.errors import CommandError, refusals
 from phasestereo.cli.options import Overrides
 from phasestereo.cli.terminal import progress_bar
-from phasestereo.matcher import PRESET
-from phasestereo.settings import PRESETS, Settings, resolve
+from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "workers", "scheduler"}
 _OPTIONS = _VALUES | {"retries", "layers"} | {field.name for field in fields(Settings)}
