@@ -11,7 +11,6 @@ the manifest. Told are medians over the rounds.
 
 from __future__ import annotations
 
-import logging
 import sys
 import tempfile
 from contextlib import ExitStack
@@ -23,11 +22,11 @@ from typing import TYPE_CHECKING, Any
 
 import dask.array as da
 from dask.system import CPU_COUNT
-from distributed import LocalCluster
 
 import phasestereo as ps
 from phasestereo import dask as lazily
 from phasestereo.batch import PairFiles, Record, run
+from phasestereo.batch.cluster import local
 from phasestereo.batch.work import Order, match_files
 from phasestereo.io import read_image
 
@@ -44,25 +43,14 @@ def main(left: Path, right: Path, preset: str = "fast", pairs: int = 8, rounds: 
         PairFiles(name=f"{n}", left=left, right=right, num_disparities=COUNT) for n in range(pairs)
     ]
     with ExitStack() as stack:
-        clusters = {n: stack.enter_context(cluster(n)) for n in range(1, CPU_COUNT + 1)}
+        clients = {n: stack.enter_context(local(n)) for n in range(1, CPU_COUNT + 1)}
         ways: dict[str, Callable[[Path], Any]] = {"plain loop": partial(loop, files, preset)}
-        for workers, each in clusters.items():
-            address = each.scheduler_address
+        for workers, client in clients.items():
+            address = client.scheduler.address
             ways[f"{workers} workers"] = partial(distributed, files, preset, address)
         show(f"{pairs} pairs, {preset}", timed(ways, rounds), pairs)
     if preset == "fast":
         show("one pair in bands", timed(banded(left, right, preset), rounds), 1)
-
-
-def cluster(workers: int) -> LocalCluster:
-    """Return a cluster of worker processes of one thread each."""
-    return LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        processes=True,
-        dashboard_address="127.0.0.1:0",
-        silence_logs=logging.CRITICAL,
-    )
 
 
 def loop(files: list[PairFiles], preset: str, folder: Path) -> None:
