@@ -32,7 +32,7 @@ Estimated: TypeAlias = tuple[
     float,
     tuple[float, float],
 ]
-"""What the core tells: kinds, labels, tile, certainty, contrast, noise, as `BlurEstimate` has it."""
+"""What the core tells: kinds, labels, tile, certainty, contrast and noise of a `BlurEstimate`."""
 
 _SIDES: tuple[Side, ...] = ("none", "left", "right")
 
