@@ -56,6 +56,8 @@ __all__ = [
 __version__ = _core.__version__
 
 if TYPE_CHECKING:
+    from phasestereo import batch as batch
+    from phasestereo import dask as dask
     from phasestereo import datasets as datasets
     from phasestereo import degradation as degradation
     from phasestereo import io as io
@@ -77,8 +79,8 @@ if TYPE_CHECKING:
     from phasestereo.triangulation import PointCloud, point_cloud
 else:
     _ON_DEMAND = {
-        "datasets", "degradation", "io", "labelled", "metrics", "opencv", "outofcore", "picture",
-        "plot", "rerun_log", "roc", "video",
+        "batch", "dask", "datasets", "degradation", "io", "labelled", "metrics", "opencv",
+        "outofcore", "picture", "plot", "rerun_log", "roc", "video",
     }  # fmt: skip
     # What a match does without: it would make up a seventh of the time that an import takes.
     _HOMES = {

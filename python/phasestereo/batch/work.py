@@ -15,10 +15,10 @@ import numpy as np
 
 import phasestereo
 from phasestereo.batch.manifest import DONE, FAILED, Record
-from phasestereo.cli.mask import read_mask
-from phasestereo.cli.views import join, read_views
 from phasestereo.io import write_geotiff, write_image
 from phasestereo.io.maps import write_floats
+from phasestereo.io.mask import read_mask
+from phasestereo.io.views import join, read_views
 from phasestereo.matcher import match
 
 if TYPE_CHECKING:

@@ -12,14 +12,14 @@ from cyclopts import Group, Parameter, validators
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.geometry import Geometry
 from phasestereo.cli.large import Large, match_large
-from phasestereo.cli.mask import read_mask
 from phasestereo.cli.options import Bands, Overrides
 from phasestereo.cli.outcome import Outcome, rehearsal
 from phasestereo.cli.outputs import Outputs
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.summary import Summary, show
 from phasestereo.cli.terminal import progress_bar
-from phasestereo.cli.views import join, read_views
+from phasestereo.io.mask import read_mask
+from phasestereo.io.views import join, read_views
 from phasestereo.matcher import match as match_pair
 from phasestereo.settings import PRESETS, Settings, resolve
 
