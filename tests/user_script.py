@@ -168,7 +168,9 @@ def on_the_ground(folder: Path) -> xarray.Dataset:
     return labelled.match(*arrays, num_disparities=64, window=7)
 
 
-def beyond_memory(folder: Path, left: Image, right: Image) -> int:
+def beyond_memory(
+    folder: Path, left: Image, right: Image, lazy: tuple[dask.array.Array, dask.array.Array]
+) -> int:
     """Match a pair a band at a time: from the top down, by itself, from file to file, lazily."""
 
     def read(first: int, last: int) -> tuple[Image, Image, None, None]:
@@ -187,7 +189,6 @@ def beyond_memory(folder: Path, left: Image, right: Image) -> int:
         num_disparities=64,
         max_memory="2GB",
     )
-    lazy = [dask.array.from_array(image, chunks=(256, -1)) for image in (left, right)]
     use(report.seconds, ps.dask.match(*lazy, num_disparities=64, preset="fast"))
     pairs = ps.batch.read_pairs(folder / "pairs.csv", num_disparities=64)
     return len(ps.batch.run(pairs, folder / "maps", preset="fast").failed)
