@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import Pixels
-from phasestereo.blur import Kind
+from phasestereo.blur import Estimated
 from phasestereo.equalisation import Equalisation
 from phasestereo.settings import Settings
 from phasestereo.surveying import Checked, Survey
@@ -34,19 +34,11 @@ __all__ = [
     "simd_level",
 ]
 
-Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
-Estimated: TypeAlias = tuple[
-    list[tuple[int, Kind, float, float, NDArray[np.float64] | None]],
-    NDArray[np.uint8],
-    int,
-    float,
-    float,
-    tuple[float, float],
-]
-Draft: TypeAlias = tuple[
+_Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+_Draft: TypeAlias = tuple[
     NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, NDArray[np.int32] | None
 ]
-Matched: TypeAlias = tuple[
+_Matched: TypeAlias = tuple[
     NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, dict[str, float]
 ]
 
@@ -72,12 +64,12 @@ def estimate_blur_by_rows(
     read: Checked,
     size: tuple[int, int],
     disparities: tuple[int, int],
-    ranges: Ranges | None,
+    ranges: _Ranges | None,
     threads: int | Workers | None,
 ) -> Estimated: ...
-def find_ranges(read: Checked, size: tuple[int, int], disparities: tuple[int, int]) -> Ranges: ...
+def find_ranges(read: Checked, size: tuple[int, int], disparities: tuple[int, int]) -> _Ranges: ...
 def find_roughness(
-    read: Checked, size: tuple[int, int], disparities: tuple[int, int], ranges: Ranges | None
+    read: Checked, size: tuple[int, int], disparities: tuple[int, int], ranges: _Ranges | None
 ) -> tuple[int, int]: ...
 def reach(settings: Settings, versions: Equalisation | None) -> tuple[int, int, int]: ...
 def choose_rows(
@@ -89,8 +81,8 @@ def choose_rows(
     paths: NDArray[np.uint8] | None,
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
-) -> tuple[Draft, NDArray[np.uint8] | None, dict[str, float]]: ...
-def refine_rows(draft: Draft, survey: Survey, threads: int | Workers | None) -> Matched: ...
+) -> tuple[_Draft, NDArray[np.uint8] | None, dict[str, float]]: ...
+def refine_rows(draft: _Draft, survey: Survey, threads: int | Workers | None) -> _Matched: ...
 def match_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
@@ -99,7 +91,7 @@ def match_pair(
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
     versions: Equalisation | None,
-) -> Matched: ...
+) -> _Matched: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,

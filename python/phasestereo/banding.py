@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     Progress = Callable[[int, int], object]
 
 _BAND = 32  # rows: bands of semi-global matching begin at multiples of it
+_MOST_BANDS = 8  # that are searched at the same time
+# Bytes of a pixel, at most: of a code, of gray values as they are made, and, in a draft, of what is
+# always there and of votes and gray values. Refining takes as many drafts.
+_CODES, _GRAY, _MAP, _EXTRAS, _DRAFTS = 8, 16, 6, 8, 8
 _STAGES = "description", "matching", "refinement"
 
 
@@ -312,3 +316,43 @@ def _check_rows(survey: Survey, first: int, last: int) -> None:
             f"first, last: got {first}, {last}; accepts rows from 0 to {survey.size[0]}, "
             "at least one"
         )
+
+
+def working_memory(survey: Survey, rows: int, *, threads: int, itemsize: int) -> int:
+    """Return how many bytes a `Sweep` takes at most, besides what the process had before.
+
+    Parameters
+    ----------
+    survey
+        What is known of the whole pair.
+    rows
+        Rows that it advances by at a time.
+    threads
+        Its threads.
+    itemsize
+        Bytes of a pixel of one image, all channels together, as the reader returns it.
+
+    Returns
+    -------
+    int
+        An upper bound: of what is searched in, which does not depend on `rows`, and of images,
+        codes and maps of a band, which do.
+    """
+    settings, (_, cols) = survey.settings, survey.size
+    reach = _Reach.of(settings, survey.equalisation)
+    described = (rows + 2 * reach.images + _BAND) * cols
+    drafted = (rows + 2 * reach.map + _BAND) * cols
+    kinds = 1 if survey.equalisation is None else len(list(survey.equalisation.kernels))
+    has_extras = survey.roughness is not None
+    described *= 6 * itemsize + _CODES * (1 + kinds) + has_extras * _GRAY
+    drafted *= _MAP + has_extras * _EXTRAS
+    return _searching(survey, threads) + max(described + 2 * drafted, _DRAFTS * drafted)
+
+
+def _searching(survey: Survey, threads: int) -> int:
+    """Return the bytes in which the best disparities are searched for."""
+    volume, settings = survey.size[1] * survey.num_disparities, survey.settings
+    if settings.optimizer == "sgm":
+        return volume * (310 + 160 * (min(threads, _MOST_BANDS) - 1))
+    window = 1800 * settings.window * survey.num_disparities
+    return threads * (30 * volume + window + 1200 * survey.size[1])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -23,6 +23,16 @@ if TYPE_CHECKING:
 
 Side = Literal["none", "left", "right"]
 Kind = Literal["none", "gaussian", "disk", "motion", "other"]
+
+Estimated: TypeAlias = tuple[
+    list[tuple[int, Kind, float, float, "NDArray[np.float64] | None"]],
+    "NDArray[np.uint8]",
+    int,
+    float,
+    float,
+    tuple[float, float],
+]
+"""What the core tells: kinds, labels, tile, certainty, contrast and noise of a `BlurEstimate`."""
 
 _SIDES: tuple[Side, ...] = ("none", "left", "right")
 
@@ -153,7 +163,7 @@ def estimate(
     return as_estimate(_core.estimate_blur(pair, masks, search, threads))
 
 
-def as_estimate(found: _core.Estimated) -> BlurEstimate:
+def as_estimate(found: Estimated) -> BlurEstimate:
     """Return what the core has found out."""
     blurs, labels, tile, certainty, contrast, noise = found
     kinds = tuple(
