@@ -96,6 +96,7 @@ def match_rows(
         As `phasestereo.match`; ValueError also if there are no such rows, or `overlap` is None with
         ``optimizer="sgm"``.
     """
+    bands = _Bands(read, survey, threads)
     if survey.settings.optimizer == "sgm" and overlap is None:
         raise ValueError(
             "overlap: got None with optimizer='sgm', whose paths come from all rows above; accepts "
@@ -103,7 +104,6 @@ def match_rows(
             "phasestereo.Sweep, from the top down, or another optimizer, as of preset='fast'"
         )
     _check_rows(survey, first, last)
-    bands = _Bands(read, survey, threads)
     first_drafted, end = bands.around(first, last)
     start = max(0, first_drafted - (overlap or 0)) // bands.unit * bands.unit
     chosen = bands.choose(start, end, None, None)
@@ -311,6 +311,8 @@ def _widened(first: int, last: int, by: int, height: int) -> tuple[int, int]:
 
 
 def _check_rows(survey: Survey, first: int, last: int) -> None:
+    if not (isinstance(first, int | np.integer) and isinstance(last, int | np.integer)):
+        raise TypeError(f"first, last: got {first!r}, {last!r}; accepts integers")
     if not 0 <= first < last <= survey.size[0]:
         raise ValueError(
             f"first, last: got {first}, {last}; accepts rows from 0 to {survey.size[0]}, "
