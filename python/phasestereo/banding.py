@@ -104,6 +104,7 @@ def match_rows(
             "phasestereo.Sweep, from the top down, or another optimizer, as of preset='fast'"
         )
     _check_rows(survey, first, last)
+    _check_overlap(overlap)
     first_drafted, end = bands.around(first, last)
     start = max(0, first_drafted - (overlap or 0)) // bands.unit * bands.unit
     chosen = bands.choose(start, end, None, None)
@@ -308,6 +309,13 @@ class _Bands:
 
 def _widened(first: int, last: int, by: int, height: int) -> tuple[int, int]:
     return max(0, first - by), min(height, last + by)
+
+
+def _check_overlap(overlap: int | None) -> None:
+    if not isinstance(overlap, int | np.integer | None):
+        raise TypeError(f"overlap: got {overlap!r}; accepts an integer or None")
+    if overlap is not None and overlap < 0:
+        raise ValueError(f"overlap: got {overlap}; accepts an integer from 0, or None")
 
 
 def _check_rows(survey: Survey, first: int, last: int) -> None:
