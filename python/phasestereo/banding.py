@@ -171,6 +171,8 @@ class Sweep:
         TypeError, ValueError, MemoryError, KeyboardInterrupt
             As `match_rows`; then nothing is done yet of these rows.
         """
+        if progress is not None and not callable(progress):
+            raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
         _check_rows(self._bands.survey, self._done, last)
         first, end = self._bands.around(self._done, last)
         draft, paths, chosen, timings = self._draft, self._paths, self._chosen, {}
