@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from phasestereo import _core
+from phasestereo.equalisation import as_equalisation
 from phasestereo.result import Result
+from phasestereo.settings import Settings
 from phasestereo.surveying import Checked, Survey
 
 if TYPE_CHECKING:
@@ -22,7 +24,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from phasestereo.equalisation import Equalisation
-    from phasestereo.settings import Settings
     from phasestereo.surveying import Reader
 
     Progress = Callable[[int, int], object]
@@ -53,8 +54,15 @@ def halo(settings: Settings, equalisation: Equalisation | None = None) -> int | 
         speckles, filling, smoothing and confidences look at. None with ``optimizer="sgm"``, whose
         paths come from all rows above. A row without any valid pixel copies another one, up to 95
         rows away; where there are such rows, `match_rows` and `Sweep` read as many more.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
     """
-    reach = _Reach.of(settings, equalisation)
+    if not isinstance(settings, Settings):
+        raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings")
+    reach = _Reach.of(settings, as_equalisation(None, equalisation))
     return None if settings.optimizer == "sgm" else reach.images + reach.map
 
 
