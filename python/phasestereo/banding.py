@@ -7,6 +7,7 @@ to the next.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,7 +20,7 @@ from phasestereo.settings import Settings
 from phasestereo.surveying import Checked, Survey
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
@@ -136,7 +137,7 @@ class Sweep:
     Raises
     ------
     TypeError, ValueError
-        As `match_rows` does.
+        As `match_rows` does; also if no sweep with this survey can have left that state.
     """
 
     def __init__(
@@ -212,20 +213,18 @@ class Sweep:
         return state if self._paths is None else state | {"paths": self._paths}
 
     def _restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        if not isinstance(state, Mapping):
+            raise TypeError(f"state: got {type(state).__name__}; accepts what Sweep.state returned")
         try:
-            self._done, self._top, self._chosen = (
-                int(state[name]) for name in ("done", "top", "chosen")
-            )
-            if self._chosen:
-                self._draft = _Draft._make(state.get(name) for name in _Draft._fields)
-                self._paths = state.get("paths")
+            done, top, chosen = (int(state[name]) for name in ("done", "top", "chosen"))
+            kept = {name: np.asarray(plane) for name, plane in state.items()} if chosen else {}
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"state: got {error}; accepts what Sweep.state returned") from None
-        shape = self._chosen - self._top, self._bands.survey.size[1]
-        if self._draft is not None and any(
-            plane.shape != shape for plane in self._draft.planes().values()
-        ):
-            raise ValueError(f"state: got other planes than {shape}; accepts that of this pair")
+        draft = _Draft._make(kept.get(name) for name in _Draft._fields) if chosen else None
+        paths = kept.get("paths")
+        self._bands.check_state((done, top, chosen), draft, paths)
+        self._done, self._top, self._chosen = done, top, chosen
+        self._draft, self._paths = draft, paths
 
 
 class _Draft(NamedTuple):
@@ -285,6 +284,30 @@ class _Bands:
         """Return the rows that must be chosen for these to be refined."""
         return _widened(first, last, self._reach.map, self.survey.size[0])
 
+    def check_state(
+        self,
+        rows: tuple[int, int, int],
+        draft: _Draft | None,
+        paths: NDArray[np.uint8] | None,
+    ) -> None:
+        """Refuse what no sweep with this survey can have left behind, or rows would not fit."""
+        survey, (done, top, chosen) = self.survey, rows
+        height, cols = survey.size
+        first, least = self.around(done, done)
+        is_begun = chosen > 0 and chosen >= least and (chosen % _BAND == 0 or chosen == height)
+        if not (0 <= done <= height >= chosen and top == first and (is_begun or rows == (0, 0, 0))):
+            told = f"done, top, chosen = {done}, {top}, {chosen}"
+            raise ValueError(f"state: got {told}; accepts that of a sweep with this survey")
+        planes = {} if draft is None else draft.planes()
+        found: dict[str, Any] = {name: (plane.dtype, plane.shape) for name, plane in planes.items()}
+        needed = _planes(survey, (chosen - top, cols)) if chosen else {}
+        if survey.settings.optimizer == "sgm" and chosen:
+            needed["paths"] = np.dtype(np.uint8), (0 if paths is None else paths.size,)
+        if paths is not None:
+            found["paths"] = paths.dtype, paths.shape
+        if found != needed:
+            raise ValueError(f"state: got arrays {found}; accepts those of this survey, {needed}")
+
     def choose(
         self,
         first: int,
@@ -315,6 +338,17 @@ class _Bands:
         stages = {name: timings.get(name, 0.0) + found[name] for name in _STAGES}
         settings, blur = self.survey.settings, self.survey.blur
         return Result(disparity[rows].copy(), flags[rows].copy(), kept, settings, stages, blur)
+
+
+def _planes(survey: Survey, shape: tuple[int, int]) -> dict[str, tuple[np.dtype[Any], Any]]:
+    """Return type and shape of the planes of a draft."""
+    settings = survey.settings
+    kinds: dict[str, Any] = {"disparity": np.float32, "flags": np.uint16}
+    if settings.confidence or settings.min_confidence > 0:
+        kinds["votes"] = np.float32
+    if survey.roughness is not None:
+        kinds["gray"] = np.int32
+    return {name: (np.dtype(kind), shape) for name, kind in kinds.items()}
 
 
 def _widened(first: int, last: int, by: int, height: int) -> tuple[int, int]:
