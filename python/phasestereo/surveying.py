@@ -214,7 +214,17 @@ class Checked:
         self, first: int, last: int
     ) -> tuple[tuple[Pixels, Pixels], tuple[Mask | None, Mask | None]]:
         """Read rows, in the type of those that were read before."""
-        left, right, left_mask, right_mask = self._read(first, last)
+        found = self._read(first, last)
+        if not isinstance(found, (tuple, list)) or len(found) != 4:
+            told = (
+                f"{len(found)} of them"
+                if isinstance(found, (tuple, list))
+                else type(found).__name__
+            )
+            raise TypeError(
+                f"read: got {told}; accepts four things, (left, right, left_mask, right_mask)"
+            )
+        left, right, left_mask, right_mask = found
         pair = as_pair(left, right)
         size = last - first, self.size[1]
         if pair[0].shape[:2] != size:
@@ -234,6 +244,8 @@ class Checked:
 
 
 def _as_size(size: tuple[int, int]) -> tuple[int, int]:
+    if not isinstance(size, (tuple, list)) or len(size) != 2:
+        raise TypeError(f"size: got {size!r}; accepts a pair (rows, columns)")
     rows, cols = size
     if not (isinstance(rows, int | np.integer) and isinstance(cols, int | np.integer)):
         raise TypeError(f"size: got {size!r}; accepts numbers of rows and columns")
