@@ -177,8 +177,10 @@ def survey(
     """
     asked = resolve(preset, settings, overrides)
     rows = Checked(read, _as_size(size))
-    dtype = rows(0, 1)[0][0].dtype
-    search = min_disparity, num_disparities
+    (left, right), masks = rows(0, 1)
+    dtype, search = left.dtype, (min_disparity, num_disparities)
+    # The core owns the ranges, and refuses of one row what it would of all.
+    _core.estimate_blur((left, right), masks, search, threads)
     versions, blur, ranges, roughness = as_equalisation(noise, equalisation), None, None, None
     if dtype.kind == "f" and (asked.cost == "phase" or asked.intensity_range is None):
         ranges = _core.find_ranges(rows, rows.size, search)
