@@ -284,7 +284,8 @@ def _as_arrays(told: Survey) -> dict[str, NDArray[Any]]:
         arrays["blur_labels"] = told.blur.labels
         psfs = {f"psf_{number}": blur.psf for number, blur in enumerate(told.blur.blurs)}
         arrays |= {name: psf for name, psf in psfs.items() if psf is not None}
-    return arrays | {"told": np.array(json.dumps(plain))}
+    # Numbers may be those of numpy, which JSON does not know.
+    return arrays | {"told": np.array(json.dumps(plain, default=lambda number: number.item()))}
 
 
 def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
