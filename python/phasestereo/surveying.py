@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, replace
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -112,7 +113,8 @@ class Survey:
         OSError
             If the file cannot be written.
         """
-        with open(path, "wb") as file:  # noqa: PTH123 - np.savez would add an extension to a name
+        files = import_module("phasestereo.io.files")  # light until asked for
+        with files.replacing(path) as file:
             np.savez(file, allow_pickle=False, **_as_arrays(self))
 
 
@@ -126,12 +128,9 @@ def load(path: str | os.PathLike[str]) -> Survey:
     ValueError
         If it is no such file.
     """
-    with open(path, "rb") as file:  # noqa: PTH123 - a path may be a string
-        try:
-            with np.load(file, allow_pickle=False) as arrays:
-                return _from_arrays(dict(arrays))
-        except (EOFError, KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"path: got {path}; accepts what Survey.save wrote: {error}") from None
+    files = import_module("phasestereo.io.files")  # light until asked for
+    with files.decoding(path) as file, np.load(file, allow_pickle=False) as arrays:
+        return _from_arrays(dict(arrays))
 
 
 def survey(
