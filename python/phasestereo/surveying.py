@@ -94,6 +94,8 @@ class Survey:
         ValueError
             If the pair has no such columns, or `first` is no multiple of `column_step`.
         """
+        if not (isinstance(first, int | np.integer) and isinstance(last, int | np.integer)):
+            raise TypeError(f"first, last: got {first!r}, {last!r}; accepts integers")
         if not 0 <= first < last <= self.size[1] or first % self.column_step:
             raise ValueError(
                 f"first, last: got {first}, {last}; accepts columns from 0 to {self.size[1]}, "
