@@ -592,6 +592,21 @@ except KeyboardInterrupt:
     assert (finished.returncode, finished.stdout.strip()) == (0, "stopped"), finished.stderr
 
 
+def test_a_reader_may_match() -> None:
+    finished = run("""
+import os
+os.environ["RAYON_NUM_THREADS"] = "1"
+import numpy as np, phasestereo as ps
+pair = np.random.default_rng(0).integers(0, 256, (2, 100, 90), np.uint8)
+def read(first, last):
+    ps.match(*pair, num_disparities=4)
+    return pair[0][first:last], pair[1][first:last], None, None
+told = ps.survey(read, (100, 90), num_disparities=8)
+ps.Sweep(read, told).advance(100)
+""")
+    assert finished.returncode == 0, finished.stderr
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_child_surveys() -> None:
     finished = run("""

@@ -180,13 +180,15 @@ def survey(
     rows = Checked(read, _as_size(size))
     (left, right), masks = rows(0, 1)
     dtype, search = left.dtype, (min_disparity, num_disparities)
+    # Threads of its own: one of those that are shared would wait for a reader that matches.
+    workers = _core.Workers(threads)
     # The core owns the ranges, and refuses of one row what it would of all.
-    _core.estimate_blur((left, right), masks, search, threads)
+    _core.estimate_blur((left, right), masks, search, workers)
     versions, blur, ranges, roughness = as_equalisation(noise, equalisation), None, None, None
     if dtype.kind == "f" and (asked.cost == "phase" or asked.intensity_range is None):
         ranges = _core.find_ranges(rows, rows.size, search)
     if asks_for_estimate(asked, noise, equalisation):
-        found = _core.estimate_blur_by_rows(rows, rows.size, search, ranges, threads)
+        found = _core.estimate_blur_by_rows(rows, rows.size, search, ranges, workers)
         blur = as_estimate(found)
         asked, versions = even_out(blur, asked, versions)
     if asked.edges > 0 or asked.guided or asked.confidence or asked.min_confidence > 0:
