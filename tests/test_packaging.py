@@ -46,6 +46,7 @@ WANTED = [
     "geo",
     "pandora",
     "dask",
+    "large",
     "download",
     "demo",
     "rerun",

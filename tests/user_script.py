@@ -6,6 +6,7 @@ The tests check it with ``mypy --strict`` against the package as installed; nobo
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -30,6 +31,9 @@ from phasestereo.io import (
 )
 from phasestereo.pair_page import write_pair_page
 from phasestereo.rendering import render_pair
+
+if TYPE_CHECKING:
+    import dask.array
 
 Image = NDArray[np.uint8]
 Map = NDArray[np.float32]
@@ -165,6 +169,32 @@ def on_the_ground(folder: Path) -> xarray.Dataset:
     use(one.georeference.crs, labelled.as_dataset(result))
     arrays = (xarray.DataArray(view.image, dims=("y", "x")) for view in (left, right))
     return labelled.match(*arrays, num_disparities=64, window=7)
+
+
+def beyond_memory(
+    folder: Path, left: Image, right: Image, lazy: tuple[dask.array.Array, dask.array.Array]
+) -> int:
+    """Match a pair a band at a time: from the top down, by itself, from file to file, lazily."""
+
+    def read(first: int, last: int) -> tuple[Image, Image, None, None]:
+        return left[first:last], right[first:last], None, None
+
+    known: ps.Survey = ps.survey(read, (left.shape[0], left.shape[1]), num_disparities=64)
+    known.save(folder / "survey.npz")
+    sweep: ps.Sweep = ps.Sweep(read, known, threads=1)
+    use(sweep.advance(128).disparity, sweep.done, sweep.state())
+    around: int | None = ps.halo(known.settings, known.equalisation)
+    use(around, ps.match_rows(read, known, 128, 256, overlap=64).flags)
+    report = ps.outofcore.match(
+        folder / "left.tif",
+        folder / "right.tif",
+        folder / "out.tif",
+        num_disparities=64,
+        max_memory="2GB",
+    )
+    use(report.seconds, ps.dask.match(*lazy, num_disparities=64, preset="fast"))
+    pairs = ps.batch.read_pairs(folder / "pairs.csv", num_disparities=64)
+    return len(ps.batch.run(pairs, folder / "maps", preset="fast").failed)
 
 
 def in_files(name: str) -> float:

@@ -56,12 +56,15 @@ __all__ = [
 __version__ = _core.__version__
 
 if TYPE_CHECKING:
+    from phasestereo import batch as batch
+    from phasestereo import dask as dask
     from phasestereo import datasets as datasets
     from phasestereo import degradation as degradation
     from phasestereo import io as io
     from phasestereo import labelled as labelled
     from phasestereo import metrics as metrics
     from phasestereo import opencv as opencv
+    from phasestereo import outofcore as outofcore
     from phasestereo import picture as picture
     from phasestereo import plot as plot
     from phasestereo import rerun_log as rerun_log
@@ -76,8 +79,8 @@ if TYPE_CHECKING:
     from phasestereo.triangulation import PointCloud, point_cloud
 else:
     _ON_DEMAND = {
-        "datasets", "degradation", "io", "labelled", "metrics", "opencv", "picture", "plot",
-        "rerun_log", "roc", "video",
+        "batch", "dask", "datasets", "degradation", "io", "labelled", "metrics", "opencv",
+        "outofcore", "picture", "plot", "rerun_log", "roc", "video",
     }  # fmt: skip
     # What a match does without: it would make up a seventh of the time that an import takes.
     _HOMES = {

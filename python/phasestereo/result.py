@@ -57,7 +57,12 @@ def count_flags(flags: NDArray[np.uint16]) -> dict[Flag, int]:
 
 def tell_flags(flags: NDArray[np.uint16]) -> str:
     """Return the share of the pixels under each flag that occurs, in words."""
-    told = [f"{flag.words} {n / flags.size:.1%}" for flag, n in count_flags(flags).items() if n]
+    return tell_counts(count_flags(flags), flags.size)
+
+
+def tell_counts(counts: Mapping[Flag, int], pixels: int) -> str:
+    """Return the share of so many pixels under each flag that occurs, in words."""
+    told = [f"{flag.words} {count / pixels:.1%}" for flag, count in counts.items() if count]
     return ", ".join(told) or "none"
 
 

@@ -49,6 +49,11 @@ app.command(
     name="live",
     help="Match every frame of a video, a folder of images, or a pair of cameras.",
 )
+app.command(
+    "phasestereo.cli.batch:batch",
+    name="batch",
+    help="Match many pairs, on all processors of this machine or on a Dask cluster.",
+)
 app.command(  # imported only when it is called, for the sake of the others
     "phasestereo.cli.bench:app",
     name="bench",

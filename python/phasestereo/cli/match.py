@@ -11,28 +11,30 @@ from cyclopts import Group, Parameter, validators
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.geometry import Geometry
-from phasestereo.cli.mask import read_mask
+from phasestereo.cli.large import Large, match_large
 from phasestereo.cli.options import Bands, Overrides
 from phasestereo.cli.outcome import Outcome, rehearsal
 from phasestereo.cli.outputs import Outputs
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.summary import Summary, show
 from phasestereo.cli.terminal import progress_bar
-from phasestereo.cli.views import join, read_views
+from phasestereo.io.mask import read_mask
+from phasestereo.io.views import join, read_views
 from phasestereo.matcher import match as match_pair
 from phasestereo.settings import PRESETS, Settings, resolve
 
-_VALUES = {"bands", "preset", "num_disparities", "min_disparity", "threads", "noise"}
-_OPTIONS = _VALUES | {field.name for field in fields(Settings)}
+_VALUES = frozenset(["bands", "preset", "num_disparities", "min_disparity", "threads", "noise"])
+_OPTIONS = _VALUES.union(field.name for field in fields(Settings))
 
 _SEARCH = Group.create_ordered("Search")
 _OUTPUT = Group.create_ordered("Output")
 _GEOMETRY = Group.create_ordered("Geometry", help="For --ply, --depth and --report.")
 _SCORE = Group.create_ordered("Score")
+_LARGE = Group.create_ordered("Pairs larger than memory")
 _SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
 _AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
 _REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
-_OUTPUTS, _NO_GEOMETRY, _SCORING = Outputs(), Geometry(), Scoring()
+_OUTPUTS, _NO_GEOMETRY, _SCORING, _ALL_AT_ONCE = Outputs(), Geometry(), Scoring(), Large()
 _PRESET = signature(match_pair).parameters["preset"].default
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
 
@@ -52,6 +54,7 @@ def match(
     outputs: Annotated[Outputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
     geometry: Annotated[Geometry, Parameter(name="*", group=_GEOMETRY)] = _NO_GEOMETRY,
     scoring: Annotated[Scoring, Parameter(name="*", group=_SCORE)] = _SCORING,
+    large: Annotated[Large, Parameter(name="*", group=_LARGE)] = _ALL_AT_ONCE,
     preset: Annotated[str, Parameter(group=_SETTINGS, help=_PRESET_HELP)] = _PRESET,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
 ) -> None:
@@ -95,6 +98,20 @@ def match(
         )
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
+    if large.asked_for():
+        given = {
+            "num_disparities": num_disparities,
+            "min_disparity": min_disparity,
+            "settings": settings,
+            "threads": threads,
+            "left_mask": left_mask,
+            "right_mask": right_mask,
+            "bands": bands,
+            "noise": noise,
+        }
+        output = large.check(outputs, scoring)
+        match_large((left, right), output, large, given, options=_OPTIONS, as_json=outputs.json)
+        return
     sources = [left, right, left_mask, right_mask, *scoring.sources()]
     sources += geometry.sources()
     disparities = min_disparity, num_disparities

@@ -11,8 +11,8 @@ from cyclopts import Parameter, validators
 from numpy.typing import NDArray
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
-from phasestereo.cli.mask import read_mask
 from phasestereo.io import read_disparity, read_truth
+from phasestereo.io.mask import read_mask
 from phasestereo.metrics import Score, bad_pixels, score
 
 Map = NDArray[np.float32]

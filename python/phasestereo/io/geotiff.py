@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # what GDAL has where there is no transform
 _SAME = 1e-3  # relative difference of pixel sizes that rounding may make
 _DTYPES = ("uint8", "uint16", "float32")
-_TILE = 256
+TILE = 256
+"""Side of the tiles of a written file, in pixels."""
+
 _PREDICTORS = {"u": 2, "f": 1}  # none for floats: tifffile alone, as in read_image, has none
 
 
@@ -130,21 +132,21 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
     -----
     Scale and offset of a band are not applied: matching does not depend on them.
     """
-    chosen = None if bands is None else _as_bands(bands)
+    chosen = None if bands is None else as_bands(bands)
     rasterio = require("rasterio", extra="geo")
     with (
         decoding(path),
-        _unplaced_allowed(),
+        unplaced_allowed(),
         rasterio.open(os.fspath(path), driver="GTiff") as file,
     ):
         check_size(file.width, file.height)
-        indexes = _indexes(file, chosen)
+        indexes = choose_bands(file, chosen)
         samples = file.read(indexes)
-        valid = _valid(file, indexes, samples)
+        valid = read_valid(file, indexes, samples)
         return GeoImage(
-            image=_as_image(file, indexes, samples, valid),
+            image=as_image(file, indexes, samples, valid),
             mask=None if valid.all() else valid,
-            georeference=_georeference(file),
+            georeference=georeference_of(file),
             tags=file.tags(),
         )
 
@@ -176,10 +178,21 @@ def check_pair(
         If the images differ in size, or, where both tell them, in their reference systems or pixel
         sizes (by more than 0.1 %). Where they lie does not matter.
     """
-    sizes = left.image.shape[:2], right.image.shape[:2]
+    check_agreement(
+        (left.image.shape[:2], right.image.shape[:2]),
+        (left.georeference, right.georeference),
+        names,
+    )
+
+
+def check_agreement(
+    sizes: tuple[tuple[int, ...], tuple[int, ...]],
+    places: tuple[Georeference, Georeference],
+    names: tuple[str, str],
+) -> None:
+    """Refuse images of these sizes and places as `check_pair` does."""
     if sizes[0] != sizes[1]:
         raise ValueError(f"{names[1]}: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
-    places = left.georeference, right.georeference
     if places[0].crs and places[1].crs and places[0].crs != places[1].crs:
         raise ValueError(
             f"{names[1]}: got {_name(places[1].crs)}; accepts the reference system of {names[0]}, "
@@ -230,16 +243,13 @@ def write_geotiff(
     memory = require("rasterio.io", extra="geo")
     names, planes, options = _layers(image)
     place = like.georeference if isinstance(like, GeoImage) else like or Georeference()
-    options |= _placed(place)
+    options |= placed(place)
     count, height, width = planes.shape
-    with replacing(path) as file, _unplaced_allowed(), memory.MemoryFile() as draft:
+    with replacing(path) as file, unplaced_allowed(), memory.MemoryFile() as draft:
         with draft.open(
-            driver="GTiff", dtype=planes.dtype.name, count=count, height=height, width=width,
-            tiled=True, blockxsize=_TILE, blockysize=_TILE, compress="deflate",
-            predictor=_PREDICTORS[planes.dtype.kind], bigtiff="if_safer", **options,
-        ) as dataset:  # fmt: skip
-            kind = {"AREA_OR_POINT": "Point" if place.point else "Area"}
-            dataset.update_tags(**{**(tags or {}), **kind})  # tags of a file that was read have it
+            count=count, height=height, width=width, **storage(planes.dtype), **options
+        ) as dataset:
+            dataset.update_tags(**{**(tags or {}), **point_tag(place)})  # tags of a file have it
             dataset.write(planes)
             for number, name in enumerate(names, start=1):
                 dataset.set_band_description(number, name)
@@ -247,7 +257,7 @@ def write_geotiff(
 
 
 @contextmanager
-def _unplaced_allowed() -> Iterator[None]:
+def unplaced_allowed() -> Iterator[None]:
     """Silence what rasterio warns of here: images without a georeference are no mistake.
 
     Nor is alpha beside a "no data" value: both count.
@@ -259,7 +269,8 @@ def _unplaced_allowed() -> Iterator[None]:
         yield
 
 
-def _as_bands(bands: Sequence[int]) -> list[int]:
+def as_bands(bands: Sequence[int]) -> list[int]:
+    """Return the numbers of one or three bands, or refuse what are none."""
     is_list = not isinstance(bands, str) and hasattr(bands, "__len__")
     if not (is_list and all(isinstance(band, int | np.integer) for band in bands)):
         raise TypeError(f"bands: got {bands!r}; accepts the numbers of one or three bands")
@@ -268,7 +279,7 @@ def _as_bands(bands: Sequence[int]) -> list[int]:
     return [int(band) for band in bands]
 
 
-def _indexes(file: Any, chosen: list[int] | None) -> list[int]:
+def choose_bands(file: Any, chosen: list[int] | None) -> list[int]:
     """Return the bands to read: the chosen ones, or those that the colours of the file name."""
     if chosen is not None:
         if not set(chosen) <= set(file.indexes):
@@ -284,18 +295,28 @@ def _indexes(file: Any, chosen: list[int] | None) -> list[int]:
     raise ValueError(f"bands: the file has {len(others)} ({names}) and no colours; choose 1 or 3")
 
 
-def _valid(file: Any, indexes: list[int], samples: NDArray[Any]) -> Mask:
-    """Tell which pixels are neither "no data" nor masked nor transparent nor NaN."""
-    valid: Mask = (file.read_masks(indexes) != 0).any(axis=0)
+def read_valid(file: Any, indexes: list[int], samples: NDArray[Any], *, window: Any = None) -> Mask:
+    """Tell which pixels are neither "no data" nor masked nor transparent nor NaN.
+
+    Parameters
+    ----------
+    file
+        The open file.
+    indexes, samples
+        The bands of the image, and what was read of them.
+    window
+        The part of the file that was read, as rasterio takes it; None: all.
+    """
+    valid: Mask = (file.read_masks(indexes, window=window) != 0).any(axis=0)
     for band, kind in zip(file.indexes, file.colorinterp, strict=True):
         if kind.name == "alpha" and band not in indexes:
-            valid &= file.read(band) != 0
+            valid &= file.read(band, window=window) != 0
     if samples.dtype.kind == "f":
         valid &= ~np.isnan(samples).any(axis=0)
     return valid
 
 
-def _as_image(file: Any, indexes: list[int], samples: NDArray[Any], valid: Mask) -> Pixels:
+def as_image(file: Any, indexes: list[int], samples: NDArray[Any], valid: Mask) -> Pixels:
     """Return bands as gray levels or RGB; a palette is looked up."""
     if len(indexes) == 3:
         return as_samples(np.ascontiguousarray(np.moveaxis(samples, 0, 2)), valid)
@@ -307,7 +328,8 @@ def _as_image(file: Any, indexes: list[int], samples: NDArray[Any], valid: Mask)
     return as_samples(plane, valid)
 
 
-def _georeference(file: Any) -> Georeference:
+def georeference_of(file: Any) -> Georeference:
+    """Return where an open file lies."""
     gcps, gcps_crs = file.gcps
     transform = file.transform
     return Georeference(
@@ -369,7 +391,26 @@ def _stacked(bands: dict[str, NDArray[Any]]) -> NDArray[Any]:
     return np.stack(list(bands.values()))
 
 
-def _placed(place: Georeference) -> dict[str, Any]:
+def storage(dtype: np.dtype[Any]) -> dict[str, Any]:
+    """Return how samples are stored, as rasterio takes it: in tiles, compressed without loss."""
+    return {
+        "driver": "GTiff",
+        "dtype": dtype.name,
+        "tiled": True,
+        "blockxsize": TILE,
+        "blockysize": TILE,
+        "compress": "deflate",
+        "predictor": _PREDICTORS[dtype.kind],
+        "bigtiff": "if_safer",
+    }
+
+
+def point_tag(place: Georeference) -> dict[str, str]:
+    """Return the tag that says whether a sample stands for a point or for an area."""
+    return {"AREA_OR_POINT": "Point" if place.point else "Area"}
+
+
+def placed(place: Georeference) -> dict[str, Any]:
     """Return what rasterio takes for a georeference."""
     if not isinstance(place, Georeference):
         kind = type(place).__name__

@@ -23,7 +23,7 @@ def decode_npy(file: BinaryIO) -> NDArray[Any]:
     ValueError
         If the dtype is another, or the header does not fit the amount of data.
     """
-    shape, fortran_order, dtype = _read_header(file)
+    shape, fortran_order, dtype = read_header(file)
     if dtype.name not in _DTYPES:
         raise ValueError(f"the array has dtype {dtype}, an image has one of {', '.join(_DTYPES)}")
     expected = file.tell() + math.prod(shape) * dtype.itemsize
@@ -35,7 +35,8 @@ def decode_npy(file: BinaryIO) -> NDArray[Any]:
     return np.ascontiguousarray(samples, dtype.newbyteorder("="))
 
 
-def _read_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+def read_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Read shape, whether columns come first, and dtype; the data begin where the file is then."""
     version = npy_format.read_magic(file)
     if version == (1, 0):
         return npy_format.read_array_header_1_0(file)

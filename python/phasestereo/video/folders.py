@@ -65,25 +65,22 @@ def open_folders(left: Path, right: Path) -> Source[Pair]:
     ValueError
         If one holds no image, or they hold different numbers of them and no name is in both.
     """
-    views = [_images(folder) for folder in (left, right)]
-    named = [{path.stem: path for path in view} for view in views]
-    if named[0].keys() & named[1].keys():
-        stems = sorted(named[0].keys() | named[1].keys(), key=_natural)
-        pairs = [
-            (named[0].get(stem, left / stem), named[1].get(stem, right / stem)) for stem in stems
-        ]
-    elif len(views[0]) == len(views[1]):
-        pairs = list(zip(*views, strict=True))
-    else:
-        raise ValueError(
-            f"right: got {len(views[1])} images in {right} for {len(views[0])} in {left}, no two "
-            "of one name; accepts as many, or the same names"
-        )
-    return _paired(pairs)
+    return _paired(_paths(left, right))
 
 
 def open_rig(folder: Path) -> Source[Pair]:
-    """Find both views in one folder and pair their images.
+    """Find both views in one folder and pair their images, as `paths_of_rig` does.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `paths_of_rig`.
+    """
+    return _paired(paths_of_rig(folder))
+
+
+def paths_of_rig(folder: Path) -> list[tuple[Path, Path]]:
+    """Find both views in one folder; return the left and the right file of each pair.
 
     They are in subfolders, ``left`` and ``right`` or as KITTI and EuRoC name them, or in files
     side by side whose names say ``left`` and ``right``.
@@ -97,7 +94,7 @@ def open_rig(folder: Path) -> Source[Pair]:
     """
     for left, right in _VIEWS:
         if (folder / left).is_dir() and (folder / right).is_dir():
-            return open_folders(folder / left, folder / right)
+            return _paths(folder / left, folder / right)
     lefts = [path for path in _images(folder) if _LEFT.search(path.name)]
     if not lefts:
         raise ValueError(
@@ -105,7 +102,24 @@ def open_rig(folder: Path) -> Source[Pair]:
             "and image_3) nor images named left... and right...; name both folders, or say layout "
             "if each image holds both views"
         )
-    return _paired([(path, path.with_name(_LEFT.sub(_partner, path.name))) for path in lefts])
+    return [(path, path.with_name(_LEFT.sub(_partner, path.name))) for path in lefts]
+
+
+def _paths(left: Path, right: Path) -> list[tuple[Path, Path]]:
+    """Return the files of two folders in pairs; of those without a partner, where it would be."""
+    views = [_images(folder) for folder in (left, right)]
+    named = [{path.stem: path for path in view} for view in views]
+    if named[0].keys() & named[1].keys():
+        stems = sorted(named[0].keys() | named[1].keys(), key=_natural)
+        return [
+            (named[0].get(stem, left / stem), named[1].get(stem, right / stem)) for stem in stems
+        ]
+    if len(views[0]) != len(views[1]):
+        raise ValueError(
+            f"right: got {len(views[1])} images in {right} for {len(views[0])} in {left}, no two "
+            "of one name; accepts as many, or the same names"
+        )
+    return list(zip(*views, strict=True))
 
 
 def folders_of(folder: Path) -> list[Path]:

@@ -1,0 +1,14 @@
+"""Many pairs of image files, matched by many processes: of this machine, or of a Dask cluster.
+
+`read_pairs` finds the pairs, `run` matches them. Each result is written by the process that found
+it, whole or not at all; what has become of every pair is in a manifest, by which a rerun does only
+what is missing. Dask's scheduler (extra ``dask``) is imported when it is first needed.
+"""
+
+from __future__ import annotations
+
+from phasestereo.batch.manifest import Record, read_manifest
+from phasestereo.batch.pairs import PairFiles, read_pairs
+from phasestereo.batch.running import Report, run
+
+__all__ = ["PairFiles", "Record", "Report", "read_manifest", "read_pairs", "run"]

@@ -1,0 +1,197 @@
+"""Which pairs there are: lists in CSV files, and folders that are laid out as data sets are."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from phasestereo.io.calibration import read_calibration
+from phasestereo.video.folders import paths_of_rig
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from phasestereo.io.files import StrPath
+
+    Row = tuple[int, Mapping[str, str]]
+
+_NEEDED = ("left", "right")
+_COLUMNS = (*_NEEDED, "name", "num_disparities", "min_disparity", "left_mask", "right_mask")
+_LONGEST = 200  # characters of a name: suffixes and drafts must fit what file systems take
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairFiles:
+    """A pair of image files to match.
+
+    Parameters
+    ----------
+    name
+        What its result is called, without a suffix; no two pairs of a run have the same.
+    left, right
+        The files of its images.
+    num_disparities, min_disparity
+        The disparities to search.
+    left_mask, right_mask
+        Images that are not zero where a pixel is valid; None: all are.
+    """
+
+    name: str
+    left: Path
+    right: Path
+    num_disparities: int
+    min_disparity: int = 0
+    left_mask: Path | None = None
+    right_mask: Path | None = None
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that are read."""
+        given = self.left, self.right, self.left_mask, self.right_mask
+        return [file for file in given if file is not None]
+
+
+def read_pairs(
+    source: StrPath, *, num_disparities: int | None = None, min_disparity: int = 0
+) -> list[PairFiles]:
+    """Find the pairs of a list or of a folder.
+
+    Parameters
+    ----------
+    source
+        - A CSV file whose first line names its columns: ``left`` and ``right``, and if wanted
+          ``name`` (else the name of the left file), ``num_disparities``, ``min_disparity``,
+          ``left_mask`` and ``right_mask``. Paths are relative to the folder of the list.
+        - A folder of scenes as Middlebury has them, each a subfolder with ``im0.png`` and
+          ``im1.png``, and with ``calib.txt``, whose ``ndisp`` says what to search.
+        - A folder with both views in subfolders (``left`` and ``right``, or as KITTI and EuRoC call
+          them), whose images are paired by name, else in order, or in files named left... and
+          right...
+    num_disparities, min_disparity
+        The disparities to search where the list, or ``calib.txt``, does not say.
+
+    Raises
+    ------
+    OSError
+        If the list or the folder cannot be read. Whether the images can is found out later.
+    ValueError
+        If the list has other columns, a wrong number or a name twice, or nobody says how many
+        disparities to search; if there is no pair. The message names the line.
+    """
+    place = Path(source).absolute()
+    search = num_disparities, min_disparity
+    pairs = list(_of_folder(place, search) if place.is_dir() else _of_list(place, search))
+    if not pairs:
+        raise ValueError(f"{source}: there is no pair in it")
+    _check_names(pairs, place)
+    return pairs
+
+
+def _of_list(path: Path, search: tuple[int | None, int]) -> Iterator[PairFiles]:
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        try:
+            rows = csv.DictReader(file, skipinitialspace=True, strict=True)
+            _check_columns(path, rows.fieldnames or ())
+            for row in rows:
+                yield _of_row(path, rows.line_num, row, search)
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise ValueError(f"{path}: not a list in CSV and UTF-8: {error}") from error
+
+
+def _check_columns(path: Path, names: Iterable[str]) -> None:
+    given = list(names)
+    missing = [name for name in _NEEDED if name not in given]
+    unknown = [name for name in given if name not in _COLUMNS]
+    if missing or unknown or len(set(given)) < len(given):
+        raise ValueError(
+            f"{path}: got columns {', '.join(given) or 'none'}; accepts left and right, and any of "
+            f"{', '.join(_COLUMNS[2:])}, each once"
+        )
+
+
+def _of_row(
+    path: Path, line: int, row: Mapping[str, str | None], search: tuple[int | None, int]
+) -> PairFiles:
+    """Return the pair of one line; empty fields are as good as none."""
+    where = f"{path}, line {line}"
+    if None in row or any(value is None for value in row.values()):
+        raise ValueError(f"{where}: it has another number of fields than the first line")
+    given = {name: value.strip() for name, value in row.items() if value and value.strip()}
+    for name in _NEEDED:
+        if name not in given:
+            raise ValueError(f"{where}: {name} is missing")
+    files = {
+        name: path.parent / given[name] for name in _COLUMNS if name in given and _is_file(name)
+    }
+    count = _number(where, "num_disparities", given, search[0])
+    if count is None:
+        raise ValueError(f"{where}: num_disparities is missing, here and among the arguments")
+    return PairFiles(
+        name=given.get("name", files["left"].stem),
+        num_disparities=count,
+        min_disparity=_number(where, "min_disparity", given, search[1]) or 0,
+        **files,
+    )
+
+
+def _is_file(column: str) -> bool:
+    return column.endswith(("left", "right", "mask"))
+
+
+def _number(where: str, name: str, given: Mapping[str, str], default: int | None) -> int | None:
+    try:
+        return int(given[name]) if name in given else default
+    except ValueError as error:
+        raise ValueError(f"{where}: {name}: got {given[name]!r}; accepts an integer") from error
+
+
+def _of_folder(folder: Path, search: tuple[int | None, int]) -> Iterator[PairFiles]:
+    scenes = sorted(path.parent for path in folder.glob("*/im0.png"))
+    if scenes:
+        for scene in scenes:
+            yield _of_scene(scene, search)
+        return
+    for left, right in paths_of_rig(folder):
+        if search[0] is None:
+            raise ValueError(f"num_disparities: got None; {folder} does not say what to search")
+        yield PairFiles(
+            name=left.stem,
+            left=left,
+            right=right,
+            num_disparities=search[0],
+            min_disparity=search[1],
+        )
+
+
+def _of_scene(scene: Path, search: tuple[int | None, int]) -> PairFiles:
+    calibration = scene / "calib.txt"
+    told = read_calibration(calibration).ndisp if calibration.is_file() else None
+    count = told or search[0]
+    if count is None:
+        raise ValueError(f"num_disparities: got None; {calibration} does not tell ndisp either")
+    return PairFiles(
+        name=scene.name,
+        left=scene / "im0.png",
+        right=scene / "im1.png",
+        num_disparities=count,
+        min_disparity=search[1],
+    )
+
+
+def _check_names(pairs: Iterable[PairFiles], place: Path) -> None:
+    known: dict[str, PairFiles] = {}
+    for pair in pairs:
+        name = pair.name
+        if name != Path(name).name or name.startswith(".") or "\\" in name or len(name) > _LONGEST:
+            raise ValueError(
+                f"{place}: got name {name!r}; accepts the name of a file without folders, of at "
+                f"most {_LONGEST} characters, that does not begin with a dot"
+            )
+        other = known.setdefault(name.casefold(), pair)  # some file systems take both for one
+        if other is not pair:
+            raise ValueError(
+                f"{place}: got name {name!r} for {pair.left} and for {other.left}; accepts each "
+                "once: tell names in a column of the list"
+            )

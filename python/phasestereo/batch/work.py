@@ -1,0 +1,167 @@
+"""What a worker does for one pair: read, match, write, and tell what it came to."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import socket
+import traceback
+from dataclasses import asdict, dataclass, replace
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import phasestereo
+from phasestereo.batch.manifest import DONE, FAILED, Record
+from phasestereo.io import write_geotiff, write_image
+from phasestereo.io.maps import write_floats
+from phasestereo.io.mask import read_mask
+from phasestereo.io.views import join, read_views
+from phasestereo.matcher import match
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from phasestereo.batch.pairs import PairFiles
+    from phasestereo.io import Georeference
+    from phasestereo.result import Result
+    from phasestereo.settings import Settings
+
+_EXPECTED = (OSError, ValueError, TypeError, MemoryError, RuntimeError, ImportError)
+"""What one says of in a line; of anything else, where it came from is to be known, too."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Order:
+    """How all pairs of a run are matched.
+
+    Parameters
+    ----------
+    settings
+        The settings to match with.
+    folder
+        Where results go.
+    suffix
+        The format of disparities, by its suffix.
+    layers
+        What is written beside them: "flags", "confidence".
+    threads
+        Number of threads of each match.
+    """
+
+    settings: Settings
+    folder: Path
+    suffix: str
+    layers: tuple[str, ...]
+    threads: int
+
+    def recipe(self, pair: PairFiles) -> str:
+        """Return a digest of all that a result depends on; a file that is not there is one, too."""
+        told = {
+            "version": phasestereo.__version__,
+            "settings": asdict(self.settings),
+            "outputs": [self.suffix, *self.layers],
+            "disparities": [pair.min_disparity, pair.num_disparities],
+            "masks": [pair.left_mask is not None, pair.right_mask is not None],
+            "files": [_identity(path) for path in pair.files],
+        }
+        return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:32]
+
+
+def version() -> str:
+    """Return the version that a worker has."""
+    return phasestereo.__version__
+
+
+def blank(pair: PairFiles, recipe: str, reason: str) -> Record:
+    """Return the record of a pair that failed."""
+    return Record(
+        name=pair.name,
+        state=FAILED,
+        left=str(pair.left),
+        right=str(pair.right),
+        num_disparities=pair.num_disparities,
+        min_disparity=pair.min_disparity,
+        recipe=recipe,
+        reason=" ".join(reason.split()),
+    )
+
+
+def match_files(pair: PairFiles, order: Order, recipe: str) -> Record:
+    """Match a pair and write its result; whatever goes wrong is told in the record."""
+    started = perf_counter()
+    try:
+        record = _matched(pair, order, recipe)
+    except _EXPECTED as error:
+        record = blank(pair, recipe, _describe(error))
+    except Exception as error:  # noqa: BLE001 -- one pair must not end the run of all others
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        record = blank(pair, recipe, f"{error!r} in {place.filename}, line {place.lineno}")
+    here = f"{socket.gethostname()}:{os.getpid()}"
+    return replace(record, seconds=round(perf_counter() - started, 4), worker=here)
+
+
+def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
+    left, right = read_views(pair.left, pair.right)
+    masks = read_mask(pair.left_mask), read_mask(pair.right_mask)
+    result = match(
+        left.image,
+        right.image,
+        num_disparities=pair.num_disparities,
+        min_disparity=pair.min_disparity,
+        settings=order.settings,
+        threads=order.threads,
+        left_mask=join(masks[0], left.mask),
+        right_mask=join(masks[1], right.mask),
+    )
+    rows, cols = result.disparity.shape
+    return replace(
+        blank(pair, recipe, ""),
+        state=DONE,
+        reason=None,
+        width=cols,
+        height=rows,
+        estimated=round(float(np.isfinite(result.disparity).mean()), 6),
+        blur=None if result.blur is None else str(result.blur),
+        files=_write(pair.name, order, result, left.place),
+    )
+
+
+def _write(name: str, order: Order, result: Result, place: Georeference | None) -> dict[str, int]:
+    """Write the layers, the disparities last; return the lengths of the files."""
+    layers = {f"{name}.{layer}.tif": getattr(result, layer) for layer in order.layers}
+    layers[f"{name}{order.suffix}"] = result.disparity
+    for file, values in layers.items():
+        try:
+            _save(order.folder / file, values, place)
+        except OSError as error:
+            hint = error.strerror or f"{error}; is the disk full?"
+            raise OSError(f"{order.folder / file} cannot be written: {hint}") from error
+    return {file: (order.folder / file).stat().st_size for file in layers}
+
+
+def _save(path: Path, values: NDArray[Any], place: Georeference | None) -> None:
+    if place is not None and path.suffix in (".tif", ".tiff"):
+        write_geotiff(path, {path.stem.rpartition(".")[2]: values}, like=place)
+    elif values.dtype == np.float32:
+        write_floats(path, values)
+    else:
+        write_image(path, values)
+
+
+def _identity(path: Path) -> list[Any]:
+    try:
+        state = path.stat()
+    except OSError:
+        return [str(path)]  # the worker will tell what is wrong with it
+    return [str(path), state.st_size, state.st_mtime_ns]
+
+
+def _describe(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error) or type(error).__name__

@@ -1,0 +1,156 @@
+"""``phasestereo batch``: a list or a folder of pairs in, a disparity map for each out."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import json
+import sys
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Group, Parameter, validators
+from rich.console import Console
+
+import phasestereo
+from phasestereo.batch import Record, Report, read_pairs, run
+from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.options import Overrides
+from phasestereo.cli.terminal import progress_bar
+from phasestereo.settings import PRESET, PRESETS, Settings, resolve
+
+_VALUES = {"preset", "num_disparities", "min_disparity", "threads", "workers", "scheduler"}
+_OPTIONS = _VALUES | {"retries", "layers"} | {field.name for field in fields(Settings)}
+
+_SEARCH = Group.create_ordered("Search")
+_OUTPUT = Group.create_ordered("Output")
+_WORK = Group.create_ordered("Work")
+_SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
+_AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
+_NOT_NEGATIVE = validators.Number(gte=0, lt=2**31)
+_REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
+_PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
+_LISTED = 1000  # failures in the JSON: all are in the manifest
+
+_Count = Annotated[int | None, Parameter(group=_WORK, validator=_AT_LEAST_ONE)]
+_Layers = tuple[Literal["flags", "confidence"], ...]
+
+
+def batch(
+    source: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(alias="-o", group=_OUTPUT)],
+    format: Annotated[Literal["tif", "pfm", "npy"], Parameter(group=_OUTPUT)] = "tif",  # noqa: A002 -- the name of the option
+    layers: Annotated[
+        _Layers, Parameter(group=_OUTPUT, consume_multiple=True, show_default=False)
+    ] = (),
+    json: Annotated[bool, Parameter(negative=(), show_default=False, group=_OUTPUT)] = False,
+    num_disparities: Annotated[
+        int | None, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)
+    ] = None,
+    min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
+    scheduler: Annotated[str | None, Parameter(group=_WORK)] = None,
+    workers: _Count = None,
+    threads: _Count = None,
+    retries: Annotated[int, Parameter(group=_WORK, validator=_NOT_NEGATIVE)] = 2,
+    preset: Annotated[str, Parameter(group=_SETTINGS, help=_PRESET_HELP)] = PRESET,
+    overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
+) -> None:
+    """Match many pairs, on all processors of this machine or on a Dask cluster.
+
+    Pairs whose result is in the output folder already are skipped, so the same command goes on
+    after any end. What has become of every pair is in ``manifest.jsonl`` there, one JSON object a
+    line. Those that fail are tried again at the end, and recorded with the reason; the exit code is
+    1 then. For example:
+
+    ```
+    phasestereo batch pairs.csv --num-disparities 128 -o maps
+    phasestereo batch pairs.csv --scheduler tcp://host:8786 -o /shared/maps
+    ```
+
+    Parameters
+    ----------
+    source
+        A CSV file with columns left, right and, if wanted, name, num_disparities, min_disparity,
+        left_mask, right_mask, paths being relative to it. Or a folder: of scenes with im0.png,
+        im1.png and calib.txt, as Middlebury has them, or of subfolders left and right.
+    output
+        Folder for the results, NAME.tif and so on; on a cluster one that all machines share.
+    format
+        Format of the disparities; .tif keeps the georeference of the left image.
+    layers
+        flags, confidence: to be written beside the disparities, as NAME.flags.tif and
+        NAME.confidence.tif.
+    json
+        Print one JSON object on standard output: numbers, settings, failures, files.
+    num_disparities
+        Number of disparities to search where the list, or calib.txt, does not say.
+    min_disparity
+        Smallest disparity to search where the list does not say.
+    scheduler
+        Address of the scheduler of a Dask cluster, tcp://HOST:PORT.
+    workers
+        Number of processes on this machine; without it, as many as there are processors.
+    threads
+        Number of threads of each match; without it, such that all processors of this machine are
+        busy, and 1 on a cluster.
+    retries
+        How often a pair that failed is tried again.
+    """
+    with refusals(options=_OPTIONS):
+        settings = resolve(preset, None, overrides or {})
+        pairs = read_pairs(source, num_disparities=num_disparities, min_disparity=min_disparity)
+    with refusals(options=_OPTIONS), progress_bar("Matching") as progress:
+        report = run(
+            pairs,
+            output,
+            scheduler=scheduler,
+            workers=workers,
+            threads=threads,
+            retries=retries,
+            suffix=f".{format}",
+            layers=layers,
+            settings=settings,
+            progress=progress,
+            on_failure=_tell,
+        )
+    _show(report, settings, as_json=json)
+    if report.failed:
+        raise CommandError(
+            f"{len(report.failed)} of {report.pairs} pairs failed; {report.manifest} tells why, "
+            "and the same command tries them again"
+        )
+
+
+def _tell(record: Record) -> None:
+    sys.stderr.write(f"phasestereo: failed {record.name}: {record.reason}\n")
+
+
+def _show(report: Report, settings: Settings, *, as_json: bool) -> None:
+    """Print what a run came to on standard output."""
+    if as_json:
+        told = _as_dict(report, settings)
+        sys.stdout.write(json.dumps(told, indent=2, allow_nan=False) + "\n")
+        return
+    console = Console(highlight=False, soft_wrap=True)
+    rate = report.done / report.seconds if report.seconds else 0.0
+    console.print(
+        f"{report.done} pairs matched, {report.skipped} there already, {len(report.failed)} failed,"
+        f" {report.seconds:.1f} s, {rate:.2f} pairs/s",
+        markup=False,
+    )
+    console.print(f"wrote {report.manifest}", markup=False)
+
+
+def _as_dict(report: Report, settings: Settings) -> dict[str, Any]:
+    return {
+        "version": phasestereo.__version__,
+        "settings": asdict(settings),
+        "pairs": report.pairs,
+        "done": report.done,
+        "skipped": report.skipped,
+        "failed": len(report.failed),
+        "failures": [asdict(record) for record in report.failed[:_LISTED]],
+        "seconds": report.seconds,
+        "manifest": str(report.manifest),
+    }

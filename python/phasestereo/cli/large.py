@@ -1,0 +1,193 @@
+"""``phasestereo match --max-memory``: pairs larger than memory, from file to file."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+from rich.console import Console
+
+import phasestereo
+from phasestereo import outofcore
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
+from phasestereo.cli.outputs import Outputs
+from phasestereo.cli.scoring import Scoring
+from phasestereo.cli.terminal import progress_bar
+from phasestereo.outofcore import Plan, Report, tell_bytes
+from phasestereo.result import tell_counts
+
+_WHOLE = ("color", "ply", "depth", "report")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Large:
+    """How to match a pair larger than memory.
+
+    Parameters
+    ----------
+    max_memory
+        Memory that the program may take, such as 2GB or 800MiB: the pair is read, matched and
+        written (.tif, .npy or .zarr) band by band, and the same command goes on after whatever
+        ended it. The result is that of the whole pair, to the bit. Images are TIFF files, Zarr
+        arrays or .npy. Needs the extra ``large``.
+    flags_output
+        File for the flags, of the same formats, as 16 bits.
+    confidence_output
+        File for the confidences, of the same formats.
+    band_rows
+        Rows of a band, a multiple of 32; without it, as many as the memory allows.
+    tile_columns
+        Match tiles of so many columns by themselves, a multiple of 256, where bands alone take too
+        much memory. Then the map is approximate where tiles meet.
+    column_overlap
+        Columns on either side of a tile that are matched with it. Default 256.
+    restart
+        Drop what an earlier run left finished.
+    """
+
+    max_memory: str | None = None
+    flags_output: Path | None = None
+    confidence_output: Path | None = None
+    band_rows: int | None = None
+    tile_columns: int | None = None
+    column_overlap: int | None = None
+    restart: Annotated[bool, Parameter(negative=(), show_default=False)] = False
+
+    def asked_for(self) -> bool:
+        """Tell whether the pair is to be matched that way; refuse options that have no effect."""
+        if self.max_memory is not None:
+            return True
+        for name in self._given():
+            raise CommandError(f"{option(name)}: has no effect without --max-memory", WRONG_USAGE)
+        return False
+
+    def check(self, outputs: Outputs, scoring: Scoring) -> Path:
+        """Return the file for the disparities; refuse what needs the whole map at once."""
+        wanted = [name for name in _WHOLE if getattr(outputs, name)]
+        if scoring.truth:
+            wanted.append("truth")
+        if wanted:
+            raise CommandError(
+                f"{option(wanted[0])}: needs the whole map in memory, which --max-memory is to "
+                "spare; accepts no such option beside it",
+                WRONG_USAGE,
+            )
+        if outputs.output is None:
+            raise CommandError("--max-memory: needs --output, a file for the map", WRONG_USAGE)
+        if self.column_overlap is not None and self.tile_columns is None:
+            raise CommandError(
+                "--column-overlap: has no effect without --tile-columns", WRONG_USAGE
+            )
+        return outputs.output
+
+    def arguments(self) -> dict[str, Any]:
+        """Return what was given, as `phasestereo.outofcore.match` takes it."""
+        return {name: getattr(self, name) for name in self._given()}
+
+    def _given(self) -> list[str]:
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return [name for name, value in values.items() if value not in (None, False)]
+
+
+_OPTIONS = frozenset(field.name for field in fields(Large)) | {"output"}
+
+
+def match_large(
+    pair: tuple[Path, Path],
+    output: Path,
+    large: Large,
+    arguments: Mapping[str, Any],
+    *,
+    options: frozenset[str],
+    as_json: bool,
+) -> None:
+    """Match a pair from file to file, and say what it takes, how far it is, and what came out.
+
+    Parameters
+    ----------
+    pair
+        The images.
+    output
+        The file for the disparities.
+    large
+        What memory there is, and more of that kind.
+    arguments
+        What else `phasestereo.outofcore.match` takes.
+    options
+        Names of the arguments that come from options.
+    as_json
+        Whether to print one JSON object.
+    """
+    left, right = pair
+    given: dict[str, Any] = {**arguments, **large.arguments()}
+    try:
+        with refusals(options=options | _OPTIONS), progress_bar("Matching") as progress:
+            report = outofcore.match(
+                left, right, output, **given, announce=_tell, progress=progress
+            )
+    except KeyboardInterrupt:
+        _say("finished bands are kept: the same command goes on from there")
+        raise
+    _show(report, as_json=as_json)
+
+
+def _tell(plan: Plan) -> None:
+    """Say what a run takes, before it starts and again when its second band is there."""
+    duration = tell_duration(plan.seconds)
+    if plan.by_band:
+        _say(f"by its second band, {duration} to go")
+        return
+    rows, cols = plan.size
+    tiles = "" if len(plan.tiles) == 1 else f" in {len(plan.tiles)} tiles of columns (approximate)"
+    bands = f"{plan.bands} band{'s' * (plan.bands != 1)}"
+    threads = f"{plan.threads} thread{'s' * (plan.threads != 1)}"
+    finished = f", {plan.finished} finished before" if plan.finished else ""
+    _say(
+        f"{cols} x {rows} pixels, {plan.num_disparities} disparities: {bands} of {plan.rows} "
+        f"rows{tiles}{finished}, {threads}, at most "
+        f"{tell_bytes(plan.memory)} of memory, about {duration}"
+    )
+
+
+def _say(line: str) -> None:
+    Console(stderr=True, highlight=False, soft_wrap=True).print(
+        f"phasestereo: {line}", markup=False
+    )
+
+
+def tell_duration(seconds: float) -> str:
+    """Return a duration in words, as exactly as an estimate is worth."""
+    if seconds < 100:
+        return f"{max(1, round(seconds))} s"
+    if seconds < 100 * 60:
+        return f"{round(seconds / 60)} min"
+    return f"{round(seconds / 3600)} h"
+
+
+def _show(report: Report, *, as_json: bool) -> None:
+    if as_json:
+        summary = {"version": phasestereo.__version__, **report.as_dict()}
+        sys.stdout.write(json.dumps(summary, indent=2, allow_nan=False) + "\n")
+        return
+    console = Console(highlight=False, soft_wrap=True)
+    for line in _lines(report):
+        console.print(line, markup=False)
+
+
+def _lines(report: Report) -> list[str]:
+    (rows, cols), blur = report.plan.size, report.survey.blur
+    peak = "" if report.peak_memory is None else f", {tell_bytes(report.peak_memory)} of memory"
+    flags = tell_counts(report.flags, rows * cols)
+    return [
+        f"{cols} x {rows} pixels, {report.plan.num_disparities} disparities, "
+        f"{report.seconds:.3f} s{peak}",
+        f"estimated {report.estimated:.1%}, flagged: {flags}",
+        *([] if blur is None else [f"blur: {blur}"]),
+        *([] if report.approximate is None else [f"approximate: {report.approximate}"]),
+        *(f"wrote {path}" for path in report.files.values()),
+    ]

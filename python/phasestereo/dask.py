@@ -1,0 +1,380 @@
+"""Matches of Dask arrays: lazy bands of rows, each a task of its own, on any of Dask's schedulers.
+
+The bands put together are what `phasestereo.match` finds for the whole pair, bit for bit. Dask
+(extra ``dask``) is imported when it is first needed.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from phasestereo import _core
+from phasestereo._extras import require
+from phasestereo._images import as_pair
+from phasestereo.banding import match_rows
+from phasestereo.settings import PRESET, resolve
+from phasestereo.surveying import survey as survey_pair
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from phasestereo.equalisation import Equalisation, Noise
+    from phasestereo.settings import Settings
+    from phasestereo.surveying import Survey
+
+    Array: TypeAlias = Any  # dask.array.Array, whose package tells no types
+
+__all__ = ["Maps", "maps", "match"]
+
+_BAND_ROWS = 512
+"""Rows of a band: enough that starting a task is nothing beside it."""
+_HALOS = 4
+"""A band has at least so many times the rows of its halo: what is done twice stays little."""
+_STEP = 32  # rows that are matched at once, at multiples of it
+_WIDEST = 16384  # the most disparities there can be
+
+
+class Maps(NamedTuple):
+    """What a match returns of a pair, lazily, by the same tasks.
+
+    Parameters
+    ----------
+    disparity
+        Dask array, float32 (H, W), as `phasestereo.Result.disparity`.
+    flags
+        Dask array, uint16 (H, W), bits of `phasestereo.Flag`.
+    confidence
+        Dask array, float32 (H, W); None if the settings have ``confidence=False``.
+    """
+
+    disparity: Array
+    flags: Array
+    confidence: Array | None
+
+
+def match(left: Array, right: Array, **arguments: Any) -> Array:
+    """Match a rectified stereo pair lazily: `maps` of which only the disparities are wanted.
+
+    Parameters
+    ----------
+    left, right, **arguments
+        As `maps` takes them.
+
+    Returns
+    -------
+    dask.array.Array
+        The disparities, float32 (H, W), pixels; NaN where there is no estimate. Its chunks are
+        bands of rows.
+
+    Raises
+    ------
+    TypeError, ValueError, ImportError
+        As `maps`.
+
+    Examples
+    --------
+    >>> left, right = da.from_zarr("left.zarr"), da.from_zarr("right.zarr")
+    >>> found = ps.dask.match(left, right, num_disparities=256, preset="fast")
+    >>> found.to_zarr("disparity.zarr")
+    """
+    return maps(left, right, **arguments).disparity
+
+
+def maps(
+    left: Array,
+    right: Array,
+    *,
+    num_disparities: int,
+    min_disparity: int = 0,
+    preset: str = PRESET,
+    settings: Settings | None = None,
+    threads: int = 1,
+    left_mask: Array | ArrayLike | None = None,
+    right_mask: Array | ArrayLike | None = None,
+    noise: Noise | None = None,
+    equalisation: Equalisation | None = None,
+    survey: Survey | None = None,
+    overlap: int | None = None,
+    band_rows: int | None = None,
+    **overrides: Any,
+) -> Maps:
+    """Match a rectified stereo pair lazily; the result has bands of rows as its chunks.
+
+    Each band is one task, which gets its own rows and those above and below that its disparities
+    depend on, however the images are chunked; nothing holds a whole image. The bands together are
+    what `phasestereo.match` returns, bit for bit.
+
+    What must be known of the whole pair (its blur and noise, the range of float images) is found
+    out **at the call**, window by window, unless ``survey`` tells it: then every pixel is computed
+    up to four times now and once by the tasks. With ``preset="fast"`` and integer images no more
+    than the first row is.
+
+    Parameters
+    ----------
+    left, right
+        Dask arrays as `phasestereo.match` takes images: (H, W) or (H, W, 1, 3 or 4) of equal size
+        and dtype, of any chunks; those of some hundred whole rows cost least.
+    num_disparities, min_disparity, preset, settings, noise, equalisation, **overrides
+        As `phasestereo.match` takes them.
+    threads
+        Threads of each task. 1, since Dask runs as many tasks at once as it has threads.
+    left_mask, right_mask
+        Dask arrays, or arrays, bool (H, W), True = valid.
+    survey
+        What `phasestereo.surveying.survey` found out about this pair, with these settings.
+    overlap
+        Needed with ``optimizer="sgm"``, whose paths come from all rows above: they begin so many
+        rows above each band, and the result is **approximate**. Other settings need none.
+    band_rows
+        Rows of a band; it is made at least as high as its halo. None: 512, or four halos.
+
+    Returns
+    -------
+    Maps
+        Disparities, flags and confidences. Computed together (``dask.compute(*found)``), each band
+        is matched once.
+
+    Raises
+    ------
+    TypeError
+        If an image is no Dask array, or as `phasestereo.match`.
+    ValueError
+        As `phasestereo.match`; for ``optimizer="sgm"`` without overlap; for chunks of unknown size
+        or a survey of another pair or search.
+    ImportError
+        If Dask is not installed.
+    """
+    da = require("dask.array", extra="dask")
+    _check_images(left, right, da)
+    size = left.shape[:2]
+    masks = _as_mask(left_mask, size, "left_mask"), _as_mask(right_mask, size, "right_mask")
+    sides = _Sides(left, right, *masks)
+    asked = resolve(preset, settings, overrides)
+    _check_overlap(asked, overlap)
+    _check_count("threads", threads)
+    if band_rows is not None:
+        _check_count("band_rows", band_rows)
+    _check_count("num_disparities", num_disparities, most=min(size[1], _WIDEST))
+    if survey is None:
+        survey = survey_pair(
+            _Windows(sides),
+            size,
+            num_disparities=num_disparities,
+            min_disparity=min_disparity,
+            settings=asked,
+            noise=noise,
+            equalisation=equalisation,
+        )
+    else:
+        _check_survey(survey, size, (min_disparity, num_disparities))
+    reach = _reach(survey, overlap, masked=any(mask is not None for mask in masks))
+    bands = _bands(size[0], band_rows, max(reach))
+    table = _table(sides, survey, bands, reach, {"overlap": overlap, "threads": threads})
+    layers = [_layer(table, name) for name in table.dtype.names]
+    return Maps(*layers, *[None] * (3 - len(layers)))
+
+
+class _Sides(NamedTuple):
+    """Both images and both masks: lazy ones, or the rows of them that a task gets."""
+
+    left: Any
+    right: Any
+    left_mask: Any = None
+    right_mask: Any = None
+
+
+class _Windows:
+    """Rows of a lazy pair, computed when they are asked for."""
+
+    def __init__(self, sides: _Sides) -> None:
+        self._sides = sides
+
+    def __call__(self, first: int, last: int, /) -> Any:
+        """Return the rows [first, last) of the images and masks."""
+        rows = [None if side is None else side[first:last] for side in self._sides]
+        return require("dask", extra="dask").compute(*rows)
+
+
+class _Excerpt:
+    """Rows of a pair that a task was given."""
+
+    def __init__(self, sides: _Sides, start: int) -> None:
+        self._sides, self._start = sides, start
+
+    def __call__(self, first: int, last: int, /) -> Any:
+        """Return the rows [first, last) of the images and masks, views of what there is."""
+        rows = slice(first - self._start, last - self._start)
+        if rows.start < 0 or rows.stop > len(self._sides.left):
+            raise IndexError(f"rows {first} to {last} of an excerpt that begins at {self._start}")
+        return tuple(None if side is None else side[rows] for side in self._sides)
+
+
+def _check_images(left: Array, right: Array, da: Any) -> None:
+    for name, image in (("left", left), ("right", right)):
+        if not isinstance(image, da.Array):
+            kind = type(image).__name__
+            raise TypeError(f"{name}: got {kind}; accepts a Dask array, as da.from_array makes it")
+        _check_chunks(image, name)
+        if image.ndim not in (2, 3) or image.shape[2:] not in ((), (1,), (3,), (4,)):
+            raise ValueError(
+                f"{name}: got shape {image.shape}; accepts (H, W), (H, W, 1), (H, W, 3), (H, W, 4)"
+            )
+    sizes = left.shape[:2], right.shape[:2]
+    if sizes[0] != sizes[1]:
+        raise ValueError(f"right: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
+    # One row of each tells the rest of what is wrong.
+    rows = [np.zeros((min(1, len(side)), *side.shape[1:]), side.dtype) for side in (left, right)]
+    as_pair(*rows)
+
+
+def _check_chunks(array: Array, name: str) -> None:
+    if any(np.isnan(length) for length in array.shape):
+        raise ValueError(
+            f"{name}: got chunks of unknown sizes; accepts known ones, as its method "
+            "compute_chunk_sizes finds them"
+        )
+
+
+def _as_mask(mask: Array | ArrayLike | None, size: tuple[int, int], name: str) -> Array | None:
+    if mask is None:
+        return None
+    lazy = require("dask.array", extra="dask").asarray(mask)
+    _check_chunks(lazy, name)
+    if lazy.dtype != np.bool_:
+        raise TypeError(f"{name}: got dtype {lazy.dtype}; accepts bool (True = valid)")
+    if lazy.shape != size:
+        raise ValueError(f"{name}: got shape {lazy.shape}; accepts the image's {size}")
+    return lazy
+
+
+def _check_overlap(settings: Settings, overlap: int | None) -> None:
+    """Refuse to split what cannot be split exactly, unless an overlap says that it may be."""
+    if overlap is not None:
+        _check_count("overlap", overlap, least=0)
+    elif settings.optimizer == "sgm":
+        raise ValueError(
+            "optimizer: got 'sgm', whose paths come from all rows above, so that bands by "
+            "themselves are not what the whole pair gives; accepts 'so', 'dp' and 'wta' (as in "
+            "preset='fast'), which are exact, or 'sgm' with overlap=ROWS, which is approximate"
+        )
+
+
+def _check_count(name: str, value: int, *, least: int = 1, most: int | None = None) -> None:
+    if not isinstance(value, int | np.integer) or isinstance(value, bool):
+        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
+    if value < least or (most is not None and value > most):
+        end = "or more" if most is None else f"to {most}"
+        raise ValueError(f"{name}: got {value}; accepts {least} {end}")
+
+
+def _check_survey(survey: Survey, size: tuple[int, int], search: tuple[int, int]) -> None:
+    if survey.size != size:
+        raise ValueError(f"survey: got that of {survey.size} pixels; accepts that of {size}")
+    known = survey.min_disparity, survey.num_disparities
+    if known != search:
+        raise ValueError(
+            f"survey: got that of {known[1]} disparities from {known[0]}; accepts that of "
+            f"{search[1]} from {search[0]}"
+        )
+
+
+def _reach(survey: Survey, overlap: int | None, *, masked: bool) -> tuple[int, int]:
+    """Return how many rows above and below a band `match_rows` may ask for."""
+    images, refined, copied = _core.reach(survey.settings, survey.equalisation)
+    beside = images + refined + (copied if masked else 0)
+    if survey.settings.optimizer != "sgm":
+        return beside, beside
+    # There bands begin and end at multiples, and so does what is read for them.
+    return beside + (overlap or 0) + 2 * _STEP, beside + _STEP
+
+
+def _bands(height: int, band_rows: int | None, reach: int) -> tuple[int, ...]:
+    """Return the rows of each band, none of which is less than what its neighbours need of it."""
+    wanted = band_rows or _STEP * -(-max(_BAND_ROWS, _HALOS * reach) // _STEP)
+    rows = min(max(wanted, reach), height)
+    count, rest = divmod(height, rows)
+    if not rest:
+        return (rows,) * count
+    return (rows,) * count + (rest,) if rest >= reach else (rows,) * (count - 1) + (rows + rest,)
+
+
+def _table(
+    sides: _Sides,
+    survey: Survey,
+    bands: tuple[int, ...],
+    reach: tuple[int, int],
+    options: Mapping[str, Any],
+) -> Array:
+    """Return an array (H, W) of records of all that is found out of a pixel, a task a band."""
+    da = require("dask.array", extra="dask")
+    ends = np.cumsum(bands)
+    rows = da.from_array(np.column_stack([ends - bands, ends]), chunks=(1, 2))
+    arguments: list[Any] = [rows, "yb"]
+    for side, axes in zip(sides, ("yxc", "yxc", "yx", "yx"), strict=True):
+        if side is None:
+            arguments += [None, None]
+        else:
+            arguments += [_with_halo(side, bands, reach), axes[: side.ndim]]
+    dtype = _record(survey.settings)
+    return da.blockwise(
+        _match_band,
+        "yx",
+        *arguments,
+        survey=require("dask", extra="dask").delayed(survey, pure=True),  # sent once to a worker
+        **options,
+        reach=reach[0],
+        adjust_chunks={"y": bands},
+        align_arrays=False,
+        concatenate=True,
+        dtype=dtype,
+        meta=np.empty((0, 0), dtype),
+        token="phasestereo-band",  # noqa: S106 -- a name of tasks
+    )
+
+
+def _with_halo(side: Array, bands: tuple[int, ...], reach: tuple[int, int]) -> Array:
+    """Return an array whose chunks are bands of whole rows and what is above and below them."""
+    banded = side.rechunk({0: bands, **dict.fromkeys(range(1, side.ndim), -1)})
+    if len(bands) == 1:
+        return banded
+    overlapping = require("dask.array.overlap", extra="dask").overlap
+    return overlapping(banded, depth={0: reach}, boundary="none", allow_rechunk=False)
+
+
+def _record(settings: Settings) -> np.dtype[np.void]:
+    fields = [("disparity", np.float32), ("flags", np.uint16)]
+    return np.dtype(fields + [("confidence", np.float32)] * settings.confidence)
+
+
+def _match_band(
+    rows: NDArray[np.int64],
+    *sides: NDArray[Any] | None,
+    survey: Survey,
+    overlap: int | None,
+    threads: int,
+    reach: int,
+) -> NDArray[np.void]:
+    """Match one band; this is what a task does."""
+    first, last = rows[0].tolist()
+    read = _Excerpt(_Sides(*sides), max(0, first - reach))
+    result = match_rows(read, survey, first, last, overlap=overlap, threads=threads)
+    found = np.empty(result.disparity.shape, _record(survey.settings))
+    for name in found.dtype.names or ():
+        found[name] = getattr(result, name)
+    return found
+
+
+def _layer(table: Array, name: str) -> Array:
+    dtype = table.dtype[name]
+    return table.map_blocks(
+        partial(_field, name=name), dtype=dtype, meta=np.empty((0, 0), dtype), name=None
+    )
+
+
+def _field(block: NDArray[np.void], *, name: str) -> NDArray[Any]:
+    return np.ascontiguousarray(block[name])  # a view would keep all fields in memory

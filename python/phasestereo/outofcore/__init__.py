@@ -1,0 +1,14 @@
+"""Matching pairs larger than memory: read by windows, kept block by block, resumed after a kill.
+
+`run` holds the order of things, `request` what is asked for, `plan` how much fits into memory,
+`work` the bands, `store` what is finished, and `sinks` the files that come out.
+"""
+
+from __future__ import annotations
+
+from phasestereo.outofcore.plan import Plan, Tile
+from phasestereo.outofcore.report import Report
+from phasestereo.outofcore.run import match
+from phasestereo.outofcore.sizes import as_bytes, tell_bytes
+
+__all__ = ["Plan", "Report", "Tile", "as_bytes", "match", "tell_bytes"]

@@ -1,0 +1,223 @@
+"""How to match within a limit on memory: on how many threads, in bands of how many rows."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from phasestereo.banding import working_memory
+from phasestereo.outofcore.sizes import tell_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from phasestereo.io.windows import RasterPair
+    from phasestereo.surveying import Survey
+
+ROWS = 32
+"""Bands are of multiples of so many rows."""
+
+LARGEST = 1024
+"""Rows of the largest band: beyond, less is saved than is lost when a run is killed."""
+
+COLUMNS = 256
+"""Tiles are of multiples of so many columns, those of the tiles of a TIFF file."""
+
+_LEAST_CACHE = 16 * 2**20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tile:
+    """Columns that are matched by themselves.
+
+    Parameters
+    ----------
+    number
+        Counted from 0.
+    columns
+        The first of them, and the first that is not one of them.
+    reads
+        The columns of both images that are read for it, likewise.
+    """
+
+    number: int
+    columns: tuple[int, int]
+    reads: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """How a pair is matched.
+
+    Parameters
+    ----------
+    size
+        Rows and columns of the pair.
+    num_disparities
+        Number of disparities searched.
+    tiles
+        Columns that are matched by themselves: one tile of all, unless it is asked otherwise.
+    rows
+        Rows of a band, but for the last one.
+    threads
+        Number of threads.
+    memory
+        Bytes that the process has at most at any time, as expected.
+    bands
+        Number of bands that are to be matched.
+    finished
+        Number of bands that an earlier run left finished.
+    seconds
+        Time that matching these bands takes, as expected.
+    by_band
+        Whether that is from a band that was matched, and of what is left then; else from a small
+        part of the pair.
+    """
+
+    size: tuple[int, int]
+    num_disparities: int
+    tiles: tuple[Tile, ...]
+    rows: int
+    threads: int
+    memory: int
+    bands: int
+    finished: int
+    seconds: float
+    by_band: bool = False
+
+
+def resident() -> int:
+    """Return how many bytes of memory the process has; where that is unknown, the most it had."""
+    try:
+        pages = int(Path("/proc/self/statm").read_bytes().split()[1])
+    except OSError:
+        return peak() or 0
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def peak() -> int | None:
+    """Return the most bytes of memory that the process had; None: the system does not tell."""
+    if find_spec("resource") is None:
+        return None
+    import resource  # noqa: PLC0415  # Windows has none
+
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return most if sys.platform == "darwin" else most * 1024
+
+
+def cache(pair: RasterPair) -> int:
+    """Return the bytes that GDAL needs to keep, so that no block of a file is decoded twice."""
+    return max(_LEAST_CACHE, 2 * sum(raster.block[1] for raster in pair.rasters))
+
+
+def tiles(survey: Survey, columns: int | None, overlap: int) -> tuple[Tile, ...]:
+    """Return the tiles of a pair.
+
+    Parameters
+    ----------
+    survey
+        That of the pair.
+    columns
+        Columns of a tile; None: all.
+    overlap
+        Further columns on either side, beyond those in which candidates lie.
+    """
+    width, low, count = survey.size[1], survey.min_disparity, survey.num_disparities
+    step = 1 if columns is None else survey.column_step
+    reach = overlap + max(abs(low), abs(low + count - 1)) + count
+    starts = range(0, width, columns or width)
+    ends = [*starts[1:], width]
+    return tuple(
+        Tile(
+            number=number,
+            columns=(start, end),
+            reads=(max(0, start - reach) // step * step, min(width, end + reach)),
+        )
+        for number, (start, end) in enumerate(zip(starts, ends, strict=True))
+    )
+
+
+def fit(
+    surveys: Sequence[Survey], pair: RasterPair, limit: int, *, threads: int, rows: int | None
+) -> tuple[int, int, int]:
+    """Return rows of a band, threads, and the memory they take, of which the limit allows most.
+
+    Parameters
+    ----------
+    surveys
+        Those of all tiles.
+    pair
+        The pair.
+    limit
+        Bytes that the process may have.
+    threads
+        Number of threads that may be used.
+    rows
+        Rows of a band; None: as many as the limit allows.
+
+    Raises
+    ------
+    ValueError
+        If the limit is too low whatever the band.
+    """
+    base = resident() + cache(pair) + _pieces(pair)
+    most = min(LARGEST, -(-pair.size[0] // ROWS) * ROWS)
+
+    def takes(count: int, workers: int) -> int:
+        return base + max(
+            working_memory(survey, count, threads=workers, itemsize=pair.itemsize)
+            for survey in surveys
+        )
+
+    def fits(workers: int, count: int) -> bool:
+        return takes(count, workers) <= limit
+
+    for workers in range(threads, 0, -1):
+        # Fewer rows than this would leave threads without work.
+        low, high = (rows, rows) if rows else (min(ROWS * workers, most), most)
+        if fits(workers, low):
+            best = _largest(low, high, partial(fits, workers))
+            return best, workers, takes(best, workers)
+    least = takes(rows or ROWS, 1)
+    raise ValueError(f"max_memory: got {tell_bytes(limit)}; accepts {_cure(least, surveys, pair)}")
+
+
+def _largest(low: int, high: int, fits: Callable[[int], bool]) -> int:
+    """Return the largest multiple of `ROWS` from low, which fits, to high that fits."""
+    while low < high:
+        middle = low + -(-(high - low) // (2 * ROWS)) * ROWS
+        if fits(middle):
+            low = middle
+        else:
+            high = middle - ROWS
+    return low
+
+
+def _pieces(pair: RasterPair) -> int:
+    """Return the bytes that a piece of a file takes on its way into an array."""
+    return max(
+        max(64, 2 * raster.block[0]) * pair.size[1] * (3 * raster.itemsize + 4)
+        for raster in pair.rasters
+    )
+
+
+def _cure(least: int, surveys: Sequence[Survey], pair: RasterPair) -> str:
+    """Say how much would do, and what would make it less."""
+    width, count = max(survey.size[1] for survey in surveys), surveys[0].num_disparities
+    text = (
+        f"{tell_bytes(least)} or more for {width} columns and {count} disparities; less would do "
+        "with fewer disparities, with the preset fast, or in tiles of columns (tile_columns), "
+        "which are approximate"
+    )
+    blocks = max(pair.rasters, key=lambda raster: raster.block[1])
+    if 2 * (cache(pair) + _pieces(pair)) > least:
+        text += (
+            f"; {blocks.path} is stored in blocks of {blocks.block[0]} rows, which are read as a "
+            "whole: store it in tiles"
+        )
+    return text

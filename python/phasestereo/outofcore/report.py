@@ -1,0 +1,69 @@
+"""What became of a run: all that is known of a map which is too large to be looked at."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from phasestereo.outofcore.plan import Plan
+    from phasestereo.result import Flag
+    from phasestereo.surveying import Survey
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Report:
+    """A finished run.
+
+    Parameters
+    ----------
+    plan
+        How the pair was matched.
+    survey
+        What was known of the pair: settings, blur, the disparities searched.
+    files
+        The files written, by their layer: ``"disparity"``, ``"flags"``, ``"confidence"``.
+    estimated
+        Share of the pixels with an estimate, 0 to 1.
+    flags
+        Number of pixels under each flag.
+    seconds
+        Wall-clock seconds of all bands, those of earlier runs, too.
+    peak_memory
+        Bytes that this process had at most since it began; None: the system does not tell.
+    approximate
+        In what the map is approximate; None: in nothing.
+    """
+
+    plan: Plan
+    survey: Survey
+    files: Mapping[str, Path]
+    estimated: float
+    flags: Mapping[Flag, int]
+    seconds: float
+    peak_memory: int | None
+    approximate: str | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything as JSON has it."""
+        survey, plan = self.survey, self.plan
+        return {
+            "width": survey.size[1],
+            "height": survey.size[0],
+            "min_disparity": survey.min_disparity,
+            "num_disparities": survey.num_disparities,
+            "settings": asdict(survey.settings),
+            "timings": {"bands": self.seconds},
+            "blurs": None if survey.blur is None else survey.blur.as_dicts(),
+            "estimated": self.estimated,
+            "flags": {str(flag.name).lower(): count for flag, count in self.flags.items()},
+            "files": {layer: str(path) for layer, path in self.files.items()},
+            "approximate": self.approximate,
+            "bands": {"matched": plan.bands, "finished_before": plan.finished, "rows": plan.rows},
+            "tiles": len(plan.tiles),
+            "threads": plan.threads,
+            "memory": {"expected": plan.memory, "peak": self.peak_memory},
+        }

@@ -1,0 +1,121 @@
+"""What a run is asked for: checked before anything is read, and told apart from other runs."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict, dataclass
+from numbers import Integral
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import phasestereo
+from phasestereo.outofcore.plan import COLUMNS, ROWS
+from phasestereo.outofcore.sinks import check_suffix
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from phasestereo.equalisation import Noise
+    from phasestereo.io.files import StrPath
+    from phasestereo.settings import Settings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """All that the result of a run depends on.
+
+    Parameters
+    ----------
+    sources
+        Left image, right image, left mask, right mask.
+    outputs
+        Files by the layer that they are to hold.
+    settings, min_disparity, num_disparities, noise, bands, tile_columns, column_overlap
+        As `phasestereo.outofcore.match` has it.
+    """
+
+    sources: tuple[StrPath, StrPath, StrPath | None, StrPath | None]
+    outputs: Mapping[str, Path]
+    settings: Settings
+    min_disparity: int
+    num_disparities: int
+    noise: Noise | None
+    bands: Sequence[int] | None
+    tile_columns: int | None
+    column_overlap: int
+
+    def __post_init__(self) -> None:
+        """Check what nothing else does."""
+        check_whole("tile_columns", self.tile_columns, COLUMNS)
+        _check_type("column_overlap", self.column_overlap)
+        if self.column_overlap < 0:
+            raise ValueError(f"column_overlap: got {self.column_overlap}; accepts 0 or more")
+        if "confidence" in self.outputs and not self.settings.confidence:
+            raise ValueError(
+                "confidence_output: got a file, and settings that work none out; accepts None"
+            )
+
+    def identity(self) -> dict[str, Any]:
+        """Return all of it as JSON has it: two runs of which it is the same have one result."""
+        names = "left", "right", "left_mask", "right_mask"
+        files = zip(names, self.sources, strict=True)
+        return {
+            "version": phasestereo.__version__,
+            **{name: None if path is None else _identity(path) for name, path in files},
+            "bands": None if self.bands is None else list(self.bands),
+            "min_disparity": self.min_disparity,
+            "num_disparities": self.num_disparities,
+            "settings": asdict(self.settings),
+            "noise": self.noise,
+            "layers": list(self.outputs),
+            "tile_columns": self.tile_columns,
+            "column_overlap": None if self.tile_columns is None else self.column_overlap,
+        }
+
+    def approximation(self, width: int) -> str | None:
+        """Return in what the map of a pair of this width is approximate; None: in nothing."""
+        if self.tile_columns is None or self.tile_columns >= width:
+            return None
+        return (
+            f"matched in tiles of {self.tile_columns} columns, each with {self.column_overlap} "
+            "more on either side"
+        )
+
+
+def check_whole(name: str, value: int | None, step: int = ROWS) -> None:
+    """Refuse what is neither None nor a positive multiple of a step."""
+    _check_type(name, value)
+    if value is not None and (value < 1 or value % step):
+        raise ValueError(f"{name}: got {value}; accepts multiples of {step}")
+
+
+def _check_type(name: str, value: object) -> None:
+    if value is not None and (not isinstance(value, Integral) or isinstance(value, bool)):
+        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
+
+
+def as_outputs(
+    paths: dict[str, StrPath | None], sources: Sequence[StrPath | None]
+) -> dict[str, Path]:
+    """Return the outputs that are asked for by their layer, if they can all be written."""
+    taken = {os.path.realpath(path) for path in sources if path is not None}
+    outputs = {layer: Path(path) for layer, path in paths.items() if path is not None}
+    for layer, path in outputs.items():
+        name = "output" if layer == "disparity" else f"{layer}_output"
+        check_suffix(path, name)
+        if os.path.realpath(path) in taken:
+            raise ValueError(f"{name}: {path} is in use already; accepts another file")
+        taken.add(os.path.realpath(path))
+    return outputs
+
+
+def _identity(path: StrPath) -> dict[str, Any]:
+    """Return what tells whether a file is the same as before: its name, size and time."""
+    place = Path(os.path.realpath(path))
+    files = [place] if place.is_file() else [file for file in place.rglob("*") if file.is_file()]
+    found = [file.stat() for file in files] or [place.stat()]
+    return {
+        "path": str(place),
+        "size": sum(each.st_size for each in found),
+        "time": max(each.st_mtime_ns for each in found),
+    }

@@ -1,0 +1,208 @@
+"""A pair larger than memory, from two files to another: in what order, and what comes out."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from phasestereo._extras import require
+from phasestereo.io.files import suffix
+from phasestereo.io.windows import open_pair
+from phasestereo.matcher import Matcher
+from phasestereo.outofcore import plan as planning
+from phasestereo.outofcore.request import Request, as_outputs, check_whole
+from phasestereo.outofcore.sinks import Sink
+from phasestereo.outofcore.sizes import as_bytes
+from phasestereo.outofcore.store import opened
+from phasestereo.outofcore.work import Work
+from phasestereo.settings import PRESET, Settings, resolve
+from phasestereo.surveying import survey
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from phasestereo.equalisation import Noise
+    from phasestereo.io.files import StrPath
+    from phasestereo.io.windows import RasterPair
+    from phasestereo.matcher import Progress
+    from phasestereo.outofcore.plan import Plan
+    from phasestereo.outofcore.report import Report
+    from phasestereo.outofcore.store import Store
+    from phasestereo.surveying import Survey
+
+
+def match(
+    left: StrPath,
+    right: StrPath,
+    output: StrPath,
+    *,
+    num_disparities: int,
+    max_memory: int | str,
+    min_disparity: int = 0,
+    preset: str = PRESET,
+    settings: Settings | None = None,
+    threads: int | None = None,
+    left_mask: StrPath | None = None,
+    right_mask: StrPath | None = None,
+    bands: Sequence[int] | None = None,
+    noise: Noise | None = None,
+    flags_output: StrPath | None = None,
+    confidence_output: StrPath | None = None,
+    band_rows: int | None = None,
+    tile_columns: int | None = None,
+    column_overlap: int = 256,
+    restart: bool = False,
+    announce: Callable[[Plan], object] | None = None,
+    progress: Progress | None = None,
+    **overrides: Any,
+) -> Report:
+    """Match a rectified stereo pair that need not fit into memory, from file to file.
+
+    What comes out is what `phasestereo.match` returns for the whole pair, to the bit, unless
+    ``tile_columns`` is given. The pair is matched band after band; finished bands are kept in a
+    folder beside the output (``out.tif.part``), and the same call goes on from there after whatever
+    ended it. The folder is removed in the end.
+
+    Parameters
+    ----------
+    left, right
+        Files that are read by windows: TIFF (GeoTIFF, COG, BigTIFF), Zarr arrays, ``.npy``, see
+        `phasestereo.io.windows.open_raster`. Pixels without data are masked.
+    output
+        File for the disparities: ``.tif`` (which keeps the georeference of the left image),
+        ``.npy`` or ``.zarr``; float32, NaN where there is no estimate.
+    num_disparities, min_disparity, preset, settings, threads, noise, **overrides
+        As `phasestereo.match` takes them.
+    max_memory
+        Memory that the process may have resident, all in all: bytes, or in words: "2GB", "800MiB".
+    left_mask, right_mask
+        Files of the images' size, read like them, not 0 where pixels are valid.
+    bands
+        The number of one band of TIFF files, or three for red, green and blue.
+    flags_output, confidence_output
+        Files for the flags (uint16) and the confidences (float32), of the same formats.
+    band_rows
+        Rows of a band, a multiple of 32; None: as many as the memory allows, 1024 at most.
+    tile_columns
+        Match tiles of so many columns, a multiple of 256, by themselves, where bands alone take too
+        much memory. Then the map is approximate near the edges of tiles; the report and the tags of
+        the output say so.
+    column_overlap
+        Columns on either side of a tile that are matched with it and left out, beyond those in
+        which its candidates lie. Read with `tile_columns` alone.
+    restart
+        Whether to drop what an earlier run left finished. Otherwise it is gone on from, if it is of
+        the same inputs, settings and version; memory, threads and rows may differ.
+    announce
+        Called with the `Plan` before the first band, and again after the second one, with what that
+        tells of the time: the first one looks ahead, and takes longer than others.
+    progress
+        Called as ``progress(rows_done, rows)`` every now and then and after each band, rows being
+        those of all tiles; what it raises ends the run.
+
+    Returns
+    -------
+    Report
+        What there is to say about the map; not the map.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `phasestereo.match`; for a format that is not read or written by windows; if `max_memory`
+        is too little, with the amount that would do; if an earlier run of other inputs or settings
+        left finished bands, and `restart` is False.
+    OSError
+        If a part of a file cannot be read, an output cannot be written (finished bands are kept),
+        or another run with this output is at work.
+    ImportError
+        If filelock is not installed, or rasterio or zarr where they are needed.
+    KeyboardInterrupt
+        After Ctrl-C; finished bands are kept.
+
+    Examples
+    --------
+    >>> ps.outofcore.match("left.tif", "right.tif", "out.tif", num_disparities=256,
+    ...                    max_memory="2GB")
+    """
+    limit = as_bytes(max_memory, "max_memory")
+    check_whole("band_rows", band_rows)
+    sources = left, right, left_mask, right_mask
+    outputs = {"disparity": output, "flags": flags_output, "confidence": confidence_output}
+    request = Request(
+        sources=sources,
+        outputs=as_outputs(outputs, sources),
+        settings=resolve(preset, settings, overrides),
+        min_disparity=min_disparity,
+        num_disparities=num_disparities,
+        noise=noise,
+        bands=bands,
+        tile_columns=tile_columns,
+        column_overlap=column_overlap,
+    )
+    count = Matcher(settings=request.settings, threads=threads).threads
+    with _prepared(request, count, restart=restart) as (pair, survey, store, sinks):
+        work = Work(pair, survey, store, tuple(request.outputs), announce, progress)
+        tiles = planning.tiles(survey, tile_columns, column_overlap)
+        plan = work.run(work.planned(tiles, limit, count, band_rows))
+        for sink in sinks:
+            sink.write(partial(work.windows, plan, sink.layer))
+        for sink in sinks:
+            sink.publish()
+        report = work.report(plan, request)
+        store.discard()
+    return report
+
+
+@contextmanager
+def _prepared(
+    request: Request, threads: int, *, restart: bool
+) -> Iterator[tuple[RasterPair, Survey, Store, list[Sink]]]:
+    """Open the pair and what is finished of it, try the outputs, and make the survey."""
+    left, right, left_mask, right_mask = request.sources
+    with ExitStack() as stack:
+        pair = stack.enter_context(
+            open_pair(left, right, bands=request.bands, left_mask=left_mask, right_mask=right_mask)
+        )
+        _limit_gdal(stack, pair, request.outputs)
+        output = request.outputs["disparity"]
+        store = stack.enter_context(opened(output, request.identity(), restart=restart))
+        sinks = _sinks(request, pair)
+        for sink in sinks:
+            sink.rehearse()
+        yield pair, store.survey(partial(_surveyed, request, pair, threads)), store, sinks
+
+
+def _surveyed(request: Request, pair: RasterPair, threads: int) -> Survey:
+    return survey(
+        pair.reader(),
+        pair.size,
+        num_disparities=request.num_disparities,
+        min_disparity=request.min_disparity,
+        settings=request.settings,
+        threads=threads,
+        noise=request.noise,
+    )
+
+
+def _sinks(request: Request, pair: RasterPair) -> list[Sink]:
+    approximate = request.approximation(pair.size[1])
+    return [
+        Sink(
+            path=path,
+            layer=layer,
+            size=pair.size,
+            place=pair.left.georeference,
+            tags={} if approximate is None else {"APPROXIMATE": approximate},
+        )
+        for layer, path in request.outputs.items()
+    ]
+
+
+def _limit_gdal(stack: ExitStack, pair: RasterPair, outputs: Mapping[str, Path]) -> None:
+    """Have GDAL keep no more blocks than it takes; by itself it keeps a share of all memory."""
+    names: list[StrPath] = [*(raster.path for raster in pair.rasters), *outputs.values()]
+    if any(suffix(name) in (".tif", ".tiff") for name in names):
+        rasterio = require("rasterio", extra="geo")
+        stack.enter_context(rasterio.Env(GDAL_CACHEMAX=planning.cache(pair)))

@@ -1,0 +1,253 @@
+"""The files that come out: written by windows as drafts, read back, and only then given names.
+
+GDAL does not tell everything that goes wrong when a file is closed: so what was written is compared
+with what was meant.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.lib import format as npy_format
+
+from phasestereo._extras import require
+from phasestereo.io.files import suffix
+from phasestereo.io.geotiff import TILE, placed, point_tag, storage, unplaced_allowed
+from phasestereo.io.windows import open_raster
+from phasestereo.outofcore.sizes import tell_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    from phasestereo.io import Georeference
+
+    Write = Callable[[int, int, NDArray[Any]], None]
+    Windows = Callable[[], Iterator[tuple[int, int, NDArray[Any]]]]
+
+DTYPES = {"disparity": "float32", "flags": "uint16", "confidence": "float32"}
+"""The layers of a result, and what each is made of."""
+
+ROWS = TILE
+"""Windows are of so many rows, and begin at multiples of them."""
+
+_CHUNK = (ROWS, 2048)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sink:
+    """A file that is to be written.
+
+    Parameters
+    ----------
+    path
+        The file; for Zarr the folder.
+    layer
+        The layer of the result that it holds, one of `DTYPES`.
+    size
+        Rows and columns.
+    place
+        Where it lies.
+    tags
+        What else it tells, by name; ``.npy`` cannot.
+    """
+
+    path: Path
+    layer: str
+    size: tuple[int, int]
+    place: Georeference
+    tags: Mapping[str, str]
+
+    @property
+    def target(self) -> Path:
+        """The file itself, where the path is a symbolic link."""
+        return place_of(self.path)
+
+    @property
+    def draft(self) -> Path:
+        """The file until it is complete."""
+        return self.target.with_name(f".{self.target.name}.draft")
+
+    def rehearse(self) -> None:
+        """Write a draft of one pixel and remove it: nothing else knows all that can go wrong."""
+        pixel = np.zeros((1, 1), DTYPES[self.layer])
+        small = Sink(
+            path=self.path, layer=self.layer, size=(1, 1), place=self.place, tags=self.tags
+        )
+        try:
+            small.write(lambda: iter([(0, 0, pixel)]))
+        finally:
+            remove(self.draft)
+
+    def write(self, windows: Windows) -> None:
+        """Write a draft of all windows (row, column, values), and read it back.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written; no draft is left then.
+        """
+        try:
+            with ExitStack() as stack:
+                with self._blamed():
+                    remove(self.draft)
+                    write = stack.enter_context(_WRITERS[suffix(self.path)](self))
+                for row, column, values in windows():
+                    with self._blamed():
+                        write(row, column, values)
+                with self._blamed():
+                    stack.close()
+            self._compare(windows)
+        except BaseException:
+            remove(self.draft)
+            raise
+
+    def publish(self) -> None:
+        """Give the draft its name."""
+        if suffix(self.path) == ".zarr":
+            remove(self.target)  # a folder that is not empty cannot be replaced
+        self.draft.replace(self.target)
+
+    def _compare(self, windows: Windows) -> None:
+        with ExitStack() as stack:
+            with self._blamed():
+                raster = stack.enter_context(open_raster(self.draft))
+            for row, column, values in windows():
+                rows, columns = values.shape
+                with self._blamed():
+                    found, _ = raster.read(row, row + rows, (column, column + columns))
+                    if not np.array_equal(found, values, equal_nan=values.dtype.kind == "f"):
+                        raise OSError(errno.EIO, f"rows from {row} on are not what was written")
+
+    @contextmanager
+    def _blamed(self) -> Iterator[None]:
+        """Say which file could not be written, and what it takes."""
+        try:
+            yield
+        except (OSError, ValueError) as error:
+            size = self.size[0] * self.size[1] * np.dtype(DTYPES[self.layer]).itemsize
+            reason = getattr(error, "strerror", None) or error.__cause__ or error
+            raise OSError(
+                getattr(error, "errno", None) or errno.EIO,
+                f"cannot be written ({reason}); it may take {tell_bytes(size)}; finished "
+                "bands are kept, and the same command goes on from there",
+                str(self.path),
+            ) from error
+
+
+def place_of(path: Path) -> Path:
+    """Return where an output is to be: a symbolic link stays, what it names is replaced.
+
+    Raises
+    ------
+    OSError
+        If its folder does not exist, or something of another kind has its name.
+    """
+    target = Path(os.path.realpath(path))
+    if not target.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "no such folder", str(target.parent))
+    if suffix(path) == ".zarr":
+        taken = target.exists() and not any((target / name).exists() for name in _ZARR_FILES)
+    else:
+        taken = target.exists() and not target.is_file()
+    if taken:
+        raise OSError(f"{path} exists and is not such a file")
+    return target
+
+
+def check_suffix(path: Path, name: str) -> None:
+    """Refuse a format that is not written by windows."""
+    if suffix(path) not in _WRITERS:
+        raise ValueError(f"{name}: got {path}; accepts {', '.join(_WRITERS)}")
+
+
+def remove(path: Path) -> None:
+    """Remove a file, or the folder of a Zarr array, if it is there."""
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+@contextmanager
+def _tiff(sink: Sink) -> Iterator[Write]:
+    rasterio = require("rasterio", extra="geo")
+    dtype = np.dtype(DTYPES[sink.layer])
+    options = placed(sink.place) | ({"nodata": np.nan} if dtype.kind == "f" else {})
+    height, width = sink.size
+    with (
+        unplaced_allowed(),
+        rasterio.open(
+            sink.draft, "w", count=1, height=height, width=width, **storage(dtype), **options
+        ) as file,
+    ):
+        file.update_tags(**sink.tags, **point_tag(sink.place))
+        file.set_band_description(1, sink.layer)
+
+        def write(row: int, column: int, values: NDArray[Any]) -> None:
+            rows, columns = values.shape
+            part = ((row, row + rows), (column, column + columns))
+            file.write(values, 1, window=part)
+
+        yield write
+
+
+@contextmanager
+def _npy(sink: Sink) -> Iterator[Write]:
+    dtype = np.dtype(DTYPES[sink.layer])
+    header = {"descr": dtype.str, "fortran_order": False, "shape": sink.size}
+    with sink.draft.open("wb") as file:
+        npy_format.write_array_header_1_0(file, header)
+        start = file.tell()
+
+        def write(row: int, column: int, values: NDArray[Any]) -> None:
+            lines = [values] if values.shape[1] == sink.size[1] else values
+            for number, line in enumerate(lines, start=row):
+                file.seek(start + (number * sink.size[1] + column) * dtype.itemsize)
+                file.write(np.ascontiguousarray(line).data)
+
+        yield write
+
+
+@contextmanager
+def _zarr(sink: Sink) -> Iterator[Write]:
+    zarr = require("zarr", extra="large")
+    dtype = np.dtype(DTYPES[sink.layer])
+    array = zarr.create_array(
+        sink.draft,
+        shape=sink.size,
+        chunks=tuple(map(min, _CHUNK, sink.size)),
+        dtype=dtype,
+        fill_value=np.nan if dtype.kind == "f" else 0,
+        dimension_names=("y", "x"),
+        attributes=_attributes(sink),
+    )
+
+    def write(row: int, column: int, values: NDArray[Any]) -> None:
+        rows, columns = values.shape
+        array[row : row + rows, column : column + columns] = values
+
+    yield write
+
+
+def _attributes(sink: Sink) -> dict[str, Any]:
+    """Return what a Zarr array tells of itself: its place as GDAL's own names have it."""
+    attributes: dict[str, Any] = {"long_name": sink.layer, **sink.tags}
+    if sink.place.crs is not None:
+        wkt = getattr(placed(sink.place)["crs"], "to_wkt", str)()
+        attributes["_CRS"] = {"wkt": wkt}
+    if sink.place.transform is not None:
+        attributes["transform"] = [float(term) for term in tuple(sink.place.transform)[:6]]
+    return attributes
+
+
+_ZARR_FILES = ("zarr.json", ".zarray", ".zgroup")
+_WRITERS = {".tif": _tiff, ".tiff": _tiff, ".npy": _npy, ".zarr": _zarr}

@@ -1,0 +1,543 @@
+"""Pairs larger than memory: the bits of `ps.match`, whatever ends a run and whenever."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from conftest import counterpart
+from phasestereo import outofcore
+from phasestereo.io import Georeference, read_geotiff, write_geotiff
+from phasestereo.io.windows import open_raster
+from phasestereo.outofcore import as_bytes, sinks, tell_bytes
+
+rasterio = counterpart("rasterio")
+zarr = counterpart("zarr")
+counterpart("filelock")
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+HEIGHT, WIDTH, COUNT = 208, 300, 24
+PLACE = Georeference(crs="EPSG:32631", transform=(0.5, 0, 500000, 0, -0.5, 4800000))
+PLACED = rasterio.Affine(*PLACE.transform)
+PRESETS = ["robust", "fast"]
+MEMORY = "4GB"  # what the tests' own process has counts, too
+
+
+def texture(height: int, width: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return a pair whose disparities rise from 3 by a step each 40 rows."""
+    random = np.random.default_rng(0)
+    right = random.integers(0, 256, (height, width), np.uint8)
+    shifts = 3 + np.arange(height) // 40 % 15
+    left = np.stack([np.roll(row, shift) for row, shift in zip(right, shifts, strict=True)])
+    return left, right
+
+
+@pytest.fixture
+def pair(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Write left.tif and right.tif in the current folder, and return what they show."""
+    monkeypatch.chdir(tmp_path)
+    images = texture(HEIGHT, WIDTH)
+    for name, image in zip(("left.tif", "right.tif"), images, strict=True):
+        write_geotiff(name, image, like=PLACE)
+    return images
+
+
+def match(output: str = "out.npy", **options: Any) -> outofcore.Report:
+    given: dict[str, Any] = {"num_disparities": COUNT, "max_memory": MEMORY, "band_rows": 32}
+    return outofcore.match("left.tif", "right.tif", output, **given | options)
+
+
+def read(path: str) -> NDArray[Any]:
+    with open_raster(path) as raster:
+        return raster.read(0, raster.size[0])[0]
+
+
+def left_over() -> list[str]:
+    return sorted(path.name for path in Path().iterdir() if path.name not in _INPUTS)
+
+
+_INPUTS = {"left.tif", "right.tif"}
+
+
+# What comes out
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("output", ["out.tif", "out.npy", "out.zarr"])
+def test_the_map_is_that_of_the_whole_pair(
+    pair: tuple[NDArray[np.uint8], ...], output: str, preset: str
+) -> None:
+    report = match(output, preset=preset)
+    whole = ps.match(*pair, num_disparities=COUNT, preset=preset)
+    np.testing.assert_array_equal(read(output), whole.disparity, strict=True)
+    assert left_over() == [output]
+    assert (report.plan.bands, report.plan.finished, report.plan.rows) == (7, 0, 32)
+    assert report.estimated == np.isfinite(whole.disparity).mean()
+    assert sum(report.flags.values()) > 0
+    assert report.approximate is None
+    assert report.seconds > 0
+    assert json.loads(json.dumps(report.as_dict(), allow_nan=False))["width"] == WIDTH
+
+
+@pytest.mark.parametrize("ending", ["tif", "npy", "zarr"])
+def test_flags_and_confidences_come_out_too(
+    pair: tuple[NDArray[np.uint8], ...], ending: str
+) -> None:
+    files = {name: f"{name}.{ending}" for name in ("flags", "confidence")}
+    report = match(
+        f"out.{ending}",
+        fill=False,
+        flags_output=files["flags"],
+        confidence_output=files["confidence"],
+    )
+    whole = ps.match(*pair, num_disparities=COUNT, fill=False)
+    np.testing.assert_array_equal(read(files["flags"]), whole.flags, strict=True)
+    np.testing.assert_array_equal(read(files["confidence"]), whole.confidence, strict=True)
+    np.testing.assert_array_equal(read(f"out.{ending}"), whole.disparity, strict=True)
+    assert np.isnan(whole.disparity).any()
+    assert report.flags == {flag: int((whole.flags & flag != 0).sum()) for flag in ps.Flag}
+
+
+def test_what_has_no_data_is_masked(pair: tuple[NDArray[np.uint8], ...]) -> None:
+    write_geotiff("left.tif", np.where(pair[0] < 200, pair[0], np.float32(np.nan)))
+    write_geotiff("right.tif", pair[1].astype(np.float32))
+    valid = np.ones((HEIGHT, WIDTH), bool)
+    valid[50:120, 30:70] = False
+    np.save("mask.npy", valid)
+    match(right_mask="mask.npy")
+    left = read_geotiff("left.tif")
+    assert left.mask is not None
+    whole = ps.match(
+        left.image,
+        pair[1].astype(np.float32),
+        num_disparities=COUNT,
+        left_mask=left.mask,
+        right_mask=valid,
+    )
+    np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)
+
+
+@pytest.mark.usefixtures("pair")
+def test_the_map_lies_where_the_left_image_does() -> None:
+    write_geotiff("right.tif", texture(HEIGHT, WIDTH)[1])
+    match("out.tif", flags_output="flags.tif")
+    for name in ("out.tif", "flags.tif"):
+        found = read_geotiff(name)
+        assert found.georeference.crs == rasterio.CRS.from_epsg(32631)
+        assert tuple(found.georeference.transform)[:6] == PLACE.transform
+        assert "APPROXIMATE" not in found.tags
+    with rasterio.open("out.tif") as file:
+        assert np.isnan(file.nodata)
+        assert file.profile["tiled"]
+        assert file.descriptions == ("disparity",)
+    match("out.zarr")
+    attributes = zarr.open_array("out.zarr").attrs
+    assert tuple(attributes["transform"]) == PLACE.transform
+    assert "32631" in attributes["_CRS"]["wkt"]
+
+
+@pytest.mark.usefixtures("pair")
+def test_an_output_that_is_there_is_replaced() -> None:
+    for output in ("out.zarr", "out.npy"):
+        match(output, preset="fast", num_disparities=4)
+        before = read(output)
+        match(output, preset="fast")
+        assert not np.array_equal(read(output), before)
+
+
+@pytest.mark.usefixtures("pair")
+def test_tiles_of_columns_are_approximate_and_say_so() -> None:
+    match("whole.npy", preset="fast")
+    report = match("out.tif", preset="fast", tile_columns=256, column_overlap=0)
+    assert report.approximate == "matched in tiles of 256 columns, each with 0 more on either side"
+    assert [tile.columns for tile in report.plan.tiles] == [(0, 256), (256, WIDTH)]
+    assert report.plan.tiles[0].reads[1] == WIDTH  # all candidates are inside
+    assert 0 < report.plan.tiles[1].reads[0] <= 256 - 2 * (COUNT - 1)
+    assert read_geotiff("out.tif").tags["APPROXIMATE"] == report.approximate
+    assert (read("out.tif") == np.load("whole.npy")).mean() > 0.95
+    assert match("out.tif", tile_columns=512).approximate is None  # one tile is no tile
+
+
+@pytest.mark.parametrize(("size", "count"), [
+    ("2GB", 2 * 10**9), ("800MiB", 800 * 2**20), ("1.5 g", 15 * 10**8), ("7k", 7000), (12, 12),
+    ("512", 512), ("1 TiB", 2**40),
+])  # fmt: skip
+def test_sizes_are_read(size: int | str, count: int) -> None:
+    assert as_bytes(size, "max_memory") == count
+
+
+@pytest.mark.parametrize("size", ["", "GB", "-1GB", "1GBB", "1e9", "2 bits", "0"])
+def test_what_is_no_size_is_refused(size: str) -> None:
+    with pytest.raises(ValueError, match="^max_memory: got '.*'; accepts "):
+        as_bytes(size, "max_memory")
+
+
+@pytest.mark.parametrize(("count", "words"), [
+    (12, "12 bytes"), (1000, "1 kB"), (812_000_001, "813 MB"), (1_340_000_000, "1.4 GB"),
+    (99_900_000, "99.9 MB"),
+])  # fmt: skip
+def test_sizes_are_told_so_that_they_suffice(count: int, words: str) -> None:
+    assert tell_bytes(count) == words
+    assert as_bytes(words.removesuffix("ytes"), "") >= count
+
+
+# What ends a run
+
+
+class EndingError(Exception):
+    """What a progress raises."""
+
+
+def end_after(bands: int, error: type[BaseException] = EndingError) -> Any:
+    """Return a progress that ends the run after so many bands."""
+
+    def progress(done: int, _rows: int) -> None:
+        if done >= bands * 32:
+            raise error
+
+    return progress
+
+
+def blocks() -> dict[str, tuple[int, int]]:
+    """Return what tells whether a finished block was written again."""
+    found = Path("out.npy.part").glob("tile*-rows*.npz")
+    return {path.name: (path.stat().st_ino, path.stat().st_mtime_ns) for path in found}
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("error", [EndingError, KeyboardInterrupt])
+def test_a_run_goes_on_where_it_ended(
+    pair: tuple[NDArray[np.uint8], ...], error: type[BaseException], preset: str
+) -> None:
+    with pytest.raises(error):
+        match(preset=preset, progress=end_after(3, error))
+    before = blocks()
+    assert len(before) == 3
+    seen: list[int] = []
+
+    def progress(done: int, _rows: int) -> None:
+        seen.append(done)
+        assert before.items() <= blocks().items()
+
+    report = match(preset=preset, progress=progress)
+    assert sorted(seen) == seen
+    assert {96, 128, 160, 192, HEIGHT} <= set(seen)
+    assert (report.plan.bands, report.plan.finished) == (4, 3)
+    whole = ps.match(*pair, num_disparities=COUNT, preset=preset)
+    np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)
+
+
+def test_a_run_goes_on_with_other_rows_threads_and_memory(
+    pair: tuple[NDArray[np.uint8], ...],
+) -> None:
+    with pytest.raises(EndingError):
+        match(progress=end_after(3))
+    report = match(threads=1, max_memory="3GB", band_rows=64)
+    assert (report.plan.bands, report.plan.finished, report.plan.threads) == (2, 3, 1)
+    whole = ps.match(*pair, num_disparities=COUNT)
+    np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)
+
+
+@pytest.mark.usefixtures("pair")
+def test_tiles_go_on_too() -> None:
+    tiles: dict[str, Any] = {"tile_columns": 256, "column_overlap": 0, "preset": "fast"}
+    match("whole.npy", **tiles)
+    with pytest.raises(EndingError):
+        match(progress=end_after(8), **tiles)
+    assert match(**tiles).plan.finished == 8  # and the ninth was at work
+    np.testing.assert_array_equal(np.load("out.npy"), np.load("whole.npy"))
+
+
+@pytest.mark.usefixtures("pair")
+def test_an_output_that_fails_at_the_end_costs_no_band(monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(sinks.Sink, "publish", lambda _: end_after(0)(0, 0))
+        with pytest.raises(EndingError):
+            match()
+    assert match().plan.bands == 0
+    assert left_over() == ["out.npy"]
+
+
+SLOW = """
+import sys, time
+from phasestereo import outofcore
+outofcore.match("left.tif", "right.tif", "out.npy", num_disparities=24, max_memory="4GB",
+                band_rows=32, preset=sys.argv[1], progress=lambda *_: time.sleep(0.05))
+"""
+
+
+def wait_for_block(known: int, process: subprocess.Popen[Any]) -> None:
+    while len(blocks()) == known and process.poll() is None:
+        time.sleep(0.001)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL")
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_run_that_is_killed_again_and_again_comes_to_the_same(
+    pair: tuple[NDArray[np.uint8], ...], preset: str
+) -> None:
+    known: dict[str, tuple[int, int]] = {}
+    kills = 0
+    for _ in range(3):
+        process = subprocess.Popen([sys.executable, "-c", SLOW, preset])  # noqa: S603  # our own
+        wait_for_block(len(known), process)
+        process.send_signal(signal.SIGKILL)
+        kills += process.wait() == -signal.SIGKILL
+        assert known.items() <= blocks().items()  # nothing is done twice
+        known = blocks()
+    assert kills == 3
+    assert not Path("out.npy").exists()
+    report = match(preset=preset)
+    assert report.plan.finished == len(known)
+    whole = ps.match(*pair, num_disparities=COUNT, preset=preset)
+    np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)
+    assert left_over() == ["out.npy"]
+
+
+# What a run refuses
+
+
+@pytest.mark.parametrize(("change", "told"), [
+    ({"num_disparities": 16}, "with num_disparities 24 (now 16); accepts True to drop them"),
+    ({"window": 7}, "with window 9 (now 7);"),
+    ({"flags_output": "flags.npy"}, "with layers ['disparity'] (now ['disparity', 'flags']);"),
+    ({"left_mask": "left.tif"}, "with left_mask None (now "),
+])  # fmt: skip
+@pytest.mark.usefixtures("pair")
+def test_a_run_of_another_kind_is_refused(change: dict[str, Any], told: str) -> None:
+    with pytest.raises(EndingError):
+        match(preset="fast", progress=end_after(3))
+    before = blocks()
+    with pytest.raises(ValueError, match=r"^restart: got False, but .*part holds") as error:
+        match(preset="fast", **change)
+    assert told in str(error.value)
+    assert blocks() == before
+    report = match(preset="fast", restart=True, **change)
+    assert (report.plan.bands, report.plan.finished) == (7, 0)
+
+
+@pytest.mark.usefixtures("pair")
+def test_a_run_of_other_images_is_refused() -> None:
+    with pytest.raises(EndingError):
+        match(progress=end_after(3))
+    write_geotiff("right.tif", texture(HEIGHT, WIDTH)[1] // 2)
+    with pytest.raises(ValueError, match=r"^restart: .* with another right; accepts"):
+        match()
+
+
+@pytest.mark.usefixtures("pair")
+def test_what_has_no_finished_band_is_no_obstacle() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        match(progress=end_after(0, KeyboardInterrupt))
+    assert left_over() == ["out.npy.part"]
+    match(num_disparities=16)
+    with pytest.raises(EndingError):
+        match(progress=end_after(0))
+    assert left_over() == ["out.npy"]
+
+
+@pytest.mark.usefixtures("pair")
+def test_two_runs_at_once_are_refused() -> None:
+    told: list[int] = []
+
+    def progress(done: int, _rows: int) -> None:
+        if done == 64 and not told:
+            told.append(done)
+            other = subprocess.run(  # noqa: S603  # our own
+                [sys.executable, "-c", SLOW, "robust"], capture_output=True, text=True, check=False
+            )
+            assert "OSError" in other.stderr
+            assert "out.npy.part: another run is at work there" in other.stderr
+
+    assert match(progress=progress).plan.bands == 7
+    assert told
+
+
+@pytest.mark.usefixtures("pair")
+def test_folders_of_others_are_left_alone() -> None:
+    Path("out.npy.part").mkdir()
+    Path("out.npy.part/diary.txt").write_text("dear", encoding="utf-8")
+    with pytest.raises(OSError, match=r"holds diary.txt, which is not of a run"):
+        match()
+    assert Path("out.npy.part/diary.txt").exists()
+
+
+@pytest.mark.usefixtures("pair")
+def test_a_damaged_block_is_told() -> None:
+    with pytest.raises(EndingError):
+        match(progress=end_after(3))
+    path = sorted(Path("out.npy.part").glob("tile*-rows*.npz"))[1]
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3] ^= 255
+    path.write_bytes(content)
+    with pytest.raises(OSError, match=rf"{path.name}: cannot be read .* with restart"):
+        match()
+    assert left_over() == ["out.npy.part"]
+    match(restart=True)
+
+
+@pytest.mark.usefixtures("pair")
+def test_too_little_memory_is_told_with_what_would_do() -> None:
+    with pytest.raises(ValueError, match=r"^max_memory: got 1 MB; accepts .* or more") as error:
+        match(max_memory="1MB", band_rows=None)
+    told = str(error.value)
+    assert "300 columns and 24 disparities" in told
+    assert "tile_columns" in told
+    assert left_over() == []
+    enough = re.findall(r"accepts (.*?) or more", told)[0]
+    assert match(max_memory=as_bytes(enough, "") + 10**8).plan.rows == 32
+
+
+@pytest.mark.usefixtures("pair")
+def test_large_blocks_of_a_file_are_told_where_they_are_to_blame() -> None:
+    side = 6144
+    for name in ("left.tif", "right.tif"):
+        with rasterio.open(
+            name, "w", driver="GTiff", dtype="uint8", count=1, width=side, height=side, tiled=True,
+            blockxsize=side, blockysize=side, sparse_ok=True, transform=PLACED,
+        ):  # fmt: skip
+            pass
+    with pytest.raises(ValueError, match=r"is stored in blocks of 6144 rows, which are read"):
+        match(max_memory="1MB", preset="fast", num_disparities=1)
+
+
+@pytest.mark.parametrize(("options", "error"), [
+    ({"max_memory": "much"}, "^max_memory: got 'much'; accepts a number of bytes"),
+    ({"max_memory": "0GB"}, "^max_memory: got '0GB'; accepts 1 byte or more"),
+    ({"band_rows": 33}, "^band_rows: got 33; accepts multiples of 32"),
+    ({"tile_columns": 1000}, "^tile_columns: got 1000; accepts multiples of 256"),
+    ({"column_overlap": -1}, "^column_overlap: got -1; accepts 0 or more"),
+    ({"output": "out.pfm"}, "^output: got out.pfm; accepts .tif, .tiff, .npy, .zarr"),
+    ({"output": "left.tif"}, "^output: left.tif is in use already"),
+    ({"flags_output": "flags.png"}, "^flags_output: got flags.png; accepts"),
+    ({"flags_output": "out.npy"}, "^flags_output: out.npy is in use already"),
+    ({"confidence_output": "c.npy", "preset": "fast"}, "^confidence_output: got a file, and"),
+    ({"num_disparities": 0}, "^num_disparities: got 0"),
+    ({"num_disparities": 301}, "^num_disparities: got 301"),
+    ({"preset": "best"}, "^preset: got 'best'"),
+])  # fmt: skip
+@pytest.mark.usefixtures("pair")
+def test_wrong_values_are_refused(options: dict[str, Any], error: str) -> None:
+    with pytest.raises(ValueError, match=error):
+        match(**options)
+    assert left_over() == []
+
+
+@pytest.mark.parametrize(("options", "error"), [
+    ({"max_memory": 1.5}, "^max_memory: got float; accepts a number of bytes"),
+    ({"band_rows": "32"}, "^band_rows: got str; accepts an integer"),
+    ({"size": 3}, "^size: no such setting"),
+])  # fmt: skip
+@pytest.mark.usefixtures("pair")
+def test_wrong_types_are_refused(options: dict[str, Any], error: str) -> None:
+    with pytest.raises(TypeError, match=error):
+        match(**options)
+
+
+@pytest.mark.usefixtures("pair")
+def test_outputs_that_cannot_be_are_told_before_anything_is_matched() -> None:
+    Path("folder.npy").mkdir()
+    Path("folder.zarr").mkdir()
+    Path("folder.zarr/diary.txt").touch()
+    for output in ("folder.npy", "folder.zarr"):
+        with pytest.raises(OSError, match=f"{output} exists and is not such a file"):
+            match(output)
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        match("nowhere/out.npy")
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        match(flags_output="nowhere/out.npy")
+    assert left_over() == ["folder.npy", "folder.zarr"]
+
+
+@pytest.mark.parametrize(("module", "output", "extra"), [
+    ("filelock", "out.npy", "large"),
+    ("zarr", "out.zarr", "large"),
+    ("rasterio", "out.tif", "geo"),
+])  # fmt: skip
+@pytest.mark.usefixtures("pair")
+def test_what_is_missing_is_told(
+    monkeypatch: pytest.MonkeyPatch, module: str, output: str, extra: str
+) -> None:
+    images = texture(40, 40)
+    for name, image in zip(("left.npy", "right.npy"), images, strict=True):
+        np.save(name, image)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ImportError, match=rf"phasestereo\[{extra}\]"):
+        outofcore.match("left.npy", "right.npy", output, num_disparities=4, max_memory=MEMORY)
+    assert not Path(output).exists()
+
+
+# Disks and files that fail
+
+
+def test_a_truncated_image_ends_the_run_and_keeps_what_is_finished(
+    pair: tuple[NDArray[np.uint8], ...],
+) -> None:
+    for name, image in zip(("left.npy", "right.npy"), pair, strict=True):
+        np.save(name, image)
+    whole = Path("right.npy").read_bytes()
+    given: dict[str, Any] = {"num_disparities": COUNT, "max_memory": MEMORY, "band_rows": 32}
+    given["preset"] = "fast"  # which reads few rows ahead
+
+    def progress(done: int, _rows: int) -> None:
+        if done == 64:
+            Path("right.npy").write_bytes(whole[: len(whole) // 2])
+
+    with pytest.raises(OSError, match=r"right.npy: rows \d+ to \d+ cannot be read: the file ends"):
+        outofcore.match("left.npy", "right.npy", "out.npy", progress=progress, **given)
+    assert len(blocks()) >= 2
+    assert left_over() == ["left.npy", "out.npy.part", "right.npy"]
+
+
+LIMITED = """
+import resource, signal, sys
+from phasestereo import outofcore
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+limit = int(sys.argv[2])
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+outofcore.match("left.npy", "right.npy", sys.argv[1], num_disparities=24, max_memory="4GB",
+                band_rows=32, optimizer="wta", preset="fast", subpixel=True, confidence=True,
+                confidence_output="confidence" + sys.argv[1][3:])
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the size of files cannot be limited")
+@pytest.mark.parametrize(("output", "limit", "told"), [
+    ("out.npy", 20_000, r"kB are needed\); what is finished is kept .*part/tile0000-"),
+    ("out.npy", 200_000, "cannot be written .* bands are kept.*'out.npy'"),
+    ("out.tif", 200_000, "cannot be written .* bands are kept.*'out.tif'"),
+    ("out.zarr", 60_000, "cannot be written .* bands are kept.*'out.zarr'"),
+])  # fmt: skip
+def test_a_full_disk_is_told_and_what_is_finished_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: str, limit: int, told: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    random = np.random.default_rng(0)
+    for name in ("left.npy", "right.npy"):
+        np.save(name, random.integers(0, 256, (1000, 100), np.uint8))
+    done = subprocess.run(  # noqa: S603  # our own
+        [sys.executable, "-c", LIMITED, output, str(limit)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    last = done.stderr.strip().splitlines()[-1]
+    assert re.match(f"^OSError: .*{told}", last), last
+    kept = list(Path().glob("out.*.part/tile*-rows*.npz"))
+    assert len(kept) == (0 if limit == 20_000 else 32)
+    assert not [path for path in Path().iterdir() if path.name.endswith(".draft")]
+    assert not Path(output).exists()
