@@ -5,7 +5,7 @@ mod common;
 use common::parts::Slow;
 use common::{hash, levels, mask};
 use ndarray::Array3;
-use phasestereo::blur::{Estimate, estimate, estimate_by_rows};
+use phasestereo::blur::{Blur, Estimate, estimate, estimate_by_rows};
 use phasestereo::control::Control;
 use phasestereo::error::{Error, Result};
 use phasestereo::intensity::{Gray, Range};
@@ -136,10 +136,7 @@ fn psf(family: Family, size: f64, angle: f64) -> Taps {
 
 #[test]
 fn blur_of_every_kind_is_that_of_the_whole() {
-    let curve = path((0..200).map(|i| {
-        let turn = f64::from(i) / 50.0;
-        (4.0 * turn.sin(), 3.0 * turn.cos())
-    }));
+    let curve = curve();
     let (disk, motion) = (psf(Family::Disk, 4.0, 0.0), psf(Family::Motion, 9.0, 30.0));
     let size = (420, 150);
     let kinds = [(None, 1), (Some(&disk), 1), (Some(&motion), 1), (Some(&curve), 1)];
@@ -165,6 +162,30 @@ fn maps_of_blur_are_those_of_the_whole() {
         assert!(expected.labels.0 > 1, "{expected:?}");
         check(&pair, &expected);
     }
+}
+
+/// A motion along a curve, which no family explains.
+fn curve() -> Taps {
+    path((0..200).map(|i| {
+        let turn = f64::from(i) / 50.0;
+        (4.0 * turn.sin(), 3.0 * turn.cos())
+    }))
+}
+
+/// Of several kinds each is measured on the tiles that tell it best, which lie anywhere.
+#[test]
+fn measured_kernels_of_some_rows_are_those_of_the_whole() {
+    let even = Taps::new(3, vec![1.0; 49]);
+    let mut are_measured = vec![];
+    for (taps, soft) in [(&even, 180..420), (&even, 0..230), (&curve(), 180..420)] {
+        let shots = shots((420, 130), Some(taps), |y, _| soft.contains(&y));
+        let pair = pair(shots.map(|plane| view(&plane, 0)));
+        let expected = estimated(&pair, None, 1);
+        let is_measured = |blur: &Blur| blur.taps.is_some() && blur.psf.is_none();
+        are_measured.push(expected.blurs.len() > 1 && expected.blurs.iter().any(is_measured));
+        check(&pair, &expected);
+    }
+    assert!(are_measured.contains(&true), "{are_measured:?}");
 }
 
 #[test]
