@@ -13,9 +13,11 @@ use phasestereo::control::Control;
 use phasestereo::error::Error;
 use phasestereo::filling;
 use phasestereo::intensity;
-use phasestereo::matcher::{Choice, Disparity, Execution, Map, Matcher, Pair, Section, Timings};
+use phasestereo::map::Map;
+use phasestereo::matcher::{Choice, Disparity, Execution, Matcher, Pair, Timings};
 use phasestereo::plane::Plane;
 use phasestereo::reach::Reach;
+use phasestereo::section::Section;
 use phasestereo::semiglobal::BAND;
 use phasestereo::settings::{
     CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Rule, Settings,
