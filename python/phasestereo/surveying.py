@@ -8,7 +8,9 @@ values differ.
 from __future__ import annotations
 
 import json
+import zipfile
 from dataclasses import asdict, dataclass, replace
+from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -37,6 +39,13 @@ if TYPE_CHECKING:
     Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
     Reader: TypeAlias = Callable[[int, int], Rows]
     Range: TypeAlias = tuple[float, float]
+
+
+_NOT_OURS = (
+    AttributeError, EOFError, LookupError, OverflowError, RecursionError, TypeError, ValueError,
+    zipfile.BadZipFile,
+)  # fmt: skip
+_MOST_CLASSES = 16  # that an equalisation has
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,7 +139,7 @@ def load(path: str | os.PathLike[str]) -> Survey:
         try:
             with np.load(file, allow_pickle=False) as arrays:
                 return _from_arrays(dict(arrays))
-        except (EOFError, KeyError, TypeError, ValueError) as error:
+        except _NOT_OURS as error:
             raise ValueError(f"path: got {path}; accepts what Survey.save wrote: {error}") from None
 
 
@@ -176,6 +185,7 @@ def survey(
         As `phasestereo.match`.
     """
     asked = resolve(preset, settings, overrides)
+    _check_search(min_disparity, num_disparities)
     rows = Checked(read, _as_size(size))
     dtype = rows(0, 1)[0][0].dtype
     search = min_disparity, num_disparities
@@ -233,6 +243,13 @@ class Checked:
         return pair, masks
 
 
+def _check_search(min_disparity: object, num_disparities: object) -> None:
+    named = {"min_disparity": min_disparity, "num_disparities": num_disparities}
+    for name, value in named.items():
+        if not isinstance(value, Integral) or isinstance(value, bool):
+            raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
+
+
 def _as_size(size: tuple[int, int]) -> tuple[int, int]:
     rows, cols = size
     if not (isinstance(rows, int | np.integer) and isinstance(cols, int | np.integer)):
@@ -270,13 +287,16 @@ def _as_arrays(told: Survey) -> dict[str, NDArray[Any]]:
         arrays["blur_labels"] = told.blur.labels
         psfs = {f"psf_{number}": blur.psf for number, blur in enumerate(told.blur.blurs)}
         arrays |= {name: psf for name, psf in psfs.items() if psf is not None}
-    return arrays | {"told": np.array(json.dumps(plain))}
+    return arrays | {"told": np.array(json.dumps(plain, default=np.generic.item))}
 
 
 def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
     plain = json.loads(str(arrays["told"]))
     equalisation = blur = None
+    _check_search(plain["min_disparity"], plain["num_disparities"])
     if "noise" in plain:
+        if plain["classes"] > _MOST_CLASSES:
+            raise ValueError(f"classes: got {plain['classes']}; accepts {_MOST_CLASSES} at most")
         kernels = [
             (arrays.get(f"left_{number}"), arrays.get(f"right_{number}"))
             for number in range(plain["classes"])
@@ -299,13 +319,24 @@ def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
         for name, value in plain["settings"].items()
     }
     return Survey(
-        size=tuple(plain["size"]),
+        size=_as_size(plain["size"]),
         dtype=plain["dtype"],
         min_disparity=plain["min_disparity"],
         num_disparities=plain["num_disparities"],
         settings=Settings(**settings),
         equalisation=equalisation,
         blur=blur,
-        ranges=plain["ranges"] and tuple(tuple(ends) for ends in plain["ranges"]),
-        roughness=plain["roughness"] and tuple(plain["roughness"]),
+        ranges=plain["ranges"] and _as_ranges(*plain["ranges"]),
+        roughness=plain["roughness"] and _as_roughness(*plain["roughness"]),
     )
+
+
+def _as_ranges(left: Range, right: Range) -> tuple[Range, Range]:
+    (black, white), (other_black, other_white) = left, right
+    return (float(black), float(white)), (float(other_black), float(other_white))
+
+
+def _as_roughness(total: int, pairs: int) -> tuple[int, int]:
+    if not 0 <= pairs < 2**64 or not 0 <= total < 2**64:
+        raise ValueError(f"roughness: got {total}, {pairs}; accepts integers from 0 of 64 bits")
+    return total, pairs
