@@ -18,7 +18,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rasterio
@@ -84,7 +84,7 @@ def make(names: tuple[Path, Path], data: Path, size: Size) -> None:
             left.write(warped(texture, truth(rows, size), size), 1, window=window)
 
 
-def strips(images: list[NDArray[np.float64]], size: Size) -> Iterator[tuple[int, Gray]]:
+def strips(images: list[NDArray[Any]], size: Size) -> Iterator[tuple[int, Gray]]:
     """Yield strips of patches, wider than the image by the disparities."""
     rng = np.random.default_rng(0)
     for top in range(0, size.rows, PATCH):
@@ -94,12 +94,13 @@ def strips(images: list[NDArray[np.float64]], size: Size) -> Iterator[tuple[int,
         yield top, strip[: size.rows - top, : size.cols + size.disparities]
 
 
-def patch(images: list[NDArray[np.float64]], rng: np.random.Generator) -> Gray:
+def patch(images: list[NDArray[Any]], rng: np.random.Generator) -> Gray:
     """Return a piece of one of the images, perhaps mirrored."""
     image = images[rng.integers(len(images))]
     y, x = (rng.integers(length - PATCH + 1) for length in image.shape)
     turn = rng.choice([-1, 1], 2)
-    return image[y : y + PATCH, x : x + PATCH][:: turn[0], :: turn[1]].astype(np.uint8)
+    piece: Gray = image[y : y + PATCH, x : x + PATCH][:: turn[0], :: turn[1]].astype(np.uint8)
+    return piece
 
 
 def truth(rows: NDArray[np.int64], size: Size) -> NDArray[np.float64]:
@@ -114,7 +115,8 @@ def warped(texture: Gray, disparity: NDArray[np.float64], size: Size) -> Gray:
     places = np.arange(size.cols) + size.disparities - disparity
     whole = places.astype(np.int64)
     near, far = (np.take_along_axis(texture, whole + step, axis=1).astype(float) for step in (0, 1))
-    return np.rint(near + (places - whole) * (far - near)).astype(np.uint8)
+    shown: Gray = np.rint(near + (places - whole) * (far - near)).astype(np.uint8)
+    return shown
 
 
 def matched(

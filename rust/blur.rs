@@ -31,7 +31,7 @@ use self::bank::bank;
 use self::bins::{SIDE, bins};
 use self::fit::{Evidence, Fit, Response};
 use self::measured::{look, measured};
-use self::parts::{Means, ROUGHEST, Rows};
+use self::parts::{Kept, Means, ROUGHEST, Rows};
 use self::refine::refine;
 use self::regions::{Losses, MOST};
 use self::rough::{Scale, shades_per_unit};
@@ -143,10 +143,13 @@ pub fn estimate(
     how: Execution,
     control: &Control,
 ) -> Result<Estimate> {
-    let means = Means { matcher, how, control };
-    matcher.install(|| match is_enough(pair.size()) {
-        true => Scene::new(Rows::kept(pair, means)?, pair, pair.size(), means)?.estimate(),
-        false => Ok(Estimate::nothing(pair.size())),
+    let (means, size) = (Means { matcher, how, control }, pair.size());
+    if !is_enough(size) {
+        return Ok(Estimate::nothing(size));
+    }
+    matcher.install(|| {
+        let kept = Kept::new(pair, means)?;
+        Scene::new(Rows::Kept(&kept), pair, size, means)?.estimate()
     })
 }
 
@@ -157,13 +160,11 @@ pub fn estimate_by_rows(
     how: Execution,
     control: &Control,
 ) -> Result<Estimate> {
-    let means = Means { matcher, how, control };
-    matcher.install(|| match is_enough(source.size()) {
-        true => {
-            Scene::new(Rows::Read(source), &source.rows(0..1)?, source.size(), means)?.estimate()
-        }
-        false => Ok(Estimate::nothing(source.size())),
-    })
+    let (means, size) = (Means { matcher, how, control }, source.size());
+    if !is_enough(size) {
+        return Ok(Estimate::nothing(size));
+    }
+    matcher.install(|| Scene::new(Rows::Read(source), &source.rows(0..1)?, size, means)?.estimate())
 }
 
 /// Whether there is room for a block.
@@ -271,11 +272,11 @@ impl<'a> Scene<'a> {
     ) -> Result<Kind> {
         let Some(side) = family.blur.side else { return Ok(family) };
         let places: Vec<Place> = tiles.iter().filter_map(|tile| grid.places[*tile]).collect();
-        let mut tops: Vec<usize> = places.iter().map(|place| place.top).collect();
-        tops.dedup();
+        let mut rows: Vec<usize> = places.iter().map(|place| place.top).collect();
+        rows.dedup();
         let mut sums = Cross::default();
-        self.rows.look(&tops, ROUGH, self.means, |part, rough, rows| {
-            let here = &tops[rows];
+        self.rows.look(&rows, ROUGH, self.means, |part, rough, looked| {
+            let here = &rows[looked];
             let there = places.iter().filter(|place| here.contains(&place.top));
             look(&part.shades, rough, &part.local(there), &mut sums, self.means.control)
         })?;

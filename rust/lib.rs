@@ -27,10 +27,14 @@
 //! integers as narrow as the settings allow ([`value`]), in memory that is used again ([`memory`]), by loops
 //! that are compiled for every instruction set ([`simd`]).
 //!
-//! [`matcher`] runs these strips on threads, under the eyes of [`control`]. All arithmetic is that of integers
+//! [`matcher`] runs these strips on threads, under the eyes of [`control`], and writes a [`map`]. All arithmetic is that of integers
 //! (the descriptor's may be carried out in floats that hold them exactly): the result is the same to the bit
 //! for any number of threads, any strips and any instructions, and equal to that of
 //! [`reference`](mod@reference), which does the same in the most obvious way.
+//!
+//! So a [`section`] of a pair that is larger than memory comes out as it does in the whole, given as many rows around it
+//! as it depends on ([`reach`]), and what is the same for all sections, found out before in one go through the
+//! [`source`] of the pair: blur, the range of floats, and how rough the [`texture`] of the left image is.
 //!
 //! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
 
@@ -77,9 +81,12 @@ pub mod blur;
 pub mod psf;
 
 pub mod control;
+pub mod map;
 pub mod matcher;
-pub mod reach;
 pub mod simd;
+
+pub mod reach;
+pub mod section;
 pub mod source;
 
 pub mod reference;

@@ -1,7 +1,6 @@
 //! The order of the stages; bands of rows on threads. No arithmetic of its own.
 
 use std::any::Any;
-use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -16,15 +15,17 @@ use crate::edges::Edges;
 use crate::error::{Error, Result};
 use crate::evidence::{Evidence, EvidenceRow};
 use crate::intensity;
+use crate::map::{Band, Map};
 use crate::plane::Plane;
-use crate::refinement::{Draft, Judge, Margins, Measure, ResultRow};
+use crate::refinement::{Draft, Judge, Margins, Measure};
 use crate::scanline::{self, Scanline, Steps};
+use crate::section::Section;
 use crate::semiglobal::across::{Across, Advance, Rows};
 use crate::semiglobal::{BAND, Field, PATHS, SemiGlobal};
 use crate::settings::{Optimizer, Rule, Settings};
 use crate::simd::Level;
 use crate::strip::{BLOCK, Strip};
-use crate::texture::{Roughness, Texture};
+use crate::texture::Texture;
 use crate::value::Value;
 use crate::versions::Versions;
 use crate::view::View;
@@ -138,19 +139,6 @@ pub struct Matcher {
     pool: rayon::ThreadPool,
     /// Memory that no strip is being matched in.
     spare: Mutex<Vec<Box<dyn Any + Send>>>,
-}
-
-/// Rows of a pair that are matched by themselves, and what else is known of the whole one that the pair is a part of.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Section {
-    /// The rows. With [`Optimizer::SemiGlobal`] they begin with a band, and so must the pair.
-    pub rows: Range<usize>,
-    /// The roughness of the whole left image; `None`: the pair is the whole.
-    pub roughness: Option<Roughness>,
-    /// Where the paths through the rows above have come to; `None`: they begin here.
-    pub paths: Option<Vec<u8>>,
-    /// Whether it is to be told where the paths through these rows come to.
-    pub is_handed_on: bool,
 }
 
 /// What was chosen for some rows.
@@ -272,7 +260,7 @@ impl Matcher {
     ) -> Result<Disparity> {
         settings.check()?;
         map.check(texture, settings)?;
-        self.pool.install(|| map.refined(texture, settings, how.level, control))
+        self.pool.install(|| refined(map, texture, settings, how.level, control))
     }
 
     fn match_pair(
@@ -284,7 +272,7 @@ impl Matcher {
     ) -> Result<Disparity> {
         let section = Section::whole(pair);
         let choice = self.choose_rows(pair, &section, settings, how, control)?;
-        let refined = choice.map.refined(choice.texture.as_ref(), settings, how.level, control)?;
+        let refined = refined(choice.map, choice.texture.as_ref(), settings, how.level, control)?;
         let refinement = refined.timings.refinement;
         Ok(Disparity { timings: Timings { refinement, ..choice.timings }, ..refined })
     }
@@ -308,7 +296,8 @@ impl Matcher {
         let steps = Steps::new(settings.penalty, window, costs.steps());
         let edges = edges.as_ref();
         let job = Job { costs: &costs, window, steps, edges, section, settings, level, control };
-        let bands = map.bands(section, job.band_rows(how, self.pool.current_num_threads()));
+        let bands =
+            map.bands(section.rows.start, job.band_rows(how, self.pool.current_num_threads()));
         let paths = match job.width() {
             Width::Bytes => self.match_bands::<u8, u8>(bands, &job),
             Width::ByteCosts => self.match_bands::<u8, u32>(bands, &job),
@@ -571,123 +560,6 @@ impl Job<'_> {
     }
 }
 
-/// A map in the making.
-#[derive(Debug)]
-pub struct Map {
-    /// Disparities, pixels; NaN where there is none.
-    pub disparity: Plane<f32>,
-    /// Bits of [`crate::refinement::flag`].
-    pub flags: Plane<u16>,
-    /// Votes for the disparities, from 0 to 1, if the settings need them.
-    pub votes: Option<Plane<f32>>,
-}
-
-/// The part of the map that one task writes.
-struct Band<'a> {
-    first: usize,
-    cols: usize,
-    disparity: &'a mut [f32],
-    flags: &'a mut [u16],
-    votes: Option<&'a mut [f32]>,
-}
-
-impl Band<'_> {
-    fn strip(&self, window: Window) -> Strip {
-        let rows = self.disparity.len() / self.cols;
-        Strip { first: self.first, rows, margin: window.margin(), height: window.rows }
-    }
-
-    fn row(&mut self, row: usize) -> ResultRow<'_> {
-        let places = row * self.cols..(row + 1) * self.cols;
-        ResultRow {
-            disparity: &mut self.disparity[places.clone()],
-            flags: &mut self.flags[places.clone()],
-            votes: self.votes.as_deref_mut().map(|votes| &mut votes[places]),
-        }
-    }
-}
-
-impl Map {
-    fn new((rows, cols): (usize, usize), with_votes: bool) -> Result<Self> {
-        Ok(Self {
-            disparity: Plane::new(rows, cols)?,
-            flags: Plane::new(rows, cols)?,
-            votes: with_votes.then(|| Plane::new(rows, cols)).transpose()?,
-        })
-    }
-
-    /// Refuses planes of several sizes, and too few of them.
-    fn check(&self, texture: Option<&Texture>, settings: &Settings) -> Result<()> {
-        let needs_votes = settings.needs_confidence();
-        let is_missing = needs_votes && self.votes.is_none()
-            || (needs_votes || settings.guided) && texture.is_none();
-        if is_missing {
-            return Err(Error::value("map", "None", "votes and gray values with these settings"));
-        }
-        let size = (self.disparity.rows(), self.disparity.cols());
-        let votes = self.votes.as_ref().map(|votes| (votes.rows(), votes.cols()));
-        let gray = texture.map(|texture| (texture.gray.rows(), texture.gray.cols()));
-        let sizes = [Some((self.flags.rows(), self.flags.cols())), votes, gray];
-        match sizes.into_iter().flatten().find(|other| *other != size) {
-            Some(other) => Err(Error::value("map", format!("{other:?}"), format!("{size:?}"))),
-            None => Ok(()),
-        }
-    }
-
-    /// Tells what cannot be right, fills it, smooths.
-    fn refined(
-        self,
-        texture: Option<&Texture>,
-        settings: &Settings,
-        level: Level,
-        control: &Control,
-    ) -> Result<Disparity> {
-        let started = Instant::now();
-        let Self { disparity, mut flags, votes } = self;
-        let draft = Draft { disparity, flags: &mut flags, votes: votes.as_ref(), texture };
-        let (disparity, confidence) = draft.refine(settings, level, control)?;
-        let confidence = confidence.filter(|_| settings.confidence);
-        let timings = Timings { refinement: started.elapsed(), ..Timings::default() };
-        Ok(Disparity { disparity, flags, confidence, timings })
-    }
-
-    fn bands(&mut self, section: &Section, band_rows: usize) -> Vec<Band<'_>> {
-        let cols = self.disparity.cols();
-        let places = band_rows.saturating_mul(cols);
-        let disparity = self.disparity.as_mut_slice().chunks_mut(places);
-        let flags = self.flags.as_mut_slice().chunks_mut(places);
-        let votes = self.votes.iter_mut();
-        let mut votes = votes.flat_map(|plane| plane.as_mut_slice().chunks_mut(places));
-        let parts = disparity.zip(flags).enumerate();
-        let band = |(index, (disparity, flags))| Band {
-            first: section.rows.start + index * band_rows,
-            cols,
-            disparity,
-            flags,
-            votes: votes.next(),
-        };
-        parts.map(band).collect()
-    }
-}
-
-impl Section {
-    /// All rows.
-    pub fn whole(pair: &Pair) -> Self {
-        Self { rows: 0..pair.size().0, roughness: None, paths: None, is_handed_on: false }
-    }
-
-    /// Refuses rows that the pair has not.
-    fn check(&self, pair: &Pair, settings: &Settings) -> Result<()> {
-        let (Range { start, end }, height) = (self.rows.clone(), pair.size().0);
-        let is_band = settings.optimizer != Optimizer::SemiGlobal || start % BAND == 0;
-        if start < end && end <= height && is_band {
-            return Ok(());
-        }
-        let accepts = format!("rows within 0..{height}, in whole bands with optimizer = 'sgm'");
-        Err(Error::value("rows", format!("{start}..{end}"), accepts))
-    }
-}
-
 impl Execution {
     /// Rows that one task matches: those with which the threads are done soonest, counting the margins.
     fn rows_per_strip(self, all: usize, margin: usize, threads: usize) -> usize {
@@ -696,6 +568,23 @@ impl Execution {
         let likely = (1..=MOST_BLOCKS).rev().map(|blocks| blocks * BLOCK).min_by_key(work);
         self.strip_rows.or(likely).unwrap_or(BLOCK).max(1)
     }
+}
+
+/// Tells what cannot be right, fills it, smooths.
+fn refined(
+    map: Map,
+    texture: Option<&Texture>,
+    settings: &Settings,
+    level: Level,
+    control: &Control,
+) -> Result<Disparity> {
+    let started = Instant::now();
+    let Map { disparity, mut flags, votes } = map;
+    let draft = Draft { disparity, flags: &mut flags, votes: votes.as_ref(), texture };
+    let (disparity, confidence) = draft.refine(settings, level, control)?;
+    let confidence = confidence.filter(|_| settings.confidence);
+    let timings = Timings { refinement: started.elapsed(), ..Timings::default() };
+    Ok(Disparity { disparity, flags, confidence, timings })
 }
 
 /// What integers a strip is made of: those of its costs and of its totals.

@@ -89,7 +89,7 @@ macro_rules! impl_value {
             }
 
             fn write(values: &[Self], bytes: &mut Vec<u8>) {
-                values.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
+                bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
             }
 
             #[inline(always)]

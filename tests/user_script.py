@@ -6,8 +6,8 @@ The tests check it with ``mypy --strict`` against the package as installed; nobo
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import dask.array
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray
@@ -31,6 +31,9 @@ from phasestereo.io import (
 )
 from phasestereo.pair_page import write_pair_page
 from phasestereo.rendering import render_pair
+
+if TYPE_CHECKING:
+    import dask.array
 
 Image = NDArray[np.uint8]
 Map = NDArray[np.float32]

@@ -37,22 +37,31 @@ pub struct Means<'a> {
     pub control: &'a Control,
 }
 
+/// All rows of a pair that is in memory, with their rough disparities.
+pub struct Kept<'a> {
+    part: Part<'a>,
+    rough: Rough,
+}
+
 /// All rows of a pair.
+#[derive(Clone, Copy)]
 pub enum Rows<'a> {
-    /// Kept, with their rough disparities.
-    Kept(Part<'a>, Rough),
+    /// Kept.
+    Kept(&'a Kept<'a>),
     /// Read when they are looked at.
     Read(&'a dyn Source),
 }
 
-impl<'a> Rows<'a> {
-    /// Those of a pair in memory.
-    pub fn kept(pair: &'a Pair, means: Means) -> Result<Self> {
+impl<'a> Kept<'a> {
+    /// Those of a pair.
+    pub fn new(pair: &'a Pair, means: Means) -> Result<Self> {
         let part = Part::new(0, Cow::Borrowed(pair), means)?;
         let rough = part.rough(ROUGHEST, means)?;
-        Ok(Self::Kept(part, rough))
+        Ok(Self { part, rough })
     }
+}
 
+impl Rows<'_> {
     /// Has blocks looked at whose top rows are these, from the first one down: of how many of them at a time makes no
     /// difference.
     pub fn look(
@@ -63,8 +72,8 @@ impl<'a> Rows<'a> {
         mut at: impl FnMut(&Part, &Rough, Range<usize>) -> Result<()>,
     ) -> Result<()> {
         match self {
-            Self::Kept(part, rough) if scale == ROUGHEST => at(part, rough, 0..tops.len()),
-            Self::Kept(part, _) => at(part, &part.rough(scale, means)?, 0..tops.len()),
+            Self::Kept(Kept { part, rough }) if scale == ROUGHEST => at(part, rough, 0..tops.len()),
+            Self::Kept(Kept { part, .. }) => at(part, &part.rough(scale, means)?, 0..tops.len()),
             Self::Read(source) => {
                 let (height, most) = (source.size().0, source.most_rows());
                 let mut first = 0;

@@ -13,7 +13,8 @@ use super::reader::as_ranges;
 use crate::convolution::Kernel;
 use crate::error::Error;
 use crate::intensity;
-use crate::matcher::{MOST_THREADS, Map, Pair};
+use crate::map::Map;
+use crate::matcher::{MOST_THREADS, Pair};
 use crate::plane::{Plane, zeroed};
 use crate::settings::{
     CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Rule, Settings, Taper,

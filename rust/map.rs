@@ -1,0 +1,98 @@
+//! A map in the making: bands of it are written by tasks of their own, then it is refined as a whole.
+
+use crate::aggregation::Window;
+use crate::error::{Error, Result};
+use crate::plane::Plane;
+use crate::refinement::ResultRow;
+use crate::settings::Settings;
+use crate::strip::Strip;
+use crate::texture::Texture;
+
+/// A map in the making.
+#[derive(Debug)]
+pub struct Map {
+    /// Disparities, pixels; NaN where there is none.
+    pub disparity: Plane<f32>,
+    /// Bits of [`crate::refinement::flag`].
+    pub flags: Plane<u16>,
+    /// Votes for the disparities, from 0 to 1, if the settings need them.
+    pub votes: Option<Plane<f32>>,
+}
+
+/// The part of the map that one task writes.
+#[derive(Debug)]
+pub struct Band<'a> {
+    first: usize,
+    cols: usize,
+    /// Disparities, row after row.
+    pub disparity: &'a mut [f32],
+    /// Flags, row after row.
+    pub flags: &'a mut [u16],
+    votes: Option<&'a mut [f32]>,
+}
+
+impl Map {
+    /// A map of so many rows and columns, of which nothing is known.
+    pub fn new((rows, cols): (usize, usize), with_votes: bool) -> Result<Self> {
+        Ok(Self {
+            disparity: Plane::new(rows, cols)?,
+            flags: Plane::new(rows, cols)?,
+            votes: with_votes.then(|| Plane::new(rows, cols)).transpose()?,
+        })
+    }
+
+    /// Refuses planes of several sizes, and too few of them.
+    pub fn check(&self, texture: Option<&Texture>, settings: &Settings) -> Result<()> {
+        let needs_votes = settings.needs_confidence();
+        let is_missing = needs_votes && self.votes.is_none()
+            || (needs_votes || settings.guided) && texture.is_none();
+        if is_missing {
+            return Err(Error::value("map", "None", "votes and gray values with these settings"));
+        }
+        let size = (self.disparity.rows(), self.disparity.cols());
+        let votes = self.votes.as_ref().map(|votes| (votes.rows(), votes.cols()));
+        let gray = texture.map(|texture| (texture.gray.rows(), texture.gray.cols()));
+        let sizes = [Some((self.flags.rows(), self.flags.cols())), votes, gray];
+        match sizes.into_iter().flatten().find(|other| *other != size) {
+            Some(other) => Err(Error::value("map", format!("{other:?}"), format!("{size:?}"))),
+            None => Ok(()),
+        }
+    }
+
+    /// Parts of so many rows; the first row of the map is row `first` of the pair.
+    pub fn bands(&mut self, first: usize, band_rows: usize) -> Vec<Band<'_>> {
+        let cols = self.disparity.cols();
+        let places = band_rows.saturating_mul(cols);
+        let disparity = self.disparity.as_mut_slice().chunks_mut(places);
+        let flags = self.flags.as_mut_slice().chunks_mut(places);
+        let votes = self.votes.iter_mut();
+        let mut votes = votes.flat_map(|plane| plane.as_mut_slice().chunks_mut(places));
+        let parts = disparity.zip(flags).enumerate();
+        let band = |(index, (disparity, flags))| Band {
+            first: first + index * band_rows,
+            cols,
+            disparity,
+            flags,
+            votes: votes.next(),
+        };
+        parts.map(band).collect()
+    }
+}
+
+impl Band<'_> {
+    /// The strip of the pair that it is of.
+    pub fn strip(&self, window: Window) -> Strip {
+        let rows = self.disparity.len() / self.cols;
+        Strip { first: self.first, rows, margin: window.margin(), height: window.rows }
+    }
+
+    /// One of its rows.
+    pub fn row(&mut self, row: usize) -> ResultRow<'_> {
+        let places = row * self.cols..(row + 1) * self.cols;
+        ResultRow {
+            disparity: &mut self.disparity[places.clone()],
+            flags: &mut self.flags[places.clone()],
+            votes: self.votes.as_deref_mut().map(|votes| &mut votes[places]),
+        }
+    }
+}
