@@ -555,7 +555,11 @@ def test_disparities_beyond_the_sample_are_searched(
     left = np.roll(right, sign * 2150, axis=1)
     write_geotiff("left.tif", left)
     write_geotiff("right.tif", right)
-    search = {"num_disparities": 16, "min_disparity": sign * 2150 - 8, "preset": "fast"}
+    search: dict[str, Any] = {
+        "num_disparities": 16,
+        "min_disparity": sign * 2150 - 8,
+        "preset": "fast",
+    }
     match(**search)
     np.testing.assert_array_equal(np.load("out.npy"), ps.match(left, right, **search).disparity)
 
@@ -586,7 +590,12 @@ def test_the_cache_of_gdal_is_limited_whatever_the_name_of_a_file(
 ) -> None:
     limits: list[Any] = []
     env = rasterio.Env
-    monkeypatch.setattr(rasterio, "Env", lambda **given: limits.append(given) or env(**given))
+
+    def limited(**given: Any) -> Any:
+        limits.append(given)
+        return env(**given)
+
+    monkeypatch.setattr(rasterio, "Env", limited)
     for name in ("left", "right"):
         Path(f"{name}.tif").rename(name)
     outofcore.match("left", "right", "out.npy", num_disparities=COUNT, max_memory=MEMORY)

@@ -32,7 +32,8 @@ def path(tmp_path: Path) -> Path:
 
 def test_a_survey_of_numpy_numbers_is_saved(tmp_path: Path) -> None:
     numbers: dict[str, Any] = {"num_disparities": np.int64(8), "window": np.int32(7)}
-    found = surveying.survey(read, SIZE, **numbers, noise=(np.float32(2), np.float32(1)))
+    numbers["noise"] = (np.float32(2), np.float32(1))
+    found = surveying.survey(read, SIZE, **numbers)
     found.save(tmp_path / "survey.npz")
     again = surveying.load(tmp_path / "survey.npz")
     assert (again.num_disparities, again.settings, again.size) == (8, found.settings, SIZE)
