@@ -541,3 +541,72 @@ def test_a_full_disk_is_told_and_what_is_finished_kept(
     assert len(kept) == (0 if limit == 20_000 else 32)
     assert not [path for path in Path().iterdir() if path.name.endswith(".draft")]
     assert not Path(output).exists()
+
+
+# Awkward cases
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_disparities_beyond_the_sample_are_searched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sign: int
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    right = np.random.default_rng(0).integers(0, 256, (40, 2600), np.uint8)
+    left = np.roll(right, sign * 2150, axis=1)
+    write_geotiff("left.tif", left)
+    write_geotiff("right.tif", right)
+    search: dict[str, Any] = {
+        "num_disparities": 16,
+        "min_disparity": sign * 2150 - 8,
+        "preset": "fast",
+    }
+    match(**search)
+    np.testing.assert_array_equal(np.load("out.npy"), ps.match(left, right, **search).disparity)
+
+
+def test_numbers_of_numpy_are_numbers(pair: tuple[NDArray[np.uint8], ...]) -> None:
+    given: dict[str, Any] = {"num_disparities": np.int64(COUNT), "noise": np.float32(2)}
+    given["window"] = np.int64(7)
+    with pytest.raises(EndingError):
+        match(progress=end_after(2), bands=np.array([1]), **given)
+    report = match(bands=[1], num_disparities=COUNT, noise=2.0, window=7)
+    assert report.plan.finished == 2
+    np.testing.assert_array_equal(np.load("out.npy"), ps.match(*pair, **given).disparity)
+
+
+@pytest.mark.usefixtures("pair")
+def test_a_mask_beside_an_image_is_part_of_it() -> None:
+    with pytest.raises(EndingError):
+        match(progress=end_after(2))
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False), rasterio.open("left.tif", "r+") as file:
+        file.write_mask(np.arange(WIDTH) < np.full((HEIGHT, 1), 200))
+    assert Path("left.tif.msk").exists()
+    with pytest.raises(ValueError, match="^restart: got False, but .* another left; accepts True"):
+        match()
+
+
+def test_the_cache_of_gdal_is_limited_whatever_the_name_of_a_file(
+    pair: tuple[NDArray[np.uint8], ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits: list[Any] = []
+    env = rasterio.Env
+
+    def limited(**given: Any) -> Any:
+        limits.append(given)
+        return env(**given)
+
+    monkeypatch.setattr(rasterio, "Env", limited)
+    for name in ("left", "right"):
+        Path(f"{name}.tif").rename(name)
+    outofcore.match("left", "right", "out.npy", num_disparities=COUNT, max_memory=MEMORY)
+    assert [list(given) for given in limits] == [["GDAL_CACHEMAX"]]
+    np.testing.assert_array_equal(
+        np.load("out.npy"), ps.match(*pair, num_disparities=COUNT).disparity
+    )
+
+
+@pytest.mark.usefixtures("pair")
+def test_what_was_done_already_is_not_advised() -> None:
+    with pytest.raises(ValueError, match="less would do with fewer disparities$"):
+        match(max_memory="1MB", preset="fast", tile_columns=256, num_disparities=4,
+              column_overlap=0)  # fmt: skip

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, replace
 from importlib import import_module
+from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -38,6 +39,9 @@ if TYPE_CHECKING:
     Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
     Reader: TypeAlias = Callable[[int, int], Rows]
     Range: TypeAlias = tuple[float, float]
+
+
+_MOST_CLASSES = 16  # that an equalisation has
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -248,6 +252,13 @@ class Checked:
         return pair, masks
 
 
+def _check_search(min_disparity: object, num_disparities: object) -> None:
+    named = {"min_disparity": min_disparity, "num_disparities": num_disparities}
+    for name, value in named.items():
+        if not isinstance(value, Integral) or isinstance(value, bool):
+            raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
+
+
 def _as_size(size: tuple[int, int]) -> tuple[int, int]:
     if not isinstance(size, (tuple, list)) or len(size) != 2:
         raise TypeError(f"size: got {size!r}; accepts a pair (rows, columns)")
@@ -294,7 +305,10 @@ def _as_arrays(told: Survey) -> dict[str, NDArray[Any]]:
 def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
     plain = json.loads(str(arrays["told"]))
     equalisation = blur = None
+    _check_search(plain["min_disparity"], plain["num_disparities"])
     if "noise" in plain:
+        if plain["classes"] > _MOST_CLASSES:
+            raise ValueError(f"classes: got {plain['classes']}; accepts {_MOST_CLASSES} at most")
         kernels = [
             (arrays.get(f"left_{number}"), arrays.get(f"right_{number}"))
             for number in range(plain["classes"])
@@ -317,13 +331,24 @@ def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
         for name, value in plain["settings"].items()
     }
     return Survey(
-        size=tuple(plain["size"]),
+        size=_as_size(plain["size"]),
         dtype=plain["dtype"],
         min_disparity=plain["min_disparity"],
         num_disparities=plain["num_disparities"],
         settings=Settings(**settings),
         equalisation=equalisation,
         blur=blur,
-        ranges=plain["ranges"] and tuple(tuple(ends) for ends in plain["ranges"]),
-        roughness=plain["roughness"] and tuple(plain["roughness"]),
+        ranges=plain["ranges"] and _as_ranges(*plain["ranges"]),
+        roughness=plain["roughness"] and _as_roughness(*plain["roughness"]),
     )
+
+
+def _as_ranges(left: Range, right: Range) -> tuple[Range, Range]:
+    (black, white), (other_black, other_white) = left, right
+    return (float(black), float(white)), (float(other_black), float(other_white))
+
+
+def _as_roughness(total: int, pairs: int) -> tuple[int, int]:
+    if not 0 <= pairs < 2**64 or not 0 <= total < 2**64:
+        raise ValueError(f"roughness: got {total}, {pairs}; accepts integers from 0 of 64 bits")
+    return total, pairs

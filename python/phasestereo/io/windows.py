@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from numbers import Real
 from pathlib import Path
@@ -71,6 +71,8 @@ class Raster:
         of a row of such blocks.
     piece
         Reads a window: pixels, and a mask (True = valid) or None.
+    by_gdal
+        Whether GDAL reads it, which keeps blocks in a cache.
     """
 
     path: str
@@ -80,6 +82,7 @@ class Raster:
     georeference: Georeference
     block: tuple[int, int]
     piece: Piece
+    by_gdal: bool = False
 
     def read(
         self, first: int, last: int, columns: tuple[int, int] | None = None
@@ -335,9 +338,10 @@ def _open_tiff(stack: ExitStack, path: str, chosen: list[int] | None) -> Raster:
 
     rows = max(height for height, _ in file.block_shapes)
     sample = sum(np.dtype(name).itemsize for name in file.dtypes)
-    return _raster(
+    raster = _raster(
         path, (file.height, file.width), piece, (rows, rows * file.width * sample), place
     )
+    return replace(raster, by_gdal=True)
 
 
 def _open_zarr(path: str) -> Raster:

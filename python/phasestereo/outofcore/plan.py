@@ -209,10 +209,14 @@ def _pieces(pair: RasterPair) -> int:
 def _cure(least: int, surveys: Sequence[Survey], pair: RasterPair) -> str:
     """Say how much would do, and what would make it less."""
     width, count = max(survey.size[1] for survey in surveys), surveys[0].num_disparities
+    ways = ["with fewer disparities"]
+    if surveys[0].settings.optimizer == "sgm":
+        ways.append("with the preset fast")
+    if width == pair.size[1]:
+        ways.append("in tiles of columns (tile_columns), which are approximate")
     text = (
         f"{tell_bytes(least)} or more for {width} columns and {count} disparities; less would do "
-        "with fewer disparities, with the preset fast, or in tiles of columns (tile_columns), "
-        "which are approximate"
+        f"{' or '.join(ways)}"
     )
     blocks = max(pair.rasters, key=lambda raster: raster.block[1])
     if 2 * (cache(pair) + _pieces(pair)) > least:

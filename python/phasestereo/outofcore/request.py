@@ -47,7 +47,8 @@ class Request:
     def __post_init__(self) -> None:
         """Check what nothing else does."""
         check_whole("tile_columns", self.tile_columns, COLUMNS)
-        _check_type("column_overlap", self.column_overlap)
+        for name in ("min_disparity", "num_disparities", "column_overlap"):
+            _check_type(name, getattr(self, name))
         if self.column_overlap < 0:
             raise ValueError(f"column_overlap: got {self.column_overlap}; accepts 0 or more")
         if "confidence" in self.outputs and not self.settings.confidence:
@@ -62,7 +63,7 @@ class Request:
         return {
             "version": phasestereo.__version__,
             **{name: None if path is None else _identity(path) for name, path in files},
-            "bands": None if self.bands is None else list(self.bands),
+            "bands": None if self.bands is None else [int(band) for band in self.bands],
             "min_disparity": self.min_disparity,
             "num_disparities": self.num_disparities,
             "settings": asdict(self.settings),
@@ -84,13 +85,15 @@ class Request:
 
 def check_whole(name: str, value: int | None, step: int = ROWS) -> None:
     """Refuse what is neither None nor a positive multiple of a step."""
+    if value is None:
+        return
     _check_type(name, value)
-    if value is not None and (value < 1 or value % step):
+    if value < 1 or value % step:
         raise ValueError(f"{name}: got {value}; accepts multiples of {step}")
 
 
 def _check_type(name: str, value: object) -> None:
-    if value is not None and (not isinstance(value, Integral) or isinstance(value, bool)):
+    if not isinstance(value, Integral) or isinstance(value, bool):
         raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
 
 
@@ -110,9 +113,16 @@ def as_outputs(
 
 
 def _identity(path: StrPath) -> dict[str, Any]:
-    """Return what tells whether a file is the same as before: its name, size and time."""
+    """Return what tells whether a file is the same as before: its name, size and time.
+
+    The mask that GDAL finds beside a TIFF file counts, too.
+    """
     place = Path(os.path.realpath(path))
-    files = [place] if place.is_file() else [file for file in place.rglob("*") if file.is_file()]
+    if place.is_file():
+        mask = Path(f"{os.fspath(path)}.msk")
+        files = [place, mask] if mask.is_file() else [place]
+    else:
+        files = [file for file in place.rglob("*") if file.is_file()]
     found = [file.stat() for file in files] or [place.stat()]
     return {
         "path": str(place),

@@ -202,7 +202,7 @@ def _sinks(request: Request, pair: RasterPair) -> list[Sink]:
 
 def _limit_gdal(stack: ExitStack, pair: RasterPair, outputs: Mapping[str, Path]) -> None:
     """Have GDAL keep no more blocks than it takes; by itself it keeps a share of all memory."""
-    names: list[StrPath] = [*(raster.path for raster in pair.rasters), *outputs.values()]
-    if any(suffix(name) in (".tif", ".tiff") for name in names):
+    writes = any(suffix(path) in (".tif", ".tiff") for path in outputs.values())
+    if writes or any(raster.by_gdal for raster in pair.rasters):
         rasterio = require("rasterio", extra="geo")
         stack.enter_context(rasterio.Env(GDAL_CACHEMAX=planning.cache(pair)))

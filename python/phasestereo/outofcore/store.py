@@ -168,7 +168,7 @@ def opened(output: Path, identity: Mapping[str, Any], *, restart: bool) -> Itera
     """
     target = place_of(output)
     folder = target.with_name(target.name + ".part")
-    told = json.loads(json.dumps(identity))
+    told = json.loads(json.dumps(identity, default=np.generic.item))
     with _locked(folder):
         store = Store(folder)
         _prepare(store, told, restart=restart)

@@ -61,9 +61,8 @@ class Work:
         surveys = [self._survey(tile) for tile in tiles]
         rows, threads, memory = planning.fit(surveys, self.pair, limit, threads=threads, rows=rows)
         left = [size[0] - self.store.done(tile.number) for tile in tiles]
-        pixels = sum(
-            rest * (tile.reads[1] - tile.reads[0]) for rest, tile in zip(left, tiles, strict=True)
-        )
+        widths = [each.size[1] for each in surveys]
+        pixels = sum(rest * width for rest, width in zip(left, widths, strict=True))
         return Plan(
             size=size,
             num_disparities=self.survey.num_disparities,
@@ -73,7 +72,7 @@ class Work:
             memory=memory,
             bands=sum(-(-rest // rows) for rest in left),
             finished=sum(len(self.store.bands(tile.number)) for tile in tiles),
-            seconds=pixels * self._seconds_a_pixel(threads) if pixels else 0.0,
+            seconds=pixels * self._seconds_a_pixel(max(widths), threads) if pixels else 0.0,
         )
 
     def run(self, plan: Plan) -> Plan:
@@ -162,19 +161,22 @@ class Work:
         whole = tile.reads == (0, self.survey.size[1])
         return self.survey if whole else self.survey.columns(*tile.reads)
 
-    def _seconds_a_pixel(self, threads: int) -> float:
-        """Match a small part of the pair, to see how long a pixel takes."""
+    def _seconds_a_pixel(self, columns: int, threads: int) -> float:
+        """Match a small part of the pair, to see how long a pixel takes.
+
+        It is of the middle, since the margins of strips often have no data. Which disparities are
+        searched there makes no difference, so they are such as the part has.
+        """
         height, width = self.pair.size
-        first, across = self.store.done(0) % height, min(width, _SAMPLE[1])
-        rows = min(height - first, _SAMPLE[0])
-        left, right, *masks = self.pair.reader((0, across))(first, first + rows)
+        rows, across = min(height, _SAMPLE[0]), min(width, columns, _SAMPLE[1])
+        first, start = (height - rows) // 2, (width - across) // 2
+        left, right, *masks = self.pair.reader((start, start + across))(first, first + rows)
         settings = replace(self.survey.settings, equalise=False)
         started = perf_counter()
         match(
             left,
             right,
             num_disparities=min(self.survey.num_disparities, across),
-            min_disparity=self.survey.min_disparity,
             settings=settings,
             threads=threads,
             left_mask=masks[0],
