@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +41,6 @@ cli = counterpart("phasestereo.cli")
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     from conftest import Run
 
@@ -735,6 +735,21 @@ def test_a_line_that_did_not_fit_on_the_disk_ends_the_run(tmp_path: Path) -> Non
     )
     with pytest.raises(OSError, match=r"No space left on device: .*manifest.log"):
         manifest.add(record)
+
+
+def test_a_manifest_that_does_not_fit_on_the_disk_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = Path("/dev/full")
+    if not device.exists():
+        pytest.skip("no /dev/full here")
+    monkeypatch.setattr("phasestereo.batch.manifest.replacing", lambda _: device.open("wb"))
+    manifest = Manifest(tmp_path)
+    manifest.records["a"] = Record(
+        name="a", state="done", left="", right="", num_disparities=1, min_disparity=0, recipe=""
+    )
+    with pytest.raises(OSError, match=r"manifest.jsonl cannot be written: No space left on device"):
+        manifest.save(["a"])
 
 
 def test_a_manifest_that_is_none_is_left_alone(pairs: list[PairFiles], tmp_path: Path) -> None:

@@ -127,9 +127,12 @@ class Manifest:
         """Write the whole manifest, these pairs first and in this order, and end the log."""
         known = self.records
         order = dict.fromkeys([*(name for name in names if name in known), *known])
-        with replacing(self.path) as file:
-            for name in order:
-                file.write(_line(known[name]))
+        try:
+            with replacing(self.path) as file:
+                file.writelines(_line(known[name]) for name in order)
+        except OSError as error:
+            reason = error.strerror or error
+            raise OSError(f"{self.path} cannot be written: {reason}") from error
         self.close()
         self._log.unlink(missing_ok=True)
 
