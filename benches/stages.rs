@@ -523,9 +523,9 @@ mod semiglobal {
         let load = |band: usize, rows: &mut Rows<V, T>| {
             let mut across = across.lock().expect("one thread");
             let strip = Strip { first: band * BAND, rows: BAND, margin: 0, height: ROWS };
-            Across::begin(&mut *across, strip, (COLS, candidates), steps, edges)?;
+            Across::begin(&mut *across, rows, strip, (COLS, candidates), steps, edges)?;
             for tile in window.tiles() {
-                level.run(Advance { across: &mut across, tile: &tile, costs });
+                level.run(Advance { across: &mut across, rows, tile: &tile, costs });
             }
             across.finish(rows, level)
         };

@@ -271,6 +271,9 @@ impl<'a> Scene<'a> {
         family: Kind,
     ) -> Result<Kind> {
         let Some(side) = family.blur.side else { return Ok(family) };
+        // Rows are looked at from the top down, whatever order the tiles were chosen in.
+        let mut tiles = tiles.to_vec();
+        tiles.sort_unstable();
         let places: Vec<Place> = tiles.iter().filter_map(|tile| grid.places[*tile]).collect();
         let mut rows: Vec<usize> = places.iter().map(|place| place.top).collect();
         rows.dedup();

@@ -346,7 +346,7 @@ impl Matcher {
     ) -> Result<()> {
         let mut workspace: Box<Workspace<V, T>> = self.memory();
         workspace.operands.load(job.costs, &strip)?;
-        workspace.across(strip, job)?;
+        workspace.across(rows, strip, job)?;
         workspace.across.finish(rows, job.level)?;
         self.keep(workspace);
         Ok(())
@@ -411,12 +411,12 @@ impl<V: Value, T: Value> Workspace<V, T> {
     }
 
     /// Finds the paths along the rows of the strip.
-    fn across(&mut self, strip: Strip, job: &Job) -> Result<()> {
+    fn across(&mut self, rows: &mut Rows<V, T>, strip: Strip, job: &Job) -> Result<()> {
         let Self { operands, aggregator, across, .. } = self;
         let Window { cols, candidates, .. } = job.window;
-        across.begin(strip, (cols, candidates), job.steps, job.edges)?;
+        across.begin(rows, strip, (cols, candidates), job.steps, job.edges)?;
         job.sweep(strip, operands, aggregator, |tile, costs| {
-            job.level.run(Advance { across, tile, costs });
+            job.level.run(Advance { across, rows, tile, costs });
         })
     }
 

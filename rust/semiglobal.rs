@@ -187,7 +187,7 @@ impl<V: Value, T: Value> SemiGlobal<V, T> {
             field.control.checkpoint()?;
             let band = field.band(first + index);
             paths.begin(field.size.1.div_ceil(GROUP), field.candidates)?;
-            sums.begin((BAND, field.size.1), field.candidates)?;
+            sums.begin(field.size.1, field.candidates)?;
             let start = (band.end - 1 + LOOK).min(field.size.0 - 1);
             field.level.run(Up {
                 paths,
@@ -295,14 +295,14 @@ fn load_volume(
     let strip = Strip { first: band.start, rows: band.len(), margin: 0, height };
     let window = Window { rows: height, cols, candidates, side: 1, ..Window::default() };
     let (mut lanes, mut across) = (Memory::default(), Across::<u32, u64>::default());
-    across.begin(strip, (cols, candidates), field.steps, field.edges)?;
+    across.begin(rows, strip, (cols, candidates), field.steps, field.edges)?;
     for tile in window.tiles() {
         field.control.checkpoint()?;
         let columns = tile.finished.clone();
         let places: Vec<_> = (columns.start * candidates..columns.end * candidates).collect();
         strip.transpose(&places, |y| volume.row(y), |cost| cost, &mut lanes)?;
         let costs = Aggregated::new(lanes.as_chunks().0, 1, candidates);
-        level.run(Advance { across: &mut across, tile: &tile, costs });
+        level.run(Advance { across: &mut across, rows, tile: &tile, costs });
     }
     across.finish(rows, level)
 }

@@ -2,9 +2,10 @@
 
 mod common;
 
+use common::hash;
 use common::maps::{Map, bits, maps, row};
 use phasestereo::control::Control;
-use phasestereo::filling::fill;
+use phasestereo::filling::{REACH, fill};
 use phasestereo::plane::Plane;
 use phasestereo::reference;
 use phasestereo::refinement::flag;
@@ -75,4 +76,55 @@ fn a_map_without_a_trusted_pixel_stays() {
     assert!(values[0].is_nan() && values[2].is_nan());
     assert_eq!(values[1..2], [4.0]);
     assert_eq!(told, flags);
+}
+
+/// A tall map of which these rows are trusted, at least at one pixel.
+fn tall(rows: usize, is_trusted: impl Fn(usize) -> bool) -> Map {
+    let disparity = Plane::from_fn(rows, 3, |y, x| 1.0 + (hash(4, y, x) % 1000) as f32);
+    let trusted = |y: usize, x: usize| x as u64 == hash(5, y, 0) % 3;
+    let flags =
+        Plane::from_fn(
+            rows,
+            3,
+            |y, x| {
+                if is_trusted(y) && trusted(y, x) { 0 } else { flag::OCCLUDED }
+            },
+        );
+    Map { disparity, flags }
+}
+
+#[test]
+fn empty_rows_look_up_to_the_reach() {
+    let seeds = [0, 2 * REACH, 4 * REACH + 2];
+    let map = tall(5 * REACH + 10, |y| seeds.contains(&y));
+    let (disparity, flags) = filled(&map);
+    let stays =
+        |y: usize| disparity.row(y) == map.disparity.row(y) && flags.row(y) == [flag::OCCLUDED; 3];
+    let of = |y: usize, seed: usize| {
+        disparity.row(y) == disparity.row(seed)
+            && flags.row(y) == [flag::OCCLUDED | flag::FILLED; 3]
+    };
+    let [first, second, third] = seeds;
+    assert!(of(first + REACH, first), "of two as near the upper one");
+    assert!(of(first + REACH + 1, second));
+    assert!(of(second + REACH, second));
+    assert!(stays(second + REACH + 1), "one row too far from both");
+    assert!(of(second + REACH + 2, third));
+    assert!(of(third + REACH, third));
+    assert!(stays(third + REACH + 1));
+    let twin = reference::fill(&map.disparity, &map.flags);
+    assert_eq!((bits(&disparity), flags), (bits(&twin.0), twin.1));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    #[test]
+    fn tall_maps_are_filled_like_by_the_twin(rows in 1usize..=300, seed in any::<u64>(), rare in 1u64..=100) {
+        let map = tall(rows, |y| hash(seed, y, 0) % rare == 0);
+        let ((fast, fast_flags), (naive, naive_flags)) =
+            (filled(&map), reference::fill(&map.disparity, &map.flags));
+        prop_assert_eq!(bits(&fast), bits(&naive));
+        prop_assert_eq!(fast_flags, naive_flags);
+    }
 }

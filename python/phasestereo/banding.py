@@ -7,22 +7,24 @@ to the next.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from phasestereo import _core
+from phasestereo.equalisation import as_equalisation
 from phasestereo.result import Result
+from phasestereo.settings import Settings
 from phasestereo.surveying import Checked, Survey
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
     from phasestereo.equalisation import Equalisation
-    from phasestereo.settings import Settings
     from phasestereo.surveying import Reader
 
     Progress = Callable[[int, int], object]
@@ -53,8 +55,15 @@ def halo(settings: Settings, equalisation: Equalisation | None = None) -> int | 
         speckles, filling, smoothing and confidences look at. None with ``optimizer="sgm"``, whose
         paths come from all rows above. A row without any valid pixel copies another one, up to 95
         rows away; where there are such rows, `match_rows` and `Sweep` read as many more.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
     """
-    reach = _Reach.of(settings, equalisation)
+    if not isinstance(settings, Settings):
+        raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings")
+    reach = _Reach.of(settings, as_equalisation(None, equalisation))
     return None if settings.optimizer == "sgm" else reach.images + reach.map
 
 
@@ -96,6 +105,7 @@ def match_rows(
         As `phasestereo.match`; ValueError also if there are no such rows, or `overlap` is None with
         ``optimizer="sgm"``.
     """
+    bands = _Bands(read, survey, threads)
     if survey.settings.optimizer == "sgm" and overlap is None:
         raise ValueError(
             "overlap: got None with optimizer='sgm', whose paths come from all rows above; accepts "
@@ -103,7 +113,7 @@ def match_rows(
             "phasestereo.Sweep, from the top down, or another optimizer, as of preset='fast'"
         )
     _check_rows(survey, first, last)
-    bands = _Bands(read, survey, threads)
+    _check_overlap(overlap)
     first_drafted, end = bands.around(first, last)
     start = max(0, first_drafted - (overlap or 0)) // bands.unit * bands.unit
     chosen = bands.choose(start, end, None, None)
@@ -127,7 +137,7 @@ class Sweep:
     Raises
     ------
     TypeError, ValueError
-        As `match_rows` does.
+        As `match_rows` does; also if no sweep with this survey can have left that state.
     """
 
     def __init__(
@@ -170,6 +180,8 @@ class Sweep:
         TypeError, ValueError, MemoryError, KeyboardInterrupt
             As `match_rows`; then nothing is done yet of these rows.
         """
+        if progress is not None and not callable(progress):
+            raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
         _check_rows(self._bands.survey, self._done, last)
         first, end = self._bands.around(self._done, last)
         draft, paths, chosen, timings = self._draft, self._paths, self._chosen, {}
@@ -201,20 +213,18 @@ class Sweep:
         return state if self._paths is None else state | {"paths": self._paths}
 
     def _restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        if not isinstance(state, Mapping):
+            raise TypeError(f"state: got {type(state).__name__}; accepts what Sweep.state returned")
         try:
-            self._done, self._top, self._chosen = (
-                int(state[name]) for name in ("done", "top", "chosen")
-            )
-            if self._chosen:
-                self._draft = _Draft._make(state.get(name) for name in _Draft._fields)
-                self._paths = state.get("paths")
+            done, top, chosen = (int(state[name]) for name in ("done", "top", "chosen"))
+            kept = {name: np.asarray(plane) for name, plane in state.items()} if chosen else {}
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"state: got {error}; accepts what Sweep.state returned") from None
-        shape = self._chosen - self._top, self._bands.survey.size[1]
-        if self._draft is not None and any(
-            plane.shape != shape for plane in self._draft.planes().values()
-        ):
-            raise ValueError(f"state: got other planes than {shape}; accepts that of this pair")
+        draft = _Draft._make(kept.get(name) for name in _Draft._fields) if chosen else None
+        paths = kept.get("paths")
+        self._bands.check_state((done, top, chosen), draft, paths)
+        self._done, self._top, self._chosen = done, top, chosen
+        self._draft, self._paths = draft, paths
 
 
 class _Draft(NamedTuple):
@@ -274,6 +284,30 @@ class _Bands:
         """Return the rows that must be chosen for these to be refined."""
         return _widened(first, last, self._reach.map, self.survey.size[0])
 
+    def check_state(
+        self,
+        rows: tuple[int, int, int],
+        draft: _Draft | None,
+        paths: NDArray[np.uint8] | None,
+    ) -> None:
+        """Refuse what no sweep with this survey can have left behind, or rows would not fit."""
+        survey, (done, top, chosen) = self.survey, rows
+        height, cols = survey.size
+        first, least = self.around(done, done)
+        is_begun = chosen > 0 and chosen >= least and (chosen % _BAND == 0 or chosen == height)
+        if not (0 <= done <= height >= chosen and top == first and (is_begun or rows == (0, 0, 0))):
+            told = f"done, top, chosen = {done}, {top}, {chosen}"
+            raise ValueError(f"state: got {told}; accepts that of a sweep with this survey")
+        planes = {} if draft is None else draft.planes()
+        found: dict[str, Any] = {name: (plane.dtype, plane.shape) for name, plane in planes.items()}
+        needed = _planes(survey, (chosen - top, cols)) if chosen else {}
+        if survey.settings.optimizer == "sgm" and chosen:
+            needed["paths"] = np.dtype(np.uint8), (0 if paths is None else paths.size,)
+        if paths is not None:
+            found["paths"] = paths.dtype, paths.shape
+        if found != needed:
+            raise ValueError(f"state: got arrays {found}; accepts those of this survey, {needed}")
+
     def choose(
         self,
         first: int,
@@ -306,11 +340,31 @@ class _Bands:
         return Result(disparity[rows].copy(), flags[rows].copy(), kept, settings, stages, blur)
 
 
+def _planes(survey: Survey, shape: tuple[int, int]) -> dict[str, tuple[np.dtype[Any], Any]]:
+    """Return type and shape of the planes of a draft."""
+    settings = survey.settings
+    kinds: dict[str, Any] = {"disparity": np.float32, "flags": np.uint16}
+    if settings.confidence or settings.min_confidence > 0:
+        kinds["votes"] = np.float32
+    if survey.roughness is not None:
+        kinds["gray"] = np.int32
+    return {name: (np.dtype(kind), shape) for name, kind in kinds.items()}
+
+
 def _widened(first: int, last: int, by: int, height: int) -> tuple[int, int]:
     return max(0, first - by), min(height, last + by)
 
 
+def _check_overlap(overlap: int | None) -> None:
+    if not isinstance(overlap, int | np.integer | None):
+        raise TypeError(f"overlap: got {overlap!r}; accepts an integer or None")
+    if overlap is not None and overlap < 0:
+        raise ValueError(f"overlap: got {overlap}; accepts an integer from 0, or None")
+
+
 def _check_rows(survey: Survey, first: int, last: int) -> None:
+    if not (isinstance(first, int | np.integer) and isinstance(last, int | np.integer)):
+        raise TypeError(f"first, last: got {first!r}, {last!r}; accepts integers")
     if not 0 <= first < last <= survey.size[0]:
         raise ValueError(
             f"first, last: got {first}, {last}; accepts rows from 0 to {survey.size[0]}, "

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, replace
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -93,6 +94,8 @@ class Survey:
         ValueError
             If the pair has no such columns, or `first` is no multiple of `column_step`.
         """
+        if not (isinstance(first, int | np.integer) and isinstance(last, int | np.integer)):
+            raise TypeError(f"first, last: got {first!r}, {last!r}; accepts integers")
         if not 0 <= first < last <= self.size[1] or first % self.column_step:
             raise ValueError(
                 f"first, last: got {first}, {last}; accepts columns from 0 to {self.size[1]}, "
@@ -112,7 +115,8 @@ class Survey:
         OSError
             If the file cannot be written.
         """
-        with open(path, "wb") as file:  # noqa: PTH123 - np.savez would add an extension to a name
+        files = import_module("phasestereo.io.files")  # light until asked for
+        with files.replacing(path) as file:
             np.savez(file, allow_pickle=False, **_as_arrays(self))
 
 
@@ -126,12 +130,9 @@ def load(path: str | os.PathLike[str]) -> Survey:
     ValueError
         If it is no such file.
     """
-    with open(path, "rb") as file:  # noqa: PTH123 - a path may be a string
-        try:
-            with np.load(file, allow_pickle=False) as arrays:
-                return _from_arrays(dict(arrays))
-        except (EOFError, KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"path: got {path}; accepts what Survey.save wrote: {error}") from None
+    files = import_module("phasestereo.io.files")  # light until asked for
+    with files.decoding(path) as file, np.load(file, allow_pickle=False) as arrays:
+        return _from_arrays(dict(arrays))
 
 
 def survey(
@@ -177,13 +178,17 @@ def survey(
     """
     asked = resolve(preset, settings, overrides)
     rows = Checked(read, _as_size(size))
-    dtype = rows(0, 1)[0][0].dtype
-    search = min_disparity, num_disparities
+    (left, right), masks = rows(0, 1)
+    dtype, search = left.dtype, (min_disparity, num_disparities)
+    # Threads of its own: one of those that are shared would wait for a reader that matches.
+    workers = _core.Workers(threads)
+    # The core owns the ranges, and refuses of one row what it would of all.
+    _core.estimate_blur((left, right), masks, search, workers)
     versions, blur, ranges, roughness = as_equalisation(noise, equalisation), None, None, None
     if dtype.kind == "f" and (asked.cost == "phase" or asked.intensity_range is None):
         ranges = _core.find_ranges(rows, rows.size, search)
     if asks_for_estimate(asked, noise, equalisation):
-        found = _core.estimate_blur_by_rows(rows, rows.size, search, ranges, threads)
+        found = _core.estimate_blur_by_rows(rows, rows.size, search, ranges, workers)
         blur = as_estimate(found)
         asked, versions = even_out(blur, asked, versions)
     if asked.edges > 0 or asked.guided or asked.confidence or asked.min_confidence > 0:
@@ -214,7 +219,17 @@ class Checked:
         self, first: int, last: int
     ) -> tuple[tuple[Pixels, Pixels], tuple[Mask | None, Mask | None]]:
         """Read rows, in the type of those that were read before."""
-        left, right, left_mask, right_mask = self._read(first, last)
+        found = self._read(first, last)
+        if not isinstance(found, (tuple, list)) or len(found) != 4:
+            told = (
+                f"{len(found)} of them"
+                if isinstance(found, (tuple, list))
+                else type(found).__name__
+            )
+            raise TypeError(
+                f"read: got {told}; accepts four things, (left, right, left_mask, right_mask)"
+            )
+        left, right, left_mask, right_mask = found
         pair = as_pair(left, right)
         size = last - first, self.size[1]
         if pair[0].shape[:2] != size:
@@ -234,6 +249,8 @@ class Checked:
 
 
 def _as_size(size: tuple[int, int]) -> tuple[int, int]:
+    if not isinstance(size, (tuple, list)) or len(size) != 2:
+        raise TypeError(f"size: got {size!r}; accepts a pair (rows, columns)")
     rows, cols = size
     if not (isinstance(rows, int | np.integer) and isinstance(cols, int | np.integer)):
         raise TypeError(f"size: got {size!r}; accepts numbers of rows and columns")
@@ -270,7 +287,8 @@ def _as_arrays(told: Survey) -> dict[str, NDArray[Any]]:
         arrays["blur_labels"] = told.blur.labels
         psfs = {f"psf_{number}": blur.psf for number, blur in enumerate(told.blur.blurs)}
         arrays |= {name: psf for name, psf in psfs.items() if psf is not None}
-    return arrays | {"told": np.array(json.dumps(plain))}
+    # Numbers may be those of numpy, which JSON does not know.
+    return arrays | {"told": np.array(json.dumps(plain, default=lambda number: number.item()))}
 
 
 def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:

@@ -5,8 +5,8 @@ use crate::edges::{Edges, Neighbour};
 use crate::error::Result;
 use crate::memory::Memory;
 use crate::scanline::Steps;
-use crate::semiglobal::volume::{GROUP, Take, Volume};
-use crate::semiglobal::{BAND, Far};
+use crate::semiglobal::Far;
+use crate::semiglobal::volume::Volume;
 use crate::simd::{Kernel, Level};
 use crate::strip::{BLOCK, Strip};
 use crate::value::Value;
@@ -35,14 +35,12 @@ pub struct Across<V, T> {
     far: Far<T>,
     /// Jumps of the gray values: of one column after another, lane by lane.
     edges: Memory<u8>,
-    /// Costs of one column after another, of all candidates, lane by lane.
-    costs: Memory<V>,
-    /// Totals in the same order: of the paths from the left, then the means.
-    totals: Memory<T>,
     /// The least total of the column before.
     least: [T; BLOCK],
     /// Totals of the paths from the right, of two columns.
     back: [Memory<T>; 2],
+    /// A group of columns that is turned.
+    spare: (Memory<V>, Memory<T>),
 }
 
 impl<V, T: Value> Default for Across<V, T> {
@@ -53,18 +51,18 @@ impl<V, T: Value> Default for Across<V, T> {
             near: T::default(),
             far: Far::default(),
             edges: Memory::default(),
-            costs: Memory::default(),
-            totals: Memory::default(),
             least: [T::default(); BLOCK],
             back: Default::default(),
+            spare: Default::default(),
         }
     }
 }
 
 impl<V: Value, T: Value> Across<V, T> {
-    /// Begins a band.
+    /// Begins a band, of which `rows` are to be found.
     pub fn begin(
         &mut self,
+        rows: &mut Rows<V, T>,
         strip: Strip,
         (cols, candidates): (usize, usize),
         steps: Steps,
@@ -80,32 +78,23 @@ impl<V: Value, T: Value> Across<V, T> {
             self.edges.room(cols * BLOCK)?;
             self.edges.fill(0);
         }
-        self.costs.room(cols * stride(candidates) * BLOCK)?;
-        self.totals.room(cols * stride(candidates) * BLOCK)?;
+        rows.costs.begin(cols, candidates)?;
+        rows.totals.begin(cols, candidates)?;
         self.least = [T::default(); BLOCK];
         self.back.iter_mut().try_for_each(|column| column.room(candidates * BLOCK))
     }
 
-    /// Hands on the rows of the band, when every column is done.
+    /// Finishes the rows of the band, when every column is done.
     pub fn finish(&mut self, rows: &mut Rows<V, T>, level: Level) -> Result<()> {
-        rows.costs.begin((BAND, self.cols), self.candidates)?;
-        rows.totals.begin((BAND, self.cols), self.candidates)?;
-        level.run(Return(self));
-        let columns = GROUP * stride(self.candidates);
-        for (group, columns) in self.costs.as_chunks().0.chunks(columns).enumerate() {
-            level.run(Take { volume: &mut rows.costs, group, columns });
-        }
-        for (group, columns) in self.totals.as_chunks().0.chunks(columns).enumerate() {
-            level.run(Take { volume: &mut rows.totals, group, columns });
-        }
-        Ok(())
+        level.run(Return { across: self, rows });
+        rows.costs.turn(&mut self.spare.0, level)?;
+        rows.totals.turn(&mut self.spare.1, level)
     }
 
     #[inline(always)]
-    fn advance(&mut self, tile: &Tile, aggregated: Aggregated<V>) {
+    fn advance(&mut self, rows: &mut Rows<V, T>, tile: &Tile, aggregated: Aggregated<V>) {
         let (count, stride) = (self.candidates, stride(self.candidates));
-        let costs = self.costs.as_chunks_mut().0;
-        let totals = self.totals.as_chunks_mut().0;
+        let (costs, totals) = (rows.costs.columns_mut(), rows.totals.columns_mut());
         let edges = self.edges.as_chunks::<BLOCK>().0;
         for (place, x) in tile.finished.clone().enumerate() {
             let kept = &mut costs[x * stride..][..count];
@@ -119,11 +108,10 @@ impl<V: Value, T: Value> Across<V, T> {
     }
 
     #[inline(always)]
-    fn come_back(&mut self) {
+    fn come_back(&mut self, rows: &mut Rows<V, T>) {
         let (count, stride) = (self.candidates, stride(self.candidates));
         let edges = self.edges.as_chunks::<BLOCK>().0;
-        let costs = self.costs.as_chunks().0;
-        let totals = self.totals.as_chunks_mut::<BLOCK>().0;
+        let (costs, totals) = (rows.costs.columns_mut(), rows.totals.columns_mut());
         let [before, here] = &mut self.back;
         let (mut before, mut here) = (before.as_chunks_mut().0, here.as_chunks_mut().0);
         let mut least = [T::default(); BLOCK];
@@ -221,6 +209,8 @@ fn jumps(mut edges: [u8; BLOCK]) -> [u8; BLOCK] {
 pub struct Advance<'a, V, T> {
     /// Where paths are kept.
     pub across: &'a mut Across<V, T>,
+    /// What is found of the band.
+    pub rows: &'a mut Rows<V, T>,
     /// The columns.
     pub tile: &'a Tile,
     /// What they cost.
@@ -232,18 +222,21 @@ impl<V: Value, T: Value> Kernel for Advance<'_, V, T> {
 
     #[inline(always)]
     fn run(self) {
-        self.across.advance(self.tile, self.costs);
+        self.across.advance(self.rows, self.tile, self.costs);
     }
 }
 
 /// All columns, reached from the right.
-struct Return<'a, V, T>(&'a mut Across<V, T>);
+struct Return<'a, V, T> {
+    across: &'a mut Across<V, T>,
+    rows: &'a mut Rows<V, T>,
+}
 
 impl<V: Value, T: Value> Kernel for Return<'_, V, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        self.0.come_back();
+        self.across.come_back(self.rows);
     }
 }

@@ -1,9 +1,11 @@
-//! Values of a band of rows: by row, group of columns, candidate, column of the group.
+//! Values of a band of rows: by group of columns, row, candidate, column of the group.
+//!
+//! They are found column by column, rows in lanes, and kept in the same place; then each group is turned.
 
 use crate::aggregation::stride;
 use crate::error::Result;
 use crate::memory::Memory;
-use crate::simd::Kernel;
+use crate::simd::{Kernel, Level};
 use crate::strip::BLOCK;
 use crate::value::Value;
 
@@ -17,44 +19,69 @@ const SIDE: usize = 8;
 /// group.
 #[derive(Debug)]
 pub struct Volume<T> {
+    cols: usize,
     candidates: usize,
-    /// Places from one row to the next.
-    stride: usize,
     values: Memory<T>,
 }
 
 impl<T> Default for Volume<T> {
     fn default() -> Self {
-        Self { candidates: 0, stride: 0, values: Memory::default() }
+        Self { cols: 0, candidates: 0, values: Memory::default() }
     }
 }
 
 impl<T: Value> Volume<T> {
-    /// Makes room for so many rows and columns.
-    pub fn begin(&mut self, (rows, cols): (usize, usize), candidates: usize) -> Result<()> {
-        (self.candidates, self.stride) = (candidates, stride(cols.div_ceil(GROUP) * candidates));
-        self.values.room(rows * self.stride * GROUP)
+    /// Makes room for as many rows as lanes, and so many columns.
+    pub fn begin(&mut self, cols: usize, candidates: usize) -> Result<()> {
+        (self.cols, self.candidates) = (cols, candidates);
+        self.values.room(cols.div_ceil(GROUP) * self.group_values())
+    }
+
+    /// Values of a group.
+    fn group_values(&self) -> usize {
+        GROUP * stride(self.candidates) * BLOCK
+    }
+
+    /// All columns before they are turned, one after another, [`stride`] places apart, candidate after candidate,
+    /// rows in lanes.
+    #[inline(always)]
+    pub fn columns_mut(&mut self) -> &mut [[T; BLOCK]] {
+        self.values.as_chunks_mut().0
     }
 
     /// The values of a group of columns in a row, of one candidate after another.
     #[inline(always)]
     pub fn of(&self, row: usize, group: usize) -> &[[T; GROUP]] {
-        let first = row * self.stride + group * self.candidates;
+        let first = (group * BLOCK + row) * stride(self.candidates);
         &self.values.as_chunks().0[first..][..self.candidates]
     }
 
     /// The same, to be written.
     #[inline(always)]
     pub fn of_mut(&mut self, row: usize, group: usize) -> &mut [[T; GROUP]] {
-        let first = row * self.stride + group * self.candidates;
+        let first = (group * BLOCK + row) * stride(self.candidates);
         &mut self.values.as_chunks_mut().0[first..][..self.candidates]
+    }
+
+    /// Turns all groups, one after another by way of `spare`.
+    pub fn turn(&mut self, spare: &mut Memory<T>, level: Level) -> Result<()> {
+        let (length, column) = (self.group_values(), stride(self.candidates) * BLOCK);
+        spare.room(length)?;
+        for group in 0..self.cols.div_ceil(GROUP) {
+            let there = (self.cols - group * GROUP).min(GROUP) * column;
+            spare[..there].copy_from_slice(&self.values[group * length..][..there]);
+            let columns = spare[..there].as_chunks().0;
+            level.run(Take { volume: self, group, columns });
+        }
+        Ok(())
     }
 
     #[inline(always)]
     fn take(&mut self, group: usize, columns: &[[T; BLOCK]]) {
         let (candidates, apart) = (self.candidates, stride(self.candidates));
-        let (none, row) = ([T::default(); BLOCK], self.stride * GROUP);
-        let values = &mut self.values[group * candidates * GROUP..];
+        let (none, row) = ([T::default(); BLOCK], apart * GROUP);
+        let first = group * self.group_values();
+        let values = &mut self.values[first..];
         // All of a candidate before the next one: so lines of the cache are still at hand when they are needed again.
         for (k, left) in (0..candidates).flat_map(|k| (0..GROUP).step_by(SIDE).map(move |x| (k, x)))
         {
@@ -112,16 +139,14 @@ fn exchange(words: &mut [[u64; BLOCK / SIDE]; SIDE], step: usize, earlier: u64) 
     }
 }
 
-/// Brings a group of columns, given one after another, [`stride`] places apart, candidate after candidate, from
-/// lanes into rows.
+/// Brings a group of columns from lanes into rows.
 #[derive(Debug)]
-pub struct Take<'a, T> {
-    /// Where they go, of as many rows as lanes.
-    pub volume: &'a mut Volume<T>,
-    /// The group.
-    pub group: usize,
+struct Take<'a, T> {
+    /// Where they go.
+    volume: &'a mut Volume<T>,
+    group: usize,
     /// Its columns; there are fewer of the last one.
-    pub columns: &'a [[T; BLOCK]],
+    columns: &'a [[T; BLOCK]],
 }
 
 impl<T: Value> Kernel for Take<'_, T> {

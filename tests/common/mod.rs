@@ -4,6 +4,7 @@
 
 pub mod maps;
 pub mod naive;
+pub mod parts;
 pub mod volumes;
 
 use ndarray::Array3;

@@ -117,14 +117,14 @@ impl Volume {
         let strip = Strip { first, rows: BAND.min(height - first), margin: 0, height };
         let window = Window { rows: height, cols, candidates, side: 1, ..Window::default() };
         let mut lanes = Memory::default();
-        across.begin(strip, (cols, candidates), field.steps, field.edges)?;
+        across.begin(rows, strip, (cols, candidates), field.steps, field.edges)?;
         for tile in window.tiles() {
             let columns = tile.finished.clone();
             let places: Vec<_> = (columns.start * candidates..columns.end * candidates).collect();
             let value = |cost: u32| V::truncated(cost.into());
             strip.transpose(&places, |y| self.costs.row(y), value, &mut lanes)?;
             let costs = Aggregated::new(lanes.as_chunks().0, 1, candidates);
-            field.level.run(Advance { across, tile: &tile, costs });
+            field.level.run(Advance { across, rows, tile: &tile, costs });
         }
         across.finish(rows, field.level)
     }

@@ -1,0 +1,629 @@
+"""What is known of a whole pair that is read by rows: found out as by a match, kept, handed on."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import threading
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+import phasestereo as ps
+from phasestereo import banding, surveying
+from test_process import run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+RNG = np.random.default_rng(7)
+SIZE = (150, 130)
+DTYPES = ("uint8", "uint16", "float32", "float64")
+PRESETS = list(ps.PRESETS)
+
+
+class Reading:
+    """A pair in memory that is read by rows, and what was asked for."""
+
+    def __init__(
+        self,
+        left: NDArray[Any],
+        right: NDArray[Any],
+        masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None] = (None, None),
+    ) -> None:
+        self.images, self.masks = (left, right), masks
+        self.size = left.shape[:2]
+        self.asked: list[tuple[int, int]] = []
+        self.failing: Callable[[int, int], bool] = lambda _first, _last: False
+        self.error: BaseException = LookupError("torn")
+
+    def __call__(self, first: int, last: int) -> tuple[Any, Any, Any, Any]:
+        assert 0 <= first < last <= self.size[0]
+        self.asked.append((first, last))
+        if self.failing(first, last):
+            raise self.error
+        left, right = (image[first:last] for image in self.images)
+        masks = (None if mask is None else mask[first:last] for mask in self.masks)
+        left_mask, right_mask = masks
+        return left, right, left_mask, right_mask
+
+    def matched(self, **options: Any) -> ps.Result:
+        """Match the whole of it in memory."""
+        left_mask, right_mask = self.masks
+        return ps.match(*self.images, left_mask=left_mask, right_mask=right_mask, **options)
+
+
+def textured(size: tuple[int, int], seed: int = 1) -> NDArray[np.float64]:
+    """Return squares of several sizes."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[: size[0], : size[1]]
+    shades = [(side, rng.uniform(0, 255, (size[0] // side + 1, size[1] // side + 1))) for side in
+              (13, 7, 4, 2, 1)]  # fmt: skip
+    parts = [weight * shade[y // side, x // side] for (side, shade), weight in
+             zip(shades, (0.3, 0.25, 0.2, 0.15, 0.1), strict=True)]  # fmt: skip
+    total: NDArray[np.float64] = np.sum(parts, axis=0)
+    return total
+
+
+def scene(
+    size: tuple[int, int] = SIZE,
+    dtype: str = "uint8",
+    *,
+    shift: int = 5,
+    soft: slice | None = None,
+    masked: bool = False,
+) -> Reading:
+    """Return a pair of one disparity, the left image soft in some rows."""
+    wide = textured((size[0], size[1] + shift))
+    left, right = wide[:, :-shift].copy(), wide[:, shift:].copy()
+    if soft is not None:
+        padded = np.pad(left, 3, mode="symmetric")
+        windows = np.lib.stride_tricks.sliding_window_view(padded, (7, 7))
+        left[soft] = windows.mean((2, 3))[soft]
+    unit = {"uint8": 1, "uint16": 200, "float32": 1e-3, "float64": 1e6}[dtype]
+    pair = [(unit * image.round()).astype(dtype) for image in (left, right)]
+    if not masked:
+        return Reading(pair[0], pair[1])
+    left_mask, right_mask = (np.random.default_rng(seed).random(size) > 0.01 for seed in (2, 3))
+    left_mask[size[0] // 3 : size[0] // 3 + 20] = False
+    right_mask[-30:-5] = False
+    return Reading(pair[0], pair[1], (left_mask, right_mask))
+
+
+def surveyed(read: Reading, **options: Any) -> ps.Survey:
+    """Survey a pair with 16 disparities unless told otherwise."""
+    return ps.survey(read, read.size, **{"num_disparities": 16} | options)
+
+
+def assert_same(ours: Any, theirs: Any) -> None:
+    """Check that two records have the same fields, arrays to the bit, NaN like NaN."""
+    assert type(ours) is type(theirs)
+    if isinstance(ours, np.ndarray):
+        assert ours.dtype == theirs.dtype
+        np.testing.assert_array_equal(ours, theirs)
+    elif isinstance(ours, tuple | list):
+        assert len(ours) == len(theirs)
+        for one, other in zip(ours, theirs, strict=True):
+            assert_same(one, other)
+    elif hasattr(ours, "__dataclass_fields__"):
+        for field in fields(ours):
+            assert_same(getattr(ours, field.name), getattr(theirs, field.name))
+    else:
+        assert ours == theirs or (np.isnan(ours) and np.isnan(theirs))
+
+
+@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_survey_knows_what_a_match_finds_out(dtype: str, masked: bool) -> None:  # noqa: FBT001 - a parameter
+    read = scene((200, 150), dtype, soft=slice(0, None), masked=masked)
+    told, result = surveyed(read), read.matched(num_disparities=16)
+    assert result.blur is not None
+    assert result.blur.blur.side == "left"
+    assert_same(told.blur, result.blur)
+    assert told.settings == result.settings
+    assert (told.size, told.dtype) == ((200, 150), dtype)
+    assert (told.min_disparity, told.num_disparities) == (0, 16)
+    assert told.equalisation is not None
+    assert (told.ranges is None) == (dtype in ("uint8", "uint16"))
+
+
+def test_areas_of_blur_are_found() -> None:
+    read = scene((420, 130), soft=slice(180, None))
+    told = surveyed(read)
+    assert told.blur is not None
+    assert len(told.blur.blurs) == 2
+    assert told.equalisation is not None
+    assert_same(told.equalisation.labels, told.blur.labels)
+    assert_same(told.blur, read.matched(num_disparities=16).blur)
+
+
+def test_what_is_told_is_not_looked_for() -> None:
+    read = scene()
+    versions = ps.Equalisation(noise=(1.0, 2.0))
+    assert surveyed(read, equalisation=versions).equalisation is versions
+    told = surveyed(read, noise=(1.0, 3.0), equalise=False).equalisation
+    assert told is not None
+    assert told.noise == (1.0, 3.0)
+    read.asked.clear()
+    assert surveyed(read, noise=1.0, preset="fast").blur is None
+    assert read.asked == [(0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("options", "dtype", "passes"),
+    [
+        ({"preset": "fast"}, "uint8", 0),
+        ({"preset": "fast"}, "uint16", 0),
+        ({"preset": "fast"}, "float32", 1),
+        ({"preset": "fast", "cost": "sad"}, "float32", 1),
+        ({"preset": "fast", "cost": "sad", "intensity_range": (0.0, 1.0)}, "float32", 0),
+        ({"preset": "fast", "guided": True}, "uint8", 1),
+        ({"preset": "fast", "min_confidence": 0.5}, "uint8", 1),
+        ({"preset": "paper"}, "uint8", 1),
+        ({"preset": "paper", "confidence": False}, "uint8", 0),
+        ({"preset": "paper"}, "float64", 2),
+    ],
+    ids=str,
+)
+def test_no_more_is_read_than_needed(options: dict[str, Any], dtype: str, passes: int) -> None:
+    read = scene(dtype=dtype)
+    surveyed(read, **options)
+    assert read.asked == [(0, 1)] + passes * [(0, SIZE[0])]
+
+
+def test_large_pairs_are_read_some_rows_at_a_time() -> None:
+    image = RNG.integers(0, 4, (130, 1), np.uint8) + np.zeros((1, 70_000), np.uint8)
+    image[:, ::3] += 9
+    read = Reading(image, image)
+    told = surveyed(read, preset="paper")
+    assert read.asked == [(0, 1), (0, 59), (59, 118), (118, 130)]
+    jumps = np.abs(np.diff(image.astype(int), axis=1))
+    assert told.roughness == (jumps.sum(), jumps.size)
+
+
+def test_ranges_are_those_of_all_but_outliers() -> None:
+    image = RNG.random((150, 130)).astype(np.float32)
+    told = surveyed(Reading(image, image * 2), preset="fast")
+    assert told.ranges is not None
+    inner = np.sort(image.astype(np.float64).ravel())[[19, -20]]
+    np.testing.assert_allclose(told.ranges[0], 1000 * inner, rtol=1e-12)
+    np.testing.assert_allclose(told.ranges[1], 2000 * inner, rtol=1e-12)
+
+
+# Kept
+
+
+def kept() -> list[ps.Survey]:
+    """Return surveys of all kinds."""
+    areas = surveyed(scene((420, 130), "float32", soft=slice(180, None), masked=True))
+    kernel = np.full((3, 5), 1 / 15)
+    versions = ps.Equalisation(
+        noise=(0.1, 0.7),
+        kernels=[(None, kernel), (kernel.T, None), (None, None)],
+        labels=RNG.integers(0, 3, (4, 5)).astype(np.uint8),
+        tile=40,
+    )
+    given_versions = surveyed(scene(), equalisation=versions, min_disparity=-7)
+    plain = surveyed(scene(), preset="fast")
+    others = surveyed(
+        scene(), preset="paper", penalty=(1.0, 2.5), intensity_range=(3.0, 99.5), cost="sad"
+    )
+    assert areas.blur is not None
+    assert np.isnan(areas.blur.gain)
+    return [areas, given_versions, plain, others]
+
+
+def test_surveys_come_back_from_files_and_pickles(tmp_path: Path) -> None:
+    for number, told in enumerate(kept()):
+        for path in (tmp_path / f"{number}.npz", str(tmp_path / f"{number} of no suffix")):
+            told.save(path)
+            assert_same(surveying.load(path), told)
+        assert_same(pickle.loads(pickle.dumps(told)), told)  # noqa: S301 - our own bytes
+    assert len(list(tmp_path.iterdir())) == 8
+
+
+def test_bands_match_alike_with_a_survey_that_comes_from_a_file(tmp_path: Path) -> None:
+    read = scene((420, 130), "float32", soft=slice(180, None), masked=True)
+    told = surveyed(read)
+    told.save(tmp_path / "survey")
+    found = banding.Sweep(read, surveying.load(tmp_path / "survey")).advance(420)
+    expected = read.matched(num_disparities=16)
+    assert_same(
+        (found.disparity, found.flags, found.confidence),
+        (expected.disparity, expected.flags, expected.confidence),
+    )
+
+
+def test_numbers_of_numpy_can_be_saved(tmp_path: Path) -> None:
+    options: dict[str, Any] = {
+        "num_disparities": np.int64(16), "min_disparity": np.int32(-2), "preset": "fast",
+        "window": np.int16(5), "penalty": (np.float32(0.1), np.float64(2.0)),
+    }  # fmt: skip
+    read = scene()
+    told = ps.survey(read, (np.int64(150), np.int64(130)), **options)  # type: ignore[arg-type] # they do
+    told.save(tmp_path / "survey")
+    loaded = surveying.load(tmp_path / "survey")
+    assert loaded.settings == told.settings
+    assert (loaded.size, loaded.num_disparities, loaded.min_disparity) == ((150, 130), 16, -2)
+
+
+def test_a_survey_is_written_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, told = tmp_path / "survey", surveyed(scene(), preset="fast")
+    told.save(path)
+    before = path.read_bytes()
+
+    def fail(file: Any, **_: object) -> None:
+        file.write(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", fail)
+    with pytest.raises(OSError, match="No space"):
+        told.save(path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(OSError, match="folder"):
+        told.save(tmp_path / "missing" / "survey")
+
+
+def test_a_file_that_is_missing_or_a_folder_is_an_os_error(tmp_path: Path) -> None:
+    for path in (tmp_path / "missing", tmp_path):
+        with pytest.raises(OSError, match=path.name):
+            surveying.load(path)
+
+
+def refused_file(path: Path) -> None:
+    """Check that no survey comes of a file, and that the message names it."""
+    with pytest.raises(ValueError, match=path.name):
+        surveying.load(path)
+
+
+def test_what_is_no_survey_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "survey"
+    surveyed(scene((200, 150), soft=slice(0, None))).save(path)
+    whole = path.read_bytes()
+    parts = [whole[:length] for length in (0, 1, 10, len(whole) // 2, len(whole) - 1)]
+    for content in (*parts, b"\x80\x04K\x01.", b"%PDF", bytes(1000), b"PK\x03\x04" + bytes(99)):
+        path.write_bytes(content)
+        refused_file(path)
+    with path.open("wb") as file:
+        np.save(file, np.zeros(3))
+    refused_file(path)
+    told = dict(np.load(_written(path, whole)))
+    text = str(told["told"])
+    wrong: list[dict[str, Any]] = [
+        {},
+        {"other": np.zeros(3)},
+        told | {"told": np.array("[]")},
+        told | {"told": np.array("3")},
+        told | {"told": np.array("{")},
+        told | {"told": np.array(text.replace('"uint8"', '"uint8", "x": '))},
+        told | {"told": np.array(text.replace('"window"', '"widow"'))},
+        told | {"told": np.array(text.replace('"settings": {', '"settings": 3, "x": {'))},
+        told | {"labels": np.zeros(3)},
+        told | {"labels": np.full((2, 2), 200, np.uint8)},
+        {name: array for name, array in told.items() if name != "labels"},
+    ]
+    for arrays in wrong:
+        with path.open("wb") as file:
+            np.savez(file, **arrays)
+        refused_file(path)
+    with path.open("wb") as file:
+        np.savez(file, told=np.array([{"pickled": 1}], object))
+    refused_file(path)
+
+
+def _written(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a survey in a file."""
+    path = tmp_path_factory.mktemp("saved") / "survey"
+    surveyed(scene((200, 150), soft=slice(0, None))).save(path)
+    return path
+
+
+@given(place=st.floats(0, 1, exclude_max=True), byte=st.integers(0, 255))
+@hypothesis_settings(max_examples=150)
+def test_damage_is_told_or_does_no_harm(saved: Path, place: float, byte: int) -> None:
+    content = bytearray(saved.read_bytes())
+    content[int(place * len(content))] = byte
+    damaged = saved.with_name("damaged")
+    damaged.write_bytes(content)
+    try:
+        told = surveying.load(damaged)
+    except ValueError as error:
+        assert "damaged" in str(error)  # noqa: PT017 - most are refused, not all
+    else:
+        assert_same(told, surveying.load(saved))
+
+
+# Columns
+
+
+def test_columns_are_those_of_a_part() -> None:
+    kernel = np.full((3, 3), 1 / 9)
+    labels = RNG.integers(0, 2, (4, 4)).astype(np.uint8)
+    versions = ps.Equalisation(
+        noise=(1.0, 1.0), kernels=[(None, kernel), (None, None)], labels=labels, tile=32
+    )
+    read = scene()
+    told = surveyed(read, preset="fast", equalisation=versions)
+    assert told.column_step == 32
+    for first, last in [(0, 130), (0, 40), (32, 130), (96, 129), (96, 112)]:
+        some = told.columns(first, last)
+        part = Reading(read.images[0][:, first:last], read.images[1][:, first:last])
+        found = banding.match_rows(part, some, 20, 90)
+        local = replace(versions, labels=labels[:, first // 32 :])
+        expected = part.matched(num_disparities=16, preset="fast", equalisation=local)
+        np.testing.assert_array_equal(found.disparity, expected.disparity[20:90])
+        assert some.size == (150, last - first)
+    assert_same(told.columns(0, 130), told)
+
+
+def test_columns_of_what_is_alike_everywhere_begin_anywhere() -> None:
+    read = scene(dtype="float32")
+    for told in (surveyed(read, preset="paper"), surveyed(read, noise=1.0, equalise=False)):
+        assert told.column_step == 1
+        some = told.columns(7, 90)
+        assert_same(some, replace(told, size=(150, 83)))
+        assert some.ranges == told.ranges
+        assert some.roughness == told.roughness
+
+
+@pytest.mark.parametrize(
+    ("ends", "error"),
+    [
+        ((-32, 40), ValueError), ((0, 131), ValueError), ((32, 32), ValueError),
+        ((64, 32), ValueError), ((130, 131), ValueError), ((5, 40), ValueError),
+        ((0, 1.5), TypeError), ((0.0, 9), TypeError), (("a", 9), TypeError), ((0, None), TypeError),
+    ],
+)  # fmt: skip
+def test_columns_that_there_are_not_are_refused(ends: Any, error: type[Exception]) -> None:
+    versions = ps.Equalisation(
+        noise=(1.0, 1.0), kernels=[(None, None)], labels=np.zeros((4, 4), np.uint8), tile=32
+    )
+    told = surveyed(scene(), preset="fast", equalisation=versions)
+    with pytest.raises(error, match="^first, last: got"):
+        told.columns(*ends)
+
+
+# Refusals
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"num_disparities": 0}, ValueError, "^num_disparities: got 0"),
+        ({"num_disparities": 131}, ValueError, "^num_disparities: got 131"),
+        ({"num_disparities": 1.5}, TypeError, "^num_disparities: got float"),
+        ({"num_disparities": None}, TypeError, "^num_disparities: got NoneType"),
+        ({"min_disparity": 130}, ValueError, "^min_disparity: got 130"),
+        ({"min_disparity": "0"}, TypeError, "^min_disparity: got str"),
+        ({"threads": 0}, ValueError, "^threads: got 0"),
+        ({"threads": "all"}, TypeError, "^threads: got str"),
+        ({"window": 4}, ValueError, "^window: got 4"),
+        ({"widow": 5}, TypeError, "^widow: no such setting"),
+        ({"settings": 3}, TypeError, "^settings: got int"),
+        ({"noise": -1.0}, ValueError, "^noise: got -1"),
+        ({"equalisation": 3}, TypeError, "^equalisation: got int"),
+        ({"size": 5}, TypeError, "^size: got 5"),
+        ({"size": (150,)}, TypeError, "^size: got"),
+        ({"size": (150, 130, 1)}, TypeError, "^size: got"),
+        ({"size": (150.0, 130)}, TypeError, "^size: got"),
+        ({"size": (0, 130)}, ValueError, "^size: got"),
+        ({"size": (150, -130)}, ValueError, "^size: got"),
+        ({"size": (150, 129)}, ValueError, "^read: got"),
+        ({"read": None}, TypeError, "^read: got NoneType"),
+        ({"read": "file.tif"}, TypeError, "^read: got str"),
+    ],
+    ids=str,
+)
+def test_a_survey_refuses_what_a_match_refuses(
+    preset: str, options: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    defaults: dict[str, Any] = {
+        "read": scene(), "size": SIZE, "num_disparities": 16, "preset": preset
+    }  # fmt: skip
+    with pytest.raises(error, match=message):
+        ps.survey(**defaults | options)
+
+
+def test_a_preset_that_there_is_not_is_refused() -> None:
+    with pytest.raises(ValueError, match="^preset: got 'slow'"):
+        surveyed(scene(), preset="slow")
+
+
+def changed(index: int, value: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Return what changes one of the four things that are read, of all rows but the first."""
+
+    def change(found: tuple[Any, ...]) -> tuple[Any, ...]:
+        return (*found[:index], value(found[index]), *found[index + 1 :])
+
+    return change
+
+
+WRONG_ROWS: list[tuple[Callable[[Any], Any], type[Exception], str]] = [
+    (lambda _: None, TypeError, "^read: got NoneType; accepts four"),
+    (lambda found: found[:3], TypeError, "^read: got 3 of them; accepts four"),
+    (lambda found: found[0], TypeError, "^read: got ndarray; accepts four"),
+    (changed(0, lambda left: np.vstack([left, left])), ValueError, "^right: got"),
+    (lambda found: (found[0][1:], found[1][1:], *found[2:]), ValueError, "^(read|left): got"),
+    (
+        lambda found: (*np.hstack(found[:2] * 2)[None].repeat(2, 0), None, None),
+        ValueError,
+        "^read: got",
+    ),
+    (lambda found: (found[0][:, 1:], found[1][:, 1:], *found[2:]), ValueError, "^read: got"),
+    (changed(0, lambda left: left.astype(np.int32)), TypeError, "^left: got dtype int32"),
+    (changed(1, lambda right: right.astype(np.uint16)), TypeError, "^right: got dtype uint16"),
+    (changed(1, lambda _: "right"), TypeError, "^right: got"),
+    (changed(0, lambda left: left[0]), ValueError, "^left: got shape"),
+    (changed(2, lambda _: np.ones(3, bool)), ValueError, "^left_mask: got shape"),
+    (changed(3, lambda _: np.ones((9, 9), np.uint8)), TypeError, "^right_mask: got dtype uint8"),
+]
+
+
+@pytest.mark.parametrize("is_late", [False, True])
+@pytest.mark.parametrize(("change", "error", "message"), WRONG_ROWS)
+def test_wrong_rows_are_refused(
+    change: Callable[[Any], Any],
+    error: type[Exception],
+    message: str,
+    is_late: bool,  # noqa: FBT001 - a parameter
+) -> None:
+    read = scene()
+
+    def wrong(first: int, last: int) -> Any:
+        is_first = last == 1
+        return read(first, last) if is_late and is_first else change(read(first, last))
+
+    with pytest.raises(error, match=message):
+        ps.survey(wrong, SIZE, num_disparities=16)
+
+
+def test_rows_of_another_type_than_the_first_are_refused() -> None:
+    read = scene()
+
+    def wrong(first: int, last: int) -> Any:
+        left, right, *masks = read(first, last)
+        kind = np.uint8 if last == 1 else np.uint16
+        return left.astype(kind), right.astype(kind), *masks
+
+    message = "^read: got uint16 for the rows 0 to 150; accepts that of others, uint8"
+    with pytest.raises(TypeError, match=message):
+        ps.survey(wrong, SIZE, num_disparities=16)
+
+
+@pytest.mark.parametrize("row", [0, 149])
+def test_pixels_that_are_no_numbers_are_refused_unless_masked(row: int) -> None:
+    read = scene(dtype="float32")
+    read.images[0][row, 3] = np.nan
+    with pytest.raises(ValueError, match="^left: got nan|^left: got NaN"):
+        surveyed(read)
+    read.masks = (~np.isnan(read.images[0]), None)
+    surveyed(read)
+
+
+ERRORS = [LookupError("torn"), OSError(5, "unreadable"), KeyboardInterrupt(), SystemExit(3)]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
+def test_what_a_reader_raises_comes_out_as_it_is(error: BaseException, dtype: str) -> None:
+    whole = scene((200, 150), dtype)
+    surveyed(whole)
+    assert len(whole.asked) > 2
+    for number in range(len(whole.asked)):
+        read = scene((200, 150), dtype)
+        read.error = error
+        read.failing = lambda *_: len(read.asked) == number + 1  # noqa: B023 - called in this turn
+        with pytest.raises(type(error)) as raised:
+            surveyed(read)
+        assert raised.value is error
+        assert len(read.asked) == number + 1
+    surveyed(whole)
+
+
+def test_what_a_reader_raises_comes_out_in_any_thread() -> None:
+    seen: list[BaseException] = []
+
+    def work() -> None:
+        read = scene()
+        read.failing = lambda _first, last: last > 1
+        try:
+            surveyed(read)
+        except LookupError as error:
+            seen.append(error)
+
+    threads = [threading.Thread(target=work) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [str(error) for error in seen] == 8 * ["torn"]
+
+
+def test_surveys_at_the_same_time_do_not_disturb_one_another() -> None:
+    reads = [scene((160, 100), dtype) for dtype in DTYPES]
+    expected = [surveyed(read) for read in reads]
+    found: list[Any] = [None] * 12
+
+    def work(turn: int) -> None:
+        found[turn] = surveyed(scene((160, 100), DTYPES[turn % 4]), threads=1 + turn % 3)
+
+    threads = [threading.Thread(target=work, args=[turn]) for turn in range(12)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for turn in range(12):
+        assert_same(found[turn], expected[turn % 4])
+
+
+def test_a_survey_can_be_interrupted_while_it_reads() -> None:
+    finished = run("""
+import _thread, threading, time
+import numpy as np, phasestereo as ps
+image = np.random.default_rng(0).integers(0, 256, (1, 70000), np.uint8)
+def read(first, last):
+    if last > 1:
+        threading.Timer(0.1, _thread.interrupt_main).start()
+        time.sleep(0.2)
+    return (image.repeat(last - first, 0),) * 2 + (None, None)
+try:
+    ps.survey(read, (100000, 70000), num_disparities=4, preset="paper")
+except KeyboardInterrupt:
+    print("stopped")
+""")
+    assert (finished.returncode, finished.stdout.strip()) == (0, "stopped"), finished.stderr
+
+
+def test_a_reader_may_match() -> None:
+    finished = run("""
+import os
+os.environ["RAYON_NUM_THREADS"] = "1"
+import numpy as np, phasestereo as ps
+pair = np.random.default_rng(0).integers(0, 256, (2, 100, 90), np.uint8)
+def read(first, last):
+    ps.match(*pair, num_disparities=4)
+    return pair[0][first:last], pair[1][first:last], None, None
+told = ps.survey(read, (100, 90), num_disparities=8)
+ps.Sweep(read, told).advance(100)
+""")
+    assert finished.returncode == 0, finished.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_forked_child_surveys() -> None:
+    finished = run("""
+import os, signal, warnings
+warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against it
+import numpy as np, phasestereo as ps
+pair = np.random.default_rng(0).integers(0, 256, (2, 100, 90), np.uint8)
+read = lambda first, last: (pair[0][first:last], pair[1][first:last], None, None)
+def work():
+    told = ps.survey(read, (100, 90), num_disparities=8)
+    return ps.Sweep(read, told).advance(100).disparity
+expected = work()
+child = os.fork()
+if child == 0:
+    signal.alarm(30)
+    os._exit(0 if np.array_equal(work(), expected, equal_nan=True) else 3)
+_, status = os.waitpid(child, 0)
+assert os.waitstatus_to_exitcode(status) == 0, status
+""")
+    assert finished.returncode == 0, finished.stderr
