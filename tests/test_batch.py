@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import os
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +41,6 @@ cli = counterpart("phasestereo.cli")
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     from conftest import Run
 
@@ -150,10 +151,11 @@ def test_a_list_says_all_that_can_be_said_of_a_pair(tmp_path: Path) -> None:
     [
         ("", "got columns none; accepts left and right"),
         ("left,right\n", "there is no pair in it"),
-        ("left,wrong\na,b\n", "got columns left, wrong; accepts left and right"),
-        ("left,right,left\na,b,c\n", "got columns left, right, left; accepts"),
-        ("left,right\na,b,c\n", "line 2: it has another number of fields"),
-        ("left,right\na\n", "line 2: it has another number of fields"),
+        ("left,wrong\na,b\n", "got columns 'left', 'wrong'; accepts left and right"),
+        ("left;right\na;b\n", "got columns 'left;right'; accepts left and .* with commas between"),
+        ("left,right,left\na,b,c\n", "got columns 'left', 'right', 'left'; accepts"),
+        ("left,right\na,b,c\n", "line 2: got 3 fields; accepts 2"),
+        ("left,right\na\n", "line 2: got 1 fields; accepts 2"),
         ("left,right\na,\n", "line 2: right is missing"),
         ("left,right,num_disparities\na,b,1\nc,d,many\n", "line 3: num_disparities: got 'many'"),
         ("left,right,min_disparity\na,b,1.5\n", "line 2: min_disparity: got '1.5'; accepts an int"),
@@ -161,6 +163,13 @@ def test_a_list_says_all_that_can_be_said_of_a_pair(tmp_path: Path) -> None:
         ("left,right,name\na,b,A\nc,d,a\n", "got name 'a' for"),
         ("left,right,name\na,b,../a\n", "got name '../a'; accepts the name of a file"),
         ("left,right,name\na,b,.a\n", "got name '.a'; accepts the name of a file"),
+        ('left,right,name\na,b,"a\nb"\n', "got name 'a.nb'; accepts the name of a file"),
+        ("left,right,name\na,b,a\0b\n", "got name 'a.x00b'; accepts the name of a file"),
+        (f"left,right,name\na,b,{'a' * 201}\n", "accepts the name of a file .* 200 bytes"),
+        (
+            "left,right,name\na,b,one.Flags\nc,d,One\n",
+            "got name 'one.Flags', as the flags of another pair are called",
+        ),
         ('left,right\n"a,b\n', "not a list in CSV"),
         ("left,right\n\xe9,b\n", "not a list in CSV and UTF-8"),
     ],
@@ -170,6 +179,13 @@ def test_a_list_that_is_wrong_is_told_by_its_line(text: str, message: str, tmp_p
     path.write_text(text, encoding="latin-1")
     with pytest.raises(ValueError, match=message):
         read_pairs(path, num_disparities=8)
+
+
+def test_a_list_as_spreadsheets_and_people_write_it(tmp_path: Path) -> None:
+    path = tmp_path / "pairs.csv"
+    path.write_bytes(b"\xef\xbb\xbf\r\nleft , right \r\n\r\na.png,b.png\r\n\r\n")
+    (pair,) = read_pairs(path, num_disparities=16)
+    assert (pair.left, pair.right) == (tmp_path / "a.png", tmp_path / "b.png")
 
 
 def test_somebody_must_say_how_many_disparities(tmp_path: Path, images: Path) -> None:
@@ -285,6 +301,21 @@ def test_a_bug_in_a_pair_is_recorded_with_its_place(
     assert record.state == "failed"
     assert str(record.reason).startswith("ZeroDivisionError('division by zero') in ")
     assert "test_batch.py, line " in str(record.reason)
+
+
+def test_a_path_that_is_none_is_recorded(tmp_path: Path, pairs: list[PairFiles]) -> None:
+    pair = replace(pairs[0], right=tmp_path / "a\0.png")
+    work = order(tmp_path)
+    record = match_files(pair, work, work.recipe(pair))
+    assert (record.state, record.reason) == ("failed", "embedded null byte")
+
+
+def test_a_worker_of_another_version_that_came_late_matches_nothing(
+    tmp_path: Path, pairs: list[PairFiles]
+) -> None:
+    record = match_files(pairs[0], order(tmp_path, version="99.0"), "recipe")
+    told = f"the worker has phasestereo {ps.__version__}; accepts 99.0"
+    assert (record.state, record.reason) == ("failed", told)
 
 
 FULL = """
@@ -516,6 +547,43 @@ def test_a_run_that_is_killed_goes_on_from_its_log(
     assert len(states(folder)) == 240
 
 
+@pytest.mark.parametrize("at_work", [False, True], ids=["workers start", "workers match"])
+def test_ctrl_c_is_told_in_one_line_and_leaves_no_process(
+    images: Path,
+    tmp_path: Path,
+    at_work: bool,  # noqa: FBT001 -- a parameter of a test
+) -> None:
+    rows = [f"{images}/left0.png,{images}/right0.png,pair{number}" for number in range(5000)]
+    folder = tmp_path / "out"
+    process = subprocess.Popen(  # noqa: S603  # our own interpreter on our own code
+        [
+            *(sys.executable, "-m", "phasestereo", "batch"),
+            str(save_list(tmp_path, "\n".join(["left,right,name", *rows]))),
+            *("--num-disparities", str(COUNT), "--preset", "fast", "-o", str(folder)),
+        ],
+        env=os.environ | {"PYTHONPATH": str(ROOT / "python")},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # a group of processes, all of which a terminal would interrupt
+    )
+    awaited = folder / ("manifest.log" if at_work else "manifest.jsonl")
+    while process.poll() is None and not awaited.exists():
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate()  # ends when the last process has closed its end
+    assert (process.returncode, out, err) == (130, "", "phasestereo: interrupted\n")
+    assert list(states(folder).values()).count("done") == len(states(folder))
+
+
+def test_pairs_of_one_name_are_refused(pairs: list[PairFiles], tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"^got name 'left0' for "):
+        run([pairs[0], pairs[0]], tmp_path / "out")
+    with pytest.raises(ValueError, match=r"^got name '../left0'; accepts the name of a file"):
+        run([replace(pairs[0], name="../left0")], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_folder_is_for_one_run_at_a_time(
     pairs: list[PairFiles], matching: Callable[..., Any], tmp_path: Path
 ) -> None:
@@ -611,14 +679,20 @@ LOST = r"^the scheduler is lost; the same run again does what is missing \("
 
 
 def test_a_scheduler_that_is_lost_ends_the_run_and_keeps_what_is_done(
-    pairs: list[PairFiles], matching: Callable[..., Any], mortal: Any, tmp_path: Path
+    pairs: list[PairFiles],
+    matching: Callable[..., Any],
+    mortal: Any,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     def lose(done: int, _total: int) -> None:
         if done == 2:
             mortal.close()
 
+    caplog.handler.setLevel(logging.ERROR)
     with pytest.raises(ConnectionError, match=LOST):
         matching(pairs, tmp_path, scheduler=mortal.scheduler_address, progress=lose)
+    assert [told for told in caplog.records if told.name == "distributed.client"] == []
     assert list(states(tmp_path).values()) == ["done", "done"]
 
 
@@ -647,6 +721,35 @@ def test_a_scheduler_that_is_lost_while_all_wait(
         matching(pairs, tmp_path, scheduler=mortal.scheduler_address)
     thread.join()
     assert states(tmp_path) == {}
+
+
+def test_a_line_that_did_not_fit_on_the_disk_ends_the_run(tmp_path: Path) -> None:
+    class Short(io.RawIOBase):
+        def write(self, line: Any, /) -> int:
+            return len(line) // 2
+
+    manifest = Manifest(tmp_path)
+    manifest._file = Short()  # type: ignore[assignment]  # as an unbuffered file is, when full
+    record = Record(
+        name="a", state="done", left="", right="", num_disparities=1, min_disparity=0, recipe=""
+    )
+    with pytest.raises(OSError, match=r"No space left on device: .*manifest.log"):
+        manifest.add(record)
+
+
+def test_a_manifest_that_does_not_fit_on_the_disk_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = Path("/dev/full")
+    if not device.exists():
+        pytest.skip("no /dev/full here")
+    monkeypatch.setattr("phasestereo.batch.manifest.replacing", lambda _: device.open("wb"))
+    manifest = Manifest(tmp_path)
+    manifest.records["a"] = Record(
+        name="a", state="done", left="", right="", num_disparities=1, min_disparity=0, recipe=""
+    )
+    with pytest.raises(OSError, match=r"manifest.jsonl cannot be written: No space left on device"):
+        manifest.save(["a"])
 
 
 def test_a_manifest_that_is_none_is_left_alone(pairs: list[PairFiles], tmp_path: Path) -> None:

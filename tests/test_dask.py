@@ -406,6 +406,21 @@ def test_a_survey_of_something_else() -> None:
         lazily.match(lazy(LEFT[:9]), lazy(RIGHT[:9]), survey=known, **FAST)
 
 
+@pytest.mark.parametrize("first", [FAST, SO], ids=["plain", "evened"])
+def test_a_survey_with_other_settings(first: dict[str, Any]) -> None:
+    def read(first: int, last: int, /) -> Any:
+        return LEFT[first:last], RIGHT[first:last], None, None
+
+    known = survey(read, (HEIGHT, WIDTH), **first)
+    images = lazy(LEFT), lazy(RIGHT)
+    with pytest.raises(
+        ValueError, match=r"^survey: got that with another window; accepts that with"
+    ):
+        lazily.match(*images, survey=known, **(first | {"window": 7}))
+    with pytest.raises(TypeError, match=r"^survey: got that of uint8; accepts that of float32"):
+        lazily.match(*(each.astype(np.float32) for each in images), survey=known, **first)
+
+
 def test_what_a_task_finds_wrong_comes_out() -> None:
     left, right = views(np.float32)
     left[200, 3] = np.nan

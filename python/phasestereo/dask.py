@@ -6,6 +6,7 @@ The bands put together are what `phasestereo.match` finds for the whole pair, bi
 
 from __future__ import annotations
 
+from dataclasses import fields
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -15,6 +16,7 @@ from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo._images import as_pair
 from phasestereo.banding import match_rows
+from phasestereo.equalisation import even_out
 from phasestereo.settings import PRESET, resolve
 from phasestereo.surveying import survey as survey_pair
 
@@ -145,7 +147,7 @@ def maps(
         If an image is no Dask array, or as `phasestereo.match`.
     ValueError
         As `phasestereo.match`; for ``optimizer="sgm"`` without overlap; for chunks of unknown size
-        or a survey of another pair or search.
+        or a survey of another pair, search or settings.
     ImportError
         If Dask is not installed.
     """
@@ -172,6 +174,7 @@ def maps(
         )
     else:
         _check_survey(survey, size, (min_disparity, num_disparities))
+        _check_surveyed(survey, asked, (left.dtype.name, right.dtype.name))
     reach = _reach(survey, overlap, masked=any(mask is not None for mask in masks))
     bands = _bands(size[0], band_rows, max(reach))
     table = _table(sides, survey, bands, reach, {"overlap": overlap, "threads": threads})
@@ -280,6 +283,21 @@ def _check_survey(survey: Survey, size: tuple[int, int], search: tuple[int, int]
         raise ValueError(
             f"survey: got that of {known[1]} disparities from {known[0]}; accepts that of "
             f"{search[1]} from {search[0]}"
+        )
+
+
+def _check_surveyed(survey: Survey, asked: Settings, types: tuple[str, str]) -> None:
+    """Refuse a survey by which bands would be matched otherwise than they are asked for."""
+    if survey.dtype not in types:
+        raise TypeError(f"survey: got that of {survey.dtype}; accepts that of {types[0]}")
+    if survey.blur is not None:  # then what was asked for has been changed by what was found
+        asked, _ = even_out(survey.blur, asked, None)
+    if survey.settings != asked:
+        names = [field.name for field in fields(asked)]
+        others = [n for n in names if getattr(survey.settings, n) != getattr(asked, n)]
+        raise ValueError(
+            f"survey: got that with another {', '.join(others)}; accepts that with the "
+            "settings of this match"
         )
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import signal
 from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
 import phasestereo
@@ -55,9 +57,26 @@ def local(workers: int) -> Iterator[Any]:
         },
     }
     with ExitStack() as stack:
-        with dask.config.set(changes):
+        with dask.config.set(changes), _deaf_to_interrupts():
             cluster = stack.enter_context(distributed.LocalCluster(**options))
         yield stack.enter_context(distributed.Client(cluster, set_as_default=False))
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Start threads, and processes from them, that Ctrl-C does not reach, as it does all others.
+
+    The run is what it is meant for, which ends the workers; it hears of it when the block ends.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # not a POSIX system
+        yield
+        return
+    resource_tracker.ensure_running()  # the thread that starts it would hear again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
@@ -73,22 +92,36 @@ def remote(address: str) -> Iterator[Any]:
     ImportError
         If Dask's scheduler is not installed.
     """
-    distributed = require("distributed", extra="dask")
-    try:
-        client = distributed.Client(address, set_as_default=False)
-    except OSError as error:
-        raise ConnectionError(f"no scheduler at {address}: {error}") from error
-    except (ValueError, TypeError) as error:
-        raise ValueError(
-            f"scheduler: got {address!r}; accepts an address such as tcp://host:8786: {error}"
-        ) from error
-    with client:
+    with _without_logs(), _connected(address) as client:
         try:
             client.wait_for_workers(1, timeout=_FIRST_WORKER)
         except TimeoutError as error:
             raise ConnectionError(f"{address} has no workers") from error
         _check_versions(client)
         yield client
+
+
+@contextmanager
+def _without_logs() -> Iterator[None]:
+    """Keep Dask's client from telling at length, with tracebacks, of what is raised anyway."""
+    logger = logging.getLogger("distributed.client")
+    before, logger.disabled = logger.disabled, True
+    try:
+        yield
+    finally:
+        logger.disabled = before
+
+
+def _connected(address: str) -> Any:
+    distributed = require("distributed", extra="dask")
+    try:
+        return distributed.Client(address, set_as_default=False)
+    except OSError as error:
+        raise ConnectionError(f"no scheduler at {address}: {error}") from error
+    except (ValueError, TypeError) as error:
+        raise ValueError(
+            f"scheduler: got {address!r}; accepts an address such as tcp://host:8786: {error}"
+        ) from error
 
 
 def slots(client: Any) -> int:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -117,15 +119,20 @@ class Manifest:
         self.records[record.name] = record
         if self._file is None:
             self._file = self._log.open("ab", buffering=0)
-        self._file.write(_line(record))
+        line = _line(record)
+        if self._file.write(line) < len(line):  # the next one would continue a torn line
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._log))
 
     def save(self, names: Iterable[str]) -> None:
         """Write the whole manifest, these pairs first and in this order, and end the log."""
         known = self.records
         order = dict.fromkeys([*(name for name in names if name in known), *known])
-        with replacing(self.path) as file:
-            for name in order:
-                file.write(_line(known[name]))
+        try:
+            with replacing(self.path) as file:
+                file.writelines(_line(known[name]) for name in order)
+        except OSError as error:
+            reason = error.strerror or error
+            raise OSError(f"{self.path} cannot be written: {reason}") from error
         self.close()
         self._log.unlink(missing_ok=True)
 
@@ -136,8 +143,12 @@ class Manifest:
             self._file = None
 
 
+_NAMES = tuple(field.name for field in fields(Record))
+
+
 def _line(record: Record) -> bytes:
-    known = {name: value for name, value in asdict(record).items() if value is not None}
+    values = {name: getattr(record, name) for name in _NAMES}
+    known = {name: value for name, value in values.items() if value is not None}
     return json.dumps(known, allow_nan=False).encode() + b"\n"
 
 
@@ -149,9 +160,6 @@ def _parse(path: Path, content: bytes) -> dict[str, Record]:
             raise ValueError(f"{path}, line {number}: no record of a batch; remove it, or the file")
         records[record.name] = record
     return records
-
-
-_NAMES = {field.name for field in fields(Record)}
 
 
 def _record(line: bytes) -> Record | None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,15 +13,15 @@ from phasestereo.io.calibration import read_calibration
 from phasestereo.video.folders import paths_of_rig
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from phasestereo.io.files import StrPath
 
-    Row = tuple[int, Mapping[str, str]]
-
 _NEEDED = ("left", "right")
 _COLUMNS = (*_NEEDED, "name", "num_disparities", "min_disparity", "left_mask", "right_mask")
-_LONGEST = 200  # characters of a name: suffixes and drafts must fit what file systems take
+_LONGEST = 200  # bytes of a name: with a suffix it must fit what file systems take
+_CONTROL = re.compile(r"[\0-\x1f\x7f]")
+_LAYERS = ".flags", ".confidence"  # with them, names of other results begin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,46 +87,52 @@ def read_pairs(
     pairs = list(_of_folder(place, search) if place.is_dir() else _of_list(place, search))
     if not pairs:
         raise ValueError(f"{source}: there is no pair in it")
-    _check_names(pairs, place)
+    try:
+        check_names(pairs)
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from error
     return pairs
 
 
 def _of_list(path: Path, search: tuple[int | None, int]) -> Iterator[PairFiles]:
     with path.open(newline="", encoding="utf-8-sig") as file:
         try:
-            rows = csv.DictReader(file, skipinitialspace=True, strict=True)
-            _check_columns(path, rows.fieldnames or ())
-            for row in rows:
-                yield _of_row(path, rows.line_num, row, search)
+            rows = csv.reader(file, skipinitialspace=True, strict=True)
+            columns = [name.strip() for name in next(filter(None, rows), ())]
+            _check_columns(path, columns)
+            for fields in filter(None, rows):
+                where = f"{path}, line {rows.line_num}"
+                yield _of_row(path.parent, where, columns, fields, search)
         except (csv.Error, UnicodeDecodeError) as error:
             raise ValueError(f"{path}: not a list in CSV and UTF-8: {error}") from error
 
 
-def _check_columns(path: Path, names: Iterable[str]) -> None:
-    given = list(names)
+def _check_columns(path: Path, given: Sequence[str]) -> None:
     missing = [name for name in _NEEDED if name not in given]
     unknown = [name for name in given if name not in _COLUMNS]
     if missing or unknown or len(set(given)) < len(given):
         raise ValueError(
-            f"{path}: got columns {', '.join(given) or 'none'}; accepts left and right, and any of "
-            f"{', '.join(_COLUMNS[2:])}, each once"
+            f"{path}: got columns {', '.join(map(repr, given)) or 'none'}; accepts left and right, "
+            f"and any of {', '.join(_COLUMNS[2:])}, each once, with commas between them"
         )
 
 
 def _of_row(
-    path: Path, line: int, row: Mapping[str, str | None], search: tuple[int | None, int]
+    folder: Path,
+    where: str,
+    columns: Sequence[str],
+    fields: Sequence[str],
+    search: tuple[int | None, int],
 ) -> PairFiles:
     """Return the pair of one line; empty fields are as good as none."""
-    where = f"{path}, line {line}"
-    if None in row or any(value is None for value in row.values()):
-        raise ValueError(f"{where}: it has another number of fields than the first line")
-    given = {name: value.strip() for name, value in row.items() if value and value.strip()}
+    if len(fields) != len(columns):
+        raise ValueError(f"{where}: got {len(fields)} fields; accepts {len(columns)}, as above")
+    row = {name: field.strip() for name, field in zip(columns, fields, strict=True)}
+    given = {name: field for name, field in row.items() if field}
     for name in _NEEDED:
         if name not in given:
             raise ValueError(f"{where}: {name} is missing")
-    files = {
-        name: path.parent / given[name] for name in _COLUMNS if name in given and _is_file(name)
-    }
+    files = {name: folder / given[name] for name in _COLUMNS if name in given and _is_file(name)}
     count = _number(where, "num_disparities", given, search[0])
     if count is None:
         raise ValueError(f"{where}: num_disparities is missing, here and among the arguments")
@@ -180,18 +188,39 @@ def _of_scene(scene: Path, search: tuple[int | None, int]) -> PairFiles:
     )
 
 
-def _check_names(pairs: Iterable[PairFiles], place: Path) -> None:
+def check_names(pairs: Iterable[PairFiles]) -> None:
+    """Refuse pairs whose results could not be written, or not beside each other.
+
+    Raises
+    ------
+    ValueError
+        If a name is none for a file, or two pairs have the same, or would have the same files.
+    """
     known: dict[str, PairFiles] = {}
     for pair in pairs:
-        name = pair.name
-        if name != Path(name).name or name.startswith(".") or "\\" in name or len(name) > _LONGEST:
+        if not _is_name(pair.name):
             raise ValueError(
-                f"{place}: got name {name!r}; accepts the name of a file without folders, of at "
-                f"most {_LONGEST} characters, that does not begin with a dot"
+                f"got name {pair.name!r}; accepts the name of a file without folders, of at most "
+                f"{_LONGEST} bytes, none of them a control character, that does not begin with a "
+                "dot"
             )
-        other = known.setdefault(name.casefold(), pair)  # some file systems take both for one
-        if other is not pair:
+        key = pair.name.casefold()  # some file systems take both for one
+        if key in known:
             raise ValueError(
-                f"{place}: got name {name!r} for {pair.left} and for {other.left}; accepts each "
+                f"got name {pair.name!r} for {pair.left} and for {known[key].left}; accepts each "
                 "once: tell names in a column of the list"
             )
+        known[key] = pair
+    for name, pair in known.items():
+        for layer in _LAYERS:
+            if name.endswith(layer) and name.removesuffix(layer) in known:
+                raise ValueError(
+                    f"got name {pair.name!r}, as the {layer[1:]} of another pair are called; "
+                    "accepts another one, in a column of the list"
+                )
+
+
+def _is_name(name: str) -> bool:
+    if name != Path(name).name or name.startswith(".") or "\\" in name:
+        return False
+    return len(os.fsencode(name)) <= _LONGEST and not _CONTROL.search(name)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from phasestereo._extras import require
 from phasestereo.batch.cluster import local, lost, remote, share, slots
 from phasestereo.batch.manifest import DONE, Manifest, Record
+from phasestereo.batch.pairs import check_names
 from phasestereo.batch.work import Order, blank, match_files
 from phasestereo.io.maps import FLOAT_SUFFIXES
 from phasestereo.settings import PRESET, resolve
@@ -122,7 +123,8 @@ def run(
     Raises
     ------
     TypeError, ValueError
-        For a wrong argument, a folder whose manifest is none, workers of another version.
+        For a wrong argument, two pairs of one name, a folder whose manifest is none, workers of
+        another version.
     OSError
         If the folder cannot be written to, another run is at work in it, the scheduler cannot be
         reached, or is lost. All that was finished until then is kept.
@@ -136,6 +138,7 @@ def run(
     """
     chosen = resolve(preset, settings, overrides)
     listed = list(pairs)
+    check_names(listed)
     _check(suffix, tuple(layers), chosen)
     for name, value, least in (
         ("retries", retries, 0),

@@ -51,6 +51,8 @@ class Order:
         What is written beside them: "flags", "confidence".
     threads
         Number of threads of each match.
+    version
+        Version of this package where the run was started; workers must have the same.
     """
 
     settings: Settings
@@ -58,11 +60,12 @@ class Order:
     suffix: str
     layers: tuple[str, ...]
     threads: int
+    version: str = phasestereo.__version__
 
     def recipe(self, pair: PairFiles) -> str:
         """Return a digest of all that a result depends on; a file that is not there is one, too."""
         told = {
-            "version": phasestereo.__version__,
+            "version": self.version,
             "settings": asdict(self.settings),
             "outputs": [self.suffix, *self.layers],
             "disparities": [pair.min_disparity, pair.num_disparities],
@@ -106,6 +109,10 @@ def match_files(pair: PairFiles, order: Order, recipe: str) -> Record:
 
 
 def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
+    if order.version != phasestereo.__version__:  # a worker that came after the run had begun
+        raise RuntimeError(
+            f"the worker has phasestereo {phasestereo.__version__}; accepts {order.version}"
+        )
     left, right = read_views(pair.left, pair.right)
     masks = read_mask(pair.left_mask), read_mask(pair.right_mask)
     result = match(
@@ -156,7 +163,7 @@ def _save(path: Path, values: NDArray[Any], place: Georeference | None) -> None:
 def _identity(path: Path) -> list[Any]:
     try:
         state = path.stat()
-    except OSError:
+    except (OSError, ValueError):  # as of a path with a null byte
         return [str(path)]  # the worker will tell what is wrong with it
     return [str(path), state.st_size, state.st_mtime_ns]
 
