@@ -33,7 +33,7 @@ _BAND = 32  # rows: bands of semi-global matching begin at multiples of it
 _MOST_BANDS = 8  # that are searched at the same time
 # Bytes of a pixel, at most: of a code, of gray values as they are made, and, in a draft, of what is
 # always there and of votes and gray values. Refining takes as many drafts.
-_CODES, _GRAY, _MAP, _EXTRAS, _DRAFTS = 8, 16, 6, 8, 8
+_CODES, _GRAY, _MAP, _EXTRAS, _DRAFTS = 8, 16, 6, 8, 7
 _STAGES = "description", "matching", "refinement"
 
 
@@ -195,7 +195,7 @@ class Sweep:
         around = draft.rows(first - self._top, end - self._top)
         result = self._bands.refine(around, self._done - first, last - self._done, timings)
         kept, _ = self._bands.around(last, last)
-        self._draft, self._top = draft.rows(kept - self._top, chosen - self._top), kept
+        self._draft, self._top = draft.rows(kept - self._top, chosen - self._top).alone(), kept
         self._done, self._paths, self._chosen = last, paths, chosen
         return result
 
@@ -236,8 +236,12 @@ class _Draft(NamedTuple):
     gray: NDArray[np.int32] | None
 
     def rows(self, first: int, last: int) -> _Draft:
-        """Return some of the rows, as arrays of their own: others are not kept alive."""
-        return _Draft._make(None if plane is None else plane[first:last].copy() for plane in self)
+        """Return some of the rows, as views."""
+        return _Draft._make(None if plane is None else plane[first:last] for plane in self)
+
+    def alone(self) -> _Draft:
+        """Return the rows as arrays of their own: what they were views of is not kept alive."""
+        return _Draft._make(None if plane is None else plane.copy() for plane in self)
 
     def followed_by(self, other: _Draft) -> _Draft:
         """Return these rows and then those of another."""
@@ -407,6 +411,6 @@ def _searching(survey: Survey, threads: int) -> int:
     """Return the bytes in which the best disparities are searched for."""
     volume, settings = survey.size[1] * survey.num_disparities, survey.settings
     if settings.optimizer == "sgm":
-        return volume * (310 + 160 * (min(threads, _MOST_BANDS) - 1))
+        return volume * (230 + 115 * (min(threads, _MOST_BANDS) - 1))
     window = 1800 * settings.window * survey.num_disparities
     return threads * (30 * volume + window + 1200 * survey.size[1])

@@ -106,8 +106,9 @@ def match(
     Working memory of each thread is at most about
     ``(72 * W + 1800 * window) * num_disparities + 1200 * W`` bytes, whatever the height of the
     images, and a quarter more with masks: 45 MB for images 1920 pixels wide and 256 disparities.
-    With ``optimizer="sgm"`` it is about ``300 * W * num_disparities`` bytes for one thread, 150 MB
-    for these, and ``160 * W * num_disparities`` more for each further one, up to eight.
+    With ``optimizer="sgm"`` it is about ``230 * W * num_disparities`` bytes for one thread, 115 MB
+    for these, and ``115 * W * num_disparities`` more for each further one, up to eight. Pairs that
+    do not fit into memory: `phasestereo.outofcore`, `Sweep`.
     For the whole pair there are copies of the images, codes of 4 bytes for each pixel of one image
     (those of up to 16 bits), and the result: 6 bytes a pixel, 10 with confidences; with
     ``preset="robust"``, measured, 19 bytes a pixel in all. Every further version of the right
