@@ -65,7 +65,9 @@ def test_it_says_what_it_takes_and_what_came_out(
 ) -> None:
     code, out, err = run(*LARGE, "-o", "out.tif", "--threads", 1, "--band-rows", 128)
     assert code == 0, err
-    first, second = err.splitlines()
+    looking, first, second, putting = err.splitlines()
+    assert looking == "phasestereo: looking at the whole pair"
+    assert putting == "phasestereo: putting the output together"
     assert re.fullmatch(
         r"phasestereo: 160 x 640 pixels, 16 disparities: 5 bands of 128 rows, 1 threads?, "
         r"at most [\d.]+ [MG]B of memory, about \d+ s", first

@@ -44,7 +44,7 @@ _WIDEST = 16384  # the most disparities there can be
 class Maps(NamedTuple):
     """What a match returns of a pair, lazily, by the same tasks.
 
-    Parameters
+    Attributes
     ----------
     disparity
         Dask array, float32 (H, W), as `phasestereo.Result.disparity`.

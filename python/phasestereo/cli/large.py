@@ -128,7 +128,7 @@ def match_large(
     try:
         with refusals(options=options | _OPTIONS), progress_bar("Matching") as progress:
             report = outofcore.match(
-                left, right, output, **given, announce=_tell, progress=progress
+                left, right, output, **given, announce=_tell, progress=progress, stage=_say
             )
     except KeyboardInterrupt:
         _say("finished bands are kept: the same command goes on from there")

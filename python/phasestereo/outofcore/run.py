@@ -56,6 +56,7 @@ def match(
     restart: bool = False,
     announce: Callable[[Plan], object] | None = None,
     progress: Progress | None = None,
+    stage: Callable[[str], object] | None = None,
     **overrides: Any,
 ) -> Report:
     """Match a rectified stereo pair that need not fit into memory, from file to file.
@@ -101,6 +102,9 @@ def match(
     progress
         Called as ``progress(rows_done, rows)`` every now and then and after each band, rows being
         those of all tiles; what it raises ends the run.
+    stage
+        Called with what begins, in words, where it is not the matching of bands: the survey of the
+        whole pair, and the putting together of the outputs.
 
     Returns
     -------
@@ -142,10 +146,12 @@ def match(
         column_overlap=column_overlap,
     )
     count = Matcher(settings=request.settings, threads=threads).threads
-    with _prepared(request, count, restart=restart) as (pair, survey, store, sinks):
+    begin = stage or (lambda _: None)
+    with _prepared(request, count, begin, restart=restart) as (pair, survey, store, sinks):
         work = Work(pair, survey, store, tuple(request.outputs), announce, progress)
         tiles = planning.tiles(survey, tile_columns, column_overlap)
         plan = work.run(work.planned(tiles, limit, count, band_rows))
+        begin("putting the output together")
         for sink in sinks:
             sink.write(partial(work.windows, plan, sink.layer))
         for sink in sinks:
@@ -157,7 +163,7 @@ def match(
 
 @contextmanager
 def _prepared(
-    request: Request, threads: int, *, restart: bool
+    request: Request, threads: int, begin: Callable[[str], object], *, restart: bool
 ) -> Iterator[tuple[RasterPair, Survey, Store, list[Sink]]]:
     """Open the pair and what is finished of it, try the outputs, and make the survey."""
     left, right, left_mask, right_mask = request.sources
@@ -171,10 +177,14 @@ def _prepared(
         sinks = _sinks(request, pair)
         for sink in sinks:
             sink.rehearse()
-        yield pair, store.survey(partial(_surveyed, request, pair, threads)), store, sinks
+        found = store.survey(partial(_surveyed, request, pair, threads, begin))
+        yield pair, found, store, sinks
 
 
-def _surveyed(request: Request, pair: RasterPair, threads: int) -> Survey:
+def _surveyed(
+    request: Request, pair: RasterPair, threads: int, begin: Callable[[str], object]
+) -> Survey:
+    begin("looking at the whole pair")
     return survey(
         pair.reader(),
         pair.size,
