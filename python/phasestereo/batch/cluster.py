@@ -51,6 +51,8 @@ def local(workers: int) -> Iterator[Any]:
     changes = {
         # A pair whose worker died comes back at once: who is to blame is found out here.
         "distributed.scheduler.allowed-failures": 0,
+        # Nobody looks at the statistics of what Python is at: it waits for the core.
+        "distributed.worker.profile.enabled": False,
         # Workers would hand back memory that the next match asks for again, a fifth of its time.
         "distributed.nanny.pre-spawn-environ": {
             name: value for name, value in environment.items() if not name.startswith("MALLOC_")
