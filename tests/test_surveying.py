@@ -457,9 +457,9 @@ def changed(index: int, value: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 
 WRONG_ROWS: list[tuple[Callable[[Any], Any], type[Exception], str]] = [
-    (lambda _: None, TypeError, "^read: got NoneType; accepts four"),
-    (lambda found: found[:3], TypeError, "^read: got 3 of them; accepts four"),
-    (lambda found: found[0], TypeError, "^read: got ndarray; accepts four"),
+    (lambda _: None, TypeError, "^read: got NoneType; accepts a tuple of four"),
+    (lambda found: found[:3], TypeError, "^read: got tuple of 3; accepts a tuple of four"),
+    (lambda found: found[0], TypeError, "^read: got ndarray; accepts a tuple of four"),
     (changed(0, lambda left: np.vstack([left, left])), ValueError, "^right: got"),
     (lambda found: (found[0][1:], found[1][1:], *found[2:]), ValueError, "^(read|left): got"),
     (

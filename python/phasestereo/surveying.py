@@ -7,41 +7,33 @@ values differ.
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from importlib import import_module
-from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from phasestereo import _core
 from phasestereo._images import as_mask, as_pair
-from phasestereo.blur import Blur, BlurEstimate, as_estimate
-from phasestereo.equalisation import (
-    Equalisation,
-    Noise,
-    as_equalisation,
-    asks_for_estimate,
-    even_out,
-)
-from phasestereo.settings import PRESET, Settings, resolve
+from phasestereo.blur import as_estimate
+from phasestereo.equalisation import as_equalisation, asks_for_estimate, even_out
+from phasestereo.settings import PRESET, resolve
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Pixels
+    from phasestereo.blur import BlurEstimate
+    from phasestereo.equalisation import Equalisation, Noise
+    from phasestereo.settings import Settings
 
     Mask = NDArray[np.bool_]
     Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
     Reader: TypeAlias = Callable[[int, int], Rows]
     Range: TypeAlias = tuple[float, float]
-
-
-_MOST_CLASSES = 16  # that an equalisation has
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -119,9 +111,9 @@ class Survey:
         OSError
             If the file cannot be written.
         """
-        files = import_module("phasestereo.io.files")  # light until asked for
-        with files.replacing(path) as file:
-            np.savez(file, allow_pickle=False, **_as_arrays(self))
+        arrays = import_module("phasestereo.survey_files").as_arrays(self)
+        with import_module("phasestereo.io.files").replacing(path) as file:
+            np.savez(file, allow_pickle=False, **arrays)
 
 
 def load(path: str | os.PathLike[str]) -> Survey:
@@ -134,9 +126,10 @@ def load(path: str | os.PathLike[str]) -> Survey:
     ValueError
         If it is no such file.
     """
-    files = import_module("phasestereo.io.files")  # light until asked for
+    files, surveys = (import_module(f"phasestereo.{name}") for name in ("io.files", "survey_files"))
     with files.decoding(path) as file, np.load(file, allow_pickle=False) as arrays:
-        return _from_arrays(dict(arrays))
+        found: Survey = surveys.from_arrays(dict(arrays))
+        return found
 
 
 def survey(
@@ -181,7 +174,7 @@ def survey(
         As `phasestereo.match`.
     """
     asked = resolve(preset, settings, overrides)
-    rows = Checked(read, _as_size(size))
+    rows = Checked(read, as_size(size))
     (left, right), masks = rows(0, 1)
     dtype, search = left.dtype, (min_disparity, num_disparities)
     # Threads of its own: one of those that are shared would wait for a reader that matches.
@@ -225,13 +218,10 @@ class Checked:
         """Read rows, in the type of those that were read before."""
         found = self._read(first, last)
         if not isinstance(found, (tuple, list)) or len(found) != 4:
-            told = (
-                f"{len(found)} of them"
-                if isinstance(found, (tuple, list))
-                else type(found).__name__
-            )
+            many = f" of {len(found)}" if isinstance(found, (tuple, list)) else ""
             raise TypeError(
-                f"read: got {told}; accepts four things, (left, right, left_mask, right_mask)"
+                f"read: got {type(found).__name__}{many}; accepts a tuple of four, (left, right, "
+                "left_mask, right_mask)"
             )
         left, right, left_mask, right_mask = found
         pair = as_pair(left, right)
@@ -252,14 +242,8 @@ class Checked:
         return pair, masks
 
 
-def _check_search(min_disparity: object, num_disparities: object) -> None:
-    named = {"min_disparity": min_disparity, "num_disparities": num_disparities}
-    for name, value in named.items():
-        if not isinstance(value, Integral) or isinstance(value, bool):
-            raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
-
-
-def _as_size(size: tuple[int, int]) -> tuple[int, int]:
+def as_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Return numbers of rows and columns, or say by name why they are none."""
     if not isinstance(size, (tuple, list)) or len(size) != 2:
         raise TypeError(f"size: got {size!r}; accepts a pair (rows, columns)")
     rows, cols = size
@@ -268,87 +252,3 @@ def _as_size(size: tuple[int, int]) -> tuple[int, int]:
     if rows < 1 or cols < 1:
         raise ValueError(f"size: got {size!r}; accepts at least one row and one column")
     return int(rows), int(cols)
-
-
-def _as_arrays(told: Survey) -> dict[str, NDArray[Any]]:
-    """Return arrays that `_from_arrays` makes the same of: what is no array is one of JSON."""
-    plain: dict[str, Any] = {
-        "size": told.size, "dtype": told.dtype, "ranges": told.ranges, "roughness": told.roughness,
-        "min_disparity": told.min_disparity, "num_disparities": told.num_disparities,
-        "settings": asdict(told.settings),
-    }  # fmt: skip
-    arrays: dict[str, NDArray[Any]] = {}
-    if told.equalisation is not None:
-        plain["noise"] = told.equalisation.noise
-        plain["tile"], plain["classes"] = (
-            told.equalisation.tile,
-            len(list(told.equalisation.kernels)),
-        )
-        arrays["labels"] = told.equalisation.labels
-        for number, pair in enumerate(told.equalisation.kernels):
-            named = zip(("left", "right"), pair, strict=True)
-            arrays |= {
-                f"{side}_{number}": np.asarray(taps) for side, taps in named if taps is not None
-            }
-    if told.blur is not None:
-        names = "tile", "certainty", "contrast", "noise", "gain", "gamma"
-        plain["blur"] = {name: getattr(told.blur, name) for name in names}
-        kind = "side", "kind", "size", "angle"
-        plain["blurs"] = [{name: getattr(blur, name) for name in kind} for blur in told.blur.blurs]
-        arrays["blur_labels"] = told.blur.labels
-        psfs = {f"psf_{number}": blur.psf for number, blur in enumerate(told.blur.blurs)}
-        arrays |= {name: psf for name, psf in psfs.items() if psf is not None}
-    # Numbers may be those of numpy, which JSON does not know.
-    return arrays | {"told": np.array(json.dumps(plain, default=lambda number: number.item()))}
-
-
-def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
-    plain = json.loads(str(arrays["told"]))
-    equalisation = blur = None
-    _check_search(plain["min_disparity"], plain["num_disparities"])
-    if "noise" in plain:
-        if plain["classes"] > _MOST_CLASSES:
-            raise ValueError(f"classes: got {plain['classes']}; accepts {_MOST_CLASSES} at most")
-        kernels = [
-            (arrays.get(f"left_{number}"), arrays.get(f"right_{number}"))
-            for number in range(plain["classes"])
-        ]
-        equalisation = Equalisation(
-            noise=tuple(plain["noise"]),
-            kernels=kernels,
-            labels=arrays["labels"],
-            tile=plain["tile"],
-        )
-    if "blur" in plain:
-        kinds = tuple(
-            Blur(**told, psf=arrays.get(f"psf_{number}"))
-            for number, told in enumerate(plain["blurs"])
-        )
-        told = plain["blur"] | {"noise": tuple(plain["blur"]["noise"])}
-        blur = BlurEstimate(blurs=kinds, labels=arrays["blur_labels"], **told)
-    settings: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in plain["settings"].items()
-    }
-    return Survey(
-        size=_as_size(plain["size"]),
-        dtype=plain["dtype"],
-        min_disparity=plain["min_disparity"],
-        num_disparities=plain["num_disparities"],
-        settings=Settings(**settings),
-        equalisation=equalisation,
-        blur=blur,
-        ranges=plain["ranges"] and _as_ranges(*plain["ranges"]),
-        roughness=plain["roughness"] and _as_roughness(*plain["roughness"]),
-    )
-
-
-def _as_ranges(left: Range, right: Range) -> tuple[Range, Range]:
-    (black, white), (other_black, other_white) = left, right
-    return (float(black), float(white)), (float(other_black), float(other_white))
-
-
-def _as_roughness(total: int, pairs: int) -> tuple[int, int]:
-    if not 0 <= pairs < 2**64 or not 0 <= total < 2**64:
-        raise ValueError(f"roughness: got {total}, {pairs}; accepts integers from 0 of 64 bits")
-    return total, pairs
