@@ -120,8 +120,8 @@ impl Job {
         let reach = self.reach();
         let (mut draft, mut paths) = (None, None);
         for rows in between(chosen) {
-            let found = self.choose(&rows, reach, paths, on);
-            paths = found.paths.clone();
+            let mut found = self.choose(&rows, reach, paths, on);
+            paths = found.paths.take();
             draft = Some(match draft {
                 None => Draft::of(found),
                 Some(draft) => Draft::followed_by(draft, found),
@@ -244,17 +244,17 @@ fn how(strip_rows: Option<usize>, level: Level) -> Execution {
 }
 
 /// Masks of rows here and there, and of all rows of some part.
-fn masked(rows: usize, cols: usize, seed: u64) -> Option<Mask> {
+fn masked(rows: usize, cols: usize, seed: u64) -> Mask {
     let percent = [100, 95, 60, 20][(seed % 4) as usize];
     let lot = |salt: u64| (hash(seed ^ salt, 0, 0) % (rows as u64 + 1)) as usize;
     let (here, empty, few) = (lot(1), lot(2), lot(3) % 100);
     let some = mask(rows, cols, percent, seed);
     let is_full = seed & 8 == 0;
-    Some(Mask::from_fn(rows, cols, |y, x| {
+    Mask::from_fn(rows, cols, |y, x| {
         let is_lost = (empty..empty + few).contains(&y);
         let is_valid = (is_full && y < here) || some.row(y)[x];
         is_valid && !is_lost
-    }))
+    })
 }
 
 /// Pairs of several bands: of few gray values, so that ties abound, or of many; or small ones of any type.
@@ -269,12 +269,12 @@ fn pairs() -> impl Strategy<Value = Pair> {
                 let shift = if seed & 16 == 0 { 2 * usize::from(side) } else { 0 };
                 let noise = seed & 32 == 0;
                 let pixel = |y, x: usize| {
-                    let scene = hash(seed, y / 2, (x + shift) / 2) % (white + 1);
+                    let scene = hash(seed, y / 2, usize::midpoint(x, shift)) % (white + 1);
                     let lot = hash(own, y, x) % (white + 1);
                     if noise { lot as u8 } else { scene as u8 }
                 };
                 let is_masked = masks >> side & 1 == 1;
-                let mask = if is_masked { masked(rows, cols, hash(own, 1, 1)) } else { None };
+                let mask = is_masked.then(|| masked(rows, cols, hash(own, 1, 1)));
                 View { mask, ..view(rows, cols, pixel) }
             })
         },
@@ -349,7 +349,7 @@ fn shifted(rows: usize, cols: usize) -> [View; 2] {
 
 /// A pair with these columns, of which the rows that `masks` says have some invalid pixels.
 fn pair(rows: usize, cols: usize, is_masked: impl Fn(usize) -> bool) -> Pair {
-    let mask = Mask::from_fn(rows, cols, |y, x| !(is_masked(y) && hash(3, y, x) % 4 == 0));
+    let mask = Mask::from_fn(rows, cols, |y, x| !(is_masked(y) && hash(3, y, x).is_multiple_of(4)));
     let mask = Some(mask).filter(|mask| mask.as_slice().contains(&false));
     let [left, right] = shifted(rows, cols).map(|view| View { mask: mask.clone(), ..view });
     Pair::new(left, right, -1, 9).expect("a legal pair")
@@ -415,7 +415,8 @@ fn two_versions() -> Versions {
 
 #[test]
 fn tall_pairs_in_the_default_way_are_the_whole() {
-    let [left, right] = shifted(230, 75).map(|view| View { mask: masked(230, 75, 12), ..view });
+    let [left, right] =
+        shifted(230, 75).map(|view| View { mask: Some(masked(230, 75, 12)), ..view });
     let pair = Pair::new(left, right, 0, 16).expect("a legal pair").with_versions(two_versions());
     let job = Job::new(pair, robust());
     let matcher = Matcher::new(2).expect("threads");

@@ -206,7 +206,7 @@ fn what_tells_nothing_does_so_by_rows() {
         let flat =
             pair([70.0, 71.0].map(|value| view(&Plane::from_fn(size.0, size.1, |_, _| value), 0)));
         let expected = estimated(&flat, None, 1);
-        assert_eq!(expected.certainty, 0.0);
+        assert!(expected.certainty <= 0.0);
         check(&flat, &expected);
     }
     let views = shots((200, 100), None, |_, _| true).map(|plane| view(&plane, 2));
@@ -221,7 +221,9 @@ fn noise(rows: usize, cols: usize, kind: usize, percent: Option<u64>, seed: u64)
     let mask = percent.map(|percent| {
         let (some, lost) = (mask(rows, cols, percent, seed), seed as usize % (rows + 1));
         Mask::from_fn(rows, cols, |y, x| {
-            some.row(y)[x] && !(lost..lost + rows / 2).contains(&y) && hash(seed, y, cols) % 9 > 0
+            some.row(y)[x]
+                && !(lost..lost + rows / 2).contains(&y)
+                && !hash(seed, y, cols).is_multiple_of(9)
         })
     });
     View { mask, ..view(&plane, kind) }
@@ -349,8 +351,11 @@ fn empty_rows_are_as_rough_as_those_they_copy_from_other_parts() {
     }
 }
 
-/// All that is found out by rows.
-const WORKS: [fn(&Slow, &Matcher, &Control) -> Result<()>; 3] = [
+/// Something that is found out by rows.
+type Work = fn(&Slow, &Matcher, &Control) -> Result<()>;
+
+/// All of that.
+const WORKS: [Work; 3] = [
     |source, _, control| ranges(source, control).map(drop),
     |source, _, control| roughness(source, Level::best(), control).map(drop),
     |source, matcher, control| {

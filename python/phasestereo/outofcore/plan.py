@@ -219,7 +219,8 @@ def _cure(least: int, surveys: Sequence[Survey], pair: RasterPair) -> str:
         f"{' or '.join(ways)}"
     )
     blocks = max(pair.rasters, key=lambda raster: raster.block[1])
-    if 2 * (cache(pair) + _pieces(pair)) > least - resident():
+    kept = cache(pair)
+    if kept > _LEAST_CACHE and 2 * (kept + _pieces(pair)) > least - resident():
         text += (
             f"; {blocks.path} is stored in blocks of {blocks.block[0]} rows, which are read as a "
             "whole: store it in tiles"
