@@ -325,6 +325,24 @@ def test_interrupt_completes_the_files() -> None:
     assert not [path for path in Path("m").iterdir() if path.suffix != ".pfm"]
 
 
+def test_interrupt_lets_the_frame_be_written(
+    run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = []
+
+    def write(path: str, disparity: NDArray[np.float32]) -> None:
+        if path == "m/2.pfm":
+            signal.raise_signal(signal.SIGINT)
+        io.write_disparity(path, disparity)
+        written.append(path)
+
+    monkeypatch.setattr("phasestereo.cli.live_outputs.write_disparity", write)
+    with pytest.raises(KeyboardInterrupt):
+        run("live", "video.mkv", *SEARCH, "--frames", "m/%d.pfm", "-o", "o.mp4")
+    assert written[1:] == ["m/0.pfm", "m/1.pfm", "m/2.pfm"]  # after a rehearsal
+    assert len(pictures("o.mp4")) == 3
+
+
 def test_killed_run_leaves_a_draft_that_plays() -> None:
     running = begun("-o", "o.mp4")
     running.kill()

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from cyclopts import Group, Parameter, validators
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.interrupts import held_back
 from phasestereo.cli.live_outputs import LiveOutputs, Sink, Writers
 from phasestereo.cli.live_tally import Tally
 from phasestereo.cli.options import Overrides
@@ -132,7 +133,8 @@ def _run(frames: Stream, outputs: LiveOutputs, tally: Tally) -> None:
     try:
         with Writers(outputs, tally, rate=frames.rate) as writers, tally.shown(frames.length):
             for frame in frames:
-                _write(frame, writers.sinks, tally)
+                with held_back():
+                    _write(frame, writers.sinks, tally)
     except KeyboardInterrupt:
         tally.interrupted = True
 

@@ -17,6 +17,7 @@ from cyclopts import Parameter, validators
 
 from phasestereo._extras import require
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
+from phasestereo.cli.interrupts import held_back
 from phasestereo.cli.live_tally import Tally
 from phasestereo.io import read_calibration, write_disparity
 from phasestereo.rerun_log import log_failure, log_frame, saving
@@ -131,7 +132,8 @@ class Writers:
         trace: TracebackType | None,
     ) -> None:
         """Complete the files."""
-        self._open.close()
+        with held_back():
+            self._open.close()
 
     def _add_video(self, opened: ExitStack, path: Path) -> None:
         low, count = self._tally.disparities

@@ -248,9 +248,8 @@ def _write(file: BinaryIO, arrays: Arrays) -> None:
     named: dict[str, Any] = dict(arrays)
     try:
         np.savez(file, **named)
-    except ValueError as error:  # zipfile, which cannot close an archive that cannot be written
-        cause = error.__context__
-        raise (cause if isinstance(cause, OSError) else error) from None
+    except ValueError as error:  # zipfile, which cannot close an archive that is cut short
+        raise (error.__context__ or error) from None
 
 
 def _read_json(path: Path) -> dict[str, Any]:

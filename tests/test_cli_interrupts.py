@@ -1,0 +1,88 @@
+"""Ctrl-C, kept out of what must not be half done."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip("phasestereo.cli")
+from phasestereo.cli.interrupts import held_back
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+@pytest.fixture(autouse=True)
+def hearing() -> Iterator[None]:
+    """Have Ctrl-C raise KeyboardInterrupt, and find that so after the test."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    assert signal.signal(signal.SIGINT, before) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("times", [1, 3])
+def test_the_block_ends_before_it_is_heard(times: int) -> None:
+    done = []
+
+    def write() -> None:
+        with held_back():
+            for number in range(times):
+                signal.raise_signal(signal.SIGINT)
+                done.append(number)
+        pytest.fail("not heard after the block")
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert done == [*range(times)]
+
+
+def test_an_inner_block_leaves_it_to_the_outer_one() -> None:
+    done = []
+
+    def write() -> None:
+        with held_back():
+            with held_back():
+                signal.raise_signal(signal.SIGINT)
+            done.append("between")
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert done == ["between"]
+
+
+def test_nothing_is_heard_where_nothing_came() -> None:
+    with held_back():
+        pass
+
+
+def test_an_error_of_the_block_passes() -> None:
+    def write() -> None:
+        with held_back():
+            signal.raise_signal(signal.SIGINT)
+            raise OSError("full")
+
+    with pytest.raises(OSError, match="full"):
+        write()
+
+
+def test_a_process_that_ignores_it_goes_on_to() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with held_back():
+        signal.raise_signal(signal.SIGINT)
+    assert signal.signal(signal.SIGINT, signal.default_int_handler) == signal.SIG_IGN
+
+
+def test_other_threads_leave_it_alone() -> None:
+    found = []
+
+    def block() -> None:
+        with held_back():
+            found.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=block)
+    thread.start()
+    thread.join()
+    assert found == [signal.default_int_handler]
