@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,9 @@ ON_CI = os.environ.get("CI") == "true"
 # No deadlines: a slow machine is no failure. On CI the same examples every time.
 hypothesis.settings.register_profile("project", deadline=None, derandomize=ON_CI)
 hypothesis.settings.load_profile("project")
+
+# A shell has what it starts in the background ignore Ctrl-C, and that would go on to our processes.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

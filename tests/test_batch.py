@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import logging
 import os
+import pickle
 import re
 import signal
 import subprocess
@@ -14,6 +16,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +28,7 @@ from phasestereo.batch import PairFiles, Record, read_manifest, read_pairs, run
 from phasestereo.batch import running as running_module
 from phasestereo.batch.cluster import share
 from phasestereo.batch.manifest import Manifest
-from phasestereo.batch.work import Order, match_files
+from phasestereo.batch.work import FullDiskError, Order, match_files
 from phasestereo.io import (
     Georeference,
     read_disparity,
@@ -342,9 +345,57 @@ def test_a_disk_that_is_full_is_told_and_leaves_nothing(images: Path, tmp_path: 
         text=True,
         check=True,
     )
-    told = rf"{tmp_path}/left0.tif cannot be written: .*(File too large|is the disk full)"
+    told = rf"{tmp_path}/left0.tif cannot be written: .*(File too large|requested and \d+ written)"
     assert re.match(told, finished.stdout)
     assert list(tmp_path.iterdir()) == []
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, error: OSError, free: int) -> str:
+    """Have no file be written, and say how many bytes are free; return what is to be told."""
+
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("phasestereo.batch.work._save", fail)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=free))
+    return f"left0.tif cannot be written: {error.strerror or error}"
+
+
+@pytest.mark.parametrize(
+    ("error", "free"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), 10**9),
+        (OSError(errno.EDQUOT, "Disk quota exceeded"), 10**9),
+        (OSError("8100 requested and 512 written"), 100),
+    ],
+)
+def test_a_full_disk_is_more_than_a_failed_pair(
+    pairs: list[PairFiles],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    error: OSError,
+    free: int,
+) -> None:
+    told = failing(monkeypatch, error, free)
+    with pytest.raises(FullDiskError, match=re.escape(told)) as caught:
+        match_files(pairs[0], order(tmp_path), "recipe")
+    assert type(pickle.loads(pickle.dumps(caught.value))) is FullDiskError  # noqa: S301  # ours
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError("8100 requested and 512 written"),
+        PermissionError(errno.EACCES, "Permission denied"),
+    ],
+)
+def test_another_fault_of_writing_is_that_of_a_pair(
+    pairs: list[PairFiles], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: OSError
+) -> None:
+    told = failing(monkeypatch, error, free=10**9)
+    record = match_files(pairs[0], order(tmp_path), "recipe")
+    assert record.state == "failed"
+    assert told in str(record.reason)
 
 
 # Runs
@@ -465,6 +516,32 @@ def test_a_pair_that_kills_its_workers_fails_alone(
     assert str(report.failed[0].reason).startswith("its worker died")
     assert report.done == 5
     assert_all_there([pairs[0], *pairs[2:]], tmp_path / "out")
+
+
+def _full(pair: PairFiles, work: Order, recipe: str) -> Record:
+    """Match the first pairs; find the disk full at another one until there is room."""
+    if pair.name == "left3" and not (work.folder / "room").exists():
+        raise FullDiskError(f"{pair.name}.tif cannot be written: No space left on device")
+    return match_files(pair, work, recipe)
+
+
+def test_a_full_disk_ends_the_run_which_goes_on_when_there_is_room(
+    pairs: list[PairFiles],
+    matching: Callable[..., Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(running_module, "match_files", _full)
+    told = "left3.tif cannot be written: No space left on device; what is finished is kept, "
+    with pytest.raises(OSError, match=re.escape(told)):
+        matching(pairs, tmp_path / "out")
+    before = states(tmp_path / "out")
+    assert "left3" not in before
+    assert set(before.values()) <= {"done"}
+    (tmp_path / "out/room").touch()
+    report = matching(pairs, tmp_path / "out")
+    assert (report.skipped, report.done, report.failed) == (len(before), 6 - len(before), [])
+    assert_all_there(pairs, tmp_path / "out")
 
 
 def _unloadable(pair: PairFiles, work: Order, recipe: str) -> Record:

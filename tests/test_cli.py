@@ -419,7 +419,6 @@ def test_interrupt_ends_a_match_soon_and_leaves_nothing(tmp_path: Path) -> None:
         [sys.executable, "-m", "phasestereo", "match", "left.npy", "right.npy", *options],
         cwd=tmp_path,
         stderr=slave,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 - one thread
     )
     os.close(slave)
     shown = ""

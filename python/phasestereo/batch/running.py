@@ -15,7 +15,7 @@ from phasestereo._extras import require
 from phasestereo.batch.cluster import local, lost, remote, share, slots
 from phasestereo.batch.manifest import DONE, Manifest, Record
 from phasestereo.batch.pairs import check_names
-from phasestereo.batch.work import Order, blank, match_files
+from phasestereo.batch.work import FullDiskError, Order, blank, match_files
 from phasestereo.io.maps import FLOAT_SUFFIXES
 from phasestereo.settings import PRESET, resolve
 
@@ -126,8 +126,8 @@ def run(
         For a wrong argument, two pairs of one name, a folder whose manifest is none, workers of
         another version.
     OSError
-        If the folder cannot be written to, another run is at work in it, the scheduler cannot be
-        reached, or is lost. All that was finished until then is kept.
+        If the folder cannot be written to, is full, another run is at work in it, the scheduler
+        cannot be reached, or is lost. All that was finished until then is kept.
     ImportError
         If Dask's scheduler is not installed.
 
@@ -284,6 +284,10 @@ class _Run:
             record: Record = future.result()
         except scheduling.KilledWorker:
             record, queue = blank(job.pair, job.recipe, _DIED), self._suspects
+        except FullDiskError as error:
+            raise OSError(
+                f"{error}; what is finished is kept, the same run again goes on"
+            ) from error
         except (require("distributed", extra="dask").CancelledError, OSError) as error:
             raise lost(error) from error
         except Exception as error:  # noqa: BLE001 -- what a worker cannot load may raise anything

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
+import shutil
 import socket
 import traceback
 from dataclasses import asdict, dataclass, replace
@@ -31,8 +33,13 @@ if TYPE_CHECKING:
     from phasestereo.result import Result
     from phasestereo.settings import Settings
 
+_FULL = (errno.ENOSPC, errno.EDQUOT)
 _EXPECTED = (OSError, ValueError, TypeError, MemoryError, RuntimeError, ImportError)
 """What one says of in a line; of anything else, where it came from is to be known, too."""
+
+
+class FullDiskError(OSError):
+    """There is no room for results: what is true of one pair is true of all that follow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,10 +102,18 @@ def blank(pair: PairFiles, recipe: str, reason: str) -> Record:
 
 
 def match_files(pair: PairFiles, order: Order, recipe: str) -> Record:
-    """Match a pair and write its result; whatever goes wrong is told in the record."""
+    """Match a pair and write its result; whatever goes wrong is told in the record.
+
+    Raises
+    ------
+    FullDiskError
+        If there is no room for the result.
+    """
     started = perf_counter()
     try:
         record = _matched(pair, order, recipe)
+    except FullDiskError:
+        raise
     except _EXPECTED as error:
         record = blank(pair, recipe, _describe(error))
     except Exception as error:  # noqa: BLE001 -- one pair must not end the run of all others
@@ -146,8 +161,12 @@ def _write(name: str, order: Order, result: Result, place: Georeference | None) 
         try:
             _save(order.folder / file, values, place)
         except OSError as error:
-            hint = error.strerror or f"{error}; is the disk full?"
-            raise OSError(f"{order.folder / file} cannot be written: {hint}") from error
+            message = f"{order.folder / file} cannot be written: {error.strerror or error}"
+            if error.errno in _FULL:
+                raise FullDiskError(message) from error
+            if shutil.disk_usage(order.folder).free < values.nbytes:
+                raise FullDiskError(f"{message}: {os.strerror(errno.ENOSPC)}") from error
+            raise OSError(message) from error
     return {file: (order.folder / file).stat().st_size for file in layers}
 
 
