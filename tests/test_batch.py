@@ -649,7 +649,10 @@ def test_ctrl_c_is_told_in_one_line_and_leaves_no_process(
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate()  # ends when the last process has closed its end
-    assert (process.returncode, out, err) == (130, "", "phasestereo: interrupted\n")
+    # Where Ctrl-C comes amid the `exec` of a text, as while dataclasses are imported, Python ends
+    # itself by that signal though it was caught: 130 to shells, all the same.
+    assert process.returncode in {130, -signal.SIGINT}
+    assert (out, err) == ("", "phasestereo: interrupted\n")
     assert list(states(folder).values()).count("done") == len(states(folder))
 
 
