@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import io
 import json
 import logging
@@ -12,10 +13,10 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -702,11 +703,6 @@ def test_what_killed_workers_left_is_cleared_away(
             r"^workers: got a number beside a scheduler",
             {"workers": 2, "scheduler": "x"},
         ),
-        (
-            ValueError,
-            r"^scheduler: got 'foo://x:1'; accepts an address",
-            {"scheduler": "foo://x:1"},
-        ),
     ],
 )
 def test_wrong_arguments(
@@ -727,6 +723,17 @@ def test_a_scheduler_that_is_not_there(pairs: list[PairFiles], tmp_path: Path) -
         pytest.raises(ConnectionError, match=r"^no scheduler at tcp://127.0.0.1:9: "),
     ):
         run(pairs, tmp_path / "out", scheduler="tcp://127.0.0.1:9")
+
+
+@pytest.mark.parametrize("scheduler", ["foo://x:1", "tls://127.0.0.1:9"])
+def test_a_wrong_scheduler_leaves_no_thread_of_a_client(
+    pairs: list[PairFiles], tmp_path: Path, scheduler: str
+) -> None:
+    gc.collect()
+    before = set(threading.enumerate())
+    with pytest.raises(ValueError, match=rf"^scheduler: got '{scheduler}'; accepts an address"):
+        run(pairs, tmp_path / "out", scheduler=scheduler)
+    assert set(threading.enumerate()) == before
 
 
 def test_workers_of_another_version_are_refused(
@@ -795,7 +802,7 @@ def test_a_scheduler_that_is_lost_while_all_wait(
             time.sleep(0.01)
         mortal.close()
 
-    thread = Thread(target=lose)
+    thread = threading.Thread(target=lose)
     thread.start()
     with pytest.raises(ConnectionError, match=LOST):
         matching(pairs, tmp_path, scheduler=mortal.scheduler_address)

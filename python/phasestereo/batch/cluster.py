@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import signal
 from contextlib import ExitStack, contextmanager
@@ -119,11 +120,15 @@ def _connected(address: str) -> Any:
     try:
         return distributed.Client(address, set_as_default=False)
     except OSError as error:
-        raise ConnectionError(f"no scheduler at {address}: {error}") from error
+        refusal: Exception = ConnectionError(f"no scheduler at {address}: {error}")
     except (ValueError, TypeError) as error:
-        raise ValueError(
+        refusal = ValueError(
             f"scheduler: got {address!r}; accepts an address such as tcp://host:8786: {error}"
-        ) from error
+        )
+    # A client that has failed is closed when it is collected. If the thread of a later client
+    # happens to do that, the two wait for each other.
+    gc.collect()
+    raise refusal
 
 
 def slots(client: Any) -> int:
