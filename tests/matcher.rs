@@ -150,7 +150,7 @@ fn noise_alone(noise: [f64; 2]) -> Versions {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 300, ..ProptestConfig::with_cases(200) })]
+    #![proptest_config(ProptestConfig { max_shrink_iters: 300, ..ProptestConfig::with_cases(100) })]
 
     #[test]
     fn any_match_equals_the_naive_chain(job in jobs(), how in executions()) {
