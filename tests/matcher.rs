@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 use common::naive::{self, Seen};
 use common::{
-    OPTIMIZERS, affordable, eight_votes, hash, levels, mask, noises, refinements, robust, settings,
-    tile, versions, view, views,
+    OPTIMIZERS, RULES, affordable, eight_votes, hash, levels, mask, noises, refinements, robust,
+    settings, tile, versions, view, views,
 };
 use phasestereo::control::Control;
 use phasestereo::convolution::Kernel;
@@ -145,6 +145,13 @@ fn jobs() -> impl Strategy<Value = Job> {
     })
 }
 
+fn jobs_by(optimizers: Vec<Optimizer>) -> impl Strategy<Value = Job> {
+    (jobs(), select(optimizers)).prop_map(|(job, optimizer)| Job {
+        settings: Settings { optimizer, ..job.settings },
+        ..job
+    })
+}
+
 fn noise_alone(noise: [f64; 2]) -> Versions {
     Versions::of_noise(noise).expect("legal noise")
 }
@@ -153,7 +160,18 @@ proptest! {
     #![proptest_config(ProptestConfig { max_shrink_iters: 300, ..ProptestConfig::with_cases(100) })]
 
     #[test]
-    fn any_match_equals_the_naive_chain(job in jobs(), how in executions()) {
+    fn any_match_along_rows_equals_the_naive_chain(
+        job in jobs_by(RULES.map(Optimizer::Scanline).to_vec()),
+        how in executions(),
+    ) {
+        prop_assert!(job.run(how) == job.expected(), "{}", job);
+    }
+
+    #[test]
+    fn any_match_along_several_paths_equals_the_naive_chain(
+        job in jobs_by(vec![Optimizer::SemiGlobal]),
+        how in executions(),
+    ) {
         prop_assert!(job.run(how) == job.expected(), "{}", job);
     }
 }

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import phasestereo as ps
 from phasestereo import _core, banding
 from phasestereo.banding import Sweep, halo, match_rows, working_memory
-from test_process import run
+from test_process import run, run_forking
 from test_surveying import ERRORS, WRONG_ROWS, Reading, scene, surveyed
 
 if TYPE_CHECKING:
@@ -623,10 +623,7 @@ def test_several_threads_may_match_bands_at_the_same_time() -> None:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_sweep_goes_on_in_a_forked_child() -> None:
-    finished = run("""
-import os, signal, warnings
-warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against it
-import numpy as np, phasestereo as ps
+    finished = run_forking("""
 pair = np.random.default_rng(0).integers(0, 256, (2, 200, 90), np.uint8)
 read = lambda first, last: (pair[0][first:last], pair[1][first:last], None, None)
 told = ps.survey(read, (200, 90), num_disparities=8)
@@ -635,13 +632,6 @@ sweep = ps.Sweep(read, told, threads=3)
 sweep.advance(60)
 def same():
     return np.array_equal(sweep.advance(200).disparity, expected, equal_nan=True)
-child = os.fork()
-if child == 0:
-    signal.alarm(30)
-    os._exit(0 if same() else 3)
-_, status = os.waitpid(child, 0)
-assert os.waitstatus_to_exitcode(status) == 0, status
-assert same()
 """)
     assert finished.returncode == 0, finished.stderr
 

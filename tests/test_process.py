@@ -29,6 +29,26 @@ def run(code: str, *, timeout: float = 60) -> subprocess.CompletedProcess[str]:
     )
 
 
+FORKING = """
+import os, signal, warnings
+warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against it
+import numpy as np, phasestereo as ps
+{begin}
+child = os.fork()
+if child == 0:
+    signal.alarm(30)
+    os._exit(0 if same() else 3)
+_, status = os.waitpid(child, 0)
+assert os.waitstatus_to_exitcode(status) == 0, status
+assert same()
+"""
+
+
+def run_forking(begin: str) -> subprocess.CompletedProcess[str]:
+    """Run code that defines `same`; hold that to be true in a forked child, and then here."""
+    return run(FORKING.format(begin=begin))
+
+
 INTERRUPTED = """
 import _thread, threading, time
 import numpy as np, phasestereo as ps
@@ -56,24 +76,17 @@ def test_ctrl_c_stops_a_long_match_within_a_second() -> None:
 
 
 FORKED = """
-import os, signal, warnings
-warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 advises against it
-import numpy as np, phasestereo as ps
 pair = np.random.default_rng(0).integers(0, 256, (2, 40, 60), np.uint8)
 parent = ps.match(*pair, num_disparities=8, threads=4)
-child = os.fork()
-if child == 0:
-    signal.alarm(20)
+def same():
     again = ps.match(*pair, num_disparities=8, threads=4)
-    os._exit(0 if (again.disparity == parent.disparity).all() else 3)
-_, status = os.waitpid(child, 0)
-raise SystemExit(os.waitstatus_to_exitcode(status))
+    return (again.disparity == parent.disparity).all()
 """
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_child_matches_after_its_parent() -> None:
-    finished = run(FORKED)
+    finished = run_forking(FORKED)
     assert finished.returncode == 0, finished.stderr
 
 

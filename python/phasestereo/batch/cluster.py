@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import gc
 import logging
-import signal
+import os
 from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
 import phasestereo
 from phasestereo._extras import require
+from phasestereo._interrupts import unheard
 from phasestereo.batch.work import version
 
 if TYPE_CHECKING:
@@ -59,27 +60,13 @@ def local(workers: int) -> Iterator[Any]:
             name: value for name, value in environment.items() if not name.startswith("MALLOC_")
         },
     }
+    if os.name == "posix":
+        resource_tracker.ensure_running()  # the thread that starts it would hear Ctrl-C again
     with ExitStack() as stack:
-        with dask.config.set(changes), _deaf_to_interrupts():
+        # Ctrl-C is meant for the run, which ends the workers.
+        with dask.config.set(changes), unheard():
             cluster = stack.enter_context(distributed.LocalCluster(**options))
         yield stack.enter_context(distributed.Client(cluster, set_as_default=False))
-
-
-@contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Start threads, and processes from them, that Ctrl-C does not reach, as it does all others.
-
-    The run is what it is meant for, which ends the workers; it hears of it when the block ends.
-    """
-    if not hasattr(signal, "pthread_sigmask"):  # not a POSIX system
-        yield
-        return
-    resource_tracker.ensure_running()  # the thread that starts it would hear again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

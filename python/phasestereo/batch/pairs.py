@@ -21,7 +21,9 @@ _NEEDED = ("left", "right")
 _COLUMNS = (*_NEEDED, "name", "num_disparities", "min_disparity", "left_mask", "right_mask")
 _LONGEST = 200  # bytes of a name: with a suffix it must fit what file systems take
 _CONTROL = re.compile(r"[\0-\x1f\x7f]")
-_LAYERS = ".flags", ".confidence"  # with them, names of other results begin
+
+LAYERS = ("flags", "confidence")
+"""What may be written beside disparities, as NAME.LAYER.tif."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,10 +214,11 @@ def check_names(pairs: Iterable[PairFiles]) -> None:
             )
         known[key] = pair
     for name, pair in known.items():
-        for layer in _LAYERS:
-            if name.endswith(layer) and name.removesuffix(layer) in known:
+        for layer in LAYERS:
+            other = name.removesuffix(f".{layer}")
+            if other != name and other in known:
                 raise ValueError(
-                    f"got name {pair.name!r}, as the {layer[1:]} of another pair are called; "
+                    f"got name {pair.name!r}, as the {layer} of another pair are called; "
                     "accepts another one, in a column of the list"
                 )
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from phasestereo._extras import require
 from phasestereo.batch.cluster import local, lost, remote, share, slots
 from phasestereo.batch.manifest import DONE, Manifest, Record
-from phasestereo.batch.pairs import check_names
+from phasestereo.batch.pairs import LAYERS, check_names
 from phasestereo.batch.work import FullDiskError, Order, blank, match_files
 from phasestereo.io.maps import FLOAT_SUFFIXES
 from phasestereo.settings import PRESET, resolve
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from phasestereo.batch.pairs import PairFiles
     from phasestereo.io.files import StrPath
     from phasestereo.settings import Settings
-
-LAYERS = ("flags", "confidence")
-"""What may be written beside disparities."""
 
 _AHEAD = 2  # pairs under way for each that is at work, so that no worker waits for its next
 _LOCK = ".batch.lock"

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from phasestereo._interrupts import unheard
 from phasestereo.bench.measurement import measured
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ class Worker:
         context = get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(theirs,))
-        with _single_threaded(), _uninterrupted():
+        with _single_threaded(), unheard():
             process.start()
         theirs.close()
         return cls(process, ours)
@@ -209,19 +210,6 @@ def _single_threaded() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Hold Ctrl-C back: a process that starts in this block does not see it before it is set up."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    earlier = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, earlier)
 
 
 def _leave_interrupts_to_parent() -> None:

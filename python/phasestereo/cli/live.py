@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 from cyclopts import Group, Parameter, validators
 
+from phasestereo._interrupts import held_back
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
-from phasestereo.cli.interrupts import held_back
 from phasestereo.cli.live_outputs import LiveOutputs, Sink, Writers
 from phasestereo.cli.live_tally import Tally
 from phasestereo.cli.options import Overrides

@@ -16,8 +16,8 @@ import numpy as np
 from cyclopts import Parameter, validators
 
 from phasestereo._extras import require
+from phasestereo._interrupts import held_back
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
-from phasestereo.cli.interrupts import held_back
 from phasestereo.cli.live_tally import Tally
 from phasestereo.io import read_calibration, write_disparity
 from phasestereo.rerun_log import log_failure, log_frame, saving

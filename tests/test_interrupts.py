@@ -1,4 +1,4 @@
-"""Ctrl-C, kept out of what must not be half done."""
+"""Ctrl-C, kept out of what must not be half done, and of what is not to hear it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-pytest.importorskip("phasestereo.cli")
-from phasestereo.cli.interrupts import held_back
+from phasestereo._interrupts import held_back, unheard
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -86,3 +85,19 @@ def test_other_threads_leave_it_alone() -> None:
     thread.start()
     thread.join()
     assert found == [signal.default_int_handler]
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="there are no signal masks")
+def test_what_starts_unheard_is_not_reached() -> None:
+    masks = []
+
+    def look() -> None:
+        masks.append(signal.pthread_sigmask(signal.SIG_BLOCK, []))
+
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    with unheard():
+        thread = threading.Thread(target=look)
+        thread.start()
+    thread.join()
+    look()
+    assert masks == [before | {signal.SIGINT}, before]

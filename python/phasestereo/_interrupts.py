@@ -1,4 +1,4 @@
-"""Ctrl-C, kept out of what must not be half done."""
+"""Ctrl-C, kept out of what must not be half done, and of processes that are not to hear it."""
 
 from __future__ import annotations
 
@@ -30,3 +30,19 @@ def held_back() -> Iterator[None]:
         signal.signal(signal.SIGINT, hear)
     if came:
         hear(came[0], None)
+
+
+@contextmanager
+def unheard() -> Iterator[None]:
+    """Start threads and processes in a block which Ctrl-C does not reach, as long as they want.
+
+    Systems without signal masks do not know that. This thread hears of it when the block ends.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
