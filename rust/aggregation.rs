@@ -1,35 +1,33 @@
 //! Costs -> sums over a window, of which the best of five counts (paper, section 2.3).
 //!
-//! A strip is swept from left to right, a few columns at a time, one candidate after another: sums down the
-//! columns, then along the rows, then the least of the five. What the next columns need of these is kept.
+//! A block of columns is gone through from the top down, all candidates of a pixel in neighboring lanes. The sums of
+//! each column over the rows of the window go on from row to row, those over its columns from pixel to pixel:
+//!
+//! ```text
+//! for y in rows:
+//!     column[x][k] += cost[y + r][x][k] - cost[y - r - 1][x][k]              # a ring of 2 r + 2 rows of costs
+//!     for x in columns:
+//!         sum[k]   += (column[x + r][k] >> n) - (column[x - r - 1][k] >> n)    # n bits are dropped
+//!         aggregated[y][x][k] = sum[k]
+//! ```
+//!
+//! Beyond the image rows and columns repeat its edge. Shiftable windows look at the sums of five places, so there a ring
+//! of rows of sums is kept as well. Where votes are missing their number is summed alike, and the mean of those that
+//! are there counts.
 
-use std::array::from_fn;
 use std::ops::Range;
+
+use rayon::prelude::*;
 
 use crate::candidates::Candidates;
 use crate::control::Control;
-use crate::cost::{Costs, Operands};
+use crate::cost::Costs;
 use crate::error::Result;
 use crate::memory::Memory;
 use crate::plane::Plane;
-use crate::settings::{LARGEST_WINDOW, Precision, Settings};
+use crate::settings::{Precision, Settings};
 use crate::simd::{Kernel, Level};
-use crate::strip::{BLOCK, Strip};
-use crate::value::Value;
-
-/// Columns of a tile: enough that what is kept between tiles is little, few enough for the caches.
-/// Nanoseconds per (pixel, candidate) of 741x497 with 64 and 1920x1080 with 256 candidates, AVX2, Zen 3:
-/// 8: 0.68, 0.58; 16: 0.60, 0.42; 24: 0.58, 0.40; 32: 0.58, 0.40; 48: 0.59, 0.43.
-const TILE: usize = 32;
-/// The next tile then has at most one window's width to come back to.
-const _: () = assert!(TILE > LARGEST_WINDOW / 2);
-
-/// Runs that are read and written side by side start so many places apart, or a multiple of it: then no load
-/// looks like one of what was just stored, by the lowest bits of its address.
-const PAGE: usize = 4096;
-
-/// Candidates that are looked at together: as many answers fit into a byte.
-pub const GROUP: usize = 8;
+use crate::value::{LANES, Lanes, Value};
 
 /// What is summed, and how.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -83,7 +81,7 @@ impl Window {
         if self.shiftable { self.radius() } else { 0 }
     }
 
-    /// Rows above and below its own that a strip needs.
+    /// Rows and columns around a pixel whose costs count.
     pub fn margin(&self) -> usize {
         self.radius() + self.reach()
     }
@@ -125,263 +123,282 @@ impl Window {
             }
         }
     }
-
-    /// Most columns that one step of the sweep over a strip can finish.
-    fn columns_at_once(&self) -> usize {
-        TILE + self.margin()
-    }
-
-    /// How the sweep over a strip goes on.
-    pub fn tiles(&self) -> impl Iterator<Item = Tile> {
-        let Self { cols, .. } = *self;
-        let (radius, reach) = (self.radius(), self.reach());
-        let (mut summed, mut finished) = (0, 0);
-        (0..cols).step_by(TILE).map(move |start| {
-            let end = (start + TILE).min(cols);
-            let until = |column: usize, back: usize| {
-                if end == cols { cols } else { column.saturating_sub(back) }
-            };
-            let tile = Tile {
-                entering: start..end,
-                summed: summed..until(end, radius),
-                finished: finished..until(until(end, radius), reach),
-            };
-            (summed, finished) = (tile.summed.end, tile.finished.end);
-            tile
-        })
-    }
 }
 
-/// One step of the sweep over a strip: columns whose costs enter, those whose windows are then known, and
-/// those whose five windows are.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Tile {
-    /// Columns whose costs the step takes.
-    pub entering: Range<usize>,
-    summed: Range<usize>,
-    /// Columns whose aggregated costs the step gives.
-    pub finished: Range<usize>,
+/// Pixels whose costs are aggregated together.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Block {
+    /// Rows of the images.
+    pub rows: Range<usize>,
+    /// Columns of the left image.
+    pub columns: Range<usize>,
 }
 
-/// Aggregates the costs of one strip after another; its memory is used again.
+/// Aggregates the costs of one block after another; its memory is used again.
 #[derive(Debug, Default)]
 pub struct Aggregator<V> {
-    strip: Strip,
-    window: Window,
     costs: BoxSums<V>,
     votes: BoxSums<V>,
-    /// Sums over windows centred on the columns of a tile.
-    centres: Memory<V>,
-    /// The last of them that the next tile needs, of each candidate.
-    kept: Memory<V>,
-    /// Numbers of votes in those windows.
-    counts: Memory<V>,
-    /// The aggregated costs of a tile, in the order of [`Aggregated`].
-    aggregated: Memory<V>,
-}
-
-/// The aggregated costs of a tile: by column, block of lanes, candidate, lane of the block.
-#[derive(Debug, Clone, Copy)]
-pub struct Aggregated<'a, V> {
-    values: &'a [[V; BLOCK]],
-    blocks: usize,
-    candidates: usize,
-    stride: usize,
-}
-
-/// The aggregated costs of a block of lanes in a column.
-#[derive(Debug, Clone, Copy)]
-pub struct AggregatedBlock<'a, V>(&'a [[V; BLOCK]]);
-
-/// Places from one block of lanes to the next: of bytes an odd number of cache lines, so that not all of
-/// them contend for the same few sets of the cache.
-pub fn stride(candidates: usize) -> usize {
-    2 * (candidates.div_ceil(2) | 1)
-}
-
-impl<'a, V: Value> Aggregated<'a, V> {
-    /// Costs in this order, without gaps.
-    pub fn new(values: &'a [[V; BLOCK]], blocks: usize, candidates: usize) -> Self {
-        Self { values, blocks, candidates, stride: candidates }
-    }
-
-    /// The costs of a block of lanes in a column.
-    #[inline(always)]
-    pub fn of(&self, column: usize, block: usize) -> AggregatedBlock<'a, V> {
-        let first = (column * self.blocks + block) * self.stride;
-        AggregatedBlock(&self.values[first..][..self.candidates])
-    }
-}
-
-impl<'a, V: Value> AggregatedBlock<'a, V> {
-    /// Number of groups of candidates.
-    #[inline(always)]
-    pub fn groups(&self) -> usize {
-        self.0.len().div_ceil(GROUP)
-    }
-
-    /// The costs of the candidates of a group; of the last group there may be fewer.
-    #[inline(always)]
-    pub fn group(&self, group: usize) -> &'a [[V; BLOCK]] {
-        let first = group * GROUP;
-        &self.0[first..(first + GROUP).min(self.0.len())]
-    }
-
-    /// The costs of every candidate.
-    #[inline(always)]
-    pub fn every(&self) -> &'a [[V; BLOCK]] {
-        self.0
-    }
+    /// Sums over windows of as many rows as they may be shifted by.
+    boxes: Memory<Lanes<V>>,
+    /// Numbers of votes in the windows of a row.
+    counts: Memory<Lanes<V>>,
 }
 
 impl<V: Value> Aggregator<V> {
-    /// Begins a strip.
-    pub fn begin(&mut self, window: Window, strip: Strip, has_votes: bool) -> Result<()> {
-        (self.window, self.strip) = (window, strip);
-        let (lanes, candidates, reach) = (strip.lanes(), window.candidates, window.reach());
-        let most = window.columns_at_once();
-        self.costs.begin(window, lanes)?;
-        if has_votes {
-            self.votes.begin(Window { dropped: 0, ..window }, lanes)?;
-            self.counts.room(most * lanes)?;
+    /// Writes the aggregated costs of a block, row by row, column by column, all candidates of one pixel after another;
+    /// [`Value::FAR`] beyond the last of these.
+    pub fn aggregate(
+        &mut self,
+        costs: &Costs,
+        window: Window,
+        block: Block,
+        level: Level,
+        out: &mut [Lanes<V>],
+    ) -> Result<()> {
+        let chunks = costs.chunks();
+        let around = window.reach().min(1) * (block.columns.len() + 2 * window.reach());
+        self.boxes.room(around * window.side * chunks)?;
+        self.costs.begin(window, &block.columns, chunks)?;
+        if costs.has_votes() {
+            self.votes.begin(Window { dropped: 0, ..window }, &block.columns, chunks)?;
+            self.counts.room((block.columns.len() + 2 * window.reach()) * chunks)?;
         }
-        self.centres.room((most + 3 * reach) * lanes + BLOCK)?;
-        self.kept.room(candidates * 2 * reach * lanes)?;
-        self.aggregated.room(most * strip.blocks() * stride(candidates) * BLOCK)
+        level.run(Aggregate { aggregator: self, costs, window, block, out });
+        Ok(())
     }
 
-    /// The aggregated costs of the tile that was swept last.
-    pub fn aggregated(&self) -> Aggregated<'_, V> {
-        let (values, blocks) = (self.aggregated.as_chunks().0, self.strip.blocks());
-        let Window { candidates, .. } = self.window;
-        Aggregated { values, blocks, candidates, stride: stride(candidates) }
-    }
-
+    /// Writes the sums over centered windows of some columns of a row.
     #[inline(always)]
-    fn sweep_candidate(&mut self, operands: &Operands, tile: &Tile, k: usize) {
-        let lanes = self.strip.lanes();
-        let before = 2 * self.window.reach() * lanes;
-        let count = tile.summed.len() * lanes;
-        operands.write_costs(tile.entering.clone(), k, self.costs.entering(tile));
-        self.costs.sweep(tile, k, &mut self.centres[before..][..count]);
-        if operands.has_votes() {
-            self.share_among_votes(operands, tile, k);
-        }
-        self.repeat_edge_rows(tile);
-        let kept = &mut self.kept[k * before..][..before];
-        repeat_edges(
-            &mut self.centres,
-            kept,
-            &tile.summed,
-            self.window.cols,
-            self.window.reach(),
-            lanes,
-        );
-        self.write_least(tile, k);
-        self.kept[k * before..][..before].copy_from_slice(&self.centres[count..][..before]);
-    }
-
-    #[inline(always)]
-    fn share_among_votes(&mut self, operands: &Operands, tile: &Tile, k: usize) {
-        let lanes = self.strip.lanes();
-        let counts = &mut self.counts[..tile.summed.len() * lanes];
-        operands.write_votes(tile.entering.clone(), k, self.votes.entering(tile));
-        self.votes.sweep(tile, k, counts);
-        let centres = &mut self.centres[2 * self.window.reach() * lanes..];
-        for (sum, votes) in centres.iter_mut().zip(counts) {
-            *sum = V::truncated(self.window.share(sum.widened(), votes.widened()));
-        }
-    }
-
-    /// A window shifted above or below the image stays on its edge.
-    #[inline(always)]
-    fn repeat_edge_rows(&mut self, tile: &Tile) {
-        let (lanes, reach) = (self.strip.lanes(), self.window.reach());
-        let top = reach.saturating_sub(self.strip.first);
-        let bottom = (self.strip.height - 1 + reach - self.strip.first).min(lanes - 1);
-        if top == 0 && bottom == lanes - 1 {
-            return;
-        }
-        let centres = &mut self.centres[2 * reach * lanes..][..tile.summed.len() * lanes];
-        for column in centres.chunks_exact_mut(lanes) {
-            let (first, last) = (column[top], column[bottom]);
-            column[..top].fill(first);
-            column[bottom..].fill(last);
-        }
-    }
-
-    /// Writes the least of the five windows of each finished column.
-    #[inline(always)]
-    fn write_least(&mut self, tile: &Tile, k: usize) {
-        let (lanes, reach) = (self.strip.lanes(), self.window.reach());
-        let (blocks, across) = (self.strip.blocks(), reach * lanes);
-        let stride = stride(self.window.candidates);
-        let out = self.aggregated.as_chunks_mut::<BLOCK>().0.chunks_exact_mut(blocks * stride);
-        // From the left window's lanes to the right one's.
-        let span = 2 * across + lanes;
-        let first = (tile.finished.start + reach - tile.summed.start) * lanes;
-        let windows = self.centres[first..].windows(span).step_by(lanes.max(1));
-        for (window, out) in windows.zip(out).take(tile.finished.len()) {
-            let block_of = |place: usize| &window[place..].as_chunks::<BLOCK>().0[..blocks];
-            let (left, right) = (block_of(reach), block_of(2 * across + reach));
-            let (above, below) = (block_of(across), block_of(across + 2 * reach));
-            let here = block_of(across + reach);
-            for block in 0..blocks {
-                out[block * stride + k] = if reach == 0 {
-                    here[block]
-                } else {
-                    let around = [above[block], below[block], left[block], right[block]];
-                    least_of_five(here[block], around)
-                };
+    fn write_boxes(
+        sums: (&mut BoxSums<V>, &mut BoxSums<V>, &mut [Lanes<V>]),
+        costs: &Costs,
+        window: Window,
+        (y, columns): (usize, Range<usize>),
+        out: &mut [Lanes<V>],
+    ) {
+        let (of_costs, of_votes, counts) = sums;
+        of_costs.center_on(y, Summed::Costs, costs);
+        of_costs.write_row(columns.clone(), out);
+        if costs.has_votes() {
+            of_votes.center_on(y, Summed::Votes, costs);
+            let counts = &mut counts[..out.len()];
+            of_votes.write_row(columns, counts);
+            for (sum, votes) in out.as_flattened_mut().iter_mut().zip(counts.as_flattened()) {
+                *sum = V::truncated(window.share(sum.widened(), votes.widened()));
             }
         }
     }
 }
 
-/// Continues columns beyond the image by its edge: `columns` holds those of a tile behind so many kept ones.
-#[inline(always)]
-fn repeat_edges<V: Value>(
-    columns: &mut [V],
-    kept: &[V],
-    new: &Range<usize>,
-    cols: usize,
-    reach: usize,
-    lanes: usize,
-) {
-    let end = kept.len() + new.len() * lanes;
-    if new.start > 0 {
-        columns[..kept.len()].copy_from_slice(kept);
-    } else if !new.is_empty() {
-        let (before, first) = columns.split_at_mut(kept.len());
-        before.chunks_exact_mut(lanes).for_each(|column| column.copy_from_slice(&first[..lanes]));
+/// The kernel of [`Aggregator::aggregate`].
+struct Aggregate<'a, V> {
+    aggregator: &'a mut Aggregator<V>,
+    costs: &'a Costs<'a>,
+    window: Window,
+    block: Block,
+    out: &'a mut [Lanes<V>],
+}
+
+impl<V: Value> Aggregate<'_, V> {
+    /// One centered window for each pixel.
+    #[inline(always)]
+    fn centered(self) {
+        let Self { aggregator, costs, window, block, out } = self;
+        let Aggregator { costs: of_costs, votes, counts, .. } = aggregator;
+        let width = block.columns.len() * costs.chunks();
+        for (y, out) in block.rows.zip(out.chunks_exact_mut(width)) {
+            let place = (y, block.columns.clone());
+            Aggregator::write_boxes((of_costs, votes, counts), costs, window, place, out);
+            fill_up(out, window.candidates);
+        }
     }
-    if new.end == cols {
-        let (last, after) = columns.split_at_mut(end);
-        let (last, after) = (&last[end - lanes..], &mut after[..reach * lanes]);
-        after.chunks_exact_mut(lanes).for_each(|column| column.copy_from_slice(last));
+
+    /// The best of five windows: sums of each row are kept until no window is shifted to it any more.
+    #[inline(always)]
+    fn shifted(self) {
+        let Self { aggregator, costs, window, block, out } = self;
+        let Aggregator { costs: of_costs, votes, boxes, counts } = aggregator;
+        let (chunks, reach, Block { rows, columns }) = (costs.chunks(), window.reach(), block);
+        let around = columns.start.saturating_sub(reach)..(columns.end + reach).min(window.cols);
+        let width = around.len() * chunks;
+        let last = window.rows - 1;
+        let mut next = rows.start.saturating_sub(reach);
+        for (y, out) in rows.zip(out.chunks_exact_mut(columns.len() * chunks)) {
+            while next <= (y + reach).min(last) {
+                let row = &mut boxes[next % window.side * width..][..width];
+                let place = (next, around.clone());
+                Aggregator::write_boxes((of_costs, votes, counts), costs, window, place, row);
+                next += 1;
+            }
+            let row = |y: usize| &boxes[y % window.side * width..][..width];
+            let (above, below) = (row(y.saturating_sub(reach)), row((y + reach).min(last)));
+            for (x, out) in columns.clone().zip(out.chunks_exact_mut(chunks)) {
+                let places = [x.saturating_sub(reach), (x + reach).min(window.cols - 1)];
+                let [left, right] = places.map(|x| &row(y)[(x - around.start) * chunks..]);
+                let place = (x - around.start) * chunks;
+                let beside = [left, right, &above[place..], &below[place..]];
+                out.copy_from_slice(&row(y)[place..][..chunks]);
+                for beside in beside {
+                    least(out, beside);
+                }
+            }
+            fill_up(out, window.candidates);
+        }
     }
 }
 
-/// The costs of a tile of a strip, aggregated for every candidate.
-#[derive(Debug)]
-pub struct Sweep<'a, V> {
-    /// Where sums are kept.
-    pub aggregator: &'a mut Aggregator<V>,
-    /// What is compared.
-    pub operands: &'a Operands,
-    /// The columns.
-    pub tile: &'a Tile,
-}
-
-impl<V: Value> Kernel for Sweep<'_, V> {
+impl<V: Value> Kernel for Aggregate<'_, V> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        for k in 0..self.aggregator.window.candidates {
-            self.aggregator.sweep_candidate(self.operands, self.tile, k);
+        if self.window.reach() == 0 { self.centered() } else { self.shifted() }
+    }
+}
+
+#[inline(always)]
+fn least<V: Value>(values: &mut [Lanes<V>], others: &[Lanes<V>]) {
+    for (value, other) in values.iter_mut().zip(others) {
+        for j in 0..LANES {
+            value[j] = value[j].min(other[j]);
         }
     }
+}
+
+/// Puts those candidates out of reach that only fill up the lanes.
+#[inline(always)]
+fn fill_up<V: Value>(costs: &mut [Lanes<V>], candidates: usize) {
+    let used = candidates % LANES;
+    if used > 0 {
+        let chunks = candidates.div_ceil(LANES);
+        for last in costs.iter_mut().skip(chunks - 1).step_by(chunks) {
+            last[used..].fill(V::FAR);
+        }
+    }
+}
+
+/// What is summed over windows.
+#[derive(Debug, Clone, Copy)]
+enum Summed {
+    Costs,
+    Votes,
+}
+
+impl Summed {
+    /// Writes what is summed of some columns of a row.
+    #[inline(always)]
+    fn write<V: Value>(self, costs: &Costs, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
+        match self {
+            Self::Costs => costs.write(y, columns, out),
+            Self::Votes => costs.write_votes(y, columns, out),
+        }
+    }
+}
+
+/// Sums over a window that moves down a block of columns.
+#[derive(Debug, Default)]
+struct BoxSums<V> {
+    window: Window,
+    chunks: usize,
+    /// The columns whose costs count, within the image.
+    around: Range<usize>,
+    /// The row on which the window is centered.
+    center: Option<usize>,
+    /// Costs of the rows of the window and of the one that has left it.
+    rows: Memory<Lanes<V>>,
+    /// Their sums over the rows of the window, for each column.
+    columns: Memory<Lanes<V>>,
+}
+
+impl<V: Value> BoxSums<V> {
+    fn begin(&mut self, window: Window, columns: &Range<usize>, chunks: usize) -> Result<()> {
+        let margin = window.margin();
+        self.around = columns.start.saturating_sub(margin)..(columns.end + margin).min(window.cols);
+        (self.window, self.chunks, self.center) = (window, chunks, None);
+        let width = self.around.len() * chunks;
+        self.rows.room((window.side + 1) * width)?;
+        self.columns.room(width)
+    }
+
+    /// Moves the window to a row, the next one unless it is the first.
+    #[inline(always)]
+    fn center_on(&mut self, y: usize, summed: Summed, costs: &Costs) {
+        let (radius, side, width) = (self.window.radius(), self.window.side, self.columns.len());
+        let last = self.window.rows - 1;
+        // Rows lie in the ring by their places from `radius` rows above the image on.
+        let slot = |place: usize| place % (side + 1) * width;
+        let row = |place: usize| place.saturating_sub(radius).min(last);
+        if self.center.replace(y).is_some() {
+            let (entering, leaving) = (slot(y + 2 * radius), slot(y + 2 * radius + 1));
+            let entered = &mut self.rows[entering..][..width];
+            summed.write(costs, row(y + 2 * radius), self.around.clone(), entered);
+            let entering = &self.rows[entering..][..width];
+            let leaving = &self.rows[leaving..][..width];
+            for ((sum, new), old) in self.columns.iter_mut().zip(entering).zip(leaving) {
+                for j in 0..LANES {
+                    sum[j] = sum[j].minus(old[j]).plus(new[j]);
+                }
+            }
+            return;
+        }
+        self.columns.fill([V::default(); LANES]);
+        for place in y..=y + 2 * radius {
+            let here = &mut self.rows[slot(place)..][..width];
+            summed.write(costs, row(place), self.around.clone(), here);
+            for (sum, new) in self.columns.iter_mut().zip(here) {
+                for j in 0..LANES {
+                    sum[j] = sum[j].plus(new[j]);
+                }
+            }
+        }
+    }
+
+    /// Writes the sums over the window about some columns, without the lowest bits of each column's.
+    #[inline(always)]
+    fn write_row(&self, columns: Range<usize>, out: &mut [Lanes<V>]) {
+        let (radius, chunks, dropped) = (self.window.radius(), self.chunks, self.window.dropped);
+        // Places, from `radius` columns left of the image on, of the column that it shows there; what would enter after
+        // the last sum is not at hand and not needed.
+        let (last, first) = (self.around.end - 1, self.around.start);
+        let column = |place: usize| (place.saturating_sub(radius).min(last) - first) * chunks;
+        for chunk in 0..chunks {
+            let mut sum = [V::default(); LANES];
+            for place in columns.start..=columns.start + 2 * radius {
+                sum = added(sum, shifted(self.columns[column(place) + chunk], dropped));
+            }
+            for (x, out) in columns.clone().zip(out.iter_mut().skip(chunk).step_by(chunks)) {
+                *out = sum;
+                let leaving = shifted(self.columns[column(x) + chunk], dropped);
+                let entering = shifted(self.columns[column(x + 1 + 2 * radius) + chunk], dropped);
+                sum = added(subtracted(sum, leaving), entering);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn shifted<V: Value>(mut values: Lanes<V>, bits: u32) -> Lanes<V> {
+    for value in &mut values {
+        *value = value.shifted(bits);
+    }
+    values
+}
+
+#[inline(always)]
+fn added<V: Value>(mut values: Lanes<V>, others: Lanes<V>) -> Lanes<V> {
+    for j in 0..LANES {
+        values[j] = values[j].plus(others[j]);
+    }
+    values
+}
+
+#[inline(always)]
+fn subtracted<V: Value>(mut values: Lanes<V>, others: Lanes<V>) -> Lanes<V> {
+    for j in 0..LANES {
+        values[j] = values[j].minus(others[j]);
+    }
+    values
 }
 
 /// The aggregated costs of a whole volume.
@@ -395,170 +412,21 @@ pub fn aggregate(
     let costs =
         Costs::of_volume(volume, Candidates::new(0, candidates as i64, cols.max(candidates))?);
     let mut aggregated = Plane::new(rows, cols * candidates)?;
-    let (mut operands, mut aggregator) = (Operands::default(), Aggregator::<u32>::default());
-    for first in (0..rows).step_by(BLOCK) {
-        let rows = BLOCK.min(rows - first);
-        let strip = Strip { first, rows, margin: window.margin(), height: window.rows };
-        operands.load(&costs, &strip)?;
-        aggregator.begin(window, strip, false)?;
-        for tile in window.tiles() {
-            control.checkpoint()?;
-            level.run(Sweep { aggregator: &mut aggregator, operands: &operands, tile: &tile });
-            for (place, x) in tile.finished.clone().enumerate() {
-                for (k, sums) in aggregator.aggregated().of(place, 0).every().iter().enumerate() {
-                    for (y, sum) in strip.range().zip(sums) {
-                        aggregated.row_mut(y)[x * candidates + k] = *sum;
-                    }
-                }
-            }
+    let blocks = aggregated.as_mut_slice().par_chunks_mut(ROWS * cols * candidates).enumerate();
+    blocks.try_for_each(|(index, aggregated)| {
+        control.checkpoint()?;
+        let (mut aggregator, mut lanes) = (Aggregator::<u32>::default(), Memory::default());
+        let rows = index * ROWS..((index + 1) * ROWS).min(rows);
+        lanes.room(rows.len() * cols * costs.chunks())?;
+        aggregator.aggregate(&costs, window, Block { rows, columns: 0..cols }, level, &mut lanes)?;
+        let pixels = lanes.as_flattened().chunks_exact(costs.chunks() * LANES);
+        for (aggregated, lanes) in aggregated.chunks_exact_mut(candidates).zip(pixels) {
+            aggregated.copy_from_slice(&lanes[..candidates]);
         }
-    }
+        Ok(())
+    })?;
     Ok(aggregated)
 }
 
-#[inline(always)]
-fn least_of_five<V: Value>(here: [V; BLOCK], [a, b, c, d]: [[V; BLOCK]; 4]) -> [V; BLOCK] {
-    from_fn(|i| here[i].min(a[i].min(b[i])).min(c[i].min(d[i])))
-}
-
-/// Sums over whole windows, of one tile after another.
-#[derive(Debug, Default)]
-struct BoxSums<V> {
-    window: Window,
-    lanes: usize,
-    /// Four runs of columns: what enters; two of sums on the way; sums down whole columns of the window,
-    /// behind those of the tile before.
-    runs: Memory<V>,
-    /// Places from one run to the next.
-    run: usize,
-    /// Sums down the columns to be kept for the next tile, of each candidate.
-    kept: Memory<V>,
-    /// The steps from one value to a side of the window.
-    parts: Vec<Part>,
-}
-
-impl<V: Value> BoxSums<V> {
-    fn begin(&mut self, window: Window, lanes: usize) -> Result<()> {
-        (self.window, self.lanes) = (window, lanes);
-        self.parts = Part::up_to(window.side).collect();
-        let columns = TILE + 2 * window.side;
-        // Sums down the columns reach beyond the last lane of the last column.
-        self.run = (columns * lanes + window.side).next_multiple_of(PAGE);
-        self.runs.room(4 * self.run)?;
-        self.kept.room(window.candidates * (window.side - 1) * lanes)
-    }
-
-    /// Where the values of the columns that enter are to be written.
-    #[inline(always)]
-    fn entering(&mut self, tile: &Tile) -> &mut [V] {
-        &mut self.runs[..tile.entering.len() * self.lanes]
-    }
-
-    /// Writes the sums over the windows centred on the columns `tile.summed`.
-    #[inline(always)]
-    fn sweep(&mut self, tile: &Tile, k: usize, sums: &mut [V]) {
-        let (lanes, Window { side, dropped, .. }) = (self.lanes, self.window);
-        let (entering, runs) = self.runs.split_at_mut(self.run);
-        let (spare, runs) = runs.split_at_mut(self.run);
-        let (more, columns) = runs.split_at_mut(self.run);
-        let before = (side - 1) * lanes;
-        let count = tile.entering.len() * lanes;
-        sum_runs(entering, [spare, more], &self.parts, 1, dropped, &mut columns[before..][..count]);
-        let kept = &mut self.kept[k * before..][..before];
-        repeat_edges(columns, kept, &tile.entering, self.window.cols, side / 2, lanes);
-        let first = (tile.summed.start + side / 2 - tile.entering.start) * lanes;
-        sum_runs(&columns[first..], [spare, more], &self.parts, lanes, 0, sums);
-        kept.copy_from_slice(&columns[count..][..before]);
-    }
-}
-
-/// Sums of values that lie `step` apart, in `parts`, without the lowest bits; `spare` is for sums on the way.
-#[inline(always)]
-fn sum_runs<V: Value>(
-    values: &[V],
-    spare: [&mut [V]; 2],
-    parts: &[Part],
-    step: usize,
-    dropped: u32,
-    sums: &mut [V],
-) {
-    let [mut now, mut next] = spare;
-    let side = parts.last().map_or(1, |part| part.sum);
-    if side == 1 {
-        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum = value.shifted(dropped));
-    }
-    for part in parts {
-        let source = if part.added == 1 { values } else { &*now };
-        if part.sum == side {
-            part.add(source, values, step, dropped, sums);
-        } else {
-            // What is still to be added to reaches beyond the last sum.
-            let count = sums.len() + (side - part.sum) * step;
-            part.add(source, values, step, 0, &mut next[..count]);
-            std::mem::swap(&mut now, &mut next);
-        }
-    }
-}
-
-/// A step from sums of some values to sums of twice or thrice as many, or of one more than twice.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-struct Part {
-    added: usize,
-    sum: usize,
-}
-
-impl Part {
-    /// The steps from one value to `side` of them: thrice as many where that divides it.
-    fn up_to(side: usize) -> impl Iterator<Item = Self> {
-        let mut steps = [Self::default(); 8];
-        let (mut sum, mut first) = (side, steps.len());
-        while sum > 1 {
-            let added = if sum.is_multiple_of(3) { sum / 3 } else { sum / 2 };
-            first -= 1;
-            steps[first] = Self { added, sum };
-            sum = added;
-        }
-        steps.into_iter().skip(first)
-    }
-
-    /// Adds sums of `added` values, and where one more is needed that one; then drops the lowest bits.
-    #[inline(always)]
-    fn add<V: Value>(self, sums: &[V], values: &[V], step: usize, dropped: u32, out: &mut [V]) {
-        let (second, third) = (&sums[self.added * step..], 2 * self.added * step);
-        match (self.sum - 2 * self.added, dropped) {
-            // Never the last step: sides are odd.
-            (0, _) => add_two(sums, second, out),
-            (1, 0) => add_three(sums, second, &values[third..], out),
-            (1, _) => add_three_and_drop(sums, second, &values[third..], dropped, out),
-            (_, 0) => add_three(sums, second, &sums[third..], out),
-            (_, _) => add_three_and_drop(sums, second, &sums[third..], dropped, out),
-        }
-    }
-}
-
-#[inline(always)]
-fn add_two<V: Value>(a: &[V], b: &[V], out: &mut [V]) {
-    let n = out.len();
-    let (a, b) = (&a[..n], &b[..n]);
-    for i in 0..n {
-        out[i] = a[i].plus(b[i]);
-    }
-}
-
-#[inline(always)]
-fn add_three<V: Value>(a: &[V], b: &[V], c: &[V], out: &mut [V]) {
-    let n = out.len();
-    let (a, b, c) = (&a[..n], &b[..n], &c[..n]);
-    for i in 0..n {
-        out[i] = a[i].plus(b[i]).plus(c[i]);
-    }
-}
-
-#[inline(always)]
-fn add_three_and_drop<V: Value>(a: &[V], b: &[V], c: &[V], dropped: u32, out: &mut [V]) {
-    let n = out.len();
-    let (a, b, c) = (&a[..n], &b[..n], &c[..n]);
-    for i in 0..n {
-        out[i] = a[i].plus(b[i]).plus(c[i]).shifted(dropped);
-    }
-}
+/// Rows of a volume that are aggregated together.
+const ROWS: usize = 32;

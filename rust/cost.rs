@@ -1,12 +1,21 @@
-//! Two images -> matching costs: what it costs to match a pixel with a candidate, one candidate of a strip
-//! at a time.
+//! Two images -> matching costs: what it costs to match a pixel of a row with each of its candidates.
+//!
+//! Candidates lie in lanes. The right image is kept *unrolled*: every row reversed, clamped at both ends, so that what
+//! left column `x` is compared with under the candidates 0, 1, 2, ... are neighboring values from place `cols - 1 - x`
+//! on. One load brings what many candidates look at, whatever the column:
+//!
+//! ```text
+//! for x in columns:
+//!     for k in 0..candidates:                      # neighboring lanes
+//!         cost[x][k] = distance(left[x], unrolled[cols - 1 - x + k])
+//! ```
 
 use std::ops::Range;
 
 use crate::candidates::Candidates;
 use crate::control::Control;
 use crate::convolution::Kernel;
-use crate::descriptor::{Codes, describe};
+use crate::descriptor::{Code, Codes, describe};
 use crate::error::{Error, Result};
 use crate::intensity::{Gray, LEVEL_CEILING, LEVEL_STEPS, level_planes};
 use crate::memory::Memory;
@@ -14,19 +23,13 @@ use crate::normalisation::{DEVIATION_CEILING, DEVIATION_STEPS, normalise};
 use crate::plane::Plane;
 use crate::settings::{CostKind, Settings};
 use crate::simd::{self, Level};
-use crate::strip::{BLOCK, Strip};
-use crate::value::Value;
+use crate::value::{LANES, Lanes, Value};
 use crate::versions::{Labels, Versions};
-use crate::view::View;
+use crate::view::{Mask, View};
 use crate::votes::Votes;
 
-/// Codes of the left image, each of the version that its pixel is compared in, and of every version of the
-/// right one; with several of these, which of them it is.
-struct PairCodes {
-    left: Codes,
-    rights: Vec<Codes>,
-    labels: Option<Labels>,
-}
+/// Rows that are unrolled together.
+const ROWS: usize = 32;
 
 /// What the pixels of a pair are compared by, and what that amounts to.
 pub struct Costs<'a> {
@@ -36,15 +39,25 @@ pub struct Costs<'a> {
     ceiling: u16,
     steps: u16,
     votes: Option<Votes<'a>>,
+    /// 1 where the left and the unrolled right image are valid, else 0; if either has a mask.
+    valid: Option<[Plane<u8>; 2]>,
 }
 
 enum Compared<'a> {
     /// Hamming distance of phase codes (paper, eq. 7; by Johnson codes also eq. 6 for any `b`).
     Codes(PairCodes),
-    /// Sum over the channels of absolute differences: the baseline of the paper's section 3.
+    /// Sum over the channels of absolute differences of left and unrolled right: the baseline of the paper's section 3.
     Levels(Vec<[Plane<u16>; 2]>),
     /// Costs that are known already, candidate innermost.
     Volume(&'a Plane<u16>),
+}
+
+/// Codes, one plane for each of their bytes: of the left image, each of the version that its pixel is compared in, and
+/// of every version of the unrolled right one; with several of these, which of them it is.
+struct PairCodes {
+    left: Vec<Plane<u8>>,
+    rights: Vec<Vec<Plane<u8>>>,
+    labels: Option<Labels>,
 }
 
 impl<'a> Costs<'a> {
@@ -62,12 +75,12 @@ impl<'a> Costs<'a> {
         }
         let (compared, ceiling, steps) = match settings.cost {
             CostKind::Phase => {
-                let codes = PairCodes::new(views, settings, versions, level, control)?;
+                let codes = PairCodes::new(views, candidates, settings, versions, level, control)?;
                 (Compared::Codes(codes), settings.code_length() as u16, 1)
             }
             CostKind::Sad => {
                 let channels = level_planes(views, settings.intensity_range, control)?;
-                absolute_differences(channels, LEVEL_CEILING, LEVEL_STEPS)
+                absolute_differences(channels, candidates, LEVEL_CEILING, LEVEL_STEPS)?
             }
             CostKind::NormalisedSad => {
                 let [left, right] = level_planes(views, settings.intensity_range, control)?;
@@ -75,48 +88,47 @@ impl<'a> Costs<'a> {
                     side.iter().map(|plane| normalise(plane, settings.window, control)).collect()
                 };
                 let channels = [normalised(left)?, normalised(right)?];
-                absolute_differences(channels, DEVIATION_CEILING, DEVIATION_STEPS)
+                absolute_differences(channels, candidates, DEVIATION_CEILING, DEVIATION_STEPS)?
             }
         };
-        let cols = views[0].image.shape().1;
+        let (rows, cols, _) = views[0].image.shape();
         let votes = Votes::new(views, candidates);
-        Ok(Self { compared, candidates, cols, ceiling, steps, votes })
+        let valid = votes.as_ref().map(|votes| valid(votes, (rows, cols), candidates)).transpose()?;
+        Ok(Self { compared, candidates, cols, ceiling, steps, votes, valid })
     }
 
     /// Costs that are known already: rows of `columns x candidates`.
     pub fn of_volume(volume: &'a Plane<u16>, candidates: Candidates) -> Self {
         let cols = volume.cols() / candidates.count();
         let (compared, ceiling) = (Compared::Volume(volume), u16::MAX);
-        Self { compared, candidates, cols, ceiling, steps: 1, votes: None }
+        Self { compared, candidates, cols, ceiling, steps: 1, votes: None, valid: None }
     }
 
     /// All costs at once, for those who want to look at them: rows of `columns x candidates`.
     pub fn volume(&self, rows: usize, level: Level, control: &Control) -> Result<Plane<u16>> {
-        let count = self.candidates.count();
-        let mut volume = Plane::new(rows, self.cols * count)?;
-        let (mut operands, mut costs) = (Operands::default(), Memory::default());
-        for first in (0..rows).step_by(BLOCK) {
-            let rows = BLOCK.min(rows - first);
-            let strip = Strip { first, rows, margin: 0, height: volume.rows() };
-            operands.load(self, &strip)?;
-            operands.mix(&(0..self.cols), level)?;
-            costs.room(self.cols * strip.lanes())?;
-            for k in 0..count {
-                control.checkpoint()?;
-                level.run(Write {
-                    operands: &operands,
-                    columns: 0..self.cols,
-                    k,
-                    costs: &mut costs,
-                });
-                for (x, costs) in costs.chunks_exact(strip.lanes()).enumerate().take(self.cols) {
-                    for (y, cost) in strip.range().zip(costs) {
-                        volume.row_mut(y)[x * count + k] = *cost;
-                    }
-                }
+        let (count, padded) = (self.candidates.count(), self.chunks() * LANES);
+        Plane::by_bands((rows, self.cols * count), 1, |y, volume| {
+            control.checkpoint()?;
+            let mut costs = Memory::default();
+            costs.room(self.cols * self.chunks())?;
+            level.run(Write { costs: self, y, out: &mut costs });
+            for (volume, costs) in
+                volume.chunks_exact_mut(count).zip(costs.as_flattened().chunks_exact(padded))
+            {
+                volume.copy_from_slice(&costs[..count]);
             }
-        }
-        Ok(volume)
+            Ok(())
+        })
+    }
+
+    /// Runs of [`LANES`] candidates that a pixel has, the last of them filled up.
+    pub fn chunks(&self) -> usize {
+        self.candidates.count().div_ceil(LANES)
+    }
+
+    /// Whether not everybody votes.
+    pub fn has_votes(&self) -> bool {
+        self.valid.is_some()
     }
 
     /// Who may vote; `None`: everybody.
@@ -138,373 +150,238 @@ impl<'a> Costs<'a> {
     pub fn steps(&self) -> u16 {
         self.steps
     }
+
+    /// Writes what the pixels of some columns of row `y` cost, all candidates of one column after another; 0 where there
+    /// is no vote. What is written beyond the last candidate has no meaning.
+    #[inline(always)]
+    pub fn write<V: Value>(&self, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
+        match &self.compared {
+            Compared::Codes(codes) => match codes.left.len() {
+                1 => self.write_distances::<V, 1>(codes, 0, y, columns.clone(), out),
+                2 => self.write_distances::<V, 2>(codes, 0, y, columns.clone(), out),
+                bytes => {
+                    out.fill([V::default(); LANES]);
+                    for byte in 0..bytes {
+                        self.write_distances::<V, 1>(codes, byte, y, columns.clone(), out);
+                    }
+                }
+            },
+            Compared::Levels(channels) => {
+                out.fill([V::default(); LANES]);
+                for [left, right] in channels {
+                    let left = &left.row(y)[columns.clone()];
+                    for ((x, left), out) in columns.clone().zip(left).zip(self.pixels(out)) {
+                        add_differences(*left, self.unrolled(right, y, x), out);
+                    }
+                }
+            }
+            Compared::Volume(volume) => {
+                let count = self.candidates.count();
+                let known = volume.row(y)[columns.start * count..].chunks_exact(count);
+                for (out, known) in self.pixels(out).zip(known) {
+                    let lanes = out.as_flattened_mut().iter_mut();
+                    lanes.zip(known).for_each(|(out, cost)| *out = V::truncated((*cost).into()));
+                }
+            }
+        }
+        if let Some([left, right]) = &self.valid {
+            let left = &left.row(y)[columns.clone()];
+            for ((x, left), out) in columns.zip(left).zip(self.pixels(out)) {
+                mask_out(*left, self.unrolled(right, y, x), out);
+            }
+        }
+    }
+
+    /// Writes 1 where the pixels of some columns of row `y` and their candidates are both valid, else 0; only where
+    /// there are votes.
+    #[inline(always)]
+    pub fn write_votes<V: Value>(&self, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
+        let Some([left, right]) = &self.valid else { return };
+        let left = &left.row(y)[columns.clone()];
+        for ((x, left), out) in columns.zip(left).zip(self.pixels(out)) {
+            for (out, right) in out.iter_mut().zip(self.unrolled(right, y, x)) {
+                for j in 0..LANES {
+                    out[j] = V::truncated((left & right[j]).into());
+                }
+            }
+        }
+    }
+
+    /// Writes in how many bits `N` bytes of the codes differ; with one byte of several, adds it.
+    #[inline(always)]
+    fn write_distances<V: Value, const N: usize>(
+        &self,
+        codes: &PairCodes,
+        first: usize,
+        y: usize,
+        columns: Range<usize>,
+        out: &mut [Lanes<V>],
+    ) {
+        let is_first = N == codes.left.len();
+        let labels = codes.labels.as_ref().map(|labels| labels.row(y));
+        let row = |plane: &'_ [Plane<u8>]| -> [&[u8]; N] {
+            let mut rows = [&[][..]; N];
+            for byte in 0..N {
+                rows[byte] = plane[first + byte].row(y);
+            }
+            rows
+        };
+        let (lefts, mut rights) = (row(&codes.left), row(&codes.rights[0]));
+        for (x, out) in columns.zip(self.pixels(out)) {
+            if let Some(labels) = labels {
+                rights = row(&codes.rights[usize::from(labels[x])]);
+            }
+            let (mut left, mut right) = ([0; N], [&[][..]; N]);
+            for byte in 0..N {
+                left[byte] = lefts[byte][x];
+                let unrolled = &rights[byte][self.cols - 1 - x..][..out.len() * LANES];
+                right[byte] = unrolled.as_chunks().0;
+            }
+            if is_first {
+                write_distances(left, right, out);
+            } else {
+                add_distances(left, right, out);
+            }
+        }
+    }
+
+    /// What lies under the candidates of column `x` of a row of an unrolled plane.
+    #[inline(always)]
+    fn unrolled<'p, T>(&self, plane: &'p Plane<T>, y: usize, x: usize) -> &'p [Lanes<T>] {
+        plane.row(y)[self.cols - 1 - x..].as_chunks().0
+    }
+
+    /// The runs of candidates of one pixel after another.
+    #[inline(always)]
+    fn pixels<'o, V>(&self, out: &'o mut [Lanes<V>]) -> std::slice::ChunksExactMut<'o, Lanes<V>> {
+        out.chunks_exact_mut(self.chunks())
+    }
 }
 
 impl PairCodes {
     fn new(
         views: [&View; 2],
+        candidates: Candidates,
         settings: &Settings,
         versions: Option<&Versions>,
         level: Level,
         control: &Control,
     ) -> Result<Self> {
         let (rows, cols, _) = views[0].image.shape();
-        let grays = [Gray::new(views[0], level, control)?, Gray::new(views[1], level, control)?];
+        let count = usize::from(settings.code_length() as u16).div_ceil(8);
         let codes = |side: usize, kernel: Option<&Kernel>| {
+            let gray = Gray::new(views[side], level, control)?;
             let noise = versions.map(|versions| versions.noise()[side]);
             match kernel {
-                None => describe(&grays[side], settings, noise, level, control),
+                None => describe(&gray, settings, noise, level, control),
                 Some(kernel) => {
-                    let blurred = grays[side].convolved(kernel, level, control)?;
+                    let blurred = gray.convolved(kernel, level, control)?;
                     describe(&blurred, settings, noise, level, control)
                 }
             }
         };
+        let unrolled = |kernel: Option<&Kernel>| bytes(&codes(1, kernel)?, count, Some(candidates));
         let Some(versions) = versions else {
-            return Ok(Self { left: codes(0, None)?, rights: vec![codes(1, None)?], labels: None });
+            let left = bytes(&codes(0, None)?, count, None)?;
+            return Ok(Self { left, rights: vec![unrolled(None)?], labels: None });
         };
         let (kernels, labels) = versions.of_side(0, (rows, cols))?;
         let mut left = codes(0, kernels[0])?;
         for (label, kernel) in (1..).zip(&kernels[1..]) {
             left.take_where(&codes(0, *kernel)?, |y| labels.row(y), label);
         }
+        let left = bytes(&left, count, None)?;
         let (kernels, labels) = versions.of_side(1, (rows, cols))?;
-        let rights: Vec<_> = kernels.iter().map(|k| codes(1, *k)).collect::<Result<_>>()?;
+        let rights: Vec<_> = kernels.iter().map(|k| unrolled(*k)).collect::<Result<_>>()?;
         let labels = (rights.len() > 1).then_some(labels);
         Ok(Self { left, rights, labels })
     }
 }
 
+/// The bytes of codes, as planes of their own, unrolled if there are candidates.
+fn bytes(codes: &Codes, count: usize, candidates: Option<Candidates>) -> Result<Vec<Plane<u8>>> {
+    match codes {
+        Codes::U16(plane) => bytes_of(plane, count, candidates),
+        Codes::U32(plane) => bytes_of(plane, count, candidates),
+        Codes::U64(plane) => bytes_of(plane, count, candidates),
+    }
+}
+
+fn bytes_of<C: Code>(
+    codes: &Plane<C>,
+    count: usize,
+    candidates: Option<Candidates>,
+) -> Result<Vec<Plane<u8>>> {
+    let byte = |index: usize| move |code: C| (code.into() >> (8 * index)) as u8;
+    let plane = |index| match candidates {
+        Some(candidates) => unroll(codes, candidates, byte(index)),
+        None => Plane::by_bands((codes.rows(), codes.cols()), ROWS, |first, band| {
+            let codes = &codes.as_slice()[first * codes.cols()..][..band.len()];
+            band.iter_mut().zip(codes).for_each(|(out, code)| *out = byte(index)(*code));
+            Ok(())
+        }),
+    };
+    (0..count).map(plane).collect()
+}
+
+/// Reverses the rows of a right image and clamps them at both ends: column `x` meets candidate `k` at place
+/// `cols - 1 - x + k`. Whole runs of [`LANES`] candidates can be read anywhere.
+fn unroll<T: Copy + Sync, U: Clone + Default + Send>(
+    plane: &Plane<T>,
+    candidates: Candidates,
+    value: impl Fn(T) -> U + Sync,
+) -> Result<Plane<U>> {
+    let cols = plane.cols();
+    let width = cols + candidates.count().next_multiple_of(LANES) - 1;
+    let beyond = (-candidates.min()).clamp(0, width as isize) as usize;
+    // The column that the first place shows, were there no border.
+    let first = cols as isize - 1 - candidates.min();
+    let seen = (first + 1 - beyond as isize).clamp(0, cols as isize) as usize;
+    Plane::by_bands((plane.rows(), width), ROWS, |top, band| {
+        for (y, out) in (top..).zip(band.chunks_exact_mut(width)) {
+            let row = plane.row(y);
+            let (right, rest) = out.split_at_mut(beyond);
+            let (within, left) = rest.split_at_mut(seen.min(width - beyond));
+            right.fill(value(row[cols - 1]));
+            within
+                .iter_mut()
+                .zip(row[..seen].iter().rev())
+                .for_each(|(out, pixel)| *out = value(*pixel));
+            left.fill(value(row[0]));
+        }
+        Ok(())
+    })
+}
+
+/// Where the images are valid, the right one unrolled.
+fn valid(
+    votes: &Votes,
+    (rows, cols): (usize, usize),
+    candidates: Candidates,
+) -> Result<[Plane<u8>; 2]> {
+    let everywhere = Mask::from_fn(rows, cols, |_, _| true);
+    let [left, right] = votes.masks().map(|mask| mask.unwrap_or(&everywhere));
+    Ok([left.map(|valid| u8::from(*valid)), unroll(right, candidates, u8::from)?])
+}
+
 fn absolute_differences<'a>(
     [left, right]: [Vec<Plane<u16>>; 2],
+    candidates: Candidates,
     ceiling: u16,
     steps: u16,
-) -> (Compared<'a>, u16, u16) {
-    let channels: Vec<_> = left.into_iter().zip(right).map(|(l, r)| [l, r]).collect();
+) -> Result<(Compared<'a>, u16, u16)> {
+    let unrolled = |right: Plane<u16>| unroll(&right, candidates, |level| level);
+    let channels = left.into_iter().zip(right).map(|(left, right)| Ok([left, unrolled(right)?]));
+    let channels: Vec<_> = channels.collect::<Result<_>>()?;
     let ceiling = ceiling * channels.len() as u16;
-    (Compared::Levels(channels), ceiling, steps)
+    Ok((Compared::Levels(channels), ceiling, steps))
 }
 
-/// One byte of the codes: of the left image, and of each version of the right one.
-#[derive(Debug, Default)]
-struct Byte {
-    left: Memory<u8>,
-    rights: Vec<Memory<u8>>,
-    /// What the segments are compared with, of one after another.
-    mixed: Memory<u8>,
-}
-
-/// Columns whose labels are alike.
-#[derive(Debug)]
-struct Segment {
-    columns: Range<usize>,
-    /// The versions that they are compared with, as bits.
-    met: u16,
-    /// Where the mixture of these begins, if there are several: columns.
-    mixed: usize,
-}
-
-/// What is compared, of one strip: memory that is used for one strip after another.
-#[derive(Debug, Default)]
-pub struct Operands {
-    lanes: usize,
-    candidates: usize,
-    /// Bytes of the codes: those that hold bits.
-    bytes: Vec<Byte>,
-    /// With which version of the right image each pixel is compared, if there are several.
-    labels: Memory<u8>,
-    has_labels: bool,
-    /// The columns whose costs can be written, if there are labels.
-    segments: Vec<Segment>,
-    /// Levels of each channel, left and right.
-    words: Vec<[Memory<u16>; 2]>,
-    /// Known costs, of one candidate after another.
-    known: Memory<u16>,
-    /// Where pixels are valid (1, else 0), left and right.
-    valid: Option<[Memory<u8>; 2]>,
-}
-
-impl Operands {
-    /// Brings what is compared into the lanes of `strip`.
-    pub fn load(&mut self, costs: &Costs, strip: &Strip) -> Result<()> {
-        let (candidates, cols) = (costs.candidates, costs.cols);
-        (self.lanes, self.candidates) = (strip.lanes(), candidates.count());
-        // Planes of another kind of match would be compared before those of this one.
-        let (codes, levels) = match &costs.compared {
-            Compared::Codes(_) => (usize::from(costs.ceiling).div_ceil(8), 0),
-            Compared::Levels(channels) => (0, channels.len()),
-            Compared::Volume(_) => (0, 0),
-        };
-        self.bytes.resize_with(codes, Default::default);
-        self.words.resize_with(levels, Default::default);
-        let columns: [Vec<usize>; 2] = [(0..cols).collect(), candidates.unrolled(cols)];
-        match &costs.compared {
-            Compared::Codes(codes) => self.load_codes(codes, &columns, strip)?,
-            Compared::Levels(channels) => {
-                for (planes, words) in channels.iter().zip(&mut self.words) {
-                    for ((plane, words), columns) in planes.iter().zip(words).zip(&columns) {
-                        strip.transpose(columns, |y| plane.row(y), |level| level, words)?;
-                    }
-                }
-            }
-            Compared::Volume(volume) => {
-                let count = candidates.count();
-                let places: Vec<usize> =
-                    (0..count * cols).map(|i| i % cols * count + i / cols).collect();
-                strip.transpose(&places, |y| volume.row(y), |cost| cost, &mut self.known)?;
-            }
-        }
-        self.load_votes(costs.votes.as_ref(), &columns, strip)
-    }
-
-    fn load_codes(
-        &mut self,
-        codes: &PairCodes,
-        [left, right]: &[Vec<usize>; 2],
-        strip: &Strip,
-    ) -> Result<()> {
-        for (byte, planes) in self.bytes.iter_mut().enumerate() {
-            load_byte(&codes.left, byte, left, strip, &mut planes.left)?;
-            planes.rights.resize_with(codes.rights.len(), Default::default);
-            for (codes, out) in codes.rights.iter().zip(&mut planes.rights) {
-                load_byte(codes, byte, right, strip, out)?;
-            }
-        }
-        self.segments.clear();
-        self.has_labels = codes.labels.is_some();
-        match &codes.labels {
-            Some(labels) => {
-                strip.transpose(left, |y| labels.row(y), |label| label, &mut self.labels)
-            }
-            None => Ok(()),
-        }
-    }
-
-    /// Brings together what these columns are compared with, in each lane one version of the right image or
-    /// another: to be done before their costs are written. For many candidates it takes no time.
-    pub fn mix(&mut self, columns: &Range<usize>, level: Level) -> Result<()> {
-        self.segments.clear();
-        if !self.has_labels {
-            return Ok(());
-        }
-        let (lanes, labels) = (self.lanes, self.labels.chunks_exact(self.lanes));
-        let labels: Vec<_> = labels.skip(columns.start).take(columns.len()).collect();
-        let (mut start, mut mixed) = (columns.start, 0);
-        for alike in labels.chunk_by(|a, b| a == b) {
-            let met = alike[0].iter().fold(0u16, |met, label| met | 1 << label);
-            let columns = start..start + alike.len();
-            start = columns.end;
-            self.segments.push(Segment { columns, met, mixed });
-            // With all candidates, one behind the other, they meet so many columns.
-            mixed += if met.is_power_of_two() { 0 } else { alike.len() + self.candidates - 1 };
-        }
-        for Byte { rights, mixed: out, .. } in &mut self.bytes {
-            out.room(mixed * lanes)?;
-            for Segment { columns, met, mixed } in &self.segments {
-                if !met.is_power_of_two() {
-                    let count = (columns.len() + self.candidates - 1) * lanes;
-                    let first = columns.start * lanes;
-                    level.run(Mix {
-                        rights,
-                        labels: &self.labels[first..][..lanes],
-                        met: *met,
-                        places: first..first + count,
-                        mixed: &mut out[mixed * lanes..][..count],
-                    });
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn load_votes(
-        &mut self,
-        votes: Option<&Votes>,
-        columns: &[Vec<usize>; 2],
-        strip: &Strip,
-    ) -> Result<()> {
-        let Some(votes) = votes else {
-            self.valid = None;
-            return Ok(());
-        };
-        let valid = self.valid.get_or_insert_default();
-        let everywhere = vec![true; votes.width()];
-        for ((out, columns), mask) in valid.iter_mut().zip(columns).zip(votes.masks()) {
-            let row = |y| mask.map_or(&everywhere[..], |mask| mask.row(y));
-            strip.transpose(columns, row, u8::from, out)?;
-        }
-        Ok(())
-    }
-
-    /// Whether not everybody votes.
-    pub fn has_votes(&self) -> bool {
-        self.valid.is_some()
-    }
-
-    /// Writes what these columns cost under candidate `k`; 0 where there is no vote.
-    #[inline(always)]
-    pub fn write_costs<V: Value>(&self, columns: Range<usize>, k: usize, costs: &mut [V]) {
-        match (&self.bytes[..], &self.words[..]) {
-            ([_, ..], _) => self.write_distances(&columns, k, costs),
-            (_, [first, rest @ ..]) => {
-                let [left, right] = self.places(first.each_ref(), &columns, k);
-                write_difference(left, right, costs);
-                for plane in rest {
-                    let [left, right] = self.places(plane.each_ref(), &columns, k);
-                    add_difference(left, right, costs);
-                }
-            }
-            _ => self.write_known(columns.clone(), k, costs),
-        }
-        if let Some(valid) = &self.valid {
-            let [left, right] = self.places(valid.each_ref(), &columns, k);
-            silence(left, right, costs);
-        }
-    }
-
-    /// Writes in how many bits codes differ.
-    #[inline(always)]
-    fn write_distances<V: Value>(&self, columns: &Range<usize>, k: usize, costs: &mut [V]) {
-        // The first candidate of a column comes last: a larger disparity lies further left.
-        let across = self.candidates - 1 - k;
-        debug_assert_eq!(self.segments.is_empty(), !self.has_labels);
-        if self.segments.is_empty() {
-            return self.write_between(
-                columns,
-                columns.start + across,
-                |byte| &byte.rights[0],
-                costs,
-            );
-        }
-        let mut rest = costs;
-        for Segment { columns, met, mixed } in &self.segments {
-            let (costs, others) = rest.split_at_mut(columns.len() * self.lanes);
-            if met.is_power_of_two() {
-                let version = met.trailing_zeros() as usize;
-                let first = columns.start + across;
-                self.write_between(columns, first, |byte| &byte.rights[version], costs);
-            } else {
-                self.write_between(columns, mixed + across, |byte| &byte.mixed, costs);
-            }
-            rest = others;
-        }
-    }
-
-    /// The same of columns of the left image and as many from one of the right image on.
-    #[inline(always)]
-    fn write_between<V: Value>(
-        &self,
-        columns: &Range<usize>,
-        first: usize,
-        right: impl Fn(&Byte) -> &Memory<u8>,
-        costs: &mut [V],
-    ) {
-        let count = columns.len() * self.lanes;
-        for (index, byte) in self.bytes.iter().enumerate() {
-            let left = &byte.left[columns.start * self.lanes..][..count];
-            let right = &right(byte)[first * self.lanes..][..count];
-            if index == 0 {
-                write_distance(left, right, costs);
-            } else {
-                add_distance(left, right, costs);
-            }
-        }
-    }
-
-    /// Writes 1 where these columns vote for candidate `k`, else 0; only where there are votes.
-    #[inline(always)]
-    pub fn write_votes<V: Value>(&self, columns: Range<usize>, k: usize, votes: &mut [V]) {
-        let Some(valid) = &self.valid else { return };
-        let [left, right] = self.places(valid.each_ref(), &columns, k);
-        for ((vote, left), right) in votes.iter_mut().zip(left).zip(right) {
-            *vote = V::truncated(u64::from(left & right));
-        }
-    }
-
-    /// What the columns hold on the left, and on the right under candidate `k`.
-    #[inline(always)]
-    fn places<'a, T>(
-        &self,
-        [left, right]: [&'a Memory<T>; 2],
-        columns: &Range<usize>,
-        k: usize,
-    ) -> [&'a [T]; 2] {
-        let count = columns.len() * self.lanes;
-        // The first candidate of column 0 comes last: a larger disparity lies further left.
-        let across = columns.start + self.candidates - 1 - k;
-        [&left[columns.start * self.lanes..][..count], &right[across * self.lanes..][..count]]
-    }
-
-    #[inline(always)]
-    fn write_known<V: Value>(&self, columns: Range<usize>, k: usize, costs: &mut [V]) {
-        let cols = self.known.len() / (self.lanes * self.candidates);
-        let known = &self.known[(k * cols + columns.start) * self.lanes..];
-        for (cost, &known) in costs.iter_mut().zip(known) {
-            *cost = V::truncated(known.into());
-        }
-    }
-}
-
-fn load_byte(
-    codes: &Codes,
-    byte: usize,
-    columns: &[usize],
-    strip: &Strip,
-    out: &mut Memory<u8>,
-) -> Result<()> {
-    let shift = 8 * byte;
-    match codes {
-        Codes::U16(plane) => {
-            strip.transpose(columns, |y| plane.row(y), |code| (code >> shift) as u8, out)
-        }
-        Codes::U32(plane) => {
-            strip.transpose(columns, |y| plane.row(y), |code| (code >> shift) as u8, out)
-        }
-        Codes::U64(plane) => {
-            strip.transpose(columns, |y| plane.row(y), |code| (code >> shift) as u8, out)
-        }
-    }
-}
-
-/// Several versions of one byte of codes -> that which the labels choose in each lane, the same in every
-/// column.
-struct Mix<'a> {
-    rights: &'a [Memory<u8>],
-    labels: &'a [u8],
-    met: u16,
-    /// The values of the columns that are wanted.
-    places: Range<usize>,
-    mixed: &'a mut [u8],
-}
-
-impl simd::Kernel for Mix<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { rights, labels, met, places, mixed } = self;
-        for (version, right) in (0..).zip(rights).filter(|(version, _)| met >> version & 1 == 1) {
-            let right = right[places.clone()].chunks_exact(labels.len());
-            for (mixed, right) in mixed.chunks_exact_mut(labels.len()).zip(right) {
-                take_labelled(labels, version, right, mixed);
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn take_labelled(labels: &[u8], label: u8, right: &[u8], mixed: &mut [u8]) {
-    for ((mixed, right), known) in mixed.iter_mut().zip(right).zip(labels) {
-        *mixed = if *known == label { *right } else { *mixed };
-    }
-}
-
-/// The costs of one candidate.
+/// All costs of a row.
 struct Write<'a> {
-    operands: &'a Operands,
-    columns: Range<usize>,
-    k: usize,
-    costs: &'a mut [u16],
+    costs: &'a Costs<'a>,
+    y: usize,
+    out: &'a mut [Lanes<u16>],
 }
 
 impl simd::Kernel for Write<'_> {
@@ -512,42 +389,66 @@ impl simd::Kernel for Write<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let count = self.columns.len() * self.operands.lanes;
-        self.operands.write_costs(self.columns, self.k, &mut self.costs[..count]);
+        self.costs.write(self.y, 0..self.costs.cols, self.out);
+    }
+}
+
+/// Writes in how many bits `N` bytes differ from those of a run of candidates.
+#[inline(always)]
+fn write_distances<V: Value, const N: usize>(
+    left: [u8; N],
+    right: [&[Lanes<u8>]; N],
+    out: &mut [Lanes<V>],
+) {
+    for (i, out) in out.iter_mut().enumerate() {
+        let bits = distances(left, right, i);
+        for j in 0..LANES {
+            out[j] = V::truncated(bits[j].into());
+        }
+    }
+}
+
+/// The same, added to what is there.
+#[inline(always)]
+fn add_distances<V: Value, const N: usize>(
+    left: [u8; N],
+    right: [&[Lanes<u8>]; N],
+    out: &mut [Lanes<V>],
+) {
+    for (i, out) in out.iter_mut().enumerate() {
+        let bits = distances(left, right, i);
+        for j in 0..LANES {
+            out[j] = out[j].plus(V::truncated(bits[j].into()));
+        }
     }
 }
 
 #[inline(always)]
-fn write_distance<V: Value>(left: &[u8], right: &[u8], costs: &mut [V]) {
-    for ((cost, left), right) in costs.iter_mut().zip(left).zip(right) {
-        *cost = V::truncated((left ^ right).count_ones().into());
+fn distances<const N: usize>(left: [u8; N], right: [&[Lanes<u8>]; N], run: usize) -> Lanes<u8> {
+    let mut bits = [0; LANES];
+    for byte in 0..N {
+        let (left, right) = (left[byte], &right[byte][run]);
+        for j in 0..LANES {
+            bits[j] += (left ^ right[j]).count_ones() as u8;
+        }
+    }
+    bits
+}
+
+#[inline(always)]
+fn add_differences<V: Value>(left: u16, right: &[Lanes<u16>], out: &mut [Lanes<V>]) {
+    for (out, right) in out.iter_mut().zip(right) {
+        for j in 0..LANES {
+            out[j] = out[j].plus(V::truncated(left.abs_diff(right[j]).into()));
+        }
     }
 }
 
 #[inline(always)]
-fn add_distance<V: Value>(left: &[u8], right: &[u8], costs: &mut [V]) {
-    for ((cost, left), right) in costs.iter_mut().zip(left).zip(right) {
-        *cost = cost.plus(V::truncated((left ^ right).count_ones().into()));
-    }
-}
-
-#[inline(always)]
-fn write_difference<V: Value>(left: &[u16], right: &[u16], costs: &mut [V]) {
-    for ((cost, left), right) in costs.iter_mut().zip(left).zip(right) {
-        *cost = V::truncated(left.abs_diff(*right).into());
-    }
-}
-
-#[inline(always)]
-fn add_difference<V: Value>(left: &[u16], right: &[u16], costs: &mut [V]) {
-    for ((cost, left), right) in costs.iter_mut().zip(left).zip(right) {
-        *cost = cost.plus(V::truncated(left.abs_diff(*right).into()));
-    }
-}
-
-#[inline(always)]
-fn silence<V: Value>(left: &[u8], right: &[u8], costs: &mut [V]) {
-    for ((cost, left), right) in costs.iter_mut().zip(left).zip(right) {
-        *cost = if left & right == 1 { *cost } else { V::default() };
+fn mask_out<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
+    for (out, right) in out.iter_mut().zip(right) {
+        for j in 0..LANES {
+            out[j] = if left & right[j] == 1 { out[j] } else { V::default() };
+        }
     }
 }

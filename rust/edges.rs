@@ -1,4 +1,5 @@
-//! Where the gray values of the left image jump from one pixel to a neighbour: disparities may jump there, too.
+//! Where the gray values of the left image jump from one pixel to the next: disparities may jump there, too, so P2 is
+//! lower (adaptive P2; Hirschmüller, PAMI 2008, section 2.2).
 
 use crate::control::Control;
 use crate::error::Result;
@@ -10,36 +11,29 @@ use crate::texture::Texture;
 /// Rows that are classified together.
 const ROWS: usize = 32;
 
-/// Neighbours of a pixel, those that come before it row by row.
+/// Neighbors of a pixel that come before it row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Neighbour {
-    /// Above, to the left.
-    AboveLeft,
+pub enum Neighbor {
     /// Above.
     Above,
-    /// Above, to the right.
-    AboveRight,
     /// To the left.
     Left,
 }
 
-impl Neighbour {
-    /// The three of the row above, from the left one.
-    pub const ABOVE: [Self; 3] = [Self::AboveLeft, Self::Above, Self::AboveRight];
-
-    /// How large the jump from this neighbour is: 0 none, 1 small, 2 large.
+impl Neighbor {
+    /// How large the jump from this neighbor is: 0 none, 1 small, 2 large.
     #[inline(always)]
-    pub fn jump(self, edges: u8) -> u8 {
-        edges >> (2 * self as u8) & 3
+    pub fn jump(self, edges: u8) -> usize {
+        usize::from(edges >> (2 * self as u8) & 3)
     }
 }
 
-/// The jumps from all neighbours, two bits each, of every pixel.
+/// The jumps from both neighbors, two bits each, of every pixel; below the last row at hand they are as in that one.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Edges(Plane<u8>);
 
 impl Edges {
-    /// Calls a jump small that is larger than the mean difference of horizontal neighbours times `threshold`,
+    /// Calls a jump small that is larger than the mean difference of horizontal neighbors times `threshold`,
     /// in whole steps, and large where it is larger than thrice that. So neither contrast nor the unit of gray
     /// values matters.
     pub fn new(texture: &Texture, threshold: f64, level: Level, control: &Control) -> Result<Self> {
@@ -58,24 +52,35 @@ impl Edges {
         Ok(Self(classes))
     }
 
-    /// Those of an image at hand, if the settings ask for them.
+    /// Those of an image at hand, if the settings ask for them; else there are none in any row of so many columns.
     pub fn asked_for(
         texture: Option<&Texture>,
         settings: &Settings,
+        cols: usize,
         level: Level,
         control: &Control,
-    ) -> Result<Option<Self>> {
-        let texture = texture.filter(|_| settings.edges > 0.0);
-        texture.map(|texture| Self::new(texture, settings.edges, level, control)).transpose()
+    ) -> Result<Self> {
+        match texture {
+            Some(texture) if settings.edges > 0.0 => {
+                Self::new(texture, settings.edges, level, control)
+            }
+            _ => Self::nowhere(cols),
+        }
+    }
+
+    /// No jumps in any row of so many columns.
+    pub fn nowhere(cols: usize) -> Result<Self> {
+        Ok(Self(Plane::new(1, cols)?))
     }
 
     /// The jumps of row `y`.
+    #[inline(always)]
     pub fn row(&self, y: usize) -> &[u8] {
-        self.0.row(y)
+        self.0.row(y.min(self.0.rows() - 1))
     }
 }
 
-/// The jumps of a row; the first row is its own neighbour above.
+/// The jumps of a row; the first row is its own neighbor above.
 struct Classify<'a> {
     here: &'a [i32],
     above: &'a [i32],
@@ -91,19 +96,17 @@ impl Kernel for Classify<'_> {
         let Self { here, above, small, edges } = self;
         let last = here.len() - 1;
         edges.fill(0);
-        mark(&mut edges[1..], &here[1..], &above[..last], small, Neighbour::AboveLeft);
-        mark(edges, here, above, small, Neighbour::Above);
-        mark(&mut edges[..last], &here[..last], &above[1..], small, Neighbour::AboveRight);
-        mark(&mut edges[1..], &here[1..], &here[..last], small, Neighbour::Left);
+        mark(edges, here, above, small, Neighbor::Above);
+        mark(&mut edges[1..], &here[1..], &here[..last], small, Neighbor::Left);
     }
 }
 
 #[inline(always)]
-fn mark(edges: &mut [u8], here: &[i32], there: &[i32], small: u32, neighbour: Neighbour) {
+fn mark(edges: &mut [u8], here: &[i32], there: &[i32], small: u32, neighbor: Neighbor) {
     let large = small.saturating_mul(3);
     for ((edges, a), b) in edges.iter_mut().zip(here).zip(there) {
         let difference = a.abs_diff(*b);
         let jump = u8::from(difference > small) + u8::from(difference > large);
-        *edges |= jump << (2 * neighbour as u8);
+        *edges |= jump << (2 * neighbor as u8);
     }
 }

@@ -1,10 +1,23 @@
-//! What speaks for and against the chosen candidates of a band of rows.
+//! What speaks for and against the disparities chosen for a band of rows.
 
 use crate::error::Result;
 use crate::memory::Memory;
 
 /// A cost that there is none of.
 pub const NONE: u32 = u32::MAX;
+
+/// What is known of the candidate chosen for a pixel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Its index.
+    pub chosen: u16,
+    /// What it costs.
+    pub own: u32,
+    /// The least cost elsewhere: not next to it, where the same match shows again. [`NONE`]: there is no elsewhere.
+    pub elsewhere: u32,
+    /// Where the match lies, from the chosen candidate on, pixels.
+    pub offset: f32,
+}
 
 /// What was found of the pixels of a band, row after row.
 #[derive(Debug, Default)]
@@ -16,16 +29,13 @@ pub struct Evidence {
     offset: Memory<f32>,
 }
 
-/// What was found of some neighbouring pixels of a row.
+/// What was found of a row: the fields of [`Found`].
 #[derive(Debug, Clone, Copy)]
+#[expect(missing_docs, reason = "they are those of Found")]
 pub struct EvidenceRow<'a> {
-    /// Index of the chosen candidate.
     pub chosen: &'a [u16],
-    /// What it costs.
     pub own: &'a [u32],
-    /// The least cost elsewhere: not next to it, where the same match shows again. [`NONE`]: there is no elsewhere.
     pub elsewhere: &'a [u32],
-    /// Where the match lies, from the chosen candidate on, pixels.
     pub offset: &'a [f32],
 }
 
@@ -39,20 +49,14 @@ impl Evidence {
         self.offset.room(rows * cols)
     }
 
-    /// Writes what was found of neighbouring pixels.
+    /// Writes what was found of a pixel.
     #[inline(always)]
-    pub fn set(&mut self, row: usize, first: usize, found: EvidenceRow) {
-        let (place, count) = (row * self.cols + first, found.chosen.len());
-        self.chosen[place..][..count].copy_from_slice(found.chosen);
-        self.own[place..][..count].copy_from_slice(found.own);
-        self.elsewhere[place..][..count].copy_from_slice(found.elsewhere);
-        self.offset[place..][..count].copy_from_slice(found.offset);
-    }
-
-    /// Takes over what another one has, from column `first` on.
-    pub fn take(&mut self, other: &Self, first: usize) {
-        let rows = other.chosen.len() / other.cols.max(1);
-        (0..rows).for_each(|row| self.set(row, first, other.row(row)));
+    pub fn set(&mut self, row: usize, x: usize, found: Found) {
+        let place = row * self.cols + x;
+        self.chosen[place] = found.chosen;
+        self.own[place] = found.own;
+        self.elsewhere[place] = found.elsewhere;
+        self.offset[place] = found.offset;
     }
 
     /// What was found of a row.

@@ -11,8 +11,8 @@
 //! 3. A pixel and a candidate ([`candidates`]) in the other image cost as many bits as differ ([`cost`]);
 //!    or, for comparison, what their intensities or local contrasts ([`normalisation`]) differ by.
 //! 4. Costs are summed over a window, of which the best of five positions counts ([`aggregation`]).
-//! 5. Dynamic programming along the row chooses a candidate for every pixel ([`scanline`]), or the sum of many
-//!    paths does ([`semiglobal`]), which jump more easily at edges of the image ([`edges`]).
+//! 5. The sum of the totals of a few paths chooses a candidate for every pixel, or dynamic programming along the row
+//!    does ([`optimization`]); paths jump more easily at edges of the image ([`edges`]).
 //! 6. What was chosen becomes a disparity with its flags ([`refinement`]), between candidates where their costs
 //!    tell ([`subpixel`]).
 //! 7. Of a whole map, pixels that cannot be right are told: those whose match belongs to another pixel
@@ -23,13 +23,13 @@
 //! Before all that, [`blur`] may find out from spectra which image is the softer one, where, and by which
 //! point-spread function ([`psf`]), so that the other one can be given the same.
 //!
-//! From 3 on, everything is worked out on strips of rows, each row in a lane of its own ([`strip`]), in
-//! integers as narrow as the settings allow ([`value`]), in memory that is used again ([`memory`]), by loops
+//! From 3 on, everything is worked out on panels of columns in bands of rows, the candidates of a pixel in neighboring
+//! lanes, in integers as narrow as the settings allow ([`value`]), in memory that is used again ([`memory`]), by loops
 //! that are compiled for every instruction set ([`simd`]).
 //!
-//! [`matcher`] runs these strips on threads, under the eyes of [`control`], and writes a [`map`]. All arithmetic is that of integers
+//! [`matcher`] runs these bands on threads, under the eyes of [`control`], and writes a [`map`]. All arithmetic is that of integers
 //! (the descriptor's may be carried out in floats that hold them exactly): the result is the same to the bit
-//! for any number of threads, any strips and any instructions, and equal to that of
+//! for any number of threads, any part of a pair and any instructions, and equal to that of
 //! [`reference`](mod@reference), which does the same in the most obvious way.
 //!
 //! So a [`section`] of a pair that is larger than memory comes out as it does in the whole, given as many rows around it
@@ -64,10 +64,8 @@ pub mod confidence;
 pub mod cost;
 pub mod edges;
 pub mod evidence;
+pub mod optimization;
 pub mod refinement;
-pub mod scanline;
-pub mod semiglobal;
-pub mod strip;
 pub mod subpixel;
 pub mod votes;
 

@@ -1,11 +1,11 @@
 //! A map in the making: bands of it are written by tasks of their own, then it is refined as a whole.
 
-use crate::aggregation::Window;
+use std::ops::Range;
+
 use crate::error::{Error, Result};
 use crate::plane::Plane;
 use crate::refinement::ResultRow;
 use crate::settings::Settings;
-use crate::strip::Strip;
 use crate::texture::Texture;
 
 /// A map in the making.
@@ -59,31 +59,30 @@ impl Map {
         }
     }
 
-    /// Parts of so many rows; the first row of the map is row `first` of the pair.
-    pub fn bands(&mut self, first: usize, band_rows: usize) -> Vec<Band<'_>> {
+    /// Parts of the map: these rows of the pair, one after another, of which the first is the map's.
+    pub fn bands(&mut self, rows: impl Iterator<Item = Range<usize>>) -> Vec<Band<'_>> {
         let cols = self.disparity.cols();
-        let places = band_rows.saturating_mul(cols);
-        let disparity = self.disparity.as_mut_slice().chunks_mut(places);
-        let flags = self.flags.as_mut_slice().chunks_mut(places);
-        let votes = self.votes.iter_mut();
-        let mut votes = votes.flat_map(|plane| plane.as_mut_slice().chunks_mut(places));
-        let parts = disparity.zip(flags).enumerate();
-        let band = |(index, (disparity, flags))| Band {
-            first: first + index * band_rows,
-            cols,
-            disparity,
-            flags,
-            votes: votes.next(),
+        let mut disparity = self.disparity.as_mut_slice();
+        let mut flags = self.flags.as_mut_slice();
+        let mut votes = self.votes.as_mut().map(Plane::as_mut_slice);
+        let band = |rows: Range<usize>| {
+            let places = rows.len() * cols;
+            Band {
+                first: rows.start,
+                cols,
+                disparity: disparity.split_off_mut(..places).unwrap_or_default(),
+                flags: flags.split_off_mut(..places).unwrap_or_default(),
+                votes: votes.as_mut().and_then(|votes| votes.split_off_mut(..places)),
+            }
         };
-        parts.map(band).collect()
+        rows.map(band).collect()
     }
 }
 
 impl Band<'_> {
-    /// The strip of the pair that it is of.
-    pub fn strip(&self, window: Window) -> Strip {
-        let rows = self.disparity.len() / self.cols;
-        Strip { first: self.first, rows, margin: window.margin(), height: window.rows }
+    /// The rows of the pair that it is of.
+    pub fn rows(&self) -> Range<usize> {
+        self.first..self.first + self.disparity.len() / self.cols
     }
 
     /// One of its rows.

@@ -6,37 +6,30 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use crate::aggregation::{Aggregated, Aggregator, Sweep, Tile, Window};
+use crate::aggregation::Window;
 use crate::candidates::Candidates;
 use crate::consistency::Checker;
 use crate::control::Control;
-use crate::cost::{Costs, Operands};
+use crate::cost::Costs;
 use crate::edges::Edges;
 use crate::error::{Error, Result};
-use crate::evidence::{Evidence, EvidenceRow};
+use crate::evidence::Evidence;
 use crate::intensity;
 use crate::map::{Band, Map};
+use crate::optimization::selection::Minima;
+use crate::optimization::{Search, Steps, Windowed, Workspace};
 use crate::plane::Plane;
-use crate::refinement::{Draft, Judge, Margins, Measure};
-use crate::scanline::{self, Scanline, Steps};
+use crate::refinement::{Draft, Judge};
 use crate::section::Section;
-use crate::semiglobal::across::{Across, Advance, Rows};
-use crate::semiglobal::{BAND, Field, PATHS, SemiGlobal};
-use crate::settings::{Optimizer, Rule, Settings};
+use crate::settings::{Optimizer, Settings};
 use crate::simd::Level;
-use crate::strip::{BLOCK, Strip};
 use crate::texture::Texture;
-use crate::value::Value;
+use crate::value::{LANES, Value};
 use crate::versions::Versions;
 use crate::view::View;
 
 /// Most threads that one match may ask for.
 pub const MOST_THREADS: usize = 1024;
-/// Blocks of rows that a strip has at most: the more, the smaller the share of its margins. Nanoseconds per
-/// (pixel, candidate) of 741x497 with 64 and 1920x1080 with 256 candidates, AVX2, Zen 3: 2: 0.61, 0.45; 3:
-/// 0.61, 0.41; 4: 0.59, 0.41; 6: 0.58, 0.40.
-const MOST_BLOCKS: usize = 6;
-
 /// What is matched, and how far to search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pair {
@@ -51,8 +44,6 @@ pub struct Pair {
 pub struct Execution {
     /// Number of threads.
     pub threads: usize,
-    /// Rows that one task matches; `None`: as suits the window and the threads.
-    pub strip_rows: Option<usize>,
     /// Instructions to use.
     pub level: Level,
 }
@@ -137,7 +128,7 @@ impl Pair {
 #[derive(Debug)]
 pub struct Matcher {
     pool: rayon::ThreadPool,
-    /// Memory that no strip is being matched in.
+    /// Memory that no band is being matched in.
     spare: Mutex<Vec<Box<dyn Any + Send>>>,
 }
 
@@ -146,35 +137,18 @@ pub struct Matcher {
 pub struct Choice {
     /// The map, to be refined.
     pub map: Map,
-    /// Where paths have come to after the last row, if that was asked for and the optimizer has any.
-    pub paths: Option<Vec<u8>>,
     /// The left image, if the settings need it.
     pub texture: Option<Texture>,
     /// Wall-clock time of each stage so far.
     pub timings: Timings,
 }
 
-/// What a strip is matched in.
-#[derive(Debug)]
-struct Workspace<V, T> {
-    operands: Operands,
-    aggregator: Aggregator<V>,
-    scanline: Scanline<T>,
-    across: Across<V, T>,
-    margins: Margins<V>,
-    evidence: Evidence,
-}
-
-/// All that the strips of a match have in common.
+/// All that the bands of a match have in common.
 struct Job<'a> {
     costs: &'a Costs<'a>,
     window: Window,
-    steps: Steps,
-    edges: Option<&'a Edges>,
-    section: &'a Section,
+    search: Search<'a>,
     settings: &'a Settings,
-    level: Level,
-    control: &'a Control,
 }
 
 /// Matches a pair on threads of its own.
@@ -245,7 +219,7 @@ impl Matcher {
         control: &Control,
     ) -> Result<Choice> {
         settings.check()?;
-        section.check(pair, settings)?;
+        section.check(pair)?;
         self.pool.install(|| self.choose_rows(pair, section, settings, how, control))
     }
 
@@ -290,84 +264,44 @@ impl Matcher {
         let costs = Costs::new(views, candidates, settings, pair.versions(), level, control)?;
         let described = Instant::now();
         let texture = Texture::of_view(&pair.left, settings, section.roughness, level, control)?;
-        let edges = Edges::asked_for(texture.as_ref(), settings, level, control)?;
+        let edges = Edges::asked_for(texture.as_ref(), settings, pair.size().1, level, control)?;
         let mut map = Map::new((section.rows.len(), pair.size().1), settings.needs_confidence())?;
         let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
-        let steps = Steps::new(settings.penalty, window, costs.steps());
-        let edges = edges.as_ref();
-        let job = Job { costs: &costs, window, steps, edges, section, settings, level, control };
-        let bands =
-            map.bands(section.rows.start, job.band_rows(how, self.pool.current_num_threads()));
-        let paths = match job.width() {
-            Width::Bytes => self.match_bands::<u8, u8>(bands, &job),
-            Width::ByteCosts => self.match_bands::<u8, u32>(bands, &job),
-            Width::WordCosts => self.match_bands::<u16, u32>(bands, &job),
-            Width::Widest => self.match_bands::<u32, u64>(bands, &job),
+        let search = Search {
+            size: pair.size(),
+            first: section.first,
+            candidates: candidates.count(),
+            optimizer: settings.optimizer,
+            steps: Steps::new(settings.penalty, window, costs.steps()),
+            edges: &edges,
+            weighs: settings.needs_evidence(),
+            level,
+            control,
+        };
+        let job = Job { costs: &costs, window, search, settings };
+        let bands = map.bands(search.bands(section.rows.clone()));
+        match job.width() {
+            Width::Bytes => self.match_bands::<u8>(bands, &job),
+            Width::Words => self.match_bands::<u16>(bands, &job),
+            Width::Widest => self.match_bands::<u32>(bands, &job),
         }?;
         let (description, matching) = (described - started, described.elapsed());
         let timings = Timings { description, matching, refinement: Duration::ZERO };
-        Ok(Choice { map, paths, texture, timings })
+        Ok(Choice { map, texture, timings })
     }
 
-    /// Matches bands, each by itself where the optimizer lets it be; where it does not, paths go on after the last one.
-    fn match_bands<V: Value, T: Value>(
-        &self,
-        mut bands: Vec<Band>,
-        job: &Job,
-    ) -> Result<Option<Vec<u8>>> {
-        match job.settings.optimizer {
-            Optimizer::Scanline(rule) => {
-                let parts = bands.into_par_iter();
-                parts.try_for_each(|band| self.match_band::<V, T>(band, rule, job))?;
-                Ok(None)
-            }
-            Optimizer::SemiGlobal => {
-                let mut search: Box<SemiGlobal<V, T>> = self.memory();
-                search.run(
-                    job.field(),
-                    (job.section.rows.start / BAND, job.section.paths.as_deref()),
-                    &mut bands,
-                    |band, rows| self.load_rows(job.strip(band), rows, job),
-                    |band, evidence| job.write(band, evidence),
-                )?;
-                let paths = job.section.is_handed_on.then(|| search.paths());
-                self.keep(search);
-                Ok(paths)
-            }
-        }
-    }
-
-    /// Costs of a band, and the paths along its rows: cost -> aggregation -> paths.
-    fn load_rows<V: Value, T: Value>(
-        &self,
-        strip: Strip,
-        rows: &mut Rows<V, T>,
-        job: &Job,
-    ) -> Result<()> {
-        let mut workspace: Box<Workspace<V, T>> = self.memory();
-        workspace.operands.load(job.costs, &strip)?;
-        workspace.across(rows, strip, job)?;
-        workspace.across.finish(rows, job.level)?;
-        self.keep(workspace);
-        Ok(())
-    }
-
-    /// Matches the rows of one band: cost -> aggregation -> scanline -> refinement.
-    fn match_band<V: Value, T: Value>(&self, mut band: Band, rule: Rule, job: &Job) -> Result<()> {
-        let strip = band.strip(job.window);
-        let mut workspace: Box<Workspace<V, T>> = self.memory();
-        workspace.operands.load(job.costs, &strip)?;
-        workspace.choose(strip, rule, job)?;
-        if job.settings.needs_evidence() {
-            workspace.measure(strip, job)?;
-            workspace.tell(strip, job)?;
-            job.write(&mut band, &workspace.evidence)?;
-        } else {
-            workspace.write(&mut band, strip, job);
-        }
-        job.control.finish_rows(strip.rows);
-        self.keep(workspace);
-        Ok(())
+    /// Matches bands, each by itself: cost -> aggregation -> optimization -> what is to be said of each pixel.
+    fn match_bands<T: Value>(&self, bands: Vec<Band>, job: &Job) -> Result<()> {
+        bands.into_par_iter().with_max_len(1).try_for_each(|mut band| {
+            let mut workspace: Box<Workspace<T>> = self.memory();
+            let (costs, window, level) = (job.costs, job.window, job.search.level);
+            let source = Windowed { costs, window, level };
+            let evidence = job.search.run(band.rows(), &source, &mut workspace)?;
+            job.write(&mut band, evidence)?;
+            job.search.control.finish_rows(band.rows().len());
+            self.keep(workspace);
+            Ok(())
+        })
     }
 
     /// Memory to work in: used before, if there is any of this kind.
@@ -385,156 +319,17 @@ impl Matcher {
     }
 }
 
-impl<V: Value, T: Value> Default for Workspace<V, T> {
-    fn default() -> Self {
-        Self {
-            operands: Operands::default(),
-            aggregator: Aggregator::default(),
-            scanline: Scanline::default(),
-            across: Across::default(),
-            margins: Margins::default(),
-            evidence: Evidence::default(),
-        }
-    }
-}
-
-impl<V: Value, T: Value> Workspace<V, T> {
-    /// Finds the best candidate of every pixel of the strip.
-    fn choose(&mut self, strip: Strip, rule: Rule, job: &Job) -> Result<()> {
-        let Self { operands, aggregator, scanline, .. } = self;
-        scanline.begin(job.window, strip, rule, job.steps)?;
-        job.sweep(strip, operands, aggregator, |tile, costs| {
-            job.level.run(scanline::Advance { scanline, tile, costs });
-        })?;
-        scanline.trace_back();
-        Ok(())
-    }
-
-    /// Finds the paths along the rows of the strip.
-    fn across(&mut self, rows: &mut Rows<V, T>, strip: Strip, job: &Job) -> Result<()> {
-        let Self { operands, aggregator, across, .. } = self;
-        let Window { cols, candidates, .. } = job.window;
-        across.begin(rows, strip, (cols, candidates), job.steps, job.edges)?;
-        job.sweep(strip, operands, aggregator, |tile, costs| {
-            job.level.run(Advance { across, rows, tile, costs });
-        })
-    }
-
-    /// Sweeps over the costs again, to see by how much the chosen candidates are better than others.
-    fn measure(&mut self, strip: Strip, job: &Job) -> Result<()> {
-        let Self { operands, aggregator, scanline, margins, .. } = self;
-        let (blocks, cols) = (strip.blocks(), job.window.cols);
-        margins.begin(cols * blocks)?;
-        let chosen = scanline.chosen();
-        job.sweep(strip, operands, aggregator, |tile, costs| {
-            job.level.run(Measure { margins, chosen, tile, costs, blocks, cols });
-        })
-    }
-
-    /// Brings together what was found of the strip.
-    fn tell(&mut self, strip: Strip, job: &Job) -> Result<()> {
-        let Self { scanline, margins, evidence, .. } = self;
-        let Window { cols, candidates, .. } = job.window;
-        evidence.begin(strip.rows, cols)?;
-        let chosen = scanline.chosen();
-        places(strip.rows, cols).for_each(|(lane, x)| {
-            let place = (lane / BLOCK * cols + x) * BLOCK + lane % BLOCK;
-            let (own, elsewhere, offset) = margins.of(place, chosen[place], candidates);
-            let found = EvidenceRow {
-                chosen: &[chosen[place]],
-                own: &[own],
-                elsewhere: &[elsewhere],
-                offset: &[offset],
-            };
-            evidence.set(lane, x, found);
-        });
-        Ok(())
-    }
-
-    /// Writes what was chosen for the strip into the map, when nothing else is to be known of it.
-    fn write(&self, band: &mut Band, strip: Strip, job: &Job) {
-        let (chosen, cols, judge) = (self.scanline.chosen(), job.window.cols, job.judge());
-        places(strip.rows, cols).for_each(|(lane, x)| {
-            let index = chosen[(lane / BLOCK * cols + x) * BLOCK + lane % BLOCK];
-            let flags = judge.flags(strip.first + lane, x, index.into());
-            let place = lane * cols + x;
-            (band.disparity[place], band.flags[place]) = (judge.disparity(index, flags), flags);
-        });
-    }
-}
-
-/// The pixels of a strip, a few columns of a block at a time: these are at hand.
-fn places(rows: usize, cols: usize) -> impl Iterator<Item = (usize, usize)> {
-    let corners = (0..rows)
-        .step_by(BLOCK)
-        .flat_map(move |top| (0..cols).step_by(BLOCK).map(move |left| (top, left)));
-    corners.flat_map(move |(top, left)| {
-        let lanes = top..(top + BLOCK).min(rows);
-        lanes.flat_map(move |lane| (left..(left + BLOCK).min(cols)).map(move |x| (lane, x)))
-    })
-}
-
 impl Job<'_> {
-    /// Aggregates the costs of a strip, a tile at a time, and hands them on.
-    fn sweep<V: Value>(
-        &self,
-        strip: Strip,
-        operands: &mut Operands,
-        aggregator: &mut Aggregator<V>,
-        mut hand_on: impl FnMut(&Tile, Aggregated<V>),
-    ) -> Result<()> {
-        aggregator.begin(self.window, strip, operands.has_votes())?;
-        for tile in self.window.tiles() {
-            self.control.checkpoint()?;
-            operands.mix(&tile.entering, self.level)?;
-            self.level.run(Sweep { aggregator, operands, tile: &tile });
-            hand_on(&tile, aggregator.aggregated());
-        }
-        Ok(())
-    }
-
-    fn field(&self) -> Field<'_> {
-        Field {
-            size: (self.window.rows, self.window.cols),
-            candidates: self.window.candidates,
-            steps: self.steps,
-            edges: self.edges,
-            level: self.level,
-            control: self.control,
-        }
-    }
-
     /// Writes what was found of a band into the map.
     fn write(&self, band: &mut Band, evidence: &Evidence) -> Result<()> {
         let (judge, mut checker) = (self.judge(), Checker::default());
-        for (row, y) in band.strip(self.window).range().enumerate() {
+        for (row, y) in band.rows().enumerate() {
             judge.write(y, evidence.row(row), &mut checker, band.row(row))?;
         }
         Ok(())
     }
 
-    /// The strip of a band of the pair, with [`Optimizer::SemiGlobal`].
-    fn strip(&self, band: usize) -> Strip {
-        let (first, height) = (band * BAND, self.window.rows);
-        let rows = BAND.min(height - first);
-        Strip { first, rows, margin: self.window.margin(), height }
-    }
-
-    /// Rows of the bands that the map is written in.
-    fn band_rows(&self, how: Execution, threads: usize) -> usize {
-        match self.settings.optimizer {
-            Optimizer::Scanline(_) => {
-                how.rows_per_strip(self.section.rows.len(), self.window.margin(), threads)
-            }
-            Optimizer::SemiGlobal => BAND,
-        }
-    }
-
     fn judge(&self) -> Judge<'_> {
-        let paths = match self.settings.optimizer {
-            Optimizer::Scanline(_) => 1,
-            Optimizer::SemiGlobal => PATHS,
-        };
         Judge {
             candidates: self.costs.candidates(),
             cols: self.window.cols,
@@ -542,31 +337,21 @@ impl Job<'_> {
             subpixel: self.settings.subpixel,
             consistency: self.settings.consistency.map(|most| most as u16),
             uniqueness: self.settings.uniqueness as u64,
-            unit: (self.window.unit(self.costs.steps()) * f64::from(paths)) as f32,
+            unit: self.window.unit(self.costs.steps()) as f32,
         }
     }
 
-    /// The narrowest integers that hold every sum and every total.
+    /// The narrowest integers that hold every sum, every total of a path and every run of candidates.
     fn width(&self) -> Width {
-        let largest_cost = self.window.largest_value(self.costs.votes().is_some());
-        let largest_sum = self.window.largest_sum();
+        let largest_cost = self.window.largest_value(self.costs.has_votes());
         let largest_total = match self.settings.optimizer {
-            Optimizer::Scanline(rule) => {
-                self.steps.largest_total(rule, self.window.cols, largest_sum)
+            Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
+                self.search.steps.largest_total(self.window.largest_sum())
             }
-            Optimizer::SemiGlobal => self.steps.largest_change().saturating_add(largest_sum),
+            Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
         };
-        Width::holding(largest_cost, largest_total)
-    }
-}
-
-impl Execution {
-    /// Rows that one task matches: those with which the threads are done soonest, counting the margins.
-    fn rows_per_strip(self, all: usize, margin: usize, threads: usize) -> usize {
-        let rounds = |rows: usize| all.div_ceil(rows).div_ceil(threads);
-        let work = |rows: &usize| rounds(*rows) * (rows + 2 * margin);
-        let likely = (1..=MOST_BLOCKS).rev().map(|blocks| blocks * BLOCK).min_by_key(work);
-        self.strip_rows.or(likely).unwrap_or(BLOCK).max(1)
+        let runs = self.window.candidates.div_ceil(LANES) as u64;
+        Width::holding(largest_cost.max(largest_total), runs)
     }
 }
 
@@ -587,25 +372,22 @@ fn refined(
     Ok(Disparity { disparity, flags, confidence, timings })
 }
 
-/// What integers a strip is made of: those of its costs and of its totals.
+/// The integers of costs and totals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Width {
     Bytes,
-    ByteCosts,
-    WordCosts,
+    Words,
     Widest,
 }
 
 impl Width {
-    fn holding(largest_cost: u64, largest_total: u64) -> Self {
-        if largest_cost > u16::MAX.into() || largest_total > u32::LARGEST_TOTAL {
-            Self::Widest
-        } else if largest_cost > u8::MAX.into() {
-            Self::WordCosts
-        } else if largest_total > u8::LARGEST_TOTAL {
-            Self::ByteCosts
-        } else {
+    fn holding(largest: u64, runs: u64) -> Self {
+        if largest <= u8::LARGEST_TOTAL && runs <= Minima::<u8>::MOST_RUNS {
             Self::Bytes
+        } else if largest <= u16::LARGEST_TOTAL {
+            Self::Words
+        } else {
+            Self::Widest
         }
     }
 }

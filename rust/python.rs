@@ -11,7 +11,7 @@ mod workers;
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -35,17 +35,11 @@ use crate::plane::Plane;
 use crate::psf::{Family, Taps};
 use crate::reach::Reach;
 use crate::refinement::flag;
-use crate::scanline::{self, Steps};
+use crate::optimization::{Steps, optimize};
 use crate::section::Section;
-use crate::semiglobal;
-use crate::settings::Optimizer;
 use crate::simd::Level;
 use crate::source;
 use crate::texture::Roughness;
-
-/// Rows that one task matches of a large image: with more, strips would be faster by a tenth, and take as much more
-/// memory.
-const STRIP_ROWS: usize = 64;
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -141,7 +135,7 @@ fn match_pair<'py>(
     let settings = read_settings(settings)?;
     let pair = read_pair(&images, &masks, &disparities)?.with_versions(read_versions(versions)?);
     let (pool, rows) = (Pool::of(threads)?, pair.size().0);
-    let how = Execution { threads: pool.threads(), strip_rows: None, level: Level::best() };
+    let how = Execution { threads: pool.threads(), level: Level::best() };
     let map = supervised(py, &pool, rows, progress, move |matcher, control| {
         matcher.run(&pair, &settings, how, control)
     })?;
@@ -178,7 +172,7 @@ fn estimate_blur<'py>(
 ) -> PyResult<Estimated<'py>> {
     let pair = read_pair(&images, &masks, &disparities)?;
     let (pool, rows) = (Pool::of(threads)?, pair.size().0);
-    let how = Execution { threads: pool.threads(), strip_rows: None, level: Level::best() };
+    let how = Execution { threads: pool.threads(), level: Level::best() };
     let told = supervised(py, &pool, rows, None, move |matcher, control| {
         blur::estimate(&pair, matcher, how, control)
     })?;
@@ -196,7 +190,7 @@ fn estimate_blur_by_rows<'py>(
     threads: &Bound<'py, PyAny>,
 ) -> PyResult<Estimated<'py>> {
     let (reader, pool) = (Reader::new(read, size, disparities, ranges)?, Pool::of(threads)?);
-    let how = Execution { threads: pool.threads(), strip_rows: None, level: Level::best() };
+    let how = Execution { threads: pool.threads(), level: Level::best() };
     let source = Arc::clone(&reader);
     let told = supervised(py, &pool, size.0, None, move |matcher, control| {
         blur::estimate_by_rows(&*source, matcher, how, control)
@@ -267,8 +261,8 @@ type Draft<'py> = (
     Option<Bound<'py, PyArray2<i32>>>,
 );
 
-/// The draft of some rows, where paths have come to, and timings.
-type Chosen<'py> = (Draft<'py>, Option<Bound<'py, PyArray1<u8>>>, Bound<'py, PyDict>);
+/// The draft of some rows, and timings.
+type Chosen<'py> = (Draft<'py>, Bound<'py, PyDict>);
 
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "what Python tells by name")]
@@ -279,7 +273,6 @@ fn choose_rows<'py>(
     survey: &Bound<'py, PyAny>,
     first: usize,
     rows: (usize, usize),
-    paths: Option<Bound<'py, PyArray1<u8>>>,
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Chosen<'py>> {
@@ -291,11 +284,10 @@ fn choose_rows<'py>(
     let section = Section {
         rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
         roughness: told.roughness,
-        paths: paths.map(|paths| paths.to_vec()).transpose().map_err(internal)?,
-        is_handed_on: true,
+        first,
     };
     let level = Level::best();
-    let how = Execution { threads: pool.threads(), strip_rows: Some(STRIP_ROWS), level };
+    let how = Execution { threads: pool.threads(), level };
     let count = section.rows.len();
     let wanted = section.rows.clone();
     let chosen = supervised(py, &pool, count, progress, move |matcher, control| {
@@ -307,8 +299,7 @@ fn choose_rows<'py>(
     let (disparity, flags) = (wrap(py, disparity)?, wrap(py, flags)?);
     let votes = votes.map(|votes| wrap(py, votes)).transpose()?;
     let gray = chosen.texture.map(|texture| wrap(py, texture.gray)).transpose()?;
-    let paths = chosen.paths.map(|paths| paths.into_pyarray(py));
-    Ok(((disparity, flags, votes, gray), paths, tell_timings(py, chosen.timings)?))
+    Ok(((disparity, flags, votes, gray), tell_timings(py, chosen.timings)?))
 }
 
 #[pyfunction]
@@ -320,7 +311,7 @@ fn refine_rows<'py>(
 ) -> PyResult<Matched<'py>> {
     let (told, pool) = (Told::read(survey)?, Pool::of(threads)?);
     let (map, texture) = read_draft(draft, told.roughness)?;
-    let how = Execution { threads: pool.threads(), strip_rows: None, level: Level::best() };
+    let how = Execution { threads: pool.threads(), level: Level::best() };
     let (rows, settings) = (map.flags.rows(), told.settings);
     let refined = supervised(py, &pool, rows, None, move |matcher, control| {
         matcher.refine(map, texture.as_ref(), &settings, how, control)
@@ -427,17 +418,9 @@ fn optimize_volume<'py>(
 ) -> PyResult<Bound<'py, PyArray2<u16>>> {
     let settings = read_settings(settings)?;
     let (costs, (rows, _, count)) = read_volume(costs, "costs")?;
-    let steps = Steps { near: penalty.0, far: penalty.1 };
+    let steps = Steps { p1: penalty.0, p2: penalty.1 };
     let chosen = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
-        let level = Level::best();
-        match settings.optimizer {
-            Optimizer::Scanline(rule) => {
-                scanline::optimize(&costs, count, rule, steps, level, control)
-            }
-            Optimizer::SemiGlobal => {
-                semiglobal::optimize(&costs, count, steps, None, level, control)
-            }
-        }
+        optimize(&costs, count, settings.optimizer, steps, Level::best(), control)
     })?;
     wrap(py, chosen)
 }

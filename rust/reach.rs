@@ -3,15 +3,15 @@
 
 use crate::aggregation::Window;
 use crate::convolution::Weights;
+use crate::optimization::{BAND, LOOK_ROWS};
 use crate::settings::{CostKind, Optimizer, Settings};
 use crate::versions::Versions;
-use crate::{confidence, filling, guided, masking, median, semiglobal, subpixel};
+use crate::{confidence, filling, guided, masking, median, subpixel};
 
 /// Rows on either side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reach {
-    /// Rows of the images around one whose disparities are chosen; with [`Optimizer::SemiGlobal`] besides all that is
-    /// above.
+    /// Rows of the images around one whose disparities are chosen.
     pub images: usize,
     /// Rows of what was chosen around one that is refined.
     pub map: usize,
@@ -28,12 +28,13 @@ impl Reach {
             CostKind::Sad => 0,
             CostKind::NormalisedSad => settings.window / 2,
         };
-        let below = match settings.optimizer {
-            Optimizer::Scanline(_) => 0,
-            Optimizer::SemiGlobal => semiglobal::LOOK,
+        // The rest of the band that a row lies in, and what its paths see beyond.
+        let paths = match settings.optimizer {
+            Optimizer::SemiGlobal => BAND - 1 + LOOK_ROWS,
+            _ => 0,
         };
         // Gray values are compared with those of the row above.
-        let images = (window + description + below).max(1);
+        let images = (window + description + paths).max(1);
         Self { images, map: refinement(settings), masked: masking::REACH }
     }
 }

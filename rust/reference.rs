@@ -11,7 +11,7 @@ use crate::candidates::Candidates;
 use crate::confidence::{RADIUS, STEP, Scene, TOLERANCE, confidence, similar};
 use crate::consistency::Choices;
 use crate::convolution::{GUARD, Kernel, SHIFT, Weights};
-use crate::evidence::NONE;
+use crate::evidence::{Found, NONE};
 use crate::filling;
 use crate::guided::{self, JUMP, STRIDE};
 use crate::intensity::LEVEL_STEPS;
@@ -20,9 +20,8 @@ use crate::normalisation::DEVIATION_STEPS;
 use crate::plane::{Plane, reflect};
 use crate::quantiser::Quantiser;
 use crate::refinement::flag;
-use crate::scanline::Steps;
-use crate::semiglobal::{BAND, LOOK, PATHS};
-use crate::settings::{Rule, Settings};
+use crate::optimization::{BAND, LOOK_COLUMNS, LOOK_ROWS, PANEL, Steps};
+use crate::settings::Settings;
 use crate::subpixel;
 use crate::view::Mask;
 
@@ -121,7 +120,7 @@ pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane
     })
 }
 
-/// Twin of [`crate::cost::Operands::write_costs`] for phase codes: every bit compared by itself, over the whole
+/// Twin of [`crate::cost::Costs::write`] for phase codes: every bit compared by itself, over the whole
 /// image.
 pub fn phase_costs(left: &Plane<u64>, right: &Plane<u64>, candidates: Candidates) -> Plane<u16> {
     let (rows, cols, count) = (left.rows(), left.cols(), candidates.count());
@@ -132,7 +131,7 @@ pub fn phase_costs(left: &Plane<u64>, right: &Plane<u64>, candidates: Candidates
     })
 }
 
-/// Twin of [`crate::cost::Operands::write_costs`] for absolute differences.
+/// Twin of [`crate::cost::Costs::write`] for absolute differences.
 pub fn absolute_differences(
     left: &[Plane<u16>],
     right: &[Plane<u16>],
@@ -178,15 +177,20 @@ fn box_sum(volume: &Plane<u16>, window: Window, y: usize, x: usize, k: usize) ->
     (-radius..=radius).map(column_sum).sum()
 }
 
-/// Twin of [`crate::scanline::Scanline`]: every origin of every state is tried.
-pub fn optimize(costs: &[u32], candidates: usize, rule: Rule, steps: Steps) -> Vec<u16> {
+/// Twin of [`crate::optimization::ordered::Ordered`]: every origin of every state is tried.
+pub fn in_order(costs: &[u32], candidates: usize, steps: Steps) -> Vec<u16> {
     let mut totals = vec![0u64; candidates];
     let mut origins: Vec<Vec<usize>> = Vec::new();
     for costs in costs.chunks(candidates) {
         let best: Vec<(u64, usize)> = (0..candidates)
             .map(|to| {
-                let ways = ways(&totals, to, rule, steps);
-                ways.into_iter().min_by_key(|(total, _)| *total).unwrap_or((u64::MAX, to))
+                // Of equal ones the first counts.
+                let from = |from: usize, penalty: u64| (totals[from] + penalty, from);
+                let stayed = std::iter::once(from(to, 0));
+                let rose = to.checked_sub(1).map(|smaller| from(smaller, steps.p1));
+                let dropped = (to + 1..candidates).map(|larger| from(larger, steps.p2));
+                let ways = stayed.chain(rose).chain(dropped);
+                ways.min_by_key(|(total, _)| *total).unwrap_or((u64::MAX, to))
             })
             .collect();
         totals =
@@ -203,26 +207,6 @@ pub fn optimize(costs: &[u32], candidates: usize, rule: Rule, steps: Steps) -> V
     chosen
 }
 
-/// What it takes to come to `to`, and from where: of equal ones the first counts.
-fn ways(totals: &[u64], to: usize, rule: Rule, steps: Steps) -> Vec<(u64, usize)> {
-    let from = |from: usize, penalty: u64| (totals[from] + penalty, from);
-    let mut ways = vec![from(to, 0)];
-    let smaller = to.checked_sub(1);
-    ways.extend(smaller.map(|smaller| from(smaller, steps.near)));
-    match rule {
-        Rule::DynamicProgramming => {
-            ways.extend((to + 1..totals.len()).map(|larger| from(larger, steps.far)));
-        }
-        Rule::ScanlineOptimization => {
-            ways.extend((to + 1..totals.len()).take(1).map(|larger| from(larger, steps.near)));
-            ways.push(from(least(totals), steps.far));
-        }
-        // From the least, at no cost: then each pixel takes its own.
-        Rule::WinnerTakesAll => ways = vec![(0, least(totals))],
-    }
-    ways
-}
-
 fn least<T: Ord + Copy>(values: &[T]) -> usize {
     let mut best = 0;
     for (index, value) in values.iter().enumerate() {
@@ -233,8 +217,8 @@ fn least<T: Ord + Copy>(values: &[T]) -> usize {
     best
 }
 
-/// Twin of [`crate::edges::Edges`]: each pixel and neighbour by itself. In the lowest bits of a pixel is the jump from
-/// above to the left, then those from above, from above to the right, and from the left.
+/// Twin of [`crate::edges::Edges`]: each pixel and neighbor by itself. In the lowest bits of a pixel is the jump from
+/// above, then that from the left.
 pub fn edges(gray: &Plane<i32>, threshold: f64) -> Plane<u8> {
     let (rows, cols) = (gray.rows(), gray.cols());
     let differences = (0..rows).flat_map(|y| gray.row(y).windows(2));
@@ -242,39 +226,58 @@ pub fn edges(gray: &Plane<i32>, threshold: f64) -> Plane<u8> {
     let mean = sum as f64 / (rows * (cols - 1)).max(1) as f64;
     let small = (threshold * mean) as u64;
     Plane::from_fn(rows, cols, |y, x| {
-        let above = y.saturating_sub(1);
-        let beside = [(above, x.checked_sub(1)), (above, Some(x)), (above, Some(x + 1))];
-        let neighbours = beside.into_iter().chain([(y, x.checked_sub(1))]);
-        let jump = |(row, col): (usize, Option<usize>)| {
-            let neighbour = col.and_then(|col| gray.row(row).get(col));
-            let difference = neighbour.map(|neighbour| neighbour.abs_diff(gray.row(y)[x]).into());
-            let is_more_than = |limit: u64| difference.is_some_and(|it: u64| it > limit);
-            u8::from(is_more_than(small)) + u8::from(is_more_than(3 * small))
+        let jump = |neighbor: i32| {
+            let difference = u64::from(neighbor.abs_diff(gray.row(y)[x]));
+            u8::from(difference > small) + u8::from(difference > 3 * small)
         };
-        neighbours.map(jump).zip(0..).map(|(jump, place)| jump << (2 * place)).sum()
+        let above = jump(gray.row(y.saturating_sub(1))[x]);
+        let left = jump(gray.row(y)[x.saturating_sub(1)]);
+        above | left << 2
     })
 }
 
-/// Twin of [`crate::semiglobal::SemiGlobal`]: every path by itself, through the whole image; those from below through
-/// each band and some rows more. What all of them come to, for every candidate of every pixel. `edges` are those of
-/// [`edges`](fn@edges).
+/// Twin of the sums of [`crate::optimization`] that decide by paths along the rows alone: half of what both come to,
+/// rounded up, for every candidate of every pixel. `edges` are those of [`edges`](fn@edges).
+pub fn scanline_optimization(
+    costs: &Plane<u32>,
+    candidates: usize,
+    steps: Steps,
+    edges: Option<&Plane<u8>>,
+) -> Plane<u64> {
+    let image = Image { costs, candidates, steps, edges };
+    let (rows, cols) = (0..costs.rows(), costs.cols() / candidates);
+    let left = image.totals((0, 1), rows.clone(), 0..cols);
+    let right = |first: usize| {
+        let end = ((first + PANEL).min(cols) + LOOK_COLUMNS).min(cols);
+        image.totals((0, -1), rows.clone(), first..end)
+    };
+    let right: Vec<_> = (0..cols).step_by(PANEL).map(right).collect();
+    Plane::from_fn(rows.end, costs.cols(), |y, place| {
+        let panel = place / candidates / PANEL;
+        (left.row(y)[place] + right[panel].row(y)[place]).div_ceil(2)
+    })
+}
+
+/// Twin of what decides in [`crate::optimization`] by four paths: the mean of those along the rows and, through each band
+/// and some rows around it, those from above and below.
 pub fn semi_global(
     costs: &Plane<u32>,
     candidates: usize,
     steps: Steps,
     edges: Option<&Plane<u8>>,
 ) -> Plane<u64> {
-    let (image, rows) = (Image { costs, candidates, steps, edges }, costs.rows());
-    let across = [1, -1].map(|dx| image.totals((0, dx), 0..rows));
-    let above = [1, 0, -1].map(|dx| image.totals((1, dx), 0..rows));
-    let below = |first: usize| {
-        let seen = first..(first + BAND + LOOK).min(rows);
-        [1, 0, -1].map(|dx| image.totals((-1, dx), seen.clone()))
+    let image = Image { costs, candidates, steps, edges };
+    let (rows, cols) = (costs.rows(), costs.cols() / candidates);
+    let along = scanline_optimization(costs, candidates, steps, edges);
+    let across = |first: usize| {
+        let seen = first.saturating_sub(LOOK_ROWS)..(first + BAND + LOOK_ROWS).min(rows);
+        [1, -1].map(|dy| image.totals((dy, 0), seen.clone(), 0..cols))
     };
-    let below: Vec<_> = (0..rows).step_by(BAND).map(below).collect();
+    let across: Vec<_> = (0..rows).step_by(BAND).map(across).collect();
     Plane::from_fn(rows, costs.cols(), |y, place| {
-        let sum = |totals: &[Plane<u64>]| -> u64 { totals.iter().map(|t| t.row(y)[place]).sum() };
-        2 * sum(&across).div_ceil(2) + sum(&above) + 4 * ((sum(&below[y / BAND]) + 2) / 4)
+        let [above, below] = &across[y / BAND];
+        let across = (above.row(y)[place] + below.row(y)[place]).div_ceil(2);
+        (along.row(y)[place] + across).div_ceil(2)
     })
 }
 
@@ -287,18 +290,22 @@ struct Image<'a> {
 }
 
 impl Image<'_> {
-    /// Totals of the paths that take steps of `(dy, dx)` through some rows, where they begin.
-    fn totals(&self, (dy, dx): (isize, isize), rows: Range<usize>) -> Plane<u64> {
+    /// Totals of the paths that take steps of `(dy, dx)` through some rows and columns, at whose border they begin.
+    fn totals(
+        &self,
+        (dy, dx): (isize, isize),
+        rows: Range<usize>,
+        columns: Range<usize>,
+    ) -> Plane<u64> {
         let Self { costs, candidates, .. } = *self;
-        let columns = 0..costs.cols() / candidates;
         let mut totals = costs.map(|_| 0);
-        for y in in_order(rows.clone(), dy) {
-            for x in in_order(columns.clone(), dx) {
+        for y in by_steps(rows.clone(), dy) {
+            for x in by_steps(columns.clone(), dx) {
                 let from = (y.wrapping_add_signed(-dy), x.wrapping_add_signed(-dx));
                 let is_inside = rows.contains(&from.0) && columns.contains(&from.1);
                 let places = |x: usize| x * candidates..(x + 1) * candidates;
                 let ways = if is_inside {
-                    self.ways(&totals.row(from.0)[places(from.1)], self.far(from, (y, x)))
+                    self.ways(&totals.row(from.0)[places(from.1)], self.p2(from, (y, x)))
                 } else {
                     vec![0; candidates]
                 };
@@ -315,55 +322,39 @@ impl Image<'_> {
 
     /// What it takes to come to each candidate from the pixel before, beyond the least total there: to stay, to change
     /// by one, or to come from wherever that least total is. (Should it be here or next to here, that costs no less.)
-    fn ways(&self, before: &[u64], far: u64) -> Vec<u64> {
+    fn ways(&self, before: &[u64], p2: u64) -> Vec<u64> {
         let least = before[least(before)];
         let way = |k: usize| {
             let beside = [k.checked_sub(1), Some(k + 1)].into_iter().flatten();
-            let changed = beside.filter_map(|k| before.get(k)).map(|total| total + self.steps.near);
-            changed.chain([before[k], least + far]).fold(u64::MAX, u64::min) - least
+            let changed = beside.filter_map(|k| before.get(k)).map(|total| total + self.steps.p1);
+            changed.chain([before[k], least + p2]).fold(u64::MAX, u64::min) - least
         };
         (0..before.len()).map(way).collect()
     }
 
-    /// The far penalty between two neighbours: less where the gray value jumps, whichever way the path goes.
-    fn far(&self, a: (usize, usize), b: (usize, usize)) -> u64 {
+    /// P2 between two neighbors: less where the gray value jumps, whichever way the path goes.
+    fn p2(&self, a: (usize, usize), b: (usize, usize)) -> u64 {
         let (before, after) = (a.min(b), a.max(b));
-        let neighbour = match (after.0 - before.0, (before.1 + 1).checked_sub(after.1)) {
-            (0, _) => 3,
-            (_, column) => column.unwrap_or(0),
-        };
-        let jump = self.edges.map_or(0, |edges| edges.row(after.0)[after.1] >> (2 * neighbour) & 3);
-        (self.steps.far / u64::from(1 + jump)).max(self.steps.near)
+        let neighbor = usize::from(before.0 == after.0);
+        let jump = self.edges.map_or(0, |edges| edges.row(after.0)[after.1] >> (2 * neighbor) & 3);
+        (self.steps.p2 / u64::from(1 + jump)).max(self.steps.p1)
     }
 }
 
 /// A range in the order in which steps of this sign go through it.
-fn in_order(range: Range<usize>, step: isize) -> Vec<usize> {
+fn by_steps(range: Range<usize>, step: isize) -> Vec<usize> {
     if step < 0 { range.rev().collect() } else { range.collect() }
 }
 
-/// What is known of the candidate chosen for a pixel: twin of [`crate::evidence::EvidenceRow`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
-    /// Its index.
-    pub chosen: u16,
-    /// What it costs.
-    pub own: u32,
-    /// The least cost elsewhere.
-    pub elsewhere: u32,
-    /// Where the match lies, from the candidate on, pixels.
-    pub offset: f32,
-}
-
-/// Twin of [`crate::semiglobal::selection::Selection`]: of one pixel, by what all paths come to and by its own costs.
-pub fn select(sums: &[u64], costs: &[u32]) -> Found {
+/// Twin of [`crate::optimization::selection`]: of one pixel, by what all paths come to and by its own costs.
+pub fn select(sums: &[u64], costs: &[u32], paths: u32) -> Found {
     let evidence =
-        |(&sum, &cost): (&u64, &u32)| subpixel::evidence(capped(sum), capped(cost.into()), PATHS);
+        |(&sum, &cost): (&u64, &u32)| subpixel::evidence(capped(sum), capped(cost.into()), paths);
     let valley: Vec<_> = sums.iter().zip(costs).map(evidence).collect();
     found(least(sums), sums, &valley)
 }
 
-/// Twin of [`crate::refinement::Margins`]: of one pixel, by its aggregated costs.
+/// The same of a pixel for which a candidate was chosen by whatever, by its costs alone.
 pub fn margin(chosen: u16, costs: &[u32]) -> Found {
     let costs: Vec<u64> = costs.iter().map(|&cost| cost.into()).collect();
     let valley: Vec<_> = costs.iter().map(|&cost| capped(cost)).collect();

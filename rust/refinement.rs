@@ -1,8 +1,5 @@
 //! Chosen candidates -> what the caller gets: disparities, flags that say why, and confidence.
 
-use std::array::from_fn;
-
-use crate::aggregation::{Aggregated, Tile};
 use crate::candidates::Candidates;
 use crate::confidence::{self, Scene};
 use crate::consistency::{Checker, Choices};
@@ -12,15 +9,12 @@ use crate::evidence::{EvidenceRow, NONE};
 use crate::filling::fill;
 use crate::guided::guide;
 use crate::median;
-use crate::memory::Memory;
 use crate::plane::Plane;
 use crate::settings::Settings;
-use crate::simd::{Kernel, Level};
+use crate::simd::Level;
 use crate::speckles::flag_speckles;
-use crate::strip::BLOCK;
-use crate::subpixel::{self, offset};
+use crate::subpixel;
 use crate::texture::Texture;
-use crate::value::Value;
 use crate::votes::Votes;
 
 /// Why an estimate is missing or not to be trusted; bits of the flags.
@@ -246,90 +240,5 @@ impl Margin {
     /// Whether the cost of the choice is not below the least one elsewhere by so many percent of that, at most 100.
     pub fn is_ambiguous(self, percent: u64) -> bool {
         self.elsewhere.is_some_and(|elsewhere| elsewhere * (100 - percent) < self.own * 100)
-    }
-}
-
-/// What the aggregated costs of one strip after another say about what was chosen; its memory is used again.
-#[derive(Debug)]
-pub struct Margins<V> {
-    /// Of the chosen candidate, of those below and above it, and the least one elsewhere.
-    costs: [Memory<V>; 4],
-}
-
-impl<V> Default for Margins<V> {
-    fn default() -> Self {
-        Self { costs: Default::default() }
-    }
-}
-
-impl<V: Value> Margins<V> {
-    /// Begins a strip of so many pixels, in blocks.
-    pub fn begin(&mut self, blocks: usize) -> Result<()> {
-        self.costs.iter_mut().try_for_each(|costs| costs.room(blocks * BLOCK))
-    }
-
-    /// What was found of the pixel at a place of the strip, of which `chosen` of `count` candidates was chosen: its
-    /// cost, the least one elsewhere ([`NONE`]: there is no elsewhere), and where its match lies.
-    pub fn of(&self, place: usize, chosen: u16, count: usize) -> (u32, u32, f32) {
-        let cost = |costs: &Memory<V>| costs[place].widened().min(u64::from(NONE - 1)) as u32;
-        let [own, below, above, elsewhere] = self.costs.each_ref().map(cost);
-        let (chosen, last) = (usize::from(chosen), count - 1);
-        let is_elsewhere = chosen >= 2 || chosen + 2 <= last;
-        let is_inside = chosen > 0 && chosen < last;
-        let offset = if is_inside { offset(below, own, above) } else { 0.0 };
-        (own, if is_elsewhere { elsewhere } else { NONE }, offset)
-    }
-}
-
-/// The columns of a tile, searched for the costs of what was chosen and of what was not.
-#[derive(Debug)]
-pub struct Measure<'a, V> {
-    /// Where margins are kept.
-    pub margins: &'a mut Margins<V>,
-    /// Indices chosen, of one block after another, column after column, lane by lane.
-    pub chosen: &'a [u16],
-    /// The columns.
-    pub tile: &'a Tile,
-    /// What they cost.
-    pub costs: Aggregated<'a, V>,
-    /// Blocks of lanes.
-    pub blocks: usize,
-    /// Columns of the image.
-    pub cols: usize,
-}
-
-impl<V: Value> Kernel for Measure<'_, V> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let (none, most) = (V::default(), V::truncated(u64::MAX));
-        for (place, column) in self.tile.finished.clone().enumerate() {
-            for block in 0..self.blocks {
-                let at = block * self.cols + column;
-                let Some(chosen) = self.chosen[at * BLOCK..].first_chunk::<BLOCK>() else { return };
-                let [mut own, mut below, mut above, mut elsewhere] = [[most; BLOCK]; 4];
-                for (index, &cost) in (0u16..).zip(self.costs.of(place, block).every()) {
-                    // All bits where the candidate is another one.
-                    let but = |wanted: [u16; BLOCK]| -> [V; BLOCK] {
-                        from_fn(|j| if wanted[j] == index { none } else { most })
-                    };
-                    let is_near: [V; BLOCK] =
-                        from_fn(|j| if u16::abs_diff(chosen[j], index) > 1 { none } else { most });
-                    let least = |least: [V; BLOCK], but: [V; BLOCK]| -> [V; BLOCK] {
-                        from_fn(|j| least[j].min(cost[j].max(but[j])))
-                    };
-                    elsewhere = least(elsewhere, is_near);
-                    own = least(own, but(*chosen));
-                    below = least(below, but(chosen.map(|chosen| chosen.wrapping_sub(1))));
-                    above = least(above, but(chosen.map(|chosen| chosen + 1)));
-                }
-                for (kept, costs) in
-                    self.margins.costs.iter_mut().zip([own, below, above, elsewhere])
-                {
-                    kept.as_chunks_mut().0[at] = costs;
-                }
-            }
-        }
     }
 }

@@ -47,22 +47,14 @@ pub enum Taper {
 /// How costs become disparities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Optimizer {
-    /// Each row by itself.
-    Scanline(Rule),
-    /// The least sum of the costs of paths that come to the pixel from all sides.
-    SemiGlobal,
-}
-
-/// How a row of costs becomes a row of disparities.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Rule {
     /// One-pass dynamic programming along the scanline under the ordering constraint.
-    #[default]
     DynamicProgramming,
-    /// The same free to change in either direction, by one or by any number.
+    /// The least sum of the totals of two paths along the scanline, from the left and from the right.
     ScanlineOptimization,
     /// The smallest cost of each pixel by itself.
     WinnerTakesAll,
+    /// The least sum of the totals of four paths: from the left, the right, above and below.
+    SemiGlobal,
 }
 
 /// How exactly aggregated costs are worked out.
@@ -158,7 +150,7 @@ impl Default for Settings {
             window: 9,
             shiftable: true,
             precision: Precision::Full,
-            optimizer: Optimizer::Scanline(Rule::DynamicProgramming),
+            optimizer: Optimizer::DynamicProgramming,
             penalty: Penalty { near: 2.0, far: 2.0 },
             edges: 0.0,
             intensity_range: None,

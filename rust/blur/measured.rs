@@ -137,7 +137,7 @@ mod tests {
     #[test]
     fn a_kernel_of_no_family_is_found_on_either_side() {
         let (control, level) = (Control::default(), Level::best());
-        let how = Execution { threads: 1, strip_rows: None, level };
+        let how = Execution { threads: 1, level };
         let matcher = Matcher::new(1).expect("a thread");
         let scale = Scale { factor: 2, neighborhood: 9 };
         let sharp = Plane::from_fn(150, 200, scene);

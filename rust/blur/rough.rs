@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::intensity::{Gray, Range};
 use crate::matcher::{Execution, Matcher, Pair};
 use crate::plane::Plane;
-use crate::settings::{Optimizer, Penalty, Precision, Rule, Settings};
+use crate::settings::{Optimizer, Penalty, Precision, Settings};
 use crate::simd::Level;
 use crate::view::{Image, View};
 
@@ -117,7 +117,7 @@ impl Rough {
             neighborhood,
             frequencies: (1, 1),
             precision: Precision::Byte,
-            optimizer: Optimizer::Scanline(Rule::ScanlineOptimization),
+            optimizer: Optimizer::ScanlineOptimization,
             penalty: Penalty { near: 1.0, far: 4.5 },
             confidence: false,
             ..Settings::default()
@@ -215,7 +215,7 @@ mod tests {
     }
 
     fn rough(pair: &Pair, factor: usize) -> Rough {
-        let how = Execution { threads: 1, strip_rows: None, level: Level::best() };
+        let how = Execution { threads: 1, level: Level::best() };
         let control = Control::default();
         let matcher = Matcher::new(1).expect("a thread");
         let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
@@ -273,7 +273,7 @@ mod tests {
 
     #[test]
     fn shades_are_in_one_range_whatever_the_type() {
-        let how = Execution { threads: 1, strip_rows: None, level: Level::best() };
+        let how = Execution { threads: 1, level: Level::best() };
         let bytes = ndarray::Array3::from_shape_fn((9, 11, 1), |(y, x, _)| texture(y, x));
         let images = [
             (Image::U16(bytes.mapv(|value| u16::from(value) * 256)), 1.0 / 256.0),

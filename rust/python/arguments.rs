@@ -17,7 +17,7 @@ use crate::map::Map;
 use crate::matcher::{MOST_THREADS, Pair};
 use crate::plane::{Plane, zeroed};
 use crate::settings::{
-    CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Rule, Settings, Taper,
+    CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Settings, Taper,
 };
 use crate::texture::{Roughness, Texture};
 use crate::versions::{Versions, check_noise};
@@ -33,9 +33,9 @@ const TAPERS: [(&str, Taper); 3] =
     [("uniform", Taper::Uniform), ("gaussian", Taper::Gaussian), ("hann", Taper::Hann)];
 const PRECISIONS: [(&str, Precision); 2] = [("full", Precision::Full), ("byte", Precision::Byte)];
 const OPTIMIZERS: [(&str, Optimizer); 4] = [
-    ("dp", Optimizer::Scanline(Rule::DynamicProgramming)),
-    ("so", Optimizer::Scanline(Rule::ScanlineOptimization)),
-    ("wta", Optimizer::Scanline(Rule::WinnerTakesAll)),
+    ("dp", Optimizer::DynamicProgramming),
+    ("so", Optimizer::ScanlineOptimization),
+    ("wta", Optimizer::WinnerTakesAll),
     ("sgm", Optimizer::SemiGlobal),
 ];
 

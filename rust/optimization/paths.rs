@@ -1,0 +1,548 @@
+//! One step of a path, and the passes of paths through a block of pixels (Hirschmüller, PAMI 2008, equation 13).
+//!
+//! A path goes from pixel to pixel `p-1`, `p`, ...; the total of candidate `k` at pixel `p` is
+//!
+//! ```text
+//! L(p, k) = C(p, k) + min(L(p-1, k),
+//!                         L(p-1, k-1) + P1, L(p-1, k+1) + P1,
+//!                         min over i of L(p-1, i) + P2) - min over i of L(p-1, i)
+//! ```
+//!
+//! so no total exceeds the largest cost plus P2, and most fit a byte. All candidates of a pixel are neighboring lanes:
+//! those at `k-1` and `k+1` are unaligned loads of what the step before has stored, between two runs out of reach. What
+//! a step waits for is the minimum of the one before; so several paths are extended in turn, [`ROWS`] rows of the
+//! horizontal passes and [`PIXELS`] columns of the vertical ones.
+
+use std::mem::swap;
+use std::ops::Range;
+
+use crate::aggregation::Block;
+use crate::edges::{Edges, Neighbor};
+use crate::error::Result;
+use crate::evidence::Evidence;
+use crate::memory::Memory;
+use crate::optimization::selection::{Minima, Minimum, PIXELS};
+use crate::optimization::Steps;
+use crate::simd::Kernel;
+use crate::value::{LANES, Lanes, Value, least_lane};
+
+/// Rows whose horizontal paths are extended in turn.
+const ROWS: usize = 4;
+
+/// P1, and P2 by the jump of the gray values: the whole penalty, half, and a third of it, but not less than P1.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Penalties<T> {
+    p1: T,
+    p2: [T; 4],
+}
+
+impl<T: Value> Penalties<T> {
+    /// The penalties in an integer that holds them.
+    pub fn new(steps: Steps) -> Self {
+        let p2 = [1, 2, 3, 3].map(|part| T::truncated((steps.p2 / part).max(steps.p1)));
+        Self { p1: T::truncated(steps.p1), p2 }
+    }
+}
+
+/// What paths go through: the penalties, and where P2 is lower.
+#[derive(Debug, Clone, Copy)]
+pub struct Terrain<'a, T> {
+    /// P1 and P2.
+    pub penalties: Penalties<T>,
+    /// Jumps of the gray values.
+    pub edges: &'a Edges,
+}
+
+impl<T: Value> Terrain<'_, T> {
+    /// P1, and P2 after a jump of the gray values.
+    #[inline(always)]
+    fn after(&self, jump: usize) -> [T; 2] {
+        [self.penalties.p1, self.penalties.p2[jump]]
+    }
+}
+
+/// Totals of up to [`PIXELS`] paths, each where it has come to.
+#[derive(Debug, Default)]
+struct Paths<T> {
+    /// Of one path after another: a run of candidates out of reach, the totals, a run out of reach.
+    before: Memory<T>,
+    here: Memory<T>,
+    /// The least total of each path in each lane at the pixel that it is extended by, and of all lanes at the one before.
+    minima: [Lanes<T>; PIXELS],
+    least: [T; PIXELS],
+}
+
+/// Values of one path: its totals and a run on either side.
+#[inline(always)]
+const fn span(runs: usize) -> usize {
+    (runs + 2) * LANES
+}
+
+impl<T: Value> Paths<T> {
+    /// Begins paths of pixels with so many runs of candidates: with nothing behind them.
+    fn begin(&mut self, runs: usize) -> Result<()> {
+        for totals in [&mut self.before, &mut self.here] {
+            totals.room(PIXELS * span(runs))?;
+            totals.fill(T::FAR);
+        }
+        self.restart(runs);
+        Ok(())
+    }
+
+    /// Begins all paths again.
+    #[inline(always)]
+    fn restart(&mut self, runs: usize) {
+        self.least = [T::default(); PIXELS];
+        for totals in self.before.chunks_exact_mut(span(runs)) {
+            totals[LANES..][..runs * LANES].fill(T::default());
+        }
+    }
+
+    /// Where the paths have come to and where they are extended to.
+    #[inline(always)]
+    fn parts(&mut self) -> Parts<'_, T> {
+        let Self { before, here, minima, least } = self;
+        Parts { before, here, minima, least }
+    }
+
+    /// All paths have come to the pixel that they were extended by.
+    #[inline(always)]
+    fn arrive(&mut self) {
+        swap(&mut self.before, &mut self.here);
+        for (least, minimum) in self.least.iter_mut().zip(&self.minima) {
+            *least = least_lane(minimum);
+        }
+    }
+}
+
+/// The parts of [`Paths`].
+struct Parts<'a, T> {
+    before: &'a [T],
+    here: &'a mut [T],
+    minima: &'a mut [Lanes<T>; PIXELS],
+    least: &'a [T; PIXELS],
+}
+
+impl<T: Value> Parts<'_, T> {
+    /// Extends a path by a pixel of these costs; to be done with each, then [`Paths::arrive`].
+    #[inline(always)]
+    fn extend(
+        &mut self,
+        path: usize,
+        [p1, p2]: [T; 2],
+        costs: &[Lanes<T>],
+        runs: usize,
+        sink: &mut impl Sink<T>,
+    ) {
+        let places = path * span(runs)..(path + 1) * span(runs);
+        let before = &self.before[places.clone()];
+        let smaller = &before[LANES - 1..].as_chunks::<LANES>().0[..runs];
+        let same = &before[LANES..].as_chunks::<LANES>().0[..runs];
+        let larger = &before[LANES + 1..].as_chunks::<LANES>().0[..runs];
+        let here = &mut self.here[places].as_chunks_mut::<LANES>().0[1..][..runs];
+        let costs = &costs[..runs];
+
+        let least = self.least[path];
+        let from_least = least.plus(p2);
+        let mut minimum = [T::FAR; LANES];
+        for run in 0..runs {
+            let mut totals = [T::default(); LANES];
+            for j in 0..LANES {
+                let changed = smaller[run][j].min(larger[run][j]).plus(p1);
+                let best = same[run][j].min(from_least).min(changed);
+                totals[j] = best.minus(least).plus(costs[run][j]);
+                minimum[j] = minimum[j].min(totals[j]);
+            }
+            here[run] = totals;
+            sink.take(run, totals);
+        }
+        self.minima[path] = minimum;
+    }
+}
+
+/// What takes the totals of a pixel, one run of candidates after another.
+trait Sink<T> {
+    fn take(&mut self, run: usize, totals: Lanes<T>);
+}
+
+/// Nobody wants them.
+struct Nowhere;
+
+impl<T> Sink<T> for Nowhere {
+    #[inline(always)]
+    fn take(&mut self, _: usize, _: Lanes<T>) {}
+}
+
+/// Writes them.
+struct Write<'a, T>(&'a mut [Lanes<T>]);
+
+impl<T: Value> Sink<T> for Write<'_, T> {
+    #[inline(always)]
+    fn take(&mut self, run: usize, totals: Lanes<T>) {
+        self.0[run] = totals;
+    }
+}
+
+/// Writes the mean of them and of those that are there, rounded up.
+struct Mean<'a, T>(&'a mut [Lanes<T>]);
+
+impl<T: Value> Sink<T> for Mean<'_, T> {
+    #[inline(always)]
+    fn take(&mut self, run: usize, totals: Lanes<T>) {
+        for j in 0..LANES {
+            self.0[run][j] = self.0[run][j].mean(totals[j]);
+        }
+    }
+}
+
+/// The paths along the rows of a band, panel by panel from the left.
+#[derive(Debug, Default)]
+pub struct Horizontal<T> {
+    paths: Paths<T>,
+    /// Totals of the paths from the left at the last column of the panel before, row by row, and the least of them.
+    left: Memory<T>,
+    least: Memory<T>,
+    /// Half the sum of the totals of both paths, of the panel.
+    means: Memory<Lanes<T>>,
+}
+
+impl<T: Value> Horizontal<T> {
+    /// Begins a band of so many rows.
+    pub fn begin(&mut self, rows: usize, panel: usize, runs: usize) -> Result<()> {
+        self.left.room(rows * runs * LANES)?;
+        self.left.fill(T::default());
+        self.least.room(rows)?;
+        self.least.fill(T::default());
+        self.means.room(rows * panel * runs)?;
+        self.paths.begin(runs)
+    }
+
+    /// Half the sums of the totals of both paths, row by row.
+    pub fn means(&self) -> &[Lanes<T>] {
+        &self.means
+    }
+}
+
+/// A panel of columns of a band.
+#[derive(Debug, Clone)]
+pub struct Panel<'a, T> {
+    /// The pixels of the band that are in it.
+    pub block: Block,
+    /// The rows whose costs are at hand, those of the band among them.
+    pub seen: Range<usize>,
+    /// The costs of all these rows.
+    pub costs: &'a [Lanes<T>],
+    /// The costs of the columns right of the panel, as many rows; and how many columns of each row they are.
+    pub beyond: (&'a [Lanes<T>], usize),
+    /// Runs of candidates of a pixel.
+    pub runs: usize,
+}
+
+/// The values of one row of a block: so many, row after row.
+#[inline(always)]
+fn row_of<V>(values: &[V], row: usize, width: usize) -> &[V] {
+    &values[row * width..(row + 1) * width]
+}
+
+#[inline(always)]
+fn row_of_mut<V>(values: &mut [V], row: usize, width: usize) -> &mut [V] {
+    &mut values[row * width..(row + 1) * width]
+}
+
+/// The costs of some columns of a row of a panel.
+#[inline(always)]
+fn costs_of<'a, T>(
+    panel: &Panel<'a, T>,
+    y: usize,
+    columns: &Range<usize>,
+    runs: usize,
+) -> &'a [Lanes<T>] {
+    let Block { columns: all, .. } = &panel.block;
+    let costs = row_of(panel.costs, y - panel.seen.start, all.len() * runs);
+    &costs[(columns.start - all.start) * runs..][..columns.len() * runs]
+}
+
+/// The paths along the rows through a panel: those from the right begin so many columns beyond it, those from the left
+/// go on.
+#[derive(Debug)]
+pub struct Across<'a, T> {
+    /// Where paths are kept.
+    pub horizontal: &'a mut Horizontal<T>,
+    /// The panel.
+    pub panel: &'a Panel<'a, T>,
+    /// What paths go through.
+    pub terrain: Terrain<'a, T>,
+    /// The columns from where paths from the right come.
+    pub start: usize,
+}
+
+impl<T: Value> Kernel for Across<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(mut self) {
+        // Where their number is known, runs are no loop.
+        match self.panel.runs {
+            1 => self.through(1),
+            2 => self.through(2),
+            3 => self.through(3),
+            runs => self.through(runs),
+        }
+    }
+}
+
+impl<T: Value> Across<'_, T> {
+    #[inline(always)]
+    fn through(&mut self, runs: usize) {
+        let rows = self.panel.block.rows.clone();
+        for first in rows.clone().step_by(ROWS) {
+            let group = first..(first + ROWS).min(rows.end);
+            self.from_right(group.clone(), runs);
+            self.from_left(group, runs);
+        }
+    }
+
+    /// Paths from the right along a few rows.
+    #[inline(always)]
+    fn from_right(&mut self, rows: Range<usize>, runs: usize) {
+        let Self { horizontal: Horizontal { paths, means, .. }, panel, terrain, start } = self;
+        let (Block { rows: all, columns }, seen) = (&panel.block, panel.seen.start);
+        let (costs, (beyond, width_beyond)) = (panel.costs, panel.beyond);
+        let (means, width) = (&mut means[..], columns.len() * runs);
+        // Before its first pixel all totals of a path are 0, whatever the penalties.
+        let last = *start - 1;
+        let mut edges: [&[u8]; ROWS] = [&[]; ROWS];
+        for (edges, y) in edges.iter_mut().zip(rows.clone()) {
+            *edges = terrain.edges.row(y);
+        }
+
+        paths.restart(runs);
+        for x in (columns.end..*start).rev() {
+            let mut parts = paths.parts();
+            for (path, y) in rows.clone().enumerate() {
+                let costs = &row_of(beyond, y - seen, width_beyond * runs)[(x - columns.end) * runs..];
+                let penalties = terrain.after(Neighbor::Left.jump(edges[path][(x + 1).min(last)]));
+                parts.extend(path, penalties, costs, runs, &mut Nowhere);
+            }
+            paths.arrive();
+        }
+        for x in columns.clone().rev() {
+            let place = (x - columns.start) * runs;
+            let mut parts = paths.parts();
+            for (path, y) in rows.clone().enumerate() {
+                let costs = &row_of(costs, y - seen, width)[place..];
+                let mut sink = Write(&mut row_of_mut(means, y - all.start, width)[place..][..runs]);
+                let penalties = terrain.after(Neighbor::Left.jump(edges[path][(x + 1).min(last)]));
+                parts.extend(path, penalties, costs, runs, &mut sink);
+            }
+            paths.arrive();
+        }
+    }
+
+    /// Paths from the left along a few rows, from where they were at the end of the panel before.
+    #[inline(always)]
+    fn from_left(&mut self, rows: Range<usize>, runs: usize) {
+        let Self { horizontal, panel, terrain, .. } = self;
+        let Horizontal { paths, left, least, means } = &mut **horizontal;
+        let (Block { rows: all, columns }, seen) = (&panel.block, panel.seen.start);
+        let (costs, means, width) = (panel.costs, &mut means[..], columns.len() * runs);
+        let mut edges: [&[u8]; ROWS] = [&[]; ROWS];
+        for (path, y) in rows.clone().enumerate() {
+            edges[path] = terrain.edges.row(y);
+            let totals = &mut paths.before[path * span(runs) + LANES..][..runs * LANES];
+            totals.copy_from_slice(row_of(left, y - all.start, runs * LANES));
+            paths.least[path] = least[y - all.start];
+        }
+        for x in columns.clone() {
+            let place = (x - columns.start) * runs;
+            let mut parts = paths.parts();
+            for (path, y) in rows.clone().enumerate() {
+                let costs = &row_of(costs, y - seen, width)[place..];
+                let mut sink = Mean(&mut row_of_mut(means, y - all.start, width)[place..][..runs]);
+                let penalties = terrain.after(Neighbor::Left.jump(edges[path][x]));
+                parts.extend(path, penalties, costs, runs, &mut sink);
+            }
+            paths.arrive();
+        }
+        for (path, y) in rows.enumerate() {
+            let totals = &paths.before[path * span(runs) + LANES..][..runs * LANES];
+            row_of_mut(left, y - all.start, runs * LANES).copy_from_slice(totals);
+            least[y - all.start] = paths.least[path];
+        }
+    }
+}
+
+/// The paths from row to row through a panel, and what is best by all paths.
+#[derive(Debug, Default)]
+pub struct Vertical<T: Value> {
+    paths: Paths<T>,
+    /// Totals of the paths from below, of the columns that are at hand.
+    below: Memory<Lanes<T>>,
+    /// The mean of all paths' totals, of the columns that are at hand, and what of that is least.
+    sums: Memory<Lanes<T>>,
+    minima: Minima<T>,
+}
+
+impl<T: Value> Vertical<T> {
+    /// Begins a band of so many rows.
+    pub fn begin(&mut self, rows: usize, runs: usize) -> Result<()> {
+        self.paths.begin(runs)?;
+        self.below.room(rows * PIXELS * runs)?;
+        self.sums.room(PIXELS * runs)
+    }
+}
+
+/// The paths from row to row through a panel, each from the first or last row that is seen.
+#[derive(Debug)]
+pub struct UpAndDown<'a, T: Value> {
+    /// Where paths are kept.
+    pub vertical: &'a mut Vertical<T>,
+    /// The panel.
+    pub panel: &'a Panel<'a, T>,
+    /// Half the sums of the totals of the paths along the rows.
+    pub means: &'a [Lanes<T>],
+    /// What paths go through.
+    pub terrain: Terrain<'a, T>,
+    /// How many candidates there are.
+    pub candidates: usize,
+    /// What is found of the rows of the band.
+    pub evidence: &'a mut Evidence,
+}
+
+impl<T: Value> Kernel for UpAndDown<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(mut self) {
+        // Where their number is known, runs are no loop.
+        match self.panel.runs {
+            1 => self.through(1),
+            2 => self.through(2),
+            3 => self.through(3),
+            runs => self.through(runs),
+        }
+    }
+}
+
+impl<T: Value> UpAndDown<'_, T> {
+    #[inline(always)]
+    fn through(&mut self, runs: usize) {
+        let Range { start, end } = self.panel.block.columns;
+        for first in (start..end).step_by(PIXELS) {
+            let columns = first..(first + PIXELS).min(end);
+            self.up(columns.clone(), runs);
+            self.come_down(columns.clone(), runs);
+            for y in self.panel.block.rows.clone() {
+                self.down(y, columns.clone(), runs);
+                self.select(y, columns.clone(), runs);
+            }
+        }
+    }
+
+    /// Paths from below through some columns.
+    #[inline(always)]
+    fn up(&mut self, columns: Range<usize>, runs: usize) {
+        let (rows, last) = (self.panel.block.rows.clone(), self.panel.seen.end - 1);
+        self.vertical.paths.restart(runs);
+        for y in (rows.start..=last).rev() {
+            // Before its first pixel all totals of a path are 0, whatever the penalties.
+            let edges = &self.terrain.edges.row((y + 1).min(last))[columns.clone()];
+            let (terrain, Vertical { paths, below, .. }) = (self.terrain, &mut *self.vertical);
+            let costs = costs_of(self.panel, y, &columns, runs);
+            let mut parts = paths.parts();
+            if y < rows.end {
+                let below = row_of_mut(below, y - rows.start, PIXELS * runs);
+                for (path, edges) in edges.iter().enumerate() {
+                    let penalties = terrain.after(Neighbor::Above.jump(*edges));
+                    let mut sink = Write(row_of_mut(below, path, runs));
+                    parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
+                }
+            } else {
+                for (path, edges) in edges.iter().enumerate() {
+                    let penalties = terrain.after(Neighbor::Above.jump(*edges));
+                    parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut Nowhere);
+                }
+            }
+            paths.arrive();
+        }
+    }
+
+    /// Paths from above through some columns, to the first row of the band.
+    #[inline(always)]
+    fn come_down(&mut self, columns: Range<usize>, runs: usize) {
+        let Self { vertical: Vertical { paths, .. }, panel, terrain, .. } = self;
+        paths.restart(runs);
+        for y in panel.seen.start..panel.block.rows.start {
+            let costs = costs_of(panel, y, &columns, runs);
+            let mut parts = paths.parts();
+            for (path, edges) in terrain.edges.row(y)[columns.clone()].iter().enumerate() {
+                let penalties = terrain.after(Neighbor::Above.jump(*edges));
+                parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut Nowhere);
+            }
+            paths.arrive();
+        }
+    }
+
+    /// Paths from above through a row of the band: with them all totals of its pixels are known.
+    #[inline(always)]
+    fn down(&mut self, y: usize, columns: Range<usize>, runs: usize) {
+        let Self { vertical, panel, terrain, means, .. } = self;
+        let Vertical { paths, below, sums, minima } = &mut **vertical;
+        let (all, row) = (&panel.block.columns, y - panel.block.rows.start);
+        let costs = costs_of(panel, y, &columns, runs);
+        let means = &row_of(means, row, all.len() * runs)[(columns.start - all.start) * runs..];
+        let below = row_of(below, row, PIXELS * runs);
+        let sums = &mut sums[..PIXELS * runs];
+        let mut parts = paths.parts();
+        for (path, edges) in terrain.edges.row(y)[columns].iter().enumerate() {
+            let penalties = terrain.after(Neighbor::Above.jump(*edges));
+            let mut sink = Sum {
+                means: row_of(means, path, runs),
+                below: row_of(below, path, runs),
+                sums: row_of_mut(sums, path, runs),
+                minimum: Minimum::of([T::FAR; LANES]),
+            };
+            parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
+            minima.take(path, sink.minimum);
+        }
+        paths.arrive();
+    }
+
+    /// Selects for the pixels of a row of the band by what all paths come to.
+    #[inline(always)]
+    fn select(&mut self, y: usize, columns: Range<usize>, runs: usize) {
+        let Vertical { sums, minima, .. } = &mut *self.vertical;
+        let (sums, costs) = (&sums[..PIXELS * runs], costs_of(self.panel, y, &columns, runs));
+        minima.settle();
+        for pixel in 0..columns.len() {
+            minima.see_others(pixel, row_of(sums, pixel, runs));
+        }
+        minima.settle_others();
+        for (pixel, x) in columns.enumerate() {
+            let volumes = (row_of(sums, pixel, runs), row_of(costs, pixel, runs));
+            let found = minima.weigh(pixel, volumes, (self.candidates, 1));
+            self.evidence.set(y - self.panel.block.rows.start, x, found);
+        }
+    }
+}
+
+/// Writes the mean of the totals of all paths: of the mean of those along the row, and that of those from above and below.
+struct Sum<'a, T> {
+    means: &'a [Lanes<T>],
+    below: &'a [Lanes<T>],
+    sums: &'a mut [Lanes<T>],
+    minimum: Minimum<T>,
+}
+
+impl<T: Value> Sink<T> for Sum<'_, T> {
+    #[inline(always)]
+    fn take(&mut self, run: usize, totals: Lanes<T>) {
+        let (means, below) = (&self.means[run], &self.below[run]);
+        let mut sums = [T::default(); LANES];
+        for j in 0..LANES {
+            sums[j] = means[j].mean(totals[j].mean(below[j]));
+        }
+        self.sums[run] = sums;
+        self.minimum.see(run, sums);
+    }
+}
