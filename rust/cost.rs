@@ -219,17 +219,11 @@ impl<'a> Costs<'a> {
     ) {
         let is_first = N == codes.left.len();
         let labels = codes.labels.as_ref().map(|labels| labels.row(y));
-        let row = |plane: &'_ [Plane<u8>]| -> [&[u8]; N] {
-            let mut rows = [&[][..]; N];
-            for byte in 0..N {
-                rows[byte] = plane[first + byte].row(y);
-            }
-            rows
-        };
-        let (lefts, mut rights) = (row(&codes.left), row(&codes.rights[0]));
+        let lefts: [&[u8]; N] = rows_of(&codes.left[first..], y);
+        let mut rights: [&[u8]; N] = rows_of(&codes.rights[0][first..], y);
         for (x, out) in columns.zip(self.pixels(out)) {
             if let Some(labels) = labels {
-                rights = row(&codes.rights[usize::from(labels[x])]);
+                rights = rows_of(&codes.rights[usize::from(labels[x])][first..], y);
             }
             let (mut left, mut right) = ([0; N], [&[][..]; N]);
             for byte in 0..N {
@@ -391,6 +385,16 @@ impl simd::Kernel for Write<'_> {
     fn run(self) {
         self.costs.write(self.y, 0..self.costs.cols, self.out);
     }
+}
+
+/// Row `y` of the first planes.
+#[inline(always)]
+fn rows_of<const N: usize>(planes: &[Plane<u8>], y: usize) -> [&[u8]; N] {
+    let mut rows = [&[][..]; N];
+    for byte in 0..N {
+        rows[byte] = planes[byte].row(y);
+    }
+    rows
 }
 
 /// Writes in how many bits `N` bytes differ from those of a run of candidates.
