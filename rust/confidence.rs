@@ -14,9 +14,11 @@
 //!
 //! X. Hu, P. Mordohai: *A Quantitative Evaluation of Confidence Measures for Stereo Vision*, PAMI 2012.
 
+use std::array::from_fn;
+
 use crate::control::Control;
 use crate::error::Result;
-use crate::plane::{Plane, zeroed};
+use crate::plane::{Plane, parts};
 use crate::refinement::Margin;
 use crate::simd::{Kernel, Level};
 use crate::texture::{Roughness, Texture};
@@ -45,8 +47,12 @@ pub const SIMILAR: f64 = 2.0;
 /// it by 0.05 on degraded ones.
 pub const HALF_SUPPORT: f32 = 0.01;
 
-/// Rows that share what they are worked out in.
-const ROWS: usize = 16;
+/// Rows that votes come from.
+const SIDE: usize = 2 * RADIUS / STEP + 1;
+/// Pixels that are worked out at a time.
+const LANES: usize = 16;
+/// Columns about them that count.
+const SPAN: usize = LANES + 2 * RADIUS;
 
 /// The vote of a pixel, from 0 to 1, by the costs of its best candidates, of which `unit` are one unit of the mean cost.
 #[inline(always)]
@@ -76,26 +82,13 @@ pub struct Scene<'a> {
 
 impl Scene<'_> {
     /// The confidence of every disparity; 0 where there is none.
-    pub fn confidences(&self, level: Level, control: &Control) -> Result<Plane<f32>> {
-        let (rows, cols) = (self.disparity.rows(), self.disparity.cols());
+    pub fn confidences(&self, out: &mut Plane<f32>, level: Level, control: &Control) -> Result<()> {
         let similar = similar(self.texture.roughness);
-        Plane::by_bands((rows, cols), ROWS, |first, band| {
+        out.write_bands(1, |y, confidences| {
             control.checkpoint()?;
-            let mut weights = zeroed(cols)?;
-            for (y, sums) in (first..).zip(band.chunks_mut(cols)) {
-                level.run(Support { scene: *self, y, similar, weights: &mut weights, sums });
-            }
+            level.run(Support { scene: *self, y, similar, confidences });
             Ok(())
         })
-    }
-
-    #[inline(always)]
-    fn row(&self, y: usize) -> Row<'_> {
-        Row {
-            disparity: self.disparity.row(y),
-            votes: self.votes.row(y),
-            gray: self.texture.gray.row(y),
-        }
     }
 }
 
@@ -106,31 +99,12 @@ pub fn similar(roughness: Roughness) -> f32 {
 }
 
 /// A row of a scene, or a part of it.
-#[derive(Clone, Copy)]
-struct Row<'a> {
-    disparity: &'a [f32],
-    votes: &'a [f32],
-    gray: &'a [i32],
-}
-
-impl Row<'_> {
-    #[inline(always)]
-    fn part(&self, first: usize, count: usize) -> Self {
-        Self {
-            disparity: &self.disparity[first..][..count],
-            votes: &self.votes[first..][..count],
-            gray: &self.gray[first..][..count],
-        }
-    }
-}
-
-/// Confidences of row `y`, written over `sums`.
+/// The confidences of row `y`.
 struct Support<'a> {
     scene: Scene<'a>,
     y: usize,
     similar: f32,
-    weights: &'a mut [f32],
-    sums: &'a mut [f32],
+    confidences: &'a mut [f32],
 }
 
 impl Kernel for Support<'_> {
@@ -138,51 +112,63 @@ impl Kernel for Support<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { scene, y, similar, weights, sums } = self;
-        let (rows, cols) = (scene.disparity.rows(), scene.disparity.cols());
-        weights.fill(0.0);
-        sums.fill(0.0);
-        let here = scene.row(y);
-        for row in places(y, rows) {
-            let there = scene.row(row);
-            for away in (0..=2 * RADIUS).step_by(STEP) {
-                // Columns that have one so far away: from `first` on; theirs begin at `other`.
-                let first = RADIUS.saturating_sub(away);
-                let other = away.saturating_sub(RADIUS);
-                let count = cols.saturating_sub(first.max(other));
-                if count > 0 {
-                    let (weights, sums) =
-                        (&mut weights[first..][..count], &mut sums[first..][..count]);
-                    let pair = [here.part(first, count), there.part(other, count)];
-                    add(pair, similar, weights, sums);
-                }
-            }
-        }
-        for ((sum, weight), disparity) in sums.iter_mut().zip(weights).zip(here.disparity) {
-            let is_known = !disparity.is_nan();
-            *sum = if is_known { confidence(*sum / *weight) } else { 0.0 };
+        let Scene { disparity, votes, texture } = self.scene;
+        let row = |k: usize| (self.y + k * STEP) as isize - RADIUS as isize;
+        let disparity = from_fn(|k| disparity.row_or_nothing(row(k)));
+        let votes = from_fn(|k| votes.row_or_nothing(row(k)));
+        let gray = from_fn(|k| texture.gray.row_or_nothing(row(k)));
+        let (mut room, mut gray_room) = ([[[0.0; SPAN]; SIDE]; 2], [[0; SPAN]; SIDE]);
+        for (index, out) in self.confidences.chunks_mut(LANES).enumerate() {
+            let first = (index * LANES) as isize - RADIUS as isize;
+            let [disparity_room, votes_room] = &mut room;
+            let around = Around {
+                disparity: parts(disparity, first, disparity_room, |_, _| f32::NAN),
+                votes: parts(votes, first, votes_room, |_, _| 0.0),
+                gray: parts(gray, first, &mut gray_room, |_, _| 0),
+            };
+            let confidences = around.confidences(self.similar);
+            out.copy_from_slice(&confidences[..out.len()]);
         }
     }
 }
 
-/// Rows at the distances that count, within the image.
-#[inline(always)]
-fn places(y: usize, rows: usize) -> impl Iterator<Item = usize> {
-    let around = (0..=2 * RADIUS).step_by(STEP);
-    around.filter_map(move |away| (y + away).checked_sub(RADIUS)).filter(move |&row| row < rows)
+/// What is known of the pixels around some neighbouring ones; those beside the image have no disparity.
+struct Around<'a> {
+    disparity: [&'a [f32]; SIDE],
+    votes: [&'a [f32]; SIDE],
+    gray: [&'a [i32]; SIDE],
 }
 
-/// Adds the votes of one of the pixels around each. One without a disparity has none, neither for nor against.
-#[inline(always)]
-fn add([here, there]: [Row; 2], similar: f32, weights: &mut [f32], sums: &mut [f32]) {
-    let ours = here.disparity.iter().zip(here.gray);
-    let theirs = there.disparity.iter().zip(there.gray).zip(there.votes);
-    let totals = weights.iter_mut().zip(sums);
-    for (((ours, gray), ((theirs, other), vote)), (weight, sum)) in ours.zip(theirs).zip(totals) {
-        let difference = (gray - other) as f32;
-        let alike = similar / (similar + difference * difference);
-        let agrees = (ours - theirs).abs() <= TOLERANCE;
-        *weight += if theirs.is_nan() { 0.0 } else { alike };
-        *sum += if agrees { alike * vote } else { 0.0 };
+impl Around<'_> {
+    /// Each of the pixels around has a vote, those without a disparity neither for nor against.
+    #[inline(always)]
+    fn confidences(&self, similar: f32) -> [f32; LANES] {
+        let own: [f32; LANES] = from_fn(|j| self.disparity[SIDE / 2][RADIUS + j]);
+        let own_gray: [i32; LANES] = from_fn(|j| self.gray[SIDE / 2][RADIUS + j]);
+        let (mut weight, mut sum) = ([0.0; LANES], [0.0; LANES]);
+        for place in 0..SIDE * SIDE {
+            let (row, away) = (place / SIDE, place % SIDE * STEP);
+            let theirs = &self.disparity[row][away..][..LANES];
+            let votes = &self.votes[row][away..][..LANES];
+            let gray = &self.gray[row][away..][..LANES];
+            // Nothing is added as bits that are all zero: a choice would keep the sums out of registers.
+            let (mut counted, mut agreed) = ([0.0; LANES], [0.0; LANES]);
+            for j in 0..LANES {
+                let difference = (own_gray[j] - gray[j]) as f32;
+                let alike = similar / (similar + difference * difference);
+                let is_known = if theirs[j].is_nan() { 0 } else { !0 };
+                let agrees = if (own[j] - theirs[j]).abs() <= TOLERANCE { !0 } else { 0 };
+                counted[j] = f32::from_bits(alike.to_bits() & is_known);
+                agreed[j] = f32::from_bits((alike * votes[j]).to_bits() & agrees);
+            }
+            weight = from_fn(|j| weight[j] + counted[j]);
+            sum = from_fn(|j| sum[j] + agreed[j]);
+        }
+        let mut confidences = [0.0; LANES];
+        for j in 0..LANES {
+            let support = confidence(sum[j] / weight[j]);
+            confidences[j] = if own[j].is_nan() { 0.0 } else { support };
+        }
+        confidences
     }
 }
