@@ -18,7 +18,7 @@ use std::array::from_fn;
 
 use crate::control::Control;
 use crate::error::Result;
-use crate::plane::{Plane, parts};
+use crate::plane::{Plane, parts, zeroed};
 use crate::refinement::Margin;
 use crate::simd::{Kernel, Level};
 use crate::texture::{Roughness, Texture};
@@ -49,6 +49,11 @@ pub const HALF_SUPPORT: f32 = 0.01;
 
 /// Rows that votes come from.
 const SIDE: usize = 2 * RADIUS / STEP + 1;
+/// Rows from a pixel's own down that it is compared with, and those of which comparisons are kept.
+const BELOW: usize = RADIUS / STEP + 1;
+const KEPT: usize = RADIUS + 1;
+/// Rows of a band: of those above it, gray values are compared again.
+const ROWS: usize = 64;
 /// Pixels that are worked out at a time.
 const LANES: usize = 16;
 /// Columns about them that count.
@@ -83,10 +88,18 @@ pub struct Scene<'a> {
 impl Scene<'_> {
     /// The confidence of every disparity; 0 where there is none.
     pub fn confidences(&self, out: &mut Plane<f32>, level: Level, control: &Control) -> Result<()> {
+        let (cols, gray) = (self.disparity.cols(), &self.texture.gray);
         let similar = similar(self.texture.roughness);
-        out.write_bands(1, |y, confidences| {
+        out.write_bands(ROWS, |first, band| {
             control.checkpoint()?;
-            level.run(Support { scene: *self, y, similar, confidences });
+            let mut alike = Alike::new(cols)?;
+            for y in first.saturating_sub(RADIUS)..first + band.len() / cols {
+                level.run(Compare { gray, y, similar, alike: &mut alike });
+                if let Some(row) = y.checked_sub(first) {
+                    let confidences = &mut band[row * cols..][..cols];
+                    level.run(Support { scene: *self, y, alike: &alike, confidences });
+                }
+            }
             Ok(())
         })
     }
@@ -98,12 +111,82 @@ pub fn similar(roughness: Roughness) -> f32 {
     difference * difference
 }
 
-/// A row of a scene, or a part of it.
+/// How alike the gray values of the last rows are, from 0 to 1, to those of the pixels beside and below them: of a pair
+/// of pixels, that is the same for both.
+struct Alike {
+    values: Vec<f32>,
+    width: usize,
+}
+
+impl Alike {
+    fn new(cols: usize) -> Result<Self> {
+        let width = cols.next_multiple_of(LANES) + 2 * RADIUS;
+        Ok(Self { values: zeroed(KEPT * BELOW * SIDE * width)?, width })
+    }
+
+    /// Where the numbers are of row `y` and the pixels so many steps below and so many from the left end of a window;
+    /// before and after those of its columns are [`RADIUS`] others.
+    #[inline(always)]
+    fn place(&self, y: usize, below: usize, across: usize) -> usize {
+        ((y % KEPT * BELOW + below) * SIDE + across) * self.width
+    }
+
+    /// The numbers of row `y`, from its first column on, and the pixels of a row and a column of their windows.
+    #[inline(always)]
+    fn row(&self, y: usize, down: usize, across: usize) -> &[f32] {
+        let place = match down.checked_sub(SIDE / 2) {
+            Some(below) => self.place(y, below, across) + RADIUS,
+            // As the other one of the pair has it; beside the image there is none, and any number will do.
+            None => {
+                let below = SIDE / 2 - down;
+                self.place(y + KEPT - below * STEP, below, SIDE - 1 - across) + across * STEP
+            }
+        };
+        &self.values[place..]
+    }
+}
+
+/// Compares the gray values of row `y`.
+struct Compare<'a> {
+    gray: &'a Plane<i32>,
+    y: usize,
+    similar: f32,
+    alike: &'a mut Alike,
+}
+
+impl Kernel for Compare<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { gray, y, similar, alike } = self;
+        let here = gray.row(y);
+        for below in (0..BELOW).filter(|below| y + below * STEP < gray.rows()) {
+            let there = gray.row(y + below * STEP);
+            for across in 0..SIDE {
+                // Columns that have one so far away: from `first` on; theirs begin at `other`.
+                let first = RADIUS.saturating_sub(across * STEP);
+                let other = (across * STEP).saturating_sub(RADIUS);
+                let count = here.len().saturating_sub(first.max(other));
+                let (Some(here), Some(there)) = (here.get(first..), there.get(other..)) else {
+                    continue;
+                };
+                let place = alike.place(y, below, across) + RADIUS + first;
+                let values = &mut alike.values[place..][..count];
+                for ((value, here), there) in values.iter_mut().zip(here).zip(there) {
+                    let difference = (here - there) as f32;
+                    *value = similar / (similar + difference * difference);
+                }
+            }
+        }
+    }
+}
+
 /// The confidences of row `y`.
 struct Support<'a> {
     scene: Scene<'a>,
     y: usize,
-    similar: f32,
+    alike: &'a Alike,
     confidences: &'a mut [f32],
 }
 
@@ -112,63 +195,56 @@ impl Kernel for Support<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Scene { disparity, votes, texture } = self.scene;
         let row = |k: usize| (self.y + k * STEP) as isize - RADIUS as isize;
-        let disparity = from_fn(|k| disparity.row_or_nothing(row(k)));
-        let votes = from_fn(|k| votes.row_or_nothing(row(k)));
-        let gray = from_fn(|k| texture.gray.row_or_nothing(row(k)));
-        let (mut room, mut gray_room) = ([[[0.0; SPAN]; SIDE]; 2], [[0; SPAN]; SIDE]);
+        let disparity = from_fn(|k| self.scene.disparity.row_or_nothing(row(k)));
+        let votes = from_fn(|k| self.scene.votes.row_or_nothing(row(k)));
+        let alike: [[&[f32]; SIDE]; SIDE] =
+            from_fn(|down| from_fn(|across| self.alike.row(self.y, down, across)));
+        let mut room = [[[0.0; SPAN]; SIDE]; 2];
         for (index, out) in self.confidences.chunks_mut(LANES).enumerate() {
-            let first = (index * LANES) as isize - RADIUS as isize;
+            let x = index * LANES;
+            let first = x as isize - RADIUS as isize;
             let [disparity_room, votes_room] = &mut room;
-            let around = Around {
-                disparity: parts(disparity, first, disparity_room, |_, _| f32::NAN),
-                votes: parts(votes, first, votes_room, |_, _| 0.0),
-                gray: parts(gray, first, &mut gray_room, |_, _| 0),
-            };
-            let confidences = around.confidences(self.similar);
+            let disparity = parts(disparity, first, disparity_room, |_, _| f32::NAN);
+            let votes = parts(votes, first, votes_room, |_, _| 0.0);
+            let confidences = confidences(disparity, votes, x, &alike);
             out.copy_from_slice(&confidences[..out.len()]);
         }
     }
 }
 
-/// What is known of the pixels around some neighbouring ones; those beside the image have no disparity.
-struct Around<'a> {
-    disparity: [&'a [f32]; SIDE],
-    votes: [&'a [f32]; SIDE],
-    gray: [&'a [i32]; SIDE],
-}
-
-impl Around<'_> {
-    /// Each of the pixels around has a vote, those without a disparity neither for nor against.
-    #[inline(always)]
-    fn confidences(&self, similar: f32) -> [f32; LANES] {
-        let own: [f32; LANES] = from_fn(|j| self.disparity[SIDE / 2][RADIUS + j]);
-        let own_gray: [i32; LANES] = from_fn(|j| self.gray[SIDE / 2][RADIUS + j]);
-        let (mut weight, mut sum) = ([0.0; LANES], [0.0; LANES]);
-        for place in 0..SIDE * SIDE {
-            let (row, away) = (place / SIDE, place % SIDE * STEP);
-            let theirs = &self.disparity[row][away..][..LANES];
-            let votes = &self.votes[row][away..][..LANES];
-            let gray = &self.gray[row][away..][..LANES];
+/// Of neighbouring pixels, by what is known of those around them. Each of these has a vote; one without a disparity,
+/// and that are those beside the image, has none, neither for nor against.
+#[inline(always)]
+fn confidences(
+    disparity: [&[f32]; SIDE],
+    votes: [&[f32]; SIDE],
+    x: usize,
+    alike: &[[&[f32]; SIDE]; SIDE],
+) -> [f32; LANES] {
+    let own: [f32; LANES] = from_fn(|j| disparity[SIDE / 2][RADIUS + j]);
+    let (mut weight, mut sum) = ([0.0; LANES], [0.0; LANES]);
+    for down in 0..SIDE {
+        for across in 0..SIDE {
+            let theirs = &disparity[down][across * STEP..][..LANES];
+            let votes = &votes[down][across * STEP..][..LANES];
+            let alike = &alike[down][across][x..][..LANES];
             // Nothing is added as bits that are all zero: a choice would keep the sums out of registers.
             let (mut counted, mut agreed) = ([0.0; LANES], [0.0; LANES]);
             for j in 0..LANES {
-                let difference = (own_gray[j] - gray[j]) as f32;
-                let alike = similar / (similar + difference * difference);
                 let is_known = if theirs[j].is_nan() { 0 } else { !0 };
                 let agrees = if (own[j] - theirs[j]).abs() <= TOLERANCE { !0 } else { 0 };
-                counted[j] = f32::from_bits(alike.to_bits() & is_known);
-                agreed[j] = f32::from_bits((alike * votes[j]).to_bits() & agrees);
+                counted[j] = f32::from_bits(alike[j].to_bits() & is_known);
+                agreed[j] = f32::from_bits((alike[j] * votes[j]).to_bits() & agrees);
             }
             weight = from_fn(|j| weight[j] + counted[j]);
             sum = from_fn(|j| sum[j] + agreed[j]);
         }
-        let mut confidences = [0.0; LANES];
-        for j in 0..LANES {
-            let support = confidence(sum[j] / weight[j]);
-            confidences[j] = if own[j].is_nan() { 0.0 } else { support };
-        }
-        confidences
     }
+    let mut confidences = [0.0; LANES];
+    for j in 0..LANES {
+        let support = confidence(sum[j] / weight[j]);
+        confidences[j] = if own[j].is_nan() { 0.0 } else { support };
+    }
+    confidences
 }
