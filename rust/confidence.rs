@@ -134,13 +134,12 @@ impl Alike {
     /// The numbers of row `y`, from its first column on, and the pixels of a row and a column of their windows.
     #[inline(always)]
     fn row(&self, y: usize, down: usize, across: usize) -> &[f32] {
-        let place = match down.checked_sub(SIDE / 2) {
-            Some(below) => self.place(y, below, across) + RADIUS,
+        let place = if let Some(below) = down.checked_sub(SIDE / 2) {
+            self.place(y, below, across) + RADIUS
+        } else {
             // As the other one of the pair has it; beside the image there is none, and any number will do.
-            None => {
-                let below = SIDE / 2 - down;
-                self.place(y + KEPT - below * STEP, below, SIDE - 1 - across) + across * STEP
-            }
+            let below = SIDE / 2 - down;
+            self.place(y + KEPT - below * STEP, below, SIDE - 1 - across) + across * STEP
         };
         &self.values[place..]
     }
@@ -233,9 +232,9 @@ fn confidences(
             let (mut counted, mut agreed) = ([0.0; LANES], [0.0; LANES]);
             for j in 0..LANES {
                 let is_known = if theirs[j].is_nan() { 0 } else { !0 };
-                let agrees = if (own[j] - theirs[j]).abs() <= TOLERANCE { !0 } else { 0 };
+                let is_near = if (own[j] - theirs[j]).abs() <= TOLERANCE { !0 } else { 0 };
                 counted[j] = f32::from_bits(alike[j].to_bits() & is_known);
-                agreed[j] = f32::from_bits((alike[j] * votes[j]).to_bits() & agrees);
+                agreed[j] = f32::from_bits((alike[j] * votes[j]).to_bits() & is_near);
             }
             weight = from_fn(|j| weight[j] + counted[j]);
             sum = from_fn(|j| sum[j] + agreed[j]);

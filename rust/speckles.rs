@@ -41,12 +41,12 @@ pub fn flag_speckles(
     let first_runs: Vec<usize> = first_runs.collect();
     let parts = flags.as_mut_slice().par_chunks_mut(BAND * cols).zip(&bands).zip(first_runs);
     parts.for_each(|((flags, band), first)| {
+        let is_small = |run: usize| regions.size((first + run) as u32) <= size;
         for (y, flags) in flags.chunks_mut(cols).enumerate() {
-            for index in band.rows[y]..band.rows[y + 1] {
-                if regions.size((first + index) as u32) <= size {
-                    let run = band.runs[index];
-                    let pixels = &mut flags[run.start as usize..run.end as usize];
-                    pixels.iter_mut().for_each(|flags| *flags |= flag::SPECKLE);
+            for index in (band.rows[y]..band.rows[y + 1]).filter(|index| is_small(*index)) {
+                let Run { start, end } = band.runs[index];
+                for flags in &mut flags[start as usize..end as usize] {
+                    *flags |= flag::SPECKLE;
                 }
             }
         }
@@ -275,7 +275,8 @@ impl Kernel for Cut<'_> {
         Trusted { disparity, flags, row: values }.run();
         breaks[0] = 1;
         for ((out, from), to) in breaks[1..].iter_mut().zip(&values[..]).zip(&values[1..]) {
-            *out = u8::from(!((from - to).abs() <= range));
+            let hangs_together = (from - to).abs() <= range;
+            *out = u8::from(!hangs_together);
         }
     }
 }
