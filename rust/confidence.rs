@@ -14,11 +14,9 @@
 //!
 //! X. Hu, P. Mordohai: *A Quantitative Evaluation of Confidence Measures for Stereo Vision*, PAMI 2012.
 
-use std::array::from_fn;
-
 use crate::control::Control;
 use crate::error::Result;
-use crate::plane::{Plane, parts, zeroed};
+use crate::plane::{Plane, zeroed};
 use crate::refinement::Margin;
 use crate::simd::{Kernel, Level};
 use crate::texture::{Roughness, Texture};
@@ -47,17 +45,8 @@ pub const SIMILAR: f64 = 2.0;
 /// it by 0.05 on degraded ones.
 pub const HALF_SUPPORT: f32 = 0.01;
 
-/// Rows that votes come from.
-const SIDE: usize = 2 * RADIUS / STEP + 1;
-/// Rows from a pixel's own down that it is compared with, and those of which comparisons are kept.
-const BELOW: usize = RADIUS / STEP + 1;
-const KEPT: usize = RADIUS + 1;
-/// Rows of a band: of those above it, gray values are compared again.
-const ROWS: usize = 64;
-/// Pixels that are worked out at a time.
-const LANES: usize = 16;
-/// Columns about them that count.
-const SPAN: usize = LANES + 2 * RADIUS;
+/// Rows that share what they are worked out in.
+const ROWS: usize = 16;
 
 /// The vote of a pixel, from 0 to 1, by the costs of its best candidates, of which `unit` are one unit of the mean cost.
 #[inline(always)]
@@ -88,20 +77,25 @@ pub struct Scene<'a> {
 impl Scene<'_> {
     /// The confidence of every disparity; 0 where there is none.
     pub fn confidences(&self, out: &mut Plane<f32>, level: Level, control: &Control) -> Result<()> {
-        let (cols, gray) = (self.disparity.cols(), &self.texture.gray);
+        let cols = self.disparity.cols();
         let similar = similar(self.texture.roughness);
         out.write_bands(ROWS, |first, band| {
             control.checkpoint()?;
-            let mut alike = Alike::new(cols)?;
-            for y in first.saturating_sub(RADIUS)..first + band.len() / cols {
-                level.run(Compare { gray, y, similar, alike: &mut alike });
-                if let Some(row) = y.checked_sub(first) {
-                    let confidences = &mut band[row * cols..][..cols];
-                    level.run(Support { scene: *self, y, alike: &alike, confidences });
-                }
+            let mut weights = zeroed(cols)?;
+            for (y, sums) in (first..).zip(band.chunks_mut(cols)) {
+                level.run(Support { scene: *self, y, similar, weights: &mut weights, sums });
             }
             Ok(())
         })
+    }
+
+    #[inline(always)]
+    fn row(&self, y: usize) -> Row<'_> {
+        Row {
+            disparity: self.disparity.row(y),
+            votes: self.votes.row(y),
+            gray: self.texture.gray.row(y),
+        }
     }
 }
 
@@ -111,82 +105,32 @@ pub fn similar(roughness: Roughness) -> f32 {
     difference * difference
 }
 
-/// How alike the gray values of the last rows are, from 0 to 1, to those of the pixels beside and below them: of a pair
-/// of pixels, that is the same for both.
-struct Alike {
-    values: Vec<f32>,
-    width: usize,
+/// A row of a scene, or a part of it.
+#[derive(Clone, Copy)]
+struct Row<'a> {
+    disparity: &'a [f32],
+    votes: &'a [f32],
+    gray: &'a [i32],
 }
 
-impl Alike {
-    fn new(cols: usize) -> Result<Self> {
-        let width = cols.next_multiple_of(LANES) + 2 * RADIUS;
-        Ok(Self { values: zeroed(KEPT * BELOW * SIDE * width)?, width })
-    }
-
-    /// Where the numbers are of row `y` and the pixels so many steps below and so many from the left end of a window;
-    /// before and after those of its columns are [`RADIUS`] others.
+impl Row<'_> {
     #[inline(always)]
-    fn place(&self, y: usize, below: usize, across: usize) -> usize {
-        ((y % KEPT * BELOW + below) * SIDE + across) * self.width
-    }
-
-    /// The numbers of row `y`, from its first column on, and the pixels of a row and a column of their windows.
-    #[inline(always)]
-    fn row(&self, y: usize, down: usize, across: usize) -> &[f32] {
-        let place = if let Some(below) = down.checked_sub(SIDE / 2) {
-            self.place(y, below, across) + RADIUS
-        } else {
-            // As the other one of the pair has it; beside the image there is none, and any number will do.
-            let below = SIDE / 2 - down;
-            self.place(y + KEPT - below * STEP, below, SIDE - 1 - across) + across * STEP
-        };
-        &self.values[place..]
-    }
-}
-
-/// Compares the gray values of row `y`.
-struct Compare<'a> {
-    gray: &'a Plane<i32>,
-    y: usize,
-    similar: f32,
-    alike: &'a mut Alike,
-}
-
-impl Kernel for Compare<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { gray, y, similar, alike } = self;
-        let here = gray.row(y);
-        for below in (0..BELOW).filter(|below| y + below * STEP < gray.rows()) {
-            let there = gray.row(y + below * STEP);
-            for across in 0..SIDE {
-                // Columns that have one so far away: from `first` on; theirs begin at `other`.
-                let first = RADIUS.saturating_sub(across * STEP);
-                let other = (across * STEP).saturating_sub(RADIUS);
-                let count = here.len().saturating_sub(first.max(other));
-                let (Some(here), Some(there)) = (here.get(first..), there.get(other..)) else {
-                    continue;
-                };
-                let place = alike.place(y, below, across) + RADIUS + first;
-                let values = &mut alike.values[place..][..count];
-                for ((value, here), there) in values.iter_mut().zip(here).zip(there) {
-                    let difference = (here - there) as f32;
-                    *value = similar / (similar + difference * difference);
-                }
-            }
+    fn part(&self, first: usize, count: usize) -> Self {
+        Self {
+            disparity: &self.disparity[first..][..count],
+            votes: &self.votes[first..][..count],
+            gray: &self.gray[first..][..count],
         }
     }
 }
 
-/// The confidences of row `y`.
+/// Confidences of row `y`, written over `sums`.
 struct Support<'a> {
     scene: Scene<'a>,
     y: usize,
-    alike: &'a Alike,
-    confidences: &'a mut [f32],
+    similar: f32,
+    weights: &'a mut [f32],
+    sums: &'a mut [f32],
 }
 
 impl Kernel for Support<'_> {
@@ -194,56 +138,51 @@ impl Kernel for Support<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let row = |k: usize| (self.y + k * STEP) as isize - RADIUS as isize;
-        let disparity = from_fn(|k| self.scene.disparity.row_or_nothing(row(k)));
-        let votes = from_fn(|k| self.scene.votes.row_or_nothing(row(k)));
-        let alike: [[&[f32]; SIDE]; SIDE] =
-            from_fn(|down| from_fn(|across| self.alike.row(self.y, down, across)));
-        let mut room = [[[0.0; SPAN]; SIDE]; 2];
-        for (index, out) in self.confidences.chunks_mut(LANES).enumerate() {
-            let x = index * LANES;
-            let first = x as isize - RADIUS as isize;
-            let [disparity_room, votes_room] = &mut room;
-            let disparity = parts(disparity, first, disparity_room, |_, _| f32::NAN);
-            let votes = parts(votes, first, votes_room, |_, _| 0.0);
-            let confidences = confidences(disparity, votes, x, &alike);
-            out.copy_from_slice(&confidences[..out.len()]);
+        let Self { scene, y, similar, weights, sums } = self;
+        let (rows, cols) = (scene.disparity.rows(), scene.disparity.cols());
+        weights.fill(0.0);
+        sums.fill(0.0);
+        let here = scene.row(y);
+        for row in places(y, rows) {
+            let there = scene.row(row);
+            for away in (0..=2 * RADIUS).step_by(STEP) {
+                // Columns that have one so far away: from `first` on; theirs begin at `other`.
+                let first = RADIUS.saturating_sub(away);
+                let other = away.saturating_sub(RADIUS);
+                let count = cols.saturating_sub(first.max(other));
+                if count > 0 {
+                    let (weights, sums) =
+                        (&mut weights[first..][..count], &mut sums[first..][..count]);
+                    let pair = [here.part(first, count), there.part(other, count)];
+                    add(pair, similar, weights, sums);
+                }
+            }
+        }
+        for ((sum, weight), disparity) in sums.iter_mut().zip(weights).zip(here.disparity) {
+            let is_known = !disparity.is_nan();
+            *sum = if is_known { confidence(*sum / *weight) } else { 0.0 };
         }
     }
 }
 
-/// Of neighbouring pixels, by what is known of those around them. Each of these has a vote; one without a disparity,
-/// and that are those beside the image, has none, neither for nor against.
+/// Rows at the distances that count, within the image.
 #[inline(always)]
-fn confidences(
-    disparity: [&[f32]; SIDE],
-    votes: [&[f32]; SIDE],
-    x: usize,
-    alike: &[[&[f32]; SIDE]; SIDE],
-) -> [f32; LANES] {
-    let own: [f32; LANES] = from_fn(|j| disparity[SIDE / 2][RADIUS + j]);
-    let (mut weight, mut sum) = ([0.0; LANES], [0.0; LANES]);
-    for down in 0..SIDE {
-        for across in 0..SIDE {
-            let theirs = &disparity[down][across * STEP..][..LANES];
-            let votes = &votes[down][across * STEP..][..LANES];
-            let alike = &alike[down][across][x..][..LANES];
-            // Nothing is added as bits that are all zero: a choice would keep the sums out of registers.
-            let (mut counted, mut agreed) = ([0.0; LANES], [0.0; LANES]);
-            for j in 0..LANES {
-                let is_known = if theirs[j].is_nan() { 0 } else { !0 };
-                let is_near = if (own[j] - theirs[j]).abs() <= TOLERANCE { !0 } else { 0 };
-                counted[j] = f32::from_bits(alike[j].to_bits() & is_known);
-                agreed[j] = f32::from_bits((alike[j] * votes[j]).to_bits() & is_near);
-            }
-            weight = from_fn(|j| weight[j] + counted[j]);
-            sum = from_fn(|j| sum[j] + agreed[j]);
-        }
+fn places(y: usize, rows: usize) -> impl Iterator<Item = usize> {
+    let around = (0..=2 * RADIUS).step_by(STEP);
+    around.filter_map(move |away| (y + away).checked_sub(RADIUS)).filter(move |&row| row < rows)
+}
+
+/// Adds the votes of one of the pixels around each. One without a disparity has none, neither for nor against.
+#[inline(always)]
+fn add([here, there]: [Row; 2], similar: f32, weights: &mut [f32], sums: &mut [f32]) {
+    let ours = here.disparity.iter().zip(here.gray);
+    let theirs = there.disparity.iter().zip(there.gray).zip(there.votes);
+    let totals = weights.iter_mut().zip(sums);
+    for (((ours, gray), ((theirs, other), vote)), (weight, sum)) in ours.zip(theirs).zip(totals) {
+        let difference = (gray - other) as f32;
+        let alike = similar / (similar + difference * difference);
+        let agrees = (ours - theirs).abs() <= TOLERANCE;
+        *weight += if theirs.is_nan() { 0.0 } else { alike };
+        *sum += if agrees { alike * vote } else { 0.0 };
     }
-    let mut confidences = [0.0; LANES];
-    for j in 0..LANES {
-        let support = confidence(sum[j] / weight[j]);
-        confidences[j] = if own[j].is_nan() { 0.0 } else { support };
-    }
-    confidences
 }
