@@ -11,7 +11,7 @@ use std::array::from_fn;
 
 use crate::control::Control;
 use crate::error::Result;
-use crate::plane::Plane;
+use crate::plane::{Plane, parts};
 use crate::simd::{Kernel, Level};
 
 /// How many times over the costs of the pixel itself count beside each path's total.
@@ -70,23 +70,19 @@ pub fn offset(below: u32, own: u32, above: u32) -> f32 {
 ///
 /// Pixels count in pairs, opposite one another: then the mean of a slanted surface is the surface, up to its very
 /// edge.
-pub fn smooth(disparity: &Plane<f32>, level: Level, control: &Control) -> Result<Plane<f32>> {
-    let padded = padded(disparity)?;
-    Plane::by_rows((disparity.rows(), disparity.cols()), control, |y, smoothed| {
-        let rows = from_fn(|dy| padded.row(y + dy));
+pub fn smooth(
+    disparity: &Plane<f32>,
+    smoothed: &mut Plane<f32>,
+    level: Level,
+    control: &Control,
+) -> Result<()> {
+    smoothed.write_bands(1, |y, smoothed| {
+        control.checkpoint()?;
+        let first = y as isize - REACH as isize;
+        let rows = from_fn(|dy| disparity.row_or_nothing(first + dy as isize));
         level.run(Smooth { rows, smoothed });
+        Ok(())
     })
-}
-
-/// The plane with nothing around it, and enough columns for all lanes.
-fn padded(disparity: &Plane<f32>) -> Result<Plane<f32>> {
-    let (rows, cols) = (disparity.rows(), disparity.cols());
-    let mut padded = Plane::new(rows + 2 * REACH, cols.next_multiple_of(LANES) + 2 * REACH)?;
-    padded.as_mut_slice().fill(f32::NAN);
-    for y in 0..rows {
-        padded.row_mut(y + REACH)[REACH..][..cols].copy_from_slice(disparity.row(y));
-    }
-    Ok(padded)
 }
 
 /// One row, to be smoothed with those about it.
@@ -100,8 +96,10 @@ impl Kernel for Smooth<'_> {
 
     #[inline(always)]
     fn run(self) {
+        let mut room = [[0.0; SPAN]; SIDE];
         for (index, smoothed) in self.smoothed.chunks_mut(LANES).enumerate() {
-            let mean = mean(self.rows.map(|row| &row[index * LANES..][..SPAN]));
+            let first = (index * LANES) as isize - REACH as isize;
+            let mean = mean(parts(self.rows, first, &mut room, |_, _| f32::NAN));
             smoothed.copy_from_slice(&mean[..smoothed.len()]);
         }
     }
