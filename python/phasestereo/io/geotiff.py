@@ -10,21 +10,25 @@ import warnings
 from collections.abc import Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from phasestereo._extras import require
 from phasestereo.io.files import decoding, replacing
-from phasestereo.io.pixels import as_samples, channels, check_size, look_up
+from phasestereo.io.pixels import as_samples, channels, look_up
+from phasestereo.io.tiff_layout import TIFF_MAGICS, check_whole, read_layout
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from typing import BinaryIO
 
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo.io.files import StrPath
     from phasestereo.io.pixels import Pixels
+    from phasestereo.io.tiff_layout import Directory
 
     Mask = NDArray[np.bool_]
 
@@ -124,7 +128,7 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
     ValueError
         If it is damaged or no GeoTIFF; if it has no such bands, or more than can be meant; if its
         samples are complex or, where they are not masked, integers beyond 2**24; if it has more
-        than 2**30 pixels.
+        pixels than `max_pixels` says (200 million), or is so short that it cannot hold them.
     ImportError
         If rasterio is not installed.
 
@@ -135,11 +139,11 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
     chosen = None if bands is None else as_bands(bands)
     rasterio = require("rasterio", extra="geo")
     with (
-        decoding(path),
+        decoding(path) as content,
+        _bounded(path, content),
         unplaced_allowed(),
         rasterio.open(os.fspath(path), driver="GTiff") as file,
     ):
-        check_size(file.width, file.height)
         indexes = choose_bands(file, chosen)
         samples = file.read(indexes)
         valid = read_valid(file, indexes, samples)
@@ -254,6 +258,33 @@ def write_geotiff(
             for number, name in enumerate(names, start=1):
                 dataset.set_band_description(number, name)
         file.write(draft.getbuffer())
+
+
+@contextmanager
+def _bounded(path: StrPath, content: BinaryIO) -> Iterator[None]:
+    """Refuse a file that GDAL would take too much memory or time for, and one beside it."""
+    for directory in check_tiff(path, content):
+        if directory.has_pixels:
+            check_whole(content, directory)
+    yield
+
+
+def check_tiff(path: StrPath, content: BinaryIO) -> list[Directory]:
+    """Return the directories of a TIFF file; refuse those that GDAL would lose its way in.
+
+    The mask that GDAL finds beside the file counts, too.
+    """
+    if not content.read(4).startswith(TIFF_MAGICS):
+        raise ValueError("not a TIFF file")
+    found = read_layout(content)
+    for directory in found:
+        if directory.has_pixels:
+            directory.check_blocks()
+    beside = Path(f"{os.fspath(path)}.msk")
+    if beside.exists():
+        with decoding(beside) as mask:
+            check_tiff(beside, mask)
+    return found
 
 
 @contextmanager

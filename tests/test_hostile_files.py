@@ -1,0 +1,71 @@
+"""Small files that claim much, and files without an end, are refused at once and by name."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import hostile
+from conftest import ROOT, counterpart
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from conftest import Run
+
+for _module in ("PIL", "tifffile", "rasterio", "msgspec"):
+    counterpart(_module)
+
+SECONDS, BYTES = 2.0, 200_000_000  # that refusing may take
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("hostile")
+    hostile.make(made)
+    return made
+
+
+@pytest.mark.skipif(
+    not Path("/proc/self/clear_refs").exists(), reason="memory is measured by /proc"
+)
+def test_every_hostile_file_is_refused_soon_by_name_and_in_little_memory(folder: Path) -> None:
+    finished = subprocess.run(  # noqa: S603  # our own interpreter on our own code
+        [sys.executable, hostile.__file__, str(folder)],
+        env=os.environ | {"PYTHONPATH": str(ROOT / "python")},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (finished.returncode, finished.stderr) == (0, "")
+    told = [json.loads(line) for line in finished.stdout.splitlines()]
+    assert len(told) == len(list(hostile.cases(folder))) > 40
+    assert [each for each in told if not is_refused(each, folder)] == []
+
+
+def is_refused(told: dict[str, Any], folder: Path) -> bool:
+    named = f"{folder / told['file']}" in told["raised"]
+    kind = told["raised"].split(":")[0]
+    refused = kind in {"ValueError", "OSError"} and "\n" not in told["raised"]
+    return named and refused and told["seconds"] < SECONDS and told["bytes"] < BYTES
+
+
+@pytest.mark.parametrize("command", [("match", "--num-disparities", "8", "--json"), ("check",)])
+@pytest.mark.parametrize("name", ["loop.tif", "bomb.tif", "rgba.png", "fifo.png", "zero.png"])
+def test_the_commands_say_so_in_one_line(
+    run: Callable[..., Run], folder: Path, command: tuple[str, ...], name: str
+) -> None:
+    path = folder / name
+    if not path.exists():
+        pytest.skip("no FIFO here")
+    code, out, err = run(command[0], path, path, *command[1:])
+    assert (code, out) == (1, "")
+    assert err.startswith(f"phasestereo: error: {path}: ")
+    assert err.count("\n") == 1
