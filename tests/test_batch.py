@@ -830,7 +830,7 @@ def test_a_manifest_that_does_not_fit_on_the_disk_is_named(
     device = Path("/dev/full")
     if not device.exists():
         pytest.skip("no /dev/full here")
-    monkeypatch.setattr("phasestereo.batch.manifest.replacing", lambda _: device.open("wb"))
+    monkeypatch.setattr("phasestereo.batch.manifest.replacing", lambda *_, **__: device.open("wb"))
     manifest = Manifest(tmp_path)
     manifest.records["a"] = Record(
         name="a", state="done", left="", right="", num_disparities=1, min_disparity=0, recipe=""

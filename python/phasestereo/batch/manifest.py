@@ -163,7 +163,7 @@ class Manifest:
         order = dict.fromkeys([*(name for name in names if name in known), *known])
         self._set_apart()
         try:
-            with replacing(self.path) as file:
+            with replacing(self.path, flush=True) as file:
                 file.writelines(_line(known[name]) for name in order)
         except OSError as error:
             reason = error.strerror or error

@@ -88,8 +88,15 @@ _DAMAGED = (None, errno.EINVAL)
 
 
 @contextmanager
-def replacing(path: StrPath) -> Iterator[BinaryIO]:
+def replacing(path: StrPath, *, flush: bool = False) -> Iterator[BinaryIO]:
     """Open a draft in the file's folder; it takes the file's place when the block ends well.
+
+    Parameters
+    ----------
+    path
+        The file.
+    flush
+        Whether it is to be on the disk before that, so that a power cut leaves it or the old one.
 
     Raises
     ------
@@ -102,6 +109,9 @@ def replacing(path: StrPath) -> Iterator[BinaryIO]:
     try:
         with created(draft) as file:
             yield file
+            if flush:
+                file.flush()
+                os.fsync(file.fileno())
         draft.replace(target)
     except OSError as error:
         if error.errno is None or error.filename is not None:
@@ -109,6 +119,17 @@ def replacing(path: StrPath) -> Iterator[BinaryIO]:
         raise OSError(error.errno, error.strerror, os.fspath(path)) from error  # as of a full disk
     finally:
         draft.unlink(missing_ok=True)
+
+
+def flush(path: Path) -> None:
+    """Have a file, or the names in a folder, reach the disk."""
+    if os.name == "nt" and path.is_dir():
+        return  # which cannot be opened there
+    number = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
 
 
 def target_of(path: StrPath) -> Path:
