@@ -45,6 +45,7 @@ WANTED = [
     "live",
     "geo",
     "pandora",
+    "batch",
     "dask",
     "large",
     "download",

@@ -70,9 +70,9 @@ def decode_tiff(file: BinaryIO) -> NDArray[Any]:
         If there are several pages, parts of the page are missing, it is larger than may be or
         unpacks to more than it needs, or its colours are not gray, RGB or a palette.
     """
+    tifffile = require("tifffile", extra="io")
     _check_bounds(file)
     file.seek(0)
-    tifffile = require("tifffile", extra="io")
     with tifffile.TiffFile(file) as tiff:
         # aspage: later pages of a series are mere frames, which lack tags
         pages = [page for page in (each.aspage() for each in tiff.pages) if not page.is_reduced]

@@ -68,7 +68,7 @@ class Store:
         self._files: dict[str, Path] = {}  # what is whole, by its name without digest and suffix
 
     def run(self) -> dict[str, Any] | None:
-        """Return what the run of this folder depends on; None: it is of none, {}: that is damaged."""
+        """Return what the run of this folder depends on; None: of none, {}: that is damaged."""
         path = self.folder / _RUN
         if not path.exists():
             return None
