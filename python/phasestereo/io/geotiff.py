@@ -5,7 +5,9 @@ A georeference goes in and comes out as it is: nothing is reprojected or resampl
 
 from __future__ import annotations
 
+import logging
 import os
+import sys
 import warnings
 from collections.abc import Mapping
 from contextlib import contextmanager
@@ -31,6 +33,9 @@ if TYPE_CHECKING:
     from phasestereo.io.tiff_layout import Directory
 
     Mask = NDArray[np.bool_]
+
+# What is wrong with a file is raised; without a handler, its log lines would reach the terminal.
+logging.getLogger("rasterio").addHandler(logging.NullHandler())
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # what GDAL has where there is no transform
 _SAME = 1e-3  # relative difference of pixel sizes that rounding may make
@@ -291,13 +296,34 @@ def check_tiff(path: StrPath, content: BinaryIO) -> list[Directory]:
 def unplaced_allowed() -> Iterator[None]:
     """Silence what rasterio warns of here: images without a georeference are no mistake.
 
-    Nor is alpha beside a "no data" value: both count.
+    Nor is alpha beside a "no data" value: both count. And where GDAL quotes a damaged file in other
+    letters than UTF-8, rasterio fails to log that, and says so: what is wrong is raised anyway.
     """
     errors = require("rasterio.errors", extra="geo")
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _unlogged():
         warnings.simplefilter("ignore", errors.NotGeoreferencedWarning)
         warnings.simplefilter("ignore", errors.NodataShadowWarning)
         yield
+
+
+@contextmanager
+def _unlogged() -> Iterator[None]:
+    """Silence what rasterio cannot log."""
+    before = sys.unraisablehook, sys.excepthook
+
+    def hear(found: Any) -> None:
+        if found.object != "rasterio._env.log_error":
+            before[0](found)
+
+    def show(kind: type[BaseException], error: BaseException, trace: Any) -> None:
+        if kind is not UnicodeDecodeError:
+            before[1](kind, error, trace)
+
+    sys.unraisablehook, sys.excepthook = hear, show
+    try:
+        yield
+    finally:
+        sys.unraisablehook, sys.excepthook = before
 
 
 def as_bands(bands: Sequence[int]) -> list[int]:
