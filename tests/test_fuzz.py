@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from importlib import import_module
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,9 +17,9 @@ for _module in ("PIL", "tifffile", "rasterio", "zarr", "msgspec"):
 fuzzing = import_module("fuzzing")
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Callable
 
-FILES = 3000
+FILES = 2000
 
 
 @pytest.fixture(scope="module")
@@ -28,20 +29,19 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def test_the_files_that_are_mutated_are_sound(corpus: list[Path]) -> None:
-    folder = corpus[0].parent.parent
+    """Each is read by one of its readers at least: others may want a map, or a matrix."""
     for path in corpus:
+        copy = Path(shutil.copy(path, corpus[0].parent.parent / path.name))
         readers = [read for read, suffixes in fuzzing.READERS.values() if path.suffix in suffixes]
-        assert readers, path
-        read = 0
-        for reader in readers:
-            copy = shutil.copy(path, folder / path.name)
-            try:
-                reader(folder / path.name)
-            except ValueError as error:
-                assert "map" in str(error) or "depth" in str(error), copy  # noqa: PT017
-            else:
-                read += 1
-        assert read, path
+        assert any(is_read(read, copy) for read in readers), path
+
+
+def is_read(read: Callable[[Path], object], path: Path) -> bool:
+    try:
+        read(path)
+    except ValueError:
+        return False
+    return True
 
 
 def test_mutated_files_are_read_or_refused(corpus: list[Path]) -> None:
