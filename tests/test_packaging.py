@@ -488,6 +488,16 @@ def test_the_script_names_all_of_the_interface() -> None:
     assert set(ps.__all__) <= used
 
 
+# Supply chain
+
+
+def test_every_action_of_a_workflow_is_named_by_the_hash_of_a_commit() -> None:
+    for path in (ROOT / ".github/workflows").glob("*.yml"):
+        for line in path.read_text("utf-8").splitlines():
+            if "uses:" in line:
+                assert re.search(r"uses: [\w./-]+@[0-9a-f]{40} # v\d", line), (path, line)
+
+
 # Files
 
 
