@@ -30,7 +30,7 @@ WIDTH, HEIGHT, BITS, COMPRESSION, PHOTOMETRIC, SAMPLES = 256, 257, 258, 259, 262
 STRIPS, STRIP_ROWS, STRIP_BYTES, TILE_WIDTH, TILE_HEIGHT, TILES, TILE_BYTES = (
     273, 278, 279, 322, 323, 324, 325,
 )  # fmt: skip
-DEFLATE = 8
+DEFLATE, PACKBITS = 8, 32773
 
 
 def tiff(tags: dict[int, int | tuple[int, ...]], data: bytes = b"", following: int = 0) -> bytes:
@@ -127,6 +127,14 @@ def npz(name: str, size: int) -> bytes:
     return packed.getvalue()
 
 
+def many(count: int) -> bytes:
+    """Return a .npz file of so many arrays."""
+    packed = io.BytesIO()
+    arrays: dict[str, Any] = {f"a{number}": np.zeros(1) for number in range(count)}
+    np.savez(packed, **arrays)
+    return packed.getvalue()
+
+
 def npy(header: bytes, version: bytes = b"\x01\x00") -> bytes:
     return b"\x93NUMPY" + version + struct.pack("<H", len(header)) + header
 
@@ -163,6 +171,13 @@ CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
     "large.pgm": (lambda: b"P5\n1000000000 1000000000\n255\n", ("read_image",)),
     "q.npz": (lambda: npz("Q", 2**28), ("read_q",)),
     "survey.npz": (lambda: npz("told", 2**28), ("load_survey",)),
+    "line.csv": (lambda: b"left,right\n" + b"," * 2**20, ("read_pairs",)),
+    "line.jsonl": (lambda: b" " * 2**20, ("read_manifest",)),
+    "arrays.npz": (lambda: many(300), ("read_q", "load_survey")),
+    "packed.tif": (
+        lambda: tiff(page(2**11, 2**11, compression=PACKBITS, stored=2**21), bytes(2**21)),
+        ("read_image",),
+    ),
     "header.npy": (
         lambda: b"\x93NUMPY\x02\x00" + struct.pack("<I", 2**31) + b"{",
         ("read_image", "open_raster", "read_q"),

@@ -9,10 +9,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 import hostile
 from conftest import ROOT, counterpart
+from phasestereo import outofcore
+from phasestereo.io import read_geotiff, write_geotiff
+from phasestereo.io.windows import open_raster
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -55,6 +59,26 @@ def is_refused(told: dict[str, Any], folder: Path) -> bool:
     kind = told["raised"].split(":")[0]
     refused = kind in {"ValueError", "OSError"} and "\n" not in told["raised"]
     return named and refused and told["seconds"] < SECONDS and told["bytes"] < BYTES
+
+
+def test_a_mask_beside_a_picture_is_bounded_too(tmp_path: Path) -> None:
+    write_geotiff(tmp_path / "a.tif", np.zeros((16, 16), np.uint8))
+    (tmp_path / "a.tif.msk").write_bytes(hostile.looping())
+    for read in (read_geotiff, lambda path: open_raster(path).__enter__()):
+        with pytest.raises(ValueError, match=r"a\.tif\.msk: the directories .* in a circle"):
+            read(tmp_path / "a.tif")
+
+
+def test_a_run_out_of_core_takes_no_more_than_it_may_at_opening(tmp_path: Path) -> None:
+    """A strip of 60 MB, which GDAL would unpack whole to read one pixel."""
+    path = tmp_path / "a.tif"
+    packed = hostile.zeros(2**26)
+    path.write_bytes(
+        hostile.tiff(hostile.page(2**13, 7000, compression=8, stored=len(packed)), packed)
+    )
+    with pytest.raises(ValueError, match=r"blocks of 7000 rows, .* at most 40000000 are allowed"):
+        outofcore.match(path, path, tmp_path / "o.npy", num_disparities=4, max_memory="40MB")
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize("command", [("match", "--num-disparities", "8", "--json"), ("check",)])

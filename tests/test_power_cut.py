@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,15 +13,23 @@ import pytest
 
 from conftest import counterpart
 from phasestereo import outofcore
+from phasestereo.batch import PairFiles, Record, run
+from phasestereo.batch.manifest import Manifest
 from power import PowerCutError, cut
 
 counterpart("filelock")
 counterpart("rasterio")
+counterpart("msgspec")
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="paths of open files: /proc")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="paths of open files: /proc"),
+    # Nobody closes a file without power.
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
 
 OUTPUTS = "out.npy", "flags.npy"
 FOLDER = Path("out.npy.part")
@@ -181,3 +190,95 @@ def test_bands_that_overlap_after_a_partial_restore_are_put_together_once(
     shutil.rmtree("older")
     match()
     assert_whole(whole)
+
+
+# A batch
+
+
+def record(name: str, recipe: str) -> Record:
+    return Record(
+        name=name,
+        state="done",
+        left="l",
+        right="r",
+        num_disparities=1,
+        min_disparity=0,
+        recipe=recipe,
+        files={f"{name}.npy": 3},
+    )
+
+
+def keep_records(folder: Path, recipe: str) -> None:
+    """Do what a run does with its manifest."""
+    manifest = Manifest(folder)
+    manifest.save(["a"])
+    for name in ("a", "b", "c"):
+        manifest.add(record(name, recipe))
+    manifest.save(["c", "b", "a"])
+
+
+def test_whatever_the_operation_a_manifest_is_that_of_before_or_knows_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep_records(tmp_path, "old")
+    shutil.copytree(tmp_path, tmp_path.parent / "before")
+    with cut(monkeypatch, tmp_path) as power:
+        keep_records(tmp_path, "new")
+    assert power.count > 6
+    for last in range(power.count):
+        shutil.rmtree(tmp_path)
+        shutil.copytree(tmp_path.parent / "before", tmp_path)
+        with cut(monkeypatch, tmp_path, last), pytest.raises(PowerCutError):
+            keep_records(tmp_path, "new")
+        found = Manifest(tmp_path)
+        assert set(found.records) == {"a", "b", "c"}
+        assert {each.recipe for each in found.records.values()} <= {"old", "new"}
+        keep_records(tmp_path, "new")
+        assert {each.recipe for each in Manifest(tmp_path).records.values()} == {"new"}
+
+
+class Here:
+    """Matches in this process, which a run takes for others."""
+
+    def __init__(self) -> None:
+        self._ended: list[tuple[str, Callable[[], Any]]] = []
+
+    def slots(self) -> int:
+        return 1
+
+    def submit(self, key: str, function: Callable[..., Any], *arguments: Any) -> None:
+        result = function(*arguments)
+        self._ended.append((key, lambda: result))
+
+    def finished(self) -> list[tuple[str, Callable[[], Any]]]:
+        return [self._ended.pop(0)]
+
+
+def test_whatever_the_operation_the_rerun_of_a_batch_does_the_rest(
+    whole: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("phasestereo.batch.running.local", lambda *_: nullcontext(Here()))
+    assert whole
+    search: dict[str, Any] = {"num_disparities": 12}
+    pairs = [
+        PairFiles(name=name, left=Path("left.npy"), right=Path("right.npy"), **search)
+        for name in ("a", "b")
+    ]
+    options: dict[str, Any] = {"preset": "fast", "window": 5, "suffix": ".npy", "threads": 1}
+    folder = Path("maps")
+    run(pairs, folder, **options)
+    expected = {pair.name: (folder / f"{pair.name}.npy").read_bytes() for pair in pairs}
+    shutil.rmtree(folder)
+    folder.mkdir()
+    with cut(monkeypatch, folder) as power:
+        run(pairs, folder, **options)
+    assert power.count > 10
+    for last in range(power.count):
+        shutil.rmtree(folder)
+        folder.mkdir()
+        with cut(monkeypatch, folder, last), pytest.raises(PowerCutError):
+            run(pairs, folder, **options)
+        report = run(pairs, folder, **options)
+        assert (report.failed, report.done + report.skipped) == ([], 2), last
+        found = {pair.name: (folder / f"{pair.name}.npy").read_bytes() for pair in pairs}
+        assert found == expected, last

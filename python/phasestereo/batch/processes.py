@@ -58,6 +58,7 @@ def local(workers: int, seconds: float | None = None) -> Iterator[Processes]:
         resource_tracker.ensure_running()  # the thread that starts it would hear Ctrl-C again
     processes = Processes(workers, seconds)
     try:
+        processes.start()
         yield processes
     finally:
         processes.close()
@@ -72,6 +73,11 @@ class Processes:
         self._at_work: dict[Future[Any], _Task] = {}
         self._every = [_Process() for _ in range(count)]
         self._idle = list(self._every)
+
+    def start(self) -> None:
+        """Wait until all have started, which they do at the same time."""
+        for process in self._every:
+            process.start()
 
     def slots(self) -> int:
         """Return how many tasks are done at the same time."""
@@ -127,6 +133,7 @@ class Processes:
         if isinstance(future.exception(), BrokenProcessPool):
             process.close()
             process = _Process()
+            process.start()
             self._every[self._every.index(task.process)] = process
         self._idle.append(process)
         self._hand_out()
@@ -159,11 +166,14 @@ class _Process:
     def __init__(self) -> None:
         self.pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
         with unheard():  # Ctrl-C is meant for the run, which ends its processes
-            first = self.pool.submit(os.getpid)
+            self._first = self.pool.submit(os.getpid)
+        self._number: int | None = None
+
+    def start(self) -> None:
+        """Wait until the process has started."""
         try:
-            self._number: int | None = first.result()
+            self._number = self._first.result()
         except BrokenProcessPool as error:
-            self.pool.shutdown()
             raise RuntimeError(
                 "worker processes cannot be started; a script that runs a batch must do so under "
                 'if __name__ == "__main__":'
@@ -178,7 +188,7 @@ class _Process:
                 self._number = None  # it has ended already
 
     def close(self) -> None:
-        """Wait for the end of the process."""
+        """Wait for the end of the process, and for its start, if it never did anything else."""
         self._number = None  # a number may be given to another process then
         self.pool.shutdown(cancel_futures=True)
 
