@@ -143,21 +143,20 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
     """
     chosen = None if bands is None else as_bands(bands)
     rasterio = require("rasterio", extra="geo")
-    with (
-        decoding(path) as content,
-        _bounded(path, content),
-        unplaced_allowed(),
-        rasterio.open(os.fspath(path), driver="GTiff") as file,
-    ):
-        indexes = choose_bands(file, chosen)
-        samples = file.read(indexes)
-        valid = read_valid(file, indexes, samples)
-        return GeoImage(
-            image=as_image(file, indexes, samples, valid),
-            mask=None if valid.all() else valid,
-            georeference=georeference_of(file),
-            tags=file.tags(),
-        )
+    with decoding(path) as content, unplaced_allowed():
+        for directory in check_tiff(path, content):
+            if directory.has_pixels:
+                check_whole(content, directory)
+        with rasterio.open(os.fspath(path), driver="GTiff") as file:
+            indexes = choose_bands(file, chosen)
+            samples = file.read(indexes)
+            valid = read_valid(file, indexes, samples)
+            return GeoImage(
+                image=as_image(file, indexes, samples, valid),
+                mask=None if valid.all() else valid,
+                georeference=georeference_of(file),
+                tags=file.tags(),
+            )
 
 
 def read_geotiff_pair(
@@ -263,15 +262,6 @@ def write_geotiff(
             for number, name in enumerate(names, start=1):
                 dataset.set_band_description(number, name)
         file.write(draft.getbuffer())
-
-
-@contextmanager
-def _bounded(path: StrPath, content: BinaryIO) -> Iterator[None]:
-    """Refuse a file that GDAL would take too much memory or time for, and one beside it."""
-    for directory in check_tiff(path, content):
-        if directory.has_pixels:
-            check_whole(content, directory)
-    yield
 
 
 def check_tiff(path: StrPath, content: BinaryIO) -> list[Directory]:

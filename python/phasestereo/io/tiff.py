@@ -40,6 +40,7 @@ logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 _REDUCED, _SUBFILE = 1, 254
 _PIECE = 2**20  # bytes unpacked at a time where they are only counted
+_HARMLESS = 2**24  # bytes that a block may unpack to without being counted, which takes time
 _MOST_PACKED = 2**20  # bytes of a block of PackBits, which tifffile unpacks without a bound
 _PACKBITS = 32773
 
@@ -115,7 +116,7 @@ def _check_bounds(file: BinaryIO) -> None:
 
 def _unpacks_beyond(file: BinaryIO, count: int, most: int) -> bool:
     """Tell whether deflated bytes unpack to more than so many, without keeping them."""
-    if count * UNPACKING <= most:
+    if count * UNPACKING <= max(most, _HARMLESS):
         return False
     unpacker, total = zlib.decompressobj(), 0
     try:
