@@ -32,6 +32,7 @@ from phasestereo.batch import PairFiles, Record, read_manifest, read_pairs, run
 from phasestereo.batch import running as running_module
 from phasestereo.batch.cluster import share
 from phasestereo.batch.manifest import Manifest
+from phasestereo.batch.processes import local
 from phasestereo.batch.work import FullDiskError, Order, match_files
 from phasestereo.io import (
     Georeference,
@@ -1097,3 +1098,13 @@ def test_without_the_extra_it_says_what_installs_it(
         monkeypatch.setitem(sys.modules, module, None)
         with pytest.raises(ImportError, match=rf"^{module} is .* 'phasestereo\[{extra}\]'$"):
             run(pairs, tmp_path, **options)  # type: ignore[arg-type]
+
+
+def test_a_process_that_died_while_it_had_nothing_to_do_is_replaced() -> None:
+    with local(1) as processes:
+        for key in ("a", "b"):
+            processes.submit(key, os.getpid)
+            ((found, outcome),) = processes.finished()
+            assert found == key
+            os.kill(outcome(), signal.SIGKILL)
+            time.sleep(0.3)

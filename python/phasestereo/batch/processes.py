@@ -56,9 +56,9 @@ def local(workers: int, seconds: float | None = None) -> Iterator[Processes]:
     """
     if os.name == "posix":
         resource_tracker.ensure_running()  # the thread that starts it would hear Ctrl-C again
-    processes = Processes(workers, seconds)
+    processes = Processes(seconds)
     try:
-        processes.start()
+        processes.start(workers)
         yield processes
     finally:
         processes.close()
@@ -67,17 +67,20 @@ def local(workers: int, seconds: float | None = None) -> Iterator[Processes]:
 class Processes:
     """Some processes; see `local`."""
 
-    def __init__(self, count: int, seconds: float | None) -> None:
+    def __init__(self, seconds: float | None) -> None:
         self._seconds = seconds
         self._waiting: deque[tuple[str, Callable[..., Any], tuple[Any, ...]]] = deque()
         self._at_work: dict[Future[Any], _Task] = {}
-        self._every = [_Process() for _ in range(count)]
-        self._idle = list(self._every)
+        self._every: list[_Process] = []
+        self._idle: list[_Process] = []
 
-    def start(self) -> None:
-        """Wait until all have started, which they do at the same time."""
+    def start(self, count: int) -> None:
+        """Start so many processes, all at the same time, and wait until they are there."""
+        for _ in range(count):
+            self._every.append(_Process())
         for process in self._every:
             process.start()
+        self._idle = list(self._every)
 
     def slots(self) -> int:
         """Return how many tasks are done at the same time."""
@@ -123,18 +126,26 @@ class Processes:
         while self._waiting and self._idle:
             key, function, arguments = self._waiting.popleft()
             process = self._idle.pop()
-            future = process.pool.submit(function, *arguments)
+            try:
+                future = process.pool.submit(function, *arguments)
+            except BrokenProcessPool:  # it died while it had nothing to do
+                process = self._in_place_of(process)
+                future = process.pool.submit(function, *arguments)
             self._at_work[future] = _Task(key, process, monotonic())
+
+    def _in_place_of(self, dead: _Process) -> _Process:
+        dead.close()
+        process = _Process()
+        self._every[self._every.index(dead)] = process
+        process.start()
+        return process
 
     def _take_in(self, future: Future[Any]) -> tuple[str, Outcome]:
         """Return what a task came to, and give its process, or one in its place, the next one."""
         task = self._at_work.pop(future)
         process = task.process
         if isinstance(future.exception(), BrokenProcessPool):
-            process.close()
-            process = _Process()
-            process.start()
-            self._every[self._every.index(task.process)] = process
+            process = self._in_place_of(process)
         self._idle.append(process)
         self._hand_out()
         return task.key, partial(_result, future, task, self._seconds)
