@@ -71,13 +71,14 @@ def _open(file: BinaryIO) -> Any:
     """Parse the header with Pillow."""
     file.seek(0)
     head = file.read(8)
+    length = file.seek(0, os.SEEK_END)
     file.seek(0)
     module, opener = next(_OPENERS[magic] for magic in RASTER_MAGICS if head.startswith(magic))
     image = getattr(require(module, extra="io"), opener)(file)
     check_size(*image.size)
     bands = len(image.getbands())
     samples = bands if bands > 1 else 1 / 8  # gray levels and palettes may have one bit
-    check_unpacked(int(image.width * image.height * samples), os.fstat(file.fileno()).st_size)
+    check_unpacked(int(image.width * image.height * samples), length)
     if getattr(image, "n_frames", 1) > 1:
         raise ValueError(f"the file holds {image.n_frames} images, and only one can be meant")
     return image

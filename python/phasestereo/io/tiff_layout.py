@@ -171,7 +171,7 @@ def read_layout(file: BinaryIO) -> list[Directory]:
     ValueError
         If one does, there are none, or more than `MAX_DIRECTORIES`.
     """
-    length = os.fstat(file.fileno()).st_size
+    length = file.seek(0, os.SEEK_END)
     file.seek(0)
     head = file.read(16).ljust(16, b"\0")
     order, big = ("<" if head[:2] == b"II" else ">"), b"+" in head[2:4]
