@@ -6,9 +6,9 @@ Threads hand pairs of changing sizes and settings to one `Matcher` each preset. 
 faults: frames that are NaN all over, images of different sizes, types that are refused, a progress
 that ends the match, and matches for which memory is refused (on Linux, by a limit on the address
 space, in processes of their own). Some results are compared with those of fresh matches, bit for
-bit. Prints the numbers of frames, faults and differences, and the resident memory after the first
-minute (or fifth) and at the end. The exit code is 1 if a bit differed, a fault went unnoticed, or
-memory grew by more than 32 MB after that.
+bit. Prints the numbers of frames, faults and differences, and the resident memory after each tenth
+of the time. The exit code is 1 if a bit differed, a fault went unnoticed, or memory grew by more
+than 32 MB after the third tenth.
 """
 
 from __future__ import annotations
@@ -127,20 +127,21 @@ def main() -> int:
     threads.append(threading.Thread(target=short_of_memory, args=(end, told[-1])))
     for thread in threads:
         thread.start()
-    time.sleep(min(60.0, given.seconds / 5))
-    gc.collect()
-    before = resident()
+    levels = []
+    for tenth in range(1, 11):
+        time.sleep(max(0.0, started + tenth * given.seconds / 10 - time.monotonic()))
+        gc.collect()
+        levels.append(resident())
     for thread in threads:
         thread.join()
-    gc.collect()
-    grown = resident() - before
+    grown = levels[-1] - levels[2]
     every = sum(told, Counter())
     for name, count in sorted(every.items()):
         print(f"{name}: {count}")  # noqa: T201
     seconds = time.monotonic() - started
     print(  # noqa: T201
-        f"{seconds:.0f} s on {given.threads} threads; resident {before / 1e6:.1f} MB after the "
-        f"first minute, {grown / 1e6:+.1f} MB in the end"
+        f"{seconds:.0f} s on {given.threads} threads; MB resident after each tenth of the time: "
+        + " ".join(f"{level / 1e6:.1f}" for level in levels)
     )
     wrong = every["differing"] + sum(n for name, n in every.items() if "unnoticed" in name)
     return int(wrong > 0 or grown > GROWTH)
