@@ -53,7 +53,12 @@ impl From<Error> for PyErr {
 }
 
 /// `phasestereo._core`: see the stub beside the Python modules for what each function takes and returns.
-#[pymodule]
+///
+/// It needs no GIL: what several calls share is behind mutexes (`Workers`, the shared pool, the spare memory
+/// of a matcher) or made once (tables), and there is no unsafe code but in `simd.rs`, which shares nothing.
+/// Arrays are copied in before a call matches anything; one that another thread changes meanwhile is copied
+/// half changed, as by `NumPy` itself.
+#[pymodule(gil_used = false)]
 mod _core {
     use super::{Bound, PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, warm_up};
 

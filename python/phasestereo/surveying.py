@@ -126,9 +126,11 @@ def load(path: str | os.PathLike[str]) -> Survey:
     ValueError
         If it is no such file.
     """
-    files, surveys = (import_module(f"phasestereo.{name}") for name in ("io.files", "survey_files"))
-    with files.decoding(path) as file, np.load(file, allow_pickle=False) as arrays:
-        found: Survey = surveys.from_arrays(dict(arrays))
+    names = "io.files", "io.limits", "io.npz", "survey_files"
+    files, limits, npz, surveys = (import_module(f"phasestereo.{name}") for name in names)
+    with files.decoding(path) as file:
+        content = files.read_bounded(file, limits.SURVEY)
+        found: Survey = surveys.from_arrays(npz.decode_arrays(content, limits.SURVEY))
         return found
 
 
