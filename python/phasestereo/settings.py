@@ -203,12 +203,12 @@ _FAST = Settings(
 
 # Means of bad-1.0 (%) over the same scenes, told nothing: sharp, and the mean of the six blurs.
 # Where there is blur, neighborhood and window are two larger than said.
-#   as below             5.6   17.9      edges 0.5            5.65     -
-#   neighborhood 5       6.2   18.0      edges 0 (2)          6.1   18.8 (18.1)
-#   window 7             6.0   18.0      guided=False         6.0   18.4
-#   weak 0.7 (1)         5.8   - (18.7)  median 0             5.9      -
-#   penalty (3, 16)     5.65     -       speckle_size 0       5.65     -
-#   penalty (4, 20)      5.6     -       precision="full"     5.6      -
+#   as below             5.57   17.71     edges 0.5            5.57  17.68
+#   neighborhood 5       6.05   17.85     edges 0 (2)          5.90  18.53 (5.60, 17.93)
+#   window 7             6.02   18.09     guided=False         5.89  18.18
+#   weak 0.7 (1)         5.73   18.05     median 0             5.83  17.86
+#   penalty (4, 16)      5.63   17.70     speckle_size 0       5.67  17.95
+#   penalty (6, 24)      5.57   17.79
 _ROBUST = Settings(
     neighborhood=3,
     frequencies=(1, 1),
