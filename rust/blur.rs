@@ -20,9 +20,8 @@ mod parts;
 mod refine;
 mod regions;
 mod rough;
+mod search;
 mod spectrum;
-
-use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
@@ -35,6 +34,7 @@ use self::parts::{Kept, Means, ROUGHEST, Rows};
 use self::refine::refine;
 use self::regions::{Losses, MOST};
 use self::rough::{Scale, shades_per_unit};
+use self::search::{Blocks, Choice, flat, searched};
 use self::spectrum::{Cross, Place, Powers, powers, response};
 use crate::control::Control;
 use crate::error::Result;
@@ -64,13 +64,10 @@ const DOUBTFUL: f32 = 0.3;
 const LEAST_BLOCKS: usize = 12;
 /// ... and unless what is measured explains them worse than the family by this factor.
 const MUCH_WORSE: f32 = 1.5;
-/// The least loss of what is not worth trying, nepers: what a blur of the wrong side costs, more or less. With 4, a
-/// few blocks that do not quite show the same outweigh all others.
-const UNTRIED: f32 = 1.0;
-/// An image that lacks so much more power than the other one is the softer one, nepers. Where blocks show next to
-/// nothing, either may seem to lack a little: trials of `bench blur` that are told a second kind of blur, with 0
-/// here and 4 above: 468 of 1308; with 0.3 and 4: 22.
-const CLEAR: f32 = 0.3;
+/// Of so many blocks one is tried with all blurs, whatever the others are explained by ...
+const SAMPLE: usize = 4;
+/// ... unless there would be fewer than this.
+const LEAST_SAMPLE: usize = 12;
 /// The least tenth of the blocks tells the noise.
 const QUIET: usize = 10;
 /// What the noise is more than in the quietest tenth of the blocks, in the quietest of eight directions:
@@ -183,7 +180,7 @@ impl<'a> Scene<'a> {
     fn estimate(&self) -> Result<Estimate> {
         let grid = self.grid(self.spacing())?;
         let noise = grid.noise();
-        let losses = grid.losses(noise, &Choice::all(), self.means.how.level);
+        let losses = grid.searched(noise, self.means.how.level);
         let chosen = losses.chosen();
         let only = losses.only(&chosen);
         let mut kinds = Vec::new();
@@ -245,7 +242,8 @@ impl<'a> Scene<'a> {
         let powers = grid.together(tiles);
         let none = Kind::none(&powers, noise, self.means.how.level);
         let Some(side) = side else { return Ok(none) };
-        let evidence = Evidence::new(&powers, noise, side.index());
+        let [left, right] = Evidence::of_both(&powers, noise, self.means.how.level);
+        let evidence = if side == Side::Left { left } else { right };
         let found = refine(&evidence, self.means.how.level);
         if found.entry.psf.spread() < LEAST_SPREAD && found.fit.loss <= DOUBTFUL {
             return Ok(none);
@@ -259,7 +257,7 @@ impl<'a> Scene<'a> {
         if family.fit.loss <= DOUBTFUL || tiles.len() < LEAST_BLOCKS {
             return Ok(family);
         }
-        self.measured(grid, tiles, noise, family)
+        self.measured(grid, tiles, &evidence, family)
     }
 
     /// The kernel as it is measured, if it explains the powers much better than the family does.
@@ -267,7 +265,7 @@ impl<'a> Scene<'a> {
         &self,
         grid: &Grid,
         tiles: &[usize],
-        noise: [f32; 2],
+        evidence: &Evidence,
         family: Kind,
     ) -> Result<Kind> {
         let Some(side) = family.blur.side else { return Ok(family) };
@@ -285,7 +283,6 @@ impl<'a> Scene<'a> {
         })?;
         let Some(taps) = measured(&sums, side) else { return Ok(family) };
         let response = response(&taps);
-        let evidence = Evidence::new(&family.powers, noise, side.index());
         let fit = evidence.fit(&response, self.means.how.level);
         if fit.loss > MUCH_WORSE * family.fit.loss {
             return Ok(family);
@@ -317,8 +314,8 @@ impl<'a> Scene<'a> {
         let first = &kinds[order[0]];
         let units = self.units[1] / self.units[0];
         let gain = match first.blur.side {
-            Some(Side::Right) => 1.0 / f64::from(first.fit.gain).sqrt(),
-            _ => f64::from(first.fit.gain).sqrt(),
+            Some(Side::Right) => 1.0 / f64::from(first.fit.gain()).sqrt(),
+            _ => f64::from(first.fit.gain()).sqrt(),
         };
         Estimate {
             certainty: first.certainty(noise, self.means.how.level),
@@ -328,34 +325,6 @@ impl<'a> Scene<'a> {
             labels: (map.rows, map.cols, map.labels),
             tile: map.tile,
         }
-    }
-}
-
-/// A blur to choose: of a side, or none.
-#[derive(Debug, Clone, Copy)]
-struct Choice<'a> {
-    side: Option<Side>,
-    response: &'a Response,
-}
-
-/// The response of no blur.
-fn flat() -> &'static Response {
-    static FLAT: OnceLock<Response> = OnceLock::new();
-    FLAT.get_or_init(Response::flat)
-}
-
-impl Choice<'static> {
-    /// None, then every blur of the bank for the left image, then for the right one.
-    fn all() -> Vec<Self> {
-        (0..=2 * bank().len()).map(Self::at).collect()
-    }
-
-    fn at(index: usize) -> Self {
-        let Some(blurred) = index.checked_sub(1) else {
-            return Self { side: None, response: flat() };
-        };
-        let side = if blurred < bank().len() { Side::Left } else { Side::Right };
-        Self { side: Some(side), response: &bank()[blurred % bank().len()].response }
     }
 }
 
@@ -375,16 +344,35 @@ impl Grid {
 
     /// How badly every choice explains every tile.
     fn losses(&self, noise: [f32; 2], choices: &[Choice], level: Level) -> Losses {
-        let judged: Vec<Vec<f32>> =
-            self.powers.par_iter().map(|powers| losses_of(powers, noise, choices, level)).collect();
-        let mut judged = judged.into_iter();
-        let untold = vec![f32::INFINITY; choices.len()];
-        let tiles = self.places.iter().flat_map(|place| match place {
-            Some(_) => judged.next().unwrap_or_default(),
-            None => untold.clone(),
+        let of = |powers: &Powers| -> Vec<f32> {
+            let blocks = Blocks::new(powers, noise, level);
+            choices.iter().map(|choice| blocks.loss(*choice, level)).collect()
+        };
+        self.on_tiles(choices.len(), self.powers.par_iter().map(of).collect())
+    }
+
+    /// How badly each of all blurs explains every tile, where it is worth trying.
+    fn searched(&self, noise: [f32; 2], level: Level) -> Losses {
+        let blocks: Vec<Blocks> =
+            self.powers.par_iter().map(|powers| Blocks::new(powers, noise, level)).collect();
+        let told = self.places.iter().enumerate().filter(|(_, place)| place.is_some());
+        // As the bishops of chess, so that every row and every column has some.
+        let is_sample = told.map(|(tile, _)| {
+            let (y, x) = (tile / self.cols, tile % self.cols);
+            blocks.len() <= LEAST_SAMPLE * SAMPLE || (x + 2 * y).is_multiple_of(SAMPLE)
         });
-        let values = tiles.collect();
-        Losses { rows: self.rows, cols: self.cols, choices: choices.len(), values }
+        let is_sample: Vec<bool> = is_sample.collect();
+        self.on_tiles(1 + 2 * bank().len(), searched(&blocks, &is_sample, level))
+    }
+
+    /// Losses of blocks as those of the tiles; some have none.
+    fn on_tiles(&self, choices: usize, losses: Vec<Vec<f32>>) -> Losses {
+        let (mut losses, untold) = (losses.into_iter(), vec![f32::INFINITY; choices]);
+        let of_tile = |place: &Option<Place>| {
+            place.and_then(|_| losses.next()).unwrap_or_else(|| untold.clone())
+        };
+        let values = self.places.iter().flat_map(of_tile).collect();
+        Losses { rows: self.rows, cols: self.cols, choices, values }
     }
 
     /// The sums of the powers of these tiles, all of which have blocks.
@@ -410,46 +398,20 @@ impl Grid {
     }
 }
 
-/// How badly every choice explains a pair of blocks. Of many choices, those for an image that clearly lacks less
-/// power than the other one are not tried.
-fn losses_of(powers: &Powers, noise: [f32; 2], choices: &[Choice], level: Level) -> Vec<f32> {
-    let evidence = [0, 1].map(|side| Evidence::new(powers, noise, side));
-    let tried = if choices.len() > MOST { may_be_softer(&evidence) } else { [true; 2] };
-    let none = unblurred(&evidence, level).loss;
-    let of = |choice: &Choice| match choice.side.map(Side::index) {
-        None => none,
-        Some(side) if !tried[side] => none.max(UNTRIED),
-        Some(side) => evidence[side].fit(choice.response, level).loss,
-    };
-    choices.iter().map(of).collect()
-}
-
-/// Which of both blocks may be the softer one.
-fn may_be_softer(evidence: &[Evidence; 2]) -> [bool; 2] {
-    let [left, right] = [0, 1].map(|side| evidence[side].lack());
-    [right - left <= CLEAR, left - right <= CLEAR]
-}
-
-/// How no blur explains a pair of blocks, with the mean of the losses that the left block has from the right one
-/// and the other way round: what one of them lacks may look like noise of the other one, but not both ways.
-fn unblurred(evidence: &[Evidence; 2], level: Level) -> Fit {
-    let [left, right] = [0, 1].map(|side| evidence[side].fit(flat(), level));
-    Fit { loss: 0.5 * (left.loss + right.loss), gain: left.gain }
-}
-
 impl Kind {
     fn none(powers: &Powers, noise: [f32; 2], level: Level) -> Self {
         let blur = Blur { side: None, psf: None, taps: None };
-        let fit = unblurred(&[0, 1].map(|side| Evidence::new(powers, noise, side)), level);
+        let fit = Blocks::new(powers, noise, level).none();
         Self { blur, response: flat().clone(), fit, powers: powers.clone() }
     }
 
     /// By how much its blocks are explained better than by its contrary: no blur, or any blur.
     fn certainty(&self, noise: [f32; 2], level: Level) -> f32 {
-        let choices = if self.blur.side.is_some() { vec![Choice::at(0)] } else { Choice::all() };
-        let losses = losses_of(&self.powers, noise, &choices, level);
-        let blurs = if self.blur.side.is_some() { &losses[..] } else { &losses[1..] };
-        let contrary = blurs.iter().copied().fold(f32::INFINITY, f32::min);
+        let blocks = Blocks::new(&self.powers, noise, level);
+        let contrary = match self.blur.side {
+            Some(_) => blocks.none().loss,
+            None => blocks.losses(level)[1..].iter().copied().fold(f32::INFINITY, f32::min),
+        };
         (1.0 - self.fit.loss / contrary.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
     }
 }
@@ -507,57 +469,6 @@ impl Estimate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::psf::Family;
-
-    /// Powers of a pair whose left block is blurred by one of the bank, or not.
-    fn spectra(blur: Option<usize>, noise: f32) -> Powers {
-        let scene: Vec<f32> = (0..bins().count()).map(|bin| 400.0 / (1.0 + bin as f32)).collect();
-        let soft = match blur {
-            Some(entry) => {
-                let psf = bank()[entry].psf;
-                let left = response(&psf.taps());
-                scene.iter().zip(left.values()).map(|(power, left)| power * left).collect()
-            }
-            None => scene.clone(),
-        };
-        let seen = |all: Vec<f32>| all.into_iter().map(|power| power + noise).collect();
-        Powers { binned: [seen(soft), seen(scene)], least_high: [0.0; 2] }
-    }
-
-    fn swapped(powers: &Powers) -> Powers {
-        let [left, right] = powers.binned.clone();
-        Powers { binned: [right, left], least_high: powers.least_high }
-    }
-
-    #[test]
-    fn losses_of_swapped_blocks_are_swapped() {
-        let (count, level) = (bank().len(), Level::best());
-        for (blur, noise) in [(None, [0.1, 0.1]), (Some(4), [0.1, 3.0]), (Some(40), [2.0, 0.1])] {
-            let pair = spectra(blur, 0.1);
-            let [left, right] = noise;
-            let losses = losses_of(&pair, noise, &Choice::all(), level);
-            let others = losses_of(&swapped(&pair), [right, left], &Choice::all(), level);
-            assert_eq!(losses[..1], others[..1]);
-            assert_eq!(losses[1..=count], others[count + 1..]);
-            assert_eq!(losses[count + 1..], others[1..=count]);
-        }
-    }
-
-    #[test]
-    fn of_many_choices_those_of_the_clearly_sharper_image_are_not_tried() {
-        let (count, level) = (bank().len(), Level::best());
-        let disk = bank().iter().position(|entry| entry.psf.family == Family::Disk);
-        let of =
-            |blur, choices: &[Choice]| losses_of(&spectra(blur, 0.1), [0.1; 2], choices, level);
-        let soft = of(disk, &Choice::all());
-        assert!(soft[1..=count].iter().all(|loss| *loss <= 2.0));
-        assert!(
-            soft[count + 1..].iter().all(|loss| loss.to_bits() == soft[0].max(UNTRIED).to_bits())
-        );
-        assert!(of(None, &Choice::all()).iter().all(|loss| *loss <= 2.0), "neither is");
-        let few = [Choice::at(0), Choice::at(1), Choice::at(count + 1)];
-        assert!(of(disk, &few).iter().all(|loss| *loss <= 2.0), "each of a few is tried");
-    }
 
     #[test]
     fn kinds_are_numbered_by_area_and_those_of_none_left_out() {

@@ -92,7 +92,9 @@ mod tests {
         let blurred =
             scene.clone().zip(response.values()).map(|(power, left)| power * left + noise);
         let binned = [blurred.collect(), scene.map(|power| power + noise).collect()];
-        Evidence::new(&Powers { binned, least_high: [0.0; 2] }, [noise; 2], 0)
+        let powers = Powers { binned, least_high: [0.0; 2] };
+        let [evidence, _] = Evidence::of_both(&powers, [noise; 2], Level::best());
+        evidence
     }
 
     #[test]

@@ -40,15 +40,8 @@ impl Losses {
     /// better; choice 0 is preferred as the first one. Empty if no tile tells anything.
     pub fn chosen(&self) -> Vec<usize> {
         let count = self.told().count() as f32;
-        let mean = |choice: usize| self.told().map(|losses| losses[choice]).sum::<f32>() / count;
-        let means: Vec<f32> = (0..self.choices).map(mean).collect();
-        let Some(best) = (0..self.choices).min_by(|a, b| means[*a].total_cmp(&means[*b])) else {
-            return Vec::new();
-        };
-        if count == 0.0 {
-            return Vec::new();
-        }
-        let mut chosen = vec![if means[0] <= means[best] + MARGIN / 2.0 { 0 } else { best }];
+        let Some(first) = first(self.told()) else { return Vec::new() };
+        let mut chosen = vec![first];
         while chosen.len() < MOST {
             let (next, worth) = self.next(&chosen);
             if worth < WORTH * count {
@@ -137,6 +130,20 @@ impl Losses {
         }
         least(&energy) as u8
     }
+}
+
+/// The choice that explains tiles best by the mean of their losses; choice 0 is preferred. `None` if there are no tiles.
+pub fn first<'a>(tiles: impl Iterator<Item = &'a [f32]>) -> Option<usize> {
+    let mut tiles = tiles.peekable();
+    let mut means = vec![0.0; tiles.peek()?.len()];
+    let mut count = 0.0;
+    for losses in tiles {
+        means.iter_mut().zip(losses).for_each(|(sum, loss)| *sum += loss);
+        count += 1.0;
+    }
+    means.iter_mut().for_each(|mean| *mean /= count);
+    let best = least(&means);
+    Some(if means[0] <= means[best] + MARGIN / 2.0 { 0 } else { best })
 }
 
 /// The index of the least value, the first of equals.
