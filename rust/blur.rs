@@ -22,6 +22,7 @@ mod regions;
 mod rough;
 mod search;
 mod spectrum;
+mod transform;
 
 use rayon::prelude::*;
 
@@ -180,7 +181,7 @@ impl<'a> Scene<'a> {
     fn estimate(&self) -> Result<Estimate> {
         let grid = self.grid(self.spacing())?;
         let noise = grid.noise();
-        let losses = grid.searched(noise, self.means.how.level);
+        let losses = grid.searched(noise, self.level());
         let chosen = losses.chosen();
         let only = losses.only(&chosen);
         let mut kinds = Vec::new();
@@ -198,6 +199,10 @@ impl<'a> Scene<'a> {
         }
         let map = if kinds.len() > 1 { self.map(&kinds, noise)? } else { Map::uniform(self.size) };
         Ok(self.told(kinds, map, noise))
+    }
+
+    fn level(&self) -> Level {
+        self.means.how.level
     }
 
     /// The spacing of the first blocks.
@@ -224,7 +229,7 @@ impl<'a> Scene<'a> {
             let new: Vec<_> = corners.map(|(top, left)| part.place(rough, top, left)).collect();
             let images = part.shades.each_ref().map(|shades| &shades.plane);
             let there = part.local(new.iter().flatten());
-            found.extend(powers(images, &there, self.means.control)?);
+            found.extend(powers(images, &there, self.level(), self.means.control)?);
             places.extend(new);
             Ok(())
         })?;
@@ -240,11 +245,11 @@ impl<'a> Scene<'a> {
         side: Option<Side>,
     ) -> Result<Kind> {
         let powers = grid.together(tiles);
-        let none = Kind::none(&powers, noise, self.means.how.level);
+        let none = Kind::none(&powers, noise, self.level());
         let Some(side) = side else { return Ok(none) };
-        let [left, right] = Evidence::of_both(&powers, noise, self.means.how.level);
+        let [left, right] = Evidence::of_both(&powers, noise, self.level());
         let evidence = if side == Side::Left { left } else { right };
-        let found = refine(&evidence, self.means.how.level);
+        let found = refine(&evidence, self.level());
         if found.entry.psf.spread() < LEAST_SPREAD && found.fit.loss <= DOUBTFUL {
             return Ok(none);
         }
@@ -279,11 +284,18 @@ impl<'a> Scene<'a> {
         self.rows.look(&rows, ROUGH, self.means, |part, rough, looked| {
             let here = &rows[looked];
             let there = places.iter().filter(|place| here.contains(&place.top));
-            look(&part.shades, rough, &part.local(there), &mut sums, self.means.control)
+            look(
+                &part.shades,
+                rough,
+                &part.local(there),
+                &mut sums,
+                self.level(),
+                self.means.control,
+            )
         })?;
-        let Some(taps) = measured(&sums, side) else { return Ok(family) };
-        let response = response(&taps);
-        let fit = evidence.fit(&response, self.means.how.level);
+        let Some(taps) = measured(&sums, side, self.level()) else { return Ok(family) };
+        let response = response(&taps, self.level());
+        let fit = evidence.fit(&response, self.level());
         if fit.loss > MUCH_WORSE * family.fit.loss {
             return Ok(family);
         }
@@ -301,7 +313,7 @@ impl<'a> Scene<'a> {
             .iter()
             .map(|kind| Choice { side: kind.blur.side, response: &kind.response })
             .collect();
-        let losses = grid.losses(noise, &choices, self.means.how.level).steadied();
+        let losses = grid.losses(noise, &choices, self.level()).steadied();
         Ok(Map { rows: grid.rows, cols: grid.cols, labels: losses.labels(), tile })
     }
 
@@ -318,7 +330,7 @@ impl<'a> Scene<'a> {
             _ => f64::from(first.fit.gain()).sqrt(),
         };
         Estimate {
-            certainty: first.certainty(noise, self.means.how.level),
+            certainty: first.certainty(noise, self.level()),
             gain: gain * units,
             noise: self.in_units(noise),
             blurs: order.iter().map(|kind| kinds[*kind].blur.clone()).collect(),

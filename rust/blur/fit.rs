@@ -1,6 +1,6 @@
 //! How well a blur explains what two power spectra differ by.
 
-use super::bins::{LANES, bins};
+use super::bins::{LANES, Lanes, bins, total};
 use super::spectrum::Powers;
 use crate::simd::{Kernel, Level};
 
@@ -11,7 +11,6 @@ const LEAST_SIGNAL: f32 = 0.02;
 /// Gains of power lie within this many nepers of 1, corrections of them within one.
 const LARGEST_GAIN: f32 = 20.0;
 
-type Lanes = [f32; LANES];
 /// Most bins there can be.
 const MOST_BINS: usize = 256;
 
@@ -236,19 +235,6 @@ fn logarithms(values: Lanes) -> Lanes {
         *value = ln(*value);
     }
     logarithms
-}
-
-/// The sum of all lanes, by halves: one after another, sums would take as long as all else.
-#[inline(always)]
-fn total(mut sums: Lanes) -> f32 {
-    let mut half = LANES / 2;
-    while half > 0 {
-        for lane in 0..half {
-            sums[lane] += sums[lane + half];
-        }
-        half /= 2;
-    }
-    sums[0]
 }
 
 /// The natural logarithm of a positive number, to 4e-5: this one is the same on every machine, and the loops

@@ -141,7 +141,7 @@ mod tests {
         let soft = match blur {
             Some(entry) => {
                 let psf = bank()[entry].psf;
-                let left = response(&psf.taps());
+                let left = response(&psf.taps(), Level::best());
                 scene.iter().zip(left.values()).map(|(power, left)| power * left).collect()
             }
             None => scene.clone(),
