@@ -105,6 +105,8 @@ pub struct Estimate {
 
 /// A grid of tiles, and the blocks about their centres.
 struct Grid {
+    /// Side of a tile, pixels.
+    step: usize,
     rows: usize,
     cols: usize,
     places: Vec<Option<Place>>,
@@ -179,14 +181,15 @@ impl<'a> Scene<'a> {
     }
 
     fn estimate(&self) -> Result<Estimate> {
-        let grid = self.grid(self.spacing())?;
+        let grid = self.grid(self.spacing(), |_| true)?;
         let noise = grid.noise();
-        let losses = grid.searched(noise, self.level());
-        let chosen = losses.chosen();
-        let only = losses.only(&chosen);
+        let blocks = grid.blocks(noise, self.level());
+        let chosen = grid.searched(&blocks, self.level()).chosen();
+        let choices: Vec<Choice> = chosen.iter().map(|choice| Choice::at(*choice)).collect();
+        let only = grid.losses(&blocks, &choices, self.level());
         let mut kinds = Vec::new();
-        for (index, choice) in chosen.iter().enumerate() {
-            let (members, side) = (only.best_members(index), Choice::at(*choice).side);
+        for (index, Choice { side, .. }) in choices.into_iter().enumerate() {
+            let members = only.best_members(index);
             // What was chosen later may have taken all the tiles of what was chosen first.
             if side.is_none() || !members.is_empty() {
                 kinds.push(self.kind(&grid, &members, noise, side)?);
@@ -197,7 +200,11 @@ impl<'a> Scene<'a> {
             let nothing = Estimate::nothing(self.size);
             return Ok(Estimate { noise: self.in_units(noise), ..nothing });
         }
-        let map = if kinds.len() > 1 { self.map(&kinds, noise)? } else { Map::uniform(self.size) };
+        let map = if kinds.len() > 1 {
+            self.map(&kinds, noise, &grid, &blocks)?
+        } else {
+            Map::uniform(self.size)
+        };
         Ok(self.told(kinds, map, noise))
     }
 
@@ -215,7 +222,8 @@ impl<'a> Scene<'a> {
         even(ENOUGH_BLOCKS).clamp(SPACING.0, SPACING.1.max(even(MOST_BLOCKS)))
     }
 
-    fn grid(&self, step: usize) -> Result<Grid> {
+    /// Tiles of so many pixels, and the blocks of those that are wanted, by row and column.
+    fn grid(&self, step: usize, is_wanted: impl Fn((usize, usize)) -> bool) -> Result<Grid> {
         let (height, width) = self.size;
         let corner = |tile: usize, length: usize| {
             (tile * step + step / 2).saturating_sub(SIDE / 2).min(length - SIDE)
@@ -224,16 +232,18 @@ impl<'a> Scene<'a> {
         let tops: Vec<usize> = (0..rows).map(|y| corner(y, height)).collect();
         let (mut places, mut found) = (vec![], vec![]);
         self.rows.look(&tops, ROUGHEST, self.means, |part, rough, rows| {
-            let corners =
-                tops[rows].iter().flat_map(|top| (0..cols).map(|x| (*top, corner(x, width))));
-            let new: Vec<_> = corners.map(|(top, left)| part.place(rough, top, left)).collect();
+            let tiles = rows.flat_map(|y| (0..cols).map(move |x| (y, x)));
+            let place = |(y, x): (usize, usize)| {
+                is_wanted((y, x)).then(|| part.place(rough, tops[y], corner(x, width)))?
+            };
+            let new: Vec<_> = tiles.map(place).collect();
             let images = part.shades.each_ref().map(|shades| &shades.plane);
             let there = part.local(new.iter().flatten());
             found.extend(powers(images, &there, self.level(), self.means.control)?);
             places.extend(new);
             Ok(())
         })?;
-        Ok(Grid { rows, cols, places, powers: found })
+        Ok(Grid { step, rows, cols, places, powers: found })
     }
 
     /// What the blocks of these tiles say together.
@@ -303,18 +313,24 @@ impl<'a> Scene<'a> {
         Ok(Kind { blur, response, fit, powers: family.powers })
     }
 
-    /// The map of the kinds.
-    fn map(&self, kinds: &[Kind], noise: [f32; 2]) -> Result<Map> {
-        let (rows, cols) = self.size;
+    /// The map of the kinds: finer than the first blocks where these are not all of one kind.
+    fn map(&self, kinds: &[Kind], noise: [f32; 2], first: &Grid, blocks: &[Blocks]) -> Result<Map> {
+        let ((rows, cols), choices) = (self.size, choices(kinds));
         let even = ((rows * cols / MOST_TILES) as f64).sqrt() as usize;
         let tile = even.next_multiple_of(TILE).max(TILE);
-        let grid = self.grid(tile)?;
-        let choices: Vec<Choice> = kinds
-            .iter()
-            .map(|kind| Choice { side: kind.blur.side, response: &kind.response })
-            .collect();
-        let losses = grid.losses(noise, &choices, self.level()).steadied();
-        Ok(Map { rows: grid.rows, cols: grid.cols, labels: losses.labels(), tile })
+        let rough = first.losses(blocks, &choices, self.level());
+        let at = |length: usize| (length * tile + tile / 2) / first.step;
+        let around = |(y, x)| at(y).min(first.rows - 1) * first.cols + at(x).min(first.cols - 1);
+        let grid = self.grid(tile, |place| rough.is_boundary(around(place)))?;
+        let mut losses = grid.losses(&grid.blocks(noise, self.level()), &choices, self.level());
+        for (index, tile) in losses.values.chunks_mut(choices.len()).enumerate() {
+            let there = around((index / grid.cols, index % grid.cols));
+            if !rough.is_boundary(there) {
+                tile.copy_from_slice(rough.of(there));
+            }
+        }
+        let labels = losses.steadied().labels();
+        Ok(Map { rows: grid.rows, cols: grid.cols, labels, tile })
     }
 
     fn in_units(&self, noise: [f32; 2]) -> [f64; 2] {
@@ -354,19 +370,21 @@ impl Grid {
         })
     }
 
+    /// What the pairs of blocks have to say.
+    fn blocks(&self, noise: [f32; 2], level: Level) -> Vec<Blocks> {
+        self.powers.par_iter().map(|powers| Blocks::new(powers, noise, level)).collect()
+    }
+
     /// How badly every choice explains every tile.
-    fn losses(&self, noise: [f32; 2], choices: &[Choice], level: Level) -> Losses {
-        let of = |powers: &Powers| -> Vec<f32> {
-            let blocks = Blocks::new(powers, noise, level);
+    fn losses(&self, blocks: &[Blocks], choices: &[Choice], level: Level) -> Losses {
+        let of = |blocks: &Blocks| -> Vec<f32> {
             choices.iter().map(|choice| blocks.loss(*choice, level)).collect()
         };
-        self.on_tiles(choices.len(), self.powers.par_iter().map(of).collect())
+        self.on_tiles(choices.len(), blocks.par_iter().map(of).collect())
     }
 
     /// How badly each of all blurs explains every tile, where it is worth trying.
-    fn searched(&self, noise: [f32; 2], level: Level) -> Losses {
-        let blocks: Vec<Blocks> =
-            self.powers.par_iter().map(|powers| Blocks::new(powers, noise, level)).collect();
+    fn searched(&self, blocks: &[Blocks], level: Level) -> Losses {
         let told = self.places.iter().enumerate().filter(|(_, place)| place.is_some());
         // As the bishops of chess, so that every row and every column has some.
         let is_sample = told.map(|(tile, _)| {
@@ -374,7 +392,7 @@ impl Grid {
             blocks.len() <= LEAST_SAMPLE * SAMPLE || (x + 2 * y).is_multiple_of(SAMPLE)
         });
         let is_sample: Vec<bool> = is_sample.collect();
-        self.on_tiles(1 + 2 * bank().len(), searched(&blocks, &is_sample, level))
+        self.on_tiles(1 + 2 * bank().len(), searched(blocks, &is_sample, level))
     }
 
     /// Losses of blocks as those of the tiles; some have none.
@@ -426,6 +444,10 @@ impl Kind {
         };
         (1.0 - self.fit.loss / contrary.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
     }
+}
+
+fn choices(kinds: &[Kind]) -> Vec<Choice<'_>> {
+    kinds.iter().map(|kind| Choice { side: kind.blur.side, response: &kind.response }).collect()
 }
 
 /// Keeps one of the kinds that came out as no blur.

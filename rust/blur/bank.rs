@@ -58,6 +58,15 @@ pub fn bank() -> &'static [Entry] {
     })
 }
 
+/// A few of all these: what is better explained by one of the others is so by one of them, if less.
+pub fn probes() -> impl Iterator<Item = &'static Entry> {
+    bank().iter().filter(|Entry { psf, .. }| match psf.family {
+        Family::Gaussian => false,
+        Family::Disk => [2.0, 4.0, 8.0].contains(&psf.size),
+        Family::Motion => [5.0, 9.0, 15.0].contains(&psf.size) && psf.angle % 30.0 == 0.0,
+    })
+}
+
 impl Side {
     /// Its index: 0 left, 1 right.
     pub fn index(self) -> usize {

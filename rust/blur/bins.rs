@@ -97,15 +97,14 @@ impl Bins {
     }
 }
 
-/// The mean of some powers, of which several sums are under way at a time.
+/// The mean of some powers.
 fn mean(powers: &[f32], members: &[u16]) -> f32 {
-    let mut sums = [0.0; 4];
-    for members in members.chunks(sums.len()) {
-        for (sum, place) in sums.iter_mut().zip(members) {
-            *sum += powers[usize::from(*place)];
-        }
-    }
-    (sums[0] + sums[1] + (sums[2] + sums[3])) / members.len() as f32
+    let power = |place: &u16| powers[usize::from(*place)];
+    let (fours, rest) = members.as_chunks();
+    // By fours, so that not every sum waits for the one before.
+    let of_four = |[a, b, c, d]: &[u16; 4]| power(a) + power(b) + (power(c) + power(d));
+    let sum = fours.iter().map(of_four).sum::<f32>() + rest.iter().map(power).sum::<f32>();
+    sum / members.len() as f32
 }
 
 /// The sum of all lanes, by halves: one after another, sums would take as long as all else.

@@ -28,7 +28,8 @@ const BOUNDARY: f32 = 0.15;
 const ROUNDS: usize = 8;
 
 impl Losses {
-    fn of(&self, tile: usize) -> &[f32] {
+    /// The losses of a tile.
+    pub fn of(&self, tile: usize) -> &[f32] {
         &self.values[tile * self.choices..][..self.choices]
     }
 
@@ -65,14 +66,6 @@ impl Losses {
         (best, worth[best])
     }
 
-    /// The losses of some of the choices alone.
-    pub fn only(&self, choices: &[usize]) -> Self {
-        let pick =
-            |losses: &[f32]| choices.iter().map(|choice| losses[*choice]).collect::<Vec<_>>();
-        let values = self.values.chunks(self.choices).flat_map(pick).collect();
-        Self { choices: choices.len(), values, ..*self }
-    }
-
     /// The tiles that a choice explains better than others do; of several choices the better half of these,
     /// since those that straddle a boundary are not of one kind.
     pub fn best_members(&self, choice: usize) -> Vec<usize> {
@@ -97,6 +90,14 @@ impl Losses {
             losses.copy_from_slice(self.of(steadiest));
         }
         steadied
+    }
+
+    /// Whether not all of the tiles about one are of the same choice.
+    pub fn is_boundary(&self, tile: usize) -> bool {
+        let told = self.around(tile).filter(|tile| self.of(*tile)[0].is_finite());
+        let mut choices = told.map(|tile| least(self.of(tile)));
+        let first = choices.next();
+        choices.any(|choice| Some(choice) != first)
     }
 
     fn around(&self, tile: usize) -> impl Iterator<Item = usize> {
@@ -230,14 +231,8 @@ mod tests {
         tiles[4..].fill([2.0, 0.5, 1.5, 0.2]);
         let losses = losses(4, &tiles);
         assert_eq!(losses.chosen(), [1, 2, 3]);
-        assert!(losses.only(&[1, 2, 3]).best_members(0).is_empty());
-        assert_eq!(losses.only(&[1, 2, 3]).best_members(1).len(), 2);
-    }
-
-    #[test]
-    fn only_keeps_the_losses_of_some() {
-        let only = losses(2, &[[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]).only(&[2, 0]);
-        assert_eq!((only.choices, only.values), (2, vec![0.3, 0.1, 0.6, 0.4]));
+        assert!(losses.best_members(1).is_empty());
+        assert_eq!(losses.best_members(2).len(), 2);
     }
 
     #[test]

@@ -90,12 +90,28 @@ impl Kernel for Windowed<'_> {
             }
             let mean = total(weighted) / window.sum;
             for (values, weights) in part.iter_mut().zip(&window.values) {
-                for lane in 0..LANES {
-                    values[lane] = (values[lane] - mean) * weights[lane];
-                }
+                *values = weighted_without(*values, mean, *weights);
             }
         }
     }
+}
+
+// In and out by value: of values that are changed in place, compilers do not see that they are none of the others.
+#[inline(always)]
+fn weighted_without(mut values: Lanes, mean: f32, weights: Lanes) -> Lanes {
+    for lane in 0..LANES {
+        values[lane] = (values[lane] - mean) * weights[lane];
+    }
+    values
+}
+
+#[inline(always)]
+fn norms(re: Lanes, im: Lanes) -> Lanes {
+    let mut norms = [0.0; LANES];
+    for lane in 0..LANES {
+        norms[lane] = re[lane] * re[lane] + im[lane] * im[lane];
+    }
+    norms
 }
 
 /// Replaces the real parts of a block by powers.
@@ -107,9 +123,7 @@ impl Kernel for Norms<'_> {
     #[inline(always)]
     fn run(self) {
         for (re, im) in self.0.re.iter_mut().zip(&*self.0.im) {
-            for lane in 0..LANES {
-                re[lane] = re[lane] * re[lane] + im[lane] * im[lane];
-            }
+            *re = norms(*re, *im);
         }
     }
 }
