@@ -15,6 +15,7 @@
 mod bank;
 mod bins;
 mod fit;
+mod glance;
 mod measured;
 mod parts;
 mod refine;
@@ -24,19 +25,23 @@ mod search;
 mod spectrum;
 mod transform;
 
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 
 pub use self::bank::Side;
 use self::bank::bank;
 use self::bins::{SIDE, bins};
 use self::fit::{Evidence, Fit, Response};
+pub use self::glance::Glance;
 use self::measured::{look, measured};
-use self::parts::{Kept, Means, ROUGHEST, Rows};
+use self::parts::{Kept, Means, Part, ROUGHEST, Rows};
 use self::refine::refine;
 use self::regions::{Losses, MOST};
 use self::rough::{Scale, shades_per_unit};
 use self::search::{Blocks, Choice, flat, searched};
-use self::spectrum::{Cross, Place, Powers, powers, response};
+pub use self::spectrum::Place;
+use self::spectrum::{Cross, Powers, powers, response};
 use crate::control::Control;
 use crate::error::Result;
 use crate::matcher::{Execution, Matcher, Pair};
@@ -63,6 +68,8 @@ const LEAST_SPREAD: f64 = 0.6;
 const DOUBTFUL: f32 = 0.3;
 /// ... given this many blocks to measure it on
 const LEAST_BLOCKS: usize = 12;
+/// ... that are a good part of all: it takes another match, which is not worth it for a little of a large image
+const LEAST_PART: usize = 20;
 /// ... and unless what is measured explains them worse than the family by this factor.
 const MUCH_WORSE: f32 = 1.5;
 /// Of so many blocks one is tried with all blurs, whatever the others are explained by ...
@@ -101,6 +108,8 @@ pub struct Estimate {
     pub gain: f64,
     /// Standard deviations of the noise, left and right, in units of the pixels.
     pub noise: [f64; 2],
+    /// What a later pair of the same cameras is compared with.
+    pub glance: Glance,
 }
 
 /// A grid of tiles, and the blocks about their centres.
@@ -167,6 +176,26 @@ pub fn estimate_by_rows(
     matcher.install(|| Scene::new(Rows::Read(source), &source.rows(0..1)?, size, means)?.estimate())
 }
 
+/// Whether the blur of a pair is what it was in an earlier one that was estimated. Sizes that change by less than a fifth
+/// or so, and what comes on in less than a sixteenth of the image, are missed.
+pub fn is_as_before(
+    pair: &Pair,
+    before: &Glance,
+    matcher: &Matcher,
+    how: Execution,
+    control: &Control,
+) -> Result<bool> {
+    if !before.fits(pair.size()) {
+        return Ok(false);
+    }
+    matcher.install(|| {
+        let part = Part::new(0, Cow::Borrowed(pair), Means { matcher, how, control })?;
+        let images = part.shades.each_ref().map(|shades| &shades.plane);
+        let powers = powers(images, &before.places, how.level, control)?;
+        Ok(before.is_like(&Glance::new(before.places.clone(), &powers, pair.size())))
+    })
+}
+
 /// Whether there is room for a block.
 fn is_enough((rows, cols): (usize, usize)) -> bool {
     rows >= SIDE && cols >= SIDE
@@ -205,7 +234,9 @@ impl<'a> Scene<'a> {
         } else {
             Map::uniform(self.size)
         };
-        Ok(self.told(kinds, map, noise))
+        let places = grid.places.into_iter().flatten().collect();
+        let glance = Glance::new(places, &grid.powers, self.size);
+        Ok(Estimate { glance, ..self.told(kinds, map, noise) })
     }
 
     fn level(&self) -> Level {
@@ -269,7 +300,8 @@ impl<'a> Scene<'a> {
             taps: Some(found.entry.psf.taps()),
         };
         let family = Kind { blur, response: found.entry.response, fit: found.fit, powers };
-        if family.fit.loss <= DOUBTFUL || tiles.len() < LEAST_BLOCKS {
+        let least = LEAST_BLOCKS.max(grid.powers.len() / LEAST_PART);
+        if family.fit.loss <= DOUBTFUL || tiles.len() < least {
             return Ok(family);
         }
         self.measured(grid, tiles, &evidence, family)
@@ -352,6 +384,7 @@ impl<'a> Scene<'a> {
             blurs: order.iter().map(|kind| kinds[*kind].blur.clone()).collect(),
             labels: (map.rows, map.cols, map.labels),
             tile: map.tile,
+            glance: Glance::default(),
         }
     }
 }
@@ -496,6 +529,7 @@ impl Estimate {
             certainty: 0.0,
             gain: 1.0,
             noise: [0.0; 2],
+            glance: Glance::default(),
         }
     }
 }

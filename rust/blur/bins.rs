@@ -23,6 +23,9 @@ const HIGH: f64 = 0.35 * SIDE as f64;
 /// Directions in which noise is looked for.
 const SECTORS: usize = 8;
 
+/// Directions in which blur is told apart at a glance.
+pub const DIRECTIONS: usize = 4;
+
 /// Bins of half the frequency plane (the other half mirrors it), by rising frequency.
 #[derive(Debug)]
 pub struct Bins {
@@ -33,6 +36,8 @@ pub struct Bins {
     pub weights: Vec<f32>,
     /// How much each bin counts when gains are looked for: only low ones do; sum 1.
     pub low: Vec<f32>,
+    /// How much each bin counts in its direction, as in all of them, and in others not at all; sum 1 each.
+    pub directions: [Vec<f32>; DIRECTIONS],
     /// Coefficients of high frequency by direction.
     sectors: [Vec<u16>; SECTORS],
 }
@@ -59,20 +64,23 @@ impl Bins {
             members: vec![vec![]; count],
             weights: vec![0.0; count],
             low: vec![0.0; count],
+            directions: std::array::from_fn(|_| vec![0.0; count]),
             sectors: Default::default(),
         };
         for (index, cell) in cells.iter().enumerate() {
             bins.members[index] = cell.iter().map(|place| *place as u16).collect();
             let counted = cell.iter().map(|place| frequency(*place)).filter(|f| *f > LOWEST);
             bins.weights[index] = counted.map(|f| 1.0 / f).sum::<f64>() as f32;
+            bins.directions[sector(cell[0], DIRECTIONS)][index] = bins.weights[index];
             let is_low = (LOWEST..LOW).contains(&mean_frequency(cell));
             bins.low[index] = if is_low { 1.0 } else { 0.0 };
         }
         normalise(&mut bins.weights);
         normalise(&mut bins.low);
+        bins.directions.iter_mut().for_each(|weights| normalise(weights));
         let above = |place: &usize| wave(*place).1 > 0 && frequency(*place) > HIGH;
         for place in (0..SIDE * SIDE / 2).filter(above) {
-            bins.sectors[sector(place)].push(place as u16);
+            bins.sectors[sector(place, SECTORS)].push(place as u16);
         }
         bins
     }
@@ -135,10 +143,11 @@ fn mean_frequency(cell: &[usize]) -> f64 {
     cell.iter().map(|place| frequency(*place)).sum::<f64>() / cell.len() as f64
 }
 
-fn sector(place: usize) -> usize {
+/// In which of so many directions it is.
+fn sector(place: usize, count: usize) -> usize {
     let (kx, ky) = wave(place);
     let turns = (ky as f64).atan2(kx as f64) / std::f64::consts::PI;
-    (turns * SECTORS as f64).round().rem_euclid(SECTORS as f64) as usize
+    (turns * count as f64).round().rem_euclid(count as f64) as usize
 }
 
 fn normalise(values: &mut [f32]) {
@@ -155,7 +164,7 @@ mod tests {
     #[test]
     fn weights_have_the_sum_one_and_only_low_bins_tell_gains() {
         let bins = bins();
-        for weights in [&bins.weights, &bins.low] {
+        for weights in [&bins.weights, &bins.low].into_iter().chain(&bins.directions) {
             assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
             assert!(weights.iter().all(|weight| *weight >= 0.0));
         }
@@ -200,12 +209,12 @@ mod tests {
     #[test]
     fn noise_is_looked_for_in_the_quietest_direction() {
         for quiet in 0..SECTORS {
-            let power = |place: usize| if sector(place) == quiet { 0.5 } else { 3.0 };
+            let power = |place: usize| if sector(place, SECTORS) == quiet { 0.5 } else { 3.0 };
             let powers: Vec<f32> = (0..SIDE * SIDE / 2).map(power).collect();
             assert!((bins().least_high(&powers) - 0.5).abs() < 1e-6);
         }
         let along_x = 30 * SIDE / 2 + 1;
         assert_eq!(wave(along_x), (30, 1));
-        assert_eq!((sector(along_x), sector(30)), (0, SECTORS / 2));
+        assert_eq!((sector(along_x, SECTORS), sector(30, SECTORS)), (0, SECTORS / 2));
     }
 }

@@ -89,29 +89,12 @@ impl Kernel for Windowed<'_> {
                 }
             }
             let mean = total(weighted) / window.sum;
-            for (values, weights) in part.iter_mut().zip(&window.values) {
-                *values = weighted_without(*values, mean, *weights);
+            let values = part.as_flattened_mut().iter_mut();
+            for (value, weight) in values.zip(window.values.as_flattened()) {
+                *value = (*value - mean) * weight;
             }
         }
     }
-}
-
-// In and out by value: of values that are changed in place, compilers do not see that they are none of the others.
-#[inline(always)]
-fn weighted_without(mut values: Lanes, mean: f32, weights: Lanes) -> Lanes {
-    for lane in 0..LANES {
-        values[lane] = (values[lane] - mean) * weights[lane];
-    }
-    values
-}
-
-#[inline(always)]
-fn norms(re: Lanes, im: Lanes) -> Lanes {
-    let mut norms = [0.0; LANES];
-    for lane in 0..LANES {
-        norms[lane] = re[lane] * re[lane] + im[lane] * im[lane];
-    }
-    norms
 }
 
 /// Replaces the real parts of a block by powers.
@@ -122,8 +105,9 @@ impl Kernel for Norms<'_> {
 
     #[inline(always)]
     fn run(self) {
-        for (re, im) in self.0.re.iter_mut().zip(&*self.0.im) {
-            *re = norms(*re, *im);
+        let Block { re, im } = self.0;
+        for (re, im) in re.as_flattened_mut().iter_mut().zip(im.as_flattened()) {
+            *re = *re * *re + im * im;
         }
     }
 }
