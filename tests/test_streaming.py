@@ -44,7 +44,7 @@ def expected(indices: Any) -> dict[int, float]:
 
 
 def test_frames_of_a_video_are_matched_as_pairs_are() -> None:
-    frames = list(ps.stream("video.mkv", num_disparities=COUNT, threads=1))
+    frames = list(ps.stream("video.mkv", num_disparities=COUNT, threads=1, reestimate=1))
     assert [frame.index for frame in frames] == list(range(10))
     assert [frame.time for frame in frames] == pytest.approx([index / 20 for index in range(10)])
     for frame in frames:
@@ -329,25 +329,28 @@ def test_several_streams_at_a_time() -> None:
 # Blur
 
 
-def soft(index: int, blurred: bool) -> Any:
+def soft(index: int, *, blurred: bool) -> Any:
     """Return one pair of the same scene with new noise, its left image blurred or not."""
     recipes = [Degradation(disk_psf(3.0) if blurred else None, noise=1, seed=index), Degradation()]
     return tuple(recipe(view) for recipe, view in zip(recipes, pair(0), strict=True))
 
 
-def reused(frames: Any) -> list[bool]:
-    return [frame.result.blur.reused for frame in frames]
+def reused(results: Any) -> list[bool]:
+    return [result.blur.reused for result in results]
+
+
+def results(shots: Any, **options: Any) -> list[Any]:
+    return [frame.result for frame in ps.stream(shots, num_disparities=COUNT, **options)]
 
 
 def test_blur_is_estimated_anew_when_it_changes() -> None:
     shots = [soft(index, blurred=index >= 3) for index in range(6)]
-    frames = list(ps.stream(shots, num_disparities=COUNT))
-    assert reused(frames) == [False, True, True, False, True, True]
-    assert [frame.result.blur.blur.side for frame in frames] == 3 * ["none"] + 3 * ["left"]
-    for frame in frames[::3]:
-        result = ps.match(frame.left, frame.right, num_disparities=COUNT)
-        np.testing.assert_array_equal(frame.result.disparity, result.disparity)
-        assert not result.blur.reused
+    found = results(shots)
+    assert reused(found) == [False, True, True, False, True, True]
+    assert [result.blur.blur.side for result in found] == 3 * ["none"] + 3 * ["left"]
+    for index in (0, 3):
+        result = ps.match(*shots[index], num_disparities=COUNT)
+        np.testing.assert_array_equal(found[index].disparity, result.disparity)
 
 
 @pytest.mark.parametrize(
@@ -355,7 +358,7 @@ def test_blur_is_estimated_anew_when_it_changes() -> None:
 )
 def test_blur_is_estimated_anew_after_so_many_frames(count: int, expected: list[bool]) -> None:
     shots = [soft(index, blurred=False) for index in range(5)]
-    assert reused(ps.stream(shots, num_disparities=COUNT, reestimate=count)) == expected
+    assert reused(results(shots, reestimate=count)) == expected
 
 
 def test_a_matcher_reuses_what_it_is_given_and_nothing_else() -> None:
@@ -366,7 +369,7 @@ def test_a_matcher_reuses_what_it_is_given_and_nothing_else() -> None:
     assert first.blur is not None
     assert second.blur is not None
     assert third.blur is not None
-    assert [result.blur.reused for result in (first, second, third)] == [False, False, True]
+    assert reused((first, second, third)) == [False, False, True]
     assert third.blur.noise == first.blur.noise != second.blur.noise
 
 

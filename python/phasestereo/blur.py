@@ -36,7 +36,7 @@ Estimated: TypeAlias = tuple[
     tuple[float, float],
     Glance,
 ]
-"""What the core tells: kinds, labels, tile, certainty, contrast, noise and glance of an estimate."""
+"""What the core tells: kinds, labels, tile, certainty, contrast, noise, glance of an estimate."""
 
 _SIDES: tuple[Side, ...] = ("none", "left", "right")
 

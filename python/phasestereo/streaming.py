@@ -206,7 +206,7 @@ def stream(
     _try(matcher, given, width=None)
     opened = open_source(source, right, layout=layout)
     try:
-        return Stream(opened, matcher, given, wanted, on_error, reestimate)
+        return Stream(opened, matcher, given, wanted, on_error, reestimate=reestimate)
     except BaseException:
         opened.close()
         raise
@@ -226,7 +226,8 @@ class Stream(Iterator[Frame]):
         given: Mapping[str, Any],
         wanted: slice,
         on_error: Callable[[Failure], object] | None,
-        reestimate: int = REESTIMATE,
+        *,
+        reestimate: int,
     ) -> None:
         self._source, self._wanted = source, wanted
         self._work = _Work(source, matcher, given, on_error or _warn, reestimate)

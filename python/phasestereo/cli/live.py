@@ -21,7 +21,9 @@ from phasestereo.video.decoding import is_address
 from phasestereo.video.folders import folders_of
 
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise", "layout"}
-_OPTIONS = _VALUES | {"start", "stop", "every", "reestimate"} | {field.name for field in fields(Settings)}
+_OPTIONS = (
+    _VALUES | {"start", "stop", "every", "reestimate"} | {field.name for field in fields(Settings)}
+)
 
 _SOURCE = Group.create_ordered("Source")
 _SEARCH = Group.create_ordered("Search")
