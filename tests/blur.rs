@@ -372,7 +372,9 @@ fn a_glance_tells_whether_blur_is_as_it_was() {
     for (now, state) in states.iter().enumerate() {
         let before = estimated(&pair(state, bytes)).glance;
         for (then, other) in states.iter().enumerate() {
-            assert!(levels().all(|level| looks_as(&before, other, level) == (now == then)));
+            assert!(
+                levels().into_iter().all(|level| looks_as(&before, other, level) == (now == then))
+            );
         }
         let brighter = state.each_ref().map(|plane| plane.map(|value| 0.9 * value + 12.0));
         assert!(looks_as(&before, &brighter, Level::best()), "both of them are");

@@ -142,7 +142,9 @@ pub fn first<'a>(tiles: impl Iterator<Item = &'a [f32]>) -> Option<usize> {
         means.iter_mut().zip(losses).for_each(|(sum, loss)| *sum += loss);
         count += 1.0;
     }
-    means.iter_mut().for_each(|mean| *mean /= count);
+    for mean in &mut means {
+        *mean /= count;
+    }
     let best = least(&means);
     Some(if means[0] <= means[best] + MARGIN / 2.0 { 0 } else { best })
 }

@@ -176,15 +176,15 @@ impl Strip {
                     let (even_re, even_im) = (a_re[lane] + c_re[lane], a_im[lane] + c_im[lane]);
                     let (odd_re, odd_im) = (a_re[lane] - c_re[lane], a_im[lane] - c_im[lane]);
                     let (sum_re, sum_im) = (b_re[lane] + d_re[lane], b_im[lane] + d_im[lane]);
-                    let (by_re, by_im) = (b_re[lane] - d_re[lane], b_im[lane] - d_im[lane]);
+                    let (gap_re, gap_im) = (b_re[lane] - d_re[lane], b_im[lane] - d_im[lane]);
                     self.re[place(0)][lane] = even_re + sum_re;
                     self.im[place(0)][lane] = even_im + sum_im;
-                    self.re[place(1)][lane] = odd_re + by_im;
-                    self.im[place(1)][lane] = odd_im - by_re;
+                    self.re[place(1)][lane] = odd_re + gap_im;
+                    self.im[place(1)][lane] = odd_im - gap_re;
                     self.re[place(2)][lane] = even_re - sum_re;
                     self.im[place(2)][lane] = even_im - sum_im;
-                    self.re[place(3)][lane] = odd_re - by_im;
-                    self.im[place(3)][lane] = odd_im + by_re;
+                    self.re[place(3)][lane] = odd_re - gap_im;
+                    self.im[place(3)][lane] = odd_im + gap_re;
                 }
             }
         }
