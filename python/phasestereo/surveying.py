@@ -188,7 +188,7 @@ def survey(
         ranges = _core.find_ranges(rows, rows.size, search)
     if asks_for_estimate(asked, noise, equalisation):
         found = _core.estimate_blur_by_rows(rows, rows.size, search, ranges, workers)
-        blur = as_estimate(found)
+        blur = replace(as_estimate(found), glance=None)  # no later pair is compared with it
         asked, versions = even_out(blur, asked, versions)
     if asked.edges > 0 or asked.guided or asked.confidence or asked.min_confidence > 0:
         roughness = _core.find_roughness(rows, rows.size, search, ranges)
