@@ -11,7 +11,7 @@ mod workers;
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -200,7 +200,7 @@ fn blur_is_as_before<'py>(
 ) -> PyResult<bool> {
     let (pair, before) = (read_pair(&images, &masks, &disparities)?, read_glance(glance)?);
     let (pool, rows) = (Pool::of(threads)?, pair.size().0);
-    let how = Execution { threads: pool.threads(), strip_rows: None, level: Level::best() };
+    let how = Execution { threads: pool.threads(), level: Level::best() };
     supervised(py, &pool, rows, None, move |matcher, control| {
         blur::is_as_before(&pair, &before, matcher, how, control)
     })
