@@ -64,11 +64,9 @@ impl<T: Value> Selection<T> {
         for (own, least) in own.iter_mut().zip(&*least) {
             *own = least_lane(least);
         }
-        let most = T::truncated(u64::MAX);
         for ((run, least), own) in run.iter_mut().zip(&*least).zip(&*own) {
             for j in 0..LANES {
-                let is_larger = if least[j] == *own { T::default() } else { most };
-                run[j] = run[j].max(is_larger);
+                run[j] = run[j].max(all_bits(least[j].minus(*own)));
             }
         }
         let mut first = [T::default(); PIXELS];
@@ -77,8 +75,7 @@ impl<T: Value> Selection<T> {
         }
         for (run, first) in run.iter_mut().zip(&first) {
             for j in 0..LANES {
-                let is_later = if run[j] == *first { T::default() } else { most };
-                run[j] = is_later.max(lanes[j]);
+                run[j] = lanes[j].max(all_bits(run[j].minus(*first)));
             }
         }
         let mut lane = [T::default(); PIXELS];
@@ -206,6 +203,12 @@ impl<T: Value> Minimum<T> {
         }
         minimum
     }
+}
+
+/// All bits where a number is not 0, else none: without a choice, which the compiler may make lane by lane.
+#[inline(always)]
+fn all_bits<T: Value>(value: T) -> T {
+    T::default().minus(value.min(T::truncated(1)))
 }
 
 #[inline(always)]
