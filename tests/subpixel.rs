@@ -5,7 +5,7 @@
 mod common;
 
 use common::maps::drawn;
-use common::{hash, levels};
+use common::{hash, levels, random};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
 use phasestereo::plane::Plane;
@@ -38,6 +38,8 @@ fn disparities() -> impl Strategy<Value = Plane<f32>> {
 }
 
 proptest! {
+    #![proptest_config(random(256))]
+
     #[test]
     fn the_offset_is_that_of_its_definition((below, own, above) in costs()) {
         let found = offset(below, own, above);
