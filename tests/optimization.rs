@@ -219,7 +219,7 @@ fn volumes() -> impl Strategy<Value = Volume> {
 }
 
 proptest! {
-    #![proptest_config(random(200))]
+    #![proptest_config(random(300))]
 
     #[test]
     fn every_pixel_is_as_by_the_twin(volume in volumes()) {
@@ -233,7 +233,9 @@ proptest! {
     #[test]
     fn memory_used_before_leaves_no_trace(volumes in prop::collection::vec(volumes(), 2..7)) {
         let mut workspaces = Workspaces::default();
-        volumes.iter().for_each(|volume| volume.check(&mut workspaces));
+        for volume in &volumes {
+            volume.check(&mut workspaces);
+        }
     }
 }
 
@@ -393,7 +395,7 @@ fn bands_are_those_of_the_whole() {
     };
     assert_eq!(bands(0, 0..130), [0..64, 64..128, 128..130]);
     assert_eq!(bands(63, 0..66), [0..1, 1..65, 65..66]);
-    assert_eq!(bands(65, 3..63), [3..63]);
+    assert_eq!(bands(65, 3..64), [3..63, 63..64]);
     assert_eq!(bands(64, 60..70), [60..64, 64..70]);
     assert_eq!(bands(7, 5..5), []);
 }

@@ -145,9 +145,10 @@ pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
     let found = found(pair, settings);
     let draft = drafted(pair, settings, &found);
     let texture = Texture::new(gray(pair.views()[0]));
+    let unit = unit(pair, settings);
     let votes = found.map(|found| {
         let elsewhere = (found.elsewhere != NONE).then_some(found.elsewhere.into());
-        vote(Margin { own: found.own.into(), elsewhere }, unit(pair, settings))
+        vote(Margin { own: found.own.into(), elsewhere }, unit)
     });
     let (disparity, mut flags) = refined(draft, &texture.gray, settings);
     let confidences =
