@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::evidence::Evidence;
 use crate::intensity;
 use crate::map::{Band, Map};
-use crate::optimization::selection::Minima;
+use crate::optimization::selection::Selection;
 use crate::optimization::{Search, Steps, Windowed, Workspace};
 use crate::plane::Plane;
 use crate::refinement::{Draft, Judge};
@@ -382,7 +382,7 @@ enum Width {
 
 impl Width {
     fn holding(largest: u64, runs: u64) -> Self {
-        if largest <= u8::LARGEST_TOTAL && runs <= Minima::<u8>::MOST_RUNS {
+        if largest <= u8::LARGEST_TOTAL && runs <= Selection::<u8>::MOST_RUNS {
             Self::Bytes
         } else if largest <= u16::LARGEST_TOTAL {
             Self::Words

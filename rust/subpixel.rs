@@ -43,23 +43,23 @@ const LANES: usize = 16;
 /// Columns about them that it takes.
 const SPAN: usize = LANES + 2 * REACH;
 
-/// What a candidate costs for [`offset`], by the sum of the totals of so many paths and by what the pixel itself
-/// costs in its window, which each of these totals has in it once.
+/// What a candidate costs for [`offset`], by the mean of the totals of paths and by what the pixel itself costs in its
+/// window, which each of these totals has in it once; at most [`i32::MAX`].
 #[inline(always)]
-pub fn evidence(total: u32, cost: u32, paths: u32) -> u32 {
-    total.saturating_add(cost.saturating_mul(OWN_SHARE.saturating_mul(paths)))
+pub fn evidence(total: u32, cost: u32) -> u32 {
+    total.saturating_add(cost.saturating_mul(OWN_SHARE)).min(i32::MAX as u32)
 }
 
 /// Where the match lies between the candidates, from -0.5 to 0.5 pixels from the one chosen, by what that costs
-/// and those one smaller and one larger.
+/// and those one smaller and one larger, each of which is at most [`i32::MAX`].
 ///
 /// Only what the costs differ by counts, and only in proportion. Equal costs beside the candidate say 0; where one
 /// of these is less than the candidate's own, the match lies half-way to it. A candidate at either end of the range
 /// has but one neighbour: its match is to be taken as it is.
 #[inline(always)]
 pub fn offset(below: u32, own: u32, above: u32) -> f32 {
-    let lean = i64::from(below) - i64::from(above);
-    let depth = (i64::from(below.max(above)) - i64::from(own)).max(1);
+    let lean = below as i32 - above as i32;
+    let depth = (below.max(above) as i32 - own as i32).max(1);
     // Twice where the tip of the V lies.
     let tip = (lean as f32 / depth as f32).clamp(-1.0, 1.0);
     0.5 * tip * (1.0 + STEEPER * (1.0 - tip.abs()))

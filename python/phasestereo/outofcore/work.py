@@ -60,7 +60,8 @@ class Work:
         size = self.pair.size
         surveys = [self._survey(tile) for tile in tiles]
         rows, threads, memory = planning.fit(surveys, self.pair, limit, threads=threads, rows=rows)
-        left = [size[0] - self.store.done(tile.number) for tile in tiles]
+        gaps = [self.store.gaps(tile.number, size[0]) for tile in tiles]
+        left = [sum(last - first for first, last in each) for each in gaps]
         widths = [each.size[1] for each in surveys]
         pixels = sum(rest * width for rest, width in zip(left, widths, strict=True))
         return Plan(
@@ -70,7 +71,7 @@ class Work:
             rows=rows,
             threads=threads,
             memory=memory,
-            bands=sum(-(-rest // rows) for rest in left),
+            bands=sum(-(-(last - first) // rows) for each in gaps for first, last in each),
             finished=sum(len(self.store.bands(tile.number)) for tile in tiles),
             seconds=pixels * self._seconds_a_pixel(max(widths), threads) if pixels else 0.0,
         )
@@ -78,8 +79,9 @@ class Work:
     def run(self, plan: Plan) -> Plan:
         """Match all that is not finished; return the plan with what the second band tells."""
         self._announce(plan)
-        done = sum(self.store.done(tile.number) for tile in plan.tiles)
         rows = plan.size[0] * len(plan.tiles)
+        gaps = [gap for tile in plan.tiles for gap in self.store.gaps(tile.number, plan.size[0])]
+        done = rows - sum(last - first for first, last in gaps)
         self._tell(done, rows)
         bands = 0
         for tile in plan.tiles:
@@ -120,6 +122,7 @@ class Work:
             seconds=seconds,
             peak_memory=planning.peak(),
             approximate=request.approximation(plan.size[1]),
+            again=tuple(self.store.again),
         )
 
     def _bands(self, tile: Tile, plan: Plan, done: int) -> Iterator[tuple[int, float]]:
@@ -127,24 +130,28 @@ class Work:
 
         Before, `done` rows of all tiles were finished.
         """
-        height = plan.size[0]
-        if self.store.done(tile.number) == height:
-            return
-        sweep = Sweep(
-            self.pair.reader(tile.reads),
-            self._survey(tile),
-            threads=plan.threads,
-            state=self.store.state(tile.number),
-        )
-        before = done - sweep.done
-        while (first := sweep.done) < height:
-            started = perf_counter()
-            last = min(height, first + plan.rows)
-            within = self._within(plan, before + first, last - first)
-            block = self._block(sweep.advance(last, progress=within), tile)
-            block["seconds"] = np.array(perf_counter() - started)
-            self.store.save(tile.number, (first, last), block, sweep.state())
-            yield last - first, perf_counter() - started
+        sweep: Sweep | None = None
+        for above, below in self.store.gaps(tile.number, plan.size[0]):
+            sweep = self._at(above, tile, plan, sweep)
+            while (first := sweep.done) < below:
+                started = perf_counter()
+                last = min(below, first + plan.rows)
+                within = self._within(plan, done, last - first)
+                block = self._block(sweep.advance(last, progress=within), tile)
+                block["seconds"] = np.array(perf_counter() - started)
+                self.store.save(tile.number, (first, last), block, sweep.state())
+                done += last - first
+                yield last - first, perf_counter() - started
+
+    def _at(self, row: int, tile: Tile, plan: Plan, sweep: Sweep | None) -> Sweep:
+        """Return a sweep of a tile that has come to a row, from the nearest one that is known."""
+        state = self.store.state(tile.number, row)
+        if sweep is None or state is not None:
+            reader, survey = self.pair.reader(tile.reads), self._survey(tile)
+            sweep = Sweep(reader, survey, threads=plan.threads, state=state)
+        while sweep.done < row:  # over bands that are finished, to one among them that is missing
+            sweep.advance(min(row, sweep.done + plan.rows))
+        return sweep
 
     def _block(self, result: Result, tile: Tile) -> dict[str, NDArray[Any]]:
         """Return what is kept of a band: the layers that are asked for, and counts."""
