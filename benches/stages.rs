@@ -57,7 +57,10 @@ fn fast() -> Settings {
         frequencies: (1, 1),
         precision: Precision::Byte,
         optimizer: Optimizer::ScanlineOptimization,
-        penalty: Penalty { near: 1.0, far: 4.5 },
+        shiftable: false,
+        penalty: Penalty { near: 3.0, far: 16.0 },
+        edges: 2.0,
+        median: 3,
         confidence: false,
         ..Settings::default()
     }
@@ -73,7 +76,7 @@ fn robust() -> Settings {
         shiftable: false,
         precision: Precision::Byte,
         optimizer: Optimizer::SemiGlobal,
-        penalty: Penalty { near: 4.0, far: 16.0 },
+        penalty: Penalty { near: 5.0, far: 20.0 },
         edges: 1.0,
         subpixel: true,
         consistency: Some(1),
@@ -490,7 +493,7 @@ mod optimization {
 
     #[divan::bench(args = cases(), sample_count = 10)]
     fn like_fast(bencher: Bencher, case: Case) {
-        search::<u8>(bencher, case, Optimizer::ScanlineOptimization, false);
+        search::<u8>(bencher, case, Optimizer::ScanlineOptimization, true);
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
@@ -615,7 +618,7 @@ mod matcher {
     use phasestereo::versions::Versions;
 
     fn weak() -> Settings {
-        Settings { weak: 1.0, penalty: Penalty { near: 2.0, far: 9.0 }, ..fast() }
+        Settings { weak: 1.0, penalty: Penalty { near: 6.0, far: 32.0 }, ..fast() }
     }
 
     /// So many versions of the right image, moved by some pixels each.

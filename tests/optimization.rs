@@ -11,7 +11,7 @@ use phasestereo::error::{Error, Result};
 use phasestereo::evidence::{Found, NONE};
 use phasestereo::intensity::LARGEST_REACH;
 use phasestereo::matcher::on_threads;
-use phasestereo::optimization::selection::Minima;
+use phasestereo::optimization::selection::Selection;
 use phasestereo::optimization::{
     BAND, Known, LARGEST_STEP, LOOK_COLUMNS, LOOK_ROWS, PANEL, Search, Steps, Workspace, optimize,
 };
@@ -139,7 +139,7 @@ impl Volume {
             self.check_in(&expected, words);
         }
         let runs = self.candidates.div_ceil(LANES) as u64;
-        if largest <= u8::LARGEST_TOTAL && runs <= Minima::<u8>::MOST_RUNS {
+        if largest <= u8::LARGEST_TOTAL && runs <= Selection::<u8>::MOST_RUNS {
             self.check_in(&expected, bytes);
         }
     }
@@ -318,7 +318,7 @@ fn totals_up_to_the_largest_are_exact() {
 /// Up to where bytes can count runs of candidates, and beyond.
 #[test]
 fn the_last_of_the_most_candidates_can_be_chosen() {
-    let most = LANES * Minima::<u8>::MOST_RUNS as usize;
+    let most = LANES * Selection::<u8>::MOST_RUNS as usize;
     for (candidates, optimizer) in
         [most, most + 1, MOST_DISPARITIES].into_iter().flat_map(|k| OPTIMIZERS.map(|o| (k, o)))
     {

@@ -207,7 +207,7 @@ pub fn robust() -> Settings {
         shiftable: false,
         precision: Precision::Byte,
         optimizer: Optimizer::SemiGlobal,
-        penalty: Penalty { near: 4.0, far: 16.0 },
+        penalty: Penalty { near: 5.0, far: 20.0 },
         edges: 1.0,
         subpixel: true,
         consistency: Some(1),

@@ -192,9 +192,9 @@ pub fn optimized(
 ) -> Plane<Found> {
     let (rows, cols) = (costs.rows(), costs.cols() / candidates);
     let of_pixel = |x: usize| x * candidates..(x + 1) * candidates;
-    let by_sums = |sums: &Plane<u64>, paths: u32| {
+    let by_sums = |sums: &Plane<u64>, costs: &Plane<u32>| {
         Plane::from_fn(rows, cols, |y, x| {
-            reference::select(&sums.row(y)[of_pixel(x)], &costs.row(y)[of_pixel(x)], paths)
+            reference::select(&sums.row(y)[of_pixel(x)], &costs.row(y)[of_pixel(x)])
         })
     };
     match optimizer {
@@ -206,11 +206,11 @@ pub fn optimized(
             })
         }
         Optimizer::ScanlineOptimization => {
-            by_sums(&reference::scanline_optimization(costs, candidates, steps, edges), 1)
+            by_sums(&reference::scanline_optimization(costs, candidates, steps, edges), costs)
         }
-        Optimizer::WinnerTakesAll => by_sums(&costs.map(|&cost| cost.into()), 0),
+        Optimizer::WinnerTakesAll => by_sums(&costs.map(|&cost| cost.into()), &costs.map(|_| 0)),
         Optimizer::SemiGlobal => {
-            by_sums(&reference::semi_global(costs, candidates, steps, edges), 1)
+            by_sums(&reference::semi_global(costs, candidates, steps, edges), costs)
         }
     }
 }
