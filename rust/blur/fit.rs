@@ -108,7 +108,8 @@ impl Kernel for Signals<'_> {
         let Self { powers, noise } = self;
         let [left, right] = &powers.binned;
         let (left, right) = (left.as_chunks::<LANES>().0, right.as_chunks::<LANES>().0);
-        let evidence = |noise| Evidence { blurred: vec![], sharp: vec![], noise, low: 0.0 };
+        let room = || Vec::with_capacity(left.len());
+        let evidence = |noise| Evidence { blurred: room(), sharp: room(), noise, low: 0.0 };
         let (mut for_left, mut for_right) = (evidence(noise[0]), evidence(noise[1]));
         let mut low = [0.0; LANES];
         for ((left, right), weights) in
