@@ -2,7 +2,7 @@
 //!
 //! What grows with the rows is counted by the pixel: the images, as they were read and as they are kept, with masks;
 //! codes; gray values; the map. What does not is the [`Workspace`](crate::optimization::Workspace) of each thread.
-//! Measured, a match takes 60 to 95 % of what is said here.
+//! Measured, a match takes 40 to 90 % of what is said here.
 
 use crate::aggregation::Window;
 use crate::intensity::{LEVEL_CEILING, LEVEL_STEPS};
@@ -12,6 +12,7 @@ use crate::optimization::selection::PIXELS;
 use crate::optimization::{BAND, LOOK_ROWS, PANEL, Steps};
 use crate::reach::Reach;
 use crate::settings::{CostKind, Optimizer, Settings};
+use crate::texture::Texture;
 use crate::value::LANES;
 use crate::versions::Versions;
 
@@ -23,8 +24,8 @@ const ORDERED_ROWS: usize = 16;
 const FOUND: usize = 14;
 /// Bytes of a pixel of the map: disparity, flags, vote.
 const MAP: usize = 10;
-/// Bytes of a pixel while the map is refined: the map, gray values, and what one stage makes of another's.
-const REFINED: usize = 40;
+/// Bytes of a pixel of the map while it is refined, with what one stage makes of another's: without and with gray values.
+const REFINED: [usize; 2] = [20, 40];
 /// Bytes of a pixel of gray values and of those that are made on the way to them.
 const GRAY: usize = 12;
 /// Bytes of a pixel of the gray values and jumps that are kept.
@@ -58,7 +59,7 @@ impl Demand<'_> {
         let (kept, passing) = self.compared();
         let describing = read * (kept + passing);
         let matching = read * (kept + TEXTURE * self.cols) + MAP * map;
-        let refining = read * TEXTURE * self.cols + REFINED * map;
+        let refining = REFINED[usize::from(Texture::is_needed(self.settings))] * map;
         let pixels = images + describing.max(matching).max(refining);
         (pixels + self.threads * self.workspace()) as u64
     }
@@ -76,7 +77,7 @@ impl Demand<'_> {
                 (length.div_ceil(8), right, 2 * word + GRAY)
             }
             CostKind::Sad => (2 * channels, 1, 4 * channels),
-            CostKind::NormalisedSad => (2 * channels, 1, 8 * channels + 16),
+            CostKind::NormalisedSad => (2 * channels, 1, 6 * channels + 8),
         };
         (bytes * (self.cols + right * unrolled) + valid, passing * self.cols)
     }
@@ -86,7 +87,9 @@ impl Demand<'_> {
         let (window, steps) = self.window();
         let runs = self.candidates.div_ceil(LANES);
         let (rows, panels, totals) = match self.settings.optimizer {
-            Optimizer::SemiGlobal => (BAND + 2 * LOOK_ROWS, 2, (BAND * (1 + PANEL + PIXELS)) * runs),
+            Optimizer::SemiGlobal => {
+                (BAND + 2 * LOOK_ROWS, 2, (BAND * (1 + PANEL + PIXELS)) * runs)
+            }
             Optimizer::ScanlineOptimization => (BAND, 2, BAND * (1 + PANEL) * runs),
             Optimizer::WinnerTakesAll => (BAND, 1, 0),
             Optimizer::DynamicProgramming => (ORDERED_ROWS, 1, 0),

@@ -17,8 +17,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use self::arguments::{
-    Both, Told, read_noise, read_pair, read_settings, read_versions, read_view,
-    read_volume,
+    Both, Told, read_noise, read_pair, read_settings, read_versions, read_view, read_volume,
 };
 use self::reader::{Ranges, Reader};
 use self::supervisor::supervised;
@@ -31,11 +30,11 @@ use crate::error::Error;
 use crate::footprint::Demand;
 use crate::intensity::Gray;
 use crate::matcher::{Disparity, Execution, on_threads};
+use crate::optimization::{BAND, Steps, optimize};
 use crate::plane::Plane;
 use crate::psf::{Family, Taps};
 use crate::reach::Reach;
 use crate::refinement::flag;
-use crate::optimization::{BAND, Steps, optimize};
 use crate::section::Section;
 use crate::simd::Level;
 use crate::source;
@@ -55,7 +54,9 @@ impl From<Error> for PyErr {
 /// `phasestereo._core`: see the stub beside the Python modules for what each function takes and returns.
 #[pymodule]
 mod _core {
-    use super::{BAND, Bound, PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, warm_up};
+    use super::{
+        BAND, Bound, PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, warm_up,
+    };
 
     #[pymodule_export]
     use super::{

@@ -15,9 +15,7 @@ use crate::error::Error;
 use crate::intensity;
 use crate::matcher::{MOST_THREADS, Pair};
 use crate::plane::{Plane, zeroed};
-use crate::settings::{
-    CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Settings, Taper,
-};
+use crate::settings::{CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Settings, Taper};
 use crate::texture::{Roughness, Texture};
 use crate::versions::{Versions, check_noise};
 use crate::view::{Image, Mask, View};

@@ -1,9 +1,8 @@
 """What of a run is finished: a folder beside the output, which a kill at any moment leaves intact.
 
 Every file in it is written under another name, flushed to the disk and renamed. A band is finished
-when its block is there; the state that the next one goes on from is written before. The file
-``run.json``, the first to come and the first to go, tells what run it is: a folder without it is
-rubbish.
+when its block is there, whatever other bands are. The file ``run.json``, the first to come and the
+first to go, tells what run it is: a folder without it is rubbish.
 """
 
 from __future__ import annotations
@@ -39,7 +38,6 @@ T = TypeVar("T")
 
 _RUN, _SURVEY, _LOCK, _DRAFT = "run.json", "survey.npz", "lock", "draft.npz"
 _BLOCK = re.compile(r"tile(\d{4})-rows(\d{8})-(\d{8})\.npz")
-_STATE = re.compile(r"tile(\d{4})-state(\d{8})\.npz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +68,11 @@ class Store:
                 found.append((int(name[2]), int(name[3])))
         return sorted(found)
 
-    def done(self, tile: int) -> int:
-        """Return how many rows of a tile are finished."""
-        return max((last for _, last in self.bands(tile)), default=0)
+    def missing(self, tile: int, height: int) -> list[tuple[int, int]]:
+        """Return the rows between the finished bands of a tile that has so many rows in all."""
+        ends = [0, *(row for band in self.bands(tile) for row in band), height]
+        between = zip(ends[::2], ends[1::2], strict=True)
+        return [(first, last) for first, last in between if first < last]
 
     def survey(self, make: Callable[[], Survey]) -> Survey:
         """Return the survey of the pair; it is made once."""
@@ -84,22 +84,11 @@ class Store:
             found.save(draft)
         return found
 
-    def save(self, tile: int, rows: tuple[int, int], block: Arrays, state: Arrays) -> None:
-        """Keep a band, and what the next one goes on from."""
-        after = self._state(tile, rows[1])
-        for path, arrays in ((after, state), (self._block(tile, rows), block)):
-            size = sum(array.nbytes for array in arrays.values())
-            with self._published(path, size) as draft, draft.open("wb") as file:
-                _write(file, arrays)
-        for path in self.folder.iterdir():
-            name = _STATE.fullmatch(path.name)
-            if name and int(name[1]) == tile and path != after:
-                path.unlink()
-
-    def state(self, tile: int) -> dict[str, NDArray[Any]] | None:
-        """Return what the next band of a tile goes on from; None: it is the first."""
-        done = self.done(tile)
-        return self._whole(self._state(tile, done), _read_all) if done else None
+    def save(self, tile: int, rows: tuple[int, int], block: Arrays) -> None:
+        """Keep a band."""
+        size = sum(array.nbytes for array in block.values())
+        with self._published(self._block(tile, rows), size) as draft, draft.open("wb") as file:
+            _write(file, block)
 
     def load(self, tile: int, rows: tuple[int, int], name: str) -> NDArray[Any]:
         """Return one array of a finished block."""
@@ -112,9 +101,6 @@ class Store:
 
     def _block(self, tile: int, rows: tuple[int, int]) -> Path:
         return self.folder / f"tile{tile:04}-rows{rows[0]:08}-{rows[1]:08}.npz"
-
-    def _state(self, tile: int, done: int) -> Path:
-        return self.folder / f"tile{tile:04}-state{done:08}.npz"
 
     @contextmanager
     def _published(self, path: Path, size: int) -> Iterator[Path]:
@@ -201,8 +187,7 @@ def _prepare(store: Store, identity: dict[str, Any], *, restart: bool) -> None:
 
 
 def _is_ours(file: Path) -> bool:
-    known = file.name in (_RUN, _SURVEY, _DRAFT)
-    return known or bool(_BLOCK.fullmatch(file.name) or _STATE.fullmatch(file.name))
+    return file.name in (_RUN, _SURVEY, _DRAFT) or bool(_BLOCK.fullmatch(file.name))
 
 
 def _differences(earlier: dict[str, Any], now: dict[str, Any]) -> str:
@@ -261,11 +246,6 @@ def _read(path: Path, name: str) -> NDArray[Any]:
     with np.load(path, allow_pickle=False) as arrays:
         found: NDArray[Any] = arrays[name]
         return found
-
-
-def _read_all(path: Path) -> dict[str, NDArray[Any]]:
-    with np.load(path, allow_pickle=False) as arrays:
-        return dict(arrays)
 
 
 def _flush(path: Path) -> None:
