@@ -67,14 +67,12 @@ def evidence_of(
         for each in (both if isinstance(both, tuple) else (both, both))
     )
     unit = settings.window**2 / 2**dropped
-    if settings.optimizer == "sgm":
-        sums = oracle.path_sums(volume, near, far, gray, settings.edges)
-        return refinement.of_paths(volume, sums), unit * refinement.PATHS
-    chosen = {
-        "dp": lambda: oracle.scanline(volume, near, far),
-        "so": lambda: oracle.free_scanline(volume, near, far),
-        "wta": lambda: oracle.winner_takes_all(volume),
-    }[settings.optimizer]()
+    if settings.optimizer in ("so", "sgm"):
+        paths = oracle.row_means if settings.optimizer == "so" else oracle.path_means
+        means = paths(volume, near, far, gray, settings.edges)
+        return refinement.of_paths(volume, means), unit
+    dp = settings.optimizer == "dp"
+    chosen = oracle.scanline(volume, near, far) if dp else oracle.winner_takes_all(volume)
     return refinement.of_scanlines(volume, chosen), unit
 
 
@@ -195,12 +193,12 @@ def test_matches_equal_the_oracle(
     assert_equals_the_oracle(pair, wanted, (low, number), masks)
 
 
-@pytest.mark.parametrize("shape", [(71, 21), (33, 18, 3)])
+@pytest.mark.parametrize("shape", [(150, 21), (67, 18, 3), (13, 170)])
 @pytest.mark.parametrize("masked", [False, True])
-def test_robust_equals_the_oracle_over_several_bands(
+def test_robust_equals_the_oracle_over_several_bands_and_panels(
     shape: tuple[int, ...], *, masked: bool
 ) -> None:
-    """Paths come up from 16 rows under bands of 32, whatever rows there are."""
+    """Paths begin 16 rows outside bands of 64 and 32 columns right of panels of 64."""
     masks = random_masks(3, (shape[0], shape[1])) if masked else None
     result = assert_equals_the_oracle(two_surfaces(3, shape), ROBUST, (0, 7), masks)
     kinds = ps.Flag.OUTSIDE, ps.Flag.FILLED, ps.Flag.OCCLUDED | ps.Flag.MISMATCHED
