@@ -258,10 +258,10 @@ def test_offsets_by_hand(costs: list[int], expected: float) -> None:
 
 
 def test_paths_count_their_own_costs_twice_again() -> None:
-    aggregated, sums = np.array([[[3, 1, 2, 9]]]), np.array([[[30, 10, 14, 90]]])
-    found = refinement.of_paths(aggregated, sums)
+    aggregated, means = np.array([[[3, 1, 2, 9]]]), np.array([[[30, 10, 14, 90]]])
+    found = refinement.of_paths(aggregated, means)
     assert [int(each[0, 0]) for each in (found.chosen, found.own, found.elsewhere)] == [1, 10, 90]
-    assert found.offset == refinement.offsets(np.array([[[78, 26, 46, 234]]]), found.chosen)
+    assert found.offset == refinement.offsets(np.array([[[36, 12, 18, 108]]]), found.chosen)
 
 
 def test_the_check_by_hand() -> None:
