@@ -64,7 +64,7 @@ def test_no_cost_overflows() -> None:
     costs = np.full((1, 4000, 3), 2**28, np.uint32)
     costs[:, :, 1] -= 1
     for optimizer in ("dp", "so", "wta", "sgm"):
-        assert (ps.optimize(costs, penalty=2**40, optimizer=optimizer) == 1).all()  # type: ignore[arg-type]  # it is one
+        assert (ps.optimize(costs, penalty=2**40, optimizer=optimizer) == 1).all()
 
 
 def test_larger_costs_are_refused() -> None:
