@@ -31,13 +31,12 @@ if TYPE_CHECKING:
 
 COUNT = 256  # disparities
 STRIP = 30_000  # rows and columns of the strip
-BAND = 512  # rows of a band
+BAND = 2048  # rows of a band: little of its halo is done twice
 PAIRS = 100_000  # in the archive
 TINY = 400  # pairs of 64 x 64 pixels, so that next to nothing is left but what each pair costs
 WORKERS = 1, 10, 100
 NETWORK = 1.25e9  # bytes a second: ten gigabits
 ROUNDS = 3
-PARALLEL = 2048  # rows of a band that a worker matches by itself: little of its halo is done twice
 ROBUST = ps.PRESETS["robust"]
 WAYS = {
     "fast": ps.PRESETS["fast"],
@@ -76,7 +75,7 @@ def main(left: Path, right: Path) -> None:
     for name in ("fast", "robust"):
         plan_archive(name, pairs[name], client)
     for name, way in WAYS.items():
-        plan_strip(name, way, bands[name] / BAND, seconds if way.equalise else 0.0)
+        plan_strip(name, bands[name] / BAND, seconds if way.equalise else 0.0)
 
 
 def pair_rate(left: Path, right: Path, settings: ps.Settings) -> Rate:
@@ -96,13 +95,11 @@ def pair_rate(left: Path, right: Path, settings: ps.Settings) -> Rate:
 
 
 def band_rate(images: tuple[NDArray[Any], ...], way: ps.Settings) -> float:
-    """Return the seconds that a further band of the strip takes."""
+    """Return the seconds that a band of the strip takes."""
     sides = [strip(image) for image in images]
     known = ps.survey(reader(sides), (STRIP, STRIP), num_disparities=COUNT, settings=way, threads=1)
-    sweep = ps.Sweep(reader(sides), known, threads=1)
-    sweep.advance(BAND)
     started = perf_counter()
-    sweep.advance(2 * BAND)
+    ps.match_rows(reader(sides), known, BAND, 2 * BAND, threads=1)
     return perf_counter() - started
 
 
@@ -166,14 +163,13 @@ def plan_archive(preset: str, rate: Rate, dispatched: float) -> None:
         )
 
 
-def plan_strip(name: str, way: ps.Settings, row: float, survey: float) -> None:
+def plan_strip(name: str, row: float, survey: float) -> None:
     """Print what the strip takes, in bands of its own for each worker."""
-    halo = ps.halo(way)
     read, written = 2 * STRIP * STRIP, 4 * STRIP * STRIP
     say(f"\n{STRIP} x {STRIP}, {name}: reads {read / 1e9:.1f} GB, writes {written / 1e9:.1f} GB\n")
     head("workers", "survey", "bands", "read and written", "of ten gigabits")
-    for workers in WORKERS if halo is not None else (1,):
-        seconds = STRIP * row / workers * (1 + 2 * (halo or 0) / PARALLEL * (workers > 1))
+    for workers in WORKERS:
+        seconds = STRIP * row / workers
         flow = (read + written) / seconds
         say(
             f"| {workers} | {survey:.0f} s | {duration(seconds)} | {flow / 1e6:.0f} MB/s | "

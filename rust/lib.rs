@@ -33,8 +33,9 @@
 //! [`reference`](mod@reference), which does the same in the most obvious way.
 //!
 //! So a [`section`] of a pair that is larger than memory comes out as it does in the whole, given as many rows around it
-//! as it depends on ([`reach`]), and what is the same for all sections, found out before in one go through the
-//! [`source`] of the pair: blur, the range of floats, and how rough the [`texture`] of the left image is.
+//! as it depends on ([`reach`]), in memory that is known before ([`footprint`]). What is the same for all sections is
+//! found out before in one go through the [`source`] of the pair: blur, the range of floats, and how rough the
+//! [`texture`] of the left image is.
 //!
 //! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
 
@@ -83,6 +84,7 @@ pub mod map;
 pub mod matcher;
 pub mod simd;
 
+pub mod footprint;
 pub mod reach;
 pub mod section;
 pub mod source;

@@ -2,11 +2,9 @@
 
 use std::ops::Range;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::plane::Plane;
 use crate::refinement::ResultRow;
-use crate::settings::Settings;
-use crate::texture::Texture;
 
 /// A map in the making.
 #[derive(Debug)]
@@ -39,24 +37,6 @@ impl Map {
             flags: Plane::new(rows, cols)?,
             votes: with_votes.then(|| Plane::new(rows, cols)).transpose()?,
         })
-    }
-
-    /// Refuses planes of several sizes, and too few of them.
-    pub fn check(&self, texture: Option<&Texture>, settings: &Settings) -> Result<()> {
-        let needs_votes = settings.needs_confidence();
-        let is_missing = needs_votes && self.votes.is_none()
-            || (needs_votes || settings.guided) && texture.is_none();
-        if is_missing {
-            return Err(Error::value("map", "None", "votes and gray values with these settings"));
-        }
-        let size = (self.disparity.rows(), self.disparity.cols());
-        let votes = self.votes.as_ref().map(|votes| (votes.rows(), votes.cols()));
-        let gray = texture.map(|texture| (texture.gray.rows(), texture.gray.cols()));
-        let sizes = [Some((self.flags.rows(), self.flags.cols())), votes, gray];
-        match sizes.into_iter().flatten().find(|other| *other != size) {
-            Some(other) => Err(Error::value("map", format!("{other:?}"), format!("{size:?}"))),
-            None => Ok(()),
-        }
     }
 
     /// Parts of the map: these rows of the pair, one after another, of which the first is the map's.

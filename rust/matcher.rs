@@ -1,6 +1,7 @@
 //! The order of the stages; bands of rows on threads. No arithmetic of its own.
 
 use std::any::Any;
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -19,6 +20,7 @@ use crate::map::{Band, Map};
 use crate::optimization::selection::Selection;
 use crate::optimization::{Search, Steps, Windowed, Workspace};
 use crate::plane::Plane;
+use crate::reach::Reach;
 use crate::refinement::{Draft, Judge};
 use crate::section::Section;
 use crate::settings::{Optimizer, Settings};
@@ -30,6 +32,7 @@ use crate::view::View;
 
 /// Most threads that one match may ask for.
 pub const MOST_THREADS: usize = 1024;
+
 /// What is matched, and how far to search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pair {
@@ -133,14 +136,13 @@ pub struct Matcher {
 }
 
 /// What was chosen for some rows.
-#[derive(Debug)]
-pub struct Choice {
+struct Choice {
     /// The map, to be refined.
-    pub map: Map,
+    map: Map,
     /// The left image, if the settings need it.
-    pub texture: Option<Texture>,
+    texture: Option<Texture>,
     /// Wall-clock time of each stage so far.
-    pub timings: Timings,
+    timings: Timings,
 }
 
 /// All that the bands of a match have in common.
@@ -205,53 +207,41 @@ impl Matcher {
         how: Execution,
         control: &Control,
     ) -> Result<Disparity> {
-        settings.check()?;
-        self.pool.install(|| self.match_pair(pair, settings, how, control))
+        self.run_rows(pair, &Section::whole(pair), settings, how, control)
     }
 
-    /// Matches some rows of a pair, to be refined together with those around them.
-    pub fn choose(
+    /// Matches some rows of a pair: to the bit as in the whole, if all is at hand that they depend on, see [`Section`].
+    pub fn run_rows(
         &self,
         pair: &Pair,
         section: &Section,
         settings: &Settings,
         how: Execution,
         control: &Control,
-    ) -> Result<Choice> {
+    ) -> Result<Disparity> {
         settings.check()?;
         section.check(pair)?;
-        self.pool.install(|| self.choose_rows(pair, section, settings, how, control))
+        self.pool.install(|| self.match_rows(pair, section, settings, how, control))
     }
 
-    /// Refines a map of some rows; `texture` is of the same rows, if the settings need it.
-    pub fn refine(
-        &self,
-        map: Map,
-        texture: Option<&Texture>,
-        settings: &Settings,
-        how: Execution,
-        control: &Control,
-    ) -> Result<Disparity> {
-        settings.check()?;
-        map.check(texture, settings)?;
-        self.pool.install(|| refined(map, texture, settings, how.level, control))
-    }
-
-    fn match_pair(
+    /// Chooses disparities of the rows and of those around them, refines all of these, and keeps the rows.
+    fn match_rows(
         &self,
         pair: &Pair,
+        section: &Section,
         settings: &Settings,
         how: Execution,
         control: &Control,
     ) -> Result<Disparity> {
-        let section = Section::whole(pair);
-        let choice = self.choose_rows(pair, &section, settings, how, control)?;
-        let refined = refined(choice.map, choice.texture.as_ref(), settings, how.level, control)?;
-        let refinement = refined.timings.refinement;
-        Ok(Disparity { timings: Timings { refinement, ..choice.timings }, ..refined })
+        let around = section.widened(Reach::new(settings, pair.versions()).map, pair);
+        let wanted = section.rows.start - around.start..section.rows.end - around.start;
+        let widened = Section { rows: around, ..section.clone() };
+        let choice = self.choose(pair, &widened, settings, how, control)?;
+        let found = choice.refined(widened.rows, settings, how.level, control)?;
+        Ok(found.of_rows(wanted))
     }
 
-    fn choose_rows(
+    fn choose(
         &self,
         pair: &Pair,
         section: &Section,
@@ -280,7 +270,7 @@ impl Matcher {
         };
         let job = Job { costs: &costs, window, search, settings };
         let bands = map.bands(search.bands(section.rows.clone()));
-        match job.width() {
+        match Width::new(settings, window, job.search.steps, costs.has_votes()) {
             Width::Bytes => self.match_bands::<u8>(bands, &job),
             Width::Words => self.match_bands::<u16>(bands, &job),
             Width::Widest => self.match_bands::<u32>(bands, &job),
@@ -340,54 +330,83 @@ impl Job<'_> {
             unit: self.window.unit(self.costs.steps()) as f32,
         }
     }
+}
 
-    /// The narrowest integers that hold every sum, every total of a path and every run of candidates.
-    fn width(&self) -> Width {
-        let largest_cost = self.window.largest_value(self.costs.has_votes());
-        let largest_total = match self.settings.optimizer {
-            Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
-                self.search.steps.largest_total(self.window.largest_sum())
-            }
-            Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
+impl Choice {
+    /// Tells what cannot be right, fills it, smooths. The map is of these rows of the pair.
+    fn refined(
+        self,
+        rows: Range<usize>,
+        settings: &Settings,
+        level: Level,
+        control: &Control,
+    ) -> Result<Disparity> {
+        let started = Instant::now();
+        let texture = self.texture.map(|texture| texture.of_rows(rows));
+        let Map { disparity, mut flags, votes } = self.map;
+        let draft = Draft {
+            disparity,
+            flags: &mut flags,
+            votes: votes.as_ref(),
+            texture: texture.as_ref(),
         };
-        let runs = self.window.candidates.div_ceil(LANES) as u64;
-        Width::holding(largest_cost.max(largest_total), runs)
+        let (disparity, confidence) = draft.refine(settings, level, control)?;
+        let confidence = confidence.filter(|_| settings.confidence);
+        let timings = Timings { refinement: started.elapsed(), ..self.timings };
+        Ok(Disparity { disparity, flags, confidence, timings })
     }
 }
 
-/// Tells what cannot be right, fills it, smooths.
-fn refined(
-    map: Map,
-    texture: Option<&Texture>,
-    settings: &Settings,
-    level: Level,
-    control: &Control,
-) -> Result<Disparity> {
-    let started = Instant::now();
-    let Map { disparity, mut flags, votes } = map;
-    let draft = Draft { disparity, flags: &mut flags, votes: votes.as_ref(), texture };
-    let (disparity, confidence) = draft.refine(settings, level, control)?;
-    let confidence = confidence.filter(|_| settings.confidence);
-    let timings = Timings { refinement: started.elapsed(), ..Timings::default() };
-    Ok(Disparity { disparity, flags, confidence, timings })
+impl Disparity {
+    /// That of some rows.
+    fn of_rows(self, rows: Range<usize>) -> Self {
+        Self {
+            disparity: self.disparity.of_rows(rows.clone()),
+            flags: self.flags.of_rows(rows.clone()),
+            confidence: self.confidence.map(|confidence| confidence.of_rows(rows)),
+            timings: self.timings,
+        }
+    }
 }
 
 /// The integers of costs and totals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Width {
+pub enum Width {
+    /// Of 8 bits.
     Bytes,
+    /// Of 16 bits.
     Words,
+    /// Of 32 bits.
     Widest,
 }
 
 impl Width {
-    fn holding(largest: u64, runs: u64) -> Self {
+    /// The narrowest integers that hold every sum, every total of a path and every run of candidates.
+    pub fn new(settings: &Settings, window: Window, steps: Steps, has_votes: bool) -> Self {
+        let largest_cost = window.largest_value(has_votes);
+        let largest_total = match settings.optimizer {
+            Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
+                steps.largest_total(window.largest_sum())
+            }
+            Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
+        };
+        let (largest, runs) =
+            (largest_cost.max(largest_total), window.candidates.div_ceil(LANES) as u64);
         if largest <= u8::LARGEST_TOTAL && runs <= Selection::<u8>::MOST_RUNS {
             Self::Bytes
         } else if largest <= u16::LARGEST_TOTAL {
             Self::Words
         } else {
             Self::Widest
+        }
+    }
+
+    /// Bytes of one of them.
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::Bytes => 1,
+            Self::Words => 2,
+            Self::Widest => 4,
         }
     }
 }

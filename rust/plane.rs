@@ -2,6 +2,8 @@
 //!
 //! A cost volume is a plane too: one row holds `width x candidates` values, candidate innermost.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::control::Control;
@@ -68,6 +70,16 @@ impl<T> Plane<T> {
     /// Gives the values up, row after row.
     pub fn into_vec(self) -> Vec<T> {
         self.data
+    }
+
+    /// Some of the rows, without the memory of the others.
+    pub fn of_rows(mut self, rows: Range<usize>) -> Self {
+        if rows != (0..self.rows) {
+            self.data.truncate(rows.end * self.cols);
+            self.data.drain(..rows.start * self.cols);
+            self.data.shrink_to_fit();
+        }
+        Self { rows: rows.len(), ..self }
     }
 
     /// The same rectangle with `f` applied to every value.

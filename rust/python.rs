@@ -17,8 +17,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use self::arguments::{
-    Both, Told, read_draft, read_noise, read_pair, read_settings, read_versions, read_view,
-    read_volume,
+    Both, Told, read_noise, read_pair, read_settings, read_versions, read_view, read_volume,
 };
 use self::reader::{Ranges, Reader};
 use self::supervisor::supervised;
@@ -28,14 +27,14 @@ use crate::blur::{self, Glance, Place, Side};
 use crate::cost::Costs;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
+use crate::footprint::Demand;
 use crate::intensity::Gray;
-use crate::map::Map;
-use crate::matcher::{Disparity, Execution, Timings, on_threads};
+use crate::matcher::{Disparity, Execution, on_threads};
+use crate::optimization::{BAND, Steps, optimize};
 use crate::plane::Plane;
 use crate::psf::{Family, Taps};
 use crate::reach::Reach;
 use crate::refinement::flag;
-use crate::optimization::{Steps, optimize};
 use crate::section::Section;
 use crate::simd::Level;
 use crate::source;
@@ -60,13 +59,15 @@ impl From<Error> for PyErr {
 /// half changed, as by `NumPy` itself.
 #[pymodule(gil_used = false)]
 mod _core {
-    use super::{Bound, PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, warm_up};
+    use super::{
+        BAND, Bound, PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, warm_up,
+    };
 
     #[pymodule_export]
     use super::{
-        Workers, aggregate_volume, blur_is_as_before, check_settings, check_versions, choose_rows,
-        cost_volume, descriptor, estimate_blur, estimate_blur_by_rows, find_ranges, find_roughness,
-        match_pair, optimize_volume, reach, refine_rows, simd_level,
+        Workers, aggregate_volume, blur_is_as_before, check_settings, check_versions, cost_volume,
+        descriptor, estimate_blur, estimate_blur_by_rows, find_ranges, find_roughness, match_pair,
+        match_rows, optimize_volume, reach, simd_level, working_memory,
     };
 
     #[pymodule_init]
@@ -74,6 +75,7 @@ mod _core {
         warm_up(module.py())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("DEBUG_BUILD", cfg!(debug_assertions))?;
+        module.add("BAND_ROWS", BAND)?;
         let flags = PyDict::new(module.py());
         flags.set_item("MASKED", flag::MASKED)?;
         flags.set_item("NO_CANDIDATE", flag::NO_CANDIDATE)?;
@@ -148,17 +150,13 @@ fn match_pair<'py>(
 }
 
 fn tell_disparity(py: Python<'_>, found: Disparity) -> PyResult<Matched<'_>> {
-    let confidence = found.confidence.map(|plane| wrap(py, plane)).transpose()?;
-    let timings = tell_timings(py, found.timings)?;
-    Ok((wrap(py, found.disparity)?, wrap(py, found.flags)?, confidence, timings))
-}
-
-fn tell_timings(py: Python<'_>, found: Timings) -> PyResult<Bound<'_, PyDict>> {
+    let Disparity { disparity, flags, confidence, timings: found } = found;
     let timings = PyDict::new(py);
     timings.set_item("description", found.description.as_secs_f64())?;
     timings.set_item("matching", found.matching.as_secs_f64())?;
     timings.set_item("refinement", found.refinement.as_secs_f64())?;
-    Ok(timings)
+    let confidence = confidence.map(|plane| wrap(py, plane)).transpose()?;
+    Ok((wrap(py, disparity)?, wrap(py, flags)?, confidence, timings))
 }
 
 /// Softer image (0 none, 1 left, 2 right), kind, size, angle and kernel of a blur.
@@ -286,32 +284,39 @@ fn find_roughness(
     Ok((sum, pairs))
 }
 
-/// How many rows disparities depend on: of the images, of the map that is refined, and of masked pixels.
+/// How many rows of the images on either side a disparity depends on, and how many more next to masked rows.
 #[pyfunction]
-fn reach(
-    settings: &Bound<'_, PyAny>,
-    versions: &Bound<'_, PyAny>,
-) -> PyResult<(usize, usize, usize)> {
+fn reach(settings: &Bound<'_, PyAny>, versions: &Bound<'_, PyAny>) -> PyResult<(usize, usize)> {
     let (settings, versions) = (read_settings(settings)?, read_versions(versions)?);
-    let Reach { images, map, masked } = Reach::new(&settings, versions.as_ref());
-    Ok((images, map, masked))
+    let reach = Reach::new(&settings, versions.as_ref());
+    Ok((reach.rows(), reach.masked))
 }
 
-/// A map that is not refined yet: disparities, flags, and votes and gray values of the left image, if the settings
-/// need them.
-type Draft<'py> = (
-    Bound<'py, PyArray2<f32>>,
-    Bound<'py, PyArray2<u16>>,
-    Option<Bound<'py, PyArray2<f32>>>,
-    Option<Bound<'py, PyArray2<i32>>>,
-);
-
-/// The draft of some rows, and timings.
-type Chosen<'py> = (Draft<'py>, Bound<'py, PyDict>);
+/// The bytes that `match_rows` takes at most, of so many rows; of images whose pixels take so many bytes.
+#[pyfunction]
+fn working_memory(
+    survey: &Bound<'_, PyAny>,
+    rows: usize,
+    threads: usize,
+    itemsize: usize,
+) -> PyResult<u64> {
+    let told = Told::read(survey)?;
+    let (_, cols): (usize, usize) = survey.getattr("size")?.extract()?;
+    let candidates: usize = told.disparities.1.extract()?;
+    let demand = Demand {
+        settings: &told.settings,
+        versions: told.versions.as_ref(),
+        cols,
+        candidates,
+        pixel: itemsize,
+        threads,
+    };
+    Ok(demand.bytes(rows))
+}
 
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "what Python tells by name")]
-fn choose_rows<'py>(
+fn match_rows<'py>(
     py: Python<'py>,
     images: Both<'py>,
     masks: Both<'py>,
@@ -320,48 +325,23 @@ fn choose_rows<'py>(
     rows: (usize, usize),
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-) -> PyResult<Chosen<'py>> {
+) -> PyResult<Matched<'py>> {
     let told = Told::read(survey)?;
     let pair = read_pair(&images, &masks, &told.disparities)?
         .with_versions(told.versions.map(|versions| versions.from_row(first)))
         .with_ranges(told.ranges);
-    let (settings, pool) = (told.settings, Pool::of(threads)?);
     let section = Section {
         rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
         roughness: told.roughness,
         first,
     };
-    let level = Level::best();
-    let how = Execution { threads: pool.threads(), level };
-    let count = section.rows.len();
-    let wanted = section.rows.clone();
-    let chosen = supervised(py, &pool, count, progress, move |matcher, control| {
-        let mut chosen = matcher.choose(&pair, &section, &settings, how, control)?;
-        chosen.texture = chosen.texture.map(|texture| texture.of_rows(wanted)).transpose()?;
-        Ok(chosen)
-    })?;
-    let Map { disparity, flags, votes } = chosen.map;
-    let (disparity, flags) = (wrap(py, disparity)?, wrap(py, flags)?);
-    let votes = votes.map(|votes| wrap(py, votes)).transpose()?;
-    let gray = chosen.texture.map(|texture| wrap(py, texture.gray)).transpose()?;
-    Ok(((disparity, flags, votes, gray), tell_timings(py, chosen.timings)?))
-}
-
-#[pyfunction]
-fn refine_rows<'py>(
-    py: Python<'py>,
-    draft: &Bound<'py, PyAny>,
-    survey: &Bound<'py, PyAny>,
-    threads: &Bound<'py, PyAny>,
-) -> PyResult<Matched<'py>> {
-    let (told, pool) = (Told::read(survey)?, Pool::of(threads)?);
-    let (map, texture) = read_draft(draft, told.roughness)?;
+    let (settings, pool) = (told.settings, Pool::of(threads)?);
     let how = Execution { threads: pool.threads(), level: Level::best() };
-    let (rows, settings) = (map.flags.rows(), told.settings);
-    let refined = supervised(py, &pool, rows, None, move |matcher, control| {
-        matcher.refine(map, texture.as_ref(), &settings, how, control)
+    let chosen = section.widened(Reach::new(&settings, pair.versions()).map, &pair);
+    let found = supervised(py, &pool, chosen.len(), progress, move |matcher, control| {
+        matcher.run_rows(&pair, &section, &settings, how, control)
     })?;
-    tell_disparity(py, refined)
+    tell_disparity(py, found)
 }
 
 fn tell_blur<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Kind<'py>> {

@@ -37,6 +37,11 @@ impl Reach {
         let images = (window + description + paths).max(1);
         Self { images, map: refinement(settings), masked: masking::REACH }
     }
+
+    /// Rows of the images around one whose disparities are refined.
+    pub fn rows(self) -> usize {
+        self.images + self.map
+    }
 }
 
 /// How far the stages look that follow one another. A region that is no larger than a speckle has no more rows than

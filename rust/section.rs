@@ -1,4 +1,7 @@
 //! Rows of a pair that are matched by themselves.
+//!
+//! Nothing that a match works out depends on which other rows are wanted. So rows come out as those of the whole pair if
+//! the part at hand has all that they depend on: [`crate::reach::Reach::rows`] on either side, as far as there are any.
 
 use std::ops::Range;
 
@@ -21,6 +24,11 @@ impl Section {
     /// All rows.
     pub fn whole(pair: &Pair) -> Self {
         Self { rows: 0..pair.size().0, first: 0, roughness: None }
+    }
+
+    /// The rows and so many on either side, as far as the pair has them.
+    pub fn widened(&self, by: usize, pair: &Pair) -> Range<usize> {
+        self.rows.start.saturating_sub(by)..(self.rows.end + by).min(pair.size().0)
     }
 
     /// Refuses rows that the pair has not.

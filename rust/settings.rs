@@ -107,9 +107,9 @@ pub struct Settings {
     pub optimizer: Optimizer,
     /// What a change of disparity costs.
     pub penalty: Penalty,
-    /// With [`Optimizer::SemiGlobal`]: where gray values of the left image jump by more than so many times the mean
-    /// difference of neighbours, the far penalty is halved; by more than thrice that, a third of it; 0 to 1000, 0:
-    /// nowhere.
+    /// With [`Optimizer::ScanlineOptimization`] and [`Optimizer::SemiGlobal`]: where gray values of the left image jump
+    /// from one pixel of a path to the next by more than so many times the mean difference of neighbors, the far penalty
+    /// is halved; by more than thrice that, a third of it, but at least the near one; 0 to 1000, 0: nowhere.
     pub edges: f64,
     /// Intensities of black and white; `None`: the type's range for integers, a robust range for floats.
     pub intensity_range: Option<(f64, f64)>,

@@ -6,7 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::control::Control;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::intensity::Gray;
 use crate::plane::Plane;
 use crate::settings::Settings;
@@ -66,17 +66,8 @@ impl Texture {
     }
 
     /// That of some rows.
-    pub fn of_rows(self, rows: Range<usize>) -> Result<Self> {
-        let (height, cols) = (self.gray.rows(), self.gray.cols());
-        if rows.end > height {
-            return Err(Error::value(
-                "left",
-                format!("{height} rows"),
-                format!("at least {}", rows.end),
-            ));
-        }
-        let gray = self.gray.as_slice()[rows.start * cols..rows.end * cols].to_vec();
-        Ok(Self { gray: Plane::from_vec(rows.len(), cols, gray)?, ..self })
+    pub fn of_rows(self, rows: Range<usize>) -> Self {
+        Self { gray: self.gray.of_rows(rows), ..self }
     }
 
     /// Whether the settings need any.

@@ -407,39 +407,13 @@ def followed(cost: Ints, came_from: Ints) -> Ints:
     return path
 
 
-def free_scanline(aggregated: NDArray[Any], near: int, far: int) -> Ints:
-    """Return the candidates of the cheapest path along each row, free in either direction, (H, W).
+# --- paths ---
 
-    cost(x, d) = aggregated(x, d) + the least of
+BAND, PANEL = 64, 64
+"""Rows of a band and columns of a panel."""
 
-    - stay: cost(x - 1, d),
-    - near: cost(x - 1, d - 1) + near, then cost(x - 1, d + 1) + near,
-    - far: cost(x - 1, d') + far, for every d'.
-
-    Equal costs go to the first of these, to the smallest d' and, at the end of the row, to the
-    smallest d.
-    """
-    height, width, number = aggregated.shape
-    came_from = np.zeros((height, width, number), dtype=np.int64)
-    cost = aggregated[:, 0].astype(np.int64)
-    for x in range(1, width):
-        before = cost
-        cost = aggregated[:, x].astype(np.int64)
-        for d in range(number):
-            # In the order of preference: argmin takes the first of equals.
-            beside = [n for n in (d - 1, d + 1) if 0 <= n < number]
-            sources = [d, *beside, *range(number)]
-            penalties = [0] + [near] * len(beside) + [far] * number
-            offers = before[:, sources] + penalties
-            cost[:, d] += offers.min(axis=1)
-            came_from[:, x, d] = np.array(sources)[offers.argmin(axis=1)]
-    return followed(cost, came_from)
-
-
-# --- semi-global search ---
-
-BAND, LOOK = 32, 16
-"""Rows of a band, and rows below it from which paths come up."""
+LOOK_ROWS, LOOK_COLUMNS = 16, 32
+"""Rows outside a band from where paths come up and down, columns right of a panel likewise."""
 
 
 def mean_step(gray: NDArray[Any]) -> float:
@@ -463,55 +437,82 @@ def far_penalties(gray: Ints, near: int, far: int, edges: float, ahead: tuple[in
     return penalties
 
 
-def path_totals(costs: Ints, far: Ints, near: int, dx: int) -> Ints:
-    """Return the totals of paths from row to row, each from column x + dx of the one above.
+def path_totals(costs: Ints, far: Ints, near: int) -> Ints:
+    """Return the totals of paths that go down the columns, from the first row on, (H, W, N).
 
     total(p, d) = cost(p, d) + the least of m(d), m(d - 1) + near, m(d + 1) + near and far(p), m
-    being the totals of the pixel before, less the least of these; from beyond the image nothing.
+    being the totals of the pixel before, less the least of these.
     """
-    totals = costs.copy()
-    height, width, _ = costs.shape
-    columns = np.arange(width) + dx
-    inside = ((columns >= 0) & (columns < width))[:, np.newaxis]
-    for y in range(1, height):
-        before = totals[y - 1, np.clip(columns, 0, width - 1)]
-        m = before - before.min(axis=1, keepdims=True)
-        unreachable = np.iinfo(np.int64).max // 2
+    totals = costs.astype(np.int64)
+    unreachable = np.iinfo(np.int64).max // 2
+    for y in range(1, len(costs)):
+        m = totals[y - 1] - totals[y - 1].min(axis=1, keepdims=True)
         beside = np.pad(m, [(0, 0), (1, 1)], constant_values=unreachable) + near
         jump = np.broadcast_to(far[y][:, np.newaxis], m.shape)
-        totals[y] += np.where(inside, np.min([m, beside[:, :-2], beside[:, 2:], jump], axis=0), 0)
+        totals[y] += np.min([m, beside[:, :-2], beside[:, 2:], jump], axis=0)
     return totals
 
 
-def path_sums(aggregated: Ints, near: int, far: int, gray: Ints, edges: float = 0.0) -> Ints:
-    """Return the sums of the totals of eight paths to each pixel and candidate, (H, W, N).
+def mean(a: Ints, b: Ints) -> Ints:
+    """Return half the sum, rounded up."""
+    halves: Ints = (a + b + 1) // 2
+    return halves
 
-    Two along the row, of which the mean, rounded up, counts twice; three from above; three from
-    below, which begin `LOOK` rows under the last one of each band, and of which four times the
-    rounded quarter counts.
+
+def both_ways(costs: Ints, far: tuple[Ints, Ints], near: int) -> Ints:
+    """Return the mean of the totals of paths down and up the columns; far is that of each."""
+    down = path_totals(costs, far[0], near)
+    return mean(down, path_totals(costs[::-1], far[1][::-1], near)[::-1])
+
+
+def row_means(
+    aggregated: Ints, near: int, far: int, gray: Ints | None = None, edges: float = 0.0
+) -> Ints:
+    """Return the means of the totals of two paths along the rows, (H, W, N).
+
+    Those from the right begin `LOOK_COLUMNS` columns right of each panel.
     """
+    gray = np.zeros(aggregated.shape[:2], np.int64) if gray is None else gray
+    columns = np.swapaxes(aggregated, 0, 1)
+    left, right = (far_penalties(gray, near, far, edges, (dx, 0)).T for dx in (-1, 1))
+    totals = path_totals(columns, left, near)
+    means = np.empty_like(totals)
+    for first in range(0, len(columns), PANEL):
+        panel, seen = slice(first, first + PANEL), slice(first, first + PANEL + LOOK_COLUMNS)
+        back = path_totals(columns[seen][::-1], right[seen][::-1], near)[::-1]
+        means[panel] = mean(totals[panel], back[:PANEL])
+    return np.swapaxes(means, 0, 1)
 
-    def fars(dx: int, dy: int) -> Ints:
-        return far_penalties(gray, near, far, edges, (dx, dy))
 
-    def turned(values: NDArray[Any]) -> NDArray[Any]:
-        return np.swapaxes(values, 0, 1)
+def column_means(
+    aggregated: Ints, near: int, far: int, gray: Ints | None = None, edges: float = 0.0
+) -> Ints:
+    """Return the means of the totals of two paths down and up the columns, (H, W, N).
 
-    columns = turned(aggregated)
-    from_left = turned(path_totals(columns, turned(fars(-1, 0)), near, 0))
-    from_right = turned(path_totals(columns[::-1], turned(fars(1, 0))[::-1], near, 0)[::-1])
-    sums: Ints = 2 * ((from_left + from_right + 1) // 2)
-    for dx in (-1, 0, 1):
-        sums = sums + path_totals(aggregated, fars(dx, -1), near, dx)
+    They begin `LOOK_ROWS` rows outside each band.
+    """
+    gray = np.zeros(aggregated.shape[:2], np.int64) if gray is None else gray
+    above, below = (far_penalties(gray, near, far, edges, (0, dy)) for dy in (-1, 1))
+    means = np.empty(aggregated.shape, np.int64)
     for first in range(0, len(aggregated), BAND):
-        rows = slice(first, min(first + BAND, len(aggregated)))
-        seen = slice(first, min(first + BAND + LOOK, len(aggregated)))
-        from_below: list[Ints] = [
-            path_totals(aggregated[seen][::-1], fars(dx, 1)[seen][::-1], near, dx)[::-1]
-            for dx in (-1, 0, 1)
-        ]
-        sums[rows] += 4 * ((np.sum(from_below, axis=0)[: rows.stop - first] + 2) // 4)
-    return sums
+        top = max(first - LOOK_ROWS, 0)
+        seen = slice(top, first + BAND + LOOK_ROWS)
+        found = both_ways(aggregated[seen], (above[seen], below[seen]), near)
+        means[first : first + BAND] = found[first - top :][:BAND]
+    return means
+
+
+def path_means(
+    aggregated: Ints, near: int, far: int, gray: Ints | None = None, edges: float = 0.0
+) -> Ints:
+    """Return the means of the totals of four paths: of the means along rows and columns."""
+    along = row_means(aggregated, near, far, gray, edges)
+    return mean(along, column_means(aggregated, near, far, gray, edges))
+
+
+def free_scanline(aggregated: Ints, near: int, far: int) -> Ints:
+    """Return the candidates of the least mean of two paths along the row, (H, W)."""
+    return winner_takes_all(row_means(aggregated, near, far))
 
 
 # --- the whole method ---

@@ -32,7 +32,6 @@ MISSING = ps.Flag.MASKED | ps.Flag.NO_CANDIDATE
 UNMATCHED = MISSING | ps.Flag.OUTSIDE | ps.Flag.MATCH_MASKED
 CHECKED = ps.Flag.OCCLUDED | ps.Flag.MISMATCHED | ps.Flag.AMBIGUOUS | ps.Flag.SPECKLE
 UNTRUSTED = UNMATCHED | CHECKED | ps.Flag.LOW_CONFIDENCE
-PATHS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,9 +67,9 @@ def of_scanlines(aggregated: Ints, chosen: Ints) -> Evidence:
     return evidence_of(aggregated, aggregated, chosen)
 
 
-def of_paths(aggregated: Ints, sums: Ints) -> Evidence:
-    """Return the evidence of sums of paths, each of which has the pixel's own costs twice again."""
-    return evidence_of(sums, sums + 2 * PATHS * aggregated, oracle.winner_takes_all(sums))
+def of_paths(aggregated: Ints, means: Ints) -> Evidence:
+    """Return the evidence of means of paths, in which the pixel's own costs count twice again."""
+    return evidence_of(means, means + 2 * aggregated, oracle.winner_takes_all(means))
 
 
 def offsets(costs: Ints, chosen: Ints) -> Map:

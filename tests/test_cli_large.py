@@ -72,7 +72,7 @@ def test_it_says_what_it_takes_and_what_came_out(
         r"phasestereo: 160 x 640 pixels, 16 disparities: 5 bands of 128 rows, 1 threads?, "
         r"at most [\d.]+ [MG]B of memory, about \d+ s", first
     )  # fmt: skip
-    assert re.fullmatch(r"phasestereo: by its second band, \d+ s to go", second)
+    assert re.fullmatch(r"phasestereo: by its first band, \d+ s to go", second)
     lines = out.splitlines()
     assert re.match(r"160 x 640 pixels, 16 disparities, [\d.]+ s", lines[0])
     assert lines[1].startswith("estimated 100.0%, flagged: ")

@@ -486,46 +486,7 @@ def test_scanline_finds_the_cheapest_of_all_paths(width: int, number: int, data:
         assert path_cost(row, tuple(path), rise, drop) == least
 
 
-@pytest.mark.parametrize(
-    ("costs", "near", "far", "expected"),
-    [
-        ([[5, 5], [5, 5]], 1, 1, [0, 0]),  # all the same: the smallest
-        ([[0, 9, 9, 9], [9, 9, 9, 0]], 1, 2, [0, 3]),  # a jump up, which an order would forbid
-        ([[0, 9, 9, 9], [9, 9, 9, 0]], 1, 9, [0, 0]),  # no cheaper than to stay
-        ([[0, 9], [9, 0]], 5, 2, [0, 1]),  # far counts for a step, too, where it is less
-        ([[3, 3, 0], [9, 0, 9]], 3, 9, [1, 1]),  # to stay comes before any change
-        ([[0, 9, 0], [9, 0, 9]], 2, 2, [0, 1]),  # of two neighbours the smaller
-        ([[0, 9, 9, 0, 9], [9, 9, 9, 9, 0]], 9, 9, [0, 0]),
-        ([[0, 0, 9, 9, 9], [9, 9, 9, 9, 0]], 1, 2, [0, 4]),  # of all the cheapest the smallest
-    ],
-)
-def test_free_scanline_by_hand(
-    costs: list[list[int]], near: int, far: int, expected: list[int]
-) -> None:
-    assert oracle.free_scanline(one_row(*costs), near, far).tolist() == [expected]
-
-
-def free_path_cost(costs: NDArray[Any], path: tuple[int, ...], near: int, far: int) -> float:
-    total = float(sum(costs[x, d] for x, d in enumerate(path)))
-    for before, after in itertools.pairwise(path):
-        apart = abs(after - before)
-        total += 0 if apart == 0 else min(near, far) if apart == 1 else far
-    return total
-
-
-@given(st.integers(1, 4), st.integers(1, 4), st.data())
-def test_free_scanline_finds_the_cheapest_of_all_paths(width: int, number: int, data: Any) -> None:
-    cells = st.lists(st.integers(0, 6), min_size=width * number, max_size=width * number)
-    costs = np.array([data.draw(cells), data.draw(cells)]).reshape(2, width, number)
-    near, far = data.draw(st.integers(0, 5)), data.draw(st.integers(0, 5))
-    found = oracle.free_scanline(costs, near, far)
-    for row, path in zip(costs, found, strict=True):
-        every = itertools.product(range(number), repeat=width)
-        least = min(free_path_cost(row, candidate, near, far) for candidate in every)
-        assert free_path_cost(row, tuple(path), near, far) == least
-
-
-# --- semi-global search ---
+# --- paths ---
 
 
 def test_penalties_are_lower_where_gray_values_jump() -> None:
@@ -539,7 +500,7 @@ def test_penalties_are_lower_where_gray_values_jump() -> None:
     assert oracle.far_penalties(gray[:1], 1, 13, 0.0, (-1, 0)).tolist() == [[13] * 4]
     steep = np.array([[0, 0, 0, 0], [40, 0, 10, 0]])  # steps 0 0 0 40 10 10: mean 10
     assert oracle.far_penalties(steep, 1, 13, 1.0, (0, -1))[1].tolist() == [4, 13, 13, 13]
-    assert oracle.far_penalties(steep, 1, 13, 1.0, (-1, -1))[1].tolist() == [4, 13, 13, 13]
+    assert oracle.far_penalties(steep, 1, 13, 1.0, (0, 1))[0].tolist() == [4, 13, 13, 13]
 
 
 def test_path_totals_by_hand() -> None:
@@ -547,30 +508,71 @@ def test_path_totals_by_hand() -> None:
     costs = np.array([[[0, 9, 9]], [[9, 0, 9]], [[9, 9, 0]], [[5, 5, 5]]])
     far = np.full((4, 1), 3)
     expected = [[0, 9, 9], [9, 2, 12], [11, 9, 2], [8, 7, 5]]
-    assert oracle.path_totals(costs, far, 2, 0)[:, 0].tolist() == expected
+    assert oracle.path_totals(costs, far, 2)[:, 0].tolist() == expected
 
 
-def test_paths_begin_where_they_enter_the_image() -> None:
-    costs = np.array([[[0, 4], [4, 0]], [[1, 1], [1, 1]]])
-    far = np.full((2, 2), 2)
-    assert oracle.path_totals(costs, far, 2, -1)[1].tolist() == [[1, 1], [1, 3]]
-    assert oracle.path_totals(costs, far, 2, 1)[1].tolist() == [[3, 1], [1, 1]]
+def free_path_cost(costs: NDArray[Any], path: tuple[int, ...], near: int, far: int) -> int:
+    changes = [abs(after - before) for before, after in itertools.pairwise(path)]
+    return int(
+        sum(costs[x, d] for x, d in enumerate(path))
+        + sum(0 if apart == 0 else near if apart == 1 else far for apart in changes)
+    )
 
 
-def test_a_single_pixel_has_eight_times_its_cost() -> None:
-    """Of three totals of 3 the quarter is 9 / 4, rounded 2; four times that are 8 in place of 9."""
-    sums = oracle.path_sums(one_row([3, 4]), 1, 2, np.zeros((1, 1), np.int64))
-    assert sums.tolist() == [[[3 * 3 + 2 * 3 + 8, 3 * 4 + 2 * 4 + 12]]]
+@given(st.integers(1, 4), st.integers(1, 4), st.data())
+def test_totals_are_those_of_the_cheapest_of_all_paths(width: int, number: int, data: Any) -> None:
+    """But for the least total of each pixel before, which is the same for all candidates."""
+    cells = st.lists(st.integers(0, 6), min_size=width * number, max_size=width * number)
+    costs = np.array(data.draw(cells)).reshape(width, 1, number)
+    near = data.draw(st.integers(0, 5))
+    far = near + data.draw(st.integers(0, 5))
+    totals = oracle.path_totals(costs, np.full((width, 1), far), near)[-1, 0]
+    least = [
+        min(
+            free_path_cost(costs[:, 0], (*before, last), near, far)
+            for before in itertools.product(range(number), repeat=width - 1)
+        )
+        for last in range(number)
+    ]
+    assert (totals - totals.min()).tolist() == (np.array(least) - min(least)).tolist()
 
 
-@pytest.mark.parametrize(("below", "seen"), [(15, True), (16, True), (17, False)])
-def test_paths_come_up_from_sixteen_rows_below_a_band(below: int, *, seen: bool) -> None:
-    costs = np.zeros((60, 1, 2), np.int64)
-    costs[31 + below] = [[0, 40]]
-    sums = oracle.path_sums(costs, 5, 5, np.zeros((60, 1), np.int64))
-    assert (oracle.path_sums(np.zeros_like(costs), 5, 5, np.zeros((60, 1), np.int64)) == 0).all()
-    assert bool(sums[31].any()) is seen
-    assert sums[32, 0, 1] > 0
+def test_two_paths_have_the_mean_of_their_totals_rounded_up() -> None:
+    """From the left 0 5 | 5 2, from the right 0 7 | 5 0; both at d = 1 of the first: 12 / 2."""
+    costs = one_row([0, 5], [5, 0])
+    means = oracle.row_means(costs, 2, 2)
+    assert means.tolist() == [[[1, 5], [5, 1]]]
+    assert oracle.column_means(np.swapaxes(costs, 0, 1), 2, 2).tolist() == [[[1, 5]], [[5, 1]]]
+    assert oracle.free_scanline(costs, 2, 2).tolist() == [[0, 1]]
+
+
+def test_a_single_pixel_has_its_cost_by_all_paths() -> None:
+    assert oracle.path_means(one_row([3, 4]), 1, 2).tolist() == [[[3, 4]]]
+
+
+def test_four_paths_are_the_mean_of_two_means() -> None:
+    costs = np.random.default_rng(0).integers(0, 50, (5, 7, 4))
+    along, across = (paths(costs, 3, 9) for paths in (oracle.row_means, oracle.column_means))
+    assert (oracle.path_means(costs, 3, 9) == np.ceil((along + across) / 2)).all()
+
+
+@pytest.mark.parametrize(("away", "seen"), [(15, True), (16, True), (17, False)])
+def test_paths_begin_sixteen_rows_outside_a_band(away: int, *, seen: bool) -> None:
+    for place, beside in ((63 + away, 63), (64 - away, 64)):
+        costs = np.zeros((130, 1, 2), np.int64)
+        costs[place] = [[0, 40]]
+        means = oracle.column_means(costs, 5, 5)
+        assert bool(means[beside].any()) is seen
+        assert means[127 - beside, 0, 1] > 0
+
+
+@pytest.mark.parametrize(("away", "seen"), [(31, True), (32, True), (33, False)])
+def test_paths_from_the_right_begin_beyond_a_panel(away: int, *, seen: bool) -> None:
+    costs = np.zeros((1, 130, 2), np.int64)
+    costs[0, 63 + away] = [0, 40]
+    means = oracle.row_means(costs, 5, 5)
+    assert bool(means[0, 63].any()) is seen
+    assert means[0, 64:128, 1].all(), "from the left they come from anywhere"
 
 
 # --- the whole method ---

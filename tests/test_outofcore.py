@@ -94,6 +94,31 @@ def test_the_map_is_that_of_the_whole_pair(
     assert json.loads(json.dumps(report.as_dict(), allow_nan=False))["width"] == WIDTH
 
 
+SETTINGS: dict[str, dict[str, Any]] = {
+    "robust": {},
+    "robust so": {"optimizer": "so"},
+    "robust told": {"noise": 1.0, "speckle_size": 9, "precision": "full"},
+    "paper": {"preset": "paper"},
+    "paper sgm": {"preset": "paper", "optimizer": "sgm", "min_disparity": -3},
+    "fast": {"preset": "fast"},
+    "fast wta": {"preset": "fast", "optimizer": "wta", "subpixel": True},
+    "nsad": {"preset": "fast", "cost": "nsad", "optimizer": "sgm"},
+}
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_any_band_with_any_setting_is_that_of_the_whole_pair(
+    pair: tuple[NDArray[np.uint8], ...], name: str
+) -> None:
+    options = {"num_disparities": COUNT} | SETTINGS[name]
+    whole = ps.match(*pair, **options).disparity
+    for rows in (1, 7, 63, 64, 65, 1000, None):
+        if rows != 1 or name in ("robust told", "fast"):
+            report = match(band_rows=rows, **options)
+            np.testing.assert_array_equal(np.load("out.npy"), whole, strict=True)
+            assert report.plan.bands == (1 if rows is None else -(-HEIGHT // rows))
+
+
 @pytest.mark.parametrize("ending", ["tif", "npy", "zarr"])
 def test_flags_and_confidences_come_out_too(
     pair: tuple[NDArray[np.uint8], ...], ending: str
@@ -248,8 +273,27 @@ def test_a_run_goes_on_with_other_rows_threads_and_memory(
     with pytest.raises(EndingError):
         match(progress=end_after(3))
     report = match(threads=1, max_memory="3GB", band_rows=64)
-    assert (report.plan.bands, report.plan.finished, report.plan.threads) == (2, 3, 1)
+    assert (report.plan.bands, report.plan.finished, report.plan.threads) == (3, 3, 1)
     whole = ps.match(*pair, num_disparities=COUNT)
+    np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_band_that_is_missing_is_matched_alone(
+    pair: tuple[NDArray[np.uint8], ...], preset: str
+) -> None:
+    with pytest.raises(EndingError):
+        match(preset=preset, progress=end_after(5))
+    names = sorted(blocks())
+    for name in names[1:3]:
+        Path("out.npy.part", name).unlink()
+    kept = blocks()
+    with pytest.raises(EndingError):
+        match(preset=preset, band_rows=40, progress=end_after(4))
+    assert blocks().keys() - kept.keys() == {"tile0000-rows00000032-00000040.npz"}
+    report = match(preset=preset, band_rows=7)
+    assert (report.plan.bands, report.plan.finished) == (9 + 8, 4)
+    whole = ps.match(*pair, num_disparities=COUNT, preset=preset)
     np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)
 
 
@@ -422,7 +466,7 @@ def test_large_blocks_of_a_file_are_told_where_they_are_to_blame(memory: str) ->
 @pytest.mark.parametrize(("options", "error"), [
     ({"max_memory": "much"}, "^max_memory: got 'much'; accepts a number of bytes"),
     ({"max_memory": "0GB"}, "^max_memory: got '0GB'; accepts 1 byte or more"),
-    ({"band_rows": 33}, "^band_rows: got 33; accepts multiples of 32"),
+    ({"band_rows": 0}, "^band_rows: got 0; accepts 1 or more"),
     ({"tile_columns": 1000}, "^tile_columns: got 1000; accepts multiples of 256"),
     ({"column_overlap": -1}, "^column_overlap: got -1; accepts 0 or more"),
     ({"output": "out.pfm"}, "^output: got out.pfm; accepts .tif, .tiff, .npy, .zarr"),

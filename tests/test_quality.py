@@ -119,7 +119,7 @@ def test_disparities_lie_between_whole_pixels() -> None:
 
 @pytest.mark.parametrize("name", ["tsukuba", "venus"])
 def test_confidence_tells_right_from_wrong_better_than_the_margin(data: Path, name: str) -> None:
-    """The margin is by how much the second best sum of paths is above the best, relative to it."""
+    """The margin is by how much the second best mean of paths is above the best, relative to it."""
     pair = find_scene(data / "middlebury", name).load()
     settings = replace(ps.PRESETS["robust"], equalise=False, precision="full")
     options: dict[str, Any] = {"num_disparities": pair.num_disparities, "settings": settings}
@@ -128,11 +128,11 @@ def test_confidence_tells_right_from_wrong_better_than_the_margin(data: Path, na
     volume = ps.aggregate(costs, window=settings.window, shiftable=False).astype(np.int64)
     gray = np.rint(1000 * oracle.to_gray(pair.left)).astype(np.int64)
     near, far = 4 * settings.window**2, 16 * settings.window**2
-    sums = oracle.path_sums(volume, near, far, gray, settings.edges)
-    best = oracle.winner_takes_all(sums)[:, :, np.newaxis]
-    beside = np.abs(np.arange(sums.shape[2]) - best) <= 1
-    second = np.where(beside, np.inf, sums).min(axis=2)
-    margin = (second - sums.min(axis=2)) / second
+    means = oracle.path_means(volume, near, far, gray, settings.edges)
+    best = oracle.winner_takes_all(means)[:, :, np.newaxis]
+    beside = np.abs(np.arange(means.shape[2]) - best) <= 1
+    second = np.where(beside, np.inf, means).min(axis=2)
+    margin = (second - means.min(axis=2)) / second
     assert pair.truth is not None
     assert result.confidence is not None
     areas = [

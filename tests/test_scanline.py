@@ -24,7 +24,7 @@ def test_dynamic_programming_follows_the_definition(
 
 
 @given(costs=VOLUMES, near=st.integers(0, 5), far=st.integers(0, 5))
-def test_scanline_optimisation_follows_the_definition(
+def test_scanline_optimization_follows_the_definition(
     costs: np.ndarray, near: int, far: int
 ) -> None:
     expected = oracle.free_scanline(costs.astype(np.int64), near, far)
@@ -42,28 +42,35 @@ def test_winner_takes_all_follows_the_definition(costs: np.ndarray) -> None:
 def test_semi_global_matching_follows_the_definition(
     costs: np.ndarray, near: int, far: int
 ) -> None:
-    flat = np.zeros(costs.shape[:2], np.int64)
-    expected = oracle.winner_takes_all(oracle.path_sums(costs.astype(np.int64), near, far, flat))
+    expected = oracle.winner_takes_all(oracle.path_means(costs.astype(np.int64), near, far))
     found = ps.optimize(costs, penalty=(near, far), optimizer="sgm")
     np.testing.assert_array_equal(found, expected)
 
 
-@pytest.mark.parametrize("rows", [32, 33, 49, 100])
-@pytest.mark.parametrize("cols", [5, 16, 131])
-def test_paths_come_up_from_below_each_band(rows: int, cols: int) -> None:
-    costs = np.random.default_rng(rows * cols).integers(0, 30, (rows, cols, 5), np.uint32)
-    flat = np.zeros((rows, cols), np.int64)
-    expected = oracle.winner_takes_all(oracle.path_sums(costs.astype(np.int64), 2, 6, flat))
-    found = ps.optimize(costs, penalty=(2, 6), optimizer="sgm")
-    np.testing.assert_array_equal(found, expected)
-    assert (found != oracle.winner_takes_all(costs)).any()
+@pytest.mark.parametrize("shape", [(64, 5), (65, 16), (81, 64), (150, 7), (5, 65), (70, 230)])
+@pytest.mark.parametrize("count", [5, 33])
+def test_paths_begin_outside_bands_and_panels(shape: tuple[int, int], count: int) -> None:
+    rng = np.random.default_rng(sum(shape))
+    costs = rng.integers(0, 30, (*shape, count), np.uint32)
+    alone = oracle.winner_takes_all(costs)
+    for optimizer, paths in (("so", oracle.row_means), ("sgm", oracle.path_means)):
+        expected = oracle.winner_takes_all(paths(costs.astype(np.int64), 2, 6))
+        found = ps.optimize(costs, penalty=(2, 6), optimizer=optimizer)  # type: ignore[arg-type]  # it is one
+        np.testing.assert_array_equal(found, expected)
+        assert (found != alone).any()
 
 
 def test_no_cost_overflows() -> None:
-    costs = np.full((1, 4000, 3), 2**32 - 1, np.uint32)
+    costs = np.full((1, 4000, 3), 2**28, np.uint32)
     costs[:, :, 1] -= 1
     for optimizer in ("dp", "so", "wta", "sgm"):
         assert (ps.optimize(costs, penalty=2**40, optimizer=optimizer) == 1).all()
+
+
+def test_larger_costs_are_refused() -> None:
+    costs = np.array([[[3, 2**28 + 1]]], np.uint32)
+    with pytest.raises(ValueError, match="^costs: got 268435457; accepts costs up to 268435456"):
+        ps.optimize(costs, penalty=1)
 
 
 @pytest.mark.parametrize("penalty", [1.0, "1", None, True, (1, 2.0), (True, 1), np.array([1, 2])])

@@ -236,7 +236,7 @@ def test_bands_match_alike_with_a_survey_that_comes_from_a_file(tmp_path: Path) 
     read = scene((420, 130), "float32", soft=slice(180, None), masked=True)
     told = surveyed(read)
     told.save(tmp_path / "survey")
-    found = banding.Sweep(read, surveying.load(tmp_path / "survey")).advance(420)
+    found = banding.match_rows(read, surveying.load(tmp_path / "survey"), 0, 420)
     expected = read.matched(num_disparities=16)
     assert_same(
         (found.disparity, found.flags, found.confidence),
@@ -604,7 +604,7 @@ def read(first, last):
     ps.match(*pair, num_disparities=4)
     return pair[0][first:last], pair[1][first:last], None, None
 told = ps.survey(read, (100, 90), num_disparities=8)
-ps.Sweep(read, told).advance(100)
+ps.match_rows(read, told, 0, 100)
 """)
     assert finished.returncode == 0, finished.stderr
 
@@ -616,7 +616,7 @@ pair = np.random.default_rng(0).integers(0, 256, (2, 100, 90), np.uint8)
 read = lambda first, last: (pair[0][first:last], pair[1][first:last], None, None)
 def work():
     told = ps.survey(read, (100, 90), num_disparities=8)
-    return ps.Sweep(read, told).advance(100).disparity
+    return ps.match_rows(read, told, 0, 100).disparity
 expected = work()
 def same():
     return np.array_equal(work(), expected, equal_nan=True)

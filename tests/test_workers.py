@@ -386,10 +386,10 @@ def test_match_keeps_no_memory_and_a_matcher_does() -> None:
 huge = rng.integers(0, 256, (2, 64, 2500), np.uint8)
 ps.match(*small, num_disparities=32)
 before = resident()
-ps.match(*huge, num_disparities=1000, preset="fast", threads=1)
+ps.match(*huge, num_disparities=2000, preset="fast", threads=1)
 print(resident() - before)
 matcher = ps.Matcher(preset="fast", threads=1)
-matcher.match(*huge, num_disparities=1000)
+matcher.match(*huge, num_disparities=2000)
 print(resident() - before)
 del matcher
 print(resident() - before)

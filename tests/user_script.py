@@ -174,17 +174,15 @@ def on_the_ground(folder: Path) -> xarray.Dataset:
 def beyond_memory(
     folder: Path, left: Image, right: Image, lazy: tuple[dask.array.Array, dask.array.Array]
 ) -> int:
-    """Match a pair a band at a time: from the top down, by itself, from file to file, lazily."""
+    """Match a pair a band at a time: by itself, from file to file, lazily."""
 
     def read(first: int, last: int) -> tuple[Image, Image, None, None]:
         return left[first:last], right[first:last], None, None
 
     known: ps.Survey = ps.survey(read, (left.shape[0], left.shape[1]), num_disparities=64)
     known.save(folder / "survey.npz")
-    sweep: ps.Sweep = ps.Sweep(read, known, threads=1)
-    use(sweep.advance(128).disparity, sweep.done, sweep.state())
-    around: int | None = ps.halo(known.settings, known.equalisation)
-    use(around, ps.match_rows(read, known, 128, 256, overlap=64).flags)
+    around: int = ps.halo(known.settings, known.equalisation)
+    use(around, ps.match_rows(read, known, 128, 256, threads=1).flags)
     report = ps.outofcore.match(
         folder / "left.tif",
         folder / "right.tif",
@@ -192,7 +190,7 @@ def beyond_memory(
         num_disparities=64,
         max_memory="2GB",
     )
-    use(report.seconds, ps.dask.match(*lazy, num_disparities=64, preset="fast"))
+    use(report.seconds, ps.dask.match(*lazy, num_disparities=64))
     pairs = ps.batch.read_pairs(folder / "pairs.csv", num_disparities=64)
     return len(ps.batch.run(pairs, folder / "maps", preset="fast").failed)
 

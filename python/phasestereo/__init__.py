@@ -39,7 +39,6 @@ __all__ = [
     "Settings",
     "Stream",
     "Survey",
-    "Sweep",
     "aggregate",
     "check",
     "cost_volume",
@@ -70,7 +69,7 @@ if TYPE_CHECKING:
     from phasestereo import rerun_log as rerun_log
     from phasestereo import roc as roc
     from phasestereo import video as video
-    from phasestereo.banding import Sweep, halo, match_rows
+    from phasestereo.banding import halo, match_rows
     from phasestereo.diagnosis import Diagnosis, check
     from phasestereo.estimation import estimate_blur
     from phasestereo.findings import Finding
@@ -91,7 +90,6 @@ else:
         "PointCloud": "triangulation",
         "Stream": "streaming",
         "Survey": "surveying",
-        "Sweep": "banding",
         "check": "diagnosis",
         "estimate_blur": "estimation",
         "halo": "banding",

@@ -13,6 +13,7 @@ from phasestereo.settings import Settings
 from phasestereo.surveying import Checked, Survey
 
 __all__ = [
+    "BAND_ROWS",
     "DEBUG_BUILD",
     "FLAGS",
     "Workers",
@@ -21,7 +22,6 @@ __all__ = [
     "blur_is_as_before",
     "check_settings",
     "check_versions",
-    "choose_rows",
     "cost_volume",
     "descriptor",
     "estimate_blur",
@@ -29,21 +29,20 @@ __all__ = [
     "find_ranges",
     "find_roughness",
     "match_pair",
+    "match_rows",
     "optimize_volume",
     "reach",
-    "refine_rows",
     "simd_level",
+    "working_memory",
 ]
 
 _Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
-_Draft: TypeAlias = tuple[
-    NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, NDArray[np.int32] | None
-]
 _Matched: TypeAlias = tuple[
     NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, dict[str, float]
 ]
 
 __version__: str
+BAND_ROWS: int
 DEBUG_BUILD: bool
 FLAGS: dict[str, int]
 
@@ -79,18 +78,17 @@ def find_ranges(read: Checked, size: tuple[int, int], disparities: tuple[int, in
 def find_roughness(
     read: Checked, size: tuple[int, int], disparities: tuple[int, int], ranges: _Ranges | None
 ) -> tuple[int, int]: ...
-def reach(settings: Settings, versions: Equalisation | None) -> tuple[int, int, int]: ...
-def choose_rows(
+def reach(settings: Settings, versions: Equalisation | None) -> tuple[int, int]: ...
+def working_memory(survey: Survey, rows: int, threads: int, itemsize: int) -> int: ...
+def match_rows(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
     survey: Survey,
     first: int,
     rows: tuple[int, int],
-    paths: NDArray[np.uint8] | None,
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
-) -> tuple[_Draft, NDArray[np.uint8] | None, dict[str, float]]: ...
-def refine_rows(draft: _Draft, survey: Survey, threads: int | Workers | None) -> _Matched: ...
+) -> _Matched: ...
 def match_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],

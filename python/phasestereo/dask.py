@@ -21,8 +21,6 @@ from phasestereo.settings import PRESET, resolve
 from phasestereo.surveying import survey as survey_pair
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo.equalisation import Equalisation, Noise
@@ -37,7 +35,6 @@ _BAND_ROWS = 512
 """Rows of a band: enough that starting a task is nothing beside it."""
 _HALOS = 4
 """A band has at least so many times the rows of its halo: what is done twice stays little."""
-_STEP = 32  # rows that are matched at once, at multiples of it
 _WIDEST = 16384  # the most disparities there can be
 
 
@@ -81,7 +78,7 @@ def match(left: Array, right: Array, **arguments: Any) -> Array:
     Examples
     --------
     >>> left, right = da.from_zarr("left.zarr"), da.from_zarr("right.zarr")
-    >>> found = ps.dask.match(left, right, num_disparities=256, preset="fast")
+    >>> found = ps.dask.match(left, right, num_disparities=256)
     >>> found.to_zarr("disparity.zarr")
     """
     return maps(left, right, **arguments).disparity
@@ -101,7 +98,6 @@ def maps(
     noise: Noise | None = None,
     equalisation: Equalisation | None = None,
     survey: Survey | None = None,
-    overlap: int | None = None,
     band_rows: int | None = None,
     **overrides: Any,
 ) -> Maps:
@@ -129,9 +125,6 @@ def maps(
         Dask arrays, or arrays, bool (H, W), True = valid.
     survey
         What `phasestereo.surveying.survey` found out about this pair, with these settings.
-    overlap
-        Needed with ``optimizer="sgm"``, whose paths come from all rows above: they begin so many
-        rows above each band, and the result is **approximate**. Other settings need none.
     band_rows
         Rows of a band; it is made at least as high as its halo. None: 512, or four halos.
 
@@ -146,8 +139,8 @@ def maps(
     TypeError
         If an image is no Dask array, or as `phasestereo.match`.
     ValueError
-        As `phasestereo.match`; for ``optimizer="sgm"`` without overlap; for chunks of unknown size
-        or a survey of another pair, search or settings.
+        As `phasestereo.match`; for chunks of unknown size or a survey of another pair, search or
+        settings.
     ImportError
         If Dask is not installed.
     """
@@ -157,7 +150,6 @@ def maps(
     masks = _as_mask(left_mask, size, "left_mask"), _as_mask(right_mask, size, "right_mask")
     sides = _Sides(left, right, *masks)
     asked = resolve(preset, settings, overrides)
-    _check_overlap(asked, overlap)
     _check_count("threads", threads)
     if band_rows is not None:
         _check_count("band_rows", band_rows)
@@ -175,9 +167,9 @@ def maps(
     else:
         _check_survey(survey, size, (min_disparity, num_disparities))
         _check_surveyed(survey, asked, (left.dtype.name, right.dtype.name))
-    reach = _reach(survey, overlap, masked=any(mask is not None for mask in masks))
-    bands = _bands(size[0], band_rows, max(reach))
-    table = _table(sides, survey, bands, reach, {"overlap": overlap, "threads": threads})
+    reach = _reach(survey, masked=any(mask is not None for mask in masks))
+    bands = _bands(size[0], band_rows, reach)
+    table = _table(sides, survey, bands, reach, threads)
     layers = [_layer(table, name) for name in table.dtype.names]
     return Maps(*layers, *[None] * (3 - len(layers)))
 
@@ -255,24 +247,12 @@ def _as_mask(mask: Array | ArrayLike | None, size: tuple[int, int], name: str) -
     return lazy
 
 
-def _check_overlap(settings: Settings, overlap: int | None) -> None:
-    """Refuse to split what cannot be split exactly, unless an overlap says that it may be."""
-    if overlap is not None:
-        _check_count("overlap", overlap, least=0)
-    elif settings.optimizer == "sgm":
-        raise ValueError(
-            "optimizer: got 'sgm', whose paths come from all rows above, so that bands by "
-            "themselves are not what the whole pair gives; accepts 'so', 'dp' and 'wta' (as in "
-            "preset='fast'), which are exact, or 'sgm' with overlap=ROWS, which is approximate"
-        )
-
-
-def _check_count(name: str, value: int, *, least: int = 1, most: int | None = None) -> None:
+def _check_count(name: str, value: int, *, most: int | None = None) -> None:
     if not isinstance(value, int | np.integer) or isinstance(value, bool):
         raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
-    if value < least or (most is not None and value > most):
+    if value < 1 or (most is not None and value > most):
         end = "or more" if most is None else f"to {most}"
-        raise ValueError(f"{name}: got {value}; accepts {least} {end}")
+        raise ValueError(f"{name}: got {value}; accepts 1 {end}")
 
 
 def _check_survey(survey: Survey, size: tuple[int, int], search: tuple[int, int]) -> None:
@@ -301,19 +281,16 @@ def _check_surveyed(survey: Survey, asked: Settings, types: tuple[str, str]) -> 
         )
 
 
-def _reach(survey: Survey, overlap: int | None, *, masked: bool) -> tuple[int, int]:
+def _reach(survey: Survey, *, masked: bool) -> int:
     """Return how many rows above and below a band `match_rows` may ask for."""
-    images, refined, copied = _core.reach(survey.settings, survey.equalisation)
-    beside = images + refined + (copied if masked else 0)
-    if survey.settings.optimizer != "sgm":
-        return beside, beside
-    # There bands begin and end at multiples, and so does what is read for them.
-    return beside + (overlap or 0) + 2 * _STEP, beside + _STEP
+    around, copied = _core.reach(survey.settings, survey.equalisation)
+    return around + (copied if masked else 0)
 
 
 def _bands(height: int, band_rows: int | None, reach: int) -> tuple[int, ...]:
-    """Return the rows of each band, none of which is less than what its neighbours need of it."""
-    wanted = band_rows or _STEP * -(-max(_BAND_ROWS, _HALOS * reach) // _STEP)
+    """Return the rows of each band, none of which is less than what its neighbors need of it."""
+    step = _core.BAND_ROWS
+    wanted = band_rows or step * -(-max(_BAND_ROWS, _HALOS * reach) // step)
     rows = min(max(wanted, reach), height)
     count, rest = divmod(height, rows)
     if not rest:
@@ -325,8 +302,8 @@ def _table(
     sides: _Sides,
     survey: Survey,
     bands: tuple[int, ...],
-    reach: tuple[int, int],
-    options: Mapping[str, Any],
+    reach: int,
+    threads: int,
 ) -> Array:
     """Return an array (H, W) of records of all that is found out of a pixel, a task a band."""
     da = require("dask.array", extra="dask")
@@ -344,8 +321,8 @@ def _table(
         "yx",
         *arguments,
         survey=require("dask", extra="dask").delayed(survey, pure=True),  # sent once to a worker
-        **options,
-        reach=reach[0],
+        threads=threads,
+        reach=reach,
         adjust_chunks={"y": bands},
         align_arrays=False,
         concatenate=True,
@@ -355,7 +332,7 @@ def _table(
     )
 
 
-def _with_halo(side: Array, bands: tuple[int, ...], reach: tuple[int, int]) -> Array:
+def _with_halo(side: Array, bands: tuple[int, ...], reach: int) -> Array:
     """Return an array whose chunks are bands of whole rows and what is above and below them."""
     banded = side.rechunk({0: bands, **dict.fromkeys(range(1, side.ndim), -1)})
     if len(bands) == 1:
@@ -373,14 +350,13 @@ def _match_band(
     rows: NDArray[np.int64],
     *sides: NDArray[Any] | None,
     survey: Survey,
-    overlap: int | None,
     threads: int,
     reach: int,
 ) -> NDArray[np.void]:
     """Match one band; this is what a task does."""
     first, last = rows[0].tolist()
     read = _Excerpt(_Sides(*sides), max(0, first - reach))
-    result = match_rows(read, survey, first, last, overlap=overlap, threads=threads)
+    result = match_rows(read, survey, first, last, threads=threads)
     found = np.empty(result.disparity.shape, _record(survey.settings))
     for name in found.dtype.names or ():
         found[name] = getattr(result, name)

@@ -105,16 +105,12 @@ def match(
     The method is that of Pedone & Heikkilä, *Blur and Contrast Invariant Fast Stereo Matching*,
     ACIVS 2008.
 
-    Working memory of each thread is at most about
-    ``(72 * W + 1800 * window) * num_disparities + 1200 * W`` bytes, whatever the height of the
-    images, and a quarter more with masks: 45 MB for images 1920 pixels wide and 256 disparities.
-    With ``optimizer="sgm"`` it is about ``230 * W * num_disparities`` bytes for one thread, 115 MB
-    for these, and ``115 * W * num_disparities`` more for each further one, up to eight. Pairs that
-    do not fit into memory: `phasestereo.outofcore`, `Sweep`.
-    For the whole pair there are copies of the images, codes of 4 bytes for each pixel of one image
-    (those of up to 16 bits), and the result: 6 bytes a pixel, 10 with confidences; with
-    ``preset="robust"``, measured, 19 bytes a pixel in all. Every further version of the right
-    image takes 2 bytes a pixel, and one strip's more for each thread. Nothing
+    Working memory of each thread does not grow with the height of the images: by default it is
+    about 19 000 bytes for each disparity searched and 900 for each column, 7 MB for 256 disparities
+    and 1920 columns; with ``optimizer="dp"`` up to ``100 * W * num_disparities`` bytes. For the
+    whole pair there are copies of the images, codes (a byte for each eight bits and pixel, of the
+    right image once for each version), gray values and the result: 6 bytes a pixel, 10 with
+    confidences. Pairs that do not fit into memory: `phasestereo.outofcore`, `match_rows`. Nothing
     but that is kept, nor are any threads: to match one pair after another, `Matcher` keeps them.
     """
     chosen = resolve(preset, settings, overrides)

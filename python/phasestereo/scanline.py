@@ -28,22 +28,22 @@ def optimize(
     Parameters
     ----------
     costs
-        uint32 (H, W, D), as from `aggregate`.
+        uint32 (H, W, D), as from `aggregate`, up to 2^28.
     penalty
         What a change of the index along a path costs, in the unit of the costs: one integer, or a
-        pair (near, far); 0 to 2^40.
+        pair (near, far); 0 to 2^40. Those above 2^28 count as 2^28.
     optimizer
         ``"dp"``: dynamic programming along each row under the ordering constraint that an index may
         rise by one at most from a pixel to the next, for near, or drop to any smaller one, for far
         (Pedone & Heikkilä 2008, section 2.3); equal costs go to the same index, then to the smaller
-        one. ``"so"``: the same free to rise or drop by one, for near, or change to any other index,
-        for far; equal costs go to the same index, then to one smaller, one larger, and the least
-        index of the cheapest. ``"wta"``: the least cost of each pixel by itself. ``"sgm"``: the
-        least sum of the totals of eight paths, along each of which the index changes as with
-        ``"so"``, but where far is less than near, it counts as near (Hirschmüller, *Stereo
-        Processing by Semiglobal Matching and Mutual Information*, PAMI 2008); equal sums go to the
-        smallest index. Of these paths two come along the row, three from the top of the volume, and
-        three come up from 16 rows below each band of 32.
+        one. ``"so"``: the least mean of the totals of two paths along the row, from the left and
+        from the right, along each of which the index stays, changes by one, for near (P1), or by
+        more, for far (P2), which is at least near. ``"sgm"``: the least mean of the totals of four
+        such paths, from the left, the right, above and below (Hirschmüller, *Stereo Processing by
+        Semiglobal Matching and Mutual Information*, PAMI 2008). ``"wta"``: the least cost of each
+        pixel by itself. Equal means and costs go to the smallest index. Paths from the right begin
+        32 columns beyond each panel of 64 columns, those from above and below 16 rows outside each
+        band of 64 rows.
 
     Returns
     -------
@@ -55,8 +55,8 @@ def optimize(
     TypeError
         If the costs are no uint32 array, or a penalty is not an integer.
     ValueError
-        If the costs are not 3-D or are empty, a penalty is out of range, or there is no such
-        optimizer.
+        If the costs are not 3-D, are empty or exceed 2^28, a penalty is out of range, or there is
+        no such optimizer.
     """
     volume = as_volume(costs, np.uint32)
     both = penalty if isinstance(penalty, tuple) else (penalty, penalty)

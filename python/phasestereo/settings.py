@@ -69,26 +69,25 @@ class Settings:
         - ``"dp"``: one-pass dynamic programming along the row under the ordering constraint
           (section 2.3): from a pixel to the next the disparity stays, rises by one or drops to
           any smaller one.
-        - ``"so"``: scanline optimisation, the same without the ordering constraint: it stays,
-          changes by one either way or jumps to any other (Scharstein & Szeliski, *A Taxonomy and
-          Evaluation of Dense Two-Frame Stereo Correspondence Algorithms*, IJCV 2002, with the two
-          penalties of Hirschmüller's semi-global matching, along one path).
+        - ``"so"``: scanline optimization without the ordering constraint: the least mean of two
+          paths along the row, from the left and from the right. Along a path the disparity stays,
+          changes by one either way, for P1, or jumps to any other, for P2 (Hirschmüller, *Stereo
+          Processing by Semiglobal Matching and Mutual Information*, PAMI 2008).
         - ``"wta"``: winner-takes-all, each pixel by itself.
-        - ``"sgm"``: semi-global matching, the least sum of the costs of eight paths (Hirschmüller,
-          *Stereo Processing by Semiglobal Matching and Mutual Information*, PAMI 2008): along a
-          path a disparity stays, changes by one or jumps, as with ``"so"``. Three of them come up
-          from 16 rows below a band of 32, those from above from the edge of the image: so memory
-          does not grow with its height, and results are those of whole paths but for 0.1 %.
+        - ``"sgm"``: semi-global matching, the least mean of four such paths: from the left, the
+          right, above and below. Those from above and below begin 16 rows outside each band of 64
+          rows, so that bands depend on nothing else: memory does not grow with the height, and
+          parts of a pair are those of the whole.
     penalty
         What a change of disparity along the row costs, in units of the cost, as averaged over the
         window; 0 to 65535: one number, or a pair (near, far). With ``"dp"`` near is for a rise by
-        one, far for a drop by whatever; with ``"so"`` near is for a change by one, far for any
-        change, as with ``"sgm"``, for which it is at least near; ``"wta"`` ignores both.
-        Default 2.
+        one, far for a drop by whatever; with ``"so"`` and ``"sgm"`` near is P1, for a change by
+        one, far is P2, for any other change, at least P1; ``"wta"`` ignores both. Default 2.
     edges
-        With ``"sgm"``: where the gray value of the left image jumps from one pixel of a path to
-        the next by more than so many times the mean difference of neighbours, the far penalty is
-        halved, by more than thrice that, a third of it; 0 to 1000, 0: nowhere. Default 0.
+        With ``"so"`` and ``"sgm"``: where the gray value of the left image jumps from one pixel of
+        a path to the next by more than so many times the mean difference of neighbors, P2 is
+        halved, by more than thrice that, a third of it, but at least P1; 0 to 1000, 0: nowhere.
+        Default 0.
     equalise
         Whether the relative blur of the two images is estimated (`phasestereo.estimate_blur`) and
         the sharper one is given it, area by area, before they are compared; for ``cost="phase"``.
@@ -129,9 +128,7 @@ class Settings:
         disparity of the background beside them (True) or become NaN (False). Without such checks
         nothing is filled: with True all estimates stay, flagged. Default True.
     confidence
-        Whether confidences are worked out. If not, `Result.confidence` is None. With an optimizer
-        other than ``"sgm"`` that takes a second sweep over the costs, half as long again, as do
-        ``subpixel``, ``consistency`` and ``uniqueness``. Default True.
+        Whether confidences are worked out. If not, `Result.confidence` is None. Default True.
     min_confidence
         Estimates of less confidence, filled ones too, become NaN and are flagged; 0 to 1.
         Default 0.
@@ -231,7 +228,7 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
     {"robust": _ROBUST, "paper": _PAPER, "fast": _FAST}
 )
 """The named settings. ``"robust"``: finds by itself which image is blurred and how, evens that out,
-does not let noise vote, searches along eight paths, checks, fills and smooths. ``"paper"``: the
+does not let noise vote, searches along four paths, checks, fills and smooths. ``"paper"``: the
 method of the paper to the letter. ``"fast"``, for frame rates: short codes, costs in bytes,
 disparities free to change either way, no confidence."""
 

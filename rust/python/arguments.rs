@@ -13,12 +13,9 @@ use super::reader::as_ranges;
 use crate::convolution::Kernel;
 use crate::error::Error;
 use crate::intensity;
-use crate::map::Map;
 use crate::matcher::{MOST_THREADS, Pair};
 use crate::plane::{Plane, zeroed};
-use crate::settings::{
-    CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Settings, Taper,
-};
+use crate::settings::{CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Settings, Taper};
 use crate::texture::{Roughness, Texture};
 use crate::versions::{Versions, check_noise};
 use crate::view::{Image, Mask, View};
@@ -201,31 +198,6 @@ impl<'py> Told<'py> {
             roughness: roughness.map(|(sum, pairs)| Roughness { sum, pairs }),
         })
     }
-}
-
-/// Disparities and flags of rows that are not refined yet; votes and gray values, or None where there are none.
-pub fn read_draft(
-    draft: &Bound<'_, PyAny>,
-    roughness: Option<Roughness>,
-) -> PyResult<(Map, Option<Texture>)> {
-    let planes: [Bound<'_, PyAny>; 4] = draft.extract()?;
-    let [disparity, flags, votes, gray] = &planes;
-    let (disparity, flags) = (read_plane(disparity, "disparity")?, read_plane(flags, "flags")?);
-    let votes = if votes.is_none() { None } else { Some(read_plane(votes, "votes")?) };
-    let gray = if gray.is_none() { None } else { Some(read_plane(gray, "gray")?) };
-    let texture = gray.zip(roughness).map(|(gray, roughness)| Texture { gray, roughness });
-    Ok((Map { disparity, flags, votes }, texture))
-}
-
-fn read_plane<T: Element + Copy + Default>(
-    array: &Bound<'_, PyAny>,
-    name: &'static str,
-) -> PyResult<Plane<T>> {
-    let Ok(array) = array.cast::<PyArray2<T>>() else {
-        return Err(wrong_type(array, name, "a 2-D array of its type"));
-    };
-    let (rows, cols) = array.dims().into_pattern();
-    Ok(Plane::from_vec(rows, cols, values(array)?)?)
 }
 
 /// A standard deviation, or None.

@@ -40,7 +40,7 @@ class Large:
     confidence_output
         File for the confidences, of the same formats.
     band_rows
-        Rows of a band, a multiple of 32; without it, as many as the memory allows.
+        Rows of a band; without it, as many as the memory allows.
     tile_columns
         Match tiles of so many columns by themselves, a multiple of 256, where bands alone take too
         much memory. Then the map is approximate where tiles meet.
@@ -137,10 +137,10 @@ def match_large(
 
 
 def _tell(plan: Plan) -> None:
-    """Say what a run takes, before it starts and again when its second band is there."""
+    """Say what a run takes, before it starts and again when its first band is there."""
     duration = tell_duration(plan.seconds)
     if plan.by_band:
-        _say(f"by its second band, {duration} to go")
+        _say(f"by its first band, {duration} to go")
         return
     rows, cols = plan.size
     tiles = "" if len(plan.tiles) == 1 else f" in {len(plan.tiles)} tiles of columns (approximate)"

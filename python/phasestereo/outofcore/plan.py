@@ -10,8 +10,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from phasestereo import _core
 from phasestereo.banding import working_memory
 from phasestereo.outofcore.sizes import tell_bytes
+from phasestereo.settings import PRESETS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -19,11 +21,11 @@ if TYPE_CHECKING:
     from phasestereo.io.windows import RasterPair
     from phasestereo.surveying import Survey
 
-ROWS = 32
-"""Bands are of multiples of so many rows."""
+ROWS = _core.BAND_ROWS
+"""Bands are of multiples of so many rows, unless it is asked otherwise."""
 
-LARGEST = 1024
-"""Rows of the largest band: beyond, less is saved than is lost when a run is killed."""
+LARGEST = 32 * ROWS
+"""Rows of the largest band: beyond, less of halos is saved than is lost when a run is killed."""
 
 COLUMNS = 256
 """Tiles are of multiples of so many columns, those of the tiles of a TIFF file."""
@@ -210,7 +212,7 @@ def _cure(least: int, surveys: Sequence[Survey], pair: RasterPair) -> str:
     """Say how much would do, and what would make it less."""
     width, count = max(survey.size[1] for survey in surveys), surveys[0].num_disparities
     ways = ["with fewer disparities"]
-    if surveys[0].settings.optimizer == "sgm":
+    if surveys[0].settings != PRESETS["fast"]:
         ways.append("with the preset fast")
     if width == pair.size[1]:
         ways.append("in tiles of columns (tile_columns), which are approximate")

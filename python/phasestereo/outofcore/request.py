@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import phasestereo
-from phasestereo.outofcore.plan import COLUMNS, ROWS
+from phasestereo.outofcore.plan import COLUMNS
 from phasestereo.outofcore.sinks import check_suffix
 
 if TYPE_CHECKING:
@@ -83,13 +83,14 @@ class Request:
         )
 
 
-def check_whole(name: str, value: int | None, step: int = ROWS) -> None:
+def check_whole(name: str, value: int | None, step: int = 1) -> None:
     """Refuse what is neither None nor a positive multiple of a step."""
     if value is None:
         return
     _check_type(name, value)
     if value < 1 or value % step:
-        raise ValueError(f"{name}: got {value}; accepts multiples of {step}")
+        accepts = "1 or more" if step == 1 else f"multiples of {step}"
+        raise ValueError(f"{name}: got {value}; accepts {accepts}")
 
 
 def _check_type(name: str, value: object) -> None:

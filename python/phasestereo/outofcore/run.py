@@ -64,9 +64,9 @@ def match(
     """Match a rectified stereo pair that need not fit into memory, from file to file.
 
     What comes out is what `phasestereo.match` returns for the whole pair, to the bit, unless
-    ``tile_columns`` is given. The pair is matched band after band; finished bands are kept in a
-    folder beside the output (``out.tif.part``), and the same call goes on from there after whatever
-    ended it. The folder is removed in the end.
+    ``tile_columns`` is given. The pair is matched in bands, each by itself; finished bands are kept
+    in a folder beside the output (``out.tif.part``), and the same call matches the others after
+    whatever ended it. The folder is removed in the end.
 
     Parameters
     ----------
@@ -87,7 +87,8 @@ def match(
     flags_output, confidence_output
         Files for the flags (uint16) and the confidences (float32), of the same formats.
     band_rows
-        Rows of a band, a multiple of 32; None: as many as the memory allows, 1024 at most.
+        Rows of a band; None: as many as the memory allows, 2048 at most. Rows around a band are
+        matched with it (`phasestereo.halo`), so low bands take longer.
     tile_columns
         Match tiles of so many columns, a multiple of 256, by themselves, where bands alone take too
         much memory. Then the map is approximate near the edges of tiles; the report and the tags of
@@ -99,8 +100,8 @@ def match(
         Whether to drop what an earlier run left finished. Otherwise it is gone on from, if it is of
         the same inputs, settings and version; memory, threads and rows may differ.
     announce
-        Called with the `Plan` before the first band, and again after the second one, with what that
-        tells of the time: the first one looks ahead, and takes longer than others.
+        Called with the `Plan` before the first band, and again after it, with what that tells of
+        the time.
     progress
         Called as ``progress(rows_done, rows)`` every now and then and after each band, rows being
         those of all tiles; what it raises ends the run.

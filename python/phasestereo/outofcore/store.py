@@ -1,11 +1,10 @@
 """What of a run is finished: a folder beside the output, which a kill at any moment leaves intact.
 
 Every file in it is written under another name, flushed to the disk and renamed. A band is finished
-when its block is there; the state that the next one goes on from is written before. The name of a
-file ends in a digest of what it is called, what it holds and which run it is of: one that was
-damaged, renamed or taken from another run is not believed, and what it held is matched again. The
-file ``run.json``, the first to come and the first to go, tells what run it is: a folder without it
-is rubbish.
+when its block is there, whatever other bands are. The name of a file ends in a digest of what it is
+called, what it holds and which run it is of: one that was damaged, renamed or taken from another
+run is not believed, and what it held is matched again. The file ``run.json``, the first to come and
+the first to go, tells what run it is: a folder without it is rubbish.
 """
 
 from __future__ import annotations
@@ -44,7 +43,6 @@ T = TypeVar("T")
 _RUN, _LOCK, _DRAFT = "run.json", "lock", "draft.npz"
 _KEPT = re.compile(r"(.+)-([0-9a-f]{32})\.npz")
 _BLOCK = re.compile(r"tile(\d{4})-rows(\d{8})-(\d{8})")
-_STATE = re.compile(r"tile(\d{4})-state(\d{8})")
 _TORN = re.compile(r"\.[0-9a-f]{16}\.part")  # as `phasestereo.io.files.replacing` calls a draft
 _SURVEY = "survey"
 
@@ -135,23 +133,11 @@ class Store:
             found.save(draft)
         return found
 
-    def save(self, tile: int, rows: Rows, block: Arrays, state: Arrays) -> None:
-        """Keep a band, and what the next one goes on from, unless that is finished already."""
-        frontier = all(last <= rows[1] for _, last in self.bands(tile))
-        after = _state(tile, rows[1])
-        named = {after: state} if frontier else {}
-        for name, arrays in (named | {_block(tile, rows): block}).items():
-            size = sum(array.nbytes for array in arrays.values())
-            with self._published(name, size) as draft, draft.open("wb") as file:
-                _write(file, arrays)
-        for name in [name for name in self._files if frontier and name != after]:
-            if (kept := _STATE.fullmatch(name)) and int(kept[1]) == tile:
-                self._files.pop(name).unlink()
-
-    def state(self, tile: int, row: int) -> dict[str, NDArray[Any]] | None:
-        """Return what a tile goes on from at a row; None: that is not known, or it is the first."""
-        name = _state(tile, row)
-        return self._whole(name, _read_all) if row and name in self._files else None
+    def save(self, tile: int, rows: Rows, block: Arrays) -> None:
+        """Keep a band."""
+        size = sum(array.nbytes for array in block.values())
+        with self._published(_block(tile, rows), size) as draft, draft.open("wb") as file:
+            _write(file, block)
 
     def load(self, tile: int, rows: Rows, name: str) -> NDArray[Any]:
         """Return one array of a finished block."""
@@ -296,7 +282,7 @@ def _is_ours(file: Path) -> bool:
     kept = _KEPT.fullmatch(file.name)
     if kept is None:
         return file.name in (_RUN, _DRAFT) or bool(_TORN.fullmatch(file.name))
-    return kept[1] == _SURVEY or bool(_BLOCK.fullmatch(kept[1]) or _STATE.fullmatch(kept[1]))
+    return kept[1] == _SURVEY or bool(_BLOCK.fullmatch(kept[1]))
 
 
 def _is_block(file: Path) -> bool:
@@ -306,10 +292,6 @@ def _is_block(file: Path) -> bool:
 
 def _block(tile: int, rows: Rows) -> str:
     return f"tile{tile:04}-rows{rows[0]:08}-{rows[1]:08}"
-
-
-def _state(tile: int, row: int) -> str:
-    return f"tile{tile:04}-state{row:08}"
 
 
 def _differences(earlier: dict[str, Any], now: dict[str, Any]) -> str:
@@ -363,8 +345,3 @@ def _read(path: Path, name: str) -> NDArray[Any]:
     with np.load(path, allow_pickle=False) as arrays:
         found: NDArray[Any] = arrays[name]
         return found
-
-
-def _read_all(path: Path) -> dict[str, NDArray[Any]]:
-    with np.load(path, allow_pickle=False) as arrays:
-        return dict(arrays)

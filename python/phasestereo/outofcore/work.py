@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phasestereo.banding import Sweep
+from phasestereo import _core
+from phasestereo.banding import halo, match_rows
 from phasestereo.matcher import match
 from phasestereo.outofcore import plan as planning
 from phasestereo.outofcore.plan import Plan, Tile
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from phasestereo.result import Result
     from phasestereo.surveying import Survey
 
-_SAMPLE = (64, 2048)  # rows and columns that tell how fast this machine is
+_SAMPLE = 2048  # columns that tell, with a few rows, how fast this machine is
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,9 +62,8 @@ class Work:
         surveys = [self._survey(tile) for tile in tiles]
         rows, threads, memory = planning.fit(surveys, self.pair, limit, threads=threads, rows=rows)
         gaps = [self.store.gaps(tile.number, size[0]) for tile in tiles]
-        left = [sum(last - first for first, last in each) for each in gaps]
         widths = [each.size[1] for each in surveys]
-        pixels = sum(rest * width for rest, width in zip(left, widths, strict=True))
+        pixels = sum(_rows(each) * width for each, width in zip(gaps, widths, strict=True))
         return Plan(
             size=size,
             num_disparities=self.survey.num_disparities,
@@ -71,25 +71,28 @@ class Work:
             rows=rows,
             threads=threads,
             memory=memory,
-            bands=sum(-(-(last - first) // rows) for each in gaps for first, last in each),
+            bands=sum(len(list(_bands(each, rows))) for each in gaps),
             finished=sum(len(self.store.bands(tile.number)) for tile in tiles),
-            seconds=pixels * self._seconds_a_pixel(max(widths), threads) if pixels else 0.0,
+            seconds=pixels * self._seconds_a_pixel(max(widths), rows, threads) if pixels else 0.0,
         )
 
     def run(self, plan: Plan) -> Plan:
-        """Match all that is not finished; return the plan with what the second band tells."""
+        """Match all that is not finished; return the plan with what the first band tells."""
         self._announce(plan)
-        rows = plan.size[0] * len(plan.tiles)
-        gaps = [gap for tile in plan.tiles for gap in self.store.gaps(tile.number, plan.size[0])]
-        done = rows - sum(last - first for first, last in gaps)
+        height, workers = plan.size[0], _core.Workers(plan.threads)
+        rows = height * len(plan.tiles)
+        gaps = {tile: self.store.gaps(tile.number, height) for tile in plan.tiles}
+        done = rows - sum(map(_rows, gaps.values()))
         self._tell(done, rows)
-        bands = 0
-        for tile in plan.tiles:
-            for matched, seconds in self._bands(tile, plan, done):
-                done, bands = done + matched, bands + 1
+        for tile, between in gaps.items():
+            for band in _bands(between, plan.rows):
+                started = perf_counter()
+                self._match(tile, band, workers, self._within(plan, done, band))
+                done += _rows([band])
                 self._tell(done, rows)
-                if bands == 2 and done < rows:  # the first one of a sweep looks ahead
-                    plan = replace(plan, seconds=seconds / matched * (rows - done), by_band=True)
+                if not plan.by_band and done < rows:
+                    pace = (perf_counter() - started) / _rows([band])
+                    plan = replace(plan, seconds=pace * (rows - done), by_band=True)
                     self._announce(plan)
         return plan
 
@@ -125,33 +128,16 @@ class Work:
             again=tuple(self.store.again),
         )
 
-    def _bands(self, tile: Tile, plan: Plan, done: int) -> Iterator[tuple[int, float]]:
-        """Match the bands of a tile that are not finished; yield rows and seconds of each.
-
-        Before, `done` rows of all tiles were finished.
-        """
-        sweep: Sweep | None = None
-        for above, below in self.store.gaps(tile.number, plan.size[0]):
-            sweep = self._at(above, tile, plan, sweep)
-            while (first := sweep.done) < below:
-                started = perf_counter()
-                last = min(below, first + plan.rows)
-                within = self._within(plan, done, last - first)
-                block = self._block(sweep.advance(last, progress=within), tile)
-                block["seconds"] = np.array(perf_counter() - started)
-                self.store.save(tile.number, (first, last), block, sweep.state())
-                done += last - first
-                yield last - first, perf_counter() - started
-
-    def _at(self, row: int, tile: Tile, plan: Plan, sweep: Sweep | None) -> Sweep:
-        """Return a sweep of a tile that has come to a row, from the nearest one that is known."""
-        state = self.store.state(tile.number, row)
-        if sweep is None or state is not None:
-            reader, survey = self.pair.reader(tile.reads), self._survey(tile)
-            sweep = Sweep(reader, survey, threads=plan.threads, state=state)
-        while sweep.done < row:  # over bands that are finished, to one among them that is missing
-            sweep.advance(min(row, sweep.done + plan.rows))
-        return sweep
+    def _match(
+        self, tile: Tile, band: tuple[int, int], workers: _core.Workers, within: Progress | None
+    ) -> None:
+        """Match a band of a tile, and keep it."""
+        started = perf_counter()
+        read, survey = self.pair.reader(tile.reads), self._survey(tile)
+        found = match_rows(read, survey, *band, threads=workers, progress=within)
+        block = self._block(found, tile)
+        block["seconds"] = np.array(perf_counter() - started)
+        self.store.save(tile.number, band, block)
 
     def _block(self, result: Result, tile: Tile) -> dict[str, NDArray[Any]]:
         """Return what is kept of a band: the layers that are asked for, and counts."""
@@ -168,14 +154,14 @@ class Work:
         whole = tile.reads == (0, self.survey.size[1])
         return self.survey if whole else self.survey.columns(*tile.reads)
 
-    def _seconds_a_pixel(self, columns: int, threads: int) -> float:
-        """Match a small part of the pair, to see how long a pixel takes.
+    def _seconds_a_pixel(self, columns: int, band: int, threads: int) -> float:
+        """Match a small part of the pair, to see how long a pixel of a band of so many rows takes.
 
         It is of the middle, since the margins of strips often have no data. Which disparities are
         searched there makes no difference, so they are such as the part has.
         """
         height, width = self.pair.size
-        rows, across = min(height, _SAMPLE[0]), min(width, columns, _SAMPLE[1])
+        rows, across = min(height, planning.ROWS * threads), min(width, columns, _SAMPLE)
         first, start = (height - rows) // 2, (width - across) // 2
         left, right, *masks = self.pair.reader((start, start + across))(first, first + rows)
         settings = replace(self.survey.settings, equalise=False)
@@ -191,13 +177,14 @@ class Work:
             noise=1.0 if settings.weak > 0 else None,
         )
         share = self.survey.num_disparities / min(self.survey.num_disparities, across)
-        return (perf_counter() - started) / (rows * across) * share
+        with_halo = 1 + 2 * halo(self.survey.settings, self.survey.equalisation) / band
+        return (perf_counter() - started) / (rows * across) * share * with_halo
 
-    def _within(self, plan: Plan, done: int, rows: int) -> Progress | None:
-        """Return what tells how far a band is, of so many rows after so many others."""
+    def _within(self, plan: Plan, done: int, band: tuple[int, int]) -> Progress | None:
+        """Return what tells how far a band is, after so many rows of others."""
         if self.progress is None:
             return None
-        every = plan.size[0] * len(plan.tiles)
+        every, rows = plan.size[0] * len(plan.tiles), _rows([band])
 
         def progress(part: int, parts: int) -> None:
             self._tell(done + min(rows - 1, rows * part // max(parts, 1)), every)
@@ -211,3 +198,14 @@ class Work:
     def _tell(self, done: int, rows: int) -> None:
         if self.progress is not None:
             self.progress(done, rows)
+
+
+def _rows(between: list[tuple[int, int]]) -> int:
+    return sum(last - first for first, last in between)
+
+
+def _bands(between: list[tuple[int, int]], rows: int) -> Iterator[tuple[int, int]]:
+    """Cut rows into bands that end at multiples of so many rows, as far as they can."""
+    for first, last in between:
+        ends = [*range(first - first % rows + rows, last, rows), last]
+        yield from zip([first, *ends], ends, strict=False)
