@@ -245,9 +245,15 @@ impl<V: Value> Aggregate<'_, V> {
                 let [left, right] = places.map(|x| &row(y)[(x - around.start) * chunks..]);
                 let place = (x - around.start) * chunks;
                 let beside = [left, right, &above[place..], &below[place..]];
-                out.copy_from_slice(&row(y)[place..][..chunks]);
-                for beside in beside {
-                    least(out, beside);
+                let beside = beside.map(|sums| &sums[..chunks]);
+                for (run, out) in out.iter_mut().enumerate() {
+                    let mut least = row(y)[place + run];
+                    for sums in beside {
+                        for j in 0..LANES {
+                            least[j] = least[j].min(sums[run][j]);
+                        }
+                    }
+                    *out = least;
                 }
             }
             fill_up(out, window.candidates);
@@ -261,15 +267,6 @@ impl<V: Value> Kernel for Aggregate<'_, V> {
     #[inline(always)]
     fn run(self) {
         if self.window.reach() == 0 { self.centered() } else { self.shifted() }
-    }
-}
-
-#[inline(always)]
-fn least<V: Value>(values: &mut [Lanes<V>], others: &[Lanes<V>]) {
-    for (value, other) in values.iter_mut().zip(others) {
-        for j in 0..LANES {
-            value[j] = value[j].min(other[j]);
-        }
     }
 }
 

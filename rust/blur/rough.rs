@@ -118,7 +118,8 @@ impl Rough {
             frequencies: (1, 1),
             precision: Precision::Byte,
             optimizer: Optimizer::ScanlineOptimization,
-            penalty: Penalty { near: 1.0, far: 4.5 },
+            shiftable: false,
+            penalty: Penalty { near: 3.0, far: 16.0 },
             confidence: false,
             ..Settings::default()
         };
