@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 CORE := python/phasestereo/_core.abi3.so
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-core docs wheel hooks clean
+.PHONY: help demo test fuzz soak lint format bench bench-core docs wheel hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -17,6 +17,12 @@ demo: $(CORE) ## Render a pair, spoil one image, match it, print the score, writ
 test: $(VENV)/counterparts ## Run all the tests (PHASESTEREO_DATA: the folder of real pairs, default ../shared)
 	cargo test --locked
 	$(BIN)/python -m pytest
+
+fuzz: $(VENV)/counterparts ## Read mutated files and match strange arrays (make fuzz ARGS="--seconds 7200"; 5 minutes)
+	$(BIN)/python tests/fuzzing.py $(ARGS)
+
+soak: $(CORE) ## Stream pairs with faults through one Matcher (make soak ARGS="--seconds 3600"; 5 minutes)
+	$(BIN)/python benches/soak.py $(ARGS)
 
 lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code
 	cargo fmt --check

@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING, Any
 
 import dask.array as da
 from dask.system import CPU_COUNT
+from distributed import Client
 
 import phasestereo as ps
 from phasestereo import dask as lazily
 from phasestereo.batch import PairFiles, Record, run
-from phasestereo.batch.cluster import local
 from phasestereo.batch.work import Order, match_files
 from phasestereo.io import read_image
 
@@ -43,7 +43,7 @@ def main(left: Path, right: Path, preset: str = "fast", pairs: int = 8, rounds: 
         PairFiles(name=f"{n}", left=left, right=right, num_disparities=COUNT) for n in range(pairs)
     ]
     with ExitStack() as stack:
-        clients = {n: stack.enter_context(local(n)) for n in range(1, CPU_COUNT + 1)}
+        clients = {n: stack.enter_context(started(n)) for n in range(1, CPU_COUNT + 1)}
         ways: dict[str, Callable[[Path], Any]] = {"plain loop": partial(loop, files, preset)}
         for workers, client in clients.items():
             address = client.scheduler.address
@@ -51,6 +51,11 @@ def main(left: Path, right: Path, preset: str = "fast", pairs: int = 8, rounds: 
         show(f"{pairs} pairs, {preset}", timed(ways, rounds), pairs)
     if preset == "fast":
         show("one pair in bands", timed(banded(left, right, preset), rounds), 1)
+
+
+def started(workers: int) -> Client:
+    """Start a cluster on this machine, which listens to all who are on it."""
+    return Client(n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0")
 
 
 def loop(files: list[PairFiles], preset: str, folder: Path) -> None:

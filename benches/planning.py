@@ -19,10 +19,10 @@ from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from distributed import Client
 
 import phasestereo as ps
 from phasestereo.batch import PairFiles, run
-from phasestereo.batch.cluster import local
 from phasestereo.batch.work import Order, match_files
 from phasestereo.io import read_image, write_image
 
@@ -128,7 +128,7 @@ def reader(sides: list[NDArray[np.uint8]]) -> ps.surveying.Reader:
 
 def tiny_pairs() -> tuple[float, float]:
     """Return the seconds that a tiny pair takes in a loop, and those of client and scheduler."""
-    with tempfile.TemporaryDirectory() as name, local(2) as client:
+    with tempfile.TemporaryDirectory() as name, Client(n_workers=2) as client:
         folder = Path(name)
         write_image(folder / "tiny.png", np.zeros((64, 64), np.uint8))
         files = [

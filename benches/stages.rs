@@ -105,6 +105,7 @@ fn every() -> impl Iterator<Item = At> {
 }
 
 /// A map to be refined, and what is known besides.
+#[derive(Clone)]
 struct Map {
     disparity: Plane<f32>,
     flags: Plane<u16>,
@@ -133,13 +134,16 @@ impl Map {
         Self { disparity, flags, votes, texture }
     }
 
-    /// Times one stage on one thread.
-    fn bench<T: Send>(bencher: Bencher, stage: impl Fn(&Self) -> T + Sync) {
-        let map = Self::new();
-        let pool = Matcher::new(1).expect("a thread starts");
+    /// Times one stage on one thread, which may change the map or write another plane of its size.
+    fn bench<T: Send>(
+        bencher: Bencher,
+        stage: impl Fn(&mut Self, &mut Plane<f32>) -> T + Send + Sync,
+    ) {
+        let (map, pool) = (Self::new(), Matcher::new(1).expect("a thread starts"));
         bencher
             .counter(ItemsCount::new(Self::PIXELS))
-            .bench_local(|| pool.install(|| stage(divan::black_box(&map))));
+            .with_inputs(|| (map.clone(), map.disparity.clone()))
+            .bench_local_refs(|(map, out)| pool.install(|| stage(map, out)));
     }
 }
 
@@ -564,7 +568,7 @@ mod consistency {
         let Map { disparity, votes, .. } = Map::new();
         let chosen = disparity.map(|disparity| *disparity as u16);
         let costs = votes.map(|vote| (1000.0 * vote) as u32);
-        Map::bench(bencher, |_| {
+        Map::bench(bencher, |_, _| {
             let (mut checker, mut flags) = (Checker::default(), [0; COLS]);
             for y in 0..ROWS {
                 let choices = Choices { chosen: chosen.row(y), costs: costs.row(y), candidates };
@@ -576,27 +580,24 @@ mod consistency {
 }
 
 mod speckles {
-    use super::{Bencher, Control, Map};
+    use super::{At, Bencher, Control, Map, every};
     use phasestereo::speckles::flag_speckles;
 
-    #[divan::bench]
-    fn flag(bencher: Bencher) {
-        Map::bench(bencher, |map| {
-            let mut flags = map.flags.clone();
-            flag_speckles(&map.disparity, &mut flags, (100, 1.0), &Control::default())
-                .map(|()| flags)
+    #[divan::bench(args = every())]
+    fn flag(bencher: Bencher, At(level): &At) {
+        Map::bench(bencher, |Map { disparity, flags, .. }, _| {
+            flag_speckles(disparity, flags, (100, 1.0), *level, &Control::default())
         });
     }
 }
 
 mod filling {
-    use super::{Bencher, Control, Map};
+    use super::{At, Bencher, Control, Map, every};
 
-    #[divan::bench]
-    fn fill(bencher: Bencher) {
-        Map::bench(bencher, |map| {
-            let mut flags = map.flags.clone();
-            phasestereo::filling::fill(&map.disparity, &mut flags, &Control::default())
+    #[divan::bench(args = every())]
+    fn fill(bencher: Bencher, At(level): &At) {
+        Map::bench(bencher, |Map { disparity, flags, .. }, _| {
+            phasestereo::filling::fill(disparity, flags, *level, &Control::default())
         });
     }
 }
@@ -606,8 +607,8 @@ mod guided {
 
     #[divan::bench(args = every())]
     fn guide(bencher: Bencher, At(level): &At) {
-        Map::bench(bencher, |map| {
-            phasestereo::guided::guide(&map.disparity, &map.texture, *level, &Control::default())
+        Map::bench(bencher, |Map { disparity, texture, .. }, out| {
+            phasestereo::guided::guide(disparity, texture, out, *level, &Control::default())
         });
     }
 }
@@ -617,8 +618,8 @@ mod median {
 
     #[divan::bench(args = every())]
     fn smooth(bencher: Bencher, At(level): &At) {
-        Map::bench(bencher, |map| {
-            phasestereo::median::smooth(&map.disparity, *level, &Control::default())
+        Map::bench(bencher, |Map { disparity, .. }, out| {
+            phasestereo::median::smooth(disparity, out, *level, &Control::default())
         });
     }
 }
@@ -628,8 +629,8 @@ mod subpixel {
 
     #[divan::bench(args = every())]
     fn smooth(bencher: Bencher, At(level): &At) {
-        Map::bench(bencher, |map| {
-            phasestereo::subpixel::smooth(&map.disparity, *level, &Control::default())
+        Map::bench(bencher, |Map { disparity, .. }, out| {
+            phasestereo::subpixel::smooth(disparity, out, *level, &Control::default())
         });
     }
 }
@@ -640,8 +641,8 @@ mod confidence {
 
     #[divan::bench(args = every())]
     fn confidences(bencher: Bencher, At(level): &At) {
-        Map::bench(bencher, |Map { disparity, votes, texture, .. }| {
-            Scene { disparity, votes, texture }.confidences(*level, &Control::default())
+        Map::bench(bencher, |Map { disparity, votes, texture, .. }, out| {
+            Scene { disparity, votes, texture }.confidences(out, *level, &Control::default())
         });
     }
 }

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 rendering.render_pair = cache(rendering.render_pair)
 
-ROOT_PAGES = ("CHANGELOG.md", "CONTRIBUTING.md")
+ROOT_PAGES = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")
 """Documents in the folder above, which are pages, too."""
 
 
@@ -36,5 +36,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for name in ROOT_PAGES:
         text = (Path(config.docs_dir).parent / name).read_text(encoding="utf-8")
         page = re.sub(r"\]\(docs/", "](", text)
+        page = re.sub(r"\]\(([A-Z]+\.md)", lambda link: link[0].lower(), page)
         files.append(File.generated(config, name.lower(), content=page))
     return files

@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 use crate::candidates::Candidates;
 use crate::control::Control;
-use crate::cost::Costs;
+use crate::cost::{Costs, steps_of};
 use crate::error::Result;
 use crate::memory::Memory;
 use crate::plane::Plane;
@@ -49,7 +49,7 @@ pub struct Window {
 }
 
 /// Largest sum over a window to the precision of bytes: two thirds of what a byte holds, so that it holds the
-/// cost of a jump, too.
+/// cost of a jump, too; where it does not, but would with one bit less, that is dropped as well.
 const LARGEST_BYTE_SUM: u64 = 170;
 
 impl Window {
@@ -62,11 +62,18 @@ impl Window {
     ) -> Self {
         let Settings { window: side, shiftable, .. } = *settings;
         let exact = Self { rows, cols, candidates, side, shiftable, ceiling, dropped: 0 };
-        let fits = |dropped| Self { dropped, ..exact }.largest_sum() <= LARGEST_BYTE_SUM;
+        let coarser = |dropped| Self { dropped, ..exact };
         match settings.precision {
             Precision::Full => exact,
             Precision::Byte => {
-                Self { dropped: (0..u32::BITS).find(|bits| fits(*bits)).unwrap_or(0), ..exact }
+                let is_small = |bits: &u32| coarser(*bits).largest_sum() <= LARGEST_BYTE_SUM;
+                let least = (0..u32::BITS).find(is_small).unwrap_or(0);
+                let fits = |bits: &u32| {
+                    let window = coarser(*bits);
+                    let p2 = settings.penalty.far * window.unit(steps_of(settings.cost));
+                    window.largest_sum() as f64 + p2.round() <= f64::from(u8::MAX)
+                };
+                coarser([least, least + 1].into_iter().find(fits).unwrap_or(least))
             }
         }
     }

@@ -15,14 +15,17 @@
 mod bank;
 mod bins;
 mod fit;
+mod glance;
 mod measured;
 mod parts;
 mod refine;
 mod regions;
 mod rough;
+mod search;
 mod spectrum;
+mod transform;
 
-use std::sync::OnceLock;
+use std::borrow::Cow;
 
 use rayon::prelude::*;
 
@@ -30,12 +33,15 @@ pub use self::bank::Side;
 use self::bank::bank;
 use self::bins::{SIDE, bins};
 use self::fit::{Evidence, Fit, Response};
+pub use self::glance::Glance;
 use self::measured::{look, measured};
-use self::parts::{Kept, Means, ROUGHEST, Rows};
+use self::parts::{Kept, Means, Part, ROUGHEST, Rows};
 use self::refine::refine;
 use self::regions::{Losses, MOST};
 use self::rough::{Scale, shades_per_unit};
-use self::spectrum::{Cross, Place, Powers, powers, response};
+use self::search::{Blocks, Choice, flat, searched};
+pub use self::spectrum::Place;
+use self::spectrum::{Cross, Powers, powers, response};
 use crate::control::Control;
 use crate::error::Result;
 use crate::matcher::{Execution, Matcher, Pair};
@@ -62,15 +68,14 @@ const LEAST_SPREAD: f64 = 0.6;
 const DOUBTFUL: f32 = 0.3;
 /// ... given this many blocks to measure it on
 const LEAST_BLOCKS: usize = 12;
+/// ... that are a good part of all: it takes another match, which is not worth it for a little of a large image
+const LEAST_PART: usize = 20;
 /// ... and unless what is measured explains them worse than the family by this factor.
 const MUCH_WORSE: f32 = 1.5;
-/// The least loss of what is not worth trying, nepers: what a blur of the wrong side costs, more or less. With 4, a
-/// few blocks that do not quite show the same outweigh all others.
-const UNTRIED: f32 = 1.0;
-/// An image that lacks so much more power than the other one is the softer one, nepers. Where blocks show next to
-/// nothing, either may seem to lack a little: trials of `bench blur` that are told a second kind of blur, with 0
-/// here and 4 above: 468 of 1308; with 0.3 and 4: 22.
-const CLEAR: f32 = 0.3;
+/// Of so many blocks one is tried with all blurs, whatever the others are explained by ...
+const SAMPLE: usize = 4;
+/// ... unless there would be fewer than this.
+const LEAST_SAMPLE: usize = 12;
 /// The least tenth of the blocks tells the noise.
 const QUIET: usize = 10;
 /// What the noise is more than in the quietest tenth of the blocks, in the quietest of eight directions:
@@ -103,10 +108,14 @@ pub struct Estimate {
     pub gain: f64,
     /// Standard deviations of the noise, left and right, in units of the pixels.
     pub noise: [f64; 2],
+    /// What a later pair of the same cameras is compared with.
+    pub glance: Glance,
 }
 
 /// A grid of tiles, and the blocks about their centres.
 struct Grid {
+    /// Side of a tile, pixels.
+    step: usize,
     rows: usize,
     cols: usize,
     places: Vec<Option<Place>>,
@@ -167,6 +176,26 @@ pub fn estimate_by_rows(
     matcher.install(|| Scene::new(Rows::Read(source), &source.rows(0..1)?, size, means)?.estimate())
 }
 
+/// Whether the blur of a pair is what it was in an earlier one that was estimated. Sizes that change by less than a fifth
+/// or so, and what comes on in less than a sixteenth of the image, are missed.
+pub fn is_as_before(
+    pair: &Pair,
+    before: &Glance,
+    matcher: &Matcher,
+    how: Execution,
+    control: &Control,
+) -> Result<bool> {
+    if !before.fits(pair.size()) {
+        return Ok(false);
+    }
+    matcher.install(|| {
+        let part = Part::new(0, Cow::Borrowed(pair), Means { matcher, how, control })?;
+        let images = part.shades.each_ref().map(|shades| &shades.plane);
+        let powers = powers(images, &before.places, how.level, control)?;
+        Ok(before.is_like(&Glance::new(before.places.clone(), &powers, pair.size())))
+    })
+}
+
 /// Whether there is room for a block.
 fn is_enough((rows, cols): (usize, usize)) -> bool {
     rows >= SIDE && cols >= SIDE
@@ -181,14 +210,15 @@ impl<'a> Scene<'a> {
     }
 
     fn estimate(&self) -> Result<Estimate> {
-        let grid = self.grid(self.spacing())?;
+        let grid = self.grid(self.spacing(), |_| true)?;
         let noise = grid.noise();
-        let losses = grid.losses(noise, &Choice::all(), self.means.how.level);
-        let chosen = losses.chosen();
-        let only = losses.only(&chosen);
+        let blocks = grid.blocks(noise, self.level());
+        let chosen = grid.searched(&blocks, self.level()).chosen();
+        let choices: Vec<Choice> = chosen.iter().map(|choice| Choice::at(*choice)).collect();
+        let only = grid.losses(&blocks, &choices, self.level());
         let mut kinds = Vec::new();
-        for (index, choice) in chosen.iter().enumerate() {
-            let (members, side) = (only.best_members(index), Choice::at(*choice).side);
+        for (index, Choice { side, .. }) in choices.into_iter().enumerate() {
+            let members = only.best_members(index);
             // What was chosen later may have taken all the tiles of what was chosen first.
             if side.is_none() || !members.is_empty() {
                 kinds.push(self.kind(&grid, &members, noise, side)?);
@@ -199,8 +229,18 @@ impl<'a> Scene<'a> {
             let nothing = Estimate::nothing(self.size);
             return Ok(Estimate { noise: self.in_units(noise), ..nothing });
         }
-        let map = if kinds.len() > 1 { self.map(&kinds, noise)? } else { Map::uniform(self.size) };
-        Ok(self.told(kinds, map, noise))
+        let map = if kinds.len() > 1 {
+            self.map(&kinds, noise, &grid, &blocks)?
+        } else {
+            Map::uniform(self.size)
+        };
+        let places = grid.places.into_iter().flatten().collect();
+        let glance = Glance::new(places, &grid.powers, self.size);
+        Ok(Estimate { glance, ..self.told(kinds, map, noise) })
+    }
+
+    fn level(&self) -> Level {
+        self.means.how.level
     }
 
     /// The spacing of the first blocks.
@@ -213,7 +253,8 @@ impl<'a> Scene<'a> {
         even(ENOUGH_BLOCKS).clamp(SPACING.0, SPACING.1.max(even(MOST_BLOCKS)))
     }
 
-    fn grid(&self, step: usize) -> Result<Grid> {
+    /// Tiles of so many pixels, and the blocks of those that are wanted, by row and column.
+    fn grid(&self, step: usize, is_wanted: impl Fn((usize, usize)) -> bool) -> Result<Grid> {
         let (height, width) = self.size;
         let corner = |tile: usize, length: usize| {
             (tile * step + step / 2).saturating_sub(SIDE / 2).min(length - SIDE)
@@ -222,16 +263,18 @@ impl<'a> Scene<'a> {
         let tops: Vec<usize> = (0..rows).map(|y| corner(y, height)).collect();
         let (mut places, mut found) = (vec![], vec![]);
         self.rows.look(&tops, ROUGHEST, self.means, |part, rough, rows| {
-            let corners =
-                tops[rows].iter().flat_map(|top| (0..cols).map(|x| (*top, corner(x, width))));
-            let new: Vec<_> = corners.map(|(top, left)| part.place(rough, top, left)).collect();
+            let tiles = rows.flat_map(|y| (0..cols).map(move |x| (y, x)));
+            let place = |(y, x): (usize, usize)| {
+                is_wanted((y, x)).then(|| part.place(rough, tops[y], corner(x, width)))?
+            };
+            let new: Vec<_> = tiles.map(place).collect();
             let images = part.shades.each_ref().map(|shades| &shades.plane);
             let there = part.local(new.iter().flatten());
-            found.extend(powers(images, &there, self.means.control)?);
+            found.extend(powers(images, &there, self.level(), self.means.control)?);
             places.extend(new);
             Ok(())
         })?;
-        Ok(Grid { rows, cols, places, powers: found })
+        Ok(Grid { step, rows, cols, places, powers: found })
     }
 
     /// What the blocks of these tiles say together.
@@ -243,10 +286,11 @@ impl<'a> Scene<'a> {
         side: Option<Side>,
     ) -> Result<Kind> {
         let powers = grid.together(tiles);
-        let none = Kind::none(&powers, noise, self.means.how.level);
+        let none = Kind::none(&powers, noise, self.level());
         let Some(side) = side else { return Ok(none) };
-        let evidence = Evidence::new(&powers, noise, side.index());
-        let found = refine(&evidence, self.means.how.level);
+        let [left, right] = Evidence::of_both(&powers, noise, self.level());
+        let evidence = if side == Side::Left { left } else { right };
+        let found = refine(&evidence, self.level());
         if found.entry.psf.spread() < LEAST_SPREAD && found.fit.loss <= DOUBTFUL {
             return Ok(none);
         }
@@ -256,10 +300,11 @@ impl<'a> Scene<'a> {
             taps: Some(found.entry.psf.taps()),
         };
         let family = Kind { blur, response: found.entry.response, fit: found.fit, powers };
-        if family.fit.loss <= DOUBTFUL || tiles.len() < LEAST_BLOCKS {
+        let least = LEAST_BLOCKS.max(grid.powers.len() / LEAST_PART);
+        if family.fit.loss <= DOUBTFUL || tiles.len() < least {
             return Ok(family);
         }
-        self.measured(grid, tiles, noise, family)
+        self.measured(grid, tiles, &evidence, family)
     }
 
     /// The kernel as it is measured, if it explains the powers much better than the family does.
@@ -267,7 +312,7 @@ impl<'a> Scene<'a> {
         &self,
         grid: &Grid,
         tiles: &[usize],
-        noise: [f32; 2],
+        evidence: &Evidence,
         family: Kind,
     ) -> Result<Kind> {
         let Some(side) = family.blur.side else { return Ok(family) };
@@ -281,12 +326,18 @@ impl<'a> Scene<'a> {
         self.rows.look(&rows, ROUGH, self.means, |part, rough, looked| {
             let here = &rows[looked];
             let there = places.iter().filter(|place| here.contains(&place.top));
-            look(&part.shades, rough, &part.local(there), &mut sums, self.means.control)
+            look(
+                &part.shades,
+                rough,
+                &part.local(there),
+                &mut sums,
+                self.level(),
+                self.means.control,
+            )
         })?;
-        let Some(taps) = measured(&sums, side) else { return Ok(family) };
-        let response = response(&taps);
-        let evidence = Evidence::new(&family.powers, noise, side.index());
-        let fit = evidence.fit(&response, self.means.how.level);
+        let Some(taps) = measured(&sums, side, self.level()) else { return Ok(family) };
+        let response = response(&taps, self.level());
+        let fit = evidence.fit(&response, self.level());
         if fit.loss > MUCH_WORSE * family.fit.loss {
             return Ok(family);
         }
@@ -294,18 +345,24 @@ impl<'a> Scene<'a> {
         Ok(Kind { blur, response, fit, powers: family.powers })
     }
 
-    /// The map of the kinds.
-    fn map(&self, kinds: &[Kind], noise: [f32; 2]) -> Result<Map> {
-        let (rows, cols) = self.size;
+    /// The map of the kinds: finer than the first blocks where these are not all of one kind.
+    fn map(&self, kinds: &[Kind], noise: [f32; 2], first: &Grid, blocks: &[Blocks]) -> Result<Map> {
+        let ((rows, cols), choices) = (self.size, choices(kinds));
         let even = ((rows * cols / MOST_TILES) as f64).sqrt() as usize;
         let tile = even.next_multiple_of(TILE).max(TILE);
-        let grid = self.grid(tile)?;
-        let choices: Vec<Choice> = kinds
-            .iter()
-            .map(|kind| Choice { side: kind.blur.side, response: &kind.response })
-            .collect();
-        let losses = grid.losses(noise, &choices, self.means.how.level).steadied();
-        Ok(Map { rows: grid.rows, cols: grid.cols, labels: losses.labels(), tile })
+        let rough = first.losses(blocks, &choices, self.level());
+        let at = |length: usize| (length * tile + tile / 2) / first.step;
+        let around = |(y, x)| at(y).min(first.rows - 1) * first.cols + at(x).min(first.cols - 1);
+        let grid = self.grid(tile, |place| rough.is_boundary(around(place)))?;
+        let mut losses = grid.losses(&grid.blocks(noise, self.level()), &choices, self.level());
+        for (index, tile) in losses.values.chunks_mut(choices.len()).enumerate() {
+            let there = around((index / grid.cols, index % grid.cols));
+            if !rough.is_boundary(there) {
+                tile.copy_from_slice(rough.of(there));
+            }
+        }
+        let labels = losses.steadied().labels();
+        Ok(Map { rows: grid.rows, cols: grid.cols, labels, tile })
     }
 
     fn in_units(&self, noise: [f32; 2]) -> [f64; 2] {
@@ -317,45 +374,18 @@ impl<'a> Scene<'a> {
         let first = &kinds[order[0]];
         let units = self.units[1] / self.units[0];
         let gain = match first.blur.side {
-            Some(Side::Right) => 1.0 / f64::from(first.fit.gain).sqrt(),
-            _ => f64::from(first.fit.gain).sqrt(),
+            Some(Side::Right) => 1.0 / f64::from(first.fit.gain()).sqrt(),
+            _ => f64::from(first.fit.gain()).sqrt(),
         };
         Estimate {
-            certainty: first.certainty(noise, self.means.how.level),
+            certainty: first.certainty(noise, self.level()),
             gain: gain * units,
             noise: self.in_units(noise),
             blurs: order.iter().map(|kind| kinds[*kind].blur.clone()).collect(),
             labels: (map.rows, map.cols, map.labels),
             tile: map.tile,
+            glance: Glance::default(),
         }
-    }
-}
-
-/// A blur to choose: of a side, or none.
-#[derive(Debug, Clone, Copy)]
-struct Choice<'a> {
-    side: Option<Side>,
-    response: &'a Response,
-}
-
-/// The response of no blur.
-fn flat() -> &'static Response {
-    static FLAT: OnceLock<Response> = OnceLock::new();
-    FLAT.get_or_init(Response::flat)
-}
-
-impl Choice<'static> {
-    /// None, then every blur of the bank for the left image, then for the right one.
-    fn all() -> Vec<Self> {
-        (0..=2 * bank().len()).map(Self::at).collect()
-    }
-
-    fn at(index: usize) -> Self {
-        let Some(blurred) = index.checked_sub(1) else {
-            return Self { side: None, response: flat() };
-        };
-        let side = if blurred < bank().len() { Side::Left } else { Side::Right };
-        Self { side: Some(side), response: &bank()[blurred % bank().len()].response }
     }
 }
 
@@ -373,18 +403,39 @@ impl Grid {
         })
     }
 
+    /// What the pairs of blocks have to say.
+    fn blocks(&self, noise: [f32; 2], level: Level) -> Vec<Blocks> {
+        self.powers.par_iter().map(|powers| Blocks::new(powers, noise, level)).collect()
+    }
+
     /// How badly every choice explains every tile.
-    fn losses(&self, noise: [f32; 2], choices: &[Choice], level: Level) -> Losses {
-        let judged: Vec<Vec<f32>> =
-            self.powers.par_iter().map(|powers| losses_of(powers, noise, choices, level)).collect();
-        let mut judged = judged.into_iter();
-        let untold = vec![f32::INFINITY; choices.len()];
-        let tiles = self.places.iter().flat_map(|place| match place {
-            Some(_) => judged.next().unwrap_or_default(),
-            None => untold.clone(),
+    fn losses(&self, blocks: &[Blocks], choices: &[Choice], level: Level) -> Losses {
+        let of = |blocks: &Blocks| -> Vec<f32> {
+            choices.iter().map(|choice| blocks.loss(*choice, level)).collect()
+        };
+        self.on_tiles(choices.len(), blocks.par_iter().map(of).collect())
+    }
+
+    /// How badly each of all blurs explains every tile, where it is worth trying.
+    fn searched(&self, blocks: &[Blocks], level: Level) -> Losses {
+        let told = self.places.iter().enumerate().filter(|(_, place)| place.is_some());
+        // As the bishops of chess, so that every row and every column has some.
+        let is_sample = told.map(|(tile, _)| {
+            let (y, x) = (tile / self.cols, tile % self.cols);
+            blocks.len() <= LEAST_SAMPLE * SAMPLE || (x + 2 * y).is_multiple_of(SAMPLE)
         });
-        let values = tiles.collect();
-        Losses { rows: self.rows, cols: self.cols, choices: choices.len(), values }
+        let is_sample: Vec<bool> = is_sample.collect();
+        self.on_tiles(1 + 2 * bank().len(), searched(blocks, &is_sample, level))
+    }
+
+    /// Losses of blocks as those of the tiles; some have none.
+    fn on_tiles(&self, choices: usize, losses: Vec<Vec<f32>>) -> Losses {
+        let (mut losses, untold) = (losses.into_iter(), vec![f32::INFINITY; choices]);
+        let of_tile = |place: &Option<Place>| {
+            place.and_then(|_| losses.next()).unwrap_or_else(|| untold.clone())
+        };
+        let values = self.places.iter().flat_map(of_tile).collect();
+        Losses { rows: self.rows, cols: self.cols, choices, values }
     }
 
     /// The sums of the powers of these tiles, all of which have blocks.
@@ -410,48 +461,26 @@ impl Grid {
     }
 }
 
-/// How badly every choice explains a pair of blocks. Of many choices, those for an image that clearly lacks less
-/// power than the other one are not tried.
-fn losses_of(powers: &Powers, noise: [f32; 2], choices: &[Choice], level: Level) -> Vec<f32> {
-    let evidence = [0, 1].map(|side| Evidence::new(powers, noise, side));
-    let tried = if choices.len() > MOST { may_be_softer(&evidence) } else { [true; 2] };
-    let none = unblurred(&evidence, level).loss;
-    let of = |choice: &Choice| match choice.side.map(Side::index) {
-        None => none,
-        Some(side) if !tried[side] => none.max(UNTRIED),
-        Some(side) => evidence[side].fit(choice.response, level).loss,
-    };
-    choices.iter().map(of).collect()
-}
-
-/// Which of both blocks may be the softer one.
-fn may_be_softer(evidence: &[Evidence; 2]) -> [bool; 2] {
-    let [left, right] = [0, 1].map(|side| evidence[side].lack());
-    [right - left <= CLEAR, left - right <= CLEAR]
-}
-
-/// How no blur explains a pair of blocks, with the mean of the losses that the left block has from the right one
-/// and the other way round: what one of them lacks may look like noise of the other one, but not both ways.
-fn unblurred(evidence: &[Evidence; 2], level: Level) -> Fit {
-    let [left, right] = [0, 1].map(|side| evidence[side].fit(flat(), level));
-    Fit { loss: 0.5 * (left.loss + right.loss), gain: left.gain }
-}
-
 impl Kind {
     fn none(powers: &Powers, noise: [f32; 2], level: Level) -> Self {
         let blur = Blur { side: None, psf: None, taps: None };
-        let fit = unblurred(&[0, 1].map(|side| Evidence::new(powers, noise, side)), level);
+        let fit = Blocks::new(powers, noise, level).none();
         Self { blur, response: flat().clone(), fit, powers: powers.clone() }
     }
 
     /// By how much its blocks are explained better than by its contrary: no blur, or any blur.
     fn certainty(&self, noise: [f32; 2], level: Level) -> f32 {
-        let choices = if self.blur.side.is_some() { vec![Choice::at(0)] } else { Choice::all() };
-        let losses = losses_of(&self.powers, noise, &choices, level);
-        let blurs = if self.blur.side.is_some() { &losses[..] } else { &losses[1..] };
-        let contrary = blurs.iter().copied().fold(f32::INFINITY, f32::min);
+        let blocks = Blocks::new(&self.powers, noise, level);
+        let contrary = match self.blur.side {
+            Some(_) => blocks.none().loss,
+            None => blocks.losses(level)[1..].iter().copied().fold(f32::INFINITY, f32::min),
+        };
         (1.0 - self.fit.loss / contrary.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
     }
+}
+
+fn choices(kinds: &[Kind]) -> Vec<Choice<'_>> {
+    kinds.iter().map(|kind| Choice { side: kind.blur.side, response: &kind.response }).collect()
 }
 
 /// Keeps one of the kinds that came out as no blur.
@@ -500,6 +529,7 @@ impl Estimate {
             certainty: 0.0,
             gain: 1.0,
             noise: [0.0; 2],
+            glance: Glance::default(),
         }
     }
 }
@@ -507,57 +537,6 @@ impl Estimate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::psf::Family;
-
-    /// Powers of a pair whose left block is blurred by one of the bank, or not.
-    fn spectra(blur: Option<usize>, noise: f32) -> Powers {
-        let scene: Vec<f32> = (0..bins().count()).map(|bin| 400.0 / (1.0 + bin as f32)).collect();
-        let soft = match blur {
-            Some(entry) => {
-                let psf = bank()[entry].psf;
-                let left = response(&psf.taps());
-                scene.iter().zip(left.values()).map(|(power, left)| power * left).collect()
-            }
-            None => scene.clone(),
-        };
-        let seen = |all: Vec<f32>| all.into_iter().map(|power| power + noise).collect();
-        Powers { binned: [seen(soft), seen(scene)], least_high: [0.0; 2] }
-    }
-
-    fn swapped(powers: &Powers) -> Powers {
-        let [left, right] = powers.binned.clone();
-        Powers { binned: [right, left], least_high: powers.least_high }
-    }
-
-    #[test]
-    fn losses_of_swapped_blocks_are_swapped() {
-        let (count, level) = (bank().len(), Level::best());
-        for (blur, noise) in [(None, [0.1, 0.1]), (Some(4), [0.1, 3.0]), (Some(40), [2.0, 0.1])] {
-            let pair = spectra(blur, 0.1);
-            let [left, right] = noise;
-            let losses = losses_of(&pair, noise, &Choice::all(), level);
-            let others = losses_of(&swapped(&pair), [right, left], &Choice::all(), level);
-            assert_eq!(losses[..1], others[..1]);
-            assert_eq!(losses[1..=count], others[count + 1..]);
-            assert_eq!(losses[count + 1..], others[1..=count]);
-        }
-    }
-
-    #[test]
-    fn of_many_choices_those_of_the_clearly_sharper_image_are_not_tried() {
-        let (count, level) = (bank().len(), Level::best());
-        let disk = bank().iter().position(|entry| entry.psf.family == Family::Disk);
-        let of =
-            |blur, choices: &[Choice]| losses_of(&spectra(blur, 0.1), [0.1; 2], choices, level);
-        let soft = of(disk, &Choice::all());
-        assert!(soft[1..=count].iter().all(|loss| *loss <= 2.0));
-        assert!(
-            soft[count + 1..].iter().all(|loss| loss.to_bits() == soft[0].max(UNTRIED).to_bits())
-        );
-        assert!(of(None, &Choice::all()).iter().all(|loss| *loss <= 2.0), "neither is");
-        let few = [Choice::at(0), Choice::at(1), Choice::at(count + 1)];
-        assert!(of(disk, &few).iter().all(|loss| *loss <= 2.0), "each of a few is tried");
-    }
 
     #[test]
     fn kinds_are_numbered_by_area_and_those_of_none_left_out() {

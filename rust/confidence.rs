@@ -76,10 +76,10 @@ pub struct Scene<'a> {
 
 impl Scene<'_> {
     /// The confidence of every disparity; 0 where there is none.
-    pub fn confidences(&self, level: Level, control: &Control) -> Result<Plane<f32>> {
-        let (rows, cols) = (self.disparity.rows(), self.disparity.cols());
+    pub fn confidences(&self, out: &mut Plane<f32>, level: Level, control: &Control) -> Result<()> {
+        let cols = self.disparity.cols();
         let similar = similar(self.texture.roughness);
-        Plane::by_bands((rows, cols), ROWS, |first, band| {
+        out.write_bands(ROWS, |first, band| {
             control.checkpoint()?;
             let mut weights = zeroed(cols)?;
             for (y, sums) in (first..).zip(band.chunks_mut(cols)) {

@@ -26,10 +26,12 @@ pub struct Choices<'a> {
 /// Checks one row after another; its memory is used again.
 #[derive(Debug, Default)]
 pub struct Checker {
+    /// The right column that was chosen for each left pixel; beyond the image where there is none.
+    columns: Memory<u32>,
     /// For every right pixel cost and column of its owner, so that the least of these numbers is the best:
     /// of equal costs that of the largest disparity, since the nearer surface hides the other.
     owners: Memory<u64>,
-    /// Whether each left pixel is consistent with the owner of its match.
+    /// Whether each left pixel, and one more on either side, is consistent with the owner of its match.
     consistent: Memory<bool>,
 }
 
@@ -41,45 +43,52 @@ impl Checker {
     /// occlusions this tells 67 % of the flagged pixels rightly; whether the owner is the nearer one, 47 %.
     pub fn check(&mut self, choices: Choices, most: u16, flags: &mut [u16]) -> Result<()> {
         let cols = choices.chosen.len();
+        self.columns.room(cols)?;
         self.owners.room(cols)?;
-        self.consistent.room(cols)?;
-        self.claim(choices, flags);
-        for (x, flags) in flags.iter_mut().enumerate() {
-            let matched = choices.matched(x, *flags);
-            let owner = matched.map(|column| u32::MAX - self.owners[column] as u32);
-            let difference =
-                owner.map(|owner| choices.chosen[owner as usize].abs_diff(choices.chosen[x]));
-            self.consistent[x] = difference.is_some_and(|difference| difference <= most);
-            if difference.is_some_and(|difference| difference > most) {
-                *flags |= flag::MISMATCHED;
+        self.consistent.room(cols + 2)?;
+        self.find_columns(choices, flags);
+        self.claim(choices.costs);
+        self.consistent.fill(false);
+        for (x, (&column, flags)) in self.columns.iter().zip(&mut *flags).enumerate() {
+            if let Some(&owner) = self.owners.get(column as usize) {
+                // Of pixels with one match, disparities differ by as much as columns do.
+                let is_consistent = column_of(owner).abs_diff(x as u32) <= most.into();
+                self.consistent[x + 1] = is_consistent;
+                *flags |= if is_consistent { 0 } else { flag::MISMATCHED };
             }
         }
-        for (x, flags) in flags.iter_mut().enumerate() {
-            let beside = &self.consistent[x.saturating_sub(1)..(x + 2).min(cols)];
-            if *flags & flag::MISMATCHED != 0 && !beside.contains(&true) {
-                *flags ^= flag::MISMATCHED | flag::OCCLUDED;
-            }
+        let [before, after] = [0, 2].map(|first| &self.consistent[first..][..cols]);
+        for ((flags, before), after) in flags.iter_mut().zip(before).zip(after) {
+            let is_hidden = (*flags & flag::MISMATCHED != 0) & !(before | after);
+            *flags ^= if is_hidden { flag::MISMATCHED | flag::OCCLUDED } else { 0 };
         }
         Ok(())
     }
 
+    /// Finds the right columns that were chosen.
+    fn find_columns(&mut self, choices: Choices, flags: &[u16]) {
+        let (min, cols) = (choices.candidates.min() as i32, choices.chosen.len() as u32);
+        let pixels = self.columns.iter_mut().zip(choices.chosen).zip(flags);
+        for (x, ((column, &chosen), &flags)) in (0..).zip(pixels) {
+            // What is to the left of the image is beyond it, too, as a number without a sign.
+            let chosen = (x - min - i32::from(chosen)) as u32;
+            let is_matched = (flags & UNMATCHED == 0) & (chosen < cols);
+            *column = if is_matched { chosen } else { u32::MAX };
+        }
+    }
+
     /// Finds the owners of the right pixels.
-    fn claim(&mut self, choices: Choices, flags: &[u16]) {
+    fn claim(&mut self, costs: &[u32]) {
         self.owners.fill(u64::MAX);
-        for (x, (&cost, &flags)) in choices.costs.iter().zip(flags).enumerate() {
-            if let Some(column) = choices.matched(x, flags) {
-                let claim = u64::from(cost) << 32 | u64::from(u32::MAX - x as u32);
-                self.owners[column] = self.owners[column].min(claim);
+        for (x, (&column, &cost)) in (0..).zip(self.columns.iter().zip(costs)) {
+            if let Some(owner) = self.owners.get_mut(column as usize) {
+                *owner = (*owner).min(u64::from(cost) << 32 | u64::from(u32::MAX - x));
             }
         }
     }
 }
 
-impl Choices<'_> {
-    /// The right column that was chosen for left column `x` with these flags; `None`: there is none.
-    fn matched(&self, x: usize, flags: u16) -> Option<usize> {
-        let is_outside = self.candidates.is_outside(x, self.chosen[x].into(), self.chosen.len());
-        let is_matched = flags & UNMATCHED == 0 && !is_outside;
-        is_matched.then(|| self.candidates.column(x, self.chosen[x].into(), self.chosen.len()))
-    }
+/// The left column in a claim.
+fn column_of(claim: u64) -> u32 {
+    u32::MAX - claim as u32
 }

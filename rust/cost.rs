@@ -52,6 +52,15 @@ enum Compared<'a> {
     Volume(&'a Plane<u16>),
 }
 
+/// Steps of the cost to the unit of the penalties.
+pub fn steps_of(cost: CostKind) -> u16 {
+    match cost {
+        CostKind::Phase => 1,
+        CostKind::Sad => LEVEL_STEPS,
+        CostKind::NormalisedSad => DEVIATION_STEPS,
+    }
+}
+
 /// Codes, one plane for each of their bytes: of the left image, each of the version that its pixel is compared in, and
 /// of every version of the unrolled right one; with several of these, which of them it is.
 struct PairCodes {
@@ -73,14 +82,14 @@ impl<'a> Costs<'a> {
         if settings.cost != CostKind::Phase && versions.is_some_and(Versions::has_kernels) {
             return Err(Error::value("equalisation", "kernels for another cost", "cost='phase'"));
         }
-        let (compared, ceiling, steps) = match settings.cost {
+        let (compared, ceiling) = match settings.cost {
             CostKind::Phase => {
                 let codes = PairCodes::new(views, candidates, settings, versions, level, control)?;
-                (Compared::Codes(codes), settings.code_length() as u16, 1)
+                (Compared::Codes(codes), settings.code_length() as u16)
             }
             CostKind::Sad => {
                 let channels = level_planes(views, settings.intensity_range, control)?;
-                absolute_differences(channels, candidates, LEVEL_CEILING, LEVEL_STEPS)?
+                absolute_differences(channels, candidates, LEVEL_CEILING)?
             }
             CostKind::NormalisedSad => {
                 let [left, right] = level_planes(views, settings.intensity_range, control)?;
@@ -88,12 +97,13 @@ impl<'a> Costs<'a> {
                     side.iter().map(|plane| normalise(plane, settings.window, control)).collect()
                 };
                 let channels = [normalised(left)?, normalised(right)?];
-                absolute_differences(channels, candidates, DEVIATION_CEILING, DEVIATION_STEPS)?
+                absolute_differences(channels, candidates, DEVIATION_CEILING)?
             }
         };
         let (rows, cols, _) = views[0].image.shape();
         let votes = Votes::new(views, candidates);
         let valid = votes.as_ref().map(|votes| valid(votes, (rows, cols), candidates)).transpose()?;
+        let steps = steps_of(settings.cost);
         Ok(Self { compared, candidates, cols, ceiling, steps, votes, valid })
     }
 
@@ -362,13 +372,12 @@ fn absolute_differences<'a>(
     [left, right]: [Vec<Plane<u16>>; 2],
     candidates: Candidates,
     ceiling: u16,
-    steps: u16,
-) -> Result<(Compared<'a>, u16, u16)> {
+) -> Result<(Compared<'a>, u16)> {
     let unrolled = |right: Plane<u16>| unroll(&right, candidates, |level| level);
     let channels = left.into_iter().zip(right).map(|(left, right)| Ok([left, unrolled(right)?]));
     let channels: Vec<_> = channels.collect::<Result<_>>()?;
     let ceiling = ceiling * channels.len() as u16;
-    Ok((Compared::Levels(channels), ceiling, steps))
+    Ok((Compared::Levels(channels), ceiling))
 }
 
 /// All costs of a row.

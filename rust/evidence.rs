@@ -29,7 +29,7 @@ pub struct Evidence {
     offset: Memory<f32>,
 }
 
-/// What was found of a row: the fields of [`Found`].
+/// What was found of neighboring pixels: the fields of [`Found`].
 #[derive(Debug, Clone, Copy)]
 #[expect(missing_docs, reason = "they are those of Found")]
 pub struct EvidenceRow<'a> {
@@ -49,14 +49,14 @@ impl Evidence {
         self.offset.room(rows * cols)
     }
 
-    /// Writes what was found of a pixel.
+    /// Writes what was found of neighboring pixels of a row, from column `first` on.
     #[inline(always)]
-    pub fn set(&mut self, row: usize, x: usize, found: Found) {
-        let place = row * self.cols + x;
-        self.chosen[place] = found.chosen;
-        self.own[place] = found.own;
-        self.elsewhere[place] = found.elsewhere;
-        self.offset[place] = found.offset;
+    pub fn set(&mut self, row: usize, first: usize, found: EvidenceRow) {
+        let places = row * self.cols + first..row * self.cols + first + found.chosen.len();
+        self.chosen[places.clone()].copy_from_slice(found.chosen);
+        self.own[places.clone()].copy_from_slice(found.own);
+        self.elsewhere[places.clone()].copy_from_slice(found.elsewhere);
+        self.offset[places].copy_from_slice(found.offset);
     }
 
     /// What was found of a row.

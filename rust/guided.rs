@@ -8,10 +8,8 @@ use std::array::from_fn;
 
 use crate::control::Control;
 use crate::error::Result;
-use crate::median::{
-    BAND, LANES, Lanes, NONE, Padded, disparity as disparity_of, key, lanes, median25,
-};
-use crate::plane::Plane;
+use crate::median::{LANES, Lanes, NONE, disparity as disparity_of, keys_of, lanes, median25};
+use crate::plane::{Plane, parts};
 use crate::simd::{Kernel, Level};
 use crate::texture::{Roughness, Texture};
 
@@ -27,6 +25,10 @@ pub const JUMP: f32 = 1.0;
 /// Pixels of a window in a row, and in all.
 const SIDE: usize = 2 * REACH / STRIDE + 1;
 const PLACES: usize = SIDE * SIDE;
+/// Columns that the windows of neighbouring pixels reach.
+const SPAN: usize = LANES + 2 * REACH;
+/// Rows of a band: of those about it, jumps are looked for again.
+const BAND: usize = 32;
 
 /// The map with the median of like pixels near jumps (of two in the middle the smaller disparity, which is that
 /// of the background). Like are pixels whose gray values differ by no more than those of neighbours in the
@@ -34,23 +36,29 @@ const PLACES: usize = SIDE * SIDE;
 pub fn guide(
     disparity: &Plane<f32>,
     texture: &Texture,
+    guided: &mut Plane<f32>,
     level: Level,
     control: &Control,
-) -> Result<Plane<f32>> {
-    let size = (disparity.rows(), disparity.cols());
+) -> Result<()> {
+    let (rows, cols) = (disparity.rows(), disparity.cols());
     let tolerance = likeness(texture.roughness);
-    Plane::by_bands(size, BAND, |first, out| {
+    guided.write_bands(BAND, |first, band| {
         control.checkpoint()?;
-        let count = out.len() / size.1;
-        let rows = first as isize - REACH as isize..(first + count + REACH) as isize;
-        let near = near_jumps(disparity, first, count);
-        let keys = Padded::new(disparity, rows.clone(), REACH, key, |_| NONE)?;
-        let grays = Padded::new(&texture.gray, rows, REACH, |gray| gray, |gray| gray)?;
-        let rows = out.chunks_mut(size.1).zip(near.chunks(size.1)).enumerate();
-        for (y, (out, near)) in rows {
-            let keys = from_fn(|row| keys.row(y + row * STRIDE));
-            let grays = from_fn(|row| grays.row(y + row * STRIDE));
-            level.run(Guide { keys, grays, near, tolerance, out });
+        let count = band.len() / cols;
+        // From row `first - REACH` on.
+        let mut jumps = vec![0; (count + 2 * REACH) * cols];
+        for (y, jumps) in (first..).zip(jumps.chunks_mut(cols)) {
+            if let Some(y) = y.checked_sub(REACH).filter(|y| *y < rows) {
+                let (here, below) = (disparity.row(y), disparity.row((y + 1).min(rows - 1)));
+                level.run(Mark { here, below, jumps });
+            }
+        }
+        for (y, out) in band.chunks_mut(cols).enumerate() {
+            let near = from_fn(|row| &jumps[(y + row) * cols..][..cols]);
+            let row = |k: usize| (first + y + k * STRIDE) as isize - REACH as isize;
+            let disparity = from_fn(|k| disparity.row_or_nothing(row(k)));
+            let gray = from_fn(|k| texture.gray.row_or_nothing(row(k)));
+            level.run(Guide { disparity, gray, near, tolerance, out });
         }
         Ok(())
     })
@@ -61,41 +69,45 @@ pub fn likeness(roughness: Roughness) -> i32 {
     roughness.ceiling() as i32
 }
 
-/// Which pixels of `count` rows have one within reach that differs from its right or lower neighbour by a jump:
-/// bytes that are not 0.
-fn near_jumps(disparity: &Plane<f32>, first: usize, count: usize) -> Vec<u8> {
-    let (rows, cols) = (disparity.rows(), disparity.cols());
-    let mut near = vec![0; count * cols];
-    let (mut jumps, mut wide) = (vec![0; cols + 2 * REACH], vec![0; cols]);
-    for y in first.saturating_sub(REACH)..(first + count + REACH).min(rows) {
-        let (here, below) = (disparity.row(y), disparity.row((y + 1).min(rows - 1)));
-        let inside = &mut jumps[REACH..][..cols];
-        for (jump, (a, b)) in inside.iter_mut().zip(here.iter().zip(below)) {
-            *jump = u8::from((a - b).abs() > JUMP);
-        }
-        for (jump, (a, b)) in inside.iter_mut().zip(here.iter().zip(&here[1..])) {
-            *jump |= u8::from((a - b).abs() > JUMP);
-        }
-        wide.fill(0);
-        (0..=2 * REACH).for_each(|shift| mark(&mut wide, &jumps[shift..]));
-        let last = (y + REACH + 1).saturating_sub(first).min(count);
-        for y in y.saturating_sub(first + REACH)..last {
-            mark(&mut near[y * cols..][..cols], &wide);
+/// Which pixels of a row are within reach of one, in that row, that differs from its right or lower neighbour by a
+/// jump: bytes that are not 0.
+struct Mark<'a> {
+    here: &'a [f32],
+    below: &'a [f32],
+    jumps: &'a mut [u8],
+}
+
+impl Kernel for Mark<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let mut room = [[0.0; SPAN + 1]; 2];
+        for (index, out) in self.jumps.chunks_mut(LANES).enumerate() {
+            let first = (index * LANES) as isize - REACH as isize;
+            let [here, below] = parts([self.here, self.below], first, &mut room, |_, _| f32::NAN);
+            let (here, next, below) = (&here[..SPAN], &here[1..][..SPAN], &below[..SPAN]);
+            let mut jump = [0; SPAN];
+            for j in 0..SPAN {
+                let steps = [(here[j] - below[j]).abs(), (here[j] - next[j]).abs()];
+                jump[j] = u8::from((steps[0] > JUMP) | (steps[1] > JUMP));
+            }
+            let mut near = [0; LANES];
+            for away in 0..=2 * REACH {
+                for j in 0..LANES {
+                    near[j] |= jump[away + j];
+                }
+            }
+            out.copy_from_slice(&near[..out.len()]);
         }
     }
-    near
 }
 
-fn mark(marks: &mut [u8], others: &[u8]) {
-    marks.iter_mut().zip(others).for_each(|(mark, other)| *mark |= other);
-}
-
-/// One row, from those that its windows look at, with as many more columns on either side as they reach.
+/// One row, from those that its windows look at, and from what [`Mark`] tells of all within reach.
 struct Guide<'a> {
-    /// Of disparities; none beside the image.
-    keys: [&'a [i32]; SIDE],
-    grays: [&'a [i32]; SIDE],
-    near: &'a [u8],
+    disparity: [&'a [f32]; SIDE],
+    gray: [&'a [i32]; SIDE],
+    near: [&'a [u8]; 2 * REACH + 1],
     tolerance: i32,
     out: &'a mut [f32],
 }
@@ -105,35 +117,47 @@ impl Kernel for Guide<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let chunks = self.out.chunks_mut(LANES).zip(self.near.chunks(LANES));
-        for (chunk, (out, near)) in chunks.enumerate() {
-            let x = chunk * LANES;
-            let centre = lanes(self.keys[SIDE / 2], x + REACH);
-            let mut guided = centre;
-            if near.iter().any(|&near| near != 0) {
-                let median = median25(like(self.keys, self.grays, x, self.tolerance));
-                for (j, &near) in near.iter().enumerate() {
-                    guided[j] =
-                        if (near != 0) & (centre[j] != NONE) { median[j] } else { centre[j] };
+        let (mut room, mut gray_room) = ([[0.0; SPAN]; SIDE], [[0; SPAN]; SIDE]);
+        let mut near_room = [[0; LANES]; 2 * REACH + 1];
+        for (index, out) in self.out.chunks_mut(LANES).enumerate() {
+            let x = index * LANES;
+            let mut near = [0; LANES];
+            for row in parts(self.near, x as isize, &mut near_room, |_, _| 0) {
+                let row = &row[..LANES];
+                for j in 0..LANES {
+                    near[j] |= row[j];
                 }
             }
-            for (out, &key) in out.iter_mut().zip(&guided) {
-                *out = disparity_of(key);
+            if near == [0; LANES] {
+                out.copy_from_slice(&self.disparity[SIDE / 2][x..][..out.len()]);
+                continue;
             }
+            let first = x as isize - REACH as isize;
+            let keys = keys_of(parts(self.disparity, first, &mut room, |_, _| f32::NAN));
+            let grays = parts(self.gray, first, &mut gray_room, |_, _| 0);
+            let median = median25(like(&keys, grays, self.tolerance));
+            let centre = lanes(&keys[SIDE / 2], REACH);
+            let mut guided = [0.0; LANES];
+            for j in 0..LANES {
+                let is_guided = (near[j] != 0) & (centre[j] != NONE);
+                guided[j] = disparity_of(if is_guided { median[j] } else { centre[j] });
+            }
+            out.copy_from_slice(&guided[..out.len()]);
         }
     }
 }
 
-/// The keys in the windows of the pixels from `x` on; in place of those that do not count in turn one below and
+/// The keys in the windows of neighbouring pixels; in place of those that do not count in turn one below and
 /// one above all, so that what is in the middle stays there.
 #[inline(always)]
-fn like(keys: [&[i32]; SIDE], grays: [&[i32]; SIDE], x: usize, tolerance: i32) -> [Lanes; PLACES] {
-    let centre = lanes(grays[SIDE / 2], x + REACH);
+fn like(keys: &[[i32; SPAN]; SIDE], grays: [&[i32]; SIDE], tolerance: i32) -> [Lanes; PLACES] {
+    let centre = lanes(grays[SIDE / 2], REACH);
     let mut far = [i32::MIN; LANES];
     let mut kept = [[NONE; LANES]; PLACES];
     for (place, kept) in kept.iter_mut().enumerate() {
-        let column = x + place % SIDE * STRIDE;
-        let (key, gray) = (lanes(keys[place / SIDE], column), lanes(grays[place / SIDE], column));
+        let column = place % SIDE * STRIDE;
+        let key = lanes(&keys[place / SIDE], column);
+        let gray = lanes(grays[place / SIDE], column);
         for j in 0..LANES {
             let is_other = ((gray[j] - centre[j]).abs() > tolerance) | (key[j] == NONE);
             // All bits or none.

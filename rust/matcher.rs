@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::evidence::Evidence;
 use crate::intensity;
 use crate::map::{Band, Map};
-use crate::optimization::selection::Minima;
+use crate::optimization::selection::Selection;
 use crate::optimization::{Search, Steps, Windowed, Workspace};
 use crate::plane::Plane;
 use crate::reach::Reach;
@@ -392,7 +392,7 @@ impl Width {
         };
         let (largest, runs) =
             (largest_cost.max(largest_total), window.candidates.div_ceil(LANES) as u64);
-        if largest <= u8::LARGEST_TOTAL && runs <= Minima::<u8>::MOST_RUNS {
+        if largest <= u8::LARGEST_TOTAL && runs <= Selection::<u8>::MOST_RUNS {
             Self::Bytes
         } else if largest <= u16::LARGEST_TOTAL {
             Self::Words

@@ -4,22 +4,20 @@
 //! Loops over lanes are spelt out here: closures of such size are no longer inlined, and what is not inlined
 //! is not compiled for the level.
 
-use std::ops::Range;
-
 use crate::control::Control;
 use crate::error::Result;
-use crate::memory::Memory;
-use crate::plane::Plane;
+use crate::plane::{Plane, parts};
 use crate::simd::{Kernel, Level};
 
 /// Pixels whose medians are found at once.
 pub const LANES: usize = 32;
 /// The key of no disparity, below all others.
 pub const NONE: i32 = i32::MIN;
-/// Rows of a band: of as many the values beside the image are made up at a time.
-pub const BAND: usize = 32;
 /// Rows above and below that a median is of.
 pub const REACH: usize = 1;
+
+/// Columns about some pixels that their medians are of.
+const SPAN: usize = LANES + 2 * REACH;
 
 /// A number for each of some neighbouring pixels.
 pub type Lanes = [i32; LANES];
@@ -27,15 +25,16 @@ pub type Lanes = [i32; LANES];
 /// The median of 3 x 3 disparities about each pixel; beyond the border the map is continued by its last values.
 ///
 /// Neighbours without a disparity count as the pixel itself; where there is none, none is made up.
-pub fn smooth(disparity: &Plane<f32>, level: Level, control: &Control) -> Result<Plane<f32>> {
-    let size = (disparity.rows(), disparity.cols());
-    Plane::by_bands(size, BAND, |first, out| {
+pub fn smooth(
+    disparity: &Plane<f32>,
+    smoothed: &mut Plane<f32>,
+    level: Level,
+    control: &Control,
+) -> Result<()> {
+    smoothed.write_bands(1, |y, smoothed| {
         control.checkpoint()?;
-        let rows = first as isize - 1..(first + out.len() / size.1) as isize + 1;
-        let padded = Padded::new(disparity, rows, 1, key, |key| key)?;
-        for (y, out) in out.chunks_mut(size.1).enumerate() {
-            level.run(Smooth { rows: [0, 1, 2].map(|dy| padded.row(y + dy)), out });
-        }
+        let rows = [y.saturating_sub(1), y, (y + 1).min(disparity.rows() - 1)];
+        level.run(Smooth { rows: rows.map(|y| disparity.row(y)), smoothed });
         Ok(())
     })
 }
@@ -58,50 +57,10 @@ fn flipped(bits: i32) -> i32 {
     bits ^ (bits >> 31 & i32::MAX)
 }
 
-/// Rows of a plane as integers, with so many more columns on either side that no neighbour is missing.
-#[derive(Debug)]
-pub struct Padded {
-    values: Memory<i32>,
-    cols: usize,
-}
-
-impl Padded {
-    /// Of these rows and `margin` columns beside them, what `inside` makes of what the plane has, or `beyond`
-    /// of the last number before; on the right as many more as lanes may reach.
-    pub fn new<T: Copy>(
-        plane: &Plane<T>,
-        rows: Range<isize>,
-        margin: usize,
-        inside: impl Fn(T) -> i32,
-        beyond: impl Fn(i32) -> i32,
-    ) -> Result<Self> {
-        let cols = plane.cols() + 2 * margin + LANES;
-        let mut values = Memory::default();
-        values.room(rows.len() * cols)?;
-        for (y, out) in rows.zip(values.chunks_exact_mut(cols)) {
-            let nearest = y.clamp(0, plane.rows() as isize - 1);
-            let (before, out) = out.split_at_mut(margin);
-            let (middle, after) = out.split_at_mut(plane.cols());
-            for (out, value) in middle.iter_mut().zip(plane.row(nearest as usize)) {
-                let number = inside(*value);
-                *out = if y == nearest { number } else { beyond(number) };
-            }
-            before.fill(beyond(middle[0]));
-            after.fill(beyond(middle[middle.len() - 1]));
-        }
-        Ok(Self { values, cols })
-    }
-
-    /// The `index`-th of the rows.
-    pub fn row(&self, index: usize) -> &[i32] {
-        &self.values[index * self.cols..][..self.cols]
-    }
-}
-
-/// One row, from the keys of those above, at and below it, with one column more on either side.
+/// One row, from those above, at and below it.
 struct Smooth<'a> {
-    rows: [&'a [i32]; 3],
-    out: &'a mut [f32],
+    rows: [&'a [f32]; 3],
+    smoothed: &'a mut [f32],
 }
 
 impl Kernel for Smooth<'_> {
@@ -109,12 +68,15 @@ impl Kernel for Smooth<'_> {
 
     #[inline(always)]
     fn run(self) {
-        for (chunk, out) in self.out.chunks_mut(LANES).enumerate() {
-            let x = chunk * LANES;
-            let centre = lanes(self.rows[1], x + 1);
+        let mut room = [[0.0; SPAN]; 3];
+        for (index, out) in self.smoothed.chunks_mut(LANES).enumerate() {
+            let first = (index * LANES) as isize - REACH as isize;
+            let nearest = |row: &[f32], x: isize| row[x.clamp(0, row.len() as isize - 1) as usize];
+            let rows: [[i32; SPAN]; 3] = keys_of(parts(self.rows, first, &mut room, nearest));
+            let centre = lanes(&rows[1], REACH);
             let mut keys = [[NONE; LANES]; 9];
             for (place, keys) in keys.iter_mut().enumerate() {
-                *keys = lanes(self.rows[place / 3], x + place % 3);
+                *keys = lanes(&rows[place / 3], place % 3);
                 for j in 0..LANES {
                     keys[j] = if keys[j] == NONE { centre[j] } else { keys[j] };
                 }
@@ -127,6 +89,21 @@ impl Kernel for Smooth<'_> {
             out.copy_from_slice(&smoothed[..out.len()]);
         }
     }
+}
+
+/// The keys of some rows.
+#[inline(always)]
+pub fn keys_of<const ROWS: usize, const COUNT: usize>(
+    rows: [&[f32]; ROWS],
+) -> [[i32; COUNT]; ROWS] {
+    let mut keys = [[NONE; COUNT]; ROWS];
+    for (keys, row) in keys.iter_mut().zip(rows) {
+        let row = &row[..COUNT];
+        for j in 0..COUNT {
+            keys[j] = key(row[j]);
+        }
+    }
+    keys
 }
 
 /// The lanes of a row from `x` on.

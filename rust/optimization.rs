@@ -33,7 +33,7 @@ use crate::control::Control;
 use crate::cost::Costs;
 use crate::edges::Edges;
 use crate::error::{Error, Result};
-use crate::evidence::{Evidence, Found, NONE};
+use crate::evidence::Evidence;
 use crate::memory::Memory;
 use crate::plane::Plane;
 use crate::settings::{Optimizer, Penalty};
@@ -42,7 +42,7 @@ use crate::value::{LANES, Lanes, Value};
 
 use self::ordered::Ordered;
 use self::paths::{Across, Horizontal, Panel, Penalties, Terrain, UpAndDown, Vertical};
-use self::selection::{Minima, Minimum, PIXELS};
+use self::selection::{Minimum, PIXELS, Selection};
 
 /// Rows of a band.
 pub const BAND: usize = 64;
@@ -268,13 +268,13 @@ impl Search<'_> {
             };
             let start = (beyond.start + LOOK_COLUMNS).min(cols);
             self.level.run(Across { horizontal, panel: &panel, terrain, start });
-            let means = horizontal.means();
+            let (candidates, panel, totals) = (self.candidates, &panel, horizontal.means());
             if is_vertical {
-                let candidates = self.candidates;
-                let panel = &panel;
+                let means = totals;
                 self.level.run(UpAndDown { vertical, panel, means, terrain, candidates, evidence });
             } else {
-                self.level.run(Select { search: self, panel: &panel, sums: means, paths: 1, evidence });
+                let (block, costs) = (&panel.block, Some(panel.costs));
+                self.level.run(Select { search: self, block, totals, costs, evidence });
             }
             std::mem::swap(here, next);
         }
@@ -292,12 +292,10 @@ impl Search<'_> {
         costs.room(rows.len() * PANEL * self.runs())?;
         for columns in self.panels() {
             self.control.checkpoint()?;
-            let costs = &mut costs[..rows.len() * columns.len() * self.runs()];
-            let block = Block { rows: rows.clone(), columns };
-            source.write(aggregator, block.clone(), costs)?;
-            let panel =
-                Panel { block, seen: rows.clone(), costs, beyond: (&[], 0), runs: self.runs() };
-            self.level.run(Select { search: self, panel: &panel, sums: costs, paths: 0, evidence });
+            let totals = &mut costs[..rows.len() * columns.len() * self.runs()];
+            let block = &Block { rows: rows.clone(), columns };
+            source.write(aggregator, block.clone(), totals)?;
+            self.level.run(Select { search: self, block, totals, costs: None, evidence });
         }
         Ok(())
     }
@@ -317,7 +315,7 @@ impl Search<'_> {
             let some = first..(first + ORDERED_ROWS).min(rows.end);
             let block = Block { rows: some.clone(), columns: 0..self.size.1 };
             source.write(aggregator, block, &mut costs[..some.len() * width])?;
-            for (y, costs) in some.zip(costs.chunks_exact(width)) {
+            for (y, costs) in some.zip(costs.chunks_exact_mut(width)) {
                 self.control.checkpoint()?;
                 let chosen = ordered.choose(costs, self.candidates, self.steps)?;
                 let row = y - rows.start;
@@ -331,12 +329,12 @@ impl Search<'_> {
 /// Rows whose costs are at hand together for dynamic programming.
 const ORDERED_ROWS: usize = 16;
 
-/// The best candidates of a panel by sums of totals, or by costs.
+/// The best candidates of a block by totals of paths, which are lost, or by costs alone.
 struct Select<'a, T> {
     search: &'a Search<'a>,
-    panel: &'a Panel<'a, T>,
-    sums: &'a [Lanes<T>],
-    paths: u32,
+    block: &'a Block,
+    totals: &'a mut [Lanes<T>],
+    costs: Option<&'a [Lanes<T>]>,
     evidence: &'a mut Evidence,
 }
 
@@ -345,46 +343,33 @@ impl<T: Value> Kernel for Select<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { search, panel, sums, paths, evidence } = self;
-        let (Block { rows, columns }, runs) = (&panel.block, panel.runs);
-        let mut minima = Minima::default();
+        let Self { search, block: Block { rows, columns }, totals, costs, evidence } = self;
+        let (runs, mut selection) = (search.runs(), Selection::default());
         for row in 0..rows.len() {
             for first in columns.clone().step_by(PIXELS) {
-                let some = first..(first + PIXELS).min(columns.end);
+                let pixels = PIXELS.min(columns.end - first);
                 let place = (row * columns.len() + first - columns.start) * runs;
-                let (sums, costs) = (&sums[place..], &panel.costs[place..]);
-                for pixel in 0..some.len() {
-                    minima.take(pixel, Minimum::of_all(&sums[pixel * runs..][..runs]));
+                let totals = &mut totals[place..][..pixels * runs];
+                for (pixel, totals) in totals.chunks_exact(runs).enumerate() {
+                    selection.take(pixel, Minimum::of_all(totals));
                 }
-                minima.settle();
+                selection.settle();
                 if search.weighs {
-                    for pixel in 0..some.len() {
-                        minima.see_others(pixel, &sums[pixel * runs..][..runs]);
-                    }
-                    minima.settle_others();
+                    let costs = costs.map(|costs| &costs[place..][..pixels * runs]);
+                    selection.weigh(totals, costs, (pixels, search.candidates, runs));
                 }
-                for (pixel, x) in some.enumerate() {
-                    let places = pixel * runs..(pixel + 1) * runs;
-                    let found = if search.weighs {
-                        let volumes = (&sums[places.clone()], &costs[places]);
-                        minima.weigh(pixel, volumes, (search.candidates, paths))
-                    } else {
-                        let chosen = minima.chosen(pixel);
-                        Found { chosen, own: 0, elsewhere: NONE, offset: 0.0 }
-                    };
-                    evidence.set(row, x, found);
-                }
+                selection.write(pixels, evidence, (row, first));
             }
         }
     }
 }
 
-/// What there is to know of the candidates chosen for a row, by the costs.
+/// What there is to know of the candidates chosen for a row, by the costs, which are lost.
 struct Weigh<'a, T> {
     search: &'a Search<'a>,
     row: usize,
     chosen: &'a [u16],
-    costs: &'a [Lanes<T>],
+    costs: &'a mut [Lanes<T>],
     evidence: &'a mut Evidence,
 }
 
@@ -394,15 +379,15 @@ impl<T: Value> Kernel for Weigh<'_, T> {
     #[inline(always)]
     fn run(self) {
         let Self { search, row, chosen, costs, evidence } = self;
-        let pixels = costs.chunks_exact(search.runs());
-        let mut minima = Minima::default();
-        for (x, (chosen, costs)) in chosen.iter().zip(pixels).enumerate() {
-            let k = usize::from(*chosen);
-            minima.choose(0, *chosen, costs[k / LANES][k % LANES]);
-            minima.see_others(0, costs);
-            minima.settle_others();
-            let found = minima.weigh(0, (costs, costs), (search.candidates, 0));
-            evidence.set(row, x, found);
+        let (runs, mut selection) = (search.runs(), Selection::default());
+        let some = chosen.chunks(PIXELS).zip(costs.chunks_mut(PIXELS * runs));
+        for (first, (chosen, costs)) in (0..).step_by(PIXELS).zip(some) {
+            for (pixel, chosen) in chosen.iter().enumerate() {
+                let k = usize::from(*chosen);
+                selection.choose(pixel, *chosen, costs[pixel * runs + k / LANES][k % LANES]);
+            }
+            selection.weigh(costs, None, (chosen.len(), search.candidates, runs));
+            selection.write(chosen.len(), evidence, (row, first));
         }
     }
 }

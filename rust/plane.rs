@@ -47,6 +47,11 @@ impl<T> Plane<T> {
         &self.data[y * self.cols..][..self.cols]
     }
 
+    /// Row `y`; nothing beside the plane.
+    pub fn row_or_nothing(&self, y: isize) -> &[T] {
+        usize::try_from(y).ok().filter(|y| *y < self.rows).map_or(&[], |y| self.row(y))
+    }
+
     /// Row `y`, to be written.
     pub fn row_mut(&mut self, y: usize) -> &mut [T] {
         &mut self.data[y * self.cols..][..self.cols]
@@ -91,6 +96,18 @@ impl<T: Clone + Default> Plane<T> {
     }
 }
 
+impl<T: Send> Plane<T> {
+    /// Has bands of `band_rows` rows be written over by `write(first_row, values)`, on the threads at hand.
+    pub fn write_bands(
+        &mut self,
+        band_rows: usize,
+        write: impl Fn(usize, &mut [T]) -> Result<()> + Sync,
+    ) -> Result<()> {
+        let bands = self.data.par_chunks_mut(band_rows * self.cols).enumerate();
+        bands.try_for_each(|(band, values)| write(band * band_rows, values))
+    }
+}
+
 impl<T: Clone + Default + Send> Plane<T> {
     /// A plane whose bands of `band_rows` rows are written by `write(first_row, values)`, on the threads at
     /// hand.
@@ -100,8 +117,7 @@ impl<T: Clone + Default + Send> Plane<T> {
         write: impl Fn(usize, &mut [T]) -> Result<()> + Sync,
     ) -> Result<Self> {
         let mut plane = Self::new(rows, cols)?;
-        let bands = plane.data.par_chunks_mut(band_rows * cols).enumerate();
-        bands.try_for_each(|(band, values)| write(band * band_rows, values))?;
+        plane.write_bands(band_rows, write)?;
         Ok(plane)
     }
 
@@ -126,6 +142,38 @@ pub fn zeroed<T: Clone + Default>(count: usize) -> Result<Vec<T>> {
         .map_err(|_| Error::OutOfMemory { bytes: count.saturating_mul(size_of::<T>()) })?;
     data.resize(count, T::default());
     Ok(data)
+}
+
+/// Room for `count` further values; an error, not an abort, when the memory cannot be had.
+pub fn reserve<T>(data: &mut Vec<T>, count: usize) -> Result<()> {
+    let bytes = (data.len().saturating_add(count)).saturating_mul(size_of::<T>());
+    data.try_reserve(count).map_err(|_| Error::OutOfMemory { bytes })
+}
+
+/// As many values of each row as there is room for, from column `first` on: in the row itself where it has them all,
+/// else in `room`, of which `beyond` tells those of columns that there are not.
+#[inline(always)]
+pub fn parts<'a, T: Copy, const ROWS: usize, const COUNT: usize>(
+    rows: [&'a [T]; ROWS],
+    first: isize,
+    room: &'a mut [[T; COUNT]; ROWS],
+    beyond: impl Fn(&[T], isize) -> T,
+) -> [&'a [T]; ROWS] {
+    let mut parts = rows;
+    for (part, room) in parts.iter_mut().zip(room) {
+        let row = *part;
+        let inside = usize::try_from(first).ok().and_then(|first| row.get(first..first + COUNT));
+        *part = if let Some(inside) = inside {
+            inside
+        } else {
+            for (x, value) in (first..).zip(room.iter_mut()) {
+                let inside = usize::try_from(x).ok().and_then(|x| row.get(x));
+                *value = inside.copied().unwrap_or_else(|| beyond(row, x));
+            }
+            room
+        };
+    }
+    parts
 }
 
 /// Continues `0..length` by reflection, the edge repeated: `d c b a | a b c d | d c b a`.

@@ -11,7 +11,7 @@ mod workers;
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -23,7 +23,7 @@ use self::reader::{Ranges, Reader};
 use self::supervisor::supervised;
 use self::workers::{Pool, Workers};
 use crate::aggregation::{Window, aggregate};
-use crate::blur::{self, Side};
+use crate::blur::{self, Glance, Place, Side};
 use crate::cost::Costs;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
@@ -52,7 +52,12 @@ impl From<Error> for PyErr {
 }
 
 /// `phasestereo._core`: see the stub beside the Python modules for what each function takes and returns.
-#[pymodule]
+///
+/// It needs no GIL: what several calls share is behind mutexes (`Workers`, the shared pool, the spare memory
+/// of a matcher) or made once (tables), and there is no unsafe code but in `simd.rs`, which shares nothing.
+/// Arrays are copied in before a call matches anything; one that another thread changes meanwhile is copied
+/// half changed, as by `NumPy` itself.
+#[pymodule(gil_used = false)]
 mod _core {
     use super::{
         BAND, Bound, PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, warm_up,
@@ -60,9 +65,9 @@ mod _core {
 
     #[pymodule_export]
     use super::{
-        Workers, aggregate_volume, check_settings, check_versions, cost_volume, descriptor,
-        estimate_blur, estimate_blur_by_rows, find_ranges, find_roughness, match_pair, match_rows,
-        optimize_volume, reach, simd_level, working_memory,
+        Workers, aggregate_volume, blur_is_as_before, check_settings, check_versions, cost_volume,
+        descriptor, estimate_blur, estimate_blur_by_rows, find_ranges, find_roughness, match_pair,
+        match_rows, optimize_volume, reach, simd_level, working_memory,
     };
 
     #[pymodule_init]
@@ -157,8 +162,12 @@ fn tell_disparity(py: Python<'_>, found: Disparity) -> PyResult<Matched<'_>> {
 /// Softer image (0 none, 1 left, 2 right), kind, size, angle and kernel of a blur.
 type Kind<'py> = (u8, &'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
 
-/// The kinds of blur, the map of them, side of its tiles, certainty, gain, and noise left and right.
-type Estimated<'py> = (Vec<Kind<'py>>, Bound<'py, PyArray2<u8>>, usize, f32, f64, (f64, f64));
+/// Rows of places (top, left, right), and what was seen there.
+type Seen<'py> = (Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<f32>>);
+
+/// The kinds of blur, the map of them, side of its tiles, certainty, gain, noise left and right, and a glance.
+type Estimated<'py> =
+    (Vec<Kind<'py>>, Bound<'py, PyArray2<u8>>, usize, f32, f64, (f64, f64), Seen<'py>);
 
 #[pyfunction]
 fn estimate_blur<'py>(
@@ -175,6 +184,41 @@ fn estimate_blur<'py>(
         blur::estimate(&pair, matcher, how, control)
     })?;
     tell_estimate(py, told)
+}
+
+/// Whether blur is as it was at a glance before.
+#[pyfunction]
+fn blur_is_as_before<'py>(
+    py: Python<'py>,
+    images: Both<'py>,
+    masks: Both<'py>,
+    disparities: Both<'py>,
+    glance: Seen<'py>,
+    threads: &Bound<'py, PyAny>,
+) -> PyResult<bool> {
+    let (pair, before) = (read_pair(&images, &masks, &disparities)?, read_glance(glance)?);
+    let (pool, rows) = (Pool::of(threads)?, pair.size().0);
+    let how = Execution { threads: pool.threads(), level: Level::best() };
+    supervised(py, &pool, rows, None, move |matcher, control| {
+        blur::is_as_before(&pair, &before, matcher, how, control)
+    })
+}
+
+fn read_glance((places, excess): Seen) -> PyResult<Glance> {
+    let places: Vec<u32> = places.to_vec().map_err(internal)?;
+    let (places, _) = places.as_chunks();
+    let place = |[top, left, right]: &[u32; 3]| {
+        let [top, left, right] = [top, left, right].map(|value| *value as usize);
+        Place { top, left, right }
+    };
+    let places = places.iter().map(place).collect();
+    Ok(Glance { places, excess: excess.to_vec().map_err(internal)? })
+}
+
+fn tell_glance(py: Python<'_>, Glance { places, excess }: Glance) -> PyResult<Seen<'_>> {
+    let values = places.iter().flat_map(|place| [place.top, place.left, place.right]);
+    let values = values.map(|value| value as u32).collect();
+    Ok((wrap(py, Plane::from_vec(places.len(), 3, values)?)?, excess.into_pyarray(py)))
 }
 
 /// The same of a pair that is read by rows.
@@ -201,7 +245,8 @@ fn tell_estimate(py: Python<'_>, told: blur::Estimate) -> PyResult<Estimated<'_>
     let (rows, cols, labels) = told.labels;
     let labels = wrap(py, Plane::from_vec(rows, cols, labels)?)?;
     let [left, right] = told.noise;
-    Ok((blurs?, labels, told.tile, told.certainty, told.gain, (left, right)))
+    let glance = tell_glance(py, told.glance)?;
+    Ok((blurs?, labels, told.tile, told.certainty, told.gain, (left, right), glance))
 }
 
 /// Where the pixels lie of images of floats that are read by rows.

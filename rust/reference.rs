@@ -347,17 +347,16 @@ fn by_steps(range: Range<usize>, step: isize) -> Vec<usize> {
 }
 
 /// Twin of [`crate::optimization::selection`]: of one pixel, by what all paths come to and by its own costs.
-pub fn select(sums: &[u64], costs: &[u32], paths: u32) -> Found {
-    let evidence =
-        |(&sum, &cost): (&u64, &u32)| subpixel::evidence(capped(sum), capped(cost.into()), paths);
+pub fn select(sums: &[u64], costs: &[u32]) -> Found {
+    let evidence = |(&sum, &cost): (&u64, &u32)| subpixel::evidence(capped(sum), capped(cost.into()));
     let valley: Vec<_> = sums.iter().zip(costs).map(evidence).collect();
     found(least(sums), sums, &valley)
 }
 
 /// The same of a pixel for which a candidate was chosen by whatever, by its costs alone.
 pub fn margin(chosen: u16, costs: &[u32]) -> Found {
+    let valley: Vec<_> = costs.iter().map(|&cost| subpixel::evidence(cost, 0)).collect();
     let costs: Vec<u64> = costs.iter().map(|&cost| cost.into()).collect();
-    let valley: Vec<_> = costs.iter().map(|&cost| capped(cost)).collect();
     found(chosen.into(), &costs, &valley)
 }
 

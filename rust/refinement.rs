@@ -169,24 +169,32 @@ impl Draft<'_> {
         let Self { mut disparity, flags, votes, texture } = self;
         if settings.speckle_size > 0 {
             let region = (settings.speckle_size, settings.speckle_range as f32);
-            flag_speckles(&disparity, flags, region, control)?;
+            flag_speckles(&disparity, flags, region, level, control)?;
         }
         if settings.has_checks() {
-            disparity = fill(&disparity, flags, control)?;
+            fill(&mut disparity, flags, level, control)?;
         }
+        let mut spare = None;
         if let (true, Some(texture)) = (settings.guided, texture) {
-            disparity = guide(&disparity, texture, level, control)?;
+            redraw(&mut disparity, &mut spare, |from, to| {
+                guide(from, texture, to, level, control)
+            })?;
         }
         if settings.median > 0 {
-            disparity = median::smooth(&disparity, level, control)?;
+            redraw(&mut disparity, &mut spare, |from, to| {
+                median::smooth(from, to, level, control)
+            })?;
         }
         if settings.subpixel {
-            disparity = subpixel::smooth(&disparity, level, control)?;
+            let smooth = |from: &_, to: &mut _| subpixel::smooth(from, to, level, control);
+            redraw(&mut disparity, &mut spare, smooth)?;
         }
         let confidences = match (votes, texture) {
             (Some(votes), Some(texture)) => {
                 let scene = Scene { disparity: &disparity, votes, texture };
-                Some(scene.confidences(level, control)?)
+                let mut confidences = taken(&mut spare, &disparity)?;
+                scene.confidences(&mut confidences, level, control)?;
+                Some(confidences)
             }
             _ => None,
         };
@@ -196,6 +204,24 @@ impl Draft<'_> {
     }
 }
 
+/// Puts in place of a map what is made of it: no stage has a plane of its own, since each that is new is first cleared,
+/// and all of them together would be more memory than the result.
+fn redraw(
+    disparity: &mut Plane<f32>,
+    spare: &mut Option<Plane<f32>>,
+    draw: impl FnOnce(&Plane<f32>, &mut Plane<f32>) -> Result<()>,
+) -> Result<()> {
+    let mut drawn = taken(spare, disparity)?;
+    draw(disparity, &mut drawn)?;
+    *spare = Some(std::mem::replace(disparity, drawn));
+    Ok(())
+}
+
+/// The spare plane, if there is one, or one of the size of another.
+fn taken(spare: &mut Option<Plane<f32>>, like: &Plane<f32>) -> Result<Plane<f32>> {
+    spare.take().map_or_else(|| Plane::new(like.rows(), like.cols()), Ok)
+}
+
 /// Takes back what is not trusted, where it is not to be filled, and what is trusted too little.
 fn withdraw(
     settings: &Settings,
@@ -203,6 +229,9 @@ fn withdraw(
     flags: &mut [u16],
     confidences: Option<&[f32]>,
 ) {
+    if settings.fill && settings.min_confidence <= 0.0 {
+        return;
+    }
     for (x, (disparity, flags)) in disparity.iter_mut().zip(flags).enumerate() {
         let confidence = confidences.map_or(1.0, |confidences| confidences[x]);
         if f64::from(confidence) < settings.min_confidence && !disparity.is_nan() {

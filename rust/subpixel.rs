@@ -11,7 +11,7 @@ use std::array::from_fn;
 
 use crate::control::Control;
 use crate::error::Result;
-use crate::plane::Plane;
+use crate::plane::{Plane, parts};
 use crate::simd::{Kernel, Level};
 
 /// How many times over the costs of the pixel itself count beside each path's total.
@@ -43,23 +43,23 @@ const LANES: usize = 16;
 /// Columns about them that it takes.
 const SPAN: usize = LANES + 2 * REACH;
 
-/// What a candidate costs for [`offset`], by the sum of the totals of so many paths and by what the pixel itself
-/// costs in its window, which each of these totals has in it once.
+/// What a candidate costs for [`offset`], by the mean of the totals of paths and by what the pixel itself costs in its
+/// window, which each of these totals has in it once; at most [`i32::MAX`].
 #[inline(always)]
-pub fn evidence(total: u32, cost: u32, paths: u32) -> u32 {
-    total.saturating_add(cost.saturating_mul(OWN_SHARE.saturating_mul(paths)))
+pub fn evidence(total: u32, cost: u32) -> u32 {
+    total.saturating_add(cost.saturating_mul(OWN_SHARE)).min(i32::MAX as u32)
 }
 
 /// Where the match lies between the candidates, from -0.5 to 0.5 pixels from the one chosen, by what that costs
-/// and those one smaller and one larger.
+/// and those one smaller and one larger, each of which is at most [`i32::MAX`].
 ///
 /// Only what the costs differ by counts, and only in proportion. Equal costs beside the candidate say 0; where one
 /// of these is less than the candidate's own, the match lies half-way to it. A candidate at either end of the range
 /// has but one neighbour: its match is to be taken as it is.
 #[inline(always)]
 pub fn offset(below: u32, own: u32, above: u32) -> f32 {
-    let lean = i64::from(below) - i64::from(above);
-    let depth = (i64::from(below.max(above)) - i64::from(own)).max(1);
+    let lean = below as i32 - above as i32;
+    let depth = (below.max(above) as i32 - own as i32).max(1);
     // Twice where the tip of the V lies.
     let tip = (lean as f32 / depth as f32).clamp(-1.0, 1.0);
     0.5 * tip * (1.0 + STEEPER * (1.0 - tip.abs()))
@@ -70,23 +70,19 @@ pub fn offset(below: u32, own: u32, above: u32) -> f32 {
 ///
 /// Pixels count in pairs, opposite one another: then the mean of a slanted surface is the surface, up to its very
 /// edge.
-pub fn smooth(disparity: &Plane<f32>, level: Level, control: &Control) -> Result<Plane<f32>> {
-    let padded = padded(disparity)?;
-    Plane::by_rows((disparity.rows(), disparity.cols()), control, |y, smoothed| {
-        let rows = from_fn(|dy| padded.row(y + dy));
+pub fn smooth(
+    disparity: &Plane<f32>,
+    smoothed: &mut Plane<f32>,
+    level: Level,
+    control: &Control,
+) -> Result<()> {
+    smoothed.write_bands(1, |y, smoothed| {
+        control.checkpoint()?;
+        let first = y as isize - REACH as isize;
+        let rows = from_fn(|dy| disparity.row_or_nothing(first + dy as isize));
         level.run(Smooth { rows, smoothed });
+        Ok(())
     })
-}
-
-/// The plane with nothing around it, and enough columns for all lanes.
-fn padded(disparity: &Plane<f32>) -> Result<Plane<f32>> {
-    let (rows, cols) = (disparity.rows(), disparity.cols());
-    let mut padded = Plane::new(rows + 2 * REACH, cols.next_multiple_of(LANES) + 2 * REACH)?;
-    padded.as_mut_slice().fill(f32::NAN);
-    for y in 0..rows {
-        padded.row_mut(y + REACH)[REACH..][..cols].copy_from_slice(disparity.row(y));
-    }
-    Ok(padded)
 }
 
 /// One row, to be smoothed with those about it.
@@ -100,8 +96,10 @@ impl Kernel for Smooth<'_> {
 
     #[inline(always)]
     fn run(self) {
+        let mut room = [[0.0; SPAN]; SIDE];
         for (index, smoothed) in self.smoothed.chunks_mut(LANES).enumerate() {
-            let mean = mean(self.rows.map(|row| &row[index * LANES..][..SPAN]));
+            let first = (index * LANES) as isize - REACH as isize;
+            let mean = mean(parts(self.rows, first, &mut room, |_, _| f32::NAN));
             smoothed.copy_from_slice(&mean[..smoothed.len()]);
         }
     }

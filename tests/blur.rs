@@ -5,7 +5,7 @@ mod common;
 
 use common::{hash, levels};
 use ndarray::Array3;
-use phasestereo::blur::{Estimate, Side, estimate};
+use phasestereo::blur::{Estimate, Glance, Side, estimate, is_as_before};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
 use phasestereo::matcher::{Execution, Matcher, Pair};
@@ -358,6 +358,51 @@ fn disparities_out_of_reach_of_all_blocks_are_silent() {
     let [left, right] = shots(Side::Left, None);
     let pair = Pair::new(bytes(&left), bytes(&right), 200, 20).expect("a legal pair");
     assert!(is_silent(&estimated(&pair), SIZE));
+}
+
+fn looks_as(before: &Glance, shots: &[Plane<f32>; 2], level: Level) -> bool {
+    let (pair, matcher) = (pair(shots, bytes), Matcher::new(1).expect("a thread"));
+    is_as_before(&pair, before, &matcher, how(1, level), &Control::default()).expect("it runs")
+}
+
+#[test]
+fn a_glance_tells_whether_blur_is_as_it_was() {
+    let disk = psf(Family::Disk, 3.0, 0.0).taps();
+    let states = [None, Some(&disk)].map(|taps| shots(Side::Left, taps));
+    for (now, state) in states.iter().enumerate() {
+        let before = estimated(&pair(state, bytes)).glance;
+        for (then, other) in states.iter().enumerate() {
+            assert!(
+                levels().into_iter().all(|level| looks_as(&before, other, level) == (now == then))
+            );
+        }
+        let brighter = state.each_ref().map(|plane| plane.map(|value| 0.9 * value + 12.0));
+        assert!(looks_as(&before, &brighter, Level::best()), "both of them are");
+        let [left, right] = state.clone();
+        assert!(!looks_as(&before, &[left.map(|value| 0.7 * value), right], Level::best()));
+    }
+}
+
+#[test]
+fn a_glance_sees_a_patch_in_one_image() {
+    let [left, right] = shots(Side::Left, None);
+    let before = estimated(&pair(&[left.clone(), right.clone()], bytes)).glance;
+    let [soft, _] = shots(Side::Left, Some(&psf(Family::Disk, 4.0, 0.0).taps()));
+    let patched = Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
+        let is_soft = y < SIZE.0 / 2 && x > SIZE.1 / 2;
+        if is_soft { soft.row(y)[x] } else { left.row(y)[x] }
+    });
+    assert!(!looks_as(&before, &[patched, right], Level::best()));
+}
+
+#[test]
+fn a_glance_at_nothing_or_at_images_that_are_smaller_tells_nothing() {
+    let whole = shots(Side::Left, None);
+    let before = estimated(&pair(&whole, bytes)).glance;
+    assert!(looks_as(&before, &whole, Level::best()));
+    assert!(!looks_as(&Glance::default(), &whole, Level::best()));
+    let part = whole.map(|plane| Plane::from_fn(SIZE.0 - 1, SIZE.1, |y, x| plane.row(y)[x]));
+    assert!(!looks_as(&before, &part, Level::best()));
 }
 
 #[test]

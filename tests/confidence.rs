@@ -4,6 +4,7 @@
 
 mod common;
 
+use common::maps::drawn;
 use common::{hash, levels};
 use phasestereo::confidence::{RADIUS, Scene, confidence, similar, vote};
 use phasestereo::control::Control;
@@ -29,15 +30,8 @@ impl Planes {
 
     /// Those of every level, which are the same.
     fn confidences(&self) -> Plane<f32> {
-        let every = levels().into_iter().map(|level| {
-            self.scene().confidences(level, &Control::default()).expect("not cancelled")
-        });
-        every
-            .reduce(|one, other| {
-                assert_eq!(one, other);
-                one
-            })
-            .expect("a level")
+        let control = Control::default();
+        drawn(&self.disparity, |out, level| self.scene().confidences(out, level, &control))
     }
 
     /// One plane, on which all votes are the same.
@@ -172,5 +166,6 @@ fn a_cancelled_search_stops() {
     let control = Control::default();
     control.cancel();
     let planes = Planes::flat((2, 2), 1.0);
-    assert_eq!(planes.scene().confidences(levels()[0], &control), Err(Error::Cancelled));
+    let stopped = planes.scene().confidences(&mut planes.votes.clone(), levels()[0], &control);
+    assert_eq!(stopped, Err(Error::Cancelled));
 }

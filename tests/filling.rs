@@ -2,8 +2,8 @@
 
 mod common;
 
-use common::hash;
 use common::maps::{Map, bits, maps, row};
+use common::{at_every_level, hash};
 use phasestereo::control::Control;
 use phasestereo::filling::{REACH, fill};
 use phasestereo::plane::Plane;
@@ -14,9 +14,12 @@ use proptest::prelude::*;
 const NAN: f32 = f32::NAN;
 
 fn filled(map: &Map) -> (Plane<f32>, Plane<u16>) {
-    let mut flags = map.flags.clone();
-    let disparity = fill(&map.disparity, &mut flags, &Control::default()).expect("memory");
-    (disparity, flags)
+    let (disparity, flags) = at_every_level(|level| {
+        let Map { mut disparity, mut flags } = map.clone();
+        fill(&mut disparity, &mut flags, level, &Control::default()).expect("memory");
+        (bits(&disparity), flags)
+    });
+    (disparity.map(|bits| f32::from_bits(*bits)), flags)
 }
 
 /// A row filled, its flagged pixels given as such.

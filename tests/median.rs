@@ -5,7 +5,7 @@ use std::array::from_fn;
 mod common;
 
 use common::levels;
-use common::maps::{bits, maps, row};
+use common::maps::{bits, drawn, maps, row};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
 use phasestereo::median::{NONE, disparity, key, median9, median25, smooth};
@@ -14,15 +14,7 @@ use phasestereo::reference;
 use proptest::prelude::*;
 
 fn smoothed(disparity: &Plane<f32>) -> Plane<f32> {
-    let planes = levels()
-        .into_iter()
-        .map(|level| smooth(disparity, level, &Control::default()).expect("memory"));
-    planes
-        .reduce(|one, other| {
-            assert_eq!(bits(&one), bits(&other));
-            one
-        })
-        .expect("a level")
+    drawn(disparity, |out, level| smooth(disparity, out, level, &Control::default()))
 }
 
 /// The middle one of some numbers, multiplied in every lane by another one.
@@ -80,5 +72,6 @@ fn no_disparity_has_a_key_of_its_own() {
 fn a_cancelled_median_stops() {
     let control = Control::default();
     control.cancel();
-    assert_eq!(smooth(&row(&[1.0]), levels()[0], &control), Err(Error::Cancelled));
+    let stopped = smooth(&row(&[1.0]), &mut row(&[0.0]), levels()[0], &control);
+    assert_eq!(stopped, Err(Error::Cancelled));
 }

@@ -3,6 +3,7 @@
 mod common;
 
 use common::maps::{Map, maps};
+use common::{at_every_level, levels};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
 use phasestereo::matcher::on_threads;
@@ -14,9 +15,12 @@ use proptest::prelude::*;
 use proptest::sample::select;
 
 fn flagged(map: &Map, how: (usize, f32)) -> Plane<u16> {
-    let mut flags = map.flags.clone();
-    flag_speckles(&map.disparity, &mut flags, how, &Control::default()).expect("memory");
-    flags
+    at_every_level(|level| {
+        let mut flags = map.flags.clone();
+        let control = Control::default();
+        flag_speckles(&map.disparity, &mut flags, how, level, &control).expect("memory");
+        flags
+    })
 }
 
 /// Whether each pixel is a speckle in a map without flags, drawn with a digit a pixel.
@@ -82,6 +86,6 @@ fn a_cancelled_search_stops() {
     let control = Control::default();
     control.cancel();
     let Map { disparity, mut flags } = Map::random((3, 3), 0, 1);
-    let stopped = flag_speckles(&disparity, &mut flags, (1, 1.0), &control);
+    let stopped = flag_speckles(&disparity, &mut flags, (1, 1.0), levels()[0], &control);
     assert_eq!(stopped, Err(Error::Cancelled));
 }

@@ -10,12 +10,14 @@ import logging
 import os
 import pickle
 import re
+import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -24,11 +26,13 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+from batch_tasks import sleepily
 from conftest import ROOT, counterpart
 from phasestereo.batch import PairFiles, Record, read_manifest, read_pairs, run
 from phasestereo.batch import running as running_module
 from phasestereo.batch.cluster import share
 from phasestereo.batch.manifest import Manifest
+from phasestereo.batch.processes import local
 from phasestereo.batch.work import FullDiskError, Order, match_files
 from phasestereo.io import (
     Georeference,
@@ -519,6 +523,114 @@ def test_a_pair_that_kills_its_workers_fails_alone(
     assert_all_there([pairs[0], *pairs[2:]], tmp_path / "out")
 
 
+def test_a_pair_that_takes_too_long_is_ended_and_fails_alone(
+    pairs: list[PairFiles], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running_module, "match_files", sleepily)
+    monkeypatch.setattr("phasestereo.batch.processes._GRACE", 0.0)
+    options: dict[str, Any] = {"workers": 2, "threads": 1, "retries": 0, "preset": "fast"}
+    report = run(pairs, tmp_path / "out", time_limit=3, **options)
+    assert [(record.name, record.reason) for record in report.failed] == [
+        ("left1", "took longer than 3 s, and was ended")
+    ]
+    assert_all_there([pairs[0], *pairs[2:]], tmp_path / "out")
+
+
+def test_a_match_that_takes_too_long_ends_by_itself(pairs: list[PairFiles], tmp_path: Path) -> None:
+    record = match_files(pairs[0], order(tmp_path, seconds=1e-9), "recipe")
+    assert (record.state, record.reason) == ("failed", "took longer than 1e-09 s")
+    assert list(tmp_path.iterdir()) == []
+
+
+def _open_ports() -> list[Any]:
+    """Return where this process and those that it has started listen."""
+    psutil = counterpart("psutil")
+    us = psutil.Process()
+    return [
+        (process.name(), each.laddr)
+        for process in (us, *us.children(recursive=True))
+        for each in process.net_connections("all")
+        if each.status == psutil.CONN_LISTEN or each.type == socket.SOCK_DGRAM
+    ]
+
+
+def test_processes_of_this_machine_cannot_be_reached(
+    pairs: list[PairFiles], tmp_path: Path
+) -> None:
+    before = _open_ports()
+    found: list[Any] = []
+    run(
+        pairs,
+        tmp_path / "out",
+        workers=2,
+        preset="fast",
+        progress=lambda *_: found.extend(_open_ports()),
+    )
+    assert [port for port in found if port not in before] == []
+    assert_all_there(pairs, tmp_path / "out")
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with two authorities, and a certificate by each."""
+    openssl = shutil.which("openssl")
+    if openssl is None:
+        pytest.skip("no openssl to make certificates with")
+    folder = tmp_path_factory.mktemp("tls")
+    for name in ("ours", "others"):
+        for words in (
+            f"req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN={name} -keyout {name}.ca.key "
+            f"-out {name}.ca",
+            f"req -newkey rsa:2048 -nodes -subj /CN=host -keyout {name}.key -out {name}.csr",
+            f"x509 -req -days 2 -in {name}.csr -CA {name}.ca -CAkey {name}.ca.key "
+            f"-CAcreateserial -out {name}.pem",
+        ):
+            subprocess.run(  # noqa: S603  # the openssl that is on the path
+                [openssl, *words.split()], cwd=folder, check=True, capture_output=True
+            )
+    return folder
+
+
+def test_a_stranger_is_refused_by_a_cluster_with_certificates(
+    run: Callable[..., Run],
+    images: Path,
+    pairs: list[PairFiles],
+    certificates: Path,
+    tmp_path: Path,
+) -> None:
+    files = {name: [certificates / f"{name}.{end}" for end in ("ca", "pem", "key")]
+             for name in ("ours", "others")}  # fmt: skip
+    ca, cert, key = map(str, files["ours"])
+    roles = {"tls_ca_file": ca}
+    for role in ("scheduler", "worker", "client"):
+        roles |= {f"tls_{role}_cert": cert, f"tls_{role}_key": key}
+    with (
+        counterpart("dask").config.set({"distributed.comm.timeouts.connect": "2s"}),
+        distributed.LocalCluster(
+            n_workers=1,
+            threads_per_worker=1,
+            processes=False,
+            protocol="tls://",
+            security=distributed.Security(require_encryption=True, **roles),
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+    ):
+        words = ["batch", images, "--num-disparities", COUNT, "--preset", "fast"]
+        words += ["-o", tmp_path / "out", "--scheduler", cluster.scheduler_address]
+
+        def match(name: str) -> Run:
+            given = zip(("--tls-ca", "--tls-cert", "--tls-key"), files[name], strict=True)
+            return run(*words, *(word for pair in given for word in pair))
+
+        code, _, err = match("others")
+        assert code == 1
+        assert err.startswith("phasestereo: error: no scheduler at tls:")
+        assert run(*words)[0] == 2  # tls without certificates
+        assert match("ours")[0] == 0
+    assert_all_there(pairs, tmp_path / "out")
+
+
 def _full(pair: PairFiles, work: Order, recipe: str) -> Record:
     """Match the first pairs; find the disk full at another one until there is room."""
     if pair.name == "left3" and not (work.folder / "room").exists():
@@ -698,6 +810,9 @@ def test_what_killed_workers_left_is_cleared_away(
         (ValueError, r"^workers: got 0; accepts 1 or more", {"workers": 0}),
         (TypeError, r"^threads: got str; accepts an integer", {"threads": "2"}),
         (TypeError, r"^windo: no such setting", {"windo": 3}),
+        (ValueError, r"^time_limit: got 0; accepts a positive", {"time_limit": 0}),
+        (TypeError, r"^time_limit: got str; accepts a number", {"time_limit": "2"}),
+        (ValueError, r"^security: got that without a scheduler", {"security": object()}),
         (
             ValueError,
             r"^workers: got a number beside a scheduler",
@@ -830,13 +945,74 @@ def test_a_manifest_that_does_not_fit_on_the_disk_is_named(
     device = Path("/dev/full")
     if not device.exists():
         pytest.skip("no /dev/full here")
-    monkeypatch.setattr("phasestereo.batch.manifest.replacing", lambda _: device.open("wb"))
+    monkeypatch.setattr("phasestereo.batch.manifest.replacing", lambda *_, **__: device.open("wb"))
     manifest = Manifest(tmp_path)
     manifest.records["a"] = Record(
         name="a", state="done", left="", right="", num_disparities=1, min_disparity=0, recipe=""
     )
     with pytest.raises(OSError, match=r"manifest.jsonl cannot be written: No space left on device"):
         manifest.save(["a"])
+
+
+RECORD = Record(
+    name="a", state="done", left="l", right="r", num_disparities=1, min_disparity=0, recipe="x",
+    files={"a.tif": 3},
+)  # fmt: skip
+DAMAGE = {
+    "no object": b"[1]",
+    "cut": b'{"name": "left0", "state": "do',
+    "another type": b'{"name": 3}',
+    "no number": json.dumps(asdict(RECORD)).replace("null", "NaN").encode(),
+    "too large a number": json.dumps(asdict(RECORD) | {"attempts": 10**30}).encode(),
+    "deep": b"[" * 60_000,
+    "deep inside": b'{"name": "a", "more": ' + b"[" * 30_000,
+    "no text": b"\xff\xfe\x00",
+    "a file elsewhere": json.dumps(asdict(RECORD) | {"files": {"../a.tif": 3}}).encode(),
+    "an absolute file": json.dumps(asdict(RECORD) | {"files": {"/etc/passwd": 3}}).encode(),
+    "a state that is none": json.dumps(asdict(RECORD) | {"state": "dune"}).encode(),
+    "done without files": json.dumps(asdict(RECORD) | {"files": None}).encode(),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+@pytest.mark.parametrize("file", ["manifest.jsonl", "manifest.log"])
+def test_a_damaged_line_of_a_manifest_is_set_apart_and_named(
+    tmp_path: Path, kind: str, file: str
+) -> None:
+    manifest = Manifest(tmp_path)
+    manifest.add(RECORD)
+    manifest.add(replace(RECORD, name="b"))
+    manifest.close()
+    (tmp_path / "manifest.log").rename(tmp_path / file)
+    lines = (tmp_path / file).read_bytes().splitlines()
+    (tmp_path / file).write_bytes(b"\n".join([lines[0], DAMAGE[kind], lines[1], b""]))
+    with pytest.raises(ValueError, match=rf"{file}, line 2: no record of a batch: "):
+        read_manifest(tmp_path / file)
+    for _ in range(2):
+        manifest = Manifest(tmp_path)
+        assert list(manifest.records) == ["a", "b"]
+        found = [each.where for each in manifest.damaged]
+        manifest.save([])
+        manifest.save([])
+    assert found == []  # the second run finds it mended
+    assert (tmp_path / "manifest.damaged").read_bytes() == DAMAGE[kind] + b"\n"
+    assert list(read_manifest(tmp_path / "manifest.jsonl")) == ["a", "b"]
+
+
+def test_the_pair_of_a_damaged_line_is_matched_again(
+    run: Callable[..., Run], cluster: Any, images: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out"
+    words = ["batch", images, "--num-disparities", COUNT, "--preset", "fast", "-o", folder]
+    words += ["--scheduler", cluster.scheduler_address]
+    assert run(*words)[0] == 0
+    lines = (folder / "manifest.jsonl").read_bytes().splitlines()
+    lines[3] = lines[3][:50]
+    (folder / "manifest.jsonl").write_bytes(b"\n".join([*lines, b""]))
+    code, out, err = run(*words)
+    assert (code, out.split(",")[:2]) == (0, ["1 pairs matched", " 5 there already"])
+    assert err.startswith(f"phasestereo: {folder}/manifest.jsonl, line 4: no record of a batch: ")
+    assert set(states(folder).values()) == {"done"}
 
 
 def test_a_manifest_that_is_none_is_left_alone(pairs: list[PairFiles], tmp_path: Path) -> None:
@@ -855,7 +1031,7 @@ def test_a_manifest_keeps_pairs_of_other_lists(
 
 
 def test_processors_are_shared_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(counterpart("dask.system"), "CPU_COUNT", 8)
+    monkeypatch.setattr("phasestereo.batch.cluster._processors", lambda: 8)
     assert share(None, None, 100) == (8, 1)
     assert share(None, None, 3) == (3, 2)
     assert share(2, None, 100) == (2, 4)
@@ -915,6 +1091,20 @@ def test_wrong_command_lines(run: Callable[..., Run], images: Path, tmp_path: Pa
 def test_without_the_extra_it_says_what_installs_it(
     pairs: list[PairFiles], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ImportError, match=r"^distributed is .* pip install 'phasestereo\[dask\]'$"):
-        run(pairs, tmp_path)
+    for module, extra, options in (
+        ("distributed", "dask", {"scheduler": "tcp://127.0.0.1:9"}),
+        ("msgspec", "batch", {}),
+    ):
+        monkeypatch.setitem(sys.modules, module, None)
+        with pytest.raises(ImportError, match=rf"^{module} is .* 'phasestereo\[{extra}\]'$"):
+            run(pairs, tmp_path, **options)  # type: ignore[arg-type]
+
+
+def test_a_process_that_died_while_it_had_nothing_to_do_is_replaced() -> None:
+    with local(1) as processes:
+        for key in ("a", "b"):
+            processes.submit(key, os.getpid)
+            ((found, outcome),) = processes.finished()
+            assert found == key
+            os.kill(outcome(), signal.SIGKILL)
+            time.sleep(0.3)

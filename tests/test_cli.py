@@ -431,3 +431,22 @@ def test_interrupt_ends_a_match_soon_and_leaves_nothing(tmp_path: Path) -> None:
     assert "phasestereo: interrupted" in shown
     assert "Traceback" not in shown
     assert listing(tmp_path) == before
+
+
+STRANGE = "a\x1b[2Jb\x9b1mc\u202ed.png"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such names")
+@pytest.mark.usefixtures("folder")
+def test_names_of_files_cannot_write_to_the_terminal(run: Callable[..., Run]) -> None:
+    code, out, err = run("match", STRANGE, STRANGE, "--num-disparities", "4", "--json")
+    shown = "a\\x1b[2Jb\\x9b1mc\\u202ed.png"
+    assert (code, out, err) == (
+        1,
+        "",
+        f"phasestereo: error: {shown}: No such file or directory\n",
+    )
+    output = Path(STRANGE).with_suffix(".npy")
+    code, out, err = run("match", "left.png", "right.png", "--num-disparities", "4", "-o", output)
+    assert (code, err) == (0, "")
+    assert out.endswith(f"wrote {shown[:-4]}.npy\n")

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import errno
+import os
+import struct
+import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from conftest import ROOT
 from phasestereo.io import (
+    max_pixels,
     read_calibration,
     read_disparity,
     read_image,
     read_pfm,
     read_truth,
+    set_max_pixels,
     write_disparity,
     write_image,
     write_pfm,
@@ -129,3 +136,59 @@ def test_missing_extras_say_how_to_get_them(
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ImportError, match=r"pip install 'phasestereo\[io\]'"):
         read_image(tmp_path / name)
+
+
+# What is read is bounded
+
+
+def test_the_limit_on_pixels_is_that_of_the_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    images = {name: tmp_path / f"a.{name}" for name in ("png", "pgm", "bmp", "jpg", "tif", "npy")}
+    for path in images.values():
+        write_image(path, np.zeros((5, 7), np.uint8))
+    write_pfm(tmp_path / "a.pfm", np.zeros((5, 7), np.float32))
+    every = [*images.values(), tmp_path / "a.pfm"]
+    assert max_pixels() == 200_000_000
+    monkeypatch.setenv("PHASESTEREO_MAX_PIXELS", "34")
+    for path in every:
+        with pytest.raises(ValueError, match=rf"{path.name}: .* 7 x 5 pixels; at most 34 are read"):
+            read_image(path)
+    set_max_pixels(35)
+    try:
+        assert [read_image(path).size for path in every] == [35] * len(every)
+    finally:
+        set_max_pixels(None)
+    monkeypatch.setenv("PHASESTEREO_MAX_PIXELS", "many")
+    with pytest.raises(ValueError, match="PHASESTEREO_MAX_PIXELS: got 'many'; accepts a number"):
+        max_pixels()
+
+
+@pytest.mark.parametrize(("count", "error"), [(0, ValueError), (1.5, TypeError), (True, TypeError)])
+def test_what_is_no_limit_is_refused(count: Any, error: type[Exception]) -> None:
+    with pytest.raises(error, match=r"^count: got "):
+        set_max_pixels(count)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_disk_is_told_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    full = partial(Path("/dev/full").open, "wb")
+    monkeypatch.setattr("phasestereo.io.files.created", lambda _: full())
+    with pytest.raises(OSError, match=rf"No space left on device: '{tmp_path}/a.npy'"):
+        write_image(tmp_path / "a.npy", np.zeros((500, 500), np.uint8))
+
+
+def test_a_library_does_not_write_into_the_terminal_of_others(tmp_path: Path) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((16, 16), np.uint8), description="x" * 5000)
+    content = bytearray((tmp_path / "a.tif").read_bytes())
+    place = content.index(struct.pack("<HH", 305, 2))  # the tag that names the software
+    content[place + 2 : place + 4] = struct.pack("<H", 99)  # has a type that there is not
+    (tmp_path / "a.tif").write_bytes(content)
+    done = subprocess.run(  # noqa: S603  # our own interpreter on our own code
+        [sys.executable, "-c", "import sys, phasestereo as ps; ps.io.read_image(sys.argv[1])",
+         str(tmp_path / "a.tif")],
+        env=os.environ | {"PYTHONPATH": str(ROOT / "python")},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")

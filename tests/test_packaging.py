@@ -45,6 +45,7 @@ WANTED = [
     "live",
     "geo",
     "pandora",
+    "batch",
     "dask",
     "large",
     "download",
@@ -485,6 +486,16 @@ def test_the_script_names_all_of_the_interface() -> None:
         if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "ps"
     }
     assert set(ps.__all__) <= used
+
+
+# Supply chain
+
+
+def test_every_action_of_a_workflow_is_named_by_the_hash_of_a_commit() -> None:
+    for path in (ROOT / ".github/workflows").glob("*.yml"):
+        for line in path.read_text("utf-8").splitlines():
+            if "uses:" in line:
+                assert re.search(r"uses: [\w./-]+@[0-9a-f]{40} # v\d", line), (path, line)
 
 
 # Files

@@ -13,6 +13,7 @@ import pytest
 import phasestereo as ps
 from footage import COLS, COUNT, INTRA, LOSSLESS, ROWS, damage, film, pair, shift, side_by_side
 from phasestereo import io
+from phasestereo.degradation import Degradation, disk_psf
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -43,7 +44,7 @@ def expected(indices: Any) -> dict[int, float]:
 
 
 def test_frames_of_a_video_are_matched_as_pairs_are() -> None:
-    frames = list(ps.stream("video.mkv", num_disparities=COUNT, threads=1))
+    frames = list(ps.stream("video.mkv", num_disparities=COUNT, threads=1, reestimate=1))
     assert [frame.index for frame in frames] == list(range(10))
     assert [frame.time for frame in frames] == pytest.approx([index / 20 for index in range(10)])
     for frame in frames:
@@ -323,3 +324,56 @@ def test_several_streams_at_a_time() -> None:
     for one, two, three in zip(*streams, strict=True):
         np.testing.assert_array_equal(one.result.disparity, two.result.disparity)
         assert three.index == one.index
+
+
+# Blur
+
+
+def soft(index: int, *, blurred: bool) -> Any:
+    """Return one pair of the same scene with new noise, its left image blurred or not."""
+    recipes = [Degradation(disk_psf(3.0) if blurred else None, noise=1, seed=index), Degradation()]
+    return tuple(recipe(view) for recipe, view in zip(recipes, pair(0), strict=True))
+
+
+def reused(results: Any) -> list[bool]:
+    return [result.blur.reused for result in results]
+
+
+def results(shots: Any, **options: Any) -> list[Any]:
+    return [frame.result for frame in ps.stream(shots, num_disparities=COUNT, **options)]
+
+
+def test_blur_is_estimated_anew_when_it_changes() -> None:
+    shots = [soft(index, blurred=index >= 3) for index in range(6)]
+    found = results(shots)
+    assert reused(found) == [False, True, True, False, True, True]
+    assert [result.blur.blur.side for result in found] == 3 * ["none"] + 3 * ["left"]
+    for index in (0, 3):
+        result = ps.match(*shots[index], num_disparities=COUNT)
+        np.testing.assert_array_equal(found[index].disparity, result.disparity)
+
+
+@pytest.mark.parametrize(
+    ("count", "expected"), [(1, [False] * 5), (2, [False, True] * 2 + [False])]
+)
+def test_blur_is_estimated_anew_after_so_many_frames(count: int, expected: list[bool]) -> None:
+    shots = [soft(index, blurred=False) for index in range(5)]
+    assert reused(results(shots, reestimate=count)) == expected
+
+
+def test_a_matcher_reuses_what_it_is_given_and_nothing_else() -> None:
+    matcher = ps.Matcher()
+    first = matcher.match(*soft(0, blurred=True), num_disparities=COUNT)
+    second = matcher.match(*soft(1, blurred=True), num_disparities=COUNT)
+    third = matcher.match(*soft(1, blurred=True), num_disparities=COUNT, before=first.blur)
+    assert first.blur is not None
+    assert second.blur is not None
+    assert third.blur is not None
+    assert reused((first, second, third)) == [False, False, True]
+    assert third.blur.noise == first.blur.noise != second.blur.noise
+
+
+@pytest.mark.parametrize(("count", "error"), [(0, ValueError), (1.5, TypeError), (None, TypeError)])
+def test_wrong_counts_of_frames_are_refused(count: Any, error: type[Exception]) -> None:
+    with pytest.raises(error, match="reestimate: got"):
+        ps.stream([pair(0)], num_disparities=COUNT, reestimate=count)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -72,6 +73,16 @@ def test_a_file_that_is_no_survey_is_refused(path: Path, content: bytes) -> None
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"survey.npz: "):
         surveying.load(path)
+
+
+def test_a_survey_that_is_damaged_anywhere_is_refused_or_whole(path: Path) -> None:
+    content = path.read_bytes()
+    for place in range(0, len(content), 3):
+        damaged = bytearray(content)
+        damaged[place] ^= 0xFF
+        path.write_bytes(damaged)
+        with suppress(ValueError):
+            surveying.load(path)
 
 
 def test_a_truncated_survey_is_refused(path: Path) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import Pixels
-from phasestereo.blur import Estimated
+from phasestereo.blur import Estimated, Glance
 from phasestereo.equalisation import Equalisation
 from phasestereo.settings import Settings
 from phasestereo.surveying import Checked, Survey
@@ -19,6 +19,7 @@ __all__ = [
     "Workers",
     "__version__",
     "aggregate_volume",
+    "blur_is_as_before",
     "check_settings",
     "check_versions",
     "cost_volume",
@@ -51,6 +52,13 @@ class Workers:
     @property
     def count(self) -> int: ...
 
+def blur_is_as_before(
+    images: tuple[Pixels, Pixels],
+    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
+    disparities: tuple[int, int],
+    glance: Glance,
+    threads: int | Workers | None,
+) -> bool: ...
 def check_settings(settings: Settings) -> None: ...
 def check_versions(versions: Equalisation | None) -> None: ...
 def estimate_blur(

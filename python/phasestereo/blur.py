@@ -8,7 +8,7 @@ the response of the relative blur.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 Side = Literal["none", "left", "right"]
 Kind = Literal["none", "gaussian", "disk", "motion", "other"]
 
+Glance: TypeAlias = tuple["NDArray[np.uint32]", "NDArray[np.float32]"]
+"""What the core compares a later pair of the same cameras with."""
+
 Estimated: TypeAlias = tuple[
     list[tuple[int, Kind, float, float, "NDArray[np.float64] | None"]],
     "NDArray[np.uint8]",
@@ -31,8 +34,9 @@ Estimated: TypeAlias = tuple[
     float,
     float,
     tuple[float, float],
+    Glance,
 ]
-"""What the core tells: kinds, labels, tile, certainty, contrast and noise of a `BlurEstimate`."""
+"""What the core tells: kinds, labels, tile, certainty, contrast, noise, glance of an estimate."""
 
 _SIDES: tuple[Side, ...] = ("none", "left", "right")
 
@@ -103,6 +107,11 @@ class BlurEstimate:
     gain, gamma
         How intensities correspond, as fractions of their range: left = gain * right ** gamma. NaN
         in the result of a match, which does without.
+    reused
+        Whether it was made of an earlier pair, and taken over since the blur of this one is as it
+        was: `Matcher.match` with ``before``, and `stream`.
+    glance
+        What a later pair of the same cameras is compared with; None: nothing can be.
     """
 
     blurs: tuple[Blur, ...]
@@ -113,6 +122,8 @@ class BlurEstimate:
     noise: tuple[float, float]
     gain: float = math.nan
     gamma: float = math.nan
+    reused: bool = False
+    glance: Glance | None = None
 
     @property
     def blur(self) -> Blur:
@@ -158,15 +169,22 @@ def estimate(
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
     search: tuple[int, int],
     threads: int | _core.Workers | None,
+    before: BlurEstimate | None = None,
 ) -> BlurEstimate:
-    """Estimate the blur of checked images: the part of `estimate_blur` that a match needs."""
+    """Estimate the blur of checked images: the part of `estimate_blur` that a match needs.
+
+    An estimate of a pair before is taken over if blur is as it was.
+    """
+    glance = None if before is None else before.glance
+    if before and glance and _core.blur_is_as_before(pair, masks, search, glance, threads):
+        return replace(before, reused=True)
     return as_estimate(_core.estimate_blur(pair, masks, search, threads))
 
 
 def as_estimate(found: Estimated) -> BlurEstimate:
     """Return what the core has found out."""
-    blurs, labels, tile, certainty, contrast, noise = found
+    blurs, labels, tile, certainty, contrast, noise, glance = found
     kinds = tuple(
         Blur(_SIDES[side], kind, size, angle, psf) for side, kind, size, angle, psf in blurs
     )
-    return BlurEstimate(kinds, labels, tile, certainty, contrast, noise)
+    return BlurEstimate(kinds, labels, tile, certainty, contrast, noise, glance=glance)

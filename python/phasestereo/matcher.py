@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from phasestereo.blur import BlurEstimate
+
     Progress = Callable[[int, int], object]
 
 
@@ -180,8 +182,18 @@ class Matcher:
         progress: Progress | None = None,
         noise: Noise | None = None,
         equalisation: Equalisation | None = None,
+        before: BlurEstimate | None = None,
     ) -> Result:
-        """Match a rectified stereo pair: parameters, result and errors are those of `match`."""
+        """Match a rectified stereo pair: parameters, result and errors are those of `match`.
+
+        Parameters
+        ----------
+        before
+            The ``blur`` of the result of an earlier pair of the same cameras. If this one's blur
+            is as it was, which is seen at a glance, that estimate is taken over, noise and contrast
+            included, and ``result.blur.reused`` is True. What a glance does not see is told by the
+            notes of `phasestereo.stream`. None: blur is estimated anew, if need be.
+        """
         search = min_disparity, num_disparities
         masks = left_mask, right_mask
         return _match(
@@ -192,6 +204,7 @@ class Matcher:
             threads=self._workers,
             progress=progress,
             told=(noise, equalisation),
+            before=before,
         )
 
     def __reduce__(self) -> tuple[partial[Matcher], tuple[()]]:
@@ -212,6 +225,7 @@ def _match(
     threads: int | _core.Workers | None,
     progress: Progress | None,
     told: tuple[Noise | None, Equalisation | None],
+    before: BlurEstimate | None = None,
 ) -> Result:
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
@@ -221,7 +235,7 @@ def _match(
     versions, blur, timings = as_equalisation(*told), None, {}
     if asks_for_estimate(settings, *told):
         started = perf_counter()
-        blur = estimate(pair, valid, search, threads)
+        blur = estimate(pair, valid, search, threads, before)
         settings, versions = even_out(blur, settings, versions)
         timings["estimation"] = perf_counter() - started
     disparity, flags, confidence, stages = _core.match_pair(

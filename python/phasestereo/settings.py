@@ -175,32 +175,37 @@ class Settings:
 _PAPER = Settings()
 
 # Means of bad-1.0 (%) over the 12 scenes of the one-sided-blur suite:
-#                     sharp  gauss 2  disk 3  motion 9  contrast  mixed
-#   as below           12.0     20.7    19.0      31.0      12.4   35.9
-#   neighborhood 7     10.6     22.2    23.6      52.4      11.1   41.1
-#   neighborhood 11    13.8     20.7    18.8      23.7      14.2   28.1
-#   window 7           11.9     22.1    20.1      33.4      12.3   38.0
-#   paper              11.4     26.2    45.6      45.8      11.8   34.6
-# Larger penalties are a little better (by 0.3 points at best), but together with the largest cost a
-# jump must fit a byte: for less than 4.6 bits it does.
+#                        sharp  gauss 2  disk 3
+#   as below              10.9     19.3    17.8
+#   neighborhood 7         9.1     20.2    21.5
+#   window 7              11.4     20.2    18.6
+#   penalty (3, 12)       11.0     19.4    17.8
+#   penalty (4, 16)       11.2     19.6    17.9
+#   edges 0               11.5     19.8    18.4
+#   edges 1               10.9     19.5    18.0
+#   median 0              11.2     19.9    18.3
+#   paper                 11.4     26.2    45.6
 _FAST = Settings(
     neighborhood=9,
     frequencies=(1, 1),
     window=9,
+    shiftable=False,
     precision="byte",
     optimizer="so",
-    penalty=(1.0, 4.5),
+    penalty=(3.0, 16.0),
+    edges=2.0,
+    median=3,
     confidence=False,
 )
 
 # Means of bad-1.0 (%) over the same scenes, told nothing: sharp, and the mean of the six blurs.
 # Where there is blur, neighborhood and window are two larger than said.
-#   as below             5.6   17.9      edges 0.5            5.65     -
-#   neighborhood 5       6.2   18.0      edges 0 (2)          6.1   18.8 (18.1)
-#   window 7             6.0   18.0      guided=False         6.0   18.4
-#   weak 0.7 (1)         5.8   - (18.7)  median 0             5.9      -
-#   penalty (3, 16)     5.65     -       speckle_size 0       5.65     -
-#   penalty (4, 20)      5.6     -       precision="full"     5.6      -
+#   as below             5.57   17.71     edges 0.5            5.57  17.68
+#   neighborhood 5       6.05   17.85     edges 0 (2)          5.90  18.53 (5.60, 17.93)
+#   window 7             6.02   18.09     guided=False         5.89  18.18
+#   weak 0.7 (1)         5.73   18.05     median 0             5.83  17.86
+#   penalty (4, 16)      5.63   17.70     speckle_size 0       5.67  17.95
+#   penalty (6, 24)      5.57   17.79
 _ROBUST = Settings(
     neighborhood=3,
     frequencies=(1, 1),
@@ -209,7 +214,7 @@ _ROBUST = Settings(
     shiftable=False,
     precision="byte",
     optimizer="sgm",
-    penalty=(4.0, 16.0),
+    penalty=(5.0, 20.0),
     edges=1.0,
     equalise=True,
     subpixel=True,

@@ -126,9 +126,11 @@ def load(path: str | os.PathLike[str]) -> Survey:
     ValueError
         If it is no such file.
     """
-    files, surveys = (import_module(f"phasestereo.{name}") for name in ("io.files", "survey_files"))
-    with files.decoding(path) as file, np.load(file, allow_pickle=False) as arrays:
-        found: Survey = surveys.from_arrays(dict(arrays))
+    names = "io.files", "io.limits", "io.npz", "survey_files"
+    files, limits, npz, surveys = (import_module(f"phasestereo.{name}") for name in names)
+    with files.decoding(path) as file:
+        content = files.read_bounded(file, limits.SURVEY)
+        found: Survey = surveys.from_arrays(npz.decode_arrays(content, limits.SURVEY))
         return found
 
 
@@ -186,7 +188,7 @@ def survey(
         ranges = _core.find_ranges(rows, rows.size, search)
     if asks_for_estimate(asked, noise, equalisation):
         found = _core.estimate_blur_by_rows(rows, rows.size, search, ranges, workers)
-        blur = as_estimate(found)
+        blur = replace(as_estimate(found), glance=None)  # no later pair is compared with it
         asked, versions = even_out(blur, asked, versions)
     if asked.edges > 0 or asked.guided or asked.confidence or asked.min_confidence > 0:
         roughness = _core.find_roughness(rows, rows.size, search, ranges)

@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use super::fit::Response;
 use super::spectrum::response;
 use crate::psf::{Family, Psf};
+use crate::simd::Level;
 
 /// Which image is the softer one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,8 +33,8 @@ const TURN: u8 = 15;
 
 impl Entry {
     /// The entry of a function.
-    pub fn new(psf: Psf) -> Self {
-        Self { psf, response: response(&psf.taps()) }
+    pub fn new(psf: Psf, level: Level) -> Self {
+        Self { psf, response: response(&psf.taps(), level) }
     }
 }
 
@@ -53,7 +54,16 @@ pub fn bank() -> &'static [Entry] {
         });
         let all =
             round(Family::Gaussian, &SIGMAS).chain(round(Family::Disk, &RADII)).chain(motions);
-        all.map(Entry::new).collect()
+        all.map(|psf| Entry::new(psf, Level::best())).collect()
+    })
+}
+
+/// A few of all these: what is better explained by one of the others is so by one of them, if less.
+pub fn probes() -> impl Iterator<Item = &'static Entry> {
+    bank().iter().filter(|Entry { psf, .. }| match psf.family {
+        Family::Gaussian => false,
+        Family::Disk => [2.0, 4.0, 8.0].contains(&psf.size),
+        Family::Motion => [5.0, 9.0, 15.0].contains(&psf.size) && psf.angle % 30.0 == 0.0,
     })
 }
 

@@ -1,6 +1,6 @@
 //! How well a blur explains what two power spectra differ by.
 
-use super::bins::{LANES, bins};
+use super::bins::{LANES, Lanes, bins, total};
 use super::spectrum::Powers;
 use crate::simd::{Kernel, Level};
 
@@ -11,7 +11,8 @@ const LEAST_SIGNAL: f32 = 0.02;
 /// Gains of power lie within this many nepers of 1, corrections of them within one.
 const LARGEST_GAIN: f32 = 20.0;
 
-type Lanes = [f32; LANES];
+/// Most bins there can be.
+const MOST_BINS: usize = 256;
 
 /// What a kernel leaves of the power in every bin.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,9 +26,9 @@ pub struct Response {
 #[derive(Debug, Clone)]
 pub struct Evidence {
     /// Logarithms of the blurrier one's power.
-    blurred: Vec<f32>,
+    blurred: Vec<Lanes>,
     /// The sharper one's power without its noise.
-    sharp: Vec<f32>,
+    sharp: Vec<Lanes>,
     /// The power of the blurrier one's noise.
     noise: f32,
     /// Mean logarithm of the quotient of both signals where frequencies are low.
@@ -39,8 +40,11 @@ pub struct Evidence {
 pub struct Fit {
     /// Mean magnitude of the residuals, nepers of power; 0 is a perfect fit.
     pub loss: f32,
-    /// Gain of power.
-    pub gain: f32,
+    /// By how much the image that is taken for the blurrier one has less power than that, nepers on average, as
+    /// long as the gain is that of the low frequencies.
+    pub lack: f32,
+    /// Logarithm of the gain of power.
+    log_gain: f32,
 }
 
 impl Response {
@@ -62,82 +66,138 @@ impl Response {
     }
 }
 
-impl Evidence {
-    /// That for a blur of one image, `side` (0 left, 1 right), given the powers of the noise of both.
-    pub fn new(powers: &Powers, noise: [f32; 2], side: usize) -> Self {
-        let signal = |power: &f32, noise: f32| (power - noise).max(LEAST_SIGNAL * power);
-        let (blurred, sharp) = (&powers.binned[side], &powers.binned[1 - side]);
-        let sharp: Vec<f32> = sharp.iter().map(|power| signal(power, noise[1 - side])).collect();
-        let quotient =
-            |(blurred, sharp): (&f32, &f32)| ln(signal(blurred, noise[side])) - ln(*sharp);
-        let low = bins().low.iter().zip(blurred.iter().zip(&sharp).map(quotient));
-        Self {
-            low: low.map(|(weight, quotient)| weight * quotient).sum(),
-            blurred: blurred.iter().map(|power| ln(*power)).collect(),
-            sharp,
-            noise: noise[side],
-        }
+impl Fit {
+    /// Gain of power.
+    pub fn gain(&self) -> f32 {
+        self.log_gain.exp()
     }
+}
 
-    /// By how much the image that is taken for the blurrier one has less power than the other one, given no
-    /// blur, nepers on average.
-    pub fn lack(&self) -> f32 {
-        let gain = self.low.clamp(-LARGEST_GAIN, LARGEST_GAIN).exp();
-        let lack = |(blurred, sharp): (&f32, &f32)| ln(gain * sharp + self.noise) - blurred;
-        let lacks = self.blurred.iter().zip(&self.sharp).map(lack);
-        lacks.zip(&bins().weights).map(|(lack, weight)| weight * lack).sum()
+impl Evidence {
+    /// That for a blur of the left image and for one of the right image, given the powers of the noise of both.
+    pub fn of_both(powers: &Powers, noise: [f32; 2], level: Level) -> [Self; 2] {
+        level.run(Signals { powers, noise })
     }
 
     /// Fits the model: blurred = gain x response x (sharp - its noise) + noise.
     pub fn fit(&self, response: &Response, level: Level) -> Fit {
-        level.run(Model { evidence: self, response, weights: &bins().weights })
+        level.run(Model { evidence: self, response })
+    }
+
+    /// The losses of many responses.
+    pub fn losses<'a>(
+        &self,
+        responses: impl Iterator<Item = &'a Response>,
+        level: Level,
+    ) -> Vec<f32> {
+        level.run(Models { evidence: self, responses })
     }
 }
 
+/// What is there but noise, as evidence for either side.
+struct Signals<'a> {
+    powers: &'a Powers,
+    noise: [f32; 2],
+}
+
+impl Kernel for Signals<'_> {
+    type Output = [Evidence; 2];
+
+    #[inline(always)]
+    fn run(self) -> [Evidence; 2] {
+        let Self { powers, noise } = self;
+        let [left, right] = &powers.binned;
+        let (left, right) = (left.as_chunks::<LANES>().0, right.as_chunks::<LANES>().0);
+        let room = || Vec::with_capacity(left.len());
+        let evidence = |noise| Evidence { blurred: room(), sharp: room(), noise, low: 0.0 };
+        let (mut for_left, mut for_right) = (evidence(noise[0]), evidence(noise[1]));
+        let mut low = [0.0; LANES];
+        for ((left, right), weights) in
+            left.iter().zip(right).zip(bins().low.as_chunks::<LANES>().0)
+        {
+            let (left_signal, right_signal) = (signal(*left, noise[0]), signal(*right, noise[1]));
+            let (left_log, right_log) = (logarithms(left_signal), logarithms(right_signal));
+            for lane in 0..LANES {
+                low[lane] += weights[lane] * (left_log[lane] - right_log[lane]);
+            }
+            for_left.blurred.push(logarithms(*left));
+            for_left.sharp.push(right_signal);
+            for_right.blurred.push(logarithms(*right));
+            for_right.sharp.push(left_signal);
+        }
+        for_left.low = total(low);
+        for_right.low = -for_left.low;
+        [for_left, for_right]
+    }
+}
+
+/// A response to be fitted.
 struct Model<'a> {
     evidence: &'a Evidence,
     response: &'a Response,
-    weights: &'a [f32],
 }
-
-/// Most bins there can be.
-const MOST_BINS: usize = 256;
 
 impl Kernel for Model<'_> {
     type Output = Fit;
 
     #[inline(always)]
     fn run(self) -> Fit {
-        let Self { evidence, response, weights } = self;
-        let noise = evidence.noise;
-        let first = (evidence.low - response.low).clamp(-LARGEST_GAIN, LARGEST_GAIN).exp();
-        let (blurred, _) = evidence.blurred.as_chunks::<LANES>();
-        let (sharp, _) = evidence.sharp.as_chunks::<LANES>();
-        let (response, _) = response.values.as_chunks::<LANES>();
-        let (weights, _) = weights.as_chunks::<LANES>();
-        let mut residuals = [([0.0; LANES], [0.0; LANES]); MOST_BINS / LANES];
-        let (mut pull, mut trusted) = ([0.0; LANES], [0.0; LANES]);
-        let powers = blurred.iter().zip(sharp).zip(response).zip(weights);
-        for ((((blurred, sharp), response), weights), kept) in powers.zip(&mut residuals) {
-            let (residual, trust) = residual(*blurred, *sharp, *response, first, noise);
-            for lane in 0..LANES {
-                let clipped = residual[lane].clamp(-LARGEST_RESIDUAL, LARGEST_RESIDUAL);
-                pull[lane] += weights[lane] * trust[lane] * clipped;
-                trusted[lane] += weights[lane] * trust[lane];
-            }
-            *kept = (residual, trust);
-        }
-        let correction = (total(pull) / total(trusted).max(1e-9)).clamp(-1.0, 1.0);
-        let mut loss = [0.0; LANES];
-        for (weights, (residual, trust)) in weights.iter().zip(&residuals) {
-            for lane in 0..LANES {
-                // To the first order, what a little more gain does where there is signal and where there is noise.
-                let residual = (residual[lane] - trust[lane] * correction).abs();
-                loss[lane] += weights[lane] * residual.min(LARGEST_RESIDUAL);
-            }
-        }
-        Fit { loss: total(loss), gain: first * correction.exp() }
+        fitted(self.evidence, self.response, &mut { NO_RESIDUALS })
     }
+}
+
+/// Responses to be fitted one after another: what is set up for each of them takes as long as a third of a fit.
+struct Models<'e, R> {
+    evidence: &'e Evidence,
+    responses: R,
+}
+
+impl<'r, R: Iterator<Item = &'r Response>> Kernel for Models<'_, R> {
+    type Output = Vec<f32>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<f32> {
+        let mut losses = Vec::with_capacity(self.responses.size_hint().0);
+        let mut residuals = NO_RESIDUALS;
+        for response in self.responses {
+            losses.push(fitted(self.evidence, response, &mut residuals).loss);
+        }
+        losses
+    }
+}
+
+/// Residuals of some bins, and how much of them is signal.
+type Residuals = [(Lanes, Lanes); MOST_BINS / LANES];
+const NO_RESIDUALS: Residuals = [([0.0; LANES], [0.0; LANES]); MOST_BINS / LANES];
+
+#[inline(always)]
+fn fitted(evidence: &Evidence, response: &Response, residuals: &mut Residuals) -> Fit {
+    let log_gain = (evidence.low - response.low).clamp(-LARGEST_GAIN, LARGEST_GAIN);
+    let (gain, noise) = (log_gain.exp(), evidence.noise);
+    let (responses, _) = response.values.as_chunks::<LANES>();
+    let (weights, _) = bins().weights.as_chunks::<LANES>();
+    let (mut pull, mut trusted, mut excess) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    let powers = evidence.blurred.iter().zip(&evidence.sharp).zip(responses).zip(weights);
+    for ((((blurred, sharp), response), weights), kept) in powers.zip(residuals.iter_mut()) {
+        let (residual, trust) = residual(*blurred, *sharp, *response, gain, noise);
+        for lane in 0..LANES {
+            let clipped = residual[lane].clamp(-LARGEST_RESIDUAL, LARGEST_RESIDUAL);
+            pull[lane] += weights[lane] * trust[lane] * clipped;
+            trusted[lane] += weights[lane] * trust[lane];
+            excess[lane] += weights[lane] * residual[lane];
+        }
+        *kept = (residual, trust);
+    }
+    let correction = (total(pull) / total(trusted).max(1e-9)).clamp(-1.0, 1.0);
+    let mut loss = [0.0; LANES];
+    for (weights, (residual, trust)) in weights.iter().zip(residuals) {
+        for lane in 0..LANES {
+            // To the first order, what a little more gain does where there is signal and where there is noise.
+            let residual = (residual[lane] - trust[lane] * correction).abs();
+            loss[lane] += weights[lane] * residual.min(LARGEST_RESIDUAL);
+        }
+    }
+    Fit { loss: total(loss), lack: -total(excess), log_gain: log_gain + correction }
 }
 
 /// Logarithmic residuals, and the share of the signal in what is expected.
@@ -159,9 +219,23 @@ fn residual(
     (residual, trust)
 }
 
+/// Powers without that of the noise.
 #[inline(always)]
-fn total(sums: Lanes) -> f32 {
-    sums.iter().sum()
+fn signal(powers: Lanes, noise: f32) -> Lanes {
+    let mut signal = powers;
+    for value in &mut signal {
+        *value = (*value - noise).max(LEAST_SIGNAL * *value);
+    }
+    signal
+}
+
+#[inline(always)]
+fn logarithms(values: Lanes) -> Lanes {
+    let mut logarithms = values;
+    for value in &mut logarithms {
+        *value = ln(*value);
+    }
+    logarithms
 }
 
 /// The natural logarithm of a positive number, to 4e-5: this one is the same on every machine, and the loops
@@ -226,9 +300,10 @@ mod tests {
     fn a_blur_explains_what_it_has_made() {
         for entry in bank().iter().step_by(11) {
             let powers = powers(1, &entry.response, 3.7, [0.4, 0.2]);
-            let fit = Evidence::new(&powers, [0.4, 0.2], 0).fit(&entry.response, Level::best());
+            let fit = Evidence::of_both(&powers, [0.4, 0.2], Level::best())[0]
+                .fit(&entry.response, Level::best());
             assert!(fit.loss < 0.02, "{:?}: {fit:?}", entry.psf);
-            assert!((fit.gain / 3.7).ln().abs() < 0.05, "{:?}: {fit:?}", entry.psf);
+            assert!((fit.gain() / 3.7).ln().abs() < 0.05, "{:?}: {fit:?}", entry.psf);
         }
     }
 
@@ -237,14 +312,24 @@ mod tests {
         let noise = [0.7, 0.3];
         for (seed, entry) in bank().iter().enumerate().step_by(7) {
             let powers = powers(seed as u32, &entry.response, 0.4, noise);
+            let others: Vec<&Response> =
+                bank().iter().step_by(13).map(|other| &other.response).collect();
             for side in 0..2 {
-                let evidence = Evidence::new(&powers, noise, side);
-                for other in bank().iter().step_by(13) {
-                    let expected = naive(&powers, noise, side, &other.response);
-                    let fit = evidence.fit(&other.response, Level::best());
+                let of = |level| Evidence::of_both(&powers, noise, level)[side].clone();
+                let evidence = of(Level::best());
+                let fits: Vec<Fit> =
+                    others.iter().map(|other| evidence.fit(other, Level::best())).collect();
+                for (other, fit) in others.iter().zip(&fits) {
+                    let expected = naive(&powers, noise, side, other);
                     assert!((f64::from(fit.loss) - expected.0).abs() < 1e-3);
-                    assert!((f64::from(fit.gain) / expected.1).ln().abs() < 1e-3);
-                    assert!(levels().all(|level| evidence.fit(&other.response, level) == fit));
+                    assert!((f64::from(fit.gain()) / expected.1).ln().abs() < 1e-3);
+                }
+                let losses: Vec<f32> = fits.iter().map(|fit| fit.loss).collect();
+                for level in levels() {
+                    let evidence = of(level);
+                    let alone = others.iter().map(|other| evidence.fit(other, level));
+                    assert!(alone.eq(fits.iter().copied()), "{}", level.name());
+                    assert_eq!(evidence.losses(others.iter().copied(), level), losses);
                 }
             }
         }
@@ -264,18 +349,25 @@ mod tests {
     fn the_softer_image_lacks_power_and_the_sharper_one_does_not() {
         for entry in bank().iter().step_by(9) {
             let powers = powers(5, &entry.response, 2.0, [0.3, 0.3]);
-            let [soft, sharp] = [0, 1].map(|side| Evidence::new(&powers, [0.3; 2], side).lack());
+            let [soft, sharp] = lacks(&powers);
             assert!(soft > sharp && soft > 0.0, "{:?}: {soft} {sharp}", entry.psf);
         }
         let alike = powers(5, &Response::flat(), 2.0, [0.3, 0.3]);
-        assert!(Evidence::new(&alike, [0.3; 2], 0).lack().abs() < 0.05);
+        assert!(lacks(&alike)[0].abs() < 0.05);
+    }
+
+    fn lacks(powers: &Powers) -> [f32; 2] {
+        let evidence = Evidence::of_both(powers, [0.3; 2], Level::best());
+        evidence.map(|evidence| evidence.fit(&Response::flat(), Level::best()).lack)
     }
 
     #[test]
     fn powers_of_nothing_are_explained_by_no_number_that_is_none() {
         let nothing = vec![0.0; bins().count()];
         let powers = Powers { binned: [nothing.clone(), nothing], least_high: [0.0; 2] };
-        let fit = Evidence::new(&powers, [0.0; 2], 0).fit(&bank()[0].response, Level::best());
-        assert!(fit.loss.is_finite() && fit.gain.is_finite());
+        for evidence in Evidence::of_both(&powers, [0.0; 2], Level::best()) {
+            let fit = evidence.fit(&bank()[0].response, Level::best());
+            assert!(fit.loss.is_finite() && fit.gain().is_finite());
+        }
     }
 }

@@ -1,7 +1,5 @@
 //! A kernel that no family knows, measured from what both images show.
 
-use rustfft::num_complex::Complex32;
-
 use super::bank::Side;
 use super::bins::SIDE;
 use super::rough::{Rough, Shades};
@@ -10,6 +8,7 @@ use crate::control::Control;
 use crate::error::Result;
 use crate::plane::Plane;
 use crate::psf::Taps;
+use crate::simd::Level;
 
 /// Taps on either side of the centre: of larger kernels blocks see too little.
 const REACH: usize = 15;
@@ -24,27 +23,31 @@ pub fn look(
     rough: &Rough,
     places: &[Place],
     sums: &mut Cross,
+    level: Level,
     control: &Control,
 ) -> Result<()> {
     let seen = warped(&shades[1].plane, rough, control)?;
     let places: Vec<Place> =
         places.iter().map(|place| Place { right: place.left, ..*place }).collect();
-    sums.add_all([&shades[0].plane, &seen], &places, control)
+    sums.add_all([&shades[0].plane, &seen], &places, level, control)
 }
 
 /// The kernel that turns the sharp image into the soft one, by least squares over what was looked at: the sum of
 /// cross-spectra over that of powers.
 ///
 /// `None` if there is nothing to see it by.
-pub fn measured(sums: &Cross, side: Side) -> Option<Taps> {
+pub fn measured(sums: &Cross, side: Side, level: Level) -> Option<Taps> {
     let sharp = &sums.powers[1 - side.index()];
     let regular = sharp.iter().sum::<f32>() / sharp.len() as f32 * REGULAR;
-    let quotient = |(product, power): (&Complex32, &f32)| {
-        let product = if side == Side::Left { *product } else { product.conj() };
-        product / (power + regular).max(f32::MIN_POSITIVE)
+    let over = |product: &[f32], sign: f32| -> Vec<f32> {
+        let quotient = |(product, power): (&f32, &f32)| {
+            sign * product / (power + regular).max(f32::MIN_POSITIVE)
+        };
+        product.iter().zip(sharp).map(quotient).collect()
     };
-    let quotients: Vec<_> = sums.product.iter().zip(sharp).map(quotient).collect();
-    cleaned(&kernel(&quotients))
+    let sign = if side == Side::Left { 1.0 } else { -1.0 };
+    let [re, im] = &sums.product;
+    cleaned(&kernel(&[over(re, 1.0), over(im, sign)], level))
 }
 
 /// The right image as seen from the left one.
@@ -91,7 +94,6 @@ mod tests {
     use crate::matcher::{Execution, Matcher, Pair};
     use crate::plane::reflect;
     use crate::psf::path;
-    use crate::simd::Level;
     use crate::view::{Image, View};
 
     /// An image of squares of a few sizes.
@@ -160,8 +162,8 @@ mod tests {
             let corner = |i: usize| Place { top: i / 4 * 40, left: i % 4 * 40, right: i % 4 * 40 };
             let places: Vec<Place> = (0..12).map(corner).collect();
             let mut sums = Cross::default();
-            look(&shades, &rough, &places, &mut sums, &control).expect("not cancelled");
-            let found = measured(&sums, side).expect("there is contrast");
+            look(&shades, &rough, &places, &mut sums, level, &control).expect("not cancelled");
+            let found = measured(&sums, side, level).expect("there is contrast");
             let mirrored = Taps::new(hook().reach, hook().values.into_iter().rev().collect());
             let (alike, unlike) = (likeness(&found, &hook()), likeness(&found, &mirrored));
             assert!(alike > 0.9 && unlike < 0.7, "{side:?}: {alike} {unlike}");

@@ -92,7 +92,12 @@ impl Rows<'_> {
 }
 
 impl<'a> Part<'a> {
-    fn new(first: usize, pair: Cow<'a, Pair>, Means { how, control, .. }: Means) -> Result<Self> {
+    /// Those from a row of the whole image on.
+    pub fn new(
+        first: usize,
+        pair: Cow<'a, Pair>,
+        Means { how, control, .. }: Means,
+    ) -> Result<Self> {
         let [left, right] = pair.views();
         let shades = [Shades::new(left, how, control)?, Shades::new(right, how, control)?];
         Ok(Self { first, pair, shades })

@@ -29,6 +29,7 @@ pub fn refine(evidence: &Evidence, level: Level) -> Found {
         let fit = evidence.fit(&entry.response, level);
         Found { entry, fit }
     };
+    let judge_new = |psf| judge(Entry::new(psf, level));
     let families = [Family::Gaussian, Family::Disk, Family::Motion];
     let seeds = families.map(|family| {
         let members = bank().iter().filter(|entry| entry.psf.family == family);
@@ -37,19 +38,18 @@ pub fn refine(evidence: &Evidence, level: Level) -> Found {
     let seeds: Vec<Found> = seeds.into_iter().flatten().collect();
     let least = seeds.iter().map(|found| found.fit.loss).fold(f32::INFINITY, f32::min);
     let hopeful = seeds.into_iter().filter(|found| found.fit.loss <= HOPELESS * least + 0.02);
-    let refined = hopeful.map(|seed| descend(seed, &judge));
+    let refined = hopeful.map(|seed| descend(seed, &judge_new));
     // There is always the one with the least loss.
     best(refined).unwrap_or_else(|| judge(bank()[0].clone()))
 }
 
 /// Goes where the loss falls, in ever smaller steps.
-fn descend(seed: Found, judge: &impl Fn(Entry) -> Found) -> Found {
+fn descend(seed: Found, judge: &impl Fn(Psf) -> Found) -> Found {
     let mut found = seed;
     for halving in 0..HALVINGS {
         let (grow, turn) = (STEP / f64::from(1 << halving), TURN / f64::from(1 << halving));
-        while let Some(better) =
-            best(neighbours(found.entry.psf, grow, turn).map(Entry::new).map(judge))
-                .filter(|other| other.fit.loss < found.fit.loss)
+        while let Some(better) = best(neighbours(found.entry.psf, grow, turn).map(judge))
+            .filter(|other| other.fit.loss < found.fit.loss)
         {
             found = better;
         }
@@ -88,11 +88,13 @@ mod tests {
     fn evidence(psf: Psf) -> Evidence {
         let noise = 0.05;
         let scene = (0..bins().count()).map(|bin| 400.0 / (1.0 + bin as f32));
-        let response = Entry::new(psf).response;
+        let response = Entry::new(psf, Level::best()).response;
         let blurred =
             scene.clone().zip(response.values()).map(|(power, left)| power * left + noise);
         let binned = [blurred.collect(), scene.map(|power| power + noise).collect()];
-        Evidence::new(&Powers { binned, least_high: [0.0; 2] }, [noise; 2], 0)
+        let powers = Powers { binned, least_high: [0.0; 2] };
+        let [evidence, _] = Evidence::of_both(&powers, [noise; 2], Level::best());
+        evidence
     }
 
     #[test]

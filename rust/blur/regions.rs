@@ -28,7 +28,8 @@ const BOUNDARY: f32 = 0.15;
 const ROUNDS: usize = 8;
 
 impl Losses {
-    fn of(&self, tile: usize) -> &[f32] {
+    /// The losses of a tile.
+    pub fn of(&self, tile: usize) -> &[f32] {
         &self.values[tile * self.choices..][..self.choices]
     }
 
@@ -40,15 +41,8 @@ impl Losses {
     /// better; choice 0 is preferred as the first one. Empty if no tile tells anything.
     pub fn chosen(&self) -> Vec<usize> {
         let count = self.told().count() as f32;
-        let mean = |choice: usize| self.told().map(|losses| losses[choice]).sum::<f32>() / count;
-        let means: Vec<f32> = (0..self.choices).map(mean).collect();
-        let Some(best) = (0..self.choices).min_by(|a, b| means[*a].total_cmp(&means[*b])) else {
-            return Vec::new();
-        };
-        if count == 0.0 {
-            return Vec::new();
-        }
-        let mut chosen = vec![if means[0] <= means[best] + MARGIN / 2.0 { 0 } else { best }];
+        let Some(first) = first(self.told()) else { return Vec::new() };
+        let mut chosen = vec![first];
         while chosen.len() < MOST {
             let (next, worth) = self.next(&chosen);
             if worth < WORTH * count {
@@ -70,14 +64,6 @@ impl Losses {
         }
         let best = (0..self.choices).max_by(|a, b| worth[*a].total_cmp(&worth[*b])).unwrap_or(0);
         (best, worth[best])
-    }
-
-    /// The losses of some of the choices alone.
-    pub fn only(&self, choices: &[usize]) -> Self {
-        let pick =
-            |losses: &[f32]| choices.iter().map(|choice| losses[*choice]).collect::<Vec<_>>();
-        let values = self.values.chunks(self.choices).flat_map(pick).collect();
-        Self { choices: choices.len(), values, ..*self }
     }
 
     /// The tiles that a choice explains better than others do; of several choices the better half of these,
@@ -104,6 +90,14 @@ impl Losses {
             losses.copy_from_slice(self.of(steadiest));
         }
         steadied
+    }
+
+    /// Whether not all of the tiles about one are of the same choice.
+    pub fn is_boundary(&self, tile: usize) -> bool {
+        let told = self.around(tile).filter(|tile| self.of(*tile)[0].is_finite());
+        let mut choices = told.map(|tile| least(self.of(tile)));
+        let first = choices.next();
+        choices.any(|choice| Some(choice) != first)
     }
 
     fn around(&self, tile: usize) -> impl Iterator<Item = usize> {
@@ -137,6 +131,22 @@ impl Losses {
         }
         least(&energy) as u8
     }
+}
+
+/// The choice that explains tiles best by the mean of their losses; choice 0 is preferred. `None` if there are no tiles.
+pub fn first<'a>(tiles: impl Iterator<Item = &'a [f32]>) -> Option<usize> {
+    let mut tiles = tiles.peekable();
+    let mut means = vec![0.0; tiles.peek()?.len()];
+    let mut count = 0.0;
+    for losses in tiles {
+        means.iter_mut().zip(losses).for_each(|(sum, loss)| *sum += loss);
+        count += 1.0;
+    }
+    for mean in &mut means {
+        *mean /= count;
+    }
+    let best = least(&means);
+    Some(if means[0] <= means[best] + MARGIN / 2.0 { 0 } else { best })
 }
 
 /// The index of the least value, the first of equals.
@@ -223,14 +233,8 @@ mod tests {
         tiles[4..].fill([2.0, 0.5, 1.5, 0.2]);
         let losses = losses(4, &tiles);
         assert_eq!(losses.chosen(), [1, 2, 3]);
-        assert!(losses.only(&[1, 2, 3]).best_members(0).is_empty());
-        assert_eq!(losses.only(&[1, 2, 3]).best_members(1).len(), 2);
-    }
-
-    #[test]
-    fn only_keeps_the_losses_of_some() {
-        let only = losses(2, &[[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]).only(&[2, 0]);
-        assert_eq!((only.choices, only.values), (2, vec![0.3, 0.1, 0.6, 0.4]));
+        assert!(losses.best_members(1).is_empty());
+        assert_eq!(losses.best_members(2).len(), 2);
     }
 
     #[test]

@@ -21,7 +21,7 @@ use crate::edges::{Edges, Neighbor};
 use crate::error::Result;
 use crate::evidence::Evidence;
 use crate::memory::Memory;
-use crate::optimization::selection::{Minima, Minimum, PIXELS};
+use crate::optimization::selection::{Minimum, PIXELS, Selection};
 use crate::optimization::Steps;
 use crate::simd::Kernel;
 use crate::value::{LANES, Lanes, Value, least_lane};
@@ -105,11 +105,11 @@ impl<T: Value> Paths<T> {
         Parts { before, here, minima, least }
     }
 
-    /// All paths have come to the pixel that they were extended by.
+    /// The first paths have come to the pixel that they were extended by.
     #[inline(always)]
-    fn arrive(&mut self) {
+    fn arrive(&mut self, paths: usize) {
         swap(&mut self.before, &mut self.here);
-        for (least, minimum) in self.least.iter_mut().zip(&self.minima) {
+        for (least, minimum) in self.least.iter_mut().zip(&self.minima).take(paths) {
             *least = least_lane(minimum);
         }
     }
@@ -217,9 +217,9 @@ impl<T: Value> Horizontal<T> {
         self.paths.begin(runs)
     }
 
-    /// Half the sums of the totals of both paths, row by row.
-    pub fn means(&self) -> &[Lanes<T>] {
-        &self.means
+    /// The means of the totals of both paths, row by row; they may be written over.
+    pub fn means(&mut self) -> &mut [Lanes<T>] {
+        &mut self.means
     }
 }
 
@@ -324,7 +324,7 @@ impl<T: Value> Across<'_, T> {
                 let penalties = terrain.after(Neighbor::Left.jump(edges[path][(x + 1).min(last)]));
                 parts.extend(path, penalties, costs, runs, &mut Nowhere);
             }
-            paths.arrive();
+            paths.arrive(ROWS);
         }
         for x in columns.clone().rev() {
             let place = (x - columns.start) * runs;
@@ -335,7 +335,7 @@ impl<T: Value> Across<'_, T> {
                 let penalties = terrain.after(Neighbor::Left.jump(edges[path][(x + 1).min(last)]));
                 parts.extend(path, penalties, costs, runs, &mut sink);
             }
-            paths.arrive();
+            paths.arrive(ROWS);
         }
     }
 
@@ -362,7 +362,7 @@ impl<T: Value> Across<'_, T> {
                 let penalties = terrain.after(Neighbor::Left.jump(edges[path][x]));
                 parts.extend(path, penalties, costs, runs, &mut sink);
             }
-            paths.arrive();
+            paths.arrive(ROWS);
         }
         for (path, y) in rows.enumerate() {
             let totals = &paths.before[path * span(runs) + LANES..][..runs * LANES];
@@ -380,7 +380,7 @@ pub struct Vertical<T: Value> {
     below: Memory<Lanes<T>>,
     /// The mean of all paths' totals, of the columns that are at hand, and what of that is least.
     sums: Memory<Lanes<T>>,
-    minima: Minima<T>,
+    selection: Selection<T>,
 }
 
 impl<T: Value> Vertical<T> {
@@ -463,7 +463,7 @@ impl<T: Value> UpAndDown<'_, T> {
                     parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut Nowhere);
                 }
             }
-            paths.arrive();
+            paths.arrive(PIXELS);
         }
     }
 
@@ -479,7 +479,7 @@ impl<T: Value> UpAndDown<'_, T> {
                 let penalties = terrain.after(Neighbor::Above.jump(*edges));
                 parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut Nowhere);
             }
-            paths.arrive();
+            paths.arrive(PIXELS);
         }
     }
 
@@ -487,7 +487,7 @@ impl<T: Value> UpAndDown<'_, T> {
     #[inline(always)]
     fn down(&mut self, y: usize, columns: Range<usize>, runs: usize) {
         let Self { vertical, panel, terrain, means, .. } = self;
-        let Vertical { paths, below, sums, minima } = &mut **vertical;
+        let Vertical { paths, below, sums, selection } = &mut **vertical;
         let (all, row) = (&panel.block.columns, y - panel.block.rows.start);
         let costs = costs_of(panel, y, &columns, runs);
         let means = &row_of(means, row, all.len() * runs)[(columns.start - all.start) * runs..];
@@ -503,26 +503,20 @@ impl<T: Value> UpAndDown<'_, T> {
                 minimum: Minimum::of([T::FAR; LANES]),
             };
             parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
-            minima.take(path, sink.minimum);
+            selection.take(path, sink.minimum);
         }
-        paths.arrive();
+        paths.arrive(PIXELS);
     }
 
     /// Selects for the pixels of a row of the band by what all paths come to.
     #[inline(always)]
     fn select(&mut self, y: usize, columns: Range<usize>, runs: usize) {
-        let Vertical { sums, minima, .. } = &mut *self.vertical;
-        let (sums, costs) = (&sums[..PIXELS * runs], costs_of(self.panel, y, &columns, runs));
-        minima.settle();
-        for pixel in 0..columns.len() {
-            minima.see_others(pixel, row_of(sums, pixel, runs));
-        }
-        minima.settle_others();
-        for (pixel, x) in columns.enumerate() {
-            let volumes = (row_of(sums, pixel, runs), row_of(costs, pixel, runs));
-            let found = minima.weigh(pixel, volumes, (self.candidates, 1));
-            self.evidence.set(y - self.panel.block.rows.start, x, found);
-        }
+        let Vertical { sums, selection, .. } = &mut *self.vertical;
+        let (sums, costs) = (&mut sums[..PIXELS * runs], costs_of(self.panel, y, &columns, runs));
+        let (pixels, row) = (columns.len(), y - self.panel.block.rows.start);
+        selection.settle();
+        selection.weigh(sums, Some(costs), (pixels, self.candidates, runs));
+        selection.write(pixels, self.evidence, (row, columns.start));
     }
 }
 

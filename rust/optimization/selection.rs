@@ -11,47 +11,48 @@
 //! asked at the end. A few pixels go through one step after another, each step a small loop of its own: that is what
 //! the compiler turns into vector instructions.
 
-use crate::evidence::{Found, NONE};
-use crate::subpixel::{evidence, offset};
+use crate::evidence::{Evidence, EvidenceRow, NONE};
+use crate::subpixel::{self, evidence};
 use crate::value::{LANES, Lanes, Value, least_lane};
 
 /// Pixels that are selected for together.
 pub const PIXELS: usize = 16;
 
-/// What is least for some pixels.
+/// What is found of some pixels.
 #[derive(Debug)]
-pub struct Minima<S> {
+pub struct Selection<T> {
     /// The number of each lane: kept, since the compiler takes constants apart.
-    lanes: Lanes<S>,
+    lanes: Lanes<T>,
     /// The least cost in each lane, and the run of candidates that it was found in.
-    least: [Lanes<S>; PIXELS],
-    run: [Lanes<S>; PIXELS],
-    /// The least cost of each pixel, the first candidate that has it, and the least cost elsewhere.
-    own: [S; PIXELS],
+    least: [Lanes<T>; PIXELS],
+    run: [Lanes<T>; PIXELS],
+    own: [T; PIXELS],
     chosen: [u16; PIXELS],
-    elsewhere: [S; PIXELS],
+    elsewhere: [u32; PIXELS],
+    offset: [f32; PIXELS],
 }
 
-impl<S: Value> Default for Minima<S> {
+impl<T: Value> Default for Selection<T> {
     fn default() -> Self {
         Self {
-            lanes: std::array::from_fn(|j| S::truncated(j as u64)),
-            least: [[S::default(); LANES]; PIXELS],
-            run: [[S::default(); LANES]; PIXELS],
-            own: [S::default(); PIXELS],
+            lanes: std::array::from_fn(|j| T::truncated(j as u64)),
+            least: [[T::default(); LANES]; PIXELS],
+            run: [[T::default(); LANES]; PIXELS],
+            own: [T::default(); PIXELS],
             chosen: [0; PIXELS],
-            elsewhere: [S::default(); PIXELS],
+            elsewhere: [NONE; PIXELS],
+            offset: [0.0; PIXELS],
         }
     }
 }
 
-impl<S: Value> Minima<S> {
+impl<T: Value> Selection<T> {
     /// Most runs of candidates that can be told apart.
-    pub const MOST_RUNS: u64 = S::LARGEST_TOTAL;
+    pub const MOST_RUNS: u64 = T::LARGEST_TOTAL;
 
     /// Takes down what is least in the lanes of a pixel.
     #[inline(always)]
-    pub fn take(&mut self, pixel: usize, minimum: Minimum<S>) {
+    pub fn take(&mut self, pixel: usize, minimum: Minimum<T>) {
         self.least[pixel] = minimum.least;
         self.run[pixel] = minimum.run;
     }
@@ -63,24 +64,21 @@ impl<S: Value> Minima<S> {
         for (own, least) in own.iter_mut().zip(&*least) {
             *own = least_lane(least);
         }
-        let most = S::truncated(u64::MAX);
         for ((run, least), own) in run.iter_mut().zip(&*least).zip(&*own) {
             for j in 0..LANES {
-                let is_larger = if least[j] == *own { S::default() } else { most };
-                run[j] = run[j].max(is_larger);
+                run[j] = run[j].max(all_bits(least[j].minus(*own)));
             }
         }
-        let mut first = [S::default(); PIXELS];
+        let mut first = [T::default(); PIXELS];
         for (first, run) in first.iter_mut().zip(&*run) {
             *first = least_lane(run);
         }
         for (run, first) in run.iter_mut().zip(&first) {
             for j in 0..LANES {
-                let is_later = if run[j] == *first { S::default() } else { most };
-                run[j] = is_later.max(lanes[j]);
+                run[j] = lanes[j].max(all_bits(run[j].minus(*first)));
             }
         }
-        let mut lane = [S::default(); PIXELS];
+        let mut lane = [T::default(); PIXELS];
         for (lane, run) in lane.iter_mut().zip(&*run) {
             *lane = least_lane(run);
         }
@@ -89,90 +87,104 @@ impl<S: Value> Minima<S> {
         }
     }
 
-    /// The candidate chosen for a pixel.
-    #[inline(always)]
-    pub fn chosen(&self, pixel: usize) -> u16 {
-        self.chosen[pixel]
-    }
-
     /// Says which candidate was chosen for a pixel, by whatever, and what it costs.
     #[inline(always)]
-    pub fn choose(&mut self, pixel: usize, chosen: u16, own: S) {
+    pub fn choose(&mut self, pixel: usize, chosen: u16, own: T) {
         (self.chosen[pixel], self.own[pixel]) = (chosen, own);
     }
 
-    /// Sees the least cost, in each lane, of the candidates that are neither the chosen one nor next to it.
+    /// Finds what else there is to know of the candidates chosen for pixels with so many candidates and runs of these:
+    /// `totals` decided, and are lost; `costs` are those of the pixels themselves, if these are something else.
     #[inline(always)]
-    pub fn see_others(&mut self, pixel: usize, sums: &[Lanes<S>]) {
-        let most = S::truncated(u64::MAX);
-        let mut least = [most; LANES];
-        let mut first = 1u16.wrapping_sub(self.chosen[pixel]);
-        for sums in sums {
-            for j in 0..LANES {
-                // All bits where the candidate is the chosen one or next to it.
-                let is_near = if first.wrapping_add(j as u16) <= 2 { most } else { S::default() };
-                least[j] = least[j].min(sums[j].max(is_near));
-            }
-            first = first.wrapping_add(LANES as u16);
-        }
-        self.least[pixel] = least;
-    }
-
-    /// Finds the least cost elsewhere of each pixel, after the others were seen.
-    #[inline(always)]
-    pub fn settle_others(&mut self) {
-        for (elsewhere, least) in self.elsewhere.iter_mut().zip(&self.least) {
-            *elsewhere = least_lane(least);
-        }
-    }
-
-    /// What there is to know of the candidate chosen for a pixel, after all is settled: `sums` decided, of so many
-    /// paths' totals; `costs` are those of the pixel itself.
-    #[inline(always)]
-    pub fn weigh<T: Value>(
-        &self,
-        pixel: usize,
-        (sums, costs): (&[Lanes<S>], &[Lanes<T>]),
-        (candidates, paths): (usize, u32),
-    ) -> Found {
-        let (own, chosen) = (capped(self.own[pixel]), self.chosen[pixel]);
-        let k = usize::from(chosen);
-        let is_elsewhere = k >= 2 || k + 2 < candidates;
-        let elsewhere = capped(self.elsewhere[pixel]);
-        let is_inside = k > 0 && k + 1 < candidates;
-        let mut valley = [0; 3];
-        if is_inside {
-            for (value, k) in valley.iter_mut().zip(k - 1..) {
-                *value = evidence(capped(sums[k / LANES][k % LANES]), capped(costs[k / LANES][k % LANES]), paths);
+    pub fn weigh(
+        &mut self,
+        totals: &mut [Lanes<T>],
+        costs: Option<&[Lanes<T>]>,
+        (pixels, candidates, runs): (usize, usize, usize),
+    ) {
+        let Self { least, chosen, elsewhere, offset, .. } = self;
+        let most = T::truncated(u64::MAX);
+        let mut valley = [[0; PIXELS]; 3];
+        for pixel in 0..pixels {
+            let k = usize::from(chosen[pixel]);
+            for (beside, valley) in valley.iter_mut().enumerate() {
+                // The candidate before the first one and the one after the last are none.
+                let Some(k) = (k + beside).checked_sub(1).filter(|k| *k < candidates) else {
+                    continue;
+                };
+                let place = (pixel * runs + k / LANES, k % LANES);
+                let total = &mut totals[place.0][place.1];
+                let cost = costs.map(|costs| costs[place.0][place.1]);
+                valley[pixel] = evidence(capped(*total), cost.map_or(0, capped));
+                *total = most;
             }
         }
-        Found {
-            chosen,
-            own,
-            elsewhere: if is_elsewhere { elsewhere } else { NONE },
-            offset: offset(valley[0], valley[1], valley[2]),
+
+        for (least, totals) in least.iter_mut().zip(totals.chunks_exact(runs)).take(pixels) {
+            let mut lanes = totals[0];
+            for totals in &totals[1..] {
+                for j in 0..LANES {
+                    lanes[j] = lanes[j].min(totals[j]);
+                }
+            }
+            *least = lanes;
         }
+        let mut others = [T::default(); PIXELS];
+        for (others, least) in others.iter_mut().zip(&*least) {
+            *others = least_lane(least);
+        }
+
+        for pixel in 0..pixels {
+            let k = usize::from(chosen[pixel]);
+            let is_elsewhere = k >= 2 || k + 2 < candidates;
+            elsewhere[pixel] = if is_elsewhere { capped(others[pixel]) } else { NONE };
+        }
+        let [below, at, above] = &valley;
+        for pixel in 0..PIXELS {
+            offset[pixel] = subpixel::offset(below[pixel], at[pixel], above[pixel]);
+        }
+        for pixel in 0..pixels {
+            let k = usize::from(chosen[pixel]);
+            let is_inside = k > 0 && k + 1 < candidates;
+            offset[pixel] = if is_inside { offset[pixel] } else { 0.0 };
+        }
+    }
+
+    /// Writes what was found of the first pixels.
+    #[inline(always)]
+    pub fn write(&self, pixels: usize, evidence: &mut Evidence, (row, first): (usize, usize)) {
+        let mut own = [0; PIXELS];
+        for (own, cost) in own.iter_mut().zip(&self.own) {
+            *own = capped(*cost);
+        }
+        let found = EvidenceRow {
+            chosen: &self.chosen[..pixels],
+            own: &own[..pixels],
+            elsewhere: &self.elsewhere[..pixels],
+            offset: &self.offset[..pixels],
+        };
+        evidence.set(row, first, found);
     }
 }
 
 /// The least of the costs of a pixel that were seen, in each lane.
 #[derive(Debug, Clone, Copy)]
-pub struct Minimum<S> {
-    least: Lanes<S>,
-    run: Lanes<S>,
+pub struct Minimum<T> {
+    least: Lanes<T>,
+    run: Lanes<T>,
 }
 
-impl<S: Value> Minimum<S> {
+impl<T: Value> Minimum<T> {
     /// Nothing was seen yet but the first run.
     #[inline(always)]
-    pub fn of(first: Lanes<S>) -> Self {
-        Self { least: first, run: [S::default(); LANES] }
+    pub fn of(first: Lanes<T>) -> Self {
+        Self { least: first, run: [T::default(); LANES] }
     }
 
     /// Sees the costs of the run of an index.
     #[inline(always)]
-    pub fn see(&mut self, index: usize, costs: Lanes<S>) {
-        let (index, Self { least, run }) = (S::truncated(index as u64), *self);
+    pub fn see(&mut self, index: usize, costs: Lanes<T>) {
+        let (index, Self { least, run }) = (T::truncated(index as u64), *self);
         for j in 0..LANES {
             let is_less = costs[j] < least[j];
             self.run[j] = if is_less { index } else { run[j] };
@@ -184,7 +196,7 @@ impl<S: Value> Minimum<S> {
 
     /// Sees all costs of a pixel.
     #[inline(always)]
-    pub fn of_all(costs: &[Lanes<S>]) -> Self {
+    pub fn of_all(costs: &[Lanes<T>]) -> Self {
         let mut minimum = Self::of(costs[0]);
         for (index, costs) in costs.iter().enumerate().skip(1) {
             minimum.see(index, *costs);
@@ -193,7 +205,13 @@ impl<S: Value> Minimum<S> {
     }
 }
 
+/// All bits where a number is not 0, else none: without a choice, which the compiler may make lane by lane.
 #[inline(always)]
-fn capped<S: Value>(cost: S) -> u32 {
+fn all_bits<T: Value>(value: T) -> T {
+    T::default().minus(value.min(T::truncated(1)))
+}
+
+#[inline(always)]
+fn capped<T: Value>(cost: T) -> u32 {
     cost.widened().min(u64::from(NONE - 1)) as u32
 }

@@ -46,7 +46,7 @@ impl Pool {
     /// The pool for an argument `threads`: [`Workers`], a number of threads, or None for those that are shared.
     pub fn of(threads: &Bound<'_, PyAny>) -> PyResult<Arc<Self>> {
         if let Ok(workers) = threads.cast::<Workers>() {
-            return Ok(workers.borrow_mut().pool()?);
+            return Ok(workers.get().pool()?);
         }
         let count = read_threads(threads)?;
         Ok(if threads.is_none() { Self::shared(count)? } else { Self::new(count)? })
@@ -117,18 +117,21 @@ impl Drop for Turn {
     }
 }
 
-/// Threads and memory that are kept from one match to the next.
-#[pyclass(module = "phasestereo._core")]
+/// Threads and memory that are kept from one match to the next. Any number of threads may ask for them at
+/// once, of which none waits for another one.
+#[pyclass(module = "phasestereo._core", frozen)]
 #[derive(Debug)]
 pub struct Workers {
     pool: Arc<Pool>,
+    /// That of a process that was forked since.
+    forked: Mutex<Option<Arc<Pool>>>,
 }
 
 #[pymethods]
 impl Workers {
     #[new]
     fn new(threads: &Bound<'_, PyAny>) -> PyResult<Self> {
-        Ok(Self { pool: Pool::new(read_threads(threads)?)? })
+        Ok(Self { pool: Pool::new(read_threads(threads)?)?, forked: Mutex::default() })
     }
 
     #[getter]
@@ -139,19 +142,28 @@ impl Workers {
 
 impl Workers {
     /// The pool of this process: another one after a fork.
-    fn pool(&mut self) -> Result<Arc<Pool>> {
-        if !self.pool.is_ours() {
-            let pool = Pool::new(self.pool.threads)?;
-            mem::forget(mem::replace(&mut self.pool, pool));
+    fn pool(&self) -> Result<Arc<Pool>> {
+        if self.pool.is_ours() {
+            return Ok(Arc::clone(&self.pool));
         }
-        Ok(Arc::clone(&self.pool))
+        // Never waited for: a thread that is not in this process may hold it.
+        let Ok(mut forked) = self.forked.try_lock() else { return Pool::new(self.pool.threads) };
+        if let Some(pool) = forked.as_ref().filter(|pool| pool.is_ours()) {
+            return Ok(Arc::clone(pool));
+        }
+        let pool = Pool::new(self.pool.threads)?;
+        mem::forget(forked.replace(Arc::clone(&pool)));
+        Ok(pool)
     }
 }
 
 impl Drop for Workers {
     fn drop(&mut self) {
-        if !self.pool.is_ours() {
-            mem::forget(Arc::clone(&self.pool));
+        let forked = self.forked.get_mut().unwrap_or_else(PoisonError::into_inner).take();
+        for pool in forked.into_iter().chain([Arc::clone(&self.pool)]) {
+            if !pool.is_ours() {
+                mem::forget(pool);
+            }
         }
     }
 }

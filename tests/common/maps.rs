@@ -1,11 +1,13 @@
 //! Disparity maps to be refined: patches, slopes and noise, with flags and without estimates here and there.
 
+use phasestereo::error::Result;
 use phasestereo::plane::Plane;
 use phasestereo::refinement::flag;
+use phasestereo::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-use super::hash;
+use super::{at_every_level, hash};
 
 /// A map and its flags.
 #[derive(Debug, Clone)]
@@ -69,6 +71,16 @@ pub fn maps() -> impl Strategy<Value = Map> {
 /// Values by their bits, so that NaN equals NaN.
 pub fn bits(plane: &Plane<f32>) -> Plane<u32> {
     plane.map(|value| value.to_bits())
+}
+
+/// The map of the size of another that a stage writes, at every level the same, over whatever was there.
+pub fn drawn(like: &Plane<f32>, draw: impl Fn(&mut Plane<f32>, Level) -> Result<()>) -> Plane<f32> {
+    let drawn = at_every_level(|level| {
+        let mut plane = like.map(|_| -77.0);
+        draw(&mut plane, level).expect("memory");
+        bits(&plane)
+    });
+    drawn.map(|bits| f32::from_bits(*bits))
 }
 
 /// A map of one row.

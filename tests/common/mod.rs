@@ -43,6 +43,14 @@ pub fn levels() -> Vec<Level> {
     Level::all().filter_map(|(_, level)| level).collect()
 }
 
+/// What some work comes to at every level, which is the same.
+pub fn at_every_level<T: PartialEq + std::fmt::Debug>(work: impl Fn(Level) -> T) -> T {
+    let mut found = levels().into_iter().map(work);
+    let first = found.next().expect("a level");
+    found.for_each(|other| assert_eq!(other, first));
+    first
+}
+
 /// Columns of a tile: widths around it and its multiples are where a sweep may go wrong.
 pub fn tile() -> usize {
     let window = Window { rows: 1, cols: 1 << 16, candidates: 1, side: 1, ..Window::default() };

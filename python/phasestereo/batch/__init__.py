@@ -2,13 +2,15 @@
 
 `read_pairs` finds the pairs, `run` matches them. Each result is written by the process that found
 it, whole or not at all; what has become of every pair is in a manifest, by which a rerun does only
-what is missing. Dask's scheduler (extra ``dask``) is imported when it is first needed.
+what is missing. Needs the extra ``batch``; with a cluster ``dask``, which is imported when it is
+first needed.
 """
 
 from __future__ import annotations
 
+from phasestereo.batch.cluster import encryption
 from phasestereo.batch.manifest import Record, read_manifest
 from phasestereo.batch.pairs import PairFiles, read_pairs
 from phasestereo.batch.running import Report, run
 
-__all__ = ["PairFiles", "Record", "Report", "read_manifest", "read_pairs", "run"]
+__all__ = ["PairFiles", "Record", "Report", "encryption", "read_manifest", "read_pairs", "run"]

@@ -1,21 +1,27 @@
-"""The processes that match: those of a cluster that is there already, or some of this machine."""
+"""The processes that match: those of a Dask cluster that is there already."""
 
 from __future__ import annotations
 
 import gc
 import logging
 import os
-from contextlib import ExitStack, contextmanager
-from multiprocessing import resource_tracker
-from typing import TYPE_CHECKING, Any
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import phasestereo
+from phasestereo import _core
 from phasestereo._extras import require
-from phasestereo._interrupts import unheard
-from phasestereo.batch.work import version
+from phasestereo.batch.processes import DIED, WorkerDiedError
+from phasestereo.batch.work import FullDiskError, version
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
+
+    from phasestereo.io.files import StrPath
+
+    Outcome: TypeAlias = Callable[[], Any]
 
 _FIRST_WORKER = 60  # seconds until one must have come: those of a batch system take a while
 
@@ -26,52 +32,54 @@ def share(workers: int | None, threads: int | None, pairs: int) -> tuple[int, in
     All processors are used, none twice: one process a processor, fewer if there are fewer pairs, or
     as many as are wanted; each with its part of the processors.
     """
-    processors = require("dask.system", extra="dask").CPU_COUNT
+    processors = _processors()
     if workers is None:
         workers = max(1, min(pairs, processors // (threads or 1)))
     return workers, threads or max(1, processors // workers)
 
 
-@contextmanager
-def local(workers: int) -> Iterator[Any]:
-    """Start processes on this machine; yield a client of them, and end them with the block.
+def _processors() -> int:
+    """Return how many processors this process may use."""
+    return _core.Workers(None).count
+
+
+def encryption(ca: StrPath, cert: StrPath, key: StrPath) -> Any:
+    """Return what has a connection to a cluster encrypted, and both ends prove who they are.
+
+    Parameters
+    ----------
+    ca
+        The certificates of those whose word is believed.
+    cert, key
+        The certificate of this end, and its key.
 
     Raises
     ------
+    OSError
+        If one of these files is not there.
     ImportError
         If Dask's scheduler is not installed.
     """
-    distributed, dask = require("distributed", extra="dask"), require("dask", extra="dask")
-    options = {
-        "n_workers": workers,
-        "threads_per_worker": 1,
-        "processes": True,
-        "dashboard_address": "127.0.0.1:0",  # at the usual port there may be one of another run
-        "silence_logs": logging.CRITICAL,  # that workers die is told in the manifest
-    }
-    environment = dask.config.get("distributed.nanny.pre-spawn-environ")
-    changes = {
-        # A pair whose worker died comes back at once: who is to blame is found out here.
-        "distributed.scheduler.allowed-failures": 0,
-        # Nobody looks at the statistics of what Python is at: it waits for the core.
-        "distributed.worker.profile.enabled": False,
-        # Workers would hand back memory that the next match asks for again, a fifth of its time.
-        "distributed.nanny.pre-spawn-environ": {
-            name: value for name, value in environment.items() if not name.startswith("MALLOC_")
-        },
-    }
-    if os.name == "posix":
-        resource_tracker.ensure_running()  # the thread that starts it would hear Ctrl-C again
-    with ExitStack() as stack:
-        # Ctrl-C is meant for the run, which ends the workers.
-        with dask.config.set(changes), unheard():
-            cluster = stack.enter_context(distributed.LocalCluster(**options))
-        yield stack.enter_context(distributed.Client(cluster, set_as_default=False))
+    for file in (ca, cert, key):
+        Path(file).stat()
+    return require("distributed", extra="dask").Security(
+        tls_ca_file=os.fspath(ca),
+        tls_client_cert=os.fspath(cert),
+        tls_client_key=os.fspath(key),
+        require_encryption=True,
+    )
 
 
 @contextmanager
-def remote(address: str) -> Iterator[Any]:
-    """Connect to a cluster; yield a client.
+def remote(address: str, security: Any = None) -> Iterator[Cluster]:
+    """Connect to a cluster.
+
+    Parameters
+    ----------
+    address
+        That of its scheduler.
+    security
+        What `encryption` returns; None: what the configuration of Dask says.
 
     Raises
     ------
@@ -82,13 +90,13 @@ def remote(address: str) -> Iterator[Any]:
     ImportError
         If Dask's scheduler is not installed.
     """
-    with _without_logs(), _connected(address) as client:
+    with _without_logs(), _connected(address, security) as client:
         try:
             client.wait_for_workers(1, timeout=_FIRST_WORKER)
         except TimeoutError as error:
             raise ConnectionError(f"{address} has no workers") from error
         _check_versions(client)
-        yield client
+        yield Cluster(client)
 
 
 @contextmanager
@@ -102,10 +110,10 @@ def _without_logs() -> Iterator[None]:
         logger.disabled = before
 
 
-def _connected(address: str) -> Any:
+def _connected(address: str, security: Any) -> Any:
     distributed = require("distributed", extra="dask")
     try:
-        return distributed.Client(address, set_as_default=False)
+        return distributed.Client(address, security=security, set_as_default=False)
     except OSError as error:
         refusal: Exception = ConnectionError(f"no scheduler at {address}: {error}")
     except (ValueError, TypeError) as error:
@@ -118,22 +126,54 @@ def _connected(address: str) -> Any:
     raise refusal
 
 
-def slots(client: Any) -> int:
-    """Return how many pairs the workers match at the same time.
+class Cluster:
+    """The workers of a cluster; see `remote`."""
 
-    Raises
-    ------
-    OSError
-        If the scheduler is lost.
-    """
-    try:
-        threads: dict[str, int] = client.nthreads()
-    except OSError as error:
-        raise lost(error) from error
-    return max(1, sum(threads.values()))  # there is none while the last one is started again
+    def __init__(self, client: Any) -> None:
+        distributed = require("distributed", extra="dask")
+        self._client, self._ended = client, distributed.as_completed(loop=client.loop)
+        self._died = require("distributed.scheduler", extra="dask").KilledWorker
+        self._cancelled = distributed.CancelledError
+
+    def slots(self) -> int:
+        """Return how many tasks are done at the same time.
+
+        Raises
+        ------
+        OSError
+            If the scheduler is lost.
+        """
+        try:
+            threads: dict[str, int] = self._client.nthreads()
+        except OSError as error:
+            raise _lost(error) from error
+        return max(1, sum(threads.values()))  # there is none while the last one is started again
+
+    def submit(self, key: str, function: Callable[..., Any], *arguments: Any) -> None:
+        """Have a worker call a function; no two tasks have the same key."""
+        self._ended.add(self._client.submit(function, *arguments, key=key, retries=0))
+
+    def finished(self) -> list[tuple[str, Outcome]]:
+        """Wait for a task to end; return it with what returns or raises its result.
+
+        That raises `WorkerDiedError` if its worker died, and `ConnectionError` if the scheduler is
+        lost.
+        """
+        future = next(self._ended)
+        return [(future.key, partial(self._result, future))]
+
+    def _result(self, future: Any) -> Any:
+        try:
+            return future.result()
+        except self._died as error:
+            raise WorkerDiedError(DIED) from error
+        except FullDiskError:
+            raise
+        except (self._cancelled, OSError) as error:
+            raise _lost(error) from error
 
 
-def lost(error: Exception) -> ConnectionError:
+def _lost(error: Exception) -> ConnectionError:
     """Return what to raise when a scheduler does not answer any more."""
     return ConnectionError(
         f"the scheduler is lost; the same run again does what is missing ({error})"

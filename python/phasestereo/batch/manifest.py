@@ -1,16 +1,20 @@
-"""What has become of every pair of a batch: a file of records, sound after any end of a run."""
+"""What has become of every pair of a batch: a file of records, sound after any end of a run.
+
+Folders of results go through many hands: every record is held to its schema before it is believed.
+A line that is none is set apart, with its number, and its pair is matched again.
+"""
 
 from __future__ import annotations
 
 import errno
 import json
 import os
-from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
-from phasestereo.io.files import replacing
+from phasestereo._extras import require
+from phasestereo.io.files import decoding, replacing
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -18,7 +22,15 @@ if TYPE_CHECKING:
 
     from phasestereo.io.files import StrPath
 
-DONE, FAILED = "done", "failed"
+State: TypeAlias = Literal["done", "failed"]
+"""What may have become of a pair."""
+
+DONE: State = "done"
+FAILED: State = "failed"
+
+_LONGEST = 2**16  # bytes of a line; one has about 600
+_MOST = 2**24  # lines of a manifest
+_FILE = r"\A[^./\\\x00-\x1f][^/\\\x00-\x1f]*\Z"  # a name without a folder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,13 +63,13 @@ class Record:
     blur
         What blur was found, in words, if that was asked for.
     files
-        The files of the result, below the folder of the manifest, and their lengths in bytes.
+        The files of the result, in the folder of the manifest, and their lengths in bytes.
     worker
         Name of the machine and number of the process that tried it last.
     """
 
     name: str
-    state: str
+    state: State
     left: str
     right: str
     num_disparities: int
@@ -82,9 +94,23 @@ def read_manifest(path: StrPath) -> dict[str, Record]:
     OSError
         If the file cannot be read.
     ValueError
-        If it is no manifest; the message names the line.
+        If a line of it is no record; the message names the line.
+    ImportError
+        If msgspec is not installed.
     """
-    return _parse(Path(path), Path(path).read_bytes())
+    records, damaged = _read(Path(path))
+    if damaged:
+        raise ValueError(f"{damaged[0].where}: {damaged[0].reason}")
+    return records
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A line of a manifest that is no record: where it is, what is wrong with it, what it holds."""
+
+    where: str
+    reason: str
+    line: bytes
 
 
 class Manifest:
@@ -92,7 +118,7 @@ class Manifest:
 
     ``manifest.jsonl`` is replaced as a whole, when a run begins and when it ends. What happens in
     between goes line by line into ``manifest.log`` beside it, from which a run that was killed is
-    taken up.
+    taken up. Lines that are no records go into ``manifest.damaged`` when the manifest is saved.
 
     Parameters
     ----------
@@ -101,17 +127,25 @@ class Manifest:
 
     Raises
     ------
-    OSError, ValueError
-        As `read_manifest`.
+    OSError
+        If a file cannot be read.
+    ValueError
+        If not a single line of the manifest is a record: it is something else, and left alone.
+    ImportError
+        If msgspec is not installed.
     """
 
     def __init__(self, folder: Path) -> None:
         self.path, self._log = folder / "manifest.jsonl", folder / "manifest.log"
-        self.records = read_manifest(self.path) if self.path.exists() else {}
-        if self._log.exists():
-            content = self._log.read_bytes()
-            whole = content[: content.rfind(b"\n") + 1]  # a last line may be torn
-            self.records |= _parse(self._log, whole)
+        self._apart = folder / "manifest.damaged"
+        self.records, self.damaged = _read(self.path) if _is_there(self.path) else ({}, [])
+        if self.damaged and not self.records:
+            raise ValueError(f"{self.damaged[0].where}: {self.damaged[0].reason}")
+        self._kept = 0  # damaged lines that are in the file apart
+        if _is_there(self._log):
+            records, damaged = _read(self._log, torn=True)
+            self.records |= records
+            self.damaged += damaged
         self._file: BinaryIO | None = None
 
     def add(self, record: Record) -> None:
@@ -127,8 +161,9 @@ class Manifest:
         """Write the whole manifest, these pairs first and in this order, and end the log."""
         known = self.records
         order = dict.fromkeys([*(name for name in names if name in known), *known])
+        self._set_apart()
         try:
-            with replacing(self.path) as file:
+            with replacing(self.path, flush=True) as file:
                 file.writelines(_line(known[name]) for name in order)
         except OSError as error:
             reason = error.strerror or error
@@ -142,6 +177,13 @@ class Manifest:
             self._file.close()
             self._file = None
 
+    def _set_apart(self) -> None:
+        """Keep the lines that are no records, for whoever wants to know."""
+        if self.damaged[self._kept :]:
+            with self._apart.open("ab") as file:
+                file.writelines(each.line + b"\n" for each in self.damaged[self._kept :])
+            self._kept = len(self.damaged)
+
 
 _NAMES = tuple(field.name for field in fields(Record))
 
@@ -152,18 +194,82 @@ def _line(record: Record) -> bytes:
     return json.dumps(known, allow_nan=False).encode() + b"\n"
 
 
-def _parse(path: Path, content: bytes) -> dict[str, Record]:
-    records = {}
-    for number, line in enumerate(content.splitlines(), start=1):
-        record = _record(line)
-        if record is None:
-            raise ValueError(f"{path}, line {number}: no record of a batch; remove it, or the file")
-        records[record.name] = record
-    return records
+def _is_there(path: Path) -> bool:
+    return path.exists() or path.is_symlink()
 
 
-def _record(line: bytes) -> Record | None:
-    with suppress(ValueError, TypeError):
-        known = json.loads(line)
-        return Record(**{name: value for name, value in known.items() if name in _NAMES})
-    return None
+def _read(path: Path, *, torn: bool = False) -> tuple[dict[str, Record], list[Damage]]:
+    """Return the records of a file, and the lines that are none; the last one may be torn."""
+    records: dict[str, Record] = {}
+    damaged: list[Damage] = []
+    schema = _Schema()
+    with decoding(path) as file:
+        for number in range(1, _MOST + 1):
+            line = file.readline(_LONGEST)
+            if not line or (torn and not line.endswith(b"\n") and len(line) < _LONGEST):
+                return records, damaged
+            if not line.endswith(b"\n") and len(line) == _LONGEST:
+                raise ValueError(f"line {number} has {_LONGEST} bytes or more: no manifest")
+            try:
+                record = schema.record(line)
+            except ValueError as error:
+                where, content = f"{path}, line {number}", line.rstrip(b"\r\n")
+                damaged.append(Damage(where, f"no record of a batch: {error}", content))
+            else:
+                records[record.name] = record
+    raise ValueError(f"has more than {_MOST} lines: no manifest")
+
+
+class _Schema:
+    """What a line must be, as msgspec checks it."""
+
+    def __init__(self) -> None:
+        msgspec: Any = require("msgspec", extra="batch")
+        self._refused = msgspec.ValidationError, msgspec.DecodeError, RecursionError
+        types = _types(msgspec.Meta)
+        told = [
+            (name, types[name]) if default is MISSING else (name, types[name], default)
+            for name, default in ((field.name, field.default) for field in fields(Record))
+        ]
+        self._decoder = msgspec.json.Decoder(msgspec.defstruct("Line", told, kw_only=True))
+
+    def record(self, line: bytes) -> Record:
+        """Return the record of a line.
+
+        Raises
+        ------
+        ValueError
+            If it is none.
+        """
+        try:
+            found = self._decoder.decode(line)
+        except self._refused as error:
+            raise ValueError(str(error)) from error
+        record = Record(**{name: getattr(found, name) for name in _NAMES})
+        if record.state == DONE and not record.files:
+            raise ValueError("Object is done without `files`")
+        return record
+
+
+def _types(meta: Any) -> dict[str, Any]:
+    """Return the type of each field, with the bounds that a run keeps to."""
+    natural: Any = Annotated[int, meta(ge=0, le=2**53)]
+    file: Any = Annotated[str, meta(pattern=_FILE)]
+    return {
+        "name": Annotated[str, meta(min_length=1)],
+        "state": State,
+        "left": str,
+        "right": str,
+        "num_disparities": Annotated[int, meta(ge=1, lt=2**31)],
+        "min_disparity": Annotated[int, meta(gt=-(2**31), lt=2**31)],
+        "recipe": str,
+        "reason": str | None,
+        "attempts": natural,
+        "seconds": Annotated[float, meta(ge=0)] | None,
+        "width": natural | None,
+        "height": natural | None,
+        "estimated": Annotated[float, meta(ge=0, le=1)] | None,
+        "blur": str | None,
+        "files": dict[file, natural] | None,
+        "worker": str | None,
+    }

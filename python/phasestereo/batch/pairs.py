@@ -6,10 +6,13 @@ import csv
 import os
 import re
 from dataclasses import dataclass
+from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from phasestereo.io.calibration import read_calibration
+from phasestereo.io.files import open_regular
+from phasestereo.io.limits import LIST
 from phasestereo.video.folders import paths_of_rig
 
 if TYPE_CHECKING:
@@ -20,7 +23,8 @@ if TYPE_CHECKING:
 _NEEDED = ("left", "right")
 _COLUMNS = (*_NEEDED, "name", "num_disparities", "min_disparity", "left_mask", "right_mask")
 _LONGEST = 200  # bytes of a name: with a suffix it must fit what file systems take
-_CONTROL = re.compile(r"[\0-\x1f\x7f]")
+_LONGEST_LINE = 2**16  # characters of a list
+_CONTROL = re.compile(r"[\0-\x1f\x7f-\x9f]")
 
 LAYERS = ("flags", "confidence")
 """What may be written beside disparities, as NAME.LAYER.tif."""
@@ -97,9 +101,11 @@ def read_pairs(
 
 
 def _of_list(path: Path, search: tuple[int | None, int]) -> Iterator[PairFiles]:
-    with path.open(newline="", encoding="utf-8-sig") as file:
+    with open_regular(path) as content, TextIOWrapper(content, "utf-8-sig", newline="") as file:
+        if os.fstat(content.fileno()).st_size > LIST:
+            raise ValueError(f"{path}: has more than the {LIST} bytes that a list is read to")
         try:
-            rows = csv.reader(file, skipinitialspace=True, strict=True)
+            rows = csv.reader(_lines(path, file), skipinitialspace=True, strict=True)
             columns = [name.strip() for name in next(filter(None, rows), ())]
             _check_columns(path, columns)
             for fields in filter(None, rows):
@@ -107,6 +113,14 @@ def _of_list(path: Path, search: tuple[int | None, int]) -> Iterator[PairFiles]:
                 yield _of_row(path.parent, where, columns, fields, search)
         except (csv.Error, UnicodeDecodeError) as error:
             raise ValueError(f"{path}: not a list in CSV and UTF-8: {error}") from error
+
+
+def _lines(path: Path, file: TextIO) -> Iterator[str]:
+    """Yield the lines of a list; one that never ends would fill the memory."""
+    while line := file.readline(_LONGEST_LINE):
+        if len(line) == _LONGEST_LINE:
+            raise ValueError(f"{path}: a line has {_LONGEST_LINE} characters or more: no list")
+        yield line
 
 
 def _check_columns(path: Path, given: Sequence[str]) -> None:

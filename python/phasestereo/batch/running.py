@@ -7,14 +7,16 @@ from collections import deque
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
+from numbers import Real
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from phasestereo._extras import require
-from phasestereo.batch.cluster import local, lost, remote, share, slots
+from phasestereo.batch.cluster import remote, share
 from phasestereo.batch.manifest import DONE, Manifest, Record
 from phasestereo.batch.pairs import LAYERS, check_names
+from phasestereo.batch.processes import WorkerDiedError, local
 from phasestereo.batch.work import FullDiskError, Order, blank, match_files
 from phasestereo.io.maps import FLOAT_SUFFIXES
 from phasestereo.settings import PRESET, resolve
@@ -23,9 +25,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from contextlib import AbstractContextManager
 
+    from phasestereo.batch.cluster import Cluster
     from phasestereo.batch.pairs import PairFiles
+    from phasestereo.batch.processes import Processes
     from phasestereo.io.files import StrPath
     from phasestereo.settings import Settings
+
+    Crew = Cluster | Processes
 
 _AHEAD = 2  # pairs under way for each that is at work, so that no worker waits for its next
 _LOCK = ".batch.lock"
@@ -50,6 +56,9 @@ class Report:
         Wall-clock time.
     manifest
         The file with the records of all pairs.
+    damaged
+        The lines of an earlier manifest that were no records, by their numbers, with what was wrong
+        with them: they are in ``manifest.damaged`` beside it, and their pairs were matched again.
     """
 
     pairs: int
@@ -58,6 +67,7 @@ class Report:
     failed: list[Record]
     seconds: float
     manifest: Path
+    damaged: tuple[str, ...] = ()
 
 
 def run(
@@ -65,9 +75,11 @@ def run(
     folder: StrPath,
     *,
     scheduler: str | None = None,
+    security: Any = None,
     workers: int | None = None,
     threads: int | None = None,
     retries: int = 2,
+    time_limit: float | None = None,
     suffix: str = ".tif",
     layers: Iterable[str] = (),
     preset: str = PRESET,
@@ -89,8 +101,11 @@ def run(
         Where results and the manifest go; it is made if it is not there. Workers write there: it
         must be the same folder on all machines, as must be the images.
     scheduler
-        Address of the scheduler of a Dask cluster, such as "tcp://host:8786". None: processes of
-        this machine are started for this run.
+        Address of the scheduler of a Dask cluster, such as "tls://host:8786". None: processes of
+        this machine are started for this run, which nobody else can reach.
+    security
+        With a scheduler: a ``distributed.Security`` with the certificates to connect by. Whoever
+        can connect to a scheduler runs what they like on its workers and clients.
     workers
         Number of these processes; None: as many as there are processors.
     threads
@@ -99,6 +114,9 @@ def run(
         has threads.
     retries
         How often a pair that failed, or whose worker died, is tried again once all others are done.
+    time_limit
+        Seconds that a pair may take, reading and writing included; None: any number. Processes of
+        this machine that do not end then are ended.
     suffix
         The format of the disparities: ".tif" (which keeps the georeference of the left image),
         ".pfm" or ".npy".
@@ -120,13 +138,15 @@ def run(
     Raises
     ------
     TypeError, ValueError
-        For a wrong argument, two pairs of one name, a folder whose manifest is none, workers of
-        another version.
+        For a wrong argument, two pairs of one name, a folder whose manifest is none at all,
+        workers of another version.
     OSError
         If the folder cannot be written to, is full, another run is at work in it, the scheduler
         cannot be reached, or is lost. All that was finished until then is kept.
     ImportError
-        If Dask's scheduler is not installed.
+        If the extra ``batch`` is not installed, or with a scheduler ``dask``.
+    RuntimeError
+        If no processes can be started.
 
     Notes
     -----
@@ -143,22 +163,34 @@ def run(
         ("threads", threads, 1),
     ):
         _check_count(name, value, least)
+    _check_limit(time_limit)
     if scheduler is not None and workers is not None:
         raise ValueError("workers: got a number beside a scheduler; accepts None: it has its own")
+    if scheduler is None and security is not None:
+        raise ValueError("security: got that without a scheduler; accepts None: nobody connects")
     target = Path(folder).absolute()
     target.mkdir(parents=True, exist_ok=True)
     count, each = share(workers, threads, len(listed)) if scheduler is None else (0, threads or 1)
-    order = Order(settings=chosen, folder=target, suffix=suffix, layers=tuple(layers), threads=each)
+    order = Order(
+        settings=chosen,
+        folder=target,
+        suffix=suffix,
+        layers=tuple(layers),
+        threads=each,
+        seconds=time_limit,
+    )
     with _alone(target):
         work = _Run(listed, order, retries, progress, on_failure)
-        work.run(lambda: local(count) if scheduler is None else remote(scheduler))
+        work.run(
+            lambda: local(count, time_limit) if scheduler is None else remote(scheduler, security)
+        )
     return work.report()
 
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
     """Keep other runs out of a folder, and clear away what killed workers left."""
-    locks = require("filelock", extra="dask")
+    locks = require("filelock", extra="batch")
     lock = locks.FileLock(folder / _LOCK)
     try:
         lock.acquire(timeout=0)
@@ -198,15 +230,15 @@ class _Run:
         self._started = monotonic()
         self._token = secrets.token_hex(4)  # keys of tasks are not those of an earlier run
 
-    def run(self, connect: Callable[[], AbstractContextManager[Any]]) -> None:
+    def run(self, connect: Callable[[], AbstractContextManager[Crew]]) -> None:
         """Do what is to be done; workers are wanted only if there is anything."""
         self._manifest.save(pair.name for pair in self._pairs)
         try:
             jobs = self._missing()
             first = list(islice(jobs, 1))
             if first:
-                with connect() as client:
-                    self._work(client, _chained(first, jobs))
+                with connect() as crew:
+                    self._work(crew, _chained(first, jobs))
         finally:
             self._manifest.save(pair.name for pair in self._pairs)
 
@@ -220,6 +252,7 @@ class _Run:
             failed=[record for record in records if record.state != DONE],
             seconds=round(monotonic() - self._started, 3),
             manifest=self._manifest.path,
+            damaged=tuple(f"{each.where}: {each.reason}" for each in self._manifest.damaged),
         )
 
     def _missing(self) -> Iterator[_Job]:
@@ -238,55 +271,53 @@ class _Run:
         files = [(self._order.folder / name, size) for name, size in record.files.items()]
         return all(path.is_file() and path.stat().st_size == size for path, size in files)
 
-    def _work(self, client: Any, jobs: Iterator[_Job]) -> None:
+    def _work(self, crew: Crew, jobs: Iterator[_Job]) -> None:
         """Try all once, then those again that failed, then one by one those whose worker died.
 
-        When a worker dies, all that it had been given come under suspicion: alone, each can but
-        answer for itself.
+        When a worker of a cluster dies, all that it had been given come under suspicion: alone,
+        each can but answer for itself.
         """
-        self._drain(client, jobs)
+        self._drain(crew, jobs)
         while self._later:
             again, self._later = self._later, deque()
-            self._drain(client, iter(again))
+            self._drain(crew, iter(again))
         while self._suspects:
-            self._drain(client, iter([self._suspects.popleft()]))
+            self._drain(crew, iter([self._suspects.popleft()]))
             self._suspects += self._later
             self._later.clear()
 
-    def _drain(self, client: Any, jobs: Iterator[_Job]) -> None:
+    def _drain(self, crew: Crew, jobs: Iterator[_Job]) -> None:
         """Do these jobs, a few under way at any time."""
-        completed = require("distributed", extra="dask").as_completed(loop=client.loop)
         under_way: dict[str, _Job] = {}
-        self._submit(client, jobs, under_way, completed)
-        for future in completed:
-            self._settle(under_way.pop(future.key), future)
-            self._submit(client, jobs, under_way, completed)
+        self._submit(crew, jobs, under_way)
+        while under_way:
+            for key, outcome in crew.finished():
+                self._settle(under_way.pop(key), outcome)
+            self._submit(crew, jobs, under_way)
 
-    def _submit(
-        self, client: Any, jobs: Iterator[_Job], under_way: dict[str, _Job], completed: Any
-    ) -> None:
-        free = _AHEAD * slots(client) - len(under_way)
+    def _submit(self, crew: Crew, jobs: Iterator[_Job], under_way: dict[str, _Job]) -> None:
+        free = _AHEAD * crew.slots() - len(under_way)
         for job in islice(jobs, max(0, free)):
             job.attempts += 1
             key = f"phasestereo-{self._token}-{job.attempts}-{job.pair.name}"
             under_way[key] = job
-            arguments = job.pair, self._order, job.recipe
-            completed.add(client.submit(match_files, *arguments, key=key, retries=0))
+            crew.submit(key, match_files, job.pair, self._order, job.recipe)
 
-    def _settle(self, job: _Job, future: Any) -> None:
+    def _settle(self, job: _Job, outcome: Callable[[], Record]) -> None:
         """Take in how a job ended."""
-        scheduling = require("distributed.scheduler", extra="dask")
         queue = self._later
         try:
-            record: Record = future.result()
-        except scheduling.KilledWorker:
-            record, queue = blank(job.pair, job.recipe, _DIED), self._suspects
+            record = outcome()
+        except WorkerDiedError as error:
+            record, queue = blank(job.pair, job.recipe, str(error)), self._suspects
+        except TimeoutError as error:
+            record = blank(job.pair, job.recipe, str(error))
         except FullDiskError as error:
             raise OSError(
                 f"{error}; what is finished is kept, the same run again goes on"
             ) from error
-        except (require("distributed", extra="dask").CancelledError, OSError) as error:
-            raise lost(error) from error
+        except ConnectionError:
+            raise
         except Exception as error:  # noqa: BLE001 -- what a worker cannot load may raise anything
             record = blank(job.pair, job.recipe, f"the worker could not run it: {error!r}")
         if record.state != DONE and job.attempts <= self._retries:
@@ -307,9 +338,6 @@ class _Run:
     def _tell(self) -> None:
         if self._progress is not None:
             self._progress(self._skipped + self._done + self._failed, len(self._pairs))
-
-
-_DIED = "its worker died: it ran out of memory, was killed, or crashed"
 
 
 def _chained(first: list[_Job], rest: Iterator[_Job]) -> Iterator[_Job]:
@@ -334,3 +362,12 @@ def _check_count(name: str, value: int | None, least: int) -> None:
         raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
     if value < least:
         raise ValueError(f"{name}: got {value}; accepts {least} or more")
+
+
+def _check_limit(seconds: float | None) -> None:
+    if seconds is None:
+        return
+    if not isinstance(seconds, Real) or isinstance(seconds, bool):
+        raise TypeError(f"time_limit: got {type(seconds).__name__}; accepts a number of seconds")
+    if not 0 < seconds < float("inf"):
+        raise ValueError(f"time_limit: got {seconds}; accepts a positive number of seconds")

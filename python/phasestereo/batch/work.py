@@ -24,6 +24,7 @@ from phasestereo.io.views import join, read_views
 from phasestereo.matcher import match
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -58,6 +59,8 @@ class Order:
         What is written beside them: "flags", "confidence".
     threads
         Number of threads of each match.
+    seconds
+        How long a pair may take; None: any time.
     version
         Version of this package where the run was started; workers must have the same.
     """
@@ -67,6 +70,7 @@ class Order:
     suffix: str
     layers: tuple[str, ...]
     threads: int
+    seconds: float | None = None
     version: str = phasestereo.__version__
 
     def recipe(self, pair: PairFiles) -> str:
@@ -128,6 +132,7 @@ def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
         raise RuntimeError(
             f"the worker has phasestereo {phasestereo.__version__}; accepts {order.version}"
         )
+    in_time = _clock(order.seconds)
     left, right = read_views(pair.left, pair.right)
     masks = read_mask(pair.left_mask), read_mask(pair.right_mask)
     result = match(
@@ -139,7 +144,9 @@ def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
         threads=order.threads,
         left_mask=join(masks[0], left.mask),
         right_mask=join(masks[1], right.mask),
+        progress=in_time,
     )
+    in_time()
     rows, cols = result.disparity.shape
     return replace(
         blank(pair, recipe, ""),
@@ -151,6 +158,17 @@ def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
         blur=None if result.blur is None else str(result.blur),
         files=_write(pair.name, order, result, left.place),
     )
+
+
+def _clock(seconds: float | None) -> Callable[..., None]:
+    """Return what ends a match that takes too long, as its progress."""
+    end = float("inf") if seconds is None else perf_counter() + seconds
+
+    def in_time(*_: int) -> None:
+        if perf_counter() > end:
+            raise TimeoutError(f"took longer than {seconds:g} s")
+
+    return in_time
 
 
 def _write(name: str, order: Order, result: Result, place: Georeference | None) -> dict[str, int]:

@@ -16,6 +16,7 @@ from cyclopts import App, CycloptsError, Parameter
 import phasestereo
 from phasestereo.cli import demo, match
 from phasestereo.cli.errors import WRONG_USAGE, CommandError
+from phasestereo.cli.terminal import tell
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,6 +90,5 @@ def _execute(arguments: Sequence[str]) -> None:
 
 
 def _refuse(error: CommandError) -> int:
-    line = " ".join(str(error).split())
-    sys.stderr.write(f"phasestereo: error: {line}\n")
+    tell("error: " + " ".join(str(error).split()))
     return error.code

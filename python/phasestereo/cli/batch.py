@@ -12,26 +12,29 @@ from cyclopts import Group, Parameter, validators
 from rich.console import Console
 
 import phasestereo
-from phasestereo.batch import Record, Report, read_pairs, run
-from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.batch import Record, Report, encryption, read_pairs, run
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.options import Overrides
-from phasestereo.cli.terminal import progress_bar
+from phasestereo.cli.terminal import printable, progress_bar, tell
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "workers", "scheduler"}
-_OPTIONS = _VALUES | {"retries", "layers"} | {field.name for field in fields(Settings)}
+_MORE = {"retries", "layers", "time_limit"}
+_OPTIONS = _VALUES | _MORE | {field.name for field in fields(Settings)}
 
 _SEARCH = Group.create_ordered("Search")
 _OUTPUT = Group.create_ordered("Output")
 _WORK = Group.create_ordered("Work")
 _SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
 _AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
+_POSITIVE = validators.Number(gt=0)
 _NOT_NEGATIVE = validators.Number(gte=0, lt=2**31)
 _REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
 _LISTED = 1000  # failures in the JSON: all are in the manifest
 
 _Count = Annotated[int | None, Parameter(group=_WORK, validator=_AT_LEAST_ONE)]
+_File = Annotated[Path | None, Parameter(group=_WORK)]
 _Layers = tuple[Literal["flags", "confidence"], ...]
 
 
@@ -50,9 +53,13 @@ def batch(
     ] = None,
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
     scheduler: Annotated[str | None, Parameter(group=_WORK)] = None,
+    tls_ca: _File = None,
+    tls_cert: _File = None,
+    tls_key: _File = None,
     workers: _Count = None,
     threads: _Count = None,
     retries: Annotated[int, Parameter(group=_WORK, validator=_NOT_NEGATIVE)] = 2,
+    time_limit: Annotated[float | None, Parameter(group=_WORK, validator=_POSITIVE)] = None,
     preset: Annotated[str, Parameter(group=_SETTINGS, help=_PRESET_HELP)] = PRESET,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
 ) -> None:
@@ -88,7 +95,14 @@ def batch(
     min_disparity
         Smallest disparity to search where the list does not say.
     scheduler
-        Address of the scheduler of a Dask cluster, tcp://HOST:PORT.
+        Address of the scheduler of a Dask cluster, tls://HOST:PORT, or tcp://HOST:PORT in a network
+        of which every user is trusted: whoever can connect runs what they like.
+    tls_ca
+        File of the certificates that the cluster's must be signed by.
+    tls_cert
+        File of the certificate to connect by.
+    tls_key
+        File of its key.
     workers
         Number of processes on this machine; without it, as many as there are processors.
     threads
@@ -96,7 +110,11 @@ def batch(
         busy, and 1 on a cluster.
     retries
         How often a pair that failed is tried again.
+    time_limit
+        Seconds that a pair may take; without it, any number.
     """
+    if (tls_ca or tls_cert or tls_key) and scheduler is None:
+        raise CommandError("--tls-ca: has no effect without --scheduler", WRONG_USAGE)
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
         pairs = read_pairs(source, num_disparities=num_disparities, min_disparity=min_disparity)
@@ -105,15 +123,19 @@ def batch(
             pairs,
             output,
             scheduler=scheduler,
+            security=_security(tls_ca, tls_cert, tls_key),
             workers=workers,
             threads=threads,
             retries=retries,
+            time_limit=time_limit,
             suffix=f".{format}",
             layers=layers,
             settings=settings,
             progress=progress,
             on_failure=_tell,
         )
+    for line in report.damaged:
+        tell(f"{line}; set apart, and its pair matched again")
     _show(report, settings, as_json=json)
     if report.failed:
         raise CommandError(
@@ -123,7 +145,16 @@ def batch(
 
 
 def _tell(record: Record) -> None:
-    sys.stderr.write(f"phasestereo: failed {record.name}: {record.reason}\n")
+    tell(f"failed {record.name}: {record.reason}")
+
+
+def _security(ca: Path | None, cert: Path | None, key: Path | None) -> Any:
+    """Return what a connection is encrypted by; None: it is not."""
+    if not (ca or cert or key):
+        return None
+    if ca is None or cert is None or key is None:
+        raise CommandError("--tls-ca: needs --tls-cert and --tls-key, and they it", WRONG_USAGE)
+    return encryption(ca, cert, key)
 
 
 def _show(report: Report, settings: Settings, *, as_json: bool) -> None:
@@ -139,7 +170,7 @@ def _show(report: Report, settings: Settings, *, as_json: bool) -> None:
         f" {report.seconds:.1f} s, {rate:.2f} pairs/s",
         markup=False,
     )
-    console.print(f"wrote {report.manifest}", markup=False)
+    console.print(f"wrote {printable(report.manifest)}", markup=False)
 
 
 def _as_dict(report: Report, settings: Settings) -> dict[str, Any]:
@@ -153,4 +184,5 @@ def _as_dict(report: Report, settings: Settings) -> dict[str, Any]:
         "failures": [asdict(record) for record in report.failed[:_LISTED]],
         "seconds": report.seconds,
         "manifest": str(report.manifest),
+        "damaged": list(report.damaged),
     }

@@ -10,10 +10,11 @@ from cyclopts import Group, Parameter, validators
 from rich.console import Console
 
 from phasestereo.bench.blur import BlurResults, blur_jobs
-from phasestereo.cli.bench_runs import prepare, run_cells, tell
+from phasestereo.cli.bench_runs import prepare, run_cells
 from phasestereo.cli.bench_scenes import Choice
 from phasestereo.cli.bench_tables import blur_screen
 from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.terminal import printable, tell
 
 _OPTIONS = {"scene", "every"}
 _SCENES = Group.create_ordered("Scenes")
@@ -75,7 +76,7 @@ def blur(
         console.print(blur_screen(BlurResults(records=good)))
         command = f"phasestereo bench report {output} --readme FILE.md"
         told = f"Records: {output}; into a document: {command}"
-        console.print(told, markup=False, soft_wrap=True)
+        console.print(printable(told), markup=False, soft_wrap=True)
     if failed:
         first = failed[0]
         case = f"{first['family']} {first['size']:g} on {first['scene']}"

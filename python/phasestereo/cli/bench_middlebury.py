@@ -12,10 +12,11 @@ from rich.console import Console
 
 from phasestereo.bench.cases import SUITES
 from phasestereo.bench.middlebury import middlebury_jobs
-from phasestereo.cli.bench_runs import prepare, run_cells, tell
+from phasestereo.cli.bench_runs import prepare, run_cells
 from phasestereo.cli.bench_scenes import Choice
 from phasestereo.cli.bench_tables import costs_table, means_table, name_of
 from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.terminal import printable, tell
 
 _OPTIONS = {"suite", "degradation", "side", "method", "scene"}
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
@@ -85,7 +86,7 @@ def middlebury(
         console.print(table)
         console.print()
     told = f"Records: {output}; tables and plots of them: phasestereo bench report {output}"
-    console.print(told, markup=False, soft_wrap=True)
+    console.print(printable(told), markup=False, soft_wrap=True)
     failed = [record for record in records if record["status"] != "ok"]
     if failed:
         raise CommandError(_failure(failed, len(records)))

@@ -2,7 +2,6 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +12,7 @@ from rich.table import Table
 from phasestereo._extras import require
 from phasestereo.bench.paper import Claim, claims, load_pairs, run_study, write_study
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import progress_bar
+from phasestereo.cli.terminal import printable, progress_bar, tell
 
 _NEEDED = ("PIL", "scipy", "matplotlib", "jinja2")  # known before anybody has waited
 
@@ -58,12 +57,12 @@ def paper(
         try:
             study = run_study(pairs, store, quick=quick, workers=workers, watch=progress_bar)
         except KeyboardInterrupt:
-            sys.stderr.write(f"phasestereo: {store} keeps what is done; the same command goes on\n")
+            tell(f"{store} keeps what is done; the same command goes on")
             raise
         page = write_study(study, pairs, store, output)[-1]
     console = Console(highlight=False)
     console.print(_table(claims(study.readings)))
-    console.print(f"The whole story: {page}", markup=False, soft_wrap=True)
+    console.print(printable(f"The whole story: {page}"), markup=False, soft_wrap=True)
 
 
 def _table(found: list[Claim]) -> Table:

@@ -23,6 +23,7 @@ from phasestereo.bench.report.tables import Table, mean_table
 from phasestereo.bench.speed import fill_speed, read_speed
 from phasestereo.cli.bench_tables import blur_screen, speed_screen
 from phasestereo.cli.errors import refusals
+from phasestereo.cli.terminal import printable
 
 Shown: TypeAlias = tuple[Group, Callable[[Path], None]]
 """What to print, and what fills a document."""
@@ -97,7 +98,7 @@ def report(
     for title, (_, table) in sharp_tables(told).items():
         console.print(title, _screen(table), sep="\n")
     for line in (explain(told, metric), *(f"Wrote {path}" for path in (*written, *readme))):
-        console.print(line, markup=False, soft_wrap=True)
+        console.print(printable(line), markup=False, soft_wrap=True)
 
 
 def _speed(results: tuple[Path, ...]) -> Shown | None:
@@ -121,7 +122,7 @@ def _show(shown: Shown, readme: tuple[Path, ...]) -> None:
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
     console.print(screen)
     for document in readme:
-        console.print(f"Wrote {document}", markup=False, soft_wrap=True)
+        console.print(printable(f"Wrote {document}"), markup=False, soft_wrap=True)
 
 
 def _screen(table: Table) -> Screen:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
 
 from phasestereo.bench.environment import describe_environment
 from phasestereo.bench.runner import Job, finished, run
 from phasestereo.bench.store import read_store
 from phasestereo.cli.stores import put_aside
-from phasestereo.cli.terminal import progress_bar
+from phasestereo.cli.terminal import progress_bar, tell
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,8 +41,3 @@ def run_cells(
         done = len(finished(jobs, read_store(output))) if output.exists() else 0
         tell(f"{done} of {len(jobs)} {cells} are in {output}; the same command does the others")
         raise
-
-
-def tell(message: str) -> None:
-    """Write a line to standard error."""
-    sys.stderr.write(f"phasestereo: {message}\n")

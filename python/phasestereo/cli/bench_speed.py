@@ -24,7 +24,7 @@ from phasestereo.bench.store import read_store
 from phasestereo.cli.bench_tables import speed_screen
 from phasestereo.cli.errors import CommandError, refusals
 from phasestereo.cli.stores import put_aside
-from phasestereo.cli.terminal import progress_bar
+from phasestereo.cli.terminal import printable, progress_bar, tell
 
 _NEEDED = {"cv2": "opencv", "PIL": "io", "scipy": "bench"}  # known before anybody has waited
 _PAIRS_HELP = f"Only these: {', '.join(PAIRS)}."
@@ -77,17 +77,17 @@ def speed(
             with progress_bar("Matching") as progress:
                 records = run_speed(there, output, rounds=rounds, progress=progress)
         except KeyboardInterrupt:
-            _tell(f"{output} keeps what is done; the same command goes on")
+            tell(f"{output} keeps what is done; the same command goes on")
             raise
         _show(output, records)
 
 
 def _load(data: Path | None, cache: Path, names: tuple[str, ...]) -> list[GrayPair]:
     if "rendered" in (names or PAIRS) and not is_rendered(cache):
-        _tell(f"rendering a pair into {cache} for this and later runs, about a minute")
+        tell(f"rendering a pair into {cache} for this and later runs, about a minute")
     there, left_out = find_pairs(data, cache=cache, names=names)
     for line in left_out:
-        _tell(line)
+        tell(line)
     if not there:
         raise ValueError("there is no pair to match")
     return there
@@ -98,12 +98,12 @@ def _prepare(output: Path, pairs: list[GrayPair], rounds: int, *, fresh: bool) -
     if not output.exists():
         return
     if fresh:
-        _tell(f"renamed {output} to {put_aside(output)}")
+        tell(f"renamed {output} to {put_aside(output)}")
         return
     jobs = speed_jobs(pairs, rounds=rounds)
     kept = finished(jobs, read_store(output))
     if kept:
-        _tell(f"{len(kept)} of {len(jobs)} are in {output} already; --fresh measures them again")
+        tell(f"{len(kept)} of {len(jobs)} are in {output} already; --fresh measures them again")
 
 
 def _show(output: Path, records: list[dict[str, Any]]) -> None:
@@ -115,14 +115,10 @@ def _show(output: Path, records: list[dict[str, Any]]) -> None:
             console.print(speed_screen(told))
         command = f"phasestereo bench report {output} --readme FILE.md"
         told_where = f"Records: {output}; into a document: {command}"
-        console.print(told_where, markup=False, soft_wrap=True)
+        console.print(printable(told_where), markup=False, soft_wrap=True)
     if failed:
         first = failed[0]
         raise CommandError(
             f"{len(failed)} of {len(records)} measurements failed, the first of them "
             f"{first['pair']} on {first['threads']} threads: {first['error']}"
         )
-
-
-def _tell(message: str) -> None:
-    sys.stderr.write(f"phasestereo: {message}\n")

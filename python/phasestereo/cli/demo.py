@@ -12,7 +12,7 @@ from rich.table import Table
 
 from phasestereo._extras import require
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import progress_bar
+from phasestereo.cli.terminal import printable, progress_bar
 from phasestereo.demo import Demo, run_demo, verdict, write_demo
 
 _NEEDED = ("PIL", "scipy", "matplotlib", "jinja2")  # known before anybody has waited
@@ -49,7 +49,8 @@ def demo(
         page = write_demo(shown, output)[-1]
     console = Console(highlight=False)
     console.print(_table(shown))
-    console.print(f"{verdict(shown)} The whole story: {page}", markup=False, soft_wrap=True)
+    told = printable(f"{verdict(shown)} The whole story: {page}")
+    console.print(told, markup=False, soft_wrap=True)
     if open_page:
         webbrowser.open(page.absolute().as_uri())
 

@@ -17,7 +17,7 @@ from phasestereo import outofcore
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
 from phasestereo.cli.outputs import Outputs
 from phasestereo.cli.scoring import Scoring
-from phasestereo.cli.terminal import progress_bar
+from phasestereo.cli.terminal import printable, progress_bar
 from phasestereo.outofcore import Plan, Report, tell_bytes
 from phasestereo.result import tell_counts
 
@@ -156,7 +156,7 @@ def _tell(plan: Plan) -> None:
 
 def _say(line: str) -> None:
     Console(stderr=True, highlight=False, soft_wrap=True).print(
-        f"phasestereo: {line}", markup=False
+        printable(f"phasestereo: {line}"), markup=False
     )
 
 
@@ -176,7 +176,7 @@ def _show(report: Report, *, as_json: bool) -> None:
         return
     console = Console(highlight=False, soft_wrap=True)
     for line in _lines(report):
-        console.print(line, markup=False)
+        console.print(printable(line), markup=False)
 
 
 def _lines(report: Report) -> list[str]:

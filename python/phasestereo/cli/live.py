@@ -15,13 +15,15 @@ from phasestereo.cli.live_outputs import LiveOutputs, Sink, Writers
 from phasestereo.cli.live_tally import Tally
 from phasestereo.cli.options import Overrides
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
-from phasestereo.streaming import Failure, Frame, Stream, stream
+from phasestereo.streaming import REESTIMATE, Failure, Frame, Stream, stream
 from phasestereo.video.capture import Layout
 from phasestereo.video.decoding import is_address
 from phasestereo.video.folders import folders_of
 
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise", "layout"}
-_OPTIONS = _VALUES | {"start", "stop", "every"} | {field.name for field in fields(Settings)}
+_OPTIONS = (
+    _VALUES | {"start", "stop", "every", "reestimate"} | {field.name for field in fields(Settings)}
+)
 
 _SOURCE = Group.create_ordered("Source")
 _SEARCH = Group.create_ordered("Search")
@@ -45,6 +47,7 @@ def live(
     start: Annotated[int, Parameter(group=_SOURCE, validator=_NOT_NEGATIVE)] = 0,
     stop: Annotated[int | None, Parameter(group=_SOURCE, validator=_NOT_NEGATIVE)] = None,
     every: Annotated[int, Parameter(group=_SOURCE, validator=_AT_LEAST_ONE)] = 1,
+    reestimate: Annotated[int, Parameter(group=_SOURCE, validator=_AT_LEAST_ONE)] = REESTIMATE,
     num_disparities: Annotated[int, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)],
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
@@ -84,6 +87,9 @@ def live(
         Number of the frame to stop before.
     every
         Match each so many-th frame.
+    reestimate
+        Estimate blur anew when it is not as it was at a glance, and at the latest after so many
+        frames; 1: of every frame.
     num_disparities
         Number of disparities to search, 1 to the images' width.
     min_disparity
@@ -108,6 +114,7 @@ def live(
             start=start,
             stop=stop,
             every=every,
+            reestimate=reestimate,
             num_disparities=num_disparities,
             min_disparity=min_disparity,
             settings=settings,

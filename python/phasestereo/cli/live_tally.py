@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
 import phasestereo
+from phasestereo.cli.terminal import printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -58,7 +59,7 @@ class Tally:
             said = {"frame": failure.index, "error": " ".join(str(failure.error).split())}
             self._failures.append(said)
         line = " ".join(str(failure).split())
-        self._console.print(f"phasestereo: skipped {line}", markup=False)
+        self._console.print(printable(f"phasestereo: skipped {line}"), markup=False)
         if self.tell is not None:
             self.tell(failure)
         self._change()
@@ -90,7 +91,7 @@ class Tally:
         size = "" if self._size is None else f" of {self._size[1]} x {self._size[0]} pixels"
         console.print(f"{self._line()}{size}, {self.disparities[1]} disparities", markup=False)
         for path in self.files.values() if self.done else ():
-            console.print(f"wrote {path}", markup=False)
+            console.print(printable(f"wrote {path}"), markup=False)
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it."""

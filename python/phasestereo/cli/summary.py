@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 import phasestereo
+from phasestereo.cli.terminal import printable
 from phasestereo.metrics import unit_of
 from phasestereo.result import count_flags, tell_flags
 
@@ -79,7 +80,7 @@ def show(summary: Summary, *, as_json: bool) -> None:
         return
     console = Console(highlight=False, soft_wrap=True)
     for line in _lines(summary):
-        console.print(line, markup=False)
+        console.print(printable(line), markup=False)
     if summary.outcome.score is not None:
         console.print(_table(summary.outcome.score))
 

@@ -13,6 +13,22 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 
+def printable(text: object) -> str:
+    """Return a text in which nothing but printable characters is left as it is.
+
+    Names of files may hold what moves the cursor, hides lines or types into the terminal.
+    """
+    return "".join(
+        each if each.isprintable() else each.encode("unicode_escape").decode("ascii")
+        for each in str(text)
+    )
+
+
+def tell(line: str) -> None:
+    """Say a line on standard error."""
+    sys.stderr.write(f"phasestereo: {printable(line)}\n")
+
+
 @contextmanager
 def progress_bar(task: str) -> Iterator[Callable[[int, int], None] | None]:
     """Show a bar on standard error while the block lasts, if that is a terminal.

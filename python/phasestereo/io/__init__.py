@@ -5,6 +5,9 @@ for that (+inf in PFM, 0 in KITTI's PNG) is translated here and nowhere else. Wh
 arrives exactly, to the bit, or not at all: nothing is narrowed, rescaled or clipped on the way.
 Files are written whole or not at all. Images need the extra ``io``, GeoTIFF the extra ``geo``;
 ``.npy``, ``.pfm`` and ``.ply`` need neither.
+
+Files may come from anywhere: pictures of more than `max_pixels` pixels are refused, as is anything
+that would unpack to more than a picture needs, and what is no regular file.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ from phasestereo.io.geotiff import (
     write_geotiff,
 )
 from phasestereo.io.image import read_image, write_image
+from phasestereo.io.limits import max_pixels, set_max_pixels
 from phasestereo.io.pfm import read_pfm, write_pfm
 from phasestereo.io.ply import write_ply
 from phasestereo.io.qmatrix import read_q
@@ -29,6 +33,7 @@ __all__ = [
     "GeoImage",
     "Georeference",
     "LengthUnit",
+    "max_pixels",
     "read_calibration",
     "read_depth",
     "read_disparity",
@@ -38,6 +43,7 @@ __all__ = [
     "read_pfm",
     "read_q",
     "read_truth",
+    "set_max_pixels",
     "write_depth",
     "write_disparity",
     "write_geotiff",

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 
-from phasestereo.io.files import decoding
+from phasestereo.io.files import decoding, read_bounded
+from phasestereo.io.limits import SMALL
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -312,7 +313,9 @@ def read_calibration(path: StrPath) -> Calibration:
     """
     with decoding(path) as file:
         values: dict[str, Any] = {}
-        for number, line in enumerate(file.read().decode("utf-8-sig").splitlines(), start=1):
+        for number, line in enumerate(
+            read_bounded(file, SMALL).decode("utf-8-sig").splitlines(), start=1
+        ):
             try:
                 _parse_line(line, values)
             except ValueError as error:

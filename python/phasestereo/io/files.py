@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import secrets
+import stat
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TypeAlias
@@ -15,6 +16,49 @@ if TYPE_CHECKING:
 StrPath: TypeAlias = str | os.PathLike[str]
 
 
+def open_regular(path: StrPath) -> BinaryIO:
+    """Open a file to read it, if it is one: a FIFO would keep us waiting, a device has no end.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened, or is something else.
+    """
+    refuse_special(path, Path(path).stat().st_mode)  # some devices do things when they are opened
+    file = open(path, "rb", opener=_open_without_waiting)  # noqa: SIM115 -- the caller closes it
+    try:
+        refuse_special(path, os.fstat(file.fileno()).st_mode)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def _open_without_waiting(name: str, flags: int) -> int:
+    """Open a file as `open` would; a FIFO that nobody writes to would keep it waiting."""
+    return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def refuse_special(path: StrPath, mode: int) -> None:
+    """Refuse what is neither a regular file nor a folder, by what `os.stat` tells of it."""
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise OSError(errno.EINVAL, "not a regular file (a FIFO, device or socket)", str(path))
+
+
+def read_bounded(file: BinaryIO, most: int) -> bytes:
+    """Read a small file whole, or refuse it by its size.
+
+    Raises
+    ------
+    ValueError
+        If it has more than so many bytes.
+    """
+    content = file.read(most + 1) if os.fstat(file.fileno()).st_size <= most else None
+    if content is None or len(content) > most:
+        raise ValueError(f"has more than the {most} bytes that such a file is read to")
+    return content
+
+
 @contextmanager
 def decoding(path: StrPath) -> Iterator[BinaryIO]:
     """Open a file to decode it; what a decoder raises on bad content becomes a ValueError.
@@ -22,40 +66,70 @@ def decoding(path: StrPath) -> Iterator[BinaryIO]:
     Raises
     ------
     OSError
-        If the file cannot be opened or read.
+        If the file cannot be opened or read, or is no regular file.
     ValueError
         If the block raised anything else; the message names the file.
     """
-    with Path(path).open("rb") as file:
+    with open_regular(path) as file:
         try:
             yield file
         except (ImportError, MemoryError):
             raise
         except Exception as error:  # decoders of damaged files raise anything, SyntaxError included
-            if isinstance(error, OSError) and error.errno is not None:
+            if isinstance(error, OSError) and error.errno not in _DAMAGED:
                 raise
             told = isinstance(error, ValueError | OSError)
             reason = error if told else f"damaged, or not what it claims to be ({error!r})"
             raise ValueError(f"{os.fspath(path)}: {reason}") from error
 
 
+# What decoders tell of content, and what the system tells of an offset that a file made up.
+_DAMAGED = (None, errno.EINVAL)
+
+
 @contextmanager
-def replacing(path: StrPath) -> Iterator[BinaryIO]:
+def replacing(path: StrPath, *, flush: bool = False) -> Iterator[BinaryIO]:
     """Open a draft in the file's folder; it takes the file's place when the block ends well.
+
+    Parameters
+    ----------
+    path
+        The file.
+    flush
+        Whether it is to be on the disk before that, so that a power cut leaves it or the old one.
 
     Raises
     ------
     OSError
-        If the folder does not exist or cannot be written to, or the path is not a regular file.
+        If the folder does not exist or cannot be written to, or the path is not a regular file;
+        the message names the file.
     """
     target = target_of(path)
     draft = target.with_name(f".{secrets.token_hex(8)}.part")
     try:
         with created(draft) as file:
             yield file
+            if flush:
+                file.flush()
+                os.fsync(file.fileno())
         draft.replace(target)
+    except OSError as error:
+        if error.errno is None or error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from error  # as of a full disk
     finally:
         draft.unlink(missing_ok=True)
+
+
+def flush(path: Path) -> None:
+    """Have a file, or the names in a folder, reach the disk."""
+    if os.name == "nt" and path.is_dir():
+        return  # which cannot be opened there
+    number = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
 
 
 def target_of(path: StrPath) -> Path:

@@ -5,28 +5,37 @@ A georeference goes in and comes out as it is: nothing is reprojected or resampl
 
 from __future__ import annotations
 
+import logging
 import os
+import sys
 import warnings
 from collections.abc import Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from phasestereo._extras import require
 from phasestereo.io.files import decoding, replacing
-from phasestereo.io.pixels import as_samples, channels, check_size, look_up
+from phasestereo.io.pixels import as_samples, channels, look_up
+from phasestereo.io.tiff_layout import TIFF_MAGICS, check_whole, read_layout
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from typing import BinaryIO
 
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo.io.files import StrPath
     from phasestereo.io.pixels import Pixels
+    from phasestereo.io.tiff_layout import Directory
 
     Mask = NDArray[np.bool_]
+
+# What is wrong with a file is raised; without a handler, its log lines would reach the terminal.
+logging.getLogger("rasterio").addHandler(logging.NullHandler())
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # what GDAL has where there is no transform
 _SAME = 1e-3  # relative difference of pixel sizes that rounding may make
@@ -124,7 +133,7 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
     ValueError
         If it is damaged or no GeoTIFF; if it has no such bands, or more than can be meant; if its
         samples are complex or, where they are not masked, integers beyond 2**24; if it has more
-        than 2**30 pixels.
+        pixels than `max_pixels` says (200 million), or is so short that it cannot hold them.
     ImportError
         If rasterio is not installed.
 
@@ -134,21 +143,20 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
     """
     chosen = None if bands is None else as_bands(bands)
     rasterio = require("rasterio", extra="geo")
-    with (
-        decoding(path),
-        unplaced_allowed(),
-        rasterio.open(os.fspath(path), driver="GTiff") as file,
-    ):
-        check_size(file.width, file.height)
-        indexes = choose_bands(file, chosen)
-        samples = file.read(indexes)
-        valid = read_valid(file, indexes, samples)
-        return GeoImage(
-            image=as_image(file, indexes, samples, valid),
-            mask=None if valid.all() else valid,
-            georeference=georeference_of(file),
-            tags=file.tags(),
-        )
+    with decoding(path) as content, unplaced_allowed():
+        for directory in check_tiff(path, content):
+            if directory.has_pixels:
+                check_whole(content, directory)
+        with rasterio.open(os.fspath(path), driver="GTiff") as file:
+            indexes = choose_bands(file, chosen)
+            samples = file.read(indexes)
+            valid = read_valid(file, indexes, samples)
+            return GeoImage(
+                image=as_image(file, indexes, samples, valid),
+                mask=None if valid.all() else valid,
+                georeference=georeference_of(file),
+                tags=file.tags(),
+            )
 
 
 def read_geotiff_pair(
@@ -256,17 +264,56 @@ def write_geotiff(
         file.write(draft.getbuffer())
 
 
+def check_tiff(path: StrPath, content: BinaryIO) -> list[Directory]:
+    """Return the directories of a TIFF file; refuse those that GDAL would lose its way in.
+
+    The mask that GDAL finds beside the file counts, too.
+    """
+    if not content.read(4).startswith(TIFF_MAGICS):
+        raise ValueError("not a TIFF file")
+    found = read_layout(content)
+    for directory in found:
+        if directory.has_pixels:
+            directory.check_blocks()
+    beside = Path(f"{os.fspath(path)}.msk")
+    if beside.exists():
+        with decoding(beside) as mask:
+            check_tiff(beside, mask)
+    return found
+
+
 @contextmanager
 def unplaced_allowed() -> Iterator[None]:
     """Silence what rasterio warns of here: images without a georeference are no mistake.
 
-    Nor is alpha beside a "no data" value: both count.
+    Nor is alpha beside a "no data" value: both count. And where GDAL quotes a damaged file in other
+    letters than UTF-8, rasterio fails to log that, and says so: what is wrong is raised anyway.
     """
     errors = require("rasterio.errors", extra="geo")
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _unlogged():
         warnings.simplefilter("ignore", errors.NotGeoreferencedWarning)
         warnings.simplefilter("ignore", errors.NodataShadowWarning)
         yield
+
+
+@contextmanager
+def _unlogged() -> Iterator[None]:
+    """Silence what rasterio cannot log."""
+    before = sys.unraisablehook, sys.excepthook
+
+    def hear(found: Any) -> None:
+        if found.object != "rasterio._env.log_error":
+            before[0](found)
+
+    def show(kind: type[BaseException], error: BaseException, trace: Any) -> None:
+        if kind is not UnicodeDecodeError:
+            before[1](kind, error, trace)
+
+    sys.unraisablehook, sys.excepthook = hear, show
+    try:
+        yield
+    finally:
+        sys.unraisablehook, sys.excepthook = before
 
 
 def as_bands(bands: Sequence[int]) -> list[int]:

@@ -12,7 +12,8 @@ from phasestereo.io.npy import decode_npy, encode_npy
 from phasestereo.io.pfm import decode_pfm, encode_pfm
 from phasestereo.io.pixels import channels
 from phasestereo.io.raster import RASTER_MAGICS, decode_raster, encode_raster
-from phasestereo.io.tiff import TIFF_MAGICS, decode_tiff, encode_tiff
+from phasestereo.io.tiff import decode_tiff, encode_tiff
+from phasestereo.io.tiff_layout import TIFF_MAGICS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -75,8 +76,8 @@ def read_image(path: StrPath) -> Pixels:
         If the file cannot be read.
     ValueError
         If it is damaged or of another format; if it holds several images; if its samples are not
-        of the types above, or could not be read without loss; if it has more than 2**30 pixels
-        (``.npy`` and PFM may have any number).
+        of the types above, or could not be read without loss; if it has more pixels than
+        `max_pixels` says (200 million), or is so short that it cannot hold what it claims.
     ImportError
         If the format needs the extra ``io`` and that is not installed.
 
@@ -84,8 +85,8 @@ def read_image(path: StrPath) -> Pixels:
     -----
     Samples are not interpreted: 10-bit values in a 16-bit file stay below 1024, and colour
     profiles, gamma, PNG's transparent colour and the orientation tag of a JPEG are ignored. TIFF
-    is read uncompressed or with deflate or PackBits; tifffile reads further compressions (LZW and
-    JPEG among them) when the package ``imagecodecs`` is installed.
+    is read uncompressed or with deflate or PackBits, and with LZW when the package ``imagecodecs``
+    is installed; `read_geotiff` reads further compressions.
     """
     with decoding(path) as file:
         head = file.read(8)

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import math
 import os
+import struct
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.lib import format as npy_format
 
+from phasestereo.io.limits import check_size
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _DTYPES = ("uint8", "uint16", "float32", "float64")
+_MAGIC = 8  # bytes before the length of the header
+_LONGEST_HEADER = 2**14  # bytes; one of an image has about 120
 
 
 def decode_npy(file: BinaryIO) -> NDArray[Any]:
@@ -21,7 +26,8 @@ def decode_npy(file: BinaryIO) -> NDArray[Any]:
     Raises
     ------
     ValueError
-        If the dtype is another, or the header does not fit the amount of data.
+        If the dtype is another, the header does not fit the amount of data, or asks for more
+        pixels than are read.
     """
     shape, fortran_order, dtype = read_header(file)
     if dtype.name not in _DTYPES:
@@ -30,6 +36,8 @@ def decode_npy(file: BinaryIO) -> NDArray[Any]:
     actual = os.fstat(file.fileno()).st_size
     if actual != expected:  # compared before anything is allocated
         raise ValueError(f"the header asks for {expected} bytes, but the file has {actual}")
+    if len(shape) > 1 and 0 not in shape:
+        check_size(shape[1], shape[0])
     samples = np.fromfile(file, dtype, math.prod(shape))
     samples = samples.reshape(shape, order="F" if fortran_order else "C")
     return np.ascontiguousarray(samples, dtype.newbyteorder("="))
@@ -38,6 +46,10 @@ def decode_npy(file: BinaryIO) -> NDArray[Any]:
 def read_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     """Read shape, whether columns come first, and dtype; the data begin where the file is then."""
     version = npy_format.read_magic(file)
+    (length,) = struct.unpack("<I", file.read(4 if version > (1, 0) else 2).ljust(4, b"\0"))
+    if length > _LONGEST_HEADER:
+        raise ValueError(f"the .npy header has {length} bytes; at most {_LONGEST_HEADER} are read")
+    file.seek(_MAGIC)
     if version == (1, 0):
         return npy_format.read_array_header_1_0(file)
     if version == (2, 0):

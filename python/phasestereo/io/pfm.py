@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from phasestereo.io.files import decoding, replacing
+from phasestereo.io.limits import check_size
 from phasestereo.io.pixels import channels
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ def decode_pfm(file: BinaryIO) -> NDArray[np.float32]:
     actual = os.fstat(file.fileno()).st_size
     if actual != expected:  # compared before anything is allocated
         raise ValueError(f"the header asks for {expected} bytes, but the file has {actual}")
+    check_size(shape[1], shape[0])
     file.seek(start)
     samples = np.fromfile(file, dtype=f"{byte_order}f4", count=math.prod(shape))
     return np.ascontiguousarray(samples.reshape(shape)[::-1], dtype=np.float32)

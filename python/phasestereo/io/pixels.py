@@ -1,4 +1,4 @@
-"""What counts as an image: its sample types, its shapes, and how large it may be."""
+"""What counts as an image: its sample types and its shapes."""
 
 from __future__ import annotations
 
@@ -8,10 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Pixels: TypeAlias = NDArray[np.uint8 | np.uint16 | np.float32]
-
-MAX_PIXELS = 2**30
-"""Images of formats in which a few bytes can claim any size are refused above this one."""
-
 
 _EXACT = 2**24  # float32 holds all integers up to here
 
@@ -26,17 +22,6 @@ def channels(shape: tuple[int, ...]) -> int:
         case (_, _, 3 | 4 as count):
             return count
     return 0
-
-
-def check_size(width: int, height: int) -> None:
-    """Refuse a size that no image has, or one above `MAX_PIXELS`."""
-    if width < 1 or height < 1:
-        raise ValueError(f"the header says {width} x {height} pixels: that is no image")
-    if width * height > MAX_PIXELS:
-        raise ValueError(
-            f"the header says {width} x {height} pixels; at most {MAX_PIXELS} are read, "
-            "except of .npy and .pfm files"
-        )
 
 
 def look_up(colours: NDArray[np.uint8], samples: NDArray[np.uint8]) -> NDArray[np.uint8]:

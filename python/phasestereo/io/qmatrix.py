@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
-from phasestereo.io.files import decoding, suffix
+from phasestereo.io.files import decoding, read_bounded, suffix
+from phasestereo.io.limits import SMALL
+from phasestereo.io.npz import decode_array, decode_arrays
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,16 +63,14 @@ def read_q(path: StrPath) -> Matrix:
 
 
 def _from_npy(file: BinaryIO) -> Matrix:
-    matrix: Matrix = np.lib.format.read_array(file, allow_pickle=False)
-    return matrix
+    return decode_array(read_bounded(file, SMALL))
 
 
 def _from_npz(file: BinaryIO) -> Matrix:
-    with np.load(file, allow_pickle=False) as arrays:
-        if "Q" not in arrays:
-            raise ValueError(f"no array is named Q, only {', '.join(arrays) or 'nothing'}")
-        matrix: Matrix = arrays["Q"]
-        return matrix
+    arrays = decode_arrays(read_bounded(file, SMALL), SMALL)
+    if "Q" not in arrays:
+        raise ValueError(f"no array is named Q, only {', '.join(arrays) or 'nothing'}")
+    return arrays["Q"]
 
 
 def _from_text(file: BinaryIO) -> Matrix:
@@ -97,7 +97,7 @@ def _from_storage(file: BinaryIO, pattern: str) -> Matrix:
 
 
 def _text(file: BinaryIO) -> str:
-    return file.read().decode("utf-8-sig")
+    return read_bounded(file, SMALL).decode("utf-8-sig")
 
 
 _DECODERS: dict[str, Callable[[BinaryIO], Matrix]] = {

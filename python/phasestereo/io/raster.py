@@ -4,17 +4,19 @@ Two habits of Pillow are worked around. It narrows 16-bit colour to 8 bits witho
 rescales Netpbm samples whose maximum is not 255 or 65535, which would change the disparities coded
 in them; its low-level decoders do neither, so they are told what to unpack. And ``Image.open``
 warns of images above 89 megapixels and refuses them above 179, by a global limit; the class of the
-format does not, so that is what is called here, and the limit is `MAX_PIXELS`.
+format does not, so that is what is called here, and the limit is that of `phasestereo.io`.
 """
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.io.pixels import check_size, expand_bits, look_up
+from phasestereo.io.limits import check_size, check_unpacked
+from phasestereo.io.pixels import expand_bits, look_up
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -69,10 +71,14 @@ def _open(file: BinaryIO) -> Any:
     """Parse the header with Pillow."""
     file.seek(0)
     head = file.read(8)
+    length = file.seek(0, os.SEEK_END)
     file.seek(0)
     module, opener = next(_OPENERS[magic] for magic in RASTER_MAGICS if head.startswith(magic))
     image = getattr(require(module, extra="io"), opener)(file)
     check_size(*image.size)
+    bands = len(image.getbands())
+    samples = bands if bands > 1 else 1 / 8  # gray levels and palettes may have one bit
+    check_unpacked(int(image.width * image.height * samples), length)
     if getattr(image, "n_frames", 1) > 1:
         raise ValueError(f"the file holds {image.n_frames} images, and only one can be meant")
     return image

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import logging
 import math
+import zlib
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from phasestereo._extras import require
 from phasestereo.io.files import decoding
-from phasestereo.io.pixels import channels, check_size, expand_bits, look_up
+from phasestereo.io.limits import UNPACKING
+from phasestereo.io.pixels import channels, expand_bits, look_up
+from phasestereo.io.tiff_layout import (
+    BOUNDED,
+    DEFLATED,
+    TIFF_MAGICS,
+    check_whole,
+    read_layout,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,8 +35,14 @@ _TAGS: dict[int, dict[str, Any]] = {
 }
 
 
-TIFF_MAGICS = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"
-"""How a TIFF or BigTIFF file starts."""
+# What is wrong with a file is raised; without a handler, its log lines would reach the terminal.
+logging.getLogger("tifffile").addHandler(logging.NullHandler())
+
+_REDUCED, _SUBFILE = 1, 254
+_PIECE = 2**20  # bytes unpacked at a time where they are only counted
+_HARMLESS = 2**24  # bytes that a block may unpack to without being counted, which takes time
+_MOST_PACKED = 2**20  # bytes of a block of PackBits, which tifffile unpacks without a bound
+_PACKBITS = 32773
 
 # Scale and tie points, transformation, GeoTIFF's keys, GDAL's "no data" value, RPCs.
 _GEO_TAGS = {33550, 33922, 34264, 34735, 42113, 50844}
@@ -37,15 +53,13 @@ def is_geotiff(path: StrPath) -> bool:
 
     Raises
     ------
-    OSError, ValueError, ImportError
+    OSError, ValueError
         As `phasestereo.io.read_image`.
     """
     with decoding(path) as file:
         if not file.read(4).startswith(TIFF_MAGICS):
             return False
-        file.seek(0)
-        with require("tifffile", extra="io").TiffFile(file) as tiff:
-            return not _GEO_TAGS.isdisjoint(tag.code for tag in tiff.pages[0].tags)
+        return not _GEO_TAGS.isdisjoint(read_layout(file)[0].tags)
 
 
 def decode_tiff(file: BinaryIO) -> NDArray[Any]:
@@ -54,17 +68,18 @@ def decode_tiff(file: BinaryIO) -> NDArray[Any]:
     Raises
     ------
     ValueError
-        If there are several pages, parts of the page are missing, or its colours are not gray,
-        RGB or a palette.
+        If there are several pages, parts of the page are missing, it is larger than may be or
+        unpacks to more than it needs, or its colours are not gray, RGB or a palette.
     """
     tifffile = require("tifffile", extra="io")
+    _check_bounds(file)
+    file.seek(0)
     with tifffile.TiffFile(file) as tiff:
         # aspage: later pages of a series are mere frames, which lack tags
         pages = [page for page in (each.aspage() for each in tiff.pages) if not page.is_reduced]
         if len(pages) != 1:
             raise ValueError(f"the TIFF has {len(pages)} pages, and only one can be the image")
         page = pages[0]
-        check_size(page.imagewidth, page.imagelength)
         _check_complete(page)
         if page.axes not in ("YX", "YXS", "SYX"):
             raise ValueError(f"the TIFF page has axes {page.axes}, an image has YX and channels S")
@@ -72,6 +87,50 @@ def decode_tiff(file: BinaryIO) -> NDArray[Any]:
         if page.axes == "SYX":  # one plane a channel
             samples = np.ascontiguousarray(np.moveaxis(samples, 0, 2))
         return _apply_photometric(samples, page, tifffile.PHOTOMETRIC)
+
+
+def _check_bounds(file: BinaryIO) -> None:
+    """Refuse what tifffile would unpack without a bound, before it does."""
+    pages = [page for page in read_layout(file) if not page.number(_SUBFILE, 0) & _REDUCED]
+    if len(pages) != 1:
+        raise ValueError(f"the TIFF has {len(pages)} pages, and only one can be the image")
+    page = pages[0]
+    if page.compression not in BOUNDED:
+        raise ValueError(
+            f"the TIFF is compressed in a way (number {page.compression}) that is not read here: "
+            "uncompressed, deflate, PackBits and LZW are; read_geotiff reads more"
+        )
+    check_whole(file, page)
+    stored = page.stored(file)
+    if page.compression == _PACKBITS and (stored > _MOST_PACKED).any():
+        raise ValueError(f"a block of PackBits has more than {_MOST_PACKED} bytes")
+    if page.compression in DEFLATED:
+        for number, (offset, count) in enumerate(zip(page.places(file), stored, strict=True)):
+            file.seek(int(offset))
+            if _unpacks_beyond(file, int(count), page.block_bytes):
+                raise ValueError(
+                    f"strip or tile {number} of the TIFF unpacks to more than the "
+                    f"{page.block_bytes} bytes that the picture needs of it"
+                )
+
+
+def _unpacks_beyond(file: BinaryIO, count: int, most: int) -> bool:
+    """Tell whether deflated bytes unpack to more than so many, without keeping them."""
+    if count * UNPACKING <= max(most, _HARMLESS):
+        return False
+    unpacker, total = zlib.decompressobj(), 0
+    try:
+        while count > 0 and not unpacker.eof:
+            rest = file.read(min(count, _PIECE))
+            count -= len(rest) or count
+            while rest and not unpacker.eof:
+                total += len(unpacker.decompress(rest, _PIECE))
+                rest = unpacker.unconsumed_tail
+                if total > most:
+                    return True
+    except zlib.error as error:
+        raise ValueError(f"a strip or tile of the TIFF is damaged: {error}") from error
+    return False
 
 
 def _check_complete(page: Any) -> None:

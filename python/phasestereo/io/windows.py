@@ -6,6 +6,7 @@ which would count as resident: what was read is in the arrays that were returned
 
 from __future__ import annotations
 
+import math
 import os
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -17,12 +18,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.io.files import decoding
+from phasestereo.io.files import decoding, open_regular
 from phasestereo.io.geotiff import (
     Georeference,
     as_bands,
     as_image,
     check_agreement,
+    check_tiff,
     choose_bands,
     georeference_of,
     read_valid,
@@ -30,7 +32,7 @@ from phasestereo.io.geotiff import (
 )
 from phasestereo.io.npy import read_header
 from phasestereo.io.pixels import as_samples, channels
-from phasestereo.io.tiff import TIFF_MAGICS
+from phasestereo.io.tiff_layout import TIFF_MAGICS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -43,6 +45,9 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
     Window = tuple[slice, slice]
     Piece = Callable[[Window], tuple[Pixels, Mask | None]]
+
+MAX_BYTES = 2**30
+"""Memory that the blocks across an image may take, where nothing else is said."""
 
 _LEAST = 64  # rows read at once: fewer would be slow
 _NPY_MAGIC = b"\x93NUMPY"
@@ -170,7 +175,9 @@ class RasterPair:
 
 
 @contextmanager
-def open_raster(path: StrPath, *, bands: Sequence[int] | None = None) -> Iterator[Raster]:
+def open_raster(
+    path: StrPath, *, bands: Sequence[int] | None = None, max_bytes: int = MAX_BYTES
+) -> Iterator[Raster]:
     """Open an image to read it by windows.
 
     Parameters
@@ -180,6 +187,9 @@ def open_raster(path: StrPath, *, bands: Sequence[int] | None = None) -> Iterato
         by its folder; or a ``.npy`` file in C order.
     bands
         Of a TIFF file, as `read_geotiff` has it.
+    max_bytes
+        Memory that the blocks (strips, tiles, chunks) across the image, which are read as a whole
+        whatever is asked of them, may take.
 
     Yields
     ------
@@ -194,7 +204,8 @@ def open_raster(path: StrPath, *, bands: Sequence[int] | None = None) -> Iterato
     OSError
         If the file cannot be read.
     TypeError, ValueError
-        If it is of another format, damaged or not an image; as `read_geotiff`.
+        If it is of another format, damaged or not an image; as `read_geotiff`; if its blocks take
+        more than `max_bytes`.
     ImportError
         If rasterio or zarr is needed and not installed.
     """
@@ -202,14 +213,14 @@ def open_raster(path: StrPath, *, bands: Sequence[int] | None = None) -> Iterato
     name = os.fspath(path)
     with ExitStack() as stack:
         if Path(path).is_dir():
-            yield _open_zarr(name)
+            yield _open_zarr(name, max_bytes)
             return
         with decoding(path) as file:
             head = file.read(len(_NPY_MAGIC))
         if head.startswith(TIFF_MAGICS):
-            yield _open_tiff(stack, name, chosen)
+            yield _open_tiff(stack, name, chosen, max_bytes)
         elif head == _NPY_MAGIC:
-            yield _open_npy(stack, name)
+            yield _open_npy(stack, name, max_bytes)
         else:
             raise ValueError(f"{name}: cannot be read by parts; these can: {_FORMATS}")
 
@@ -222,6 +233,7 @@ def open_pair(
     bands: Sequence[int] | None = None,
     left_mask: StrPath | None = None,
     right_mask: StrPath | None = None,
+    max_bytes: int = MAX_BYTES,
 ) -> Iterator[RasterPair]:
     """Open both images of a stereo pair, and masks, to read them by windows; see `open_raster`.
 
@@ -233,9 +245,12 @@ def open_pair(
         size or has no integers.
     """
     with ExitStack() as stack:
-        images = [stack.enter_context(open_raster(path, bands=bands)) for path in (left, right)]
+        images = [
+            stack.enter_context(open_raster(path, bands=bands, max_bytes=max_bytes))
+            for path in (left, right)
+        ]
         masks = [
-            None if path is None else stack.enter_context(open_raster(path))
+            None if path is None else stack.enter_context(open_raster(path, max_bytes=max_bytes))
             for path in (left_mask, right_mask)
         ]
         check_agreement(
@@ -295,6 +310,24 @@ def _told(path: str, first: int, last: int) -> Iterator[None]:
         raise OSError(f"{where} cannot be read: {reason}") from error
 
 
+def _check_blocks(what: str, needed: int, most: int) -> None:
+    """Refuse blocks that take more memory than is allowed, before one is read."""
+    if needed > most:
+        raise ValueError(
+            f"stored in {what}, which are read as a whole and take {needed} bytes across the "
+            f"image; at most {most} are allowed: store it in smaller tiles, or allow more"
+        )
+
+
+@contextmanager
+def _refused(path: str) -> Iterator[None]:
+    """Name the file in what is refused of it."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
 def _raster(
     path: str,
     size: tuple[int, int],
@@ -320,10 +353,16 @@ def _raster(
     )
 
 
-def _open_tiff(stack: ExitStack, path: str, chosen: list[int] | None) -> Raster:
+def _open_tiff(stack: ExitStack, path: str, chosen: list[int] | None, max_bytes: int) -> Raster:
     """Open a TIFF file by GDAL, which stays open as long as the stack."""
     rasterio = require("rasterio", extra="geo")
-    with decoding(path), unplaced_allowed():
+    with decoding(path) as content, unplaced_allowed():
+        for directory in check_tiff(path, content):
+            if directory.has_pixels:
+                width, _ = directory.size
+                across, down = directory.block
+                row = directory.block_bytes * -(-width // across)
+                _check_blocks(f"blocks of {down} rows", row, max_bytes)
         file = stack.enter_context(rasterio.open(path, driver="GTiff"))
         indexes = choose_bands(file, chosen)
         place = georeference_of(file)
@@ -344,7 +383,7 @@ def _open_tiff(stack: ExitStack, path: str, chosen: list[int] | None) -> Raster:
     return replace(raster, by_gdal=True)
 
 
-def _open_zarr(path: str) -> Raster:
+def _open_zarr(path: str, max_bytes: int) -> Raster:
     """Open the folder of a Zarr array."""
     zarr = require("zarr", extra="large")
     try:
@@ -363,11 +402,15 @@ def _open_zarr(path: str) -> Raster:
         return _plain(np.asarray(samples), missing)
 
     size, chunk = array.shape[leading : leading + 2], array.chunks[leading]
-    row = array.nbytes // array.shape[leading]
+    row = array.nbytes // max(array.shape[leading], 1)
+    chunks = math.prod(array.chunks) * array.dtype.itemsize
+    with _refused(path):
+        across = -(-array.shape[leading + 1] // array.chunks[leading + 1])
+        _check_blocks(f"chunks of {chunk} rows", chunks * across, max_bytes)
     return _raster(path, (int(size[0]), int(size[1])), piece, (int(chunk), int(chunk * row)))
 
 
-def _open_npy(stack: ExitStack, path: str) -> Raster:
+def _open_npy(stack: ExitStack, path: str, max_bytes: int) -> Raster:
     """Open a ``.npy`` file, and read rows where they are."""
     with decoding(path) as head:
         shape, columns_first, dtype = read_header(head)
@@ -382,8 +425,8 @@ def _open_npy(stack: ExitStack, path: str) -> Raster:
             raise ValueError(
                 f"the header asks for {start + shape[0] * row} bytes, but the file has {stored}"
             )
-    file = Path(path).open("rb")  # noqa: SIM115  # the stack closes it
-    stack.callback(file.close)
+        _check_blocks("one row", row, max_bytes)
+    file = stack.enter_context(open_regular(path))
 
     def piece(window: Window) -> tuple[Pixels, Mask | None]:
         rows, across = window

@@ -36,6 +36,8 @@ class Report:
         Bytes that this process had at most since it began; None: the system does not tell.
     approximate
         In what the map is approximate; None: in nothing.
+    again
+        What an earlier run had finished and was missing or damaged, so that it was done again.
     """
 
     plan: Plan
@@ -46,6 +48,7 @@ class Report:
     seconds: float
     peak_memory: int | None
     approximate: str | None
+    again: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it."""
@@ -62,6 +65,7 @@ class Report:
             "flags": {str(flag.name).lower(): count for flag, count in self.flags.items()},
             "files": {layer: str(path) for layer, path in self.files.items()},
             "approximate": self.approximate,
+            "again": list(self.again),
             "bands": {"matched": plan.bands, "finished_before": plan.finished, "rows": plan.rows},
             "tiles": len(plan.tiles),
             "threads": plan.threads,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -105,7 +107,8 @@ def match(
         those of all tiles; what it raises ends the run.
     stage
         Called with what begins, in words, where it is not the matching of bands: the survey of the
-        whole pair, and the putting together of the outputs.
+        whole pair, the putting together of the outputs, and what an earlier run had finished but
+        is missing or damaged, so that it is matched again.
 
     Returns
     -------
@@ -148,7 +151,7 @@ def match(
     )
     count = Matcher(settings=request.settings, threads=threads).threads
     begin = stage or (lambda _: None)
-    with _prepared(request, count, begin, restart=restart) as (pair, survey, store, sinks):
+    with _prepared(request, limit, count, begin, restart=restart) as (pair, survey, store, sinks):
         work = Work(pair, survey, store, tuple(request.outputs), announce, progress)
         tiles = planning.tiles(survey, tile_columns, column_overlap)
         plan = work.run(work.planned(tiles, limit, count, band_rows))
@@ -164,17 +167,26 @@ def match(
 
 @contextmanager
 def _prepared(
-    request: Request, threads: int, begin: Callable[[str], object], *, restart: bool
+    request: Request, limit: int, threads: int, begin: Callable[[str], object], *, restart: bool
 ) -> Iterator[tuple[RasterPair, Survey, Store, list[Sink]]]:
     """Open the pair and what is finished of it, try the outputs, and make the survey."""
     left, right, left_mask, right_mask = request.sources
     with ExitStack() as stack:
         pair = stack.enter_context(
-            open_pair(left, right, bands=request.bands, left_mask=left_mask, right_mask=right_mask)
+            open_pair(
+                left,
+                right,
+                bands=request.bands,
+                left_mask=left_mask,
+                right_mask=right_mask,
+                max_bytes=limit,
+            )
         )
         _limit_gdal(stack, pair, request.outputs)
         output = request.outputs["disparity"]
         store = stack.enter_context(opened(output, request.identity(), restart=restart))
+        for told in store.again:
+            begin(told)
         sinks = _sinks(request, pair)
         for sink in sinks:
             sink.rehearse()
@@ -199,6 +211,9 @@ def _surveyed(
 
 def _sinks(request: Request, pair: RasterPair) -> list[Sink]:
     approximate = request.approximation(pair.size[1])
+    # Of two runs with one output, of those that may have it in common, the first one has the lock.
+    first = os.path.realpath(request.outputs["disparity"])
+    run = hashlib.sha256(os.fsencode(first)).hexdigest()[:8]
     return [
         Sink(
             path=path,
@@ -206,6 +221,7 @@ def _sinks(request: Request, pair: RasterPair) -> list[Sink]:
             size=pair.size,
             place=pair.left.georeference,
             tags={} if approximate is None else {"APPROXIMATE": approximate},
+            run=run,
         )
         for layer, path in request.outputs.items()
     ]

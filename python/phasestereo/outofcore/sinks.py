@@ -10,7 +10,7 @@ import errno
 import os
 import shutil
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.lib import format as npy_format
 
 from phasestereo._extras import require
-from phasestereo.io.files import suffix
+from phasestereo.io.files import flush, suffix
 from phasestereo.io.geotiff import TILE, placed, point_tag, storage, unplaced_allowed
 from phasestereo.io.windows import open_raster
 from phasestereo.outofcore.sizes import tell_bytes
@@ -58,6 +58,8 @@ class Sink:
         Where it lies.
     tags
         What else it tells, by name; ``.npy`` cannot.
+    run
+        What tells drafts of runs apart that have this output in common.
     """
 
     path: Path
@@ -65,6 +67,7 @@ class Sink:
     size: tuple[int, int]
     place: Georeference
     tags: Mapping[str, str]
+    run: str
 
     @property
     def target(self) -> Path:
@@ -74,14 +77,12 @@ class Sink:
     @property
     def draft(self) -> Path:
         """The file until it is complete."""
-        return self.target.with_name(f".{self.target.name}.draft")
+        return self.target.with_name(f".{self.target.name}.{self.run}.draft")
 
     def rehearse(self) -> None:
         """Write a draft of one pixel and remove it: nothing else knows all that can go wrong."""
         pixel = np.zeros((1, 1), DTYPES[self.layer])
-        small = Sink(
-            path=self.path, layer=self.layer, size=(1, 1), place=self.place, tags=self.tags
-        )
+        small = replace(self, size=(1, 1))
         try:
             small.write(lambda: iter([(0, 0, pixel)]))
         finally:
@@ -111,10 +112,14 @@ class Sink:
             raise
 
     def publish(self) -> None:
-        """Give the draft its name."""
+        """Give the draft its name, once it is on the disk."""
+        files = self.draft.rglob("*") if self.draft.is_dir() else [self.draft]
+        for path in [*(path for path in files if path.is_file()), self.draft]:
+            flush(path)
         if suffix(self.path) == ".zarr":
             remove(self.target)  # a folder that is not empty cannot be replaced
         self.draft.replace(self.target)
+        flush(self.target.parent)
 
     def _compare(self, windows: Windows) -> None:
         with ExitStack() as stack:
@@ -137,8 +142,7 @@ class Sink:
             reason = getattr(error, "strerror", None) or error.__cause__ or error
             raise OSError(
                 getattr(error, "errno", None) or errno.EIO,
-                f"cannot be written ({reason}); it may take {tell_bytes(size)}; finished "
-                "bands are kept, and the same command goes on from there",
+                f"cannot be written ({reason}); it may take {tell_bytes(size)}",
                 str(self.path),
             ) from error
 

@@ -1,26 +1,29 @@
 """What of a run is finished: a folder beside the output, which a kill at any moment leaves intact.
 
 Every file in it is written under another name, flushed to the disk and renamed. A band is finished
-when its block is there, whatever other bands are. The file ``run.json``, the first to come and the
-first to go, tells what run it is: a folder without it is rubbish.
+when its block is there, whatever other bands are. The name of a file ends in a digest of what it is
+called, what it holds and which run it is of: one that was damaged, renamed or taken from another
+run is not believed, and what it held is matched again. The file ``run.json``, the first to come and
+the first to go, tells what run it is: a folder without it is rubbish.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-import os
 import re
 import shutil
 import zipfile
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 import numpy as np
 
 from phasestereo import surveying
 from phasestereo._extras import require
+from phasestereo.io.files import flush
 from phasestereo.outofcore.sinks import place_of
 from phasestereo.outofcore.sizes import tell_bytes
 
@@ -33,14 +36,17 @@ if TYPE_CHECKING:
     from phasestereo.surveying import Survey
 
     Arrays = Mapping[str, NDArray[Any]]
+    Rows = tuple[int, int]
 
 T = TypeVar("T")
 
-_RUN, _SURVEY, _LOCK, _DRAFT = "run.json", "survey.npz", "lock", "draft.npz"
-_BLOCK = re.compile(r"tile(\d{4})-rows(\d{8})-(\d{8})\.npz")
+_RUN, _LOCK, _DRAFT = "run.json", "lock", "draft.npz"
+_KEPT = re.compile(r"(.+)-([0-9a-f]{32})\.npz")
+_BLOCK = re.compile(r"tile(\d{4})-rows(\d{8})-(\d{8})")
+_TORN = re.compile(r"\.[0-9a-f]{16}\.part")  # as `phasestereo.io.files.replacing` calls a draft
+_SURVEY = "survey"
 
 
-@dataclass(frozen=True, slots=True)
 class Store:
     """The finished blocks of a run; see `opened`, which makes it.
 
@@ -48,87 +54,139 @@ class Store:
     ----------
     folder
         Where they are.
+    identity
+        What the result of the run depends on.
     """
 
-    folder: Path
+    def __init__(self, folder: Path, identity: Mapping[str, Any]) -> None:
+        self.folder = folder
+        self.again: list[str] = []
+        """What is to be done again, and why, in words."""
+        self._key = _key(identity)
+        self._files: dict[str, Path] = {}  # what is whole, by its name without digest and suffix
 
     def run(self) -> dict[str, Any] | None:
-        """Return the identity of the run that the folder is of; None: of none."""
+        """Return what the run of this folder depends on; None: of none, {}: that is damaged."""
         path = self.folder / _RUN
         if not path.exists():
             return None
-        return self._whole(path, _read_json)
+        with suppress(ValueError, RecursionError, KeyError, TypeError):
+            told = json.loads(path.read_bytes())
+            found: dict[str, Any] = told["run"]
+            if told["digest"] == _key(found).hex():
+                return found
+        return {}
 
-    def bands(self, tile: int) -> list[tuple[int, int]]:
-        """Return first and last row (exclusive) of the finished bands of a tile, from above."""
-        found = []
+    def check(self) -> None:
+        """Take in which files are whole, and say which are not."""
+        self._files.clear()
+        self.again.clear()
+        for path in sorted(self.folder.iterdir()):
+            if kept := _KEPT.fullmatch(path.name):
+                if self._digest(kept[1], path) == kept[2]:
+                    self._files[kept[1]] = path
+                else:
+                    self.again.append(f"{path.name} is damaged: what it held is done again")
+        for tile in sorted({tile for tile, _ in self._blocks()}):
+            bands = [(0, 0), *self.bands(tile)]
+            for (_, above), (first, last) in pairwise(bands):
+                if first > above:
+                    self.again.append(
+                        f"rows {above} to {first - 1} above rows {first} to {last - 1} are "
+                        "missing: they are matched again"
+                    )
+
+    def drop_damaged(self) -> None:
+        """Remove the files that are not whole."""
         for path in self.folder.iterdir():
-            name = _BLOCK.fullmatch(path.name)
-            if name and int(name[1]) == tile:
-                found.append((int(name[2]), int(name[3])))
-        return sorted(found)
+            kept = _KEPT.fullmatch(path.name) and path not in self._files.values()
+            if kept or _TORN.fullmatch(path.name):
+                path.unlink()
 
-    def missing(self, tile: int, height: int) -> list[tuple[int, int]]:
-        """Return the rows between the finished bands of a tile that has so many rows in all."""
-        ends = [0, *(row for band in self.bands(tile) for row in band), height]
-        between = zip(ends[::2], ends[1::2], strict=True)
-        return [(first, last) for first, last in between if first < last]
+    @property
+    def has_blocks(self) -> bool:
+        """Whether any band is finished."""
+        return next(self._blocks(), None) is not None
+
+    def bands(self, tile: int) -> list[Rows]:
+        """Return first and last row (exclusive) of the finished bands of a tile, from above.
+
+        Of two that overlap, as after a partial restore, one counts.
+        """
+        found: list[Rows] = []
+        for first, last in sorted(rows for number, rows in self._blocks() if number == tile):
+            if first >= (found[-1][1] if found else 0) and last > first:
+                found.append((first, last))
+        return found
+
+    def gaps(self, tile: int, height: int) -> list[Rows]:
+        """Return the rows of a tile that are not finished, from above."""
+        bands = [(0, 0), *self.bands(tile), (height, height)]
+        return [(above, below) for (_, above), (below, _) in pairwise(bands) if above < below]
 
     def survey(self, make: Callable[[], Survey]) -> Survey:
         """Return the survey of the pair; it is made once."""
-        path = self.folder / _SURVEY
-        if path.exists():
-            return self._whole(path, surveying.load)
+        if _SURVEY in self._files:
+            return self._whole(_SURVEY, surveying.load)
         found = make()
-        with self._published(path, 0) as draft:
+        with self._published(_SURVEY, 0) as draft:
             found.save(draft)
         return found
 
-    def save(self, tile: int, rows: tuple[int, int], block: Arrays) -> None:
+    def save(self, tile: int, rows: Rows, block: Arrays) -> None:
         """Keep a band."""
         size = sum(array.nbytes for array in block.values())
-        with self._published(self._block(tile, rows), size) as draft, draft.open("wb") as file:
+        with self._published(_block(tile, rows), size) as draft, draft.open("wb") as file:
             _write(file, block)
 
-    def load(self, tile: int, rows: tuple[int, int], name: str) -> NDArray[Any]:
+    def load(self, tile: int, rows: Rows, name: str) -> NDArray[Any]:
         """Return one array of a finished block."""
-        return self._whole(self._block(tile, rows), partial(_read, name=name))
+        return self._whole(_block(tile, rows), partial(_read, name=name))
 
     def discard(self) -> None:
         """Remove everything: the run is over."""
         (self.folder / _RUN).unlink(missing_ok=True)
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _block(self, tile: int, rows: tuple[int, int]) -> Path:
-        return self.folder / f"tile{tile:04}-rows{rows[0]:08}-{rows[1]:08}.npz"
+    def _blocks(self) -> Iterator[tuple[int, Rows]]:
+        """Yield tile and rows of each block that is whole."""
+        for name in self._files:
+            if kept := _BLOCK.fullmatch(name):
+                yield int(kept[1]), (int(kept[2]), int(kept[3]))
+
+    def _digest(self, name: str, path: Path) -> str:
+        digest = hashlib.blake2b(name.encode(), digest_size=16, key=self._key)
+        with path.open("rb") as file:
+            while piece := file.read(2**20):
+                digest.update(piece)
+        return digest.hexdigest()
 
     @contextmanager
-    def _published(self, path: Path, size: int) -> Iterator[Path]:
-        """Give the name of a draft, which takes the file's place when the block ends well."""
+    def _published(self, name: str, size: int) -> Iterator[Path]:
+        """Give the name of a draft, which becomes a file of this name when the block ends well."""
         draft = self.folder / _DRAFT
         try:
             yield draft
-            _flush(draft)
+            flush(draft)
+            path = self.folder / f"{name}-{self._digest(name, draft)}.npz"
             draft.replace(path)
-            _flush(self.folder)
+            flush(self.folder)
         except OSError as error:
-            draft.unlink(missing_ok=True)
+            with suppress(OSError):
+                draft.unlink(missing_ok=True)
             need = f" ({tell_bytes(size)} are needed)" if size else ""
-            raise OSError(
-                error.errno,
-                f"{error.strerror or error}{need}; what is finished is kept in {self.folder}, and "
-                "the same command goes on from there",
-                str(path),
-            ) from error
+            told = f"{error.strerror or error}{need}"
+            raise OSError(error.errno, told, str(self.folder / name)) from error
+        self._files[name] = path
 
-    def _whole(self, path: Path, read: Callable[[Path], T]) -> T:
-        """Read a file of the folder; one that is not as it was written ends the run."""
+    def _whole(self, name: str, read: Callable[[Path], T]) -> T:
+        """Read a file of the folder; one that was damaged since it was checked ends the run."""
+        path = self._files[name]
         try:
             return read(path)
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise OSError(
-                f"{path}: cannot be read ({error}): mend that, or match again from the first row "
-                "with restart"
+                f"{path}: cannot be read ({error}): the same command does it again"
             ) from error
 
 
@@ -156,38 +214,84 @@ def opened(output: Path, identity: Mapping[str, Any], *, restart: bool) -> Itera
     folder = target.with_name(target.name + ".part")
     told = json.loads(json.dumps(identity, default=np.generic.item))
     with _locked(folder):
-        store = Store(folder)
+        store = Store(folder, told)
         _prepare(store, told, restart=restart)
-        try:
+        with _promising(store):
             yield store
-        except Exception:
-            if not any(_BLOCK.fullmatch(path.name) for path in folder.iterdir()):
-                store.discard()
-            raise
+
+
+@contextmanager
+def _promising(store: Store) -> Iterator[None]:
+    """Say of a run that ends what is kept of it, if anything is; drop the folder if nothing is."""
+    try:
+        yield
+    except Exception as error:
+        if not store.has_blocks:
+            store.discard()
+        elif isinstance(error, OSError) and error.errno is not None:
+            told = f"what is finished is kept in {store.folder}"
+            message = f"{error.strerror}; {told}, and the same command goes on from there"
+            raise OSError(error.errno, message, error.filename) from error
+        raise
 
 
 def _prepare(store: Store, identity: dict[str, Any], *, restart: bool) -> None:
     """Make the folder that of this run: what is in it stays, if it is of the same one."""
-    path = store.folder / _RUN
     earlier = store.run()
-    if earlier == identity and not restart:
-        return
     found = [file for file in store.folder.iterdir() if file.name != _LOCK]
     strange = [file for file in found if not _is_ours(file)]
     if strange:
         raise OSError(f"{store.folder}: holds {strange[0].name}, which is not of a run; move it")
-    if earlier and not restart and any(_BLOCK.fullmatch(file.name) for file in found):
+    blocks = any(_is_block(file) for file in found)
+    if earlier in (identity, {}) and not restart:
+        store.check()
+        if earlier or store.has_blocks or not blocks:  # a run whose blocks are ours is ours
+            store.drop_damaged()
+            if not earlier:
+                _begin(store, identity)
+            return
+    if earlier is not None and not restart and blocks:
+        differences = _differences(earlier, identity) if earlier else f"a damaged {_RUN}"
         raise ValueError(f"restart: got False, but {store.folder} holds finished blocks of a run "
-                         f"with {_differences(earlier, identity)}; accepts True to drop "
-                         "them")  # fmt: skip
+                         f"with {differences}; accepts True to drop them")  # fmt: skip
     for file in sorted(found, key=lambda file: file.name != _RUN):
         file.unlink()
-    with store._published(path, 0) as draft:
-        draft.write_text(json.dumps(identity, indent=2), encoding="utf-8")
+    if blocks and not restart:
+        store.again.append(f"{store.folder} has no {_RUN}, so its blocks are matched again")
+    _begin(store, identity)
+
+
+def _begin(store: Store, identity: dict[str, Any]) -> None:
+    """Say in the folder which run it is of."""
+    draft, path = store.folder / _DRAFT, store.folder / _RUN
+    try:
+        told = {"digest": _key(identity).hex(), "run": identity}
+        draft.write_text(json.dumps(told, indent=2), encoding="utf-8")
+        flush(draft)
+        draft.replace(path)
+        flush(store.folder)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _key(identity: Mapping[str, Any]) -> bytes:
+    return hashlib.blake2b(json.dumps(identity, sort_keys=True).encode()).digest()
 
 
 def _is_ours(file: Path) -> bool:
-    return file.name in (_RUN, _SURVEY, _DRAFT) or bool(_BLOCK.fullmatch(file.name))
+    kept = _KEPT.fullmatch(file.name)
+    if kept is None:
+        return file.name in (_RUN, _DRAFT) or bool(_TORN.fullmatch(file.name))
+    return kept[1] == _SURVEY or bool(_BLOCK.fullmatch(kept[1]))
+
+
+def _is_block(file: Path) -> bool:
+    kept = _KEPT.fullmatch(file.name)
+    return bool(kept and _BLOCK.fullmatch(kept[1]))
+
+
+def _block(tile: int, rows: Rows) -> str:
+    return f"tile{tile:04}-rows{rows[0]:08}-{rows[1]:08}"
 
 
 def _differences(earlier: dict[str, Any], now: dict[str, Any]) -> str:
@@ -237,23 +341,7 @@ def _write(file: BinaryIO, arrays: Arrays) -> None:
         raise (error.__context__ or error) from None
 
 
-def _read_json(path: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(path.read_bytes())
-    return found
-
-
 def _read(path: Path, name: str) -> NDArray[Any]:
     with np.load(path, allow_pickle=False) as arrays:
         found: NDArray[Any] = arrays[name]
         return found
-
-
-def _flush(path: Path) -> None:
-    """Have a file, or the names in a folder, reach the disk."""
-    if os.name == "nt" and path.is_dir():
-        return  # which cannot be opened there
-    number = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)

@@ -61,9 +61,9 @@ class Work:
         size = self.pair.size
         surveys = [self._survey(tile) for tile in tiles]
         rows, threads, memory = planning.fit(surveys, self.pair, limit, threads=threads, rows=rows)
-        missing = [self.store.missing(tile.number, size[0]) for tile in tiles]
+        gaps = [self.store.gaps(tile.number, size[0]) for tile in tiles]
         widths = [each.size[1] for each in surveys]
-        pixels = sum(_rows(each) * width for each, width in zip(missing, widths, strict=True))
+        pixels = sum(_rows(each) * width for each, width in zip(gaps, widths, strict=True))
         return Plan(
             size=size,
             num_disparities=self.survey.num_disparities,
@@ -71,7 +71,7 @@ class Work:
             rows=rows,
             threads=threads,
             memory=memory,
-            bands=sum(len(list(_bands(each, rows))) for each in missing),
+            bands=sum(len(list(_bands(each, rows))) for each in gaps),
             finished=sum(len(self.store.bands(tile.number)) for tile in tiles),
             seconds=pixels * self._seconds_a_pixel(max(widths), rows, threads) if pixels else 0.0,
         )
@@ -81,10 +81,10 @@ class Work:
         self._announce(plan)
         height, workers = plan.size[0], _core.Workers(plan.threads)
         rows = height * len(plan.tiles)
-        missing = {tile: self.store.missing(tile.number, height) for tile in plan.tiles}
-        done = rows - sum(map(_rows, missing.values()))
+        gaps = {tile: self.store.gaps(tile.number, height) for tile in plan.tiles}
+        done = rows - sum(map(_rows, gaps.values()))
         self._tell(done, rows)
-        for tile, between in missing.items():
+        for tile, between in gaps.items():
             for band in _bands(between, plan.rows):
                 started = perf_counter()
                 self._match(tile, band, workers, self._within(plan, done, band))
@@ -125,6 +125,7 @@ class Work:
             seconds=seconds,
             peak_memory=planning.peak(),
             approximate=request.approximation(plan.size[1]),
+            again=tuple(self.store.again),
         )
 
     def _match(

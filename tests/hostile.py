@@ -1,0 +1,276 @@
+"""Small files that claim much, and files that never end; and what reads each of them is to refuse.
+
+Run as a program, it reads the hostile files of a folder with every reader that takes them, and
+prints a line of JSON for each: what was raised, seconds, and by how much resident memory grew.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import struct
+import sys
+import time
+import zipfile
+import zlib
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    Entry = tuple[int, int, int | tuple[int, ...] | bytes]
+
+SHORT, LONG = 3, 4  # types of a TIFF's tags
+WIDTH, HEIGHT, BITS, COMPRESSION, PHOTOMETRIC, SAMPLES = 256, 257, 258, 259, 262, 277
+STRIPS, STRIP_ROWS, STRIP_BYTES, TILE_WIDTH, TILE_HEIGHT, TILES, TILE_BYTES = (
+    273, 278, 279, 322, 323, 324, 325,
+)  # fmt: skip
+DEFLATE, PACKBITS = 8, 32773
+
+
+def tiff(tags: dict[int, int | tuple[int, ...]], data: bytes = b"", following: int = 0) -> bytes:
+    """Return a TIFF file: a header, data from byte 8 on, and one directory with these tags."""
+    start = 8 + len(data) + len(data) % 2
+    extra = start + 2 + 12 * len(tags) + 4
+    body, beyond = struct.pack("<H", len(tags)), b""
+    for tag, value in sorted(tags.items()):
+        values = (value,) if isinstance(value, int) else value
+        packed = struct.pack(f"<{len(values)}I", *values)
+        if len(packed) > 4:
+            where, beyond = extra + len(beyond), beyond + packed
+            packed = struct.pack("<I", where)
+        body += struct.pack("<HHI", tag, LONG, len(values)) + packed
+    head = struct.pack("<2sHI", b"II", 42, start)
+    return head + data.ljust(start - 8, b"\0") + body + struct.pack("<I", following) + beyond
+
+
+def page(width: int, height: int, **others: int) -> dict[int, int | tuple[int, ...]]:
+    """Return the tags of a page of one strip that begins at byte 8."""
+    tags: dict[int, int | tuple[int, ...]] = {
+        WIDTH: width, HEIGHT: height, BITS: 8, COMPRESSION: 1, PHOTOMETRIC: 1, SAMPLES: 1,
+        STRIPS: 8, STRIP_ROWS: height, STRIP_BYTES: width * height,
+    }  # fmt: skip
+    names = {"bits": BITS, "compression": COMPRESSION, "rows": STRIP_ROWS, "stored": STRIP_BYTES}
+    return tags | {names[name]: value for name, value in others.items()}
+
+
+def zeros(size: int) -> bytes:
+    """Return zeros as zlib packs them, made quickly: some pieces that are all the same."""
+    packer = zlib.compressobj(9)
+    head = packer.compress(b"") + packer.flush(zlib.Z_FULL_FLUSH)
+    piece = packer.compress(bytes(2**24)) + packer.flush(zlib.Z_FULL_FLUSH)
+    return head + piece * (size // 2**24) + packer.flush()
+
+
+def looping() -> bytes:
+    whole = tiff(page(4, 4), bytes(16))
+    start = struct.unpack_from("<I", whole, 4)[0]
+    return tiff(page(4, 4), bytes(16), following=start)
+
+
+def long_chain() -> bytes:
+    """Return a TIFF of ten thousand directories, none of which is seen twice."""
+    content = bytearray(tiff(page(4, 4), bytes(16)))
+    for _ in range(10_000):
+        content += struct.pack("<HHHII", 1, WIDTH, LONG, 1, 4) + struct.pack("<I", 0)
+    first = struct.unpack_from("<I", content, 4)[0]
+    start, place = len(tiff(page(4, 4), bytes(16))), first + 2 + 12 * 9
+    for number in range(10_000):
+        struct.pack_into("<I", content, place, start + 18 * number)
+        place = start + 18 * number + 14
+    return bytes(content)
+
+
+def tiff_bomb() -> bytes:
+    packed = zeros(2**31)
+    return tiff(page(10, 10, compression=DEFLATE, stored=len(packed)), packed)
+
+
+def large_tile() -> bytes:
+    packed = zeros(2**28)
+    tags = page(10, 10, compression=DEFLATE)
+    for tag in (STRIPS, STRIP_ROWS, STRIP_BYTES):
+        del tags[tag]
+    sides = {TILE_WIDTH: 2**16, TILE_HEIGHT: 2**15}
+    return tiff(tags | sides | {TILES: 8, TILE_BYTES: len(packed)}, packed)
+
+
+def png(width: int, height: int, kind: int, data: bytes = b"") -> bytes:
+    def chunk(name: bytes, content: bytes) -> bytes:
+        checksum = struct.pack(">I", zlib.crc32(name + content))
+        return struct.pack(">I", len(content)) + name + content + checksum
+
+    header = struct.pack(">IIBBBBB", width, height, 8, kind, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+    )
+
+
+def npz(name: str, size: int) -> bytes:
+    """Return a packed .npz file of an array of so many zeros."""
+    packed, header = io.BytesIO(), io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "|u1", "fortran_order": False, "shape": (size,)}
+    )
+    with (
+        zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open(f"{name}.npy", "w", force_zip64=True) as file,
+    ):
+        file.write(header.getvalue())
+        for _ in range(size // 2**24):
+            file.write(bytes(2**24))
+    return packed.getvalue()
+
+
+def many(count: int) -> bytes:
+    """Return a .npz file of so many arrays."""
+    packed = io.BytesIO()
+    arrays: dict[str, Any] = {f"a{number}": np.zeros(1) for number in range(count)}
+    np.savez(packed, **arrays)
+    return packed.getvalue()
+
+
+def npy(header: bytes, version: bytes = b"\x01\x00") -> bytes:
+    return b"\x93NUMPY" + version + struct.pack("<H", len(header)) + header
+
+
+IMAGES = "read_image", "read_geotiff", "open_raster", "is_geotiff"
+SMALL = "read_calibration", "read_q", "read_pairs", "read_manifest", "load_survey"
+
+# Name -> content, and the readers that are to refuse it. Their names end as the readers want.
+CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
+    "loop.tif": (looping, IMAGES),
+    "chain.tif": (long_chain, IMAGES),
+    "bomb.tif": (tiff_bomb, ("read_image",)),
+    "tile.tif": (large_tile, ("read_image", "read_geotiff", "open_raster")),
+    "strip.tif": (
+        lambda: tiff(page(2**16, 2**17, compression=DEFLATE, stored=16), bytes(16)),
+        ("read_image", "read_geotiff", "open_raster"),
+    ),
+    "sparse.tif": (
+        lambda: tiff(page(2**14, 2**13) | {STRIPS: 0, STRIP_BYTES: 0}),
+        ("read_image", "read_geotiff"),
+    ),
+    "strips.tif": (
+        lambda: tiff(page(1, 2**27, rows=1, stored=1)),
+        ("read_image", "read_geotiff", "open_raster"),
+    ),
+    "samples.tif": (
+        lambda: tiff(page(2**12, 2**12) | {SAMPLES: 65535}, bytes(64)),
+        ("read_image", "read_geotiff", "open_raster"),
+    ),
+    "tag.tif": (lambda: tiff(page(4, 4) | {270: (7,) * 3})[:-8], IMAGES),
+    "rgba.png": (lambda: png(2**14, 2**14, 6, zeros(2**30)), ("read_image",)),
+    "empty.png": (lambda: png(14000, 14000, 6), ("read_image",)),
+    "empty.pgm": (lambda: b"P5\n14000 14000\n255\n", ("read_image",)),
+    "large.pgm": (lambda: b"P5\n1000000000 1000000000\n255\n", ("read_image",)),
+    "q.npz": (lambda: npz("Q", 2**28), ("read_q",)),
+    "survey.npz": (lambda: npz("told", 2**28), ("load_survey",)),
+    "line.csv": (lambda: b"left,right\n" + b"," * 2**20, ("read_pairs",)),
+    "line.jsonl": (lambda: b" " * 2**20, ("read_manifest",)),
+    "arrays.npz": (lambda: many(300), ("read_q", "load_survey")),
+    "packed.tif": (
+        lambda: tiff(page(2**11, 2**11, compression=PACKBITS, stored=2**21), bytes(2**21)),
+        ("read_image",),
+    ),
+    "header.npy": (
+        lambda: b"\x93NUMPY\x02\x00" + struct.pack("<I", 2**31) + b"{",
+        ("read_image", "open_raster", "read_q"),
+    ),
+    "row.npy": (
+        lambda: npy(b"{'descr': '|u1', 'fortran_order': False, 'shape': (1, 1099511627776), }\n"),
+        ("read_image", "open_raster", "read_q"),
+    ),
+}
+
+
+def make(folder: Path) -> None:
+    """Write all of them, and what is no regular file, or has no end, or only looks as if."""
+    for name, (content, _) in CONTENTS.items():
+        (folder / name).write_bytes(content())
+    for suffix in (".png", ".npy", ".npz", ".txt", ".csv", ".jsonl"):
+        if hasattr(os, "mkfifo"):
+            os.mkfifo(folder / f"fifo{suffix}")
+            (folder / f"zero{suffix}").symlink_to("/dev/zero")
+        with (folder / f"hole{suffix}").open("wb") as file:
+            file.truncate(2**40)
+
+
+def cases(folder: Path) -> Iterator[tuple[str, Path]]:
+    """Yield a reader and a file that it is to refuse."""
+    for name, (_, readers) in CONTENTS.items():
+        yield from ((reader, folder / name) for reader in readers)
+    endings = dict.fromkeys((*IMAGES, "read_disparity"), ".png") | {
+        "read_calibration": ".txt", "read_q": ".npz", "read_pairs": ".csv",
+        "read_manifest": ".jsonl", "load_survey": ".npz",
+    }  # fmt: skip
+    for reader, ending in endings.items():
+        for kind in ("fifo", "zero", "hole"):
+            if (path := folder / f"{kind}{ending}").exists() and (reader, kind) != (
+                "is_geotiff",
+                "hole",
+            ):
+                yield reader, path
+
+
+def readers() -> dict[str, Callable[[Path], Any]]:
+    """Return what reads files, by the name of the function."""
+    import phasestereo as ps  # noqa: PLC0415 -- the process that makes the files needs none of it
+    from phasestereo import batch  # noqa: PLC0415
+    from phasestereo.io.tiff import is_geotiff  # noqa: PLC0415
+    from phasestereo.io.windows import open_raster  # noqa: PLC0415
+    from phasestereo.surveying import load  # noqa: PLC0415
+
+    def open_one(path: Path) -> None:
+        with open_raster(path):
+            pass
+
+    return {
+        "read_image": ps.io.read_image,
+        "read_geotiff": ps.io.read_geotiff,
+        "read_disparity": ps.io.read_disparity,
+        "open_raster": open_one,
+        "is_geotiff": is_geotiff,
+        "read_calibration": ps.io.read_calibration,
+        "read_q": ps.io.read_q,
+        "load_survey": load,
+        "read_pairs": lambda path: batch.read_pairs(path, num_disparities=8),
+        "read_manifest": batch.read_manifest,
+    }
+
+
+def resident(name: str) -> int:
+    """Return the bytes of memory that this process has (VmRSS) or had at most (VmHWM)."""
+    for line in Path("/proc/self/status").read_text("ascii").splitlines():
+        if line.startswith(name):
+            return 1024 * int(line.split()[1])
+    raise LookupError(name)
+
+
+def main(folder: Path) -> None:
+    """Read each file, and say what came of it."""
+    every = readers()
+    warm = folder / "warm"  # what is imported with the first file is not the file's
+    for name in every:
+        with suppress(OSError, ValueError):
+            every[name](warm)
+    for reader, path in cases(folder):
+        Path("/proc/self/clear_refs").write_text("5", "ascii")  # the most is that from now on
+        before, started = resident("VmRSS"), time.monotonic()
+        try:
+            every[reader](path)
+            raised = "nothing"
+        except Exception as error:  # noqa: BLE001 -- whatever it is, it is told
+            raised = f"{type(error).__name__}: {error}"
+        taken = {"seconds": time.monotonic() - started, "bytes": resident("VmHWM") - before}
+        told = {"reader": reader, "file": path.name, "raised": raised, **taken}
+        print(json.dumps(told), flush=True)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
