@@ -113,10 +113,10 @@ def test_fast_with_masks_equals_the_oracle() -> None:
     left, right = noise_pair(24, 40, 3)
     masks = [rng.random((24, 40)) > 0.3 for _ in range(2)]
     masks[0][:12, :20] = False
+    fast = replace(ps.PRESETS["fast"], edges=0, median=0)
     result = ps.match(
-        left, right, num_disparities=7, preset="fast", left_mask=masks[0], right_mask=masks[1]
+        left, right, num_disparities=7, settings=fast, left_mask=masks[0], right_mask=masks[1]
     )
-    fast = ps.PRESETS["fast"]
     codes = [
         decoded(ps.descriptor(image, mask=mask, settings=fast), 4, fast.bits)
         for image, mask in zip((left, right), masks, strict=True)
