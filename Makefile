@@ -41,7 +41,7 @@ format: $(VENV)/ready ## Format the code
 bench: $(CORE) ## Time a match against OpenCV, in a quarter of an hour (PHASESTEREO_DATA as above)
 	PHASESTEREO_DATA="$${PHASESTEREO_DATA:-../shared}" $(BIN)/phasestereo bench speed --output speed/speed.jsonl $(ARGS)
 
-bench-core: ## Time each stage of the core (make bench-core ARGS=scanline: one of them)
+bench-core: ## Time each stage of the core (make bench-core ARGS=optimization: one of them)
 	cargo bench --locked -- $(ARGS)
 
 docs: $(VENV)/counterparts ## Build the documentation, and the pictures in it, into site/

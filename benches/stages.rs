@@ -1,6 +1,6 @@
 //! Time of each stage by itself, on one thread, in (pixel x candidate) or pixels a second.
 //!
-//! One group a stage, as the files of `rust/`; `cargo bench -- scanline` runs one of them. What the stages
+//! One group a stage, as the files of `rust/`; `cargo bench -- optimization` runs one of them. What the stages
 //! take is to be held against the limits of the machine: `cargo bench -- machine`.
 
 use divan::Bencher;
@@ -9,17 +9,16 @@ use ndarray::Array3;
 use phasestereo::aggregation::Window;
 use phasestereo::candidates::Candidates;
 use phasestereo::control::Control;
-use phasestereo::cost::{Costs, Operands};
+use phasestereo::cost::Costs;
 use phasestereo::matcher::{Matcher, on_threads};
 use phasestereo::plane::Plane;
 use phasestereo::refinement::flag;
-use phasestereo::settings::{CostKind, Optimizer, Penalty, Precision, Rule, Settings};
+use phasestereo::settings::{CostKind, Optimizer, Penalty, Precision, Settings};
 use phasestereo::simd::Level;
-use phasestereo::strip::Strip;
 use phasestereo::texture::Texture;
 use phasestereo::view::{Image, View};
 
-/// Rows of the images; two blocks of lanes.
+/// Rows of the images; those of a band.
 const ROWS: usize = 64;
 const COLS: usize = 640;
 /// Numbers of candidates.
@@ -57,9 +56,33 @@ fn fast() -> Settings {
         neighborhood: 9,
         frequencies: (1, 1),
         precision: Precision::Byte,
-        optimizer: Optimizer::Scanline(Rule::ScanlineOptimization),
-        penalty: Penalty { near: 1.0, far: 4.5 },
+        optimizer: Optimizer::ScanlineOptimization,
+        shiftable: false,
+        penalty: Penalty { near: 3.0, far: 16.0 },
+        edges: 2.0,
+        median: 3,
         confidence: false,
+        ..Settings::default()
+    }
+}
+
+/// The preset `robust`, of costs and totals in bytes.
+fn robust() -> Settings {
+    Settings {
+        neighborhood: 3,
+        frequencies: (1, 1),
+        weak: 0.5,
+        window: 5,
+        shiftable: false,
+        precision: Precision::Byte,
+        optimizer: Optimizer::SemiGlobal,
+        penalty: Penalty { near: 5.0, far: 20.0 },
+        edges: 1.0,
+        subpixel: true,
+        consistency: Some(1),
+        speckle_size: 100,
+        guided: true,
+        median: 3,
         ..Settings::default()
     }
 }
@@ -147,27 +170,15 @@ impl Map {
     }
 }
 
-/// What a strip of the whole image is matched from.
-struct Scene {
-    window: Window,
-    strip: Strip,
-    operands: Operands,
-}
-
-impl Scene {
-    fn new(case: Case, settings: &Settings) -> Self {
-        let (views, count) = (views(), case.candidates);
-        let candidates = Candidates::new(0, count as i64, COLS).expect("in reach");
-        let [left, right] = &views;
-        let costs =
-            Costs::new([left, right], candidates, settings, None, case.level, &Control::default())
-                .expect("memory");
-        let window = Window::new((ROWS, COLS), count, settings, costs.ceiling());
-        let strip = Strip { first: 0, rows: ROWS, margin: window.margin(), height: ROWS };
-        let mut operands = Operands::default();
-        operands.load(&costs, &strip).expect("memory");
-        Self { window, strip, operands }
-    }
+/// Does some work with the costs of a pair and their window, on one thread.
+fn with_costs<T>(case: Case, settings: &Settings, work: impl FnOnce(&Costs, Window) -> T) -> T {
+    let (views, count) = (views(), case.candidates);
+    let candidates = Candidates::new(0, count as i64, COLS).expect("in reach");
+    let [left, right] = &views;
+    let costs =
+        Costs::new([left, right], candidates, settings, None, case.level, &Control::default())
+            .expect("memory");
+    work(&costs, Window::new((ROWS, COLS), count, settings, costs.ceiling()))
 }
 
 mod descriptor {
@@ -333,22 +344,16 @@ mod convolution {
     }
 }
 
-/// Operands in lanes -> costs of one candidate after another, a few columns at a time into the same few
-/// kilobytes: the costs alone, as a match asks for them, without bringing images into lanes. The lanes of
-/// margins, which a match needs too, are not counted.
+/// Codes or gray values -> costs of all candidates, a panel of one row after another into the same few kilobytes.
 mod cost {
-    use super::{Bencher, COLS, Case, CostKind, Operands, Scene, Settings, cases};
+    use super::{Bencher, COLS, Case, CostKind, Costs, ROWS, Settings, cases, with_costs};
+    use phasestereo::optimization::PANEL;
     use phasestereo::simd::Kernel;
-    use phasestereo::value::Value;
-
-    /// Columns at a time.
-    const COLUMNS: usize = 32;
+    use phasestereo::value::{LANES, Lanes, Value};
 
     struct Write<'a, V> {
-        operands: &'a Operands,
-        lanes: usize,
-        candidates: usize,
-        costs: &'a mut [V],
+        costs: &'a Costs<'a>,
+        out: &'a mut [Lanes<V>],
     }
 
     impl<V: Value> Kernel for Write<'_, V> {
@@ -356,25 +361,19 @@ mod cost {
 
         #[inline(always)]
         fn run(self) {
-            for start in (0..COLS).step_by(COLUMNS) {
-                let columns = start..(start + COLUMNS).min(COLS);
-                for k in 0..self.candidates {
-                    let costs = &mut self.costs[..columns.len() * self.lanes];
-                    self.operands.write_costs(columns.clone(), k, costs);
-                }
+            for (y, start) in (0..ROWS).flat_map(|y| (0..COLS).step_by(PANEL).map(move |x| (y, x)))
+            {
+                self.costs.write(y, start..start + PANEL, self.out);
             }
         }
     }
 
     fn write<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
-        let settings = Settings { window: 1, ..settings.clone() };
-        let Scene { strip, operands, .. } = Scene::new(case, &settings);
-        let lanes = strip.lanes();
-        let mut costs = vec![V::default(); COLUMNS * lanes];
-        let candidates = case.candidates;
-        bencher.counter(case.evaluations()).bench_local(|| {
-            let costs = divan::black_box(&mut costs[..]);
-            case.level.run(Write { operands: &operands, lanes, candidates, costs });
+        with_costs(case, settings, |costs, _| {
+            let mut out = vec![[V::default(); LANES]; PANEL * costs.chunks()];
+            bencher.counter(case.evaluations()).bench_local(|| {
+                case.level.run(Write { costs, out: divan::black_box(&mut out[..]) });
+            });
         });
     }
 
@@ -408,152 +407,113 @@ mod cost {
     }
 }
 
-/// One sweep over a strip: the costs as they are needed (of the codes of `fast` and of `paper`), sums over
-/// 9 x 9 pixels, the best of five.
+/// Panels of sums over windows, and the costs as they are needed: of the codes of `fast`, `robust` and `paper`.
 mod aggregation {
-    use super::{Bencher, Case, Scene, Settings, cases, fast};
-    use phasestereo::aggregation::{Aggregator, Sweep};
-    use phasestereo::value::Value;
+    use super::{Bencher, COLS, Case, ROWS, Settings, cases, fast, robust, with_costs};
+    use phasestereo::aggregation::{Aggregator, Block};
+    use phasestereo::optimization::PANEL;
+    use phasestereo::value::{LANES, Value};
 
-    fn sweep<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
-        let Scene { window, strip, operands } = Scene::new(case, settings);
-        assert!(window.largest_value(false) <= V::truncated(u64::MAX).widened());
-        let mut aggregator = Aggregator::<V>::default();
-        bencher.counter(case.evaluations()).bench_local(|| {
-            aggregator.begin(window, strip, false).expect("memory");
-            for tile in window.tiles() {
-                let aggregator = divan::black_box(&mut aggregator);
-                case.level.run(Sweep { aggregator, operands: &operands, tile: &tile });
-            }
+    fn aggregate<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
+        with_costs(case, settings, |costs, window| {
+            assert!(window.largest_value(false) <= V::LARGEST_TOTAL);
+            let mut out = vec![[V::default(); LANES]; ROWS * PANEL * costs.chunks()];
+            let mut aggregator = Aggregator::<V>::default();
+            bencher.counter(case.evaluations()).bench_local(|| {
+                for start in (0..COLS).step_by(PANEL) {
+                    let block = Block { rows: 0..ROWS, columns: start..start + PANEL };
+                    let out = divan::black_box(&mut out[..]);
+                    aggregator.aggregate(costs, window, block, case.level, out).expect("memory");
+                }
+            });
         });
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
-    fn bytes(bencher: Bencher, case: Case) {
-        sweep::<u8>(bencher, case, &fast());
+    fn like_fast(bencher: Bencher, case: Case) {
+        aggregate::<u8>(bencher, case, &fast());
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
-    fn words(bencher: Bencher, case: Case) {
-        sweep::<u16>(bencher, case, &Settings::default());
+    fn like_robust(bencher: Bencher, case: Case) {
+        aggregate::<u8>(bencher, case, &Settings { weak: 0.0, ..robust() });
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn like_paper(bencher: Bencher, case: Case) {
+        aggregate::<u16>(bencher, case, &Settings::default());
     }
 }
 
-/// The search of a strip forth and back. Every tile has the same costs: fresh from the aggregation, as in a
-/// match, they are in the cache.
-mod scanline {
-    use super::{Bencher, COLS, Case, ROWS, Rule, Strip, Window, cases, noise};
-    use phasestereo::aggregation::Aggregated;
-    use phasestereo::scanline::{Advance, Scanline, Steps};
-    use phasestereo::strip::BLOCK;
-    use phasestereo::value::Value;
-
-    fn search<V: Value, T: Value>(bencher: Bencher, case: Case, rule: Rule) {
-        let candidates = case.candidates;
-        let window = Window { rows: ROWS, cols: COLS, candidates, side: 1, ..Window::default() };
-        let strip = Strip { first: 0, rows: ROWS, margin: 0, height: ROWS };
-        let widest = window.tiles().map(|tile| tile.finished.len()).max().unwrap_or(0);
-        let costs = noise(widest * strip.blocks() * candidates, BLOCK, |value| {
-            V::truncated(u64::from(value % 200))
-        });
-        let costs = Aggregated::new(costs.as_slice().as_chunks().0, strip.blocks(), candidates);
-        let (steps, mut scanline) = (Steps { near: 10, far: 50 }, Scanline::<T>::default());
-        bencher.counter(case.evaluations()).bench_local(|| {
-            scanline.begin(window, strip, rule, steps).expect("memory");
-            for tile in window.tiles() {
-                let scanline = divan::black_box(&mut scanline);
-                case.level.run(Advance { scanline, tile: &tile, costs });
-            }
-            scanline.trace_back();
-        });
-    }
-
-    #[divan::bench(args = cases(), sample_count = 10)]
-    fn dp_bytes(bencher: Bencher, case: Case) {
-        // Totals grow along the row: they never fit into bytes.
-        search::<u8, u32>(bencher, case, Rule::DynamicProgramming);
-    }
-
-    #[divan::bench(args = cases(), sample_count = 10)]
-    fn dp_words(bencher: Bencher, case: Case) {
-        search::<u16, u32>(bencher, case, Rule::DynamicProgramming);
-    }
-
-    #[divan::bench(args = cases(), sample_count = 10)]
-    fn so_bytes(bencher: Bencher, case: Case) {
-        search::<u8, u8>(bencher, case, Rule::ScanlineOptimization);
-    }
-
-    #[divan::bench(args = cases(), sample_count = 10)]
-    fn so_words(bencher: Bencher, case: Case) {
-        search::<u16, u32>(bencher, case, Rule::ScanlineOptimization);
-    }
-
-    #[divan::bench(args = cases(), sample_count = 10)]
-    fn wta_bytes(bencher: Bencher, case: Case) {
-        search::<u8, u8>(bencher, case, Rule::WinnerTakesAll);
-    }
-
-    #[divan::bench(args = cases(), sample_count = 10)]
-    fn wta_words(bencher: Bencher, case: Case) {
-        search::<u16, u32>(bencher, case, Rule::WinnerTakesAll);
-    }
-}
-
-/// The search of an image along eight paths, from aggregated costs to chosen candidates. Every tile has the same
-/// costs: fresh from the aggregation, as in a match, they are in the cache.
-mod semiglobal {
-    use super::{Bencher, COLS, Case, Control, Matcher, ROWS, Strip, Window, cases, noise};
-    use phasestereo::aggregation::Aggregated;
+/// The search of a band, from aggregated costs to chosen candidates. Every panel has the same costs.
+mod optimization {
+    use super::{Bencher, COLS, Case, Control, Optimizer, Texture, cases, noise};
+    use phasestereo::aggregation::{Aggregator, Block};
     use phasestereo::edges::Edges;
-    use phasestereo::scanline::Steps;
-    use phasestereo::semiglobal::across::{Across, Advance, Rows};
-    use phasestereo::semiglobal::{BAND, Field, SemiGlobal};
-    use phasestereo::strip::BLOCK;
-    use phasestereo::value::Value;
-    use std::sync::Mutex;
+    use phasestereo::error::Result;
+    use phasestereo::optimization::{BAND, LOOK_ROWS, PANEL, Search, Source, Steps, Workspace};
+    use phasestereo::value::{LANES, Lanes, Value};
 
-    fn search<V: Value, T: Value>(bencher: Bencher, case: Case, has_edges: bool) {
+    /// Rows that the paths of a band see.
+    const ROWS: usize = BAND + 2 * LOOK_ROWS;
+
+    /// Costs that are there already.
+    struct Same<T>(Vec<Lanes<T>>);
+
+    impl<T: Value> Source<T> for Same<T> {
+        fn write(&self, _: &mut Aggregator<T>, _: Block, out: &mut [Lanes<T>]) -> Result<()> {
+            out.copy_from_slice(&self.0[..out.len()]);
+            Ok(())
+        }
+    }
+
+    fn search<T: Value>(bencher: Bencher, case: Case, optimizer: Optimizer, has_edges: bool) {
         let (candidates, level, control) = (case.candidates, case.level, &Control::default());
-        let window = Window { rows: ROWS, cols: COLS, candidates, side: 1, ..Window::default() };
-        let widest = window.tiles().map(|tile| tile.finished.len()).max().unwrap_or(0);
-        let costs = noise(widest * candidates, BLOCK, |value| V::truncated(u64::from(value % 200)));
-        let costs = Aggregated::new(costs.as_slice().as_chunks().0, 1, candidates);
-        let gray = noise(ROWS, COLS, |value| value as i32);
-        let edges = Edges::new(&super::Texture::new(gray), 1.0, level, control).expect("memory");
-        let (edges, steps) = (has_edges.then_some(&edges), Steps { near: 10, far: 50 });
-        let field = Field { size: (ROWS, COLS), candidates, steps, edges, level, control };
-        let (mut search, across) = (SemiGlobal::<V, T>::default(), Mutex::default());
-        let load = |band: usize, rows: &mut Rows<V, T>| {
-            let mut across = across.lock().expect("one thread");
-            let strip = Strip { first: band * BAND, rows: BAND, margin: 0, height: ROWS };
-            Across::begin(&mut *across, rows, strip, (COLS, candidates), steps, edges)?;
-            for tile in window.tiles() {
-                level.run(Advance { across: &mut across, rows, tile: &tile, costs });
-            }
-            across.finish(rows, level)
+        let runs = candidates.div_ceil(LANES);
+        // Whole rows are at hand together, or panels of all that is seen.
+        let places = runs * (ROWS * PANEL).max(16 * COLS);
+        let costs = noise(places, LANES, |value| T::truncated(u64::from(value % 200)));
+        let source = Same(costs.as_slice().as_chunks().0.to_vec());
+        let edges = if has_edges {
+            let gray = noise(ROWS, COLS, |value| value as i32);
+            Edges::new(&Texture::new(gray), 1.0, level, control)
+        } else {
+            Edges::nowhere(COLS)
         };
-        let pool = Matcher::new(1).expect("a thread starts");
+        let (size, first) = ((ROWS, COLS), BAND - LOOK_ROWS);
+        let (steps, edges, weighs) = (Steps { p1: 10, p2: 50 }, &edges.expect("memory"), true);
+        let search =
+            Search { size, first, candidates, optimizer, steps, edges, weighs, level, control };
+        let mut workspace = Workspace::<T>::default();
         bencher.counter(case.evaluations()).bench_local(|| {
-            let mut bands = [(); ROWS / BAND];
-            let search = divan::black_box(&mut search);
-            pool.install(|| search.run(field, (0, None), &mut bands, load, |(), _| Ok(())))
+            let rows = LOOK_ROWS..LOOK_ROWS + BAND;
+            search.run(rows, &source, divan::black_box(&mut workspace)).is_ok()
         });
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
-    fn bytes(bencher: Bencher, case: Case) {
-        search::<u8, u8>(bencher, case, false);
+    fn like_fast(bencher: Bencher, case: Case) {
+        search::<u8>(bencher, case, Optimizer::ScanlineOptimization, true);
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
-    fn bytes_with_edges(bencher: Bencher, case: Case) {
-        search::<u8, u8>(bencher, case, true);
+    fn like_robust(bencher: Bencher, case: Case) {
+        search::<u8>(bencher, case, Optimizer::SemiGlobal, true);
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
-    fn words(bencher: Bencher, case: Case) {
-        search::<u16, u32>(bencher, case, false);
+    fn like_robust_in_words(bencher: Bencher, case: Case) {
+        search::<u16>(bencher, case, Optimizer::SemiGlobal, true);
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn like_paper(bencher: Bencher, case: Case) {
+        search::<u16>(bencher, case, Optimizer::DynamicProgramming, false);
+    }
+
+    #[divan::bench(args = cases(), sample_count = 10)]
+    fn singly(bencher: Bencher, case: Case) {
+        search::<u8>(bencher, case, Optimizer::WinnerTakesAll, false);
     }
 }
 
@@ -650,35 +610,15 @@ mod confidence {
 /// Whole matches, from images to disparities, by a matcher that has its memory already.
 mod matcher {
     use super::{
-        Bencher, Case, Control, Matcher, Optimizer, Penalty, Plane, Precision, Settings, cases,
-        fast, noise, views,
+        Bencher, Case, Control, Matcher, Penalty, Plane, Settings, cases, fast, noise, robust,
+        views,
     };
     use phasestereo::convolution::Kernel;
     use phasestereo::matcher::{Execution, Pair};
     use phasestereo::versions::Versions;
 
     fn weak() -> Settings {
-        Settings { weak: 1.0, penalty: Penalty { near: 2.0, far: 9.0 }, ..fast() }
-    }
-
-    fn robust() -> Settings {
-        Settings {
-            neighborhood: 3,
-            frequencies: (1, 1),
-            weak: 0.5,
-            window: 5,
-            shiftable: false,
-            precision: Precision::Byte,
-            optimizer: Optimizer::SemiGlobal,
-            penalty: Penalty { near: 4.0, far: 16.0 },
-            edges: 1.0,
-            subpixel: true,
-            consistency: Some(1),
-            speckle_size: 100,
-            guided: true,
-            median: 3,
-            ..Settings::default()
-        }
+        Settings { weak: 1.0, penalty: Penalty { near: 6.0, far: 32.0 }, ..fast() }
     }
 
     /// So many versions of the right image, moved by some pixels each.
@@ -700,7 +640,7 @@ mod matcher {
         let [left, right] = views();
         let pair = Pair::new(left, right, 0, case.candidates as i64).expect("a legal pair");
         let pair = pair.with_versions(versions);
-        let how = Execution { threads: 1, strip_rows: None, level: case.level };
+        let how = Execution { threads: 1, level: case.level };
         let matcher = Matcher::new(1).expect("a thread starts");
         bencher
             .counter(case.evaluations())
@@ -717,7 +657,7 @@ mod matcher {
         whole_of(bencher, case, &weak(), Some(versions(1)));
     }
 
-    /// In tiles that a strip and a tile of the sweep have several of.
+    /// In tiles that a panel has several of.
     #[divan::bench(args = cases(), sample_count = 10)]
     fn in_four_classes(bencher: Bencher, case: Case) {
         whole_of(bencher, case, &weak(), Some(versions(4)));

@@ -419,7 +419,7 @@ impl Grid {
     /// How badly each of all blurs explains every tile, where it is worth trying.
     fn searched(&self, blocks: &[Blocks], level: Level) -> Losses {
         let told = self.places.iter().enumerate().filter(|(_, place)| place.is_some());
-        // As the bishops of chess, so that every row and every column has some.
+        // In every row, and not below those of the row above.
         let is_sample = told.map(|(tile, _)| {
             let (y, x) = (tile / self.cols, tile % self.cols);
             blocks.len() <= LEAST_SAMPLE * SAMPLE || (x + 2 * y).is_multiple_of(SAMPLE)

@@ -8,20 +8,21 @@ use std::ops::Range;
 use common::maps;
 use common::naive::Seen;
 use common::parts::{Slow, known_part, rows_of};
-use common::{affordable, hash, levels, mask, noises, robust, settings, versions, view, views};
+use common::{
+    OPTIMIZERS, affordable, hash, levels, mask, noises, random, robust, settings, versions, view,
+    views,
+};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
 use phasestereo::filling;
 use phasestereo::intensity;
 use phasestereo::map::Map;
 use phasestereo::matcher::{Choice, Disparity, Execution, Matcher, Pair, Timings};
+use phasestereo::optimization::BAND;
 use phasestereo::plane::Plane;
 use phasestereo::reach::Reach;
 use phasestereo::section::Section;
-use phasestereo::semiglobal::BAND;
-use phasestereo::settings::{
-    CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Rule, Settings,
-};
+use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Settings};
 use phasestereo::simd::Level;
 use phasestereo::source::{ranges, roughness, widened};
 use phasestereo::texture::{Roughness, Texture};
@@ -55,10 +56,6 @@ impl Job {
         Reach::new(&self.settings, self.pair.versions())
     }
 
-    fn is_semi_global(&self) -> bool {
-        self.settings.optimizer == Optimizer::SemiGlobal
-    }
-
     fn whole(&self, matcher: &Matcher, how: Execution) -> Seen {
         let found = matcher.run(&self.pair, &self.settings, how, &Control::default());
         Seen::of(found.expect("a legal match"))
@@ -69,29 +66,24 @@ impl Job {
         &self,
         rows: &Range<usize>,
         reach: Reach,
-        paths: Option<Vec<u8>>,
         (matcher, how): (&Matcher, Execution),
     ) -> Choice {
         let height = self.pair.size().0;
-        let unit = if self.is_semi_global() { BAND } else { 1 };
-        let begun = |rows: Range<usize>| rows.start / unit * unit..rows.end;
-        let mut read = begun(widened(rows, reach.images, height));
+        let mut read = widened(rows, reach.images, height);
         let is_empty = |mask: &Mask| read.clone().any(|y| !mask.row(y).contains(&true));
         if self.pair.views().iter().filter_map(|view| view.mask.as_ref()).any(is_empty) {
-            read = begun(widened(&read, reach.masked, height));
+            read = widened(&read, reach.masked, height);
         }
         let section = Section {
             rows: rows.start - read.start..rows.end - read.start,
+            first: read.start,
             roughness: Some(self.roughness),
-            paths,
-            is_handed_on: true,
         };
         let pair = without_full_masks(known_part(&self.pair, &read, self.ranges));
         let control = Control::default();
         let mut chosen =
             matcher.choose(&pair, &section, &self.settings, how, &control).expect("a legal part");
         assert_eq!(control.rows_done(), rows.len());
-        assert_eq!(chosen.paths.is_some(), self.is_semi_global());
         chosen.texture = chosen.texture.map(|all| all.of_rows(section.rows).expect("these rows"));
         chosen
     }
@@ -118,29 +110,19 @@ impl Job {
     /// The whole match in bands, chosen and refined between cuts.
     fn by_bands(&self, chosen: &[usize], refined: &[usize], on: (&Matcher, Execution)) -> Seen {
         let reach = self.reach();
-        let (mut draft, mut paths) = (None, None);
-        for rows in between(chosen) {
-            let mut found = self.choose(&rows, reach, paths, on);
-            paths = found.paths.take();
-            draft = Some(match draft {
-                None => Draft::of(found),
-                Some(draft) => Draft::followed_by(draft, found),
-            });
-        }
-        self.refined(&draft.expect("at least one band"), refined, reach.map, on)
+        let parts = between(chosen).map(|rows| Draft::of(self.choose(&rows, reach, on)));
+        let draft = parts.reduce(Draft::followed_by).expect("at least one band");
+        self.refined(&draft, refined, reach.map, on)
     }
 
-    /// One band, its first and last row as chosen with such a reach.
+    /// The disparities of one band, as chosen with such a reach.
     fn chosen_rows(
         &self,
         rows: &Range<usize>,
         reach: Reach,
         on: (&Matcher, Execution),
     ) -> Plane<u32> {
-        let before = (rows.start > 0 && self.is_semi_global())
-            .then(|| self.choose(&(0..rows.start), self.reach(), None, on));
-        let paths = before.and_then(|before| before.paths);
-        self.choose(rows, reach, paths, on).map.disparity.map(|value| value.to_bits())
+        self.choose(rows, reach, on).map.disparity.map(|value| value.to_bits())
     }
 }
 
@@ -164,8 +146,7 @@ impl Draft {
         Self { disparity, flags, votes, texture }
     }
 
-    fn followed_by(self, next: Choice) -> Self {
-        let next = Self::of(next);
+    fn followed_by(self, next: Self) -> Self {
         let gray = |one: Texture, next: Texture| {
             let gray = below(one.gray, &next.gray);
             Texture { gray, ..one }
@@ -239,8 +220,8 @@ fn without_full_masks(pair: Pair) -> Pair {
     parted.expect("a legal pair").with_versions(versions)
 }
 
-fn how(strip_rows: Option<usize>, level: Level) -> Execution {
-    Execution { threads: 1, strip_rows, level }
+fn how(threads: usize, level: Level) -> Execution {
+    Execution { threads, level }
 }
 
 /// Masks of rows here and there, and of all rows of some part.
@@ -261,7 +242,8 @@ fn masked(rows: usize, cols: usize, seed: u64) -> Mask {
 fn pairs() -> impl Strategy<Value = Pair> {
     let small = (1usize..=20, 1usize..=12, 0u8..4)
         .prop_flat_map(|(rows, cols, kind)| [views(rows, cols, kind), views(rows, cols, kind)]);
-    let heights = prop_oneof![1 => 1usize..=260, 1 => select(vec![31, 32, 33, 64, 65, 96, 128])];
+    let heights =
+        prop_oneof![1 => 1usize..=260, 1 => select(vec![63, 64, 65, 79, 80, 81, 128, 129, 193])];
     let tall = (heights, 1usize..=40, select(vec![1u64, 7, 255]), 0u8..4, any::<u64>()).prop_map(
         |(rows, cols, white, masks, seed)| {
             [0u8, 1].map(|side| {
@@ -309,10 +291,9 @@ fn jobs() -> impl Strategy<Value = Job> {
     })
 }
 
-/// Cuts through so many rows, the first and the last among them, at multiples of `unit`.
-fn cuts(height: usize, unit: usize, places: &[Index]) -> Vec<usize> {
-    let units = height.div_ceil(unit);
-    let inner = places.iter().map(|place| place.index(units) * unit);
+/// Cuts through so many rows, the first and the last among them.
+fn cuts(height: usize, places: &[Index]) -> Vec<usize> {
+    let inner = places.iter().map(|place| place.index(height));
     let mut cuts: Vec<_> = inner.chain([0, height]).collect();
     cuts.sort_unstable();
     cuts.dedup();
@@ -320,22 +301,19 @@ fn cuts(height: usize, unit: usize, places: &[Index]) -> Vec<usize> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 200, ..ProptestConfig::with_cases(150) })]
+    #![proptest_config(random(150))]
 
     #[test]
     fn bands_put_together_are_the_whole(
         job in jobs(),
         places in [0, 1].map(|_| prop::collection::vec(any::<Index>(), 0..5)),
-        strip_rows in prop::option::of(1usize..=100),
         threads in 1usize..=3,
         level in select(levels()),
     ) {
         let [first, second] = places;
         let height = job.pair.size().0;
-        let unit = if job.is_semi_global() { BAND } else { 1 };
-        let (chosen, refined) = (cuts(height, unit, &first), cuts(height, 1, &second));
-        let matcher = Matcher::new(threads).expect("threads start");
-        let how = Execution { threads, ..how(strip_rows, level) };
+        let (chosen, refined) = (cuts(height, &first), cuts(height, &second));
+        let (matcher, how) = (Matcher::new(threads).expect("threads start"), how(threads, level));
         let expected = job.whole(&matcher, how);
         let found = job.by_bands(&chosen, &refined, (&matcher, how));
         prop_assert!(found == expected, "{:?}, {:?} of {}", chosen, refined, job);
@@ -355,52 +333,32 @@ fn pair(rows: usize, cols: usize, is_masked: impl Fn(usize) -> bool) -> Pair {
     Pair::new(left, right, -1, 9).expect("a legal pair")
 }
 
-/// Semi-global matches whose paths take integers of one byte to eight, of some more with masks than without.
-fn settings_of_many_widths() -> Vec<Settings> {
-    let phase =
-        Settings { neighborhood: 5, optimizer: Optimizer::SemiGlobal, ..Settings::default() };
+/// Masks and penalties tell in what integers a part is matched: not always in those of the whole.
+#[test]
+fn parts_are_matched_in_any_integers() {
+    let (height, matcher) = (4 * BAND + 9, Matcher::new(2).expect("threads"));
+    let phase = Settings { neighborhood: 5, ..Settings::default() };
     let byte = Settings { precision: Precision::Byte, ..phase };
     let cheap = Penalty { near: 0.05, far: 0.1 };
     let dear = Penalty { near: LARGEST_PENALTY, far: LARGEST_PENALTY };
-    let sad = Settings { cost: CostKind::Sad, ..phase };
-    vec![
+    let every = [
         Settings { window: 3, penalty: cheap, ..byte },
         Settings { window: 17, penalty: cheap, frequencies: (1, 0), bits: 1, ..byte },
-        Settings { window: 3, penalty: dear, ..phase },
         Settings { window: 5, edges: 0.5, ..phase },
-        Settings { window: 7, ..sad },
-        Settings { window: 63, penalty: dear, ..sad },
-    ]
-}
-
-#[test]
-fn paths_go_on_in_integers_of_other_widths() {
-    let (height, matcher) = (6 * BAND + 9, Matcher::new(2).expect("threads"));
-    let cuts = [0, BAND, 4 * BAND, 5 * BAND, height];
-    let mut seen = vec![];
-    for settings in settings_of_many_widths() {
-        for is_masked in [|y: usize| y < 10, |y: usize| y > 6 * BAND, |_: usize| false] {
-            let cols = if settings.window > 17 { 9 } else { 70 };
-            let job = Job::new(pair(height, cols, is_masked), settings.clone());
-            for level in levels() {
-                let on = (&matcher, how(None, level));
-                assert!(job.by_bands(&cuts, &[0, height], on) == job.whole(on.0, on.1), "{job}");
-            }
-            let on = (&matcher, how(None, Level::best()));
-            let (mut widths, mut paths) = (vec![], None);
-            for rows in between(&cuts) {
-                paths = job.choose(&rows, job.reach(), paths, on).paths;
-                widths.extend(paths.as_ref().map(|paths| paths[0]));
-            }
-            seen.push(widths);
+        Settings { window: 3, penalty: dear, ..phase },
+        Settings { window: 7, cost: CostKind::Sad, ..phase },
+    ];
+    for (settings, optimizer) in
+        every.iter().flat_map(|settings| OPTIMIZERS.map(|optimizer| (settings, optimizer)))
+    {
+        let settings = Settings { optimizer, ..settings.clone() };
+        for is_masked in [|y: usize| y < 10, |y: usize| y > 3 * BAND] {
+            let job = Job::new(pair(height, 40, is_masked), settings.clone());
+            let on = (&matcher, how(2, Level::best()));
+            let found = job.by_bands(&[0, BAND, BAND + 1, 3 * BAND + 5, height], &[0, height], on);
+            assert!(found == job.whole(on.0, on.1), "{job}");
         }
     }
-    for width in [1, 4, 8] {
-        assert!(seen.iter().any(|widths| widths.contains(&width)), "{seen:?}");
-    }
-    let (grows, shrinks) = (|ends: &[u8]| ends[0] < ends[1], |ends: &[u8]| ends[0] > ends[1]);
-    assert!(seen.iter().any(|widths| widths.windows(2).any(grows)), "{seen:?}");
-    assert!(seen.iter().any(|widths| widths.windows(2).any(shrinks)), "{seen:?}");
 }
 
 /// Several kernels, of as many rows above and below as the largest, in tiles of several classes.
@@ -421,21 +379,21 @@ fn tall_pairs_in_the_default_way_are_the_whole() {
     let job = Job::new(pair, robust());
     let matcher = Matcher::new(2).expect("threads");
     for level in levels() {
-        let on = (&matcher, how(Some(64), level));
-        let found = job.by_bands(&[0, 64, 96, 230], &[0, 1, 50, 51, 229, 230], on);
+        let on = (&matcher, how(1, level));
+        let found = job.by_bands(&[0, 1, 63, 96, 128, 230], &[0, 1, 50, 51, 229, 230], on);
         assert!(found == job.whole(on.0, on.1), "{}", level.name());
     }
 }
 
 /// Settings that choose by windows and neighbourhoods of several sizes, in all ways.
 fn ways_to_choose() -> Vec<(Settings, Option<Versions>)> {
-    let alone = Optimizer::Scanline(Rule::WinnerTakesAll);
+    let alone = Optimizer::WinnerTakesAll;
     let phase = Settings { optimizer: alone, neighborhood: 3, window: 3, ..Settings::default() };
     let phase = Settings { frequencies: (1, 1), ..phase };
-    // What rows far below cost is forgotten on the way where changes are cheap.
-    let penalty = Penalty { near: 8.0, far: 16.0 };
-    let dear = Penalty { near: 100.0, far: 200.0 };
+    // What rows far away cost is not forgotten on the way where changes are dear.
+    let penalty = Penalty { near: 1e4, far: 1e4 };
     let several = Settings { optimizer: Optimizer::SemiGlobal, penalty, ..phase };
+    let ordered = Settings { optimizer: Optimizer::DynamicProgramming, ..phase };
     vec![
         (Settings { shiftable: false, ..phase }, None),
         (phase.clone(), None),
@@ -446,30 +404,30 @@ fn ways_to_choose() -> Vec<(Settings, Option<Versions>)> {
         (Settings { cost: CostKind::NormalisedSad, window: 5, ..phase }, None),
         (Settings { shiftable: false, ..several }, None),
         (Settings { window: 1, edges: 1.0, ..several }, Some(two_versions())),
-        (Settings { cost: CostKind::Sad, window: 1, penalty: dear, ..several }, None),
+        (Settings { cost: CostKind::Sad, window: 1, ..several }, None),
+        (Settings { shiftable: true, ..ordered }, None),
     ]
 }
 
 #[test]
 fn no_less_than_the_reach_would_do_for_what_is_chosen() {
     let matcher = Matcher::new(1).expect("a thread");
-    let on = (&matcher, how(None, Level::best()));
+    let on = (&matcher, how(1, Level::best()));
     for (settings, known) in ways_to_choose() {
         let (mut is_first_unlike, mut is_last_unlike) = (false, false);
-        for seed in 0..30 {
+        for seed in 0..12 {
             let [left, right] =
-                [seed, !seed].map(|seed| view(160, 60, |y, x| hash(seed, y, x) as u8));
+                [seed, !seed].map(|seed| view(280, 60, |y, x| hash(seed, y, x) as u8));
             let pair = Pair::new(left, right, 0, 30).expect("a legal pair");
             let job = Job::new(pair.with_versions(known.clone()), settings.clone());
-            let (reach, rows) = (job.reach(), BAND..2 * BAND);
+            // The last row of a band, and the first of the next one, reach furthest.
+            let (reach, rows) = (job.reach(), 2 * BAND - 1..2 * BAND + 1);
             let enough = job.chosen_rows(&rows, reach, on);
             let more = Reach { images: reach.images + 40, ..reach };
             assert_eq!(enough, job.chosen_rows(&rows, more, on), "{job}");
             let less = job.chosen_rows(&rows, Reach { images: reach.images - 1, ..reach }, on);
-            let last = rows.len() - 1;
-            // Semi-global matches begin with a band: there are rows to spare above.
-            is_first_unlike |= enough.row(0) != less.row(0) || job.is_semi_global();
-            is_last_unlike |= enough.row(last) != less.row(last);
+            is_first_unlike |= enough.row(0) != less.row(0);
+            is_last_unlike |= enough.row(1) != less.row(1);
         }
         assert!(is_first_unlike && is_last_unlike, "{settings:?}");
     }
@@ -520,7 +478,7 @@ fn is_whole(job: &Job, draft: &Draft, cut: usize, reach: usize, on: (&Matcher, E
 #[test]
 fn refinement_needs_its_reach_and_no_more() {
     let matcher = Matcher::new(1).expect("a thread");
-    let on = (&matcher, how(None, Level::best()));
+    let on = (&matcher, how(1, Level::best()));
     for settings in ways_to_refine() {
         // What several stages reach together is not always needed, and what speckles and edges reach is told by
         // other maps.
@@ -549,7 +507,7 @@ fn refinement_needs_its_reach_and_no_more() {
 #[test]
 fn edges_are_drawn_to_jumps_as_far_as_they_reach() {
     let matcher = Matcher::new(1).expect("a thread");
-    let on = (&matcher, how(None, Level::best()));
+    let on = (&matcher, how(1, Level::best()));
     let settings = Settings { guided: true, confidence: false, ..Settings::default() };
     let job = Job::new(pair(150, 24, |_| false), settings);
     let reach = job.reach().map;
@@ -570,7 +528,7 @@ fn edges_are_drawn_to_jumps_as_far_as_they_reach() {
 #[test]
 fn speckles_are_as_large_as_they_reach() {
     let matcher = Matcher::new(1).expect("a thread");
-    let on = (&matcher, how(None, Level::best()));
+    let on = (&matcher, how(1, Level::best()));
     let settings =
         Settings { speckle_size: 20, fill: false, confidence: false, ..Settings::default() };
     let job = Job::new(pair(150, 24, |_| false), settings);
@@ -594,7 +552,7 @@ fn speckles_are_as_large_as_they_reach() {
 #[test]
 fn rows_that_copy_others_need_those() {
     let matcher = Matcher::new(1).expect("a thread");
-    let on = (&matcher, how(None, Level::best()));
+    let on = (&matcher, how(1, Level::best()));
     let settings = Settings { neighborhood: 9, window: 1, ..Settings::default() };
     // The nearest valid row above a band that is valid itself is where the neighbourhoods of its first rows end.
     let valid = |y: usize| y >= 64 || (50..62).contains(&y);
@@ -628,84 +586,23 @@ fn refused<T>(found: Result<T, Error>) -> String {
 }
 
 #[test]
-fn paths_of_another_match_are_refused() {
-    let (matcher, control) = (Matcher::new(1).expect("a thread"), Control::default());
-    let settings = Settings { optimizer: Optimizer::SemiGlobal, ..Settings::default() };
-    let whole = pair(3 * BAND, 70, |_| false);
-    let first = Section { is_handed_on: true, rows: 0..BAND, ..Section::whole(&whole) };
-    let execution = how(None, Level::best());
-    let choose = |section: &Section, pair: &Pair| {
-        matcher.choose(pair, section, &settings, execution, &control)
-    };
-    let paths = choose(&first, &whole).expect("legal").paths.expect("paths");
-    let second = |paths| Section { rows: BAND..2 * BAND, paths: Some(paths), ..first.clone() };
-    choose(&second(paths.clone()), &whole).expect("they fit");
-
-    let with_width = |width: u8| [&[width], &paths[1..]].concat();
-    let longer = [&paths[..], &[0]].concat();
-    let wrong = [
-        vec![],
-        vec![1],
-        paths[..1].to_vec(),
-        paths[..paths.len() - 1].to_vec(),
-        longer,
-        with_width(0),
-        with_width(9),
-        with_width(255),
-        with_width(if paths[0] == 1 { 4 } else { 1 }),
-    ];
-    for paths in wrong {
-        let message = refused(choose(&second(paths), &whole));
-        assert!(message.starts_with("paths: got "), "{message}");
-    }
-    let [left, right] = shifted(3 * BAND, 70);
-    let fewer = Pair::new(left, right, -1, 8).expect("a legal pair");
-    let wider = pair(3 * BAND, 200, |_| false);
-    for other in [&fewer, &wider] {
-        let message = refused(choose(&second(paths.clone()), other));
-        assert!(message.starts_with("paths: got "), "{message}");
-    }
-}
-
-#[test]
-fn paths_are_those_that_are_handed_on_and_no_others() {
-    let (matcher, control) = (Matcher::new(1).expect("a thread"), Control::default());
-    let whole = pair(2 * BAND, 40, |_| false);
-    for optimizer in common::OPTIMIZERS {
-        let settings = Settings { optimizer, ..Settings::default() };
-        for is_handed_on in [false, true] {
-            let section = Section { is_handed_on, ..Section::whole(&whole) };
-            let execution = how(None, Level::best());
-            let chosen = matcher.choose(&whole, &section, &settings, execution, &control);
-            let has_paths = chosen.expect("legal").paths.is_some();
-            assert_eq!(has_paths, is_handed_on && optimizer == Optimizer::SemiGlobal);
-        }
-    }
-}
-
-#[test]
 fn rows_that_the_pair_has_not_are_refused() {
     let (matcher, control) = (Matcher::new(1).expect("a thread"), Control::default());
     let whole = pair(70, 40, |_| false);
     let choose = |optimizer, rows| {
         let settings = Settings { optimizer, ..Settings::default() };
         let section = Section { rows, ..Section::whole(&whole) };
-        matcher.choose(&whole, &section, &settings, how(None, Level::best()), &control)
+        matcher.choose(&whole, &section, &settings, how(1, Level::best()), &control)
     };
-    for optimizer in common::OPTIMIZERS {
+    for optimizer in OPTIMIZERS {
         #[expect(clippy::reversed_empty_ranges, reason = "that is the point")]
         for rows in [0..71, 70..71, 7..7, 70..70, 9..5, 0..usize::MAX] {
             let message = refused(choose(optimizer, rows));
             assert!(message.starts_with("rows: got "), "{message}");
         }
-        choose(optimizer, 64..70).expect("whole bands");
-        choose(optimizer, 32..33).expect("the first rows of a band");
+        choose(optimizer, 64..70).expect("a whole band");
+        choose(optimizer, 31..33).expect("any rows");
     }
-    for first in [1, 31, 33] {
-        let message = refused(choose(Optimizer::SemiGlobal, first..70));
-        assert!(message.contains("in whole bands with optimizer = 'sgm'"), "{message}");
-    }
-    choose(common::OPTIMIZERS[0], 31..33).expect("any rows");
 }
 
 #[test]
@@ -716,7 +613,7 @@ fn maps_that_do_not_fit_are_refused() {
     let guided = Settings { guided: true, ..neither };
     let draft = draft(1, 3);
     let refine = |map: Map, texture: Option<&Texture>, settings: &Settings| {
-        matcher.refine(map, texture, settings, how(None, Level::best()), &Control::default())
+        matcher.refine(map, texture, settings, how(1, Level::best()), &Control::default())
     };
     let (fits, less, none) = (0..40, 0..39, 0..0);
     let map = || draft.rows(&fits).0;

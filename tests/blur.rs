@@ -68,7 +68,7 @@ fn pair(shots: &[Plane<f32>; 2], view: impl Fn(&Plane<f32>) -> View) -> Pair {
 }
 
 fn how(threads: usize, level: Level) -> Execution {
-    Execution { threads, strip_rows: None, level }
+    Execution { threads, level }
 }
 
 fn estimated(pair: &Pair) -> Estimate {

@@ -5,7 +5,7 @@
 mod common;
 
 use common::maps::drawn;
-use common::{hash, levels};
+use common::{hash, levels, random};
 use phasestereo::confidence::{RADIUS, Scene, confidence, similar, vote};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
@@ -62,6 +62,8 @@ fn planes() -> impl Strategy<Value = Planes> {
 }
 
 proptest! {
+    #![proptest_config(random(256))]
+
     #[test]
     fn every_pixel_is_as_by_itself(planes in planes()) {
         let found = planes.confidences();

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::hash;
+use common::{hash, random};
 use phasestereo::candidates::Candidates;
 use phasestereo::consistency::{Checker, Choices};
 use phasestereo::reference;
@@ -30,7 +30,7 @@ fn told(disparities: &[u16], costs: &[u32], most: u16) -> Vec<u16> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(512))]
+    #![proptest_config(random(512))]
 
     #[test]
     fn rows_are_checked_like_the_twin(

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{hash, levels, noise, view};
+use common::{hash, levels, noise, random, view};
 use phasestereo::control::Control;
 use phasestereo::convolution::{
     GUARD, Kernel, LARGEST_KERNEL, MOST_FRACTION, SHIFT, Weights, convolve,
@@ -280,7 +280,7 @@ fn kernels() -> impl Strategy<Value = Kernel> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(128))]
+    #![proptest_config(random(128))]
 
     #[test]
     fn any_image_equals_its_definition(

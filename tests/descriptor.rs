@@ -4,7 +4,7 @@
 mod common;
 
 use common::naive::weak_threshold;
-use common::{descriptors, every_descriptor, grays, noise, noises, weak_descriptors};
+use common::{descriptors, every_descriptor, grays, noise, noises, random, weak_descriptors};
 use phasestereo::control::Control;
 use phasestereo::descriptor::{Codes, describe};
 use phasestereo::error::Error;
@@ -197,6 +197,8 @@ fn noise_of_its_own_deviation_is_weak_to_two_thirds() {
 }
 
 proptest! {
+    #![proptest_config(random(256))]
+
     #[test]
     fn any_weak_level_equals_its_definition(
         gray in grays(10),

@@ -3,7 +3,7 @@
 mod common;
 
 use common::maps::{Map, bits, maps, row};
-use common::{at_every_level, hash};
+use common::{at_every_level, hash, random};
 use phasestereo::control::Control;
 use phasestereo::filling::{REACH, fill};
 use phasestereo::plane::Plane;
@@ -30,6 +30,8 @@ fn filled_row(values: &[f32], flags: &[u16]) -> (Vec<f32>, Vec<u16>) {
 }
 
 proptest! {
+    #![proptest_config(random(256))]
+
     #[test]
     fn maps_are_filled_like_by_the_twin(map in maps()) {
         let ((fast, fast_flags), (naive, naive_flags)) =
@@ -120,7 +122,7 @@ fn empty_rows_look_up_to_the_reach() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(40))]
+    #![proptest_config(random(40))]
 
     #[test]
     fn tall_maps_are_filled_like_by_the_twin(rows in 1usize..=300, seed in any::<u64>(), rare in 1u64..=100) {

@@ -2,8 +2,8 @@
 
 mod common;
 
-use common::hash;
 use common::maps::{Map, bits, drawn, maps};
+use common::{hash, random};
 use phasestereo::control::Control;
 use phasestereo::guided::{guide, likeness};
 use phasestereo::plane::Plane;
@@ -27,6 +27,8 @@ fn scene(rows: usize, cols: usize, largest: i32, seed: u64) -> Plane<i32> {
 }
 
 proptest! {
+    #![proptest_config(random(256))]
+
     #[test]
     fn maps_are_guided_like_by_the_twin(
         map in maps(),

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{gray, level_pair, plane, views};
+use common::{gray, level_pair, plane, random, views};
 use ndarray::Array3;
 use phasestereo::control::Control;
 use phasestereo::convolution::Kernel;
@@ -29,6 +29,8 @@ fn row(values: &[f64]) -> View {
 }
 
 proptest! {
+    #![proptest_config(random(256))]
+
     #[test]
     fn scaling_floats_by_a_power_of_two_changes_nothing(
         left in views(5, 6, 3),

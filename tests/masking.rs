@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{grays, hash};
+use common::{grays, hash, random};
 use phasestereo::control::Control;
 use phasestereo::masking::{REACH, fill_masked};
 use phasestereo::plane::Plane;
@@ -11,6 +11,8 @@ use phasestereo::view::Mask;
 use proptest::prelude::*;
 
 proptest! {
+    #![proptest_config(random(256))]
+
     #[test]
     fn masked_pixels_take_the_nearest_valid_value(gray in grays(8), seed in any::<u64>(), few in 0u32..3) {
         // Sparse masks leave whole rows without a valid pixel.
@@ -56,7 +58,7 @@ fn empty_rows_copy_the_nearest_up_to_the_reach() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(40))]
+    #![proptest_config(random(40))]
 
     #[test]
     fn tall_images_are_filled_like_by_the_twin(rows in 1usize..=600, seed in any::<u64>(), rare in 1u64..=200) {

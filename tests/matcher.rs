@@ -8,18 +8,17 @@ use std::sync::Arc;
 
 use common::naive::{self, Seen};
 use common::{
-    OPTIMIZERS, RULES, affordable, eight_votes, hash, levels, mask, noises, refinements, robust,
-    settings, tile, versions, view, views,
+    OPTIMIZERS, affordable, eight_votes, hash, levels, mask, noises, random, refinements, robust,
+    settings, versions, view, views,
 };
 use phasestereo::control::Control;
 use phasestereo::convolution::Kernel;
 use phasestereo::error::Error;
 use phasestereo::matcher::{Execution, Matcher, Pair, on_threads, run};
+use phasestereo::optimization::PANEL;
 use phasestereo::plane::Plane;
 use phasestereo::refinement::flag;
-use phasestereo::settings::{
-    CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Rule, Settings,
-};
+use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Settings};
 use phasestereo::simd::Level;
 use phasestereo::value::Value;
 use phasestereo::versions::Versions;
@@ -66,23 +65,28 @@ impl Job {
     fn check(&self) {
         let expected = self.expected();
         for level in levels() {
-            assert!(self.run(how(1, None, level)) == expected, "{}: {self}", level.name());
+            assert!(self.run(how(1, level)) == expected, "{}: {self}", level.name());
         }
     }
 
-    /// Which integers are wide enough for the costs and the totals of this match.
-    fn bytes(&self) -> (u64, u64) {
+    /// Bytes of the integers that are wide enough for the costs and the totals of this match.
+    fn bytes(&self) -> usize {
         let (window, steps) = naive::scale(&self.pair, &self.settings);
-        let cols = self.pair.size().1;
         let is_masked = Votes::new(self.pair.views(), self.pair.candidates()).is_some();
-        let cost = window.largest_value(is_masked);
         let total = match self.settings.optimizer {
-            Optimizer::Scanline(rule) => steps.largest_total(rule, cols, window.largest_sum()),
-            Optimizer::SemiGlobal => window.largest_sum() + steps.largest_change(),
+            Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
+            Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
+                steps.largest_total(window.largest_sum())
+            }
         };
-        let cost = [u8::MAX.into(), u16::MAX.into()].iter().filter(|most| cost > **most).count();
-        let total = [u8::LARGEST_TOTAL, u32::LARGEST_TOTAL].iter().filter(|most| total > **most);
-        (1 << cost, [1, 4, 8][total.count()])
+        let largest = total.max(window.largest_value(is_masked));
+        if largest <= u8::LARGEST_TOTAL {
+            1
+        } else if largest <= u16::LARGEST_TOTAL {
+            2
+        } else {
+            4
+        }
     }
 }
 
@@ -93,23 +97,21 @@ impl std::fmt::Display for Job {
     }
 }
 
-fn how(threads: usize, strip_rows: Option<usize>, level: Level) -> Execution {
-    Execution { threads, strip_rows, level }
+fn how(threads: usize, level: Level) -> Execution {
+    Execution { threads, level }
 }
 
 fn executions() -> impl Strategy<Value = Execution> {
-    let rows = prop_oneof![3 => 1usize..=100, 1 => Just(usize::MAX)];
-    (1usize..=8, prop::option::of(rows), select(levels()))
-        .prop_map(|(threads, rows, level)| how(threads, rows, level))
+    (1usize..=8, select(levels())).prop_map(|(threads, level)| how(threads, level))
 }
 
-/// Small pairs of any pixels; or pairs about as large as blocks and tiles, with few gray values (and so with
+/// Small pairs of any pixels; or pairs about as large as bands and panels, with few gray values (and so with
 /// ties galore) or many.
 fn pairs() -> impl Strategy<Value = Pair> {
     let small = (1usize..=14, 1usize..=14, 0u8..4)
         .prop_flat_map(|(rows, cols, kind)| [views(rows, cols, kind), views(rows, cols, kind)]);
-    let heights = select(vec![1usize, 2, 31, 32, 33, 64, 65, 130]);
-    let widths = select(vec![1, 2, tile() - 1, tile(), tile() + 1, 2 * tile() + 3]);
+    let heights = select(vec![1usize, 2, 17, 63, 64, 65, 81, 130]);
+    let widths = select(vec![1, 2, 31, 63, 64, 65, 97, 131]);
     let masked = prop::option::of(0u64..=100);
     let seeded = (heights, widths, select(vec![1u64, 255]), masked, any::<u64>()).prop_map(
         |(rows, cols, white, percent, seed)| {
@@ -145,39 +147,21 @@ fn jobs() -> impl Strategy<Value = Job> {
     })
 }
 
-fn jobs_by(optimizers: Vec<Optimizer>) -> impl Strategy<Value = Job> {
-    (jobs(), select(optimizers)).prop_map(|(job, optimizer)| Job {
-        settings: Settings { optimizer, ..job.settings },
-        ..job
-    })
-}
-
 fn noise_alone(noise: [f64; 2]) -> Versions {
     Versions::of_noise(noise).expect("legal noise")
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 300, ..ProptestConfig::with_cases(100) })]
+    #![proptest_config(random(100))]
 
     #[test]
-    fn any_match_along_rows_equals_the_naive_chain(
-        job in jobs_by(RULES.map(Optimizer::Scanline).to_vec()),
-        how in executions(),
-    ) {
-        prop_assert!(job.run(how) == job.expected(), "{}", job);
-    }
-
-    #[test]
-    fn any_match_along_several_paths_equals_the_naive_chain(
-        job in jobs_by(vec![Optimizer::SemiGlobal]),
-        how in executions(),
-    ) {
+    fn any_match_equals_the_naive_chain(job in jobs(), how in executions()) {
         prop_assert!(job.run(how) == job.expected(), "{}", job);
     }
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 300, ..ProptestConfig::with_cases(60) })]
+    #![proptest_config(random(60))]
 
     #[test]
     fn memory_used_before_leaves_no_trace(
@@ -203,52 +187,48 @@ fn with_masks([left, right]: [View; 2], percent: u64) -> [View; 2] {
     })
 }
 
-/// Settings that need integers of every width, of costs and of totals, whatever the optimizer.
-fn settings_of_every_width() -> Vec<(Settings, (u64, u64))> {
+/// Settings that need integers of every width, whatever the optimizer, and their bytes.
+fn settings_of_every_width() -> Vec<(Settings, usize)> {
+    use Optimizer::{DynamicProgramming, ScanlineOptimization, SemiGlobal, WinnerTakesAll};
     let phase = Settings { neighborhood: 5, ..Settings::default() };
     let byte = Settings { precision: Precision::Byte, ..phase };
     let cheap = Penalty { near: 0.05, far: 0.1 };
     let dear = Penalty { near: LARGEST_PENALTY, far: LARGEST_PENALTY };
-    let free = Optimizer::Scanline(Rule::ScanlineOptimization);
-    let alone = Optimizer::Scanline(Rule::WinnerTakesAll);
-    let several = Optimizer::SemiGlobal;
+    let sad = Settings { cost: CostKind::Sad, ..phase };
     let normalised = Settings { cost: CostKind::NormalisedSad, ..byte };
+    let by = |optimizer, penalty, settings: &Settings| Settings {
+        optimizer,
+        penalty,
+        ..settings.clone()
+    };
+    let of = |window, settings: &Settings| Settings { window, ..settings.clone() };
+    let several = Settings { edges: 0.5, ..by(SemiGlobal, dear, &phase) };
+    let alone = Settings { shiftable: false, ..by(WinnerTakesAll, dear, &phase) };
     vec![
-        (Settings { window: 3, optimizer: free, penalty: cheap, ..byte }, (1, 1)),
-        (Settings { window: 3, optimizer: alone, shiftable: false, ..phase }, (1, 1)),
-        (Settings { window: 3, optimizer: several, penalty: cheap, ..byte }, (1, 1)),
-        (Settings { window: 3, ..byte }, (1, 4)),
-        (Settings { window: 3, optimizer: several, penalty: dear, ..phase }, (1, 4)),
-        (Settings { window: 3, optimizer: free, penalty: dear, ..phase }, (1, 4)),
-        (phase.clone(), (2, 4)),
-        (Settings { window: 5, optimizer: free, shiftable: false, ..phase }, (2, 4)),
-        (Settings { window: 5, optimizer: several, edges: 0.5, ..phase }, (2, 4)),
-        (Settings { cost: CostKind::Sad, window: 1, ..phase }, (2, 4)),
-        (Settings { cost: CostKind::Sad, window: 1, optimizer: alone, ..byte }, (2, 1)),
-        (Settings { window: 3, optimizer: free, penalty: cheap, ..normalised }, (2, 1)),
-        (Settings { cost: CostKind::Sad, window: 7, optimizer: free, ..phase }, (4, 4)),
-        (Settings { cost: CostKind::NormalisedSad, window: 9, ..phase }, (4, 4)),
-        (
-            Settings { cost: CostKind::Sad, window: 63, optimizer: free, penalty: dear, ..phase },
-            (4, 8),
-        ),
-        (
-            Settings {
-                cost: CostKind::Sad,
-                window: 63,
-                optimizer: several,
-                penalty: dear,
-                ..phase
-            },
-            (4, 8),
-        ),
+        (of(3, &by(ScanlineOptimization, cheap, &byte)), 1),
+        (of(3, &by(SemiGlobal, cheap, &byte)), 1),
+        (of(3, &by(DynamicProgramming, dear, &byte)), 1),
+        (of(3, &alone), 1),
+        (of(5, &alone), 2),
+        (of(5, &by(ScanlineOptimization, cheap, &phase)), 2),
+        (of(5, &Settings { edges: 0.5, ..by(SemiGlobal, cheap, &phase) }), 2),
+        (phase.clone(), 2),
+        (of(1, &sad), 2),
+        (of(1, &by(WinnerTakesAll, cheap, &Settings { precision: Precision::Byte, ..sad })), 2),
+        (of(3, &by(SemiGlobal, cheap, &normalised)), 2),
+        (of(3, &by(ScanlineOptimization, dear, &phase)), 4),
+        (of(3, &several), 4),
+        (of(7, &by(WinnerTakesAll, cheap, &sad)), 4),
+        (of(9, &Settings { precision: Precision::Full, ..normalised }), 4),
+        (of(63, &by(ScanlineOptimization, dear, &sad)), 4),
+        (of(63, &by(SemiGlobal, dear, &sad)), 4),
     ]
 }
 
 #[test]
 fn integers_of_every_width_give_the_bits_of_the_naive_chain() {
     for (settings, bytes) in settings_of_every_width() {
-        let cols = if settings.window > 9 { 9 } else { tile() + 3 };
+        let cols = if settings.window > 9 { 9 } else { PANEL + 3 };
         for views in [shifted(35, cols, 2), with_masks(shifted(35, cols, 2), 90)] {
             let job = Job::new(views, -1, 8, settings.clone());
             assert_eq!(job.bytes(), bytes, "{job}");
@@ -280,57 +260,34 @@ fn waves(rows: usize, cols: usize, half: usize) -> [View; 2] {
     })
 }
 
-/// At the very limit of bytes and one above it: half of a penalty of 300 and 15 * (15 >> 1) = 105 are 255.
+/// At the very limit of bytes and of words and one above it: half of a penalty of 300 and 15 * (15 >> 1) = 105 are 255;
+/// 9 * 14 = 126 and 65 409 are 65 535.
 #[test]
-fn totals_about_the_largest_byte_are_exact() {
+fn totals_about_the_largest_are_exact() {
     let codes = Settings { neighborhood: 3, frequencies: (1, 0), ..Settings::default() };
-    let free = |far: f64| Settings {
-        bits: 1,
-        window: 15,
-        optimizer: Optimizer::Scanline(Rule::ScanlineOptimization),
-        precision: Precision::Byte,
-        penalty: Penalty { near: far / 225.0, far: far / 225.0 },
-        ..codes
-    };
-    let ordered =
-        |far: f64| Settings { bits: 4, window: 1, penalty: Penalty { near: far, far }, ..codes };
-    for (settings, total) in
-        [(free(300.0), 1), (free(302.0), 4), (ordered(7.0), 1), (ordered(8.0), 4)]
-    {
-        for (half, min, count) in [(3, 0, 1), (3, 0, 7), (12, -3, 9), (3, -2, 31)] {
-            let job = Job::new(waves(3, 31, half), min, count, settings.clone());
-            assert_eq!(job.bytes(), (1, total), "{job}");
-            job.check();
+    let bytes = Settings { bits: 1, window: 15, precision: Precision::Byte, ..codes };
+    let words = Settings { neighborhood: 5, window: 3, ..Settings::default() };
+    let limits = [(&bytes, 300.0, 1), (&words, 65_409.0, 2)];
+    for (settings, p2, width) in limits {
+        let unit = settings.window.pow(2) as f64;
+        // One step more, of which half is dropped from sums.
+        for (p1, width) in [(p2, width), (p2 + 2.0, 2 * width)] {
+            let penalty = Penalty { near: p1 / unit, far: p2 / unit };
+            for optimizer in [Optimizer::ScanlineOptimization, Optimizer::SemiGlobal] {
+                for (half, min, count) in [(3, 0, 1), (3, 0, 7), (12, -3, 9), (3, -2, 31)] {
+                    let settings = Settings { penalty, optimizer, ..settings.clone() };
+                    let job = Job::new(waves(17, 31, half), min, count, settings);
+                    assert_eq!(job.bytes(), width, "{job}");
+                    job.check();
+                }
+            }
         }
-    }
-}
-
-/// At the very limit of 32 bits and one column beyond it.
-#[test]
-fn totals_about_the_largest_word_are_exact() {
-    let settings = Settings {
-        neighborhood: 5,
-        frequencies: (2, 0),
-        bits: 4,
-        window: 63,
-        shiftable: false,
-        penalty: Penalty { near: LARGEST_PENALTY, far: LARGEST_PENALTY },
-        ..Settings::default()
-    };
-    for (cols, bytes) in [(12_812, (2, 4)), (12_813, (2, 8))] {
-        let job = Job::new(waves(1, cols, 6), 0, 2, settings.clone());
-        assert_eq!(job.bytes(), bytes);
-        job.check();
     }
 }
 
 #[test]
 fn few_votes_do_not_overflow_a_byte() {
-    for (optimizer, shiftable) in [
-        (Optimizer::Scanline(Rule::WinnerTakesAll), false),
-        (Optimizer::Scanline(Rule::DynamicProgramming), true),
-        (Optimizer::SemiGlobal, false),
-    ] {
+    for (optimizer, shiftable) in OPTIMIZERS.into_iter().zip([true, false, false, true]) {
         let settings = Settings {
             frequencies: (3, 2),
             bits: 1,
@@ -362,13 +319,13 @@ fn windows_larger_than_the_image_and_single_pixels() {
 fn nothing_valid_is_no_estimate_anywhere() {
     let job = Job::new(with_masks(shifted(5, 9, 1), 0), -2, 5, Settings::default());
     job.check();
-    let seen = job.run(how(2, None, levels()[0]));
+    let seen = job.run(how(2, levels()[0]));
     assert!(seen.disparity.into_iter().all(|bits| f32::from_bits(bits).is_nan()));
 }
 
 /// Jobs that leave the most in memory for the next: other sizes, costs, votes and integers.
 fn unlike_jobs() -> Vec<Job> {
-    let sizes = [(70, 3 * tile() + 1, 33), (3, 17, 16), (33, tile(), 9)];
+    let sizes = [(70, 3 * PANEL + 1, 33), (3, 17, 16), (33, PANEL, 9)];
     let every = settings_of_every_width().into_iter().zip(sizes.into_iter().cycle()).enumerate();
     every
         .map(|(i, ((settings, _), (rows, cols, count)))| {
@@ -382,7 +339,7 @@ fn unlike_jobs() -> Vec<Job> {
 
 #[test]
 fn a_matcher_forgets_any_job_before_any_other() {
-    let how = how(1, None, Level::best());
+    let how = how(1, Level::best());
     let jobs: Vec<_> = unlike_jobs().into_iter().map(|job| (job.run(how), job)).collect();
     for (_, before) in &jobs {
         let matcher = Matcher::new(1).expect("a thread starts");
@@ -395,7 +352,7 @@ fn a_matcher_forgets_any_job_before_any_other() {
 
 #[test]
 fn one_matcher_serves_several_threads_at_once() {
-    let how = how(2, Some(16), Level::best());
+    let how = how(2, Level::best());
     let jobs: Vec<_> = unlike_jobs().into_iter().map(|job| (job.run(how), job)).collect();
     let matcher = Matcher::new(2).expect("threads start");
     std::thread::scope(|scope| {
@@ -411,14 +368,15 @@ fn one_matcher_serves_several_threads_at_once() {
 }
 
 #[test]
-fn every_thread_count_and_strip_gives_the_same_bits() {
-    let job = Job::new(shifted(131, 67, 3), 0, 16, Settings::default());
-    let expected = job.expected();
-    for level in levels() {
-        for threads in 1..=8 {
-            for rows in [None, Some(1), Some(7), Some(33), Some(64), Some(usize::MAX)] {
-                let found = job.run(how(threads, rows, level));
-                assert!(found == expected, "{threads} threads, {rows:?} rows, {}", level.name());
+fn every_thread_count_gives_the_same_bits() {
+    for optimizer in OPTIMIZERS {
+        let settings = Settings { optimizer, ..Settings::default() };
+        let job = Job::new(shifted(131, 67, 3), 0, 16, settings);
+        let expected = job.expected();
+        for level in levels() {
+            for threads in 1..=8 {
+                let found = job.run(how(threads, level));
+                assert!(found == expected, "{threads} threads, {}: {job}", level.name());
             }
         }
     }
@@ -437,7 +395,7 @@ fn levels_that_this_machine_lacks_are_told() {
 #[test]
 fn a_shifted_image_is_found_again() {
     let job = Job::new(shifted(40, 80, 3), 0, 9, Settings::default());
-    let seen = job.run(how(2, None, Level::best()));
+    let seen = job.run(how(2, Level::best()));
     for (place, (bits, flags)) in seen.disparity.iter().zip(&seen.flags).enumerate() {
         assert!(place % 80 < 8 || *bits == 3f32.to_bits() && *flags == 0, "{place}");
     }
@@ -464,14 +422,14 @@ fn in_classes(count: usize, size: (usize, usize), tile: usize) -> Job {
 #[test]
 fn every_number_of_classes_in_tiles_of_any_size() {
     for (count, tile_side) in [(1, 9), (2, 40), (3, 7), (4, 33), (5, 16), (16, 3), (16, 1)] {
-        in_classes(count, (67, 2 * tile() + 9), tile_side).check();
+        in_classes(count, (67, 2 * PANEL + 9), tile_side).check();
     }
 }
 
 #[test]
 fn each_class_is_compared_in_its_own_version() {
     let job = in_classes(4, (64, 96), 32);
-    let seen = job.run(how(1, None, Level::best()));
+    let seen = job.run(how(1, Level::best()));
     let versions = job.pair.versions().expect("classes");
     // Within a tile, beyond the reach of the windows and of the left border.
     for (y, x) in (8..56).flat_map(|y| (40..90).map(move |x| (y, x))) {
@@ -493,7 +451,7 @@ fn classes_that_change_nothing_change_nothing() {
     let same = Versions::new(known, vec![[None, Some(moving(0))]; 3], labels, 16).expect("legal");
     let alike = Job { pair: job.pair.clone().with_versions(same), settings: job.settings.clone() };
     let plain = Job { pair: job.pair.with_versions(noise_alone(known)), settings: job.settings };
-    let how = how(1, None, Level::best());
+    let how = how(1, Level::best());
     assert!(alike.run(how) == plain.run(how));
 }
 
@@ -501,7 +459,7 @@ fn classes_that_change_nothing_change_nothing() {
 fn kernels_are_for_phase_codes() {
     let Job { pair, settings } = in_classes(2, (6, 30), 4);
     let settings = Settings { cost: CostKind::Sad, weak: 0.0, ..settings };
-    let how = how(1, None, Level::best());
+    let how = how(1, Level::best());
     let refused = run(&pair, &settings, how, &Control::default()).expect_err("refused");
     assert!(refused.to_string().starts_with("equalisation: got"), "{refused}");
 }
@@ -544,19 +502,19 @@ fn matches_by_default_are_those_of_the_naive_chain() {
     robust_jobs().iter().for_each(Job::check);
 }
 
-/// Wide enough that several threads share a band, and high enough for several bands.
+/// Wide enough for several panels, and high enough for several bands.
 #[test]
 fn matches_by_default_are_the_same_however_they_are_worked_out() {
     let wide = |views| equalised(Job::new(views, -2, 12, robust()));
-    let views = layered(70, 32 * 13);
+    let views = layered(150, 200);
     let jobs = robust_jobs().into_iter().chain([wide(views.clone()), wide(with_masks(views, 90))]);
-    let known: Vec<_> = jobs.map(|job| (job.run(how(1, None, levels()[0])), job)).collect();
+    let known: Vec<_> = jobs.map(|job| (job.run(how(1, levels()[0])), job)).collect();
     for threads in [1, 2, 4] {
         let matcher = Matcher::new(threads).expect("threads start");
         for level in levels() {
             // From the largest on, and the other way round.
             for (expected, job) in known.iter().rev().chain(&known) {
-                let found = job.run_with(&matcher, how(threads, Some(7), level));
+                let found = job.run_with(&matcher, how(threads, level));
                 assert!(found == *expected, "{threads} threads, {}: {job}", level.name());
             }
         }
@@ -564,7 +522,7 @@ fn matches_by_default_are_the_same_however_they_are_worked_out() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 100, ..ProptestConfig::with_cases(40) })]
+    #![proptest_config(random(40))]
 
     #[test]
     fn matches_by_default_but_for_refinement_are_those_of_the_naive_chain(
@@ -588,7 +546,7 @@ fn disparities(seen: &Seen) -> Vec<f32> {
 fn found_with(settings: Settings) -> Seen {
     let job = Job::new(with_masks(layered(60, 80), 97), -1, 12, settings);
     job.check();
-    job.run(how(2, None, Level::best()))
+    job.run(how(2, Level::best()))
 }
 
 #[test]
@@ -658,7 +616,7 @@ fn negative_disparities_are_found() {
     let [right, left] = shifted(60, 90, 5);
     let job = Job::new([left, right], -9, 9, robust());
     job.check();
-    let found = disparities(&job.run(how(1, None, Level::best())));
+    let found = disparities(&job.run(how(1, Level::best())));
     let inner = (10..50).flat_map(|y| (10..75).map(move |x| y * 90 + x));
     for place in inner {
         assert!((found[place] + 5.0).abs() < 0.5, "{place}: {}", found[place]);
@@ -668,7 +626,7 @@ fn negative_disparities_are_found() {
 #[test]
 fn a_cancelled_match_stops_and_the_matcher_goes_on() {
     let job = Job::new(shifted(200, 120, 3), 0, 60, Settings::default());
-    let how = how(2, Some(1), Level::best());
+    let how = how(2, Level::best());
     let expected = job.run(how);
     let matcher = Matcher::new(2).expect("threads start");
     let cancelled = Control::default();
@@ -706,7 +664,7 @@ fn threads_are_counted() {
 fn settings_out_of_range_are_refused() {
     let job = Job::new(shifted(2, 3, 1), 0, 1, Settings::default());
     let settings = Settings { window: 65, ..Settings::default() };
-    let how = how(1, None, Level::best());
+    let how = how(1, Level::best());
     let refused = run(&job.pair, &settings, how, &Control::default()).expect_err("refused");
     assert!(refused.to_string().starts_with("window: got 65"), "{refused}");
 }

@@ -4,8 +4,8 @@ use std::array::from_fn;
 
 mod common;
 
-use common::levels;
 use common::maps::{bits, drawn, maps, row};
+use common::{levels, random};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
 use phasestereo::median::{NONE, disparity, key, median9, median25, smooth};
@@ -26,6 +26,8 @@ fn middle(numbers: &[i8], lane: usize) -> i32 {
 }
 
 proptest! {
+    #![proptest_config(random(256))]
+
     #[test]
     fn maps_are_smoothed_like_by_the_twin(map in maps()) {
         prop_assert_eq!(bits(&smoothed(&map.disparity)), bits(&reference::smooth(&map.disparity)));

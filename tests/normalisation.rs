@@ -2,13 +2,15 @@
 
 mod common;
 
-use common::{noise, volumes};
+use common::{noise, random, volumes};
 use phasestereo::control::Control;
 use phasestereo::normalisation::normalise;
 use phasestereo::reference;
 use proptest::prelude::*;
 
 proptest! {
+    #![proptest_config(random(256))]
+
     #[test]
     fn normalisation_equals_its_definition(plane in volumes(7, 6, 1, 12_240), radius in 0usize..=9) {
         let window = 2 * radius + 1;

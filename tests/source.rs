@@ -3,7 +3,7 @@
 mod common;
 
 use common::parts::Slow;
-use common::{hash, levels, mask};
+use common::{hash, levels, mask, random};
 use ndarray::Array3;
 use phasestereo::blur::{Blur, Estimate, estimate, estimate_by_rows};
 use phasestereo::control::Control;
@@ -100,7 +100,7 @@ fn with_masks([left, right]: [View; 2], percent: u64) -> [View; 2] {
 }
 
 fn how(threads: usize, level: Level) -> Execution {
-    Execution { threads, strip_rows: None, level }
+    Execution { threads, level }
 }
 
 /// What is known of a pair in memory, or read by so many rows.
@@ -282,7 +282,7 @@ fn check_scales(pair: &Pair, most_rows: usize) -> std::result::Result<(), TestCa
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 300, ..ProptestConfig::with_cases(100) })]
+    #![proptest_config(random(100))]
 
     #[test]
     fn ranges_and_roughness_are_those_of_the_whole(

@@ -3,7 +3,7 @@
 mod common;
 
 use common::maps::{Map, maps};
-use common::{at_every_level, levels};
+use common::{at_every_level, levels, random};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
 use phasestereo::matcher::on_threads;
@@ -34,6 +34,8 @@ fn speckles(drawn: &[&str], how: (usize, f32)) -> Vec<String> {
 }
 
 proptest! {
+    #![proptest_config(random(256))]
+
     #[test]
     fn speckles_are_those_of_the_twin(
         map in maps(),

@@ -100,6 +100,8 @@ def _put_blur(told: BlurEstimate, plain: Plain, arrays: Arrays) -> None:
     plain["blur"] = {name: getattr(told, name) for name in _ESTIMATE}
     plain["blurs"] = [{name: getattr(blur, name) for name in _KIND} for blur in told.blurs]
     arrays["blur_labels"] = told.labels
+    if told.glance is not None:
+        arrays["blur_places"], arrays["blur_excess"] = told.glance
     for number, blur in enumerate(told.blurs):
         if blur.psf is not None:
             arrays[f"psf_{number}"] = blur.psf
@@ -109,7 +111,9 @@ def _blur(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> BlurEstimate:
     kinds = enumerate(plain["blurs"])
     blurs = tuple(Blur(**told, psf=arrays.get(f"psf_{number}")) for number, told in kinds)
     told = plain["blur"] | {"noise": tuple(plain["blur"]["noise"])}
-    return BlurEstimate(blurs=blurs, labels=arrays["blur_labels"], **told)
+    seen = "blur_places" in arrays
+    glance = (arrays["blur_places"], arrays["blur_excess"]) if seen else None
+    return BlurEstimate(blurs=blurs, labels=arrays["blur_labels"], glance=glance, **told)
 
 
 def _integer(name: str, plain: Plain) -> int:

@@ -8,14 +8,13 @@ use phasestereo::consistency::Choices;
 use phasestereo::control::Control;
 use phasestereo::convolution::Kernel;
 use phasestereo::cost::Costs;
-use phasestereo::evidence::NONE;
+use phasestereo::evidence::{Found, NONE};
 use phasestereo::intensity::Gray;
 use phasestereo::matcher::{Disparity, Pair};
+use phasestereo::optimization::Steps;
 use phasestereo::plane::Plane;
-use phasestereo::reference::{self, Found};
+use phasestereo::reference;
 use phasestereo::refinement::{Margin, flag};
-use phasestereo::scanline::Steps;
-use phasestereo::semiglobal::PATHS;
 use phasestereo::settings::{CostKind, Optimizer, Settings};
 use phasestereo::texture::Texture;
 use phasestereo::versions::{MOST_CLASSES, Versions};
@@ -146,9 +145,10 @@ pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
     let found = found(pair, settings);
     let draft = drafted(pair, settings, &found);
     let texture = Texture::new(gray(pair.views()[0]));
+    let unit = unit(pair, settings);
     let votes = found.map(|found| {
         let elsewhere = (found.elsewhere != NONE).then_some(found.elsewhere.into());
-        vote(Margin { own: found.own.into(), elsewhere }, unit(pair, settings))
+        vote(Margin { own: found.own.into(), elsewhere }, unit)
     });
     let (disparity, mut flags) = refined(draft, &texture.gray, settings);
     let confidences =
@@ -172,27 +172,45 @@ pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
 
 /// What is known of the candidate chosen for each pixel.
 fn found(pair: &Pair, settings: &Settings) -> Plane<Found> {
-    let (candidates, count) = (pair.candidates(), pair.candidates().count());
+    let candidates = pair.candidates();
     let (window, steps) = scale(pair, settings);
     let votes = votes(pair.views(), candidates);
     let costs = costs(pair.views(), candidates, settings, pair.versions());
     let costs = reference::aggregate(&costs, &votes, window);
-    let of_pixel = |x: usize| x * count..(x + 1) * count;
-    match settings.optimizer {
-        Optimizer::Scanline(rule) => {
-            let row = |y| reference::optimize(costs.row(y), count, rule, steps);
-            let chosen: Vec<_> = (0..window.rows).map(row).collect();
-            Plane::from_fn(window.rows, window.cols, |y, x| {
+    let gray = gray(pair.views()[0]);
+    let edges = (settings.edges > 0.0).then(|| reference::edges(&gray, settings.edges));
+    optimized(&costs, candidates.count(), settings.optimizer, steps, edges.as_ref())
+}
+
+/// What is found by aggregated costs; `edges` are those of [`reference::edges`].
+pub fn optimized(
+    costs: &Plane<u32>,
+    candidates: usize,
+    optimizer: Optimizer,
+    steps: Steps,
+    edges: Option<&Plane<u8>>,
+) -> Plane<Found> {
+    let (rows, cols) = (costs.rows(), costs.cols() / candidates);
+    let of_pixel = |x: usize| x * candidates..(x + 1) * candidates;
+    let by_sums = |sums: &Plane<u64>, costs: &Plane<u32>| {
+        Plane::from_fn(rows, cols, |y, x| {
+            reference::select(&sums.row(y)[of_pixel(x)], &costs.row(y)[of_pixel(x)])
+        })
+    };
+    match optimizer {
+        Optimizer::DynamicProgramming => {
+            let row = |y| reference::in_order(costs.row(y), candidates, steps);
+            let chosen: Vec<_> = (0..rows).map(row).collect();
+            Plane::from_fn(rows, cols, |y, x| {
                 reference::margin(chosen[y][x], &costs.row(y)[of_pixel(x)])
             })
         }
+        Optimizer::ScanlineOptimization => {
+            by_sums(&reference::scanline_optimization(costs, candidates, steps, edges), costs)
+        }
+        Optimizer::WinnerTakesAll => by_sums(&costs.map(|&cost| cost.into()), &costs.map(|_| 0)),
         Optimizer::SemiGlobal => {
-            let gray = gray(pair.views()[0]);
-            let edges = (settings.edges > 0.0).then(|| reference::edges(&gray, settings.edges));
-            let sums = reference::semi_global(&costs, count, steps, edges.as_ref());
-            Plane::from_fn(window.rows, window.cols, |y, x| {
-                reference::select(&sums.row(y)[of_pixel(x)], &costs.row(y)[of_pixel(x)])
-            })
+            by_sums(&reference::semi_global(costs, candidates, steps, edges), costs)
         }
     }
 }
@@ -200,8 +218,7 @@ fn found(pair: &Pair, settings: &Settings) -> Plane<Found> {
 /// What one unit of the mean cost is in the costs that decide.
 fn unit(pair: &Pair, settings: &Settings) -> f32 {
     let (window, steps) = window(pair, settings);
-    let paths = if settings.optimizer == Optimizer::SemiGlobal { PATHS } else { 1 };
-    (window.unit(steps) * f64::from(paths)) as f32
+    window.unit(steps) as f32
 }
 
 /// Disparities and flags, of each row by itself.
