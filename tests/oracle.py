@@ -291,9 +291,18 @@ def votes(left_mask: Bools, right_mask: Bools, min_disparity: int, num_dispariti
     return np.stack([left_mask & right_mask[:, x] for x in columns.T], axis=-1)
 
 
-def dropped_bits(window: int, ceiling: int) -> int:
-    """Return the least n for which window * (window * ceiling >> n) is at most 170."""
-    return next(n for n in range(64) if window * (window * ceiling >> n) <= 170)
+def dropped_bits(window: int, ceiling: int, far: float = 0.0) -> int:
+    """Return the least n for which window * (window * ceiling >> n) is at most 170.
+
+    One more where that, and a jump that costs far in each pixel of the window, fit a byte only so.
+    """
+
+    def largest(n: int) -> int:
+        return window * (window * ceiling >> n)
+
+    least = next(n for n in range(64) if largest(n) <= 170)
+    fits = [largest(n) + window_penalty(far, window, n) <= 255 for n in (least, least + 1)]
+    return least + (fits == [False, True])
 
 
 def box_sum(values: NDArray[Any], window: int, dropped: int = 0) -> NDArray[Any]:

@@ -77,7 +77,7 @@ def test_the_rest_of_a_match_is_as_ever(optimizer: Any, precision: Any) -> None:
         precision=precision,
     )
     costs = costs_by_class(LEFT, RIGHT, weak=1.0, noise=(1.5, 4.0)).astype(np.int64)
-    dropped = oracle.dropped_bits(9, 28) if precision == "byte" else 0
+    dropped = oracle.dropped_bits(9, 28, 2) if precision == "byte" else 0
     volume = oracle.aggregate(costs, 9, shiftable=True, dropped=dropped)
     penalty = oracle.window_penalty(2, 9, dropped)
     chosen = {

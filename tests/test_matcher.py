@@ -88,7 +88,9 @@ def test_codes_to_disparities_equal_the_oracle(
     levels = [decoded(ps.descriptor(image, bits=bits), 7, bits) for image in (left, right)]
     costs = oracle.phase_costs(levels[0], levels[1], low, count, bits)
     # Seven components, each of which differs by half the number of levels at most.
-    dropped = oracle.dropped_bits(window, 7 * 2 ** (bits - 1)) if precision == "byte" else 0
+    far = penalty[1] if isinstance(penalty, tuple) else penalty
+    byte = precision == "byte"
+    dropped = oracle.dropped_bits(window, 7 * 2 ** (bits - 1), far) if byte else 0
     volume = oracle.aggregate(costs, window, shiftable=shiftable, dropped=dropped)
     both = penalty if isinstance(penalty, tuple) else (penalty, penalty)
     near, far = (oracle.window_penalty(each, window, dropped) for each in both)
@@ -113,16 +115,17 @@ def test_fast_with_masks_equals_the_oracle() -> None:
     left, right = noise_pair(24, 40, 3)
     masks = [rng.random((24, 40)) > 0.3 for _ in range(2)]
     masks[0][:12, :20] = False
+    fast = replace(ps.PRESETS["fast"], edges=0, median=0)
     result = ps.match(
-        left, right, num_disparities=7, preset="fast", left_mask=masks[0], right_mask=masks[1]
+        left, right, num_disparities=7, settings=fast, left_mask=masks[0], right_mask=masks[1]
     )
-    fast = ps.PRESETS["fast"]
     codes = [
         decoded(ps.descriptor(image, mask=mask, settings=fast), 4, fast.bits)
         for image, mask in zip((left, right), masks, strict=True)
     ]
     voting = oracle.votes(masks[0], masks[1], 0, 7)
-    dropped = oracle.dropped_bits(fast.window, 8)
+    assert isinstance(fast.penalty, tuple)
+    dropped = oracle.dropped_bits(fast.window, 8, fast.penalty[1])
     volume = oracle.aggregate(
         oracle.phase_costs(codes[0], codes[1], 0, 7, fast.bits),
         fast.window,
@@ -131,7 +134,6 @@ def test_fast_with_masks_equals_the_oracle() -> None:
         ceiling=8,
         dropped=dropped,
     )
-    assert isinstance(fast.penalty, tuple)
     near, far = (oracle.window_penalty(each, fast.window, dropped) for each in fast.penalty)
     chosen = oracle.free_scanline(volume, near, far)
     expected = np.where(voting.any(axis=2), chosen, np.nan)

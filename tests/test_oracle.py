@@ -414,6 +414,12 @@ def test_a_byte_holds_what_is_left_of_a_window() -> None:
     assert [oracle.dropped_bits(*case) for case in cases] == [2, 1, 10, 0]
 
 
+def test_a_byte_holds_the_cost_of_a_jump_if_one_bit_is_enough() -> None:
+    """162 + 93 = 255; 162 + 94 exceed it, 81 + 47 do not; 81 + 174 = 255 and 81 + 175."""
+    cases = [(4.59, 2), (4.64, 3), (17.18, 3), (17.3, 2)]
+    assert [oracle.dropped_bits(9, 8, far) for far, _ in cases] == [bits for _, bits in cases]
+
+
 def test_bits_are_dropped_from_the_sum_of_each_column() -> None:
     """Columns of the middle: 12, 15, 18, without their lowest bit 6, 7, 9."""
     assert oracle.box_sum(NINE, 3, 1)[1, 1, 0] == 22

@@ -290,7 +290,8 @@ def test_a_band_that_is_missing_is_matched_alone(
     kept = blocks()
     with pytest.raises(EndingError):
         match(preset=preset, band_rows=40, progress=end_after(4))
-    assert blocks().keys() - kept.keys() == {"tile0000-rows00000032-00000040.npz"}
+    (added,) = blocks().keys() - kept.keys()
+    assert added.startswith("tile0000-rows00000032-00000040")
     report = match(preset=preset, band_rows=7)
     assert (report.plan.bands, report.plan.finished) == (9 + 8, 4)
     whole = ps.match(*pair, num_disparities=COUNT, preset=preset)

@@ -45,7 +45,9 @@ def volume_of(
         levels = [decoded(code, components, settings.bits) for code in codes]
         costs = oracle.phase_costs(levels[0], levels[1], *search, settings.bits)
     byte = settings.precision == "byte"
-    dropped = oracle.dropped_bits(settings.window, ceiling) if byte else 0
+    both = settings.penalty
+    far = both[1] if isinstance(both, tuple) else both
+    dropped = oracle.dropped_bits(settings.window, ceiling, far) if byte else 0
     volume = oracle.aggregate(
         costs,
         settings.window,

@@ -33,8 +33,8 @@ def test_fast_fits_bytes_from_costs_to_paths() -> None:
     r, s = fast.frequencies
     ceiling = (r * (2 * s + 1) + s) * 2 ** (fast.bits - 1)
     assert fast.window * ceiling <= 255
-    dropped = oracle.dropped_bits(fast.window, ceiling)
     assert isinstance(fast.penalty, tuple)
+    dropped = oracle.dropped_bits(fast.window, ceiling, max(fast.penalty))
     far = oracle.window_penalty(max(fast.penalty), fast.window, dropped)
     assert fast.window * (fast.window * ceiling >> dropped) + far <= 255
 

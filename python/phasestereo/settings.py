@@ -61,8 +61,8 @@ class Settings:
         bits that each fits a byte, which is nearly twice as fast: from the sum of each column of
         the window the lowest n bits are dropped, the least n for which
         window * (window * ceiling >> n) <= 170, the ceiling being the largest cost of one pixel;
-        so totals fit a byte, too, unless penalties are large.
-        Default ``"full"``.
+        one more where only so the largest sum and the far penalty together fit a byte. So totals
+        fit one, too, unless penalties are large. Default ``"full"``.
     optimizer
         How a row of costs becomes a row of disparities. Default ``"dp"``.
 
