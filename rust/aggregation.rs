@@ -247,13 +247,13 @@ impl<V: Value> Aggregate<'_, V> {
                 let beside = [left, right, &above[place..], &below[place..]];
                 let beside = beside.map(|sums| &sums[..chunks]);
                 for (run, out) in out.iter_mut().enumerate() {
-                    let mut least = row(y)[place + run];
+                    let mut best = row(y)[place + run];
                     for sums in beside {
                         for j in 0..LANES {
-                            least[j] = least[j].min(sums[run][j]);
+                            best[j] = best[j].min(sums[run][j]);
                         }
                     }
-                    *out = least;
+                    *out = best;
                 }
             }
             fill_up(out, window.candidates);
@@ -422,7 +422,13 @@ pub fn aggregate(
         let (mut aggregator, mut lanes) = (Aggregator::<u32>::default(), Memory::default());
         let rows = index * ROWS..((index + 1) * ROWS).min(rows);
         lanes.room(rows.len() * cols * costs.chunks())?;
-        aggregator.aggregate(&costs, window, Block { rows, columns: 0..cols }, level, &mut lanes)?;
+        aggregator.aggregate(
+            &costs,
+            window,
+            Block { rows, columns: 0..cols },
+            level,
+            &mut lanes,
+        )?;
         let pixels = lanes.as_flattened().chunks_exact(costs.chunks() * LANES);
         for (aggregated, lanes) in aggregated.chunks_exact_mut(candidates).zip(pixels) {
             aggregated.copy_from_slice(&lanes[..candidates]);

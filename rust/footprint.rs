@@ -9,7 +9,7 @@ use crate::intensity::{LEVEL_CEILING, LEVEL_STEPS};
 use crate::matcher::Width;
 use crate::normalisation::{DEVIATION_CEILING, DEVIATION_STEPS};
 use crate::optimization::selection::PIXELS;
-use crate::optimization::{BAND, LOOK_ROWS, PANEL, Steps};
+use crate::optimization::{BAND, LOOK_ROWS, ORDERED_ROWS, PANEL, Steps};
 use crate::reach::Reach;
 use crate::settings::{CostKind, Optimizer, Settings};
 use crate::texture::Texture;
@@ -18,8 +18,6 @@ use crate::versions::Versions;
 
 /// Most channels of an image.
 const CHANNELS: usize = 3;
-/// Rows of costs that dynamic programming has at hand.
-const ORDERED_ROWS: usize = 16;
 /// Bytes of what is found of a pixel: chosen candidate, two costs, offset.
 const FOUND: usize = 14;
 /// Bytes of a pixel of the map: disparity, flags, vote.

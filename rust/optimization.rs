@@ -53,6 +53,9 @@ pub const PANEL: usize = 64;
 /// Columns right of a panel from where its paths from the right come.
 pub const LOOK_COLUMNS: usize = 32;
 
+/// Rows whose costs are at hand together for dynamic programming along each.
+pub const ORDERED_ROWS: usize = 16;
+
 /// The largest penalty: more than any cost of a window, so that a path is free to jump only where that is of use.
 pub const LARGEST_STEP: u64 = 1 << 28;
 
@@ -105,8 +108,12 @@ pub struct Search<'a> {
 /// Where aggregated costs come from.
 pub trait Source<T>: Sync {
     /// Writes those of a block, row by row, all candidates of one pixel after another.
-    fn write(&self, aggregator: &mut Aggregator<T>, block: Block, out: &mut [Lanes<T>])
-    -> Result<()>;
+    fn write(
+        &self,
+        aggregator: &mut Aggregator<T>,
+        block: Block,
+        out: &mut [Lanes<T>],
+    ) -> Result<()>;
 }
 
 /// The aggregated costs of a pair.
@@ -325,9 +332,6 @@ impl Search<'_> {
         Ok(())
     }
 }
-
-/// Rows whose costs are at hand together for dynamic programming.
-const ORDERED_ROWS: usize = 16;
 
 /// The best candidates of a block by totals of paths, which are lost, or by costs alone.
 struct Select<'a, T> {

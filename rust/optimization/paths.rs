@@ -21,8 +21,8 @@ use crate::edges::{Edges, Neighbor};
 use crate::error::Result;
 use crate::evidence::Evidence;
 use crate::memory::Memory;
-use crate::optimization::selection::{Minimum, PIXELS, Selection};
 use crate::optimization::Steps;
+use crate::optimization::selection::{Minimum, PIXELS, Selection};
 use crate::simd::Kernel;
 use crate::value::{LANES, Lanes, Value, least_lane};
 
@@ -189,8 +189,8 @@ struct Mean<'a, T>(&'a mut [Lanes<T>]);
 impl<T: Value> Sink<T> for Mean<'_, T> {
     #[inline(always)]
     fn take(&mut self, run: usize, totals: Lanes<T>) {
-        for j in 0..LANES {
-            self.0[run][j] = self.0[run][j].mean(totals[j]);
+        for (mean, total) in self.0[run].iter_mut().zip(totals) {
+            *mean = mean.mean(total);
         }
     }
 }
@@ -297,14 +297,14 @@ impl<T: Value> Across<'_, T> {
         let rows = self.panel.block.rows.clone();
         for first in rows.clone().step_by(ROWS) {
             let group = first..(first + ROWS).min(rows.end);
-            self.from_right(group.clone(), runs);
-            self.from_left(group, runs);
+            self.leftward(group.clone(), runs);
+            self.rightward(group, runs);
         }
     }
 
-    /// Paths from the right along a few rows.
+    /// Paths from the right, which go left, along a few rows.
     #[inline(always)]
-    fn from_right(&mut self, rows: Range<usize>, runs: usize) {
+    fn leftward(&mut self, rows: Range<usize>, runs: usize) {
         let Self { horizontal: Horizontal { paths, means, .. }, panel, terrain, start } = self;
         let (Block { rows: all, columns }, seen) = (&panel.block, panel.seen.start);
         let (costs, (beyond, width_beyond)) = (panel.costs, panel.beyond);
@@ -320,7 +320,8 @@ impl<T: Value> Across<'_, T> {
         for x in (columns.end..*start).rev() {
             let mut parts = paths.parts();
             for (path, y) in rows.clone().enumerate() {
-                let costs = &row_of(beyond, y - seen, width_beyond * runs)[(x - columns.end) * runs..];
+                let costs =
+                    &row_of(beyond, y - seen, width_beyond * runs)[(x - columns.end) * runs..];
                 let penalties = terrain.after(Neighbor::Left.jump(edges[path][(x + 1).min(last)]));
                 parts.extend(path, penalties, costs, runs, &mut Nowhere);
             }
@@ -339,9 +340,9 @@ impl<T: Value> Across<'_, T> {
         }
     }
 
-    /// Paths from the left along a few rows, from where they were at the end of the panel before.
+    /// Paths from the left, which go right, along a few rows, from where they were at the end of the panel before.
     #[inline(always)]
-    fn from_left(&mut self, rows: Range<usize>, runs: usize) {
+    fn rightward(&mut self, rows: Range<usize>, runs: usize) {
         let Self { horizontal, panel, terrain, .. } = self;
         let Horizontal { paths, left, least, means } = &mut **horizontal;
         let (Block { rows: all, columns }, seen) = (&panel.block, panel.seen.start);
