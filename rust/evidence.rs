@@ -40,20 +40,27 @@ pub struct EvidenceRow<'a> {
 }
 
 impl Evidence {
-    /// Begins a band.
-    pub fn begin(&mut self, rows: usize, cols: usize) -> Result<()> {
+    /// Begins a band; unless it is weighed, the chosen candidates are all that is known of it.
+    pub fn begin(&mut self, rows: usize, cols: usize, is_weighed: bool) -> Result<()> {
         self.cols = cols;
         self.chosen.room(rows * cols)?;
-        self.own.room(rows * cols)?;
-        self.elsewhere.room(rows * cols)?;
-        self.offset.room(rows * cols)
+        let weighed = if is_weighed { rows * cols } else { 0 };
+        self.own.room(weighed)?;
+        self.elsewhere.room(weighed)?;
+        self.offset.room(weighed)
     }
 
-    /// Writes what was found of neighboring pixels of a row, from column `first` on.
+    /// Writes which candidates were chosen for neighboring pixels of a row, from column `first` on.
+    #[inline(always)]
+    pub fn choose(&mut self, row: usize, first: usize, chosen: &[u16]) {
+        self.chosen[row * self.cols + first..][..chosen.len()].copy_from_slice(chosen);
+    }
+
+    /// Writes what was found of neighboring pixels of a row that is weighed, from column `first` on.
     #[inline(always)]
     pub fn set(&mut self, row: usize, first: usize, found: EvidenceRow) {
         let places = row * self.cols + first..row * self.cols + first + found.chosen.len();
-        self.chosen[places.clone()].copy_from_slice(found.chosen);
+        self.choose(row, first, found.chosen);
         self.own[places.clone()].copy_from_slice(found.own);
         self.elsewhere[places.clone()].copy_from_slice(found.elsewhere);
         self.offset[places].copy_from_slice(found.offset);
@@ -62,11 +69,12 @@ impl Evidence {
     /// What was found of a row.
     pub fn row(&self, row: usize) -> EvidenceRow<'_> {
         let places = row * self.cols..(row + 1) * self.cols;
+        let weighed = if self.own.is_empty() { 0..0 } else { places.clone() };
         EvidenceRow {
-            chosen: &self.chosen[places.clone()],
-            own: &self.own[places.clone()],
-            elsewhere: &self.elsewhere[places.clone()],
-            offset: &self.offset[places],
+            chosen: &self.chosen[places],
+            own: &self.own[weighed.clone()],
+            elsewhere: &self.elsewhere[weighed.clone()],
+            offset: &self.offset[weighed],
         }
     }
 }

@@ -51,7 +51,7 @@ pub const LOOK_ROWS: usize = 16;
 /// Columns of a panel.
 pub const PANEL: usize = 64;
 /// Columns right of a panel from where its paths from the right come.
-pub const LOOK_COLUMNS: usize = 32;
+pub const LOOK_COLUMNS: usize = 16;
 
 /// Rows whose costs are at hand together for dynamic programming along each.
 pub const ORDERED_ROWS: usize = 16;
@@ -213,7 +213,8 @@ impl Search<'_> {
         source: &impl Source<T>,
         workspace: &'w mut Workspace<T>,
     ) -> Result<&'w Evidence> {
-        workspace.evidence.begin(rows.len(), self.size.1)?;
+        let is_weighed = self.weighs || self.optimizer == Optimizer::SemiGlobal;
+        workspace.evidence.begin(rows.len(), self.size.1, is_weighed)?;
         match self.optimizer {
             Optimizer::DynamicProgramming => self.in_order(rows, source, workspace)?,
             Optimizer::WinnerTakesAll => self.singly(rows, source, workspace)?,
@@ -361,8 +362,10 @@ impl<T: Value> Kernel for Select<'_, T> {
                 if search.weighs {
                     let costs = costs.map(|costs| &costs[place..][..pixels * runs]);
                     selection.weigh(totals, costs, (pixels, search.candidates, runs));
+                    selection.write(pixels, evidence, (row, first));
+                } else {
+                    evidence.choose(row, first, selection.chosen(pixels));
                 }
-                selection.write(pixels, evidence, (row, first));
             }
         }
     }
@@ -383,6 +386,9 @@ impl<T: Value> Kernel for Weigh<'_, T> {
     #[inline(always)]
     fn run(self) {
         let Self { search, row, chosen, costs, evidence } = self;
+        if !search.weighs {
+            return evidence.choose(row, 0, chosen);
+        }
         let (runs, mut selection) = (search.runs(), Selection::default());
         let some = chosen.chunks(PIXELS).zip(costs.chunks_mut(PIXELS * runs));
         for (first, (chosen, costs)) in (0..).step_by(PIXELS).zip(some) {

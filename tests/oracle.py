@@ -421,7 +421,7 @@ def followed(cost: Ints, came_from: Ints) -> Ints:
 BAND, PANEL = 64, 64
 """Rows of a band and columns of a panel."""
 
-LOOK_ROWS, LOOK_COLUMNS = 16, 32
+LOOK_ROWS, LOOK_COLUMNS = 16, 16
 """Rows outside a band from where paths come up and down, columns right of a panel likewise."""
 
 

@@ -200,7 +200,7 @@ def test_matches_equal_the_oracle(
 def test_robust_equals_the_oracle_over_several_bands_and_panels(
     shape: tuple[int, ...], *, masked: bool
 ) -> None:
-    """Paths begin 16 rows outside bands of 64 and 32 columns right of panels of 64."""
+    """Paths begin 16 rows outside bands of 64 and 16 columns right of panels of 64."""
     masks = random_masks(3, (shape[0], shape[1])) if masked else None
     result = assert_equals_the_oracle(two_surfaces(3, shape), ROBUST, (0, 7), masks)
     kinds = ps.Flag.OUTSIDE, ps.Flag.FILLED, ps.Flag.OCCLUDED | ps.Flag.MISMATCHED

@@ -42,7 +42,7 @@ def optimize(
         such paths, from the left, the right, above and below (Hirschmüller, *Stereo Processing by
         Semiglobal Matching and Mutual Information*, PAMI 2008). ``"wta"``: the least cost of each
         pixel by itself. Equal means and costs go to the smallest index. Paths from the right begin
-        32 columns beyond each panel of 64 columns, those from above and below 16 rows outside each
+        16 columns beyond each panel of 64 columns, those from above and below 16 rows outside each
         band of 64 rows.
 
     Returns

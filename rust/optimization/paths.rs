@@ -306,23 +306,27 @@ impl<T: Value> Across<'_, T> {
     #[inline(always)]
     fn leftward(&mut self, rows: Range<usize>, runs: usize) {
         let Self { horizontal: Horizontal { paths, means, .. }, panel, terrain, start } = self;
-        let (Block { rows: all, columns }, seen) = (&panel.block, panel.seen.start);
-        let (costs, (beyond, width_beyond)) = (panel.costs, panel.beyond);
-        let (means, width) = (&mut means[..], columns.len() * runs);
-        // Before its first pixel all totals of a path are 0, whatever the penalties.
-        let last = *start - 1;
-        let mut edges: [&[u8]; ROWS] = [&[]; ROWS];
-        for (edges, y) in edges.iter_mut().zip(rows.clone()) {
-            *edges = terrain.edges.row(y);
+        let (Block { rows: all, columns }, (beyond, width_beyond)) = (&panel.block, panel.beyond);
+        let width = columns.len() * runs;
+        let mut near = Rows::of(panel.costs, rows.clone(), panel.seen.start, width);
+        let far = Rows::of(beyond, rows.clone(), panel.seen.start, width_beyond * runs);
+        for (edges, y) in near.edges.iter_mut().zip(rows.clone()) {
+            // From the column on that a path comes to a pixel from: `edges[x + 1]` is between `x` and `x + 1`.
+            *edges = &terrain.edges.row(y)[columns.start + 1..*start];
         }
+        let means = rows_mut(means, rows.start - all.start, width);
+        // Before its first pixel all totals of a path are 0, whatever the penalties.
+        let jump = |edges: &[u8], x: usize| {
+            edges.get(x - columns.start).map_or(0, |edges| Neighbor::Left.jump(*edges))
+        };
 
         paths.restart(runs);
         for x in (columns.end..*start).rev() {
+            let place = (x - columns.end) * runs;
             let mut parts = paths.parts();
-            for (path, y) in rows.clone().enumerate() {
-                let costs =
-                    &row_of(beyond, y - seen, width_beyond * runs)[(x - columns.end) * runs..];
-                let penalties = terrain.after(Neighbor::Left.jump(edges[path][(x + 1).min(last)]));
+            for path in 0..rows.len() {
+                let penalties = terrain.after(jump(near.edges[path], x));
+                let costs = &far.costs[path][place..place + runs];
                 parts.extend(path, penalties, costs, runs, &mut Nowhere);
             }
             paths.arrive(ROWS);
@@ -330,10 +334,10 @@ impl<T: Value> Across<'_, T> {
         for x in columns.clone().rev() {
             let place = (x - columns.start) * runs;
             let mut parts = paths.parts();
-            for (path, y) in rows.clone().enumerate() {
-                let costs = &row_of(costs, y - seen, width)[place..];
-                let mut sink = Write(&mut row_of_mut(means, y - all.start, width)[place..][..runs]);
-                let penalties = terrain.after(Neighbor::Left.jump(edges[path][(x + 1).min(last)]));
+            for path in 0..rows.len() {
+                let penalties = terrain.after(jump(near.edges[path], x));
+                let costs = &near.costs[path][place..place + runs];
+                let mut sink = Write(&mut means[path][place..place + runs]);
                 parts.extend(path, penalties, costs, runs, &mut sink);
             }
             paths.arrive(ROWS);
@@ -345,22 +349,23 @@ impl<T: Value> Across<'_, T> {
     fn rightward(&mut self, rows: Range<usize>, runs: usize) {
         let Self { horizontal, panel, terrain, .. } = self;
         let Horizontal { paths, left, least, means } = &mut **horizontal;
-        let (Block { rows: all, columns }, seen) = (&panel.block, panel.seen.start);
-        let (costs, means, width) = (panel.costs, &mut means[..], columns.len() * runs);
-        let mut edges: [&[u8]; ROWS] = [&[]; ROWS];
+        let Block { rows: all, columns } = &panel.block;
+        let width = columns.len() * runs;
+        let mut near = Rows::of(panel.costs, rows.clone(), panel.seen.start, width);
+        let means = rows_mut(means, rows.start - all.start, width);
         for (path, y) in rows.clone().enumerate() {
-            edges[path] = terrain.edges.row(y);
+            near.edges[path] = &terrain.edges.row(y)[columns.clone()];
             let totals = &mut paths.before[path * span(runs) + LANES..][..runs * LANES];
             totals.copy_from_slice(row_of(left, y - all.start, runs * LANES));
             paths.least[path] = least[y - all.start];
         }
-        for x in columns.clone() {
-            let place = (x - columns.start) * runs;
+        for x in 0..columns.len() {
+            let places = x * runs..(x + 1) * runs;
             let mut parts = paths.parts();
-            for (path, y) in rows.clone().enumerate() {
-                let costs = &row_of(costs, y - seen, width)[place..];
-                let mut sink = Mean(&mut row_of_mut(means, y - all.start, width)[place..][..runs]);
-                let penalties = terrain.after(Neighbor::Left.jump(edges[path][x]));
+            for path in 0..rows.len() {
+                let penalties = terrain.after(Neighbor::Left.jump(near.edges[path][x]));
+                let costs = &near.costs[path][places.clone()];
+                let mut sink = Mean(&mut means[path][places.clone()]);
                 parts.extend(path, penalties, costs, runs, &mut sink);
             }
             paths.arrive(ROWS);
@@ -371,6 +376,35 @@ impl<T: Value> Across<'_, T> {
             least[y - all.start] = paths.least[path];
         }
     }
+}
+
+/// Costs and jumps along the rows of a few paths.
+struct Rows<'a, T> {
+    costs: [&'a [Lanes<T>]; ROWS],
+    edges: [&'a [u8]; ROWS],
+}
+
+impl<'a, T> Rows<'a, T> {
+    /// Those of some rows of values that begin with row `first`.
+    #[inline(always)]
+    fn of(costs: &'a [Lanes<T>], rows: Range<usize>, first: usize, width: usize) -> Self {
+        let mut found = Self { costs: [&[]; ROWS], edges: [&[]; ROWS] };
+        for (row, y) in found.costs.iter_mut().zip(rows) {
+            *row = row_of(costs, y - first, width);
+        }
+        found
+    }
+}
+
+/// A few rows of values, from row `first` on.
+#[inline(always)]
+fn rows_mut<V>(values: &mut [V], first: usize, width: usize) -> [&mut [V]; ROWS] {
+    let mut rows = values[first * width..].chunks_exact_mut(width);
+    let mut found: [&mut [V]; ROWS] = Default::default();
+    for (found, row) in found.iter_mut().zip(&mut rows) {
+        *found = row;
+    }
+    found
 }
 
 /// The paths from row to row through a panel, and what is best by all paths.

@@ -98,6 +98,12 @@ impl<T: Value> Selection<T> {
         }
     }
 
+    /// The candidates chosen for the first pixels.
+    #[inline(always)]
+    pub fn chosen(&self, pixels: usize) -> &[u16] {
+        &self.chosen[..pixels]
+    }
+
     /// Says which candidate was chosen for a pixel, by whatever, and what it costs.
     #[inline(always)]
     pub fn choose(&mut self, pixel: usize, chosen: u16, own: T) {
