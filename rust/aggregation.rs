@@ -425,7 +425,13 @@ pub fn aggregate(
         let (mut aggregator, mut lanes) = (Aggregator::<u32>::default(), Memory::default());
         let rows = index * ROWS..((index + 1) * ROWS).min(rows);
         lanes.room(rows.len() * cols * costs.chunks())?;
-        aggregator.aggregate(&costs, window, Block { rows, columns: 0..cols }, level, &mut lanes)?;
+        aggregator.aggregate(
+            &costs,
+            window,
+            Block { rows, columns: 0..cols },
+            level,
+            &mut lanes,
+        )?;
         let pixels = lanes.as_flattened().chunks_exact(costs.chunks() * LANES);
         for (aggregated, lanes) in aggregated.chunks_exact_mut(candidates).zip(pixels) {
             aggregated.copy_from_slice(&lanes[..candidates]);

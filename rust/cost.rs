@@ -102,7 +102,8 @@ impl<'a> Costs<'a> {
         };
         let (rows, cols, _) = views[0].image.shape();
         let votes = Votes::new(views, candidates);
-        let valid = votes.as_ref().map(|votes| valid(votes, (rows, cols), candidates)).transpose()?;
+        let valid =
+            votes.as_ref().map(|votes| valid(votes, (rows, cols), candidates)).transpose()?;
         let steps = steps_of(settings.cost);
         Ok(Self { compared, candidates, cols, ceiling, steps, votes, valid })
     }

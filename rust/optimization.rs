@@ -105,8 +105,12 @@ pub struct Search<'a> {
 /// Where aggregated costs come from.
 pub trait Source<T>: Sync {
     /// Writes those of a block, row by row, all candidates of one pixel after another.
-    fn write(&self, aggregator: &mut Aggregator<T>, block: Block, out: &mut [Lanes<T>])
-    -> Result<()>;
+    fn write(
+        &self,
+        aggregator: &mut Aggregator<T>,
+        block: Block,
+        out: &mut [Lanes<T>],
+    ) -> Result<()>;
 }
 
 /// The aggregated costs of a pair.

@@ -17,10 +17,10 @@ use crate::guided::{self, JUMP, STRIDE};
 use crate::intensity::LEVEL_STEPS;
 use crate::masking;
 use crate::normalisation::DEVIATION_STEPS;
+use crate::optimization::{BAND, LOOK_COLUMNS, LOOK_ROWS, PANEL, Steps};
 use crate::plane::{Plane, reflect};
 use crate::quantiser::Quantiser;
 use crate::refinement::flag;
-use crate::optimization::{BAND, LOOK_COLUMNS, LOOK_ROWS, PANEL, Steps};
 use crate::settings::Settings;
 use crate::subpixel;
 use crate::view::Mask;
@@ -348,7 +348,8 @@ fn by_steps(range: Range<usize>, step: isize) -> Vec<usize> {
 
 /// Twin of [`crate::optimization::selection`]: of one pixel, by what all paths come to and by its own costs.
 pub fn select(sums: &[u64], costs: &[u32]) -> Found {
-    let evidence = |(&sum, &cost): (&u64, &u32)| subpixel::evidence(capped(sum), capped(cost.into()));
+    let evidence =
+        |(&sum, &cost): (&u64, &u32)| subpixel::evidence(capped(sum), capped(cost.into()));
     let valley: Vec<_> = sums.iter().zip(costs).map(evidence).collect();
     found(least(sums), sums, &valley)
 }

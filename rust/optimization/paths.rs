@@ -21,8 +21,8 @@ use crate::edges::{Edges, Neighbor};
 use crate::error::Result;
 use crate::evidence::Evidence;
 use crate::memory::Memory;
-use crate::optimization::selection::{Minimum, PIXELS, Selection};
 use crate::optimization::Steps;
+use crate::optimization::selection::{Minimum, PIXELS, Selection};
 use crate::simd::Kernel;
 use crate::value::{LANES, Lanes, Value, least_lane};
 
@@ -320,7 +320,8 @@ impl<T: Value> Across<'_, T> {
         for x in (columns.end..*start).rev() {
             let mut parts = paths.parts();
             for (path, y) in rows.clone().enumerate() {
-                let costs = &row_of(beyond, y - seen, width_beyond * runs)[(x - columns.end) * runs..];
+                let costs =
+                    &row_of(beyond, y - seen, width_beyond * runs)[(x - columns.end) * runs..];
                 let penalties = terrain.after(Neighbor::Left.jump(edges[path][(x + 1).min(last)]));
                 parts.extend(path, penalties, costs, runs, &mut Nowhere);
             }
