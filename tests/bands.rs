@@ -235,7 +235,7 @@ fn cuts(height: usize, places: &[Index]) -> Vec<usize> {
 }
 
 proptest! {
-    #![proptest_config(random(250))]
+    #![proptest_config(random(2500))]
 
     #[test]
     fn parts_put_together_are_the_whole(
