@@ -357,7 +357,7 @@ impl<T: Value> Kernel for Select<'_, T> {
                 for (pixel, totals) in totals.chunks_exact(runs).enumerate() {
                     selection.take(pixel, Minimum::of_all(totals));
                 }
-                selection.settle();
+                selection.settle(runs);
                 if search.weighs {
                     let costs = costs.map(|costs| &costs[place..][..pixels * runs]);
                     selection.weigh(totals, costs, (pixels, search.candidates, runs));

@@ -515,7 +515,7 @@ impl<T: Value> UpAndDown<'_, T> {
         let Vertical { sums, selection, .. } = &mut *self.vertical;
         let (sums, costs) = (&mut sums[..PIXELS * runs], costs_of(self.panel, y, &columns, runs));
         let (pixels, row) = (columns.len(), y - self.panel.block.rows.start);
-        selection.settle();
+        selection.settle(runs);
         selection.weigh(sums, Some(costs), (pixels, self.candidates, runs));
         selection.write(pixels, self.evidence, (row, columns.start));
     }

@@ -57,16 +57,22 @@ impl<T: Value> Selection<T> {
         self.run[pixel] = minimum.run;
     }
 
-    /// Finds the least cost of each pixel, and the first candidate that has it.
+    /// Finds the least cost of each pixel with so many runs of candidates, and the first candidate that has it.
     #[inline(always)]
-    pub fn settle(&mut self) {
+    pub fn settle(&mut self, runs: usize) {
         let Self { lanes, least, run, own, chosen, .. } = self;
         for (own, least) in own.iter_mut().zip(&*least) {
             *own = least_lane(least);
         }
         for ((run, least), own) in run.iter_mut().zip(&*least).zip(&*own) {
+            // A lane with a larger cost counts as one of a run behind all others.
+            let mut behind = [T::default(); LANES];
             for j in 0..LANES {
-                run[j] = run[j].max(all_bits(least[j].minus(*own)));
+                behind[j] = least[j].minus(*own);
+            }
+            let behind = amplified(behind, runs);
+            for j in 0..LANES {
+                run[j] = run[j].plus(behind[j]);
             }
         }
         let mut first = [T::default(); PIXELS];
@@ -74,8 +80,13 @@ impl<T: Value> Selection<T> {
             *first = least_lane(run);
         }
         for (run, first) in run.iter_mut().zip(&first) {
+            let mut behind = [T::default(); LANES];
             for j in 0..LANES {
-                run[j] = lanes[j].max(all_bits(run[j].minus(*first)));
+                behind[j] = run[j].minus(*first);
+            }
+            let behind = amplified(behind, LANES);
+            for j in 0..LANES {
+                run[j] = lanes[j].plus(behind[j]);
             }
         }
         let mut lane = [T::default(); PIXELS];
@@ -205,10 +216,18 @@ impl<T: Value> Minimum<T> {
     }
 }
 
-/// All bits where a number is not 0, else none: without a choice, which the compiler may make lane by lane.
+/// 0 stays 0, all else becomes as much as `least` or more: by doubling, since the compiler makes choices lane by lane.
 #[inline(always)]
-fn all_bits<T: Value>(value: T) -> T {
-    T::default().minus(value.min(T::truncated(1)))
+fn amplified<T: Value>(mut values: Lanes<T>, least: usize) -> Lanes<T> {
+    for value in &mut values {
+        *value = (*value).min(T::truncated(64));
+    }
+    for _ in 0..least.next_power_of_two().trailing_zeros() {
+        for value in &mut values {
+            *value = value.plus(*value);
+        }
+    }
+    values
 }
 
 #[inline(always)]
