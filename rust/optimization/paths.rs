@@ -189,6 +189,7 @@ struct Mean<'a, T>(&'a mut [Lanes<T>]);
 impl<T: Value> Sink<T> for Mean<'_, T> {
     #[inline(always)]
     fn take(&mut self, run: usize, totals: Lanes<T>) {
+        #[expect(clippy::needless_range_loop, reason = "lanes of both, by one index")]
         for j in 0..LANES {
             self.0[run][j] = self.0[run][j].mean(totals[j]);
         }
@@ -297,14 +298,14 @@ impl<T: Value> Across<'_, T> {
         let rows = self.panel.block.rows.clone();
         for first in rows.clone().step_by(ROWS) {
             let group = first..(first + ROWS).min(rows.end);
-            self.from_right(group.clone(), runs);
-            self.from_left(group, runs);
+            self.leftward(group.clone(), runs);
+            self.rightward(group, runs);
         }
     }
 
     /// Paths from the right along a few rows.
     #[inline(always)]
-    fn from_right(&mut self, rows: Range<usize>, runs: usize) {
+    fn leftward(&mut self, rows: Range<usize>, runs: usize) {
         let Self { horizontal: Horizontal { paths, means, .. }, panel, terrain, start } = self;
         let (Block { rows: all, columns }, seen) = (&panel.block, panel.seen.start);
         let (costs, (beyond, width_beyond)) = (panel.costs, panel.beyond);
@@ -342,7 +343,7 @@ impl<T: Value> Across<'_, T> {
 
     /// Paths from the left along a few rows, from where they were at the end of the panel before.
     #[inline(always)]
-    fn from_left(&mut self, rows: Range<usize>, runs: usize) {
+    fn rightward(&mut self, rows: Range<usize>, runs: usize) {
         let Self { horizontal, panel, terrain, .. } = self;
         let Horizontal { paths, left, least, means } = &mut **horizontal;
         let (Block { rows: all, columns }, seen) = (&panel.block, panel.seen.start);
