@@ -1,5 +1,4 @@
-//! Pairs matched in bands of rows, with no more around them than they reach: what a match of the whole gives, bit
-//! for bit.
+//! Pairs matched in parts, with no more rows around them than they reach: what a match of the whole gives, bit for bit.
 
 mod common;
 
@@ -13,14 +12,15 @@ use common::{
     views,
 };
 use phasestereo::control::Control;
+use phasestereo::convolution::Kernel;
 use phasestereo::error::Error;
 use phasestereo::filling;
 use phasestereo::intensity;
-use phasestereo::map::Map;
-use phasestereo::matcher::{Choice, Disparity, Execution, Matcher, Pair, Timings};
+use phasestereo::matcher::{Disparity, Execution, Matcher, Pair, Timings};
 use phasestereo::optimization::BAND;
 use phasestereo::plane::Plane;
 use phasestereo::reach::Reach;
+use phasestereo::refinement::{Draft, flag};
 use phasestereo::section::Section;
 use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Settings};
 use phasestereo::simd::Level;
@@ -34,7 +34,7 @@ use proptest::sample::{Index, select};
 /// What a match may cost: pixels x candidates x sides of window and neighbourhood.
 const AFFORDABLE: usize = 1 << 22;
 
-/// A pair to be matched in bands, and what is known of the whole of it.
+/// A pair to be matched in parts, and what is known of the whole of it.
 #[derive(Debug)]
 struct Job {
     pair: Pair,
@@ -56,73 +56,43 @@ impl Job {
         Reach::new(&self.settings, self.pair.versions())
     }
 
-    fn whole(&self, matcher: &Matcher, how: Execution) -> Seen {
+    fn whole(&self, (matcher, how): (&Matcher, Execution)) -> Seen {
         let found = matcher.run(&self.pair, &self.settings, how, &Control::default());
         Seen::of(found.expect("a legal match"))
     }
 
-    /// Chooses some rows, with no more of the images than they reach.
-    fn choose(
-        &self,
-        rows: &Range<usize>,
-        reach: Reach,
-        (matcher, how): (&Matcher, Execution),
-    ) -> Choice {
-        let height = self.pair.size().0;
-        let mut read = widened(rows, reach.images, height);
+    /// What is to be read for some rows.
+    fn around(&self, rows: &Range<usize>) -> Range<usize> {
+        let (reach, height) = (self.reach(), self.pair.size().0);
+        let read = widened(rows, reach.rows(), height);
         let is_empty = |mask: &Mask| read.clone().any(|y| !mask.row(y).contains(&true));
         if self.pair.views().iter().filter_map(|view| view.mask.as_ref()).any(is_empty) {
-            read = widened(&read, reach.masked, height);
+            return widened(&read, reach.masked, height);
         }
+        read
+    }
+
+    /// Matches some rows, with no more of the images than was read.
+    fn part(
+        &self,
+        rows: &Range<usize>,
+        read: &Range<usize>,
+        (matcher, how): (&Matcher, Execution),
+    ) -> Seen {
         let section = Section {
             rows: rows.start - read.start..rows.end - read.start,
             first: read.start,
             roughness: Some(self.roughness),
         };
-        let pair = without_full_masks(known_part(&self.pair, &read, self.ranges));
-        let control = Control::default();
-        let mut chosen =
-            matcher.choose(&pair, &section, &self.settings, how, &control).expect("a legal part");
-        assert_eq!(control.rows_done(), rows.len());
-        chosen.texture = chosen.texture.map(|all| all.of_rows(section.rows).expect("these rows"));
-        chosen
+        let pair = without_full_masks(known_part(&self.pair, read, self.ranges));
+        let found = matcher.run_rows(&pair, &section, &self.settings, how, &Control::default());
+        Seen::of(found.expect("a legal part"))
     }
 
-    /// Refines the rows between each two cuts by themselves.
-    fn refined(
-        &self,
-        draft: &Draft,
-        cuts: &[usize],
-        reach: usize,
-        (matcher, how): (&Matcher, Execution),
-    ) -> Seen {
-        let refine = |rows: Range<usize>| {
-            let around = widened(&rows, reach, self.pair.size().0);
-            let (map, texture) = draft.rows(&around);
-            let control = Control::default();
-            let found = matcher.refine(map, texture.as_ref(), &self.settings, how, &control);
-            let wanted = rows.start - around.start..rows.end - around.start;
-            Seen::of(of_rows(found.expect("a legal map"), &wanted))
-        };
-        joined(between(cuts).map(refine))
-    }
-
-    /// The whole match in bands, chosen and refined between cuts.
-    fn by_bands(&self, chosen: &[usize], refined: &[usize], on: (&Matcher, Execution)) -> Seen {
-        let reach = self.reach();
-        let parts = between(chosen).map(|rows| Draft::of(self.choose(&rows, reach, on)));
-        let draft = parts.reduce(Draft::followed_by).expect("at least one band");
-        self.refined(&draft, refined, reach.map, on)
-    }
-
-    /// The disparities of one band, as chosen with such a reach.
-    fn chosen_rows(
-        &self,
-        rows: &Range<usize>,
-        reach: Reach,
-        on: (&Matcher, Execution),
-    ) -> Plane<u32> {
-        self.choose(rows, reach, on).map.disparity.map(|value| value.to_bits())
+    /// The whole match, the rows between each two cuts by themselves.
+    fn by_parts(&self, cuts: &[usize], on: (&Matcher, Execution)) -> Seen {
+        let rows = cuts.windows(2).map(|ends| ends[0]..ends[1]);
+        joined(rows.map(|rows| self.part(&rows, &self.around(&rows), on)))
     }
 }
 
@@ -130,66 +100,6 @@ impl std::fmt::Display for Job {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         let (size, candidates) = (self.pair.size(), self.pair.candidates());
         write!(f, "{size:?}, {candidates:?}, {:?}, {:?}", self.settings, self.reach())
-    }
-}
-
-/// What was chosen of some rows.
-struct Draft {
-    disparity: Plane<f32>,
-    flags: Plane<u16>,
-    votes: Option<Plane<f32>>,
-    texture: Option<Texture>,
-}
-
-impl Draft {
-    fn of(Choice { map: Map { disparity, flags, votes }, texture, .. }: Choice) -> Self {
-        Self { disparity, flags, votes, texture }
-    }
-
-    fn followed_by(self, next: Self) -> Self {
-        let gray = |one: Texture, next: Texture| {
-            let gray = below(one.gray, &next.gray);
-            Texture { gray, ..one }
-        };
-        Self {
-            disparity: below(self.disparity, &next.disparity),
-            flags: below(self.flags, &next.flags),
-            votes: self.votes.zip(next.votes).map(|(one, next)| below(one, &next)),
-            texture: self.texture.zip(next.texture).map(|(one, next)| gray(one, next)),
-        }
-    }
-
-    fn rows(&self, rows: &Range<usize>) -> (Map, Option<Texture>) {
-        let map = Map {
-            disparity: rows_of(&self.disparity, rows),
-            flags: rows_of(&self.flags, rows),
-            votes: self.votes.as_ref().map(|votes| rows_of(votes, rows)),
-        };
-        let texture = self
-            .texture
-            .as_ref()
-            .map(|texture| Texture { gray: rows_of(&texture.gray, rows), ..*texture });
-        (map, texture)
-    }
-}
-
-/// A plane and another one below it.
-fn below<T>(one: Plane<T>, next: &Plane<T>) -> Plane<T>
-where
-    T: Copy,
-{
-    let (rows, cols) = (one.rows() + next.rows(), one.cols());
-    let mut values = one.into_vec();
-    values.extend_from_slice(next.as_slice());
-    Plane::from_vec(rows, cols, values).expect("the right length")
-}
-
-fn of_rows(found: Disparity, rows: &Range<usize>) -> Disparity {
-    Disparity {
-        disparity: rows_of(&found.disparity, rows),
-        flags: rows_of(&found.flags, rows),
-        confidence: found.confidence.map(|plane| rows_of(&plane, rows)),
-        timings: Timings::default(),
     }
 }
 
@@ -201,12 +111,7 @@ fn joined(parts: impl Iterator<Item = Seen>) -> Seen {
             one.confidence.zip(next.confidence).map(|(one, next)| [one, next].concat());
         one
     };
-    parts.reduce(join).expect("at least one band")
-}
-
-/// The rows between each cut and the next.
-fn between(cuts: &[usize]) -> impl Iterator<Item = Range<usize>> {
-    cuts.windows(2).map(|ends| ends[0]..ends[1])
+    parts.reduce(join).expect("at least one part")
 }
 
 /// A part as a reader may give it: without masks that are true everywhere.
@@ -242,8 +147,11 @@ fn masked(rows: usize, cols: usize, seed: u64) -> Mask {
 fn pairs() -> impl Strategy<Value = Pair> {
     let small = (1usize..=20, 1usize..=12, 0u8..4)
         .prop_flat_map(|(rows, cols, kind)| [views(rows, cols, kind), views(rows, cols, kind)]);
-    let heights =
-        prop_oneof![1 => 1usize..=260, 1 => select(vec![63, 64, 65, 79, 80, 81, 128, 129, 193])];
+    let heights = prop_oneof![
+        2 => 1usize..=260,
+        1 => select(vec![63, 64, 65, 79, 80, 81, 128, 129, 193]),
+        1 => 261usize..=600,
+    ];
     let tall = (heights, 1usize..=40, select(vec![1u64, 7, 255]), 0u8..4, any::<u64>()).prop_map(
         |(rows, cols, white, masks, seed)| {
             [0u8, 1].map(|side| {
@@ -276,9 +184,35 @@ fn noise_alone(noise: [f64; 2]) -> Versions {
     Versions::of_noise(noise).expect("legal noise")
 }
 
+/// Settings of which nothing is refined, so that parts are as small as can be.
+fn unrefined(settings: Settings) -> Settings {
+    Settings {
+        subpixel: false,
+        consistency: None,
+        uniqueness: 0,
+        speckle_size: 0,
+        guided: false,
+        median: 0,
+        confidence: false,
+        min_confidence: 0.0,
+        ..settings
+    }
+}
+
+/// Settings of any kind, and those that pairs are matched with by default, or about so.
+fn ways() -> impl Strategy<Value = Settings> {
+    let of_few = |optimizer| Settings { optimizer, speckle_size: 10, ..robust() };
+    prop_oneof![
+        2 => settings(),
+        2 => settings().prop_map(unrefined),
+        1 => select(OPTIMIZERS.to_vec()).prop_map(of_few),
+        1 => select(OPTIMIZERS.to_vec()).prop_map(move |way| unrefined(of_few(way))),
+    ]
+}
+
 fn jobs() -> impl Strategy<Value = Job> {
     let known = prop_oneof![1 => noises().prop_map(noise_alone), 2 => versions()];
-    (pairs(), settings(), known).prop_map(|(pair, mut settings, known)| {
+    (pairs(), ways(), known).prop_map(|(pair, mut settings, known)| {
         let (rows, cols) = pair.size();
         let places = AFFORDABLE / (rows * cols * pair.candidates().count());
         settings.window = affordable(settings.window, places);
@@ -301,22 +235,19 @@ fn cuts(height: usize, places: &[Index]) -> Vec<usize> {
 }
 
 proptest! {
-    #![proptest_config(random(150))]
+    #![proptest_config(random(2500))]
 
     #[test]
-    fn bands_put_together_are_the_whole(
+    fn parts_put_together_are_the_whole(
         job in jobs(),
-        places in [0, 1].map(|_| prop::collection::vec(any::<Index>(), 0..5)),
-        threads in 1usize..=3,
+        places in prop::collection::vec(any::<Index>(), 0..5),
+        threads in 1usize..=8,
         level in select(levels()),
     ) {
-        let [first, second] = places;
-        let height = job.pair.size().0;
-        let (chosen, refined) = (cuts(height, &first), cuts(height, &second));
+        let cuts = cuts(job.pair.size().0, &places);
         let (matcher, how) = (Matcher::new(threads).expect("threads start"), how(threads, level));
-        let expected = job.whole(&matcher, how);
-        let found = job.by_bands(&chosen, &refined, (&matcher, how));
-        prop_assert!(found == expected, "{:?}, {:?} of {}", chosen, refined, job);
+        let (found, expected) = (job.by_parts(&cuts, (&matcher, how)), job.whole((&matcher, how)));
+        prop_assert!(found == expected, "{:?} of {}", cuts, job);
     }
 }
 
@@ -355,15 +286,14 @@ fn parts_are_matched_in_any_integers() {
         for is_masked in [|y: usize| y < 10, |y: usize| y > 3 * BAND] {
             let job = Job::new(pair(height, 40, is_masked), settings.clone());
             let on = (&matcher, how(2, Level::best()));
-            let found = job.by_bands(&[0, BAND, BAND + 1, 3 * BAND + 5, height], &[0, height], on);
-            assert!(found == job.whole(on.0, on.1), "{job}");
+            let found = job.by_parts(&[0, BAND, BAND + 1, 3 * BAND + 5, height], on);
+            assert!(found == job.whole(on), "{job}");
         }
     }
 }
 
 /// Several kernels, of as many rows above and below as the largest, in tiles of several classes.
 fn two_versions() -> Versions {
-    use phasestereo::convolution::Kernel;
     let taps = |side: usize| Plane::from_fn(side, side, |_, _| 1.0 / (side * side) as f64);
     let kernel = |side| Some(Kernel::new(&taps(side)).expect("a legal kernel"));
     let labels = Plane::from_fn(3, 2, |y, x| ((y + x) % 2) as u8);
@@ -374,21 +304,21 @@ fn two_versions() -> Versions {
 #[test]
 fn tall_pairs_in_the_default_way_are_the_whole() {
     let [left, right] =
-        shifted(230, 75).map(|view| View { mask: Some(masked(230, 75, 12)), ..view });
+        shifted(600, 75).map(|view| View { mask: Some(masked(600, 75, 12)), ..view });
     let pair = Pair::new(left, right, 0, 16).expect("a legal pair").with_versions(two_versions());
     let job = Job::new(pair, robust());
     let matcher = Matcher::new(2).expect("threads");
     for level in levels() {
         let on = (&matcher, how(1, level));
-        let found = job.by_bands(&[0, 1, 63, 96, 128, 230], &[0, 1, 50, 51, 229, 230], on);
-        assert!(found == job.whole(on.0, on.1), "{}", level.name());
+        let found = job.by_parts(&[0, 1, 63, 128, 330, 599, 600], on);
+        assert!(found == job.whole(on), "{}", level.name());
     }
 }
 
-/// Settings that choose by windows and neighbourhoods of several sizes, in all ways.
-fn ways_to_choose() -> Vec<(Settings, Option<Versions>)> {
+/// Windows and neighbourhoods of several sizes, in all ways to choose; and what is chosen, looked at from further away.
+fn ways_to_reach() -> Vec<(Settings, Option<Versions>)> {
     let alone = Optimizer::WinnerTakesAll;
-    let phase = Settings { optimizer: alone, neighborhood: 3, window: 3, ..Settings::default() };
+    let phase = Settings { optimizer: alone, neighborhood: 3, window: 3, ..nothing() };
     let phase = Settings { frequencies: (1, 1), ..phase };
     // What rows far away cost is not forgotten on the way where changes are dear.
     let penalty = Penalty { near: 1e4, far: 1e4 };
@@ -406,36 +336,48 @@ fn ways_to_choose() -> Vec<(Settings, Option<Versions>)> {
         (Settings { window: 1, edges: 1.0, ..several }, Some(two_versions())),
         (Settings { cost: CostKind::Sad, window: 1, ..several }, None),
         (Settings { shiftable: true, ..ordered }, None),
+        (Settings { median: 3, ..phase.clone() }, None),
+        (Settings { confidence: true, ..phase }, None),
+        (Settings { confidence: true, window: 1, ..several }, Some(two_versions())),
     ]
 }
 
 #[test]
-fn no_less_than_the_reach_would_do_for_what_is_chosen() {
+fn no_less_than_the_reach_would_do() {
     let matcher = Matcher::new(1).expect("a thread");
     let on = (&matcher, how(1, Level::best()));
-    for (settings, known) in ways_to_choose() {
-        let (mut is_first_unlike, mut is_last_unlike) = (false, false);
+    for (settings, known) in ways_to_reach() {
+        let mut is_tight = [false; 2];
         for seed in 0..12 {
             let [left, right] =
                 [seed, !seed].map(|seed| view(280, 60, |y, x| hash(seed, y, x) as u8));
             let pair = Pair::new(left, right, 0, 30).expect("a legal pair");
             let job = Job::new(pair.with_versions(known.clone()), settings.clone());
-            // The last row of a band, and the first of the next one, reach furthest.
-            let (reach, rows) = (job.reach(), 2 * BAND - 1..2 * BAND + 1);
-            let enough = job.chosen_rows(&rows, reach, on);
-            let more = Reach { images: reach.images + 40, ..reach };
-            assert_eq!(enough, job.chosen_rows(&rows, more, on), "{job}");
-            let less = job.chosen_rows(&rows, Reach { images: reach.images - 1, ..reach }, on);
-            is_first_unlike |= enough.row(0) != less.row(0);
-            is_last_unlike |= enough.row(1) != less.row(1);
+            let reach = job.reach();
+            // The last row of a band reaches furthest up, the first of the next one furthest down.
+            for (y, is_above) in [(2 * BAND - 1 + reach.map, true), (2 * BAND - reach.map, false)] {
+                let rows = y..y + 1;
+                let read = widened(&rows, reach.rows(), 280);
+                let enough = job.part(&rows, &read, on);
+                let more = widened(&rows, reach.rows() + 40, 280);
+                assert!(enough == job.part(&rows, &more, on), "{job}");
+                let [above, below] = [usize::from(is_above), usize::from(!is_above)];
+                let less = read.start + above..read.end - below;
+                is_tight[below] |= enough != job.part(&rows, &less, on);
+            }
         }
-        assert!(is_first_unlike && is_last_unlike, "{settings:?}");
+        assert_eq!(is_tight, [true; 2], "{settings:?}");
     }
+}
+
+/// Settings of which nothing is refined.
+fn nothing() -> Settings {
+    unrefined(Settings::default())
 }
 
 /// Each way to refine by itself, on maps of which it makes something.
 fn ways_to_refine() -> Vec<Settings> {
-    let nothing = Settings { confidence: false, ..Settings::default() };
+    let nothing = nothing();
     vec![
         nothing.clone(),
         Settings { speckle_size: 12, fill: false, ..nothing },
@@ -456,132 +398,140 @@ fn lost(seed: u64) -> Range<usize> {
     first..first + (hash(seed, 2, 2) % 80) as usize
 }
 
-fn draft(seed: u64, percent: u64) -> Draft {
-    let maps::Map { disparity, flags } = maps::Map::random((150, 24), percent, seed);
-    let lost = lost(seed);
-    let flags = Plane::from_fn(150, 24, |y, x| {
-        let flag = if lost.contains(&y) { phasestereo::refinement::flag::OCCLUDED } else { 0 };
-        flags.row(y)[x] | flag
-    });
-    let votes = Plane::from_fn(150, 24, |y, x| (hash(seed ^ 8, y, x) % 100) as f32 / 100.0);
-    let gray = Plane::from_fn(150, 24, |y, x| (hash(seed ^ 9, y / 3, x / 3) % 30) as i32);
-    let texture = Some(Texture::new(gray));
-    Draft { disparity, flags, votes: Some(votes), texture }
+/// A map to be refined, and all that it may be refined by.
+#[derive(Clone)]
+struct Map {
+    disparity: Plane<f32>,
+    flags: Plane<u16>,
+    votes: Plane<f32>,
+    texture: Texture,
 }
 
-/// Whether a draft refined in two parts with such a reach is that refined as a whole.
-fn is_whole(job: &Job, draft: &Draft, cut: usize, reach: usize, on: (&Matcher, Execution)) -> bool {
-    let all = job.refined(draft, &[0, 150], 0, on);
-    job.refined(draft, &[0, cut, 150], reach, on) == all
+impl Map {
+    fn random(seed: u64, percent: u64) -> Self {
+        let maps::Map { disparity, flags } = maps::Map::random((150, 24), percent, seed);
+        let lost = lost(seed);
+        let flags = Plane::from_fn(150, 24, |y, x| {
+            flags.row(y)[x] | if lost.contains(&y) { flag::OCCLUDED } else { 0 }
+        });
+        let votes = Plane::from_fn(150, 24, |y, x| (hash(seed ^ 8, y, x) % 100) as f32 / 100.0);
+        let gray = Plane::from_fn(150, 24, |y, x| (hash(seed ^ 9, y / 3, x / 3) % 30) as i32);
+        Self { disparity, flags, votes, texture: Texture::new(gray) }
+    }
+
+    /// Refines some rows, with so many around them.
+    fn refined(&self, rows: &Range<usize>, reach: usize, settings: &Settings) -> Seen {
+        let read = widened(rows, reach, 150);
+        let mut flags = rows_of(&self.flags, &read);
+        let votes = rows_of(&self.votes, &read);
+        let draft = Draft {
+            disparity: rows_of(&self.disparity, &read),
+            flags: &mut flags,
+            votes: settings.needs_confidence().then_some(&votes),
+            texture: Some(&self.texture.clone().of_rows(read.clone())),
+        };
+        let found = draft.refine(settings, Level::best(), &Control::default());
+        let (disparity, confidence) = found.expect("memory");
+        let rows = rows.start - read.start..rows.end - read.start;
+        Seen::of(Disparity {
+            disparity: disparity.of_rows(rows.clone()),
+            flags: flags.of_rows(rows.clone()),
+            confidence: confidence.map(|plane| plane.of_rows(rows)),
+            timings: Timings::default(),
+        })
+    }
+
+    /// Whether the map refined in two parts with such a reach is that refined as a whole.
+    fn is_whole(&self, cut: usize, reach: usize, settings: &Settings) -> bool {
+        let parts = [0..cut, cut..150].map(|rows| self.refined(&rows, reach, settings));
+        joined(parts.into_iter()) == self.refined(&(0..150), 0, settings)
+    }
 }
 
 #[test]
 fn refinement_needs_its_reach_and_no_more() {
-    let matcher = Matcher::new(1).expect("a thread");
-    let on = (&matcher, how(1, Level::best()));
     for settings in ways_to_refine() {
         // What several stages reach together is not always needed, and what speckles and edges reach is told by
         // other maps.
-        let stages = [settings.speckle_size > 0, settings.guided];
-        let is_one = !stages.contains(&true);
-        let job = Job::new(pair(150, 24, |_| false), settings);
-        let reach = job.reach().map;
+        let is_one = settings.speckle_size == 0 && !settings.guided;
+        let reach = Reach::new(&settings, None).map;
         let mut is_tight = reach == 0;
         for seed in 0..400 {
             let percent = [0, 3, 20, 60, 97][seed as usize % 5];
             // Anywhere, or as far from what is trusted as filling looks.
             let any = 1 + (hash(seed, 0, 0) % 149) as usize;
             let far = (lost(seed).end + 1).saturating_sub(filling::REACH).clamp(1, 149);
-            let (draft, cut) = (draft(seed, percent), if seed % 2 == 0 { any } else { far });
-            assert!(is_whole(&job, &draft, cut, reach, on), "seed {seed}, {job}");
-            is_tight |= is_one && reach > 0 && !is_whole(&job, &draft, cut, reach - 1, on);
+            let (map, cut) = (Map::random(seed, percent), if seed % 2 == 0 { any } else { far });
+            assert!(map.is_whole(cut, reach, &settings), "seed {seed}, {settings:?}");
+            is_tight |= is_one && reach > 0 && !map.is_whole(cut, reach - 1, &settings);
             if seed > 60 && (is_tight || !is_one) {
                 break;
             }
         }
-        assert!(is_tight || !is_one, "{job}");
+        assert!(is_tight || !is_one, "{settings:?}");
     }
 }
 
 /// The last row that a pixel is near a jump of is the one above it.
 #[test]
 fn edges_are_drawn_to_jumps_as_far_as_they_reach() {
-    let matcher = Matcher::new(1).expect("a thread");
-    let on = (&matcher, how(1, Level::best()));
-    let settings = Settings { guided: true, confidence: false, ..Settings::default() };
-    let job = Job::new(pair(150, 24, |_| false), settings);
-    let reach = job.reach().map;
+    let settings = Settings { guided: true, ..nothing() };
+    let reach = Reach::new(&settings, None).map;
     for cut in [60, 61, 75] {
         let calm = |y: usize, x: usize| (hash(6, y, x) % 4) as f32 / 4.0;
         let step = |y: usize| if y + 1 >= cut + reach { 5.0 } else { 0.0 };
-        let draft = Draft {
+        let map = Map {
             disparity: Plane::from_fn(150, 24, |y, x| calm(y, x) + step(y)),
             flags: Plane::from_fn(150, 24, |_, _| 0),
-            ..draft(1, 0)
+            ..Map::random(1, 0)
         };
-        assert!(is_whole(&job, &draft, cut, reach, on), "{cut}");
-        assert!(!is_whole(&job, &draft, cut, reach - 1, on), "{cut}");
+        assert!(map.is_whole(cut, reach, &settings), "{cut}");
+        assert!(!map.is_whole(cut, reach - 1, &settings), "{cut}");
     }
 }
 
 /// A column of so many pixels that stands out hangs on to more than a speckle has, or not, that many rows away.
 #[test]
 fn speckles_are_as_large_as_they_reach() {
-    let matcher = Matcher::new(1).expect("a thread");
-    let on = (&matcher, how(1, Level::best()));
-    let settings =
-        Settings { speckle_size: 20, fill: false, confidence: false, ..Settings::default() };
-    let job = Job::new(pair(150, 24, |_| false), settings);
-    let reach = job.reach().map;
-    let column = |length: usize| Draft {
+    let settings = Settings { speckle_size: 20, fill: false, ..nothing() };
+    let reach = Reach::new(&settings, None).map;
+    let column = |length: usize| Map {
         disparity: Plane::from_fn(150, 24, |y, x| {
             if x == 7 && (60..60 + length).contains(&y) { 9.0 } else { 1.0 }
         }),
         flags: Plane::from_fn(150, 24, |_, _| 0),
-        votes: None,
-        texture: None,
+        ..Map::random(1, 0)
     };
     for length in [19, 20, 21, 22] {
         for cut in [59, 60, 61, 70, 79, 80, 81, 82] {
-            assert!(is_whole(&job, &column(length), cut, reach, on), "{length}, {cut}");
+            assert!(column(length).is_whole(cut, reach, &settings), "{length}, {cut}");
         }
     }
-    assert!(!is_whole(&job, &column(21), 61, 19, on));
+    assert!(!column(21).is_whole(61, 19, &settings));
 }
 
 #[test]
 fn rows_that_copy_others_need_those() {
     let matcher = Matcher::new(1).expect("a thread");
     let on = (&matcher, how(1, Level::best()));
-    let settings = Settings { neighborhood: 9, window: 1, ..Settings::default() };
-    // The nearest valid row above a band that is valid itself is where the neighbourhoods of its first rows end.
-    let valid = |y: usize| y >= 64 || (50..62).contains(&y);
-    let views = [5, 6].map(|seed| View {
+    let settings = Settings { neighborhood: 9, window: 1, ..nothing() };
+    // Neighbourhoods of row 66 end at row 62, which copies row 58: no row that is nearer to it is valid.
+    let valid = |y: usize| y >= 66 || (50..=58).contains(&y);
+    let [left, right] = [5, 6].map(|seed| View {
         mask: Some(Mask::from_fn(160, 60, |y, _| valid(y))),
         ..view(160, 60, |y, x| hash(seed, y, x) as u8)
     });
-    let [left, right] = views;
     let job = Job::new(Pair::new(left, right, 0, 30).expect("a legal pair"), settings);
-    let reach = job.reach();
-    for rows in [63..70, 64..70, 65..70, 66..160, 61..64] {
-        let found = job.chosen_rows(&rows, reach, on);
-        let whole = job.chosen_rows(&(0..160), reach, on);
-        assert_eq!(found, rows_of(&whole, &rows), "{rows:?}");
+    let whole = job.whole(on);
+    for cuts in [[63, 70], [65, 66], [66, 67], [66, 159], [52, 64]] {
+        assert!(job.by_parts(&[0, cuts[0], cuts[1], 160], on) == whole, "{cuts:?}");
     }
-    let close = Reach { images: 2, masked: 0, ..reach };
-    let enough = Reach { images: 2, ..reach };
-    let rows = 66..67;
-    let whole = job.chosen_rows(&rows, reach, on);
-    assert_eq!(job.chosen_rows(&rows, Reach { images: 4, ..enough }, on), whole);
-    assert_ne!(job.chosen_rows(&rows, close, on), whole);
-}
-
-/// The message of what is refused.
-fn refused<T>(found: Result<T, Error>) -> String {
-    match found {
-        Err(error @ Error::Value { .. }) => error.to_string(),
-        Err(error) => panic!("{error}"),
-        Ok(_) => panic!("it must be refused"),
+    let (rows, reach) = (66..67, job.reach());
+    let enough = job.part(&rows, &job.around(&rows), on);
+    assert_eq!((reach.rows(), job.around(&rows).start), (4, 0));
+    assert!(job.part(&rows, &(58..71), on) == enough);
+    for first in [59, 62] {
+        assert!(job.part(&rows, &(first..71), on) != enough, "{first}");
     }
 }
 
@@ -589,71 +539,27 @@ fn refused<T>(found: Result<T, Error>) -> String {
 fn rows_that_the_pair_has_not_are_refused() {
     let (matcher, control) = (Matcher::new(1).expect("a thread"), Control::default());
     let whole = pair(70, 40, |_| false);
-    let choose = |optimizer, rows| {
+    let run = |optimizer, rows| {
         let settings = Settings { optimizer, ..Settings::default() };
         let section = Section { rows, ..Section::whole(&whole) };
-        matcher.choose(&whole, &section, &settings, how(1, Level::best()), &control)
+        matcher.run_rows(&whole, &section, &settings, how(1, Level::best()), &control)
     };
     for optimizer in OPTIMIZERS {
         #[expect(clippy::reversed_empty_ranges, reason = "that is the point")]
         for rows in [0..71, 70..71, 7..7, 70..70, 9..5, 0..usize::MAX] {
-            let message = refused(choose(optimizer, rows));
-            assert!(message.starts_with("rows: got "), "{message}");
+            match run(optimizer, rows.clone()) {
+                Err(error @ Error::Value { .. }) => {
+                    let expected = format!("rows: got {rows:?}; accepts rows within 0..70");
+                    assert_eq!(error.to_string(), expected);
+                }
+                other => panic!("{rows:?}: {other:?}"),
+            }
         }
-        choose(optimizer, 64..70).expect("a whole band");
-        choose(optimizer, 31..33).expect("any rows");
-    }
-}
-
-#[test]
-fn maps_that_do_not_fit_are_refused() {
-    let matcher = Matcher::new(1).expect("a thread");
-    let all = Settings { guided: true, median: 3, ..Settings::default() };
-    let neither = Settings { confidence: false, ..Settings::default() };
-    let guided = Settings { guided: true, ..neither };
-    let draft = draft(1, 3);
-    let refine = |map: Map, texture: Option<&Texture>, settings: &Settings| {
-        matcher.refine(map, texture, settings, how(1, Level::best()), &Control::default())
-    };
-    let (fits, less, none) = (0..40, 0..39, 0..0);
-    let map = || draft.rows(&fits).0;
-    let texture = |rows| draft.rows(rows).1;
-    refine(map(), texture(&fits).as_ref(), &all).expect("they fit");
-    refine(Map { votes: None, ..map() }, None, &neither).expect("nothing else is needed");
-    refine(Map { votes: None, ..map() }, texture(&fits).as_ref(), &guided).expect("no votes");
-
-    for rows in [&less, &none] {
-        let other = || draft.rows(rows).0;
-        let wrong = [
-            (Map { flags: other().flags, ..map() }, texture(&fits)),
-            (Map { disparity: other().disparity, ..map() }, texture(&fits)),
-            (Map { votes: other().votes, ..map() }, texture(&fits)),
-            (map(), texture(rows)),
-        ];
-        for (map, texture) in wrong {
-            let message = refused(refine(map, texture.as_ref(), &all));
-            assert!(message.starts_with("map: got ("), "{message}");
+        for rows in [64..70, 31..33] {
+            let found = run(optimizer, rows.clone()).expect("any rows");
+            assert_eq!((found.disparity.rows(), found.flags.rows()), (rows.len(), rows.len()));
         }
     }
-    let missing = [
-        (Map { votes: None, ..map() }, texture(&fits), &all),
-        (map(), None, &all),
-        (map(), None, &guided),
-    ];
-    for (map, texture, settings) in missing {
-        let message = refused(refine(map, texture.as_ref(), settings));
-        assert!(message.starts_with("map: got None; accepts votes and gray"), "{message}");
-    }
-}
-
-#[test]
-fn texture_of_rows_beyond_the_image_is_refused() {
-    let texture = draft(1, 3).texture.expect("there is one");
-    let roughness = texture.roughness;
-    let some = texture.clone().of_rows(3..9).expect("it has them");
-    assert_eq!((some.gray, some.roughness), (rows_of(&texture.gray, &(3..9)), roughness));
-    let message = refused(texture.of_rows(149..151));
-    assert_eq!(message, "left: got 150 rows; accepts at least 151");
 }
 
 /// Of one version all rows are alike, and of labels those that the whole has there.
