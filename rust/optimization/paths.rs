@@ -314,7 +314,7 @@ impl<T: Value> Across<'_, T> {
             // From the column on that a path comes to a pixel from: `edges[x + 1]` is between `x` and `x + 1`.
             *edges = &terrain.edges.row(y)[columns.start + 1..*start];
         }
-        let means = rows_mut(means, rows.start - all.start, width);
+        let mut means = rows_mut(means, rows.start - all.start, width);
         // Before its first pixel all totals of a path are 0, whatever the penalties.
         let jump = |edges: &[u8], x: usize| {
             edges.get(x - columns.start).map_or(0, |edges| Neighbor::Left.jump(*edges))
@@ -334,10 +334,10 @@ impl<T: Value> Across<'_, T> {
         for x in columns.clone().rev() {
             let place = (x - columns.start) * runs;
             let mut parts = paths.parts();
-            for path in 0..rows.len() {
+            for (path, means) in means.iter_mut().enumerate().take(rows.len()) {
                 let penalties = terrain.after(jump(near.edges[path], x));
                 let costs = &near.costs[path][place..place + runs];
-                let mut sink = Write(&mut means[path][place..place + runs]);
+                let mut sink = Write(&mut means[place..place + runs]);
                 parts.extend(path, penalties, costs, runs, &mut sink);
             }
             paths.arrive(ROWS);
@@ -352,7 +352,7 @@ impl<T: Value> Across<'_, T> {
         let Block { rows: all, columns } = &panel.block;
         let width = columns.len() * runs;
         let mut near = Rows::of(panel.costs, rows.clone(), panel.seen.start, width);
-        let means = rows_mut(means, rows.start - all.start, width);
+        let mut means = rows_mut(means, rows.start - all.start, width);
         for (path, y) in rows.clone().enumerate() {
             near.edges[path] = &terrain.edges.row(y)[columns.clone()];
             let totals = &mut paths.before[path * span(runs) + LANES..][..runs * LANES];
@@ -362,10 +362,10 @@ impl<T: Value> Across<'_, T> {
         for x in 0..columns.len() {
             let places = x * runs..(x + 1) * runs;
             let mut parts = paths.parts();
-            for path in 0..rows.len() {
+            for (path, means) in means.iter_mut().enumerate().take(rows.len()) {
                 let penalties = terrain.after(Neighbor::Left.jump(near.edges[path][x]));
                 let costs = &near.costs[path][places.clone()];
-                let mut sink = Mean(&mut means[path][places.clone()]);
+                let mut sink = Mean(&mut means[places.clone()]);
                 parts.extend(path, penalties, costs, runs, &mut sink);
             }
             paths.arrive(ROWS);
