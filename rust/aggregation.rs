@@ -52,6 +52,9 @@ pub struct Window {
 /// cost of a jump, too; where it does not, but would with one bit less, that is dropped as well.
 const LARGEST_BYTE_SUM: u64 = 170;
 
+/// Least sum over a window for which one bit more is dropped: with fewer steps costs would be too coarse.
+const LEAST_BYTE_SUM: u64 = 80;
+
 impl Window {
     /// The window of checked settings over the costs of a pair.
     pub fn new(
@@ -71,7 +74,8 @@ impl Window {
                 let fits = |bits: &u32| {
                     let window = coarser(*bits);
                     let p2 = settings.penalty.far * window.unit(steps_of(settings.cost));
-                    window.largest_sum() as f64 + p2.round() <= f64::from(u8::MAX)
+                    window.largest_sum() >= LEAST_BYTE_SUM
+                        && window.largest_sum() as f64 + p2.round() <= f64::from(u8::MAX)
                 };
                 coarser([least, least + 1].into_iter().find(fits).unwrap_or(least))
             }

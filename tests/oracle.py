@@ -294,7 +294,8 @@ def votes(left_mask: Bools, right_mask: Bools, min_disparity: int, num_dispariti
 def dropped_bits(window: int, ceiling: int, far: float = 0.0) -> int:
     """Return the least n for which window * (window * ceiling >> n) is at most 170.
 
-    One more where that, and a jump that costs far in each pixel of the window, fit a byte only so.
+    One more where that, and a jump that costs far in each pixel of the window, fit a byte only so
+    and at least 80 steps are left.
     """
 
     def largest(n: int) -> int:
@@ -302,7 +303,7 @@ def dropped_bits(window: int, ceiling: int, far: float = 0.0) -> int:
 
     least = next(n for n in range(64) if largest(n) <= 170)
     fits = [largest(n) + window_penalty(far, window, n) <= 255 for n in (least, least + 1)]
-    return least + (fits == [False, True])
+    return least + (fits == [False, True] and largest(least + 1) >= 80)
 
 
 def box_sum(values: NDArray[Any], window: int, dropped: int = 0) -> NDArray[Any]:

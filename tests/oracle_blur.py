@@ -89,7 +89,8 @@ def rough(scene: Scene, factor: int, neighborhood: int) -> Floats:
         frequencies=(1, 1),
         precision="byte",
         optimizer="so",
-        penalty=(1, 4.5),
+        shiftable=False,
+        penalty=(3, 16),
         confidence=False,
     )
     return result.disparity.astype(np.float64) * factor

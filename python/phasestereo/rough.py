@@ -82,6 +82,15 @@ def rough_disparity(left: Plane, right: Plane) -> Plane:
 
 
 def _matched(left: Plane, right: Plane, reach: int) -> Plane:
+    # Windows that shift and small penalties find matches on rows that do not correspond, too.
     return match(
-        left, right, num_disparities=2 * reach + 1, min_disparity=-reach, preset="fast"
+        left,
+        right,
+        num_disparities=2 * reach + 1,
+        min_disparity=-reach,
+        preset="fast",
+        shiftable=True,
+        penalty=(1.0, 4.5),
+        edges=0.0,
+        median=0,
     ).disparity
