@@ -115,8 +115,11 @@ impl Volume {
             for (row, y) in band.enumerate() {
                 let seen = evidence.row(row);
                 for (x, found) in found.row_mut(y).iter_mut().enumerate() {
-                    let (chosen, own, elsewhere) = (seen.chosen[x], seen.own[x], seen.elsewhere[x]);
-                    *found = Found { chosen, own, elsewhere, offset: seen.offset[x] };
+                    // Of a band that is not weighed nothing but the choices is known.
+                    let cost = |costs: &[u32]| costs.get(x).copied().unwrap_or(NONE);
+                    let offset = seen.offset.get(x).copied().unwrap_or(f32::NAN);
+                    let (own, elsewhere) = (cost(seen.own), cost(seen.elsewhere));
+                    *found = Found { chosen: seen.chosen[x], own, elsewhere, offset };
                 }
             }
         }
