@@ -10,8 +10,8 @@
 //!
 //! so no total exceeds the largest cost plus P2, and most fit a byte. All candidates of a pixel are neighboring lanes:
 //! those at `k-1` and `k+1` are unaligned loads of what the step before has stored, between two runs out of reach. What
-//! a step waits for is the minimum of the one before; so several paths are extended in turn, [`ROWS`] rows of the
-//! horizontal passes and [`PIXELS`] columns of the vertical ones.
+//! a step waits for is the minimum of the one before; so several paths are extended in turn, four rows of the
+//! horizontal passes and sixteen columns of the vertical ones.
 
 use std::mem::swap;
 use std::ops::Range;
