@@ -61,8 +61,9 @@ class Settings:
         bits that each fits a byte, which is nearly twice as fast: from the sum of each column of
         the window the lowest n bits are dropped, the least n for which
         window * (window * ceiling >> n) <= 170, the ceiling being the largest cost of one pixel;
-        one more where only so the largest sum and the far penalty together fit a byte. So totals
-        fit one, too, unless penalties are large. Default ``"full"``.
+        one more where only so the largest sum and the far penalty together fit a byte, if that
+        leaves a largest sum of at least 80. So totals fit one, too, unless penalties are large.
+        Default ``"full"``.
     optimizer
         How a row of costs becomes a row of disparities. Default ``"dp"``.
 
@@ -229,8 +230,8 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
 )
 """The named settings. ``"robust"``: finds by itself which image is blurred and how, evens that out,
 does not let noise vote, searches along four paths, checks, fills and smooths. ``"paper"``: the
-method of the paper to the letter. ``"fast"``, for frame rates: short codes, costs in bytes,
-disparities free to change either way, no confidence."""
+method of the paper to the letter. ``"fast"``, for frame rates: short codes, costs in bytes, two
+paths along the row, a median, no confidence."""
 
 PRESET = "robust"
 """Name of the settings to start from where nothing else is said."""
