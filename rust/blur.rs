@@ -13,19 +13,20 @@
 //! All sums are in a fixed order, and nothing depends on threads or instructions.
 
 mod bank;
-mod bins;
+pub(crate) mod bins;
 mod fit;
 mod glance;
 mod measured;
-mod parts;
+pub(crate) mod parts;
 mod refine;
 mod regions;
-mod rough;
+pub(crate) mod rough;
 mod search;
 mod spectrum;
 mod transform;
 
 use std::borrow::Cow;
+use std::ops::Range;
 
 use rayon::prelude::*;
 
@@ -35,10 +36,10 @@ use self::bins::{SIDE, bins};
 use self::fit::{Evidence, Fit, Response};
 pub use self::glance::Glance;
 use self::measured::{look, measured};
-use self::parts::{Kept, Means, Part, ROUGHEST, Rows};
+use self::parts::{Means, Part, ROUGHEST, Rows, blocks};
 use self::refine::refine;
 use self::regions::{Losses, MOST};
-use self::rough::{Scale, shades_per_unit};
+use self::rough::{Known, Rough, Scale, shades_per_unit};
 use self::search::{Blocks, Choice, flat, searched};
 pub use self::spectrum::Place;
 use self::spectrum::{Cross, Powers, powers, response};
@@ -47,7 +48,6 @@ use crate::error::Result;
 use crate::matcher::{Execution, Matcher, Pair};
 use crate::psf::{Psf, Taps};
 use crate::simd::Level;
-use crate::source::Source;
 
 /// The match by which a kernel is measured: means of bad-1.0 over 12 scenes with an arc of 15 px and 270 degrees after
 /// one such kernel, by factor and neighbourhood: 4, 9: 22.7 %; 2, 9: 18.1 %; 2, 15: 18.5 %; true kernel: 17.6.
@@ -125,6 +125,9 @@ struct Grid {
 /// All that the steps have in common.
 struct Scene<'a> {
     rows: Rows<'a>,
+    /// Rough disparities of rows that are in memory.
+    rough: Option<Rough>,
+    known: Known,
     size: (usize, usize),
     /// How many of the gray values of either image make one unit of its pixels.
     units: [f64; 2],
@@ -145,35 +148,13 @@ pub fn prepare() {
     bank();
 }
 
-/// Estimates the relative blur of a pair.
-pub fn estimate(
-    pair: &Pair,
-    matcher: &Matcher,
-    how: Execution,
-    control: &Control,
-) -> Result<Estimate> {
-    let (means, size) = (Means { matcher, how, control }, pair.size());
+/// Estimates the relative blur of a pair, on the threads at hand. `sample` is any part of it.
+pub(crate) fn estimate(rows: Rows, sample: &Pair, known: Known, means: Means) -> Result<Estimate> {
+    let size = rows.size();
     if !is_enough(size) {
         return Ok(Estimate::nothing(size));
     }
-    matcher.install(|| {
-        let kept = Kept::new(pair, means)?;
-        Scene::new(Rows::Kept(&kept), pair, size, means)?.estimate()
-    })
-}
-
-/// The same of a pair that is read a part at a time, to the bit.
-pub fn estimate_by_rows(
-    source: &dyn Source,
-    matcher: &Matcher,
-    how: Execution,
-    control: &Control,
-) -> Result<Estimate> {
-    let (means, size) = (Means { matcher, how, control }, source.size());
-    if !is_enough(size) {
-        return Ok(Estimate::nothing(size));
-    }
-    matcher.install(|| Scene::new(Rows::Read(source), &source.rows(0..1)?, size, means)?.estimate())
+    Scene::new(rows, sample, known, means)?.estimate()
 }
 
 /// Whether the blur of a pair is what it was in an earlier one that was estimated. Sizes that change by less than a fifth
@@ -203,10 +184,28 @@ fn is_enough((rows, cols): (usize, usize)) -> bool {
 
 impl<'a> Scene<'a> {
     /// `sample` is any part of the pair.
-    fn new(rows: Rows<'a>, sample: &Pair, size: (usize, usize), means: Means<'a>) -> Result<Self> {
+    fn new(rows: Rows<'a>, sample: &Pair, known: Known, means: Means<'a>) -> Result<Self> {
         let [left, right] = sample.views();
         let unit = |view| shades_per_unit(view, means.how.level, means.control);
-        Ok(Self { rows, size, units: [unit(left)?, unit(right)?], means })
+        let units = [unit(left)?, unit(right)?];
+        let rough = match rows {
+            Rows::Kept(part) => Some(part.rough(&known, ROUGHEST, means)?),
+            Rows::Read(_) => None,
+        };
+        Ok(Self { rows, rough, known, size: rows.size(), units, means })
+    }
+
+    /// Has blocks looked at whose top rows are these, from the first one down.
+    fn look(
+        &self,
+        tops: &[usize],
+        scale: Scale,
+        mut at: impl FnMut(&Part, &Rough, Range<usize>) -> Result<()>,
+    ) -> Result<()> {
+        self.rows.look(blocks(tops, &self.known), self.means, |part, looked| match &self.rough {
+            Some(rough) if scale == ROUGHEST => at(part, rough, looked),
+            _ => at(part, &part.rough(&self.known, scale, self.means)?, looked),
+        })
     }
 
     fn estimate(&self) -> Result<Estimate> {
@@ -262,7 +261,7 @@ impl<'a> Scene<'a> {
         let (rows, cols) = (height.div_ceil(step), width.div_ceil(step));
         let tops: Vec<usize> = (0..rows).map(|y| corner(y, height)).collect();
         let (mut places, mut found) = (vec![], vec![]);
-        self.rows.look(&tops, ROUGHEST, self.means, |part, rough, rows| {
+        self.look(&tops, ROUGHEST, |part, rough, rows| {
             let tiles = rows.flat_map(|y| (0..cols).map(move |x| (y, x)));
             let place = |(y, x): (usize, usize)| {
                 is_wanted((y, x)).then(|| part.place(rough, tops[y], corner(x, width)))?
@@ -323,7 +322,7 @@ impl<'a> Scene<'a> {
         let mut rows: Vec<usize> = places.iter().map(|place| place.top).collect();
         rows.dedup();
         let mut sums = Cross::default();
-        self.rows.look(&rows, ROUGH, self.means, |part, rough, looked| {
+        self.look(&rows, ROUGH, |part, rough, looked| {
             let here = &rows[looked];
             let there = places.iter().filter(|place| here.contains(&place.top));
             look(

@@ -5,6 +5,7 @@
 //! Measured, a match takes 35 to 85 % of what is said here.
 
 use crate::aggregation::Window;
+use crate::alignment::Alignment;
 use crate::intensity::{LEVEL_CEILING, LEVEL_STEPS};
 use crate::matcher::Width;
 use crate::normalisation::{DEVIATION_CEILING, DEVIATION_STEPS};
@@ -36,6 +37,8 @@ pub struct Demand<'a> {
     pub settings: &'a Settings,
     /// The versions in which pixels are compared.
     pub versions: Option<&'a Versions>,
+    /// The field that the right image is straightened by.
+    pub alignment: Option<&'a Alignment>,
     /// Columns of the images.
     pub cols: usize,
     /// Disparities that are searched.
@@ -49,11 +52,12 @@ pub struct Demand<'a> {
 impl Demand<'_> {
     /// The bytes that so many rows take, with those around them that they depend on.
     pub fn bytes(&self, rows: usize) -> u64 {
-        let reach = Reach::new(self.settings, self.versions);
+        let reach = Reach::new(self.settings, self.versions, self.alignment);
         let read = rows + 2 * (reach.rows() + reach.masked);
         let map = (rows + 2 * reach.map) * self.cols;
-        // Both images and their masks, twice.
-        let images = read * self.cols * 4 * (self.pixel + 1);
+        // Both images and their masks, twice; the right one once more, or twice, if it is straightened.
+        let copies = if self.alignment.is_some() { 6 } else { 4 };
+        let images = read * self.cols * copies * (self.pixel + 1);
         let (kept, passing) = self.compared();
         let describing = read * (kept + passing);
         let matching = read * (kept + TEXTURE * self.cols) + MAP * map;

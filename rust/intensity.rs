@@ -259,7 +259,7 @@ fn levels(view: &View, range: Range, as_gray: bool, control: &Control) -> Result
 }
 
 /// Where the valid pixels of a float image lie: what the view tells, or else what is found of it.
-fn float_range(view: &View, control: &Control) -> Result<Range> {
+pub fn float_range(view: &View, control: &Control) -> Result<Range> {
     if let Some(range) = view.range {
         return Ok(range);
     }

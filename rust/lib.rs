@@ -76,7 +76,9 @@ pub mod guided;
 pub mod median;
 pub mod speckles;
 
+pub mod alignment;
 pub mod blur;
+pub mod estimation;
 pub mod psf;
 
 pub mod control;
@@ -88,6 +90,7 @@ pub mod footprint;
 pub mod reach;
 pub mod section;
 pub mod source;
+pub mod summary;
 
 pub mod reference;
 

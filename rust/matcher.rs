@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 
 use crate::aggregation::Window;
+use crate::alignment::Alignment;
+use crate::alignment::straighten::straightened;
 use crate::candidates::Candidates;
 use crate::consistency::Checker;
 use crate::control::Control;
@@ -103,6 +105,32 @@ impl Pair {
         let [left, right] = ranges;
         (self.left.range, self.right.range) = (left, right);
         self
+    }
+
+    /// The pair to be searched over other disparities.
+    pub fn searched(self, candidates: Candidates) -> Self {
+        Self { candidates, ..self }
+    }
+
+    /// The pair with the rows of its right image where the left one has them.
+    pub fn straightened(&self, alignment: &Alignment, control: &Control) -> Result<Self> {
+        Ok(Self { right: straightened(&self.right, alignment, control)?, ..self.clone() })
+    }
+
+    /// Some rows of the images. Floats are those of the whole pair.
+    pub fn of_rows(&self, rows: Range<usize>) -> Self {
+        let [left, right] = [&self.left, &self.right].map(|view| view.of_rows(rows.clone()));
+        Self { left, right, ..self.clone() }
+    }
+
+    /// The pair with the ranges of its floats worked out, so that any part of it is a part of the whole.
+    pub fn with_own_ranges(self, control: &Control) -> Result<Self> {
+        let range = |view: &View| match view.image.white() {
+            Some(_) => Ok(None),
+            None => intensity::float_range(view, control).map(Some),
+        };
+        let ranges = [range(&self.left)?, range(&self.right)?];
+        Ok(self.with_ranges(ranges))
     }
 
     /// Left and right view.
@@ -233,7 +261,7 @@ impl Matcher {
         how: Execution,
         control: &Control,
     ) -> Result<Disparity> {
-        let around = section.widened(Reach::new(settings, pair.versions()).map, pair);
+        let around = section.widened(Reach::new(settings, pair.versions(), None).map, pair);
         let wanted = section.rows.start - around.start..section.rows.end - around.start;
         let widened = Section { rows: around, ..section.clone() };
         let choice = self.choose(pair, &widened, settings, how, control)?;

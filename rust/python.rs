@@ -4,6 +4,7 @@
 //! from writing into them.
 
 mod arguments;
+mod found;
 mod reader;
 mod supervisor;
 mod workers;
@@ -11,33 +12,39 @@ mod workers;
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use self::arguments::{
-    Both, Told, read_noise, read_pair, read_settings, read_versions, read_view, read_volume,
+    Both, Told, candidates_of, read_images, read_known, read_noise, read_pair, read_search,
+    read_settings, read_versions, read_view, read_volume,
 };
+use self::found::{Field, Found, Seen, read_field, read_glance, tell_found};
 use self::reader::{Ranges, Reader};
 use self::supervisor::supervised;
 use self::workers::{Pool, Workers};
 use crate::aggregation::{Window, aggregate};
-use crate::blur::{self, Glance, Place, Side};
+use crate::blur;
+use crate::candidates::Candidates;
 use crate::cost::Costs;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
+use crate::estimation::compensation::LARGER;
+use crate::estimation::overview::LEAST_SIZE;
+use crate::estimation::{Known, Means, Prepared, prepare, prepare_by_rows};
 use crate::footprint::Demand;
 use crate::intensity::Gray;
 use crate::matcher::{Disparity, Execution, on_threads};
 use crate::optimization::{BAND, Steps, optimize};
 use crate::plane::Plane;
-use crate::psf::{Family, Taps};
 use crate::reach::Reach;
 use crate::refinement::flag;
 use crate::section::Section;
 use crate::simd::Level;
 use crate::source;
+use crate::summary::Summary;
 use crate::texture::Roughness;
 
 impl From<Error> for PyErr {
@@ -60,14 +67,15 @@ impl From<Error> for PyErr {
 #[pymodule(gil_used = false)]
 mod _core {
     use super::{
-        BAND, Bound, PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, warm_up,
+        BAND, Bound, LARGER, LEAST_SIZE, PyDict, PyDictMethods, PyModule, PyModuleMethods,
+        PyResult, flag, warm_up,
     };
 
     #[pymodule_export]
     use super::{
         Workers, aggregate_volume, blur_is_as_before, check_settings, check_versions, cost_volume,
-        descriptor, estimate_blur, estimate_blur_by_rows, find_ranges, find_roughness, match_pair,
-        match_rows, optimize_volume, reach, simd_level, working_memory,
+        descriptor, estimate_pair, estimate_pair_by_rows, find_ranges, find_roughness, match_pair,
+        match_rows, optimize_volume, reach, simd_level, summarize, working_memory,
     };
 
     #[pymodule_init]
@@ -76,6 +84,8 @@ mod _core {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("DEBUG_BUILD", cfg!(debug_assertions))?;
         module.add("BAND_ROWS", BAND)?;
+        module.add("LARGER", LARGER)?;
+        module.add("LEAST_SIZE", LEAST_SIZE)?;
         let flags = PyDict::new(module.py());
         flags.set_item("MASKED", flag::MASKED)?;
         flags.set_item("NO_CANDIDATE", flag::NO_CANDIDATE)?;
@@ -127,7 +137,6 @@ type Matched<'py> = (
 );
 
 #[pyfunction]
-#[pyo3(signature = (images, masks, disparities, settings, threads, progress, versions))]
 #[expect(clippy::too_many_arguments, reason = "what Python tells by name")]
 fn match_pair<'py>(
     py: Python<'py>,
@@ -137,16 +146,19 @@ fn match_pair<'py>(
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-    versions: &Bound<'py, PyAny>,
-) -> PyResult<Matched<'py>> {
-    let settings = read_settings(settings)?;
-    let pair = read_pair(&images, &masks, &disparities)?.with_versions(read_versions(versions)?);
+    told: (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>),
+) -> PyResult<(Matched<'py>, Found<'py>)> {
+    let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
+    let pair = read_images(&images, &masks, search)?;
+    let known = read_known(&told, pair.size(), search)?;
     let (pool, rows) = (Pool::of(threads)?, pair.size().0);
     let how = Execution { threads: pool.threads(), level: Level::best() };
-    let map = supervised(py, &pool, rows, progress, move |matcher, control| {
-        matcher.run(&pair, &settings, how, control)
+    let (map, found) = supervised(py, &pool, rows, progress, move |matcher, control| {
+        let means = Means { matcher, how, control };
+        let Prepared { pair, settings, found } = prepare(pair, known, &settings, means)?;
+        Ok((matcher.run(&pair, &settings, how, control)?, found))
     })?;
-    tell_disparity(py, map)
+    Ok((tell_disparity(py, map)?, tell_found(py, found)?))
 }
 
 fn tell_disparity(py: Python<'_>, found: Disparity) -> PyResult<Matched<'_>> {
@@ -159,31 +171,26 @@ fn tell_disparity(py: Python<'_>, found: Disparity) -> PyResult<Matched<'_>> {
     Ok((wrap(py, disparity)?, wrap(py, flags)?, confidence, timings))
 }
 
-/// Softer image (0 none, 1 left, 2 right), kind, size, angle and kernel of a blur.
-type Kind<'py> = (u8, &'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
-
-/// Rows of places (top, left, right), and what was seen there.
-type Seen<'py> = (Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<f32>>);
-
-/// The kinds of blur, the map of them, side of its tiles, certainty, gain, noise left and right, and a glance.
-type Estimated<'py> =
-    (Vec<Kind<'py>>, Bound<'py, PyArray2<u8>>, usize, f32, f64, (f64, f64), Seen<'py>);
-
+/// What is found out of a pair without matching it.
 #[pyfunction]
-fn estimate_blur<'py>(
+fn estimate_pair<'py>(
     py: Python<'py>,
     images: Both<'py>,
     masks: Both<'py>,
     disparities: Both<'py>,
+    settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
-) -> PyResult<Estimated<'py>> {
-    let pair = read_pair(&images, &masks, &disparities)?;
+) -> PyResult<Found<'py>> {
+    let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
+    let pair = read_images(&images, &masks, search)?;
+    let known = Known { candidates: candidates_of(&pair, search), ..Known::default() };
     let (pool, rows) = (Pool::of(threads)?, pair.size().0);
     let how = Execution { threads: pool.threads(), level: Level::best() };
-    let told = supervised(py, &pool, rows, None, move |matcher, control| {
-        blur::estimate(&pair, matcher, how, control)
+    let found = supervised(py, &pool, rows, None, move |matcher, control| {
+        let means = Means { matcher, how, control };
+        Ok(prepare(pair, known, &settings, means)?.found)
     })?;
-    tell_estimate(py, told)
+    tell_found(py, found)
 }
 
 /// Whether blur is as it was at a glance before.
@@ -192,11 +199,10 @@ fn blur_is_as_before<'py>(
     py: Python<'py>,
     images: Both<'py>,
     masks: Both<'py>,
-    disparities: Both<'py>,
     glance: Seen<'py>,
     threads: &Bound<'py, PyAny>,
 ) -> PyResult<bool> {
-    let (pair, before) = (read_pair(&images, &masks, &disparities)?, read_glance(glance)?);
+    let (pair, before) = (read_images(&images, &masks, None)?, read_glance(glance)?);
     let (pool, rows) = (Pool::of(threads)?, pair.size().0);
     let how = Execution { threads: pool.threads(), level: Level::best() };
     supervised(py, &pool, rows, None, move |matcher, control| {
@@ -204,49 +210,29 @@ fn blur_is_as_before<'py>(
     })
 }
 
-fn read_glance((places, excess): Seen) -> PyResult<Glance> {
-    let places: Vec<u32> = places.to_vec().map_err(internal)?;
-    let (places, _) = places.as_chunks();
-    let place = |[top, left, right]: &[u32; 3]| {
-        let [top, left, right] = [top, left, right].map(|value| *value as usize);
-        Place { top, left, right }
-    };
-    let places = places.iter().map(place).collect();
-    Ok(Glance { places, excess: excess.to_vec().map_err(internal)? })
-}
-
-fn tell_glance(py: Python<'_>, Glance { places, excess }: Glance) -> PyResult<Seen<'_>> {
-    let values = places.iter().flat_map(|place| [place.top, place.left, place.right]);
-    let values = values.map(|value| value as u32).collect();
-    Ok((wrap(py, Plane::from_vec(places.len(), 3, values)?)?, excess.into_pyarray(py)))
-}
-
 /// The same of a pair that is read by rows.
 #[pyfunction]
-fn estimate_blur_by_rows<'py>(
+#[expect(clippy::too_many_arguments, reason = "what Python tells by name")]
+fn estimate_pair_by_rows<'py>(
     py: Python<'py>,
     read: Bound<'py, PyAny>,
     size: (usize, usize),
-    disparities: (i64, i64),
+    disparities: Both<'py>,
+    settings: &Bound<'py, PyAny>,
     ranges: Option<Ranges>,
     threads: &Bound<'py, PyAny>,
-) -> PyResult<Estimated<'py>> {
-    let (reader, pool) = (Reader::new(read, size, disparities, ranges)?, Pool::of(threads)?);
+    told: (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>),
+) -> PyResult<Found<'py>> {
+    let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
+    let known = read_known(&told, size, search)?;
+    let (reader, pool) = (Reader::new(read, size, search, ranges)?, Pool::of(threads)?);
     let how = Execution { threads: pool.threads(), level: Level::best() };
     let source = Arc::clone(&reader);
-    let told = supervised(py, &pool, size.0, None, move |matcher, control| {
-        blur::estimate_by_rows(&*source, matcher, how, control)
+    let found = supervised(py, &pool, size.0, None, move |matcher, control| {
+        let means = Means { matcher, how, control };
+        prepare_by_rows(&*source, known, &settings, means)
     });
-    tell_estimate(py, told.map_err(|failure| reader.reason(failure))?)
-}
-
-fn tell_estimate(py: Python<'_>, told: blur::Estimate) -> PyResult<Estimated<'_>> {
-    let blurs: PyResult<_> = told.blurs.iter().map(|blur| tell_blur(py, blur)).collect();
-    let (rows, cols, labels) = told.labels;
-    let labels = wrap(py, Plane::from_vec(rows, cols, labels)?)?;
-    let [left, right] = told.noise;
-    let glance = tell_glance(py, told.glance)?;
-    Ok((blurs?, labels, told.tile, told.certainty, told.gain, (left, right), glance))
+    tell_found(py, found.map_err(|failure| reader.reason(failure))?)
 }
 
 /// Where the pixels lie of images of floats that are read by rows.
@@ -255,9 +241,9 @@ fn find_ranges(
     py: Python<'_>,
     read: Bound<'_, PyAny>,
     size: (usize, usize),
-    disparities: (i64, i64),
+    disparities: Both<'_>,
 ) -> PyResult<Ranges> {
-    let reader = Reader::new(read, size, disparities, None)?;
+    let reader = Reader::new(read, size, read_search(&disparities)?, None)?;
     let source = Arc::clone(&reader);
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
         source::ranges(&*source, control)
@@ -272,10 +258,10 @@ fn find_roughness(
     py: Python<'_>,
     read: Bound<'_, PyAny>,
     size: (usize, usize),
-    disparities: (i64, i64),
+    disparities: Both<'_>,
     ranges: Option<Ranges>,
 ) -> PyResult<(u64, u64)> {
-    let reader = Reader::new(read, size, disparities, ranges)?;
+    let reader = Reader::new(read, size, read_search(&disparities)?, ranges)?;
     let source = Arc::clone(&reader);
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
         source::roughness(&*source, Level::best(), control)
@@ -286,9 +272,14 @@ fn find_roughness(
 
 /// How many rows of the images on either side a disparity depends on, and how many more next to masked rows.
 #[pyfunction]
-fn reach(settings: &Bound<'_, PyAny>, versions: &Bound<'_, PyAny>) -> PyResult<(usize, usize)> {
+fn reach(
+    settings: &Bound<'_, PyAny>,
+    versions: &Bound<'_, PyAny>,
+    alignment: Option<Field>,
+) -> PyResult<(usize, usize)> {
     let (settings, versions) = (read_settings(settings)?, read_versions(versions)?);
-    let reach = Reach::new(&settings, versions.as_ref());
+    let field = read_field(alignment)?;
+    let reach = Reach::new(&settings, versions.as_ref(), field.as_ref());
     Ok((reach.rows(), reach.masked))
 }
 
@@ -306,6 +297,7 @@ fn working_memory(
     let demand = Demand {
         settings: &told.settings,
         versions: told.versions.as_ref(),
+        alignment: told.alignment.as_ref(),
         cols,
         candidates,
         pixel: itemsize,
@@ -330,6 +322,7 @@ fn match_rows<'py>(
     let pair = read_pair(&images, &masks, &told.disparities)?
         .with_versions(told.versions.map(|versions| versions.from_row(first)))
         .with_ranges(told.ranges);
+    let field = told.alignment.map(|field| field.from_row(first));
     let section = Section {
         rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
         roughness: told.roughness,
@@ -337,37 +330,43 @@ fn match_rows<'py>(
     };
     let (settings, pool) = (told.settings, Pool::of(threads)?);
     let how = Execution { threads: pool.threads(), level: Level::best() };
-    let chosen = section.widened(Reach::new(&settings, pair.versions()).map, &pair);
+    let chosen = section.widened(Reach::new(&settings, pair.versions(), None).map, &pair);
     let found = supervised(py, &pool, chosen.len(), progress, move |matcher, control| {
+        let pair = match &field {
+            Some(field) => pair.straightened(field, control)?,
+            None => pair,
+        };
         matcher.run_rows(&pair, &section, &settings, how, control)
     })?;
     tell_disparity(py, found)
 }
 
-fn tell_blur<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Kind<'py>> {
-    let kernel = |taps: &Taps| {
-        let kernel = Plane::from_vec(taps.side(), taps.side(), taps.values.clone())?;
-        wrap(py, kernel)
-    };
-    let softer = match blur.side {
-        None => 0,
-        Some(Side::Left) => 1,
-        Some(Side::Right) => 2,
-    };
-    let (family, size, angle) = match (blur.psf, &blur.taps) {
-        (Some(psf), _) => (family_name(psf.family), psf.size, psf.angle),
-        (None, Some(taps)) => ("other", taps.radius(), 0.0),
-        (None, None) => ("none", 0.0, 0.0),
-    };
-    Ok((softer, family, size, angle, blur.taps.as_ref().map(kernel).transpose()?))
-}
-
-fn family_name(family: Family) -> &'static str {
-    match family {
-        Family::Gaussian => "gaussian",
-        Family::Disk => "disk",
-        Family::Motion => "motion",
+/// Shares with an estimate, flagged, at the least and at the largest disparity; mean confidence.
+#[pyfunction]
+fn summarize(
+    disparity: PyReadonlyArray2<'_, f32>,
+    flags: PyReadonlyArray2<'_, u16>,
+    confidence: Option<PyReadonlyArray2<'_, f32>>,
+    disparities: (i64, i64),
+) -> PyResult<(f64, f64, f64, f64, f64)> {
+    let (rows, cols) = disparity.as_array().dim();
+    let confidence = confidence.as_ref();
+    let is_like = |shape: (usize, usize)| shape == (rows, cols);
+    if !is_like(flags.as_array().dim()) || !confidence.is_none_or(|c| is_like(c.as_array().dim())) {
+        return Err(PyValueError::new_err("flags, confidence: accept the shape of disparity"));
     }
+    let candidates = Candidates::new(disparities.0, disparities.1, cols)?;
+    let confidence = confidence.map(|confidence| confidence.as_slice()).transpose();
+    let (disparity, flags) = (disparity.as_slice(), flags.as_slice());
+    let contiguous = |_| PyValueError::new_err("disparity, flags, confidence: accept C order");
+    let found = Summary::new(
+        disparity.map_err(contiguous)?,
+        flags.map_err(contiguous)?,
+        confidence.map_err(contiguous)?,
+        candidates,
+    );
+    let Summary { estimated, flagged, at_low, at_high, confidence } = found;
+    Ok((estimated, flagged, at_low, at_high, confidence))
 }
 
 #[pyfunction]

@@ -2,6 +2,7 @@
 //! come out as parts of the whole.
 
 use crate::aggregation::Window;
+use crate::alignment::Alignment;
 use crate::convolution::Weights;
 use crate::optimization::{BAND, LOOK_ROWS};
 use crate::settings::{CostKind, Optimizer, Settings};
@@ -11,6 +12,8 @@ use crate::{confidence, filling, guided, masking, median, subpixel};
 /// Rows on either side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reach {
+    /// Rows of the images around one that is described and summed over windows.
+    pub description: usize,
     /// Rows of the images around one whose disparities are chosen.
     pub images: usize,
     /// Rows of what was chosen around one that is refined.
@@ -20,8 +23,12 @@ pub struct Reach {
 }
 
 impl Reach {
-    /// That of checked settings, for images that are compared in these versions.
-    pub fn new(settings: &Settings, versions: Option<&Versions>) -> Self {
+    /// That of checked settings, for images that are compared in these versions, the right one straightened.
+    pub fn new(
+        settings: &Settings,
+        versions: Option<&Versions>,
+        alignment: Option<&Alignment>,
+    ) -> Self {
         let window = Window::new((1, 1), 1, settings, 0).margin();
         let description = match settings.cost {
             CostKind::Phase => settings.neighborhood / 2 + versions.map_or(0, largest_radius),
@@ -34,8 +41,9 @@ impl Reach {
             _ => 0,
         };
         // Gray values are compared with those of the row above.
-        let images = (window + description + paths).max(1);
-        Self { images, map: refinement(settings), masked: masking::REACH }
+        let description = window + description;
+        let images = (description + paths).max(1) + alignment.map_or(0, Alignment::reach);
+        Self { description, images, map: refinement(settings), masked: masking::REACH }
     }
 
     /// Rows of the images around one whose disparities are refined.

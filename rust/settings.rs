@@ -111,6 +111,12 @@ pub struct Settings {
     /// from one pixel of a path to the next by more than so many times the mean difference of neighbors, the far penalty
     /// is halved; by more than thrice that, a third of it, but at least the near one; 0 to 1000, 0: nowhere.
     pub edges: f64,
+    /// Whether the relative blur of the images is estimated and the sharper one given it, for phase codes; where any is
+    /// found, neighborhood and window are two pixels larger.
+    pub equalise: bool,
+    /// Whether it is estimated how the rows of the images correspond, and the right one straightened if the match gets
+    /// better by it.
+    pub align_rows: bool,
     /// Intensities of black and white; `None`: the type's range for integers, a robust range for floats.
     pub intensity_range: Option<(f64, f64)>,
     /// Whether estimates lie between candidates, and are smoothed over surfaces.
@@ -153,6 +159,8 @@ impl Default for Settings {
             optimizer: Optimizer::DynamicProgramming,
             penalty: Penalty { near: 2.0, far: 2.0 },
             edges: 0.0,
+            equalise: false,
+            align_rows: false,
             intensity_range: None,
             subpixel: false,
             consistency: None,
@@ -180,6 +188,9 @@ impl Settings {
         self.check_code_length()?;
         self.check_penalty()?;
         number_between("edges", self.edges, LARGEST_EDGES)?;
+        if self.equalise && self.cost != CostKind::Phase {
+            return Err(Error::value("equalise", "True", "False unless cost = 'phase'"));
+        }
         if let Some(most) = self.consistency {
             between("consistency", most, 0, MOST_DISPARITIES)?;
         }

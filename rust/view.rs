@@ -1,5 +1,7 @@
 //! One camera's part of a pair: its pixels, of any type, and which of them are valid.
 
+use std::ops;
+
 use ndarray::{Array3, ArrayView1, ArrayView2, ArrayView3, Axis, s};
 
 use crate::error::{Error, Result};
@@ -98,6 +100,22 @@ impl Image {
 }
 
 impl View {
+    /// Some rows.
+    pub fn of_rows(&self, rows: ops::Range<usize>) -> Self {
+        let part = s![rows.clone(), .., ..];
+        let image = match &self.image {
+            Image::U8(pixels) => Image::U8(pixels.slice(part).to_owned()),
+            Image::U16(pixels) => Image::U16(pixels.slice(part).to_owned()),
+            Image::F32(pixels) => Image::F32(pixels.slice(part).to_owned()),
+            Image::F64(pixels) => Image::F64(pixels.slice(part).to_owned()),
+        };
+        let mask = self.mask.as_ref();
+        let mask = mask.map(|mask| {
+            Plane::from_fn(rows.len(), mask.cols(), |y, x| mask.row(rows.start + y)[x])
+        });
+        Self { image, mask, range: self.range }
+    }
+
     /// Whether the mask, if there is one, calls the pixel valid.
     pub fn is_valid(&self, y: usize, x: usize) -> bool {
         self.mask.as_ref().is_none_or(|mask| mask.row(y)[x])

@@ -53,7 +53,7 @@ impl Job {
     }
 
     fn reach(&self) -> Reach {
-        Reach::new(&self.settings, self.pair.versions())
+        Reach::new(&self.settings, self.pair.versions(), None)
     }
 
     fn whole(&self, (matcher, how): (&Matcher, Execution)) -> Seen {
@@ -454,7 +454,7 @@ fn refinement_needs_its_reach_and_no_more() {
         // What several stages reach together is not always needed, and what speckles and edges reach is told by
         // other maps.
         let is_one = settings.speckle_size == 0 && !settings.guided;
-        let reach = Reach::new(&settings, None).map;
+        let reach = Reach::new(&settings, None, None).map;
         let mut is_tight = reach == 0;
         for seed in 0..400 {
             let percent = [0, 3, 20, 60, 97][seed as usize % 5];
@@ -476,7 +476,7 @@ fn refinement_needs_its_reach_and_no_more() {
 #[test]
 fn edges_are_drawn_to_jumps_as_far_as_they_reach() {
     let settings = Settings { guided: true, ..nothing() };
-    let reach = Reach::new(&settings, None).map;
+    let reach = Reach::new(&settings, None, None).map;
     for cut in [60, 61, 75] {
         let calm = |y: usize, x: usize| (hash(6, y, x) % 4) as f32 / 4.0;
         let step = |y: usize| if y + 1 >= cut + reach { 5.0 } else { 0.0 };
@@ -494,7 +494,7 @@ fn edges_are_drawn_to_jumps_as_far_as_they_reach() {
 #[test]
 fn speckles_are_as_large_as_they_reach() {
     let settings = Settings { speckle_size: 20, fill: false, ..nothing() };
-    let reach = Reach::new(&settings, None).map;
+    let reach = Reach::new(&settings, None, None).map;
     let column = |length: usize| Map {
         disparity: Plane::from_fn(150, 24, |y, x| {
             if x == 7 && (60..60 + length).contains(&y) { 9.0 } else { 1.0 }

@@ -3,9 +3,10 @@
 
 mod common;
 
+use common::estimates::estimate;
 use common::{hash, levels};
 use ndarray::Array3;
-use phasestereo::blur::{Estimate, Glance, Side, estimate, is_as_before};
+use phasestereo::blur::{Estimate, Glance, Side, is_as_before};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
 use phasestereo::matcher::{Execution, Matcher, Pair};

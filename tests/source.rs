@@ -2,10 +2,11 @@
 
 mod common;
 
+use common::estimates::{estimate, estimate_by_rows};
 use common::parts::Slow;
 use common::{hash, levels, mask, random};
 use ndarray::Array3;
-use phasestereo::blur::{Blur, Estimate, estimate, estimate_by_rows};
+use phasestereo::blur::{Blur, Estimate};
 use phasestereo::control::Control;
 use phasestereo::error::{Error, Result};
 use phasestereo::intensity::{Gray, Range};

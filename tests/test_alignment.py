@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 from phasestereo import degradation
-from phasestereo.alignment import Alignment, measure_alignment, straightened
 from phasestereo.datasets import find_scene
+from phasestereo.estimation import measure_alignment
 from warping import moved
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
+
+    from phasestereo.alignment import Alignment
 
     Plane = NDArray[np.float32]
 
@@ -122,22 +124,3 @@ def test_one_sided_blur_does_not_hide_a_shift_nor_make_one(data: Path) -> None:
 )
 def test_nothing_is_told_from_nothing(pair: tuple[Plane, Plane]) -> None:
     assert measure_alignment(*pair) is None
-
-
-def test_straightening_undoes_what_was_measured() -> None:
-    scene = texture(160, 240)
-    smooth = moved(scene, down=0.5)  # interpolated once, so that interpolation is not the error
-    crooked = moved(smooth, down=2, clockwise=1)
-    mended = straightened(crooked, measured(smooth, crooked))
-    inner = np.s_[20:-20, 20:-20]
-    left_over = measured(smooth[inner], mended[inner])
-    assert left_over.rms < 0.1
-    assert measured(smooth[inner], crooked[inner]).rms > 1.5
-
-
-def test_straightening_a_copy_needs_its_reduction() -> None:
-    ramp = np.repeat(np.arange(64, dtype=np.float32)[:, np.newaxis], 32, axis=1)
-    alignment = Alignment(
-        vertical=4.0, slope_x=0.0, slope_y=0.0, error=0.0, blocks=100, size=(256, 128)
-    )
-    np.testing.assert_allclose(straightened(ramp, alignment, 4)[:-1], ramp[:-1] + 1)

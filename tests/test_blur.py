@@ -128,7 +128,9 @@ def test_real_pairs_are_as_the_oracle_has_them(data: Path, name: str, row: str, 
 @pytest.mark.parametrize("psf", [None, gaussian_psf(1.7), motion_psf(12, 37), arc(15, 270)])
 def test_made_pairs_are_as_the_oracle_has_them(psf: NDArray[np.float64] | None, side: str) -> None:
     images = shots(psf, side)
-    found = ps.estimate_blur(*images, num_disparities=COUNT)
+    # A kernel whose middle lies above or below its center shifts an image, which rows would follow.
+    found = ps.match(*images, num_disparities=COUNT, align_rows=False).blur
+    assert found is not None
     agree(found, oracle_blur.estimate(oracle_blur.scene_of(*images, search=(0, COUNT))))
 
 

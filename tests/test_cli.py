@@ -214,7 +214,7 @@ def test_every_setting_has_an_option_with_help(run: Callable[..., Run]) -> None:
     for field in fields(ps.Settings):
         assert f"--{field.name.replace('_', '-')} " in words
     assert "odd, 3 to 63" in words  # as the class says of the neighbourhood
-    assert "phasestereo match left.png right.png --num-disparities 64 -o out.pfm" in words
+    assert "phasestereo match left.png right.png -o out.pfm" in words
 
 
 def test_version_is_that_of_the_package(run: Callable[..., Run]) -> None:
@@ -237,7 +237,8 @@ def lie(name: str) -> None:
 
 
 REFUSALS: list[tuple[str, int, str]] = [
-    ("left.png right.png --json", WRONG, "--num-disparities"),
+    ("left.png right.png --num-disparities some --json", WRONG, "--num-disparities"),
+    ("left.png right.png --min-disparity 3 --json", WRONG, "--min-disparity: got 3; accepts 0"),
     ("left.png --num-disparities 9 --json", WRONG, "RIGHT"),
     ("left.png right.png --num-disparities 9", WRONG, "nothing to do"),
     ("left.png right.png --num-disparities 0 --json", WRONG, "--num-disparities"),

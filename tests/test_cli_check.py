@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,7 +51,8 @@ def blurred(monkeypatch: pytest.MonkeyPatch) -> None:
         noise=(1.0, 1.0),
     )
     module = importlib.import_module("phasestereo.diagnosis")
-    monkeypatch.setattr(module, "estimate_blur", lambda *_, **__: estimate)
+    found = module.estimate_pair
+    monkeypatch.setattr(module, "estimate_pair", lambda *a: replace(found(*a), blur=estimate))
 
 
 def test_sentences_are_those_of_the_library(run: Callable[..., Run]) -> None:

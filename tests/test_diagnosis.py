@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -62,7 +63,12 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Diagnosis]:
 
     def told(images: Pair, given: BlurEstimate | None = None) -> Diagnosis:
         module = importlib.import_module("phasestereo.diagnosis")
-        monkeypatch.setattr(module, "estimate_blur", lambda *_, **__: given or estimate())
+        found = module.estimate_pair
+
+        def with_blur(*arguments: Any) -> Any:
+            return replace(found(*arguments), blur=given or estimate())
+
+        monkeypatch.setattr(module, "estimate_pair", with_blur)
         return check(*images)
 
     return told

@@ -560,7 +560,8 @@ def test_a_program_with_the_wls_filter_and_three_names_exchanged(pair: Pair) -> 
 
 def test_opencv_is_needed_for_the_filter_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     code = "import sys, phasestereo.opencv; sys.exit('cv2' in sys.modules)"
-    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)  # noqa: S603 - our code
+    quiet = "-W", "error", "-W", "ignore::UserWarning"
+    subprocess.run([sys.executable, *quiet, "-c", code], check=True)  # noqa: S603 - our code
     monkeypatch.setitem(sys.modules, "cv2", None)
     monkeypatch.delitem(sys.modules, "cv2.ximgproc", raising=False)
     stereo = StereoPhase_create(0, 16, speckleWindowSize=100)

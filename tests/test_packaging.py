@@ -443,7 +443,7 @@ import numpy as np
 import phasestereo as ps
 
 image = np.zeros((40, 60), np.uint8)
-ps.match(image, image)  # wrong: no number of disparities
+ps.match(image)  # wrong: no right image
 result = ps.match(image, image, num_disparities=16)
 print(result.disparities)  # wrong: no such field
 result.disparity = result.disparity  # wrong: it is frozen

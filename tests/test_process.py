@@ -18,10 +18,14 @@ RNG = np.random.default_rng(0)
 SMALL = RNG.integers(0, 256, (2, 40, 60), np.uint8)
 
 
+WARNINGS = "-W", "error", "-W", "ignore::UserWarning"
+"""Noise is matched; that is warned of, and not what these are about."""
+
+
 def run(code: str, *, timeout: float = 60) -> subprocess.CompletedProcess[str]:
     """Run Python code in a process of its own."""
     return subprocess.run(  # noqa: S603  # our own interpreter on our own code
-        [sys.executable, "-W", "error", "-c", code],
+        [sys.executable, *WARNINGS, "-c", code],
         capture_output=True,
         text=True,
         timeout=timeout,

@@ -365,7 +365,7 @@ def test_a_matcher_reuses_what_it_is_given_and_nothing_else() -> None:
     matcher = ps.Matcher()
     first = matcher.match(*soft(0, blurred=True), num_disparities=COUNT)
     second = matcher.match(*soft(1, blurred=True), num_disparities=COUNT)
-    third = matcher.match(*soft(1, blurred=True), num_disparities=COUNT, before=first.blur)
+    third = matcher.match(*soft(1, blurred=True), num_disparities=COUNT, before=first)
     assert first.blur is not None
     assert second.blur is not None
     assert third.blur is not None

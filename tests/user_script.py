@@ -5,6 +5,7 @@ The tests check it with ``mypy --strict`` against the package as installed; nobo
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,7 +63,7 @@ def matched(left: Image, right: Image) -> Map:
     )
     settings: ps.Settings = ps.PRESETS["paper"]
     matcher = ps.Matcher(settings=settings, threads=1)
-    again = matcher.match(left, right, num_disparities=64)
+    again = matcher.match(left, right, before=result)
     seconds: float = sum(again.timings.values())
     use(again.settings.window, matcher.threads, seconds)
     return result.disparity
@@ -77,6 +78,14 @@ def told(result: ps.Result) -> NDArray[np.bool_]:
         use(blur.side, blur.kind, blur.size, blur.angle, result.blur.areas())
     if confidence is not None:
         use(float(confidence.mean()))
+    search: ps.SearchRange | None = result.search
+    rows: ps.Alignment | None = result.alignment
+    summary: ps.Summary | None = result.summary
+    if search is not None and rows is not None and summary is not None:
+        use(search.origin, search.low + 1.0, rows.rms + rows.rotation, summary.flagged + 1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ps.MatchWarning)
+        use([found.sentence for found in result.findings])
     doubted: NDArray[np.bool_] = (flags & (ps.Flag.OCCLUDED | ps.Flag.MISMATCHED)) != 0
     return doubted
 
@@ -85,8 +94,8 @@ def diagnosed(left: Image, right: Image) -> ps.Diagnosis:
     """Ask what is wrong with a pair."""
     estimate: ps.BlurEstimate = ps.estimate_blur(left, right, num_disparities=64)
     found = ps.check(left, right)
-    warnings: list[ps.Finding] = [one for one in found.findings if one.severity == "warning"]
-    use(estimate.certainty, len(warnings))
+    grave: list[ps.Finding] = [one for one in found.findings if one.severity == "warning"]
+    use(estimate.certainty, len(grave))
     return found
 
 

@@ -2,7 +2,7 @@
 
     import phasestereo as ps
 
-    result = ps.match(left, right, num_disparities=64)
+    result = ps.match(left, right)
     result.disparity  # float32 (H, W), pixels
 
 The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in the right image.
@@ -14,17 +14,21 @@ from typing import TYPE_CHECKING
 
 from phasestereo import _core
 from phasestereo.aggregation import aggregate
+from phasestereo.alignment import Alignment
 from phasestereo.blur import Blur, BlurEstimate
 from phasestereo.cost import cost_volume
 from phasestereo.descriptor import descriptor
 from phasestereo.equalisation import Equalisation
+from phasestereo.findings import Finding, MatchWarning
 from phasestereo.matcher import Matcher, match
-from phasestereo.result import Flag, Result
+from phasestereo.result import Flag, Result, Summary
 from phasestereo.scanline import optimize
+from phasestereo.search_range import SearchRange
 from phasestereo.settings import PRESETS, Settings
 
 __all__ = [
     "PRESETS",
+    "Alignment",
     "Blur",
     "BlurEstimate",
     "Diagnosis",
@@ -33,11 +37,14 @@ __all__ = [
     "Finding",
     "Flag",
     "Frame",
+    "MatchWarning",
     "Matcher",
     "PointCloud",
     "Result",
+    "SearchRange",
     "Settings",
     "Stream",
+    "Summary",
     "Survey",
     "aggregate",
     "check",
@@ -72,7 +79,6 @@ if TYPE_CHECKING:
     from phasestereo.banding import halo, match_rows
     from phasestereo.diagnosis import Diagnosis, check
     from phasestereo.estimation import estimate_blur
-    from phasestereo.findings import Finding
     from phasestereo.streaming import Failure, Frame, Stream, stream
     from phasestereo.surveying import Survey, survey
     from phasestereo.triangulation import PointCloud, point_cloud
@@ -85,7 +91,6 @@ else:
     _HOMES = {
         "Diagnosis": "diagnosis",
         "Failure": "streaming",
-        "Finding": "findings",
         "Frame": "streaming",
         "PointCloud": "triangulation",
         "Stream": "streaming",

@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import Pixels
-from phasestereo.blur import Estimated, Glance
+from phasestereo.alignment import Field
+from phasestereo.blur import Glance
 from phasestereo.equalisation import Equalisation
+from phasestereo.estimates import Found, Told
 from phasestereo.settings import Settings
 from phasestereo.surveying import Checked, Survey
 
@@ -16,6 +18,9 @@ __all__ = [
     "BAND_ROWS",
     "DEBUG_BUILD",
     "FLAGS",
+    "LARGER",
+    "LEAST_SIZE",
+    "Matched",
     "Workers",
     "__version__",
     "aggregate_volume",
@@ -24,8 +29,8 @@ __all__ = [
     "check_versions",
     "cost_volume",
     "descriptor",
-    "estimate_blur",
-    "estimate_blur_by_rows",
+    "estimate_pair",
+    "estimate_pair_by_rows",
     "find_ranges",
     "find_roughness",
     "match_pair",
@@ -33,11 +38,12 @@ __all__ = [
     "optimize_volume",
     "reach",
     "simd_level",
+    "summarize",
     "working_memory",
 ]
 
 _Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
-_Matched: TypeAlias = tuple[
+Matched: TypeAlias = tuple[
     NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, dict[str, float]
 ]
 
@@ -45,6 +51,8 @@ __version__: str
 BAND_ROWS: int
 DEBUG_BUILD: bool
 FLAGS: dict[str, int]
+LARGER: int
+LEAST_SIZE: int
 
 @final
 class Workers:
@@ -55,30 +63,39 @@ class Workers:
 def blur_is_as_before(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
-    disparities: tuple[int, int],
     glance: Glance,
     threads: int | Workers | None,
 ) -> bool: ...
 def check_settings(settings: Settings) -> None: ...
 def check_versions(versions: Equalisation | None) -> None: ...
-def estimate_blur(
+def estimate_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
-    disparities: tuple[int, int],
+    disparities: tuple[int, int | None],
+    settings: Settings,
     threads: int | Workers | None,
-) -> Estimated: ...
-def estimate_blur_by_rows(
+) -> Found: ...
+def estimate_pair_by_rows(
     read: Checked,
     size: tuple[int, int],
-    disparities: tuple[int, int],
+    disparities: tuple[int, int | None],
+    settings: Settings,
     ranges: _Ranges | None,
     threads: int | Workers | None,
-) -> Estimated: ...
-def find_ranges(read: Checked, size: tuple[int, int], disparities: tuple[int, int]) -> _Ranges: ...
+    told: Told,
+) -> Found: ...
+def find_ranges(
+    read: Checked, size: tuple[int, int], disparities: tuple[int, int | None]
+) -> _Ranges: ...
 def find_roughness(
-    read: Checked, size: tuple[int, int], disparities: tuple[int, int], ranges: _Ranges | None
+    read: Checked,
+    size: tuple[int, int],
+    disparities: tuple[int, int | None],
+    ranges: _Ranges | None,
 ) -> tuple[int, int]: ...
-def reach(settings: Settings, versions: Equalisation | None) -> tuple[int, int]: ...
+def reach(
+    settings: Settings, versions: Equalisation | None, alignment: Field | None
+) -> tuple[int, int]: ...
 def working_memory(survey: Survey, rows: int, threads: int, itemsize: int) -> int: ...
 def match_rows(
     images: tuple[Pixels, Pixels],
@@ -88,16 +105,16 @@ def match_rows(
     rows: tuple[int, int],
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
-) -> _Matched: ...
+) -> Matched: ...
 def match_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
-    disparities: tuple[int, int],
+    disparities: tuple[int, int | None],
     settings: Settings,
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
-    versions: Equalisation | None,
-) -> _Matched: ...
+    told: Told,
+) -> tuple[Matched, Found]: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,
@@ -117,3 +134,9 @@ def optimize_volume(
     costs: NDArray[np.uint32], settings: Settings, penalty: tuple[int, int]
 ) -> NDArray[np.uint16]: ...
 def simd_level() -> str: ...
+def summarize(
+    disparity: NDArray[np.float32],
+    flags: NDArray[np.uint16],
+    confidence: NDArray[np.float32] | None,
+    disparities: tuple[int, int],
+) -> tuple[float, float, float, float, float]: ...

@@ -19,13 +19,18 @@ from phasestereo.surveying import Checked, Survey
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from phasestereo.alignment import Alignment
     from phasestereo.equalisation import Equalisation
     from phasestereo.surveying import Reader
 
     Progress = Callable[[int, int], object]
 
 
-def halo(settings: Settings, equalisation: Equalisation | None = None) -> int:
+def halo(
+    settings: Settings,
+    equalisation: Equalisation | None = None,
+    alignment: Alignment | None = None,
+) -> int:
     """Return how many rows above and below a band its disparities depend on at most.
 
     Parameters
@@ -35,6 +40,8 @@ def halo(settings: Settings, equalisation: Equalisation | None = None) -> int:
     equalisation
         The versions in which pixels are compared; None: as they are. Those of a `Survey` belong to
         its settings.
+    alignment
+        How rows correspond: where it is applied, its largest offset and some more. None: they do.
 
     Returns
     -------
@@ -51,7 +58,8 @@ def halo(settings: Settings, equalisation: Equalisation | None = None) -> int:
     """
     if not isinstance(settings, Settings):
         raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings")
-    around, _ = _core.reach(settings, as_equalisation(None, equalisation))
+    field = alignment.field if alignment is not None and alignment.applied else None
+    around, _ = _core.reach(settings, as_equalisation(equalisation), field)
     return around
 
 
@@ -95,7 +103,7 @@ def match_rows(
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
     rows = Checked(read, survey.size, survey.dtype)
     _check_rows(survey, first, last)
-    around, masked = _core.reach(survey.settings, survey.equalisation)
+    around, masked = _core.reach(survey.settings, survey.equalisation, survey.field)
     top, bottom = _widened(first, last, around, survey)
     images, masks = rows(top, bottom)
     if any(mask is not None and not mask.any(axis=1).all() for mask in masks):
@@ -105,7 +113,17 @@ def match_rows(
     disparity, flags, confidence, timings = _core.match_rows(
         images, masks, survey, top, (first, last), threads, progress
     )
-    return Result(disparity, flags, confidence, survey.settings, timings, survey.blur)
+    return Result(
+        disparity,
+        flags,
+        confidence,
+        survey.settings,
+        timings,
+        search=survey.search,
+        blur=survey.blur,
+        alignment=survey.alignment,
+        equalisation=survey.equalisation,
+    )
 
 
 def _widened(first: int, last: int, by: int, survey: Survey) -> tuple[int, int]:

@@ -8,18 +8,15 @@ the response of the relative blur.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from phasestereo import _core
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from phasestereo._images import Pixels
 
 Side = Literal["none", "left", "right"]
 Kind = Literal["none", "gaussian", "disk", "motion", "other"]
@@ -162,23 +159,6 @@ class BlurEstimate:
             for length, tiles in zip(size, self.labels.shape, strict=True)
         )
         return self.labels[np.ix_(y, x)]
-
-
-def estimate(
-    pair: tuple[Pixels, Pixels],
-    masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
-    search: tuple[int, int],
-    threads: int | _core.Workers | None,
-    before: BlurEstimate | None = None,
-) -> BlurEstimate:
-    """Estimate the blur of checked images: the part of `estimate_blur` that a match needs.
-
-    An estimate of a pair before is taken over if blur is as it was.
-    """
-    glance = None if before is None else before.glance
-    if before and glance and _core.blur_is_as_before(pair, masks, search, glance, threads):
-        return replace(before, reused=True)
-    return as_estimate(_core.estimate_blur(pair, masks, search, threads))
 
 
 def as_estimate(found: Estimated) -> BlurEstimate:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from phasestereo import _core
 from phasestereo._images import as_pair
-from phasestereo.equalisation import Equalisation, Noise, as_equalisation
+from phasestereo.equalisation import Equalisation, Noise, as_versions
 from phasestereo.settings import Settings, resolve
 
 if TYPE_CHECKING:
@@ -53,5 +53,5 @@ def cost_volume(
     """
     chosen = resolve("paper", settings, overrides)
     disparities = min_disparity, num_disparities
-    versions = as_equalisation(noise, equalisation)
+    versions = as_versions(noise, equalisation)
     return _core.cost_volume(as_pair(left, right), disparities, chosen, threads, versions)

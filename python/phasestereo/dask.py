@@ -6,7 +6,7 @@ The bands put together are what `phasestereo.match` finds for the whole pair, bi
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -16,7 +16,6 @@ from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo._images import as_pair
 from phasestereo.banding import match_rows
-from phasestereo.equalisation import even_out
 from phasestereo.settings import PRESET, resolve
 from phasestereo.surveying import survey as survey_pair
 
@@ -88,7 +87,7 @@ def maps(
     left: Array,
     right: Array,
     *,
-    num_disparities: int,
+    num_disparities: int | None = None,
     min_disparity: int = 0,
     preset: str = PRESET,
     settings: Settings | None = None,
@@ -153,7 +152,8 @@ def maps(
     _check_count("threads", threads)
     if band_rows is not None:
         _check_count("band_rows", band_rows)
-    _check_count("num_disparities", num_disparities, most=min(size[1], _WIDEST))
+    if num_disparities is not None:
+        _check_count("num_disparities", num_disparities, most=min(size[1], _WIDEST))
     if survey is None:
         survey = survey_pair(
             _Windows(sides),
@@ -255,11 +255,11 @@ def _check_count(name: str, value: int, *, most: int | None = None) -> None:
         raise ValueError(f"{name}: got {value}; accepts 1 {end}")
 
 
-def _check_survey(survey: Survey, size: tuple[int, int], search: tuple[int, int]) -> None:
+def _check_survey(survey: Survey, size: tuple[int, int], search: tuple[int, int | None]) -> None:
     if survey.size != size:
         raise ValueError(f"survey: got that of {survey.size} pixels; accepts that of {size}")
     known = survey.min_disparity, survey.num_disparities
-    if known != search:
+    if search[1] is not None and known != search:
         raise ValueError(
             f"survey: got that of {known[1]} disparities from {known[0]}; accepts that of "
             f"{search[1]} from {search[0]}"
@@ -270,8 +270,9 @@ def _check_surveyed(survey: Survey, asked: Settings, types: tuple[str, str]) -> 
     """Refuse a survey by which bands would be matched otherwise than they are asked for."""
     if survey.dtype not in types:
         raise TypeError(f"survey: got that of {survey.dtype}; accepts that of {types[0]}")
-    if survey.blur is not None:  # then what was asked for has been changed by what was found
-        asked, _ = even_out(survey.blur, asked, None)
+    if survey.is_compensated:  # then what was asked for has been changed by what was found
+        sides = "neighborhood", "window"
+        asked = replace(asked, **{name: getattr(survey.settings, name) for name in sides})
     if survey.settings != asked:
         names = [field.name for field in fields(asked)]
         others = [n for n in names if getattr(survey.settings, n) != getattr(asked, n)]
@@ -283,7 +284,7 @@ def _check_surveyed(survey: Survey, asked: Settings, types: tuple[str, str]) -> 
 
 def _reach(survey: Survey, *, masked: bool) -> int:
     """Return how many rows above and below a band `match_rows` may ask for."""
-    around, copied = _core.reach(survey.settings, survey.equalisation)
+    around, copied = _core.reach(survey.settings, survey.equalisation, survey.field)
     return around + (copied if masked else 0)
 
 

@@ -1,26 +1,24 @@
 """The diagnosis of a pair: what keeps it from being matched well, told before it is matched.
 
 Here belongs the order of the measurements and the record of their results. Each is made elsewhere:
-`phasestereo.estimation`, `phasestereo.alignment`, `phasestereo.search_range` and
+`phasestereo.estimation` and
 `phasestereo.photometry`; what they mean is put into words in `phasestereo.findings`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from phasestereo import findings
+from phasestereo._core import LEAST_SIZE
 from phasestereo._images import as_pair
-from phasestereo.alignment import measure_alignment
-from phasestereo.estimation import estimate_blur
+from phasestereo.estimation import estimate_pair
 from phasestereo.photometry import fractions, low_texture, saturation
-from phasestereo.rough import LEAST_SIZE
-from phasestereo.search_range import find_range
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -97,6 +95,11 @@ class Diagnosis:
         """What there is to say, in a fixed order of topics."""
         return findings.of(self)
 
+    @property
+    def _sure(self) -> float:
+        """The confidence to so many digits that the type of the pixels makes no difference."""
+        return math.nan if self.search is None else round(self.search.confidence, 6)
+
     def __str__(self) -> str:
         """Return one line a finding: its severity, and a sentence."""
         return "\n".join(f"{found.severity}: {found.sentence}" for found in self.findings)
@@ -112,7 +115,7 @@ class Diagnosis:
             "width": self.size[1],
             "height": self.size[0],
             "findings": [asdict(found) for found in self.findings],
-            "search": _fields(self.search),
+            "search": _fields(self.search and replace(self.search, confidence=self._sure)),
             "alignment": None,
             "blur": None if self.blur is None else _blur(self.blur),
             "contrast": _fields(self.contrast),
@@ -154,9 +157,7 @@ def check(left: ArrayLike, right: ArrayLike) -> Diagnosis:
     """
     pair = as_pair(left, right)
     gray_left, gray_right, length = fractions(*pair)
-    alignment = measure_alignment(gray_left, gray_right)
-    search = find_range(gray_left, gray_right, alignment)
-    blur = _estimate(gray_left, gray_right, pair, search)
+    search, alignment, blur = _estimated(gray_left, gray_right, pair)
     noise = (0.0, 0.0) if blur is None else blur.noise
     texture = low_texture(gray_left, noise[0] / length), low_texture(gray_right, noise[1] / length)
     return Diagnosis(
@@ -172,20 +173,15 @@ def check(left: ArrayLike, right: ArrayLike) -> Diagnosis:
     )
 
 
-def _estimate(
-    gray_left: NDArray[np.float32],
-    gray_right: NDArray[np.float32],
-    pair: tuple[Pixels, Pixels],
-    search: SearchRange | None,
-) -> BlurEstimate | None:
-    """Estimate the blur of images that are large enough and not of one gray."""
+def _estimated(
+    gray_left: NDArray[np.float32], gray_right: NDArray[np.float32], pair: tuple[Pixels, Pixels]
+) -> tuple[SearchRange | None, Alignment | None, BlurEstimate | None]:
+    """Estimate what images tell that are large enough and not of one gray."""
     if min(gray_left.shape) < LEAST_SIZE or 0 in (np.ptp(gray_left), np.ptp(gray_right)):
-        return None
-    if search is None:
-        return estimate_blur(*pair)
-    return estimate_blur(
-        *pair, min_disparity=search.min_disparity, num_disparities=search.num_disparities
-    )
+        return None, None, None
+    found = estimate_pair(pair, (None, None), (0, None), None)
+    search = found.search if found.search.origin == "found" else None
+    return search, found.alignment, found.blur
 
 
 def _contrast(blur: BlurEstimate, right: NDArray[np.float32]) -> Contrast:

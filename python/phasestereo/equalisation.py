@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -15,13 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from phasestereo.blur import Blur, BlurEstimate
-    from phasestereo.settings import Settings
-
     Taps = NDArray[np.float32]
-
-LARGER, LARGEST = 2, 63
-"""Pixels by which neighbourhoods and windows are larger where there is blur, and their largest."""
 
 Noise: TypeAlias = float | tuple[float, float]
 """Standard deviations of the noise of both images, or those of the left and of the right one."""
@@ -77,8 +71,22 @@ class Equalisation:
         _core.check_versions(self)
 
 
-def as_equalisation(noise: Noise | None, equalisation: Equalisation | None) -> Equalisation | None:
-    """Return what a call tells of the noise of its images and of their versions, if anything.
+def as_equalisation(equalisation: Equalisation | None) -> Equalisation | None:
+    """Return it, or say that it is of the wrong type.
+
+    Raises
+    ------
+    TypeError
+        If it is no equalisation.
+    """
+    if equalisation is not None and not isinstance(equalisation, Equalisation):
+        kind = type(equalisation).__name__
+        raise TypeError(f"equalisation: got {kind}; accepts Equalisation or None")
+    return equalisation
+
+
+def as_versions(noise: Noise | None, equalisation: Equalisation | None) -> Equalisation | None:
+    """Return the versions of the images that a call tells, if any: those of its noise, too.
 
     Raises
     ------
@@ -87,69 +95,23 @@ def as_equalisation(noise: Noise | None, equalisation: Equalisation | None) -> E
     ValueError
         If both are given, or the noise is out of range.
     """
-    if equalisation is None:
-        return None if noise is None else Equalisation(noise=_as_pair(noise))
-    if not isinstance(equalisation, Equalisation):
-        kind = type(equalisation).__name__
-        raise TypeError(f"equalisation: got {kind}; accepts Equalisation or None")
-    if noise is not None:
+    told = as_noise(noise, equalisation)
+    return equalisation if told is None else Equalisation(noise=told)
+
+
+def as_noise(noise: Noise | None, equalisation: Equalisation | None) -> tuple[float, float] | None:
+    """Return the noise of both images, if a call tells it.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If both are given.
+    """
+    if as_equalisation(equalisation) is not None and noise is not None:
         raise ValueError(f"noise: got {noise!r} beside equalisation, which tells it; accepts None")
-    return equalisation
-
-
-def asks_for_estimate(
-    settings: Settings, noise: Noise | None, equalisation: Equalisation | None
-) -> bool:
-    """Tell whether a match needs to know more of its images than it was told."""
-    needs_noise = settings.weak > 0 and noise is None
-    return equalisation is None and (settings.equalise or needs_noise)
-
-
-def even_out(
-    estimate: BlurEstimate, settings: Settings, told: Equalisation | None
-) -> tuple[Settings, Equalisation]:
-    """Return the settings and the versions of both images that suit what was found out about them.
-
-    Parameters
-    ----------
-    estimate
-        What was found out.
-    settings
-        The settings asked for.
-    told
-        What the caller tells of the noise, which then counts.
-    """
-    noise = _weak_level(estimate) if told is None else told.noise
-    if not settings.equalise or all(blur.psf is None for blur in estimate.blurs):
-        return settings, Equalisation(noise=noise)
-    kernels = [_kernels(blur) for blur in estimate.blurs]
-    larger = {
-        name: min(getattr(settings, name) + LARGER, LARGEST) for name in ("neighborhood", "window")
-    }
-    versions = Equalisation(
-        noise=noise, kernels=kernels, labels=estimate.labels, tile=estimate.tile
-    )
-    return replace(settings, **larger), versions
-
-
-def _kernels(blur: Blur) -> tuple[ArrayLike | None, ArrayLike | None]:
-    """Return what the images are convolved with: the sharper one with what it lacks."""
-    return (blur.psf if blur.side == "right" else None, blur.psf if blur.side == "left" else None)
-
-
-def _weak_level(estimate: BlurEstimate) -> tuple[float, float]:
-    """Return the noise under which a component is weak: one level, at the contrast of each image.
-
-    The noise of the softer image is what is left in both once the sharper one is blurred; and fine
-    texture of the sharper one, which looks like noise, is not counted.
-    """
-    left, right = estimate.noise
-    level = {
-        "left": left,
-        "right": right * estimate.contrast,
-        "none": max(left, right * estimate.contrast),
-    }[estimate.blur.side]
-    return level, level / estimate.contrast
+    return None if noise is None else _as_pair(noise)
 
 
 def _as_pair(noise: Noise) -> tuple[float, float]:

@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from phasestereo import _core
+from phasestereo._core import LEAST_SIZE
 from phasestereo._images import as_mask, as_pair
-from phasestereo.blur import estimate
-from phasestereo.matcher import match
+from phasestereo.estimates import as_estimates
+from phasestereo.matcher import match_silently
 from phasestereo.photometry import fractions, response
-from phasestereo.rough import LEAST_SIZE, reduced, reduction
+from phasestereo.rough import reduced, reduction
+from phasestereo.settings import PRESETS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Pixels
+    from phasestereo.alignment import Alignment
     from phasestereo.blur import BlurEstimate
+    from phasestereo.estimates import Estimates
+    from phasestereo.search_range import SearchRange
 
     Mask = NDArray[np.bool_]
 
 _ROUGH_WIDTH = 256  # pixels: enough for areas that correspond within a few pixels
-_DEFAULT_SHARE = 3  # of the width
 
 
 def estimate_blur(
@@ -42,8 +47,7 @@ def estimate_blur(
     left, right, left_mask, right_mask, threads
         As `phasestereo.match` takes them.
     num_disparities, min_disparity
-        The disparities to search, as `phasestereo.match` takes them. None: as many as a third of
-        the images' width.
+        The disparities to search, as `phasestereo.match` takes them. None: they are found.
 
     Returns
     -------
@@ -71,11 +75,26 @@ def estimate_blur(
     pair = as_pair(left, right)
     size = pair[0].shape
     masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
-    count = -(-size[1] // _DEFAULT_SHARE) if num_disparities is None else num_disparities
-    search = min_disparity, count
-    found = estimate(pair, masks, search, threads)
-    gain, gamma = _response(pair, masks, search)
-    return replace(found, gain=gain, gamma=gamma)
+    found = estimate_pair(pair, masks, (min_disparity, num_disparities), threads)
+    # It was asked for.
+    return cast("BlurEstimate", found.blur)
+
+
+def estimate_pair(
+    pair: tuple[Pixels, Pixels],
+    masks: tuple[Mask | None, Mask | None],
+    search: tuple[int, int | None],
+    threads: int | None,
+) -> Estimates:
+    """Estimate of checked images what the default preset does, and gain and gamma."""
+    asked = PRESETS["robust"]
+    told = _core.estimate_pair(pair, masks, search, asked, threads)
+    found = as_estimates(told, asked, search, None)
+    if found.blur is None:
+        return found
+    span = found.search.min_disparity, found.search.num_disparities
+    gain, gamma = _response(pair, masks, span)
+    return replace(found, blur=replace(found.blur, gain=gain, gamma=gamma))
 
 
 def _response(
@@ -89,7 +108,15 @@ def _response(
     small = reduced(left, factor), reduced(right, factor)
     low, high = search[0] // factor, (search[0] + search[1] - 1) // factor + 1
     count = min(high - low + 1, small[0].shape[1])
-    rough = match(*small, min_disparity=low, num_disparities=count, preset="fast").disparity
+    rough = match_silently(
+        small,
+        (None, None),
+        (low, count),
+        settings=PRESETS["fast"],
+        threads=None,
+        progress=None,
+        told=(None, None),
+    ).disparity
     rows, cols = (
         np.minimum(np.arange(length) // factor, tiles - 1)
         for length, tiles in zip(left.shape, rough.shape, strict=True)
@@ -107,3 +134,53 @@ def _unmasked(image: Pixels, mask: Mask | None) -> Pixels:
     filled = image.copy()
     filled[~mask] = image[mask][0] if mask.any() else 0
     return filled
+
+
+def measure_alignment(left: ArrayLike, right: ArrayLike) -> Alignment | None:
+    """Measure how the rows of a pair correspond.
+
+    Parameters
+    ----------
+    left, right
+        The images, as `phasestereo.match` takes them. Horizontal disparities may be anything up to
+        45 % of the width, of either sign.
+
+    Returns
+    -------
+    Alignment or None
+        None where the images are too small, have too little texture or too little in common.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `phasestereo.match`.
+    """
+    return _without_blur(left, right).alignment
+
+
+def find_range(left: ArrayLike, right: ArrayLike) -> SearchRange | None:
+    """Find the range of disparities of a pair, searching 45 % of the width either way.
+
+    Parameters
+    ----------
+    left, right
+        The images, as `phasestereo.match` takes them; rows that do not correspond are evened out.
+
+    Returns
+    -------
+    SearchRange or None
+        None where the images are too small, have too little texture or too little in common.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `phasestereo.match`.
+    """
+    search = _without_blur(left, right).search
+    return search if search.origin == "found" else None
+
+
+def _without_blur(left: ArrayLike, right: ArrayLike) -> Estimates:
+    asked = replace(PRESETS["robust"], equalise=False, weak=0.0)
+    found = _core.estimate_pair(as_pair(left, right), (None, None), (0, None), asked, None)
+    return as_estimates(found, asked, (0, None), None)

@@ -2,38 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
-from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from phasestereo import _core
 from phasestereo._images import as_array, as_mask, as_pair
-from phasestereo.blur import estimate
-from phasestereo.equalisation import (
-    Equalisation,
-    Noise,
-    as_equalisation,
-    asks_for_estimate,
-    even_out,
-)
-from phasestereo.result import Result
+from phasestereo.equalisation import Equalisation, Noise, as_noise
+from phasestereo.estimates import Told, as_estimates
+from phasestereo.findings import warn
+from phasestereo.result import Result, Summary
 from phasestereo.settings import PRESET, Settings, resolve
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import ArrayLike
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
 
-    from phasestereo.blur import BlurEstimate
+    from phasestereo._images import Pixels
+    from phasestereo.estimates import Estimates
 
+    Mask = NDArray[np.bool_]
     Progress = Callable[[int, int], object]
+    Search = tuple[int, int | None]
 
 
 def match(
     left: ArrayLike,
     right: ArrayLike,
     *,
-    num_disparities: int,
+    num_disparities: int | None = None,
     min_disparity: int = 0,
     preset: str = PRESET,
     settings: Settings | None = None,
@@ -54,7 +53,10 @@ def match(
         (alpha is left out); uint8, uint16, float32 or float64, of any strides and byte order. They
         may differ in the number of channels.
     num_disparities
-        Number of disparities to search, 1 to the images' width and at most 16384.
+        Number of disparities to search, 1 to the images' width and at most 16384. None: the range
+        is found from small copies of the images, up to 45 % of the width either way, and
+        `min_disparity` must be 0; where they tell nothing it is a third of the width.
+        ``result.search`` says which range, and why.
     min_disparity
         Smallest disparity; those in [min_disparity, min_disparity + num_disparities) are searched.
     preset
@@ -100,6 +102,13 @@ def match(
     KeyboardInterrupt
         Soon after Ctrl-C.
 
+    Warns
+    -----
+    MatchWarning
+        If the match as a whole is not to be trusted: the images seem to be swapped, or to have
+        nothing in common, the range is too short, or much fails the left-right check.
+        ``result.findings`` says so, too, and what is worth knowing besides.
+
     Notes
     -----
     The method is that of Pedone & Heikkilä, *Blur and Contrast Invariant Fast Stereo Matching*,
@@ -116,7 +125,7 @@ def match(
     chosen = resolve(preset, settings, overrides)
     search = min_disparity, num_disparities
     masks = left_mask, right_mask
-    return _match(
+    result = match_silently(
         (left, right),
         masks,
         search,
@@ -125,6 +134,8 @@ def match(
         progress=progress,
         told=(noise, equalisation),
     )
+    warn(result.findings)
+    return result
 
 
 class Matcher:
@@ -146,6 +157,11 @@ class Matcher:
         As `match` does.
     RuntimeError
         If the system refuses to start the threads.
+
+    Warns
+    -----
+    MatchWarning
+        As `match` does, of each match.
     """
 
     def __init__(
@@ -175,28 +191,29 @@ class Matcher:
         left: ArrayLike,
         right: ArrayLike,
         *,
-        num_disparities: int,
+        num_disparities: int | None = None,
         min_disparity: int = 0,
         left_mask: ArrayLike | None = None,
         right_mask: ArrayLike | None = None,
         progress: Progress | None = None,
         noise: Noise | None = None,
         equalisation: Equalisation | None = None,
-        before: BlurEstimate | None = None,
+        before: Result | None = None,
     ) -> Result:
         """Match a rectified stereo pair: parameters, result and errors are those of `match`.
 
         Parameters
         ----------
         before
-            The ``blur`` of the result of an earlier pair of the same cameras. If this one's blur
-            is as it was, which is seen at a glance, that estimate is taken over, noise and contrast
-            included, and ``result.blur.reused`` is True. What a glance does not see is told by the
-            notes of `phasestereo.stream`. None: blur is estimated anew, if need be.
+            The result of an earlier pair of the same cameras. If this one's blur is as it was,
+            which is seen at a glance, all that was estimated then is taken over: blur, noise and
+            contrast, the field of the rows, and the range of disparities unless it is told; and
+            ``result.blur.reused`` is True. What a glance does not see is told by the notes of
+            `phasestereo.stream`. None: all is estimated anew, if need be.
         """
         search = min_disparity, num_disparities
         masks = left_mask, right_mask
-        return _match(
+        result = match_silently(
             (left, right),
             masks,
             search,
@@ -206,6 +223,8 @@ class Matcher:
             told=(noise, equalisation),
             before=before,
         )
+        warn(result.findings)
+        return result
 
     def __reduce__(self) -> tuple[partial[Matcher], tuple[()]]:
         """Tell how to make another one: threads do not travel."""
@@ -216,30 +235,76 @@ class Matcher:
         return f"Matcher(settings={self._settings}, threads={self.threads})"
 
 
-def _match(
+def match_silently(
     images: tuple[ArrayLike, ArrayLike],
     masks: tuple[ArrayLike | None, ArrayLike | None],
-    search: tuple[int, int],
+    search: Search,
     *,
     settings: Settings,
     threads: int | _core.Workers | None,
     progress: Progress | None,
     told: tuple[Noise | None, Equalisation | None],
-    before: BlurEstimate | None = None,
+    before: Result | None = None,
 ) -> Result:
+    """Match as `match` and `Matcher.match` do, without a warning."""
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
     pair = as_pair(*images)
     size = pair[0].shape
     valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
-    versions, blur, timings = as_equalisation(*told), None, {}
-    if asks_for_estimate(settings, *told):
-        started = perf_counter()
-        blur = estimate(pair, valid, search, threads, before)
-        settings, versions = even_out(blur, settings, versions)
-        timings["estimation"] = perf_counter() - started
-    disparity, flags, confidence, stages = _core.match_pair(
-        pair, valid, search, settings, threads, progress, versions
+    known: Told = as_noise(*told), told[1], None
+    if before is not None and _is_as_before(before, pair, valid, threads):
+        matched, found = _again(before, pair, valid, search, (threads, progress))
+    else:
+        matched, told_back = _core.match_pair(
+            pair, valid, search, settings, threads, progress, known
+        )
+        found = as_estimates(told_back, settings, search, told[1])
+    disparity, flags, confidence, stages = matched
+    timings = {"estimation": found.seconds} if found.seconds else {}
+    searched = found.search.min_disparity, found.search.num_disparities
+    return Result(
+        disparity,
+        flags,
+        confidence,
+        found.settings,
+        timings | stages,
+        search=found.search,
+        blur=found.blur,
+        alignment=found.alignment,
+        equalisation=found.equalisation,
+        summary=Summary(*_core.summarize(disparity, flags, confidence, searched)),
+        pair=(as_array(images[0], "left"), as_array(images[1], "right")),
     )
-    given = as_array(images[0], "left"), as_array(images[1], "right")
-    return Result(disparity, flags, confidence, settings, timings | stages, blur, given)
+
+
+def _is_as_before(
+    before: Result,
+    pair: tuple[Pixels, Pixels],
+    masks: tuple[Mask | None, Mask | None],
+    threads: int | _core.Workers | None,
+) -> bool:
+    """Tell whether what was found out of an earlier pair holds for this one, at a glance."""
+    if before.blur is None or before.blur.glance is None:
+        return False
+    return _core.blur_is_as_before(pair, masks, before.blur.glance, threads)
+
+
+def _again(
+    before: Result,
+    pair: tuple[Pixels, Pixels],
+    masks: tuple[Mask | None, Mask | None],
+    search: Search,
+    how: tuple[int | _core.Workers | None, Progress | None],
+) -> tuple[_core.Matched, Estimates]:
+    """Match with what was found out of an earlier pair."""
+    if search[1] is None and before.search is not None:
+        search = before.search.min_disparity, before.search.num_disparities
+    alignment, versions = before.alignment, before.equalisation
+    field = alignment.field if alignment is not None and alignment.applied else None
+    asked = replace(before.settings, align_rows=False)
+    matched, told = _core.match_pair(pair, masks, search, asked, *how, (None, versions, field))
+    same = as_estimates(told, before.settings, search, versions)
+    blur = None if before.blur is None else replace(before.blur, reused=True)
+    kept = before.search or same.search
+    return matched, replace(same, search=kept, blur=blur, alignment=alignment)

@@ -7,16 +7,17 @@ that the later steps of its pipelines, and the tiles of CARS, can rely on it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo._images import as_pair
 from phasestereo.aggregation import aggregate
-from phasestereo.blur import estimate
 from phasestereo.cost import cost_volume as compare
-from phasestereo.equalisation import LARGER, Equalisation, even_out
+from phasestereo.estimates import as_estimates
 from phasestereo.settings import Settings
 
 try:
@@ -31,6 +32,8 @@ except ModuleNotFoundError:
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from phasestereo.equalisation import Equalisation
 
     Plane = NDArray[np.float32]
     Volume = NDArray[np.float32]
@@ -171,7 +174,7 @@ def _settings(cfg: dict[str, Any]) -> Settings:
 
 def _support(settings: Settings) -> int:
     """Return how many pixels across a cost rests on, at most."""
-    larger = 2 * LARGER if settings.equalise else 0
+    larger = 2 * _core.LARGER if settings.equalise else 0
     return settings.neighborhood + settings.window - 1 + larger
 
 
@@ -207,8 +210,10 @@ def _evened_out(
     pair = as_pair(left.pixels, right.pixels)
     low, high = int(np.floor(disparities[0])), int(np.ceil(disparities[-1]))
     search = -high, min(high - low + 1, left.pixels.shape[1])
-    found = estimate(pair, (left.valid, right.valid), search, None)
-    return _Terms(*even_out(found, settings, None))
+    asked = replace(settings, align_rows=False)
+    told = _core.estimate_pair(pair, (left.valid, right.valid), search, asked, None)
+    found = as_estimates(told, asked, search, None)
+    return _Terms(found.settings, found.equalisation)
 
 
 def _fill(costs: Volume, pair: tuple[Plane, Plane], first: int, terms: _Terms) -> None:

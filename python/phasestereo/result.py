@@ -13,7 +13,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from phasestereo.alignment import Alignment
     from phasestereo.blur import BlurEstimate
+    from phasestereo.equalisation import Equalisation
+    from phasestereo.findings import Finding
+    from phasestereo.search_range import SearchRange
     from phasestereo.settings import Settings
 
 
@@ -66,6 +70,30 @@ def tell_counts(counts: Mapping[Flag, int], pixels: int) -> str:
     return ", ".join(told) or "none"
 
 
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a disparity map says about itself as a whole.
+
+    Parameters
+    ----------
+    estimated
+        Share of the pixels, 0 to 1, with an estimate.
+    flagged
+        Share that fails the left-right check or belongs to a speckle.
+    at_low, at_high
+        Share with an estimate of its own, none that was filled in, at the least and at the largest
+        disparity that was searched.
+    confidence
+        Mean confidence; NaN if none was worked out.
+    """
+
+    estimated: float
+    flagged: float
+    at_low: float
+    at_high: float
+    confidence: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
     """A disparity map as seen from the left image; it can be pickled, which leaves out the pair.
@@ -95,6 +123,16 @@ class Result:
         The left and the right image as they were given, each (H, W) or (H, W, C), to look at beside
         the disparities: references that keep them in memory, not copies, so a change of the images
         shows. None if it is not known, as in what comes out of a pickle.
+    search
+        The disparities that were searched, and whether they were told or found. None if unknown.
+    alignment
+        How the rows of the images correspond, and whether the right one was straightened, if that
+        was asked for and could be told.
+    equalisation
+        The versions in which pixels were compared, and the noise; None: the images as they are.
+    summary
+        Shares of the pixels that tell whether the match as a whole is to be trusted. None where
+        parts of a pair were matched.
     """
 
     disparity: NDArray[np.float32]
@@ -104,11 +142,21 @@ class Result:
     timings: Mapping[str, float]
     blur: BlurEstimate | None = None
     pair: tuple[NDArray[Any], NDArray[Any]] | None = None
+    search: SearchRange | None = None
+    alignment: Alignment | None = None
+    equalisation: Equalisation | None = None
+    summary: Summary | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What there is to say about the match as a whole, worst first; empty if all is well."""
+        found: tuple[Finding, ...] = import_module("phasestereo.findings").of_result(self)
+        return found
 
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
         """Tell how to make another one without the pair, which would be most of a pickle."""
-        kept = (field.name for field in fields(self) if field.name != "pair")
-        return type(self), tuple(getattr(self, name) for name in kept)
+        kept = {f.name: None if f.name == "pair" else getattr(self, f.name) for f in fields(self)}
+        return type(self), tuple(kept.values())
 
     def __copy__(self) -> Result:
         """Return another one of the same arrays, pair and all: `copy.copy` is no pickle."""

@@ -94,6 +94,11 @@ class Settings:
         the sharper one is given it, area by area, before they are compared; for ``cost="phase"``.
         What is left of a blur is described by larger neighbourhoods: where any is found,
         `neighborhood` and `window` are two pixels larger than said, 63 at most. Default False.
+    align_rows
+        Whether it is estimated how the rows of the images correspond: a smooth field of vertical
+        offsets (shift, turn, focal length, keystone, distortion). Where it is significant, the
+        right image is straightened by it, that is resampled along its columns, if some bands are
+        matched better so. Default False.
     intensity_range
         Intensities (black, white) of the images, which set the unit of ``"sad"`` and ``"nsad"``;
         values beyond one range below black or above white are clamped. None: the range of the
@@ -156,6 +161,7 @@ class Settings:
     penalty: float | tuple[float, float] = 2.0
     edges: float = 0.0
     equalise: bool = False
+    align_rows: bool = False
     intensity_range: tuple[float, float] | None = None
     subpixel: bool = False
     consistency: int | None = None
@@ -218,6 +224,7 @@ _ROBUST = Settings(
     penalty=(5.0, 20.0),
     edges=1.0,
     equalise=True,
+    align_rows=True,
     subpixel=True,
     consistency=1,
     speckle_size=100,

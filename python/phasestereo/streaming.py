@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import chain, islice
 from numbers import Integral
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from phasestereo._images import as_mask, as_pair
+from phasestereo.findings import untrusted
 from phasestereo.matcher import Matcher
 from phasestereo.settings import PRESET
 from phasestereo.video.capture import LayoutError
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from phasestereo.blur import BlurEstimate
     from phasestereo.equalisation import Equalisation, Noise
     from phasestereo.result import Result
     from phasestereo.settings import Settings
@@ -100,7 +100,7 @@ def stream(
     source: Place | Iterable[tuple[ArrayLike, ArrayLike]] | Iterable[ArrayLike],
     right: Place | None = None,
     *,
-    num_disparities: int,
+    num_disparities: int | None = None,
     min_disparity: int = 0,
     layout: Layout | None = None,
     start: int = 0,
@@ -297,7 +297,7 @@ class _Work:
     ) -> None:
         self.matcher, self.failed = matcher, 0
         self._reestimate, self._reused = reestimate, 0
-        self._blur: BlurEstimate | None = None
+        self._last: Result | None = None
         self._source, self._given, self._report = source, given, report
         self._checked = False
 
@@ -350,13 +350,13 @@ class _Work:
             raise images
         left, right = images
         result = self.matcher.match(left, right, **self._given, before=self._before())
-        self._blur = result.blur
-        self._reused = self._reused + 1 if self._blur and self._blur.reused else 0
+        self._last = None if untrusted(result.findings) else replace(result, pair=None)
+        self._reused = self._reused + 1 if result.blur and result.blur.reused else 0
         return Frame(capture.index, capture.time, _squeezed(left), _squeezed(right), result)
 
-    def _before(self) -> BlurEstimate | None:
-        """Return the estimate that the next frame may take over."""
-        return self._blur if self._reused + 1 < self._reestimate else None
+    def _before(self) -> Result | None:
+        """Return the result whose estimates the next frame may take over."""
+        return self._last if self._reused + 1 < self._reestimate else None
 
 
 def _ahead(items: Iterator[T]) -> Generator[T]:

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from phasestereo.alignment import Alignment
 from phasestereo.blur import Blur, BlurEstimate
 from phasestereo.equalisation import Equalisation
+from phasestereo.search_range import SearchRange
 from phasestereo.settings import Settings
 from phasestereo.surveying import Survey, as_size
 
@@ -34,9 +36,19 @@ _KIND = "side", "kind", "size", "angle"
 
 def as_arrays(survey: Survey) -> Arrays:
     """Return arrays that `from_arrays` makes the same survey of."""
-    names = "size", "dtype", "ranges", "roughness", "min_disparity", "num_disparities"
+    names = (
+        "size",
+        "dtype",
+        "ranges",
+        "roughness",
+        "min_disparity",
+        "num_disparities",
+        "first_column",
+    )
     plain: Plain = {name: getattr(survey, name) for name in names}
     plain["settings"] = asdict(survey.settings)
+    plain["alignment"] = survey.alignment and asdict(survey.alignment)
+    plain["search"] = survey.search and asdict(survey.search)
     arrays: Arrays = {}
     if survey.equalisation is not None:
         _put_equalisation(survey.equalisation, plain, arrays)
@@ -67,6 +79,9 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
         settings=Settings(**settings),
         equalisation=_equalisation(plain, arrays) if "noise" in plain else None,
         blur=_blur(plain, arrays) if "blur" in plain else None,
+        alignment=plain["alignment"] and _alignment(plain["alignment"]),
+        search=plain["search"] and SearchRange(**plain["search"]),
+        first_column=_integer("first_column", plain),
         ranges=plain["ranges"] and _ranges(*plain["ranges"]),
         roughness=plain["roughness"] and _roughness(*plain["roughness"]),
     )
@@ -114,6 +129,11 @@ def _blur(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> BlurEstimate:
     seen = "blur_places" in arrays
     glance = (arrays["blur_places"], arrays["blur_excess"]) if seen else None
     return BlurEstimate(blurs=blurs, labels=arrays["blur_labels"], glance=glance, **told)
+
+
+def _alignment(told: Plain) -> Alignment:
+    lists = {"coefficients": tuple(map(float, told["coefficients"])), "size": as_size(told["size"])}
+    return Alignment(**told | lists)
 
 
 def _integer(name: str, plain: Plain) -> int:

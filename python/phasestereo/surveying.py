@@ -15,8 +15,8 @@ import numpy as np
 
 from phasestereo import _core
 from phasestereo._images import as_mask, as_pair
-from phasestereo.blur import as_estimate
-from phasestereo.equalisation import as_equalisation, asks_for_estimate, even_out
+from phasestereo.equalisation import Equalisation, as_equalisation, as_noise
+from phasestereo.estimates import as_estimates
 from phasestereo.settings import PRESET, resolve
 
 if TYPE_CHECKING:
@@ -26,8 +26,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Pixels
+    from phasestereo.alignment import Alignment, Field
     from phasestereo.blur import BlurEstimate
-    from phasestereo.equalisation import Equalisation, Noise
+    from phasestereo.equalisation import Noise
+    from phasestereo.search_range import SearchRange
     from phasestereo.settings import Settings
 
     Mask = NDArray[np.bool_]
@@ -56,6 +58,12 @@ class Survey:
         the images as they are.
     blur
         What was found out about blur and noise, if that was asked for.
+    alignment
+        How the rows of the images correspond, if that was asked for and could be told.
+    search
+        The disparities to search, and whether they were told or found. None: they were told.
+    first_column
+        The column of the whole pair that this one begins with.
     ranges
         Where the pixels of the left and of the right image lie, if they are floats: (black, white)
         in thousandths of their unit, but for 0.1 % at either end. None: not needed.
@@ -71,8 +79,25 @@ class Survey:
     settings: Settings
     equalisation: Equalisation | None = None
     blur: BlurEstimate | None = None
+    alignment: Alignment | None = None
+    search: SearchRange | None = None
+    first_column: int = 0
     ranges: tuple[Range, Range] | None = None
     roughness: tuple[int, int] | None = None
+
+    @property
+    def field(self) -> Field | None:
+        """The field that the right image is straightened by, as the core takes it."""
+        if self.alignment is None or not self.alignment.applied:
+            return None
+        coefficients, size, _ = self.alignment.field
+        return coefficients, size, self.first_column
+
+    @property
+    def is_compensated(self) -> bool:
+        """Whether a blur was found, and settings that suit it were taken."""
+        found = self.blur is not None and any(blur.psf is not None for blur in self.blur.blurs)
+        return found and self.settings.equalise
 
     @property
     def column_step(self) -> int:
@@ -101,7 +126,12 @@ class Survey:
         if versions is not None and self.column_step > 1:
             skipped = min(first // versions.tile, versions.labels.shape[1] - 1)
             versions = replace(versions, labels=versions.labels[:, skipped:])
-        return replace(self, size=(self.size[0], last - first), equalisation=versions)
+        return replace(
+            self,
+            size=(self.size[0], last - first),
+            equalisation=versions,
+            first_column=self.first_column + int(first),
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a file, ``.npz`` without pickled objects, which `load` reads.
@@ -138,7 +168,7 @@ def survey(
     read: Reader,
     size: tuple[int, int],
     *,
-    num_disparities: int,
+    num_disparities: int | None = None,
     min_disparity: int = 0,
     preset: str = PRESET,
     settings: Settings | None = None,
@@ -167,7 +197,8 @@ def survey(
     -------
     Survey
         With no more than the settings need: one row is read in any case; the pair is gone through
-        once or twice for the blur and the noise (``equalise=True`` or ``weak > 0``), once for
+        once or twice for the blur and the noise (``equalise=True`` or ``weak > 0``), a few times
+        for the rows (``align_rows=True``), once for the range (``num_disparities=None``), once for
         ``edges``, ``guided`` or confidences, once for float images.
 
     Raises
@@ -181,25 +212,37 @@ def survey(
     dtype, search = left.dtype, (min_disparity, num_disparities)
     # Threads of its own: one of those that are shared would wait for a reader that matches.
     workers = _core.Workers(threads)
-    # The core owns the ranges, and refuses of one row what it would of all.
-    _core.estimate_blur((left, right), masks, search, workers)
-    versions, blur, ranges, roughness = as_equalisation(noise, equalisation), None, None, None
+    told = as_noise(noise, equalisation), as_equalisation(equalisation), None
+    one = _core.estimate_pair(
+        (left, right), masks, search, replace(asked, align_rows=False), workers
+    )
+    del one  # The core owns the ranges of arguments, and refuses of one row what it would of all.
+    ranges, roughness = None, None
     if dtype.kind == "f" and (asked.cost == "phase" or asked.intensity_range is None):
         ranges = _core.find_ranges(rows, rows.size, search)
-    if asks_for_estimate(asked, noise, equalisation):
-        found = _core.estimate_blur_by_rows(rows, rows.size, search, ranges, workers)
-        blur = replace(as_estimate(found), glance=None)  # no later pair is compared with it
-        asked, versions = even_out(blur, asked, versions)
+    found = as_estimates(
+        _core.estimate_pair_by_rows(rows, rows.size, search, asked, ranges, workers, told),
+        asked,
+        search,
+        equalisation,
+    )
     if asked.edges > 0 or asked.guided or asked.confidence or asked.min_confidence > 0:
         roughness = _core.find_roughness(rows, rows.size, search, ranges)
+    versions = found.equalisation
+    if versions is None and told[0] is not None:
+        versions = Equalisation(noise=told[0])
+    # No later pair is compared with it.
+    blur = None if found.blur is None else replace(found.blur, glance=None)
     return Survey(
         size=rows.size,
         dtype=dtype.name,
-        min_disparity=min_disparity,
-        num_disparities=num_disparities,
-        settings=asked,
+        min_disparity=found.search.min_disparity,
+        num_disparities=found.search.num_disparities,
+        settings=found.settings,
         equalisation=versions,
         blur=blur,
+        alignment=found.alignment,
+        search=found.search,
         ranges=ranges,
         roughness=roughness,
     )

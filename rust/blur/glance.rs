@@ -52,8 +52,10 @@ impl Glance {
 
     /// Whether the places are those of blocks in an image of so many rows and columns; of none nothing can be said.
     pub fn fits(&self, (rows, cols): (usize, usize)) -> bool {
-        let fits =
-            |place: &Place| place.top + SIDE <= rows && place.left.max(place.right) + SIDE <= cols;
+        let fits = |place: &Place| {
+            place.top.max(place.right_top) + SIDE <= rows
+                && place.left.max(place.right) + SIDE <= cols
+        };
         !self.places.is_empty() && self.places.iter().all(fits)
     }
 

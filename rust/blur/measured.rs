@@ -27,8 +27,8 @@ pub fn look(
     control: &Control,
 ) -> Result<()> {
     let seen = warped(&shades[1].plane, rough, control)?;
-    let places: Vec<Place> =
-        places.iter().map(|place| Place { right: place.left, ..*place }).collect();
+    let there = |place: &Place| Place { right_top: place.top, right: place.left, ..*place };
+    let places: Vec<Place> = places.iter().map(there).collect();
     sums.add_all([&shades[0].plane, &seen], &places, level, control)
 }
 
@@ -55,8 +55,9 @@ fn warped(right: &Plane<f32>, rough: &Rough, control: &Control) -> Result<Plane<
     let last = right.cols() as isize - 1;
     Plane::by_rows((right.rows(), right.cols()), control, |y, row: &mut [f32]| {
         for (x, value) in row.iter_mut().enumerate() {
-            let from = x as isize - rough.at(y, x).round() as isize;
-            *value = right.row(y)[from.clamp(0, last) as usize];
+            let from = (x as isize - rough.at(y, x).round() as isize).clamp(0, last) as usize;
+            let below = y as isize + rough.rows_at(y, from);
+            *value = right.row(below.clamp(0, right.rows() as isize - 1) as usize)[from];
         }
     })
 }
@@ -90,7 +91,7 @@ fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::blur::rough::Scale;
+    use crate::blur::rough::{Known, Scale};
     use crate::matcher::{Execution, Matcher, Pair};
     use crate::plane::reflect;
     use crate::psf::path;
@@ -157,9 +158,15 @@ mod tests {
             };
             let pair = Pair::new(view(shots[0]), view(shots[1]), 0, 8).expect("a legal pair");
             let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
+            let known = Known { candidates: pair.candidates(), alignment: None };
             let rough =
-                Rough::new(&pair, &shades, scale, &matcher, how, &control).expect("a match");
-            let corner = |i: usize| Place { top: i / 4 * 40, left: i % 4 * 40, right: i % 4 * 40 };
+                Rough::new(&shades, known, scale, &matcher, how, &control).expect("a match");
+            let corner = |i: usize| Place {
+                top: i / 4 * 40,
+                left: i % 4 * 40,
+                right_top: i / 4 * 40,
+                right: i % 4 * 40,
+            };
             let places: Vec<Place> = (0..12).map(corner).collect();
             let mut sums = Cross::default();
             look(&shades, &rough, &places, &mut sums, level, &control).expect("not cancelled");

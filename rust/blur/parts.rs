@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use super::bins::SIDE;
-use super::rough::{Rough, Scale, Shades};
+use super::rough::{Known, Rough, Scale, Shades};
 use super::spectrum::Place;
 use crate::control::Control;
 use crate::error::Result;
@@ -13,15 +13,16 @@ use crate::source::{Source, widened};
 
 /// Rows above and below a block that its rough disparities depend on: windows and neighbourhoods of the rough match, and
 /// rows that masked ones copy.
-const MARGIN: usize = 96;
+pub const MARGIN: usize = 96;
 /// The match that tells which blocks show the same.
 pub const ROUGHEST: Scale = Scale { factor: 4, neighborhood: 9 };
 
 /// Some rows of a pair.
 pub struct Part<'a> {
     /// The row of the whole image that these begin with.
-    first: usize,
-    pair: Cow<'a, Pair>,
+    pub first: usize,
+    /// They themselves.
+    pub pair: Cow<'a, Pair>,
     /// Gray values of both images.
     pub shades: [Shades; 2],
 }
@@ -37,57 +38,70 @@ pub struct Means<'a> {
     pub control: &'a Control,
 }
 
-/// All rows of a pair that is in memory, with their rough disparities.
-pub struct Kept<'a> {
-    part: Part<'a>,
-    rough: Rough,
-}
-
 /// All rows of a pair.
 #[derive(Clone, Copy)]
 pub enum Rows<'a> {
-    /// Kept.
-    Kept(&'a Kept<'a>),
+    /// In memory.
+    Kept(&'a Part<'a>),
     /// Read when they are looked at.
     Read(&'a dyn Source),
 }
 
-impl<'a> Kept<'a> {
-    /// Those of a pair.
-    pub fn new(pair: &'a Pair, means: Means) -> Result<Self> {
-        let part = Part::new(0, Cow::Borrowed(pair), means)?;
-        let rough = part.rough(ROUGHEST, means)?;
-        Ok(Self { part, rough })
-    }
+/// Which rows are looked at.
+#[derive(Clone, Copy)]
+pub struct Look<'a> {
+    /// The top rows of what is looked at, from the first one down.
+    pub tops: &'a [usize],
+    /// Rows of each.
+    pub rows: usize,
+    /// Rows that are needed above and below.
+    pub margin: usize,
+    /// Parts begin, and end, at multiples of so many rows.
+    pub unit: usize,
 }
 
 impl Rows<'_> {
-    /// Has blocks looked at whose top rows are these, from the first one down: of how many of them at a time makes no
-    /// difference.
+    /// Rows and columns.
+    pub fn size(&self) -> (usize, usize) {
+        match self {
+            Self::Kept(part) => part.pair.size(),
+            Self::Read(source) => source.size(),
+        }
+    }
+
+    /// These rows as a pair of their own.
+    pub fn pair(&self, rows: Range<usize>) -> Result<Pair> {
+        match self {
+            Self::Kept(part) => Ok(part.pair.of_rows(rows)),
+            Self::Read(source) => source.rows(rows),
+        }
+    }
+
+    /// Has rows looked at, from the first top down: of how many tops at a time makes no difference.
     pub fn look(
         &self,
-        tops: &[usize],
-        scale: Scale,
+        look: Look,
         means: Means,
-        mut at: impl FnMut(&Part, &Rough, Range<usize>) -> Result<()>,
+        mut at: impl FnMut(&Part, Range<usize>) -> Result<()>,
     ) -> Result<()> {
-        match self {
-            Self::Kept(Kept { part, rough }) if scale == ROUGHEST => at(part, rough, 0..tops.len()),
-            Self::Kept(Kept { part, .. }) => at(part, &part.rough(scale, means)?, 0..tops.len()),
-            Self::Read(source) => {
-                let (height, most) = (source.size().0, source.most_rows());
-                let mut first = 0;
-                while let Some(rest) = tops.get(first..).filter(|rest| !rest.is_empty()) {
-                    let fits = |top: &&usize| *top - rest[0] + SIDE <= most;
-                    let count = rest.iter().take_while(fits).count().max(1);
-                    let rows = widened(&(rest[0]..rest[count - 1] + SIDE), MARGIN, height);
-                    let part = Part::read(*source, rows, means)?;
-                    at(&part, &part.rough(scale, means)?, first..first + count)?;
-                    first += count;
-                }
-                Ok(())
-            }
+        let source = match self {
+            Self::Kept(part) => return at(part, 0..look.tops.len()),
+            Self::Read(source) => *source,
+        };
+        let (height, most) = (source.size().0, source.most_rows());
+        let mut first = 0;
+        while let Some(rest) = look.tops.get(first..).filter(|rest| !rest.is_empty()) {
+            let fits = |top: &&usize| *top - rest[0] + look.rows <= most;
+            let count = rest.iter().take_while(fits).count().max(1);
+            let rows = widened(&(rest[0]..rest[count - 1] + look.rows), look.margin, height);
+            let rows = rows.start / look.unit * look.unit..rows.end.next_multiple_of(look.unit);
+            at(
+                &Part::read(source, rows.start..rows.end.min(height), means)?,
+                first..first + count,
+            )?;
+            first += count;
         }
+        Ok(())
     }
 }
 
@@ -103,16 +117,20 @@ impl<'a> Part<'a> {
         Ok(Self { first, pair, shades })
     }
 
-    /// Reads rows, from a multiple of what images are reduced by to one.
     fn read(source: &dyn Source, rows: Range<usize>, means: Means) -> Result<Self> {
-        let unit = ROUGHEST.factor;
-        let first = rows.start / unit * unit;
-        let end = rows.end.next_multiple_of(unit).min(source.size().0);
-        Part::new(first, Cow::Owned(source.rows(first..end)?), means)
+        Part::new(rows.start, Cow::Owned(source.rows(rows)?), means)
     }
 
-    fn rough(&self, scale: Scale, Means { matcher, how, control }: Means) -> Result<Rough> {
-        Rough::new(&self.pair, &self.shades, scale, matcher, how, control)
+    /// Rough disparities.
+    pub fn rough(
+        &self,
+        known: &Known,
+        scale: Scale,
+        Means { matcher, how, control }: Means,
+    ) -> Result<Rough> {
+        let alignment = known.alignment.clone().map(|field| field.from_row(self.first));
+        let known = Known { alignment, ..*known };
+        Rough::new(&self.shades, known, scale, matcher, how, control)
     }
 
     /// The pair of blocks that show the same, whose left one has this corner in the whole image; `None` where there is
@@ -120,14 +138,25 @@ impl<'a> Part<'a> {
     pub fn place(&self, rough: &Rough, top: usize, left: usize) -> Option<Place> {
         let place = rough.place(&self.pair, top - self.first, left)?;
         let [here, there] = &self.shades;
-        let tells =
-            here.has_contrast(place.top, place.left) && there.has_contrast(place.top, place.right);
-        tells.then_some(Place { top, ..place })
+        let tells = here.has_contrast(place.top, place.left)
+            && there.has_contrast(place.right_top, place.right);
+        let right_top = place.right_top + self.first;
+        tells.then_some(Place { top, right_top, ..place })
     }
 
     /// Places in the whole image as they are here.
     pub fn local<'b>(&self, places: impl IntoIterator<Item = &'b Place>) -> Vec<Place> {
-        let local = |place: &Place| Place { top: place.top - self.first, ..*place };
+        let local = |place: &Place| Place {
+            top: place.top - self.first,
+            right_top: place.right_top - self.first,
+            ..*place
+        };
         places.into_iter().map(local).collect()
     }
+}
+
+/// Blocks whose top rows are these, with all that their rough disparities depend on.
+pub fn blocks<'a>(tops: &'a [usize], known: &Known) -> Look<'a> {
+    let field = known.alignment.as_ref().map_or(0, |field| field.bound().ceil() as usize);
+    Look { tops, rows: SIDE, margin: MARGIN + field, unit: ROUGHEST.factor }
 }

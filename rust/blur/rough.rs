@@ -3,6 +3,8 @@
 
 use super::bins::SIDE;
 use super::spectrum::Place;
+use crate::alignment::Alignment;
+use crate::candidates::Candidates;
 use crate::control::Control;
 use crate::error::Result;
 use crate::intensity::{Gray, Range};
@@ -18,6 +20,8 @@ const REACH: f64 = 128.0;
 const CORE: usize = SIDE / 2;
 /// Of a block at most one pixel in so many may be masked.
 const MASKED_SHARE: usize = 10;
+/// Steps of a row at which a reduced image is sampled.
+const RAISED_STEPS: f64 = 64.0;
 
 /// Gray values of an image.
 #[derive(Debug)]
@@ -58,23 +62,23 @@ impl Shades {
         let first = values.next().map(|value| value.to_bits());
         values.any(|value| Some(value.to_bits()) != first)
     }
+}
 
-    /// Means over squares of `factor` pixels; what is left over at the far ends is left out.
-    fn reduced(&self, factor: usize, control: &Control) -> Result<Plane<f32>> {
-        let size = (self.plane.rows() / factor, self.plane.cols() / factor);
-        let share = 1.0 / (factor * factor) as f32;
-        Plane::by_rows(size, control, |y, row: &mut [f32]| {
-            for below in 0..factor {
-                let source = self.plane.row(y * factor + below).chunks_exact(factor);
-                row.iter_mut().zip(source).for_each(|(sum, part)| {
-                    *sum += part.iter().sum::<f32>();
-                });
-            }
-            for sum in row {
-                *sum *= share;
-            }
-        })
-    }
+/// Means over squares of `factor` pixels; what is left over at the far ends is left out.
+pub fn reduced(plane: &Plane<f32>, factor: usize, control: &Control) -> Result<Plane<f32>> {
+    let size = (plane.rows() / factor, plane.cols() / factor);
+    let share = 1.0 / (factor * factor) as f32;
+    Plane::by_rows(size, control, |y, row: &mut [f32]| {
+        for below in 0..factor {
+            let source = plane.row(y * factor + below).chunks_exact(factor);
+            row.iter_mut().zip(source).for_each(|(sum, part)| {
+                *sum += part.iter().sum::<f32>();
+            });
+        }
+        for sum in row {
+            *sum *= share;
+        }
+    })
 }
 
 /// How roughly a pair is matched.
@@ -86,27 +90,64 @@ pub struct Scale {
     pub neighborhood: usize,
 }
 
+/// What is known of where the right image shows what the left one does.
+#[derive(Debug, Clone)]
+pub struct Known {
+    /// The disparities to search.
+    pub candidates: Candidates,
+    /// How the rows of the pair at hand correspond; `None`: each to its own.
+    pub alignment: Option<Alignment>,
+}
+
 /// Disparities at a fraction of the size.
 #[derive(Debug)]
 pub struct Rough {
     disparity: Plane<f32>,
     factor: usize,
+    alignment: Option<Alignment>,
+}
+
+/// The right image, reduced by a factor, with its rows where the left one has them; between rows linearly.
+pub fn raised(
+    right: &Plane<f32>,
+    alignment: &Alignment,
+    factor: usize,
+    control: &Control,
+) -> Result<Plane<f32>> {
+    let center = |at: usize| (at as f64 + 0.5) * factor as f64 - 0.5;
+    let last = right.rows() as isize - 1;
+    Plane::by_rows((right.rows(), right.cols()), control, |y, row: &mut [f32]| {
+        let along = alignment.along(center(y));
+        for (x, value) in row.iter_mut().enumerate() {
+            // In whole steps, so that it makes no difference where a part of the image begins.
+            let offset = (along.at(center(x)) * RAISED_STEPS / factor as f64 + 0.5).floor();
+            let above = y as isize + (offset / RAISED_STEPS).floor() as isize;
+            let share = offset.rem_euclid(RAISED_STEPS) / RAISED_STEPS;
+            let [upper, lower] =
+                [above, above + 1].map(|y| right.row(y.clamp(0, last) as usize)[x]);
+            *value = upper + share as f32 * (lower - upper);
+        }
+    })
 }
 
 impl Rough {
     /// Matches the pair, reduced by a factor, on neighbourhoods of a certain side: the blur shrinks with the
     /// images, and larger neighbourhoods see past what is left of it.
     pub fn new(
-        pair: &Pair,
         shades: &[Shades; 2],
+        known: Known,
         Scale { factor, neighborhood }: Scale,
         matcher: &Matcher,
         how: Execution,
         control: &Control,
     ) -> Result<Self> {
-        let planes = [shades[0].reduced(factor, control)?, shades[1].reduced(factor, control)?];
-        let [left, right] = planes.map(as_view);
-        let candidates = pair.candidates();
+        let Known { candidates, alignment } = known;
+        let left = as_view(reduced(&shades[0].plane, factor, control)?);
+        let right = reduced(&shades[1].plane, factor, control)?;
+        let right = as_view(match &alignment {
+            Some(alignment) => raised(&right, alignment, factor, control)?,
+            None => right,
+        });
         let (low, high) = (candidates.min(), candidates.disparity(candidates.count() - 1));
         let low = low.div_euclid(factor as isize) as i64;
         let width = left.image.shape().1 as i64;
@@ -125,7 +166,13 @@ impl Rough {
         };
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
         let map = matcher.run(&pair, &settings, how, &control.aside())?;
-        Ok(Self { disparity: map.disparity, factor })
+        Ok(Self { disparity: map.disparity, factor, alignment })
+    }
+
+    /// How many rows lower the right image shows at column `x` what is in row `y` of the left one.
+    pub fn rows_at(&self, y: usize, x: usize) -> isize {
+        let offset = |alignment: &Alignment| alignment.at(x as f64, y as f64).round() as isize;
+        self.alignment.as_ref().map_or(0, offset)
     }
 
     /// The disparity at a pixel of the whole image, between those of the nearest four of the reduced one.
@@ -164,9 +211,11 @@ impl Rough {
     pub fn place(&self, pair: &Pair, top: usize, left: usize) -> Option<Place> {
         let right = left as isize - self.of_block(top, left).round() as isize;
         let right = usize::try_from(right).ok().filter(|x| x + SIDE <= pair.size().1)?;
-        let place = Place { top, left, right };
+        let below = self.rows_at(top + SIDE / 2, right + SIDE / 2);
+        let right_top = top.checked_add_signed(below).filter(|y| y + SIDE <= pair.size().0)?;
+        let place = Place { top, left, right_top, right };
         let [left_view, right_view] = pair.views();
-        (is_valid(left_view, top, left) && is_valid(right_view, top, right)).then_some(place)
+        (is_valid(left_view, top, left) && is_valid(right_view, right_top, right)).then_some(place)
     }
 }
 
@@ -177,7 +226,7 @@ fn is_valid(view: &View, top: usize, left: usize) -> bool {
     masked * MASKED_SHARE <= SIDE * SIDE
 }
 
-fn as_view(plane: Plane<f32>) -> View {
+pub fn as_view(plane: Plane<f32>) -> View {
     let shape = (plane.rows(), plane.cols(), 1);
     let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
     // The plane has as many values as its shape says.
@@ -220,7 +269,8 @@ mod tests {
         let control = Control::default();
         let matcher = Matcher::new(1).expect("a thread");
         let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
-        Rough::new(pair, &shades, Scale { factor, neighborhood: 9 }, &matcher, how, &control)
+        let known = Known { candidates: pair.candidates(), alignment: None };
+        Rough::new(&shades, known, Scale { factor, neighborhood: 9 }, &matcher, how, &control)
             .expect("a match")
     }
 
@@ -229,7 +279,7 @@ mod tests {
         let pair = pair([None, None]);
         for factor in [2, 4] {
             let place = rough(&pair, factor).place(&pair, 20, 70);
-            assert_eq!(place, Some(Place { top: 20, left: 70, right: 70 - SHIFT }));
+            assert_eq!(place, Some(Place { top: 20, left: 70, right_top: 20, right: 70 - SHIFT }));
         }
     }
 
@@ -255,8 +305,11 @@ mod tests {
 
     #[test]
     fn between_pixels_disparities_are_interpolated_and_beyond_them_kept() {
-        let rough =
-            Rough { disparity: Plane::from_fn(2, 3, |y, x| (x + 10 * y) as f32), factor: 4 };
+        let rough = Rough {
+            disparity: Plane::from_fn(2, 3, |y, x| (x + 10 * y) as f32),
+            factor: 4,
+            alignment: None,
+        };
         for (place, expected) in [((0, 0), 0.0), ((1, 3), 1.5), ((3, 5), 18.5), ((7, 11), 48.0)] {
             assert!((rough.at(place.0, place.1) - expected).abs() < 1e-4, "{place:?}");
         }

@@ -16,10 +16,12 @@ use crate::simd::{Kernel, Level};
 /// A place in both images: the corner of a left block, and of the right one that shows the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Place {
-    /// Row of the corners.
+    /// Row of the left one.
     pub top: usize,
     /// Column of the left one.
     pub left: usize,
+    /// Row of the right one: another where the rows of the images do not correspond.
+    pub right_top: usize,
     /// Column of the right one.
     pub right: usize,
 }
@@ -75,11 +77,11 @@ impl Kernel for Windowed<'_> {
     #[inline(always)]
     fn run(self) {
         let Self { images, place, window, block } = self;
-        for (image, left, part) in
-            [(images[0], place.left, &mut block.re), (images[1], place.right, &mut block.im)]
-        {
+        let corners = [(place.top, place.left), (place.right_top, place.right)];
+        let parts = [&mut block.re, &mut block.im];
+        for ((image, (top, left)), part) in images.into_iter().zip(corners).zip(parts) {
             for (y, row) in part.chunks_exact_mut(SIDE / LANES).enumerate() {
-                let pixels = &image.row(place.top + y)[left..left + SIDE];
+                let pixels = &image.row(top + y)[left..left + SIDE];
                 row.copy_from_slice(pixels.as_chunks().0);
             }
             let mut weighted = [0.0; LANES];
@@ -296,11 +298,12 @@ mod tests {
     #[test]
     fn powers_of_a_pair_are_those_of_a_naive_transform() {
         let images = [noise(1), noise(2)];
-        let place = Place { top: 3, left: 11, right: 25 };
+        let place = Place { top: 3, left: 11, right_top: 5, right: 25 };
         let found = powers([&images[0], &images[1]], &[place], Level::best(), &Control::default());
         let found = &found.expect("not cancelled")[0];
-        for (side, left) in [place.left, place.right].into_iter().enumerate() {
-            let expected = naive(&images[side], place.top, left);
+        let corners = [(place.top, place.left), (place.right_top, place.right)];
+        for (side, (top, left)) in corners.into_iter().enumerate() {
+            let expected = naive(&images[side], top, left);
             for (a, b) in found.binned[side].iter().zip(bins().pooled(&expected)) {
                 assert!((a - b).abs() <= 1e-4 * b, "{a} {b}");
             }
@@ -313,7 +316,7 @@ mod tests {
     fn cross_spectra_scale_every_pair_of_blocks_alike() {
         let image = noise(3);
         let loud = image.map(|value| 10.0 * value);
-        let place = Place { top: 0, left: 5, right: 5 };
+        let place = Place { top: 0, left: 5, right_top: 0, right: 5 };
         let sums = |image| {
             let mut sums = Cross::default();
             sums.add_all([image, image], &[place], Level::best(), &Control::default())
@@ -333,7 +336,8 @@ mod tests {
     #[test]
     fn sums_over_blocks_do_not_depend_on_the_threads() {
         let images = [noise(4), noise(5)];
-        let place = |i: usize| Place { top: i / 40, left: i % 23, right: i % 19 };
+        let place =
+            |i: usize| Place { top: i / 40, left: i % 23, right_top: i / 40, right: i % 19 };
         let places: Vec<Place> = (0..50).map(place).collect();
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();

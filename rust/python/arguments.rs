@@ -8,10 +8,14 @@ use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyTuple};
 
+use super::found::{Field, read_field};
 use super::internal;
 use super::reader::as_ranges;
+use crate::alignment::Alignment;
+use crate::candidates::Candidates;
 use crate::convolution::Kernel;
 use crate::error::Error;
+use crate::estimation::Known;
 use crate::intensity;
 use crate::matcher::{MOST_THREADS, Pair};
 use crate::plane::{Plane, zeroed};
@@ -36,13 +40,37 @@ const OPTIMIZERS: [(&str, Optimizer); 4] = [
     ("sgm", Optimizer::SemiGlobal),
 ];
 
+/// Least disparity and number of disparities, or `None`: they are to be found.
+pub type Search = Option<(i64, i64)>;
+
+/// (`min_disparity`, `num_disparities`), the latter an integer or None.
+pub fn read_search((min, count): &Both<'_>) -> PyResult<Search> {
+    let min = integer(min, "min_disparity")?;
+    if !count.is_none() {
+        return Ok(Some((min, integer(count, "num_disparities")?)));
+    }
+    if min != 0 {
+        let accepts = "0 where num_disparities is None, which has the whole range found";
+        return Err(Error::value("min_disparity", min, accepts).into());
+    }
+    Ok(None)
+}
+
+/// The disparities of a pair, if they are told.
+pub fn candidates_of(pair: &Pair, search: Search) -> Option<Candidates> {
+    search.map(|_| pair.candidates())
+}
+
 /// Both images, their masks, and (`min_disparity`, `num_disparities`).
-pub fn read_pair(
-    (left, right): &Both<'_>,
-    masks: &Both<'_>,
-    (min, count): &Both<'_>,
-) -> PyResult<Pair> {
-    let (min, count) = (integer(min, "min_disparity")?, integer(count, "num_disparities")?);
+pub fn read_pair(images: &Both<'_>, masks: &Both<'_>, disparities: &Both<'_>) -> PyResult<Pair> {
+    let (min, count) = disparities;
+    let told = (integer(min, "min_disparity")?, integer(count, "num_disparities")?);
+    read_images(images, masks, Some(told))
+}
+
+/// Both images and their masks, to be searched over these disparities; over one, as long as they are to be found.
+pub fn read_images((left, right): &Both<'_>, masks: &Both<'_>, search: Search) -> PyResult<Pair> {
+    let (min, count) = search.unwrap_or((0, 1));
     let left = read_view(left, &masks.0, "left")?;
     let right = read_view(right, &masks.1, "right")?;
     Ok(Pair::new(left, right, min, count)?)
@@ -142,6 +170,8 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         optimizer: choice(&field("optimizer")?, "optimizer", &OPTIMIZERS)?,
         penalty: read_penalty(&field("penalty")?)?,
         edges: number(&field("edges")?, "edges")?,
+        equalise: boolean(&field("equalise")?, "equalise")?,
+        align_rows: boolean(&field("align_rows")?, "align_rows")?,
         intensity_range: match field("intensity_range")? {
             range if range.is_none() => None,
             range => {
@@ -165,17 +195,35 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         min_confidence: number(&field("min_confidence")?, "min_confidence")?,
     };
     settings.check()?;
-    // Not the core's business: who asks for it has the blur estimated, and tells the core what follows.
-    if boolean(&field("equalise")?, "equalise")? && settings.cost != CostKind::Phase {
-        return Err(Error::value("equalise", "True", "False unless cost = 'phase'").into());
-    }
     Ok(settings)
+}
+
+/// What a call tells of a pair: its noise, or the versions in which its pixels are compared, and the field of its rows.
+pub fn read_known(
+    (noise, versions, field): &(Bound<'_, PyAny>, Bound<'_, PyAny>, Option<Field>),
+    size: (usize, usize),
+    search: Search,
+) -> PyResult<Known> {
+    let noise = if noise.is_none() {
+        None
+    } else {
+        let (left, right) = both(noise, "noise", "a number, a pair of them, or None")?;
+        Some([check_noise(number(&left, "noise")?)?, check_noise(number(&right, "noise")?)?])
+    };
+    let alignment = read_field(*field)?;
+    if alignment.as_ref().is_some_and(|field| field.size() != size) {
+        let accepts = format!("that of images of {} x {} pixels", size.0, size.1);
+        return Err(Error::value("alignment", "that of images of another size", accepts).into());
+    }
+    let candidates = search.map(|(min, count)| Candidates::new(min, count, size.1)).transpose()?;
+    Ok(Known { candidates, noise, versions: read_versions(versions)?, alignment })
 }
 
 /// What `phasestereo.surveying.Survey` tells of a whole pair.
 pub struct Told<'py> {
     pub settings: Settings,
     pub versions: Option<Versions>,
+    pub alignment: Option<Alignment>,
     pub disparities: Both<'py>,
     pub ranges: [Option<intensity::Range>; 2],
     pub roughness: Option<Roughness>,
@@ -193,6 +241,7 @@ impl<'py> Told<'py> {
         Ok(Self {
             settings,
             versions: read_versions(&survey.getattr("equalisation")?)?,
+            alignment: read_field(survey.getattr("field")?.extract()?)?,
             disparities: (survey.getattr("min_disparity")?, survey.getattr("num_disparities")?),
             ranges: as_ranges(survey.getattr("ranges")?.extract()?),
             roughness: roughness.map(|(sum, pairs)| Roughness { sum, pairs }),

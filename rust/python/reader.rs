@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
 
-use super::arguments::{Both, read_pair};
+use super::arguments::{Both, Search, read_images};
 use crate::candidates::Candidates;
 use crate::error::{Error, Result};
 use crate::intensity;
@@ -16,7 +16,7 @@ use crate::source::Source;
 pub struct Reader {
     read: Py<PyAny>,
     size: (usize, usize),
-    disparities: (i64, i64),
+    search: Search,
     candidates: Candidates,
     ranges: [Option<intensity::Range>; 2],
     /// What was raised by it.
@@ -31,12 +31,13 @@ impl Reader {
     pub fn new(
         read: Bound<'_, PyAny>,
         size: (usize, usize),
-        disparities: (i64, i64),
+        search: Search,
         ranges: Option<Ranges>,
     ) -> Result<Arc<Self>> {
-        let candidates = Candidates::new(disparities.0, disparities.1, size.1)?;
+        let (min, count) = search.unwrap_or((0, 1));
+        let candidates = Candidates::new(min, count, size.1)?;
         let (ranges, raised) = (as_ranges(ranges), Mutex::default());
-        Ok(Arc::new(Self { read: read.unbind(), size, disparities, candidates, ranges, raised }))
+        Ok(Arc::new(Self { read: read.unbind(), size, search, candidates, ranges, raised }))
     }
 
     /// What the callable raised, if that is why a call failed.
@@ -48,9 +49,7 @@ impl Reader {
     fn call(&self, py: Python<'_>, rows: &Range<usize>) -> PyResult<Pair> {
         let (images, masks): (Both<'_>, Both<'_>) =
             self.read.bind(py).call1((rows.start, rows.end))?.extract()?;
-        let (min, count) = self.disparities;
-        let search = (min.into_pyobject(py)?.into_any(), count.into_pyobject(py)?.into_any());
-        Ok(read_pair(&images, &masks, &search)?.with_ranges(self.ranges))
+        Ok(read_images(&images, &masks, self.search)?.with_ranges(self.ranges))
     }
 }
 

@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each test file uses its own part of this")]
 
+pub mod estimates;
 pub mod maps;
 pub mod naive;
 pub mod parts;

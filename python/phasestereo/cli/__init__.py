@@ -1,6 +1,7 @@
 """The command line: one module a command, and here what all of them share.
 
-Exit codes: 0 success, 1 the run failed, 2 the command line was wrong; an error that the user can
+Exit codes: 0 success, 1 the run failed, 2 the command line was wrong, 3 --strict and a match that
+is not to be trusted; an error that the user can
 mend is one line on standard error, any other a traceback. Importing this package needs the extra
 ``cli``; `phasestereo.__main__` says so where it is missing.
 """
@@ -26,7 +27,7 @@ __all__ = ["app", "run"]
 _HELP = f"""{phasestereo.__doc__.splitlines()[0]} For example:
 
 ```
-phasestereo match left.png right.png --num-disparities 64 -o out.pfm
+phasestereo match left.png right.png -o out.pfm
 ```
 """
 
@@ -43,7 +44,7 @@ app.command(
     "phasestereo.cli.check:check",
     name="check",
     help="Diagnose a stereo pair: what keeps it from being matched well.\n\n"
-    "The exit code is 0 whatever is found.",
+    "The exit code is 0 whatever is found, unless --strict is given.",
 )
 app.command(
     "phasestereo.cli.live:live",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import phasestereo
 from phasestereo.blur import Blur, BlurEstimate
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.errors import UNTRUSTED, WRONG_USAGE, CommandError, refusals
 from phasestereo.diagnosis import Diagnosis
 from phasestereo.diagnosis import check as check_pair
 from phasestereo.findings import spread
@@ -32,12 +32,13 @@ def check(
     *,
     blur_map: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
+    strict: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
     """Diagnose a stereo pair: what keeps it from being matched well.
 
     One line each on swapped images, the disparities to search, vertical misalignment, relative
     blur, gain and gamma, noise, saturation and texture; it begins with ``ok``, ``note`` or
-    ``warning``. The exit code is 0 whatever is found.
+    ``warning``. The exit code is 0 whatever is found, unless --strict is given.
 
     Parameters
     ----------
@@ -51,6 +52,8 @@ def check(
         stronger the blur.
     as_json
         Print one JSON object on standard output: sentences, numbers, the map of blurs.
+    strict
+        Exit with 3 if there is a warning.
     """
     if blur_map is not None:
         _refuse_target(blur_map, (left, right))
@@ -61,6 +64,9 @@ def check(
         with refusals():
             write_image(blur_map, _picture(diagnosis.blur, images[0]))
     sys.stdout.write(_json(diagnosis) if as_json else f"{diagnosis}\n")
+    grave = [found.sentence for found in diagnosis.findings if found.severity == "warning"]
+    if strict and grave:
+        raise CommandError(grave[0], UNTRUSTED)
 
 
 def _refuse_target(path: Path, sources: tuple[Path, Path]) -> None:

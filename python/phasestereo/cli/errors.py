@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
 RUN_FAILED = 1
 WRONG_USAGE = 2
+UNTRUSTED = 3
 
 
 class CommandError(Exception):

@@ -77,6 +77,16 @@ class Geometry:
         if "focal" in sources and self.baseline is None:
             raise _wrong("focal", "needs --baseline, the distance of the cameras")
 
+    def bound(self) -> int | None:
+        """Return the number of disparities that calib.txt tells, if there is one that does.
+
+        Raises
+        ------
+        OSError, ValueError
+            If the file is not what it should be.
+        """
+        return None if self.calib is None else read_calibration(self.calib).ndisp
+
     def sources(self) -> list[Path | None]:
         """Return the files that are read."""
         return [self.calib, self.q]

@@ -13,7 +13,8 @@ from phasestereo._interrupts import held_back
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.live_outputs import LiveOutputs, Sink, Writers
 from phasestereo.cli.live_tally import Tally
-from phasestereo.cli.options import Overrides
+from phasestereo.cli.options import Count, Overrides
+from phasestereo.cli.trust import unwarned
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 from phasestereo.streaming import REESTIMATE, Failure, Frame, Stream, stream
 from phasestereo.video.capture import Layout
@@ -48,7 +49,7 @@ def live(
     stop: Annotated[int | None, Parameter(group=_SOURCE, validator=_NOT_NEGATIVE)] = None,
     every: Annotated[int, Parameter(group=_SOURCE, validator=_AT_LEAST_ONE)] = 1,
     reestimate: Annotated[int, Parameter(group=_SOURCE, validator=_AT_LEAST_ONE)] = REESTIMATE,
-    num_disparities: Annotated[int, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)],
+    num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)] = None,
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
@@ -91,7 +92,7 @@ def live(
         Estimate blur anew when it is not as it was at a glance, and at the latest after so many
         frames; 1: of every frame.
     num_disparities
-        Number of disparities to search, 1 to the images' width.
+        Number of disparities to search, 1 to the images' width; auto: the range that is found.
     min_disparity
         Smallest disparity to search.
     threads
@@ -105,7 +106,7 @@ def live(
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
     disparities = min_disparity, num_disparities
-    outputs.check(_files(places), disparities)
+    outputs.check(_files(places), (min_disparity, num_disparities or 1))
     tally = Tally(disparities, settings)
     with refusals(options=_OPTIONS):
         frames = stream(
@@ -123,7 +124,7 @@ def live(
             on_error=tally.fail,
         )
     try:
-        with closing(frames), refusals(options=_OPTIONS):
+        with closing(frames), unwarned(), refusals(options=_OPTIONS):
             _run(frames, outputs, tally)
     finally:
         tally.show(as_json=outputs.json)
@@ -148,6 +149,7 @@ def _run(frames: Stream, outputs: LiveOutputs, tally: Tally) -> None:
 
 def _write(frame: Frame, sinks: list[Sink], tally: Tally) -> None:
     """Write a frame everywhere it can be; where it cannot, it fails alone."""
+    tally.tell_news(frame)
     errors = []
     for write in sinks:
         try:

@@ -136,20 +136,26 @@ class Writers:
             self._open.close()
 
     def _add_video(self, opened: ExitStack, path: Path) -> None:
-        low, count = self._tally.disparities
-        picture = FramePicture(low, low + count)
         video = opened.enter_context(VideoWriter(path, rate=self._rate))
-        self.sinks.append(lambda frame: video.write(picture(frame), frame.time))
+        pictures: list[FramePicture] = []
+
+        def write(frame: Frame) -> None:
+            if not pictures:  # the colors of all frames are those of the first one's range
+                pictures.append(FramePicture(*self._tally.searched(frame)))
+            video.write(pictures[0](frame), frame.time)
+
+        self.sinks.append(write)
         self._tally.files["output"] = str(path)
 
     def _add_recording(self, opened: ExitStack, path: Path) -> None:
-        low, count = self._tally.disparities
         calib = self._outputs.calib
         calibration = None if calib is None else read_calibration(calib)
         recording = opened.enter_context(saving(path))
-        log = partial(
-            log_frame, low=low, high=low + count, calibration=calibration, recording=recording
-        )
+
+        def log(frame: Frame) -> None:
+            low, high = self._tally.searched(frame)
+            log_frame(frame, low=low, high=high, calibration=calibration, recording=recording)
+
         self.sinks.append(log)
         self._tally.tell = partial(log_failure, recording=recording)
         self._tally.files["rerun"] = str(path)

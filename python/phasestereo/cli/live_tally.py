@@ -30,26 +30,47 @@ class Tally:
     Parameters
     ----------
     disparities
-        The smallest disparity searched, and how many were.
+        The smallest disparity searched, and how many are; None: as many as are found.
     settings
         What frames are matched with.
     """
 
-    def __init__(self, disparities: tuple[int, int], settings: Settings) -> None:
+    def __init__(self, disparities: tuple[int, int | None], settings: Settings) -> None:
         self.disparities, self.settings = disparities, settings
         self.done, self.failed, self.interrupted = 0, 0, False
         self.files: dict[str, str] = {}
         self.tell: Callable[[Failure], object] | None = None
         self._failures: list[dict[str, Any]] = []
+        self._topics: set[str] = set()
         self._size: tuple[int, ...] | None = None
         self._start, self._seconds = monotonic(), 0.0
         self._console = Console(stderr=True, highlight=False, soft_wrap=True)
         self._changed: Callable[[], object] | None = None
 
+    def tell_news(self, frame: Frame) -> None:
+        """Say what there is to say of a frame, once a topic."""
+        for found in frame.result.findings:
+            if found.topic not in self._topics:
+                self._topics.add(found.topic)
+                line = f"phasestereo: frame {frame.index}: {found.severity}: {found.sentence}"
+                self._console.print(printable(line), markup=False)
+
+    def searched(self, frame: Frame) -> tuple[int, int]:
+        """Return the first disparity that is searched and the one after the last.
+
+        If they are to be found, those of the first frame.
+        """
+        low, count = self.disparities
+        search = frame.result.search
+        if count is None and search is not None:
+            low, count = self.disparities = search.min_disparity, search.num_disparities
+        return low, low + (count or 1)
+
     def count(self, frame: Frame) -> None:
         """Count a frame that is done."""
         self.done += 1
         self._size = frame.result.disparity.shape
+        self.searched(frame)
         self._change()
 
     def fail(self, failure: Failure) -> None:
@@ -89,7 +110,9 @@ class Tally:
             return
         console = Console(highlight=False, soft_wrap=True)
         size = "" if self._size is None else f" of {self._size[1]} x {self._size[0]} pixels"
-        console.print(f"{self._line()}{size}, {self.disparities[1]} disparities", markup=False)
+        console.print(
+            f"{self._line()}{size}, {self.disparities[1] or 'no'} disparities", markup=False
+        )
         for path in self.files.values() if self.done else ():
             console.print(printable(f"wrote {path}"), markup=False)
 

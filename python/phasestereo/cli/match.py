@@ -12,12 +12,13 @@ from cyclopts import Group, Parameter, validators
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.geometry import Geometry
 from phasestereo.cli.large import Large, match_large
-from phasestereo.cli.options import Bands, Overrides
+from phasestereo.cli.options import Bands, Count, Overrides
 from phasestereo.cli.outcome import Outcome, rehearsal
 from phasestereo.cli.outputs import Outputs
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.summary import Summary, show
 from phasestereo.cli.terminal import progress_bar
+from phasestereo.cli.trust import refuse_untrusted, tell_findings, unwarned
 from phasestereo.io.mask import read_mask
 from phasestereo.io.views import join, read_views
 from phasestereo.matcher import match as match_pair
@@ -44,13 +45,14 @@ def match(
     right: Path,
     /,
     *,
-    num_disparities: Annotated[int, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)],
+    num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)] = None,
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
     left_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     right_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     bands: Annotated[Bands | None, Parameter(group=_SEARCH)] = None,
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
+    strict: Annotated[bool, Parameter(group=_SEARCH, negative=())] = False,
     outputs: Annotated[Outputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
     geometry: Annotated[Geometry, Parameter(name="*", group=_GEOMETRY)] = _NO_GEOMETRY,
     scoring: Annotated[Scoring, Parameter(name="*", group=_SCORE)] = _SCORING,
@@ -65,7 +67,7 @@ def match(
     and ``--json`` says what to do with the disparities d. For example:
 
     ```
-    phasestereo match left.png right.png --num-disparities 64 -o out.pfm
+    phasestereo match left.png right.png -o out.pfm
     ```
 
     Parameters
@@ -75,7 +77,8 @@ def match(
     right
         Right image, of the same size and type.
     num_disparities
-        Number of disparities to search, 1 to the images' width.
+        Number of disparities to search, 1 to the images' width; auto: the ndisp of --calib, or else
+        the range that is found in the images.
     min_disparity
         Smallest disparity to search.
     left_mask
@@ -88,6 +91,8 @@ def match(
         Number of threads; without it, as many as there are processors.
     noise
         Standard deviation of the images' noise, in units of their pixels; needed with --weak.
+    strict
+        Exit with 3 if the match as a whole is not to be trusted; files are written all the same.
     """
     scoring.check()
     geometry.check(wanted=outputs.use_geometry())
@@ -114,15 +119,17 @@ def match(
         return
     sources = [left, right, left_mask, right_mask, *scoring.sources()]
     sources += geometry.sources()
-    disparities = min_disparity, num_disparities
     with refusals(options=_OPTIONS):
         views = read_views(left, right, bands)
         images = views[0].image, views[1].image
         masks = read_mask(left_mask), read_mask(right_mask)
         truth = scoring.read(images[0].shape[:2])
+        num_disparities = num_disparities or geometry.bound()
+        # As long as they are to be found, no more than one is sure to be searched.
+        disparities = min_disparity, num_disparities or 1
         rig = geometry.read(images[0].shape[:2], disparities)
     outputs.check(sources, rehearsal(disparities, settings, rig))
-    with refusals(options=_OPTIONS), progress_bar("Matching") as progress:
+    with refusals(options=_OPTIONS), unwarned(), progress_bar("Matching") as progress:
         result = match_pair(
             *images,
             num_disparities=num_disparities,
@@ -134,9 +141,14 @@ def match(
             progress=progress,
             noise=noise,
         )
+    if result.search is not None:
+        disparities = result.search.min_disparity, result.search.num_disparities
+    tell_findings(result.findings)
     with refusals():
         score = None if truth is None else truth.score(result.disparity)
         place, names = views[0].place, (left.name, right.name)
         outcome = Outcome(images, result, disparities, truth, score, rig, place, names)
         written = outputs.write(outcome)
     show(Summary(outcome, written), as_json=outputs.json)
+    if strict:
+        refuse_untrusted(result.findings)

@@ -38,6 +38,15 @@ def _whole_numbers(_hint: Any, tokens: Sequence[Token]) -> tuple[int, ...]:
     return tuple(int(part) for part in tokens[0].value.split(","))
 
 
+def _count(_hint: Any, tokens: Sequence[Token]) -> int | None:
+    """Read ``auto`` as None, and a number as itself."""
+    word = tokens[0].value
+    return None if word == "auto" else int(word)
+
+
+Count = Annotated[int | None, Parameter(converter=_count, n_tokens=1)]
+"""A number of disparities, or ``auto``."""
+
 Bands = Annotated[tuple[int, ...], Parameter(converter=_whole_numbers, n_tokens=1)]
 """Whole numbers within one word of the command line."""
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from phasestereo.cli.outcome import Outcome
     from phasestereo.metrics import Score
+    from phasestereo.result import Result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,8 +52,12 @@ class Summary:
             "num_disparities": disparities[1],
             "settings": asdict(result.settings),
             "timings": dict(result.timings),
+            "search": None if result.search is None else _plain(asdict(result.search)),
+            "alignment": _alignment(result),
+            "findings": [asdict(found) for found in result.findings],
             "blurs": None if result.blur is None else result.blur.as_dicts(),
             "estimated": self.estimated,
+            "trusted": self.trusted,
             "flags": self.flags,
             "files": dict(self.files),
         }
@@ -67,10 +72,29 @@ class Summary:
         return float(np.isfinite(self.outcome.result.disparity).mean())
 
     @property
+    def trusted(self) -> float:
+        """Share of the pixels with an estimate and no flag, 0 to 1."""
+        result = self.outcome.result
+        return float((np.isfinite(result.disparity) & (result.flags == 0)).mean())
+
+    @property
     def flags(self) -> dict[str, int]:
         """Number of pixels under each flag, by its name."""
         counts = count_flags(self.outcome.result.flags)
         return {str(flag.name).lower(): count for flag, count in counts.items()}
+
+
+def _plain(told: dict[str, Any]) -> dict[str, Any]:
+    """Return numbers that JSON does not have as None."""
+    is_none = {k for k, v in told.items() if isinstance(v, float) and not math.isfinite(v)}
+    return {k: None if k in is_none else v for k, v in told.items()}
+
+
+def _alignment(result: Result) -> dict[str, Any] | None:
+    if result.alignment is None:
+        return None
+    names = "vertical", "rotation", "scale", "rms", "error", "blocks", "applied"
+    return {name: getattr(result.alignment, name) for name in names}
 
 
 def show(summary: Summary, *, as_json: bool) -> None:
@@ -90,11 +114,18 @@ def _lines(summary: Summary) -> list[str]:
     rows, cols = result.disparity.shape
     seconds = sum(result.timings.values())
     return [
-        f"{cols} x {rows} pixels, {summary.outcome.disparities[1]} disparities, {seconds:.3f} s",
-        f"estimated {summary.estimated:.1%}, flagged: {tell_flags(result.flags)}",
+        f"{cols} x {rows} pixels, disparities {_range(summary)}, {seconds:.3f} s",
+        f"trusted {summary.trusted:.1%}, flagged: {tell_flags(result.flags)}",
         *([] if result.blur is None else [f"blur: {result.blur}"]),
         *(f"wrote {path}" for path in summary.files.values()),
     ]
+
+
+def _range(summary: Summary) -> str:
+    low, count = summary.outcome.disparities
+    search = summary.outcome.result.search
+    found = " (found)" if search is not None and search.origin == "found" else ""
+    return f"{low} to {low + count - 1}{found}"
 
 
 def _table(score: Score) -> Table:

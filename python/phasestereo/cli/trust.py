@@ -1,0 +1,43 @@
+"""What is said of a match, or of a pair, that is not as it should be."""
+
+from __future__ import annotations
+
+import warnings
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from phasestereo.cli.errors import UNTRUSTED, CommandError
+from phasestereo.cli.terminal import tell
+from phasestereo.findings import MatchWarning, untrusted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from phasestereo.findings import Finding
+
+
+@contextmanager
+def unwarned() -> Iterator[None]:
+    """Have matches in this block not warn: what they warn of is told as a finding."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MatchWarning)
+        yield
+
+
+def tell_findings(found: Iterable[Finding]) -> None:
+    """Print a line for each on standard error."""
+    for one in found:
+        tell(f"{one.severity}: {one.sentence}")
+
+
+def refuse_untrusted(found: Iterable[Finding]) -> None:
+    """End with the exit code of what is not to be trusted, if anything says so.
+
+    Raises
+    ------
+    CommandError
+        If so.
+    """
+    grave = untrusted(found)
+    if grave:
+        raise CommandError(f"not to be trusted: {grave[0].sentence}", UNTRUSTED)

@@ -1,0 +1,265 @@
+//! What a match is not told is found out from the two images: where their rows lie, which disparities there are, and
+//! which image is the softer one.
+//!
+//! 1. Both images are reduced to some hundred columns and matched there over all disparities ([`overview`]): that tells
+//!    the range to search ([`range`]).
+//! 2. Some hundred blocks of the left image are found again in the right one, first in the reduced images, then in the
+//!    whole ones ([`tracks`]); a smooth field of vertical offsets is fitted to them, robustly ([`rows`]).
+//! 3. The relative blur is estimated ([`crate::blur`]) from blocks that lie on the same things: those of the right image are
+//!    taken from where the field says, not from the resampled image, whose spectrum is another.
+//! 4. If the offsets are significant, some bands are matched with and without them ([`trial`]). The right image is
+//!    straightened only if the match gets better by it.
+//!
+//! Everything is in a fixed order, and the same for a pair that is read a few rows at a time.
+
+pub mod compensation;
+pub mod overview;
+pub mod range;
+pub mod rows;
+pub mod tracks;
+pub mod trial;
+
+use std::borrow::Cow;
+use std::time::{Duration, Instant};
+
+use self::compensation::Compensation;
+use self::overview::Overview;
+use self::range::SearchRange;
+use self::rows::Offsets;
+use crate::alignment::Alignment;
+use crate::blur;
+pub use crate::blur::parts::Means;
+use crate::blur::parts::{Part, Rows};
+use crate::blur::rough;
+use crate::candidates::Candidates;
+use crate::error::Result;
+use crate::matcher::Pair;
+use crate::settings::Settings;
+use crate::source::Source;
+use crate::versions::Versions;
+
+/// Share of the width that is searched where nothing tells the range.
+const DEFAULT_SHARE: usize = 3;
+
+/// What is to be found out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Asked {
+    /// The disparities, which are told already; `None`: they are to be found.
+    pub candidates: Option<Candidates>,
+    /// Standard deviations of the noise, which are told already.
+    pub noise: Option<[f64; 2]>,
+    /// Whether it is to be found how rows correspond.
+    pub rows: bool,
+    /// Whether noise and blur are to be found.
+    pub blur: bool,
+}
+
+/// What was found out.
+#[derive(Debug, Clone)]
+pub struct Estimates {
+    /// The disparities to search.
+    pub candidates: Candidates,
+    /// Mean confidence of a rough match of small copies, if there was one.
+    pub confidence: Option<f64>,
+    /// What the images say about the disparities, if that was asked, or those that are told match badly.
+    pub range: Option<SearchRange>,
+    /// Where the rows lie, if that was asked and there is enough to see it by.
+    pub offsets: Option<Offsets>,
+    /// The field that the right image is to be straightened by.
+    pub alignment: Option<Alignment>,
+    /// Noise and blur, if that was asked.
+    pub blur: Option<blur::Estimate>,
+    /// Standard deviations of the noise, if they are told.
+    pub noise: Option<[f64; 2]>,
+}
+
+/// What is known of a pair before it is looked at.
+#[derive(Debug, Clone, Default)]
+pub struct Known {
+    /// The disparities to search; `None`: they are to be found.
+    pub candidates: Option<Candidates>,
+    /// Standard deviations of the noise.
+    pub noise: Option<[f64; 2]>,
+    /// The versions in which pixels are compared: there is nothing to be found of blur and noise then.
+    pub versions: Option<Versions>,
+    /// The field of the rows: there is nothing to be found of it then.
+    pub alignment: Option<Alignment>,
+}
+
+/// What was found out of a pair, and what follows.
+#[derive(Debug, Clone)]
+pub struct Findings {
+    /// The disparities to search.
+    pub candidates: Candidates,
+    /// Mean confidence of a rough match of small copies, if there was one.
+    pub confidence: Option<f64>,
+    /// What the images say about the disparities, if they were to be found, or match badly.
+    pub range: Option<SearchRange>,
+    /// Where the rows lie, if that was asked and there is enough to see it by.
+    pub offsets: Option<Offsets>,
+    /// The field that the right image is straightened by.
+    pub alignment: Option<Alignment>,
+    /// Noise and blur, if that was asked.
+    pub blur: Option<blur::Estimate>,
+    /// What suits them.
+    pub compensation: Option<Compensation>,
+    /// Wall-clock time.
+    pub time: Duration,
+}
+
+/// A pair with all that a match needs.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The pair, straightened and with the versions in which its pixels are compared.
+    pub pair: Pair,
+    /// The settings that suit it.
+    pub settings: Settings,
+    /// What was found out.
+    pub found: Findings,
+}
+
+/// Finds out of a pair what the settings ask for and nobody told, and has it ready to be matched.
+pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> Result<Prepared> {
+    settings.check()?;
+    let asked = known.asked(settings);
+    let (started, mut pair) = (Instant::now(), pair);
+    let found = if asked.is_anything() {
+        pair = pair.with_own_ranges(means.control)?;
+        let found = means.matcher.install(|| {
+            let part = Part::new(0, Cow::Borrowed(&pair), means)?;
+            estimate(Rows::Kept(&part), &pair, &asked, settings, means)
+        })?;
+        Findings::new(found, &known, settings, started)?
+    } else {
+        Findings::nothing(pair.candidates(), &known)
+    };
+    let versions = match (&found.compensation, known.versions) {
+        (_, Some(versions)) => Some(versions),
+        (Some(compensation), None) => Some(compensation.versions()?),
+        (None, None) => known.noise.map(Versions::of_noise).transpose()?,
+    };
+    if let Some(field) = &found.alignment {
+        pair = means.matcher.install(|| pair.straightened(field, means.control))?;
+    }
+    let pair = pair.searched(found.candidates).with_versions(versions);
+    let suited = found.compensation.as_ref().map(|found| found.settings.clone());
+    Ok(Prepared { pair, settings: suited.unwrap_or_else(|| settings.clone()), found })
+}
+
+/// Finds out the same of a pair that is read a part at a time, to the bit.
+pub fn prepare_by_rows(
+    source: &dyn Source,
+    known: Known,
+    settings: &Settings,
+    means: Means,
+) -> Result<Findings> {
+    settings.check()?;
+    let (asked, started) = (known.asked(settings), Instant::now());
+    if !asked.is_anything() {
+        return Ok(Findings::nothing(source.candidates(), &known));
+    }
+    let found = means.matcher.install(|| {
+        let sample = source.rows(0..1)?;
+        estimate(Rows::Read(source), &sample, &asked, settings, means)
+    })?;
+    Findings::new(found, &known, settings, started)
+}
+
+impl Known {
+    fn asked(&self, settings: &Settings) -> Asked {
+        let needs_noise = settings.has_weak() && self.noise.is_none();
+        Asked {
+            candidates: self.candidates,
+            noise: self.noise,
+            rows: settings.align_rows && self.alignment.is_none(),
+            blur: self.versions.is_none() && (settings.equalise || needs_noise),
+        }
+    }
+}
+
+impl Asked {
+    fn is_anything(&self) -> bool {
+        self.candidates.is_none() || self.rows || self.blur
+    }
+}
+
+impl Findings {
+    fn new(found: Estimates, known: &Known, settings: &Settings, started: Instant) -> Result<Self> {
+        let compensation = match known.versions {
+            Some(_) => None,
+            None => found.compensation(settings)?,
+        };
+        let Estimates { candidates, confidence, range, offsets, alignment, blur, .. } = found;
+        let alignment = alignment.or_else(|| known.alignment.clone());
+        let time = started.elapsed();
+        Ok(Self { candidates, confidence, range, offsets, alignment, blur, compensation, time })
+    }
+
+    fn nothing(candidates: Candidates, known: &Known) -> Self {
+        Self {
+            candidates: known.candidates.unwrap_or(candidates),
+            confidence: None,
+            range: None,
+            offsets: None,
+            alignment: known.alignment.clone(),
+            blur: None,
+            compensation: None,
+            time: Duration::ZERO,
+        }
+    }
+}
+
+/// Finds out what is asked. `sample` is any part of the pair.
+fn estimate(
+    rows: Rows,
+    sample: &Pair,
+    asked: &Asked,
+    settings: &Settings,
+    means: Means,
+) -> Result<Estimates> {
+    let width = rows.size().1;
+    let is_overview_needed = asked.candidates.is_none() || asked.rows;
+    let overview = is_overview_needed.then(|| Overview::new(rows, means)).transpose()?.flatten();
+    let (mut offsets, mut alignment, mut range, mut confidence) = (None, None, None, None);
+    if let Some(overview) = &overview {
+        let mut rough = overview.rough(asked.candidates, None, means)?;
+        if asked.rows {
+            offsets = rows::offsets(rows, overview, &rough, asked.candidates, means)?;
+            let significant = offsets.as_ref().filter(|found| found.is_significant());
+            alignment = significant.map(|found| found.field.clone());
+        }
+        if alignment.is_some() {
+            rough = overview.rough(asked.candidates, alignment.as_ref(), means)?;
+        }
+        confidence = Some(rough.confidence);
+        // Where disparities that are told match badly, it is worth knowing which ones would do better.
+        if asked.candidates.is_some() && rough.confidence < overview::GOOD_CONFIDENCE {
+            rough = overview.rough(None, alignment.as_ref(), means)?;
+            range = range::range(overview, &rough);
+        } else if asked.candidates.is_none() {
+            range = range::range(overview, &rough);
+        }
+    }
+    let candidates = match (asked.candidates, &range) {
+        (Some(candidates), _) => candidates,
+        (None, Some(range)) => range.candidates(width)?,
+        (None, None) => Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?,
+    };
+    let known = rough::Known { candidates, alignment: alignment.clone() };
+    let blur = asked.blur.then(|| blur::estimate(rows, sample, known, means)).transpose()?;
+    let noise = asked.noise;
+    let found = Estimates { candidates, confidence, range, offsets, alignment, blur, noise };
+    let is_confirmed = trial::confirms(rows, &found, settings, means)?;
+    Ok(Estimates { alignment: found.alignment.filter(|_| is_confirmed), ..found })
+}
+
+impl Estimates {
+    /// What suits the noise and the blur that were found, or are told; `None` where neither is known.
+    pub fn compensation(&self, settings: &Settings) -> Result<Option<Compensation>> {
+        match (&self.blur, self.noise) {
+            (Some(blur), noise) => Compensation::new(blur, noise, settings).map(Some),
+            (None, Some(noise)) => Compensation::of_noise(noise, settings).map(Some),
+            (None, None) => Ok(None),
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! What was found out of a pair, as Python has it, and back.
+
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+
+use super::{internal, wrap};
+use crate::alignment::{Alignment, TERMS};
+use crate::blur::{self, Glance, Place, Side};
+use crate::error::Result;
+use crate::estimation::Findings;
+use crate::estimation::compensation::Compensation;
+use crate::estimation::range::SearchRange;
+use crate::estimation::rows::Offsets;
+use crate::plane::Plane;
+use crate::psf::{Family, Taps};
+
+/// Softer image (0 none, 1 left, 2 right), kind, size, angle and kernel of a blur.
+type Kind<'py> = (u8, &'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
+
+/// Rows of places (top, left, top and left of the right one), and what was seen there.
+pub type Seen<'py> = (Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<f32>>);
+
+/// The kinds of blur, the map of them, side of its tiles, certainty, gain, noise left and right, and a glance.
+type Estimated<'py> =
+    (Vec<Kind<'py>>, Bound<'py, PyArray2<u8>>, usize, f32, f64, (f64, f64), Seen<'py>);
+
+/// Kernel of the left and of the right image.
+type Kernels<'py> = (Option<Bound<'py, PyArray2<f32>>>, Option<Bound<'py, PyArray2<f32>>>);
+
+/// Noise, kernels, labels and tile of an equalisation; neighborhood and window that suit it.
+type Compensated<'py> =
+    ((f64, f64), Vec<Kernels<'py>>, Bound<'py, PyArray2<u8>>, usize, (usize, usize));
+
+/// Least disparity, number of disparities, low and high end, swapped, mixed.
+type Range = (i64, i64, f64, f64, bool, bool);
+
+/// A field of vertical offsets: its coefficients, rows and columns of the image, and the column of it that the pair
+/// begins with.
+pub type Field = ([f64; TERMS], (usize, usize), usize);
+
+/// A field, its standard error, blocks that agree, their spread.
+type Measured = (Field, f64, usize, f64);
+
+/// Disparities (least, number), the confidence of a rough match, the range and the offsets that were found, the field that is applied, blur, what suits it,
+/// and wall-clock seconds.
+pub type Found<'py> = (
+    (i64, i64),
+    Option<f64>,
+    Option<Range>,
+    Option<Measured>,
+    Option<Field>,
+    Option<Estimated<'py>>,
+    Option<Compensated<'py>>,
+    f64,
+);
+
+pub fn tell_found(py: Python<'_>, found: Findings) -> PyResult<Found<'_>> {
+    let Findings { candidates, confidence, range, offsets, alignment, blur, compensation, time } =
+        found;
+    let blur = blur.map(|blur| tell_estimate(py, blur)).transpose()?;
+    let compensation = compensation.map(|found| tell_compensation(py, found)).transpose()?;
+    Ok((
+        (candidates.min() as i64, candidates.count() as i64),
+        confidence,
+        range.as_ref().map(tell_range),
+        offsets.as_ref().map(tell_offsets),
+        alignment.as_ref().map(tell_field),
+        blur,
+        compensation,
+        time.as_secs_f64(),
+    ))
+}
+
+fn tell_range(range: &SearchRange) -> Range {
+    let SearchRange { min, count, low, high, swapped, mixed } = *range;
+    (min, count, low, high, swapped, mixed)
+}
+
+fn tell_offsets(found: &Offsets) -> Measured {
+    (tell_field(&found.field), found.error, found.blocks, found.spread)
+}
+
+fn tell_field(field: &Alignment) -> Field {
+    (*field.coefficients(), field.size(), 0)
+}
+
+pub fn read_field(field: Option<Field>) -> Result<Option<Alignment>> {
+    let field = field.map(|(coefficients, size, first)| {
+        Ok(Alignment::new(coefficients, size)?.from_column(first))
+    });
+    field.transpose()
+}
+
+fn tell_compensation(py: Python<'_>, found: Compensation) -> PyResult<Compensated<'_>> {
+    let sides = (found.settings.neighborhood, found.settings.window);
+    let kernel = |taps: Option<Plane<f32>>| taps.map(|taps| wrap(py, taps)).transpose();
+    let kernels =
+        found.kernels.into_iter().map(|[left, right]| Ok((kernel(left)?, kernel(right)?)));
+    let kernels: PyResult<Vec<_>> = kernels.collect();
+    let [left, right] = found.noise;
+    Ok(((left, right), kernels?, wrap(py, found.labels)?, found.tile, sides))
+}
+
+fn tell_estimate(py: Python<'_>, told: blur::Estimate) -> PyResult<Estimated<'_>> {
+    let blurs: PyResult<_> = told.blurs.iter().map(|blur| tell_blur(py, blur)).collect();
+    let (rows, cols, labels) = told.labels;
+    let labels = wrap(py, Plane::from_vec(rows, cols, labels)?)?;
+    let [left, right] = told.noise;
+    let glance = tell_glance(py, told.glance)?;
+    Ok((blurs?, labels, told.tile, told.certainty, told.gain, (left, right), glance))
+}
+
+fn tell_blur<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Kind<'py>> {
+    let kernel = |taps: &Taps| {
+        let kernel = Plane::from_vec(taps.side(), taps.side(), taps.values.clone())?;
+        wrap(py, kernel)
+    };
+    let softer = match blur.side {
+        None => 0,
+        Some(Side::Left) => 1,
+        Some(Side::Right) => 2,
+    };
+    let (family, size, angle) = match (blur.psf, &blur.taps) {
+        (Some(psf), _) => (family_name(psf.family), psf.size, psf.angle),
+        (None, Some(taps)) => ("other", taps.radius(), 0.0),
+        (None, None) => ("none", 0.0, 0.0),
+    };
+    Ok((softer, family, size, angle, blur.taps.as_ref().map(kernel).transpose()?))
+}
+
+fn family_name(family: Family) -> &'static str {
+    match family {
+        Family::Gaussian => "gaussian",
+        Family::Disk => "disk",
+        Family::Motion => "motion",
+    }
+}
+
+pub fn read_glance((places, excess): Seen) -> PyResult<Glance> {
+    let places: Vec<u32> = places.to_vec().map_err(internal)?;
+    let (places, _) = places.as_chunks();
+    let place = |corners: &[u32; 4]| {
+        let [top, left, right_top, right] = corners.map(|value| value as usize);
+        Place { top, left, right_top, right }
+    };
+    let places = places.iter().map(place).collect();
+    Ok(Glance { places, excess: excess.to_vec().map_err(internal)? })
+}
+
+fn tell_glance(py: Python<'_>, Glance { places, excess }: Glance) -> PyResult<Seen<'_>> {
+    let corners = |place: &Place| [place.top, place.left, place.right_top, place.right];
+    let values = places.iter().flat_map(corners).map(|value| value as u32).collect();
+    Ok((wrap(py, Plane::from_vec(places.len(), 4, values)?)?, excess.into_pyarray(py)))
+}

@@ -1,0 +1,233 @@
+"""Told nothing: rows are straightened, ranges found, and what went wrong is said."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from phasestereo import degradation
+from phasestereo.datasets import find_scene
+from phasestereo.findings import untrusted
+from phasestereo.metrics import bad_pixels
+from warping import moved
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from phasestereo.datasets import Pair
+
+SCENES = "tsukuba", "cones"
+
+
+@pytest.fixture(scope="module")
+def load(data: Path) -> Callable[[str], Pair]:
+    """Return what loads a scene."""
+    return lambda name: find_scene(data / "middlebury", name).load()
+
+
+def bad(pair: Pair, result: ps.Result) -> float:
+    assert pair.truth is not None
+    return bad_pixels(result.disparity, pair.truth, 1.0, mask=pair.masks["nonocc"])
+
+
+def lowered(image: NDArray[np.uint8], **how: float) -> NDArray[np.uint8]:
+    channels = [moved(image[..., c].astype(np.float32), **how) for c in range(3)]
+    return np.clip(np.rint(np.stack(channels, axis=2)), 0, 255).astype(np.uint8)
+
+
+def grave(result: ps.Result) -> list[str]:
+    return [found.topic for found in untrusted(result.findings)]
+
+
+def assert_same(one: ps.Result, other: ps.Result) -> None:
+    np.testing.assert_array_equal(one.disparity, other.disparity)
+    np.testing.assert_array_equal(one.flags, other.flags)
+    np.testing.assert_array_equal(one.confidence, other.confidence)
+
+
+# --- rows ---
+
+
+@pytest.mark.parametrize(
+    "how", [{"down": 1.0}, {"down": -4.0}, {"clockwise": 0.5}, {"scale": 1.02}]
+)
+@pytest.mark.parametrize("name", SCENES)
+def test_rows_are_straightened(
+    load: Callable[[str], Pair], name: str, how: dict[str, float]
+) -> None:
+    pair = load(name)
+    crooked = pair.left, lowered(pair.right, **how)
+    low, count = -6, pair.num_disparities + 12
+    straight = ps.match(pair.left, pair.right, min_disparity=low, num_disparities=count)
+    mended = ps.match(*crooked, min_disparity=low, num_disparities=count)
+    left = ps.match(*crooked, min_disparity=low, num_disparities=count, align_rows=False)
+    assert mended.alignment is not None
+    assert mended.alignment.applied
+    assert mended.alignment.residual < 0.2 < mended.alignment.rms
+    assert mended.confidence is not None
+    assert left.confidence is not None
+    assert mended.confidence.mean() > left.confidence.mean() + 0.05
+    if "down" in how:  # else what is right lies elsewhere along the rows
+        assert bad(pair, mended) < bad(pair, straight) + 0.8
+        assert bad(pair, left) > bad(pair, mended) + 5
+    assert "alignment" in [found.topic for found in mended.findings]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_what_is_aligned_is_not_touched(load: Callable[[str], Pair], name: str) -> None:
+    pair = load(name)
+    count = pair.num_disparities
+    result = ps.match(pair.left, pair.right, num_disparities=count)
+    assert result.alignment is not None
+    assert not result.alignment.applied
+    left = ps.match(pair.left, pair.right, align_rows=False, num_disparities=count)
+    assert_same(result, left)
+
+
+def test_rows_are_straightened_beside_blur(load: Callable[[str], Pair]) -> None:
+    pair = load("cones")
+    soft = degradation.suite()["disk 3"](pair.left)
+    count = pair.num_disparities
+    straight = ps.match(soft, pair.right, num_disparities=count)
+    result = ps.match(soft, lowered(pair.right, down=2.0), num_disparities=count)
+    assert result.blur is not None
+    assert result.blur.blur.side == "left"
+    assert bad(pair, result) < bad(pair, straight) + 1.5
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32", "float64"])
+def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
+    rng = np.random.default_rng(4)
+    layers = [
+        np.kron(rng.normal(size=(400 // n, 300 // n)), np.ones((n, n))) for n in (1, 2, 4, 10)
+    ]
+    scene = sum(layer[:400, :300] for layer in layers)
+    left = np.asarray(scene[30:-30, 20:-20], np.float32)
+    right = moved(np.asarray(scene[30:-30, 29:-11], np.float32), down=1.4, clockwise=0.3)
+    images = [np.rint(20 * image + 110).clip(0, 255).astype(dtype) for image in (left, right)]
+    mask = np.ones(left.shape, bool)
+    mask[100:120, 40:90] = False
+
+    def read(first: int, last: int) -> Any:
+        return *(image[first:last] for image in images), None, mask[first:last]
+
+    whole = ps.match(*images, right_mask=mask)
+    assert whole.alignment is not None
+    assert whole.alignment.applied
+    assert whole.search is not None
+    assert whole.search.origin == "found"
+    told = ps.survey(read, left.shape)
+    assert (told.alignment, told.search) == (whole.alignment, whole.search)
+    for first, last in ((0, 40), (90, 170), (300, 340)):
+        part = ps.match_rows(read, told, first, last)
+        np.testing.assert_array_equal(part.disparity, whole.disparity[first:last])
+        np.testing.assert_array_equal(part.flags, whole.flags[first:last])
+        np.testing.assert_array_equal(part.confidence, whole.confidence[first:last])
+    around = ps.halo(told.settings, told.equalisation, told.alignment)
+    assert around > ps.halo(told.settings, told.equalisation)
+
+
+def test_what_was_found_travels(tmp_path: Path) -> None:
+    shot = np.random.default_rng(0).integers(0, 256, (120, 160), np.uint8)
+    told = ps.survey(lambda a, b: (shot[a:b, :-9], shot[a:b, 9:], None, None), (120, 151))
+    told.save(tmp_path / "survey.npz")
+    again = importlib_load(tmp_path / "survey.npz")
+    assert again.alignment == told.alignment
+    assert again.search == told.search
+
+
+def importlib_load(path: Path) -> ps.Survey:
+    from phasestereo.surveying import load as load_survey  # noqa: PLC0415  (a name that is taken)
+
+    return load_survey(path)
+
+
+# --- ranges ---
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_range_need_not_be_told(load: Callable[[str], Pair], name: str) -> None:
+    pair = load(name)
+    told = ps.match(pair.left, pair.right, num_disparities=pair.num_disparities)
+    found = ps.match(pair.left, pair.right)
+    assert found.search is not None
+    assert found.search.origin == "found"
+    assert told.search is not None
+    assert (told.search.origin, told.search.num_disparities) == ("told", pair.num_disparities)
+    assert bad(pair, found) < bad(pair, told) + 0.5
+    assert_same(
+        found,
+        ps.match(
+            pair.left,
+            pair.right,
+            min_disparity=found.search.min_disparity,
+            num_disparities=found.search.num_disparities,
+        ),
+    )
+
+
+def test_images_that_tell_no_range_are_searched_over_a_third() -> None:
+    result = ps.match(np.zeros((60, 90), np.uint8), np.zeros((60, 90), np.uint8))
+    assert result.search is not None
+    assert (result.search.origin, result.search.num_disparities) == ("default", 30)
+
+
+# --- findings ---
+
+
+def test_good_pairs_are_not_accused(data: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ps.MatchWarning)
+        for name in (*SCENES, "Motorcycle", "Aloe"):
+            pair = find_scene(data / "middlebury", name).load()
+            for blur in ("sharp", "disk 6", "motion 15", "contrast 1.5 0.6"):
+                left = pair.left if blur == "sharp" else degradation.suite()[blur](pair.left)
+                for count in (None, pair.num_disparities):
+                    result = ps.match(left, pair.right, num_disparities=count)
+                    assert grave(result) == [], (name, blur)
+
+
+def faults(pair: Pair) -> dict[str, tuple[Any, Any, dict[str, Any], str]]:
+    count = pair.num_disparities
+    noise = np.random.default_rng(0).integers(0, 256, pair.left.shape, np.uint8)
+    told = {"num_disparities": count}
+    crooked = lowered(pair.right, down=2.0)
+    return {
+        "swapped": (pair.right, pair.left, told, "swap"),
+        "swapped, range to be found": (pair.right, pair.left, {}, "swap"),
+        "a third of the range": (pair.left, pair.right, {"num_disparities": count // 3}, "range"),
+        "noise": (pair.left, noise, told, "match"),
+        "noise, range to be found": (pair.left, noise, {}, "match"),
+        "black": (pair.left, np.zeros_like(pair.left), told, "match"),
+        "rows": (pair.left, crooked, {**told, "align_rows": False}, "match"),
+        "upside down": (pair.left, pair.right[::-1], told, "match"),
+    }
+
+
+@pytest.mark.parametrize("name", ["cones", "Motorcycle", "Aloe"])
+def test_what_went_wrong_is_said(load: Callable[[str], Pair], name: str) -> None:
+    for fault, (left, right, options, topic) in faults(load(name)).items():
+        with pytest.warns(ps.MatchWarning):
+            result = ps.match(left, right, **options)
+        assert topic in grave(result), (fault, result.findings)
+
+
+def test_a_matcher_warns_too_and_a_summary_is_what_it_says() -> None:
+    images = np.random.default_rng(0).integers(0, 256, (2, 90, 120), np.uint8)
+    with pytest.warns(ps.MatchWarning, match="hardly anything"):
+        result = ps.Matcher().match(*images, num_disparities=30)
+    assert result.summary is not None
+    assert result.confidence is not None
+    assert result.summary.confidence == pytest.approx(float(result.confidence.mean()), abs=1e-5)
+    failed = ps.Flag.OCCLUDED | ps.Flag.MISMATCHED | ps.Flag.SPECKLE
+    assert result.summary.flagged == ((result.flags & failed) != 0).mean()
+    assert result.summary.estimated == np.isfinite(result.disparity).mean()
+    assert replace(result, summary=None).findings == ()
