@@ -14,6 +14,7 @@
 pub mod straighten;
 
 use crate::error::{Error, Result};
+use crate::impulses;
 
 /// Terms of the field.
 pub const TERMS: usize = 8;
@@ -107,7 +108,7 @@ impl Alignment {
 
     /// The rows of the right image around one that its straightened row depends on; masked ones take the values of others.
     pub fn reach(&self) -> usize {
-        self.bound().ceil() as usize + straighten::TAPS / 2 + straighten::TAPS
+        self.bound().ceil() as usize + straighten::TAPS / 2 + straighten::TAPS + impulses::REACH
     }
 }
 

@@ -14,6 +14,7 @@
 
 mod bank;
 pub(crate) mod bins;
+pub(crate) mod defects;
 mod fit;
 mod glance;
 mod measured;
@@ -33,6 +34,7 @@ use rayon::prelude::*;
 pub use self::bank::Side;
 use self::bank::bank;
 use self::bins::{SIDE, bins};
+use self::defects::Defects;
 use self::fit::{Evidence, Fit, Response};
 pub use self::glance::Glance;
 use self::measured::{look, measured};
@@ -108,6 +110,12 @@ pub struct Estimate {
     pub gain: f64,
     /// Standard deviations of the noise, left and right, in units of the pixels.
     pub noise: [f64; 2],
+    /// By how much impulses of the left and of the right image stand out at least, in units of the pixels; 0: there are
+    /// none.
+    pub impulses: [f64; 2],
+    /// Standard deviations of a noise that would do as much harm as what compression has lost, left and right, in units of
+    /// the pixels.
+    pub coding: [f64; 2],
     /// What a later pair of the same cameras is compared with.
     pub glance: Glance,
 }
@@ -157,8 +165,8 @@ pub(crate) fn estimate(rows: Rows, sample: &Pair, known: Known, means: Means) ->
     Scene::new(rows, sample, known, means)?.estimate()
 }
 
-/// Whether the blur of a pair is what it was in an earlier one that was estimated. Sizes that change by less than a fifth
-/// or so, and what comes on in less than a sixteenth of the image, are missed.
+/// Whether the blur of a pair, with impulses repaired as they were known then, is what it was in an earlier one that was
+/// estimated. Sizes that change by less than a fifth or so, and what comes on in less than a sixteenth of the image, are missed.
 pub fn is_as_before(
     pair: &Pair,
     before: &Glance,
@@ -178,7 +186,7 @@ pub fn is_as_before(
 }
 
 /// Whether there is room for a block.
-fn is_enough((rows, cols): (usize, usize)) -> bool {
+pub(crate) fn is_enough((rows, cols): (usize, usize)) -> bool {
     rows >= SIDE && cols >= SIDE
 }
 
@@ -383,6 +391,8 @@ impl<'a> Scene<'a> {
             blurs: order.iter().map(|kind| kinds[*kind].blur.clone()).collect(),
             labels: (map.rows, map.cols, map.labels),
             tile: map.tile,
+            impulses: [0.0; 2],
+            coding: [0.0; 2],
             glance: Glance::default(),
         }
     }
@@ -519,6 +529,11 @@ impl Map {
 }
 
 impl Estimate {
+    /// The same with what else is wrong.
+    pub(crate) fn with(self, Defects { impulses, coding }: Defects) -> Self {
+        Self { impulses, coding, ..self }
+    }
+
     /// That of images which tell nothing.
     fn nothing((rows, cols): (usize, usize)) -> Self {
         Self {
@@ -528,6 +543,8 @@ impl Estimate {
             certainty: 0.0,
             gain: 1.0,
             noise: [0.0; 2],
+            impulses: [0.0; 2],
+            coding: [0.0; 2],
             glance: Glance::default(),
         }
     }

@@ -274,30 +274,42 @@ impl PairCodes {
     ) -> Result<Self> {
         let (rows, cols, _) = views[0].image.shape();
         let count = usize::from(settings.code_length() as u16).div_ceil(8);
-        let codes = |side: usize, kernel: Option<&Kernel>| {
+        let gray = |side: usize| {
             let gray = Gray::new(views[side], level, control)?;
+            match versions.map_or(0.0, |versions| versions.smoothing()[side]) {
+                0.0 => Ok(gray),
+                deviation => gray.smoothed(deviation, level, control),
+            }
+        };
+        let codes = |gray: &Gray, side: usize, kernel: Option<&Kernel>| {
             let noise = versions.map(|versions| versions.noise()[side]);
             match kernel {
-                None => describe(&gray, settings, noise, level, control),
+                None => describe(gray, settings, noise, level, control),
                 Some(kernel) => {
                     let blurred = gray.convolved(kernel, level, control)?;
                     describe(&blurred, settings, noise, level, control)
                 }
             }
         };
-        let unrolled = |kernel: Option<&Kernel>| bytes(&codes(1, kernel)?, count, Some(candidates));
+        let unrolled = |gray: &Gray, kernel: Option<&Kernel>| {
+            bytes(&codes(gray, 1, kernel)?, count, Some(candidates))
+        };
         let Some(versions) = versions else {
-            let left = bytes(&codes(0, None)?, count, None)?;
-            return Ok(Self { left, rights: vec![unrolled(None)?], labels: None });
+            let left = bytes(&codes(&gray(0)?, 0, None)?, count, None)?;
+            return Ok(Self { left, rights: vec![unrolled(&gray(1)?, None)?], labels: None });
         };
         let (kernels, labels) = versions.of_side(0, (rows, cols))?;
-        let mut left = codes(0, kernels[0])?;
+        let of_left = gray(0)?;
+        let mut left = codes(&of_left, 0, kernels[0])?;
         for (label, kernel) in (1..).zip(&kernels[1..]) {
-            left.take_where(&codes(0, *kernel)?, |y| labels.row(y), label);
+            left.take_where(&codes(&of_left, 0, *kernel)?, |y| labels.row(y), label);
         }
+        drop(of_left);
         let left = bytes(&left, count, None)?;
         let (kernels, labels) = versions.of_side(1, (rows, cols))?;
-        let rights: Vec<_> = kernels.iter().map(|k| unrolled(*k)).collect::<Result<_>>()?;
+        let of_right = gray(1)?;
+        let rights: Vec<_> =
+            kernels.iter().map(|k| unrolled(&of_right, *k)).collect::<Result<_>>()?;
         let labels = (rights.len() > 1).then_some(labels);
         Ok(Self { left, rights, labels })
     }

@@ -1,6 +1,6 @@
 //! An image -> packed phase codes (paper, section 2.1).
 
-use crate::basis::Basis;
+use crate::basis::{Basis, Component};
 use crate::control::Control;
 use crate::error::{Error, Result};
 use crate::intensity::Gray;
@@ -108,16 +108,63 @@ pub fn describe_as<C: Code>(
     level: Level,
     control: &Control,
 ) -> Result<Plane<C>> {
-    let (basis, mut quantiser) = (Basis::new(settings), Quantiser::new(settings));
-    if settings.has_weak() {
-        quantiser = quantiser.with_weak_level(weak_threshold(gray, &basis, settings.weak, noise)?);
-    }
+    let layers = layers(gray, settings, noise)?;
     // All sums are exact in either arithmetic: the narrow one is twice as fast.
-    let fits = i32::try_from(basis.gain() * u64::from(gray.reach())).is_ok();
+    let gain = layers.iter().map(|layer| layer.basis.gain()).max().unwrap_or(0);
+    let fits = i32::try_from(gain * u64::from(gray.reach())).is_ok();
     Plane::by_bands(gray.size(), BAND_ROWS, |first, codes| {
-        let band = Band { gray, first, basis: &basis, quantiser: &quantiser, level, control };
+        let band = Band { gray, first, layers: &layers, level, control };
         if fits { band.describe::<i32, C>(codes) } else { band.describe::<f64, C>(codes) }
     })
+}
+
+/// One size of neighbourhoods, and which bits of the codes are its own.
+struct Layer {
+    basis: Basis,
+    quantiser: Quantiser,
+    /// The lowest bit of each component, by index; `None`: it does not count.
+    bits: Vec<Option<usize>>,
+}
+
+impl Layer {
+    /// Of the components that count, from bit `first` on.
+    fn new(settings: &Settings, quantiser: Quantiser, first: usize, axes_alone: bool) -> Self {
+        let basis = Basis::new(settings);
+        let (mut next, length) = (first, quantiser.code_length());
+        let place = |component: Component| {
+            let counts = !axes_alone || component.u + component.v.unsigned_abs() == 1;
+            let bit = counts.then_some(next);
+            next += if counts { length } else { 0 };
+            bit
+        };
+        let bits = basis.components().into_iter().map(place).collect();
+        Self { basis, quantiser, bits }
+    }
+}
+
+/// The sizes of neighbourhoods that codes describe: the larger one, if there are two, in the lowest bits, where no
+/// component's lie in two halves of a word.
+fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<Layer>> {
+    let weak = |settings: &Settings| -> Result<Quantiser> {
+        let quantiser = Quantiser::new(settings);
+        if !settings.has_weak() {
+            return Ok(quantiser);
+        }
+        let threshold = weak_threshold(gray, &Basis::new(settings), settings.weak, noise)?;
+        Ok(quantiser.with_weak_level(threshold))
+    };
+    if !settings.has_larger() {
+        return Ok(vec![Layer::new(settings, weak(settings)?, 0, false)]);
+    }
+    let (r, s) = settings.frequencies;
+    let larger = Settings {
+        neighborhood: settings.largest_neighborhood(),
+        frequencies: (r.min(1), s.min(1)),
+        ..settings.clone()
+    };
+    let larger = Layer::new(&larger, weak(&larger)?, 0, true);
+    let first = settings.larger_components() * larger.quantiser.code_length();
+    Ok(vec![larger, Layer::new(settings, Quantiser::new(settings), first, false)])
 }
 
 /// The magnitude up to which parts of components of `gray` are weak, a whole number.
@@ -134,8 +181,7 @@ fn weak_threshold(gray: &Gray, basis: &Basis, weak: f64, noise: Option<f64>) -> 
 struct Band<'a> {
     gray: &'a Gray<'a>,
     first: usize,
-    basis: &'a Basis,
-    quantiser: &'a Quantiser,
+    layers: &'a [Layer],
     level: Level,
     control: &'a Control,
 }
@@ -143,26 +189,33 @@ struct Band<'a> {
 impl Band<'_> {
     fn describe<T: Lane, C: Code>(&self, codes: &mut [C]) -> Result<()> {
         let cols = self.gray.size().1;
-        let mut spectrum = Spectrum::<T>::new(self.basis, cols)?;
-        let width = spectrum.width();
-        let pixels = self.pixels(codes.len() / cols, width)?;
+        let rows = codes.len() / cols;
+        let prepare = |layer: &Layer| -> Result<(Spectrum<T>, Vec<i32>)> {
+            let spectrum = Spectrum::<T>::new(&layer.basis, cols)?;
+            let pixels = self.pixels(rows, spectrum.width(), layer.basis.radius())?;
+            Ok((spectrum, pixels))
+        };
+        let mut prepared = self.layers.iter().map(prepare).collect::<Result<Vec<_>>>()?;
         let mut words = [zeroed(padded(cols))?, zeroed(padded(cols))?];
         for (y, codes) in codes.chunks_exact_mut(cols).enumerate() {
             self.control.checkpoint()?;
-            self.level.run(Transform {
-                spectrum: &mut spectrum,
-                surroundings: &pixels[y * width..][..(2 * self.basis.radius() + 1) * width],
-                quantiser: self.quantiser,
-                words: &mut words,
-            });
+            for words in &mut words {
+                words.fill(T::Word::default());
+            }
+            for (layer, (spectrum, pixels)) in self.layers.iter().zip(&mut prepared) {
+                let width = spectrum.width();
+                let surroundings = &pixels[y * width..][..(2 * layer.basis.radius() + 1) * width];
+                let words = &mut words;
+                self.level.run(Transform { spectrum, surroundings, layer, words });
+            }
             self.level.run(Narrow { words: [&words[0], &words[1]], codes });
         }
         Ok(())
     }
 
     /// The pixels of the band and around it, the image continued by reflection.
-    fn pixels(&self, height: usize, width: usize) -> Result<Vec<i32>> {
-        let ((rows, cols), radius) = (self.gray.size(), self.basis.radius());
+    fn pixels(&self, height: usize, width: usize, radius: usize) -> Result<Vec<i32>> {
+        let (rows, cols) = self.gray.size();
         let mut pixels = zeroed(width * (height + 2 * radius))?;
         let places = self.first as isize - radius as isize..;
         for (y, row) in places.zip(pixels.chunks_exact_mut(width)) {
@@ -175,11 +228,11 @@ impl Band<'_> {
     }
 }
 
-/// A row of pixels and its surroundings -> codes in two halves of 32 bits, or the whole in the first.
+/// A row of pixels and its surroundings -> one size's bits of the codes, in two halves of 32 bits, or all in the first.
 struct Transform<'a, T: Lane> {
     spectrum: &'a mut Spectrum<T>,
     surroundings: &'a [i32],
-    quantiser: &'a Quantiser,
+    layer: &'a Layer,
     words: &'a mut [Vec<T::Word>; 2],
 }
 
@@ -188,15 +241,12 @@ impl<T: Lane> Kernel for Transform<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { spectrum, surroundings, quantiser, words } = self;
+        let Self { spectrum, surroundings, layer: Layer { quantiser, bits, .. }, words } = self;
         spectrum.centre_on(surroundings);
-        for words in words.iter_mut() {
-            words.fill(T::Word::default());
-        }
         for columns in segments(words[0].len()) {
             for frequency in spectrum.frequencies() {
                 for (c, re, im) in spectrum.components(frequency, columns.clone()) {
-                    let shift = c * quantiser.code_length();
+                    let Some(shift) = bits[c] else { continue };
                     let words = &mut words[shift / 32][columns.clone()];
                     quantiser.add(re, im, shift % 32, words);
                 }

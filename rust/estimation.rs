@@ -28,6 +28,7 @@ use self::range::SearchRange;
 use self::rows::Offsets;
 use crate::alignment::Alignment;
 use crate::blur;
+use crate::blur::defects::{Defects, Repaired};
 pub use crate::blur::parts::Means;
 use crate::blur::parts::{Part, Rows};
 use crate::blur::rough;
@@ -122,12 +123,17 @@ pub struct Prepared {
 pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> Result<Prepared> {
     settings.check()?;
     let asked = known.asked(settings);
+    let Means { how, control, .. } = means;
     let (started, mut pair) = (Instant::now(), pair);
     let found = if asked.is_anything() {
         pair = pair.with_own_ranges(means.control)?;
         let found = means.matcher.install(|| {
-            let part = Part::new(0, Cow::Borrowed(&pair), means)?;
-            estimate(Rows::Kept(&part), &pair, &asked, settings, means)
+            let is_asked = asked.blur && blur::is_enough(pair.size());
+            let defects = is_asked.then(|| Defects::of_pair(&pair, means)).transpose()?;
+            let defects = defects.unwrap_or_default();
+            let repaired = defects.repaired(&pair);
+            let part = Part::new(0, Cow::Borrowed(&*repaired), means)?;
+            estimate(Rows::Kept(&part), &repaired, &asked, defects, settings, means)
         })?;
         Findings::new(found, &known, settings, started)?
     } else {
@@ -138,10 +144,10 @@ pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> R
         (Some(compensation), None) => Some(compensation.versions()?),
         (None, None) => known.noise.map(Versions::of_noise).transpose()?,
     };
+    let mut pair = pair.searched(found.candidates).with_versions(versions);
     if let Some(field) = &found.alignment {
-        pair = means.matcher.install(|| pair.straightened(field, means.control))?;
+        pair = means.matcher.install(|| pair.straightened(field, how.level, control))?;
     }
-    let pair = pair.searched(found.candidates).with_versions(versions);
     let suited = found.compensation.as_ref().map(|found| found.settings.clone());
     Ok(Prepared { pair, settings: suited.unwrap_or_else(|| settings.clone()), found })
 }
@@ -159,8 +165,12 @@ pub fn prepare_by_rows(
         return Ok(Findings::nothing(source.candidates(), &known));
     }
     let found = means.matcher.install(|| {
-        let sample = source.rows(0..1)?;
-        estimate(Rows::Read(source), &sample, &asked, settings, means)
+        let is_asked = asked.blur && blur::is_enough(source.size());
+        let defects = is_asked.then(|| Defects::of_source(source, means)).transpose()?;
+        let defects = defects.unwrap_or_default();
+        let (sample, impulses) = (source.rows(0..1)?, defects.impulses);
+        let repaired = Repaired { source, impulses };
+        estimate(Rows::Read(&repaired), &sample, &asked, defects, settings, means)
     })?;
     Findings::new(found, &known, settings, started)
 }
@@ -172,7 +182,8 @@ impl Known {
             candidates: self.candidates,
             noise: self.noise,
             rows: settings.align_rows && self.alignment.is_none(),
-            blur: self.versions.is_none() && (settings.equalise || needs_noise),
+            blur: self.versions.is_none()
+                && (settings.equalise || settings.despike || settings.denoise || needs_noise),
         }
     }
 }
@@ -214,6 +225,7 @@ fn estimate(
     rows: Rows,
     sample: &Pair,
     asked: &Asked,
+    defects: Defects,
     settings: &Settings,
     means: Means,
 ) -> Result<Estimates> {
@@ -247,6 +259,7 @@ fn estimate(
     };
     let known = rough::Known { candidates, alignment: alignment.clone() };
     let blur = asked.blur.then(|| blur::estimate(rows, sample, known, means)).transpose()?;
+    let blur = blur.map(|found| found.with(defects));
     let noise = asked.noise;
     let found = Estimates { candidates, confidence, range, offsets, alignment, blur, noise };
     let is_confirmed = trial::confirms(rows, &found, settings, means)?;

@@ -26,7 +26,7 @@ const MAP: usize = 10;
 /// Bytes of a pixel of the map while it is refined, with what one stage makes of another's: without and with gray values.
 const REFINED: [usize; 2] = [20, 40];
 /// Bytes of a pixel of gray values and of those that are made on the way to them.
-const GRAY: usize = 12;
+const GRAY: usize = 16;
 /// Bytes of a pixel of the gray values and jumps that are kept.
 const TEXTURE: usize = 5;
 

@@ -7,9 +7,11 @@
 use crate::control::Control;
 use crate::convolution::{Kernel as Blur, convolve};
 use crate::error::Result;
+use crate::impulses;
 use crate::masking::fill_masked;
 use crate::plane::{Plane, zeroed};
 use crate::simd::{Kernel, Level};
+use crate::smoothing::smooth;
 use crate::view::{Image, View};
 
 /// Steps into which the intensity range of a float image is cut: `2^21` to `2^22`, finer than 16 bits.
@@ -25,6 +27,8 @@ const MOST_SAMPLES: usize = 1 << 16;
 pub const LARGEST_REACH: u32 = 1 << 25;
 /// Steps into which a blurred image cuts one of the image itself, at most.
 const FINER_LOG2: u32 = 4;
+/// Largest magnitude of smoothed values, unless the image has larger ones: what is convolved later stays in 32 bits.
+const NARROW_REACH: u32 = 1 << 17;
 
 /// Fixed-point steps per gray level of a channel plane, where black to white is 255 gray levels.
 pub const LEVEL_STEPS: u16 = 16;
@@ -79,7 +83,7 @@ enum Source<'a> {
 }
 
 impl<'a> Gray<'a> {
-    /// The gray values of a checked view; masked pixels take the values of valid neighbours.
+    /// The gray values of a checked view; masked pixels take the values of valid neighbours, and impulses are repaired.
     pub fn new(view: &'a View, level: Level, control: &Control) -> Result<Self> {
         let (rows, cols, channels) = view.image.shape();
         let scale = match view.image.white() {
@@ -98,11 +102,15 @@ impl<'a> Gray<'a> {
         };
         let gray =
             Self { source: Source::Image(&view.image, scale), size: (rows, cols), reach, unit };
-        if view.mask.is_none() {
+        if view.mask.is_none() && view.impulses == 0.0 {
             return Ok(gray);
         }
-        let plane = gray.plane(level, control)?;
-        Ok(Self { source: Source::Plane(filled(plane, view, control)?), ..gray })
+        let mut plane = filled(gray.plane(level, control)?, view, control)?;
+        if view.impulses > 0.0 {
+            let height = gray.steps(view.impulses) as i32;
+            plane = impulses::repaired(&plane, height, level, control)?;
+        }
+        Ok(Self { source: Source::Plane(plane), ..gray })
     }
 
     /// All gray values.
@@ -130,10 +138,27 @@ impl<'a> Gray<'a> {
     ) -> Result<Gray<'static>> {
         let fits = |bits: &u32| self.reach << bits <= LARGEST_REACH;
         let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
-        let plane = convolve(self, kernel, bits, level, control)?;
+        Ok(self.finer(bits, convolve(self, kernel, bits, level, control)?))
+    }
+
+    /// The same image without its noise, of which [`smooth`] takes away what is up to so many units of the pixels or so.
+    pub fn smoothed(
+        &self,
+        deviation: f64,
+        level: Level,
+        control: &Control,
+    ) -> Result<Gray<'static>> {
+        let fits = |bits: &u32| self.reach << bits <= NARROW_REACH;
+        let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
+        let plane = smooth(self, self.steps(deviation), bits, level, control)?;
+        Ok(self.finer(bits, plane))
+    }
+
+    /// What was made of these gray values in steps that are so many bits finer.
+    fn finer(&self, bits: u32, plane: Plane<i32>) -> Gray<'static> {
         let [unit, rest] = self.unit;
         let unit = [unit * f64::from(1 << bits), rest];
-        Ok(Gray { unit, ..Gray::within(self.reach << bits, plane) })
+        Gray { unit, ..Gray::within(self.reach << bits, plane) }
     }
 
     /// Rows and columns.

@@ -47,10 +47,13 @@ pub mod value;
 pub mod candidates;
 pub mod settings;
 
+pub mod blocking;
 pub mod convolution;
+pub mod impulses;
 pub mod intensity;
 pub mod masking;
 pub mod normalisation;
+pub mod smoothing;
 pub mod texture;
 pub mod versions;
 pub mod view;

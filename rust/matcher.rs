@@ -95,9 +95,17 @@ impl Pair {
         Ok(Self { left, right, candidates, versions: None })
     }
 
-    /// The pair with the versions in which its pixels are compared.
+    /// The pair with the versions in which its pixels are compared; impulses are those that these know of.
     pub fn with_versions(self, versions: impl Into<Option<Versions>>) -> Self {
-        Self { versions: versions.into(), ..self }
+        let versions = versions.into();
+        let impulses = versions.as_ref().map_or([0.0; 2], Versions::impulses);
+        Self { versions, ..self }.with_impulses(impulses)
+    }
+
+    /// The pair with impulses in both images that stand out by so much at least; 0: there are none.
+    pub fn with_impulses(mut self, [left, right]: [f64; 2]) -> Self {
+        (self.left.impulses, self.right.impulses) = (left, right);
+        self
     }
 
     /// The pair as a part of one whose left and right pixels, if they are floats, lie in these ranges.
@@ -113,14 +121,21 @@ impl Pair {
     }
 
     /// The pair with the rows of its right image where the left one has them.
-    pub fn straightened(&self, alignment: &Alignment, control: &Control) -> Result<Self> {
-        Ok(Self { right: straightened(&self.right, alignment, control)?, ..self.clone() })
+    pub fn straightened(
+        &self,
+        alignment: &Alignment,
+        level: Level,
+        control: &Control,
+    ) -> Result<Self> {
+        let right = straightened(&self.right, alignment, level, control)?;
+        Ok(Self { right, ..self.clone() })
     }
 
-    /// Some rows of the images. Floats are those of the whole pair.
+    /// Some rows of the images; of floats, the ranges should be known.
     pub fn of_rows(&self, rows: Range<usize>) -> Self {
         let [left, right] = [&self.left, &self.right].map(|view| view.of_rows(rows.clone()));
-        Self { left, right, ..self.clone() }
+        let versions = self.versions.clone().map(|versions| versions.below(rows.start));
+        Self { left, right, versions, ..self.clone() }
     }
 
     /// The pair with the ranges of its floats worked out, so that any part of it is a part of the whole.

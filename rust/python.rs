@@ -200,9 +200,11 @@ fn blur_is_as_before<'py>(
     images: Both<'py>,
     masks: Both<'py>,
     glance: Seen<'py>,
+    impulses: [f64; 2],
     threads: &Bound<'py, PyAny>,
 ) -> PyResult<bool> {
-    let (pair, before) = (read_images(&images, &masks, None)?, read_glance(glance)?);
+    let pair = read_images(&images, &masks, None)?.with_impulses(impulses);
+    let before = read_glance(glance)?;
     let (pool, rows) = (Pool::of(threads)?, pair.size().0);
     let how = Execution { threads: pool.threads(), level: Level::best() };
     supervised(py, &pool, rows, None, move |matcher, control| {
@@ -260,11 +262,12 @@ fn find_roughness(
     size: (usize, usize),
     disparities: Both<'_>,
     ranges: Option<Ranges>,
+    impulses: f64,
 ) -> PyResult<(u64, u64)> {
     let reader = Reader::new(read, size, read_search(&disparities)?, ranges)?;
     let source = Arc::clone(&reader);
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
-        source::roughness(&*source, Level::best(), control)
+        source::roughness(&*source, impulses, Level::best(), control)
     });
     let Roughness { sum, pairs } = found.map_err(|failure| reader.reason(failure))?;
     Ok((sum, pairs))
@@ -333,7 +336,7 @@ fn match_rows<'py>(
     let chosen = section.widened(Reach::new(&settings, pair.versions(), None).map, &pair);
     let found = supervised(py, &pool, chosen.len(), progress, move |matcher, control| {
         let pair = match &field {
-            Some(field) => pair.straightened(field, control)?,
+            Some(field) => pair.straightened(field, how.level, control)?,
             None => pair,
         };
         matcher.run_rows(&pair, &section, &settings, how, control)
@@ -405,12 +408,12 @@ fn cost_volume<'py>(
     let settings = read_settings(settings)?;
     let none = py.None().into_bound(py);
     let pair = read_pair(&images, &(none.clone(), none), &disparities)?;
-    let versions = read_versions(versions)?;
+    let pair = pair.with_versions(read_versions(versions)?);
     let ((rows, cols), count) = (pair.size(), pair.candidates().count());
     let costs = supervised(py, &Pool::of(threads)?, rows, None, move |_, control| {
         let level = Level::best();
         let (views, candidates) = (pair.views(), pair.candidates());
-        let costs = Costs::new(views, candidates, &settings, versions.as_ref(), level, control)?;
+        let costs = Costs::new(views, candidates, &settings, pair.versions(), level, control)?;
         costs.volume(rows, level, control)
     })?;
     let array = Array3::from_shape_vec((rows, cols, count), costs.into_vec());

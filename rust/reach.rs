@@ -7,7 +7,7 @@ use crate::convolution::Weights;
 use crate::optimization::{BAND, LOOK_ROWS};
 use crate::settings::{CostKind, Optimizer, Settings};
 use crate::versions::Versions;
-use crate::{confidence, filling, guided, masking, median, subpixel};
+use crate::{confidence, filling, guided, impulses, masking, median, smoothing, subpixel};
 
 /// Rows on either side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,7 +31,7 @@ impl Reach {
     ) -> Self {
         let window = Window::new((1, 1), 1, settings, 0).margin();
         let description = match settings.cost {
-            CostKind::Phase => settings.neighborhood / 2 + versions.map_or(0, largest_radius),
+            CostKind::Phase => settings.largest_neighborhood() / 2 + versions.map_or(0, described),
             CostKind::Sad => 0,
             CostKind::NormalisedSad => settings.window / 2,
         };
@@ -42,7 +42,8 @@ impl Reach {
         };
         // Gray values are compared with those of the row above.
         let description = window + description;
-        let images = (description + paths).max(1) + alignment.map_or(0, Alignment::reach);
+        let beside = versions.map_or(0, repaired) + alignment.map_or(0, Alignment::reach);
+        let images = (description + paths).max(1) + beside;
         Self { description, images, map: refinement(settings), masked: masking::REACH }
     }
 
@@ -65,6 +66,16 @@ fn refinement(settings: &Settings) -> usize {
         (settings.needs_confidence(), confidence::RADIUS),
     ];
     stages.into_iter().filter(|(is_used, _)| *is_used).map(|(_, rows)| rows).sum()
+}
+
+/// Rows on either side of one of gray values that are smoothed and blurred.
+fn described(versions: &Versions) -> usize {
+    largest_radius(versions) + if versions.smooths() { smoothing::REACH } else { 0 }
+}
+
+/// Rows on either side of one whose impulses are repaired.
+fn repaired(versions: &Versions) -> usize {
+    if versions.repairs() { impulses::REACH } else { 0 }
 }
 
 /// Rows on either side of the largest kernel.

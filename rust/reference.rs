@@ -6,7 +6,7 @@ use std::cmp::Reverse;
 use std::ops::Range;
 
 use crate::aggregation::Window;
-use crate::basis::Basis;
+use crate::basis::{Basis, Component};
 use crate::candidates::Candidates;
 use crate::confidence::{RADIUS, STEP, Scene, TOLERANCE, confidence, similar};
 use crate::consistency::Choices;
@@ -14,6 +14,7 @@ use crate::convolution::{GUARD, Kernel, SHIFT, Weights};
 use crate::evidence::{Found, NONE};
 use crate::filling;
 use crate::guided::{self, JUMP, STRIDE};
+use crate::impulses::mirrored;
 use crate::intensity::LEVEL_STEPS;
 use crate::masking;
 use crate::normalisation::DEVIATION_STEPS;
@@ -87,9 +88,113 @@ fn weighted_sum(values: &Plane<i32>, weights: &Plane<i32>, y: usize, x: usize) -
     sum
 }
 
+/// Twin of [`crate::impulses::repaired`]: the neighbors of every pixel are sorted.
+pub fn repair(plane: &Plane<i32>, height: i32) -> Plane<i32> {
+    Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
+        let (pixel, sorted) = (plane.row(y)[x], sorted_neighbors(plane, y, x));
+        let spread = sorted[6] - sorted[1];
+        let beyond = (pixel - sorted[6]).max(sorted[1] - pixel);
+        let median = (sorted[3] + sorted[4]).div_euclid(2);
+        if beyond - spread > height { median } else { pixel }
+    })
+}
+
+/// Twin of [`crate::impulses::doubtless`], for all rows.
+pub fn doubtless(plane: &Plane<i32>, height: i32) -> u64 {
+    let places = (0..plane.rows()).flat_map(|y| (0..plane.cols()).map(move |x| (y, x)));
+    let is_doubtless = |(y, x): &(usize, usize)| {
+        let (pixel, sorted) = (plane.row(*y)[*x], sorted_neighbors(plane, *y, *x));
+        let beyond = (pixel - sorted[6]).max(sorted[1] - pixel);
+        beyond - 3 * (sorted[6] - sorted[1]) > height
+    };
+    places.filter(is_doubtless).count() as u64
+}
+
+fn sorted_neighbors(plane: &Plane<i32>, y: usize, x: usize) -> Vec<i32> {
+    let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dy, dx)));
+    let value = |(dy, dx): (isize, isize)| {
+        let row = plane.row(mirrored(y as isize + dy, plane.rows()));
+        row[mirrored(x as isize + dx, plane.cols())]
+    };
+    let mut values: Vec<_> = around.filter(|place| *place != (0, 0)).map(value).collect();
+    values.sort_unstable();
+    values
+}
+
+/// Twin of [`crate::blocking::Extra::jump`]: phase by phase, differences clipped to `clip` half steps.
+pub fn jump(plane: &Plane<i32>, clip: i32) -> f64 {
+    let turned = Plane::from_fn(plane.cols(), plane.rows(), |y, x| plane.row(x)[y]);
+    let along = |plane: &Plane<i32>| {
+        let mean = |phase: usize| {
+            let places = (0..plane.cols().saturating_sub(3)).filter(|x| x % 8 == phase);
+            let extras = places.flat_map(|x| {
+                (0..plane.rows()).map(move |y| {
+                    let of = |i: usize| plane.row(y)[x + i];
+                    let inside = (of(0) - of(1)).abs() + (of(2) - of(3)).abs();
+                    i64::from((2 * (of(1) - of(2)).abs() - inside).clamp(-clip, clip))
+                })
+            });
+            let extras: Vec<i64> = extras.collect();
+            (!extras.is_empty()).then(|| extras.iter().sum::<i64>() as f64 / extras.len() as f64)
+        };
+        let means: Option<Vec<f64>> = (0..8).map(mean).collect();
+        means.map_or(0.0, |mut means| {
+            means.sort_unstable_by(f64::total_cmp);
+            means[7] - means[6]
+        })
+    };
+    along(plane).min(along(&turned)) / 2.0
+}
+
+/// Twin of [`crate::smoothing::smooth`]: every window by itself; sums over the rows of a column first.
+pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, fraction: u32) -> Plane<i32> {
+    let (rows, cols) = (plane.rows(), plane.cols());
+    let mean = |values: &dyn Fn(usize, usize) -> f64, y: usize, x: usize| {
+        let column = |dx: isize| {
+            let x = reflect(x as isize + dx, cols);
+            let row = |dy: isize| values(reflect(y as isize + dy, rows), x);
+            row(-2) + row(-1) + row(0) + row(1) + row(2)
+        };
+        (column(-2) + column(-1) + column(0) + column(1) + column(2)) / 25.0
+    };
+    let gray = |y: usize, x: usize| f64::from(plane.row(y)[x]);
+    let noise = (deviation.min((1u64 << 40) as f64) * deviation.min((1u64 << 40) as f64))
+        .max(f64::MIN_POSITIVE);
+    let windows = Plane::from_fn(rows, cols, |y, x| {
+        let center = mean(&gray, y, x);
+        let squares = mean(&|y, x| gray(y, x) * gray(y, x), y, x);
+        let share = noise / ((squares - center * center).max(0.0) + noise);
+        (share, share * center)
+    });
+    Plane::from_fn(rows, cols, |y, x| {
+        let share = mean(&|y, x| windows.row(y)[x].0, y, x);
+        let drawn = mean(&|y, x| windows.row(y)[x].1, y, x);
+        let value = gray(y, x) - share * gray(y, x) + drawn;
+        (value * f64::from(1u32 << fraction)).round_ties_even() as i32
+    })
+}
+
 /// Twin of [`crate::descriptor::describe`]: every component by its double sum. Parts of components up to
-/// `threshold` are weak, if there is a weak level.
+/// `threshold` are weak, if there is a weak level; with two sizes, those of the larger one.
 pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane<u64> {
+    if settings.sizes == 1 {
+        return components(gray, settings, threshold, |_| true);
+    }
+    let larger = Settings { neighborhood: settings.neighborhood + 2, ..settings.clone() };
+    let axes = components(gray, &larger, threshold, |c| c.u + c.v.unsigned_abs() == 1);
+    let all = components(gray, &Settings { weak: 0.0, ..settings.clone() }, 0.0, |_| true);
+    let (r, s) = settings.frequencies;
+    let bits = (r.min(1) + s.min(1)) << (settings.bits - 1) << usize::from(settings.weak > 0.0);
+    Plane::from_fn(gray.rows(), gray.cols(), |y, x| axes.row(y)[x] | all.row(y)[x] << bits)
+}
+
+/// The codes of one size, of those components that count.
+fn components(
+    gray: &Plane<i32>,
+    settings: &Settings,
+    threshold: f64,
+    counts: impl Fn(&Component) -> bool,
+) -> Plane<u64> {
     let (basis, mut quantiser) = (Basis::new(settings), Quantiser::new(settings));
     if settings.has_weak() {
         quantiser = quantiser.with_weak_level(threshold);
@@ -103,7 +208,7 @@ pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane
     };
     Plane::from_fn(gray.rows(), gray.cols(), |y, x| {
         let mut code = 0;
-        for (c, component) in basis.components().into_iter().enumerate() {
+        for (c, component) in basis.components().into_iter().filter(&counts).enumerate() {
             let (mut re, mut im) = (0, 0);
             for (dy, dx) in
                 (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)))

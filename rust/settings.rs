@@ -4,6 +4,8 @@ use crate::error::{Error, Result};
 
 /// Largest neighbourhood and largest aggregation window, pixels.
 pub const LARGEST_WINDOW: usize = 63;
+/// Pixels by which the larger of two neighbourhoods is larger.
+pub const LARGER: usize = 2;
 /// Largest frequency index of the descriptor.
 pub const HIGHEST_FREQUENCY: usize = 4;
 /// Most disparities that one match may search.
@@ -97,6 +99,9 @@ pub struct Settings {
     /// them count as weak, a level of its own between the two signs; 0 to 100, 0: there is no such level. It
     /// needs `bits` = 2, that is signs, and phase codes, which it makes twice as long.
     pub weak: f64,
+    /// Sizes of neighbourhoods that a code describes, 1 or 2. With 2 there is one more, two pixels larger, of which only the
+    /// components `(1, 0)` and `(0, 1)` count; these alone have a weak level then.
+    pub sizes: usize,
     /// Side of the square aggregation window, pixels; odd, 1 to 63.
     pub window: usize,
     /// Whether the best of five shifted windows counts, or the centred one alone.
@@ -114,6 +119,10 @@ pub struct Settings {
     /// Whether the relative blur of the images is estimated and the sharper one given it, for phase codes; where any is
     /// found, neighborhood and window are two pixels larger.
     pub equalise: bool,
+    /// Whether impulses are looked for and repaired before all else, for phase codes.
+    pub despike: bool,
+    /// Whether noise, and what compression has lost, are smoothed away before the images are described, for phase codes.
+    pub denoise: bool,
     /// Whether it is estimated how the rows of the images correspond, and the right one straightened if the match gets
     /// better by it.
     pub align_rows: bool,
@@ -153,6 +162,7 @@ impl Default for Settings {
             power: 1,
             bits: 2,
             weak: 0.0,
+            sizes: 1,
             window: 9,
             shiftable: true,
             precision: Precision::Full,
@@ -160,6 +170,8 @@ impl Default for Settings {
             penalty: Penalty { near: 2.0, far: 2.0 },
             edges: 0.0,
             equalise: false,
+            despike: false,
+            denoise: false,
             align_rows: false,
             intensity_range: None,
             subpixel: false,
@@ -185,11 +197,16 @@ impl Settings {
         between("power", self.power, 1, 2)?;
         between("bits", self.bits, 1, 4)?;
         self.check_weak()?;
+        self.check_sizes()?;
         self.check_code_length()?;
         self.check_penalty()?;
         number_between("edges", self.edges, LARGEST_EDGES)?;
-        if self.equalise && self.cost != CostKind::Phase {
-            return Err(Error::value("equalise", "True", "False unless cost = 'phase'"));
+        let of_codes =
+            [("equalise", self.equalise), ("despike", self.despike), ("denoise", self.denoise)];
+        if let Some((name, _)) =
+            of_codes.into_iter().find(|(_, is_on)| *is_on && self.cost != CostKind::Phase)
+        {
+            return Err(Error::value(name, "True", "False unless cost = 'phase'"));
         }
         if let Some(most) = self.consistency {
             between("consistency", most, 0, MOST_DISPARITIES)?;
@@ -214,9 +231,31 @@ impl Settings {
         self.weak > 0.0
     }
 
-    /// Bits of one pixel's code: `2^(b-1)` for each component, twice as many with a weak level.
+    /// Number of components of the larger neighbourhood, if there is one.
+    pub fn larger_components(&self) -> usize {
+        let (r, s) = self.frequencies;
+        if self.has_larger() { r.min(1) + s.min(1) } else { 0 }
+    }
+
+    /// Whether codes describe two sizes of neighbourhoods.
+    pub fn has_larger(&self) -> bool {
+        self.sizes == 2
+    }
+
+    /// Side of the largest neighbourhood that a code describes.
+    pub fn largest_neighborhood(&self) -> usize {
+        self.neighborhood + if self.has_larger() { LARGER } else { 0 }
+    }
+
+    /// Bits of one pixel's code: `2^(b-1)` for each component, twice as many where there is a weak level.
     pub fn code_length(&self) -> usize {
-        self.components() << (self.bits - 1) << usize::from(self.has_weak())
+        let (all, larger) = (self.components(), self.larger_components());
+        let weak = usize::from(self.has_weak());
+        if self.has_larger() {
+            (all << (self.bits - 1)) + (larger << (self.bits - 1) << weak)
+        } else {
+            all << (self.bits - 1) << weak
+        }
     }
 
     /// Whether pixels are told that cannot be right.
@@ -253,6 +292,16 @@ impl Settings {
             let got =
                 format!("{} with bits = {} and the cost {:?}", self.weak, self.bits, self.cost);
             return Err(Error::value("weak", got, "0 unless bits = 2 and cost = 'phase'"));
+        }
+        Ok(())
+    }
+
+    fn check_sizes(&self) -> Result<()> {
+        between("sizes", self.sizes, 1, 2)?;
+        if self.largest_neighborhood() > LARGEST_WINDOW {
+            let got = format!("2 with neighborhood = {}", self.neighborhood);
+            let accepts = format!("1 unless neighborhood is {} at most", LARGEST_WINDOW - LARGER);
+            return Err(Error::value("sizes", got, accepts));
         }
         Ok(())
     }

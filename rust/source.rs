@@ -7,11 +7,11 @@ use crate::candidates::Candidates;
 use crate::control::Control;
 use crate::error::Result;
 use crate::intensity::{self, Gray, NOWHERE, Sample, full_range};
-use crate::masking;
 use crate::matcher::Pair;
 use crate::simd::Level;
 use crate::texture::Roughness;
 use crate::view::Mask;
+use crate::{impulses, masking};
 
 /// Pixels of one image that are asked for at a time, unless one row has more.
 const MOST_PIXELS: usize = 1 << 22;
@@ -34,7 +34,7 @@ pub trait Source: Sync {
 }
 
 /// All rows, as many at a time as are to be asked for.
-fn bands(source: &dyn Source) -> impl Iterator<Item = Range<usize>> {
+pub fn bands(source: &dyn Source) -> impl Iterator<Item = Range<usize>> {
     let (band, rows) = (source.most_rows(), source.size().0);
     (0..rows).step_by(band).map(move |first| first..(first + band).min(rows))
 }
@@ -69,16 +69,24 @@ pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::Rang
     Ok([left.unwrap_or(all_left), right.unwrap_or(all_right)])
 }
 
-/// The roughness of the left image.
-pub fn roughness(source: &dyn Source, level: Level, control: &Control) -> Result<Roughness> {
+/// The roughness of the left image, whose impulses are of this height at least; 0: it has none.
+pub fn roughness(
+    source: &dyn Source,
+    impulses: f64,
+    level: Level,
+    control: &Control,
+) -> Result<Roughness> {
     let (height, cols) = source.size();
     let mut found = Roughness::default();
     for rows in bands(source) {
-        let (mut read, mut pair) = (rows.clone(), source.rows(rows.clone())?);
+        // Whether a pixel is an impulse depends on those beside it.
+        let beside = if impulses > 0.0 { impulses::REACH } else { 0 };
+        let mut read = widened(&rows, beside, height);
+        let mut pair = source.rows(read.clone())?.with_impulses([impulses, 0.0]);
         if pair.views()[0].mask.as_ref().is_some_and(has_empty_row) {
             // Such rows copy others, which may lie beyond.
-            read = widened(&rows, masking::REACH, height);
-            pair = source.rows(read.clone())?;
+            read = widened(&read, masking::REACH, height);
+            pair = source.rows(read.clone())?.with_impulses([impulses, 0.0]);
         }
         let gray = Gray::new(pair.views()[0], level, control)?.plane(level, control)?;
         let places = (rows.start - read.start) * cols..(rows.end - read.start) * cols;
@@ -88,6 +96,6 @@ pub fn roughness(source: &dyn Source, level: Level, control: &Control) -> Result
 }
 
 /// Whether no pixel of some row is valid.
-fn has_empty_row(mask: &Mask) -> bool {
+pub fn has_empty_row(mask: &Mask) -> bool {
     (0..mask.rows()).any(|y| !mask.row(y).contains(&true))
 }

@@ -16,6 +16,8 @@ pub const MOST_CLASSES: usize = 16;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Versions {
     noise: [f64; 2],
+    impulses: [f64; 2],
+    smoothing: [f64; 2],
     kernels: Vec<[Option<Kernel>; 2]>,
     labels: Plane<u8>,
     tile: usize,
@@ -60,7 +62,24 @@ impl Versions {
         if tile == 0 {
             return Err(Error::value("tile", 0, "an integer from 1"));
         }
-        Ok(Self { noise, kernels, labels, tile, first: 0 })
+        let none = [0.0; 2];
+        Ok(Self { noise, impulses: none, smoothing: none, kernels, labels, tile, first: 0 })
+    }
+
+    /// The same where impulses of the left and of the right image stand out by so much at least, in units of the pixels; 0:
+    /// there are none.
+    pub fn with_impulses(self, impulses: [f64; 2]) -> Result<Self> {
+        let [left, right] = impulses;
+        let impulses = [deviation(left, "impulses")?, deviation(right, "impulses")?];
+        Ok(Self { impulses, ..self })
+    }
+
+    /// The same where both images are smoothed with these standard deviations, in units of the pixels, before anything else;
+    /// 0: not at all.
+    pub fn with_smoothing(self, smoothing: [f64; 2]) -> Result<Self> {
+        let [left, right] = smoothing;
+        let smoothing = [deviation(left, "smoothing")?, deviation(right, "smoothing")?];
+        Ok(Self { smoothing, ..self })
     }
 
     /// The images as they are, with noise of these standard deviations.
@@ -73,9 +92,35 @@ impl Versions {
         Self { first, ..self }
     }
 
+    /// The same for a pair that begins so many rows below this one.
+    pub fn below(self, rows: usize) -> Self {
+        Self { first: self.first + rows, ..self }
+    }
+
     /// Standard deviations of the noise of the left and of the right image, in units of the pixels.
     pub fn noise(&self) -> [f64; 2] {
         self.noise
+    }
+
+    /// By how much impulses of the left and of the right image stand out at least, in units of the pixels; 0: there are
+    /// none.
+    pub fn impulses(&self) -> [f64; 2] {
+        self.impulses
+    }
+
+    /// Whether either image has impulses to be repaired.
+    pub fn repairs(&self) -> bool {
+        self.impulses.iter().any(|height| *height > 0.0)
+    }
+
+    /// Whether either image is smoothed.
+    pub fn smooths(&self) -> bool {
+        self.smoothing.iter().any(|deviation| *deviation > 0.0)
+    }
+
+    /// Standard deviations with which the left and the right image are smoothed, in units of the pixels; 0: not at all.
+    pub fn smoothing(&self) -> [f64; 2] {
+        self.smoothing
     }
 
     /// Whether any image is blurred.
@@ -142,10 +187,15 @@ impl Labels {
 
 /// Refuses what is no standard deviation.
 pub fn check_noise(noise: f64) -> Result<f64> {
-    if (0.0..=LARGEST_PIXEL).contains(&noise) {
-        return Ok(noise);
+    deviation(noise, "noise")
+}
+
+fn deviation(value: f64, name: &'static str) -> Result<f64> {
+    if (0.0..=LARGEST_PIXEL).contains(&value) {
+        return Ok(value);
     }
-    Err(Error::value("noise", noise, format!("standard deviations from 0 to {LARGEST_PIXEL:e}")))
+    let what = if name == "impulses" { "heights" } else { "standard deviations" };
+    Err(Error::value(name, value, format!("{what} from 0 to {LARGEST_PIXEL:e}")))
 }
 
 #[cfg(test)]

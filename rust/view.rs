@@ -35,6 +35,8 @@ pub struct View {
     pub mask: Option<Mask>,
     /// Where the pixels lie of the whole image, of floats, of which this is a part; `None`: it is the whole.
     pub range: Option<Range>,
+    /// By how much impulses stand out at least, in units of the pixels; 0: there are none, see [`crate::impulses`].
+    pub impulses: f64,
 }
 
 impl Image {
@@ -113,7 +115,7 @@ impl View {
         let mask = mask.map(|mask| {
             Plane::from_fn(rows.len(), mask.cols(), |y, x| mask.row(rows.start + y)[x])
         });
-        Self { image, mask, range: self.range }
+        Self { image, mask, range: self.range, impulses: self.impulses }
     }
 
     /// Whether the mask, if there is one, calls the pixel valid.

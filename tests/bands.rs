@@ -48,7 +48,8 @@ impl Job {
         let (control, whole) = (Control::default(), pair.size().0);
         let found = ranges(&Slow::new(&pair, whole), &control).expect("all rows");
         let known = pair.clone().with_ranges(found.map(Some));
-        let rough = roughness(&Slow::new(&known, whole), Level::best(), &control);
+        let impulses = pair.views()[0].impulses;
+        let rough = roughness(&Slow::new(&known, whole), impulses, Level::best(), &control);
         Self { pair, settings, ranges: found, roughness: rough.expect("all rows") }
     }
 
@@ -301,17 +302,25 @@ fn two_versions() -> Versions {
     Versions::new([1.0; 2], kernels, labels, 40).expect("legal versions")
 }
 
+/// The same of images with impulses, which are smoothed.
+fn cleaned_versions() -> Versions {
+    let versions = two_versions().with_impulses([5.0, 0.5]).expect("legal heights");
+    versions.with_smoothing([90.0, 70.0]).expect("legal deviations")
+}
+
 #[test]
 fn tall_pairs_in_the_default_way_are_the_whole() {
     let [left, right] =
         shifted(600, 75).map(|view| View { mask: Some(masked(600, 75, 12)), ..view });
-    let pair = Pair::new(left, right, 0, 16).expect("a legal pair").with_versions(two_versions());
-    let job = Job::new(pair, robust());
+    let pair = Pair::new(left, right, 0, 16).expect("a legal pair");
     let matcher = Matcher::new(2).expect("threads");
-    for level in levels() {
-        let on = (&matcher, how(1, level));
-        let found = job.by_parts(&[0, 1, 63, 128, 330, 599, 600], on);
-        assert!(found == job.whole(on), "{}", level.name());
+    for known in [two_versions(), cleaned_versions()] {
+        let job = Job::new(pair.clone().with_versions(known), robust());
+        for level in levels() {
+            let on = (&matcher, how(1, level));
+            let found = job.by_parts(&[0, 1, 63, 128, 330, 599, 600], on);
+            assert!(found == job.whole(on), "{}", level.name());
+        }
     }
 }
 
@@ -328,6 +337,9 @@ fn ways_to_reach() -> Vec<(Settings, Option<Versions>)> {
         (Settings { shiftable: false, ..phase }, None),
         (phase.clone(), None),
         (Settings { neighborhood: 9, window: 1, ..phase }, None),
+        (Settings { sizes: 2, window: 1, ..phase }, None),
+        (Settings { window: 1, ..phase }, Some(cleaned_versions())),
+        (Settings { sizes: 2, shiftable: false, ..phase }, Some(cleaned_versions())),
         (Settings { window: 9, shiftable: false, ..phase }, None),
         (Settings { window: 1, ..phase }, Some(two_versions())),
         (Settings { cost: CostKind::Sad, window: 5, ..phase }, None),
@@ -339,7 +351,14 @@ fn ways_to_reach() -> Vec<(Settings, Option<Versions>)> {
         (Settings { median: 3, ..phase.clone() }, None),
         (Settings { confidence: true, ..phase }, None),
         (Settings { confidence: true, window: 1, ..several }, Some(two_versions())),
+        (Settings { confidence: true, window: 1, ..several }, Some(cleaned_versions())),
     ]
+}
+
+/// Pixels that differ little, with impulses among them.
+fn spoilt(lot: u64) -> u8 {
+    let [little, much] = [lot % 60, lot >> 8].map(|lot| lot as u8);
+    if lot >> 16 & 15 == 0 { much } else { 90 + little }
 }
 
 #[test]
@@ -350,7 +369,7 @@ fn no_less_than_the_reach_would_do() {
         let mut is_tight = [false; 2];
         for seed in 0..12 {
             let [left, right] =
-                [seed, !seed].map(|seed| view(280, 60, |y, x| hash(seed, y, x) as u8));
+                [seed, !seed].map(|seed| view(280, 60, |y, x| spoilt(hash(seed, y, x))));
             let pair = Pair::new(left, right, 0, 30).expect("a legal pair");
             let job = Job::new(pair.with_versions(known.clone()), settings.clone());
             let reach = job.reach();

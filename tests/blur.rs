@@ -56,11 +56,16 @@ fn array<T>(plane: &Plane<f32>, pixel: impl Fn(f32) -> T) -> Array3<T> {
 }
 
 fn bytes(plane: &Plane<f32>) -> View {
-    View { image: Image::U8(array(plane, |value| value as u8)), mask: None, range: None }
+    View {
+        image: Image::U8(array(plane, |value| value as u8)),
+        mask: None,
+        range: None,
+        impulses: 0.0,
+    }
 }
 
 fn floats(plane: &Plane<f32>) -> View {
-    View { image: Image::F32(array(plane, |value| value)), mask: None, range: None }
+    View { image: Image::F32(array(plane, |value| value)), mask: None, range: None, impulses: 0.0 }
 }
 
 fn pair(shots: &[Plane<f32>; 2], view: impl Fn(&Plane<f32>) -> View) -> Pair {
@@ -184,23 +189,23 @@ fn the_type_and_the_scale_of_the_pixels_change_next_to_nothing() {
     let views: [Shot; 6] = [
         Box::new(|plane| {
             let image = Image::U16(array(plane, |value| 257 * value as u16));
-            View { image, mask: None, range: None }
+            View { image, mask: None, range: None, impulses: 0.0 }
         }),
         Box::new(|plane| {
             let image = Image::U16(array(plane, |value| value as u16));
-            View { image, mask: None, range: None }
+            View { image, mask: None, range: None, impulses: 0.0 }
         }),
         Box::new(|plane| floats(&plane.map(|value| value * 1e-6))),
         Box::new(|plane| floats(&plane.map(|value| value * 1e6 - 1e7))),
         Box::new(|plane| {
             let image = Image::F64(array(plane, |value| f64::from(value) * 1e30));
-            View { image, mask: None, range: None }
+            View { image, mask: None, range: None, impulses: 0.0 }
         }),
         Box::new(|plane| {
             let gray = array(plane, |value| value as u8);
             let colours = (plane.rows(), plane.cols(), 3);
             let image = Image::U8(Array3::from_shape_fn(colours, |(y, x, _)| gray[(y, x, 0)]));
-            View { image, mask: None, range: None }
+            View { image, mask: None, range: None, impulses: 0.0 }
         }),
     ];
     for view in views {

@@ -56,8 +56,12 @@ fn unlike(rows: usize, cols: usize, is_masked: bool) -> [View; 2] {
 
 #[test]
 fn ceilings_and_steps_are_those_of_the_unit() {
-    let colour =
-        View { image: Image::U8(ndarray::Array3::zeros((1, 1, 3))), mask: None, range: None };
+    let colour = View {
+        image: Image::U8(ndarray::Array3::zeros((1, 1, 3))),
+        mask: None,
+        range: None,
+        impulses: 0.0,
+    };
     let candidates = Candidates::new(0, 1, 1).expect("in reach");
     let scale = |cost, bits| {
         let settings = Settings { cost, bits, ..Settings::default() };

@@ -13,7 +13,7 @@ use phasestereo::view::{Image, Mask, View};
 use proptest::prelude::*;
 
 fn view(image: Image) -> View {
-    View { image, mask: None, range: None }
+    View { image, mask: None, range: None, impulses: 0.0 }
 }
 
 fn bytes(rows: usize, cols: usize, channels: usize) -> impl Strategy<Value = Array3<u8>> {
@@ -161,7 +161,7 @@ fn what_a_mask_covers_has_no_effect() {
     let with = |hidden: f32| {
         let pixel = |(y, x, _)| if (y, x) == (1, 1) { hidden } else { (3 * y + x) as f32 };
         let image = Image::F32(Array3::from_shape_fn((3, 3, 1), pixel));
-        View { image, mask: Some(mask.clone()), range: None }
+        View { image, mask: Some(mask.clone()), range: None, impulses: 0.0 }
     };
     let (hidden, open) = (with(f32::NAN), with(0.0));
     for hidden in [f32::NAN, f32::INFINITY, 1e30] {

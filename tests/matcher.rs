@@ -598,7 +598,9 @@ fn what_is_trusted_too_little_is_withdrawn() {
 #[test]
 fn each_check_goes_by_itself_with_any_optimizer() {
     for optimizer in OPTIMIZERS {
-        let plain = Settings { optimizer, consistency: None, speckle_size: 0, ..robust() };
+        let penalty = Penalty { near: 5.0, far: 20.0 };
+        let small = Settings { optimizer, penalty, sizes: 1, ..robust() };
+        let plain = Settings { consistency: None, speckle_size: 0, ..small };
         let speckles = found_with(Settings { speckle_size: 9, ..plain.clone() });
         let owners = found_with(Settings { consistency: Some(0), ..plain.clone() });
         let all = |seen: &Seen| seen.flags.iter().fold(0, |all, flags| all | flags);
@@ -675,6 +677,7 @@ fn images_of_two_sizes_or_types_are_refused() {
         image: image(ndarray::Array3::zeros((rows, 4, 1))),
         mask: None,
         range: None,
+        impulses: 0.0,
     };
     let refused =
         |right| Pair::new(view(3, Image::U8), right, 0, 1).expect_err("refused").to_string();

@@ -559,3 +559,58 @@ def match_phase(
         return min_disparity + winner_takes_all(aggregated)
     total = window_penalty(penalty, window)
     return min_disparity + scanline(aggregated, total, total)
+
+
+# --- what is done to images before they are described ---
+
+
+def beyond_neighbours(gray: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return how far each pixel lies beyond its eight neighbours, their spread, and their median.
+
+    The largest and the smallest neighbour are left out; the image continues as c b | a b c | b a.
+    """
+    padded = np.pad(gray, 1, mode="reflect")
+    height, width = gray.shape
+    places = [(dy, dx) for dy in range(3) for dx in range(3) if (dy, dx) != (1, 1)]
+    n = np.sort([padded[dy : dy + height, dx : dx + width] for dy, dx in places], axis=0)
+    return np.maximum(gray - n[6], n[1] - gray), n[6] - n[1], (n[3] + n[4]) / 2
+
+
+def without_impulses(gray: Floats, height: float) -> Floats:
+    """Return gray values in which those give way to a median that lie far beyond neighbours."""
+    beyond, spread, median = beyond_neighbours(gray)
+    repaired: Floats = np.where(beyond > spread + height, median, gray)
+    return repaired
+
+
+def has_impulses(gray: Floats, level: float) -> bool:
+    """Tell whether more pixels than those of clean images lie beyond doubt beyond neighbours."""
+    beyond, spread, _ = beyond_neighbours(gray)
+    return bool(np.mean(beyond > 3 * spread + 40 * level) > 4e-5)
+
+
+def block_jump(gray: Floats, level: float) -> float:
+    """Return by how much the borders of blocks of 8 pixels stand out, along both axes at least."""
+
+    def along(a: Floats) -> float:
+        steps = np.abs(np.diff(a, axis=1))
+        extra = np.clip(steps[:, 1:-1] - (steps[:, :-2] + steps[:, 2:]) / 2, -4 * level, 4 * level)
+        means = sorted(extra[:, phase::8].mean() for phase in range(8))
+        return float(means[-1] - means[-2])
+
+    return min(along(gray), along(gray.T))
+
+
+def guided_filter(gray: Floats, deviation: float) -> Floats:
+    """Return the image filtered by itself over 5 x 5 pixels (He, Sun & Tang, eq. 5, 6 and 8)."""
+
+    def mean(values: Floats) -> Floats:
+        each = np.stack([each for _, _, each in neighbours(values, 2, "symmetric")])
+        means: Floats = each.mean(axis=0)
+        return means
+
+    variance = mean(gray**2) - mean(gray) ** 2
+    a = variance / (variance + deviation**2)
+    b = (1 - a) * mean(gray)
+    filtered: Floats = mean(a) * gray + mean(b)
+    return filtered

@@ -78,7 +78,7 @@ fn view(plane: &Plane<f32>, kind: usize) -> View {
         2 => Image::F32(array(plane, |value| 1e-3 * value - 7.0)),
         _ => Image::F64(array(plane, |value| 1e6 * f64::from(value))),
     };
-    View { image, mask: None, range: None }
+    View { image, mask: None, range: None, impulses: 0.0 }
 }
 
 fn pair([left, right]: [View; 2]) -> Pair {
@@ -117,7 +117,7 @@ fn estimated(pair: &Pair, most_rows: Option<usize>, threads: usize) -> Estimate 
             let source = Slow::new(&pair.clone().with_ranges(known), most);
             let found = estimate_by_rows(&source, &matcher, how, &control);
             let longest = source.asked().iter().map(ExactSizeIterator::len).max();
-            let margins = 2 * (96 + 4);
+            let margins = 2 * (97 + 4);
             assert!(longest <= Some(most.max(LEAST_ROWS) + margins), "{longest:?}");
             found
         }
@@ -216,6 +216,61 @@ fn what_tells_nothing_does_so_by_rows() {
     check(&nowhere, &estimated(&nowhere, None, 1));
 }
 
+/// The same with what compression does in blocks of 8 x 8 pixels, which begin anywhere: gray values that are off by some in
+/// each.
+fn in_blocks(plane: &Plane<f32>, seed: u64) -> Plane<f32> {
+    Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
+        let off = hash(seed, (y + 3) / 8, (x + 6) / 8) % 7;
+        (plane.row(y)[x] * 0.8 + 20.0 + off as f32).round()
+    })
+}
+
+/// The same where one pixel in some hundreds is black or white.
+fn with_impulses(plane: &Plane<f32>, seed: u64) -> Plane<f32> {
+    Plane::from_fn(plane.rows(), plane.cols(), |y, x| match hash(seed, y, x) % 600 {
+        0 => 0.0,
+        1 => 255.0,
+        _ => plane.row(y)[x],
+    })
+}
+
+/// Surfaces without much detail.
+fn smooth_shots(size: (usize, usize)) -> [Plane<f32>; 2] {
+    let taps = psf(Family::Gaussian, 1.5, 0.0);
+    [0, SHIFT].map(|shift| blurred(&scene(size, shift), &taps))
+}
+
+#[test]
+fn impulses_and_blocks_are_those_of_the_whole() {
+    let [left, right] = smooth_shots((300, 150));
+    let shots = [with_impulses(&left, 4), in_blocks(&right, 5)];
+    for (kind, percent) in [(0, 100), (0, 97), (1, 100), (1, 97), (2, 100), (3, 97)] {
+        let views = shots.each_ref().map(|plane| view(plane, kind));
+        let pair = pair(if percent < 100 { with_masks(views, percent) } else { views });
+        let expected = estimated(&pair, None, 1);
+        // 255 times 200 takes all 16 bits.
+        let level = [1.0, 256.0, 1e-3 * 255.0 / 256.0, 1e6 * 255.0 / 256.0][kind];
+        let height = expected.impulses[0] / (20.0 * level);
+        assert!((height - 1.0).abs() < 0.1, "{:?}", expected.impulses);
+        assert!(expected.impulses[1] <= 0.0, "{:?}", expected.impulses);
+        let coding = expected.coding.map(|coding| coding / [1.0, 200.0, 1e-3, 1e6][kind]);
+        // Masked pixels take the values of others, across borders of blocks; and the levels of floats are those of the
+        // image's own range.
+        let least = if percent == 100 && kind < 2 { 1.0 } else { 0.0 };
+        assert!(coding[0] < 0.5 && coding[1] > least, "{kind} {percent} {coding:?}");
+        check(&pair, &expected);
+    }
+}
+
+#[test]
+fn images_without_impulses_or_blocks_have_none() {
+    for (kind, taps) in [(0, None), (1, None), (2, Some(psf(Family::Disk, 3.0, 0.0)))] {
+        let shots = shots((200, 150), taps.as_ref(), |_, _| true);
+        let found = estimated(&pair(shots.map(|plane| view(&plane, kind))), None, 1);
+        assert!(found.impulses.iter().all(|height| *height <= 0.0), "{:?}", found.impulses);
+    }
+}
+
 /// Pixels without structure, whole rows of them masked.
 fn noise(rows: usize, cols: usize, kind: usize, percent: Option<u64>, seed: u64) -> View {
     let plane = Plane::from_fn(rows, cols, |y, x| (hash(seed, y, x) % 251) as f32);
@@ -273,7 +328,7 @@ fn check_scales(pair: &Pair, most_rows: usize) -> std::result::Result<(), TestCa
     let known = pair.clone().with_ranges(found.map(Some));
     for level in levels() {
         let source = Slow::new(&known, most_rows);
-        let rough = roughness(&source, level, &control).expect("all rows");
+        let rough = roughness(&source, 0.0, level, &control).expect("all rows");
         prop_assert_eq!(rough, roughness_of(pair.views()[0]));
         if pair.views()[0].mask.is_none() {
             prop_assert_eq!(source.asked().len(), parts);
@@ -326,9 +381,12 @@ fn integers_are_as_rough_in_parts_as_on_the_whole() {
         for percent in [None, Some(50), Some(0)] {
             let pair = pair([percent, None].map(|percent| noise(301, 33, kind, percent, 8)));
             for most_rows in [1, 95, 150] {
-                let source = Slow::new(&pair, most_rows);
-                let found = roughness(&source, Level::best(), &Control::default());
-                assert_eq!(found.expect("all rows"), roughness_of(pair.views()[0]));
+                for impulses in [0.0, 3.0, 2000.0] {
+                    let source = Slow::new(&pair, most_rows);
+                    let found = roughness(&source, impulses, Level::best(), &Control::default());
+                    let left = View { impulses, ..pair.views()[0].clone() };
+                    assert_eq!(found.expect("all rows"), roughness_of(&left));
+                }
             }
         }
     }
@@ -346,7 +404,8 @@ fn empty_rows_are_as_rough_as_those_they_copy_from_other_parts() {
         let expected = roughness_of(&left);
         for most_rows in (1..=5).chain(lost - 2..=lost + 3) {
             let source = Slow::new(&pair, most_rows);
-            let found = roughness(&source, Level::best(), &Control::default()).expect("all rows");
+            let found = roughness(&source, 0.0, Level::best(), &Control::default());
+            let found = found.expect("all rows");
             assert_eq!(found, expected, "{lost} empty rows, {most_rows} at a time");
         }
     }
@@ -358,7 +417,7 @@ type Work = fn(&Slow, &Matcher, &Control) -> Result<()>;
 /// All of that.
 const WORKS: [Work; 3] = [
     |source, _, control| ranges(source, control).map(drop),
-    |source, _, control| roughness(source, Level::best(), control).map(drop),
+    |source, _, control| roughness(source, 0.0, Level::best(), control).map(drop),
     |source, matcher, control| {
         estimate_by_rows(source, matcher, how(2, Level::best()), control).map(drop)
     },

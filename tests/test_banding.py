@@ -52,8 +52,9 @@ CASES: dict[str, tuple[dict[str, Any], str, bool, slice | None]] = {
     "fast dp": ({"preset": "fast", "optimizer": "dp"}, "uint8", True, None),
     "sad sgm": ({"preset": "fast", "cost": "sad", "optimizer": "sgm"}, "float32", False, None),
     "alone": (
-        {"cost": "sad", "window": 1, "weak": 0, "equalise": False, "confidence": False,
-         "guided": False, "edges": 0, "speckle_size": 0, "consistency": None, "subpixel": False},
+        {"cost": "sad", "window": 1, "weak": 0, "equalise": False, "despike": False,
+         "denoise": False, "confidence": False, "guided": False, "edges": 0, "speckle_size": 0,
+         "consistency": None, "subpixel": False},
         "uint8", False, None,
     ),
     "refined": (

@@ -127,6 +127,48 @@ def test_weak_parts_follow_the_formulas(
     assert weak == 100 or {-1, 0, 1} == set(np.unique(expected))
 
 
+@pytest.mark.parametrize("weak", [0.0, 0.7])
+def test_two_sizes_are_both_of_them(weak: float) -> None:
+    image = np.random.default_rng(8).integers(0, 256, (15, 22, 3), np.uint8)
+    options: dict[str, Any] = {"weak": weak, "noise": 20.0}
+    found = ps.descriptor(image, neighborhood=5, frequencies=(2, 1), sizes=2, **options)
+    larger = ps.descriptor(image, neighborhood=7, frequencies=(1, 1), **options).astype(np.uint64)
+    smaller = ps.descriptor(image, neighborhood=5, frequencies=(2, 1)).astype(np.uint64)
+    length = 4 if weak else 2
+    ones = np.uint64((1 << length) - 1)
+    # (0, 1) is the first component of the larger one, (1, 0) the third, after (1, -1).
+    axes = larger & ones | (larger >> np.uint64(2 * length) & ones) << np.uint64(length)
+    np.testing.assert_array_equal(found, axes | smaller << np.uint64(2 * length))
+
+
+def test_a_single_axis_takes_no_room_for_the_other() -> None:
+    image = np.random.default_rng(8).integers(0, 256, (15, 22), np.uint8)
+    for frequencies in ((0, 1), (1, 0)):
+        found = ps.descriptor(image, neighborhood=3, frequencies=frequencies, sizes=2)
+        each = [ps.descriptor(image, neighborhood=n, frequencies=frequencies) for n in (5, 3)]
+        np.testing.assert_array_equal(found, each[0] | each[1] << 2)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"sizes": 0}, "^sizes: got 0; accepts an integer from 1 to 2"),
+        ({"sizes": 3}, "^sizes: got 3; accepts an integer from 1 to 2"),
+        (
+            {"sizes": 2, "neighborhood": 63},
+            "^sizes: got 2 with neighborhood = 63; accepts 1 unless",
+        ),
+        (
+            {"sizes": 2, "neighborhood": 9, "frequencies": (4, 2), "bits": 3},
+            "^frequencies .* which need 96 bits",
+        ),
+    ],
+)
+def test_two_sizes_must_fit(fields: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        ps.Settings(**fields)
+
+
 def test_a_weak_level_needs_the_noise() -> None:
     image = np.zeros((4, 5), np.uint8)
     with pytest.raises(ValueError, match="^noise: got None; accepts"):

@@ -29,20 +29,20 @@ for module in ("scipy", "PIL"):
     pytest.importorskip(module)
 
 BAD_SHARP = {
-    "tsukuba": 4.2,
-    "venus": 0.5,
-    "cones": 2.4,
-    "Motorcycle": 4.9,
-    "Piano": 12.4,
-    "Playroom": 14.0,
-    "Art": 8.3,
-    "Moebius": 8.1,
-    "Aloe": 4.3,
-    "Baby1": 2.1,
-    "Lampshade1": 3.5,
-    "Rocks1": 1.9,
+    "tsukuba": 3.4,
+    "venus": 0.8,
+    "cones": 3.2,
+    "Motorcycle": 5.0,
+    "Piano": 11.1,
+    "Playroom": 11.6,
+    "Art": 8.9,
+    "Moebius": 6.8,
+    "Aloe": 4.4,
+    "Baby1": 2.0,
+    "Lampshade1": 2.8,
+    "Rocks1": 2.2,
 }
-"""Percent of the non-occluded pixels that robust had wrong by more than 1 px; mean 5.6."""
+"""Percent of the non-occluded pixels that robust had wrong by more than 1 px; mean 5.2."""
 
 BAD_BLURRED = {"tsukuba": 9.4, "venus": 4.7, "cones": 12.5, "Aloe": 15.7}
 """The same, means over six blurs of the left image."""
@@ -71,7 +71,7 @@ def test_robust_on_real_scenes(data: Path, name: str) -> None:
 
 def test_the_mean_of_robust_over_real_scenes(data: Path) -> None:
     each = [bad(pair, result.disparity) for pair, result in (matched(data, n) for n in BAD_SHARP)]
-    assert np.mean(each) < 5.75
+    assert np.mean(each) < 5.4
 
 
 @pytest.mark.parametrize("name", BAD_BLURRED)
@@ -140,7 +140,7 @@ def test_confidence_tells_right_from_wrong_better_than_the_margin(data: Path, na
         for measure in (result.confidence, margin)
     ]
     assert areas[0] > areas[1] + 0.005
-    assert areas[0] > 0.88
+    assert areas[0] > 0.86
 
 
 @pytest.mark.parametrize("name", BAD_SHARP)
@@ -153,7 +153,7 @@ def test_confidences_are_about_the_share_of_right_disparities(data: Path, name: 
     mask = pair.masks["nonocc"]
     right = 1 - bad(pair, result.disparity) / 100
     assert float(result.confidence[mask].mean()) == pytest.approx(right, abs=0.06)
-    assert roc_area(result.confidence, result.disparity, pair.truth, mask=mask) > 0.88
+    assert roc_area(result.confidence, result.disparity, pair.truth, mask=mask) > 0.86
 
 
 def test_less_is_kept_and_it_is_better_the_more_confidence_is_asked_for(data: Path) -> None:

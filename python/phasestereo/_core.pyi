@@ -64,6 +64,7 @@ def blur_is_as_before(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
     glance: Glance,
+    impulses: tuple[float, float],
     threads: int | Workers | None,
 ) -> bool: ...
 def check_settings(settings: Settings) -> None: ...
@@ -92,6 +93,7 @@ def find_roughness(
     size: tuple[int, int],
     disparities: tuple[int, int | None],
     ranges: _Ranges | None,
+    impulses: float,
 ) -> tuple[int, int]: ...
 def reach(
     settings: Settings, versions: Equalisation | None, alignment: Field | None

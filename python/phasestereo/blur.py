@@ -30,10 +30,11 @@ Estimated: TypeAlias = tuple[
     int,
     float,
     float,
-    tuple[float, float],
+    list[tuple[float, float]],
     Glance,
 ]
-"""What the core tells: kinds, labels, tile, certainty, contrast, noise, glance of an estimate."""
+"""What the core tells: kinds, labels, tile, certainty, contrast, noise with impulses and coding,
+and glance of an estimate."""
 
 _SIDES: tuple[Side, ...] = ("none", "left", "right")
 
@@ -109,6 +110,14 @@ class BlurEstimate:
         was: `Matcher.match` with ``before``, and `stream`.
     glance
         What a later pair of the same cameras is compared with; None: nothing can be.
+    impulses
+        By how much hot, dead and stuck pixels of the left and of the right image stand out from
+        their neighbors at least, in units of the pixels; 0 where there are none. The blur and the
+        noise are those of the images without them.
+    coding
+        What compression in blocks of 8 x 8 pixels (JPEG, video) has lost in the left and in the
+        right image: the standard deviation of a noise that would do as much harm, in units of the
+        pixels. Told by the borders of the blocks, wherever these begin; about 0 without any.
     """
 
     blurs: tuple[Blur, ...]
@@ -121,6 +130,8 @@ class BlurEstimate:
     gamma: float = math.nan
     reused: bool = False
     glance: Glance | None = None
+    impulses: tuple[float, float] = (0.0, 0.0)
+    coding: tuple[float, float] = (0.0, 0.0)
 
     @property
     def blur(self) -> Blur:
@@ -163,8 +174,18 @@ class BlurEstimate:
 
 def as_estimate(found: Estimated) -> BlurEstimate:
     """Return what the core has found out."""
-    blurs, labels, tile, certainty, contrast, noise, glance = found
+    blurs, labels, tile, certainty, contrast, (noise, impulses, coding), glance = found
     kinds = tuple(
         Blur(_SIDES[side], kind, size, angle, psf) for side, kind, size, angle, psf in blurs
     )
-    return BlurEstimate(kinds, labels, tile, certainty, contrast, noise, glance=glance)
+    return BlurEstimate(
+        kinds,
+        labels,
+        tile,
+        certainty,
+        contrast,
+        noise,
+        impulses=impulses,
+        coding=coding,
+        glance=glance,
+    )

@@ -32,7 +32,7 @@ def descriptor(
         bool (H, W), True = valid; what the other pixels hold has no effect. None: all are valid.
     settings
         Settings to start from; None: those of the paper. ``neighborhood``, ``taper``,
-        ``frequencies``, ``power``, ``bits`` and ``weak`` matter here.
+        ``frequencies``, ``power``, ``bits``, ``weak`` and ``sizes`` matter here.
     threads
         Number of threads; None: as many as the process may use.
     noise
@@ -49,7 +49,9 @@ def descriptor(
         bits, 2^(b - 1) bits each: the level modulo 2^b in a Johnson code (0, 1, 3, 2 for b = 2), so
         that the number of bits in which two codes differ is the similarity measure of eq. 6.
         With ``weak > 0`` 4 bits each: whether the real part is clearly negative, the imaginary
-        part too; whether the real part is clearly positive, the imaginary part too.
+        part too; whether the real part is clearly positive, the imaginary part too. With
+        ``sizes=2`` the components (0, 1) and (1, 0) of the larger neighbourhood, with the weak
+        level if there is one, come first, then all of the smaller one, without it.
 
     Raises
     ------

@@ -45,6 +45,16 @@ class Equalisation:
         where an image stays as it is. Taps are rounded to steps of 2^-14. The image continues by
         reflection (d c b a | a b c d); masked pixels take the value of the nearest valid one of
         their row before, as they do for all codes. Default: one class of images as they are.
+    impulses
+        By how much impulses of the left and of the right image stand out at least, in units of the
+        pixels: pixels beyond the range of their eight neighbors, without the largest and the
+        smallest of these, by more than that range and so much take the median of the neighbors,
+        before all else. 0: there are none. Default (0, 0).
+    smoothing
+        Standard deviations with which the left and the right image are smoothed before they are
+        convolved and described, in units of the pixels: by a guided filter over 5 x 5 pixels, which
+        keeps what varies more (He, Sun and Tang, *Guided Image Filtering*, PAMI 2013). 0: not at
+        all. Default (0, 0).
     labels
         uint8 (rows, cols): the class of each square tile of the left image.
     tile
@@ -63,6 +73,8 @@ class Equalisation:
     kernels: Iterable[tuple[ArrayLike | None, ArrayLike | None]] = ((None, None),)
     labels: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((1, 1), np.uint8))
     tile: int = 1
+    impulses: tuple[float, float] = (0.0, 0.0)
+    smoothing: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Copy the arrays and check every field, in the core, which owns the ranges."""

@@ -28,7 +28,7 @@ Found: TypeAlias = tuple[
     "tuple[Field, float, int, float] | None",
     "Field | None",
     "Estimated | None",
-    "tuple[tuple[float, float], list[tuple[_Taps, _Taps]], NDArray[np.uint8], int, "
+    "tuple[list[tuple[float, float]], list[tuple[_Taps, _Taps]], NDArray[np.uint8], int, "
     "tuple[int, int]] | None",
     float,
 ]
@@ -60,8 +60,15 @@ def as_estimates(
     """Return what the core has found out, beside what a call told it."""
     disparities, confidence, span, offsets, field, blur, suited, seconds = found
     if suited is not None:
-        noise, kernels, labels, tile, (neighborhood, window) = suited
-        equalisation = Equalisation(noise=noise, kernels=kernels, labels=labels, tile=tile)
+        (noise, impulses, smoothing), kernels, labels, tile, (neighborhood, window) = suited
+        equalisation = Equalisation(
+            noise=noise,
+            kernels=kernels,
+            labels=labels,
+            tile=tile,
+            impulses=impulses,
+            smoothing=smoothing,
+        )
         settings = replace(settings, neighborhood=neighborhood, window=window)
     return Estimates(
         settings=settings,

@@ -287,7 +287,7 @@ def _is_as_before(
     """Tell whether what was found out of an earlier pair holds for this one, at a glance."""
     if before.blur is None or before.blur.glance is None:
         return False
-    return _core.blur_is_as_before(pair, masks, before.blur.glance, threads)
+    return _core.blur_is_as_before(pair, masks, before.blur.glance, before.blur.impulses, threads)
 
 
 def _again(

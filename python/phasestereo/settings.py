@@ -50,6 +50,12 @@ class Settings:
         and clear ones of opposite signs by two; so a pixel's code takes twice the bits. It needs
         ``bits=2`` and ``cost="phase"``, and the noise, which `match` is told. 0: there is no such
         level. Default 0.
+    sizes
+        Sizes of neighbourhoods that a code describes, 1 or 2. With 2 the bits of `neighborhood` are
+        joined by those of one that is two pixels larger, of which only the components (0, 1) and
+        (1, 0) count; these alone have the weak level. Small neighbourhoods keep details, larger
+        ones stand noise, compression and softness. It needs a `neighborhood` of 61 at most, and
+        without a weak level takes (r (2 s + 1) + s + 2) 2^(b - 1) bits. Default 1.
     window
         Side of the square aggregation window, in pixels; odd, 1 to 63; it may be larger than the
         image. Default 9.
@@ -93,12 +99,24 @@ class Settings:
         Whether the relative blur of the two images is estimated (`phasestereo.estimate_blur`) and
         the sharper one is given it, area by area, before they are compared; for ``cost="phase"``.
         What is left of a blur is described by larger neighbourhoods: where any is found,
-        `neighborhood` and `window` are two pixels larger than said, 63 at most. Default False.
+        `neighborhood` and `window` are two pixels larger than said, 61 and 63 at most; with
+        ``sizes=2`` both neighbourhoods grow. Default False.
     align_rows
         Whether it is estimated how the rows of the images correspond: a smooth field of vertical
         offsets (shift, turn, focal length, keystone, distortion). Where it is significant, the
         right image is straightened by it, that is resampled along its columns, if some bands are
         matched better so. Default False.
+    despike
+        Whether it is found out if the images have impulses (hot, dead and stuck pixels, salt and
+        pepper), and these take the median of their eight neighbors before all else; for
+        ``cost="phase"``. An image has some if more than 4e-5 of its pixels lie beyond the range of
+        their neighbors (without the largest and the smallest) by more than three times that range
+        and 40 gray levels of 256; then those are repaired that do by more than it and 20. Black to
+        white is 8 bits, as many of 16 as the images use, or the range of floats. Default False.
+    denoise
+        Whether the noise of the images, and what compression in blocks (JPEG, video) has lost, are
+        estimated and smoothed away before they are described, edges kept; for ``cost="phase"``. The
+        weak level stays that of the noise as it was. Default False.
     intensity_range
         Intensities (black, white) of the images, which set the unit of ``"sad"`` and ``"nsad"``;
         values beyond one range below black or above white are clamped. None: the range of the
@@ -154,6 +172,7 @@ class Settings:
     power: int = 1
     bits: int = 2
     weak: float = 0.0
+    sizes: int = 1
     window: int = 9
     shiftable: bool = True
     precision: Literal["full", "byte"] = "full"
@@ -162,6 +181,8 @@ class Settings:
     edges: float = 0.0
     equalise: bool = False
     align_rows: bool = False
+    despike: bool = False
+    denoise: bool = False
     intensity_range: tuple[float, float] | None = None
     subpixel: bool = False
     consistency: int | None = None
@@ -205,26 +226,38 @@ _FAST = Settings(
     confidence=False,
 )
 
-# Means of bad-1.0 (%) over the same scenes, told nothing: sharp, and the mean of the six blurs.
-# Where there is blur, neighborhood and window are two larger than said.
-#   as below             5.57   17.71     edges 0.5            5.57  17.68
-#   neighborhood 5       6.05   17.85     edges 0 (2)          5.90  18.53 (5.60, 17.93)
-#   window 7             6.02   18.09     guided=False         5.89  18.18
-#   weak 0.7 (1)         5.73   18.05     median 0             5.83  17.86
-#   penalty (4, 16)      5.63   17.70     speckle_size 0       5.67  17.95
-#   penalty (6, 24)      5.57   17.79
+# Means of bad-1.0 (%) over the same scenes, told nothing: sharp, the mean of the six blurs, and
+# both images with noise of 5 gray levels, or JPEG of quality 70. Where one image is blurred,
+# neighborhood and window are two larger than said. As it was before, with sizes=1, denoise=False
+# and a penalty of (5, 20): 5.56 17.69 16.9 17.3.
+#   as below            5.20  17.45  12.0  12.6     penalty (5, 20)  5.14  17.54  12.3  12.9
+#   sizes 1             6.01  17.85  16.2  13.7     penalty (7, 28)  5.27  17.37  12.0  12.4
+#   denoise=False       5.38  17.70  13.7  14.5     penalty (4, 24)  5.17  17.76  12.4  13.1
+#   neighborhood 5      6.32  18.52  12.5  13.1     penalty (5, 32)  5.24  17.66  12.0  12.7
+#   window 7            5.61  17.35  12.3  12.7     edges 0.5        5.24  17.58  12.4  12.8
+#   weak 0.35           5.18  17.42  12.4  12.8     edges 2          5.27  17.42  12.0  12.6
+#   weak 0.7            5.29  17.38  12.1  12.5     edges 0          5.68  18.02  12.5  13.1
+#   guided=False        5.56  17.98  13.0  13.3     median 0         5.44  17.61  12.3  12.8
+#   speckle_size 0      5.24  17.76  12.6  12.9
+# Others, before and with these: noise of 2 and 20: 10.2 -> 8.2, 41.5 -> 28.1; of 20 in one image:
+# 23.5 -> 16.6; JPEG of quality 90 and 30: 10.1 -> 8.4, 31.4 -> 22.2; 4 bits: 13.6 -> 12.0; both
+# after a disk of 3 px: 19.9 -> 14.5; 1 % of hot pixels: 20.1 -> 5.3; bad-0.5 of sharp pairs: 11.4
+# -> 11.0.
 _ROBUST = Settings(
     neighborhood=3,
     frequencies=(1, 1),
     weak=0.5,
+    sizes=2,
     window=5,
     shiftable=False,
     precision="byte",
     optimizer="sgm",
-    penalty=(5.0, 20.0),
+    penalty=(6.0, 24.0),
     edges=1.0,
     equalise=True,
     align_rows=True,
+    despike=True,
+    denoise=True,
     subpixel=True,
     consistency=1,
     speckle_size=100,
@@ -236,7 +269,8 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
     {"robust": _ROBUST, "paper": _PAPER, "fast": _FAST}
 )
 """The named settings. ``"robust"``: finds by itself which image is blurred and how, evens that out,
-does not let noise vote, searches along four paths, checks, fills and smooths. ``"paper"``: the
+repairs impulses, smooths noise and compression away, describes two sizes of neighborhoods, does not
+let noise vote, searches along four paths, checks, fills and smooths. ``"paper"``: the
 method of the paper to the letter. ``"fast"``, for frame rates: short codes, costs in bytes, two
 paths along the row, a median, no confidence."""
 

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     Arrays: TypeAlias = dict[str, NDArray[Any]]
 
 _MOST_CLASSES = 16  # that an equalisation has
-_ESTIMATE = "tile", "certainty", "contrast", "noise", "gain", "gamma"
+_ESTIMATE = "tile", "certainty", "contrast", "noise", "gain", "gamma", "impulses", "coding"
+_BOTH = "noise", "impulses", "coding"  # of the left and of the right image
 _KIND = "side", "kind", "size", "angle"
 
 
@@ -89,7 +90,8 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
 
 def _put_equalisation(told: Equalisation, plain: Plain, arrays: Arrays) -> None:
     kernels = list(told.kernels)
-    plain |= {"noise": told.noise, "tile": told.tile, "classes": len(kernels)}
+    plain |= {name: getattr(told, name) for name in ("noise", "impulses", "smoothing", "tile")}
+    plain["classes"] = len(kernels)
     arrays["labels"] = told.labels
     for number, pair in enumerate(kernels):
         for side, taps in zip(("left", "right"), pair, strict=True):
@@ -102,6 +104,8 @@ def _equalisation(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> Equalisat
         raise ValueError(f"classes: got {plain['classes']}; accepts {_MOST_CLASSES} at most")
     return Equalisation(
         noise=tuple(plain["noise"]),
+        impulses=tuple(plain["impulses"]),
+        smoothing=tuple(plain["smoothing"]),
         kernels=[
             (arrays.get(f"left_{number}"), arrays.get(f"right_{number}"))
             for number in range(plain["classes"])
@@ -125,7 +129,7 @@ def _put_blur(told: BlurEstimate, plain: Plain, arrays: Arrays) -> None:
 def _blur(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> BlurEstimate:
     kinds = enumerate(plain["blurs"])
     blurs = tuple(Blur(**told, psf=arrays.get(f"psf_{number}")) for number, told in kinds)
-    told = plain["blur"] | {"noise": tuple(plain["blur"]["noise"])}
+    told = plain["blur"] | {name: tuple(plain["blur"][name]) for name in _BOTH}
     seen = "blur_places" in arrays
     glance = (arrays["blur_places"], arrays["blur_excess"]) if seen else None
     return BlurEstimate(blurs=blurs, labels=arrays["blur_labels"], glance=glance, **told)

@@ -197,8 +197,9 @@ def survey(
     -------
     Survey
         With no more than the settings need: one row is read in any case; the pair is gone through
-        once or twice for the blur and the noise (``equalise=True`` or ``weak > 0``), a few times
-        for the rows (``align_rows=True``), once for the range (``num_disparities=None``), once for
+        two or three times, of 16 bits once more, for the blur and the noise (``equalise``,
+        ``despike``, ``denoise`` or ``weak > 0``), a few times for the rows
+        (``align_rows``), once for the range (``num_disparities=None``), once for
         ``edges``, ``guided`` or confidences, once for float images.
 
     Raises
@@ -227,7 +228,8 @@ def survey(
         equalisation,
     )
     if asked.edges > 0 or asked.guided or asked.confidence or asked.min_confidence > 0:
-        roughness = _core.find_roughness(rows, rows.size, search, ranges)
+        impulses = found.equalisation.impulses[0] if found.equalisation else 0.0
+        roughness = _core.find_roughness(rows, rows.size, search, ranges, impulses)
     versions = found.equalisation
     if versions is None and told[0] is not None:
         versions = Equalisation(noise=told[0])

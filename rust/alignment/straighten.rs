@@ -21,7 +21,9 @@ use ndarray::Array3;
 use super::Alignment;
 use crate::control::Control;
 use crate::error::Result;
+use crate::intensity::{Gray, Range};
 use crate::plane::{Plane, zeroed};
+use crate::simd::Level;
 use crate::view::{Image, View};
 
 /// Pixels that a resampled one is a mean of.
@@ -67,12 +69,20 @@ fn lanczos(tap: usize, step: usize) -> f64 {
 
 const PI: f64 = std::f64::consts::PI;
 
-/// The straightened right view.
-pub fn straightened(view: &View, alignment: &Alignment, control: &Control) -> Result<View> {
-    let filled;
-    let view = if view.mask.is_some() {
-        filled = without_masked(view, control)?;
-        &filled
+/// The straightened right view; one with impulses comes out gray and without them, or they would spread.
+pub fn straightened(
+    view: &View,
+    alignment: &Alignment,
+    level: Level,
+    control: &Control,
+) -> Result<View> {
+    let whole;
+    let view = if view.impulses > 0.0 {
+        whole = without_impulses(view, level, control)?;
+        &whole
+    } else if view.mask.is_some() {
+        whole = without_masked(view, control)?;
+        &whole
     } else {
         view
     };
@@ -83,7 +93,7 @@ pub fn straightened(view: &View, alignment: &Alignment, control: &Control) -> Re
         Image::F64(pixels) => Image::F64(resampled(pixels, alignment, control)?),
     };
     let mask = view.mask.as_ref().map(|mask| straightened_mask(mask, alignment, control));
-    Ok(View { image, mask: mask.transpose()?, range: view.range })
+    Ok(View { image, mask: mask.transpose()?, range: view.range, impulses: 0.0 })
 }
 
 /// A pixel is valid if the one that is nearest to its place is.
@@ -188,6 +198,19 @@ fn resampled<T: Sample>(
     Ok(Array3::from_shape_vec((rows, cols, channels), out.into_vec()).unwrap_or_default())
 }
 
+/// The gray values of a view, impulses repaired and masked pixels filled, in the unit of its pixels.
+fn without_impulses(view: &View, level: Level, control: &Control) -> Result<View> {
+    let gray = Gray::new(view, level, control)?;
+    let ((rows, cols), unit) = (gray.size(), gray.steps(1.0));
+    let plane = gray.plane(level, control)?;
+    let values = plane.map(|value| f64::from(*value) / unit).into_vec();
+    let pixels = Array3::from_shape_vec((rows, cols, 1), values).unwrap_or_default();
+    // In thousandths.
+    let white = 1000.0 * f64::from(gray.reach()) / unit;
+    let range = Some(Range { black: -white, white });
+    Ok(View { image: Image::F64(pixels), mask: view.mask.clone(), range, impulses: 0.0 })
+}
+
 /// The view with masked pixels, which may be NaN, replaced by the nearest valid ones of their column within the reach of
 /// the taps, or else by zero.
 fn without_masked(view: &View, control: &Control) -> Result<View> {
@@ -198,7 +221,7 @@ fn without_masked(view: &View, control: &Control) -> Result<View> {
         Image::F32(pixels) => Image::F32(filled(pixels, mask, control)?),
         Image::F64(pixels) => Image::F64(filled(pixels, mask, control)?),
     };
-    Ok(View { image, mask: Some(mask.clone()), range: view.range })
+    Ok(View { image, mask: Some(mask.clone()), range: view.range, impulses: 0.0 })
 }
 
 fn filled<T: Sample>(
@@ -235,7 +258,7 @@ mod tests {
 
     fn view(rows: usize, cols: usize, value: impl Fn(usize, usize) -> f64) -> View {
         let pixels = Array3::from_shape_fn((rows, cols, 1), |(y, x, _)| value(y, x));
-        View { image: Image::F64(pixels), mask: None, range: None }
+        View { image: Image::F64(pixels), mask: None, range: None, impulses: 0.0 }
     }
 
     fn values(view: &View) -> &Array3<f64> {
@@ -259,7 +282,8 @@ mod tests {
     #[test]
     fn whole_rows_move_as_they_are() {
         let image = view(20, 5, |y, x| ((31 * y + 17 * x) % 23) as f64);
-        let found = straightened(&image, &field(&[3.0], (20, 5)), &Control::default());
+        let found =
+            straightened(&image, &field(&[3.0], (20, 5)), Level::best(), &Control::default());
         let found = found.expect("memory");
         for (y, x) in (0..20).flat_map(|y| (0..5).map(move |x| (y, x))) {
             let moved = values(&image)[((y + 3).min(19), x, 0)];
@@ -272,7 +296,8 @@ mod tests {
         let wave = |y: f64, x: f64| (0.5 * y + 0.1 * x).sin();
         let image = view(60, 40, |y, x| wave(y as f64, x as f64));
         let field = field(&[0.4, 1.5, -0.7], (60, 40));
-        let found = straightened(&image, &field, &Control::default()).expect("memory");
+        let found =
+            straightened(&image, &field, Level::best(), &Control::default()).expect("memory");
         for (y, x) in (10..50).flat_map(|y| (0..40).map(move |x| (y, x))) {
             let exact = wave(y as f64 + field.at(x as f64, y as f64), x as f64);
             assert!((values(&found)[(y, x, 0)] - exact).abs() < 0.01, "{y} {x}");
@@ -287,7 +312,8 @@ mod tests {
             (10..14).for_each(|y| pixels[(y, 2, 0)] = f64::NAN);
         }
         image.mask = Some(masked);
-        let found = straightened(&image, &field(&[0.5], (30, 4)), &Control::default());
+        let found =
+            straightened(&image, &field(&[0.5], (30, 4)), Level::best(), &Control::default());
         let found = found.expect("memory");
         assert!(values(&found).iter().all(|value| value.is_finite()));
         let mask = found.mask.expect("there is one");

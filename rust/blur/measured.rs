@@ -154,6 +154,7 @@ mod tests {
                     image: Image::F32(pixels.expect("the right length")),
                     mask: None,
                     range: None,
+                    impulses: 0.0,
                 }
             };
             let pair = Pair::new(view(shots[0]), view(shots[1]), 0, 8).expect("a legal pair");

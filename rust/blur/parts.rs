@@ -12,8 +12,9 @@ use crate::matcher::{Execution, Matcher, Pair};
 use crate::source::{Source, widened};
 
 /// Rows above and below a block that its rough disparities depend on: windows and neighbourhoods of the rough match, and
-/// rows that masked ones copy.
-pub const MARGIN: usize = 96;
+/// Rows above and below a block that its rough disparities depend on: windows and neighbourhoods of the rough match, and
+/// rows that masked ones copy; and one by which impulses are told.
+pub const MARGIN: usize = 97;
 /// The match that tells which blocks show the same.
 pub const ROUGHEST: Scale = Scale { factor: 4, neighborhood: 9 };
 

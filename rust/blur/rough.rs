@@ -231,7 +231,12 @@ pub fn as_view(plane: Plane<f32>) -> View {
     let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
     // The plane has as many values as its shape says.
     let range = Range { black: -1000.0 * REACH, white: 1000.0 * REACH };
-    View { image: Image::F32(pixels.unwrap_or_default()), mask: None, range: Some(range) }
+    View {
+        image: Image::F32(pixels.unwrap_or_default()),
+        mask: None,
+        range: Some(range),
+        impulses: 0.0,
+    }
 }
 
 #[cfg(test)]
@@ -258,6 +263,7 @@ mod tests {
                 image: Image::U8(ndarray::Array3::from_shape_fn((130, 200, 1), pixel)),
                 mask,
                 range: None,
+                impulses: 0.0,
             }
         };
         let [left, right] = masks;
@@ -334,7 +340,8 @@ mod tests {
             (Image::U8(bytes), 1.0),
         ];
         let planes = images.map(|(image, unit)| {
-            let (view, control) = (View { image, mask: None, range: None }, Control::default());
+            let (view, control) =
+                (View { image, mask: None, range: None, impulses: 0.0 }, Control::default());
             let found = shades_per_unit(&view, how.level, &control).expect("memory");
             assert!((found / unit - 1.0).abs() < 1e-9);
             Shades::new(&view, how, &control).expect("memory").plane

@@ -35,6 +35,7 @@ struct Score {
 /// Whether bands are matched better with the field that was found.
 pub fn confirms(rows: Rows, found: &Estimates, settings: &Settings, means: Means) -> Result<bool> {
     let Some(field) = &found.alignment else { return Ok(false) };
+    let Means { matcher, how, control } = means;
     let compensation = found.compensation(settings)?;
     let versions = compensation.as_ref().map(Compensation::versions).transpose()?;
     let settings = tried(compensation.map_or_else(|| settings.clone(), |found| found.settings));
@@ -43,15 +44,13 @@ pub fn confirms(rows: Rows, found: &Estimates, settings: &Settings, means: Means
     for band in bands(rows.size().0) {
         let inner = widened(&band, described, rows.size().0);
         let outer = widened(&inner, field.reach(), rows.size().0);
-        let pair = rows.pair(outer.clone())?;
-        let straightened =
-            pair.straightened(&field.clone().from_row(outer.start), means.control)?;
-        let versions = versions.clone().map(|all| all.from_row(inner.start));
+        let versions = versions.clone().map(|all| all.from_row(outer.start));
+        let pair = rows.pair(outer.clone())?.searched(found.candidates).with_versions(versions);
+        let field = field.clone().from_row(outer.start);
+        let straightened = pair.straightened(&field, how.level, control)?;
         let wanted = band.start - inner.start..band.end - inner.start;
         for (pair, score) in [pair, straightened].into_iter().zip(&mut scores) {
             let pair = pair.of_rows(inner.start - outer.start..inner.end - outer.start);
-            let pair = pair.searched(found.candidates).with_versions(versions.clone());
-            let Means { matcher, how, control } = means;
             score.add(&matcher.run(&pair, &settings, how, &control.aside())?, wanted.clone());
         }
     }

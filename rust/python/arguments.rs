@@ -98,7 +98,7 @@ pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) 
         );
         return Err(PyValueError::new_err(message));
     }
-    Ok(View { image, mask: read_mask(mask, (rows, cols), name)?, range: None })
+    Ok(View { image, mask: read_mask(mask, (rows, cols), name)?, range: None, impulses: 0.0 })
 }
 
 fn read_mask(mask: &Bound<'_, PyAny>, size: (usize, usize), name: &str) -> PyResult<Option<Mask>> {
@@ -164,6 +164,7 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         power: natural(&field("power")?, "power")?,
         bits: natural(&field("bits")?, "bits")?,
         weak: number(&field("weak")?, "weak")?,
+        sizes: natural(&field("sizes")?, "sizes")?,
         window: natural(&field("window")?, "window")?,
         shiftable: boolean(&field("shiftable")?, "shiftable")?,
         precision: choice(&field("precision")?, "precision", &PRECISIONS)?,
@@ -171,6 +172,8 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         penalty: read_penalty(&field("penalty")?)?,
         edges: number(&field("edges")?, "edges")?,
         equalise: boolean(&field("equalise")?, "equalise")?,
+        despike: boolean(&field("despike")?, "despike")?,
+        denoise: boolean(&field("denoise")?, "denoise")?,
         align_rows: boolean(&field("align_rows")?, "align_rows")?,
         intensity_range: match field("intensity_range")? {
             range if range.is_none() => None,
@@ -277,7 +280,13 @@ pub fn read_versions(versions: &Bound<'_, PyAny>) -> PyResult<Option<Versions>> 
     let (rows, cols) = labels.dims().into_pattern();
     let labels = Plane::from_vec(rows, cols, values(labels)?)?;
     let noise = [number(&left, "noise")?, number(&right, "noise")?];
-    Ok(Some(Versions::new(noise, kernels, labels, natural(&field("tile")?, "tile")?)?))
+    let versions = Versions::new(noise, kernels, labels, natural(&field("tile")?, "tile")?)?;
+    let deviations = |name: &'static str| -> PyResult<[f64; 2]> {
+        let (left, right) = both(&field(name)?, name, "a pair of numbers (left, right)")?;
+        Ok([number(&left, name)?, number(&right, name)?])
+    };
+    let versions = versions.with_impulses(deviations("impulses")?)?;
+    Ok(Some(versions.with_smoothing(deviations("smoothing")?)?))
 }
 
 fn read_kernel(kernel: &Bound<'_, PyAny>) -> PyResult<Option<Kernel>> {

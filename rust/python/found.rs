@@ -20,16 +20,17 @@ type Kind<'py> = (u8, &'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>)
 /// Rows of places (top, left, top and left of the right one), and what was seen there.
 pub type Seen<'py> = (Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<f32>>);
 
-/// The kinds of blur, the map of them, side of its tiles, certainty, gain, noise left and right, and a glance.
+/// The kinds of blur, the map of them, side of its tiles, certainty, gain, noise, impulses and coding left and right,
+/// and a glance.
 type Estimated<'py> =
-    (Vec<Kind<'py>>, Bound<'py, PyArray2<u8>>, usize, f32, f64, (f64, f64), Seen<'py>);
+    (Vec<Kind<'py>>, Bound<'py, PyArray2<u8>>, usize, f32, f64, [(f64, f64); 3], Seen<'py>);
 
 /// Kernel of the left and of the right image.
 type Kernels<'py> = (Option<Bound<'py, PyArray2<f32>>>, Option<Bound<'py, PyArray2<f32>>>);
 
-/// Noise, kernels, labels and tile of an equalisation; neighborhood and window that suit it.
+/// Noise, impulses and smoothing, kernels, labels and tile of an equalisation; neighborhood and window that suit it.
 type Compensated<'py> =
-    ((f64, f64), Vec<Kernels<'py>>, Bound<'py, PyArray2<u8>>, usize, (usize, usize));
+    ([(f64, f64); 3], Vec<Kernels<'py>>, Bound<'py, PyArray2<u8>>, usize, (usize, usize));
 
 /// Least disparity, number of disparities, low and high end, swapped, mixed.
 type Range = (i64, i64, f64, f64, bool, bool);
@@ -97,17 +98,17 @@ fn tell_compensation(py: Python<'_>, found: Compensation) -> PyResult<Compensate
     let kernels =
         found.kernels.into_iter().map(|[left, right]| Ok((kernel(left)?, kernel(right)?)));
     let kernels: PyResult<Vec<_>> = kernels.collect();
-    let [left, right] = found.noise;
-    Ok(((left, right), kernels?, wrap(py, found.labels)?, found.tile, sides))
+    let both = [found.noise, found.impulses, found.smoothing].map(|[left, right]| (left, right));
+    Ok((both, kernels?, wrap(py, found.labels)?, found.tile, sides))
 }
 
 fn tell_estimate(py: Python<'_>, told: blur::Estimate) -> PyResult<Estimated<'_>> {
     let blurs: PyResult<_> = told.blurs.iter().map(|blur| tell_blur(py, blur)).collect();
     let (rows, cols, labels) = told.labels;
     let labels = wrap(py, Plane::from_vec(rows, cols, labels)?)?;
-    let [left, right] = told.noise;
+    let both = [told.noise, told.impulses, told.coding].map(|[left, right]| (left, right));
     let glance = tell_glance(py, told.glance)?;
-    Ok((blurs?, labels, told.tile, told.certainty, told.gain, (left, right), glance))
+    Ok((blurs?, labels, told.tile, told.certainty, told.gain, both, glance))
 }
 
 fn tell_blur<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Kind<'py>> {

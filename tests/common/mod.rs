@@ -12,6 +12,7 @@ use phasestereo::control::Control;
 use phasestereo::convolution::Kernel;
 use phasestereo::intensity::{Gray, level_planes};
 use phasestereo::plane::Plane;
+use phasestereo::reference;
 use phasestereo::settings::{
     CostKind, LARGEST_EDGES, LARGEST_PENALTY, LARGEST_WEAK, MOST_DISPARITIES, MOST_UNIQUENESS,
     Optimizer, Penalty, Precision, Settings, Taper,
@@ -88,9 +89,10 @@ pub fn descriptors() -> impl Strategy<Value = Settings> {
 /// Legal descriptors, many of those that may have a weak level with one.
 pub fn weak_descriptors() -> impl Strategy<Value = Settings> {
     let weak = prop_oneof![1 => Just(0.0), 1 => Just(LARGEST_WEAK), 6 => 0.01..4.0f64];
-    (descriptors(), weak).prop_map(|(descriptor, weak)| {
-        let settings = Settings { weak, ..descriptor.clone() };
-        if settings.check().is_ok() { settings } else { descriptor }
+    (descriptors(), weak, 1usize..=2).prop_map(|(descriptor, weak, sizes)| {
+        let wanted = [(weak, sizes), (0.0, sizes), (weak, 1)];
+        let settings = wanted.map(|(weak, sizes)| Settings { weak, sizes, ..descriptor.clone() });
+        settings.into_iter().find(|settings| settings.check().is_ok()).unwrap_or(descriptor)
     })
 }
 
@@ -124,12 +126,22 @@ pub fn versions() -> impl Strategy<Value = Versions> {
     let labels = (1usize..=5, 1usize..=5).prop_flat_map(|(rows, cols)| {
         (Just((rows, cols)), prop::collection::vec(any::<prop::sample::Index>(), rows * cols))
     });
-    (noises(), kernels, labels, 1usize..=40).prop_map(|(noise, kernels, (size, labels), tile)| {
+    let known = (noises(), impulses(), noises(), 1usize..=40);
+    (known, kernels, labels).prop_map(|(known, kernels, (size, labels))| {
+        let (noise, impulses, smoothing, tile) = known;
         let labels = labels.iter().map(|label| label.index(kernels.len()) as u8).collect();
         let labels = Plane::from_vec(size.0, size.1, labels).expect("the right length");
         let kernels = kernels.into_iter().map(|(left, right)| [left, right]).collect();
-        Versions::new(noise, kernels, labels, tile).expect("legal versions")
+        let versions = Versions::new(noise, kernels, labels, tile).expect("legal versions");
+        let versions = versions.with_impulses(impulses).expect("legal heights");
+        versions.with_smoothing(smoothing).expect("legal deviations")
     })
+}
+
+/// Heights of impulses of a pair: of none, of some, and of more than any image has contrast.
+pub fn impulses() -> impl Strategy<Value = [f64; 2]> {
+    let one = || prop_oneof![2 => Just(0.0), 3 => 0.01..60.0f64, 1 => Just(1e300)];
+    (one(), one()).prop_map(|(left, right)| [left, right])
 }
 
 /// Penalties in the range of the costs, none at all, and those that no cost makes up for.
@@ -158,6 +170,7 @@ pub fn settings() -> impl Strategy<Value = Settings> {
             frequencies: descriptor.frequencies,
             power: descriptor.power,
             bits: descriptor.bits,
+            sizes: descriptor.sizes,
             weak: if cost == CostKind::Phase { descriptor.weak } else { 0.0 },
             window: 2 * radius + 1,
             shiftable,
@@ -204,11 +217,12 @@ pub fn robust() -> Settings {
         neighborhood: 3,
         frequencies: (1, 1),
         weak: 0.5,
+        sizes: 2,
         window: 5,
         shiftable: false,
         precision: Precision::Byte,
         optimizer: Optimizer::SemiGlobal,
-        penalty: Penalty { near: 5.0, far: 20.0 },
+        penalty: Penalty { near: 6.0, far: 24.0 },
         edges: 1.0,
         subpixel: true,
         consistency: Some(1),
@@ -270,7 +284,7 @@ pub fn views(rows: usize, cols: usize, kind: u8) -> impl Strategy<Value = View> 
             _ => Image::F64(array.mapv(|value| f64::from(value) * 1e6 - 3.0)),
         };
         let mask = mask.map(|mask| Mask::from_vec(rows, cols, mask).expect("the right length"));
-        View { image, mask, range: None }
+        View { image, mask, range: None, impulses: 0.0 }
     })
 }
 
@@ -283,7 +297,7 @@ pub fn affordable(side: usize, places: usize) -> usize {
 /// A gray view of bytes without a mask.
 pub fn view(rows: usize, cols: usize, pixel: impl Fn(usize, usize) -> u8) -> View {
     let pixels = Array3::from_shape_fn((rows, cols, 1), |(y, x, _)| pixel(y, x));
-    View { image: Image::U8(pixels), mask: None, range: None }
+    View { image: Image::U8(pixels), mask: None, range: None, impulses: 0.0 }
 }
 
 /// A number without any pattern for each place, the same in every run.
@@ -317,9 +331,15 @@ pub fn eight_votes() -> [View; 2] {
     ]
 }
 
-/// The gray values of a view.
+/// The gray values of a view, its impulses repaired by the naive twin.
 pub fn gray(view: &View) -> Plane<i32> {
-    plane(&Gray::new(view, Level::best(), &Control::default()).expect("not cancelled"))
+    let plain = View { impulses: 0.0, ..view.clone() };
+    let gray = Gray::new(&plain, Level::best(), &Control::default()).expect("not cancelled");
+    let values = plane(&gray);
+    if view.impulses == 0.0 {
+        return values;
+    }
+    reference::repair(&values, gray.steps(view.impulses) as i32)
 }
 
 /// All gray values.

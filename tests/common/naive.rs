@@ -20,7 +20,7 @@ use phasestereo::texture::Texture;
 use phasestereo::versions::{MOST_CLASSES, Versions};
 use phasestereo::view::View;
 
-use super::{gray, level_pair, levels, plane};
+use super::{gray, level_pair, levels};
 
 /// What a caller sees of a match; floats by their bits, so that NaN equals NaN.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -95,7 +95,8 @@ fn phase_costs(
         classes.as_slice().contains(&class).then(|| {
             let [left, right] = [0, 1].map(|side| {
                 let kernel = versions.kernels(class)[side].as_ref();
-                codes(views[side], kernel, settings, versions.noise()[side])
+                let smoothing = versions.smoothing()[side];
+                codes(views[side], smoothing, kernel, settings, versions.noise()[side])
             });
             reference::phase_costs(&left, &right, candidates)
         })
@@ -107,25 +108,42 @@ fn phase_costs(
     })
 }
 
-/// Codes of an image, perhaps under a kernel: with four more bits, or as many as leave it below 2^25.
-fn codes(view: &View, kernel: Option<&Kernel>, settings: &Settings, noise: f64) -> Plane<u64> {
+/// Codes of an image, perhaps smoothed, with four more bits, or as many as leave it below 2^17; and perhaps under a kernel,
+/// with four more bits, or as many as leave it below 2^25.
+fn codes(
+    view: &View,
+    smoothing: f64,
+    kernel: Option<&Kernel>,
+    settings: &Settings,
+    noise: f64,
+) -> Plane<u64> {
     let gray = Gray::new(view, levels()[0], &Control::default()).expect("memory");
-    let threshold = weak_threshold(&gray, settings, noise);
-    let Some(kernel) = kernel else {
-        return reference::describe(&plane(&gray), settings, threshold);
+    let (mut values, mut finer) = (super::gray(view), 0);
+    let most = |reach: u32| {
+        let bits = [4, 3, 2, 1].into_iter().find(|bits| gray.reach() << bits <= reach);
+        bits.unwrap_or(0)
     };
-    let finer = [4, 3, 2, 1].into_iter().find(|bits| gray.reach() << bits <= 1 << 25);
-    let bits = finer.unwrap_or(0);
-    let threshold = weak_threshold(&gray, settings, noise * f64::from(1 << bits));
-    reference::describe(&reference::convolve(&plane(&gray), kernel, bits), settings, threshold)
+    if smoothing > 0.0 {
+        finer = most(1 << 17);
+        values = reference::smooth_gray(&values, gray.steps(smoothing), finer);
+    }
+    if let Some(kernel) = kernel {
+        let bits = most((1 << 25) >> finer);
+        values = reference::convolve(&values, kernel, bits);
+        finer += bits;
+    }
+    let threshold = weak_threshold(&gray, settings, noise * f64::from(1 << finer));
+    reference::describe(&values, settings, threshold)
 }
 
 /// Magnitude up to which parts of components are weak: white noise gives each the energy of the window, of
 /// which half falls to either part.
 pub fn weak_threshold(gray: &Gray, settings: &Settings, noise: f64) -> f64 {
-    let window = Basis::new(settings).filters()[0].even.clone();
+    let neighborhood = settings.neighborhood + 2 * (settings.sizes - 1);
+    let window = Basis::new(&Settings { neighborhood, ..settings.clone() });
+    let window = window.filters()[0].even.clone();
     let weight = |j: isize| f64::from(window[j.unsigned_abs()]);
-    let radius = (settings.neighborhood / 2) as isize;
+    let radius = (neighborhood / 2) as isize;
     let places = (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)));
     let energy: f64 = places.map(|(dy, dx)| (weight(dy) * weight(dx)).powi(2)).sum();
     (settings.weak * gray.steps(noise) * (energy / 2.0).sqrt()).round()

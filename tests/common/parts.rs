@@ -78,7 +78,8 @@ fn view_of(view: &View, rows: &Range<usize>) -> View {
         Image::F32(pixels) => Image::F32(cut(pixels, rows)),
         Image::F64(pixels) => Image::F64(cut(pixels, rows)),
     };
-    View { image, mask: view.mask.as_ref().map(|mask| rows_of(mask, rows)), range: view.range }
+    let mask = view.mask.as_ref().map(|mask| rows_of(mask, rows));
+    View { image, mask, ..*view }
 }
 
 /// Some rows of a plane.

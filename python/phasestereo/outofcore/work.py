@@ -164,7 +164,7 @@ class Work:
         rows, across = min(height, planning.ROWS * threads), min(width, columns, _SAMPLE)
         first, start = (height - rows) // 2, (width - across) // 2
         left, right, *masks = self.pair.reader((start, start + across))(first, first + rows)
-        settings = replace(self.survey.settings, equalise=False)
+        settings = replace(self.survey.settings, equalise=False, despike=False, denoise=False)
         started = perf_counter()
         match(
             left,
