@@ -61,6 +61,9 @@ _NOTHING = (
 _TRUST = "match", "swap", "range"  # topics that tell whether a match is to be trusted at all
 
 
+_SCATTERED = 0.35  # pixels: sharp pairs up to 0.28, with rows that wave by 1 px 0.41 or more
+
+
 class MatchWarning(UserWarning):
     """A match as a whole is not to be trusted: what `phasestereo.match` warns of."""
 
@@ -179,8 +182,16 @@ def _matched_rows(result: Result) -> Iterator[Finding]:
         yield Finding(
             "alignment",
             "note",
-            f"rows seem to be {found.rms:.2f} px rms off, but straightening does not help: they "
-            "may wobble (rolling shutter), or the baseline is not level",
+            f"rows seem to be {found.rms:.2f} px rms off, but straightening does not help: the "
+            "baseline may not be level",
+        )
+    is_blurred = result.blur is not None and result.blur.blur.side != "none"
+    if found.spread > _SCATTERED and not is_blurred:
+        yield Finding(
+            "alignment",
+            "note",
+            f"rows are scattered by {found.spread:.1f} px about any smooth field: they may wobble, "
+            "as those of a rolling shutter that shakes; that cannot be evened out",
         )
 
 
