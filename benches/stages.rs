@@ -46,6 +46,7 @@ fn views() -> [View; 2] {
             image: Image::U8(Array3::from_shape_fn((ROWS, COLS, 1), pixel)),
             mask: None,
             range: None,
+            impulses: 0.0,
         }
     })
 }
@@ -72,11 +73,12 @@ fn robust() -> Settings {
         neighborhood: 3,
         frequencies: (1, 1),
         weak: 0.5,
+        sizes: 2,
         window: 5,
         shiftable: false,
         precision: Precision::Byte,
         optimizer: Optimizer::SemiGlobal,
-        penalty: Penalty { near: 5.0, far: 20.0 },
+        penalty: Penalty { near: 6.0, far: 24.0 },
         edges: 1.0,
         subpixel: true,
         consistency: Some(1),
@@ -238,7 +240,7 @@ mod descriptor {
         let (_, image, settings) =
             cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
         let (level, control) = (level.expect("of this machine"), Control::default());
-        let view = View { image: image(), mask: None, range: None };
+        let view = View { image: image(), mask: None, range: None, impulses: 0.0 };
         let work = || {
             describe_gray(
                 &Gray::new(&view, level, &control)?,
@@ -335,7 +337,7 @@ mod convolution {
         let (level, control) = (level.expect("of this machine"), Control::default());
         let pixels = noise(ROWS, COLS, |value| value as u8).into_vec();
         let pixels = Array3::from_shape_vec((ROWS, COLS, 1), pixels).expect("as many values");
-        let view = View { image: Image::U8(pixels), mask: None, range: None };
+        let view = View { image: Image::U8(pixels), mask: None, range: None, impulses: 0.0 };
         let bytes = Gray::new(&view, level, &control).expect("memory");
         let wide = noise(ROWS, COLS, |value| (value << 8) as i32 - (1 << 23));
         let gray = if reach == 128 { bytes } else { Gray::within(reach, wide) };

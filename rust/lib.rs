@@ -21,7 +21,9 @@
 //!    gives way to its neighbours ([`median`]), and every disparity is given a confidence ([`confidence`]).
 //!
 //! Before all that, [`blur`] may find out from spectra which image is the softer one, where, and by which
-//! point-spread function ([`psf`]), so that the other one can be given the same.
+//! point-spread function ([`psf`]), so that the other one can be given the same; and whether there are impulses, which are
+//! repaired ([`impulses`]), how much noise, and what compression has left of its blocks ([`blocking`]), both of which
+//! are smoothed away ([`smoothing`]).
 //!
 //! From 3 on, everything is worked out on panels of columns in bands of rows, the candidates of a pixel in neighboring
 //! lanes, in integers as narrow as the settings allow ([`value`]), in memory that is used again ([`memory`]), by loops

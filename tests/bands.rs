@@ -358,7 +358,7 @@ fn ways_to_reach() -> Vec<(Settings, Option<Versions>)> {
 /// Pixels that differ little, with impulses among them.
 fn spoilt(lot: u64) -> u8 {
     let [little, much] = [lot % 60, lot >> 8].map(|lot| lot as u8);
-    if lot >> 16 & 15 == 0 { much } else { 90 + little }
+    if (lot >> 16).is_multiple_of(16) { much } else { 90 + little }
 }
 
 #[test]

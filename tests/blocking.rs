@@ -46,7 +46,7 @@ proptest! {
         let cut = cut.min(rows);
         let found = at_every_level(|level| by_parts(&plane, steps, &[0, cut, rows], level).to_bits());
         let expected = reference::jump(&plane, (8.0 * steps) as i32);
-        prop_assert_eq!(f64::from_bits(found), expected);
+        prop_assert_eq!(found, expected.to_bits());
     }
 }
 
@@ -63,6 +63,7 @@ fn images_without_a_grid_have_none() {
     let noise = Plane::from_fn(200, 200, |y, x| (hash(1, y, x) % 2000) as i32);
     assert!(by_parts(&noise, 100.0, &[0, 200], Level::best()) < 20.0);
     let stripes = Plane::from_fn(200, 200, |_, x| if x % 16 < 8 { 0 } else { 1000 });
-    assert_eq!(by_parts(&stripes, 100.0, &[0, 200], Level::best()), 0.0, "along rows alone");
-    assert_eq!(by_parts(&Plane::from_fn(9, 11, |_, x| x as i32), 1.0, &[0, 9], Level::best()), 0.0);
+    assert!(by_parts(&stripes, 100.0, &[0, 200], Level::best()) <= 0.0, "along rows alone");
+    let small = Plane::from_fn(9, 11, |_, x| x as i32);
+    assert!(by_parts(&small, 1.0, &[0, 9], Level::best()) <= 0.0);
 }

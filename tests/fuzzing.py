@@ -130,6 +130,9 @@ _KNOBS: dict[str, tuple[Any, ...]] = {
     "subpixel": (True, False, 3),
     "median": (True, 3, 0),
     "weak": (0.0, 1.0, -1.0, float("nan")),
+    "sizes": (1, 2, 3, 2.0),
+    "despike": (True, False, 3),
+    "denoise": (True, False, 2.0),
     "consistency": (0, 1, -1, 1e9),
     "speckle_size": (0, 10**9, -1),
     "min_confidence": (0.5, 2.0, float("nan")),
@@ -220,7 +223,7 @@ def _array(folder: Path, gray: Any) -> Path:
 
 
 def _words(folder: Path, gray: Any) -> None:
-    (folder / "a.seed").write_bytes(b"\2" * 32)
+    (folder / "a.seed").write_bytes(b"\5" * 32)
     (folder / "a.calib").write_text(CALIB, "ascii")
     q = np.array([[1, 0, 0, -20], [0, 1, 0, -15], [0, 0, 0, 100], [0, 0, 1 / 60, 2 / 60]])
     np.save(folder / "q.npy", q)
