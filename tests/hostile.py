@@ -139,7 +139,24 @@ def npy(header: bytes, version: bytes = b"\x01\x00") -> bytes:
     return b"\x93NUMPY" + version + struct.pack("<H", len(header)) + header
 
 
+def billion_laughs() -> bytes:
+    """Return YAML of a few lines, each of which names the one before it ten times."""
+    lines = ["a0: &a0 [1, 1]"]
+    lines += [f"a{n}: &a{n} [" + ", ".join([f"*a{n - 1}"] * 10) + "]" for n in range(1, 12)]
+    return "\n".join([*lines, "K1: *a11"]).encode()
+
+
+def entities() -> bytes:
+    """Return XML that does the same."""
+    lines = [f'<!ENTITY a{n} "{f"&a{n - 1};" * 10}">' for n in range(1, 12)]
+    head = '<?xml version="1.0"?>\n<!DOCTYPE x [\n<!ENTITY a0 "1 ">\n'
+    body = '\n]>\n<opencv_storage><K1 type_id="opencv-matrix"><rows>3</rows><cols>3</cols>'
+    tail = "<dt>d</dt><data>&a11;</data></K1></opencv_storage>"
+    return (head + "\n".join(lines) + body + tail).encode()
+
+
 IMAGES = "read_image", "read_geotiff", "open_raster", "is_geotiff"
+RIGS = ("read_rig",)
 SMALL = "read_calibration", "read_q", "read_pairs", "read_manifest", "load_survey"
 
 # Name -> content, and the readers that are to refuse it. Their names end as the readers want.
@@ -171,6 +188,13 @@ CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
     "large.pgm": (lambda: b"P5\n1000000000 1000000000\n255\n", ("read_image",)),
     "q.npz": (lambda: npz("Q", 2**28), ("read_q",)),
     "survey.npz": (lambda: npz("told", 2**28), ("load_survey",)),
+    "rig.npz": (lambda: npz("K1", 2**34), RIGS),
+    "maps.npz": (lambda: many(300), RIGS),
+    "aliases.yml": (billion_laughs, RIGS),
+    "deep.yml": (lambda: b"K1: " + b"[" * 2**16, RIGS),
+    "long.yml": (lambda: b"K1: [" + b"1, " * 2**20 + b"1]\n", RIGS),
+    "numbers.yml": (lambda: b"a: [" + b"1.5, " * 26_000 + b"1]\n", RIGS),
+    "entities.xml": (entities, RIGS),
     "line.csv": (lambda: b"left,right\n" + b"," * 2**20, ("read_pairs",)),
     "line.jsonl": (lambda: b" " * 2**20, ("read_manifest",)),
     "arrays.npz": (lambda: many(300), ("read_q", "load_survey")),
@@ -207,7 +231,7 @@ def cases(folder: Path) -> Iterator[tuple[str, Path]]:
         yield from ((reader, folder / name) for reader in readers)
     endings = dict.fromkeys((*IMAGES, "read_disparity"), ".png") | {
         "read_calibration": ".txt", "read_q": ".npz", "read_pairs": ".csv",
-        "read_manifest": ".jsonl", "load_survey": ".npz",
+        "read_manifest": ".jsonl", "load_survey": ".npz", "read_rig": ".npz",
     }  # fmt: skip
     for reader, ending in endings.items():
         for kind in ("fifo", "zero", "hole"):
@@ -224,6 +248,7 @@ def readers() -> dict[str, Callable[[Path], Any]]:
     from phasestereo import batch  # noqa: PLC0415
     from phasestereo.io.tiff import is_geotiff  # noqa: PLC0415
     from phasestereo.io.windows import open_raster  # noqa: PLC0415
+    from phasestereo.rectification.reading import read_calibration  # noqa: PLC0415
     from phasestereo.surveying import load  # noqa: PLC0415
 
     def open_one(path: Path) -> None:
@@ -238,6 +263,7 @@ def readers() -> dict[str, Callable[[Path], Any]]:
         "is_geotiff": is_geotiff,
         "read_calibration": ps.io.read_calibration,
         "read_q": ps.io.read_q,
+        "read_rig": read_calibration,
         "load_survey": load,
         "read_pairs": lambda path: batch.read_pairs(path, num_disparities=8),
         "read_manifest": batch.read_manifest,

@@ -216,7 +216,7 @@ def test_estimates_of_a_stream_are_taken_over_with_impulses() -> None:
     spoilt = hot(SCENE.left, 0.01, 1), hot(SCENE.right, 0.01, 2)
     first = matcher.match(*spoilt, **SEARCH)
     assert first.blur is not None
-    again = matcher.match(*(noisy(image, 0.3, 9) for image in spoilt), **SEARCH, before=first.blur)
+    again = matcher.match(*(noisy(image, 0.3, 9) for image in spoilt), **SEARCH, before=first)
     assert again.blur is not None
     assert again.blur.reused
     assert again.blur.impulses == first.blur.impulses == (20, 20)

@@ -239,7 +239,7 @@ def lie(name: str) -> None:
 REFUSALS: list[tuple[str, int, str]] = [
     ("left.png right.png --num-disparities some --json", WRONG, "--num-disparities"),
     ("left.png right.png --min-disparity 3 --json", WRONG, "--min-disparity: got 3; accepts 0"),
-    ("left.png --num-disparities 9 --json", WRONG, "RIGHT"),
+    ("left.png --num-disparities 9 --json", WRONG, "--layout: got None for left.png"),
     ("left.png right.png --num-disparities 9", WRONG, "nothing to do"),
     ("left.png right.png --num-disparities 0 --json", WRONG, "--num-disparities"),
     ("left.png right.png --num-disparities 66 --json", WRONG, "--num-disparities: got 66"),

@@ -106,7 +106,7 @@ def test_help_tells_what_it_does(run: Callable[..., Run]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        ("left.png", WRONG, "RIGHT"),
+        ("left.png", WRONG, "--layout: got None for left.png"),
         ("left.png right.png --jsn", WRONG, "--jsn"),
         ("left.png right.png --blur-map map.pfm", WRONG, "--blur-map: got map.pfm; accepts a .png"),
         ("left.png right.png --blur-map right.png", WRONG, "right.png is in use"),

@@ -265,7 +265,7 @@ def test_kinds_of_pixels_do_not_matter() -> None:
 @pytest.mark.parametrize(
     ("left", "right", "error", "message"),
     [
-        ("image", np.zeros((60, 60), np.uint8), TypeError, "left: "),
+        (None, np.zeros((60, 60), np.uint8), TypeError, "left: "),
         (np.zeros((60, 60), np.int32), np.zeros((60, 60), np.int32), TypeError, "left: got dtype"),
         (np.zeros((60, 60), np.uint8), np.zeros((60, 60)), TypeError, "right: got dtype"),
         (np.zeros((60, 60)), np.zeros((60, 61)), ValueError, "right: got .* size of left"),

@@ -42,6 +42,7 @@ WANTED = [
     "report",
     "bench",
     "opencv",
+    "rectify",
     "live",
     "geo",
     "pandora",
@@ -54,7 +55,12 @@ WANTED = [
     "all",
 ]
 
-DISTRIBUTIONS = {"PIL": "pillow", "cv2": "opencv-contrib-python-headless", "rerun": "rerun-sdk"}
+DISTRIBUTIONS = {
+    "PIL": "pillow",
+    "cv2": "opencv-contrib-python-headless",
+    "rerun": "rerun-sdk",
+    "yaml": "pyyaml",
+}
 """What brings a module whose name is another."""
 
 IMPORTED_FREELY = {"cli": "cli", "pandora_plugin.py": "pandora"}

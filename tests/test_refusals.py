@@ -41,7 +41,6 @@ def holed(value: float) -> np.ndarray:
         np.zeros((6, 8), "datetime64[s]"),
         np.zeros((6, 8), [("red", np.uint8)]),
         None,
-        "left.png",
         [[0, 1], [2, 3]],
         [[0], [1, 2]],
         {1: 2},
@@ -51,6 +50,11 @@ def holed(value: float) -> np.ndarray:
 )
 def test_what_is_no_image_of_a_known_type(name: str, image: object) -> None:
     refused(TypeError, f"^{name}: got .*; accepts ", **{name: image})
+
+
+@pytest.mark.parametrize("name", ["left", "right"])
+def test_files_that_are_not_there(name: str) -> None:
+    refused(FileNotFoundError, "nowhere.png", **{name: "nowhere.png"})
 
 
 @pytest.mark.parametrize("name", ["left", "right"])

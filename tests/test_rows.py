@@ -40,7 +40,8 @@ def bad(pair: Pair, result: ps.Result) -> float:
 
 def lowered(image: NDArray[np.uint8], **how: float) -> NDArray[np.uint8]:
     channels = [moved(image[..., c].astype(np.float32), **how) for c in range(3)]
-    return np.clip(np.rint(np.stack(channels, axis=2)), 0, 255).astype(np.uint8)
+    lowered: NDArray[np.uint8] = np.rint(np.stack(channels, 2)).clip(0, 255).astype(np.uint8)
+    return lowered
 
 
 def grave(result: ps.Result) -> list[str]:
@@ -109,7 +110,7 @@ def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
     layers = [
         np.kron(rng.normal(size=(400 // n, 300 // n)), np.ones((n, n))) for n in (1, 2, 4, 10)
     ]
-    scene = sum(layer[:400, :300] for layer in layers)
+    scene = np.sum([layer[:400, :300] for layer in layers], axis=0)
     left = np.asarray(scene[30:-30, 20:-20], np.float32)
     right = moved(np.asarray(scene[30:-30, 29:-11], np.float32), down=1.4, clockwise=0.3)
     images = [np.rint(20 * image + 110).clip(0, 255).astype(dtype) for image in (left, right)]
@@ -130,6 +131,7 @@ def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
         part = ps.match_rows(read, told, first, last)
         np.testing.assert_array_equal(part.disparity, whole.disparity[first:last])
         np.testing.assert_array_equal(part.flags, whole.flags[first:last])
+        assert whole.confidence is not None
         np.testing.assert_array_equal(part.confidence, whole.confidence[first:last])
     around = ps.halo(told.settings, told.equalisation, told.alignment)
     assert around > ps.halo(told.settings, told.equalisation)

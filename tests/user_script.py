@@ -204,6 +204,26 @@ def beyond_memory(
     return len(ps.batch.run(pairs, folder / "maps", preset="fast").failed)
 
 
+def raw(folder: Path, left: Image, right: Image) -> ps.Result:
+    """Rectify raw pairs, by a calibration and by what they show."""
+    known: ps.Rectification = ps.rectify(left, right, folder / "stereo.yml", alpha=0)
+    found = ps.rectify("left.png", folder / "right.png", others=[(left, right)])
+    found.save(folder / "rig.npz")
+    again = ps.Rectification.load(folder / "rig.npz")
+    both: tuple[Image, Image] = again.apply(left, right)
+    use(known.Q, known.maps, known.error, found.sentences, both)
+    use(ps.match("left.png", folder / "right.png", num_disparities=64), ps.io.read_pair("a.mpo"))
+    for frame in ps.stream("video.mp4", num_disparities=64, rectify=known):
+        use(frame.result)
+    return ps.match(
+        known.left,
+        known.right,
+        num_disparities=64,
+        left_mask=known.left_mask,
+        right_mask=known.right_mask,
+    )
+
+
 def in_files(name: str) -> float:
     """Read and write the formats of the field."""
     folder = Path(name)

@@ -40,6 +40,7 @@ __all__ = [
     "MatchWarning",
     "Matcher",
     "PointCloud",
+    "Rectification",
     "Result",
     "SearchRange",
     "Settings",
@@ -56,6 +57,7 @@ __all__ = [
     "match_rows",
     "optimize",
     "point_cloud",
+    "rectify",
     "stream",
     "survey",
 ]
@@ -73,19 +75,22 @@ if TYPE_CHECKING:
     from phasestereo import outofcore as outofcore
     from phasestereo import picture as picture
     from phasestereo import plot as plot
+    from phasestereo import rectification as rectification
     from phasestereo import rerun_log as rerun_log
     from phasestereo import roc as roc
     from phasestereo import video as video
     from phasestereo.banding import halo, match_rows
     from phasestereo.diagnosis import Diagnosis, check
     from phasestereo.estimation import estimate_blur
+    from phasestereo.rectification import Rectification, rectify
     from phasestereo.streaming import Failure, Frame, Stream, stream
     from phasestereo.surveying import Survey, survey
     from phasestereo.triangulation import PointCloud, point_cloud
 else:
     _ON_DEMAND = {
         "batch", "dask", "datasets", "degradation", "io", "labelled", "metrics", "opencv",
-        "outofcore", "picture", "plot", "rerun_log", "roc", "video",
+        "outofcore", "picture", "plot", "rectification", "rerun_log", "roc",
+        "video",
     }  # fmt: skip
     # What a match does without: it would make up a seventh of the time that an import takes.
     _HOMES = {
@@ -93,6 +98,7 @@ else:
         "Failure": "streaming",
         "Frame": "streaming",
         "PointCloud": "triangulation",
+        "Rectification": "rectification",
         "Stream": "streaming",
         "Survey": "surveying",
         "check": "diagnosis",
@@ -100,6 +106,7 @@ else:
         "halo": "banding",
         "match_rows": "banding",
         "point_cloud": "triangulation",
+        "rectify": "rectification",
         "stream": "streaming",
         "survey": "surveying",
     }

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -14,6 +16,9 @@ if TYPE_CHECKING:
 Pixels: TypeAlias = (
     NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32] | NDArray[np.float64]
 )
+
+Picture: TypeAlias = ArrayLike | os.PathLike[str]
+"""An image as an array, or the file of one (`ArrayLike` has names of files among its types)."""
 
 ACCEPTED = "uint8, uint16, float32 or float64"
 
@@ -54,6 +59,25 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
     colours = pixels[:, :, :3]
     native: Pixels = np.require(colours, colours.dtype.newbyteorder("="), ["C", "ALIGNED"])
     return native
+
+
+def opened(image: Picture) -> ArrayLike:
+    """Return an image; where it is a path, read it, as `phasestereo.io.read_image` does.
+
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        As `phasestereo.io.read_image`.
+    """
+    if isinstance(image, str | os.PathLike):
+        pixels: Pixels = import_module("phasestereo.io").read_image(image)
+        return pixels
+    return image
+
+
+def opened_pair(left: Picture, right: Picture) -> tuple[Pixels, Pixels]:
+    """Return both images of a pair as `as_pair` does; those of which there is a path are read."""
+    return as_pair(opened(left), opened(right))
 
 
 def as_pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:

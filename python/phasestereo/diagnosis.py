@@ -16,16 +16,16 @@ import numpy as np
 
 from phasestereo import findings
 from phasestereo._core import LEAST_SIZE
-from phasestereo._images import as_pair
+from phasestereo._images import opened_pair
 from phasestereo.estimation import estimate_pair
 from phasestereo.photometry import fractions, low_texture, saturation
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
-    from phasestereo._images import Pixels
+    from phasestereo._images import Picture, Pixels
     from phasestereo.alignment import Alignment
     from phasestereo.blur import BlurEstimate
     from phasestereo.findings import Finding
@@ -132,7 +132,7 @@ class Diagnosis:
         return plain
 
 
-def check(left: ArrayLike, right: ArrayLike) -> Diagnosis:
+def check(left: Picture, right: Picture) -> Diagnosis:
     """Diagnose a stereo pair, from the images alone.
 
     Parameters
@@ -154,8 +154,10 @@ def check(left: ArrayLike, right: ArrayLike) -> Diagnosis:
         For a wrong type or dtype.
     ValueError
         For a wrong shape, different sizes, NaN or infinite pixels.
+    OSError, ImportError
+        If a file cannot be read.
     """
-    pair = as_pair(left, right)
+    pair = opened_pair(left, right)
     gray_left, gray_right, length = fractions(*pair)
     search, alignment, blur = _estimated(gray_left, gray_right, pair)
     noise = (0.0, 0.0) if blur is None else blur.noise

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -15,23 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from phasestereo.blur import Blur, BlurEstimate
-    from phasestereo.settings import Settings
-
     Taps = NDArray[np.float32]
-
-LARGER, LARGEST = 2, 63
-"""Pixels by which neighbourhoods and windows are larger where there is blur, and their largest."""
-
-DEVIATIONS = 2.0
-"""Standard deviations of the noise that are smoothed away.
-
-Means of bad-1.0 (%) over the 12 scenes of the one-sided-blur suite: sharp, both images with noise
-of 5 and 20 gray levels, JPEG of quality 70 and 30, after a disk of 3 px; the right one with noise
-of 20: 1.5: 5.17 12.1 28.3 12.8 22.6 14.8 17.2; 2: 5.20 12.0 28.1 12.6 22.2 14.5 16.6.
-"""
-
-_LARGEST_DEVIATION = 1e300  # that the core takes
 
 Noise: TypeAlias = float | tuple[float, float]
 """Standard deviations of the noise of both images, or those of the left and of the right one."""
@@ -99,8 +83,22 @@ class Equalisation:
         _core.check_versions(self)
 
 
-def as_equalisation(noise: Noise | None, equalisation: Equalisation | None) -> Equalisation | None:
-    """Return what a call tells of the noise of its images and of their versions, if anything.
+def as_equalisation(equalisation: Equalisation | None) -> Equalisation | None:
+    """Return it, or say that it is of the wrong type.
+
+    Raises
+    ------
+    TypeError
+        If it is no equalisation.
+    """
+    if equalisation is not None and not isinstance(equalisation, Equalisation):
+        kind = type(equalisation).__name__
+        raise TypeError(f"equalisation: got {kind}; accepts Equalisation or None")
+    return equalisation
+
+
+def as_versions(noise: Noise | None, equalisation: Equalisation | None) -> Equalisation | None:
+    """Return the versions of the images that a call tells, if any: those of its noise, too.
 
     Raises
     ------
@@ -109,86 +107,23 @@ def as_equalisation(noise: Noise | None, equalisation: Equalisation | None) -> E
     ValueError
         If both are given, or the noise is out of range.
     """
-    if equalisation is None:
-        return None if noise is None else Equalisation(noise=_as_pair(noise))
-    if not isinstance(equalisation, Equalisation):
-        kind = type(equalisation).__name__
-        raise TypeError(f"equalisation: got {kind}; accepts Equalisation or None")
-    if noise is not None:
+    told = as_noise(noise, equalisation)
+    return equalisation if told is None else Equalisation(noise=told)
+
+
+def as_noise(noise: Noise | None, equalisation: Equalisation | None) -> tuple[float, float] | None:
+    """Return the noise of both images, if a call tells it.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If both are given.
+    """
+    if as_equalisation(equalisation) is not None and noise is not None:
         raise ValueError(f"noise: got {noise!r} beside equalisation, which tells it; accepts None")
-    return equalisation
-
-
-def asks_for_estimate(
-    settings: Settings, noise: Noise | None, equalisation: Equalisation | None
-) -> bool:
-    """Tell whether a match needs to know more of its images than it was told."""
-    needs_noise = settings.weak > 0 and noise is None
-    looked_at = settings.equalise or settings.despike or settings.denoise
-    return equalisation is None and (looked_at or needs_noise)
-
-
-def even_out(
-    estimate: BlurEstimate, settings: Settings, told: Equalisation | None
-) -> tuple[Settings, Equalisation]:
-    """Return the settings and the versions of both images that suit what was found out about them.
-
-    Parameters
-    ----------
-    estimate
-        What was found out.
-    settings
-        The settings asked for.
-    told
-        What the caller tells of the noise, which then counts.
-    """
-    noise = _weak_level(estimate) if told is None else told.noise
-    impulses = estimate.impulses if settings.despike else (0.0, 0.0)
-    given = None if told is None else told.noise
-    smoothing = _smoothing(estimate, given) if settings.denoise else (0.0, 0.0)
-    plain = Equalisation(noise=noise, impulses=impulses, smoothing=smoothing)
-    if not settings.equalise or all(blur.psf is None for blur in estimate.blurs):
-        return settings, plain
-    kernels = [_kernels(blur) for blur in estimate.blurs]
-    largest = LARGEST - LARGER if settings.sizes == 2 else LARGEST  # of two neighborhoods
-    neighborhood = min(settings.neighborhood + LARGER, largest)
-    window = min(settings.window + LARGER, LARGEST)
-    versions = replace(plain, kernels=kernels, labels=estimate.labels, tile=estimate.tile)
-    return replace(settings, neighborhood=neighborhood, window=window), versions
-
-
-def _kernels(blur: Blur) -> tuple[ArrayLike | None, ArrayLike | None]:
-    """Return what the images are convolved with: the sharper one with what it lacks."""
-    return (blur.psf if blur.side == "right" else None, blur.psf if blur.side == "left" else None)
-
-
-def _weak_level(estimate: BlurEstimate) -> tuple[float, float]:
-    """Return the noise under which a component is weak: one level, at the contrast of each image.
-
-    The noise of the softer image is what is left in both once the sharper one is blurred; and fine
-    texture of the sharper one, which looks like noise, is not counted.
-    """
-    left, right = estimate.noise
-    level = {
-        "left": left,
-        "right": right * estimate.contrast,
-        "none": max(left, right * estimate.contrast),
-    }[estimate.blur.side]
-    return level, level / estimate.contrast
-
-
-def _smoothing(estimate: BlurEstimate, noise: tuple[float, float] | None) -> tuple[float, float]:
-    """Return how both images are smoothed: each by its own noise, and by what compression has lost.
-
-    Where one image is softer, fine texture of the sharper one looks like noise: then the level at
-    which components are weak counts. `noise` is what the caller tells.
-    """
-    if noise is None:
-        blurred = any(blur.side != "none" for blur in estimate.blurs)
-        noise = _weak_level(estimate) if blurred else estimate.noise
-    lost = zip(noise, estimate.coding, strict=True)
-    left, right = (min(DEVIATIONS * float(max(each)), _LARGEST_DEVIATION) for each in lost)
-    return left, right
+    return None if noise is None else _as_pair(noise)
 
 
 def _as_pair(noise: Noise) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from phasestereo import _core
 from phasestereo._core import LEAST_SIZE
-from phasestereo._images import as_mask, as_pair
+from phasestereo._images import as_mask, as_pair, opened_pair
 from phasestereo.estimates import as_estimates
 from phasestereo.matcher import match_silently
 from phasestereo.photometry import fractions, response
@@ -19,7 +19,7 @@ from phasestereo.settings import PRESETS
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from phasestereo._images import Pixels
+    from phasestereo._images import Picture, Pixels
     from phasestereo.alignment import Alignment
     from phasestereo.blur import BlurEstimate
     from phasestereo.estimates import Estimates
@@ -31,8 +31,8 @@ _ROUGH_WIDTH = 256  # pixels: enough for areas that correspond within a few pixe
 
 
 def estimate_blur(
-    left: ArrayLike,
-    right: ArrayLike,
+    left: Picture,
+    right: Picture,
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
@@ -72,7 +72,7 @@ def estimate_blur(
     least squares between the images, one warped onto the other after a match at half their size.
     Only what the blur of the two images differs by is seen: if both are equally soft, it is none.
     """
-    pair = as_pair(left, right)
+    pair = opened_pair(left, right)
     size = pair[0].shape
     masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
     found = estimate_pair(pair, masks, (min_disparity, num_disparities), threads)

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from phasestereo import _core
-from phasestereo._images import as_array, as_mask, as_pair
+from phasestereo._images import as_array, as_mask, as_pair, opened
 from phasestereo.equalisation import Equalisation, Noise, as_noise
 from phasestereo.estimates import Told, as_estimates
 from phasestereo.findings import warn
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-    from phasestereo._images import Pixels
+    from phasestereo._images import Picture, Pixels
     from phasestereo.estimates import Estimates
 
     Mask = NDArray[np.bool_]
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 
 def match(
-    left: ArrayLike,
-    right: ArrayLike,
+    left: Picture,
+    right: Picture,
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
@@ -51,7 +51,8 @@ def match(
     left, right
         Images of equal size and dtype: (H, W) or (H, W, 1) gray, (H, W, 3) RGB or (H, W, 4) RGBA
         (alpha is left out); uint8, uint16, float32 or float64, of any strides and byte order. They
-        may differ in the number of channels.
+        may differ in the number of channels. Or paths of such, which are read as
+        `phasestereo.io.read_image` does.
     num_disparities
         Number of disparities to search, 1 to the images' width and at most 16384. None: the range
         is found from small copies of the images, up to 45 % of the width either way, and
@@ -97,6 +98,8 @@ def match(
         For a wrong type or dtype, or an unknown setting.
     ValueError
         For a wrong value or shape, NaN or infinite pixels that no mask covers, an unknown preset.
+    OSError, ImportError
+        If a file cannot be read.
     MemoryError
         If the working memory cannot be had.
     KeyboardInterrupt
@@ -188,8 +191,8 @@ class Matcher:
 
     def match(
         self,
-        left: ArrayLike,
-        right: ArrayLike,
+        left: Picture,
+        right: Picture,
         *,
         num_disparities: int | None = None,
         min_disparity: int = 0,
@@ -236,7 +239,7 @@ class Matcher:
 
 
 def match_silently(
-    images: tuple[ArrayLike, ArrayLike],
+    images: tuple[Picture, Picture],
     masks: tuple[ArrayLike | None, ArrayLike | None],
     search: Search,
     *,
@@ -249,7 +252,8 @@ def match_silently(
     """Match as `match` and `Matcher.match` do, without a warning."""
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
-    pair = as_pair(*images)
+    given = as_array(opened(images[0]), "left"), as_array(opened(images[1]), "right")
+    pair = as_pair(*given)
     size = pair[0].shape
     valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
     known: Told = as_noise(*told), told[1], None
@@ -274,7 +278,7 @@ def match_silently(
         alignment=found.alignment,
         equalisation=found.equalisation,
         summary=Summary(*_core.summarize(disparity, flags, confidence, searched)),
-        pair=(as_array(images[0], "left"), as_array(images[1], "right")),
+        pair=given,
     )
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from phasestereo._images import as_mask, as_pair
+from phasestereo._images import as_mask, opened_pair
 from phasestereo.findings import untrusted
 from phasestereo.matcher import Matcher
 from phasestereo.settings import PRESET
@@ -31,7 +31,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from phasestereo._images import Picture
     from phasestereo.equalisation import Equalisation, Noise
+    from phasestereo.rectification import Rectification
+    from phasestereo.rectification.reading import Told
+    from phasestereo.rectification.streams import Rectifier
     from phasestereo.result import Result
     from phasestereo.settings import Settings
     from phasestereo.video.capture import Capture, Image, Layout, Pair, Source
@@ -97,12 +101,13 @@ class Failure:
 
 
 def stream(
-    source: Place | Iterable[tuple[ArrayLike, ArrayLike]] | Iterable[ArrayLike],
+    source: Place | Iterable[tuple[Picture, Picture]] | Iterable[ArrayLike],
     right: Place | None = None,
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
     layout: Layout | None = None,
+    rectify: Told | Rectification | None = None,
     start: int = 0,
     stop: int | None = None,
     every: int = 1,
@@ -131,8 +136,8 @@ def stream(
           and EuRoC) or in names that say ``left`` and ``right``; with ``layout``, images that hold
           both views.
         - The number of a camera that delivers both views in each picture.
-        - An iterable of pairs of images as `match` takes them, or with ``layout`` of images that
-          hold both views. What it raises ends the stream.
+        - An iterable of pairs of images, or of their paths, as `match` takes them, or with
+          ``layout`` of images that hold both views. What it raises ends the stream.
 
         With ``right``, the left view.
     right
@@ -141,6 +146,11 @@ def stream(
     layout
         Where a picture that holds both views has them: ``"side-by-side"``, left and right halves,
         or ``"top-bottom"``, the left view above. None: side by side.
+    rectify
+        Rectify the frames first: by a calibration or a saved file, as `phasestereo.rectify` takes
+        them, by a `Rectification`, or by ``"auto"``, what the first frame that tells enough shows.
+        Frames and masks that are given are raw then, those that come out are rectified. None: they
+        are rectified already.
     start, stop, every
         Frames to match, by number: from ``start`` up to but without ``stop``, each ``every``-th.
     reestimate
@@ -167,7 +177,8 @@ def stream(
     OSError
         If a file, a folder or a camera cannot be opened.
     ImportError
-        If the extra is missing: ``live`` for videos and cameras, ``io`` for images.
+        If the extra is missing: ``live`` for videos and cameras, ``io`` for images, ``rectify`` to
+        rectify them.
 
     Notes
     -----
@@ -204,9 +215,12 @@ def stream(
         "equalisation": equalisation,
     }
     _try(matcher, given, width=None)
+    rectifier = None if rectify is None else _rectifier(rectify, (left_mask, right_mask))
     opened = open_source(source, right, layout=layout)
     try:
-        return Stream(opened, matcher, given, wanted, on_error, reestimate=reestimate)
+        return Stream(
+            opened, matcher, given, wanted, on_error, reestimate=reestimate, rectifier=rectifier
+        )
     except BaseException:
         opened.close()
         raise
@@ -228,9 +242,11 @@ class Stream(Iterator[Frame]):
         on_error: Callable[[Failure], object] | None,
         *,
         reestimate: int,
+        rectifier: Rectifier | None = None,
     ) -> None:
         self._source, self._wanted = source, wanted
         self._work = _Work(source, matcher, given, on_error or _warn, reestimate)
+        self._work.rectifier = rectifier
         self._frames = self._work.frames(wanted)
 
     @property
@@ -296,6 +312,7 @@ class _Work:
         reestimate: int,
     ) -> None:
         self.matcher, self.failed = matcher, 0
+        self.rectifier: Rectifier | None = None
         self._reestimate, self._reused = reestimate, 0
         self._last: Result | None = None
         self._source, self._given, self._report = source, given, report
@@ -310,9 +327,15 @@ class _Work:
         """Yield the wanted captures, and the images of each or what keeps them from being had."""
         for capture in islice(self._source.captures, wanted.start, wanted.stop, wanted.step):
             try:
-                yield capture, as_pair(*capture.take())
+                yield capture, self._straight(*capture.take())
             except _FAULTS as error:
                 yield capture, error
+
+    def _straight(self, left: Picture, right: Picture) -> Pair:
+        """Return a pair as it is to be matched."""
+        if self.rectifier is not None:
+            left, right = self.rectifier.pair(left, right)
+        return opened_pair(left, right)
 
     def _peeked(self, taken: Iterator[_Taken]) -> Iterator[_Taken]:
         """Look at the first frame."""
@@ -349,7 +372,8 @@ class _Work:
         if isinstance(images, Exception):
             raise images
         left, right = images
-        result = self.matcher.match(left, right, **self._given, before=self._before())
+        masks = {} if self.rectifier is None else self.rectifier.masks
+        result = self.matcher.match(left, right, **{**self._given, **masks}, before=self._before())
         self._last = None if untrusted(result.findings) else replace(result, pair=None)
         self._reused = self._reused + 1 if result.blur and result.blur.reused else 0
         return Frame(capture.index, capture.time, _squeezed(left), _squeezed(right), result)
@@ -357,6 +381,14 @@ class _Work:
     def _before(self) -> Result | None:
         """Return the result whose estimates the next frame may take over."""
         return self._last if self._reused + 1 < self._reestimate else None
+
+
+def _rectifier(
+    told: Told | Rectification, masks: tuple[ArrayLike | None, ArrayLike | None]
+) -> Rectifier:
+    home = import_module("phasestereo.rectification.streams")  # it takes a while
+    rectifier: Rectifier = home.Rectifier(told, masks)
+    return rectifier
 
 
 def _ahead(items: Iterator[T]) -> Generator[T]:

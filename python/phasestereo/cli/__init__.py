@@ -47,6 +47,11 @@ app.command(
     "The exit code is 0 whatever is found, unless --strict is given.",
 )
 app.command(
+    "phasestereo.cli.rectify:rectify",
+    name="rectify",
+    help="Rectify a stereo pair, by a calibration or from the images alone.",
+)
+app.command(
     "phasestereo.cli.live:live",
     name="live",
     help="Match every frame of a video, a folder of images, or a pair of cameras.",

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 import phasestereo
 from phasestereo.blur import Blur, BlurEstimate
 from phasestereo.cli.errors import UNTRUSTED, WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.pairing import read_both
 from phasestereo.diagnosis import Diagnosis
 from phasestereo.diagnosis import check as check_pair
 from phasestereo.findings import spread
 from phasestereo.io import read_image, write_image
+from phasestereo.video.capture import Layout
 
 _TINTS = {"left": (1.0, 0.2, 0.1), "right": (0.1, 0.4, 1.0)}  # red, blue
 _NO_TINT = (0.0, 0.0, 0.0)
@@ -27,9 +29,10 @@ _WEIGHT = 0.6  # of the tint, where the blur is the strongest
 
 def check(
     left: Path,
-    right: Path,
+    right: Path | None = None,
     /,
     *,
+    layout: Layout | None = None,
     blur_map: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
     strict: Annotated[bool, Parameter(negative=())] = False,
@@ -43,9 +46,13 @@ def check(
     Parameters
     ----------
     left
-        Left image: PNG, JPEG, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour.
+        Left image: PNG, JPEG, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour. Or, without
+        RIGHT, a stereo photograph that holds both views.
     right
         Right image, of the same size and type.
+    layout
+        Where one file has both views: side-by-side, or top-bottom with the left view above. An MPO
+        file has two pictures and needs none.
     blur_map
         PNG file for a picture of where which image is softer: the left image in gray, tinted red
         where it is softer than the right one and blue where the right one is, the more the
@@ -57,8 +64,11 @@ def check(
     """
     if blur_map is not None:
         _refuse_target(blur_map, (left, right))
-    with refusals():
-        images = read_image(left), read_image(right)
+    with refusals(options=("layout",)):
+        if right is None or layout is not None:
+            images = tuple(view.image for view in read_both(left, right, layout=layout))
+        else:
+            images = read_image(left), read_image(right)
         diagnosis = check_pair(*images)
     if blur_map is not None:
         with refusals():
@@ -69,11 +79,12 @@ def check(
         raise CommandError(grave[0], UNTRUSTED)
 
 
-def _refuse_target(path: Path, sources: tuple[Path, Path]) -> None:
+def _refuse_target(path: Path, sources: tuple[Path | None, ...]) -> None:
     """Refuse a file that is no PNG, or that is read."""
     if path.suffix.lower() != ".png":
         raise CommandError(f"--blur-map: got {path}; accepts a .png file", WRONG_USAGE)
-    if any(path.exists() and source.exists() and path.samefile(source) for source in sources):
+    taken = [source for source in sources if source and source.exists()]
+    if path.exists() and any(path.samefile(source) for source in taken):
         raise CommandError(f"--blur-map: {path} is in use already", WRONG_USAGE)
 
 

@@ -91,8 +91,22 @@ class Geometry:
         """Return the files that are read."""
         return [self.calib, self.q]
 
-    def read(self, size: tuple[int, ...], disparities: tuple[int, int]) -> "Rig | None":
+    def read(
+        self,
+        size: tuple[int, ...],
+        disparities: tuple[int, int],
+        known: NDArray[Any] | None = None,
+    ) -> "Rig | None":
         """Read the geometry of images of this size, if there is one.
+
+        Parameters
+        ----------
+        size
+            Rows and columns.
+        disparities
+            The smallest disparity searched, and how many are.
+        known
+            The matrix Q to take where none is given.
 
         Raises
         ------
@@ -103,6 +117,8 @@ class Geometry:
             If not a single one has a depth that is wanted.
         """
         calibration = self._calibration(*size)
+        if calibration is None and known is not None:
+            calibration = Calibration.from_q(known, width=size[1], height=size[0])
         if calibration is None:
             return None
         try:

@@ -14,6 +14,7 @@ from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.live_outputs import LiveOutputs, Sink, Writers
 from phasestereo.cli.live_tally import Tally
 from phasestereo.cli.options import Count, Overrides
+from phasestereo.cli.pairing import AUTO, told
 from phasestereo.cli.trust import unwarned
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 from phasestereo.streaming import REESTIMATE, Failure, Frame, Stream, stream
@@ -21,7 +22,7 @@ from phasestereo.video.capture import Layout
 from phasestereo.video.decoding import is_address
 from phasestereo.video.folders import folders_of
 
-_VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise", "layout"}
+_VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise", "layout", "rectify"}
 _OPTIONS = (
     _VALUES | {"start", "stop", "every", "reestimate"} | {field.name for field in fields(Settings)}
 )
@@ -45,6 +46,7 @@ def live(
     *,
     cameras: Annotated[tuple[int, ...], _MORE] = (),
     layout: Annotated[Layout | None, Parameter(group=_SOURCE)] = None,
+    rectify: Annotated[tuple[str, ...], Parameter(group=_SOURCE, show_default=False)] = (),
     start: Annotated[int, Parameter(group=_SOURCE, validator=_NOT_NEGATIVE)] = 0,
     stop: Annotated[int | None, Parameter(group=_SOURCE, validator=_NOT_NEGATIVE)] = None,
     every: Annotated[int, Parameter(group=_SOURCE, validator=_AT_LEAST_ONE)] = 1,
@@ -82,6 +84,9 @@ def live(
     layout
         Where a picture that holds both views has them: side-by-side (the default), or top-bottom
         with the left view above. With a folder: its images hold both views.
+    rectify
+        Rectify the frames first: by a calibration or a saved rectification (twice for the files of
+        both cameras), or auto, by what the first frame shows. Needs the extra ``rectify``.
     start
         Number of the first frame to match.
     stop
@@ -101,6 +106,7 @@ def live(
         Standard deviation of the images' noise, in units of their pixels; needed with --weak.
     """
     places = _places(source, right, cameras)
+    calibration = told(rectify) if rectify else ()
     if not outputs.asked_for():
         raise CommandError("nothing to do: give -o, --frames, --rerun or --json", WRONG_USAGE)
     with refusals(options=_OPTIONS):
@@ -112,6 +118,7 @@ def live(
         frames = stream(
             *places,
             layout=layout,
+            rectify=AUTO if calibration is None else calibration or None,
             start=start,
             stop=stop,
             every=every,

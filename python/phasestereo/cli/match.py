@@ -15,18 +15,19 @@ from phasestereo.cli.large import Large, match_large
 from phasestereo.cli.options import Bands, Count, Overrides
 from phasestereo.cli.outcome import Outcome, rehearsal
 from phasestereo.cli.outputs import Outputs
+from phasestereo.cli.pairing import OPTIONS, Pairing, names_of
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.summary import Summary, show
 from phasestereo.cli.terminal import progress_bar
 from phasestereo.cli.trust import refuse_untrusted, tell_findings, unwarned
 from phasestereo.io.mask import read_mask
-from phasestereo.io.views import join, read_views
 from phasestereo.matcher import match as match_pair
 from phasestereo.settings import PRESETS, Settings, resolve
 
 _VALUES = frozenset(["bands", "preset", "num_disparities", "min_disparity", "threads", "noise"])
-_OPTIONS = _VALUES.union(field.name for field in fields(Settings))
+_OPTIONS = (_VALUES | OPTIONS).union(field.name for field in fields(Settings))
 
+_PAIR = Group.create_ordered("Pair")
 _SEARCH = Group.create_ordered("Search")
 _OUTPUT = Group.create_ordered("Output")
 _GEOMETRY = Group.create_ordered("Geometry", help="For --ply, --depth and --report.")
@@ -36,15 +37,17 @@ _SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5
 _AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
 _REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
 _OUTPUTS, _NO_GEOMETRY, _SCORING, _ALL_AT_ONCE = Outputs(), Geometry(), Scoring(), Large()
+_AS_IT_IS = Pairing()
 _PRESET = signature(match_pair).parameters["preset"].default
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
 
 
 def match(
     left: Path,
-    right: Path,
+    right: Path | None = None,
     /,
     *,
+    pairing: Annotated[Pairing, Parameter(name="*", group=_PAIR)] = _AS_IT_IS,
     num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)] = None,
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
     left_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
@@ -73,7 +76,8 @@ def match(
     Parameters
     ----------
     left
-        Left image: PNG, JPEG, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour.
+        Left image: PNG, JPEG, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour. Or, without
+        RIGHT, a stereo photograph that holds both views.
     right
         Right image, of the same size and type.
     num_disparities
@@ -114,20 +118,27 @@ def match(
             "bands": bands,
             "noise": noise,
         }
+        if right is None or pairing.rectify or pairing.layout:
+            raise CommandError(
+                "--max-memory: accepts two files of rectified images, without --rectify or "
+                "--layout",
+                WRONG_USAGE,
+            )
         output = large.check(outputs, scoring)
         match_large((left, right), output, large, given, options=_OPTIONS, as_json=outputs.json)
         return
-    sources = [left, right, left_mask, right_mask, *scoring.sources()]
+    sources = [left, right, left_mask, right_mask, *scoring.sources(), *pairing.sources()]
     sources += geometry.sources()
     with refusals(options=_OPTIONS):
-        views = read_views(left, right, bands)
-        images = views[0].image, views[1].image
         masks = read_mask(left_mask), read_mask(right_mask)
+        views, rectified = pairing.straight(pairing.read(left, right, bands), masks)
+        images = views[0].image, views[1].image
         truth = scoring.read(images[0].shape[:2])
         num_disparities = num_disparities or geometry.bound()
         # As long as they are to be found, no more than one is sure to be searched.
         disparities = min_disparity, num_disparities or 1
-        rig = geometry.read(images[0].shape[:2], disparities)
+        known = None if rectified is None else rectified.Q
+        rig = geometry.read(images[0].shape[:2], disparities, known)
     outputs.check(sources, rehearsal(disparities, settings, rig))
     with refusals(options=_OPTIONS), unwarned(), progress_bar("Matching") as progress:
         result = match_pair(
@@ -136,8 +147,8 @@ def match(
             min_disparity=min_disparity,
             settings=settings,
             threads=threads,
-            left_mask=join(masks[0], views[0].mask),
-            right_mask=join(masks[1], views[1].mask),
+            left_mask=views[0].mask,
+            right_mask=views[1].mask,
             progress=progress,
             noise=noise,
         )
@@ -146,8 +157,8 @@ def match(
     tell_findings(result.findings)
     with refusals():
         score = None if truth is None else truth.score(result.disparity)
-        place, names = views[0].place, (left.name, right.name)
-        outcome = Outcome(images, result, disparities, truth, score, rig, place, names)
+        place, names = views[0].place, names_of(left, right)
+        outcome = Outcome(images, result, disparities, truth, score, rig, place, names, rectified)
         written = outputs.write(outcome)
     show(Summary(outcome, written), as_json=outputs.json)
     if strict:

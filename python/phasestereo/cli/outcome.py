@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from phasestereo.cli.scoring import Truth
     from phasestereo.io import Georeference
     from phasestereo.metrics import Score
+    from phasestereo.rectification import Rectification
     from phasestereo.settings import Settings
 
     Image = NDArray[Any]
@@ -41,6 +42,8 @@ class Outcome:
         Where on Earth the left image lies, if its file says so.
     names
         The names of the images' files.
+    rectified
+        How the pair was rectified, if it was.
     """
 
     pair: tuple[Image, Image]
@@ -51,6 +54,7 @@ class Outcome:
     rig: Rig | None = None
     place: Georeference | None = None
     names: tuple[str, str] = ("left", "right")
+    rectified: Rectification | None = None
 
 
 def rehearsal(disparities: tuple[int, int], settings: Settings, rig: Rig | None = None) -> Outcome:

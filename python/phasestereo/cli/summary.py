@@ -61,6 +61,8 @@ class Summary:
             "flags": self.flags,
             "files": dict(self.files),
         }
+        if self.outcome.rectified is not None:
+            summary["rectification"] = self.outcome.rectified.as_dict()
         if self.outcome.score is not None:
             metrics = self.outcome.score.as_dict().items()
             summary["metrics"] = {k: v if math.isfinite(v) else None for k, v in metrics}
@@ -116,6 +118,7 @@ def _lines(summary: Summary) -> list[str]:
     return [
         f"{cols} x {rows} pixels, disparities {_range(summary)}, {seconds:.3f} s",
         f"trusted {summary.trusted:.1%}, flagged: {tell_flags(result.flags)}",
+        *(() if (rectified := summary.outcome.rectified) is None else rectified.sentences),
         *([] if result.blur is None else [f"blur: {result.blur}"]),
         *(f"wrote {path}" for path in summary.files.values()),
     ]

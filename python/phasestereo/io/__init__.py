@@ -24,6 +24,7 @@ from phasestereo.io.geotiff import (
 )
 from phasestereo.io.image import read_image, write_image
 from phasestereo.io.limits import max_pixels, set_max_pixels
+from phasestereo.io.pair import read_pair
 from phasestereo.io.pfm import read_pfm, write_pfm
 from phasestereo.io.ply import write_ply
 from phasestereo.io.qmatrix import read_q
@@ -40,6 +41,7 @@ __all__ = [
     "read_geotiff",
     "read_geotiff_pair",
     "read_image",
+    "read_pair",
     "read_pfm",
     "read_q",
     "read_truth",

@@ -93,13 +93,13 @@ def read_image(path: StrPath) -> Pixels:
         file.seek(0)
         for magics, decode in _DECODERS.items():
             if head.startswith(magics):
-                return _as_pixels(decode(file))
+                return as_image(decode(file))
         raise ValueError(
             "not an image of a known format: PNG, PBM/PGM/PPM, JPEG, BMP, TIFF, .npy or PFM"
         )
 
 
-def _as_pixels(samples: NDArray[Any]) -> Pixels:
+def as_image(samples: NDArray[Any]) -> Pixels:
     """Check that decoded samples make an image, and give it its type and shape in memory."""
     if samples.shape[2:] == (1,):
         samples = samples[:, :, 0]

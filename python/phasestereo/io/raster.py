@@ -67,8 +67,27 @@ def decode_raster(file: BinaryIO) -> NDArray[Any]:
     return samples
 
 
-def _open(file: BinaryIO) -> Any:
-    """Parse the header with Pillow."""
+def decode_frames(file: BinaryIO) -> list[NDArray[Any]]:
+    """Decode the first two pictures of a file of several, as cameras with two lenses write (MPO).
+
+    Returns
+    -------
+    list
+        The pictures, as `decode_raster` returns one; empty if the file holds one alone.
+    """
+    image = _open(file, frames=2)
+    if getattr(image, "n_frames", 1) < 2:
+        return []
+    pictures = []
+    for number in range(2):
+        image.seek(number)
+        check_size(*image.size)
+        pictures.append(_expand(image))
+    return pictures
+
+
+def _open(file: BinaryIO, frames: int = 1) -> Any:
+    """Parse the header with Pillow; by default, of a file of one picture."""
     file.seek(0)
     head = file.read(8)
     length = file.seek(0, os.SEEK_END)
@@ -79,8 +98,11 @@ def _open(file: BinaryIO) -> Any:
     bands = len(image.getbands())
     samples = bands if bands > 1 else 1 / 8  # gray levels and palettes may have one bit
     check_unpacked(int(image.width * image.height * samples), length)
-    if getattr(image, "n_frames", 1) > 1:
-        raise ValueError(f"the file holds {image.n_frames} images, and only one can be meant")
+    if frames == 1 and getattr(image, "n_frames", 1) > 1:
+        raise ValueError(
+            f"the file holds {image.n_frames} images, and only one can be meant; "
+            "phasestereo.io.read_pair reads stereo photographs"
+        )
     return image
 
 

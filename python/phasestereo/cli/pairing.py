@@ -1,0 +1,133 @@
+"""How the two views of a pair are had: from two files or from one, rectified or as they are."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+from numpy.typing import NDArray
+
+from phasestereo.cli.errors import WRONG_USAGE, CommandError
+from phasestereo.io import read_pair
+from phasestereo.io.views import View, join, read_views
+from phasestereo.video.capture import Layout
+
+if TYPE_CHECKING:
+    from phasestereo.rectification import Rectification
+
+AUTO = "auto"
+OPTIONS = frozenset(["layout", "rectify"])
+
+Views = tuple[View, View]
+Masks = tuple[NDArray[Any] | None, NDArray[Any] | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pairing:
+    """How the two views of a pair are had.
+
+    Parameters
+    ----------
+    layout
+        Where one file, LEFT alone, has both views: side-by-side, or top-bottom with the left view
+        above. An MPO file has two pictures and needs none.
+    rectify
+        Rectify the pair first: by a calibration or a saved rectification (twice for the files of
+        both cameras: --rectify left.yaml --rectify right.yaml), or auto, from the images alone.
+        Needs the extra ``rectify``.
+    """
+
+    layout: Layout | None = None
+    rectify: Annotated[tuple[str, ...], Parameter(show_default=False)] = ()
+
+    def read(self, left: Path, right: Path | None, bands: tuple[int, ...] | None = None) -> Views:
+        """Read both views.
+
+        Raises
+        ------
+        OSError, TypeError, ValueError, ImportError
+            As `read_views` and `read_pair`.
+        CommandError
+            If options do not go together.
+        """
+        return read_both(left, right, layout=self.layout, bands=bands)
+
+    def straight(
+        self, views: Views, masks: Masks = (None, None)
+    ) -> "tuple[Views, Rectification | None]":
+        """Return the views with what masks leave of them, rectified if that was asked for.
+
+        Raises
+        ------
+        OSError, TypeError, ValueError, ImportError
+            As `phasestereo.rectify`.
+        """
+        left_mask, right_mask = (
+            join(mask, view.mask) for mask, view in zip(masks, views, strict=True)
+        )
+        if not self.rectify:
+            left, right = views
+            return (
+                View(left.image, left_mask, left.place),
+                View(right.image, right_mask, right.place),
+            ), None
+        found: Rectification = import_module("phasestereo.rectification").rectify(
+            views[0].image,
+            views[1].image,
+            told(self.rectify),
+            left_mask=left_mask,
+            right_mask=right_mask,
+        )
+        return (View(found.left, found.left_mask), View(found.right, found.right_mask)), found
+
+    def sources(self) -> list[Path]:
+        """Return the files that are read for it."""
+        return [] if self.rectify == (AUTO,) else [Path(name) for name in self.rectify]
+
+
+def told(names: Sequence[str]) -> Sequence[str] | None:
+    """Return the calibration that words of the command line mean; None: the images alone tell.
+
+    Raises
+    ------
+    CommandError
+        If they mean none.
+    """
+    if list(names) == [AUTO]:
+        return None
+    if AUTO in names or len(names) > 2:
+        given = " ".join(names)
+        raise CommandError(
+            f"--rectify: got {given}; accepts auto, a file, or the files of both cameras",
+            WRONG_USAGE,
+        )
+    return names
+
+
+def read_both(
+    left: Path,
+    right: Path | None,
+    *,
+    layout: Layout | None,
+    bands: tuple[int, ...] | None = None,
+) -> Views:
+    """Read both views, from two files or from one."""
+    if right is not None:
+        if layout is not None:
+            raise CommandError("--layout: has no effect beside RIGHT", WRONG_USAGE)
+        return read_views(left, right, bands)
+    if bands is not None:
+        raise CommandError("--bands: has no effect without RIGHT", WRONG_USAGE)
+    images = read_pair(left, layout)
+    return View(images[0]), View(images[1])
+
+
+def names_of(left: Path, right: Path | None) -> tuple[str, str]:
+    """Return what to call the views."""
+    name = os.fspath(left.name)
+    return (name, right.name) if right is not None else (f"{name} (left)", f"{name} (right)")

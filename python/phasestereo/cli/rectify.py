@@ -1,0 +1,161 @@
+"""``phasestereo rectify``: two raw image files in, two whose rows correspond out."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from cyclopts import Parameter, validators
+
+import phasestereo
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
+from phasestereo.cli.pairing import read_both
+from phasestereo.cli.terminal import printable
+from phasestereo.io import write_image
+from phasestereo.rectification import Rectification
+from phasestereo.rectification import rectify as rectify_pair
+from phasestereo.video.capture import Layout
+
+_MANY = Parameter(consume_multiple=True, show_default=False)
+_OPTIONS = frozenset(["calibration", "alpha", "interpolation", "layout"])
+
+
+def rectify(
+    left: Path,
+    right: Path | None = None,
+    /,
+    *,
+    output: Annotated[tuple[Path, Path] | None, Parameter(alias="-o")] = None,
+    calibration: Annotated[tuple[Path, ...], _MANY] = (),
+    images_from: Annotated[tuple[Path, ...], _MANY] = (),
+    layout: Layout | None = None,
+    masks: tuple[Path, Path] | None = None,
+    save: Path | None = None,
+    alpha: Annotated[float | None, Parameter(validator=validators.Number(gte=-1, lte=1))] = None,
+    interpolation: Literal["linear", "cubic", "lanczos"] | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
+) -> None:
+    """Rectify a stereo pair: what both images show comes to lie on the same row of both.
+
+    By a calibration, or without one from the images alone. At least one of ``--output``,
+    ``--save`` and ``--json`` says what to do. Needs the extra ``rectify``. For example:
+
+    ```
+    phasestereo rectify left.png right.png --calibration stereo.yml -o l.png r.png
+    phasestereo rectify left.png right.png -o l.png r.png --save rig.npz
+    phasestereo match left2.png right2.png --rectify rig.npz --num-disparities 64 -o out.pfm
+    ```
+
+    Parameters
+    ----------
+    left
+        Left image: PNG, JPEG, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour. Or, without
+        RIGHT, a stereo photograph that holds both views.
+    right
+        Right image, of the same size and type.
+    output
+        Files for the rectified images, left and right.
+    calibration
+        OpenCV's .yml, .xml or .npz; a folder of .npy; a pair of ROS's camera_info or of EuRoC's
+        sensor.yaml (left, right); Kalibr's camchain; a saved rectification. Without it, the images
+        alone tell.
+    images_from
+        More pairs of the same cameras, left and right in turn, to tell more without a calibration.
+    layout
+        Where one file has both views: side-by-side, or top-bottom with the left view above.
+    masks
+        Files for masks, left and right: 0 where a pixel lies outside the image that was given.
+    save
+        File (.npz) for the rectification, to use again: match --rectify FILE.
+    alpha
+        What of the images to keep with a calibration, as OpenCV has it: 0, only what is valid
+        everywhere, to 1, all pixels; -1, OpenCV's default.
+    interpolation
+        How images are read between their pixels. Default: linear with a calibration, else lanczos.
+    as_json
+        Print one JSON object on standard output: method, error in rows, sentences, Q, files.
+    """
+    if not (output or save or as_json):
+        raise CommandError("nothing to do: give -o LEFT RIGHT, --save or --json", WRONG_USAGE)
+    if masks and not output:
+        raise CommandError("--masks: has no effect without --output", WRONG_USAGE)
+    if len(images_from) % 2:
+        raise CommandError("--images-from: accepts pairs of files, left and right", WRONG_USAGE)
+    if images_from and calibration:
+        raise CommandError("--images-from: has no effect beside --calibration", WRONG_USAGE)
+    targets = _targets(output, masks, save)
+    sources = [left, *([] if right is None else [right]), *calibration, *images_from]
+    _check_targets(targets, sources)
+    with refusals(options=_OPTIONS):
+        views = read_both(left, right, layout=layout)
+        others = zip(images_from[::2], images_from[1::2], strict=True)
+        found = rectify_pair(
+            views[0].image,
+            views[1].image,
+            calibration or None,
+            alpha=alpha,
+            interpolation=interpolation,
+            others=list(others),
+            left_mask=views[0].mask,
+            right_mask=views[1].mask,
+        )
+    with refusals():
+        _write(found, output, masks, save)
+    files = [str(path) for _, path in targets]
+    sys.stdout.write(_json(found, files) if as_json else _text(found, files))
+
+
+def _targets(
+    output: tuple[Path, Path] | None, masks: tuple[Path, Path] | None, save: Path | None
+) -> list[tuple[str, Path]]:
+    """Return the files to write, each with its option."""
+    pairs = [("output", path) for path in output or ()] + [("masks", path) for path in masks or ()]
+    return pairs + ([] if save is None else [("save", save)])
+
+
+def _check_targets(targets: list[tuple[str, Path]], sources: list[Path]) -> None:
+    """Refuse files that are read, given twice, or of a format that does not hold them."""
+    taken = [source.resolve() for source in sources]
+    for name, path in targets:
+        if path.resolve() in taken:
+            raise CommandError(f"{option(name)}: {path} is in use already", WRONG_USAGE)
+        if name == "save" and path.suffix.lower() != ".npz":
+            raise CommandError(f"--save: got {path}; accepts a .npz file", WRONG_USAGE)
+        taken.append(path.resolve())
+
+
+def _write(
+    found: Rectification,
+    output: tuple[Path, Path] | None,
+    masks: tuple[Path, Path] | None,
+    save: Path | None,
+) -> None:
+    for path, image in zip(output or (), (found.left, found.right), strict=False):
+        write_image(path, image)
+    for path, mask in zip(masks or (), (found.left_mask, found.right_mask), strict=False):
+        write_image(path, mask.astype(np.uint8) * np.uint8(255))
+    if save is not None:
+        found.save(save)
+
+
+def _json(found: Rectification, files: list[str]) -> str:
+    rows, cols = found.left.shape[:2]
+    told = {
+        "version": phasestereo.__version__,
+        "width": cols,
+        "height": rows,
+        **found.as_dict(),
+        "q": None if found.Q is None else found.Q.tolist(),
+        "interpolation": found.interpolation,
+        "inside": [float(mask.mean()) for mask in (found.left_mask, found.right_mask)],
+        "files": files,
+    }
+    return json.dumps(told, indent=2, allow_nan=False) + "\n"
+
+
+def _text(found: Rectification, files: list[str]) -> str:
+    lines = [*found.sentences, *(f"wrote {printable(path)}" for path in files)]
+    return "".join(f"{line}\n" for line in lines)

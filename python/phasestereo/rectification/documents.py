@@ -1,0 +1,145 @@
+"""Files of named matrices: YAML, XML, ``.npz``, folders of ``.npy``; nothing in them is run."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from phasestereo._extras import require
+from phasestereo.io.files import decoding, read_bounded
+from phasestereo.io.limits import SMALL, max_pixels
+from phasestereo.io.npz import decode_array, decode_arrays
+
+if TYPE_CHECKING:
+    from typing import BinaryIO
+
+    from phasestereo.io.files import StrPath
+
+Document: TypeAlias = dict[str, Any]
+
+ACCEPTED = (
+    "OpenCV's .yml, .xml or .npz with K1, D1, K2, D2, R, T; a folder of .npy named so; a pair of "
+    "ROS's camera_info or of EuRoC's sensor.yaml; Kalibr's camchain; a saved rectification"
+)
+_MOST_TEXT = 2**17  # bytes: YAML is read slowly, and calibrations have some thousands
+_MOST_FILES = 64  # of a folder
+_MAP_BYTES = 16 + 16 + 26  # of a pixel: two maps, and images of three floats with a mask each
+_XML_MATRIX = re.compile(
+    r'<(\w+) type_id="opencv-matrix">\s*<rows>(\d{1,5})</rows>\s*<cols>(\d{1,5})</cols>\s*'
+    r'<dt>"?\w+"?</dt>\s*<data>([^<]*)</data>\s*</\1>'
+)
+_MATRIX = "tag:yaml.org,2002:opencv-matrix"
+
+
+def read_document(path: StrPath) -> Document:
+    """Read what a file, or a folder of ``.npy`` files, holds by name.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    ValueError
+        If it is damaged, too large, or nothing of `ACCEPTED`.
+    ImportError
+        If it is YAML, and the extra ``rectify`` is not installed.
+    """
+    if Path(path).is_dir():
+        return _read_folder(Path(path))
+    with decoding(path) as file:
+        head = file.read(8)
+        file.seek(0)
+        if head.startswith(b"PK"):
+            most = _MAP_BYTES * max_pixels() + SMALL
+            return dict(decode_arrays(read_bounded(file, most), most))
+        text = _text(file)
+        if text.lstrip().startswith("<?xml"):
+            return _of_xml(text)
+        return _of_yaml(text)
+
+
+def _read_folder(folder: Path) -> Document:
+    paths = sorted(folder.glob("*.npy"))
+    if not paths:
+        raise ValueError(f"{folder}: a folder without .npy files; accepts {ACCEPTED}")
+    if len(paths) > _MOST_FILES:
+        raise ValueError(f"{folder}: has {len(paths)} .npy files; accepts {_MOST_FILES} at most")
+    found: Document = {}
+    for path in paths:
+        with decoding(path) as file:
+            found[path.stem] = decode_array(read_bounded(file, 8 * max_pixels() + SMALL))
+    return found
+
+
+def _text(file: BinaryIO) -> str:
+    try:
+        text = read_bounded(file, _MOST_TEXT).decode("utf-8-sig")
+    except ValueError as error:  # of what cannot be decoded, too
+        raise ValueError(f"no calibration; accepts {ACCEPTED}") from error
+    if "\0" in text:
+        raise ValueError(f"no calibration; accepts {ACCEPTED}")
+    return text
+
+
+def _of_xml(text: str) -> Document:
+    """Return the matrices of a file as cv2.FileStorage writes it: it knows no entities."""
+    return {
+        name: _matrix({"rows": rows, "cols": cols, "data": data.split()})
+        for name, rows, cols, data in _XML_MATRIX.findall(text)
+    }
+
+
+def _of_yaml(text: str) -> Document:
+    """Return what a YAML file tells; OpenCV's has a header of its own, which YAML does not know."""
+    yaml = require("yaml", extra="rectify")
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc, name-defined]  # known at run time
+        """Plain values and OpenCV's matrices; no aliases, of which a few lines make gigabytes."""
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.check_event(yaml.events.AliasEvent):
+                raise ValueError("has aliases (*), which are not read")
+            return super().compose_node(parent, index)
+
+    def construct(loader: Any, node: Any) -> Any:
+        return _matrix(loader.construct_mapping(node, deep=True))
+
+    Loader.add_constructor(_MATRIX, construct)
+    body = re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text)
+    try:
+        document = yaml.load(body, Loader=Loader)  # a safe loader
+    except (yaml.YAMLError, RecursionError) as error:
+        where = getattr(error, "problem_mark", None)
+        line = "" if where is None else f" (YAML breaks off at line {where.line + 1})"
+        raise ValueError(f"no calibration{line}; accepts {ACCEPTED}") from error
+    if isinstance(document, dict):
+        return {str(name): value for name, value in document.items()}
+    raise ValueError(f"no calibration; accepts {ACCEPTED}")
+
+
+def _matrix(told: Document) -> Any:
+    """Return the matrix that a mapping of rows, columns and data tells."""
+    numbers = np.array([float(value) for value in told["data"]])
+    rows, cols = int(told["rows"]), int(told["cols"])
+    if numbers.size != rows * cols:
+        raise ValueError(f"a matrix of {rows} x {cols} has {numbers.size} numbers")
+    return numbers.reshape(rows, cols)
+
+
+def numbers(told: Any, name: str) -> Any:
+    """Return the matrix that a list, a list of lists, or rows, columns and data tell.
+
+    Raises
+    ------
+    ValueError
+        If it tells none.
+    """
+    try:
+        if isinstance(told, dict):
+            return _matrix(told)
+        array = np.asarray(told)
+        return array.astype(np.float64)
+    except (KeyError, OverflowError, TypeError, ValueError) as error:
+        raise ValueError(f"{name}: tells no matrix of numbers") from error

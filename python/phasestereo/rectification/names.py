@@ -1,0 +1,119 @@
+"""Which matrix is which: the names that people give them, led back to OpenCV's."""
+
+from __future__ import annotations
+
+import re
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo._extras import require
+from phasestereo.rectification.cameras import MAPS, Cameras
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from phasestereo.rectification.cameras import Matrix
+
+_OF_PAIR = {
+    "R": "r rot rotation rotmat rotmatrix rotationmatrix stereor",
+    "T": "t trans transvec translation translationvector translationvec stereot",
+    "Q": "q qmatrix disptodepthmat disparitytodepth",
+}
+_OF_CAMERA = {
+    "K": "k m mtx cammat cammats cammtx cameramat cameramatrix intrinsic intrinsics "
+    "intrinsicmatrix newcameramatrix",
+    "D": "d dist distcoeff distcoeffs distcoef distcoefs distortion distortioncoeffs "
+    "distortioncoefficients",
+    "R": "r rect recttrans rectmat rectrot rectification rectificationmatrix",
+    "P": "p proj projmat projmats projmatrix projection projectionmatrix",
+}
+_MAPS = ["map", "stereomap", "rectmap", "rectifymap", "undistmap", "undistortmap"]
+_SIDES = {"1": ("1", "l", "left"), "2": ("2", "r", "right")}
+_SIDES_FROM_0 = {"1": ("0",), "2": ("1",)}
+_SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4), "Q": (4, 4)}
+_COEFFICIENTS = (4, 5, 8, 12, 14)  # of distortion, that OpenCV knows
+
+
+def _spellings(sides: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, str]]:
+    """Yield names as people write them, in small letters and digits alone, each with OpenCV's."""
+    for number, words in sides.items():
+        for word, (kind, stems) in product(words, _OF_CAMERA.items()):
+            for stem in stems.split():
+                yield stem + word, kind + number
+                yield word + stem, kind + number
+        for word, stem, axis in product(words, _MAPS, "xy"):
+            name = f"map{number}{axis}"
+            yield stem + word + axis, name
+            yield stem + axis + word, name
+            yield word + stem + axis, name
+        for word in words:  # as StereoVision names them
+            yield "undistortionmap" + word, f"map{number}x"
+            yield "rectificationmap" + word, f"map{number}y"
+
+
+_PAIR = {name: kind for kind, names in _OF_PAIR.items() for name in names.split()}
+_FROM_1 = dict(_spellings(_SIDES)) | _PAIR
+_FROM_0 = dict(_spellings(_SIDES_FROM_0)) | _PAIR
+
+
+def as_cameras(
+    arrays: Mapping[str, Any], *, size: tuple[int, int] | None = None, fisheye: bool = False
+) -> Cameras:
+    """Return the camera pair that named matrices tell; names that say nothing are skipped.
+
+    Parameters
+    ----------
+    arrays
+        Matrices by any usual name: ``K1``, ``M1``, ``cameraMatrix1``, ``cam_mats_left`` ...
+    size, fisheye
+        As those of `Cameras`.
+
+    Raises
+    ------
+    ValueError
+        If a matrix is given twice or is of another shape, or too few are there.
+    """
+    plain = {name: re.sub(r"[^a-z0-9]", "", str(name).lower()) for name in arrays}
+    from_0 = any(_FROM_0.get(name, "")[1:] == "1" for name in plain.values())
+    found: dict[str, Matrix] = {}
+    for name, value in arrays.items():
+        known = (_FROM_0 if from_0 else _FROM_1).get(plain[name])
+        if known in found:
+            raise ValueError(f"gives {known} twice, the second time as {name}")
+        if known is not None:
+            found[known] = _checked(known, value, fisheye=fisheye)
+    return Cameras(matrices=found, size=size, fisheye=fisheye)
+
+
+def _checked(name: str, value: Any, *, fisheye: bool) -> Matrix:
+    """Return a matrix in the shape that OpenCV takes, or refuse it."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name}: holds {array.dtype}; accepts numbers")
+    matrix = array.astype(np.float64)
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"{name}: holds what is no finite number")
+    if name in MAPS:
+        if matrix.ndim != 2 or 0 in matrix.shape:
+            raise ValueError(f"{name}: got shape {matrix.shape}; accepts (H, W)")
+        return matrix
+    if name[0] == "D":
+        allowed = (4,) if fisheye else _COEFFICIENTS
+        if matrix.size not in allowed or matrix.size != max(matrix.shape, default=0):
+            raise ValueError(
+                f"{name}: got shape {matrix.shape}; accepts {', '.join(map(str, allowed))} numbers"
+            )
+        return matrix.reshape(-1, 1)
+    if name in ("R", "T") and matrix.size == 3:
+        column = matrix.reshape(3, 1)
+        turned: Matrix = (
+            column if name == "T" else require("cv2", extra="rectify").Rodrigues(column)[0]
+        )
+        return turned
+    if name[0] == "K" and matrix.shape == (3, 3) and not (matrix[[0, 1], [0, 1]] > 0).all():
+        raise ValueError(f"{name}: got no positive focal lengths")
+    if matrix.shape != (shape := _SHAPES.get(name[0], (3, 1))):
+        raise ValueError(f"{name}: got shape {matrix.shape}; accepts {shape}")
+    return matrix

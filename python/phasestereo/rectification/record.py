@@ -1,0 +1,228 @@
+"""What a rectification is: two images whose rows correspond, and the maps that made them so."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from phasestereo._extras import require
+from phasestereo._images import as_mask, as_pair, opened_pair
+from phasestereo.io.files import replacing
+from phasestereo.rectification.cameras import MAPS
+from phasestereo.rectification.documents import Document, read_document
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from phasestereo._images import Picture
+    from phasestereo.rectification.cameras import Map, Maps, Matrix
+
+    Mask = NDArray[np.bool_]
+    Method = Literal["calibration", "images"]
+    Interpolation = Literal["linear", "cubic", "lanczos"]
+
+_IMAGES = "left", "right", "left_mask", "right_mask"
+_METHODS = "calibration", "images"
+INTERPOLATIONS = {"linear": "INTER_LINEAR", "cubic": "INTER_CUBIC", "lanczos": "INTER_LANCZOS4"}
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Rectification:
+    """A pair whose rows correspond, and how it was made so; it can be pickled and saved.
+
+    `phasestereo.match` takes it as ``match(r.left, r.right, left_mask=r.left_mask,
+    right_mask=r.right_mask, ...)``.
+
+    Parameters
+    ----------
+    left, right
+        The rectified images, (H, W) or (H, W, 3), of the type and size of those given.
+    left_mask, right_mask
+        bool (H, W): False where a rectified pixel lies outside the image that was given.
+    maps
+        ``((left x, left y), (right x, right y))``, each float32 (H, W): the column and the row of
+        the given image at which a rectified pixel is read, as ``cv2.remap`` takes them.
+    Q
+        OpenCV's matrix of the rectified pair, (4, 4), for `phasestereo.io.Calibration.from_q`.
+        None: not known, as without a calibration, which alone tells the scale of a scene.
+    method
+        ``"calibration"``, or ``"images"``: from what both images show, alone.
+    interpolation
+        How images are read between their pixels: "linear", "cubic" or "lanczos".
+    error
+        By how much rows of the rectified pair do not correspond, root mean square, pixels: as
+        measured on the pair with a calibration, and as it is expected of the whole image without.
+        None: too little is in both images to tell.
+    sentences
+        What was found, in plain words.
+    """
+
+    left: NDArray[Any]
+    right: NDArray[Any]
+    left_mask: NDArray[np.bool_]
+    right_mask: NDArray[np.bool_]
+    maps: Maps
+    Q: Matrix | None
+    method: Method
+    interpolation: Interpolation
+    error: float | None
+    sentences: tuple[str, ...]
+
+    def apply(self, left: Picture, right: Picture) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Rectify another pair of the same cameras.
+
+        Parameters
+        ----------
+        left, right
+            Images as `phasestereo.match` takes them, of the size of the first ones.
+
+        Returns
+        -------
+        tuple
+            The rectified images. The masks are those of the first pair.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As `phasestereo.match`, and for another size.
+        ImportError
+            If the extra ``rectify`` is not installed.
+        """
+        return warped((left, right), self.maps, self.interpolation)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return method, error and sentences as JSON has them."""
+        return {"method": self.method, "error": self.error, "sentences": list(self.sentences)}
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a file, ``.npz`` without pickled objects, which `load` reads.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        told = self.as_dict() | {"interpolation": self.interpolation}
+        arrays = {name: getattr(self, name) for name in _IMAGES}
+        arrays |= dict(zip(MAPS, (*self.maps[0], *self.maps[1]), strict=True))
+        if self.Q is not None:
+            arrays["Q"] = self.Q
+        with replacing(path) as file:
+            np.savez(file, allow_pickle=False, told=np.array(json.dumps(told)), **arrays)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Rectification:
+        """Read what `save` has written.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be read.
+        ValueError
+            If it is no such file, or damaged.
+        """
+        document = read_document(path)
+        try:
+            return from_document(document)
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{os.fspath(path)}: no saved rectification ({error})") from error
+
+    def __repr__(self) -> str:
+        """Tell the size and what was found: arrays would tell nothing."""
+        rows, cols = self.left.shape[:2]
+        error = "rows not measured" if self.error is None else f"rows to {self.error:.2f} px"
+        return f"<Rectification {cols}x{rows} from {self.method}, {error}>"
+
+
+def is_saved(document: Document) -> bool:
+    """Tell whether a file is one that `Rectification.save` has written."""
+    return "told" in document and all(name in document for name in (*MAPS, *_IMAGES))
+
+
+def from_document(document: Document) -> Rectification:
+    """Return the rectification that a file tells.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If it tells none.
+    """
+    told = json.loads(str(document["told"]))
+    left, right, left_mask, right_mask = (document[name] for name in _IMAGES)
+    x1, y1, x2, y2 = maps = [document[name] for name in MAPS]
+    as_pair(left, right)
+    size, q, error = left.shape[:2], document.get("Q"), told["error"]
+    if any(part.shape != size or part.dtype != np.float32 for part in maps):
+        raise ValueError("maps that are not those of the images")
+    if any(mask.shape != size or mask.dtype != np.bool_ for mask in (left_mask, right_mask)):
+        raise ValueError("masks that are not those of the images")
+    if q is not None and (q.shape != (4, 4) or q.dtype != np.float64):
+        raise ValueError("a matrix Q that is none")
+    if told["interpolation"] not in INTERPOLATIONS or told["method"] not in _METHODS:
+        raise ValueError("a way to rectify that is not known")
+    return Rectification(
+        left=left,
+        right=right,
+        left_mask=left_mask,
+        right_mask=right_mask,
+        maps=((x1, y1), (x2, y2)),
+        Q=q,
+        method=told["method"],
+        interpolation=told["interpolation"],
+        error=None if error is None else float(error),
+        sentences=tuple(str(sentence) for sentence in told["sentences"]),
+    )
+
+
+def warped(
+    images: tuple[Picture, Picture], maps: Maps, interpolation: Interpolation
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return both images of a pair as their maps read them.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are no pair, or of another size than the maps.
+    """
+    cv2 = require("cv2", extra="rectify")
+    pair = opened_pair(*images)
+    size = maps[0][0].shape
+    if pair[0].shape[:2] != size:
+        raise ValueError(f"left: got {pair[0].shape[:2]} pixels; accepts those of the maps, {size}")
+    flag = getattr(cv2, INTERPOLATIONS[interpolation])
+    left, right = (cv2.remap(image, x, y, flag) for image, (x, y) in zip(pair, maps, strict=True))
+    return left, right
+
+
+def masks_of(
+    maps: Maps, size: tuple[int, ...], given: tuple[ArrayLike | None, ArrayLike | None]
+) -> tuple[Mask, Mask]:
+    """Return where rectified pixels lie inside images of this size, and on pixels that are valid.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a mask is none, or is of another size.
+    """
+    cv2 = require("cv2", extra="rectify")
+    found = []
+    for part, mask, name in zip(maps, given, ("left_mask", "right_mask"), strict=True):
+        valid = as_mask(mask, size, name)
+        there = inside(part, size)
+        if valid is not None:
+            invalid = cv2.remap((~valid).astype(np.float32), *part, cv2.INTER_LINEAR)
+            there &= invalid == 0
+        found.append(there)
+    left, right = found
+    return left, right
+
+
+def inside(maps: tuple[Map, Map], size: tuple[int, ...]) -> Mask:
+    """Return where maps lead to pixels of an image of this size (rows, columns)."""
+    x, y = maps
+    found: Mask = (x >= 0) & (x <= size[1] - 1) & (y >= 0) & (y <= size[0] - 1)
+    return found

@@ -1,0 +1,198 @@
+"""From two raw images to two whose rows correspond: by a calibration, or by what they show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from numbers import Real
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from phasestereo._images import opened_pair
+from phasestereo.diagnosis import check
+from phasestereo.rectification.cameras import Cameras, Warp
+from phasestereo.rectification.estimating import estimated
+from phasestereo.rectification.reading import read_calibration
+from phasestereo.rectification.record import INTERPOLATIONS, Rectification, masks_of, warped
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import ArrayLike
+
+    from phasestereo._images import Picture, Pixels
+    from phasestereo.rectification.reading import Told
+    from phasestereo.rectification.record import Interpolation, Method
+
+    Masks = tuple[ArrayLike | None, ArrayLike | None]
+
+_OFF = 1.0  # rows: more than a calibration that fits leaves
+
+
+def rectify(
+    left: Picture,
+    right: Picture,
+    calibration: Told | Rectification | Cameras | None = None,
+    *,
+    alpha: float | None = None,
+    interpolation: Interpolation | None = None,
+    others: Iterable[tuple[Picture, Picture]] = (),
+    left_mask: ArrayLike | None = None,
+    right_mask: ArrayLike | None = None,
+) -> Rectification:
+    """Rectify a stereo pair, so that what both images show lies on the same row of both.
+
+    Parameters
+    ----------
+    left, right
+        Images as `phasestereo.match` takes them.
+    calibration
+        One of these; None: the images alone tell how the cameras stand to each other.
+
+        - A file: OpenCV's YAML, XML or ``.npz`` with ``K1, D1, K2, D2, R, T`` or ``K1, D1, R1, P1,
+          K2, D2, R2, P2``, or with maps for ``cv2.remap``, under any usual name
+          (``cameraMatrix1``, ``M1``, ``mtxL`` ...); a camchain of Kalibr's; a saved rectification.
+        - A pair of files (left, right): ROS's camera_info, EuRoC's ``sensor.yaml``; or two that
+          complete each other, as ``intrinsics.yml`` and ``extrinsics.yml`` of OpenCV's sample.
+        - A folder: of ``.npy`` files so named, or with a pair of files as ``left.yaml``,
+          ``right.yaml`` or ``cam0/sensor.yaml``, ``cam1/sensor.yaml``.
+        - A mapping of matrices by name.
+        - A `Rectification` of the same cameras.
+    alpha
+        What of the images to keep, as ``cv2.stereoRectify`` has it: 0, only what is valid
+        everywhere, to 1, all pixels. None: as the calibration tells, or OpenCV's default, -1. For
+        calibrations.
+    interpolation
+        How images are read between their pixels: "linear", "cubic" or "lanczos" (8 x 8 pixels).
+        None: linear with a calibration, which gives the bits that OpenCV's `remap` gives by
+        default; lanczos without.
+    others
+        More pairs of the same cameras, of the same size: without a calibration all of them
+        together tell more than one does.
+    left_mask, right_mask
+        bool (H, W), True = valid, of the images as they are given: rectified pixels that are read
+        from others are False in the masks of the result. None: all are valid.
+
+    Returns
+    -------
+    Rectification
+        The images, masks of what lies outside, the maps to use again, and Q where it is known.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For images or a calibration that are none, or do not fit each other; ValueError also if the
+        images alone do not tell enough, which the message explains.
+    OSError
+        If a file cannot be read.
+    ImportError
+        If the extra ``rectify`` is not installed.
+
+    Notes
+    -----
+    With a calibration the geometry is OpenCV's: ``stereoRectify``, ``initUndistortRectifyMap``,
+    ``remap``. Without one, focal lengths, distortion, principal points and rotations are estimated
+    together, so that the rows of features (SIFT [1]_) that both images show correspond; see
+    `phasestereo.rectification.estimating`. Nothing tells the scale of the scene then, and little
+    the horizontal geometry: `Q` is None.
+
+    References
+    ----------
+    .. [1] D. G. Lowe, *Distinctive Image Features from Scale-Invariant Keypoints*, IJCV 2004.
+    """
+    pair = opened_pair(left, right)
+    size = pair[0].shape[1], pair[0].shape[0]
+    masks = left_mask, right_mask
+    _check_options(alpha, interpolation)
+    if calibration is None:
+        found = estimated([pair, *(opened_pair(*other) for other in others)])
+        made = _rectified(pair, masks, Warp(found.maps, None), "images", interpolation or "lanczos")
+        return replace(made, error=found.error, sentences=found.sentences)
+    if isinstance(calibration, Rectification | Cameras):
+        told = calibration
+    else:
+        told = read_calibration(calibration)
+    if isinstance(told, Rectification):
+        return _again(pair, masks, told, interpolation)
+    warp = told.warp(size, alpha)
+    return _measured(_rectified(pair, masks, warp, "calibration", interpolation or "linear"))
+
+
+def _check_options(alpha: float | None, interpolation: str | None) -> None:
+    if alpha is not None and (isinstance(alpha, bool) or not isinstance(alpha, Real)):
+        raise TypeError(f"alpha: got {type(alpha).__name__}; accepts a number or None")
+    if alpha is not None and not (alpha == -1 or 0 <= alpha <= 1):
+        raise ValueError(f"alpha: got {alpha}; accepts -1, or 0 to 1")
+    if interpolation is not None and interpolation not in INTERPOLATIONS:
+        names = ", ".join(map(repr, INTERPOLATIONS))
+        raise ValueError(f"interpolation: got {interpolation!r}; accepts {names}")
+
+
+def _rectified(
+    pair: tuple[Pixels, Pixels],
+    masks: Masks,
+    warp: Warp,
+    method: Method,
+    interpolation: Interpolation,
+) -> Rectification:
+    left, right = warped(pair, warp.maps, interpolation)
+    left_mask, right_mask = masks_of(warp.maps, pair[0].shape, masks)
+    return Rectification(
+        left=left,
+        right=right,
+        left_mask=left_mask,
+        right_mask=right_mask,
+        maps=warp.maps,
+        Q=warp.q,
+        method=method,
+        interpolation=interpolation,
+        error=None,
+        sentences=(),
+    )
+
+
+def _again(
+    pair: tuple[Pixels, Pixels],
+    masks: Masks,
+    known: Rectification,
+    interpolation: Interpolation | None,
+) -> Rectification:
+    """Return another pair rectified as one before it."""
+    if known.maps[0][0].shape != (size := pair[0].shape[:2]):
+        raise ValueError(
+            f"calibration: got that of {known.maps[0][0].shape} pixels; accepts that of the "
+            f"images' {size}"
+        )
+    way = interpolation or known.interpolation
+    left, right = warped(pair, known.maps, way)
+    left_mask, right_mask = masks_of(known.maps, pair[0].shape, masks)
+    return replace(
+        known,
+        left=left,
+        right=right,
+        left_mask=left_mask,
+        right_mask=right_mask,
+        interpolation=way,
+    )
+
+
+def _measured(made: Rectification) -> Rectification:
+    """Return a rectification with what its images tell of it: calibrations age."""
+    if not all(np.isfinite(image).all() for image in (made.left, made.right)):
+        return made  # where pixels are NaN, as masked ones may be, nothing is looked at
+    found = check(made.left, made.right).alignment
+    if found is None:
+        said = (
+            "these images do not tell how rows correspond: they show too little in common, or the "
+            "calibration is not of these cameras"
+        )
+        return replace(made, sentences=(said,))
+    off = f"{found.rms:.2f} px rms, known to {found.error:.2f} px"
+    if found.rms > max(_OFF, 4 * found.error):
+        said = (
+            f"rows do not correspond ({off}): the calibration is not of these cameras as "
+            "they are, or the images are exchanged"
+        )
+    else:
+        said = f"rows correspond as the calibration says ({off})"
+    return replace(made, error=found.rms, sentences=(said,))

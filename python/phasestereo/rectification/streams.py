@@ -1,0 +1,70 @@
+"""The frames of a stream rectified one after another, all by what the first of them told."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from phasestereo.rectification.reading import read_calibration
+from phasestereo.rectification.record import Rectification
+from phasestereo.rectification.rectifying import rectify
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from phasestereo._images import Picture
+    from phasestereo.rectification.cameras import Cameras
+    from phasestereo.rectification.reading import Told
+
+AUTO = "auto"
+
+
+class Rectifier:
+    """Rectifies pairs of the same cameras.
+
+    Parameters
+    ----------
+    told
+        What `rectify` takes as a calibration; "auto": the first pair whose images tell enough.
+    masks
+        Masks of the raw images, left and right.
+
+    Raises
+    ------
+    OSError, TypeError, ValueError
+        If there is no such calibration.
+    """
+
+    def __init__(
+        self,
+        told: Told | Rectification,
+        masks: tuple[ArrayLike | None, ArrayLike | None],
+    ) -> None:
+        self._told: Cameras | Rectification | None = None
+        if isinstance(told, Rectification):
+            self._told = told
+        elif told != AUTO:
+            self._told = read_calibration(told)
+        self._masks = masks
+        self._found: Rectification | None = None
+
+    def pair(self, left: Picture, right: Picture) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return a pair rectified.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As `rectify`.
+        """
+        if self._found is not None:
+            return self._found.apply(left, right)
+        self._found = rectify(
+            left, right, self._told, left_mask=self._masks[0], right_mask=self._masks[1]
+        )
+        return self._found.left, self._found.right
+
+    @property
+    def masks(self) -> dict[str, Any]:
+        """What is valid of the pairs that were rectified, as `phasestereo.match` takes it."""
+        if self._found is None:
+            return {}
+        return {"left_mask": self._found.left_mask, "right_mask": self._found.right_mask}

@@ -1,0 +1,217 @@
+"""``phasestereo rectify``, and raw pairs and stereo photographs in the other commands."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from conftest import counterpart
+from phasestereo import io
+from phasestereo.rendering import render_pair
+from rigs import SIZE, cv2, made_up
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from conftest import Run
+
+counterpart("scipy")
+
+WRONG, FAILED = 2, 1
+
+
+@pytest.fixture(scope="module")
+def scene() -> tuple[Any, Any]:
+    pair = render_pair(3, height=SIZE[1], width=SIZE[0], num_disparities=24)
+    turn = cv2.getRotationMatrix2D((SIZE[0] / 2, SIZE[1] / 2), 2, 1)
+    return pair.left, cv2.warpAffine(pair.right, turn, SIZE, borderMode=cv2.BORDER_REFLECT)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, scene: tuple[Any, Any]) -> Path:
+    """Return the current folder: a raw pair, both of it in one file, and a calibration."""
+    monkeypatch.chdir(tmp_path)
+    io.write_image("left.png", scene[0])
+    io.write_image("right.png", scene[1])
+    io.write_image("both.png", np.concatenate(scene, axis=1))
+    np.savez("rig.npz", allow_pickle=False, **made_up())
+    return tmp_path
+
+
+def test_a_calibration_gives_what_the_library_gives(run: Callable[..., Run]) -> None:
+    code, out, err = run(
+        "rectify", "left.png", "right.png", "-o", "l.png", "r.png", "--calibration", "rig.npz",
+        "--masks", "lm.png", "rm.png", "--save", "saved.npz", "--alpha", "1",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    expected = ps.rectify("left.png", "right.png", "rig.npz", alpha=1)
+    assert out.splitlines()[: len(expected.sentences)] == list(expected.sentences)
+    assert [f"wrote {name}" for name in ("l.png", "r.png", "lm.png", "rm.png", "saved.npz")] == (
+        out.splitlines()[-5:]
+    )
+    np.testing.assert_array_equal(io.read_image("l.png"), expected.left)
+    np.testing.assert_array_equal(io.read_image("r.png"), expected.right)
+    np.testing.assert_array_equal(io.read_image("lm.png"), 255 * expected.left_mask)
+    saved = ps.Rectification.load("saved.npz")
+    np.testing.assert_array_equal(saved.maps[1], expected.maps[1])
+
+
+def test_images_alone_and_json(run: Callable[..., Run]) -> None:
+    code, out, err = run(
+        "rectify", "left.png", "right.png", "--json", "--images-from", "left.png", "right.png"
+    )
+    assert (code, err) == (0, "")
+    told = json.loads(out)
+    assert told["method"] == "images"
+    assert (told["width"], told["height"]) == SIZE
+    assert told["error"] < 0.5
+    assert "of 2 pairs" in told["sentences"][0]
+    assert told["q"] is None
+    assert told["files"] == []
+
+
+def test_a_photograph_of_both_views(run: Callable[..., Run]) -> None:
+    layout = "--layout", "side-by-side"
+    expected = ps.rectify("left.png", "right.png")
+    code, _, err = run("rectify", "both.png", *layout, "-o", "l.png", "r.png")
+    assert code == 0, err
+    np.testing.assert_array_equal(io.read_image("r.png"), expected.right)
+    code, out, _ = run("check", "both.png", *layout)
+    assert code == 0
+    assert out == run("check", "left.png", "right.png")[1]
+    for arguments in (("both.png", *layout), ("left.png", "right.png")):
+        code, _, _ = run(
+            "match", *arguments, "--num-disparities", 32, "-o", f"{len(arguments)}.npy"
+        )
+        assert code == 0
+    np.testing.assert_array_equal(np.load("3.npy"), np.load("2.npy"))
+
+
+def test_an_mpo_file_is_known_by_itself(run: Callable[..., Run], scene: tuple[Any, Any]) -> None:
+    image = counterpart("PIL.Image")
+    first, second = (image.fromarray(part) for part in scene)
+    first.save("photo.mpo", format="MPO", save_all=True, append_images=[second])
+    left, right = io.read_pair("photo.mpo")
+    assert run("check", "photo.mpo")[1] == f"{ps.check(left, right)}\n"
+    code, out, _ = run("match", "photo.mpo", "--num-disparities", 32, "--json")
+    assert code == 0
+    assert json.loads(out)["width"] == SIZE[0]
+
+
+@pytest.mark.parametrize("told", [["auto"], ["rig.npz"], ["saved.npz"]])
+def test_a_raw_pair_is_matched(run: Callable[..., Run], told: list[str]) -> None:
+    rig = ps.rectify("left.png", "right.png", None if told != ["rig.npz"] else "rig.npz")
+    rig.save("saved.npz")
+    words = [word for name in told for word in ("--rectify", name)]
+    code, out, err = run(
+        "match", "left.png", "right.png", "--num-disparities", 48, "-o", "o.npy", *words
+    )
+    assert code == 0, err
+    assert rig.sentences[0] in out
+    expected = ps.match(
+        rig.left, rig.right, num_disparities=48, left_mask=rig.left_mask, right_mask=rig.right_mask
+    )
+    np.testing.assert_array_equal(np.load("o.npy"), expected.disparity)
+
+
+def test_q_of_a_calibration_is_the_geometry(run: Callable[..., Run]) -> None:
+    arguments = "match", "left.png", "right.png", "--num-disparities", 48, "--rectify", "rig.npz"
+    code, out, err = run(*arguments, "--depth", "z.npy", "-o", "d.npy", "--json")
+    assert code == 0, err
+    assert json.loads(out)["rectification"]["method"] == "calibration"
+    rig = ps.rectify("left.png", "right.png", "rig.npz")
+    assert rig.Q is not None
+    known = io.Calibration.from_q(rig.Q, width=SIZE[0], height=SIZE[1])
+    expected = known.depth(np.load("d.npy"))
+    expected[~np.isfinite(expected)] = np.nan
+    np.testing.assert_array_equal(np.load("z.npy"), expected)
+
+
+def test_masks_are_those_of_the_raw_images(run: Callable[..., Run]) -> None:
+    mask = np.full(SIZE[::-1], 255, np.uint8)
+    mask[:60] = 0
+    io.write_image("mask.png", mask)
+    code, _, err = run(
+        "match", "left.png", "right.png", "--num-disparities", 48, "-o", "o.npy",
+        "--rectify", "rig.npz", "--left-mask", "mask.png",
+    )  # fmt: skip
+    assert code == 0, err
+    rig = ps.rectify("left.png", "right.png", "rig.npz", left_mask=mask > 0)
+    assert np.isnan(np.load("o.npy")[~rig.left_mask]).all()
+    assert 0.2 < rig.left_mask.mean() < 0.7
+
+
+def test_a_folder_of_frames_is_rectified(run: Callable[..., Run], scene: tuple[Any, Any]) -> None:
+    for side, image in zip(("left", "right"), scene, strict=True):
+        Path(side).mkdir()
+        io.write_image(f"{side}/0.png", image)
+    rig = ps.rectify(*scene)
+    rig.save("saved.npz")
+    for told in ("auto", "saved.npz"):
+        code, _, err = run(
+            "live", "left", "right", "--num-disparities", 48, "--preset", "fast",
+            "--frames", f"{told}-%d.npy", "--rectify", told,
+        )  # fmt: skip
+        assert code == 0, err
+        expected = ps.match(
+            rig.left, rig.right, num_disparities=48, preset="fast",
+            left_mask=rig.left_mask, right_mask=rig.right_mask,
+        )  # fmt: skip
+        np.testing.assert_array_equal(np.load(f"{told}-0.npy"), expected.disparity)
+
+
+@pytest.mark.parametrize(("line", "code", "message"), [
+    ("rectify left.png right.png", WRONG, "nothing to do: give -o LEFT RIGHT, --save or --json"),
+    ("rectify left.png right.png -o l.png", WRONG, "-o requires 2"),
+    ("rectify left.png right.png -o left.png r.png", WRONG, "--output: left.png is in use"),
+    ("rectify left.png right.png -o l.png l.png", WRONG, "--output: l.png is in use already"),
+    ("rectify left.png right.png -o l.xyz r.xyz", FAILED, "path must end in one of .png"),
+    ("rectify left.png right.png --save rig.txt", WRONG, "--save: got rig.txt; accepts a .npz"),
+    ("rectify left.png right.png --masks a.png b.png --json", WRONG, "--masks: has no effect"),
+    ("rectify left.png right.png --json --images-from left.png", WRONG, "--images-from: accepts"),
+    ("rectify left.png right.png --json --images-from left.png right.png --calibration rig.npz",
+     WRONG, "--images-from: has no effect beside --calibration"),
+    ("rectify left.png right.png --json --calibration left.png", FAILED, "left.png: no calibrat"),
+    ("rectify left.png right.png --json --calibration no.yml", FAILED, "no.yml: No such file"),
+    ("rectify left.png right.png --json --calibration a b c", WRONG, "--calibration: got tuple"),
+    ("rectify left.png right.png --json --alpha 3", WRONG, "--alpha"),
+    ("rectify left.png nowhere.png --json", FAILED, "nowhere.png: No such file"),
+    ("rectify left.png both.png --json", FAILED, "right: got (120, 320) pixels; accepts the size"),
+    ("rectify left.png --json", WRONG, "--layout: got None for left.png"),
+    ("rectify left.png right.png --layout top-bottom --json", WRONG, "--layout: has no effect"),
+    ("match left.png right.png --num-disparities 9 --json --rectify a --rectify auto", WRONG,
+     "--rectify: got a auto; accepts auto, a file, or the files of both cameras"),
+    ("match left.png right.png --num-disparities 9 --json --rectify left.png", FAILED,
+     "left.png: no calibration; accepts OpenCV's"),
+    ("match left.png right.png --num-disparities 9 -o rig.npz --rectify rig.npz", WRONG,
+     "--output: rig.npz is in use already"),
+    ("match left.png --layout top-bottom --num-disparities 9 -o o.npy --max-memory 1GB", WRONG,
+     "--max-memory: accepts two files of rectified images"),
+    ("match left.png --bands 1 --num-disparities 9 --json", WRONG, "--bands: has no effect"),
+    ("check left.png right.png --layout top-bottom", WRONG, "--layout: has no effect"),
+    ("live left.png right.png --num-disparities 9 --json --rectify no.npz", FAILED,
+     "no.npz: No such file"),
+])  # fmt: skip
+def test_refusals_are_one_line_and_leave_nothing(
+    run: Callable[..., Run], folder: Path, line: str, code: int, message: str
+) -> None:
+    before = sorted(folder.iterdir())
+    got, out, err = run(*line.split())
+    assert (got, out) == (code, "")
+    assert err.startswith("phasestereo: error: ")
+    assert message in err
+    assert err.count("\n") == 1
+    assert sorted(folder.iterdir()) == before
+
+
+def test_images_that_tell_nothing_are_refused(run: Callable[..., Run]) -> None:
+    io.write_image("noise.png", np.random.default_rng(0).integers(0, 256, SIZE[::-1], np.uint8))
+    io.write_image("gray.png", np.full(SIZE[::-1], 9, np.uint8))
+    code, out, err = run("rectify", "noise.png", "gray.png", "-o", "l.png", "r.png")
+    assert (code, out) == (FAILED, "")
+    assert err.startswith("phasestereo: error: left, right: got images in which only 0 features")

@@ -1,0 +1,516 @@
+"""Rectification by a calibration: OpenCV's bits, whatever file tells of the cameras."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import zipfile
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from conftest import counterpart
+from phasestereo.io import Calibration, read_image, write_image
+from rigs import SIZE, cv2, euroc, euroc_frames, made_up, of_opencv, turned
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+yaml = counterpart("yaml")
+
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # noise is matched here
+
+RNG = np.random.default_rng(0)
+PAIR: Any = RNG.integers(0, 256, (2, SIZE[1], SIZE[0]), np.uint8)
+
+
+def rectified(calibration: Any, **options: Any) -> ps.Rectification:
+    return of(PAIR, calibration, **options)
+
+
+def of(pair: Any, calibration: Any, **options: Any) -> ps.Rectification:
+    return ps.rectify(pair[0], pair[1], calibration, **options)
+
+
+def assert_same_bits(found: ps.Rectification, maps: Any, pair: Any = PAIR) -> None:
+    for image, given, (x, y) in zip((found.left, found.right), pair, maps, strict=True):
+        np.testing.assert_array_equal(image, cv2.remap(given, x, y, cv2.INTER_LINEAR))
+
+
+# Real rigs
+
+
+def test_raw_frames_of_euroc_come_out_as_opencv_has_them(data: Path) -> None:
+    folder, rig = data / "rigs/euroc", euroc(data)
+    pair = euroc_frames(data)[0]
+    expected = of_opencv(rig, (752, 480))
+    files = folder / "cam0/sensor.yaml", folder / "cam1/sensor.yaml"
+    for told in (files, folder, rig):
+        found = of(pair, told)
+        assert_same_bits(found, expected["maps"], pair)
+    assert found.Q is not None
+    np.testing.assert_allclose(found.Q, expected["Q"], atol=1e-9)
+    assert found.error is not None
+    assert found.error < 0.1
+    assert found.sentences[0].startswith("rows correspond as the calibration says")
+    diagnosis = ps.check(found.left, found.right)
+    assert {"alignment", "blur"} & {
+        finding.topic for finding in diagnosis.findings if finding.severity != "ok"
+    } == set()
+
+
+def test_raw_frames_of_a_cheap_rig_come_out_as_opencv_has_them(data: Path) -> None:
+    folder = data / "rigs/stereopi"
+
+    def load(name: str) -> Any:
+        return np.load(folder / f"{name}.npy")
+
+    maps = [
+        cv2.initUndistortRectifyMap(
+            load(f"cam_mats_{side}"),
+            load(f"dist_coefs_{side}"),
+            load(f"rect_trans_{side}"),
+            load(f"proj_mats_{side}"),
+            (320, 240),
+            cv2.CV_32FC1,
+        )
+        for side in ("left", "right")
+    ]
+    for number in ("02", "26"):
+        pair = [read_image(folder / f"{side}_{number}.png")[:, :, :3] for side in ("left", "right")]
+        found = of(pair, folder)
+        assert_same_bits(found, maps, pair)
+    assert found.Q is not None
+    assert Calibration.from_q(found.Q, width=320, height=240).baseline > 0
+
+
+def test_the_calibration_of_another_rig_is_told(data: Path) -> None:
+    found = of(euroc_frames(data)[0], data / "rigs/stereopi")
+    assert "the calibration is not of these cameras" in found.sentences[0]
+
+
+# Kinds of files
+
+
+def opencv_yaml(path: Path, matrices: dict[str, Any]) -> Path:
+    """Write a file with OpenCV itself."""
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, matrix in matrices.items():
+        storage.write(name, np.atleast_2d(matrix))
+    storage.release()
+    return path
+
+
+def test_files_of_opencv(tmp_path: Path) -> None:
+    rig = made_up()
+    expected = of_opencv(rig, SIZE)
+    for name in ("rig.yml", "rig.yaml", "rig.xml"):
+        assert_same_bits(rectified(opencv_yaml(tmp_path / name, rig)), expected["maps"])
+    np.savez(tmp_path / "rig.npz", allow_pickle=False, **rig)
+    assert_same_bits(rectified(tmp_path / "rig.npz"), expected["maps"])
+    (tmp_path / "folder").mkdir()
+    for key, matrix in rig.items():
+        np.save(tmp_path / f"folder/{key}.npy", matrix)
+    assert_same_bits(rectified(tmp_path / "folder"), expected["maps"])
+
+
+def test_two_files_that_complete_each_other(tmp_path: Path) -> None:
+    rig = made_up()
+    inner = {"M1": rig["K1"], "D1": rig["D1"], "M2": rig["K2"], "D2": rig["D2"]}
+    opencv_yaml(tmp_path / "intrinsics.yml", inner)
+    opencv_yaml(tmp_path / "extrinsics.yml", {"R": rig["R"], "T": rig["T"]})
+    names = [tmp_path / "intrinsics.yml", tmp_path / "extrinsics.yml"]
+    for told in (names, tmp_path):
+        assert_same_bits(rectified(told), of_opencv(rig, SIZE)["maps"])
+
+
+@pytest.mark.parametrize("names", [
+    "K1 D1 K2 D2 R T", "M1 D1 M2 D2 R T", "cameraMatrix1 distCoeffs1 cameraMatrix2 distCoeffs2 R T",
+    "camera_matrix_left dist_coeffs_left camera_matrix_right dist_coeffs_right rot_mat trans_vec",
+    "cam_mats_left dist_coefs_left cam_mats_right dist_coefs_right rot_mat trans_vec",
+    "mtxL distL mtxR distR R T", "mtx_1 dist_1 mtx_2 dist_2 rotation translation",
+    "K0 D0 K1 D1 R T", "left_K left_D right_K right_D R T",
+    "cameraMatrixL distCoeffsL cameraMatrixR distCoeffsR rotationMatrix translationVector",
+])  # fmt: skip
+def test_the_names_that_people_give_matrices(names: str) -> None:
+    rig = made_up()
+    named = dict(zip(names.split(), rig.values(), strict=True))
+    assert_same_bits(
+        rectified(named | {"rms": 0.2, "valid_box": [1, 2]}), of_opencv(rig, SIZE)["maps"]
+    )
+
+
+def test_a_rotation_may_be_a_vector() -> None:
+    rig = made_up()
+    vector = cv2.Rodrigues(rig["R"])[0]
+    assert_same_bits(
+        rectified(rig | {"R": vector.ravel()}),
+        of_opencv(rig | {"R": cv2.Rodrigues(vector)[0]}, SIZE)["maps"],
+    )
+
+
+def test_alpha_is_that_of_opencv() -> None:
+    rig = made_up()
+    for alpha in (0.0, 0.5, 1.0):
+        found = rectified(rig, alpha=alpha)
+        assert_same_bits(found, of_opencv(rig, SIZE, alpha)["maps"])
+        assert (found.left_mask.mean() > 0.99) == (alpha == 0)
+    assert_same_bits(rectified(rig, alpha=-1), of_opencv(rig, SIZE)["maps"])
+
+
+def test_a_rectification_in_the_file_is_taken_as_it_is() -> None:
+    rig = made_up()
+    made = of_opencv(rig, SIZE, 1)
+    known = {name: made[name] for name in ("R1", "R2", "P1", "P2", "Q")}
+    assert_same_bits(rectified(rig | known), made["maps"])
+    assert_same_bits(rectified(rig | known, alpha=0), of_opencv(rig, SIZE, 0)["maps"])
+
+
+@pytest.mark.parametrize("names", [
+    "map1x map1y map2x map2y", "mapLx mapLy mapRx mapRy", "left_map_x left_map_y right_map_x "
+    "right_map_y", "stereoMapL_x stereoMapL_y stereoMapR_x stereoMapR_y", "undistortion_map_left "
+    "rectification_map_left undistortion_map_right rectification_map_right",
+])  # fmt: skip
+def test_maps_may_be_given_themselves(tmp_path: Path, names: str) -> None:
+    made = of_opencv(made_up(), SIZE)
+    parts = [*made["maps"][0], *made["maps"][1]]
+    np.savez(
+        tmp_path / "maps.npz", allow_pickle=False, **dict(zip(names.split(), parts, strict=True))
+    )
+    found = rectified(tmp_path / "maps.npz")
+    assert_same_bits(found, made["maps"])
+    assert found.Q is None
+
+
+def dump(told: Any) -> str:
+    """Return YAML."""
+    return str(yaml.safe_dump(told))
+
+
+def ros(k: Any, d: Any, r: Any, p: Any, **more: Any) -> str:
+    def matrix(values: Any) -> dict[str, Any]:
+        values = np.atleast_2d(values)
+        return {"rows": values.shape[0], "cols": values.shape[1], "data": values.ravel().tolist()}
+
+    return dump({
+        "image_width": SIZE[0], "image_height": SIZE[1], "camera_name": "narrow",
+        "camera_matrix": matrix(k), "distortion_model": "plumb_bob",
+        "distortion_coefficients": matrix(d), "rectification_matrix": matrix(r),
+        "projection_matrix": matrix(p),
+    } | more)  # fmt: skip
+
+
+def test_a_pair_of_camera_info_of_ros(tmp_path: Path) -> None:
+    rig = made_up()
+    made = of_opencv(rig, SIZE, 0)
+    for side, name in (("1", "left"), ("2", "right")):
+        told = ros(rig[f"K{side}"], rig[f"D{side}"], made[f"R{side}"], made[f"P{side}"])
+        (tmp_path / f"{name}.yaml").write_text(told)
+    found = rectified((tmp_path / "left.yaml", tmp_path / "right.yaml"))
+    assert_same_bits(found, made["maps"])
+    assert_same_bits(rectified(str(tmp_path)), made["maps"])
+    assert found.Q is not None
+    np.testing.assert_allclose(found.Q, made["Q"], atol=1e-9)
+
+
+def test_a_pair_of_camera_info_as_it_is_recorded(tmp_path: Path) -> None:
+    rig = made_up()
+    made = of_opencv(rig, SIZE)
+    for side in "12":
+        told = {"height": SIZE[1], "width": SIZE[0], "distortion_model": "plumb_bob"} | {
+            name: np.ravel((rig | made)[f"{name}{side}"]).tolist() for name in "KDRP"
+        }
+        (tmp_path / f"{side}.yaml").write_text(yaml.safe_dump(told))
+    assert_same_bits(rectified([tmp_path / "1.yaml", tmp_path / "2.yaml"]), made["maps"])
+
+
+def kalibr(rig: dict[str, Any], model: str, *, by_imu: bool = False) -> str:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rig["R"], rig["T"]
+    body = np.eye(4)
+    body[:3, :3], body[:3, 3] = turned(10, 20, 30), (0.1, 0.2, 0.3)
+    cameras = {}
+    for number in (0, 1):
+        k = rig[f"K{number + 1}"]
+        cameras[f"cam{number}"] = {
+            "cam_overlaps": [1 - number], "camera_model": "pinhole", "distortion_model": model,
+            "distortion_coeffs": rig[f"D{number + 1}"][:4].tolist(), "resolution": list(SIZE),
+            "intrinsics": [float(k[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))],
+            "rostopic": f"/cam{number}/image_raw",
+        }  # fmt: skip
+        if by_imu:
+            cameras[f"cam{number}"]["T_cam_imu"] = ((pose if number else np.eye(4)) @ body).tolist()
+    if not by_imu:
+        cameras["cam1"]["T_cn_cnm1"] = pose.tolist()
+    return dump(cameras)
+
+
+def test_a_chain_of_kalibr(tmp_path: Path) -> None:
+    rig = made_up()
+    expected = of_opencv(rig | {"D1": rig["D1"][:4], "D2": rig["D2"][:4]}, SIZE)
+    (tmp_path / "camchain.yaml").write_text(kalibr(rig, "radtan"))
+    found = rectified(tmp_path / "camchain.yaml")
+    assert_same_bits(found, expected["maps"])
+    (tmp_path / "imu.yaml").write_text(kalibr(rig, "radtan", by_imu=True))
+    for part, other in zip(rectified(tmp_path / "imu.yaml").maps, found.maps, strict=True):
+        np.testing.assert_allclose(part, other, atol=1e-3)
+
+
+def test_fisheyes_of_a_chain_of_kalibr(tmp_path: Path) -> None:
+    rig = made_up() | {"D1": np.array([-0.01, 0.02, 0, 0]), "D2": np.array([0.01, -0.01, 0, 0])}
+    (tmp_path / "camchain.yaml").write_text(kalibr(rig, "equidistant"))
+    given = [rig[name] for name in ("K1", "D1", "K2", "D2")]
+    r1, r2, p1, p2, *_ = cv2.fisheye.stereoRectify(
+        *given, SIZE, rig["R"], rig["T"].reshape(3, 1), flags=cv2.CALIB_ZERO_DISPARITY
+    )
+    maps = [
+        cv2.fisheye.initUndistortRectifyMap(k, d, r, p, SIZE, cv2.CV_32FC1)
+        for k, d, r, p in ((*given[:2], r1, p1), (*given[2:], r2, p2))
+    ]
+    found = rectified(tmp_path / "camchain.yaml")
+    assert_same_bits(found, maps)
+    assert found.Q is not None
+
+
+# What is refused
+
+
+@pytest.mark.parametrize("content", [
+    b"\x89PNG\r\n\x1a\n\0\0", b"", b"hello", b"- 1\n- 2\n", b"a: b: c", b"%YAML:1.0\n---\nx: [1, 2",
+    b"cam0=[1 0 0; 0 1 0; 0 0 1]\n", b"K1: !!python/object/apply:os.system [ls]", b"\xff\xfe\0a",
+    b"PK\x03\x04 no zip", b"<?xml version='1.0'?><a/>", b"K1: &a [1]\nK2: *a\n",
+])  # fmt: skip
+def test_files_that_are_no_calibration(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "rig.yml"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"rig\.yml: ") as raised:
+        rectified(path)
+    assert "\n" not in str(raised.value)
+
+
+def test_an_image_is_no_calibration(tmp_path: Path) -> None:
+    write_image(tmp_path / "left.png", PAIR[0])
+    with pytest.raises(ValueError, match=r"left\.png: no calibration; accepts OpenCV's"):
+        rectified(tmp_path / "left.png")
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"K1": np.eye(4)}, r"K1: got shape \(4, 4\); accepts \(3, 3\)"),
+    ({"D2": np.zeros(3)}, r"D2: got shape \(3,\); accepts 4, 5, 8, 12, 14 numbers"),
+    ({"R": np.zeros((3, 3)) * np.nan}, "R: holds what is no finite number"),
+    ({"T": np.array([0.12, 0, 0])}, "a left camera that is on the right"),
+    ({"T": np.array([0.01, -0.12, 0])}, "cameras one above the other"),
+    ({"M1": np.eye(3)}, "gives K1 twice"),
+    ({"K2": np.array([["a"] * 3] * 3)}, "K2: holds <U1; accepts numbers"),
+])  # fmt: skip
+def test_matrices_that_are_no_camera_pair(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        rectified(made_up() | change)
+
+
+def test_what_is_missing_is_told() -> None:
+    rig = made_up()
+    del rig["D2"]
+    with pytest.raises(ValueError, match=r"^calibration: has no D2, only D1, K1, K2, R, T; a"):
+        rectified(rig)
+
+
+def test_a_calibration_of_another_size_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "camchain.yaml").write_text(kalibr(made_up(), "radtan"))
+    small: Any = PAIR[:, ::2, ::2]
+    with pytest.raises(ValueError, match="^calibration: got that of 160 x 120 pixels; accepts"):
+        of(small, tmp_path / "camchain.yaml")
+    found = rectified(made_up())
+    for use in (lambda: of(small, found), lambda: found.apply(*small)):
+        with pytest.raises(ValueError, match="pixels; accepts"):
+            use()
+
+
+def test_one_camera_is_no_pair(tmp_path: Path) -> None:
+    rig = made_up()
+    (tmp_path / "left.yaml").write_text(ros(rig["K1"], rig["D1"], np.eye(3), np.eye(3, 4)))
+    with pytest.raises(
+        ValueError, match=r"left\.yaml: tells of one camera; give the files of both"
+    ):
+        rectified(tmp_path / "left.yaml")
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"cam1": {}}, "cam1 has neither T_cn_cnm1 nor T_cam_imu"),
+    ({"cam0": {"camera_model": "omni"}}, "camera_model: got omni; accepts pinhole"),
+    ({"cam0": {"distortion_model": "fov"}}, "distortion_model: got fov; accepts radtan"),
+    ({"cam0": {"intrinsics": [1, 2, 3]}}, "intrinsics: got 3 numbers; accepts 4"),
+    ({"cam0": {"resolution": [1, 2]}}, "the cameras differ in size or model"),
+    ({"cam0": {"resolution": "large"}}, "resolution: "),
+])  # fmt: skip
+def test_chains_that_tell_too_little(tmp_path: Path, change: Any, message: str) -> None:
+    told = yaml.safe_load(kalibr(made_up(), "radtan"))
+    for name, values in change.items():
+        told[name] = told[name] | values if values else {}
+    (tmp_path / "chain.yaml").write_text(yaml.safe_dump(told))
+    with pytest.raises(ValueError, match=rf"chain\.yaml: .*{message}"):
+        rectified(tmp_path / "chain.yaml")
+
+
+@pytest.mark.parametrize(("arguments", "error", "message"), [
+    ({"calibration": 5}, TypeError, "^calibration: got int; accepts"),
+    ({"calibration": ["a", "b", "c"]}, TypeError, "^calibration: got list; accepts"),
+    ({"calibration": "nowhere.yml"}, FileNotFoundError, "nowhere.yml"),
+    ({"alpha": 2}, ValueError, "^alpha: got 2; accepts"),
+    ({"alpha": "0"}, TypeError, "^alpha: got str; accepts"),
+    ({"interpolation": "nearest"}, ValueError, "^interpolation: got 'nearest'; accepts"),
+    ({"left_mask": np.ones((2, 2), bool)}, ValueError, "^left_mask: got shape"),
+])  # fmt: skip
+def test_wrong_arguments(arguments: dict[str, Any], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        ps.rectify(*PAIR, **({"calibration": made_up()} | arguments))
+
+
+# What is carried
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32", "float64"])
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_images_keep_type_and_shape(dtype: str, channels: tuple[int, ...]) -> None:
+    pair: Any = RNG.integers(0, 256, (2, SIZE[1], SIZE[0], *channels)).astype(dtype)
+    for interpolation in ("linear", "cubic", "lanczos"):
+        found = of(pair, made_up(), interpolation=interpolation)
+        assert found.left.dtype == found.right.dtype == dtype
+        assert found.left.shape == pair[0].shape
+
+
+def test_masks_are_false_outside_and_where_pixels_are_masked() -> None:
+    rig = made_up()
+    found = rectified(rig, alpha=1)
+    (x, y), _ = found.maps
+    inside = (x >= 0) & (x <= SIZE[0] - 1) & (y >= 0) & (y <= SIZE[1] - 1)
+    np.testing.assert_array_equal(found.left_mask, inside)
+    mask = np.ones(PAIR[0].shape, bool)
+    mask[40:60, 50:80] = False
+    masked = rectified(rig, alpha=1, right_mask=mask)
+    hole = found.right_mask & ~masked.right_mask
+    np.testing.assert_array_equal(masked.left_mask, found.left_mask)
+    assert 300 < hole.sum() < 1500
+    x, y = found.maps[1]
+    assert ((x[hole] > 48) & (x[hole] < 81) & (y[hole] > 38) & (y[hole] < 61)).all()
+
+
+def test_masked_pixels_may_be_nan() -> None:
+    pair: Any = PAIR.astype(np.float32)
+    mask = np.ones(PAIR[0].shape, bool)
+    mask[40:60, 50:80] = False
+    pair[:, ~mask] = np.nan
+    found = of(pair, made_up(), left_mask=mask, right_mask=mask)
+    assert np.isfinite(found.left[found.left_mask]).all()
+    assert (found.error, found.sentences) == (None, ())
+    with pytest.raises(ValueError, match="^left: got NaN"):
+        ps.rectify(pair[0], pair[1])
+
+
+def test_a_rectification_is_used_again() -> None:
+    found = rectified(made_up())
+    other: Any = RNG.integers(0, 256, (2, SIZE[1], SIZE[0]), np.uint8)
+    expected = of(other, made_up())
+    for image, wanted in zip(found.apply(*other), (expected.left, expected.right), strict=True):
+        np.testing.assert_array_equal(image, wanted)
+    again = of(other, found)
+    np.testing.assert_array_equal(again.left, expected.left)
+    assert again.maps is found.maps
+
+
+def assert_same(one: ps.Rectification, other: ps.Rectification) -> None:
+    for name in ("left", "right", "left_mask", "right_mask", "Q"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    np.testing.assert_array_equal(np.array(one.maps), np.array(other.maps))
+    for name in ("method", "interpolation", "error", "sentences"):
+        assert getattr(one, name) == getattr(other, name)
+    assert repr(one) == repr(other)
+
+
+def test_it_is_saved_loaded_and_pickled(tmp_path: Path) -> None:
+    found = rectified(made_up(), alpha=1)
+    found.save(tmp_path / "rig.npz")
+    assert_same(ps.Rectification.load(tmp_path / "rig.npz"), found)
+    assert_same(pickle.loads(pickle.dumps(found)), found)  # noqa: S301  # our own
+    assert_same(rectified(tmp_path / "rig.npz"), found)
+    without = rectified({f"map{n}": part for n, part in zip(("1x", "1y", "2x", "2y"), (
+        *found.maps[0], *found.maps[1]), strict=True)})  # fmt: skip
+    without.save(tmp_path / "maps.npz")
+    assert ps.Rectification.load(tmp_path / "maps.npz").Q is None
+
+
+@pytest.mark.parametrize("change", [
+    {"told": np.array("[")}, {"told": np.array("{}")}, {"map1x": np.zeros((2, 2), np.float32)},
+    {"left_mask": np.zeros((2, 2), bool)}, {"right": np.zeros((1, 1), np.uint8)},
+    {"Q": np.zeros(3)}, {"map2y": np.zeros((SIZE[1], SIZE[0]))}, {"left": np.array("a")},
+    {"told": np.array(json.dumps({"method": "magic", "interpolation": "linear", "error": None,
+                                  "sentences": []}))},
+])  # fmt: skip
+def test_a_saved_file_with_a_wrong_value_is_refused(tmp_path: Path, change: Any) -> None:
+    path = tmp_path / "rig.npz"
+    rectified(made_up()).save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    np.savez(path, allow_pickle=False, **(arrays | change))
+    for read in (ps.Rectification.load, rectified):
+        with pytest.raises(ValueError, match=r"rig\.npz: "):
+            read(path)
+
+
+def test_a_saved_file_that_is_damaged_anywhere_is_refused_or_whole(tmp_path: Path) -> None:
+    path = tmp_path / "rig.npz"
+    found = of(PAIR[:, :12, :16], {
+        "map1x": np.zeros((12, 16)), "map1y": np.zeros((12, 16)),
+        "map2x": np.zeros((12, 16)), "map2y": np.zeros((12, 16)),
+    })  # fmt: skip
+    found.save(path)
+    content = path.read_bytes()
+    for place in range(0, len(content), 41):
+        path.write_bytes(content[:place] + bytes([content[place] ^ 0xFF]) + content[place + 1 :])
+        try:
+            assert_same(ps.Rectification.load(path), found)
+        except ValueError as error:
+            assert str(path) in str(error)  # noqa: PT017
+    path.write_bytes(content[: len(content) // 2])
+    with pytest.raises(ValueError, match=r"rig\.npz: "):
+        ps.Rectification.load(path)
+
+
+def test_nothing_in_a_saved_file_is_pickled(tmp_path: Path) -> None:
+    rectified(made_up()).save(tmp_path / "rig.npz")
+    with zipfile.ZipFile(tmp_path / "rig.npz") as archive:
+        assert not any(b"|O" in archive.read(name)[:200] for name in archive.namelist())
+
+
+# Streams
+
+
+def test_a_stream_rectifies_its_frames() -> None:
+    frames: Any = RNG.integers(0, 256, (3, 2, SIZE[1], SIZE[0]), np.uint8)
+    rig = rectified(made_up(), alpha=1)
+    for told in (rig, made_up()):
+        with ps.stream(list(frames), num_disparities=16, preset="fast", rectify=told) as stream:
+            matched = list(stream)
+        for frame, pair in zip(matched, frames, strict=True):
+            wanted = of(pair, told)
+            np.testing.assert_array_equal(frame.left, wanted.left)
+            expected = ps.match(
+                wanted.left, wanted.right, num_disparities=16, preset="fast",
+                left_mask=wanted.left_mask, right_mask=wanted.right_mask,
+            )  # fmt: skip
+            np.testing.assert_array_equal(frame.result.disparity, expected.disparity)
+
+
+def test_a_stream_refuses_a_calibration_at_once(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        ps.stream(list(PAIR[np.newaxis]), num_disparities=8, rectify=tmp_path / "no.yml")
+
+
+def test_without_the_extra_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys  # noqa: PLC0415
+
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(ImportError, match=r"pip install 'phasestereo\[rectify\]'"):
+        rectified(made_up())
