@@ -575,6 +575,68 @@ mod guided {
     }
 }
 
+mod outlines {
+    use super::{At, Bencher, Control, Map, every};
+
+    #[divan::bench(args = every())]
+    fn draw(bencher: Bencher, At(level): &At) {
+        Map::bench(bencher, |Map { disparity, texture, .. }, out| {
+            phasestereo::outlines::draw(disparity, texture, out, *level, &Control::default())
+        });
+    }
+}
+
+mod synthesis {
+    use super::{
+        At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, ROWS, Settings, every, noise, views,
+    };
+    use phasestereo::convolution::Kernel;
+    use phasestereo::synthesis::Scene;
+    use phasestereo::versions::Versions;
+
+    /// A map of patches, and a soft image (0: left, 1: right).
+    fn redraw(bencher: Bencher, At(level): &At, side: usize) {
+        let (views, control) = (views(), Control::default());
+        let kernel = Kernel::new(&Plane::from_fn(9, 9, |_, _| 1.0 / 81.0)).expect("legal");
+        let kernels = if side == 0 { [None, Some(kernel)] } else { [Some(kernel), None] };
+        let labels = Plane::from_fn(1, 1, |_, _| 0);
+        let versions = Versions::new([1.0; 2], vec![kernels], labels, 1).expect("legal");
+        let settings = Settings {
+            neighborhood: 5,
+            frequencies: (1, 1),
+            weak: 0.5,
+            synthesis: true,
+            ..Settings::default()
+        };
+        let patches = noise(ROWS / 16, COLS / 16, |value| (value % 40) as f32);
+        let map = Plane::from_fn(ROWS, COLS, |y, x| patches.row(y / 16)[x / 16]);
+        let scene = Scene::new(
+            [&views[0], &views[1]],
+            Some(&versions),
+            0..ROWS,
+            &settings,
+            *level,
+            &control,
+        );
+        let scene = scene.expect("memory").expect("kernels");
+        let mut out = map.clone();
+        let pool = Matcher::new(1).expect("a thread starts");
+        bencher.counter(ItemsCount::new(ROWS * COLS)).bench_local(|| {
+            pool.install(|| scene.redraw(&map, &mut out, *level, &control)).expect("memory");
+        });
+    }
+
+    #[divan::bench(args = every())]
+    fn left(bencher: Bencher, at: &At) {
+        redraw(bencher, at, 0);
+    }
+
+    #[divan::bench(args = every())]
+    fn right(bencher: Bencher, at: &At) {
+        redraw(bencher, at, 1);
+    }
+}
+
 mod median {
     use super::{At, Bencher, Control, Map, every};
 

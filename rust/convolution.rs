@@ -85,6 +85,15 @@ impl Kernel {
         })
     }
 
+    /// Rows and columns on either side of a pixel that count.
+    pub fn radii(&self) -> (usize, usize) {
+        let (rows, cols) = match &self.0 {
+            Weights::All(weights) => (weights.rows(), weights.cols()),
+            Weights::Factors { column, row } => (column.rows(), row.cols()),
+        };
+        (rows / 2, cols / 2)
+    }
+
     /// The weights.
     pub fn weights(&self) -> &Weights {
         &self.0

@@ -24,7 +24,7 @@ use crate::plane::Plane;
 use crate::settings::{CostKind, Settings};
 use crate::simd::{self, Level};
 use crate::value::{LANES, Lanes, Value};
-use crate::versions::{Labels, Versions};
+use crate::versions::{self, Labels, Versions};
 use crate::view::{Mask, View};
 use crate::votes::Votes;
 
@@ -274,13 +274,7 @@ impl PairCodes {
     ) -> Result<Self> {
         let (rows, cols, _) = views[0].image.shape();
         let count = usize::from(settings.code_length() as u16).div_ceil(8);
-        let gray = |side: usize| {
-            let gray = Gray::new(views[side], level, control)?;
-            match versions.map_or(0.0, |versions| versions.smoothing()[side]) {
-                0.0 => Ok(gray),
-                deviation => gray.smoothed(deviation, level, control),
-            }
-        };
+        let gray = |side: usize| versions::gray(views[side], versions, side, level, control);
         let codes = |gray: &Gray, side: usize, kernel: Option<&Kernel>| {
             let noise = versions.map(|versions| versions.noise()[side]);
             match kernel {

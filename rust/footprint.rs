@@ -13,6 +13,7 @@ use crate::optimization::selection::PIXELS;
 use crate::optimization::{BAND, LOOK_ROWS, ORDERED_ROWS, PANEL, Steps};
 use crate::reach::Reach;
 use crate::settings::{CostKind, Optimizer, Settings};
+use crate::synthesis;
 use crate::texture::Texture;
 use crate::value::LANES;
 use crate::versions::Versions;
@@ -29,6 +30,9 @@ const REFINED: [usize; 2] = [20, 40];
 const GRAY: usize = 16;
 /// Bytes of a pixel of the gray values and jumps that are kept.
 const TEXTURE: usize = 5;
+
+/// Bytes of a pixel of both images that is kept to synthesize one of them, with those on the way to them.
+const SYNTHESIZED: usize = 20;
 
 /// What a match is to be of.
 #[derive(Debug, Clone, Copy)]
@@ -61,9 +65,10 @@ impl Demand<'_> {
         let (kept, passing) = self.compared();
         let describing = read * (kept + passing);
         let matching = read * (kept + TEXTURE * self.cols) + MAP * map;
-        let refining = REFINED[usize::from(Texture::is_needed(self.settings))] * map;
+        let synthesizing = if self.synthesizes() { SYNTHESIZED * read * self.cols } else { 0 };
+        let refining = REFINED[usize::from(Texture::is_needed(self.settings))] * map + synthesizing;
         let pixels = images + describing.max(matching).max(refining);
-        (pixels + self.threads * self.workspace()) as u64
+        (pixels + self.threads * (self.workspace() + self.view())) as u64
     }
 
     /// Bytes of a row of what pixels are compared by: of what is kept, and of what that is made of.
@@ -82,6 +87,16 @@ impl Demand<'_> {
             CostKind::NormalisedSad => (2 * channels, 1, 6 * channels + 8),
         };
         (bytes * (self.cols + right * unrolled) + valid, passing * self.cols)
+    }
+
+    fn synthesizes(&self) -> bool {
+        synthesis::is_asked_for(self.settings, self.versions)
+    }
+
+    /// Bytes that one thread synthesizes in.
+    fn view(&self) -> usize {
+        let versions = self.versions.filter(|_| self.synthesizes());
+        versions.map_or(0, |versions| synthesis::memory(self.settings, versions, self.cols))
     }
 
     /// Bytes that one thread searches in.

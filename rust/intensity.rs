@@ -161,6 +161,17 @@ impl<'a> Gray<'a> {
         Gray { unit, ..Gray::within(self.reach << bits, plane) }
     }
 
+    /// Other gray values of the same scale.
+    pub fn like(&self, plane: Plane<i32>) -> Gray<'static> {
+        Gray { unit: self.unit, ..Gray::within(self.reach, plane) }
+    }
+
+    /// How many steps of this image one of another is.
+    pub fn steps_to(&self, other: &Self) -> f64 {
+        let [a, b] = [0, 1].map(|i| self.unit[i] / other.unit[i]);
+        a * b
+    }
+
     /// Rows and columns.
     pub fn size(&self) -> (usize, usize) {
         self.size

@@ -18,7 +18,8 @@
 //! 7. Of a whole map, pixels that cannot be right are told: those whose match belongs to another pixel
 //!    ([`consistency`]) and small regions that stand out ([`speckles`]). They are filled from the pixels beside
 //!    them ([`filling`]), edges in depth are drawn to those of the image ([`guided`]), what is still alone
-//!    gives way to its neighbours ([`median`]), and every disparity is given a confidence ([`confidence`]).
+//!    gives way to its neighbours ([`median`]). Where one image is blurred it is made again by the map, by which jumps are
+//!    put right ([`synthesis`], [`outlines`]). Every disparity is given a confidence ([`confidence`]).
 //!
 //! Before all that, [`blur`] may find out from spectra which image is the softer one, where, and by which
 //! point-spread function ([`psf`]), so that the other one can be given the same; and whether there are impulses, which are
@@ -79,7 +80,9 @@ pub mod consistency;
 pub mod filling;
 pub mod guided;
 pub mod median;
+pub mod outlines;
 pub mod speckles;
+pub mod synthesis;
 
 pub mod alignment;
 pub mod blur;

@@ -27,6 +27,7 @@ use crate::refinement::{Draft, Judge};
 use crate::section::Section;
 use crate::settings::{Optimizer, Settings};
 use crate::simd::Level;
+use crate::synthesis;
 use crate::texture::Texture;
 use crate::value::{LANES, Value};
 use crate::versions::Versions;
@@ -280,7 +281,8 @@ impl Matcher {
         let wanted = section.rows.start - around.start..section.rows.end - around.start;
         let widened = Section { rows: around, ..section.clone() };
         let choice = self.choose(pair, &widened, settings, how, control)?;
-        let found = choice.refined(widened.rows, settings, how.level, control)?;
+        let rows = widened.rows;
+        let found = choice.refined(pair, rows, settings, how.level, control)?;
         Ok(found.of_rows(wanted))
     }
 
@@ -379,12 +381,15 @@ impl Choice {
     /// Tells what cannot be right, fills it, smooths. The map is of these rows of the pair.
     fn refined(
         self,
+        pair: &Pair,
         rows: Range<usize>,
         settings: &Settings,
         level: Level,
         control: &Control,
     ) -> Result<Disparity> {
         let started = Instant::now();
+        let (views, versions) = (pair.views(), pair.versions());
+        let scene = synthesis::Scene::new(views, versions, rows.clone(), settings, level, control)?;
         let texture = self.texture.map(|texture| texture.of_rows(rows));
         let Map { disparity, mut flags, votes } = self.map;
         let draft = Draft {
@@ -392,6 +397,7 @@ impl Choice {
             flags: &mut flags,
             votes: votes.as_ref(),
             texture: texture.as_ref(),
+            scene: scene.as_ref(),
         };
         let (disparity, confidence) = draft.refine(settings, level, control)?;
         let confidence = confidence.filter(|_| settings.confidence);

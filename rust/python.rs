@@ -31,7 +31,7 @@ use crate::candidates::Candidates;
 use crate::cost::Costs;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
-use crate::estimation::compensation::LARGER;
+use crate::estimation::compensation::{LARGER, MUCH_LARGER};
 use crate::estimation::overview::LEAST_SIZE;
 use crate::estimation::{Known, Means, Prepared, prepare, prepare_by_rows};
 use crate::footprint::Demand;
@@ -67,8 +67,8 @@ impl From<Error> for PyErr {
 #[pymodule(gil_used = false)]
 mod _core {
     use super::{
-        BAND, Bound, LARGER, LEAST_SIZE, PyDict, PyDictMethods, PyModule, PyModuleMethods,
-        PyResult, flag, warm_up,
+        BAND, Bound, LARGER, LEAST_SIZE, MUCH_LARGER, PyDict, PyDictMethods, PyModule,
+        PyModuleMethods, PyResult, flag, warm_up,
     };
 
     #[pymodule_export]
@@ -85,6 +85,7 @@ mod _core {
         module.add("DEBUG_BUILD", cfg!(debug_assertions))?;
         module.add("BAND_ROWS", BAND)?;
         module.add("LARGER", LARGER)?;
+        module.add("MUCH_LARGER", MUCH_LARGER)?;
         module.add("LEAST_SIZE", LEAST_SIZE)?;
         let flags = PyDict::new(module.py());
         flags.set_item("MASKED", flag::MASKED)?;

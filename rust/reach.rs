@@ -3,11 +3,12 @@
 
 use crate::aggregation::Window;
 use crate::alignment::Alignment;
-use crate::convolution::Weights;
 use crate::optimization::{BAND, LOOK_ROWS};
 use crate::settings::{CostKind, Optimizer, Settings};
 use crate::versions::Versions;
-use crate::{confidence, filling, guided, impulses, masking, median, smoothing, subpixel};
+use crate::{
+    confidence, filling, guided, impulses, masking, median, smoothing, subpixel, synthesis,
+};
 
 /// Rows on either side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,7 +45,7 @@ impl Reach {
         let description = window + description;
         let beside = versions.map_or(0, repaired) + alignment.map_or(0, Alignment::reach);
         let images = (description + paths).max(1) + beside;
-        Self { description, images, map: refinement(settings), masked: masking::REACH }
+        Self { description, images, map: refinement(settings, versions), masked: masking::REACH }
     }
 
     /// Rows of the images around one whose disparities are refined.
@@ -55,10 +56,13 @@ impl Reach {
 
 /// How far the stages look that follow one another. A region that is no larger than a speckle has no more rows than
 /// pixels.
-fn refinement(settings: &Settings) -> usize {
+fn refinement(settings: &Settings, versions: Option<&Versions>) -> usize {
+    let asked = versions.filter(|versions| synthesis::is_asked_for(settings, Some(versions)));
+    let synthesis = asked.map_or(0, |versions| synthesis::reach(settings, versions));
     let stages = [
         (settings.speckle_size > 0, settings.speckle_size),
         (settings.has_checks(), filling::REACH),
+        (synthesis > 0, synthesis),
         // A jump is one to the next row.
         (settings.guided, guided::REACH + 1),
         (settings.median > 0, median::REACH),
@@ -80,9 +84,5 @@ fn repaired(versions: &Versions) -> usize {
 
 /// Rows on either side of the largest kernel.
 fn largest_radius(versions: &Versions) -> usize {
-    let rows = versions.every_kernel().map(|kernel| match kernel.weights() {
-        Weights::All(weights) => weights.rows(),
-        Weights::Factors { column, .. } => column.rows(),
-    });
-    rows.max().unwrap_or(1) / 2
+    versions.every_kernel().map(|kernel| kernel.radii().0).max().unwrap_or(0)
 }

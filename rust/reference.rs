@@ -19,11 +19,14 @@ use crate::intensity::LEVEL_STEPS;
 use crate::masking;
 use crate::normalisation::DEVIATION_STEPS;
 use crate::optimization::{BAND, LOOK_COLUMNS, LOOK_ROWS, PANEL, Steps};
+use crate::outlines;
 use crate::plane::{Plane, reflect};
 use crate::quantiser::Quantiser;
 use crate::refinement::flag;
 use crate::settings::Settings;
 use crate::subpixel;
+use crate::synthesis::{self, BESIDE, softness};
+use crate::texture::Roughness;
 use crate::view::Mask;
 
 /// Twin of [`crate::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
@@ -714,5 +717,188 @@ pub fn guide(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
         let mut values: Vec<f32> = like.map(|(v, u)| disparity.row(v)[u]).collect();
         values.sort_by(f32::total_cmp);
         values[(values.len() - 1) / 2]
+    })
+}
+
+/// Codes of gray values of a side (0: left, 1: right), perhaps under a kernel.
+pub type Describe<'a> = dyn Fn(usize, &Plane<i32>, Option<&Kernel>) -> Plane<u64> + 'a;
+
+/// What [`synthesize`] looks at: of both images gray values and masks, of the pixels of the left one their classes, and
+/// how rows of planes are described.
+#[derive(Clone, Copy)]
+pub struct Soft<'a> {
+    /// Gray values.
+    pub grays: [&'a Plane<i32>; 2],
+    /// Where they are valid.
+    pub valid: [&'a Mask; 2],
+    /// Classes.
+    pub classes: &'a Plane<usize>,
+    /// What they blur the left and the right image by.
+    pub kernels: &'a [[Option<Kernel>; 2]],
+    /// Codes of gray values of a side, perhaps under a kernel.
+    pub codes: &'a Describe<'a>,
+    /// Steps of left gray values to one of the right ones, and their largest magnitude.
+    pub left: (f64, i64),
+}
+
+/// Twin of [`crate::synthesis::Scene::redraw`]: all of the image under all kernels, by each of the three maps.
+pub fn synthesize(disparity: &Plane<f32>, soft: Soft) -> Plane<f32> {
+    let maps = [disparity.clone(), rival(disparity, false), rival(disparity, true)];
+    let side_of = |class: usize| softness(&soft.kernels[class]).map(|(side, _)| side);
+    let left = maps.each_ref().map(|map| {
+        let distances: Vec<_> =
+            (0..soft.kernels.len()).map(|c| distances(map, soft, 0, c)).collect();
+        let of_class = |y: usize, x: usize| distances[soft.classes.row(y)[x]].as_ref();
+        let all = Plane::from_fn(map.rows(), map.cols(), |y, x| {
+            of_class(y, x).map_or(0, |distances| distances.row(y)[x])
+        });
+        windows(&all)
+    });
+    let right: Vec<_> = (0..soft.kernels.len())
+        .map(|c| maps.each_ref().map(|map| distances(map, soft, 1, c).map(|all| windows(&all))))
+        .collect();
+    Plane::from_fn(disparity.rows(), disparity.cols(), |y, x| {
+        let here = maps.each_ref().map(|map| map.row(y)[x]);
+        let class = soft.classes.row(y)[x];
+        let whole = here.map(whole);
+        let places = [whole.into_iter().max(), whole.into_iter().min()];
+        let place = |disparity: Option<i64>| beside(x, -disparity.unwrap_or(0), maps[0].cols());
+        let unlike = |map: usize| match side_of(class) {
+            Some(0) => left[map].row(y)[x],
+            Some(_) => {
+                let sums = right[class][map].as_ref().map_or(&[][..], |sums| sums.row(y));
+                places.into_iter().map(|at| sums[place(at)]).sum()
+            }
+            None => 0,
+        };
+        let best = (0..maps.len()).min_by_key(|map| (unlike(*map), *map));
+        here[best.unwrap_or(0)]
+    })
+}
+
+/// The least or the largest of the disparities about each pixel, where it is not about the same as its own.
+fn rival(disparity: &Plane<f32>, is_largest: bool) -> Plane<f32> {
+    let around = |at: usize, length: usize| {
+        at.saturating_sub(synthesis::RADIUS)..(at + synthesis::RADIUS + 1).min(length)
+    };
+    Plane::from_fn(disparity.rows(), disparity.cols(), |y, x| {
+        let own = disparity.row(y)[x];
+        let rows =
+            around(y, disparity.rows()).map(|row| &disparity.row(row)[around(x, disparity.cols())]);
+        let mut known: Vec<f32> = rows.flatten().copied().filter(|value| !value.is_nan()).collect();
+        known.sort_by(f32::total_cmp);
+        let found = if is_largest { known.last() } else { known.first() }.copied();
+        found.filter(|found| (found - own).abs() > synthesis::SAME).unwrap_or(own)
+    })
+}
+
+/// A disparity in whole pixels; 0 where there is none.
+fn whole(disparity: f32) -> i64 {
+    if disparity.is_nan() { 0 } else { disparity.round_ties_even() as i64 }
+}
+
+fn beside(x: usize, by: i64, cols: usize) -> usize {
+    (x as i64 + by).clamp(0, cols as i64 - 1) as usize
+}
+
+/// Hamming distances of a soft side and of what it should be by a map, for a class of which it is.
+fn distances(map: &Plane<f32>, soft: Soft, side: usize, class: usize) -> Option<Plane<u32>> {
+    let (_, blur) = softness(&soft.kernels[class]).filter(|(which, _)| *which == side)?;
+    let shown = if side == 0 {
+        Plane::from_fn(map.rows(), map.cols(), |y, x| {
+            soft.grays[1].row(y)[beside(x, -whole(map.row(y)[x]), map.cols())]
+        })
+    } else {
+        let rows: Vec<_> = (0..map.rows()).map(|y| from_right(map.row(y), soft, y)).collect();
+        Plane::from_fn(map.rows(), map.cols(), |y, x| rows[y][x])
+    };
+    let synthetic = (soft.codes)(1 - side, &shown, Some(blur));
+    let there = (soft.codes)(side, soft.grays[side], None);
+    Some(Plane::from_fn(map.rows(), map.cols(), |y, x| {
+        let bits = (synthetic.row(y)[x] ^ there.row(y)[x]).count_ones();
+        if soft.valid[side].row(y)[x] { bits } else { 0 }
+    }))
+}
+
+/// A row of the left image as the right view shows it.
+fn from_right(map: &[f32], soft: Soft, y: usize) -> Vec<i32> {
+    let (left, right, cols) = (soft.grays[0].row(y), soft.grays[1].row(y), map.len());
+    let hits = |at: usize| (0..cols).filter(move |&x| x as i64 - whole(map[x]) == at as i64);
+    let nearest: Vec<_> = (0..cols).map(|at| hits(at).map(|x| whole(map[x])).max()).collect();
+    let at = |x: Option<usize>| nearest.get(x?).copied().flatten();
+    let seen = |x: usize| {
+        let about = at(x.checked_sub(1)).zip(at(Some(x + 1)));
+        nearest[x].or(about.map(|(before, after)| before.max(after)))
+    };
+    let shown = |x: usize| seen(x).map(|disparity| i64::from(left[beside(x, disparity, cols)]));
+    let own = |x: usize| i64::from((f64::from(right[x]) * soft.left.0).round() as i32);
+    let gray = |x: usize| {
+        let start = (0..x).rev().find(|x| seen(*x).is_some()).map_or(0, |x| x + 1);
+        let end = (x..cols).find(|x| seen(*x).is_some()).unwrap_or(cols);
+        let near = |other: &usize| start.saturating_sub(BESIDE) <= *other && *other < end + BESIDE;
+        let brighter: Vec<_> =
+            (0..cols).filter(near).filter_map(|x| Some(shown(x)? - own(x))).collect();
+        let mean = brighter.iter().sum::<i64>().div_euclid(brighter.len().max(1) as i64);
+        (own(x) + mean).clamp(-soft.left.1, soft.left.1)
+    };
+    (0..cols).map(|x| shown(x).unwrap_or_else(|| gray(x)) as i32).collect()
+}
+
+/// Sums over windows, as far as they lie within the image.
+fn windows(values: &Plane<u32>) -> Plane<u32> {
+    let reach = synthesis::WINDOW / 2;
+    let around = |at: usize, length: usize| at.saturating_sub(reach)..(at + reach + 1).min(length);
+    Plane::from_fn(values.rows(), values.cols(), |y, x| {
+        let rows = around(y, values.rows()).map(|row| &values.row(row)[around(x, values.cols())]);
+        rows.flatten().sum()
+    })
+}
+
+/// Twin of [`crate::outlines::draw`]: the weighted values sorted.
+pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, roughness: Roughness) -> Plane<f32> {
+    let (rows, cols) = (disparity.rows(), disparity.cols());
+    let scale = outlines::scale(roughness);
+    let level =
+        |y: usize, x: usize| (gray.row(y)[x] as f32 * scale).clamp(-16_383.0, 16_383.0) as i32;
+    let steps = |y: usize, x: usize| (disparity.row(y)[x] * outlines::FINENESS) as i32;
+    let is_jump = |y: usize, x: usize| {
+        let beside = [(y + 1, x), (y, x + 1)].into_iter().filter(|&(v, u)| v < rows && u < cols);
+        let mut steps = beside.map(|(v, u)| (disparity.row(v)[u] - disparity.row(y)[x]).abs());
+        steps.any(|step| step > outlines::JUMP)
+    };
+    let jumps = Plane::from_fn(rows, cols, is_jump);
+    let window =
+        |at: usize, by: usize, length: usize| at.saturating_sub(by)..(at + by + 1).min(length);
+    let places = move |y: usize, x: usize, by: usize| {
+        window(y, by, rows).flat_map(move |v| window(x, by, cols).map(move |u| (v, u)))
+    };
+    Plane::from_fn(rows, cols, |y, x| {
+        let own = disparity.row(y)[x];
+        if own.is_nan() || !places(y, x, outlines::NEAR).any(|(v, u)| jumps.row(v)[u]) {
+            return own;
+        }
+        let counts = places(y, x, outlines::REACH).filter(|&(v, u)| {
+            let (down, across) = (v.abs_diff(y), u.abs_diff(x));
+            down % outlines::STRIDE + across % outlines::STRIDE == 0
+                && !disparity.row(v)[u].is_nan()
+        });
+        let mut values: Vec<(i32, u32)> = counts
+            .map(|(v, u)| {
+                let (down, across) = (v.abs_diff(y), u.abs_diff(x));
+                let largest = outlines::WEIGHTS[down / outlines::STRIDE][across / outlines::STRIDE];
+                let alike = 255u32.saturating_sub(level(v, u).abs_diff(level(y, x)));
+                let away = steps(v, u).wrapping_sub(steps(y, x)).clamp(-32_768, 32_767);
+                (away, (alike * u32::from(largest)) >> 8)
+            })
+            .collect();
+        values.sort_unstable();
+        let total: u32 = values.iter().map(|(_, weight)| weight).sum();
+        let mut below = 0;
+        let is_middle = |(_, weight): &&(i32, u32)| {
+            below += weight;
+            2 * below >= total
+        };
+        let median = values.iter().find(is_middle).map_or(0, |(away, _)| *away);
+        if median == 0 { own } else { own + median as f32 / outlines::FINENESS }
     })
 }

@@ -9,11 +9,13 @@ use crate::evidence::{EvidenceRow, NONE};
 use crate::filling::fill;
 use crate::guided::guide;
 use crate::median;
+use crate::outlines;
 use crate::plane::Plane;
 use crate::settings::Settings;
 use crate::simd::Level;
 use crate::speckles::flag_speckles;
 use crate::subpixel;
+use crate::synthesis;
 use crate::texture::Texture;
 use crate::votes::Votes;
 
@@ -156,6 +158,8 @@ pub struct Draft<'a> {
     pub votes: Option<&'a Plane<f32>>,
     /// The left image, if the settings need it.
     pub texture: Option<&'a Texture>,
+    /// The pair, if one of its images is to be synthesized.
+    pub scene: Option<&'a synthesis::Scene<'a>>,
 }
 
 impl Draft<'_> {
@@ -166,7 +170,7 @@ impl Draft<'_> {
         level: Level,
         control: &Control,
     ) -> Result<(Plane<f32>, Option<Plane<f32>>)> {
-        let Self { mut disparity, flags, votes, texture } = self;
+        let Self { mut disparity, flags, votes, texture, scene } = self;
         if settings.speckle_size > 0 {
             let region = (settings.speckle_size, settings.speckle_range as f32);
             flag_speckles(&disparity, flags, region, level, control)?;
@@ -183,6 +187,12 @@ impl Draft<'_> {
         if settings.median > 0 {
             redraw(&mut disparity, &mut spare, |from, to| {
                 median::smooth(from, to, level, control)
+            })?;
+        }
+        if let (Some(scene), Some(texture)) = (scene, texture) {
+            redraw(&mut disparity, &mut spare, |from, to| scene.redraw(from, to, level, control))?;
+            redraw(&mut disparity, &mut spare, |from, to| {
+                outlines::draw(from, texture, to, level, control)
             })?;
         }
         if settings.subpixel {

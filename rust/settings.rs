@@ -140,6 +140,8 @@ pub struct Settings {
     pub speckle_size: usize,
     /// Pixels by which the disparities of neighbours in one region differ at most, 0 to 16384.
     pub speckle_range: f64,
+    /// Whether, near jumps, disparities are taken by which the blurred image of a pair can best be made again.
+    pub synthesis: bool,
     /// Whether edges in depth are drawn to those of the left image.
     pub guided: bool,
     /// Side of the square over which disparities give way to their median: 3; 0: none.
@@ -179,6 +181,7 @@ impl Default for Settings {
             uniqueness: 0,
             speckle_size: 0,
             speckle_range: 1.0,
+            synthesis: false,
             guided: false,
             median: 0,
             fill: true,

@@ -4,10 +4,14 @@
 //! the image, so does what evens it out. The pixels of the left image are of one class or another, by square
 //! tiles, and a class says how both images are blurred before they are compared.
 
+use crate::control::Control;
 use crate::convolution::Kernel;
 use crate::error::{Error, Result};
+use crate::intensity::Gray;
 use crate::plane::Plane;
 use crate::settings::LARGEST_PIXEL;
+use crate::simd::Level;
+use crate::view::View;
 
 /// Most classes there can be.
 pub const MOST_CLASSES: usize = 16;
@@ -143,6 +147,29 @@ impl Versions {
         ((y + self.first) / self.tile).min(self.labels.rows() - 1)
     }
 
+    /// Writes the classes of some neighbouring pixels of row `y` of the left image, from column `first` on.
+    pub fn write_classes(&self, y: usize, first: usize, classes: &mut [u8]) {
+        let row = self.labels.row(self.row_of_labels(y));
+        let mut x = first;
+        let end = first + classes.len();
+        while x < end {
+            let tile = (x / self.tile).min(row.len() - 1);
+            let next = if tile + 1 == row.len() { end } else { end.min((tile + 1) * self.tile) };
+            classes[x - first..next - first].fill(row[tile]);
+            x = next;
+        }
+    }
+
+    /// Whether there may be pixels of several classes.
+    pub fn is_mixed(&self) -> bool {
+        self.kernels.len() > 1
+    }
+
+    /// What the classes blur the left and the right image by.
+    pub fn classes(&self) -> impl Iterator<Item = &[Option<Kernel>; 2]> {
+        self.kernels.iter()
+    }
+
     /// What a class blurs the left and the right image by.
     pub fn kernels(&self, class: usize) -> &[Option<Kernel>; 2] {
         &self.kernels[class]
@@ -182,6 +209,21 @@ impl Labels {
     /// The labels of row `y`.
     pub fn row(&self, y: usize) -> &[u8] {
         self.rows.row(((y + self.above) / self.tile).min(self.rows.rows() - 1))
+    }
+}
+
+/// The gray values of one side of a pair as they are described, or convolved: smoothed, if that is asked.
+pub fn gray<'a>(
+    view: &'a View,
+    versions: Option<&Versions>,
+    side: usize,
+    level: Level,
+    control: &Control,
+) -> Result<Gray<'a>> {
+    let gray = Gray::new(view, level, control)?;
+    match versions.map_or(0.0, |versions| versions.smoothing[side]) {
+        0.0 => Ok(gray),
+        deviation => gray.smoothed(deviation, level, control),
     }
 }
 

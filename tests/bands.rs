@@ -192,6 +192,7 @@ fn unrefined(settings: Settings) -> Settings {
         consistency: None,
         uniqueness: 0,
         speckle_size: 0,
+        synthesis: false,
         guided: false,
         median: 0,
         confidence: false,
@@ -402,6 +403,7 @@ fn ways_to_refine() -> Vec<Settings> {
         Settings { speckle_size: 12, fill: false, ..nothing },
         Settings { consistency: Some(1), ..nothing },
         Settings { guided: true, ..nothing },
+        Settings { synthesis: true, ..nothing },
         Settings { median: 3, ..nothing },
         Settings { subpixel: true, ..nothing },
         Settings { confidence: true, ..nothing },
@@ -448,6 +450,7 @@ impl Map {
             flags: &mut flags,
             votes: settings.needs_confidence().then_some(&votes),
             texture: Some(&self.texture.clone().of_rows(read.clone())),
+            scene: None,
         };
         let found = draft.refine(settings, Level::best(), &Control::default());
         let (disparity, confidence) = found.expect("memory");

@@ -218,7 +218,7 @@ def test_disparities_beyond_the_image_have_no_costs(rendered: Pair) -> None:
     found = volume(dataset(left, (-60, 50)), dataset(right, (-50, 60)), search=(-60, 50),
                    window_size=1, equalise=True)  # fmt: skip
     known = np.flatnonzero(np.isfinite(found).any(axis=(0, 1))) - 60
-    assert [known[0], known[-1]] == [5 - 34, 34 - 5]  # borders of 5 pixels, in columns 0 to 39
+    assert [known[0], known[-1]] == [6 - 33, 33 - 6]  # borders of 6 pixels, in columns 0 to 39
 
 
 def test_one_band_of_several_is_matched(rendered: Pair) -> None:
@@ -244,7 +244,7 @@ def test_the_window_that_pandora_sees_is_all_that_a_cost_rests_on() -> None:
     step = pandora.matching_cost.AbstractMatchingCost(**PLAIN, window_size=5)
     assert step.margins.astuple() == (5, 5, 5, 5)
     evened = pandora.matching_cost.AbstractMatchingCost(**PLAIN | {"equalise": True})
-    assert evened.margins.astuple() == (7, 7, 7, 7)
+    assert evened.margins.astuple() == (8, 8, 8, 8)
     assert step.cfg["window_size"] == 5  # what the user said
 
 

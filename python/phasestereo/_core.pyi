@@ -20,6 +20,7 @@ __all__ = [
     "FLAGS",
     "LARGER",
     "LEAST_SIZE",
+    "MUCH_LARGER",
     "Matched",
     "Workers",
     "__version__",
@@ -52,6 +53,7 @@ BAND_ROWS: int
 DEBUG_BUILD: bool
 FLAGS: dict[str, int]
 LARGER: int
+MUCH_LARGER: int
 LEAST_SIZE: int
 
 @final

@@ -99,8 +99,9 @@ class Settings:
         Whether the relative blur of the two images is estimated (`phasestereo.estimate_blur`) and
         the sharper one is given it, area by area, before they are compared; for ``cost="phase"``.
         What is left of a blur is described by larger neighbourhoods: where any is found,
-        `neighborhood` and `window` are two pixels larger than said, 61 and 63 at most; with
-        ``sizes=2`` both neighbourhoods grow. Default False.
+        `neighborhood` and `window` are two pixels larger than said (`neighborhood` four, where all
+        of it is Gaussian, of 2.25 pixels or more), 61 and 63 at most; with ``sizes=2`` both
+        neighbourhoods grow. Default False.
     align_rows
         Whether it is estimated how the rows of the images correspond: a smooth field of vertical
         offsets (shift, turn, focal length, keystone, distortion). Where it is significant, the
@@ -141,6 +142,10 @@ class Settings:
     speckle_range
         Neighbouring pixels whose disparities differ by no more, in pixels, are in one region; 0 to
         16384 (OpenCV's ``speckleRange``). Default 1.
+    synthesis
+        Whether, where one image alone is blurred, the disparities near jumps are taken from the map
+        at hand, or it eroded or dilated by 4 pixels, by which of them the blurred image can best be
+        made again from the sharp one (analysis by synthesis). Default False.
     guided
         Whether edges in depth are drawn to those of the left image: near a jump of the disparities
         a pixel takes the median of those of similar gray value. Default False.
@@ -189,6 +194,7 @@ class Settings:
     uniqueness: int = 0
     speckle_size: int = 0
     speckle_range: float = 1.0
+    synthesis: bool = False
     guided: bool = False
     median: int = 0
     fill: bool = True
@@ -261,6 +267,7 @@ _ROBUST = Settings(
     subpixel=True,
     consistency=1,
     speckle_size=100,
+    synthesis=True,
     guided=True,
     median=3,
 )

@@ -200,7 +200,7 @@ def survey(
         two or three times, of 16 bits once more, for the blur and the noise (``equalise``,
         ``despike``, ``denoise`` or ``weak > 0``), a few times for the rows
         (``align_rows``), once for the range (``num_disparities=None``), once for
-        ``edges``, ``guided`` or confidences, once for float images.
+        ``edges``, ``synthesis``, ``guided`` or confidences, once for float images.
 
     Raises
     ------
@@ -227,7 +227,8 @@ def survey(
         search,
         equalisation,
     )
-    if asked.edges > 0 or asked.guided or asked.confidence or asked.min_confidence > 0:
+    looks = asked.guided or asked.synthesis or asked.confidence
+    if looks or asked.edges > 0 or asked.min_confidence > 0:
         impulses = found.equalisation.impulses[0] if found.equalisation else 0.0
         roughness = _core.find_roughness(rows, rows.size, search, ranges, impulses)
     versions = found.equalisation

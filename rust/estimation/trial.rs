@@ -74,6 +74,7 @@ fn tried(settings: Settings) -> Settings {
         consistency: Some(1),
         uniqueness: 0,
         speckle_size: 0,
+        synthesis: false,
         guided: false,
         median: 0,
         subpixel: false,

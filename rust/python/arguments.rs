@@ -191,6 +191,7 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         uniqueness: natural(&field("uniqueness")?, "uniqueness")?,
         speckle_size: natural(&field("speckle_size")?, "speckle_size")?,
         speckle_range: number(&field("speckle_range")?, "speckle_range")?,
+        synthesis: boolean(&field("synthesis")?, "synthesis")?,
         guided: boolean(&field("guided")?, "guided")?,
         median: natural(&field("median")?, "median")?,
         fill: boolean(&field("fill")?, "fill")?,

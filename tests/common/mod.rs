@@ -190,16 +190,23 @@ pub fn refinements() -> impl Strategy<Value = Settings> {
     let speckles = (select(vec![0, 0, 1, 5, 100]), select(vec![0.0, 0.5, 1.0, 3.0]));
     let median = select(vec![0, 3]);
     let least = prop_oneof![2 => Just(0.0), 1 => 0.0..1.0f64, 1 => Just(1.0)];
-    let choices = [any::<bool>(); 4];
+    let choices = [any::<bool>(); 5];
     let checks = (consistency, uniqueness);
     (checks, speckles, median, least, choices).prop_map(
-        |(checks, speckles, median, min_confidence, [subpixel, guided, fill, confidence])| {
+        |(
+            checks,
+            speckles,
+            median,
+            min_confidence,
+            [subpixel, synthesis, guided, fill, confidence],
+        )| {
             Settings {
                 subpixel,
                 consistency: checks.0,
                 uniqueness: checks.1,
                 speckle_size: speckles.0,
                 speckle_range: speckles.1,
+                synthesis,
                 guided,
                 median,
                 fill,
@@ -227,6 +234,7 @@ pub fn robust() -> Settings {
         subpixel: true,
         consistency: Some(1),
         speckle_size: 100,
+        synthesis: true,
         guided: true,
         median: 3,
         ..Settings::default()

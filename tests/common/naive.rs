@@ -16,8 +16,11 @@ use phasestereo::plane::Plane;
 use phasestereo::reference;
 use phasestereo::refinement::{Margin, flag};
 use phasestereo::settings::{CostKind, Optimizer, Settings};
+use phasestereo::synthesis::is_asked_for;
 use phasestereo::texture::Texture;
-use phasestereo::versions::{MOST_CLASSES, Versions};
+use phasestereo::versions::{
+    self, {MOST_CLASSES, Versions},
+};
 use phasestereo::view::View;
 
 use super::{gray, level_pair, levels};
@@ -136,6 +139,24 @@ fn codes(
     reference::describe(&values, settings, threshold)
 }
 
+/// The same of gray values of this scale, which are as smooth as they are to be.
+fn codes_of(
+    gray: &Gray,
+    values: &Plane<i32>,
+    kernel: Option<&Kernel>,
+    settings: &Settings,
+    noise: f64,
+) -> Plane<u64> {
+    let threshold = weak_threshold(gray, settings, noise);
+    let Some(kernel) = kernel else {
+        return reference::describe(values, settings, threshold);
+    };
+    let finer = [4, 3, 2, 1].into_iter().find(|bits| gray.reach() << bits <= 1 << 25);
+    let bits = finer.unwrap_or(0);
+    let threshold = weak_threshold(gray, settings, noise * f64::from(1 << bits));
+    reference::describe(&reference::convolve(values, kernel, bits), settings, threshold)
+}
+
 /// Magnitude up to which parts of components are weak: white noise gives each the energy of the window, of
 /// which half falls to either part.
 pub fn weak_threshold(gray: &Gray, settings: &Settings, noise: f64) -> f64 {
@@ -168,7 +189,7 @@ pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
         let elsewhere = (found.elsewhere != NONE).then_some(found.elsewhere.into());
         vote(Margin { own: found.own.into(), elsewhere }, unit)
     });
-    let (disparity, mut flags) = refined(draft, &texture.gray, settings);
+    let (disparity, mut flags) = refined(pair, draft, &texture, settings);
     let confidences =
         reference::confidences(Scene { disparity: &disparity, votes: &votes, texture: &texture });
     let mut disparity = disparity.into_vec();
@@ -280,8 +301,9 @@ fn ambiguous(found: &Found, percent: f64) -> u16 {
 
 /// Disparities and flags, of the map as a whole.
 fn refined(
+    pair: &Pair,
     (mut disparity, mut flags): (Plane<f32>, Plane<u16>),
-    gray: &Plane<i32>,
+    texture: &Texture,
     settings: &Settings,
 ) -> (Plane<f32>, Plane<u16>) {
     if settings.speckle_size > 0 {
@@ -294,15 +316,46 @@ fn refined(
         (disparity, flags) = reference::fill(&disparity, &flags);
     }
     if settings.guided {
-        disparity = reference::guide(&disparity, gray);
+        disparity = reference::guide(&disparity, &texture.gray);
     }
     if settings.median > 0 {
         disparity = reference::smooth(&disparity);
+    }
+    if is_asked_for(settings, pair.versions()) {
+        disparity = synthesized(&disparity, pair, settings);
+        disparity = reference::outline(&disparity, &texture.gray, texture.roughness);
     }
     if settings.subpixel {
         disparity = reference::smooth_surfaces(&disparity);
     }
     (disparity, flags)
+}
+
+/// The map by which the soft image of a pair can best be made again.
+pub fn synthesized(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> Plane<f32> {
+    let (views, (rows, cols)) = (pair.views(), pair.size());
+    let versions = pair.versions().expect("kernels");
+    let (level, control) = (levels()[0], Control::default());
+    let scales = [0, 1].map(|side| {
+        versions::gray(views[side], Some(versions), side, level, &control).expect("memory")
+    });
+    let grays = scales.each_ref().map(plane);
+    let valid = views.map(|view| Plane::from_fn(rows, cols, |y, x| view.is_valid(y, x)));
+    let classes = Plane::from_fn(rows, cols, |y, x| versions.class(y, x));
+    let kernels: Vec<_> = versions.classes().cloned().collect();
+    let codes = |side: usize, gray: &Plane<i32>, kernel: Option<&Kernel>| {
+        codes_of(&scales[side], gray, kernel, settings, versions.noise()[side])
+    };
+    let units = scales.each_ref().map(|gray| gray.steps(1.0));
+    let soft = reference::Soft {
+        grays: [&grays[0], &grays[1]],
+        valid: [&valid[0], &valid[1]],
+        classes: &classes,
+        kernels: &kernels,
+        codes: &codes,
+        left: (units[0] / units[1], scales[0].reach().into()),
+    };
+    reference::synthesize(disparity, soft)
 }
 
 /// Flags of the pixel at `(y, x)`, by the votes for each of its candidates.
