@@ -154,6 +154,8 @@ mod tests {
             tile: 16,
             certainty: 1.0,
             gain: 1.0,
+            impulses: [0.0; 2],
+            coding: [0.0; 2],
             noise: [1.0; 2],
             glance: <_>::default(),
         };

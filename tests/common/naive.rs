@@ -23,7 +23,7 @@ use phasestereo::versions::{
 };
 use phasestereo::view::View;
 
-use super::{gray, level_pair, levels};
+use super::{gray, level_pair, levels, plane};
 
 /// What a caller sees of a match; floats by their bits, so that NaN equals NaN.
 #[derive(Debug, Clone, PartialEq, Eq)]

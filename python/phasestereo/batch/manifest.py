@@ -46,7 +46,7 @@ class Record:
     left, right
         The files of its images.
     num_disparities, min_disparity
-        The disparities searched.
+        The disparities searched; of a pair that failed before they were found, None.
     recipe
         A digest of all that the result depends on: the files (path, size, time of change), the
         disparities, the settings, the version. A pair with another one is matched again.
@@ -62,6 +62,8 @@ class Record:
         Share of the pixels with an estimate, 0 to 1.
     blur
         What blur was found, in words, if that was asked for.
+    doubt
+        Why the result as a whole is not to be trusted, if so: what `phasestereo.match` warns of.
     files
         The files of the result, in the folder of the manifest, and their lengths in bytes.
     worker
@@ -72,7 +74,7 @@ class Record:
     state: State
     left: str
     right: str
-    num_disparities: int
+    num_disparities: int | None
     min_disparity: int
     recipe: str
     reason: str | None = None
@@ -82,6 +84,7 @@ class Record:
     height: int | None = None
     estimated: float | None = None
     blur: str | None = None
+    doubt: str | None = None
     files: dict[str, int] | None = None
     worker: str | None = None
 
@@ -260,7 +263,7 @@ def _types(meta: Any) -> dict[str, Any]:
         "state": State,
         "left": str,
         "right": str,
-        "num_disparities": Annotated[int, meta(ge=1, lt=2**31)],
+        "num_disparities": Annotated[int, meta(ge=1, lt=2**31)] | None,
         "min_disparity": Annotated[int, meta(gt=-(2**31), lt=2**31)],
         "recipe": str,
         "reason": str | None,
@@ -270,6 +273,7 @@ def _types(meta: Any) -> dict[str, Any]:
         "height": natural | None,
         "estimated": Annotated[float, meta(ge=0, le=1)] | None,
         "blur": str | None,
+        "doubt": str | None,
         "files": dict[file, natural] | None,
         "worker": str | None,
     }

@@ -41,7 +41,7 @@ class PairFiles:
     left, right
         The files of its images.
     num_disparities, min_disparity
-        The disparities to search.
+        The disparities to search; None: those that are found in the images.
     left_mask, right_mask
         Images that are not zero where a pixel is valid; None: all are.
     """
@@ -49,7 +49,7 @@ class PairFiles:
     name: str
     left: Path
     right: Path
-    num_disparities: int
+    num_disparities: int | None = None
     min_disparity: int = 0
     left_mask: Path | None = None
     right_mask: Path | None = None
@@ -78,15 +78,16 @@ def read_pairs(
           them), whose images are paired by name, else in order, or in files named left... and
           right...
     num_disparities, min_disparity
-        The disparities to search where the list, or ``calib.txt``, does not say.
+        The disparities to search where the list, or ``calib.txt``, does not say; None: those that
+        are found in the images of each pair.
 
     Raises
     ------
     OSError
         If the list or the folder cannot be read. Whether the images can is found out later.
     ValueError
-        If the list has other columns, a wrong number or a name twice, or nobody says how many
-        disparities to search; if there is no pair. The message names the line.
+        If the list has other columns, a wrong number or a name twice; if there is no pair. The
+        message names the line.
     """
     place = Path(source).absolute()
     search = num_disparities, min_disparity
@@ -150,8 +151,6 @@ def _of_row(
             raise ValueError(f"{where}: {name} is missing")
     files = {name: folder / given[name] for name in _COLUMNS if name in given and _is_file(name)}
     count = _number(where, "num_disparities", given, search[0])
-    if count is None:
-        raise ValueError(f"{where}: num_disparities is missing, here and among the arguments")
     return PairFiles(
         name=given.get("name", files["left"].stem),
         num_disparities=count,
@@ -178,8 +177,6 @@ def _of_folder(folder: Path, search: tuple[int | None, int]) -> Iterator[PairFil
             yield _of_scene(scene, search)
         return
     for left, right in paths_of_rig(folder):
-        if search[0] is None:
-            raise ValueError(f"num_disparities: got None; {folder} does not say what to search")
         yield PairFiles(
             name=left.stem,
             left=left,
@@ -193,8 +190,6 @@ def _of_scene(scene: Path, search: tuple[int | None, int]) -> PairFiles:
     calibration = scene / "calib.txt"
     told = read_calibration(calibration).ndisp if calibration.is_file() else None
     count = told or search[0]
-    if count is None:
-        raise ValueError(f"num_disparities: got None; {calibration} does not tell ndisp either")
     return PairFiles(
         name=scene.name,
         left=scene / "im0.png",

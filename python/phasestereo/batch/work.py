@@ -17,11 +17,12 @@ import numpy as np
 
 import phasestereo
 from phasestereo.batch.manifest import DONE, FAILED, Record
+from phasestereo.findings import untrusted
 from phasestereo.io import write_geotiff, write_image
 from phasestereo.io.maps import write_floats
 from phasestereo.io.mask import read_mask
 from phasestereo.io.views import join, read_views
-from phasestereo.matcher import match
+from phasestereo.matcher import match_silently
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -135,27 +136,29 @@ def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
     in_time = _clock(order.seconds)
     left, right = read_views(pair.left, pair.right)
     masks = read_mask(pair.left_mask), read_mask(pair.right_mask)
-    result = match(
-        left.image,
-        right.image,
-        num_disparities=pair.num_disparities,
-        min_disparity=pair.min_disparity,
+    result = match_silently(
+        (left.image, right.image),
+        (join(masks[0], left.mask), join(masks[1], right.mask)),
+        (pair.min_disparity, pair.num_disparities),
         settings=order.settings,
         threads=order.threads,
-        left_mask=join(masks[0], left.mask),
-        right_mask=join(masks[1], right.mask),
         progress=in_time,
+        told=(None, None),
     )
     in_time()
     rows, cols = result.disparity.shape
+    searched = result.search
     return replace(
         blank(pair, recipe, ""),
+        num_disparities=searched.num_disparities if searched else pair.num_disparities,
+        min_disparity=searched.min_disparity if searched else pair.min_disparity,
         state=DONE,
         reason=None,
         width=cols,
         height=rows,
         estimated=round(float(np.isfinite(result.disparity).mean()), 6),
         blur=None if result.blur is None else str(result.blur),
+        doubt="; ".join(found.sentence for found in untrusted(result.findings)) or None,
         files=_write(pair.name, order, result, left.place),
     )
 

@@ -14,7 +14,7 @@ from rich.console import Console
 import phasestereo
 from phasestereo.batch import Record, Report, encryption, read_pairs, run
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
-from phasestereo.cli.options import Overrides
+from phasestereo.cli.options import Count, Overrides
 from phasestereo.cli.terminal import printable, progress_bar, tell
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 
@@ -48,9 +48,7 @@ def batch(
         _Layers, Parameter(group=_OUTPUT, consume_multiple=True, show_default=False)
     ] = (),
     json: Annotated[bool, Parameter(negative=(), show_default=False, group=_OUTPUT)] = False,
-    num_disparities: Annotated[
-        int | None, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)
-    ] = None,
+    num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)] = None,
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
     scheduler: Annotated[str | None, Parameter(group=_WORK)] = None,
     tls_ca: _File = None,
@@ -91,7 +89,8 @@ def batch(
     json
         Print one JSON object on standard output: numbers, settings, failures, files.
     num_disparities
-        Number of disparities to search where the list, or calib.txt, does not say.
+        Number of disparities to search where the list, or calib.txt, does not say; auto: those that
+        are found in the images of each pair.
     min_disparity
         Smallest disparity to search where the list does not say.
     scheduler
