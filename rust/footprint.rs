@@ -32,7 +32,7 @@ const GRAY: usize = 16;
 const TEXTURE: usize = 5;
 
 /// Bytes of a pixel of both images that is kept to synthesize one of them, with those on the way to them.
-const SYNTHESIZED: usize = 20;
+const SYNTHESIZED: usize = 28;
 
 /// What a match is to be of.
 #[derive(Debug, Clone, Copy)]

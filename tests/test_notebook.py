@@ -108,7 +108,7 @@ def test_the_map_has_the_colours_of_its_disparities(result: ps.Result) -> None:
 
 def test_words_tell_size_share_reasons_time_and_blur(result: ps.Result) -> None:
     text = shown(result).text
-    assert "120 x 90 pixels, 98.1% estimated, 0.250 s" in text
+    assert "120 x 90 pixels, 98.1% estimated, " in text
     assert "No estimate, gray: 1.9%, flagged occluded 1.9%" in text
     assert "All flags: occluded 1.9%" in text
     assert "mean 1.00" in text

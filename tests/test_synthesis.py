@@ -81,6 +81,7 @@ def test_a_map_is_redrawn_as_the_oracle_says(side: str) -> None:
         "settings": SETTINGS,
         "equalisation": versions,
         "align_rows": False,
+        "sizes": 1,
     }
     before = ps.match(*images, **options).disparity
     found = ps.match(*images, **options, synthesis=True).disparity
@@ -110,6 +111,7 @@ def test_fat_outlines_become_thin(side: str, dtype: type[np.generic]) -> None:
         "neighborhood": 5,
         "window": 7,
         "align_rows": False,
+        "sizes": 1,
     }
     before = ps.match(*given, **options, synthesis=False)
     after = ps.match(*given, **options)
@@ -126,6 +128,7 @@ def test_a_darker_soft_image_changes_little() -> None:
         "neighborhood": 5,
         "window": 7,
         "align_rows": False,
+        "sizes": 1,
     }
     before = ps.match(left, darker, **options, synthesis=False)
     after = ps.match(left, darker, **options)
@@ -159,6 +162,6 @@ def test_masked_pixels_have_no_effect_and_no_disparity() -> None:
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_threads_change_nothing(side: str) -> None:
     images, versions = soft(side)
-    options: dict[str, Any] = {**SEARCH, "equalisation": versions, "align_rows": False}
+    options: dict[str, Any] = {**SEARCH, "equalisation": versions, "align_rows": False, "sizes": 1}
     found = [ps.match(*images, **options, threads=threads).disparity for threads in (1, 3)]
     np.testing.assert_array_equal(found[0], found[1])

@@ -122,10 +122,12 @@ def _words(result: Result) -> Iterable[str]:
     rows, cols = result.disparity.shape
     missing = ~np.isfinite(result.disparity)
     share = float(missing.mean())
-    told = [f"{cols} x {rows} pixels", f"{1 - share:.1%} estimated"]
+    trusted = float((~missing & (result.flags == 0)).mean())
+    told = [f"{cols} x {rows} pixels", f"{1 - share:.1%} estimated, {trusted:.1%} trusted"]
     told += [] if result.blur is None else [f"blur: {result.blur}"]
     told += [f"{sum(result.timings.values()):.3f} s"]
     yield f"<b>phasestereo.Result</b> {escape(', '.join(told))}"
+    yield from (f"<b>{one.severity}</b>: {escape(one.sentence)}" for one in result.findings)
     if share:
         yield f"No estimate, gray: {share:.1%}, flagged {tell_flags(result.flags * missing)}"
     yield f"All flags: {tell_flags(result.flags)}"
