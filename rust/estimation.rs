@@ -62,6 +62,8 @@ pub struct Estimates {
     pub candidates: Candidates,
     /// Mean confidence of a rough match of small copies, if there was one.
     pub confidence: Option<f64>,
+    /// Whether the images match once one of them is inverted, and not before.
+    pub is_inverted: bool,
     /// What the images say about the disparities, if that was asked, or those that are told match badly.
     pub range: Option<SearchRange>,
     /// Where the rows lie, if that was asked and there is enough to see it by.
@@ -94,6 +96,8 @@ pub struct Findings {
     pub candidates: Candidates,
     /// Mean confidence of a rough match of small copies, if there was one.
     pub confidence: Option<f64>,
+    /// Whether the images match once one of them is inverted, and not before.
+    pub is_inverted: bool,
     /// What the images say about the disparities, if they were to be found, or match badly.
     pub range: Option<SearchRange>,
     /// Where the rows lie, if that was asked and there is enough to see it by.
@@ -200,16 +204,25 @@ impl Findings {
             Some(_) => None,
             None => found.compensation(settings)?,
         };
-        let Estimates { candidates, confidence, range, offsets, alignment, blur, .. } = found;
-        let alignment = alignment.or_else(|| known.alignment.clone());
-        let time = started.elapsed();
-        Ok(Self { candidates, confidence, range, offsets, alignment, blur, compensation, time })
+        let Estimates { candidates, confidence, is_inverted, range, offsets, .. } = found;
+        Ok(Self {
+            candidates,
+            confidence,
+            is_inverted,
+            range,
+            offsets,
+            alignment: found.alignment.or_else(|| known.alignment.clone()),
+            blur: found.blur,
+            compensation,
+            time: started.elapsed(),
+        })
     }
 
     fn nothing(candidates: Candidates, known: &Known) -> Self {
         Self {
             candidates: known.candidates.unwrap_or(candidates),
             confidence: None,
+            is_inverted: false,
             range: None,
             offsets: None,
             alignment: known.alignment.clone(),
@@ -233,6 +246,7 @@ fn estimate(
     let is_overview_needed = asked.candidates.is_none() || asked.rows;
     let overview = is_overview_needed.then(|| Overview::new(rows, means)).transpose()?.flatten();
     let (mut offsets, mut alignment, mut range, mut confidence) = (None, None, None, None);
+    let mut is_inverted = false;
     if let Some(overview) = &overview {
         let mut rough = overview.rough(asked.candidates, None, means)?;
         if asked.rows {
@@ -251,6 +265,10 @@ fn estimate(
         } else if asked.candidates.is_none() {
             range = range::range(overview, &rough);
         }
+        is_inverted = range.is_none()
+            && rough.confidence < range::LEAST_CONFIDENCE
+            && overview.inverted().rough(None, None, means)?.confidence
+                >= overview::GOOD_CONFIDENCE;
     }
     let candidates = match (asked.candidates, &range) {
         (Some(candidates), _) => candidates,
@@ -261,7 +279,8 @@ fn estimate(
     let blur = asked.blur.then(|| blur::estimate(rows, sample, known, means)).transpose()?;
     let blur = blur.map(|found| found.with(defects));
     let noise = asked.noise;
-    let found = Estimates { candidates, confidence, range, offsets, alignment, blur, noise };
+    let found =
+        Estimates { candidates, confidence, is_inverted, range, offsets, alignment, blur, noise };
     let is_confirmed = trial::confirms(rows, &found, settings, means)?;
     Ok(Estimates { alignment: found.alignment.filter(|_| is_confirmed), ..found })
 }

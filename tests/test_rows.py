@@ -211,6 +211,8 @@ def faults(pair: Pair) -> dict[str, tuple[Any, Any, dict[str, Any], str]]:
         "black": (pair.left, np.zeros_like(pair.left), told, "match"),
         "rows": (pair.left, crooked, {**told, "align_rows": False}, "match"),
         "upside down": (pair.left, pair.right[::-1], told, "match"),
+        "inverted": (pair.left, 255 - pair.right, told, "match"),
+        "inverted, range to be found": (pair.left, 255 - pair.right, {}, "match"),
     }
 
 
@@ -220,6 +222,8 @@ def test_what_went_wrong_is_said(load: Callable[[str], Pair], name: str) -> None
         with pytest.warns(ps.MatchWarning):
             result = ps.match(left, right, **options)
         assert topic in grave(result), (fault, result.findings)
+        assert result.search is not None
+        assert result.search.inverted == fault.startswith("inverted"), fault
 
 
 def test_a_matcher_warns_too_and_a_summary_is_what_it_says() -> None:

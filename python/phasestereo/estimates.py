@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 Found: TypeAlias = tuple[
     tuple[int, int],
     "float | None",
+    bool,
     "tuple[int, int, float, float, bool, bool] | None",
     "tuple[Field, float, int, float] | None",
     "Field | None",
@@ -32,8 +33,8 @@ Found: TypeAlias = tuple[
     "tuple[int, int]] | None",
     float,
 ]
-"""What the core tells: disparities, confidence of a rough match, range, offsets of rows, the field
-that is applied, blur, what suits it, seconds."""
+"""What the core tells: disparities, confidence of a rough match, whether that takes an inverted
+image, range, offsets of rows, the field that is applied, blur, what suits it, seconds."""
 
 Told: TypeAlias = "tuple[tuple[float, float] | None, Equalisation | None, Field | None]"
 """What the core is told: noise, versions, the field of the rows."""
@@ -58,7 +59,7 @@ def as_estimates(
     equalisation: Equalisation | None,
 ) -> Estimates:
     """Return what the core has found out, beside what a call told it."""
-    disparities, confidence, span, offsets, field, blur, suited, seconds = found
+    disparities, confidence, inverted, span, offsets, field, blur, suited, seconds = found
     if suited is not None:
         (noise, impulses, smoothing), kernels, labels, tile, (neighborhood, window) = suited
         equalisation = Equalisation(
@@ -72,7 +73,10 @@ def as_estimates(
         settings = replace(settings, neighborhood=neighborhood, window=window)
     return Estimates(
         settings=settings,
-        search=_search(disparities, confidence, span, is_told=search[1] is not None),
+        search=replace(
+            _search(disparities, confidence, span, is_told=search[1] is not None),
+            inverted=inverted,
+        ),
         alignment=_alignment(offsets, field),
         blur=None if blur is None else as_estimate(blur),
         equalisation=equalisation,

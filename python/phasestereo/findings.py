@@ -58,6 +58,10 @@ _BEYOND = 0.2  # of the range
 _NOTHING = (
     "hardly anything in one image is found in the other: these are no pair, or far from rectified"
 )
+_INVERTED = (
+    "what is bright in one image is dark in the other: invert one of them (255 - image), or match "
+    "with power=2, which does not see it"
+)
 _TRUST = "match", "swap", "range"  # topics that tell whether a match is to be trusted at all
 
 
@@ -136,6 +140,9 @@ def _match(search: SearchRange, summary: Summary) -> Iterator[Finding]:
     if search.swapped:
         yield _swapped(f"{round(search.low)} to {round(search.high)} px")
         return
+    if search.inverted:
+        yield Finding("match", "warning", _INVERTED)
+        return
     is_unlike = search.confidence < _LEAST_ROUGH and math.isnan(search.low)
     if is_unlike or search.origin == "default":
         yield Finding("match", "warning", _NOTHING)
@@ -213,6 +220,9 @@ def _search(diagnosis: Diagnosis) -> Iterator[Finding]:
             "warning",
             _NOTHING,
         )
+        return
+    if found.inverted:
+        yield Finding("contrast", "warning", _INVERTED)
         return
     ends = f"{round(found.low)} to {round(found.high)} px"
     if found.swapped:

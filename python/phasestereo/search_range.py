@@ -31,6 +31,9 @@ class SearchRange:
         the point at which they look gives the same.)
     mixed
         Whether disparities of both signs are clearly there, as with squinting cameras.
+    inverted
+        Whether the images match once one of them is inverted, and not before: what is bright in one
+        is dark in the other.
     """
 
     min_disparity: int
@@ -41,6 +44,7 @@ class SearchRange:
     high: float = math.nan
     swapped: bool = False
     mixed: bool = False
+    inverted: bool = False
 
     def __str__(self) -> str:
         """Return the range in words."""

@@ -139,6 +139,13 @@ impl Overview {
         Ok(best)
     }
 
+    /// The same with the right image inverted.
+    pub fn inverted(&self) -> Self {
+        let [left, right] = &self.planes;
+        let planes = [left.clone(), right.map(|value| -value)];
+        Self { factor: self.factor, planes, valid: self.valid.clone() }
+    }
+
     /// The same, reduced once more.
     fn reduced(&self, means: Means) -> Result<Self> {
         let by = reduction((self.valid.rows(), self.valid.cols()), COARSE_WIDTH);

@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::settings::MOST_DISPARITIES;
 
 /// Least mean confidence that is believed: between those of unrelated images and of true pairs, see [`RoughMap`].
-const LEAST_CONFIDENCE: f64 = 0.45;
+pub const LEAST_CONFIDENCE: f64 = 0.45;
 /// Share of the matches that lie in the shortest range that is believed.
 const CORE: f64 = 0.97;
 /// Share of the matches in a disparity next to it that belongs there, too.

@@ -42,11 +42,12 @@ pub type Field = ([f64; TERMS], (usize, usize), usize);
 /// A field, its standard error, blocks that agree, their spread.
 type Measured = (Field, f64, usize, f64);
 
-/// Disparities (least, number), the confidence of a rough match, the range and the offsets that were found, the field that is applied, blur, what suits it,
+/// Disparities (least, number), the confidence of a rough match, whether it takes an inverted image, the range and the offsets that were found, the field that is applied, blur, what suits it,
 /// and wall-clock seconds.
 pub type Found<'py> = (
     (i64, i64),
     Option<f64>,
+    bool,
     Option<Range>,
     Option<Measured>,
     Option<Field>,
@@ -56,13 +57,14 @@ pub type Found<'py> = (
 );
 
 pub fn tell_found(py: Python<'_>, found: Findings) -> PyResult<Found<'_>> {
-    let Findings { candidates, confidence, range, offsets, alignment, blur, compensation, time } =
-        found;
+    let Findings { candidates, confidence, is_inverted, range, .. } = found;
+    let Findings { offsets, alignment, blur, compensation, time, .. } = found;
     let blur = blur.map(|blur| tell_estimate(py, blur)).transpose()?;
     let compensation = compensation.map(|found| tell_compensation(py, found)).transpose()?;
     Ok((
         (candidates.min() as i64, candidates.count() as i64),
         confidence,
+        is_inverted,
         range.as_ref().map(tell_range),
         offsets.as_ref().map(tell_offsets),
         alignment.as_ref().map(tell_field),
