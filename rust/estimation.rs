@@ -44,7 +44,9 @@ const DEFAULT_SHARE: usize = 3;
 
 /// What is to be found out.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Asked {
+struct Asked<'a> {
+    /// The versions in which pixels are compared, if they are told.
+    versions: Option<&'a Versions>,
     /// The disparities, which are told already; `None`: they are to be found.
     pub candidates: Option<Candidates>,
     /// Standard deviations of the noise, which are told already.
@@ -180,9 +182,10 @@ pub fn prepare_by_rows(
 }
 
 impl Known {
-    fn asked(&self, settings: &Settings) -> Asked {
+    fn asked(&self, settings: &Settings) -> Asked<'_> {
         let needs_noise = settings.has_weak() && self.noise.is_none();
         Asked {
+            versions: self.versions.as_ref(),
             candidates: self.candidates,
             noise: self.noise,
             rows: settings.align_rows && self.alignment.is_none(),
@@ -192,7 +195,7 @@ impl Known {
     }
 }
 
-impl Asked {
+impl Asked<'_> {
     fn is_anything(&self) -> bool {
         self.candidates.is_none() || self.rows || self.blur
     }
@@ -281,7 +284,7 @@ fn estimate(
     let noise = asked.noise;
     let found =
         Estimates { candidates, confidence, is_inverted, range, offsets, alignment, blur, noise };
-    let is_confirmed = trial::confirms(rows, &found, settings, means)?;
+    let is_confirmed = trial::confirms(rows, &found, asked.versions, settings, means)?;
     Ok(Estimates { alignment: found.alignment.filter(|_| is_confirmed), ..found })
 }
 

@@ -104,6 +104,19 @@ def test_rows_are_straightened_beside_blur(load: Callable[[str], Pair]) -> None:
     assert bad(pair, result) < bad(pair, straight) + 1.5
 
 
+def test_rows_are_straightened_with_versions_that_are_told(load: Callable[[str], Pair]) -> None:
+    pair = load("cones")
+    crooked = lowered(pair.right, down=2.0)
+    told = ps.Equalisation(noise=(1.0, 1.0))
+    result = ps.match(pair.left, crooked, equalisation=told)
+    assert result.alignment is not None
+    assert result.alignment.applied
+    assert result.equalisation is told
+    noisy = ps.match(pair.left, crooked, noise=1.0)
+    assert noisy.alignment is not None
+    assert noisy.alignment.applied
+
+
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32", "float64"])
 def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
     rng = np.random.default_rng(4)

@@ -16,6 +16,7 @@ use crate::reach::Reach;
 use crate::refinement::flag;
 use crate::settings::{Optimizer, Settings};
 use crate::source::widened;
+use crate::versions::Versions;
 
 /// Bands that are tried, and rows of each.
 const BANDS: (usize, usize) = (3, 24);
@@ -35,12 +36,19 @@ struct Score {
     pixels: f64,
 }
 
-/// Whether bands are matched better with the field that was found.
-pub fn confirms(rows: Rows, found: &Estimates, settings: &Settings, means: Means) -> Result<bool> {
+/// Whether bands are matched better with the field that was found, in the versions that are told, or else suit.
+pub fn confirms(
+    rows: Rows,
+    found: &Estimates,
+    told: Option<&Versions>,
+    settings: &Settings,
+    means: Means,
+) -> Result<bool> {
     let Some(field) = &found.alignment else { return Ok(false) };
     let Means { matcher, how, control } = means;
-    let compensation = found.compensation(settings)?;
-    let versions = compensation.as_ref().map(Compensation::versions).transpose()?;
+    let compensation = if told.is_some() { None } else { found.compensation(settings)? };
+    let known = compensation.as_ref().map(Compensation::versions).transpose()?;
+    let versions = told.cloned().or(known);
     let settings = tried(compensation.map_or_else(|| settings.clone(), |found| found.settings));
     let described = Reach::new(&settings, versions.as_ref(), None).description;
     let mut scores = [Score::default(); 2];
