@@ -261,12 +261,10 @@ fn weights(grays: [&[i16]; SIDE]) -> [Lanes<u16>; PLACES] {
 #[inline(always)]
 fn median(values: &[Lanes<i16>; PLACES], weights: &[Lanes<u16>; PLACES]) -> Lanes<i16> {
     let (mut low, mut high, mut total) = ([0; LANES], [0; LANES], [0; LANES]);
-    for (values, weights) in values.iter().zip(weights) {
+    for place in 0..PLACES {
+        widen(&values[place], &weights[place], [&mut low, &mut high]);
         for j in 0..LANES {
-            let value = if weights[j] == 0 { 0 } else { values[j] };
-            low[j] = low[j].min(value);
-            high[j] = high[j].max(value);
-            total[j] += weights[j];
+            total[j] += weights[place][j];
         }
     }
     while low != high {
@@ -275,10 +273,8 @@ fn median(values: &[Lanes<i16>; PLACES], weights: &[Lanes<u16>; PLACES]) -> Lane
             // Their mean, rounded down.
             middle[j] = (low[j] & high[j]) + ((low[j] ^ high[j]) >> 1);
         }
-        for (values, weights) in values.iter().zip(weights) {
-            for j in 0..LANES {
-                below[j] += if values[j] <= middle[j] { weights[j] } else { 0 };
-            }
+        for place in 0..PLACES {
+            add_where(&values[place], &middle, &weights[place], &mut below);
         }
         for j in 0..LANES {
             let is_low = 2 * below[j] >= total[j];
@@ -288,4 +284,24 @@ fn median(values: &[Lanes<i16>; PLACES], weights: &[Lanes<u16>; PLACES]) -> Lane
         }
     }
     low
+}
+
+/// Lowers and raises the ends to values that have any weight.
+#[inline(always)]
+fn widen(values: &Lanes<i16>, weights: &Lanes<u16>, [low, high]: [&mut Lanes<i16>; 2]) {
+    for j in 0..LANES {
+        let mask = i16::from(weights[j] != 0).wrapping_neg();
+        let value = values[j] & mask;
+        low[j] = low[j].min(value);
+        high[j] = high[j].max(value);
+    }
+}
+
+/// Adds the weights of values that are not above others: by masks, since a choice would keep pixels apart.
+#[inline(always)]
+fn add_where(values: &Lanes<i16>, most: &Lanes<i16>, weights: &Lanes<u16>, sums: &mut Lanes<u16>) {
+    for j in 0..LANES {
+        let mask = u16::from(values[j] <= most[j]).wrapping_neg();
+        sums[j] += weights[j] & mask;
+    }
 }
