@@ -21,7 +21,8 @@
 //!    gives way to its neighbours ([`median`]). Where one image is blurred it is made again by the map, by which jumps are
 //!    put right ([`synthesis`], [`outlines`]). Every disparity is given a confidence ([`confidence`]).
 //!
-//! Before all that, [`blur`] may find out from spectra which image is the softer one, where, and by which
+//! Before all that, [`estimation`] may find out what nobody told: which disparities there are, and how the rows of the
+//! images lie to one another, by which the right one is straightened ([`alignment`]). [`blur`] finds out from spectra which image is the softer one, where, and by which
 //! point-spread function ([`psf`]), so that the other one can be given the same; and whether there are impulses, which are
 //! repaired ([`impulses`]), how much noise, and what compression has left of its blocks ([`blocking`]), both of which
 //! are smoothed away ([`smoothing`]).
@@ -37,8 +38,8 @@
 //!
 //! So a [`section`] of a pair that is larger than memory comes out as it does in the whole, given as many rows around it
 //! as it depends on ([`reach`]), in memory that is known before ([`footprint`]). What is the same for all sections is
-//! found out before in one go through the [`source`] of the pair: blur, the range of floats, and how rough the
-//! [`texture`] of the left image is.
+//! found out before from the [`source`] of the pair: rows, range and blur, the range of floats, and how rough the
+//! [`texture`] of the left image is. What a map says of itself as a whole is its [`summary`].
 //!
 //! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
 
