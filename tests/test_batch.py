@@ -301,7 +301,7 @@ def test_what_is_wrong_with_a_pair_is_recorded(
 def test_a_bug_in_a_pair_is_recorded_with_its_place(
     tmp_path: Path, pairs: list[PairFiles], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("phasestereo.batch.work.match", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("phasestereo.batch.work.match_silently", lambda *_, **__: 1 / 0)
     record = match_files(pairs[0], order(tmp_path), "recipe")
     assert record.state == "failed"
     assert str(record.reason).startswith("ZeroDivisionError('division by zero') in ")
@@ -1075,8 +1075,9 @@ def test_the_command_fails_if_a_pair_does(
 
 
 def test_wrong_command_lines(run: Callable[..., Run], images: Path, tmp_path: Path) -> None:
-    code, _, err = run("batch", images, "-o", tmp_path / "out")
-    assert (code, err.split(":")[2]) == (2, " --num-disparities")
+    code, _, err = run("batch", images, "-o", tmp_path / "out", "--num-disparities", "some")
+    assert code == 2
+    assert "--num-disparities" in err
     code, _, err = run("batch", tmp_path / "none.csv", "-o", tmp_path / "out")
     assert (code, err) == (
         1,

@@ -121,7 +121,8 @@ def test_words_tell_size_share_reasons_time_and_blur(result: ps.Result) -> None:
 
 
 def test_the_histogram_stands_on_the_colours_of_the_map(result: ps.Result) -> None:
-    whole = replace(result, disparity=np.array([[3, 3, 3, 4, 6, 6]] * 2, np.float32))
+    steps = np.array([[3, 3, 3, 4, 6, 6]] * 2, np.float32)
+    whole = replace(result, disparity=steps, flags=np.zeros(steps.shape, np.uint16))
     block = shown(whole)
     picture = block.picture("Histogram of disparities from 3.0 to 6.0 pixels, median 3.5")
     assert picture.shape[1] == 4, "one column for each whole disparity"

@@ -153,7 +153,7 @@ def test_confidences_are_about_the_share_of_right_disparities(data: Path, name: 
     mask = pair.masks["nonocc"]
     right = 1 - bad(pair, result.disparity) / 100
     assert float(result.confidence[mask].mean()) == pytest.approx(right, abs=0.06)
-    assert roc_area(result.confidence, result.disparity, pair.truth, mask=mask) > 0.86
+    assert roc_area(result.confidence, result.disparity, pair.truth, mask=mask) > 0.85
 
 
 def test_less_is_kept_and_it_is_better_the_more_confidence_is_asked_for(data: Path) -> None:
