@@ -329,7 +329,7 @@ GOOD = scene()
 @pytest.mark.parametrize(
     ("arguments", "options", "error", "message"),
     [
-        (("x", GOOD), {}, FileNotFoundError, "No such file"),
+        (("x", GOOD), {}, FileNotFoundError, "[Errno 2] No such file"),
         ((GOOD, GOOD.astype(np.uint16)), {}, TypeError, "right: got dtype uint16; accepts that"),
         ((GOOD, GOOD[:-1]), {}, ValueError, "right: got"),
         ((GOOD[0], GOOD[0]), {}, ValueError, "left: got shape"),
