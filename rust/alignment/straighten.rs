@@ -115,12 +115,18 @@ fn straightened_mask(
 /// Where the pixels of row `y` come from.
 fn places(alignment: &Alignment, y: usize, cols: usize) -> Places {
     let along = alignment.along(y as f64);
-    // Half a step more, and cut off below: a rounding that needs no function of the platform.
-    let exact = |x: usize| (along.at(x as f64) * STEPS as f64 + 0.5).floor() as isize;
+    let exact = |x: usize| floored(along.at(x as f64) * STEPS as f64 + 0.5);
     let offsets: Vec<isize> = (0..cols).map(exact).collect();
     let rows = offsets.iter().map(|offset| y as isize + offset.div_euclid(STEPS as isize));
     let steps = offsets.iter().map(|offset| offset.rem_euclid(STEPS as isize) as u8);
     Places { rows: rows.collect(), steps: steps.collect() }
+}
+
+/// The largest integer that is not above a number, without a call of the platform's library for each pixel.
+#[inline(always)]
+pub fn floored(value: f64) -> isize {
+    let whole = value as isize;
+    whole - isize::from(whole as f64 > value)
 }
 
 /// A pixel that can be resampled.

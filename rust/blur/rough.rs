@@ -4,6 +4,7 @@
 use super::bins::SIDE;
 use super::spectrum::Place;
 use crate::alignment::Alignment;
+use crate::alignment::straighten::floored;
 use crate::candidates::Candidates;
 use crate::control::Control;
 use crate::error::Result;
@@ -21,7 +22,7 @@ const CORE: usize = SIDE / 2;
 /// Of a block at most one pixel in so many may be masked.
 const MASKED_SHARE: usize = 10;
 /// Steps of a row at which a reduced image is sampled.
-const RAISED_STEPS: f64 = 64.0;
+const RAISED_STEPS: isize = 64;
 
 /// Gray values of an image.
 #[derive(Debug)]
@@ -120,12 +121,12 @@ pub fn raised(
         let along = alignment.along(center(y));
         for (x, value) in row.iter_mut().enumerate() {
             // In whole steps, so that it makes no difference where a part of the image begins.
-            let offset = (along.at(center(x)) * RAISED_STEPS / factor as f64 + 0.5).floor();
-            let above = y as isize + (offset / RAISED_STEPS).floor() as isize;
-            let share = offset.rem_euclid(RAISED_STEPS) / RAISED_STEPS;
+            let offset = floored(along.at(center(x)) * RAISED_STEPS as f64 / factor as f64 + 0.5);
+            let above = y as isize + offset.div_euclid(RAISED_STEPS);
+            let share = offset.rem_euclid(RAISED_STEPS) as f32 / RAISED_STEPS as f32;
             let [upper, lower] =
                 [above, above + 1].map(|y| right.row(y.clamp(0, last) as usize)[x]);
-            *value = upper + share as f32 * (lower - upper);
+            *value = upper + share * (lower - upper);
         }
     })
 }
