@@ -10,7 +10,7 @@ from phasestereo._images import Pixels
 from phasestereo.alignment import Field
 from phasestereo.blur import Glance
 from phasestereo.equalisation import Equalisation
-from phasestereo.estimates import Found, Told
+from phasestereo.estimates import Found, Matched, Told
 from phasestereo.settings import Settings
 from phasestereo.surveying import Checked, Survey
 
@@ -21,7 +21,6 @@ __all__ = [
     "LARGER",
     "LEAST_SIZE",
     "MUCH_LARGER",
-    "Matched",
     "Workers",
     "__version__",
     "aggregate_volume",
@@ -44,9 +43,6 @@ __all__ = [
 ]
 
 _Ranges: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
-Matched: TypeAlias = tuple[
-    NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, dict[str, float]
-]
 
 __version__: str
 BAND_ROWS: int

@@ -36,6 +36,11 @@ Found: TypeAlias = tuple[
 """What the core tells: disparities, confidence of a rough match, whether that takes an inverted
 image, range, offsets of rows, the field that is applied, blur, what suits it, seconds."""
 
+Matched: TypeAlias = (
+    "tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, dict[str, float]]"
+)
+"""What a match gives: disparities, flags, confidence, seconds of its stages."""
+
 Told: TypeAlias = "tuple[tuple[float, float] | None, Equalisation | None, Field | None]"
 """What the core is told: noise, versions, the field of the rows."""
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Picture, Pixels
-    from phasestereo.estimates import Estimates
+    from phasestereo.estimates import Estimates, Matched
 
     Mask = NDArray[np.bool_]
     Progress = Callable[[int, int], object]
@@ -300,7 +300,7 @@ def _again(
     masks: tuple[Mask | None, Mask | None],
     search: Search,
     how: tuple[int | _core.Workers | None, Progress | None],
-) -> tuple[_core.Matched, Estimates]:
+) -> tuple[Matched, Estimates]:
     """Match with what was found out of an earlier pair."""
     if search[1] is None and before.search is not None:
         search = before.search.min_disparity, before.search.num_disparities
