@@ -76,10 +76,11 @@ class Processes:
 
     def start(self, count: int) -> None:
         """Start so many processes, all at the same time, and wait until they are there."""
-        for _ in range(count):
-            self._every.append(_Process())
+        self._every = [_Process() for _ in range(count)]
         for process in self._every:
             process.start()
+        for process in self._every:
+            process.wait()
         self._idle = list(self._every)
 
     def slots(self) -> int:
@@ -138,6 +139,7 @@ class Processes:
         process = _Process()
         self._every[self._every.index(dead)] = process
         process.start()
+        process.wait()
         return process
 
     def _take_in(self, future: Future[Any]) -> tuple[str, Outcome]:
@@ -172,15 +174,22 @@ class _Task:
 
 
 class _Process:
-    """A process, which does one task after another."""
+    """A process, which does one task after another.
+
+    It starts by `start`, when whoever made this object knows it: a process that starts in the
+    constructor would be left to the collector where Ctrl-C ends the constructor.
+    """
 
     def __init__(self) -> None:
         self.pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
-        with unheard():  # Ctrl-C is meant for the run, which ends its processes
-            self._first = self.pool.submit(os.getpid)
         self._number: int | None = None
 
     def start(self) -> None:
+        """Start the process, and return at once."""
+        with unheard():  # Ctrl-C is meant for the run, which ends its processes
+            self._first = self.pool.submit(os.getpid)
+
+    def wait(self) -> None:
         """Wait until the process has started."""
         try:
             self._number = self._first.result()
