@@ -57,27 +57,6 @@ struct Asked<'a> {
     pub blur: bool,
 }
 
-/// What was found out.
-#[derive(Debug, Clone)]
-pub struct Estimates {
-    /// The disparities to search.
-    pub candidates: Candidates,
-    /// Mean confidence of a rough match of small copies, if there was one.
-    pub confidence: Option<f64>,
-    /// Whether the images match once one of them is inverted, and not before.
-    pub is_inverted: bool,
-    /// What the images say about the disparities, if that was asked, or those that are told match badly.
-    pub range: Option<SearchRange>,
-    /// Where the rows lie, if that was asked and there is enough to see it by.
-    pub offsets: Option<Offsets>,
-    /// The field that the right image is to be straightened by.
-    pub alignment: Option<Alignment>,
-    /// Noise and blur, if that was asked.
-    pub blur: Option<blur::Estimate>,
-    /// Standard deviations of the noise, if they are told.
-    pub noise: Option<[f64; 2]>,
-}
-
 /// What is known of a pair before it is looked at.
 #[derive(Debug, Clone, Default)]
 pub struct Known {
@@ -91,9 +70,9 @@ pub struct Known {
     pub alignment: Option<Alignment>,
 }
 
-/// What was found out of a pair, and what follows.
+/// What was found out of a pair, and what suits it.
 #[derive(Debug, Clone)]
-pub struct Findings {
+pub struct Estimates {
     /// The disparities to search.
     pub candidates: Candidates,
     /// Mean confidence of a rough match of small copies, if there was one.
@@ -108,7 +87,7 @@ pub struct Findings {
     pub alignment: Option<Alignment>,
     /// Noise and blur, if that was asked.
     pub blur: Option<blur::Estimate>,
-    /// What suits them.
+    /// What suits them, and noise that is told.
     pub compensation: Option<Compensation>,
     /// Wall-clock time.
     pub time: Duration,
@@ -122,7 +101,7 @@ pub struct Prepared {
     /// The settings that suit it.
     pub settings: Settings,
     /// What was found out.
-    pub found: Findings,
+    pub found: Estimates,
 }
 
 /// Finds out of a pair what the settings ask for and nobody told, and has it ready to be matched.
@@ -141,9 +120,9 @@ pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> R
             let part = Part::new(0, Cow::Borrowed(&*repaired), means)?;
             estimate(Rows::Kept(&part), &repaired, &asked, defects, settings, means)
         })?;
-        Findings::new(found, &known, settings, started)?
+        found.finished(&known, started)
     } else {
-        Findings::nothing(pair.candidates(), &known)
+        Estimates::nothing(pair.candidates(), &known)
     };
     let versions = match (&found.compensation, known.versions) {
         (_, Some(versions)) => Some(versions),
@@ -164,11 +143,11 @@ pub fn prepare_by_rows(
     known: Known,
     settings: &Settings,
     means: Means,
-) -> Result<Findings> {
+) -> Result<Estimates> {
     settings.check()?;
     let (asked, started) = (known.asked(settings), Instant::now());
     if !asked.is_anything() {
-        return Ok(Findings::nothing(source.candidates(), &known));
+        return Ok(Estimates::nothing(source.candidates(), &known));
     }
     let found = means.matcher.install(|| {
         let is_asked = asked.blur && blur::is_enough(source.size());
@@ -178,7 +157,7 @@ pub fn prepare_by_rows(
         let repaired = Repaired { source, impulses };
         estimate(Rows::Read(&repaired), &sample, &asked, defects, settings, means)
     })?;
-    Findings::new(found, &known, settings, started)
+    Ok(found.finished(&known, started))
 }
 
 impl Known {
@@ -201,24 +180,11 @@ impl Asked<'_> {
     }
 }
 
-impl Findings {
-    fn new(found: Estimates, known: &Known, settings: &Settings, started: Instant) -> Result<Self> {
-        let compensation = match known.versions {
-            Some(_) => None,
-            None => found.compensation(settings)?,
-        };
-        let Estimates { candidates, confidence, is_inverted, range, offsets, .. } = found;
-        Ok(Self {
-            candidates,
-            confidence,
-            is_inverted,
-            range,
-            offsets,
-            alignment: found.alignment.or_else(|| known.alignment.clone()),
-            blur: found.blur,
-            compensation,
-            time: started.elapsed(),
-        })
+impl Estimates {
+    /// With the field that is told, and the time since the start.
+    fn finished(self, known: &Known, started: Instant) -> Self {
+        let alignment = self.alignment.or_else(|| known.alignment.clone());
+        Self { alignment, time: started.elapsed(), ..self }
     }
 
     fn nothing(candidates: Candidates, known: &Known) -> Self {
@@ -281,20 +247,25 @@ fn estimate(
     let known = rough::Known { candidates, alignment: alignment.clone() };
     let blur = asked.blur.then(|| blur::estimate(rows, sample, known, means)).transpose()?;
     let blur = blur.map(|found| found.with(defects));
-    let noise = asked.noise;
-    let found =
-        Estimates { candidates, confidence, is_inverted, range, offsets, alignment, blur, noise };
-    let is_confirmed = trial::confirms(rows, &found, asked.versions, settings, means)?;
-    Ok(Estimates { alignment: found.alignment.filter(|_| is_confirmed), ..found })
-}
-
-impl Estimates {
-    /// What suits the noise and the blur that were found, or are told; `None` where neither is known.
-    pub fn compensation(&self, settings: &Settings) -> Result<Option<Compensation>> {
-        match (&self.blur, self.noise) {
-            (Some(blur), noise) => Compensation::new(blur, noise, settings).map(Some),
-            (None, Some(noise)) => Compensation::of_noise(noise, settings).map(Some),
-            (None, None) => Ok(None),
-        }
+    let compensation = match (&blur, asked.noise) {
+        _ if asked.versions.is_some() => None,
+        (Some(blur), noise) => Some(Compensation::new(blur, noise, settings)?),
+        (None, Some(noise)) => Some(Compensation::of_noise(noise, settings)?),
+        (None, None) => None,
+    };
+    let mut found = Estimates {
+        candidates,
+        confidence,
+        is_inverted,
+        range,
+        offsets,
+        alignment,
+        blur,
+        compensation,
+        time: Duration::ZERO,
+    };
+    if !trial::confirms(rows, &found, asked.versions, settings, means)? {
+        found.alignment = None;
     }
+    Ok(found)
 }

@@ -9,7 +9,7 @@ use ndarray::Array3;
 use phasestereo::alignment::Alignment;
 use phasestereo::alignment::straighten::straightened;
 use phasestereo::control::Control;
-use phasestereo::estimation::{Findings, Known, Means, prepare, prepare_by_rows};
+use phasestereo::estimation::{Estimates, Known, Means, prepare, prepare_by_rows};
 use phasestereo::matcher::{Execution, Matcher, Pair};
 use phasestereo::plane::Plane;
 use phasestereo::settings::{Optimizer, Penalty, Settings};
@@ -100,14 +100,14 @@ fn settings() -> Settings {
     }
 }
 
-fn found(pair: &Pair, is_told: bool, threads: usize, level: Level) -> Findings {
+fn found(pair: &Pair, is_told: bool, threads: usize, level: Level) -> Estimates {
     let (matcher, control) = (Matcher::new(threads).expect("threads"), Control::default());
     let means = Means { matcher: &matcher, how: Execution { threads, level }, control: &control };
     let known = Known { candidates: is_told.then(|| pair.candidates()), ..Known::default() };
     prepare(pair.clone(), known, &settings(), means).expect("it runs").found
 }
 
-fn found_by_rows(pair: &Pair, is_told: bool, most: usize) -> Findings {
+fn found_by_rows(pair: &Pair, is_told: bool, most: usize) -> Estimates {
     let (matcher, control) = (Matcher::new(2).expect("threads"), Control::default());
     let how = Execution { threads: 2, level: Level::best() };
     let means = Means { matcher: &matcher, how, control: &control };
@@ -123,9 +123,9 @@ fn found_by_rows(pair: &Pair, is_told: bool, most: usize) -> Findings {
     prepare_by_rows(&Slow::new(&pair, most), known, &settings(), means).expect("it runs")
 }
 
-fn assert_same(found: &Findings, expected: &Findings, what: &str) {
-    let parts = |found: &Findings| {
-        let Findings { candidates, range, offsets, alignment, blur, compensation, .. } = found;
+fn assert_same(found: &Estimates, expected: &Estimates, what: &str) {
+    let parts = |found: &Estimates| {
+        let Estimates { candidates, range, offsets, alignment, blur, compensation, .. } = found;
         let blur = blur.clone();
         (*candidates, *range, offsets.clone(), alignment.clone(), blur, compensation.clone())
     };

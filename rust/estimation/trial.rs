@@ -46,10 +46,9 @@ pub fn confirms(
 ) -> Result<bool> {
     let Some(field) = &found.alignment else { return Ok(false) };
     let Means { matcher, how, control } = means;
-    let compensation = if told.is_some() { None } else { found.compensation(settings)? };
-    let known = compensation.as_ref().map(Compensation::versions).transpose()?;
-    let versions = told.cloned().or(known);
-    let settings = tried(compensation.map_or_else(|| settings.clone(), |found| found.settings));
+    let suited = found.compensation.as_ref();
+    let versions = told.cloned().or(suited.map(Compensation::versions).transpose()?);
+    let settings = tried(suited.map_or(settings, |found| &found.settings).clone());
     let described = Reach::new(&settings, versions.as_ref(), None).description;
     let mut scores = [Score::default(); 2];
     for band in bands(rows.size().0) {

@@ -7,7 +7,7 @@ use super::{internal, wrap};
 use crate::alignment::{Alignment, TERMS};
 use crate::blur::{self, Glance, Place, Side};
 use crate::error::Result;
-use crate::estimation::Findings;
+use crate::estimation::Estimates;
 use crate::estimation::compensation::Compensation;
 use crate::estimation::range::SearchRange;
 use crate::estimation::rows::Offsets;
@@ -56,9 +56,9 @@ pub type Found<'py> = (
     f64,
 );
 
-pub fn tell_found(py: Python<'_>, found: Findings) -> PyResult<Found<'_>> {
-    let Findings { candidates, confidence, is_inverted, range, .. } = found;
-    let Findings { offsets, alignment, blur, compensation, time, .. } = found;
+pub fn tell_found(py: Python<'_>, found: Estimates) -> PyResult<Found<'_>> {
+    let Estimates { candidates, confidence, is_inverted, range, .. } = found;
+    let Estimates { offsets, alignment, blur, compensation, time, .. } = found;
     let blur = blur.map(|blur| tell_estimate(py, blur)).transpose()?;
     let compensation = compensation.map(|found| tell_compensation(py, found)).transpose()?;
     Ok((
