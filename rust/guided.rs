@@ -8,6 +8,7 @@ use std::array::from_fn;
 
 use crate::control::Control;
 use crate::error::Result;
+use crate::jumps::Mark;
 use crate::median::{LANES, Lanes, NONE, disparity as disparity_of, keys_of, lanes, median25};
 use crate::plane::{Plane, parts};
 use crate::simd::{Kernel, Level};
@@ -19,8 +20,6 @@ pub const REACH: usize = 4;
 /// many pixels side by side. Wrong pixels over twelve scenes with 5 x 5 pixels of 5 x 5, 9 x 9, 13 x 13
 /// and 17 x 17: 5.9, 5.7, 5.8 and 6.2 %.
 pub const STRIDE: usize = 2;
-/// Neighbouring disparities further apart than this are a jump, pixels.
-pub const JUMP: f32 = 1.0;
 
 /// Pixels of a window in a row, and in all.
 const SIDE: usize = 2 * REACH / STRIDE + 1;
@@ -50,7 +49,7 @@ pub fn guide(
         for (y, jumps) in (first..).zip(jumps.chunks_mut(cols)) {
             if let Some(y) = y.checked_sub(REACH).filter(|y| *y < rows) {
                 let (here, below) = (disparity.row(y), disparity.row((y + 1).min(rows - 1)));
-                level.run(Mark { here, below, jumps });
+                level.run(Mark::<REACH> { here, below, jumps });
             }
         }
         for (y, out) in band.chunks_mut(cols).enumerate() {
@@ -67,40 +66,6 @@ pub fn guide(
 /// The mean difference of horizontal neighbours, rounded up.
 pub fn likeness(roughness: Roughness) -> i32 {
     roughness.ceiling() as i32
-}
-
-/// Which pixels of a row are within reach of one, in that row, that differs from its right or lower neighbour by a
-/// jump: bytes that are not 0.
-struct Mark<'a> {
-    here: &'a [f32],
-    below: &'a [f32],
-    jumps: &'a mut [u8],
-}
-
-impl Kernel for Mark<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let mut room = [[0.0; SPAN + 1]; 2];
-        for (index, out) in self.jumps.chunks_mut(LANES).enumerate() {
-            let first = (index * LANES) as isize - REACH as isize;
-            let [here, below] = parts([self.here, self.below], first, &mut room, |_, _| f32::NAN);
-            let (here, next, below) = (&here[..SPAN], &here[1..][..SPAN], &below[..SPAN]);
-            let mut jump = [0; SPAN];
-            for j in 0..SPAN {
-                let steps = [(here[j] - below[j]).abs(), (here[j] - next[j]).abs()];
-                jump[j] = u8::from((steps[0] > JUMP) | (steps[1] > JUMP));
-            }
-            let mut near = [0; LANES];
-            for away in 0..=2 * REACH {
-                for j in 0..LANES {
-                    near[j] |= jump[away + j];
-                }
-            }
-            out.copy_from_slice(&near[..out.len()]);
-        }
-    }
 }
 
 /// One row, from those that its windows look at, and from what [`Mark`] tells of all within reach.

@@ -80,6 +80,7 @@ pub mod votes;
 pub mod consistency;
 pub mod filling;
 pub mod guided;
+pub mod jumps;
 pub mod median;
 pub mod outlines;
 pub mod speckles;

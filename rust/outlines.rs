@@ -21,6 +21,7 @@ use std::array::from_fn;
 
 use crate::control::Control;
 use crate::error::Result;
+use crate::jumps::Mark;
 use crate::plane::{Plane, parts, zeroed};
 use crate::simd::{Kernel, Level};
 use crate::texture::{Roughness, Texture};
@@ -34,8 +35,6 @@ pub const REACH: usize = STEPS * STRIDE;
 /// Pixels from a jump, up, down, left and right, within which there may be change. 7: 21.4 % wrong, as above; 10 and
 /// 14: 21.3.
 pub const NEAR: usize = 8;
-/// Neighbouring disparities further apart than this are a jump, pixels.
-pub const JUMP: f32 = 1.0;
 /// Gray values that differ by so many times the mean difference of horizontal neighbours have nothing in common.
 /// From 12 to 24 it makes no difference.
 pub const LIKENESS: f64 = 16.0;
@@ -58,8 +57,6 @@ const PLACES: usize = SIDE * SIDE;
 const LANES: usize = 32;
 /// Columns that their windows reach.
 const SPAN: usize = LANES + 2 * REACH;
-/// Columns within reach of a jump.
-const AROUND: usize = LANES + 2 * NEAR + 1;
 /// Rows of a band: of those about it, jumps and gray values are worked out again.
 const BAND: usize = 64;
 
@@ -91,7 +88,7 @@ pub fn draw(
         for row in 0..jumps.rows() {
             if let Some(y) = (first + row).checked_sub(NEAR).filter(|y| *y < rows) {
                 let (here, below) = (disparity.row(y), disparity.row((y + 1).min(rows - 1)));
-                level.run(Mark { here, below, jumps: jumps.row_mut(row) });
+                level.run(Mark::<NEAR> { here, below, jumps: jumps.row_mut(row) });
             }
         }
         let mut near = zeroed(cols)?;
@@ -134,41 +131,6 @@ impl Kernel for Quantise<'_> {
             let level = (gray[x] as f32 * self.scale).clamp(-FARTHEST as f32, FARTHEST as f32);
             grays[x] = if disparity[x].is_nan() { NOTHING } else { level as i32 as i16 };
             steps[x] = (disparity[x] * FINENESS) as i32;
-        }
-    }
-}
-
-/// Which pixels of a row are within reach of one, in that row, that differs from its right or lower neighbour by a
-/// jump: bytes that are not 0.
-struct Mark<'a> {
-    here: &'a [f32],
-    below: &'a [f32],
-    jumps: &'a mut [u8],
-}
-
-impl Kernel for Mark<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let mut room = [[0.0; AROUND]; 2];
-        for (index, out) in self.jumps.chunks_mut(LANES).enumerate() {
-            let first = (index * LANES) as isize - NEAR as isize;
-            let [here, below] = parts([self.here, self.below], first, &mut room, |_, _| f32::NAN);
-            let (here, next, below) =
-                (&here[..AROUND - 1], &here[1..][..AROUND - 1], &below[..AROUND - 1]);
-            let mut jump = [0; AROUND - 1];
-            for j in 0..AROUND - 1 {
-                let steps = [(here[j] - below[j]).abs(), (here[j] - next[j]).abs()];
-                jump[j] = u8::from((steps[0] > JUMP) | (steps[1] > JUMP));
-            }
-            let mut near = [0; LANES];
-            for away in 0..=2 * NEAR {
-                for j in 0..LANES {
-                    near[j] |= jump[away + j];
-                }
-            }
-            out.copy_from_slice(&near[..out.len()]);
         }
     }
 }

@@ -13,9 +13,10 @@ use crate::consistency::Choices;
 use crate::convolution::{GUARD, Kernel, SHIFT, Weights};
 use crate::evidence::{Found, NONE};
 use crate::filling;
-use crate::guided::{self, JUMP, STRIDE};
+use crate::guided::{self, STRIDE};
 use crate::impulses::mirrored;
 use crate::intensity::LEVEL_STEPS;
+use crate::jumps::JUMP;
 use crate::masking;
 use crate::normalisation::DEVIATION_STEPS;
 use crate::optimization::{BAND, LOOK_COLUMNS, LOOK_ROWS, PANEL, Steps};
@@ -864,7 +865,7 @@ pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, roughness: Roughness) 
     let is_jump = |y: usize, x: usize| {
         let beside = [(y + 1, x), (y, x + 1)].into_iter().filter(|&(v, u)| v < rows && u < cols);
         let mut steps = beside.map(|(v, u)| (disparity.row(v)[u] - disparity.row(y)[x]).abs());
-        steps.any(|step| step > outlines::JUMP)
+        steps.any(|step| step > JUMP)
     };
     let jumps = Plane::from_fn(rows, cols, is_jump);
     let window =

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::maps::{Map, bits, drawn, maps};
+use common::maps::{Map, bits, drawn, maps, patches};
 use common::{hash, random};
 use phasestereo::control::Control;
 use phasestereo::guided::{guide, likeness};
@@ -18,14 +18,6 @@ fn guided(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
     drawn(disparity, |out, level| guide(disparity, &texture, out, level, &control))
 }
 
-/// Gray values in patches with some noise, up to a magnitude.
-fn scene(rows: usize, cols: usize, largest: i32, seed: u64) -> Plane<i32> {
-    let part = |lot: u64| (lot % (2 * largest as u64 + 1)) as i32 - largest;
-    Plane::from_fn(rows, cols, |y, x| {
-        (part(hash(seed, y / 4, x / 5)) + part(hash(!seed, y, x)) / 8).clamp(-largest, largest)
-    })
-}
-
 proptest! {
     #![proptest_config(random(256))]
 
@@ -36,7 +28,7 @@ proptest! {
         seed: u64,
     ) {
         let Map { disparity, .. } = map;
-        let gray = scene(disparity.rows(), disparity.cols(), largest, seed);
+        let gray = patches(disparity.rows(), disparity.cols(), largest, seed);
         prop_assert_eq!(
             bits(&guided(&disparity, &gray)),
             bits(&reference::guide(&disparity, &gray))
@@ -58,7 +50,7 @@ fn an_edge_is_drawn_to_that_of_the_image() {
 #[test]
 fn contrast_and_offset_change_nothing() {
     let Map { disparity, .. } = Map::random((33, 50), 20, 77);
-    let gray = scene(33, 50, 255, 8);
+    let gray = patches(33, 50, 255, 8);
     let guided_by = |factor: i32, offset: i32| {
         bits(&guided(&disparity, &gray.map(|value| value * factor + offset)))
     };
@@ -71,7 +63,7 @@ fn contrast_and_offset_change_nothing() {
 #[test]
 fn slopes_stay_as_they_are() {
     let slope = Plane::from_fn(20, 40, |y, x| (x + y) as f32 * 0.97);
-    assert_eq!(guided(&slope, &scene(20, 40, 255, 1)), slope);
+    assert_eq!(guided(&slope, &patches(20, 40, 255, 1)), slope);
 }
 
 #[test]

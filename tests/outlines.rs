@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::maps::{Map, bits, drawn, maps};
+use common::maps::{Map, bits, drawn, maps, patches};
 use common::{hash, random};
 use phasestereo::control::Control;
 use phasestereo::outlines::{NEAR, draw};
@@ -17,14 +17,6 @@ fn outlined(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
     drawn(disparity, |out, level| draw(disparity, &texture, out, level, &control))
 }
 
-/// Gray values in patches with some noise, up to a magnitude.
-fn scene(rows: usize, cols: usize, largest: i32, seed: u64) -> Plane<i32> {
-    let part = |lot: u64| (lot % (2 * largest as u64 + 1)) as i32 - largest;
-    Plane::from_fn(rows, cols, |y, x| {
-        (part(hash(seed, y / 4, x / 5)) + part(hash(!seed, y, x)) / 8).clamp(-largest, largest)
-    })
-}
-
 proptest! {
     #![proptest_config(random(256))]
 
@@ -36,7 +28,7 @@ proptest! {
         seed: u64,
     ) {
         let disparity = map.disparity.map(|value| value * far);
-        let gray = scene(disparity.rows(), disparity.cols(), largest, seed);
+        let gray = patches(disparity.rows(), disparity.cols(), largest, seed);
         let texture = Texture::new(gray.clone());
         prop_assert_eq!(
             bits(&outlined(&disparity, &gray)),
@@ -59,10 +51,10 @@ fn an_edge_is_drawn_to_that_of_the_image() {
 #[test]
 fn what_is_far_from_jumps_stays_as_it_is() {
     let slope = Plane::from_fn(30, 70, |y, x| (x + y) as f32 * 0.97);
-    assert_eq!(outlined(&slope, &scene(30, 70, 255, 1)), slope);
+    assert_eq!(outlined(&slope, &patches(30, 70, 255, 1)), slope);
     let Map { disparity: noisy, .. } = Map::random((30, 70), 0, 5);
     let half = Plane::from_fn(30, 70, |y, x| if x < 20 { noisy.row(y)[x] } else { 7.0 });
-    let drawn = outlined(&half, &scene(30, 70, 255, 2));
+    let drawn = outlined(&half, &patches(30, 70, 255, 2));
     let is_kept = |y: usize, x: usize| drawn.row(y)[x].to_bits() == half.row(y)[x].to_bits();
     assert!((0..30).all(|y| (20 + NEAR..70).all(|x| is_kept(y, x))));
 }

@@ -87,3 +87,11 @@ pub fn drawn(like: &Plane<f32>, draw: impl Fn(&mut Plane<f32>, Level) -> Result<
 pub fn row(values: &[f32]) -> Plane<f32> {
     Plane::from_vec(1, values.len(), values.to_vec()).expect("one row")
 }
+
+/// Gray values in patches with some noise, up to a magnitude.
+pub fn patches(rows: usize, cols: usize, largest: i32, seed: u64) -> Plane<i32> {
+    let part = |lot: u64| (lot % (2 * largest as u64 + 1)) as i32 - largest;
+    Plane::from_fn(rows, cols, |y, x| {
+        (part(hash(seed, y / 4, x / 5)) + part(hash(!seed, y, x)) / 8).clamp(-largest, largest)
+    })
+}
