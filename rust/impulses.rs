@@ -112,19 +112,8 @@ fn repair([above, own, below]: [&[i32]; 3], height: i32, out: &mut [i32]) {
     let n = out.len();
     let (above, own, below) = (&above[..n + 2], &own[..n + 2], &below[..n + 2]);
     for x in 0..n {
-        let pixel = own[x + 1];
-        let (low, middle, high) = ranks([
-            above[x],
-            above[x + 1],
-            above[x + 2],
-            own[x],
-            own[x + 2],
-            below[x],
-            below[x + 1],
-            below[x + 2],
-        ]);
-        let beyond = (pixel - high).max(low - pixel);
-        out[x] = if beyond - (high - low) > height { middle } else { pixel };
+        let (beyond, spread, middle) = compared(above, own, below, x);
+        out[x] = if beyond - spread > height { middle } else { own[x + 1] };
     }
 }
 
@@ -147,21 +136,27 @@ impl Kernel for Doubtless<'_> {
 fn tell_doubtless([above, own, below]: [&[i32]; 3], height: i32, found: &mut [u32]) {
     let n = found.len();
     let (above, own, below) = (&above[..n + 2], &own[..n + 2], &below[..n + 2]);
-    for x in 0..n {
-        let pixel = own[x + 1];
-        let (low, _, high) = ranks([
-            above[x],
-            above[x + 1],
-            above[x + 2],
-            own[x],
-            own[x + 2],
-            below[x],
-            below[x + 1],
-            below[x + 2],
-        ]);
-        let beyond = (pixel - high).max(low - pixel);
-        found[x] = u32::from(beyond - DOUBTLESS_SPREADS * (high - low) > height);
+    for (x, found) in found.iter_mut().enumerate() {
+        let (beyond, spread, _) = compared(above, own, below, x);
+        *found = u32::from(beyond - DOUBTLESS_SPREADS * spread > height);
     }
+}
+
+/// How far a pixel lies beyond its neighbors, their spread, and the median of them.
+#[inline(always)]
+fn compared(above: &[i32], own: &[i32], below: &[i32], x: usize) -> (i32, i32, i32) {
+    let (low, middle, high) = ranks([
+        above[x],
+        above[x + 1],
+        above[x + 2],
+        own[x],
+        own[x + 2],
+        below[x],
+        below[x + 1],
+        below[x + 2],
+    ]);
+    let pixel = own[x + 1];
+    ((pixel - high).max(low - pixel), high - low, middle)
 }
 
 /// The second smallest, the mean of the middle two, rounded down, and the second largest of eight.
