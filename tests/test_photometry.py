@@ -12,7 +12,7 @@ from phasestereo import degradation, io
 from phasestereo._images import as_pair
 from phasestereo.datasets import find_scene
 from phasestereo.photometry import fractions, low_texture, response, saturation
-from phasestereo.rough import reduced
+from phasestereo.reduction import reduced
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,7 +13,7 @@ from phasestereo._images import as_mask, as_pair, opened_pair
 from phasestereo.estimates import as_estimates
 from phasestereo.matcher import match_silently
 from phasestereo.photometry import fractions, response
-from phasestereo.rough import reduced, reduction
+from phasestereo.reduction import reduced, reduction
 from phasestereo.settings import PRESETS
 
 if TYPE_CHECKING:
