@@ -11,6 +11,9 @@ use crate::settings::{Settings, Taper};
 /// Amplitude of the tables times `L`. Sums of 8-bit pixels then fit in 32 bits for every `L`, and those of
 /// any pixels are exact in double precision. A tap is within a step of the exact value: 1/570 for `L` = 7.
 const AMPLITUDE_TIMES_SIZE: usize = 4000;
+/// The same under codes of two sizes, which describe smoothed images in sixteenths of a gray level: these fit in 32 bits, too.
+/// A tap is within 1/140 for `L` = 7, an angle within half a degree.
+const COARSE_AMPLITUDE_TIMES_SIZE: usize = 1000;
 
 /// One spectral component of the descriptor: its frequency indices along x and y.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,7 +45,8 @@ impl Basis {
     /// Tables for checked settings.
     pub fn new(settings: &Settings) -> Self {
         let (size, (r, s)) = (settings.neighborhood, settings.frequencies);
-        let filters = (0..=r.max(s)).map(|f| filter(settings.taper, size, f)).collect();
+        let scale = amplitude(size, settings.has_larger());
+        let filters = (0..=r.max(s)).map(|f| filter(settings.taper, size, scale, f)).collect();
         Self { size, frequencies: (r, s), filters }
     }
 
@@ -95,14 +99,15 @@ impl Filter {
 }
 
 /// Even, as the centre of a table that sums to zero must be.
-fn amplitude(size: usize) -> usize {
-    AMPLITUDE_TIMES_SIZE / size / 2 * 2
+fn amplitude(size: usize, is_coarse: bool) -> usize {
+    let total = if is_coarse { COARSE_AMPLITUDE_TIMES_SIZE } else { AMPLITUDE_TIMES_SIZE };
+    total / size / 2 * 2
 }
 
 /// `w(j) (exp(-2 pi i f j / L) - kappa)`, `kappa` such that a constant gives zero (the correction that makes
 /// Morlet wavelets admissible; none is needed for the uniform window); frequency 0 is the window `w`.
-fn filter(taper: Taper, size: usize, f: usize) -> Filter {
-    let (radius, scale) = (size / 2, amplitude(size) as f64);
+fn filter(taper: Taper, size: usize, scale: usize, f: usize) -> Filter {
+    let (radius, scale) = (size / 2, scale as f64);
     let window: Vec<f64> = (0..=radius).map(|j| weight(taper, size, j)).collect();
     let angle = |j: usize| TAU * (f * j) as f64 / size as f64;
     let both_sides =
@@ -156,26 +161,28 @@ mod tests {
 
     const TAPERS: [Taper; 3] = [Taper::Uniform, Taper::Gaussian, Taper::Hann];
 
-    fn every_basis() -> impl Iterator<Item = (Taper, usize, Basis)> {
-        let sizes = (3..=LARGEST_WINDOW).step_by(2);
-        TAPERS.into_iter().flat_map(move |taper| sizes.clone().map(move |size| (taper, size))).map(
-            |(taper, size)| {
-                let highest = 4.min((size - 1) / 2);
-                let settings = Settings {
-                    taper,
-                    neighborhood: size,
-                    frequencies: (highest, highest),
-                    bits: 1,
-                    ..Settings::default()
-                };
-                (taper, size, Basis::new(&settings))
-            },
-        )
+    /// Every basis by taper, size, and whether it is one of two.
+    fn every_basis() -> impl Iterator<Item = (Taper, usize, bool, Basis)> {
+        let sizes = (3..=LARGEST_WINDOW).step_by(2).flat_map(|size| [(size, 1), (size, 2)]);
+        let all = TAPERS.into_iter().flat_map(move |taper| sizes.clone().map(move |s| (taper, s)));
+        all.map(|(taper, (neighborhood, sizes))| {
+            let highest = 4.min((neighborhood - 1) / 2);
+            let frequencies = (highest, highest);
+            let settings = Settings {
+                taper,
+                neighborhood,
+                frequencies,
+                bits: 1,
+                sizes,
+                ..Settings::default()
+            };
+            (taper, neighborhood, sizes == 2, Basis::new(&settings))
+        })
     }
 
     #[test]
     fn filters_of_non_zero_frequency_sum_to_zero() {
-        for (taper, size, basis) in every_basis() {
+        for (taper, size, _, basis) in every_basis() {
             for filter in &basis.filters[1..] {
                 let sum = filter.even[0] + 2 * filter.even[1..].iter().sum::<i32>();
                 assert_eq!((sum, filter.odd[0]), (0, 0), "{taper:?} {size}");
@@ -185,7 +192,7 @@ mod tests {
 
     #[test]
     fn filters_are_within_a_step_of_the_exact_ones() {
-        for (taper, size, basis) in every_basis() {
+        for (taper, size, is_coarse, basis) in every_basis() {
             let radius = (size / 2) as isize;
             let weight = |j: isize| weight(taper, size, j.unsigned_abs());
             let total: f64 = (-radius..=radius).map(weight).sum();
@@ -194,7 +201,7 @@ mod tests {
                 let kappa =
                     (-radius..=radius).map(|j| weight(j) * angle(j).cos()).sum::<f64>() / total;
                 for (j, (even, odd)) in (0..).zip(filter.even.iter().zip(&filter.odd)) {
-                    let scale = amplitude(size) as f64 * weight(j);
+                    let scale = amplitude(size, is_coarse) as f64 * weight(j);
                     let error = (f64::from(*even) - scale * (angle(j).cos() - kappa))
                         .hypot(f64::from(*odd) + scale * angle(j).sin());
                     assert!(error < 1.01, "{taper:?}, L = {size}, f = {f}, j = {j}: {error}");
@@ -205,8 +212,9 @@ mod tests {
 
     #[test]
     fn sums_of_bytes_fit_in_32_bits_and_those_of_any_pixels_in_53() {
-        for (taper, size, basis) in every_basis() {
-            assert!(128 * basis.gain() < 1 << 31, "{taper:?} {size}");
+        for (taper, size, is_coarse, basis) in every_basis() {
+            let reach = if is_coarse { 128 << 4 } else { 128 };
+            assert!(reach * basis.gain() < 1 << 31, "{taper:?} {size}");
             assert!(basis.gain() << 25 < 1 << 53, "{taper:?} {size}");
         }
     }
@@ -225,9 +233,9 @@ mod tests {
 
     #[test]
     fn windows_fall_from_the_amplitude_at_the_centre() {
-        for (taper, size, basis) in every_basis() {
+        for (taper, size, is_coarse, basis) in every_basis() {
             let window = &basis.filters[0].even;
-            assert_eq!(window[0] as usize, amplitude(size));
+            assert_eq!(window[0] as usize, amplitude(size, is_coarse));
             assert!(window.is_sorted_by(|a, b| a >= b), "{taper:?} {size}");
         }
     }

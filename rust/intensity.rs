@@ -12,6 +12,7 @@ use crate::masking::fill_masked;
 use crate::plane::{Plane, zeroed};
 use crate::simd::{Kernel, Level};
 use crate::smoothing::smooth;
+use crate::value::nearest;
 use crate::view::{Image, View};
 
 /// Steps into which the intensity range of a float image is cut: `2^21` to `2^22`, finer than 16 bits.
@@ -29,6 +30,10 @@ pub const LARGEST_REACH: u32 = 1 << 25;
 const FINER_LOG2: u32 = 4;
 /// Largest magnitude of smoothed values, unless the image has larger ones: what is convolved later stays in 32 bits.
 const NARROW_REACH: u32 = 1 << 17;
+/// Largest magnitudes of gray values of bytes, without and with color ...
+const REACH_OF_BYTES: [u32; 2] = [128, 128_000];
+/// ... and of these when they are smoothed, sixteenths of a gray level: then the sums under a code of two sizes have 32 bits.
+const SMOOTHED_BYTES: u32 = 128 << FINER_LOG2;
 
 /// Fixed-point steps per gray level of a channel plane, where black to white is 255 gray levels.
 pub const LEVEL_STEPS: u16 = 16;
@@ -138,7 +143,7 @@ impl<'a> Gray<'a> {
     ) -> Result<Gray<'static>> {
         let fits = |bits: &u32| self.reach << bits <= LARGEST_REACH;
         let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
-        Ok(self.finer(bits, convolve(self, kernel, bits, level, control)?))
+        Ok(self.scaled(self.reach << bits, convolve(self, kernel, bits, level, control)?))
     }
 
     /// The same image without its noise, of which [`smooth`] takes away what is up to so many units of the pixels or so.
@@ -150,15 +155,18 @@ impl<'a> Gray<'a> {
     ) -> Result<Gray<'static>> {
         let fits = |bits: &u32| self.reach << bits <= NARROW_REACH;
         let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
-        let plane = smooth(self, self.steps(deviation), bits, level, control)?;
-        Ok(self.finer(bits, plane))
+        let is_of_bytes = REACH_OF_BYTES.contains(&self.reach);
+        let reach = if is_of_bytes { SMOOTHED_BYTES } else { self.reach << bits };
+        let scale = f64::from(reach) / f64::from(self.reach);
+        let plane = smooth(self, self.steps(deviation), scale, level, control)?;
+        Ok(self.scaled(reach, plane))
     }
 
-    /// What was made of these gray values in steps that are so many bits finer.
-    fn finer(&self, bits: u32, plane: Plane<i32>) -> Gray<'static> {
+    /// What was made of these gray values in other steps, of which the largest magnitude tells how many.
+    fn scaled(&self, reach: u32, plane: Plane<i32>) -> Gray<'static> {
         let [unit, rest] = self.unit;
-        let unit = [unit * f64::from(1 << bits), rest];
-        Gray { unit, ..Gray::within(self.reach << bits, plane) }
+        let unit = [unit * (f64::from(reach) / f64::from(self.reach)), rest];
+        Gray { unit, ..Gray::within(reach, plane) }
     }
 
     /// Other gray values of the same scale.
@@ -231,9 +239,7 @@ impl Steps {
     #[inline(always)]
     fn gray(self, value: f64) -> i32 {
         let steps = (value - self.black) * self.factors[0] * self.factors[1];
-        // Beside 2^52 there is no room for fractions: the sum is rounded, and its low bits are the integer.
-        let rounded = steps.clamp(-FLOAT_REACH, FLOAT_REACH) + 1.5 * (1u64 << 52) as f64;
-        rounded.to_bits() as i32
+        nearest(steps.clamp(-FLOAT_REACH, FLOAT_REACH))
     }
 }
 

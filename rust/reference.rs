@@ -151,7 +151,7 @@ pub fn jump(plane: &Plane<i32>, clip: i32) -> f64 {
 }
 
 /// Twin of [`crate::smoothing::smooth`]: every window by itself; sums over the rows of a column first.
-pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, fraction: u32) -> Plane<i32> {
+pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, scale: f64) -> Plane<i32> {
     let (rows, cols) = (plane.rows(), plane.cols());
     let mean = |values: &dyn Fn(usize, usize) -> f64, y: usize, x: usize| {
         let column = |dx: isize| {
@@ -174,7 +174,7 @@ pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, fraction: u32) -> Plane<i
         let share = mean(&|y, x| windows.row(y)[x].0, y, x);
         let drawn = mean(&|y, x| windows.row(y)[x].1, y, x);
         let value = gray(y, x) - share * gray(y, x) + drawn;
-        (value * f64::from(1u32 << fraction)).round_ties_even() as i32
+        (value * scale).round_ties_even() as i32
     })
 }
 

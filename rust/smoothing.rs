@@ -19,6 +19,7 @@ use crate::error::Result;
 use crate::intensity::Gray;
 use crate::plane::{Plane, reflect, zeroed};
 use crate::simd::{Kernel, Level};
+use crate::value::nearest;
 
 /// Pixels from the center of a window to its side.
 ///
@@ -38,17 +39,16 @@ const BAND_ROWS: usize = 32;
 const LARGEST_DEVIATION: f64 = (1u64 << 40) as f64;
 
 /// Smooths gray values whose noise has this standard deviation, in steps, or is to be taken to have it; what comes out
-/// has `fraction` bits after the point.
+/// is in steps of which one of the gray values is so many.
 pub fn smooth(
     gray: &Gray,
     deviation: f64,
-    fraction: u32,
+    scale: f64,
     level: Level,
     control: &Control,
 ) -> Result<Plane<i32>> {
     let (rows, cols) = gray.size();
     let noise = deviation.min(LARGEST_DEVIATION).powi(2).max(f64::MIN_POSITIVE);
-    let scale = f64::from(1u32 << fraction);
     Plane::by_bands((rows, cols), BAND_ROWS, |first, out| {
         let last = first + out.len() / cols;
         // Rows of windows, and of the image about these.
@@ -206,8 +206,7 @@ fn write_smoothed(values: &[f64], shares: &[f64], drawn: &[f64], scale: f64, out
     for i in 0..n {
         let (share, drawn) = (beside(shares, i) / AREA, beside(drawn, i) / AREA);
         let value = (values[i] - share * values[i] + drawn) * scale;
-        // Beside 2^52 there is no room for fractions: the sum is rounded, and its low bits are the integer.
-        out[i] = (value + 1.5 * (1u64 << 52) as f64).to_bits() as i32;
+        out[i] = nearest(value);
     }
 }
 

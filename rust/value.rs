@@ -1,4 +1,5 @@
-//! The integers of costs and path totals: as narrow as the settings allow, for as many lanes at once.
+//! The integers of costs and path totals: as narrow as the settings allow, for as many lanes at once; and how numbers
+//! become integers.
 
 use std::fmt::Debug;
 
@@ -16,6 +17,13 @@ pub fn least_lane<T: Copy + Ord>(values: &Lanes<T>) -> T {
         least = least.min(*value);
     }
     least
+}
+
+/// The integer that is nearest, of two the even one, to a number of magnitude below 2^31: a sum with 1.5 times 2^52 has no
+/// room for fractions, and its low bits are the integer. So loops need no conversion that the instructions lack.
+#[inline(always)]
+pub fn nearest(value: f64) -> i32 {
+    (value + 1.5 * (1u64 << 52) as f64).to_bits() as i32
 }
 
 /// An unsigned integer that holds aggregated costs and the totals of paths.

@@ -10,42 +10,37 @@
 //! out(x, y) = sum over k in 0..8 of weights[k] right(x, row - 3 + k)
 //! ```
 //!
-//! Rows are worked out one by one. Along a row the eight source rows change only where `place` passes a whole number, so
-//! it is cut into runs with the same eight. Integer images are summed in integers, floats in double precision in a fixed
+//! Rows are worked out one by one. Fields change slowly, so a row is cut into runs of pixels with one offset, whose eight
+//! source rows and weights are the same. Integer images are summed in integers, floats in double precision in a fixed
 //! order.
 
 use std::sync::OnceLock;
 
 use ndarray::Array3;
 
-use super::Alignment;
+use super::{Alignment, Along};
 use crate::control::Control;
 use crate::error::Result;
 use crate::intensity::{Gray, Range};
 use crate::plane::{Plane, zeroed};
-use crate::simd::Level;
+use crate::simd::{Kernel, Level};
+use crate::value::nearest;
 use crate::view::{Image, View};
 
 /// Pixels that a resampled one is a mean of.
 pub const TAPS: usize = 8;
 /// Places between two rows.
-const STEPS: usize = 64;
+const STEPS: i32 = 64;
 /// Weights are multiples of `2^-WEIGHT_BITS`.
 const WEIGHT_BITS: u32 = 14;
 /// The tap at the place itself.
 const CENTER: isize = TAPS as isize / 2 - 1;
 
-/// Where the pixels of a row come from: the row above each place, and the step from it.
-struct Places {
-    rows: Vec<isize>,
-    steps: Vec<u8>,
-}
-
 /// The weights at every step; each eight have the sum `2^WEIGHT_BITS`.
-fn weights() -> &'static [[i32; TAPS]; STEPS] {
-    static WEIGHTS: OnceLock<[[i32; TAPS]; STEPS]> = OnceLock::new();
+fn weights() -> &'static [[i32; TAPS]; STEPS as usize] {
+    static WEIGHTS: OnceLock<[[i32; TAPS]; STEPS as usize]> = OnceLock::new();
     WEIGHTS.get_or_init(|| {
-        let mut all = [[0; TAPS]; STEPS];
+        let mut all = [[0; TAPS]; STEPS as usize];
         for (step, weights) in all.iter_mut().enumerate() {
             let exact: Vec<f64> = (0..TAPS).map(|tap| lanczos(tap, step)).collect();
             let scale = f64::from(1 << WEIGHT_BITS) / exact.iter().sum::<f64>();
@@ -53,7 +48,7 @@ fn weights() -> &'static [[i32; TAPS]; STEPS] {
                 *weight = (exact * scale).round() as i32;
             }
             // What rounding leaves goes to the tap that is nearest.
-            let nearest = if 2 * step <= STEPS { CENTER } else { CENTER + 1 } as usize;
+            let nearest = if 2 * step <= STEPS as usize { CENTER } else { CENTER + 1 } as usize;
             weights[nearest] += (1 << WEIGHT_BITS) - weights.iter().sum::<i32>();
         }
         all
@@ -63,7 +58,7 @@ fn weights() -> &'static [[i32; TAPS]; STEPS] {
 /// Lanczos' kernel, `sinc(t) sinc(t / 4)`, at the distance of a tap from a step.
 fn lanczos(tap: usize, step: usize) -> f64 {
     let sinc = |t: f64| if t == 0.0 { 1.0 } else { (t * PI).sin() / (t * PI) };
-    let distance = tap as f64 - CENTER as f64 - step as f64 / STEPS as f64;
+    let distance = tap as f64 - CENTER as f64 - step as f64 / f64::from(STEPS);
     sinc(distance) * sinc(distance / (TAPS / 2) as f64)
 }
 
@@ -87,12 +82,13 @@ pub fn straightened(
         view
     };
     let image = match &view.image {
-        Image::U8(pixels) => Image::U8(resampled(pixels, alignment, control)?),
-        Image::U16(pixels) => Image::U16(resampled(pixels, alignment, control)?),
-        Image::F32(pixels) => Image::F32(resampled(pixels, alignment, control)?),
-        Image::F64(pixels) => Image::F64(resampled(pixels, alignment, control)?),
+        Image::U8(pixels) => Image::U8(resampled(pixels, alignment, level, control)?),
+        Image::U16(pixels) => Image::U16(resampled(pixels, alignment, level, control)?),
+        Image::F32(pixels) => Image::F32(resampled(pixels, alignment, level, control)?),
+        Image::F64(pixels) => Image::F64(resampled(pixels, alignment, level, control)?),
     };
-    let mask = view.mask.as_ref().map(|mask| straightened_mask(mask, alignment, control));
+    let mask = view.mask.as_ref();
+    let mask = mask.map(|mask| straightened_mask(mask, alignment, level, control));
     Ok(View { image, mask: mask.transpose()?, range: view.range, impulses: 0.0 })
 }
 
@@ -100,51 +96,63 @@ pub fn straightened(
 fn straightened_mask(
     mask: &Plane<bool>,
     alignment: &Alignment,
+    level: Level,
     control: &Control,
 ) -> Result<Plane<bool>> {
     let last = mask.rows() as isize - 1;
-    Plane::by_rows((mask.rows(), mask.cols()), control, |y, out| {
-        let Places { rows, steps } = places(alignment, y, out.len());
+    Plane::by_bands((mask.rows(), mask.cols()), 1, |y, out| {
+        control.checkpoint()?;
+        let offsets = offsets(alignment, y, out.len(), level)?;
         for (x, valid) in out.iter_mut().enumerate() {
-            let nearest = rows[x] + isize::from(usize::from(steps[x]) >= STEPS / 2);
+            let nearest = y as isize + (offsets[x] + STEPS / 2).div_euclid(STEPS) as isize;
             *valid = mask.row(nearest.clamp(0, last) as usize)[x];
         }
+        Ok(())
     })
 }
 
-/// Where the pixels of row `y` come from.
-fn places(alignment: &Alignment, y: usize, cols: usize) -> Places {
-    let along = alignment.along(y as f64);
-    let exact = |x: usize| floored(along.at(x as f64) * STEPS as f64 + 0.5);
-    let offsets: Vec<isize> = (0..cols).map(exact).collect();
-    let rows = offsets.iter().map(|offset| y as isize + offset.div_euclid(STEPS as isize));
-    let steps = offsets.iter().map(|offset| offset.rem_euclid(STEPS as isize) as u8);
-    Places { rows: rows.collect(), steps: steps.collect() }
+/// Where the pixels of row `y` come from: steps below the row itself.
+fn offsets(alignment: &Alignment, y: usize, cols: usize, level: Level) -> Result<Vec<i32>> {
+    let mut offsets = zeroed(cols)?;
+    level.run(Offsets { along: alignment.along(y as f64), offsets: &mut offsets });
+    Ok(offsets)
 }
 
-/// The largest integer that is not above a number, without a call of the platform's library for each pixel.
-#[inline(always)]
-pub fn floored(value: f64) -> isize {
-    let whole = value as isize;
-    whole - isize::from(whole as f64 > value)
+struct Offsets<'a> {
+    along: Along,
+    offsets: &'a mut [i32],
+}
+
+impl Kernel for Offsets<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (x, offset) in (0i32..).zip(self.offsets) {
+            *offset = nearest(self.along.at(f64::from(x)) * f64::from(STEPS));
+        }
+    }
 }
 
 /// A pixel that can be resampled.
 trait Sample: Copy + Default + Send + Sync {
-    /// The weighted mean of the pixels of `rows` at one place, whose weights are those of a step.
-    fn mean(rows: &[&[Self]; TAPS], at: usize, weights: &[i32; TAPS]) -> Self;
+    /// Writes the weighted means of pixels of eight rows.
+    fn write_means(rows: &[&[Self]; TAPS], weights: &[i32; TAPS], out: &mut [Self]);
 }
 
 macro_rules! integer_sample {
     ($pixel:ty) => {
         impl Sample for $pixel {
             #[inline(always)]
-            fn mean(rows: &[&[Self]; TAPS], at: usize, weights: &[i32; TAPS]) -> Self {
-                let mut sum = 1 << (WEIGHT_BITS - 1);
-                for tap in 0..TAPS {
-                    sum += weights[tap] * i32::from(rows[tap][at]);
+            fn write_means(rows: &[&[Self]; TAPS], weights: &[i32; TAPS], out: &mut [Self]) {
+                let rows = rows.map(|row| &row[..out.len()]);
+                for (at, out) in out.iter_mut().enumerate() {
+                    let mut sum = 1 << (WEIGHT_BITS - 1);
+                    for tap in 0..TAPS {
+                        sum += weights[tap] * i32::from(rows[tap][at]);
+                    }
+                    *out = (sum >> WEIGHT_BITS).clamp(0, <$pixel>::MAX.into()) as $pixel;
                 }
-                (sum >> WEIGHT_BITS).clamp(0, <$pixel>::MAX.into()) as $pixel
             }
         }
     };
@@ -154,12 +162,15 @@ macro_rules! float_sample {
     ($pixel:ty) => {
         impl Sample for $pixel {
             #[inline(always)]
-            fn mean(rows: &[&[Self]; TAPS], at: usize, weights: &[i32; TAPS]) -> Self {
-                let mut sum = 0.0;
-                for tap in 0..TAPS {
-                    sum += f64::from(weights[tap]) * f64::from(rows[tap][at]);
+            fn write_means(rows: &[&[Self]; TAPS], weights: &[i32; TAPS], out: &mut [Self]) {
+                let rows = rows.map(|row| &row[..out.len()]);
+                for (at, out) in out.iter_mut().enumerate() {
+                    let mut sum = 0.0;
+                    for tap in 0..TAPS {
+                        sum += f64::from(weights[tap]) * f64::from(rows[tap][at]);
+                    }
+                    *out = (sum / f64::from(1 << WEIGHT_BITS)) as $pixel;
                 }
-                (sum / f64::from(1 << WEIGHT_BITS)) as $pixel
             }
         }
     };
@@ -173,35 +184,58 @@ float_sample!(f64);
 fn resampled<T: Sample>(
     pixels: &Array3<T>,
     alignment: &Alignment,
+    level: Level,
     control: &Control,
 ) -> Result<Array3<T>> {
     let (rows, cols, channels) = pixels.dim();
     let pixels = pixels.as_standard_layout();
     let source = pixels.as_slice().unwrap_or_default();
-    let width = cols * channels;
-    let out = Plane::by_rows((rows, width), control, |y, out: &mut [T]| {
-        let places = places(alignment, y, cols);
-        let mut start = 0;
-        for run in places.rows.chunk_by(|a, b| a == b) {
-            let steps = &places.steps[start..start + run.len()];
-            let row = |tap: usize| {
-                let row = (run[0] - CENTER + tap as isize).clamp(0, rows as isize - 1) as usize;
-                &source[row * width + start * channels..][..run.len() * channels]
-            };
-            let taps = [row(0), row(1), row(2), row(3), row(4), row(5), row(6), row(7)];
-            let out = &mut out[start * channels..][..run.len() * channels];
-            for (x, step) in steps.iter().enumerate() {
-                let weights = &weights()[usize::from(*step)];
-                let pixel = &mut out[x * channels..(x + 1) * channels];
-                for (channel, value) in pixel.iter_mut().enumerate() {
-                    *value = T::mean(&taps, x * channels + channel, weights);
-                }
-            }
-            start += run.len();
-        }
+    let out = Plane::by_bands((rows, cols * channels), 1, |y, out: &mut [T]| {
+        control.checkpoint()?;
+        let offsets = &offsets(alignment, y, cols, level)?;
+        level.run(Resample { source, rows, channels, y, offsets, out });
+        Ok(())
     })?;
     // The plane has as many values as the shape says.
     Ok(Array3::from_shape_vec((rows, cols, channels), out.into_vec()).unwrap_or_default())
+}
+
+/// One row of the resampled image.
+struct Resample<'a, T> {
+    /// All rows of the image.
+    source: &'a [T],
+    rows: usize,
+    channels: usize,
+    y: usize,
+    offsets: &'a [i32],
+    out: &'a mut [T],
+}
+
+impl<T: Sample> Kernel for Resample<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { source, rows, channels, y, offsets, out } = self;
+        let (width, weights, last) = (out.len(), weights(), rows as isize - 1);
+        let mut end = 0;
+        for run in offsets.chunk_by(|a, b| a == b) {
+            let start = end;
+            end += run.len() * channels;
+
+            let above = y as isize + run[0].div_euclid(STEPS) as isize;
+            let mut taps = [&[][..]; TAPS];
+            for (tap, pixels) in (0..).zip(&mut taps) {
+                let row = (above - CENTER + tap).clamp(0, last) as usize;
+                *pixels = &source[row * width..][start..end];
+            }
+            T::write_means(
+                &taps,
+                &weights[run[0].rem_euclid(STEPS) as usize],
+                &mut out[start..end],
+            );
+        }
+    }
 }
 
 /// The gray values of a view, impulses repaired and masked pixels filled, in the unit of its pixels.
@@ -279,7 +313,7 @@ mod tests {
         for (step, weights) in weights().iter().enumerate() {
             assert_eq!(weights.iter().sum::<i32>(), 1 << WEIGHT_BITS);
             if step > 0 {
-                let mirrored = &super::weights()[STEPS - step];
+                let mirrored = &super::weights()[STEPS as usize - step];
                 assert!((0..TAPS).all(|tap| (weights[tap] - mirrored[TAPS - 1 - tap]).abs() <= 4));
             }
         }

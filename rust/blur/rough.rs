@@ -4,7 +4,6 @@
 use super::bins::SIDE;
 use super::spectrum::Place;
 use crate::alignment::Alignment;
-use crate::alignment::straighten::floored;
 use crate::candidates::Candidates;
 use crate::control::Control;
 use crate::error::Result;
@@ -13,6 +12,7 @@ use crate::matcher::{Execution, Matcher, Pair};
 use crate::plane::Plane;
 use crate::settings::{Optimizer, Penalty, Precision, Settings};
 use crate::simd::Level;
+use crate::value::nearest;
 use crate::view::{Image, View};
 
 /// Gray values lie within this many of zero, whatever the type of the image.
@@ -121,7 +121,8 @@ pub fn raised(
         let along = alignment.along(center(y));
         for (x, value) in row.iter_mut().enumerate() {
             // In whole steps, so that it makes no difference where a part of the image begins.
-            let offset = floored(along.at(center(x)) * RAISED_STEPS as f64 / factor as f64 + 0.5);
+            let offset =
+                nearest(along.at(center(x)) * RAISED_STEPS as f64 / factor as f64) as isize;
             let above = y as isize + offset.div_euclid(RAISED_STEPS);
             let share = offset.rem_euclid(RAISED_STEPS) as f32 / RAISED_STEPS as f32;
             let [upper, lower] =

@@ -111,7 +111,8 @@ fn phase_costs(
     })
 }
 
-/// Codes of an image, perhaps smoothed, with four more bits, or as many as leave it below 2^17; and perhaps under a kernel,
+/// Codes of an image, perhaps smoothed, in sixteenths of a byte, or else with four more bits, or as many as leave it below
+/// 2^17; and perhaps under a kernel,
 /// with four more bits, or as many as leave it below 2^25.
 fn codes(
     view: &View,
@@ -121,21 +122,25 @@ fn codes(
     noise: f64,
 ) -> Plane<u64> {
     let gray = Gray::new(view, levels()[0], &Control::default()).expect("memory");
-    let (mut values, mut finer) = (super::gray(view), 0);
-    let most = |reach: u32| {
-        let bits = [4, 3, 2, 1].into_iter().find(|bits| gray.reach() << bits <= reach);
+    let (mut values, mut reach) = (super::gray(view), gray.reach());
+    let most = |reach: u32, limit: u32| {
+        let bits = [4, 3, 2, 1].into_iter().find(|bits| reach << bits <= limit);
         bits.unwrap_or(0)
     };
     if smoothing > 0.0 {
-        finer = most(1 << 17);
-        values = reference::smooth_gray(&values, gray.steps(smoothing), finer);
+        let is_of_bytes = matches!(reach, 128 | 128_000);
+        let smoothed = if is_of_bytes { 2048 } else { reach << most(reach, 1 << 17) };
+        let scale = f64::from(smoothed) / f64::from(reach);
+        values = reference::smooth_gray(&values, gray.steps(smoothing), scale);
+        reach = smoothed;
     }
     if let Some(kernel) = kernel {
-        let bits = most((1 << 25) >> finer);
+        let bits = most(reach, 1 << 25);
         values = reference::convolve(&values, kernel, bits);
-        finer += bits;
+        reach <<= bits;
     }
-    let threshold = weak_threshold(&gray, settings, noise * f64::from(1 << finer));
+    let scale = f64::from(reach) / f64::from(gray.reach());
+    let threshold = weak_threshold(&gray, settings, noise * scale);
     reference::describe(&values, settings, threshold)
 }
 
