@@ -10,6 +10,7 @@
 //!
 //! Its curvature along y, where x is free to follow, is what fixes `dy`: there is none along a vertical edge.
 
+use std::array::from_fn;
 use std::borrow::Cow;
 
 use rayon::prelude::*;
@@ -29,8 +30,6 @@ const ROOM: usize = 4;
 const AREA: usize = BLOCK + 2 * ROOM;
 /// Pixels that a binomial takes on either side.
 const SMOOTH: usize = 2;
-/// Weights of the binomial.
-const BINOMIAL: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
 /// Blocks that correlate less are not the same.
 const LEAST_CORRELATION: f32 = 0.5;
 /// Of a block at most one pixel in so many may be masked.
@@ -173,21 +172,16 @@ impl<const SIDE: usize> Kernel for Cut<'_, SIDE> {
         let mut along = vec![[0.0f32; SIDE]; side];
         for (row, out) in along.iter_mut().enumerate() {
             let pixels = &image.row(top + row)[left..left + side];
-            for tap in 0..BINOMIAL.len() {
-                for at in 0..SIDE {
-                    out[at] += BINOMIAL[tap] * pixels[at + tap];
-                }
+            for (at, out) in out.iter_mut().enumerate() {
+                *out = binomial(from_fn(|tap| pixels[at + tap]));
             }
         }
         let mut values = vec![[0.0f32; SIDE]; SIDE];
         let mut sums = [0.0f32; SIDE];
         for (row, out) in values.iter_mut().enumerate() {
-            for tap in 0..BINOMIAL.len() {
-                for at in 0..SIDE {
-                    out[at] += BINOMIAL[tap] * along[row + tap][at];
-                }
-            }
+            let rows: [&[f32; SIDE]; 2 * SMOOTH + 1] = from_fn(|tap| &along[row + tap]);
             for at in 0..SIDE {
+                out[at] = binomial(from_fn(|tap| rows[tap][at]));
                 sums[at] += out[at];
             }
         }
@@ -199,6 +193,12 @@ impl<const SIDE: usize> Kernel for Cut<'_, SIDE> {
         }
         Some(Patch { values })
     }
+}
+
+/// The mean of five values whose weights are a binomial.
+#[inline(always)]
+fn binomial(values: [f32; 2 * SMOOTH + 1]) -> f32 {
+    0.0625 * (values[0] + values[4]) + 0.25 * (values[1] + values[3]) + 0.375 * values[2]
 }
 
 /// Climbs to the largest correlation.

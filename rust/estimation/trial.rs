@@ -14,6 +14,7 @@ use crate::error::Result;
 use crate::matcher::Disparity;
 use crate::reach::Reach;
 use crate::refinement::flag;
+use crate::section::Section;
 use crate::settings::{Optimizer, Settings};
 use crate::source::widened;
 use crate::versions::Versions;
@@ -61,7 +62,8 @@ pub fn confirms(
         let wanted = band.start - inner.start..band.end - inner.start;
         for (pair, score) in [pair, straightened].into_iter().zip(&mut scores) {
             let pair = pair.of_rows(inner.start - outer.start..inner.end - outer.start);
-            score.add(&matcher.run(&pair, &settings, how, &control.aside())?, wanted.clone());
+            let section = Section { rows: wanted.clone(), ..Section::whole(&pair) };
+            score.add(&matcher.run_alone(&pair, &section, &settings, how, &control.aside())?);
         }
     }
     let [before, after] = scores;
@@ -103,8 +105,8 @@ fn bands(height: usize) -> Vec<Range<usize>> {
 }
 
 impl Score {
-    fn add(&mut self, found: &Disparity, rows: Range<usize>) {
-        for y in rows {
+    fn add(&mut self, found: &Disparity) {
+        for y in 0..found.flags.rows() {
             let confidence = found.confidence.iter().flat_map(|plane| plane.row(y));
             self.confidence += confidence.map(|value| f64::from(*value)).sum::<f64>();
             let is_checked = |flags: &&u16| **flags & (flag::OCCLUDED | flag::MISMATCHED) == 0;
