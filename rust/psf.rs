@@ -9,6 +9,9 @@ pub enum Family {
     Disk,
     /// Straight motion at constant speed; the size is its length, of which 1 is none.
     Motion,
+    /// Defocus of a round aperture whose middle is covered, as by the small mirror of a mirror lens; the size is the outer
+    /// radius.
+    Annulus,
 }
 
 /// A point-spread function of a family.
@@ -20,6 +23,8 @@ pub struct Psf {
     pub size: f64,
     /// Direction of a motion, degrees from x towards y; 0 for others.
     pub angle: f64,
+    /// Inner radius of an annulus as a share of the outer one; 0 for others.
+    pub inner: f64,
 }
 
 /// A square kernel of odd side whose taps have the sum 1.
@@ -31,19 +36,35 @@ pub struct Taps {
     pub values: Vec<f64>,
 }
 
-/// Sub-samples of a pixel in each direction under a disk.
+/// Sub-samples of a pixel in each direction under a disk or an annulus.
 const DISK_SAMPLES: usize = 8;
 /// Samples of a path per pixel of its length.
 const MOTION_SAMPLES: f64 = 16.0;
 
 impl Psf {
-    /// The kernel: a Gaussian cut at four standard deviations, a disk integrated over each pixel, a path
+    /// One of a family that has neither a direction nor a hole.
+    pub fn round(family: Family, size: f64) -> Self {
+        Self { family, size, angle: 0.0, inner: 0.0 }
+    }
+
+    /// Motion in a direction.
+    pub fn motion(length: f64, angle: f64) -> Self {
+        Self { family: Family::Motion, size: length, angle, inner: 0.0 }
+    }
+
+    /// Between two radii, the inner one as a share of the outer one.
+    pub fn annulus(radius: f64, inner: f64) -> Self {
+        Self { family: Family::Annulus, size: radius, angle: 0.0, inner }
+    }
+
+    /// The kernel: a Gaussian cut at four standard deviations, a disk or an annulus integrated over each pixel, a path
     /// whose samples are split bilinearly over their four pixels.
     pub fn taps(&self) -> Taps {
         match self.family {
             Family::Gaussian => gaussian(self.size),
-            Family::Disk => disk(self.size),
+            Family::Disk => annulus(self.size, 0.0),
             Family::Motion => motion(self.size, self.angle),
+            Family::Annulus => annulus(self.size, self.inner),
         }
     }
 
@@ -54,6 +75,7 @@ impl Psf {
             Family::Gaussian => self.size,
             Family::Disk => self.size / 2.0,
             Family::Motion => (self.size - 1.0) / 24f64.sqrt(),
+            Family::Annulus => self.size / 2.0 * (1.0 + self.inner * self.inner).sqrt(),
         }
     }
 }
@@ -102,16 +124,18 @@ fn gaussian(sigma: f64) -> Taps {
     Taps::new(reach, rows.collect())
 }
 
-fn disk(radius: f64) -> Taps {
+fn annulus(radius: f64, inner: f64) -> Taps {
     let reach = (radius - 0.5).ceil().max(0.0) as usize;
     let samples = (2 * reach + 1) * DISK_SAMPLES;
     let place = |i: usize| (i as f64 + 0.5) / DISK_SAMPLES as f64 - 0.5 - reach as f64;
     let side = 2 * reach + 1;
     let mut values = vec![0.0; side * side];
+    let hole = (inner * radius).powi(2);
     for i in 0..samples {
         let y = place(i);
         for j in 0..samples {
-            if y * y + place(j).powi(2) <= radius * radius {
+            let square = y * y + place(j).powi(2);
+            if square <= radius * radius && (square > hole || inner == 0.0) {
                 values[i / DISK_SAMPLES * side + j / DISK_SAMPLES] += 1.0;
             }
         }
@@ -162,12 +186,12 @@ mod tests {
 
     fn psfs() -> impl Iterator<Item = Psf> {
         let sizes = [1.0, 1.3, 2.0, 3.7, 6.0, 8.0];
-        let families = [Family::Gaussian, Family::Disk, Family::Motion];
         let angles = [0.0, 17.0, 45.0, 90.0, 163.0];
-        families.into_iter().flat_map(move |family| {
-            sizes.into_iter().flat_map(move |size| {
-                angles.into_iter().map(move |angle| Psf { family, size, angle })
-            })
+        sizes.into_iter().flat_map(move |size| {
+            let rounds = [Family::Gaussian, Family::Disk].map(|family| Psf::round(family, size));
+            let annuli = [0.3, 0.5, 0.8].map(|inner| Psf::annulus(size, inner));
+            let motions = angles.map(|angle| Psf::motion(size, angle));
+            rounds.into_iter().chain(annuli).chain(motions)
         })
     }
 
@@ -196,7 +220,7 @@ mod tests {
 
     #[test]
     fn angles_turn_from_x_towards_y() {
-        let motion = |angle| Psf { family: Family::Motion, size: 9.0, angle }.taps();
+        let motion = |angle| Psf::motion(9.0, angle).taps();
         assert!(motion(0.0).places().all(|(dy, _, tap)| dy == 0 || tap == 0.0));
         assert!(motion(90.0).places().all(|(_, dx, tap)| dx == 0 || tap == 0.0));
         let slant: f64 = motion(45.0).places().map(|(dy, dx, tap)| (dy * dx) as f64 * tap).sum();
@@ -205,15 +229,16 @@ mod tests {
 
     #[test]
     fn the_least_of_every_family_is_none() {
-        for (family, size) in [
-            (Family::Gaussian, 0.0),
-            (Family::Disk, 0.01),
-            (Family::Motion, 1.0),
-            (Family::Motion, 0.5),
+        for psf in [
+            Psf::round(Family::Gaussian, 0.0),
+            Psf::round(Family::Disk, 0.01),
+            Psf::motion(1.0, 30.0),
+            Psf::motion(0.5, 30.0),
+            Psf::annulus(0.01, 0.5),
         ] {
-            let taps = Psf { family, size, angle: 30.0 }.taps();
+            let taps = psf.taps();
             let centre = taps.values[taps.values.len() / 2];
-            assert!((centre - 1.0).abs() < 1e-12, "{family:?} {taps:?}");
+            assert!((centre - 1.0).abs() < 1e-12, "{psf:?} {taps:?}");
         }
     }
 

@@ -83,7 +83,7 @@ fn estimated(pair: &Pair) -> Estimate {
 }
 
 fn psf(family: Family, size: f64, angle: f64) -> Psf {
-    Psf { family, size, angle }
+    Psf { family, size, angle, inner: 0.0 }
 }
 
 fn is_none(found: &Estimate) -> bool {

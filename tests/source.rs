@@ -132,7 +132,7 @@ fn check(pair: &Pair, expected: &Estimate) {
 }
 
 fn psf(family: Family, size: f64, angle: f64) -> Taps {
-    Psf { family, size, angle }.taps()
+    Psf { family, size, angle, inner: 0.0 }.taps()
 }
 
 #[test]

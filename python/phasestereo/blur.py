@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 Side = Literal["none", "left", "right"]
-Kind = Literal["none", "gaussian", "disk", "motion", "other"]
+Kind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
 
 Glance: TypeAlias = tuple["NDArray[np.uint32]", "NDArray[np.float32]"]
 """What the core compares a later pair of the same cameras with."""
@@ -49,10 +49,11 @@ class Blur:
         The softer image; "none": both are alike.
     kind
         The family of the point-spread function: "gaussian", "disk" (defocus), "motion" (straight,
-        at constant speed), or "other", which none of these explains.
+        at constant speed), "annulus" (defocus of a lens whose middle is covered, as a mirror lens
+        has it), or "other", which none of these explains.
     size
-        In pixels: the standard deviation of a Gaussian, the radius of a disk, the length of a
-        motion (1 is none) as `phasestereo.degradation.motion_psf` has it, the root mean square
+        In pixels: the standard deviation of a Gaussian, the radius of a disk, the outer one of an
+        annulus, the length of a motion (1 is none) as `phasestereo.degradation.motion_psf` has it, the root mean square
         radius of another; 0 of none.
     angle
         Direction of a motion in degrees, in [0, 180): 0 is along x, 90 along y, from x (right)

@@ -30,6 +30,9 @@ const RADII: [f64; 7] = [2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
 const LENGTHS: [f64; 9] = [5.0, 7.0, 9.0, 11.0, 13.0, 15.0, 18.0, 21.0, 25.0];
 /// Degrees between the directions of motions.
 const TURN: u8 = 15;
+/// Outer radii of annuli, and the shares of them that are covered.
+const OUTER: [f64; 6] = [3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
+const INNER: [f64; 2] = [0.5, 0.75];
 
 impl Entry {
     /// The entry of a function.
@@ -43,17 +46,16 @@ pub fn bank() -> &'static [Entry] {
     static BANK: OnceLock<Vec<Entry>> = OnceLock::new();
     BANK.get_or_init(|| {
         let round = |family: Family, sizes: &'static [f64]| {
-            sizes.iter().map(move |size| Psf { family, size: *size, angle: 0.0 })
+            sizes.iter().map(move |size| Psf::round(family, *size))
         };
-        let motions = LENGTHS.iter().flat_map(|size| {
-            (0..180u8).step_by(TURN.into()).map(move |angle| Psf {
-                family: Family::Motion,
-                size: *size,
-                angle: f64::from(angle),
-            })
+        let motions = LENGTHS.iter().flat_map(|length| {
+            let angles = (0..180u8).step_by(TURN.into());
+            angles.map(move |angle| Psf::motion(*length, f64::from(angle)))
         });
-        let all =
-            round(Family::Gaussian, &SIGMAS).chain(round(Family::Disk, &RADII)).chain(motions);
+        let annuli =
+            OUTER.iter().flat_map(|radius| INNER.map(|inner| Psf::annulus(*radius, inner)));
+        let rounds = round(Family::Gaussian, &SIGMAS).chain(round(Family::Disk, &RADII));
+        let all = rounds.chain(motions).chain(annuli);
         all.map(|psf| Entry::new(psf, Level::best())).collect()
     })
 }
@@ -64,6 +66,7 @@ pub fn probes() -> impl Iterator<Item = &'static Entry> {
         Family::Gaussian => false,
         Family::Disk => [2.0, 4.0, 8.0].contains(&psf.size),
         Family::Motion => [5.0, 9.0, 15.0].contains(&psf.size) && psf.angle % 30.0 == 0.0,
+        Family::Annulus => [4.0, 6.0].contains(&psf.size),
     })
 }
 

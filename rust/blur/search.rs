@@ -4,10 +4,11 @@ use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
-use super::bank::{Side, bank, probes};
+use super::bank::{Entry, Side, bank, probes};
 use super::fit::{Evidence, Fit, Response};
 use super::regions::first;
 use super::spectrum::Powers;
+use crate::psf::Family;
 use crate::simd::Level;
 
 /// The least loss of what is not worth trying, nepers: what a blur of the wrong side costs, more or less. With 4, a
@@ -22,6 +23,9 @@ const CLEAR: f32 = 0.3;
 /// blocks that the first blur explains worse than to 0.4: with 0 no more than 0.0001; 0.02: 0.0001; 0.04: 0.0002; 0.06:
 /// 0.0006. Of these blocks one in ten is left to be tried with 0, one in twenty with 0.02.
 const BETTER: f32 = 0.02;
+
+/// Lenses whose middle is covered are rare, and blocks of two kinds of blur look like them, nepers.
+const RARE: f32 = 0.1;
 
 /// A blur to choose: of a side, or none.
 #[derive(Debug, Clone, Copy)]
@@ -41,6 +45,11 @@ impl Choice<'static> {
         let side = if blurred < bank().len() { Side::Left } else { Side::Right };
         Self { side: Some(side), response: &bank()[blurred % bank().len()].response }
     }
+}
+
+/// What an entry has to explain better than others to be chosen.
+fn prior(entry: &Entry) -> f32 {
+    if entry.psf.family == Family::Annulus { RARE } else { 0.0 }
 }
 
 /// The response of no blur.
@@ -88,7 +97,8 @@ impl Blocks {
         for (evidence, tried) in self.evidence.iter().zip(self.may_be_softer()) {
             if tried {
                 let responses = bank().iter().map(|entry| &entry.response);
-                losses.extend(evidence.losses(responses, level));
+                let tried = evidence.losses(responses, level);
+                losses.extend(tried.iter().zip(bank()).map(|(loss, entry)| loss + prior(entry)));
             } else {
                 losses.extend(vec![none.max(UNTRIED); bank().len()]);
             }
@@ -146,7 +156,6 @@ mod tests {
     use super::super::bins::bins;
     use super::super::spectrum::response;
     use super::*;
-    use crate::psf::Family;
 
     /// Powers of a pair whose left block is blurred by one of the bank, or not.
     fn spectra(blur: Option<usize>, noise: f32) -> Powers {

@@ -369,7 +369,7 @@ mod tests {
     #[test]
     fn a_gaussian_leaves_a_gaussian_as_the_window_smears_it() {
         for sigma in [1.2, 2.0, 3.5] {
-            let psf = Psf { family: Family::Gaussian, size: sigma, angle: 0.0 };
+            let psf = Psf::round(Family::Gaussian, sigma);
             // The kernel is sampled: its spectrum comes again from either side.
             let along = |k: f64| -> f64 {
                 let at = |k: f64| (-0.5 * (TAU * k / SIDE as f64 * sigma).powi(2)).exp();
@@ -387,7 +387,7 @@ mod tests {
 
     #[test]
     fn a_response_knows_directions() {
-        let psf = |angle| Psf { family: Family::Motion, size: 9.0, angle };
+        let psf = |angle| Psf::motion(9.0, angle);
         let of = |psf: Psf| response(&psf.taps(), Level::best());
         // A motion along x leaves what varies along y alone: place kx = 0, ky = 8.
         let bin = |place: usize| {

@@ -144,7 +144,7 @@ mod tests {
     /// Neighborhood and window where blurs of these families and sizes are found, beside areas without any.
     fn sizes(kinds: &[(Family, f64)]) -> (usize, usize) {
         let blur = |&(family, size): &(Family, f64)| {
-            let psf = Psf { family, size, angle: 0.0 };
+            let psf = Psf::round(family, size);
             Blur { side: Some(Side::Left), psf: Some(psf), taps: Some(psf.taps()) }
         };
         let none = Blur { side: None, psf: None, taps: None };

@@ -41,6 +41,7 @@ _CHARTS = {
 _KINDS = {
     "gaussian": "Gaussian of standard deviation {size:.2f} px",
     "disk": "out of focus, a disk of radius {size:.2f} px",
+    "annulus": "out of focus, an annulus of outer radius {size:.2f} px",
     "motion": "motion by {size:.1f} px at {angle:.0f}\N{DEGREE SIGN}",
     "other": "of another shape, root mean square radius {size:.2f} px",
 }
