@@ -10,6 +10,9 @@
 //! 4. If the offsets are significant, some bands are matched with and without them ([`trial`]). The right image is
 //!    straightened only if the match gets better by it.
 //!
+//! Where nothing matches, the reduced images are tried once more with the negative of one: if that matches, all of the above
+//! is done with the negative of the right image, which is matched, too.
+//!
 //! Everything is in a fixed order, and the same for a pair that is read a few rows at a time.
 
 pub mod compensation;
@@ -20,6 +23,7 @@ pub mod tracks;
 pub mod trial;
 
 use std::borrow::Cow;
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use self::compensation::Compensation;
@@ -68,6 +72,8 @@ pub struct Known {
     pub versions: Option<Versions>,
     /// The field of the rows: there is nothing to be found of it then.
     pub alignment: Option<Alignment>,
+    /// Whether the images match once one of them is inverted.
+    pub is_inverted: bool,
 }
 
 /// What was found out of a pair, and what suits it.
@@ -77,7 +83,8 @@ pub struct Estimates {
     pub candidates: Candidates,
     /// Mean confidence of a rough match of small copies, if there was one.
     pub confidence: Option<f64>,
-    /// Whether the images match once one of them is inverted, and not before.
+    /// Whether the images match once one of them is inverted, and not before; with `equalise`, all else was found out with
+    /// the negative of the right one.
     pub is_inverted: bool,
     /// What the images say about the disparities, if they were to be found, or match badly.
     pub range: Option<SearchRange>,
@@ -110,16 +117,19 @@ pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> R
     let asked = known.asked(settings);
     let Means { how, control, .. } = means;
     let (started, mut pair) = (Instant::now(), pair);
-    let found = if asked.is_anything() {
+    if asked.is_anything() || known.is_inverted {
         pair = pair.with_own_ranges(means.control)?;
-        let found = means.matcher.install(|| {
-            let is_asked = asked.blur && blur::is_enough(pair.size());
-            let defects = is_asked.then(|| Defects::of_pair(&pair, means)).transpose()?;
-            let defects = defects.unwrap_or_default();
-            let repaired = defects.repaired(&pair);
-            let part = Part::new(0, Cow::Borrowed(&*repaired), means)?;
-            estimate(Rows::Kept(&part), &repaired, &asked, defects, settings, means)
-        })?;
+    }
+    if known.is_inverted {
+        pair = pair.inverted();
+    }
+    let found = if asked.is_anything() {
+        let mut found = means.matcher.install(|| estimate_pair(&pair, &asked, settings, means))?;
+        if settings.equalise && found.is_inverted {
+            pair = pair.inverted();
+            found = means.matcher.install(|| estimate_pair(&pair, &asked, settings, means))?;
+            found.is_inverted = true;
+        }
         found.finished(&known, started)
     } else {
         Estimates::nothing(pair.candidates(), &known)
@@ -149,15 +159,63 @@ pub fn prepare_by_rows(
     if !asked.is_anything() {
         return Ok(Estimates::nothing(source.candidates(), &known));
     }
-    let found = means.matcher.install(|| {
-        let is_asked = asked.blur && blur::is_enough(source.size());
-        let defects = is_asked.then(|| Defects::of_source(source, means)).transpose()?;
-        let defects = defects.unwrap_or_default();
-        let (sample, impulses) = (source.rows(0..1)?, defects.impulses);
-        let repaired = Repaired { source, impulses };
-        estimate(Rows::Read(&repaired), &sample, &asked, defects, settings, means)
-    })?;
+    let mut found = means.matcher.install(|| estimate_by_rows(source, &asked, settings, means))?;
+    if settings.equalise && found.is_inverted {
+        let source = &Inverted(source);
+        found = means.matcher.install(|| estimate_by_rows(source, &asked, settings, means))?;
+        found.is_inverted = true;
+    }
     Ok(found.finished(&known, started))
+}
+
+/// A source with the negative of the right image.
+struct Inverted<'a>(&'a dyn Source);
+
+impl Source for Inverted<'_> {
+    fn size(&self) -> (usize, usize) {
+        self.0.size()
+    }
+
+    fn candidates(&self) -> Candidates {
+        self.0.candidates()
+    }
+
+    fn most_rows(&self) -> usize {
+        self.0.most_rows()
+    }
+
+    fn rows(&self, rows: Range<usize>) -> Result<Pair> {
+        Ok(self.0.rows(rows)?.inverted())
+    }
+}
+
+/// Finds out what is asked of a pair in memory.
+fn estimate_pair(
+    pair: &Pair,
+    asked: &Asked,
+    settings: &Settings,
+    means: Means,
+) -> Result<Estimates> {
+    let is_asked = asked.blur && blur::is_enough(pair.size());
+    let defects = is_asked.then(|| Defects::of_pair(pair, means)).transpose()?.unwrap_or_default();
+    let repaired = defects.repaired(pair);
+    let part = Part::new(0, Cow::Borrowed(&*repaired), means)?;
+    estimate(Rows::Kept(&part), &repaired, asked, defects, settings, means)
+}
+
+/// Finds out what is asked of a pair that is read a part at a time.
+fn estimate_by_rows(
+    source: &dyn Source,
+    asked: &Asked,
+    settings: &Settings,
+    means: Means,
+) -> Result<Estimates> {
+    let is_asked = asked.blur && blur::is_enough(source.size());
+    let defects = is_asked.then(|| Defects::of_source(source, means)).transpose()?;
+    let defects = defects.unwrap_or_default();
+    let (sample, impulses) = (source.rows(0..1)?, defects.impulses);
+    let repaired = Repaired { source, impulses };
+    estimate(Rows::Read(&repaired), &sample, asked, defects, settings, means)
 }
 
 impl Known {
@@ -181,17 +239,18 @@ impl Asked<'_> {
 }
 
 impl Estimates {
-    /// With the field that is told, and the time since the start.
+    /// With what is told, and the time since the start.
     fn finished(self, known: &Known, started: Instant) -> Self {
         let alignment = self.alignment.or_else(|| known.alignment.clone());
-        Self { alignment, time: started.elapsed(), ..self }
+        let is_inverted = self.is_inverted || known.is_inverted;
+        Self { alignment, is_inverted, time: started.elapsed(), ..self }
     }
 
     fn nothing(candidates: Candidates, known: &Known) -> Self {
         Self {
             candidates: known.candidates.unwrap_or(candidates),
             confidence: None,
-            is_inverted: false,
+            is_inverted: known.is_inverted,
             range: None,
             offsets: None,
             alignment: known.alignment.clone(),

@@ -121,6 +121,11 @@ impl Pair {
         Self { candidates, ..self }
     }
 
+    /// The pair with the negative of its right image.
+    pub fn inverted(&self) -> Self {
+        Self { right: self.right.inverted(), ..self.clone() }
+    }
+
     /// The pair with the rows of its right image where the left one has them.
     pub fn straightened(
         &self,
@@ -265,11 +270,16 @@ impl Matcher {
     ) -> Result<Disparity> {
         settings.check()?;
         section.check(pair)?;
-        self.pool.install(|| self.match_rows(pair, section, settings, how, control))
+        // What was chosen for rows around these counts when they are refined.
+        let around = section.widened(Reach::new(settings, pair.versions(), None).map, pair);
+        let wanted = section.rows.start - around.start..section.rows.end - around.start;
+        let widened = Section { rows: around, ..section.clone() };
+        let found = self.run_alone(pair, &widened, settings, how, control)?;
+        Ok(found.of_rows(wanted))
     }
 
-    /// Chooses disparities of the rows and of those around them, refines all of these, and keeps the rows.
-    fn match_rows(
+    /// Matches some rows of a pair whose map is refined as if there were no others.
+    pub fn run_alone(
         &self,
         pair: &Pair,
         section: &Section,
@@ -277,13 +287,12 @@ impl Matcher {
         how: Execution,
         control: &Control,
     ) -> Result<Disparity> {
-        let around = section.widened(Reach::new(settings, pair.versions(), None).map, pair);
-        let wanted = section.rows.start - around.start..section.rows.end - around.start;
-        let widened = Section { rows: around, ..section.clone() };
-        let choice = self.choose(pair, &widened, settings, how, control)?;
-        let rows = widened.rows;
-        let found = choice.refined(pair, rows, settings, how.level, control)?;
-        Ok(found.of_rows(wanted))
+        settings.check()?;
+        section.check(pair)?;
+        self.pool.install(|| {
+            let choice = self.choose(pair, section, settings, how, control)?;
+            choice.refined(pair, section.rows.clone(), settings, how.level, control)
+        })
     }
 
     fn choose(

@@ -18,8 +18,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use self::arguments::{
-    Both, Told, candidates_of, read_images, read_known, read_noise, read_pair, read_search,
-    read_settings, read_versions, read_view, read_volume,
+    Both, Told, ToldOfPair, candidates_of, read_images, read_known, read_noise, read_pair,
+    read_search, read_settings, read_versions, read_view, read_volume,
 };
 use self::found::{Field, Found, Seen, read_field, read_glance, tell_found};
 use self::reader::{Ranges, Reader};
@@ -147,7 +147,7 @@ fn match_pair<'py>(
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-    told: (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>),
+    told: ToldOfPair<'py>,
 ) -> PyResult<(Matched<'py>, Found<'py>)> {
     let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
     let pair = read_images(&images, &masks, search)?;
@@ -224,7 +224,7 @@ fn estimate_pair_by_rows<'py>(
     settings: &Bound<'py, PyAny>,
     ranges: Option<Ranges>,
     threads: &Bound<'py, PyAny>,
-    told: (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>),
+    told: ToldOfPair<'py>,
 ) -> PyResult<Found<'py>> {
     let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
     let known = read_known(&told, size, search)?;
@@ -326,6 +326,7 @@ fn match_rows<'py>(
     let pair = read_pair(&images, &masks, &told.disparities)?
         .with_versions(told.versions.map(|versions| versions.from_row(first)))
         .with_ranges(told.ranges);
+    let pair = if told.is_inverted { pair.inverted() } else { pair };
     let field = told.alignment.map(|field| field.from_row(first));
     let section = Section {
         rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),

@@ -5,7 +5,7 @@ use std::ops;
 use ndarray::{Array3, ArrayView1, ArrayView2, ArrayView3, Axis, s};
 
 use crate::error::{Error, Result};
-use crate::intensity::Range;
+use crate::intensity::{NOWHERE, Range};
 use crate::plane::Plane;
 use crate::settings::LARGEST_PIXEL;
 use crate::simd::{Kernel, Level};
@@ -102,6 +102,20 @@ impl Image {
 }
 
 impl View {
+    /// The negative: what is white is black. That of floats is about the middle of their range, which is to be known.
+    pub fn inverted(&self) -> Self {
+        let Range { black, white } = self.range.unwrap_or(NOWHERE);
+        // In thousandths.
+        let sum = (black + white) / 1000.0;
+        let image = match &self.image {
+            Image::U8(pixels) => Image::U8(pixels.mapv(|value| u8::MAX - value)),
+            Image::U16(pixels) => Image::U16(pixels.mapv(|value| u16::MAX - value)),
+            Image::F32(pixels) => Image::F32(pixels.mapv(|value| (sum - f64::from(value)) as f32)),
+            Image::F64(pixels) => Image::F64(pixels.mapv(|value| sum - value)),
+        };
+        Self { image, mask: self.mask.clone(), ..*self }
+    }
+
     /// Some rows.
     pub fn of_rows(&self, rows: ops::Range<usize>) -> Self {
         let part = s![rows.clone(), .., ..];

@@ -224,8 +224,8 @@ def faults(pair: Pair) -> dict[str, tuple[Any, Any, dict[str, Any], str]]:
         "black": (pair.left, np.zeros_like(pair.left), told, "match"),
         "rows": (pair.left, crooked, {**told, "align_rows": False}, "match"),
         "upside down": (pair.left, pair.right[::-1], told, "match"),
-        "inverted": (pair.left, 255 - pair.right, told, "match"),
-        "inverted, range to be found": (pair.left, 255 - pair.right, {}, "match"),
+        "inverted": (pair.left, 255 - pair.right, {**told, "equalise": False}, "match"),
+        "inverted, range to be found": (pair.left, 255 - pair.right, {"equalise": False}, "match"),
     }
 
 
@@ -237,6 +237,46 @@ def test_what_went_wrong_is_said(load: Callable[[str], Pair], name: str) -> None
         assert topic in grave(result), (fault, result.findings)
         assert result.search is not None
         assert result.search.inverted == fault.startswith("inverted"), fault
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_the_negative_of_an_inverted_image_is_matched(
+    load: Callable[[str], Pair], dtype: type[Any]
+) -> None:
+    pair = load("cones")
+    scale, white = {np.uint8: (1, 255), np.uint16: (257, 65535), np.float32: (1 / 255, 1.0)}[dtype]
+    left, right = ((image * dtype(scale)).astype(dtype) for image in (pair.left, pair.right))
+    for count in (None, pair.num_disparities):
+        straight = ps.match(left, right, num_disparities=count)
+        inverted = ps.match(left, white - right, num_disparities=count)
+        assert inverted.search is not None
+        assert inverted.search.inverted
+        assert not grave(inverted)
+        assert any("is dark in the other" in one.sentence for one in inverted.findings)
+        known = np.isfinite(straight.disparity) & np.isfinite(inverted.disparity)
+        apart = np.abs(straight.disparity - inverted.disparity)[known] > 1
+        assert apart.mean() < 0.01, count
+
+
+def test_parts_of_an_inverted_pair_are_those_of_the_whole(load: Callable[[str], Pair]) -> None:
+    pair = load("cones")
+    left, right = pair.left, 255 - pair.right
+
+    def read(first: int, last: int) -> Any:
+        return left[first:last], right[first:last], None, None
+
+    found = ps.survey(read, left.shape[:2])
+    assert found.is_inverted
+    part, whole = ps.match_rows(read, found, 100, 180), ps.match(left, right)
+    np.testing.assert_array_equal(part.disparity, whole.disparity[100:180])
+    np.testing.assert_array_equal(part.flags, whole.flags[100:180])
+
+
+def test_a_matcher_goes_on_with_the_negative(load: Callable[[str], Pair]) -> None:
+    pair = load("cones")
+    before = ps.match(pair.left, 255 - pair.right)
+    again = ps.Matcher().match(pair.left, 255 - pair.right, before=before)
+    np.testing.assert_array_equal(again.disparity, before.disparity)
 
 
 def test_a_matcher_warns_too_and_a_summary_is_what_it_says() -> None:

@@ -182,8 +182,7 @@ def _estimated(
     if min(gray_left.shape) < LEAST_SIZE or 0 in (np.ptp(gray_left), np.ptp(gray_right)):
         return None, None, None
     found = estimate_pair(pair, (None, None), (0, None), None)
-    is_known = found.search.origin == "found" or found.search.inverted
-    search = found.search if is_known else None
+    search = found.search if found.search.origin == "found" else None
     return search, found.alignment, found.blur
 
 

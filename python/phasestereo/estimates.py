@@ -41,8 +41,9 @@ Matched: TypeAlias = (
 )
 """What a match gives: disparities, flags, confidence, seconds of its stages."""
 
-Told: TypeAlias = "tuple[tuple[float, float] | None, Equalisation | None, Field | None]"
-"""What the core is told: noise, versions, the field of the rows."""
+Told: TypeAlias = "tuple[tuple[float, float] | None, Equalisation | None, Field | None, bool]"
+"""What the core is told: noise, versions, the field of the rows, whether the right image is to be
+inverted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

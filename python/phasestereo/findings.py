@@ -58,10 +58,8 @@ _BEYOND = 0.2  # of the range
 _NOTHING = (
     "hardly anything in one image is found in the other: these are no pair, or far from rectified"
 )
-_INVERTED = (
-    "what is bright in one image is dark in the other: invert one of them (255 - image), or match "
-    "with power=2, which does not see it"
-)
+_INVERTED = "what is bright in one image is dark in the other"
+_INVERT = "invert one of them (255 - image), or match with equalise=True, which does"
 _TRUST = "match", "swap", "range"  # topics that tell whether a match is to be trusted at all
 
 
@@ -113,7 +111,9 @@ def of_result(result: Result) -> tuple[Finding, ...]:
     search, summary = result.search, result.summary
     if search is None or summary is None or min(result.disparity.shape) < LEAST_SIZE:
         return ()
-    found = list(_match(search, summary)) if result.settings.consistency is not None else []
+    asked = result.settings
+    is_checked = asked.consistency is not None
+    found = list(_match(search, summary, evened=asked.equalise)) if is_checked else []
     found += _matched_rows(result)
     if result.blur is not None and not result.blur.reused:
         # It was evened out: worth knowing, no more.
@@ -135,14 +135,16 @@ def warn(found: tuple[Finding, ...]) -> None:
         warnings.warn("; ".join(grave), MatchWarning, stacklevel=3)
 
 
-def _match(search: SearchRange, summary: Summary) -> Iterator[Finding]:
+def _match(search: SearchRange, summary: Summary, *, evened: bool) -> Iterator[Finding]:
     """Say whether a match is one at all, and whether its range was right."""
     if search.swapped:
         yield _swapped(f"{round(search.low)} to {round(search.high)} px")
         return
-    if search.inverted:
-        yield Finding("match", "warning", _INVERTED)
+    if search.inverted and not evened:
+        yield Finding("match", "warning", f"{_INVERTED}: {_INVERT}")
         return
+    if search.inverted:
+        yield Finding("contrast", "note", f"{_INVERTED}: the negative of the right one was matched")
     is_unlike = search.confidence < _LEAST_ROUGH and math.isnan(search.low)
     if is_unlike or search.origin == "default":
         yield Finding("match", "warning", _NOTHING)
@@ -222,8 +224,7 @@ def _search(diagnosis: Diagnosis) -> Iterator[Finding]:
         )
         return
     if found.inverted:
-        yield Finding("contrast", "warning", _INVERTED)
-        return
+        yield Finding("contrast", "warning", f"{_INVERTED}: {_INVERT}")
     ends = f"{round(found.low)} to {round(found.high)} px"
     if found.swapped:
         yield _swapped(ends)
@@ -314,6 +315,8 @@ def spread(blur: Blur) -> float:
             return blur.size
         case "disk":
             return blur.size / 2
+        case "annulus":
+            return blur.size / 1.6  # of a hole of 0.75; of one of half the radius 1.8
         case "motion":
             return (blur.size - 1) / math.sqrt(12)
         case "other":
@@ -327,13 +330,15 @@ def _shape(blur: Blur) -> str:
             return f"a Gaussian of sigma {blur.size:.1f} px"
         case "disk":
             return f"a disk of radius {blur.size:.1f} px"
+        case "annulus":
+            return f"an annulus of outer radius {blur.size:.1f} px"
         case "motion":
             return f"a motion of {blur.size:.1f} px at {blur.angle:.0f} degrees"
     return f"a blur of no simple shape, of radius {blur.size:.1f} px rms"
 
 
 def _cure(blur: Blur) -> str:
-    if blur.kind in ("gaussian", "disk"):
+    if blur.kind in ("gaussian", "disk", "annulus"):
         return "check its focus"
     return "check its mount and its exposure time"
 

@@ -256,7 +256,7 @@ def match_silently(
     pair = as_pair(*given)
     size = pair[0].shape
     valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
-    known: Told = as_noise(*told), told[1], None
+    known: Told = as_noise(*told), told[1], None, False
     if before is not None and _is_as_before(before, pair, valid, threads):
         matched, found = _again(before, pair, valid, search, (threads, progress))
     else:
@@ -307,7 +307,9 @@ def _again(
     alignment, versions = before.alignment, before.equalisation
     field = alignment.field if alignment is not None and alignment.applied else None
     asked = replace(before.settings, align_rows=False)
-    matched, told = _core.match_pair(pair, masks, search, asked, *how, (None, versions, field))
+    inverted = before.search is not None and before.search.inverted and asked.equalise
+    known: Told = None, versions, field, inverted
+    matched, told = _core.match_pair(pair, masks, search, asked, *how, known)
     same = as_estimates(told, before.settings, search, versions)
     blur = None if before.blur is None else replace(before.blur, reused=True)
     kept = before.search or same.search

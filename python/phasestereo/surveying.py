@@ -94,6 +94,11 @@ class Survey:
         return coefficients, size, self.first_column
 
     @property
+    def is_inverted(self) -> bool:
+        """Whether the negative of the right image is matched."""
+        return self.search is not None and self.search.inverted and self.settings.equalise
+
+    @property
     def is_compensated(self) -> bool:
         """Whether a blur was found, and settings that suit it were taken."""
         found = self.blur is not None and any(blur.psf is not None for blur in self.blur.blurs)
@@ -213,7 +218,7 @@ def survey(
     dtype, search = left.dtype, (min_disparity, num_disparities)
     # Threads of its own: one of those that are shared would wait for a reader that matches.
     workers = _core.Workers(threads)
-    told = as_noise(noise, equalisation), as_equalisation(equalisation), None
+    told = as_noise(noise, equalisation), as_equalisation(equalisation), None, False
     one = _core.estimate_pair(
         (left, right), masks, search, replace(asked, align_rows=False), workers
     )

@@ -202,9 +202,13 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
     Ok(settings)
 }
 
+/// What Python tells of a pair before it is looked at: noise, versions, the field of the rows, and whether the right image
+/// is to be inverted.
+pub type ToldOfPair<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>, bool);
+
 /// What a call tells of a pair: its noise, or the versions in which its pixels are compared, and the field of its rows.
 pub fn read_known(
-    (noise, versions, field): &(Bound<'_, PyAny>, Bound<'_, PyAny>, Option<Field>),
+    (noise, versions, field, is_inverted): &ToldOfPair<'_>,
     size: (usize, usize),
     search: Search,
 ) -> PyResult<Known> {
@@ -220,7 +224,8 @@ pub fn read_known(
         return Err(Error::value("alignment", "that of images of another size", accepts).into());
     }
     let candidates = search.map(|(min, count)| Candidates::new(min, count, size.1)).transpose()?;
-    Ok(Known { candidates, noise, versions: read_versions(versions)?, alignment })
+    let (versions, is_inverted) = (read_versions(versions)?, *is_inverted);
+    Ok(Known { candidates, noise, versions, alignment, is_inverted })
 }
 
 /// What `phasestereo.surveying.Survey` tells of a whole pair.
@@ -228,6 +233,7 @@ pub struct Told<'py> {
     pub settings: Settings,
     pub versions: Option<Versions>,
     pub alignment: Option<Alignment>,
+    pub is_inverted: bool,
     pub disparities: Both<'py>,
     pub ranges: [Option<intensity::Range>; 2],
     pub roughness: Option<Roughness>,
@@ -246,6 +252,7 @@ impl<'py> Told<'py> {
             settings,
             versions: read_versions(&survey.getattr("equalisation")?)?,
             alignment: read_field(survey.getattr("field")?.extract()?)?,
+            is_inverted: survey.getattr("is_inverted")?.extract()?,
             disparities: (survey.getattr("min_disparity")?, survey.getattr("num_disparities")?),
             ranges: as_ranges(survey.getattr("ranges")?.extract()?),
             roughness: roughness.map(|(sum, pairs)| Roughness { sum, pairs }),

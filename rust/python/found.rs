@@ -136,6 +136,7 @@ fn family_name(family: Family) -> &'static str {
         Family::Gaussian => "gaussian",
         Family::Disk => "disk",
         Family::Motion => "motion",
+        Family::Annulus => "annulus",
     }
 }
 
