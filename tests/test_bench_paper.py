@@ -14,11 +14,13 @@ import pytest
 
 from html_page import Page
 from phasestereo import io
-from phasestereo.bench.paper import cells, claims, load_pairs, run_study
-from phasestereo.bench.paper.blurs import Blur, box_psf
-from phasestereo.bench.paper.cells import SCENES, Cell, measure
-from phasestereo.bench.paper.choices import FULL_GRID, QUICK_GRID, candidates, choose
-from phasestereo.bench.paper.claims import (
+from phasestereo.settings import Settings
+from phasestereo_bench.degradation import suite
+from phasestereo_bench.paper import cells, claims, load_pairs, run_study
+from phasestereo_bench.paper.blurs import Blur, box_psf
+from phasestereo_bench.paper.cells import SCENES, Cell, measure
+from phasestereo_bench.paper.choices import FULL_GRID, QUICK_GRID, candidates, choose
+from phasestereo_bench.paper.claims import (
     WAYS,
     Verdict,
     better_in_all_cases,
@@ -28,8 +30,8 @@ from phasestereo.bench.paper.claims import (
     flatness,
     gains_at_larger_blurs,
 )
-from phasestereo.bench.paper.exhibit import write_page
-from phasestereo.bench.paper.experiments import (
+from phasestereo_bench.paper.exhibit import write_page
+from phasestereo_bench.paper.experiments import (
     AREAS,
     BITS,
     BITS_KEY,
@@ -44,24 +46,22 @@ from phasestereo.bench.paper.experiments import (
     Experiment,
     Series,
 )
-from phasestereo.bench.paper.methods import METHODS, NSAD, PHASE, SAD, Grid, recoded
-from phasestereo.bench.paper.prototype import figures
-from phasestereo.bench.paper.readings import Reading, curve
-from phasestereo.bench.paper.reasons import reasons, short_levels
-from phasestereo.bench.paper.wording import span
-from phasestereo.degradation import suite
-from phasestereo.settings import Settings
+from phasestereo_bench.paper.methods import METHODS, NSAD, PHASE, SAD, Grid, recoded
+from phasestereo_bench.paper.prototype import figures
+from phasestereo_bench.paper.readings import Reading, curve
+from phasestereo_bench.paper.reasons import reasons, short_levels
+from phasestereo_bench.paper.wording import span
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from phasestereo.bench.paper.study import Study
+    from phasestereo_bench.paper.study import Study
 
 for module in ("PIL", "scipy", "matplotlib", "jinja2"):
     pytest.importorskip(module)
 cli = pytest.importorskip("phasestereo.cli")
-bench_paper = pytest.importorskip("phasestereo.cli.bench_paper")
+bench_paper = pytest.importorskip("phasestereo_bench.cli.bench_paper")
 
 # What is blurred, and how much.
 

@@ -8,7 +8,6 @@ import io
 import json
 import re
 import socket
-import sys
 import threading
 import time
 import tomllib
@@ -22,10 +21,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from phasestereo import downloads
-from phasestereo.datasets import find_scene, find_scenes
-from phasestereo.downloads import collections, download
 from phasestereo.io import write_disparity, write_image
+from phasestereo_bench import downloads
+from phasestereo_bench.datasets import find_scene, find_scenes
+from phasestereo_bench.downloads import collections, download
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 pytest.importorskip("pooch")
 pytest.importorskip("filelock")
 
-REGISTRY = tomllib.loads((files("phasestereo") / "downloads.toml").read_text("utf-8"))
+REGISTRY = tomllib.loads((files("phasestereo_bench") / "downloads.toml").read_text("utf-8"))
 CALIBRATION = """cam0=[100 0 6; 0 100 1; 0 0 1]
 cam1=[100 0 6; 0 100 1; 0 0 1]
 doffs=0
@@ -654,11 +653,3 @@ def test_a_folder_that_cannot_be_made_is_told(third: Site, tmp_path: Path) -> No
     with pytest.raises(OSError, match="file"):
         download("2005-third", tmp_path / "file", base_url=third.url)
     assert third.requests == []
-
-
-def test_without_the_extra_the_command_that_installs_it_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "filelock", None)
-    with pytest.raises(ImportError, match=r"pip install 'phasestereo\[bench\]'"):
-        download("2005-third", tmp_path)
