@@ -465,23 +465,6 @@ def _convert(source: Path, target: Path) -> None:
     io.write_image(target, io.read_image(source))
 
 
-def test_command_downloads(
-    run: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[str] = []
-
-    def download(collection: str, *, progress: object) -> Path:
-        assert progress is None, "nobody looks"
-        asked.append(collection)
-        return tree
-
-    monkeypatch.setattr("phasestereo_bench.cli.bench_scenes.download", download)
-    options = "--degradation", "sharp", "--method", f"{HERE}:sparse", "--workers", "0"
-    assert run("--download", "2001", "MiddEval3-Q", *options)[0] == 0
-    assert asked == ["2001", "MiddEval3-Q"]
-    assert _scenes("results.jsonl") == ["one", "three"]
-
-
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
@@ -503,7 +486,6 @@ def test_command_downloads(
         (("data", "-o", "taken.txt"), 1, "taken.txt: not a file of benchmark results"),
         (("data", "-o", "taken.txt", "--fresh"), 1, "taken.txt: not a file of benchmark results"),
         (("data", "-o", "nowhere/a.jsonl"), 1, "nowhere/a.jsonl: No such file"),
-        (("--download", "2002"), 1, "collection must be one of"),
     ],
 )
 @pytest.mark.usefixtures("tree")

@@ -4,8 +4,8 @@ Here belong where a dataset keeps its files, how its truth is coded and which of
 reading a single file belongs to `phasestereo.io`, scoring to `phasestereo.metrics`. All that
 differs between the years is one row each in `LAYOUTS`: a further year is a further row.
 
-The data itself is at https://vision.middlebury.edu/stereo/data (`phasestereo_bench.downloads`
-fetches it); folders and files are expected under the names they have there.
+The data itself is at https://vision.middlebury.edu/stereo/data; folders and files are expected
+under the names they have there.
 """
 
 from __future__ import annotations

@@ -10,18 +10,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from phasestereo.cli.terminal import progress_bar
 from phasestereo_bench.cases import SUITE_SCENES
 from phasestereo_bench.datasets import Scene, find_scenes
-from phasestereo_bench.downloads import collections, download
 from phasestereo_bench.middlebury import has_truth
 
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
 _TOLD = 5  # names of scenes in a line
-_COLLECTIONS = f"""
-Fetch these collections into the user's cache, unless they are there, and score them, too:
-{", ".join(collections())}.
-"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,9 +24,6 @@ class Choice:
 
     Parameters
     ----------
-    download
-        Names of `phasestereo_bench.downloads.collections`, to be looked through besides the
-        folders.
     scene
         Only these, by name: cones, trainingH/Piano, "scenes2005/*". Without it, those of the
         suite; if there is none of these, all that have a truth.
@@ -43,25 +34,22 @@ class Choice:
         The same of the right image: im1E.png.
     """
 
-    download: Annotated[tuple[str, ...], Parameter(help=_COLLECTIONS), _SEVERAL] = ()
     scene: Annotated[tuple[str, ...], _SEVERAL] = ()
     left_image: str | None = None
     right_image: str | None = None
 
     def select(self, folders: Sequence[Path], suite: str) -> tuple[list[Scene], str]:
-        """Return the scenes of these folders and downloads, and what to say of those left out.
+        """Return the scenes of these folders, and what to say of those left out.
 
         Raises
         ------
-        ImportError, OSError, ValueError
-            As `phasestereo_bench.downloads.download` and
-            `phasestereo_bench.datasets.find_scenes`; ValueError also if a scene or an image of it
-            is not there, or no scene can be scored.
+        OSError, ValueError
+            As `phasestereo_bench.datasets.find_scenes`; ValueError also if a scene or an image of
+            it is not there, or no scene can be scored.
         """
-        places = [*folders, *map(_fetched, self.download)]
-        if not places:
-            raise ValueError("no folder given, nor anything to download: where are the scenes?")
-        scenes = {scene.folder: scene for place in places for scene in find_scenes(place)}
+        if not folders:
+            raise ValueError("no folder given: where are the scenes?")
+        scenes = {scene.folder: scene for folder in folders for scene in find_scenes(folder)}
         there = list(scenes.values())
         named = [scene for name in self.scene for scene in _named(name, there)]
         chosen, left_out = (list(dict.fromkeys(named)), "") if named else _scored(there, suite)
@@ -75,11 +63,6 @@ class Choice:
             for left in _fitting(self.left_image, scene.lefts)
             for right in _fitting(self.right_image, scene.rights)
         ]
-
-
-def _fetched(collection: str) -> Path:
-    with progress_bar(f"Downloading {collection}") as progress:
-        return download(collection, progress=progress)
 
 
 def _named(name: str, scenes: Sequence[Scene]) -> list[Scene]:
