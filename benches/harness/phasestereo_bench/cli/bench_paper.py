@@ -1,4 +1,4 @@
-"""``phasestereo bench paper``: the paper's experiments, its figures, and its claims."""
+"""``phasestereo bench paper``: the paper's experiments, its tables, and its claims."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -11,7 +11,7 @@ from rich.table import Table
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable, progress_bar, tell
-from phasestereo_bench.paper import Claim, claims, load_pairs, run_study, write_study
+from phasestereo_bench.paper import Finding, findings, load_pairs, run_study, write_study
 
 
 def paper(
@@ -25,9 +25,10 @@ def paper(
     """Run the experiments of the paper, and put its claims beside what comes out.
 
     Matches Cones and Tsukuba, the left image being blurred by a growing motion, Gaussian, or
-    mixture of degradations, by phase codes, SAD and normalised SAD. Writes Figures 2, 3 and 5, the
-    numbers, and a page about the claims (paper.html, paper.md). Takes a minute or two; a run that
-    was interrupted goes on where it stopped when the same command is given again. For example:
+    mixture of degradations, by phase codes, SAD and normalised SAD. Writes the numbers, Figures 2
+    and 3, and a page of tables with a verdict on every claim (paper.md). Takes a minute or two; a
+    run that was interrupted goes on where it stopped when the same command is given again. For
+    example:
 
     ```
     phasestereo bench paper ~/middlebury -o paper
@@ -54,15 +55,14 @@ def paper(
         except KeyboardInterrupt:
             tell(f"{store} keeps what is done; the same command goes on")
             raise
-        page = write_study(study, pairs, store, output)[-1]
+        page = write_study(study, store, output)[-1]
     console = Console(highlight=False)
-    console.print(_table(claims(study.readings)))
-    console.print(printable(f"The whole story: {page}"), markup=False, soft_wrap=True)
+    console.print(_table(findings(study.readings)))
+    console.print(printable(f"All tables: {page}"), markup=False, soft_wrap=True)
 
 
-def _table(found: list[Claim]) -> Table:
+def _table(found: list[Finding]) -> Table:
     table = Table("claim", "settings", "verdict", "holds at", title="The paper's claims")
-    for claim in found:
-        for finding in claim.findings:
-            table.add_row(claim.name, finding.way, finding.verdict.value, finding.holds_at)
+    for each in found:
+        table.add_row(each.claim, each.way, each.verdict.value, each.holds_at)
     return table

@@ -1,316 +1,188 @@
-"""The page about the experiments, as sections of blocks that any format can show."""
+"""What the experiments leave behind: CSV files, Figures 2 and 3, and a page of all tables."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+import csv
+import io
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
-from phasestereo_bench.paper.cells import SCENES
-from phasestereo_bench.paper.claims import FLAT, GAIN, WAYS, case_of, cases, flatness
-from phasestereo_bench.paper.experiments import EXPERIMENTS, MAPS_LEVEL, MOTION_Y, SMALLEST
-from phasestereo_bench.paper.methods import METHODS
-from phasestereo_bench.paper.prototype import TOLERANCE
-from phasestereo_bench.paper.study import levels_of
-from phasestereo_bench.paper.tables import (
+from phasestereo.io.files import replacing
+from phasestereo_bench.paper.claims import (
+    CLAIMS,
+    WAYS,
     bits_table,
+    cases,
     cases_table,
-    choices_table,
     claims_table,
-    in_figure_2,
+    findings,
+    lines,
     prototype_table,
+    settings_table,
 )
-from phasestereo_bench.paper.wording import claims, shortfalls
+from phasestereo_bench.paper.experiments import BITS_KEY, EXPERIMENTS, NSAD, PROTOCOLS, SAD
+from phasestereo_bench.paper.study import SCENES, curve
+from phasestereo_bench.report.markdown import markdown_table, markdown_text
+from phasestereo_bench.report.origin import made_with
+from phasestereo_bench.report.plots import save_plot
+from phasestereo_bench.store import read_store
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
 
-    from phasestereo_bench.paper.study import Study
-    from phasestereo_bench.report.tables import Table
+    from phasestereo_bench.paper.study import Reading, Study
 
-__all__ = ["Item", "Picture", "Section", "sections"]
+    Panels = Mapping[str, Mapping[str, Mapping[Any, float]]]
 
+__all__ = ["write_study"]
 
-class Item(NamedTuple):
-    """An item of a list: what it is about, and text."""
+_RIVALS = {SAD.name: "black", NSAD.name: "gray"}  # in every panel; others take the usual colours
 
-    lead: str
-    text: str
+_INTRODUCTION = """
+Pedone & Heikkilä blur the left image of a stereo pair, and compare phase codes with sums of
+absolute differences (*Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008). Here are
+their experiments on their pairs. Bad pixels are more than 1 px off, of those that both images see.
 
+Methods are set up without a look at any blurred pair. *Fixed*: the settings that are the best on
+the sharp pair, at all levels of blur. *Tied*: window and neighborhood L follow from the size of the
+blur, as in the paper, the first by the paper's own rule; the penalty is the best on the sharp pair.
 
-class Picture(NamedTuple):
-    """A file of the page's folder, and its caption."""
-
-    file: str
-    caption: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Section:
-    """A part of a page; what is empty is left out, and the order is that of the fields."""
-
-    title: str
-    level: int = 2
-    text: Sequence[str] = ()
-    items: Sequence[Item] = ()
-    table: Table | None = None
-    after: Sequence[Item] = ()
-    pictures: Sequence[Picture] = ()
-    code: str = ""
-    closing: Sequence[str] = ()
+A claim is reproduced if it holds at all levels of blur, or for all lines of Figure 3; for that of
+5 points "in many cases", half of the levels in the upper half of the range are enough. Two thirds
+as many reproduce it in part.
+"""
 
 
-def sections(study: Study, environments: Sequence[Mapping[str, Any]]) -> list[Section]:
-    """Return the page.
+def write_study(study: Study, store: Path, folder: Path) -> list[Path]:
+    """Write CSV files, figures and the page, in place of those of an earlier run.
 
     Parameters
     ----------
     study
         What was measured.
-    environments
-        With what, lines of the store.
+    store
+        Where `run_study` kept it, and with what machine and software.
+    folder
+        Where to; it exists.
+
+    Returns
+    -------
+    list of Path
+        The files, ``paper.md`` last.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be read or written.
     """
-    return [
-        *_claims(study),
-        *_figures(),
-        *_cases(study),
-        _bits(study),
-        _prototype(study),
-        _recipe(study),
-        _settings(study),
-        _again(environments),
+    files = [*_write_tables(study, folder), *_draw_figures(study.readings, folder)]
+    environments = [line for line in read_store(store) if line.get("kind") == "environment"]
+    text = _page(study, environments)
+    return [*files, _write(folder / "paper.md", text)]
+
+
+def _page(study: Study, environments: Sequence[Mapping[str, Any]]) -> str:
+    """Return the page as Markdown."""
+    readings = study.readings
+    tables = {
+        "The claims": claims_table(findings(readings)),
+        **{f"Gains, {way.name}": cases_table(cases(readings, way)) for way in WAYS},
+        "Figure 3: bad pixels in % by the bits b of the phase": bits_table(lines(readings)),
+        "Beside the figures of an earlier prototype in NumPy": prototype_table(study),
+        "Settings chosen on the sharp pairs": settings_table(study),
+    }
+    trial = "**This is a quick trial of few levels and settings: no verdict on the paper.**"
+    parts = ["# The paper's experiments, measured again", _INTRODUCTION.strip()]
+    parts += [trial] if study.quick else []
+    parts.append("\n".join(f"- {name}: “{markdown_text(q)}”" for name, q in CLAIMS.items()))
+    for title, table in tables.items():
+        parts += [f"## {title}", markdown_table(table)]
+    parts.append("## Figures")
+    parts += [f"![Figure {n}, {p}](figure{n}_{p}.svg)" for n in (2, 3) for p in PROTOCOLS]
+    return "\n\n".join([*parts, made_with(environments)]) + "\n"
+
+
+def _write_tables(study: Study, folder: Path) -> list[Path]:
+    """Write the readings, a file for each experiment, and tables."""
+    numbers = {each.key: f"experiment{each.number}" for each in EXPERIMENTS} | {BITS_KEY: "figure3"}
+    readings: dict[str, list[dict[str, Any]]] = {}
+    for each in study.readings:
+        readings.setdefault(numbers[each.experiment], []).append(asdict(each))
+    files = [
+        _write_csv(folder / f"{name}.csv", list(rows[0]), (row.values() for row in rows))
+        for name, rows in readings.items()
     ]
+    tables = {
+        "claims": claims_table(findings(study.readings)),
+        "prototype": prototype_table(study),
+        "settings": settings_table(study),
+    }
+    for name, table in tables.items():
+        rows = ([entry.text for entry in row] for row in table.rows)
+        files.append(_write_csv(folder / f"{name}.csv", table.header, rows))
+    return files
 
 
-def _claims(study: Study) -> list[Section]:
-    found = claims(study.readings)
-    parts = [
-        Section(
-            title="The claims",
-            text=[
-                "A claim is reproduced if it holds at all levels of blur, or for all lines of "
-                f"Figure 3; for that of {GAIN:g} points “in many cases”, half of the larger blurs "
-                "are enough. It is reproduced in part if it holds at two thirds as many. The "
-                "larger blurs are the levels in the upper half of an experiment's range; levels "
-                "without any blur do not count."
-            ],
-            table=claims_table(found),
-        )
-    ]
-    for claim in found:
-        items = [
-            Item(f"{finding.way}: {finding.verdict.value}", f"{finding.text}.")
-            for finding in claim.findings
-        ]
-        parts.append(Section(title=f"“{claim.quote}”", level=3, items=items))
-    return parts
+def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> Path:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(header)
+    writer.writerows(rows)
+    return _write(path, text.getvalue())
 
 
-def _figures() -> list[Section]:
-    tied = "Window and L tied to the size of the blur, as in the paper"
-    fixed = "Window, L and penalty as they are best on the sharp pair, at all levels"
-    return [
-        Section(
-            title="Figure 2: error against blur",
-            text=[
-                "Bad pixels are those more than 1 pixel off, of those that both images see. All "
-                "methods share the shiftable windows and the dynamic programming; they differ in "
-                "what they compare two pixels by."
-            ],
-            pictures=[Picture("figure2_tied.svg", tied), Picture("figure2_fixed.svg", fixed)],
-        ),
-        Section(
-            title="Figure 3: error against the bits of the phase",
-            pictures=[Picture("figure3_tied.svg", tied), Picture("figure3_fixed.svg", fixed)],
-        ),
-        Section(
-            title=f"Figure 5: disparity maps of the third experiment at blur factor {MAPS_LEVEL:g}",
-            text=["Far is blue, near is red, gray is unknown."],
-            pictures=[Picture("figure5_tied.png", tied), Picture("figure5_fixed.png", fixed)],
-        ),
-    ]
+def _write(path: Path, text: str) -> Path:
+    with replacing(path) as file:
+        file.write(text.encode())
+    return path
 
 
-def _cases(study: Study) -> list[Section]:
-    """Return a section for each way to set the methods up: gains, and reasons where they lack."""
-    parts = [
-        Section(
-            title="Case by case",
-            text=[
-                "Gains are percentage points of bad pixels by which phase codes are better than "
-                "what the paper compares them with: SAD, and normalised SAD where the contrast "
-                "changes. Below each table is where a claim does not hold (phase codes lose, or "
-                f"gain less than {GAIN:g} points at the larger blurs), with the likely reason."
-            ],
-        )
-    ]
-    for way in WAYS:
-        found = cases(study.readings, way)
-        after = [
-            Item(f"{shortfall.name}, {levels}", f"{reason}.")
-            for shortfall in shortfalls(study.readings, found)
-            for levels, reason in shortfall.reasons
-        ]
-        title = f"{way.name[0].upper()}{way.name[1:]}"
-        parts.append(Section(title=title, level=3, table=cases_table(found), after=after))
-    return parts
+def _draw_figures(readings: Sequence[Reading], folder: Path) -> list[Path]:
+    """Draw Figures 2 and 3 in the paper's layout: a column for Cones, one for Tsukuba."""
+    files = []
+    for protocol in PROTOCOLS:
+        blur: dict[str, dict[str, dict[float, float]]] = {}
+        for each in EXPERIMENTS:
+            for scene in SCENES:
+                where = {"experiment": each.key, "scene": scene, "protocol": protocol}
+                blur[f"{scene.title()}: {each.title}, {each.symbol}"] = {
+                    method.name + (f", L = {rule}" if rule else ""): curve(
+                        readings, **where, method=method.cost, rule=rule
+                    )
+                    for _, method, rule in each.series(protocol)
+                }
+        bits: dict[str, dict[str, dict[int, float]]] = {}
+        for line in lines(readings):
+            if line.protocol == protocol:
+                panel = bits.setdefault(f"{line.scene.title()}: bits b of the phase", {})
+                panel[f"sigma = {line.sigma:g}"] = line.bad
+        files.append(_draw(blur, folder / f"figure2_{protocol}.svg"))
+        files.append(_draw(bits, folder / f"figure3_{protocol}.svg"))
+    return files
 
 
-def _bits(study: Study) -> Section:
-    text = (
-        "Bad pixels in percent by the bits b of the phase, under Gaussian blur. “Fairly constant” "
-        f"is taken to mean that they spread over no more than {FLAT:g} points. The penalty doubles "
-        "with every bit, as the distances between codes do."
-    )
-    return Section(
-        title="Figure 3 in numbers", text=[text], table=bits_table(flatness(study.readings))
-    )
+def _draw(panels: Panels, path: Path) -> Path:
+    """Draw lines by name in panels by title, two in a row."""
+    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import; measuring does without
 
-
-def _prototype(study: Study) -> Section:
-    differences = [abs(each.measured - each.figure.published) for each in study.prototype]
-    beside = [(in_figure_2(each.figure, study.readings), each) for each in study.prototype]
-    apart = [abs(value - each.figure.published) for value, each in beside if value is not None]
-    text = [
-        "An earlier prototype, in NumPy, left figures of some of these cells, but not all of its "
-        "settings: penalties, some windows, and the very shape of the motion and the disk. Those "
-        "used here were found by trying which give its figures again, so that this comparison "
-        f"tells that they can be had, not that they must be. With them {_within(differences)}.",
-        "Two columns more tell what such figures hang on. “In Figure 2, tied”: the same rules for "
-        "window and L, but the penalty that the method chose on the sharp pair, so that nothing is "
-        "fitted to the prototype's figures but the shape of the motion and the disk: "
-        f"{_within(apart)}. “By the suite's recipe”: the settings of "
-        "the prototype on images degraded as the one-sided-blur suite does, where a motion of n is "
-        "a path of n - 1 pixels, from the centre of the first to that of the last, a disk has the "
-        "radius (n - 1) / 2, and noise of 1 gray level is added. The shorter path and the smaller "
-        "disk are easier; the noise is harder on phase codes where a Gaussian leaves little.",
-        "With motion along y the prototype saw SAD ahead from n = 15 on, and noted no more. Here, "
-        f"by L = 2n + 1, SAD is ahead {_ahead_along_y(study)}.",
-    ]
-    return Section(title="Beside the prototype's figures", text=text, table=prototype_table(study))
-
-
-def _within(differences: Sequence[float]) -> str:
-    """Say how many differences are small, and the largest."""
-    close = sum(difference <= TOLERANCE for difference in differences)
-    return (
-        f"{close} of {len(differences)} figures are within {TOLERANCE:g} points, and the largest "
-        f"difference is {max(differences):.1f}"
-    )
-
-
-def _ahead_along_y(study: Study) -> str:
-    """Say from which length of a motion along y on phase codes lose."""
-    told = []
-    for scene in SCENES:
-        gains = case_of(study.readings, MOTION_Y, scene, WAYS[0]).gains
-        won = max((level for level, gain in gains.items() if gain > 0), default=0)
-        behind = [level for level in gains if level > won]
-        told.append(f"on {scene.title()} {f'from n = {behind[0]:g}' if behind else 'nowhere'}")
-    return " and ".join(told)
-
-
-def _recipe(study: Study) -> Section:
-    levels = [
-        Item(
-            f"Experiment {each.number}, {each.title}",
-            f"{each.symbol} = {_listed(levels_of(each, quick=study.quick))}; descriptor k = "
-            f"{each.power}, b = 2, r = 2, s = 1.",
-        )
-        for each in EXPERIMENTS
-    ]
-    return Section(
-        title="What was done to the images",
-        text=[
-            "The left image is degraded, the right one left as it is. Degradations act on every "
-            "channel in floating point, borders being continued by reflection, then round to 8 "
-            "bits. No noise is added.",
-        ],
-        items=[
-            *levels,
-            Item("Motion of n", "a box of exactly n pixels, whose transform is first zero at 1/n."),
-            Item("Gaussian", "cut at 4 sigma."),
-            Item(
-                "Third experiment",
-                "the image in 4 x 4 equal areas, area (i, j) showing version (i + j) mod 4 of: "
-                "0.6 I + 20; motion of n along x; I; a disk of diameter n.",
-            ),
-        ],
-    )
-
-
-def _settings(study: Study) -> Section:
-    grid = study.grid
-    penalties = "; ".join(
-        f"{method.name} {_listed(method.penalties)} {method.unit}" for method in METHODS
-    )
-    return Section(
-        title="Settings, and how they were chosen",
-        text=[
-            "No method has seen a blurred pair before: all choices were made on the sharp one, for "
-            "each pair and method by itself, and hold at all levels."
-        ],
-        items=[
-            Item(
-                "Fixed by the sharp pair",
-                f"the best of all combinations of windows of {_listed(grid.windows)} pixels, "
-                f"penalties ({penalties}) and, for phase codes, L of "
-                f"{_listed(grid.neighborhoods)} pixels.",
-            ),
-            Item(
-                "Tied to the blur",
-                "the window has the size of the blur, n or 4 sigma + 1 pixels, and L that of its "
-                f"rule, but both {SMALLEST} at least and rounded up to odd numbers. The penalty is "
-                f"the best of the same ones on the sharp pair with window and L of {SMALLEST}.",
-            ),
-            Item(
-                "The rules for L",
-                "the paper asks for twice the size of the blur or more (equation 9). For a motion "
-                "of n pixels, L = 2n + 1 puts the highest frequency of the codes, 2 / L, just "
-                "below the first zero of the motion's transform, 1 / n; L = 3n puts it at two "
-                "thirds of that. A Gaussian's transform has no zeros; L = 4 sigma + 1 holds two "
-                "standard deviations to either side.",
-            ),
-            Item(
-                "The same for all",
-                "the best of five windows, costs averaged over them, and dynamic programming along "
-                "rows under the ordering constraint, with one penalty for any change of disparity; "
-                "integer disparities, 0 to 63 on Cones and 0 to 15 on Tsukuba.",
-            ),
-            Item(
-                "Normalised SAD",
-                "every channel less its mean, over its standard deviation, in the window around "
-                "the pixel.",
-            ),
-        ],
-        table=choices_table(study),
-    )
-
-
-def _again(environments: Sequence[Mapping[str, Any]]) -> Section:
-    return Section(
-        title="Again",
-        text=[
-            "Beside this page are results.jsonl (every cell that was measured), experiment1.csv to "
-            "experiment3.csv, figure3.csv, claims.csv, prototype.csv, settings.csv, the figures as "
-            "PNG and SVG, and the disparity maps of Figure 5 as PFM in figure5_maps. All of it "
-            "comes from one command:"
-        ],
-        code="phasestereo bench paper FOLDER",
-        closing=[
-            *map(_made_with, environments),
-            "The paper: M. Pedone, J. Heikkilä, Blur and Contrast Invariant Fast Stereo Matching, "
-            "ACIVS 2008, LNCS 5259, p. 883-890. The pairs: Middlebury stereo datasets (Scharstein "
-            "& Szeliski 2002 and 2003), Tsukuba by the University of Tsukuba.",
-        ],
-    )
-
-
-def _made_with(environment: Mapping[str, Any]) -> str:
-    versions = environment["versions"].items()
-    used = ", ".join(f"{name} {version}" for name, version in versions if version)
-    commit = f", commit {environment['commit']}" if environment["commit"] else ""
-    return f"Measured on {environment['date']} on {environment['cpu']} with {used}{commit}."
-
-
-def _listed(values: Sequence[float]) -> str:
-    return ", ".join(f"{value:g}" for value in values)
+    height = len(panels) // 2
+    figure = Figure((8, 2.4 * height), layout="constrained")
+    grid = figure.subplots(height, 2, squeeze=False)
+    for axes, (title, named) in zip(grid.flat, panels.items(), strict=True):
+        for name, line in named.items():
+            axes.plot(
+                list(line),
+                list(line.values()),
+                "o-",
+                markersize=3,
+                label=name,
+                color=_RIVALS.get(name),
+            )
+        axes.set_title(title, fontsize=9)
+        axes.set_ylabel("bad pixels, %")
+        axes.set_ylim(bottom=0)
+        axes.grid(visible=True, alpha=0.3)
+        axes.legend(fontsize=6)
+    save_plot(figure, path)
+    return path

@@ -7,64 +7,49 @@ that both images see.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from phasestereo_bench.paper.blurs import Blur
-from phasestereo_bench.paper.cells import Cell
-from phasestereo_bench.paper.experiments import EXPERIMENTS, RULES, Experiment, odd
-from phasestereo_bench.paper.methods import NSAD, PHASE, SAD
+from phasestereo_bench.paper.experiments import (
+    AREAS,
+    GAUSS,
+    MOTION_X,
+    NSAD,
+    PHASE,
+    RULES,
+    SAD,
+    Experiment,
+    odd,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from phasestereo_bench.paper.methods import Method
+    from phasestereo.settings import Settings
+    from phasestereo_bench.paper.experiments import Method
 
-__all__ = ["TOLERANCE", "Figure", "figures"]
-
-TOLERANCE = 2.0
-"""Percentage points by which a figure may differ from the prototype's."""
+__all__ = ["Figure", "figures"]
 
 
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """One figure of the prototype.
+class Figure(NamedTuple):
+    """One figure of the prototype: what it is of, its settings, and the %.
 
-    Attributes
-    ----------
-    experiment, level
-        What it is of.
-    method
-        Whose it is.
-    rule
-        How L follows from the level, or L itself; empty for methods without.
-    published
-        The figure, %.
-    cell
-        The same here.
+    `rule` is how L follows from the level, or L itself; empty for methods without.
     """
 
+    scene: str
     experiment: Experiment
     level: float
     method: Method
     rule: str
+    settings: Settings
     published: float
-    cell: Cell
-
-    @property
-    def suite_cell(self) -> Cell:
-        """The same degraded by the recipe of the one-sided-blur suite."""
-        experiment, cell = self.experiment, self.cell
-        if experiment.is_sharp(self.level):
-            return cell
-        return Cell(cell.scene, Blur(experiment.kind, self.level, "suite"), cell.settings)
 
 
 class _Row(NamedTuple):
     """Figures of one method by level; a window of None is that of the protocol "tied"."""
 
     scene: str
-    experiment: str
+    experiment: Experiment
     method: Method
     rule: str
     penalty: float
@@ -75,22 +60,22 @@ class _Row(NamedTuple):
 # In the third experiment the prototype gave phase codes a smaller window than their rivals, and on
 # each pair the penalty that was the best on the sharp one.
 _ROWS = (
-    _Row("cones", "motion_x", PHASE, "2n + 1", 1, {7: 20.7, 11: 32.0, 15: 42.3, 21: 52.0}),
-    _Row("cones", "motion_x", SAD, "", 20, {7: 35.7, 11: 43.3, 15: 48.5, 21: 58.4}),
-    _Row("cones", "motion_x", NSAD, "", 0.5, {7: 64, 21: 81}),
-    _Row("cones", "motion_x", PHASE, "n", 0.5, {7: 55, 21: 78}),
-    _Row("tsukuba", "motion_x", PHASE, "3n", 1, {7: 11.8, 11: 18.2, 15: 26.5, 21: 34.4}),
-    _Row("tsukuba", "motion_x", SAD, "", 20, {7: 9.7, 11: 22.5, 15: 31.2, 21: 42.1}),
-    _Row("cones", "gauss", PHASE, "4 sigma + 1", 0.5, {2: 16.4, 3: 23.7, 4: 32.3, 5: 38.0}),
-    _Row("cones", "gauss", SAD, "", 20, {2: 28.4, 3: 37.7, 4: 45.6, 5: 51.4}),
-    _Row("tsukuba", "gauss", PHASE, "7", 1, {0: 5.3}),
-    _Row("tsukuba", "gauss", SAD, "", 20, {0: 2.9}),
-    _Row("cones", "areas", PHASE, "21", 0.5, {11: 29.8}, window=9),
-    _Row("cones", "areas", SAD, "", 20, {11: 44.0}),
-    _Row("cones", "areas", NSAD, "", 0.5, {11: 38.4}),
-    _Row("tsukuba", "areas", PHASE, "21", 2, {11: 18.1}, window=9),
-    _Row("tsukuba", "areas", SAD, "", 20, {11: 19.9}),
-    _Row("tsukuba", "areas", NSAD, "", 0.5, {11: 24.6}),
+    _Row("cones", MOTION_X, PHASE, "2n + 1", 1, {7: 20.7, 11: 32.0, 15: 42.3, 21: 52.0}),
+    _Row("cones", MOTION_X, SAD, "", 20, {7: 35.7, 11: 43.3, 15: 48.5, 21: 58.4}),
+    _Row("cones", MOTION_X, NSAD, "", 0.5, {7: 64, 21: 81}),
+    _Row("cones", MOTION_X, PHASE, "n", 0.5, {7: 55, 21: 78}),
+    _Row("tsukuba", MOTION_X, PHASE, "3n", 1, {7: 11.8, 11: 18.2, 15: 26.5, 21: 34.4}),
+    _Row("tsukuba", MOTION_X, SAD, "", 20, {7: 9.7, 11: 22.5, 15: 31.2, 21: 42.1}),
+    _Row("cones", GAUSS, PHASE, "4 sigma + 1", 0.5, {2: 16.4, 3: 23.7, 4: 32.3, 5: 38.0}),
+    _Row("cones", GAUSS, SAD, "", 20, {2: 28.4, 3: 37.7, 4: 45.6, 5: 51.4}),
+    _Row("tsukuba", GAUSS, PHASE, "7", 1, {0: 5.3}),
+    _Row("tsukuba", GAUSS, SAD, "", 20, {0: 2.9}),
+    _Row("cones", AREAS, PHASE, "21", 0.5, {11: 29.8}, window=9),
+    _Row("cones", AREAS, SAD, "", 20, {11: 44.0}),
+    _Row("cones", AREAS, NSAD, "", 0.5, {11: 38.4}),
+    _Row("tsukuba", AREAS, PHASE, "21", 2, {11: 18.1}, window=9),
+    _Row("tsukuba", AREAS, SAD, "", 20, {11: 19.9}),
+    _Row("tsukuba", AREAS, NSAD, "", 0.5, {11: 24.6}),
 )
 
 
@@ -100,15 +85,14 @@ def figures() -> list[Figure]:
 
 
 def _figure(row: _Row, level: float) -> Figure:
-    experiment = next(each for each in EXPERIMENTS if each.key == row.experiment)
     settings = row.method.settings(
-        window=row.window or experiment.window(level),
+        window=row.window or row.experiment.window(level),
         penalty=row.penalty,
         neighborhood=_side(row.rule, level),
-        power=experiment.power,
+        power=row.experiment.power,
     )
-    cell = Cell(row.scene, experiment.blur(level), settings)
-    return Figure(experiment, level, row.method, row.rule, row.published[level], cell)
+    published = row.published[level]
+    return Figure(row.scene, row.experiment, level, row.method, row.rule, settings, published)
 
 
 def _side(rule: str, level: float) -> int | None:
