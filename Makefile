@@ -11,7 +11,7 @@ CORE := python/phasestereo/_core.abi3.so
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
 
-demo: $(CORE) ## Render a pair, spoil one image, match it, print the score, write pictures and a report
+demo: $(VENV)/harness ## Render a pair, spoil one image, match it, print the score, write pictures and a report
 	$(BIN)/phasestereo demo --output demo
 
 test: $(VENV)/counterparts ## Run all the tests (PHASESTEREO_DATA: the folder of real pairs, default ../shared)
@@ -38,7 +38,7 @@ format: $(VENV)/ready ## Format the code
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
 
-bench: $(CORE) ## Time a match against OpenCV, in a quarter of an hour (PHASESTEREO_DATA as above)
+bench: $(VENV)/harness ## Time a match against OpenCV, in a quarter of an hour (PHASESTEREO_DATA as above)
 	PHASESTEREO_DATA="$${PHASESTEREO_DATA:-../shared}" $(BIN)/phasestereo bench speed --output speed/speed.jsonl $(ARGS)
 
 bench-core: ## Time each stage of the core (make bench-core ARGS=optimization: one of them)
@@ -66,10 +66,14 @@ $(VENV)/ready: pyproject.toml
 	$(BIN)/pip install --quiet --group dev
 	touch $@
 
-$(VENV)/counterparts: $(CORE)
+$(VENV)/counterparts: $(VENV)/harness
 	$(BIN)/pip install --quiet --group counterparts
 	touch $@
 
 $(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs)
-	$(BIN)/pip install --quiet --no-build-isolation --editable '.[demo]'
+	$(BIN)/pip install --quiet --no-build-isolation --editable .
+	touch $@
+
+$(VENV)/harness: $(CORE) benches/harness/pyproject.toml
+	$(BIN)/pip install --quiet --editable benches/harness
 	touch $@

@@ -25,7 +25,7 @@ import rasterio
 from rasterio.windows import Window
 
 import phasestereo as ps
-from phasestereo.datasets import find_scenes
+from phasestereo_bench.datasets import find_scenes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

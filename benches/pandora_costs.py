@@ -21,13 +21,13 @@ import numpy as np
 import pandora
 import xarray
 
-from phasestereo.datasets import find_scene
-from phasestereo.degradation import suite
+from phasestereo_bench.datasets import find_scene
+from phasestereo_bench.degradation import suite
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from phasestereo.datasets import Pair
+    from phasestereo_bench.datasets import Pair
 
 SCENES = "tsukuba", "venus", "cones"
 BORDER = 10

@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 
 import phasestereo as ps
-from phasestereo.datasets import find_scenes
-from phasestereo.degradation import suite
+from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench.degradation import suite
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 

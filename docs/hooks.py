@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import pictures  # noqa: F401  # the examples that the build runs ask for it
 from mkdocs.structure.files import File
 
-from phasestereo import rendering
+from phasestereo_bench import rendering
 
 if TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig

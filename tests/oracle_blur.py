@@ -16,7 +16,7 @@ import numpy as np
 
 import oracle
 import phasestereo as ps
-from phasestereo.degradation import disk_psf, gaussian_psf, motion_psf
+from phasestereo_bench.degradation import disk_psf, gaussian_psf, motion_psf
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

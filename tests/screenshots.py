@@ -17,9 +17,9 @@ from selenium import webdriver
 
 import phasestereo as ps
 from browser import Browser, running
-from phasestereo.degradation import Degradation, disk_psf
 from phasestereo.pair_page import write_pair_page
-from phasestereo.rendering import render_pair
+from phasestereo_bench.degradation import Degradation, disk_psf
+from phasestereo_bench.rendering import render_pair
 
 if TYPE_CHECKING:
     from collections.abc import Callable

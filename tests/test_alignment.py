@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from phasestereo import degradation
-from phasestereo.datasets import find_scene
 from phasestereo.estimation import measure_alignment
+from phasestereo_bench import degradation
+from phasestereo_bench.datasets import find_scene
 from warping import moved
 
 if TYPE_CHECKING:

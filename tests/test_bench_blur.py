@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from phasestereo import io
-from phasestereo.bench import blur as bench
-from phasestereo.bench import read_store
-from phasestereo.datasets import find_scenes
-from phasestereo.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
+from phasestereo_bench import blur as bench
+from phasestereo_bench import read_store
+from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from phasestereo.datasets import Scene
+    from phasestereo_bench.datasets import Scene
 
 cli = pytest.importorskip("phasestereo.cli")
 for module in ("scipy", "PIL"):
@@ -313,7 +313,7 @@ def test_a_failure_is_recorded_and_told(
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("no luck")
 
-    monkeypatch.setattr("phasestereo.bench.blur.trials.estimate_blur", fail)
+    monkeypatch.setattr("phasestereo_bench.blur.trials.estimate_blur", fail)
     code, out, err = run("blur", tree, "--every", 40, "--workers", 0)
     assert (code, out) == (1, "")
     told = "3 of 3 trials failed, the first of them none 0 on squares: RuntimeError: no luck"

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from phasestereo import io
-from phasestereo.bench import SUITES
-from phasestereo.bench.cases import SUITE_SCENES, Case, load
-from phasestereo.datasets import find_scenes
-from phasestereo.degradation import Degradation, disk_psf, suite
+from phasestereo_bench import SUITES
+from phasestereo_bench.cases import SUITE_SCENES, Case, load
+from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench.degradation import Degradation, disk_psf, suite
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from phasestereo.datasets import Scene
+    from phasestereo_bench.datasets import Scene
 
 for module in ("scipy", "PIL"):
     pytest.importorskip(module)

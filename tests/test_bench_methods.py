@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from phasestereo.bench import Method, available, method, opencv, run_middlebury
-from phasestereo.bench.methods import BASELINES
-from phasestereo.datasets import find_scenes
-from phasestereo.demo import SGBM
+from phasestereo_bench import Method, available, method, opencv, run_middlebury
+from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench.demo import SGBM
+from phasestereo_bench.methods import BASELINES
 from test_bench_cases import plant
 
 if TYPE_CHECKING:

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from phasestereo import bench, io, metrics
-from phasestereo.bench import Method, read_store, run_middlebury
-from phasestereo.bench.cases import SUITE_SCENES, Case
-from phasestereo.bench.middlebury import middlebury_jobs
-from phasestereo.datasets import find_scenes
-from phasestereo.degradation import Degradation, disk_psf
+import phasestereo_bench as bench
+from phasestereo import io, metrics
 from phasestereo.roc import roc_area
+from phasestereo_bench import Method, read_store, run_middlebury
+from phasestereo_bench.cases import SUITE_SCENES, Case
+from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench.degradation import Degradation, disk_psf
+from phasestereo_bench.middlebury import middlebury_jobs
 from test_bench_cases import SHIFT, plant
 from test_bench_methods import own
 from test_bench_runner import start, wait_for_record
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from phasestereo.datasets import Scene
+    from phasestereo_bench.datasets import Scene
 
 cli = pytest.importorskip("phasestereo.cli")
 for module in ("scipy", "PIL"):
@@ -274,7 +275,7 @@ def test_defaults_are_the_whole_suite(scenes: list[Scene]) -> None:
 def test_without_opencv_the_suite_is_ours(
     scenes: list[Scene], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("phasestereo.bench.methods._opencv_is_installed", lambda: False)
+    monkeypatch.setattr("phasestereo_bench.methods._opencv_is_installed", lambda: False)
     methods = {str(job.key["method"]) for job in middlebury_jobs(scenes)}
     assert {name.partition(":")[0] for name in methods} == {"robust", "paper"}
 
@@ -464,23 +465,6 @@ def _convert(source: Path, target: Path) -> None:
     io.write_image(target, io.read_image(source))
 
 
-def test_command_downloads(
-    run: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[str] = []
-
-    def download(collection: str, *, progress: object) -> Path:
-        assert progress is None, "nobody looks"
-        asked.append(collection)
-        return tree
-
-    monkeypatch.setattr("phasestereo.cli.bench_scenes.download", download)
-    options = "--degradation", "sharp", "--method", f"{HERE}:sparse", "--workers", "0"
-    assert run("--download", "2001", "MiddEval3-Q", *options)[0] == 0
-    assert asked == ["2001", "MiddEval3-Q"]
-    assert _scenes("results.jsonl") == ["one", "three"]
-
-
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
@@ -502,7 +486,6 @@ def test_command_downloads(
         (("data", "-o", "taken.txt"), 1, "taken.txt: not a file of benchmark results"),
         (("data", "-o", "taken.txt", "--fresh"), 1, "taken.txt: not a file of benchmark results"),
         (("data", "-o", "nowhere/a.jsonl"), 1, "nowhere/a.jsonl: No such file"),
-        (("--download", "2002"), 1, "collection must be one of"),
     ],
 )
 @pytest.mark.usefixtures("tree")

@@ -14,14 +14,15 @@ import pytest
 
 from html_page import Page
 from phasestereo import metrics
-from phasestereo.bench.cases import SUITE_SCENES, SUITES
-from phasestereo.bench.report import METRICS, fill_document, read_results, write_report
-from phasestereo.bench.report.cells import Place
-from phasestereo.bench.report.markdown import fill_markers, markdown_table, markdown_text
-from phasestereo.bench.report.origin import commands, explain, origin
-from phasestereo.bench.report.plots import styles
-from phasestereo.bench.report.sharp import explain_v3, sharp_tables, v2_table, v3_table
-from phasestereo.bench.report.tables import (
+from phasestereo_bench.cases import SUITE_SCENES, SUITES
+from phasestereo_bench.datasets import find_scene, find_scenes
+from phasestereo_bench.report import METRICS, fill_document, read_results, write_report
+from phasestereo_bench.report.cells import Place
+from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
+from phasestereo_bench.report.origin import commands, explain, origin
+from phasestereo_bench.report.plots import styles
+from phasestereo_bench.report.sharp import explain_v3, sharp_tables, v2_table, v3_table
+from phasestereo_bench.report.tables import (
     Entry,
     Table,
     cost_table,
@@ -32,12 +33,11 @@ from phasestereo.bench.report.tables import (
     scene_table,
     settings_table,
 )
-from phasestereo.datasets import find_scene, find_scenes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from phasestereo.bench.report.results import Results
+    from phasestereo_bench.report.results import Results
 
 for module in ("matplotlib", "jinja2", "PIL"):
     pytest.importorskip(module)

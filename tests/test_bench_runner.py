@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from phasestereo.bench import Job, read_store, run
-from phasestereo.bench.environment import _commit, describe_environment, usable_cpus
-from phasestereo.bench.measurement import measured
+from phasestereo_bench import Job, read_store, run
+from phasestereo_bench.environment import _commit, describe_environment, usable_cpus
+from phasestereo_bench.measurement import measured
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -126,7 +126,7 @@ def test_one_line_per_environment(store: Path, monkeypatch: pytest.MonkeyPatch) 
     run([job("a", square, number=1)], store, workers=0)
     run([job("b", square, number=1)], store, workers=0)
     elsewhere = {**describe_environment(), "id": "0123456789ab"}
-    monkeypatch.setattr("phasestereo.bench.runner.describe_environment", lambda: elsewhere)
+    monkeypatch.setattr("phasestereo_bench.runner.describe_environment", lambda: elsewhere)
     record = run([job("c", square, number=1)], store, workers=0)[0]
     assert record["environment"] == "0123456789ab"
     kinds = [line["kind"] for line in read_store(store)]
@@ -318,7 +318,7 @@ INTERRUPTED = """
 import sys
 from pathlib import Path
 from test_bench_runner import job, nap, square
-from phasestereo.bench import run
+from phasestereo_bench import run
 run([job("quick", square, number=1), *(job(f"{n}", nap, seconds=600) for n in range(3))],
     Path(sys.argv[1]), workers=2)
 """
@@ -337,13 +337,14 @@ def test_ctrl_c_keeps_what_is_finished(store: Path) -> None:
 
 def start(command: list[str], **variables: str) -> subprocess.Popen[str]:
     """Start a process which finds the tests, in a group of its own."""
+    path = os.pathsep.join(filter(None, [str(HERE), os.environ.get("PYTHONPATH")]))
     return subprocess.Popen(  # noqa: S603 - our own interpreter on our own code
         command,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env={**os.environ, "PYTHONPATH": str(HERE), **variables},
+        env={**os.environ, "PYTHONPATH": path, **variables},
     )
 
 
@@ -384,7 +385,7 @@ def test_environment_names_what_matters() -> None:
 
 def test_environments_differ_by_what_is_in_them(monkeypatch: pytest.MonkeyPatch) -> None:
     here = describe_environment()["id"]
-    monkeypatch.setattr("phasestereo.bench.environment._cpu", lambda: "another")
+    monkeypatch.setattr("phasestereo_bench.environment._cpu", lambda: "another")
     assert describe_environment()["id"] != here
 
 

@@ -14,19 +14,19 @@ import numpy as np
 import pytest
 
 from phasestereo import _core, io
-from phasestereo.bench import read_store
-from phasestereo.bench import speed as bench
-from phasestereo.bench.environment import usable_cpus
-from phasestereo.bench.speed import contenders, memory, pairs, records, rounds
-from phasestereo.bench.speed.affinity import pinned
-from phasestereo.rendering import render_pair
 from phasestereo.settings import PRESETS
+from phasestereo_bench import read_store
+from phasestereo_bench import speed as bench
+from phasestereo_bench.environment import usable_cpus
+from phasestereo_bench.rendering import render_pair
+from phasestereo_bench.speed import contenders, memory, pairs, records, rounds
+from phasestereo_bench.speed.affinity import pinned
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from phasestereo.bench.speed import GrayPair
+    from phasestereo_bench.speed import GrayPair
 
 cv2 = pytest.importorskip("cv2")
 cli = pytest.importorskip("phasestereo.cli")

@@ -12,14 +12,14 @@ import pytest
 import oracle
 import oracle_blur
 import phasestereo as ps
-from phasestereo.degradation import Degradation, disk_psf, gaussian_psf, motion_psf, suite
+from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf, suite
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from phasestereo.datasets import Pair
+    from phasestereo_bench.datasets import Pair
 
     Image = NDArray[np.uint8]
 
@@ -76,7 +76,7 @@ def likeness(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 
 def load(data: Path, name: str) -> Pair:
-    from phasestereo.datasets import find_scene  # noqa: PLC0415  # needs Pillow, which may be missing
+    from phasestereo_bench.datasets import find_scene  # noqa: PLC0415  # needs Pillow, which may be missing
 
     return find_scene(data / "middlebury", name).load()
 
@@ -156,8 +156,8 @@ def test_masks_and_other_searches_are_as_the_oracle_has_them() -> None:
 
 
 def trial(data: Path, name: str, blur: tuple[str, float, float], *, side: str, noise: float) -> Any:
-    from phasestereo.bench import blur as bench  # noqa: PLC0415  # needs Pillow, which may be missing
-    from phasestereo.datasets import find_scene  # noqa: PLC0415  # likewise
+    from phasestereo_bench import blur as bench  # noqa: PLC0415  # needs Pillow, which may be missing
+    from phasestereo_bench.datasets import find_scene  # noqa: PLC0415  # likewise
 
     family, size, angle = blur
     tried = bench.Trial(find_scene(data / "middlebury", name), family, size, angle, side, noise)

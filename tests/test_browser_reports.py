@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from conftest import counterpart
-from phasestereo.bench.report import read_results, write_report
-from phasestereo.demo import run_demo, write_demo
+from phasestereo_bench.demo import run_demo, write_demo
+from phasestereo_bench.report import read_results, write_report
 from test_bench_report import record, store
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import oracle
 import phasestereo as ps
 from phasestereo import surveying
 from phasestereo.metrics import bad_pixels
-from phasestereo.rendering import render_pair
+from phasestereo_bench.rendering import render_pair
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,8 +18,8 @@ import pytest
 
 import phasestereo as ps
 from phasestereo import __main__, io, metrics
-from phasestereo.datasets import find_scene
 from phasestereo.picture import NEUTRAL, disparity_picture
+from phasestereo_bench.datasets import find_scene
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

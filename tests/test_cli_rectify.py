@@ -12,7 +12,7 @@ import pytest
 import phasestereo as ps
 from conftest import counterpart
 from phasestereo import io
-from phasestereo.rendering import render_pair
+from phasestereo_bench.rendering import render_pair
 from rigs import SIZE, cv2, made_up
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from phasestereo import metrics
-from phasestereo.datasets import LAYOUTS, Pair, Scene, find_scene, find_scenes
 from phasestereo.io import write_disparity, write_image
+from phasestereo_bench.datasets import LAYOUTS, Pair, Scene, find_scene, find_scenes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

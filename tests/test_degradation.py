@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phasestereo import degradation as dg
+from phasestereo_bench import degradation as dg
 
 if TYPE_CHECKING:
     from collections.abc import Callable

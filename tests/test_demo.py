@@ -12,9 +12,9 @@ import pytest
 
 from html_page import Page
 from phasestereo import io
-from phasestereo.demo import METHODS, SGBM, Demo, run_demo, verdict, write_demo
 from phasestereo.metrics import bad_pixels
 from phasestereo.report import data_uri, render_page
+from phasestereo_bench.demo import METHODS, SGBM, Demo, run_demo, verdict, write_demo
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -155,7 +155,7 @@ def test_demo_command(
     cli = pytest.importorskip("phasestereo.cli")
     opened: list[str] = []
     monkeypatch.setattr(
-        "phasestereo.cli.demo.run_demo", lambda seed, **_: replace(small, seed=seed)
+        "phasestereo_bench.cli.demo.run_demo", lambda seed, **_: replace(small, seed=seed)
     )
     monkeypatch.setattr("webbrowser.open", opened.append)
     assert cli.run(["demo", "--output", str(tmp_path / "out"), "--seed", "7"]) == 0
@@ -181,18 +181,18 @@ def test_demo_command_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 def test_pages_escape_text(small: Demo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("phasestereo.demo.trials.verdict", lambda _: "a < b & c")
+    monkeypatch.setattr("phasestereo_bench.demo.trials.verdict", lambda _: "a < b & c")
     assert "a &lt; b &amp; c" in write_demo(small, tmp_path)[-1].read_text("utf-8")
 
 
 def test_pages_have_no_gaps(small: Demo) -> None:
     jinja2 = pytest.importorskip("jinja2")
     with pytest.raises(jinja2.UndefinedError):
-        render_page("demo.html.j2", demo=small)
+        render_page("demo.html.j2", package="phasestereo_bench", demo=small)
 
 
 def test_opencv_is_optional(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("phasestereo.demo.trials.find_spec", lambda _: None)
+    monkeypatch.setattr("phasestereo_bench.demo.trials.find_spec", lambda _: None)
     demo = run_demo(0, height=40, width=60, num_disparities=8)
     assert tuple(outcome.method for outcome in demo.outcomes) == METHODS
 

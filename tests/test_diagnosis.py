@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from phasestereo import degradation
 from phasestereo.blur import Blur, BlurEstimate
-from phasestereo.datasets import find_scene
 from phasestereo.diagnosis import Diagnosis, check
+from phasestereo_bench import degradation
+from phasestereo_bench.datasets import find_scene
 from warping import moved
 
 if TYPE_CHECKING:

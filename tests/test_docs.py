@@ -22,7 +22,7 @@ from conftest import counterpart
 from documentation import PAGES, ROOT, Block, blocks, commands, name
 from phasestereo.io import Calibration, read_image, write_disparity, write_image
 from phasestereo.metrics import bad_pixels
-from phasestereo.rendering import render_pair
+from phasestereo_bench.rendering import render_pair
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -204,10 +204,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for module in ("mkdocs", "material", "mkdocstrings", "markdown_exec"):
         counterpart(module)
     folder = tmp_path_factory.mktemp("site")
+    path = os.pathsep.join(str(ROOT / place) for place in ("python", "benches/harness"))
     finished = subprocess.run(  # noqa: S603  # our own interpreter
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
         cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT / "python"), "NO_MKDOCS_2_WARNING": "1"},
+        env=os.environ | {"PYTHONPATH": path, "NO_MKDOCS_2_WARNING": "1"},
         capture_output=True,
         text=True,
         check=False,

@@ -12,8 +12,8 @@ import pytest
 import phasestereo as ps
 from conftest import counterpart
 from phasestereo import labelled
-from phasestereo.datasets import find_scene
-from phasestereo.rendering import render_pair
+from phasestereo_bench.datasets import find_scene
+from phasestereo_bench.rendering import render_pair
 
 xarray = counterpart("xarray")
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from phasestereo.datasets import Pair
+    from phasestereo_bench.datasets import Pair
 
 COUNT = 16
 

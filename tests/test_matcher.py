@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 import oracle
 import oracle_refinement as refinement
 import phasestereo as ps
-from phasestereo.datasets import find_scene
 from phasestereo.metrics import bad_pixels
+from phasestereo_bench.datasets import find_scene
 from test_descriptor import decoded
 from test_refinement import two_surfaces
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from phasestereo import metrics
-from phasestereo.datasets import Pair
+from phasestereo_bench.datasets import Pair
 
 if TYPE_CHECKING:
     from collections.abc import Callable

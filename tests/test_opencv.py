@@ -13,7 +13,6 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
-from phasestereo.datasets import find_scene
 from phasestereo.metrics import bad_pixels
 from phasestereo.opencv import (
     StereoPhase,
@@ -21,13 +20,14 @@ from phasestereo.opencv import (
     createDisparityWLSFilter,
     createRightMatcher,
 )
-from phasestereo.rendering import render_pair
+from phasestereo_bench.datasets import find_scene
+from phasestereo_bench.rendering import render_pair
 from test_matcher import noise_pair
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from phasestereo.datasets import Pair
+    from phasestereo_bench.datasets import Pair
 
 cv2 = counterpart("cv2")
 pytest.importorskip("scipy")

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tarfile
 import tomllib
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,16 +23,15 @@ import phasestereo as ps
 from conftest import ROOT, counterpart
 from phasestereo import labelled
 from phasestereo._extras import require
-from phasestereo.bench.opencv import match_sgbm
 from phasestereo.io import read_image, write_geotiff
 from phasestereo.picture import colorize
-from phasestereo.rendering import render_pair
 from phasestereo.report import render_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 PACKAGE = ROOT / "python/phasestereo"
+HARNESS = ROOT / "benches/harness"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 WANTED = [
@@ -40,7 +39,6 @@ WANTED = [
     "io",
     "plot",
     "report",
-    "bench",
     "opencv",
     "rectify",
     "live",
@@ -49,8 +47,6 @@ WANTED = [
     "batch",
     "dask",
     "large",
-    "download",
-    "demo",
     "rerun",
     "all",
 ]
@@ -113,7 +109,7 @@ def test_an_import_loads_none_of_what_only_some_need() -> None:
     )
     ours = {name.split(".")[1] for name in loaded if name.startswith("phasestereo.")}
     assert "_core" in ours
-    others = {"cli", "bench", "demo", "rendering", "datasets", "io", "picture", "streaming"}
+    others = {"cli", "io", "picture", "streaming"}
     assert ours & (others | {"diagnosis", "estimation", "triangulation"}) == set()
 
 
@@ -246,7 +242,7 @@ INSTALLED = metadata.packages_distributions()
 
 def test_the_source_was_read() -> None:
     found = {(module, extra) for _, module, extra in ASKED}
-    assert {("PIL.Image", "io"), ("cyclopts", "cli"), ("scipy", "demo"), ("cv2", "opencv")} <= found
+    assert {("PIL.Image", "io"), ("cyclopts", "cli"), ("cv2", "rectify")} <= found
 
 
 @pytest.mark.parametrize(("module", "extra"), sorted({(m, e) for _, m, e in ASKED}))
@@ -286,7 +282,12 @@ def test_an_error_inside_an_optional_package_is_not_taken_for_its_absence(
 
 
 def test_every_command_that_is_named_installs_something() -> None:
-    files = [*PACKAGE.rglob("*.py"), ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    files = [
+        *PACKAGE.rglob("*.py"),
+        *HARNESS.rglob("*.py"),
+        ROOT / "README.md",
+        *(ROOT / "docs").rglob("*.md"),
+    ]
     named = {
         extra
         for path in files
@@ -345,15 +346,7 @@ def _colour(_: Path) -> object:
 
 
 def _page(_: Path) -> object:
-    return render_page("demo.html.j2")
-
-
-def _render(_: Path) -> object:
-    return render_pair(0, height=32, width=32, num_disparities=8)
-
-
-def _rival(_: Path) -> object:
-    return match_sgbm(np.zeros((32, 32, 3), np.uint8), np.zeros((32, 32, 3), np.uint8), 16)
+    return render_page("pair.html.j2")
 
 
 def _film(folder: Path) -> object:
@@ -380,8 +373,6 @@ CALLS = [
     ("matplotlib", "plot", _colour),
     ("matplotlib", "plot", lambda _: ps.plot.disparity(np.ones((8, 8), np.float32))),
     ("jinja2", "report", _page),
-    ("scipy", "bench", _render),
-    ("cv2", "opencv", _rival),
     ("cv2", "opencv", _filter),
     ("cv2", "live", lambda _: ps.stream(0, num_disparities=16)),
     ("av", "live", _film),
@@ -436,6 +427,72 @@ def test_the_command_with_its_extra_starts() -> None:
     finished = run("-c", f"import sys\n{MAIN}")
     assert (finished.returncode, finished.stderr) == (0, "")
     assert re.fullmatch(r"\d+\.\d+\.\d+\S*\n", finished.stdout)
+
+
+# The harness, which is a distribution of its own
+
+
+HARNESS_PROJECT = tomllib.loads((HARNESS / "pyproject.toml").read_text("utf-8"))["project"]
+
+
+def test_the_package_holds_and_imports_nothing_of_the_harness() -> None:
+    assert [path.name for path in PACKAGE.parent.iterdir() if path.is_dir()] == ["phasestereo"]
+    trees = dict(sources())
+    assert len(trees) > 50
+    imported = [
+        f"{path}:{node.lineno}"
+        for path, tree in trees.items()
+        for node in ast.walk(tree)  # what is imported for types, too
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        and "phasestereo_bench" in ast.unparse(node)
+    ]
+    assert imported == []
+
+
+def test_the_harness_is_made_for_this_version_and_asks_for_what_it_imports() -> None:
+    core = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["package"]["version"]
+    asked = {one.name: one for one in map(Requirement, HARNESS_PROJECT["dependencies"])}
+    ours = asked.pop("phasestereo")
+    assert (HARNESS_PROJECT["version"], str(ours.specifier)) == (core, f"=={core}")
+    there = {canonicalize_name(name) for name in asked}.union(*map(brought, ours.extras))
+    freely = {"phasestereo", "phasestereo_bench", "numpy", *sys.stdlib_module_names}
+    imported = {
+        canonicalize_name(DISTRIBUTIONS.get(name, name))
+        for path in HARNESS.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for _, name in _imports(ast.Module([node], []))
+        if name not in freely
+    }
+    assert {"scipy", "cyclopts"} <= imported <= with_theirs(there)
+
+
+@pytest.mark.parametrize("arguments", [["demo"], ["bench", "speed", "--pairs", "rendered"]])
+def test_a_command_of_the_harness_says_how_to_get_it_where_it_is_missing(
+    arguments: list[str],
+) -> None:
+    counterpart("cyclopts")
+    finished = run("-c", f"{WITHOUT_OTHERS}sys.argv[1:] = {arguments}\nsys.exit(main())")
+    told = "this command is not installed; it comes with: pip install phasestereo-bench"
+    assert (finished.returncode, finished.stdout) == (1, "")
+    assert finished.stderr == f"phasestereo: error: {told}\n"
+
+
+WITHOUT_OTHERS = """
+import sys
+from importlib import import_module, metadata
+metadata.entry_points = lambda **_: ()
+from phasestereo.__main__ import main
+"""
+
+
+def test_the_commands_of_the_harness_are_declared_and_there() -> None:
+    cli = pytest.importorskip("phasestereo.cli")
+    declared = HARNESS_PROJECT["entry-points"][cli.COMMANDS]
+    assert declared.keys() == cli.HARNESS.keys()
+    for place in declared.values():
+        module, _, name = place.partition(":")
+        assert callable(getattr(import_module(module), name))
 
 
 # Types

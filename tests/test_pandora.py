@@ -12,9 +12,9 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
-from phasestereo.datasets import Pair, find_scene
-from phasestereo.degradation import convolve, gaussian_psf
-from phasestereo.rendering import render_pair
+from phasestereo_bench.datasets import Pair, find_scene
+from phasestereo_bench.degradation import convolve, gaussian_psf
+from phasestereo_bench.rendering import render_pair
 
 pandora = counterpart("pandora")
 plugin = counterpart("phasestereo.pandora_plugin")

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from phasestereo import degradation, io
+from phasestereo import io
 from phasestereo._images import as_pair
-from phasestereo.datasets import find_scene
 from phasestereo.photometry import fractions, low_texture, response, saturation
 from phasestereo.reduction import reduced
+from phasestereo_bench import degradation
+from phasestereo_bench.datasets import find_scene
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,16 +14,16 @@ import pytest
 
 import oracle
 import phasestereo as ps
-from phasestereo.bench.cases import SUITES
-from phasestereo.datasets import find_scene
 from phasestereo.metrics import bad_pixels, middlebury_v2, subpixel
-from phasestereo.rendering import render_pair
 from phasestereo.roc import roc_area
+from phasestereo_bench.cases import SUITES
+from phasestereo_bench.datasets import find_scene
+from phasestereo_bench.rendering import render_pair
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from phasestereo.datasets import Pair
+    from phasestereo_bench.datasets import Pair
 
 for module in ("scipy", "PIL"):
     pytest.importorskip(module)
@@ -85,7 +85,7 @@ def test_robust_where_the_left_image_is_blurred(data: Path, name: str) -> None:
 def test_robust_beats_semi_global_block_matching_in_every_region(data: Path) -> None:
     """On sharp pairs; in means over the scenes there was half of its errors."""
     pytest.importorskip("cv2")
-    from phasestereo.bench.opencv import match_sgbm  # noqa: PLC0415  # only where OpenCV is
+    from phasestereo_bench.opencv import match_sgbm  # noqa: PLC0415  # only where OpenCV is
 
     ours, theirs = [], []
     for name in ("tsukuba", "venus", "cones"):

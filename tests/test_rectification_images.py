@@ -9,7 +9,7 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
-from phasestereo.rendering import render_pair
+from phasestereo_bench.rendering import render_pair
 from rigs import EXACT, Lens, cv2, euroc, euroc_frames, of_opencv, row_errors, turned
 
 if TYPE_CHECKING:

@@ -8,26 +8,26 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from phasestereo.rendering import render_pair
-from phasestereo.rendering.camera import LEFT, RIGHT, Camera
-from phasestereo.rendering.casting import (
+from phasestereo_bench.rendering import render_pair
+from phasestereo_bench.rendering.camera import LEFT, RIGHT, Camera
+from phasestereo_bench.rendering.casting import (
     cast,
     disparities,
     near_jumps,
     visible_in_both,
     windows,
 )
-from phasestereo.rendering.light import exposure_of, light_falling_on, photograph
-from phasestereo.rendering.scenery import furnish
-from phasestereo.rendering.shapes import Ellipsoid, Frustum, Patch
-from phasestereo.rendering.textures import Studio, Texture, fractal, look_up
+from phasestereo_bench.rendering.light import exposure_of, light_falling_on, photograph
+from phasestereo_bench.rendering.scenery import furnish
+from phasestereo_bench.rendering.shapes import Ellipsoid, Frustum, Patch
+from phasestereo_bench.rendering.textures import Studio, Texture, fractal, look_up
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from phasestereo.datasets import Pair
-    from phasestereo.rendering.light import Scene
-    from phasestereo.rendering.shapes import Shape
+    from phasestereo_bench.datasets import Pair
+    from phasestereo_bench.rendering.light import Scene
+    from phasestereo_bench.rendering.shapes import Shape
 
 SIZE = {"height": 121, "width": 163, "num_disparities": 40}
 

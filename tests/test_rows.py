@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from phasestereo import degradation
-from phasestereo.datasets import find_scene
 from phasestereo.findings import untrusted
 from phasestereo.metrics import bad_pixels
+from phasestereo_bench import degradation
+from phasestereo_bench.datasets import find_scene
 from warping import moved
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from phasestereo.datasets import Pair
+    from phasestereo_bench.datasets import Pair
 
 SCENES = "tsukuba", "cones"
 

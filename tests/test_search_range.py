@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from phasestereo import degradation
-from phasestereo.datasets import find_scene
 from phasestereo.estimation import find_range
+from phasestereo_bench import degradation
+from phasestereo_bench.datasets import find_scene
 
 if TYPE_CHECKING:
     from pathlib import Path

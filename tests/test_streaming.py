@@ -13,7 +13,7 @@ import pytest
 import phasestereo as ps
 from footage import COLS, COUNT, INTRA, LOSSLESS, ROWS, damage, film, pair, shift, side_by_side
 from phasestereo import io
-from phasestereo.degradation import Degradation, disk_psf
+from phasestereo_bench.degradation import Degradation, disk_psf
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,8 +11,8 @@ import pytest
 import oracle
 import oracle_synthesis as synthesis
 import phasestereo as ps
-from phasestereo.degradation import convolve, disk_psf
 from phasestereo.equalisation import Equalisation
+from phasestereo_bench.degradation import convolve, disk_psf
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

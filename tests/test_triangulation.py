@@ -12,7 +12,7 @@ import pytest
 import phasestereo as ps
 from conftest import counterpart
 from phasestereo.io import Calibration, read_calibration, read_disparity, read_image
-from phasestereo.rendering import render_pair
+from phasestereo_bench.rendering import render_pair
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,10 +15,7 @@ import xarray
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from phasestereo import bench, labelled
-from phasestereo.datasets import Pair, find_scenes
-from phasestereo.degradation import Degradation, disk_psf, suite
-from phasestereo.demo import run_demo, write_demo
+from phasestereo import labelled
 from phasestereo.io import (
     GeoImage,
     Georeference,
@@ -31,7 +28,6 @@ from phasestereo.io import (
     write_geotiff,
 )
 from phasestereo.pair_page import write_pair_page
-from phasestereo.rendering import render_pair
 
 if TYPE_CHECKING:
     import dask.array
@@ -102,7 +98,7 @@ def diagnosed(left: Image, right: Image) -> ps.Diagnosis:
 def in_pieces(left: Image, right: Image) -> NDArray[np.uint16]:
     """Go the way of a match step by step."""
     use(ps.descriptor(left, neighborhood=9).dtype)
-    versions = ps.Equalisation(noise=(1.0, 1.0), kernels=[(None, disk_psf(3))])
+    versions = ps.Equalisation(noise=(1.0, 1.0), kernels=[(None, np.full((3, 3), 1 / 9))])
     costs = ps.cost_volume(left, right, num_disparities=64, equalisation=versions)
     return ps.optimize(ps.aggregate(costs, window=7), penalty=(10, 40), optimizer="sgm")
 
@@ -238,16 +234,12 @@ def in_files(name: str) -> float:
     return ps.metrics.bad_pixels(disparity, truth, 1.0)
 
 
-def on_test_pairs(folder: Path) -> ps.metrics.Score | None:
-    """Score a match of rendered, degraded and real pairs."""
-    pair: Pair = render_pair(0, height=120, width=160, num_disparities=32)
-    soft = Degradation(disk_psf(2), noise=1)(pair.left)
-    harder = suite()["motion 9"](pair.left)
-    pairs = [scene.load() for scene in find_scenes(folder)]
-    result = ps.match(soft, pair.right, num_disparities=pair.num_disparities)
-    use(len(pairs), harder.shape, bench.__name__)
-    if pair.truth is None or result.confidence is None:
+def scored(left: Image, right: Image, truth: Map) -> ps.metrics.Score | None:
+    """Score a match of a pair whose disparities are known."""
+    result = ps.match(left, right, num_disparities=64)
+    use(ps.metrics.middlebury_v2(result.disparity, (truth, {"all": np.isfinite(truth)})))
+    if result.confidence is None:
         return None
-    area: float = ps.roc.roc_area(result.confidence, result.disparity, pair.truth)
-    use(area, write_demo(run_demo(0), folder))
-    return ps.metrics.score(result.disparity, pair.truth)
+    area: float = ps.roc.roc_area(result.confidence, result.disparity, truth)
+    use(area)
+    return ps.metrics.score(result.disparity, truth)

@@ -66,8 +66,6 @@ __version__ = _core.__version__
 if TYPE_CHECKING:
     from phasestereo import batch as batch
     from phasestereo import dask as dask
-    from phasestereo import datasets as datasets
-    from phasestereo import degradation as degradation
     from phasestereo import io as io
     from phasestereo import labelled as labelled
     from phasestereo import metrics as metrics
@@ -88,9 +86,8 @@ if TYPE_CHECKING:
     from phasestereo.triangulation import PointCloud, point_cloud
 else:
     _ON_DEMAND = {
-        "batch", "dask", "datasets", "degradation", "io", "labelled", "metrics", "opencv",
-        "outofcore", "picture", "plot", "rectification", "rerun_log", "roc",
-        "video",
+        "batch", "dask", "io", "labelled", "metrics", "opencv", "outofcore", "picture", "plot",
+        "rectification", "rerun_log", "roc", "video",
     }  # fmt: skip
     # What a match does without: it would make up a seventh of the time that an import takes.
     _HOMES = {

@@ -53,8 +53,8 @@ class Blur:
         has it), or "other", which none of these explains.
     size
         In pixels: the standard deviation of a Gaussian, the radius of a disk, the outer one of an
-        annulus, the length of a motion (1 is none) as `phasestereo.degradation.motion_psf` has it,
-        the root mean square radius of another; 0 of none.
+        annulus, the length of a motion (1 is none), the root mean square radius of another; 0 of
+        none.
     angle
         Direction of a motion in degrees, in [0, 180): 0 is along x, 90 along y, from x (right)
         towards y (down); 0 of others.

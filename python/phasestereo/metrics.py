@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 from numbers import Integral
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from phasestereo.datasets import Pair
-
     Floats = npt.NDArray[np.floating]
     Values = npt.NDArray[np.float64]
     Mask = npt.NDArray[np.bool_]
@@ -36,6 +34,7 @@ __all__ = [
     "MiddleburyV2",
     "MiddleburyV3",
     "Score",
+    "Scored",
     "SubPixel",
     "bad_pixels",
     "end_point_error",
@@ -61,6 +60,18 @@ _LABELS = {
     "d1": "D1",
     "epe": "EPE",
 }
+
+
+class Scored(Protocol):
+    """Whatever has a truth and masks, as the pairs of a dataset have."""
+
+    @property
+    def truth(self) -> Floats | None:
+        """Disparities in px, float (H, W), NaN = unknown; None where nothing is known."""
+
+    @property
+    def masks(self) -> Mapping[str, Mask]:
+        """The pixels to score, bool (H, W), by region: "nonocc", "all", "disc"."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +233,7 @@ def bad_pixels(
 
 def middlebury_v2(
     estimate: Floats,
-    pair: Pair | tuple[Floats, Mapping[str, Mask]],
+    pair: Scored | tuple[Floats, Mapping[str, Mask]],
     *,
     threshold: float = 1.0,
 ) -> MiddleburyV2:

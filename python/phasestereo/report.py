@@ -1,7 +1,7 @@
 """Self-contained HTML pages: one file each, which needs nothing beside it and no network.
 
-A page is a Jinja2 template of this package (the extra ``report``) on top of ``base.html.j2``, which
-holds the style; what it says is the business of whoever renders it.
+A page is a Jinja2 template (the extra ``report``) on top of ``base.html.j2``, which holds the
+style; what it says is the business of whoever renders it.
 """
 
 from __future__ import annotations
@@ -17,17 +17,19 @@ from phasestereo._extras import require
 __all__ = ["data_uri", "render_page"]
 
 
-def render_page(template: str, **context: Any) -> str:
-    """Render a template of this package.
+def render_page(template: str, *, package: str = "phasestereo", **context: Any) -> str:
+    """Render a template.
 
     Parameters
     ----------
     template
-        Name of its file in the folder ``templates``.
+        Name of its file in the folder ``templates`` of the package.
+    package
+        The package it belongs to. Templates of this one are there for those of any other.
     **context
         What the template refers to, all of which must be given. Text is escaped; the filter
         ``embedded`` turns the path of an image into the image itself, as `data_uri` does; the
-        function ``source`` returns a file of the folder ``templates`` as it is, such as a script,
+        function ``source`` returns a file of our folder ``templates`` as it is, such as a script,
         and ``plotly_source`` all of Plotly's.
 
     Returns
@@ -44,7 +46,9 @@ def render_page(template: str, **context: Any) -> str:
     """
     jinja2 = require("jinja2", extra="report")
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("phasestereo"),
+        loader=jinja2.ChoiceLoader(
+            [jinja2.PackageLoader(package), jinja2.PackageLoader("phasestereo")]
+        ),
         undefined=jinja2.StrictUndefined,
         autoescape=True,
         trim_blocks=True,

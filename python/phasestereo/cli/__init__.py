@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
 from cyclopts import App, CycloptsError, Parameter
 
 import phasestereo
-from phasestereo.cli import demo, match
+from phasestereo.cli import match
 from phasestereo.cli.errors import WRONG_USAGE, CommandError
 from phasestereo.cli.terminal import tell
 
@@ -31,6 +32,18 @@ phasestereo match left.png right.png -o out.pfm
 ```
 """
 
+COMMANDS = "phasestereo.commands"
+"""The group of entry points by which other distributions add commands."""
+
+HARNESS = {
+    "demo": "Show what one image out of focus does to stereo matching.\n\n"
+    "Renders a pair with its true disparities, degrades the left image (defocus, contrast, noise), "
+    "and matches the sharp and the degraded pair by phase codes, SAD and normalised SAD, and by "
+    "OpenCV's StereoSGBM if that is installed. Takes a few seconds.",
+    "bench": "Score matchers, and repeat the paper's experiments.",
+}
+"""The commands of ``phasestereo-bench``, and their help: listing them imports none of it."""
+
 app = App(
     name="phasestereo",
     help=_HELP,
@@ -39,7 +52,6 @@ app = App(
     default_parameter=Parameter(negative_iterable=()),
 )
 app.command(match.match)
-app.command(demo.demo)
 app.command(
     "phasestereo.cli.check:check",
     name="check",
@@ -61,11 +73,18 @@ app.command(
     name="batch",
     help="Match many pairs, on all processors of this machine or on a Dask cluster.",
 )
-app.command(  # imported only when it is called, for the sake of the others
-    "phasestereo.cli.bench:app",
-    name="bench",
-    help="Score matchers, and repeat the paper's experiments.",
-)
+
+
+def _add_commands_of_others() -> None:
+    """Add what other distributions declare as entry points, and what ours would if installed."""
+    found = {point.name: point.value for point in entry_points(group=COMMANDS)}
+    for name in HARNESS | found:
+        # Imported only when it is called, for the sake of the others.
+        where = found.get(name, "phasestereo.cli.missing:missing")
+        app.command(where, name=name, help=HARNESS.get(name))
+
+
+_add_commands_of_others()
 
 
 def run(arguments: Sequence[str]) -> int:

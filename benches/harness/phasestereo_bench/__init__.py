@@ -1,0 +1,28 @@
+"""Benchmarks: matchers scored on pairs, sharp and degraded, and the paper's own experiments.
+
+    import phasestereo_bench as bench
+    from phasestereo_bench.datasets import find_scenes
+
+    records = bench.run_middlebury(find_scenes("middlebury"), ["paper", "opencv:sgbm", my_matcher])
+
+`methods` says what there is to compare, `cases` what it is compared on, `middlebury` puts both
+together; `runner` spreads such work over processes and remembers what is done.
+"""
+
+from phasestereo_bench.cases import SUITES
+from phasestereo_bench.methods import Method, available, method
+from phasestereo_bench.middlebury import default_methods, run_middlebury
+from phasestereo_bench.runner import Job, run
+from phasestereo_bench.store import read_store
+
+__all__ = [
+    "SUITES",
+    "Job",
+    "Method",
+    "available",
+    "default_methods",
+    "method",
+    "read_store",
+    "run",
+    "run_middlebury",
+]

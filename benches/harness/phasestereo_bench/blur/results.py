@@ -1,0 +1,147 @@
+"""Results: the records of the trials, read back, and the table they make."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from phasestereo_bench.blur.trials import KIND
+from phasestereo_bench.blur.verdicts import ANGLE, SIZE_PIXELS, SIZE_SHARE, Verdict, verdict
+from phasestereo_bench.report.tables import MISSING, Entry, Table
+from phasestereo_bench.store import read_store
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    Record = Mapping[str, Any]
+
+_ENVIRONMENT = "environment"
+_FAMILIES = ("gaussian", "disk", "motion", "none")
+_HEADER = (
+    *("blur", "trials", "kind %", "side %", "size %", "angle %", "one kind %", "all right %"),
+    *("size off, px", "angle off, degrees"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlurResults:
+    """The good records of trials, and what they were made with.
+
+    Attributes
+    ----------
+    records
+        As `run_blur` returns them; at least one.
+    environments
+        What is known of the environments, by name.
+    """
+
+    records: tuple[Record, ...]
+    environments: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
+def read_blur(paths: Sequence[str | os.PathLike[str]]) -> BlurResults | None:
+    """Read one or more stores; None if they have no record of this kind.
+
+    Of several records of the same trial the last counts.
+
+    Raises
+    ------
+    ValueError
+        If a file is not what it should be, all trials failed, or there are records of other kinds,
+        too: they are told of apart.
+    OSError
+        If a file cannot be read.
+    """
+    stored = [record for path in paths for record in read_store(path)]
+    kinds = {str(record.get("kind")) for record in stored} - {_ENVIRONMENT}
+    if KIND not in kinds:
+        return None
+    if len(kinds) > 1:
+        raise ValueError(f"results of several benchmarks: {', '.join(sorted(kinds))}; give one")
+    try:
+        told = _last(record for record in stored if record["kind"] == KIND)
+        for record in told:
+            verdict(record)
+        used = dict.fromkeys(str(record["environment"]) for record in told)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"a record of kind {KIND!r} is not whole: {error!r}") from error
+    if not told:
+        raise ValueError("no results: all trials failed")
+    known = {record["id"]: record for record in stored if record["kind"] == _ENVIRONMENT}
+    return BlurResults(
+        records=tuple(told), environments={name: known.get(name, {}) for name in used}
+    )
+
+
+def blur_table(results: BlurResults) -> Table:
+    """Return how much of it is right, a row for each blur, and one for all."""
+    groups: dict[str, list[Verdict]] = {}
+    for record in sorted(results.records, key=_order):
+        groups.setdefault(_name(record), []).append(verdict(record))
+    everything = [judged for group in groups.values() for judged in group]
+    rows = [_row(name, group) for name, group in groups.items()]
+    return Table(_HEADER, (*rows, _row("all", everything)))
+
+
+def explain_blur(results: BlurResults) -> str:
+    """Say what the figures of the table are."""
+    scenes = {(record["collection"], record["scene"]) for record in results.records}
+    noises = sorted({record["noise"] for record in results.records if record["noise"]})
+    levels = " or ".join(f"{noise:g}" for noise in noises)
+    return (
+        f"Trials on {len(scenes)} scenes; a blurred image has 8 bits and noise of {levels or 'no'} "
+        "gray levels. %: share of the trials that are right. Size: Gaussians by their standard "
+        "deviation, disks by their radius, motions by their length, right if off by no more than "
+        f"{SIZE_PIXELS:g} px or {SIZE_SHARE:.0%}; angle: by no more than {ANGLE:g} degrees. "
+        "One kind: no part of the image is said to be blurred otherwise. Gaussians up to 1.5 and "
+        "disks up to 2 px may be taken for each other, a disk for a Gaussian of half its size. "
+        "Off: the median of what is right in kind."
+    )
+
+
+def _last(records: Iterable[Record]) -> list[Record]:
+    """Return the good ones, of several of a trial the last."""
+    names = ("collection", "scene", "family", "size", "angle", "side", "noise")
+    good = [record for record in records if record["status"] == "ok"]
+    return list({tuple(record[name] for name in names): record for record in good}.values())
+
+
+def _order(record: Record) -> tuple[int, int, float]:
+    alike = record["side"] == "both"
+    family = len(_FAMILIES) if alike else _FAMILIES.index(record["family"])
+    return family, int(alike), 0.0 if alike else float(record["size"])
+
+
+def _name(record: Record) -> str:
+    if record["side"] == "both":
+        return "none: both alike"
+    if record["side"] == "neither":
+        return "none: as they are"
+    return f"{record['family']} {record['size']:g}"
+
+
+def _row(name: str, group: Sequence[Verdict]) -> tuple[Entry, ...]:
+    sized = [judged.size_error for judged in group if judged.size_error is not None]
+    turned = [judged.angle_error for judged in group if judged.angle_error is not None]
+    blurred = not name.startswith("none")
+    moved = name.startswith(("motion", "all"))
+    return (
+        Entry(name),
+        Entry(str(len(group))),
+        _share(group, lambda judged: judged.kind),
+        _share(group, lambda judged: judged.side),
+        _share(group, lambda judged: judged.size) if blurred else Entry(MISSING),
+        _share(group, lambda judged: judged.angle) if moved else Entry(MISSING),
+        _share(group, lambda judged: judged.single),
+        _share(group, lambda judged: judged.all),
+        Entry(f"{median(sized):.2f}" if sized else MISSING),
+        Entry(f"{median(turned):.1f}" if turned else MISSING),
+    )
+
+
+def _share(group: Sequence[Verdict], right: Callable[[Verdict], bool]) -> Entry:
+    """Return the share in %, 100 only of all."""
+    count = sum(map(right, group))
+    return Entry("100" if count == len(group) else f"{100 * count / len(group):.1f}")

@@ -1,0 +1,192 @@
+"""Trials: a scene of which one image, both or neither are blurred, and what is found of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+from phasestereo.estimation import estimate_blur
+from phasestereo_bench import cases
+from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
+from phasestereo_bench.measurement import measured
+from phasestereo_bench.runner import Job, run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from phasestereo_bench.datasets import Pair, Scene
+    from phasestereo_bench.degradation import Kernel
+
+    Image = NDArray[Any]
+
+KIND = "blur"
+"""The kind of the records."""
+
+_ANGLES = (0.0, 30.0, 90.0, 135.0)
+_BLURS = (
+    *(("gaussian", size, 0.0) for size in (1.0, 1.5, 2.0, 3.0, 4.0)),
+    *(("disk", size, 0.0) for size in (2.0, 3.0, 4.0, 6.0, 8.0)),
+    *(("motion", size, angle) for size in (5.0, 9.0, 15.0, 21.0) for angle in _ANGLES),
+)
+_BLURS_OF_BOTH = (
+    ("gaussian", 1.5, 0.0),
+    ("gaussian", 3.0, 0.0),
+    ("disk", 3.0, 0.0),
+    ("motion", 9.0, 0.0),
+)
+_NOISES = (1.0, 2.0)
+_SEEDS = {"left": 1, "right": 2}
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A scene, and what was done to its images.
+
+    Attributes
+    ----------
+    scene
+        The scene.
+    family
+        "gaussian", "disk", "motion", or "none": then the images are as they are.
+    size, angle
+        As `phasestereo.Blur` has them.
+    side
+        Which image is blurred: "left", "right", "both" or "neither".
+    noise
+        Standard deviation of the noise that blurred images get, gray levels.
+    """
+
+    scene: Scene
+    family: str
+    size: float
+    angle: float
+    side: str
+    noise: float
+
+    @property
+    def psf(self) -> Kernel | None:
+        """The point-spread function."""
+        match self.family:
+            case "gaussian":
+                return gaussian_psf(self.size)
+            case "disk":
+                return disk_psf(self.size)
+            case "motion":
+                return motion_psf(self.size, self.angle)
+        return None
+
+    def views(self, pair: Pair) -> tuple[Image, Image]:
+        """Return the images of a pair, left and right, as the trial has them."""
+        return self._view(pair.left, "left"), self._view(pair.right, "right")
+
+    def _view(self, image: Image, side: str) -> Image:
+        if self.side not in (side, "both"):
+            return image
+        return Degradation(self.psf, noise=self.noise, seed=_SEEDS[side])(image)
+
+
+def run_blur(
+    scenes: Iterable[Scene],
+    store: Path,
+    *,
+    every: int = 1,
+    workers: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> list[dict[str, Any]]:
+    """Try out on scenes whether blur is found that is known, and keep a record of each trial.
+
+    Every scene is tried as it is; with one image blurred, the left or the right one, by 26
+    point-spread functions (Gaussians of standard deviation 1 to 4 px, disks of radius 2 to 8 px,
+    motions of 5 to 21 px in four directions), with noise of 1 or 2 gray levels; and with both
+    images blurred alike, which is to be found no blur.
+
+    Parameters
+    ----------
+    scenes
+        As `phasestereo_bench.datasets.find_scenes` returns them.
+    store
+        File of JSON lines which keeps every record as soon as it is there; a run goes on where an
+        earlier one with the same file stopped.
+    every
+        Only every so many trials, 1 or more: 7 gives a quick look at all kinds of them.
+    workers, progress
+        As for `phasestereo_bench.run`.
+
+    Returns
+    -------
+    list of dict
+        A record per trial: "kind", "collection", "scene", "family", "size", "angle", "side" and
+        "noise" tell which, as `Trial` has them; "status" is "ok" or "failed". With "ok" there are
+        "found" ("side", "kind", "size" and "angle" of the blur of the largest area), "kinds" (how
+        many there are) and "areas" (the share of each), "certainty", "contrast", "noise_found",
+        "num_disparities", "width", "height", "seconds" and "peak_bytes" of the estimation, on one
+        thread. Otherwise "error" says why.
+
+    Raises
+    ------
+    ValueError
+        If there is no trial, or `every` is less than 1.
+    OSError, TypeError, RuntimeError, KeyboardInterrupt
+        As `phasestereo_bench.run`.
+    """
+    return run(blur_jobs(scenes, every=every), store, workers=workers, progress=progress)
+
+
+def blur_jobs(scenes: Iterable[Scene], *, every: int = 1) -> list[Job]:
+    """Return the jobs of `run_blur`, whose arguments these are, without running them."""
+    if every < 1:
+        raise ValueError(f"every: got {every}; accepts 1 and more")
+    trials = [trial for scene in scenes for trial in _trials(scene)][::every]
+    if not trials:
+        raise ValueError("there is no scene to blur")
+    cases.forget()
+    return [Job(_key(trial), try_out, {"trial": trial}) for trial in trials]
+
+
+def try_out(trial: Trial) -> dict[str, Any]:
+    """Estimate the blur of a trial and return what is to be recorded of it."""
+    pair = cases.load(trial.scene)
+    left, right = trial.views(pair)
+    count = pair.num_disparities
+    done = measured(lambda: estimate_blur(left, right, num_disparities=count, threads=1))
+    told, blur = done.answer, done.answer.blur
+    height, width = left.shape[:2]
+    return {
+        "found": {name: getattr(blur, name) for name in ("side", "kind", "size", "angle")},
+        "kinds": len(told.blurs),
+        "areas": told.areas(),
+        "certainty": told.certainty,
+        "contrast": told.contrast,
+        "noise_found": told.noise,
+        "num_disparities": count,
+        "width": width,
+        "height": height,
+        "seconds": done.seconds,
+        "peak_bytes": done.peak_bytes,
+    }
+
+
+def _trials(scene: Scene) -> Sequence[Trial]:
+    one_sided = [
+        Trial(scene, *blur, side, noise)
+        for blur, side, noise in product(_BLURS, ("left", "right"), _NOISES)
+    ]
+    alike = [Trial(scene, *blur, "both", 1.0) for blur in _BLURS_OF_BOTH]
+    return [Trial(scene, "none", 0.0, 0.0, "neither", 0.0), *one_sided, *alike]
+
+
+def _key(trial: Trial) -> dict[str, str | int | float | bool | None]:
+    return {
+        "kind": KIND,
+        "collection": trial.scene.collection,
+        "scene": trial.scene.name,
+        "family": trial.family,
+        "size": trial.size,
+        "angle": trial.angle,
+        "side": trial.side,
+        "noise": trial.noise,
+    }

@@ -1,0 +1,139 @@
+"""Cases: a scene, and what was done to one of its images before anybody matches it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from phasestereo_bench.degradation import Degradation, suite
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from phasestereo_bench.datasets import Pair, Scene
+    from phasestereo_bench.degradation import Kernel
+
+    Image = NDArray[np.uint8]
+
+Recipe: TypeAlias = Callable[..., Any]
+"""What degrades an image: called with it, it returns one of the same shape and type."""
+
+SUITES: Mapping[str, Mapping[str, Recipe]] = MappingProxyType(
+    {
+        "one-sided-blur": MappingProxyType(suite()),
+        "sharp": MappingProxyType({"sharp": Degradation()}),
+    }
+)
+"""The degradations of each suite by name."""
+
+_SCENES = frozenset(
+    f"{collection}/{scene}"
+    for collection, scenes in (
+        ("scenes2001", ("tsukuba", "venus")),
+        ("scenes2003", ("cones",)),
+        ("scenes2005/ThirdSize", ("Art", "Moebius")),
+        ("scenes2006/ThirdSize", ("Aloe", "Baby1", "Rocks1", "Lampshade1")),
+        ("MiddEval3/trainingQ", ("Motorcycle", "Piano", "Playroom")),
+    )
+    for scene in scenes
+)
+
+SUITE_SCENES: Mapping[str, frozenset[str]] = MappingProxyType(dict.fromkeys(SUITES, _SCENES))
+"""The scenes over which the means of a suite are taken, where it says; each as `str(scene)`."""
+
+SIDES = ("left", "right")
+
+_KEPT = 2  # as many as jobs next to each other need: one degraded image, and its true blur
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A scene with one image degraded.
+
+    Attributes
+    ----------
+    scene
+        The scene.
+    suite, degradation
+        What was done to the image, as `SUITES` has it.
+    side
+        To which image: "left" or "right".
+    recipe
+        In place of what `SUITES` has: a degradation of the user's own.
+    """
+
+    scene: Scene
+    suite: str
+    degradation: str
+    side: str
+    recipe: Recipe | None = None
+
+    @property
+    def degrade(self) -> Recipe:
+        """What is done to the image."""
+        return self.recipe or SUITES[self.suite][self.degradation]
+
+    @property
+    def kernel(self) -> Kernel | None:
+        """The kernel of the degradation, if it has one: then there is a true blur."""
+        return getattr(self.degrade, "psf", None)
+
+    def views(self, *, true_blur: bool) -> tuple[Image, Image]:
+        """Return the images to match, left and right; the arrays are the caller's.
+
+        Parameters
+        ----------
+        true_blur
+            Convolve the sharp image with the kernel of the degradation, too, and round it.
+
+        Raises
+        ------
+        OSError, ValueError
+            As `Scene.load`; ValueError also if a true blur is asked for and there is none, or the
+            degradation has changed the image's shape or type.
+        """
+        cached = _views if self.recipe is None else _views.__wrapped__
+        left, right = cached(self, true_blur)
+        return left.copy(), right.copy()
+
+
+@lru_cache(_KEPT)
+def load(scene: Scene) -> Pair:
+    """Load a scene; neighbouring jobs share it, so it must not be changed."""
+    return scene.load()
+
+
+def forget() -> None:
+    """Forget what was loaded and degraded: files may have changed."""
+    load.cache_clear()
+    _views.cache_clear()
+
+
+@lru_cache(_KEPT)
+def _views(case: Case, true_blur: bool) -> tuple[Image, Image]:  # noqa: FBT001 - lru_cache tells keywords apart
+    pair = load(case.scene)
+    images = {"left": pair.left, "right": pair.right}
+    images[case.side] = _degraded(images[case.side], case)
+    if true_blur:
+        if case.kernel is None:
+            raise ValueError(f"there is no true blur of {case.degradation!r}")
+        sharp = SIDES[1 - SIDES.index(case.side)]
+        images[sharp] = Degradation(psf=case.kernel)(images[sharp])
+    return images["left"], images["right"]
+
+
+def _degraded(image: Image, case: Case) -> Image:
+    degraded = np.asarray(case.degrade(image))
+    if degraded.shape != image.shape or degraded.dtype != image.dtype:
+        raise ValueError(
+            f"degradation {case.degradation!r} must keep shape {image.shape} and {image.dtype}, "
+            f"got {degraded.shape} and {degraded.dtype}"
+        )
+    return degraded

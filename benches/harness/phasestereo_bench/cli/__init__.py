@@ -1,0 +1,1 @@
+"""What the harness adds to the command line: ``phasestereo bench`` and ``phasestereo demo``."""

@@ -1,0 +1,26 @@
+"""``phasestereo bench``: benchmarks, one module a command."""
+
+from __future__ import annotations
+
+from cyclopts import App, Parameter
+
+from phasestereo_bench.cli import (
+    bench_blur,
+    bench_middlebury,
+    bench_paper,
+    bench_report,
+    bench_speed,
+)
+
+__all__ = ["app"]
+
+app = App(
+    name="bench",
+    help_format="markdown",
+    default_parameter=Parameter(negative_iterable=()),
+)
+app.command(bench_paper.paper)
+app.command(bench_middlebury.middlebury)
+app.command(bench_blur.blur)
+app.command(bench_speed.speed)
+app.command(bench_report.report)

@@ -1,0 +1,84 @@
+"""``phasestereo bench blur``: blurs that are known, and whether they are found -> a table."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Group, Parameter, validators
+from rich.console import Console
+
+from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.terminal import printable, tell
+from phasestereo_bench.blur import BlurResults, blur_jobs
+from phasestereo_bench.cli.bench_runs import prepare, run_cells
+from phasestereo_bench.cli.bench_scenes import Choice
+from phasestereo_bench.cli.bench_tables import blur_screen
+
+_OPTIONS = {"scene", "every"}
+_SCENES = Group.create_ordered("Scenes")
+_RUN = Group.create_ordered("Run")
+_SUITE = "one-sided-blur"
+_COUNT = validators.Number(gte=0)
+_STEP = validators.Number(gte=1)
+_ALL = Choice()
+_PIPED_WIDTH = 120
+
+
+def blur(
+    *folders: Annotated[Path, Parameter(group=_SCENES)],
+    choice: Annotated[Choice, Parameter(name="*", group=_SCENES)] = _ALL,
+    every: Annotated[int, Parameter(group=_RUN, validator=_STEP)] = 1,
+    output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("blur.jsonl"),
+    workers: Annotated[int | None, Parameter(group=_RUN, validator=_COUNT)] = None,
+    fresh: Annotated[bool, Parameter(negative=(), show_default=False, group=_RUN)] = False,
+) -> None:
+    """Try out whether the blur of Middlebury pairs is found that one of their images was given.
+
+    Every scene is tried 109 times: as it is; with the left or the right image blurred by Gaussians,
+    disks and motions of many sizes, with noise of 1 or 2 gray levels; and with both images blurred
+    alike, which is no relative blur. Each trial becomes a record in a file of JSON lines as soon
+    as it is done. A run that was interrupted goes on where it stopped when the same command is
+    given again. For example:
+
+    ```
+    phasestereo bench blur ~/middlebury -o blur.jsonl
+    phasestereo bench blur ~/middlebury --every 7
+    ```
+
+    Parameters
+    ----------
+    folders
+        Official folder trees: folders that hold scenes2001, MiddEval3 and so on, or one of these,
+        or one scene in it.
+    every
+        Only every so many trials, for a quick look.
+    output
+        File for the records.
+    workers
+        Number of processes, each on one thread; without it, as many as there are processors. 0
+        runs everything in one process.
+    fresh
+        Begin anew: rename an existing file of records, and run every trial.
+    """
+    with refusals(options=_OPTIONS):
+        scenes, left_out = choice.select(folders, _SUITE)
+        jobs = blur_jobs(scenes, every=every)
+        if left_out:
+            tell(left_out)
+        prepare(output, jobs, cells="trials", fresh=fresh)
+        records = run_cells(jobs, output, workers=workers, title="Estimating", cells="trials")
+    failed = [record for record in records if record["status"] != "ok"]
+    good = tuple(record for record in records if record["status"] == "ok")
+    if good:
+        console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+        console.print(blur_screen(BlurResults(records=good)))
+        command = f"phasestereo bench report {output} --readme FILE.md"
+        told = f"Records: {output}; into a document: {command}"
+        console.print(printable(told), markup=False, soft_wrap=True)
+    if failed:
+        first = failed[0]
+        case = f"{first['family']} {first['size']:g} on {first['scene']}"
+        told = f"{len(failed)} of {len(records)} trials failed, the first of them {case}"
+        raise CommandError(f"{told}: {first['error']}")

@@ -1,0 +1,99 @@
+"""``phasestereo bench middlebury``: methods x scenes x degradations -> records and a table."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Group, Parameter, validators
+from rich.console import Console
+
+from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.terminal import printable, tell
+from phasestereo_bench.cases import SUITES
+from phasestereo_bench.cli.bench_runs import prepare, run_cells
+from phasestereo_bench.cli.bench_scenes import Choice
+from phasestereo_bench.cli.bench_tables import costs_table, means_table, name_of
+from phasestereo_bench.middlebury import middlebury_jobs
+
+_OPTIONS = {"suite", "degradation", "side", "method", "scene"}
+_SEVERAL = Parameter(consume_multiple=True, show_default=False)
+_SCENES = Group.create_ordered("Scenes")
+_CELLS = Group.create_ordered("Degradations and methods")
+_RUN = Group.create_ordered("Run")
+_SUITE_HELP = f"Which degradations: {', '.join(SUITES)}."
+_COUNT = validators.Number(gte=0)
+_ALL = Choice()
+_PIPED_WIDTH = 120
+
+
+def middlebury(
+    *folders: Annotated[Path, Parameter(group=_SCENES)],
+    choice: Annotated[Choice, Parameter(name="*", group=_SCENES)] = _ALL,
+    suite: Annotated[str, Parameter(group=_CELLS, help=_SUITE_HELP)] = "one-sided-blur",
+    degradation: Annotated[tuple[str, ...], _SEVERAL, Parameter(group=_CELLS)] = (),
+    side: Annotated[tuple[str, ...], _SEVERAL, Parameter(group=_CELLS)] = ("left",),
+    method: Annotated[tuple[str, ...], _SEVERAL, Parameter(group=_CELLS)] = (),
+    output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("results.jsonl"),
+    workers: Annotated[int | None, Parameter(group=_RUN, validator=_COUNT)] = None,
+    fresh: Annotated[bool, Parameter(negative=(), show_default=False, group=_RUN)] = False,
+) -> None:
+    """Score matchers on Middlebury pairs of which one image is degraded.
+
+    Every combination of method, scene and degradation is a cell, which becomes a record in a file
+    of JSON lines as soon as it is done. A run that was interrupted goes on where it stopped when
+    the same command is given again. For example:
+
+    ```
+    phasestereo bench middlebury ~/middlebury
+    phasestereo bench middlebury ~/middlebury --suite sharp --method paper opencv:sgbm
+    ```
+
+    Parameters
+    ----------
+    folders
+        Official folder trees: folders that hold scenes2001, MiddEval3 and so on, or one of these,
+        or one scene in it.
+    degradation
+        Only these of the suite, such as "gauss 2".
+    side
+        Which image is degraded: left (the default), right, or both one after the other.
+    method
+        What to compare: a preset or baseline (robust, paper, fast, sad, nsad), other settings of it
+        (paper:neighborhood=11,window=9), opencv:bm, opencv:sgbm, opencv:sgbm-3x3, opencv:sgbm-3way,
+        an entry point of the group phasestereo.methods, or package.module:function; with +true-blur
+        after it, the sharp image is first blurred like the other one. Without it, what the suite is
+        for.
+    output
+        File for the records.
+    workers
+        Number of processes, each on one thread; without it, as many as there are processors. 0
+        runs everything in one process.
+    fresh
+        Begin anew: rename an existing file of records, and run every cell.
+    """
+    with refusals(options=_OPTIONS):
+        scenes, left_out = choice.select(folders, suite)
+        jobs = middlebury_jobs(scenes, method or None, degradation or None, suite=suite, sides=side)
+        if left_out:
+            tell(left_out)
+        prepare(output, jobs, cells="cells", fresh=fresh)
+        records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    for table in (means_table(records), costs_table(records)):
+        console.print(table)
+        console.print()
+    told = f"Records: {output}; tables and plots of them: phasestereo bench report {output}"
+    console.print(printable(told), markup=False, soft_wrap=True)
+    failed = [record for record in records if record["status"] != "ok"]
+    if failed:
+        raise CommandError(_failure(failed, len(records)))
+
+
+def _failure(failed: Sequence[dict[str, Any]], total: int) -> str:
+    """Say in a line what failed."""
+    first = failed[0]
+    case = f"{name_of(first)} on {first['scene']}, {first['degradation']}"
+    return f"{len(failed)} of {total} cells failed, the first of them {case}: {first['error']}"

@@ -1,0 +1,68 @@
+"""``phasestereo bench paper``: the paper's experiments, its tables, and its claims."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.table import Table
+
+from phasestereo.cli.errors import refusals
+from phasestereo.cli.terminal import printable, progress_bar, tell
+from phasestereo_bench.paper import Finding, findings, load_pairs, run_study, write_study
+
+
+def paper(
+    folder: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(alias="-o")] = Path("paper"),
+    workers: int | None = None,
+    quick: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
+) -> None:
+    """Run the experiments of the paper, and put its claims beside what comes out.
+
+    Matches Cones and Tsukuba, the left image being blurred by a growing motion, Gaussian, or
+    mixture of degradations, by phase codes, SAD and normalised SAD. Writes the numbers, Figures 2
+    and 3, and a page of tables with a verdict on every claim (paper.md). Takes a minute or two; a
+    run that was interrupted goes on where it stopped when the same command is given again. For
+    example:
+
+    ```
+    phasestereo bench paper ~/middlebury -o paper
+    ```
+
+    Parameters
+    ----------
+    folder
+        Middlebury's folder tree, with scenes2003/cones and scenes2001/tsukuba.
+    output
+        Folder for everything; made if need be. Files of an earlier run in it are replaced.
+    workers
+        Number of processes, each on one thread; without it, as many as there are processors. 0
+        runs everything in one process.
+    quick
+        Few levels of blur and few settings: to see it work, not to judge the paper.
+    """
+    with refusals(options={"workers"}):
+        pairs = load_pairs(folder)
+        output.mkdir(parents=True, exist_ok=True)
+        store = output / "results.jsonl"
+        try:
+            study = run_study(pairs, store, quick=quick, workers=workers, watch=progress_bar)
+        except KeyboardInterrupt:
+            tell(f"{store} keeps what is done; the same command goes on")
+            raise
+        page = write_study(study, store, output)[-1]
+    console = Console(highlight=False)
+    console.print(_table(findings(study.readings)))
+    console.print(printable(f"All tables: {page}"), markup=False, soft_wrap=True)
+
+
+def _table(found: list[Finding]) -> Table:
+    table = Table("claim", "settings", "verdict", "holds at", title="The paper's claims")
+    for each in found:
+        table.add_row(each.claim, each.way, each.verdict.value, each.holds_at)
+    return table

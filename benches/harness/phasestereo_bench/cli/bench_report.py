@@ -1,0 +1,138 @@
+"""``phasestereo bench report``: records -> tables, plots, a page, and the tables of documents."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+from cyclopts import Parameter
+from rich import box
+from rich.console import Console, Group
+from rich.table import Table as Screen
+from rich.text import Text
+
+from phasestereo.cli.errors import refusals
+from phasestereo.cli.terminal import printable
+from phasestereo_bench.blur import fill_blur, read_blur
+from phasestereo_bench.cli.bench_tables import blur_screen, speed_screen
+from phasestereo_bench.methods import TRUE_BLUR
+from phasestereo_bench.report import fill_document, read_results, write_report
+from phasestereo_bench.report.documents import render_document
+from phasestereo_bench.report.origin import explain
+from phasestereo_bench.report.sharp import sharp_tables
+from phasestereo_bench.report.tables import Table, mean_table
+from phasestereo_bench.speed import fill_speed, read_speed
+
+Shown: TypeAlias = tuple[Group, Callable[[Path], None]]
+"""What to print, and what fills a document."""
+
+_OPTIONS = {"metric", "method", "suite", "side", "output"}
+_SEVERAL = Parameter(consume_multiple=True, show_default=False)
+_PIPED_WIDTH = 120
+
+
+def report(
+    *results: Path,
+    output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    readme: Annotated[tuple[Path, ...], _SEVERAL] = (),
+    metric: str = "v2.nonocc",
+    method: Annotated[tuple[str, ...], _SEVERAL] = (),
+    suite: str | None = None,
+    side: str | None = None,
+) -> None:
+    """Tell what came out of ``bench middlebury``, ``speed`` or ``blur``: tables, plots, a page.
+
+    Prints the means over the scenes, the times, or what was found, and writes whatever else is
+    asked for; of ``speed`` and ``blur`` there is no page. For example:
+
+    ```
+    phasestereo bench report results.jsonl -o report
+    phasestereo bench report results.jsonl --readme README.md --method paper opencv:sgbm
+    ```
+
+    Parameters
+    ----------
+    results
+        Files of records. Of several records of one cell the last counts.
+    output
+        Folder for report.html, report.md, tables.csv and the plots; made if need be. Those of an
+        earlier report in it are replaced.
+    readme
+        Markdown files whose tables are to be replaced: what is between the comments
+        ``<!-- bench:NAME -->`` and ``<!-- /bench:NAME -->``, NAME being one-sided-blur-means,
+        one-sided-blur-scenes, sharp, sharp-v2, sharp-v3, speed or blur.
+    metric
+        Which number: v2.nonocc, v2.all, v2.disc, v3.bad_0_5, v3.bad_1, v3.bad_2, v3.bad_4,
+        v3.invalid, v3.avgerr, v3.rms, v3.a50, v3.a90, v3.a95, v3.a99, d1, epe or roc.
+    method
+        Only these methods, in this order, each as a table names it.
+    suite
+        Only this suite; needed where there are results of several.
+    side
+        Only cells with this image degraded, left or right; needed where there are both.
+    """
+    with refusals(options=_OPTIONS):
+        if not results:
+            raise ValueError("no file of records given")
+        for benchmark, shown in (("speed", _speed(results)), ("blur", _blur(results))):
+            if shown is not None:
+                others = {"output": output, "method": method, "suite": suite, "side": side}
+                asked = [name for name, value in others.items() if value]
+                if asked:
+                    raise ValueError(
+                        f"{asked[0]}: results of bench {benchmark} have no choice of it"
+                    )
+                _show(shown, readme)
+                return
+        told = read_results(results, suite=suite, side=side, methods=method)
+        told.require_metric(metric)
+        for document in readme:  # refused before anything is written
+            render_document(document, told, metric=metric)
+        written = [] if output is None else write_report(told, output, metric=metric)[-1:]
+        for document in readme:
+            fill_document(document, told, metric=metric)
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console.print(_screen(mean_table(told, metric)))
+    for title, (_, table) in sharp_tables(told).items():
+        console.print(title, _screen(table), sep="\n")
+    for line in (explain(told, metric), *(f"Wrote {path}" for path in (*written, *readme))):
+        console.print(printable(line), markup=False, soft_wrap=True)
+
+
+def _speed(results: tuple[Path, ...]) -> Shown | None:
+    told = read_speed(results)
+    if told is None:
+        return None
+    return speed_screen(told), lambda document: fill_speed(document, told)
+
+
+def _blur(results: tuple[Path, ...]) -> Shown | None:
+    told = read_blur(results)
+    if told is None:
+        return None
+    return blur_screen(told), lambda document: fill_blur(document, told)
+
+
+def _show(shown: Shown, readme: tuple[Path, ...]) -> None:
+    screen, fill = shown
+    for document in readme:
+        fill(document)
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console.print(screen)
+    for document in readme:
+        console.print(printable(f"Wrote {document}"), markup=False, soft_wrap=True)
+
+
+def _screen(table: Table) -> Screen:
+    """Return a table for the terminal, narrow headings over numbers."""
+    screen = Screen(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    first, *others = table.header
+    screen.add_column(first, overflow="fold")
+    for heading in others:
+        screen.add_column(heading.replace(" ", "\n"), justify="right")
+    for name, *row in table.rows:
+        texts = [Text(entry.text, "bold" if entry.best else "") for entry in row]
+        screen.add_row(Text(name.text.replace(TRUE_BLUR, f"\n{TRUE_BLUR}")), *texts)
+    return screen

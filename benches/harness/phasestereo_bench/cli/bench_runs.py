@@ -1,0 +1,43 @@
+"""What commands that run a benchmark's cells share: earlier records, progress, and Ctrl-C."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from phasestereo.cli.terminal import progress_bar, tell
+from phasestereo_bench.cli.stores import put_aside
+from phasestereo_bench.environment import describe_environment
+from phasestereo_bench.runner import Job, finished, run
+from phasestereo_bench.store import read_store
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+
+def prepare(output: Path, jobs: Sequence[Job], *, cells: str, fresh: bool) -> None:
+    """Put an earlier file of records aside, or say what is kept of it; `cells` is their name."""
+    if not output.exists():
+        return
+    kept = finished(jobs, read_store(output))
+    if fresh:
+        tell(f"renamed {output} to {put_aside(output)}")
+    elif kept:
+        here = describe_environment()["id"]
+        foreign = sum(record["environment"] != here for record in kept)
+        reason = f", {foreign} of them from other versions or machines" if foreign else ""
+        told = f"{len(kept)} of {len(jobs)} {cells} are in {output} already{reason}"
+        tell(f"{told}; --fresh reruns them")
+
+
+def run_cells(
+    jobs: Sequence[Job], output: Path, *, workers: int | None, title: str, cells: str
+) -> list[dict[str, Any]]:
+    """Run jobs under a progress bar; when interrupted, say how to go on."""
+    try:
+        with progress_bar(title) as progress:
+            return run(jobs, output, workers=workers, progress=progress)
+    except KeyboardInterrupt:
+        done = len(finished(jobs, read_store(output))) if output.exists() else 0
+        tell(f"{done} of {len(jobs)} {cells} are in {output}; the same command does the others")
+        raise

@@ -1,0 +1,96 @@
+"""The scenes that ``phasestereo bench middlebury`` scores."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from phasestereo_bench.cases import SUITE_SCENES
+from phasestereo_bench.datasets import Scene, find_scenes
+from phasestereo_bench.middlebury import has_truth
+
+_SEVERAL = Parameter(consume_multiple=True, show_default=False)
+_TOLD = 5  # names of scenes in a line
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """Which scenes of those there are.
+
+    Parameters
+    ----------
+    scene
+        Only these, by name: cones, trainingH/Piano, "scenes2005/*". Without it, those of the
+        suite; if there is none of these, all that have a truth.
+    left_image
+        Instead of the usual left image those of other light or exposure that fit:
+        "Illum2/*/view1.png".
+    right_image
+        The same of the right image: im1E.png.
+    """
+
+    scene: Annotated[tuple[str, ...], _SEVERAL] = ()
+    left_image: str | None = None
+    right_image: str | None = None
+
+    def select(self, folders: Sequence[Path], suite: str) -> tuple[list[Scene], str]:
+        """Return the scenes of these folders, and what to say of those left out.
+
+        Raises
+        ------
+        OSError, ValueError
+            As `phasestereo_bench.datasets.find_scenes`; ValueError also if a scene or an image of
+            it is not there, or no scene can be scored.
+        """
+        if not folders:
+            raise ValueError("no folder given: where are the scenes?")
+        scenes = {scene.folder: scene for folder in folders for scene in find_scenes(folder)}
+        there = list(scenes.values())
+        named = [scene for name in self.scene for scene in _named(name, there)]
+        chosen, left_out = (list(dict.fromkeys(named)), "") if named else _scored(there, suite)
+        return [variant for scene in chosen for variant in self._variants(scene)], left_out
+
+    def _variants(self, scene: Scene) -> list[Scene]:
+        if self.left_image is None and self.right_image is None:
+            return [scene]
+        return [
+            scene.variant(left=left, right=right)
+            for left in _fitting(self.left_image, scene.lefts)
+            for right in _fitting(self.right_image, scene.rights)
+        ]
+
+
+def _named(name: str, scenes: Sequence[Scene]) -> list[Scene]:
+    pattern = f"*/{name}".casefold()
+    named = [scene for scene in scenes if fnmatchcase(f"/{scene}".casefold(), pattern)]
+    if not named:
+        raise ValueError(f"scene: got {name!r}; there is {', '.join(map(str, scenes))}")
+    return named
+
+
+def _scored(scenes: Sequence[Scene], suite: str) -> tuple[list[Scene], str]:
+    """Return those of the suite, or else all; never one without a truth. Tell what is left out."""
+    known = [scene for scene in scenes if has_truth(scene)]
+    if not known:
+        raise ValueError(f"nothing to score, no truth is known: {_listed(scenes)}")
+    of_suite = [scene for scene in known if str(scene) in SUITE_SCENES.get(suite, ())]
+    others = [scene for scene in scenes if scene not in (of_suite or known)]
+    reason = f"not of {suite}; --scene takes any" if of_suite else "without a known truth"
+    return of_suite or known, f"left out, {reason}: {_listed(others)}" if others else ""
+
+
+def _listed(scenes: Sequence[Scene]) -> str:
+    more = f" and {len(scenes) - _TOLD} more" if len(scenes) > _TOLD else ""
+    return ", ".join(map(str, scenes[:_TOLD])) + more
+
+
+def _fitting(pattern: str | None, images: Sequence[str]) -> Sequence[str | None]:
+    """Return the images that fit; where none does, the pattern itself, which is then refused."""
+    if pattern is None:
+        return [None]
+    return [image for image in images if fnmatchcase(image, pattern)] or [pattern]

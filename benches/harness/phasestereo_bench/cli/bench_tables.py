@@ -1,0 +1,116 @@
+"""What ``phasestereo bench`` prints of its records."""
+
+from __future__ import annotations
+
+from statistics import mean
+from typing import TYPE_CHECKING, Any, Literal
+
+from rich import box
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from phasestereo_bench.blur import blur_table, explain_blur
+from phasestereo_bench.methods import TRUE_BLUR
+from phasestereo_bench.report.origin import made_with
+from phasestereo_bench.speed import explain_speed, memory_table, time_table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from phasestereo_bench.blur import BlurResults
+    from phasestereo_bench.report.tables import Table as Contents
+    from phasestereo_bench.speed import SpeedResults
+
+    Record = Mapping[str, Any]
+
+
+def means_table(records: Sequence[Record]) -> Table:
+    """Return means over the scenes: methods down, degradations across."""
+    scenes = {(record["collection"], record["scene"]) for record in records}
+    table = _table(
+        f"More than 1 px off, % of the non-occluded pixels, mean of {len(scenes)} scenes"
+    )
+    degradations = list(dict.fromkeys(record["degradation"] for record in records))
+    for degradation in degradations:
+        table.add_column(degradation.replace(" ", "\n"), justify="right")
+    for name, row in _by_method(records).items():
+        cells = [[r for r in row if r["degradation"] == column] for column in degradations]
+        table.add_row(name, *map(_mean_bad, cells))
+    if not all(map(_is_good, records)):
+        table.caption = "* without the scenes on which the method failed"
+    return table
+
+
+def costs_table(records: Sequence[Record]) -> Table:
+    """Return what a pair takes each method."""
+    table = _table("One pair, on one thread")
+    for heading in ("mean seconds", "peak MB"):
+        table.add_column(heading, justify="right")
+    for name, row in _by_method(records).items():
+        done = list(filter(_is_good, row))
+        peaks = [record["peak_bytes"] for record in done if record["peak_bytes"] is not None]
+        seconds = f"{mean(record['seconds'] for record in done):.3f}" if done else "-"
+        table.add_row(name, seconds, f"{max(peaks) / 1e6:.0f}" if peaks else "-")
+    return table
+
+
+def speed_screen(results: SpeedResults) -> Group:
+    """Return times and memory, and what they are."""
+    below = f"{explain_speed(results)} {made_with(results.environments.values())}"
+    times = _filled("Times: ours, and the rivals' divided by ours", time_table(results))
+    memory = _filled("Memory, MB", memory_table(results))
+    return Group(times, "", memory, "", Text(below))
+
+
+def blur_screen(results: BlurResults) -> Group:
+    """Return how much of the blur was found, and what that is."""
+    below = explain_blur(results)
+    return Group(_filled("Blur that was found", blur_table(results)), "", Text(below))
+
+
+def name_of(record: Record) -> str:
+    """Return the method's name, with its ending and the image that was degraded if not the left."""
+    side = "" if record["side"] == "left" else f"\n({record['side']} degraded)"
+    return f"{record['method']}{TRUE_BLUR * record['true_blur']}{side}"
+
+
+def _filled(title: str, contents: Contents) -> Table:
+    table = _table(title, contents.header[0])
+    for number, heading in enumerate(contents.header[1:], start=1):
+        justify: Literal["left", "right"] = "left" if number < contents.labels else "right"
+        table.add_column(heading.replace(" ", "\n", 1), justify=justify)
+    for row in contents.rows:
+        table.add_row(*(entry.text for entry in row))
+    return table
+
+
+def _table(title: str, first: str = "method") -> Table:
+    table = Table(
+        title=title,
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        show_edge=False,
+    )
+    table.add_column(first, overflow="fold")
+    return table
+
+
+def _by_method(records: Sequence[Record]) -> dict[str, list[Record]]:
+    rows: dict[str, list[Record]] = {}
+    for record in records:
+        rows.setdefault(name_of(record).replace(TRUE_BLUR, f"\n{TRUE_BLUR}"), []).append(record)
+    return rows
+
+
+def _mean_bad(records: Sequence[Record]) -> str:
+    """Return the mean of the good records, with a mark if there are others."""
+    bad = [record["v2"]["nonocc"] for record in records if _is_good(record)]
+    known = [value for value in bad if value is not None]
+    mark = "*" if len(bad) < len(records) else ""
+    return (f"{mean(known):.1f}" if known else "-") + mark
+
+
+def _is_good(record: Record) -> bool:
+    return bool(record["status"] == "ok")

@@ -1,0 +1,546 @@
+"""Datasets: the official Middlebury folder trees, as scenes that load into pairs ready to score.
+
+Here belong where a dataset keeps its files, how its truth is coded and which of its pixels count;
+reading a single file belongs to `phasestereo.io`, scoring to `phasestereo.metrics`. All that
+differs between the years is one row each in `LAYOUTS`: a further year is a further row.
+
+The data itself is at https://vision.middlebury.edu/stereo/data; folders and files are expected
+under the names they have there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from phasestereo.io import read_calibration, read_disparity, read_image, read_truth
+from phasestereo.io.files import decoding
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterator, Mapping
+
+    import numpy.typing as npt
+
+    from phasestereo.io import Calibration
+
+    Image = npt.NDArray[np.uint8]
+    Truth = npt.NDArray[np.float32]
+    Mask = npt.NDArray[np.bool_]
+
+__all__ = ["LAYOUTS", "Layout", "MaskFile", "Pair", "Scene", "find_scene", "find_scenes"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pair:
+    """A rectified pair, with the truth as far as it is known.
+
+    Attributes
+    ----------
+    name
+        What to call it in a table.
+    left, right
+        The images, uint8 (H, W) or (H, W, 3).
+    truth
+        Disparities of the left view in px, float32 (H, W), NaN = unknown; right x = left x - d.
+    truth_right
+        The same of the right view (d >= 0 again, left x = right x + d).
+    masks
+        The pixels to score by region, bool (H, W): "nonocc" (visible in both images), "all" (with
+        the half-occluded ones), "disc" (near a depth discontinuity); as many as are known.
+    num_disparities
+        How many disparities to search from 0.
+    calibration
+        The camera pair, where it is known.
+    offset
+        What cropping took off every disparity, px, where it is known (2005, 2006): the depth is
+        focal length x baseline / (d + offset).
+    """
+
+    name: str
+    left: Image
+    right: Image
+    truth: Truth | None
+    truth_right: Truth | None
+    masks: Mapping[str, Mask]
+    num_disparities: int
+    calibration: Calibration | None
+    offset: float | None = None
+
+
+class MaskFile(NamedTuple):
+    """Where the mask of a region is: a gray image, a pixel being in from a certain level on."""
+
+    region: str
+    file: str
+    level: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """How one collection keeps its scenes: `collection/<scene>/<file>`.
+
+    Attributes
+    ----------
+    collection
+        Folder of the scenes, relative to the tree's root, with forward slashes.
+    left, right
+        File names of the images. A folder with the left image is a scene.
+    truth, truth_right
+        File names of the disparities of either view; a file that is not there is an unknown truth.
+    truth_scale
+        A gray level divided by this is a disparity in px, and level 0 is unknown; None for PFM.
+    num_disparities
+        How many disparities to search from 0, fixed by the collection and never by the truth: what
+        the 8-bit code can hold (2001, 2003), 240 at full size (2005, 2006), 80 at a quarter of it
+        (MiddEval3). A scene whose calib.txt asks for more gets more. None where there is no such
+        number: what calib.txt tells, rounded up to a multiple of 16 (2014, 2021).
+    masks
+        Mask files, each of which may be missing.
+    also
+        Other folders with the same scenes: where the site itself has them, so that a mirror works.
+    scenes
+        What a scene's folder is called, `*` for any characters.
+    more_left, more_right
+        Patterns of further images of the same two views, in other light or exposed otherwise.
+    calibration
+        File name of the calibration.
+    offset
+        File name of the disparity that cropping took off, in px at full size.
+    max_width
+        The widest image the truth's scale holds for, px, where folders don't tell sizes apart.
+    """
+
+    collection: str
+    left: str
+    right: str
+    truth: str
+    truth_right: str | None
+    truth_scale: int | None
+    num_disparities: int | None
+    masks: tuple[MaskFile, ...]
+    also: tuple[str, ...] = ()
+    scenes: str = "*"
+    more_left: tuple[str, ...] = ()
+    more_right: tuple[str, ...] = ()
+    calibration: str | None = None
+    offset: str | None = None
+    max_width: int | None = None
+
+
+_MASKS = (
+    MaskFile("nonocc", "mask_nonocc.png", 1),
+    MaskFile("all", "mask_all.png", 1),
+    MaskFile("disc", "mask_disc.png", 255),  # 128 is visible, but not near a discontinuity
+)
+_MASKS_V3 = (MaskFile("nonocc", "mask0nocc.png", 255),)  # 128 is occluded
+
+_ROUNDING = 1e-3  # px; far below the steps of any 8-bit truth, far above float32's at d < 1000
+
+# The same images as those the two-view archives have at the top; others are up to 9 times darker.
+_USUAL_LIGHT = {2005: "Illum1/Exp1/", 2006: "Illum1/Exp2/"}
+
+LAYOUTS: tuple[Layout, ...] = (
+    *(
+        Layout(
+            collection="scenes2001",
+            also=("scenes2001/data",),
+            left=left,
+            right=right,
+            truth=truth,
+            truth_right=truth_right,
+            truth_scale=scale,
+            num_disparities=256 // scale,
+            masks=_MASKS,
+        )
+        for left, right, truth, truth_right, scale in (
+            (
+                "scene1.row3.col3.ppm",
+                "scene1.row3.col4.ppm",
+                "truedisp.row3.col3.pgm",
+                None,
+                16,
+            ),
+            ("im2.ppm", "im6.ppm", "disp2.pgm", "disp6.pgm", 8),
+            ("im0.pgm", "im1.pgm", "disp0.pgm", "disp1.pgm", 8),
+        )
+    ),
+    *(
+        Layout(
+            collection="scenes2003",
+            also=("scenes2003/newdata", "scenes2003/newdata/full"),
+            scenes=scenes,
+            left=f"im2.{color}",
+            right=f"im6.{color}",
+            truth=f"disp2.{gray}",
+            truth_right=f"disp6.{gray}",
+            truth_scale=scale,
+            num_disparities=256 // scale,
+            masks=_MASKS,
+            max_width=1800 // scale,
+        )
+        for scenes, scale in (("*F", 1), ("*H", 2), ("*", 4))
+        for color, gray in (("png", "png"), ("ppm", "pgm"))
+    ),
+    *(
+        Layout(
+            collection=f"scenes{year}/{size}",
+            left=f"{light}view1.png",
+            right=f"{light}view5.png",
+            more_left=("Illum*/Exp*/view1.png",),
+            more_right=("Illum*/Exp*/view5.png",),
+            truth="disp1.png",
+            truth_right="disp5.png",
+            truth_scale=scale,
+            num_disparities=240 // scale,
+            masks=_MASKS,
+            offset="dmin.txt",
+        )
+        for year in (2005, 2006)
+        for size, scale in (("ThirdSize", 3), ("HalfSize", 2), ("FullSize", 1))
+        for light in ("", _USUAL_LIGHT[year])
+    ),
+    *(
+        Layout(
+            collection=collection,
+            also=also,
+            left="im0.png",
+            right="im1.png",
+            more_left=("ambient/L*/im0e*.png",),
+            more_right=("im1?.png", "ambient/L*/im1e*.png"),
+            truth="disp0.pfm",
+            truth_right="disp1.pfm",
+            truth_scale=None,
+            num_disparities=None,
+            masks=_MASKS_V3,
+            calibration="calib.txt",
+        )
+        for collection, also in (
+            ("scenes2014", ("scenes2014/datasets",)),
+            ("scenes2021", ("scenes2021/data",)),
+        )
+    ),
+    *(
+        Layout(
+            collection=f"MiddEval3/{part}{size}",
+            left="im0.png",
+            right="im1.png",
+            truth="disp0GT.pfm",
+            truth_right="disp1GT.pfm",
+            truth_scale=None,
+            num_disparities=80 * factor,
+            masks=_MASKS_V3,
+            calibration="calib.txt",
+        )
+        for part in ("training", "test")
+        for size, factor in (("Q", 1), ("H", 2), ("F", 4))
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A scene of a folder tree, found but not loaded.
+
+    Attributes
+    ----------
+    name
+        The name of its folder, such as "tsukuba" or "Art".
+    collection
+        The collection it is in, such as "scenes2001" or "scenes2005/ThirdSize".
+    folder
+        Where its files are.
+    layout
+        Which files these are, and how the truth is coded.
+    left, right
+        The images to load, out of `lefts` and `rights`; None for the layout's own.
+    """
+
+    name: str
+    collection: str
+    folder: Path
+    layout: Layout
+    left: str | None = None
+    right: str | None = None
+
+    def __str__(self) -> str:
+        """Return "collection/name"."""
+        return f"{self.collection}/{self.name}"
+
+    @property
+    def lefts(self) -> tuple[str, ...]:
+        """File names of the left images there are, below the folder; the usual one comes first.
+
+        2005 and 2006: "Illum1/Exp0/view1.png" and so on, of 3 lights and 3 exposures.
+        2014 and 2021: "ambient/L1/im0e0.png" and so on.
+        """
+        return self._images(self.layout.left, self.layout.more_left)
+
+    @property
+    def rights(self) -> tuple[str, ...]:
+        """The same of the right images; 2014 has "im1E.png" (exposure) and "im1L.png" (light)."""
+        return self._images(self.layout.right, self.layout.more_right)
+
+    def variant(self, *, left: str | None = None, right: str | None = None) -> Scene:
+        """Return the same scene with other images: in other light, or exposed otherwise.
+
+        Parameters
+        ----------
+        left, right
+            Out of `lefts` and `rights`; None for the usual image.
+
+        Returns
+        -------
+        Scene
+            Named after its folder and both images: "Art (view1.png Illum3/Exp1/view5.png)".
+
+        Raises
+        ------
+        ValueError
+            If there is no such image; the message lists those there are.
+        """
+        chosen = []
+        for side, image, images in (("left", left, self.lefts), ("right", right, self.rights)):
+            if image is not None and image not in images:
+                raise ValueError(
+                    f"{side}: {self.collection}/{self.folder.name} has no image {image!r}; "
+                    f"there is {', '.join(images)}"
+                )
+            chosen.append(images[0] if image is None else image)
+        name = f"{self.folder.name} ({' '.join(chosen)})"
+        return replace(self, name=name, left=chosen[0], right=chosen[1])
+
+    def _images(self, usual: str, patterns: tuple[str, ...]) -> tuple[str, ...]:
+        found = sorted(path for pattern in patterns for path in self.folder.glob(pattern))
+        names = (path.relative_to(self.folder).as_posix() for path in found)
+        return tuple(dict.fromkeys((usual, *names)))
+
+    def load(self) -> Pair:
+        """Read the images, and what there is of truth, masks and calibration.
+
+        A pixel counts as "nonocc" where its mask says so, its truth is known and its match is
+        inside the right image (x - d >= 0); without a mask file, where the truths of both views
+        agree: |dL(x) - dR(x - dL(x))| <= 1, the right one taken at the nearest column (which for
+        2005 and 2006 gives the very masks in use). It counts as "all" where its mask says so, or
+        anywhere without one, and its truth is known: half-occluded pixels belong to it, so matches
+        outside the right image do, too. It counts as "disc" where its mask says so and its truth
+        is known. There is no mask without a truth, and no "nonocc" or "disc" without a source.
+        (The rows of the "-imperfect" pairs of 2014 are a little apart; the truths are compared
+        along the same row even so.)
+
+        Returns
+        -------
+        Pair
+
+        Raises
+        ------
+        OSError
+            If a file cannot be read, or an image is missing.
+        ValueError
+            If a file's content is not what it should be, or its size is not the left image's; or
+            if the images are larger than the scale of the truth is known for; or if nothing tells
+            how many disparities to search.
+        """
+        layout = self.layout
+        path_left = self.folder / (self.left or layout.left)
+        path_right = self.folder / (self.right or layout.right)
+        left, right = _read_view(path_left), _read_view(path_right)
+        _require_shape(path_right, right.shape, left.shape)
+        size = left.shape[:2]
+        if layout.max_width is not None and size[1] > layout.max_width:
+            raise ValueError(
+                f"{path_left} is {size[1]} px wide, but the scale of the truth in "
+                f"{self.collection} is only known for images up to {layout.max_width} px wide"
+            )
+        truth = self._read_truth(layout.truth, size)
+        truth_right = self._read_truth(layout.truth_right, size)
+        calibration = self._read_calibration()
+        return Pair(
+            name=self.name,
+            left=left,
+            right=right,
+            truth=truth,
+            truth_right=truth_right,
+            masks={} if truth is None else self._read_masks(truth, truth_right),
+            num_disparities=self._num_disparities(calibration),
+            calibration=calibration,
+            offset=self._read_offset(),
+        )
+
+    def _read_truth(self, file: str | None, size: tuple[int, ...]) -> Truth | None:
+        if file is None or not (self.folder / file).exists():
+            return None
+        path, scale = self.folder / file, self.layout.truth_scale
+        truth = read_disparity(path) if scale is None else read_truth(path, scale=scale)
+        _require_shape(path, truth.shape, size)
+        return truth
+
+    def _read_calibration(self) -> Calibration | None:
+        if self.layout.calibration is None:
+            return None
+        path = self.folder / self.layout.calibration
+        return read_calibration(path) if path.exists() else None
+
+    def _read_offset(self) -> float | None:
+        if self.layout.offset is None or not (self.folder / self.layout.offset).exists():
+            return None
+        path = self.folder / self.layout.offset
+        with decoding(path) as file:
+            offset = float(file.read())
+        if not (math.isfinite(offset) and offset >= 0):
+            raise ValueError(f"{path} must hold a number >= 0, got {offset}")
+        return offset / (self.layout.truth_scale or 1)
+
+    def _num_disparities(self, calibration: Calibration | None) -> int:
+        """Return the collection's number, or calib.txt's to the nearest multiple of 16 if larger.
+
+        The nearest rather than the next, which is for collections without a number of their own:
+        calib.txt's number is a generous bound.
+        """
+        bound = None if calibration is None else calibration.ndisp
+        own = self.layout.num_disparities
+        if own is not None:
+            return own if bound is None else max(own, (bound + 8) // 16 * 16)
+        if bound is None:
+            raise ValueError(f"{self.folder}: calib.txt must tell ndisp, and there is none")
+        return (bound + 15) // 16 * 16
+
+    def _read_masks(self, truth: Truth, truth_right: Truth | None) -> dict[str, Mask]:
+        masks = {"all": np.isfinite(truth)}
+        if truth_right is not None:
+            masks["nonocc"] = _agree(truth, truth_right)
+        for region, file, level in self.layout.masks:
+            path = self.folder / file
+            if path.exists():
+                gray = read_image(path)
+                _require_shape(path, gray.shape, truth.shape)
+                masks[region] = (gray >= level) & np.isfinite(truth)
+        if "nonocc" in masks:
+            masks["nonocc"] &= _match_column(truth) >= 0
+        return masks
+
+
+def find_scenes(root: str | os.PathLike[str]) -> list[Scene]:
+    """Find the scenes of a Middlebury folder tree, without reading them.
+
+    Parameters
+    ----------
+    root
+        The folder that holds `scenes2001`, `MiddEval3` and so on, as many as there are; or one of
+        these; or one scene in it. Folders are told by the official names of their files and of the
+        folders they are in.
+
+    Returns
+    -------
+    list of Scene
+        Sorted by collection, then name.
+
+    Raises
+    ------
+    OSError
+        If `root` does not exist, is not a folder or may not be read.
+    ValueError
+        If there is no scene in it.
+    """
+    folder = Path(root).absolute()
+    if not folder.exists():
+        raise FileNotFoundError(f"no such folder: {folder}")
+    if not folder.is_dir():
+        raise NotADirectoryError(f"root must be a folder, got the file {folder}")
+    scenes: dict[Path, Scene] = {}
+    for layout in LAYOUTS:
+        for candidate in _candidates(folder, layout):
+            if (candidate / layout.left).is_file():
+                scene = Scene(candidate.name, layout.collection, candidate, layout)
+                scenes.setdefault(candidate, scene)  # the first layout that fits is the one
+    if not scenes:
+        wanted = ", ".join(
+            f"{layout.collection}/{layout.scenes}/{layout.left}" for layout in LAYOUTS
+        )
+        raise ValueError(f"no Middlebury scene in {folder}: looked for {wanted}")
+    return sorted(scenes.values(), key=lambda scene: (scene.collection, scene.name))
+
+
+def find_scene(root: str | os.PathLike[str], name: str) -> Scene:
+    """Find one scene by name.
+
+    Parameters
+    ----------
+    root
+        As for `find_scenes`.
+    name
+        Such as "tsukuba", in upper or lower case; where several collections have it, preceded by
+        as much of the collection as it takes: "trainingH/Piano", "scenes2005/HalfSize/Art".
+
+    Raises
+    ------
+    TypeError
+        If `name` is not a string.
+    OSError
+        As `find_scenes`.
+    ValueError
+        As `find_scenes`, or if no scene has that name, or several have; it lists them.
+    """
+    if not isinstance(name, str):
+        raise TypeError(f"name must be a string, got {type(name).__name__}")
+    scenes = find_scenes(root)
+    ending = f"/{name}".casefold()
+    found = [scene for scene in scenes if f"/{scene}".casefold().endswith(ending)]
+    if len(found) == 1:
+        return found[0]
+    problem, choice = ("is ambiguous", found) if found else ("is not a scene", scenes)
+    raise ValueError(
+        f"name {name!r} {problem} in {Path(root)}: there is {', '.join(map(str, choice))}"
+    )
+
+
+def _candidates(root: Path, layout: Layout) -> Iterator[Path]:
+    """Yield the folders of a layout, where `root` may be above it, it, inside it or a scene."""
+    for collection in (layout.collection, *layout.also):
+        for folder in _folders(root, PurePosixPath(collection).parts):
+            if fnmatchcase(folder.name, layout.scenes):
+                yield folder
+
+
+def _folders(root: Path, parts: tuple[str, ...]) -> Iterator[Path]:
+    for known in range(len(parts) + 1):
+        # The last `known` parts of the root's own path are the first of the collection's.
+        if root.parts[len(root.parts) - known :] == parts[:known]:
+            folder = root.joinpath(*parts[known:])
+            if folder.is_dir():
+                yield from folder.iterdir()
+    if root.parent.parts[-len(parts) :] == parts:
+        yield root
+
+
+def _read_view(path: Path) -> Image:
+    image = read_image(path)
+    if image.dtype != np.uint8:
+        raise ValueError(f"{path} must be an image of 8-bit samples, got {image.dtype}")
+    return image.astype(np.uint8, copy=False)
+
+
+def _require_shape(path: Path, shape: tuple[int, ...], wanted: tuple[int, ...]) -> None:
+    if shape != wanted:
+        raise ValueError(f"{path} must have the left image's shape {wanted}, got {shape}")
+
+
+def _match_column(truth: Truth) -> npt.NDArray[np.float32]:
+    """Return x - d: NaN where the truth is unknown, negative left of the right image."""
+    return np.arange(truth.shape[1], dtype=np.float32) - truth
+
+
+def _agree(truth: Truth, truth_right: Truth) -> Mask:
+    """Return where both truths are known and tell the same, to 1 px and float32's rounding."""
+    width = truth.shape[1]
+    column = np.floor(_match_column(truth) + 0.5)
+    inside = (column >= 0) & (column < width)
+    at = np.where(inside, column, 0).astype(np.intp)
+    seen = np.take_along_axis(truth_right, at, axis=1)
+    agree: Mask = inside & (np.abs(truth - seen) <= 1 + _ROUNDING)
+    return agree

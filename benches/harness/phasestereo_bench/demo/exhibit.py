@@ -1,0 +1,156 @@
+"""What a demonstration leaves behind: maps, pictures, and a page that tells the story."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from phasestereo import __version__
+from phasestereo.io import write_disparity, write_image
+from phasestereo.io.files import replacing
+from phasestereo.picture import colorize, disparity_picture, error_picture, panel
+from phasestereo.report import render_page
+from phasestereo.settings import PRESETS
+from phasestereo_bench.demo import trials
+from phasestereo_bench.demo.methods import NEIGHBORHOOD, NSAD, ROBUST, SAD, SGBM, WINDOW
+
+if TYPE_CHECKING:
+    import os
+
+    from phasestereo.picture import Picture
+    from phasestereo_bench.demo.methods import Map, Method
+    from phasestereo_bench.demo.trials import Demo, Outcome
+
+
+def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
+    """Write maps, pictures and ``report.html`` into a folder, in place of those of an earlier demo.
+
+    Parameters
+    ----------
+    demo
+        What `run_demo` returned.
+    folder
+        Where to; it is made if it does not exist.
+
+    Returns
+    -------
+    list of Path
+        The files written, the page last.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be made or a file not written.
+    """
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    truth = cast("Map", demo.pair.truth)
+    maps = {"truth": truth}
+    maps |= {f"disparity_{o.method.key}": o.degraded.disparity for o in demo.outcomes}
+    written = []
+    for name, disparity in maps.items():
+        written.append(target / f"{name}.pfm")
+        write_disparity(written[-1], disparity)
+    for name, picture in _pictures(demo).items():
+        written.append(target / f"{name}.png")
+        write_image(written[-1], picture)
+    optional = [f"{stem}_{SGBM.key}" for stem in ("disparity", "error")]
+    earlier = {target / f"{name}.{ending}" for name in optional for ending in ("pfm", "png")}
+    for path in earlier.difference(written):
+        path.unlink(missing_ok=True)
+    written.append(target / "report.html")
+    with replacing(written[-1]) as file:
+        file.write(_page(demo, target).encode())
+    return written
+
+
+def _pictures(demo: Demo) -> dict[str, Picture]:
+    """Return everything there is to look at, by file name."""
+    pair, truth = demo.pair, cast("Map", demo.pair.truth)
+    nonocc = pair.masks["nonocc"]
+    pictures = {
+        "left": demo.degraded,
+        "left_sharp": pair.left,
+        "right": pair.right,
+        "nonocc": nonocc.astype(np.uint8) * np.uint8(255),
+        "truth": disparity_picture(truth, title="Truth", **_ends(truth)),
+        "overview": _overview(demo),
+    }
+    for outcome in demo.outcomes:
+        key, disparity = outcome.method.key, outcome.degraded.disparity
+        title = _title(outcome)
+        pictures[f"disparity_{key}"] = disparity_picture(disparity, title=title, **_ends(truth))
+        pictures[f"error_{key}"] = error_picture(disparity, truth, nonocc)
+    return pictures
+
+
+def _overview(demo: Demo) -> Picture:
+    """Return the whole story in one picture."""
+    pair, truth = demo.pair, cast("Map", demo.pair.truth)
+    shown = [outcome for outcome in demo.outcomes if outcome.method in (ROBUST, SAD, NSAD)]
+    found = [outcome.degraded.disparity for outcome in shown]
+    pictures = [demo.degraded, pair.right, colorize(truth, **_ends(truth))]
+    pictures += [colorize(disparity, **_ends(truth)) for disparity in found]
+    pictures += [error_picture(disparity, truth, pair.masks["nonocc"]) for disparity in found]
+    titles = [
+        "Left: out of focus, dim and noisy",
+        "Right: sharp",
+        "Truth: far is blue, near is red",
+    ]
+    titles += [_title(outcome) for outcome in shown]
+    titles += ["Errors: white is right, dark red is 4 pixels off or more", "Errors", "Errors"]
+    heading = "One image out of focus: what is left of the disparities?"
+    return panel(pictures, titles, columns=len(shown), heading=heading)
+
+
+def _title(outcome: Outcome) -> str:
+    name = outcome.method.name
+    sharp, degraded = outcome.sharp.bad, outcome.degraded.bad
+    return f"{name[0].upper()}{name[1:]}: {degraded:.1f} % wrong (both sharp: {sharp:.1f} %)"
+
+
+def _ends(truth: Map) -> dict[str, float]:
+    """Return the limits of the colours, the same for all maps."""
+    return {"low": float(truth.min()), "high": float(truth.max())}
+
+
+def _page(demo: Demo, folder: Path) -> str:
+    """Return the page that tells the story, from the pictures in the folder."""
+    count = demo.pair.num_disparities
+    ours = [outcome.method for outcome in demo.outcomes if outcome.method.settings is not None]
+    arguments = {"num_disparities": count, **_changes(demo.outcomes[0].method)}
+    return render_page(
+        "demo.html.j2",
+        package="phasestereo_bench",
+        demo=demo,
+        verdict=trials.verdict(demo),
+        folder=folder,
+        blur={
+            "radius": trials.RADIUS,
+            "gain": trials.GAIN,
+            "offset": trials.OFFSET,
+            "noise": trials.NOISE,
+        },
+        window=WINDOW,
+        neighborhood=NEIGHBORHOOD,
+        commands=[_command(count, method) for method in ours],
+        arguments=", ".join(f"{name}={value!r}" for name, value in arguments.items()),
+        version=__version__,
+    )
+
+
+def _changes(method: Method) -> dict[str, object]:
+    """Return the preset and the fields that are not as in it, by name."""
+    told = PRESETS[method.preset]
+    names = [field.name for field in fields(told)]
+    changed = [name for name in names if getattr(method.settings, name) != getattr(told, name)]
+    return {"preset": method.preset, **{name: getattr(method.settings, name) for name in changed}}
+
+
+def _command(num_disparities: int, method: Method) -> str:
+    options = {"num-disparities": num_disparities, **_changes(method)}
+    spelt = " ".join(f"--{name} {value}" for name, value in options.items())
+    return f"phasestereo match left.png right.png {spelt} --truth truth.pfm --truth-mask nonocc.png"

@@ -1,0 +1,291 @@
+"""The Middlebury harness: methods x scenes x degradations, a record of the metrics each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo.metrics import Score, middlebury_v2, score
+from phasestereo.roc import roc_area
+from phasestereo_bench import cases
+from phasestereo_bench.cases import SIDES, SUITES, Case
+from phasestereo_bench.measurement import measured
+from phasestereo_bench.methods import Method, available, method
+from phasestereo_bench.runner import Job, run
+from phasestereo_bench.worker import require_portable
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from phasestereo_bench.cases import Recipe
+    from phasestereo_bench.datasets import Pair, Scene
+    from phasestereo_bench.methods import Matcher
+
+    Floats = NDArray[np.floating[Any]]
+    Specs = Iterable[str | Matcher | Method]
+    Degradations = Iterable[str] | Mapping[str, Recipe]
+
+CUSTOM = "custom"
+"""What records call a suite of the user's own degradations."""
+
+_DEFAULTS = {
+    "one-sided-blur": (
+        "robust",
+        "robust+true-blur",
+        *(f"paper:neighborhood={side}" for side in (7, 11, 15, 21)),
+        "paper:neighborhood=7+true-blur",
+        "opencv:sgbm",
+        "opencv:sgbm+true-blur",
+    ),
+    "sharp": ("robust", "fast", "paper", "opencv:bm", "opencv:sgbm", "opencv:sgbm-3x3"),
+}
+
+
+def run_middlebury(
+    scenes: Iterable[Scene],
+    methods: Specs | None = None,
+    degradations: Degradations | None = None,
+    *,
+    suite: str = "one-sided-blur",
+    sides: Iterable[str] = ("left",),
+    store: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> list[dict[str, Any]]:
+    """Score methods on scenes of which one image is degraded.
+
+    Parameters
+    ----------
+    scenes
+        With truth, as `phasestereo_bench.datasets.find_scenes` returns them.
+    methods
+        Names, functions ``(left, right, num_disparities) -> disparity``, or a pair of it and of a
+        confidence, or `Method`s, as `phasestereo_bench.method` takes them. A function must be one
+        that other processes can import, unless ``workers=0``. Default: those of `default_methods`.
+    degradations
+        Names of the suite, all of them by default; or, in its place, some of your own by name:
+        functions from an image to one of its shape and type.
+        `phasestereo_bench.degradation.Degradation` makes them, and where one has a kernel,
+        there is a true blur.
+    suite
+        "one-sided-blur" or "sharp", whose only row is the pair as it is.
+    sides
+        Which image is degraded: "left", "right" or both, one after the other.
+    store
+        File of JSON lines which keeps every record as soon as it is there; a run goes on where an
+        earlier one with the same file stopped. None: keep nothing.
+    workers, progress
+        As for `phasestereo_bench.run`.
+
+    Returns
+    -------
+    list of dict
+        A record per cell: "kind", "suite", "collection", "scene", "degradation", "side", "method"
+        and "true_blur" tell which; "status" is "ok" or "failed". With "ok" there are "v2"
+        (`MiddleburyV2`'s regions), "v3" (the fields of `MiddleburyV3`), "d1", "epe" and "roc",
+        which is what `phasestereo.roc.roc_area` says of the confidence (all four on the
+        non-occluded pixels), None where a mask or a confidence is missing or nothing has an
+        estimate; "num_disparities", "width" and "height"; the method's "settings"; "seconds" and
+        "peak_bytes" of the call of the method alone; "environment". Otherwise "error" says why: a
+        method that raises, or returns anything but floats of the image's size, or two of these,
+        fails its cell. A method with the true blur has no cell where the degradation has no kernel.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is wrong, a scene has no truth, or no cell is left.
+    ImportError
+        If what a method needs is not installed.
+    OSError, RuntimeError, KeyboardInterrupt
+        As `phasestereo_bench.run`.
+    """
+    jobs = middlebury_jobs(scenes, methods, degradations, suite=suite, sides=sides)
+    if workers != 0:
+        _require_portable(jobs)
+    cases.forget()
+    if store is not None:
+        return run(jobs, Path(store), workers=workers, progress=progress)
+    with TemporaryDirectory() as folder:
+        return run(jobs, Path(folder) / "records.jsonl", workers=workers, progress=progress)
+
+
+def middlebury_jobs(
+    scenes: Iterable[Scene],
+    methods: Specs | None = None,
+    degradations: Degradations | None = None,
+    *,
+    suite: str = "one-sided-blur",
+    sides: Iterable[str] = ("left",),
+) -> list[Job]:
+    """Return the jobs of `run_middlebury`, whose arguments these are, without running them."""
+    _require_known("suite", suite, SUITES)
+    entrants = _entrants(default_methods(suite) if methods is None else methods)
+    rows = [
+        Case(scene, name, degradation, side, recipe)
+        for scene in _require_truth(scenes)
+        for name, degradation, recipe in _degradations(suite, degradations)
+        for side in _sides(sides)
+    ]
+    jobs = [
+        Job(_key(case, entrant), score_case, {"case": case, "spec": spec})
+        for case in rows
+        for entrant, spec in entrants
+        if case.kernel is not None or not entrant.true_blur
+    ]
+    if not jobs:
+        raise ValueError("no cell is left: only degradations with a kernel have a true blur")
+    return jobs
+
+
+def default_methods(suite: str) -> list[str]:
+    """Return the methods of a suite that can run here: OpenCV's only if it is installed."""
+    _require_known("suite", suite, SUITES)
+    without_opencv = "opencv:sgbm" not in available()
+    return [
+        name for name in _DEFAULTS[suite] if not (without_opencv and name.startswith("opencv:"))
+    ]
+
+
+def has_truth(scene: Scene) -> bool:
+    """Tell whether a scene can be scored at all."""
+    return (scene.folder / scene.layout.truth).is_file()
+
+
+def score_case(case: Case, spec: str | Method) -> dict[str, Any]:
+    """Match a case and return what is to be recorded of it: the work of one cell."""
+    entrant, pair = method(spec), cases.load(case.scene)
+    left, right = case.views(true_blur=entrant.true_blur)
+    done = measured(lambda: entrant.match(left, right, pair.num_disparities))
+    height, width = pair.left.shape[:2]
+    answer = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
+    disparity, confidence = _checked(*answer, size=(height, width))
+    return {
+        **_metrics(disparity, pair),
+        "roc": None if confidence is None else _roc(confidence, disparity, pair),
+        "num_disparities": pair.num_disparities,
+        "width": width,
+        "height": height,
+        "settings": dict(entrant.settings),
+        "seconds": done.seconds,
+        "peak_bytes": done.peak_bytes,
+    }
+
+
+def _metrics(disparity: Floats, pair: Pair) -> dict[str, Any]:
+    if pair.truth is None:
+        raise ValueError("the scene has no truth")
+    by_region = middlebury_v2(disparity, pair)
+    regions = {region: getattr(by_region, region) for region in ("nonocc", "all", "disc")}
+    numbers: dict[str, Any] = dict.fromkeys(field.name for field in fields(Score))
+    if "nonocc" in pair.masks:
+        mask, count = pair.masks["nonocc"], pair.num_disparities
+        numbers = asdict(score(disparity, pair.truth, mask=mask, num_disparities=count))
+    d1, epe = numbers.pop("d1"), numbers.pop("epe")
+    return {"v2": regions, "v3": numbers, "d1": d1, "epe": epe}
+
+
+def _roc(confidence: Floats, disparity: Floats, pair: Pair) -> float | None:
+    """Return the area under the ROC curve; None without a mask, or if all pixels are alike."""
+    if pair.truth is None or "nonocc" not in pair.masks:
+        return None
+    area = roc_area(confidence, disparity, pair.truth, mask=pair.masks["nonocc"])
+    return area if math.isfinite(area) else None
+
+
+def _checked(*returned: object, size: tuple[int, int]) -> tuple[Floats, Floats | None]:
+    """Return what a method returned, if that is a disparity map, and a confidence or None."""
+    if len(returned) != 2:
+        raise TypeError(f"the method returned {len(returned)} things, not disparities, confidences")
+    disparity, confidence = returned
+    checked = _map(disparity, size)
+    return checked, None if confidence is None else _map(confidence, size)
+
+
+def _map(returned: object, size: tuple[int, int]) -> Floats:
+    if not isinstance(returned, np.ndarray):
+        raise TypeError(f"the method returned {type(returned).__name__}, not an array")
+    if not np.issubdtype(returned.dtype, np.floating):
+        raise TypeError(
+            f"the method returned {returned.dtype}, not floats: pixels, NaN where there is none"
+        )
+    if returned.shape != size:
+        raise ValueError(f"the method returned shape {returned.shape}, not {size}")
+    return returned
+
+
+def _key(case: Case, entrant: Method) -> dict[str, str | int | float | bool | None]:
+    return {
+        "kind": "middlebury",
+        "suite": case.suite,
+        "collection": case.scene.collection,
+        "scene": case.scene.name,
+        "degradation": case.degradation,
+        "side": case.side,
+        "method": entrant.name,
+        "true_blur": entrant.true_blur,
+    }
+
+
+def _entrants(specs: Specs) -> list[tuple[Method, str | Method]]:
+    """Return the methods by name, beside what other processes make them of: the name is lighter."""
+    if isinstance(specs, str) or not hasattr(specs, "__iter__"):
+        raise TypeError(f"methods: got {type(specs).__name__}; accepts a list of methods")
+    entrants: dict[str, tuple[Method, str | Method]] = {}
+    for spec in specs:
+        entrant = method(spec)
+        sent = spec if isinstance(spec, str) else entrant
+        _, earlier = entrants.setdefault(str(entrant), (entrant, sent))
+        if earlier != sent:
+            raise ValueError(f"methods: two of them are called {entrant}; give them other names")
+    if not entrants:
+        raise ValueError("methods: got none; accepts one or more")
+    return list(entrants.values())
+
+
+def _degradations(suite: str, wanted: Degradations | None) -> list[tuple[str, str, Recipe | None]]:
+    """Return the name of the suite and of the degradation, and what it is if it is the user's."""
+    if isinstance(wanted, Mapping):
+        return [(CUSTOM, name, recipe) for name, recipe in wanted.items()]
+    names = list(SUITES[suite]) if wanted is None else list(dict.fromkeys(wanted))
+    for name in names:
+        _require_known("degradation", name, SUITES[suite])
+    return [(suite, name, None) for name in names]
+
+
+def _sides(sides: Iterable[str]) -> list[str]:
+    for side in sides:
+        _require_known("side", side, SIDES)
+    return list(dict.fromkeys(sides))
+
+
+def _require_truth(scenes: Iterable[Scene]) -> list[Scene]:
+    wanted = list(scenes)
+    without = [str(scene) for scene in wanted if not has_truth(scene)]
+    if without:
+        raise ValueError(f"scene: without truth there is nothing to score: {', '.join(without)}")
+    return wanted
+
+
+def _require_known(argument: str, value: object, known: Iterable[str]) -> None:
+    if value not in list(known):
+        raise ValueError(f"{argument}: got {value!r}; accepts {', '.join(known)}")
+
+
+def _require_portable(jobs: Iterable[Job]) -> None:
+    """Refuse functions of the user's that cannot be sent to other processes."""
+    things: dict[int, tuple[str, object]] = {}
+    for job in jobs:
+        spec, recipe = job.arguments["spec"], job.arguments["case"].recipe
+        things[id(spec)] = "method", spec.match if isinstance(spec, Method) else None
+        things[id(recipe)] = "degradation", recipe
+    for argument, thing in things.values():
+        require_portable(argument, thing)

@@ -1,0 +1,26 @@
+"""The paper's experiments on its own pairs: its tables again, its claims beside what comes out.
+
+    from phasestereo_bench import paper
+
+    store = Path("out/results.jsonl")
+    study = paper.run_study(paper.load_pairs("middlebury"), store)
+    paper.write_study(study, store, Path("out"))
+
+`experiments` says what is blurred, how much and by which methods it is matched, `study` measures,
+`claims` judges, `page` writes it down. The paper is Pedone & Heikkilä, *Blur and Contrast Invariant
+Fast Stereo Matching*, ACIVS 2008.
+"""
+
+from phasestereo_bench.paper.claims import Finding, findings
+from phasestereo_bench.paper.page import write_study
+from phasestereo_bench.paper.study import Pairs, Study, load_pairs, run_study
+
+__all__ = [
+    "Finding",
+    "Pairs",
+    "Study",
+    "findings",
+    "load_pairs",
+    "run_study",
+    "write_study",
+]

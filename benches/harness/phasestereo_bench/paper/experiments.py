@@ -1,0 +1,335 @@
+"""The paper's experiments: what is blurred, how much, and by which methods it is matched.
+
+Two protocols set the methods up, both without a look at any blurred pair:
+
+- "fixed": every method has the settings of its grid that are the best on the sharp pair, and keeps
+  them at all levels;
+- "tied": the window has the size of the point-spread function, as in the paper, and the side L of
+  the neighbourhood follows from it by a rule; the penalty is the best on the sharp pair for the
+  smallest of these windows and neighbourhoods, and kept at all levels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import ceil
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+
+import numpy as np
+
+from phasestereo.settings import Settings
+from phasestereo_bench.degradation import Degradation, areas, disk_psf, gaussian_psf, motion_psf
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    Kernel = NDArray[np.float64]
+    Image = NDArray[Any]
+
+__all__ = [
+    "AREAS",
+    "BITS",
+    "BITS_KEY",
+    "BITS_SIGMAS",
+    "EXPERIMENTS",
+    "FULL_GRID",
+    "GAUSS",
+    "METHODS",
+    "MOTION_X",
+    "MOTION_Y",
+    "NSAD",
+    "PHASE",
+    "PROTOCOLS",
+    "QUICK_BITS_SIGMAS",
+    "QUICK_GRID",
+    "RULES",
+    "SAD",
+    "SHARP",
+    "SMALLEST",
+    "Blur",
+    "Experiment",
+    "Grid",
+    "Method",
+    "Series",
+    "box_psf",
+    "odd",
+    "recoded",
+]
+
+# Degradations
+
+Kind = Literal["motion x", "motion y", "gauss", "areas"]
+
+_CONTRAST = Degradation(gain=0.6, offset=20)
+_GRID = np.add.outer(np.arange(4), np.arange(4)) % 4  # contrast, motion, as it was, out of focus
+
+
+@dataclass(frozen=True, slots=True)
+class Blur:
+    """A degradation of the left image.
+
+    Parameters
+    ----------
+    kind
+        Motion along a row or a column, Gaussian blur, or areas of different degradations.
+    amount
+        Length in pixels, standard deviation in pixels, or the blur factor: motion of that length
+        along x, and a disk of that diameter. Motion of 1 and a Gaussian of 0 change nothing.
+    recipe
+        ``"paper"``: motion is a box of `amount` pixels and there is no noise. ``"suite"``: as the
+        one-sided-blur suite has it, motion of n being a path of n - 1 pixels between the centres
+        of pixels, a disk's radius (n - 1) / 2, and noise of 1 gray level being added.
+    """
+
+    kind: Kind
+    amount: float
+    recipe: Literal["paper", "suite"] = "paper"
+
+    def __call__(self, image: Image) -> Image:
+        """Return the degraded image, of the same shape and type."""
+        noise = 1.0 if self.recipe == "suite" else 0.0
+        if self.kind == "gauss":
+            return Degradation(gaussian_psf(self.amount), noise=noise)(image)
+        if self.kind != "areas":
+            return Degradation(self._motion(along_x=self.kind == "motion x"), noise=noise)(image)
+        disk = disk_psf((self.amount - (self.recipe == "suite")) / 2)
+        versions: list[Callable[[Image], Image]] = [
+            _CONTRAST,
+            Degradation(self._motion(along_x=True)),
+            Degradation(),
+            Degradation(disk),
+        ]
+        return areas(image, _GRID, versions, noise=noise)
+
+    def _motion(self, *, along_x: bool) -> Kernel:
+        if self.recipe == "suite":
+            return motion_psf(self.amount, angle=0 if along_x else 90)
+        box = box_psf(self.amount)
+        return box if along_x else box.T
+
+
+def box_psf(length: float) -> Kernel:
+    """Return the point-spread function of a motion along x over exactly `length` pixels, >= 1.
+
+    float64 (1, odd), sum 1: each tap is the share of the path over its pixel. Its transform has its
+    first zero at the frequency 1 / length.
+    """
+    reach = int(np.ceil((length - 1) / 2))
+    distance = np.abs(np.arange(-reach, reach + 1))
+    taps = np.clip(length / 2 - (distance - 0.5), 0, 1)
+    return np.asarray(taps / taps.sum())[np.newaxis]
+
+
+SHARP = Blur("gauss", 0)
+"""The degradation that changes nothing."""
+
+# Methods
+
+
+class Grid(NamedTuple):
+    """Values to choose from: windows and neighbourhoods in pixels."""
+
+    windows: tuple[int, ...] = (5, 7, 9, 11)
+    neighborhoods: tuple[int, ...] = (7, 11, 15, 21)
+
+
+class Method(NamedTuple):
+    """A way to compare two pixels; windows and dynamic programming are the same for all.
+
+    Attributes
+    ----------
+    cost
+        As `phasestereo.Settings` has it.
+    name
+        Its name in text.
+    unit
+        That of its cost, and so of its penalties.
+    penalties
+        Those to choose from.
+    """
+
+    cost: Literal["phase", "sad", "nsad"]
+    name: str
+    unit: str
+    penalties: tuple[float, ...]
+
+    def candidates(self, grid: Grid, power: int) -> list[Settings]:
+        """Return all the settings to choose from; where two are equally good, the first counts."""
+        sides = grid.neighborhoods if self.cost == "phase" else (None,)
+        return [
+            self.settings(window=window, neighborhood=side, penalty=penalty, power=power)
+            for side in sides
+            for window in grid.windows
+            for penalty in self.penalties
+        ]
+
+    def settings(
+        self, *, window: int, penalty: float, neighborhood: int | None = None, power: int = 1
+    ) -> Settings:
+        """Return the settings of the paper's preset but for these; b = 2."""
+        if self.cost != "phase" or neighborhood is None:
+            return Settings(cost=self.cost, window=window, penalty=penalty)
+        return Settings(neighborhood=neighborhood, window=window, power=power, penalty=penalty)
+
+
+def recoded(settings: Settings, bits: int) -> Settings:
+    """Return settings of phase codes with other bits of phase.
+
+    A component takes 2^(b - 1) bits of the code, so all distances double with every further bit of
+    phase, and so does the penalty.
+    """
+    penalty = cast("float", settings.penalty)
+    return replace(settings, bits=bits, penalty=penalty * 2.0 ** (bits - settings.bits))
+
+
+SMALLEST = 7
+"""The smallest window and neighbourhood of the protocol "tied", pixels."""
+
+FULL_GRID, QUICK_GRID = Grid(), Grid((SMALLEST,), (SMALLEST,))
+
+PHASE = Method("phase", "phase codes", "bits", (0.5, 1, 2, 4))
+SAD = Method("sad", "SAD", "gray levels", (5, 10, 15, 20, 30))
+NSAD = Method("nsad", "normalised SAD", "standard deviations", (0.25, 0.5, 1, 2))
+
+METHODS = (PHASE, SAD, NSAD)
+
+# Experiments
+
+PROTOCOLS = ("tied", "fixed")
+
+RULES: Mapping[str, Callable[[float], float]] = {
+    "2n + 1": lambda n: 2 * n + 1,
+    "3n": lambda n: 3 * n,
+    "4 sigma + 1": lambda sigma: 4 * sigma + 1,
+}
+"""How L follows from the level of the blur. For a motion of n pixels, the first puts the zero of
+its transform just above the descriptor's highest frequency, u = 2 (the paper's equation 9), the
+second at one and a half times that. A Gaussian has no zeros."""
+
+
+class Series(NamedTuple):
+    """A line in a figure: a method set up by a protocol; `rule` gives L, if that follows one."""
+
+    protocol: str
+    method: Method
+    rule: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Experiment:
+    """One of the paper's experiments.
+
+    Attributes
+    ----------
+    key
+        Its name in files.
+    number
+        Its number in the paper.
+    title, symbol
+        Its name in text, and the symbol of a level.
+    kind
+        What is done to the left image.
+    levels
+        How much of it.
+    quick_levels
+        Those of them that make do for a trial.
+    power
+        The power k of the descriptor; b = 2, r = 2, s = 1.
+    rules
+        Rules for L in the protocol "tied", the first being the paper's own bound.
+    rival
+        What the paper compares with.
+    """
+
+    key: str
+    number: int
+    title: str
+    symbol: str = "n"
+    kind: Kind
+    levels: tuple[float, ...]
+    quick_levels: tuple[float, ...]
+    power: int
+    rules: tuple[str, ...] = ("2n + 1", "3n")
+    rival: Method = SAD
+
+    def levels_of(self, *, quick: bool) -> tuple[float, ...]:
+        """Return the levels that are measured."""
+        return self.quick_levels if quick else self.levels
+
+    def blur(self, level: float) -> Blur:
+        """Return what is done to the left image; nothing is the same everywhere."""
+        return SHARP if self.is_sharp(level) else Blur(self.kind, level)
+
+    def is_sharp(self, level: float) -> bool:
+        """Tell whether nothing is done."""
+        return (self.kind, level) in {("gauss", 0), ("motion x", 1), ("motion y", 1)}
+
+    def size(self, level: float) -> float:
+        """Return the size of the point-spread function, pixels: of a Gaussian, 2 sigma each way."""
+        return 4 * level + 1 if self.kind == "gauss" else level
+
+    def window(self, level: float) -> int:
+        """Return the window's side in the protocol "tied"."""
+        return odd(max(SMALLEST, self.size(level)))
+
+    def neighborhood(self, level: float, rule: str) -> int:
+        """Return the neighbourhood's side by a rule."""
+        return odd(max(SMALLEST, RULES[rule](level)))
+
+    def series(self, protocol: str) -> list[Series]:
+        """Return the lines of a figure."""
+        rules = self.rules if protocol == "tied" else ("",)
+        phase = [Series(protocol, PHASE, rule) for rule in rules]
+        return [*phase, Series(protocol, SAD), Series(protocol, NSAD)]
+
+
+def odd(side: float) -> int:
+    """Return the smallest odd integer that is not smaller."""
+    return ceil(side) | 1
+
+
+_LENGTHS = tuple(map(float, range(1, 22, 2)))
+
+MOTION_X = Experiment(
+    key="motion_x",
+    number=1,
+    title="motion along x",
+    kind="motion x",
+    levels=_LENGTHS,
+    quick_levels=(1.0, 11.0),
+    power=2,
+)
+MOTION_Y = replace(MOTION_X, key="motion_y", title="motion along y", kind="motion y")
+GAUSS = Experiment(
+    key="gauss",
+    number=2,
+    title="Gaussian blur",
+    symbol="sigma",
+    kind="gauss",
+    levels=tuple(step / 2 for step in range(11)),
+    quick_levels=(0.0, 4.0),
+    power=1,
+    rules=("4 sigma + 1",),
+)
+AREAS = Experiment(
+    key="areas",
+    number=3,
+    title="contrast, motion, defocus",
+    kind="areas",
+    levels=tuple(map(float, range(3, 16))),
+    quick_levels=(3.0, 11.0),
+    power=1,
+    rival=NSAD,
+)
+EXPERIMENTS = (MOTION_X, MOTION_Y, GAUSS, AREAS)
+
+BITS = (1, 2, 3, 4)
+"""Bits of the phase in Figure 3, under the Gaussian blur of `BITS_SIGMAS` pixels."""
+
+BITS_KEY = "bits"
+"""What stands for Figure 3 where the others have the key of their experiment."""
+
+BITS_SIGMAS = (0.25, 1.0, 4.0)
+QUICK_BITS_SIGMAS = (1.0,)

@@ -1,0 +1,468 @@
+"""Runs the experiments: settings are chosen on the sharp pairs, then everything is measured."""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import phasestereo
+from phasestereo.matcher import match
+from phasestereo.metrics import middlebury_v2
+from phasestereo_bench.datasets import find_scene
+from phasestereo_bench.paper.experiments import (
+    BITS,
+    BITS_KEY,
+    BITS_SIGMAS,
+    EXPERIMENTS,
+    FULL_GRID,
+    GAUSS,
+    METHODS,
+    PHASE,
+    PROTOCOLS,
+    QUICK_BITS_SIGMAS,
+    QUICK_GRID,
+    SHARP,
+    SMALLEST,
+    Grid,
+    recoded,
+)
+from phasestereo_bench.paper.prototype import figures
+from phasestereo_bench.runner import Job, run
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Iterable, Mapping
+    from contextlib import AbstractContextManager
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from phasestereo.settings import Settings
+    from phasestereo_bench.datasets import Pair
+    from phasestereo_bench.paper.experiments import Blur, Experiment, Method, Series
+    from phasestereo_bench.paper.prototype import Figure
+
+    Progress = Callable[[int, int], object] | None
+    Watch = Callable[[str], AbstractContextManager[Progress]]
+
+__all__ = [
+    "SCENES",
+    "Again",
+    "Cell",
+    "Choice",
+    "Pairs",
+    "Reading",
+    "Study",
+    "Whose",
+    "curve",
+    "load_pairs",
+    "measure",
+    "run_study",
+]
+
+SCENES = {"cones": "scenes2003/cones", "tsukuba": "scenes2001/tsukuba"}
+"""The paper's pairs, in the order of its columns, and where Middlebury's folders have them."""
+
+
+# Pairs
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Where the pairs are, and what tells them from others of their names."""
+
+    folder: Path
+    digests: dict[str, str]
+
+
+def load_pairs(folder: str | os.PathLike[str]) -> Pairs:
+    """Find the paper's pairs in a Middlebury folder tree, and check that they can be scored.
+
+    Raises
+    ------
+    OSError
+        If the folder or a file of it cannot be read.
+    ValueError
+        If a pair is not there, or comes without truth or without a mask of what both images see.
+    """
+    root = Path(folder).absolute()
+    return Pairs(root, {scene: _digest(load_pair(str(root), scene)) for scene in SCENES})
+
+
+@lru_cache(maxsize=len(SCENES))
+def load_pair(folder: str, scene: str) -> Pair:
+    """Return a pair that can be scored; errors as those of `load_pairs`."""
+    found = find_scene(folder, SCENES[scene])
+    pair = found.load()
+    if pair.truth is None or "nonocc" not in pair.masks:
+        raise ValueError(
+            f"{found.folder}: has no truth with a mask of the pixels that both images see "
+            f"({found.layout.truth} and mask_nonocc.png, or the truth of either image)"
+        )
+    return pair
+
+
+def _digest(pair: Pair) -> str:
+    content = hashlib.sha256()
+    for array in (pair.left, pair.right, pair.truth, pair.masks["nonocc"]):
+        content.update(cast("NDArray[np.float32]", array).tobytes())
+    return content.hexdigest()[:12]
+
+
+# Cells
+
+
+class Scores(NamedTuple):
+    """% of pixels that are off by more than 1 pixel, by region; None without a mask of it."""
+
+    nonocc: float
+    all: float | None
+    disc: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """What is measured once, however many figures and tables show it."""
+
+    scene: str
+    blur: Blur
+    settings: Settings
+
+    def told(self) -> dict[str, Any]:
+        """Return the settings that matter, None where there are no phase codes."""
+        names = ("power", "bits", "neighborhood")
+        phase = self.settings.cost == "phase"
+        return {
+            **{name: getattr(self.settings, name) if phase else None for name in names},
+            "window": self.settings.window,
+            "penalty": self.settings.penalty,
+        }
+
+    def job(self, pairs: Pairs) -> Job:
+        """Return the job that measures it.
+
+        The key holds a digest of the pair and the version of this package: another pair under the
+        same name, or another matcher, is another cell.
+        """
+        key = {
+            "kind": "paper",
+            "version": phasestereo.__version__,
+            "scene": self.scene,
+            "pair": pairs.digests[self.scene],
+            "degradation": self.blur.kind,
+            "amount": float(self.blur.amount),
+            "recipe": self.blur.recipe,
+            "method": self.settings.cost,
+            **self.told(),
+            "penalty": float(cast("float", self.settings.penalty)),
+        }
+        return Job(key, score_cell, {"folder": str(pairs.folder), "cell": self})
+
+
+def score_cell(folder: str, cell: Cell) -> dict[str, Any]:
+    """Match and return the `Scores` by name."""
+    pair = load_pair(folder, cell.scene)
+    left, count = degraded(folder, cell.scene, cell.blur), pair.num_disparities
+    found = match(left, pair.right, num_disparities=count, settings=cell.settings, threads=1)
+    scores = middlebury_v2(found.disparity, pair)
+    return {"nonocc": scores.nonocc, "all": scores.all, "disc": scores.disc}
+
+
+@lru_cache(maxsize=4)
+def degraded(folder: str, scene: str, blur: Blur) -> NDArray[np.uint8]:
+    """Return the left image of a pair, degraded; cells of one image are measured in a row."""
+    image: NDArray[np.uint8] = blur(load_pair(folder, scene).left)
+    image.flags.writeable = False
+    return image
+
+
+def measure(
+    cells: Iterable[Cell],
+    pairs: Pairs,
+    store: Path,
+    *,
+    workers: int | None = None,
+    progress: Progress = None,
+) -> dict[Cell, Scores]:
+    """Measure cells, but for those which a store has already; any may come more than once.
+
+    Raises
+    ------
+    RuntimeError
+        If a cell failed; those that did not are in the store.
+    OSError, TypeError, ValueError, KeyboardInterrupt
+        As `phasestereo_bench.run`, whose arguments the others are.
+    """
+    # One image after another: a process keeps the last few that it degraded.
+    ordered = sorted(dict.fromkeys(cells), key=lambda cell: (cell.scene, str(cell.blur)))
+    jobs = [cell.job(pairs) for cell in ordered]
+    records = run(jobs, store, workers=workers, progress=progress)
+    failed = [record for record in records if record["status"] != "ok"]
+    if failed:
+        raise RuntimeError(
+            f"{len(failed)} of {len(records)} cells failed, the first with: {failed[0]['error']}; "
+            f"the others are kept in {store}"
+        )
+    scores = [Scores(*(record[name] for name in Scores._fields)) for record in records]
+    return dict(zip(ordered, scores, strict=True))
+
+
+# Choices
+
+
+class Whose(NamedTuple):
+    """Whose settings are chosen: those of a method for a pair, and for a power k of the codes."""
+
+    scene: str
+    method: Method
+    power: int
+
+    def candidates(self, grid: Grid) -> list[Settings]:
+        """Return what the protocol "fixed" chooses from."""
+        return self.method.candidates(grid, self.power)
+
+    @property
+    def tied(self) -> list[Settings]:
+        """What the protocol "tied" chooses its penalty from."""
+        return self.candidates(Grid((SMALLEST,), (SMALLEST,)))
+
+    def cells(self, grid: Grid) -> list[Cell]:
+        """Return all that has to be measured to choose."""
+        wanted = dict.fromkeys([*self.candidates(grid), *self.tied])
+        return [Cell(self.scene, SHARP, settings) for settings in wanted]
+
+
+class Choice(NamedTuple):
+    """What was chosen on the sharp pair, and the % of bad pixels there.
+
+    Attributes
+    ----------
+    fixed, fixed_bad
+        The best settings of all.
+    penalty, penalty_bad
+        The best penalty for the smallest window and neighbourhood.
+    """
+
+    fixed: Settings
+    fixed_bad: float
+    penalty: float
+    penalty_bad: float
+
+
+def whose(scene: str, method: Method, experiment: Experiment) -> Whose:
+    """Return whose settings an experiment takes; methods without a power k have one of 1."""
+    return Whose(scene, method, experiment.power if method is PHASE else 1)
+
+
+def everyone() -> list[Whose]:
+    """Return whose settings have to be chosen."""
+    found = (whose(s, m, e) for s in SCENES for m in METHODS for e in EXPERIMENTS)
+    return list(dict.fromkeys(found))
+
+
+def choose(one: Whose, grid: Grid, bad: Mapping[Cell, float]) -> Choice:
+    """Return the best settings, the first of them where several are equally good."""
+
+    def badness(settings: Settings) -> float:
+        return bad[Cell(one.scene, SHARP, settings)]
+
+    fixed, tied = min(one.candidates(grid), key=badness), min(one.tied, key=badness)
+    return Choice(fixed, badness(fixed), cast("float", tied.penalty), badness(tied))
+
+
+# The study
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """One point of a figure.
+
+    Attributes
+    ----------
+    experiment, scene, protocol, method, rule, level
+        Which point: keys of an experiment ("bits" being Figure 3) and of a pair, "tied" or
+        "fixed", the cost, the rule for L (empty where there is none), and the amount of blur.
+    power, bits, neighborhood, window, penalty
+        The settings; the first three are None for methods without phase codes.
+    nonocc, all, disc
+        % of the pixels that are off by more than 1 pixel: of those that both images see, of all,
+        and of those near a jump in depth; None where the pair has no such mask.
+    """
+
+    experiment: str
+    scene: str
+    protocol: str
+    method: str
+    rule: str
+    level: float
+    power: int | None
+    bits: int | None
+    neighborhood: int | None
+    window: int
+    penalty: float
+    nonocc: float
+    all: float | None
+    disc: float | None
+
+
+def curve(readings: Iterable[Reading], **wanted: str | float) -> dict[float, float]:
+    """Return the % of bad non-occluded pixels by level, of the points with these attributes."""
+    return {
+        each.level: each.nonocc
+        for each in readings
+        if all(getattr(each, name) == value for name, value in wanted.items())
+    }
+
+
+class Again(NamedTuple):
+    """A figure of the prototype and what was measured: likewise, and by the suite's recipe."""
+
+    figure: Figure
+    measured: float
+    suite: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """All that was measured.
+
+    Attributes
+    ----------
+    quick
+        Whether these are the few levels of a trial.
+    choices
+        What was chosen.
+    readings
+        The points of Figures 2 and 3.
+    prototype
+        The prototype's figures, measured again.
+    """
+
+    quick: bool
+    choices: Mapping[Whose, Choice]
+    readings: list[Reading]
+    prototype: list[Again]
+
+
+class _Point(NamedTuple):
+    experiment: str
+    series: Series
+    level: float
+    cell: Cell
+
+
+def run_study(
+    pairs: Pairs,
+    store: Path,
+    *,
+    quick: bool = False,
+    workers: int | None = None,
+    watch: Watch = lambda _: nullcontext(),
+) -> Study:
+    """Run the experiments, but for what a store has of them already.
+
+    Parameters
+    ----------
+    pairs
+        As of `load_pairs`.
+    store, workers
+        As for `phasestereo_bench.run`.
+    quick
+        Whether a few levels and settings are enough.
+    watch
+        Called with the name of a stage, it returns a context manager for the callable that is told
+        of the progress of the stage, or for None.
+
+    Raises
+    ------
+    OSError, RuntimeError, TypeError, ValueError, KeyboardInterrupt
+        As `measure`.
+    """
+    grid = QUICK_GRID if quick else FULL_GRID
+    asked = [cell for one in everyone() for cell in one.cells(grid)]
+    with watch("Choosing settings on the sharp pairs") as progress:
+        scores = measure(asked, pairs, store, workers=workers, progress=progress)
+    bad = {cell: score.nonocc for cell, score in scores.items()}
+    choices = {one: choose(one, grid, bad) for one in everyone()}
+    points = [*_points(choices, quick=quick), *_bits_points(choices, quick=quick)]
+    known = [each for each in figures() if each.level in each.experiment.levels_of(quick=quick)]
+    cells = [point.cell for point in points]
+    cells += [cell for each in known for cell in _cells(each)]
+    with watch("Running the experiments") as progress:
+        scores = measure(cells, pairs, store, workers=workers, progress=progress)
+    return Study(
+        quick=quick,
+        choices=choices,
+        readings=[_reading(point, scores[point.cell]) for point in points],
+        prototype=[Again(each, *(scores[cell].nonocc for cell in _cells(each))) for each in known],
+    )
+
+
+def _cells(figure: Figure) -> tuple[Cell, Cell]:
+    """Return a figure of the prototype here, and degraded by the recipe of the suite."""
+    blur = figure.experiment.blur(figure.level)
+    suite = blur if blur == SHARP else replace(blur, recipe="suite")
+    return Cell(figure.scene, blur, figure.settings), Cell(figure.scene, suite, figure.settings)
+
+
+def _cell_at(
+    series: Series,
+    experiment: Experiment,
+    scene: str,
+    level: float,
+    choices: Mapping[Whose, Choice],
+) -> Cell:
+    """Return what a line of a figure shows of a pair at a level of the blur."""
+    choice = choices[whose(scene, series.method, experiment)]
+    settings = choice.fixed
+    if series.protocol == "tied":
+        settings = series.method.settings(
+            window=experiment.window(level),
+            penalty=choice.penalty,
+            neighborhood=experiment.neighborhood(level, series.rule) if series.rule else None,
+            power=experiment.power,
+        )
+    return Cell(scene, experiment.blur(level), settings)
+
+
+def _points(choices: Mapping[Whose, Choice], *, quick: bool) -> list[_Point]:
+    """Return the points of Figure 2."""
+    return [
+        _Point(experiment.key, series, level, _cell_at(series, experiment, scene, level, choices))
+        for experiment in EXPERIMENTS
+        for scene in SCENES
+        for protocol in PROTOCOLS
+        for series in experiment.series(protocol)
+        for level in experiment.levels_of(quick=quick)
+    ]
+
+
+def _bits_points(choices: Mapping[Whose, Choice], *, quick: bool) -> list[_Point]:
+    """Return the points of Figure 3: the settings of the second experiment, but for the bits."""
+    points = []
+    for scene in SCENES:
+        for protocol in PROTOCOLS:
+            series = GAUSS.series(protocol)[0]
+            for sigma in QUICK_BITS_SIGMAS if quick else BITS_SIGMAS:
+                cell = _cell_at(series, GAUSS, scene, sigma, choices)
+                for bits in BITS:
+                    other = replace(cell, settings=recoded(cell.settings, bits))
+                    points.append(_Point(BITS_KEY, series, sigma, other))
+    return points
+
+
+def _reading(point: _Point, scores: Scores) -> Reading:
+    return Reading(
+        experiment=point.experiment,
+        scene=point.cell.scene,
+        protocol=point.series.protocol,
+        method=point.series.method.cost,
+        rule=point.series.rule,
+        level=point.level,
+        **point.cell.told(),
+        **scores._asdict(),
+    )

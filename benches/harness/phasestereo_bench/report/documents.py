@@ -1,0 +1,112 @@
+"""Documents: their tables, rendered from results between the markers that ask for them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from textwrap import fill
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from phasestereo.io.files import replacing
+from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
+from phasestereo_bench.report.origin import explain, origin
+from phasestereo_bench.report.sharp import explain_v2, explain_v3, v2_table, v3_table
+from phasestereo_bench.report.tables import mean_table, scene_table
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Mapping
+
+    from phasestereo_bench.report.results import Results
+    from phasestereo_bench.report.tables import Table
+
+    Maker = Callable[[Results, str], Table]
+    Words = Callable[[Results, str], str]
+
+__all__ = ["MARKERS", "fill_document", "fill_places", "render_document", "small_print"]
+
+MARKERS: Mapping[str, tuple[str, Maker, Words]] = MappingProxyType(
+    {
+        "one-sided-blur-means": ("one-sided-blur", mean_table, explain),
+        "one-sided-blur-scenes": ("one-sided-blur", scene_table, explain),
+        "sharp": ("sharp", scene_table, explain),
+        "sharp-v2": ("sharp", v2_table, explain_v2),
+        "sharp-v3": ("sharp", v3_table, explain_v3),
+    }
+)
+"""The names that markers can have: the suite whose results they show, in which table, and what
+is said of it."""
+
+_OTHERS = ("blur", "speed")
+"""Names of markers that are filled from results of another kind."""
+
+_WIDTH = 110
+
+
+def fill_document(
+    path: str | os.PathLike[str], results: Results, *, metric: str = "v2.nonocc"
+) -> None:
+    """Replace the tables between the markers of a document by those of these results.
+
+    Places of other suites stay as they are. The file is replaced as a whole or not at all, and not
+    touched if nothing changes.
+
+    Parameters
+    ----------
+    path
+        A Markdown file, with ``<!-- bench:NAME --><!-- /bench:NAME -->`` where a table is to be;
+        the names are those of `MARKERS`.
+    results
+        What to show.
+    metric
+        Which number, a name in `METRICS`; tables of several metrics do not ask.
+
+    Raises
+    ------
+    ValueError
+        If a marker has an unknown name or no counterpart, if there is none for this suite, if the
+        file is not UTF-8, or if there is no number of the metric.
+    OSError
+        If the file cannot be read or written.
+    """
+    _replace(path, render_document(path, results, metric=metric))
+
+
+def fill_places(path: str | os.PathLike[str], texts: Mapping[str, str]) -> None:
+    """Replace what is between the markers of these names; the rest is as of `fill_document`."""
+    _replace(path, _render(path, texts))
+
+
+def small_print(text: str) -> str:
+    """Return what stands below a table as Markdown, in lines."""
+    return fill(markdown_text(text), _WIDTH, break_on_hyphens=False)
+
+
+def render_document(
+    path: str | os.PathLike[str], results: Results, *, metric: str = "v2.nonocc"
+) -> str:
+    """Return what `fill_document` would write; parameters and errors are the same."""
+    results.require_metric(metric)
+    made = origin(results)
+    texts = {
+        name: f"{markdown_table(table(results, metric))}\n\n"
+        + small_print(f"{words(results, metric)} {made}")
+        for name, (suite, table, words) in MARKERS.items()
+        if suite == results.suite
+    }
+    return _render(path, texts)
+
+
+def _render(path: str | os.PathLike[str], texts: Mapping[str, str]) -> str:
+    others = [name for name in (*MARKERS, *_OTHERS) if name not in texts]
+    try:
+        return fill_markers(Path(path).read_bytes().decode(), texts, others=others)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _replace(path: str | os.PathLike[str], document: str) -> None:
+    content = document.encode()
+    if content != Path(path).read_bytes():
+        with replacing(path) as file:
+            file.write(content)

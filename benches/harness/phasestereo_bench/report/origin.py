@@ -1,0 +1,96 @@
+"""Origin: where numbers come from, in words and as the commands that make them again."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from typing import TYPE_CHECKING, Any
+
+from phasestereo_bench.cases import SUITE_SCENES, SUITES
+from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.tables import scene_count
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from phasestereo_bench.report.cells import Place
+    from phasestereo_bench.report.results import Results
+
+__all__ = ["commands", "explain", "made_with", "origin"]
+
+_COMMIT = 12  # characters of it in running text
+_VARIANT = re.compile(r"(?P<scene>.+) \((?P<left>\S+) (?P<right>\S+)\)")
+_STORE = "results.jsonl"
+
+
+def explain(results: Results, metric: str) -> str:
+    """Say what the figures of a table are, and which of them are bold."""
+    title = METRICS[metric].label
+    scenes = scene_count(results, metric) or "the scenes that all methods have, as many as it says"
+    return (
+        f"{title[0].upper()}{title[1:]}: {METRICS[metric].better}. Means over {scenes}, "
+        f"{results.state}. Bold: the best of the methods that were not told the blur."
+    )
+
+
+def origin(results: Results) -> str:
+    """Say with what the numbers were made."""
+    return made_with(results.environments.values())
+
+
+def made_with(environments: Iterable[Mapping[str, Any]]) -> str:
+    """Say which environments these are."""
+    return "Made with " + "; ".join(map(_environment, environments)) + "."
+
+
+def commands(results: Results, metric: str) -> list[str]:
+    """Return the command lines that lead to the same tables.
+
+    The folder of the scenes is called FOLDER there. A suite of the user's own degradations exists
+    in Python alone, and takes no command to make.
+    """
+    shown = ["--suite", results.suite, "--side", results.side, "--metric", metric, "-o", "report"]
+    if results.suite not in SUITES:
+        return [_line(["report", *results.sources, *shown])]
+    cells = [*results.cells.values(), *results.failures]
+    methods = dict.fromkeys([*results.methods, *(cell.method for cell in results.failures)])
+    options = ["--suite", results.suite, "--side", results.side, "--method", *methods]
+    rows = {cell.degradation for cell in cells}
+    if rows != set(SUITES[results.suite]):
+        options += ["--degradation", *sorted(rows)]
+    makers = [
+        ["middlebury", "FOLDER", *options, *scenes, "-o", _STORE]
+        for scenes in _scenes(results.suite, sorted({cell.place for cell in cells}))
+    ]
+    return [_line(command) for command in (*makers, ["report", _STORE, *shown])]
+
+
+def _scenes(suite: str, places: Sequence[Place]) -> list[list[str]]:
+    """Return the options that choose these scenes, one list for each choice of their images."""
+    if {str(place) for place in places} == SUITE_SCENES.get(suite, frozenset()):
+        return [[]]
+    names: dict[tuple[str, ...], list[str]] = {}
+    for place in places:
+        variant = _VARIANT.fullmatch(str(place))
+        if variant is None:
+            names.setdefault((), []).append(str(place))
+        else:
+            images = ("--left-image", variant["left"], "--right-image", variant["right"])
+            names.setdefault(images, []).append(variant["scene"])
+    return [["--scene", *scenes, *images] for images, scenes in names.items()]
+
+
+def _line(arguments: Sequence[str]) -> str:
+    return shlex.join(["phasestereo", "bench", *arguments])
+
+
+def _environment(known: Mapping[str, Any]) -> str:
+    versions, (commit, dash, state) = known.get("versions"), str(known.get("commit")).partition("-")
+    if not isinstance(versions, dict):
+        return "versions that are not known"
+    names = {"phasestereo": "phasestereo", "opencv": "OpenCV", "numpy": "NumPy", "python": "Python"}
+    parts = {name: f"{title} {versions.get(name)}" for name, title in names.items()}
+    if known.get("commit"):
+        parts["phasestereo"] += f" (commit {commit[:_COMMIT]}{dash}{state})"
+    made = ", ".join(part for name, part in parts.items() if versions.get(name))
+    return f"{made} on {known.get('cpu')}, {known.get('date')}"

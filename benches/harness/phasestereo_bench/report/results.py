@@ -1,0 +1,251 @@
+"""Results: the cells of a benchmark run, read back from the stores that the run left behind.
+
+Here is decided which cells are told of, and in which order; how their numbers are averaged and
+shown is the business of `tables` and `plots`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from phasestereo_bench.cases import SUITE_SCENES, SUITES
+from phasestereo_bench.datasets import LAYOUTS
+from phasestereo_bench.methods import TRUE_BLUR
+from phasestereo_bench.report.cells import KIND, METRICS, read_cell
+from phasestereo_bench.store import read_store
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from phasestereo_bench.report.cells import Cell, Place
+
+    Environments = Mapping[str, Mapping[str, Any]]
+    Natural = list[tuple[int, str]]
+
+__all__ = ["Results", "is_told", "read_results"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Results:
+    """The cells of one suite with the same image degraded in all, and where they come from.
+
+    Attributes
+    ----------
+    suite, side
+        The name of the suite, and which image was degraded.
+    methods, places, degradations
+        Those of the cells, in the order in which they are told.
+    cells
+        Those with metrics, at least one, by place, degradation and method, in that order.
+    failures
+        Those without.
+    environments
+        What is known of the environments in which the cells ran, by name.
+    sources
+        The files, in order.
+    """
+
+    suite: str
+    side: str
+    methods: tuple[str, ...]
+    places: tuple[Place, ...]
+    degradations: tuple[str, ...]
+    cells: Mapping[tuple[Place, str, str], Cell]
+    failures: tuple[Cell, ...]
+    environments: Environments
+    sources: tuple[str, ...]
+
+    @property
+    def state(self) -> str:
+        """What the pairs are like."""
+        if set(self.degradations) == {"sharp"}:
+            return "both images sharp"
+        return f"{self.side} image degraded"
+
+    @property
+    def counted(self) -> tuple[Place, ...]:
+        """The places that means are taken over: those which the suite names, or else all."""
+        named = SUITE_SCENES.get(self.suite, frozenset())
+        return tuple(place for place in self.places if str(place) in named) or self.places
+
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        """The names in `METRICS` of which there is any number."""
+        there = {name for cell in self.cells.values() for name in cell.metrics}
+        return tuple(name for name in METRICS if name in there)
+
+    @property
+    def ours(self) -> tuple[str, ...]:
+        """The methods that compare phase codes."""
+        ours = {cell.method for cell in self.cells.values() if _family(cell) == 0}
+        return tuple(method for method in self.methods if method in ours)
+
+    def require_metric(self, metric: str) -> None:
+        """Refuse a metric of which there is no number.
+
+        Raises
+        ------
+        ValueError
+            With the names of those that there are.
+        """
+        if metric not in self.metrics:
+            names = ", ".join(self.metrics)
+            raise ValueError(f"metric: got {metric!r}; accepts those with numbers: {names}")
+
+    def values(self, metric: str, method: str, degradation: str) -> dict[Place, float]:
+        """Return a method's values by place, as many as there are."""
+        cells = {place: self.cells.get((place, degradation, method)) for place in self.places}
+        return {
+            place: cell.metrics[metric]
+            for place, cell in cells.items()
+            if cell is not None and metric in cell.metrics
+        }
+
+
+def is_told(method: str) -> bool:
+    """Tell by its name whether a method was told the blur."""
+    return method.endswith(TRUE_BLUR)
+
+
+def read_results(
+    paths: Sequence[str | os.PathLike[str]],
+    *,
+    suite: str | None = None,
+    side: str | None = None,
+    methods: Sequence[str] = (),
+) -> Results:
+    """Read one or more stores of a Middlebury benchmark.
+
+    Of several records of one cell the last counts. Records of other benchmarks are left out.
+
+    Parameters
+    ----------
+    paths
+        The stores, at least one.
+    suite
+        Tell of this suite; None: the only one there is.
+    side
+        Tell of the cells with this image degraded, "left" or "right"; None: the only one there is.
+    methods
+        Tell of these methods, by name and in this order; none: of all, phase codes first and those
+        that were told the blur last.
+
+    Raises
+    ------
+    ValueError
+        If a file is not what it should be; if there are no results, or none of that suite, side or
+        method; if there are those of several suites or sides, and no choice.
+    OSError
+        If a file cannot be read.
+    """
+    cells: dict[tuple[object, ...], Cell] = {}
+    environments: dict[str, Mapping[str, Any]] = {}
+    for path in paths:
+        for number, record in enumerate(read_store(path), start=1):
+            if record.get("kind") == "environment":
+                environments[str(record.get("id"))] = record
+            elif record.get("kind") == KIND:
+                try:
+                    cell = read_cell(record)
+                except ValueError as error:
+                    raise ValueError(f"{path}: line {number}: {error}") from error
+                cells[cell.key] = cell
+    sources = tuple(map(str, paths))
+    if not cells:
+        raise ValueError(f"{', '.join(sources)}: no record of the kind {KIND!r}")
+    chosen = _chosen(list(cells.values()), suite, side, methods)
+    return _told(chosen, methods, environments, sources)
+
+
+def _chosen(
+    cells: Sequence[Cell], suite: str | None, side: str | None, methods: Sequence[str]
+) -> list[Cell]:
+    """Return the cells to tell of; refuse where there are none, or no knowing which."""
+    suite = _choice("suite", suite, {cell.suite for cell in cells})
+    of_suite = [cell for cell in cells if cell.suite == suite]
+    side = _choice("side", side, {cell.side for cell in of_suite})
+    of_side = [cell for cell in of_suite if cell.side == side]
+    there = {cell.method for cell in of_side}
+    for method in methods:
+        _choice("method", method, there)
+    chosen = [cell for cell in of_side if not methods or cell.method in methods]
+    if all(cell.error is not None for cell in chosen):
+        raise ValueError(f"no results: all {len(chosen)} cells failed, {chosen[0].error}")
+    return chosen
+
+
+def _choice(argument: str, wanted: str | None, there: set[str]) -> str:
+    """Return what is wanted, or the only one that there is."""
+    if wanted in there:
+        return wanted
+    if wanted is None and len(there) == 1:
+        return next(iter(there))
+    names = ", ".join(sorted(there, key=_natural))
+    if wanted is None:
+        raise ValueError(f"{argument}: got none, and there are results of several; accepts {names}")
+    raise ValueError(f"{argument}: got {wanted!r}; accepts those with results: {names}")
+
+
+def _told(
+    cells: Sequence[Cell],
+    methods: Sequence[str],
+    environments: Environments,
+    sources: tuple[str, ...],
+) -> Results:
+    """Put the cells in the order in which they are told."""
+    done = [cell for cell in cells if cell.error is None]
+    order = _unique(cell.method for cell in sorted(done, key=_rank))
+    if methods:
+        order = tuple(method for method in _unique(methods) if method in order)
+    collections = [layout.collection for layout in LAYOUTS]
+    places = sorted(
+        {cell.place for cell in done},
+        key=lambda place: (_index(collections, place.collection), *map(_natural, place)),
+    )
+    rows = list(SUITES.get(cells[0].suite, ()))
+    degradations = sorted(
+        {cell.degradation for cell in done}, key=lambda row: (_index(rows, row), _natural(row))
+    )
+    found = {(cell.place, cell.degradation, cell.method): cell for cell in done}
+    keys = [(place, row, method) for place in places for row in degradations for method in order]
+    return Results(
+        suite=cells[0].suite,
+        side=cells[0].side,
+        methods=order,
+        places=tuple(places),
+        degradations=tuple(degradations),
+        cells={key: found[key] for key in keys if key in found},
+        failures=tuple(cell for cell in cells if cell.error is not None),
+        environments={
+            name: environments.get(name, {}) for name in _unique(c.environment for c in cells)
+        },
+        sources=sources,
+    )
+
+
+def _rank(cell: Cell) -> tuple[bool, int, Natural]:
+    return is_told(cell.method), _family(cell), _natural(cell.method)
+
+
+def _family(cell: Cell) -> int:
+    """Return 0 for phase codes, 1 for the baselines that share their pipeline, 2 for others."""
+    cost = cell.settings.get("cost")
+    return 2 if cost is None else int(cost != "phase")
+
+
+def _natural(text: str) -> Natural:
+    """Return a key that sorts in any case, numbers by their value: "L=7" before "L=11"."""
+    parts = re.split(r"(\d+)", text.casefold())
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in parts]
+
+
+def _index(known: Sequence[str], name: str) -> int:
+    """Return the index of a name, behind all others where it is unknown."""
+    return known.index(name) if name in known else len(known)
+
+
+def _unique(names: Iterable[str]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(names))

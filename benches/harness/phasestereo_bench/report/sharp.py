@@ -1,0 +1,113 @@
+"""Sharp pairs: tables as those of the Middlebury evaluations, versions 2 and 3.
+
+Version 2 ranked by the percentages of three regions of each of its scenes, version 3 looks at how
+far disparities are off. Means are those of `tables`: over the scenes that all methods have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from statistics import fmean
+from typing import TYPE_CHECKING
+
+from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.tables import Entry, Table, figures, means, place_names
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from phasestereo_bench.report.results import Results
+
+__all__ = ["explain_v2", "explain_v3", "sharp_tables", "v2_table", "v3_table"]
+
+_V2_SCENES = ("scenes2001/tsukuba", "scenes2001/venus", "scenes2003/teddy", "scenes2003/cones")
+_REGIONS = ("v2.nonocc", "v2.all", "v2.disc")
+_V3 = {
+    "v3.bad_0_5": "bad-0.5",
+    "v3.bad_1": "bad-1.0",
+    "v3.bad_2": "bad-2.0",
+    "v3.bad_4": "bad-4.0",
+    "v3.invalid": "missing",
+    "v3.avgerr": "mean error",
+    "v3.rms": "rms",
+    "v3.a50": "A50",
+    "v3.a90": "A90",
+    "v3.a95": "A95",
+    "v3.a99": "A99",
+    "roc": "ROC area",
+}
+
+
+def sharp_tables(results: Results) -> dict[str, tuple[str, Table]]:
+    """Return both tables by title, each behind what its figures are; none of another suite."""
+    if results.suite != "sharp":
+        return {}
+    tables = {
+        "As in version 2 of the Middlebury evaluation": (explain_v2(results), v2_table(results)),
+        "As in version 3": (explain_v3(results), v3_table(results)),
+    }
+    return {title: told for title, told in tables.items() if told[1].header[1:]}
+
+
+def v2_table(results: Results, _metric: str = "") -> Table:
+    """Return methods x regions of the scenes of version 2, and last the mean of all of these.
+
+    Regions without any number are left out. Only methods that have all the others have a mean.
+    """
+    told = _of_v2(results, wanted=True)
+    names = place_names(told.places)
+    columns = {
+        f"{names[place]} {region.partition('.')[2]}": _means(replace(told, places=(place,)), region)
+        for place in told.places
+        for region in _REGIONS
+    }
+    columns = {heading: values for heading, values in columns.items() if values}
+    if columns:
+        whole = set.intersection(*(set(values) for values in columns.values()))
+        columns["mean"] = {m: fmean(values[m] for values in columns.values()) for m in whole}
+    return _table(results, {name: (values, _REGIONS[0]) for name, values in columns.items()})
+
+
+def v3_table(results: Results, _metric: str = "") -> Table:
+    """Return methods x metrics of version 3 and the ROC area: means over all other scenes."""
+    told = _of_v2(results, wanted=False)
+    columns = {title: (_means(told, name), name) for name, title in _V3.items()}
+    return _table(results, {title: told for title, told in columns.items() if told[0]})
+
+
+def explain_v2(_results: Results, _metric: str = "") -> str:
+    """Say what the figures of `v2_table` are."""
+    return (
+        "Bad-1.0, %: of non-occluded pixels, of all, and of those near a depth jump, as version 2 "
+        "of the Middlebury evaluation had them; less is better. Bold: the best."
+    )
+
+
+def explain_v3(results: Results, _metric: str = "") -> str:
+    """Say what the figures of `v3_table` are."""
+    count = len(_of_v2(results, wanted=False).counted)
+    return (
+        f"Non-occluded pixels, means over the other {count} scenes, as in version 3 of the "
+        "Middlebury evaluation: bad-T and missing estimates in %, errors and their quantiles in "
+        "px; less is better. ROC area: how well the confidence tells disparities within 1 px from "
+        "others; more is better. Bold: the best."
+    )
+
+
+def _of_v2(results: Results, *, wanted: bool) -> Results:
+    """Return the results of the scenes of version 2, or of all others."""
+    places = [place for place in results.places if (str(place) in _V2_SCENES) == wanted]
+    return replace(results, places=tuple(places))
+
+
+def _means(results: Results, metric: str) -> Mapping[str, float]:
+    return means(results, metric, results.degradations).values
+
+
+def _table(results: Results, columns: Mapping[str, tuple[Mapping[str, float], str]]) -> Table:
+    """Return methods x columns, each of which has its values by method, and their metric."""
+    entries = [
+        figures(results.methods, values, METRICS[metric]) for values, metric in columns.values()
+    ]
+    labels = [Entry(method) for method in results.methods]
+    return Table(("method", *columns), tuple(zip(labels, *entries, strict=True)))

@@ -1,0 +1,300 @@
+"""Tables: what the results come to, in rows and columns.
+
+A mean is only ever taken over the scenes that all methods have, so that none gains by leaving one
+out. The best figure of each degradation is marked; methods that were told the blur show what could
+be had, and do not compete with the others.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from dataclasses import dataclass
+from itertools import product
+from statistics import fmean, median
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from phasestereo_bench.cases import SUITE_SCENES, SUITES
+from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.results import is_told
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from phasestereo_bench.report.cells import Cell, Metric, Place
+    from phasestereo_bench.report.results import Results
+
+__all__ = [
+    "MISSING",
+    "Entry",
+    "Means",
+    "Table",
+    "blurs",
+    "cost_table",
+    "environment_table",
+    "failure_table",
+    "figures",
+    "groups",
+    "mean_table",
+    "means",
+    "overall",
+    "place_names",
+    "scene_count",
+    "scene_table",
+    "settings_table",
+]
+
+MISSING = "-"
+
+_FACTS = {
+    "processor": ("cpu",),
+    "cores used": ("cores",),
+    "platform": ("platform",),
+    "phasestereo": ("versions", "phasestereo"),
+    "commit": ("commit",),
+    "Python": ("versions", "python"),
+    "NumPy": ("versions", "numpy"),
+    "SciPy": ("versions", "scipy"),
+    "OpenCV": ("versions", "opencv"),
+    "date": ("date",),
+}
+
+
+class Entry(NamedTuple):
+    """What a table has in one place, and whether it is the best of those it competes with."""
+
+    text: str
+    best: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Text in rows and columns.
+
+    Attributes
+    ----------
+    header
+        Of the columns.
+    rows
+        As many entries each.
+    labels
+        How many of the columns, from the left, are text; the others are numbers.
+    """
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[Entry, ...], ...]
+    labels: int = 1
+
+
+class Means(NamedTuple):
+    """Means of methods by name, over so many scenes that all of these have."""
+
+    scenes: int
+    values: Mapping[str, float]
+
+
+def means(results: Results, metric: str, degradations: Sequence[str]) -> Means:
+    """Return every method's mean over scenes and degradations.
+
+    Parameters
+    ----------
+    results
+        What to average.
+    metric
+        Which number, a name in `METRICS`.
+    degradations
+        Over which, at least one; a method has a scene if it has the number for all of them.
+
+    Returns
+    -------
+    Means
+        Of the methods that have any scene, over the scenes that all of these have; where the suite
+        names its scenes, over no others.
+    """
+    by_method = {}
+    for method in results.methods:
+        rows = [results.values(metric, method, degradation) for degradation in degradations]
+        whole = set.intersection(set(results.counted), *rows)
+        if whole:
+            by_method[method] = {place: fmean(row[place] for row in rows) for place in whole}
+    shared = _shared(results.counted, by_method.values())
+    if not shared:
+        return Means(0, {})
+    averages = {m: fmean(row[place] for place in shared) for m, row in by_method.items()}
+    return Means(len(shared), averages)
+
+
+def blurs(results: Results) -> tuple[str, ...]:
+    """Return the degradations of the suite which have a kernel, if all of these are there."""
+    kernels = tuple(
+        name
+        for name, degradation in SUITES.get(results.suite, {}).items()
+        if getattr(degradation, "psf", None) is not None
+    )
+    return kernels if set(kernels) <= set(results.degradations) else ()
+
+
+def groups(results: Results) -> dict[str, tuple[str, ...]]:
+    """Return the degradations that are averaged over, by what the average is called."""
+    single: dict[str, tuple[str, ...]] = {row: (row,) for row in results.degradations}
+    return single | ({"mean of the blurs": blurs(results)} if blurs(results) else {})
+
+
+def overall(results: Results, metric: str) -> Means:
+    """Return the means over the blurs if all of them are there, else over all degradations."""
+    return means(results, metric, blurs(results) or results.degradations)
+
+
+def mean_table(results: Results, metric: str) -> Table:
+    """Return methods x degradations: means over scenes, and last that over all blurs.
+
+    Where the means are over different numbers of scenes, a further row says how many.
+    """
+    columns = []
+    for degradations in groups(results).values():
+        count, values = means(results, metric, degradations)
+        column = figures(results.methods, values, METRICS[metric])
+        columns.append((*column, Entry(_share(results, count))))
+    *rows, counts = zip(*columns, strict=True)
+    names = [*results.methods, "scenes"] if len(set(counts)) > 1 else results.methods
+    labelled = zip(map(Entry, names), [*rows, counts], strict=False)
+    return Table(("method", *groups(results)), tuple((name, *row) for name, row in labelled))
+
+
+def scene_count(results: Results, metric: str) -> str:
+    """Say how many scenes all means are over, in words; nothing if they differ in that."""
+    counts = {means(results, metric, group).scenes for group in groups(results).values()}
+    return f"{_share(results, counts.pop())} scenes" if len(counts) == 1 else ""
+
+
+def scene_table(results: Results, metric: str) -> Table:
+    """Return scenes x methods, by degradation if there are several, else with the mean below."""
+    names = place_names(results.places)
+    several = len(results.degradations) > 1
+    rows = []
+    for place, degradation in product(results.places, results.degradations):
+        found = {m: results.values(metric, m, degradation).get(place) for m in results.methods}
+        values = {method: value for method, value in found.items() if value is not None}
+        if values:
+            labels = [Entry(names[place]), *[Entry(degradation)] * several]
+            rows.append((*labels, *figures(results.methods, values, METRICS[metric])))
+    if not several:
+        count, averages = means(results, metric, results.degradations)
+        last = figures(results.methods, averages, METRICS[metric])
+        rows.append((Entry(f"mean of {_share(results, count)}"), *last))
+    header = ("scene", *[f"{results.side} image"] * several, *results.methods)
+    return Table(header, tuple(rows), labels=1 + several)
+
+
+def place_names(places: Sequence[Place]) -> dict[Place, str]:
+    """Return what to call the scenes: by their names where these tell them apart."""
+    scenes = [place.scene for place in places]
+    return {
+        place: place.scene if scenes.count(place.scene) == 1 else str(place) for place in places
+    }
+
+
+def cost_table(results: Results) -> Table:
+    """Return what the methods take: medians over the cells of scenes that all of them have.
+
+    Where there are several environments, those of each apart.
+    """
+    rows = []
+    for environment in results.environments:
+        ran: dict[str, list[Cell]] = defaultdict(list)
+        for cell in results.cells.values():
+            if cell.environment == environment:
+                ran[cell.method].append(cell)
+        shared = _shared(results.places, [{c.place for c in cells} for cells in ran.values()])
+        for method in filter(ran.get, results.methods):
+            cells = [cell for cell in ran[method] if cell.place in shared]
+            rows.append((Entry(method), Entry(environment), *_costs(cells)))
+    header = ("method", "environment", "cells", "seconds", "ns / (px disparity)")
+    return Table((*header, "peak MB", "bytes / (px disparity)"), tuple(rows), labels=2)
+
+
+def _costs(cells: Sequence[Cell]) -> tuple[Entry, ...]:
+    """Return how many cells there are, then seconds and megabytes, whole and by volume."""
+    seconds = [(cell.seconds, cell.volume) for cell in cells if cell.seconds is not None]
+    memory = [(cell.peak_bytes, cell.volume) for cell in cells if cell.peak_bytes is not None]
+    return (
+        Entry(str(len(cells))),
+        _median("{:.3f}", [value for value, _ in seconds]),
+        _median("{:.2f}", [1e9 * value / volume for value, volume in seconds if volume]),
+        _median("{:.1f}", [value / 1e6 for value, _ in memory]),
+        _median("{:.2f}", [value / volume for value, volume in memory if volume]),
+    )
+
+
+def settings_table(results: Results) -> Table:
+    """Return the settings of every method; those that differ between cells with all values."""
+    rows = []
+    for method in results.methods:
+        values: dict[str, dict[str, None]] = defaultdict(dict)  # as a set, but in order
+        for cell in results.cells.values():
+            for name, value in cell.settings.items() if cell.method == method else ():
+                values[name][value if isinstance(value, str) else json.dumps(value)] = None
+        text = ", ".join(f"{name} = {' or '.join(found)}" for name, found in values.items())
+        rows.append((Entry(method), Entry(text or MISSING)))
+    return Table(("method", "settings"), tuple(rows), labels=2)
+
+
+def environment_table(results: Results) -> Table:
+    """Return what is known of each environment."""
+    ran = [cell.environment for cell in (*results.cells.values(), *results.failures)]
+    rows = [
+        (Entry(fact), *(Entry(_fact(known, path)) for known in results.environments.values()))
+        for fact, path in _FACTS.items()
+    ]
+    rows.append((Entry("cells"), *(Entry(str(ran.count(name))) for name in results.environments)))
+    header = ("environment", *results.environments)
+    return Table(header, tuple(rows), labels=len(header))
+
+
+def failure_table(results: Results) -> Table:
+    """Return the cells that failed, and why."""
+    places = {*results.places, *(cell.place for cell in results.failures)}
+    names = place_names(sorted(places))
+    rows = [
+        tuple(map(Entry, (names[c.place], c.degradation, c.method, " ".join(str(c.error).split()))))
+        for c in results.failures
+    ]
+    header = ("scene", f"{results.side} image", "method", "reason")
+    return Table(header, tuple(rows), labels=len(header))
+
+
+def figures(
+    methods: Iterable[str], values: Mapping[str, float], metric: Metric
+) -> tuple[Entry, ...]:
+    """Return the figures of methods; the best is marked where several compete."""
+    texts = {method: metric.format(value) for method, value in values.items()}
+    rivals = [method for method in values if not is_told(method)]
+    ranked = sorted(rivals, key=lambda method: metric.rank(values[method]))
+    best = texts[ranked[0]] if len(ranked) > 1 else None
+    return tuple(
+        Entry(texts.get(method, MISSING), best=method in rivals and texts[method] == best)
+        for method in methods
+    )
+
+
+def _share(results: Results, scenes: int) -> str:
+    """Say how many scenes there are, and of how many if the suite has more."""
+    whole = len(SUITE_SCENES.get(results.suite, ()))
+    return f"{scenes} of {whole}" if scenes < whole else str(scenes)
+
+
+def _median(form: str, values: Sequence[float]) -> Entry:
+    return Entry(form.format(median(values)) if values else MISSING)
+
+
+def _shared(places: Iterable[Place], holders: Iterable[Iterable[Place]]) -> list[Place]:
+    """Return the places that all holders have, in order; none if there is no holder."""
+    sets = [set(holder) for holder in holders]
+    return [place for place in places if sets and all(place in holder for holder in sets)]
+
+
+def _fact(known: Mapping[str, Any], path: Sequence[str]) -> str:
+    value: Any = known
+    for name in path:
+        value = value.get(name) if isinstance(value, dict) else None
+    return MISSING if value is None else str(value)

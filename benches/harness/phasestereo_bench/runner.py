@@ -1,0 +1,204 @@
+"""Runs jobs on all cores, keeps one record of each, and goes on where an earlier run stopped."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from contextlib import closing
+from dataclasses import dataclass
+from multiprocessing.connection import wait
+from numbers import Integral
+from typing import TYPE_CHECKING, Any
+
+from phasestereo_bench.environment import describe_environment, usable_cpus
+from phasestereo_bench.store import appending
+from phasestereo_bench.worker import Worker, failure, perform
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from phasestereo_bench.worker import Outcome
+
+    Cell = tuple[tuple[str, ...], str]
+    Outcomes = Generator[tuple[int, Outcome], None, None]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One cell of a benchmark.
+
+    Parameters
+    ----------
+    key
+        What tells the cell from others; jobs with equal keys are the same cell.
+    work
+        What to call: a function of a module, since another process has to find it. It returns what
+        belongs into the record, as JSON has it.
+    arguments
+        Keyword arguments for it, which can be pickled.
+    """
+
+    key: Mapping[str, str | int | float | bool | None]
+    work: Callable[..., Mapping[str, Any]]
+    arguments: Mapping[str, Any]
+
+
+def run(
+    jobs: Sequence[Job],
+    store: Path,
+    *,
+    workers: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> list[dict[str, Any]]:
+    """Run jobs, and keep a record of each in a file of JSON lines.
+
+    A job is left out where the file has it from an earlier run; jobs that failed are tried again.
+    Every record is in the file as soon as its job is done. One that raises, or whose process dies,
+    is recorded as failed, and the others go on.
+
+    Parameters
+    ----------
+    jobs
+        What to run.
+    store
+        The file, made if it does not exist, else appended to.
+    workers
+        Number of processes, in which every library is held to one thread; None: as many as there
+        are processors to use. 0 runs the jobs in this very process, one after another and with as
+        many threads as they like: for work that no other process can import, such as functions of
+        a notebook; a crash then ends everything.
+    progress
+        Called as ``progress(done, total)`` at the start and after every job, of those to be run.
+
+    Returns
+    -------
+    list of dict
+        The records of all jobs, in their order: ``{**key, "status": "ok", **returned, "seconds",
+        "peak_bytes", "environment"}``, where what the work returns as seconds and peak_bytes takes
+        precedence over what it took as a whole; or ``{**key, "status": "failed", "error",
+        "traceback", "environment"}``. Nothing that the work returns replaces a field of the key.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read or written.
+    TypeError, ValueError
+        If an argument is wrong, or the file is not one of results.
+    RuntimeError
+        If the processes cannot start.
+    KeyboardInterrupt
+        On Ctrl-C, within about a second; the records of finished jobs are in the file.
+    """
+    count = _worker_count(workers)
+    with appending(store) as (lines, append):
+        here = describe_environment()
+        if all(line.get("id") != here["id"] for line in lines):
+            append(here)
+        records = _finished(jobs, lines)
+        todo = list({_cell(job): job for job in jobs if _cell(job) not in records}.values())
+        if progress is not None:
+            progress(0, len(todo))
+        with closing(_outcomes(todo, count)) as outcomes:
+            for done, (number, outcome) in enumerate(outcomes, start=1):
+                key = todo[number].key
+                record = {**key, **outcome, **key, "environment": here["id"]}
+                append(record)
+                records[_cell(todo[number])] = record
+                if progress is not None:
+                    progress(done, len(todo))
+    return [records[_cell(job)] for job in jobs]
+
+
+def finished(jobs: Sequence[Job], lines: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the good records which the lines of a store have of these jobs."""
+    records = _finished(jobs, lines)
+    return [records[cell] for cell in map(_cell, jobs) if cell in records]
+
+
+def _finished(
+    jobs: Iterable[Job], lines: Iterable[Mapping[str, Any]]
+) -> dict[Cell, dict[str, Any]]:
+    """Return the good records by cell, told by the fields that the keys of these jobs have."""
+    shapes = {tuple(sorted(job.key)) for job in jobs}
+    return {
+        (names, _told(line, names)): dict(line)
+        for line in lines
+        if line.get("status") == "ok"
+        for names in shapes
+        if all(name in line for name in names)
+    }
+
+
+def _cell(job: Job) -> Cell:
+    names = tuple(sorted(job.key))
+    return names, _told(job.key, names)
+
+
+def _told(fields: Mapping[str, Any], names: tuple[str, ...]) -> str:
+    return json.dumps([fields[name] for name in names], allow_nan=False)
+
+
+def _worker_count(workers: int | None) -> int:
+    if workers is None:
+        return usable_cpus()
+    if not isinstance(workers, Integral) or isinstance(workers, bool):
+        raise TypeError(f"workers: got {type(workers).__name__}; accepts an integer or None")
+    if workers < 0:
+        raise ValueError(f"workers: got {workers}; accepts 0 (this process alone) and more")
+    return int(workers)
+
+
+def _outcomes(jobs: Sequence[Job], workers: int) -> Outcomes:
+    """Yield the number and the outcome of every job as it is done."""
+    if workers == 0:
+        yield from ((number, perform(job.work, job.arguments)) for number, job in enumerate(jobs))
+        return
+    waiting = deque(range(len(jobs)))
+    crew: list[Worker] = []
+    try:
+        while waiting or any(worker.job is not None for worker in crew):
+            busy = sum(worker.job is not None for worker in crew)
+            while len(crew) < min(workers, busy + len(waiting)):
+                crew.append(Worker.start())
+            yield from _next_outcomes(jobs, crew, waiting)
+    finally:
+        for worker in crew:
+            worker.stop()
+
+
+def _next_outcomes(jobs: Sequence[Job], crew: list[Worker], waiting: deque[int]) -> Outcomes:
+    """Wait until a worker has something to say, hand out jobs, and yield what was done."""
+    heard = wait([worker.connection for worker in crew])
+    for worker in [worker for worker in crew if worker.connection in heard]:
+        number = worker.job
+        try:
+            outcome = worker.receive()
+        except EOFError:
+            crew.remove(worker)
+            outcome = _death(worker)
+        else:
+            yield from _hand_out(jobs, worker, waiting)
+        if outcome is not None and number is not None:
+            yield number, outcome
+
+
+def _hand_out(jobs: Sequence[Job], worker: Worker, waiting: deque[int]) -> Outcomes:
+    """Give a worker the next job; yield those that cannot be given."""
+    while waiting and worker.job is None:
+        number = waiting.popleft()
+        try:
+            worker.give(number, jobs[number].work, jobs[number].arguments)
+        except Exception as error:  # noqa: BLE001 - pickling runs code of the arguments
+            yield number, failure(error)
+
+
+def _death(worker: Worker) -> Outcome:
+    """Return the outcome of the job during which a process died."""
+    reason = worker.bury()
+    if not worker.ready:
+        raise RuntimeError(
+            f"no process to work in: {reason} as it started; a script that runs benchmarks must "
+            'do so below `if __name__ == "__main__":`'
+        )
+    return {"status": "failed", "error": f"WorkerDied: {reason}"}

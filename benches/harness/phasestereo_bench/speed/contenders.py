@@ -1,0 +1,90 @@
+"""Contenders: ours and OpenCV's matchers, each made once for a pair and then called as it is.
+
+OpenCV's get the raw images, and what they return is left as it is: no borders are continued, and no
+float map with unknown pixels is made, so they do less than ours, which flatters them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import partial
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from phasestereo._extras import require
+from phasestereo.matcher import Matcher
+from phasestereo_bench.opencv import create_bm, create_sgbm
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+Call: TypeAlias = Callable[..., Any]
+"""Takes the two images."""
+
+PRESET = "fast"
+
+OURS = f"phasestereo:{PRESET}"
+
+
+def _ours(num_disparities: int, threads: int | None) -> Call:
+    matcher = Matcher(preset=PRESET, threads=threads)
+    return partial(matcher.match, num_disparities=num_disparities)
+
+
+def _bm(num_disparities: int, _threads: int | None) -> Call:
+    call: Call = create_bm(num_disparities).compute
+    return call
+
+
+def _bm_unchecked(num_disparities: int, _threads: int | None) -> Call:
+    matcher = create_bm(num_disparities)
+    matcher.setUniquenessRatio(0)
+    matcher.setTextureThreshold(0)
+    call: Call = matcher.compute
+    return call
+
+
+def _sgbm_3way(num_disparities: int, _threads: int | None) -> Call:
+    call: Call = create_sgbm(num_disparities, "STEREO_SGBM_MODE_SGBM_3WAY", channels=1).compute
+    return call
+
+
+CONTENDERS: Mapping[str, Callable[[int, int | None], Call]] = MappingProxyType(
+    {
+        OURS: _ours,
+        "opencv:bm": _bm,
+        "opencv:bm-unchecked": _bm_unchecked,
+        "opencv:sgbm-3way": _sgbm_3way,
+    }
+)
+"""What makes each of them for a number of disparities and threads, None being all there are.
+
+OpenCV's go by `set_opencv_threads`, whatever they are told here.
+"""
+
+
+def set_opencv_threads(count: int) -> None:
+    """Let OpenCV use so many threads, and have it start them at once, not while it is timed."""
+    cv2 = require("cv2", extra="opencv")
+    if cv2.getNumThreads() != count:
+        cv2.setNumThreads(count)
+        blank = np.zeros((64, 64), np.uint8)
+        create_bm(16).compute(blank, blank)
+
+
+def opencv_build() -> str:
+    """Return the instruction sets that OpenCV was compiled for, as it tells them.
+
+    Such as "baseline: SSE SSE2 SSE3; dispatched: SSE4_1 AVX2": the latter are used where there is
+    code that was written for them, which StereoBM has none of.
+    """
+    told = require("cv2", extra="opencv").getBuildInformation()
+    names = {"Baseline": "baseline", "Dispatched code generation": "dispatched"}
+    found = {
+        name: re.search(rf"^\s*{line}:[ \t]*(.*?)\s*$", told, re.MULTILINE)
+        for line, name in names.items()
+    }
+    return "; ".join(f"{name}: {match[1] or 'none'}" for name, match in found.items() if match)

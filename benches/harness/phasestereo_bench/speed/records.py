@@ -1,0 +1,173 @@
+"""Records: what came out for a pair, on one thread or on all, with all that it depends on."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from phasestereo import _core
+from phasestereo_bench.environment import describe_environment, usable_cpus
+from phasestereo_bench.runner import Job, run
+from phasestereo_bench.speed.contenders import OURS, opencv_build
+from phasestereo_bench.speed.memory import memory_of
+from phasestereo_bench.speed.results import KIND
+from phasestereo_bench.speed.rounds import time_all_threads, time_one_thread
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from phasestereo_bench.speed.pairs import GrayPair
+    from phasestereo_bench.speed.rounds import Entrant
+
+ROUNDS = 15
+
+
+def run_speed(
+    pairs: Sequence[GrayPair],
+    store: Path,
+    *,
+    rounds: int = ROUNDS,
+    progress: Callable[[int, int], object] | None = None,
+) -> list[dict[str, Any]]:
+    """Time all contenders on these pairs, and keep a record of each in a file of JSON lines.
+
+    What the file has of the same machine, versions and compiled core is not done again.
+
+    Parameters
+    ----------
+    pairs
+        What to match.
+    store
+        The file, made if it does not exist, else appended to.
+    rounds
+        How often everybody matches everything, at least once.
+    progress
+        As of `phasestereo_bench.run`: there are two records a pair.
+
+    Returns
+    -------
+    list of dict
+        As of `phasestereo_bench.run`; see `measure` for what a record holds.
+
+    Raises
+    ------
+    ImportError
+        If OpenCV is not installed.
+    OSError, TypeError, ValueError, RuntimeError, KeyboardInterrupt
+        As `phasestereo_bench.run`; ValueError also if there are no rounds.
+    """
+    return run(speed_jobs(pairs, rounds=rounds), store, workers=0, progress=progress)
+
+
+def speed_jobs(pairs: Sequence[GrayPair], *, rounds: int = ROUNDS) -> list[Job]:
+    """Return the jobs of `run_speed`, which have to run one by one and in this process."""
+    if rounds < 1:
+        raise ValueError(f"rounds: got {rounds}; accepts 1 and more")
+    made_with: dict[str, str] = {
+        "environment": describe_environment()["id"],
+        "core": _digest(_core.__file__),
+        "simd": _core.simd_level(),
+        "opencv_build": opencv_build(),
+    }
+    return [
+        Job(
+            {
+                "kind": KIND,
+                "pair": pair.name,
+                "height": pair.left.shape[0],
+                "width": pair.left.shape[1],
+                "num_disparities": pair.num_disparities,
+                "threads": threads,
+                "rounds": rounds,
+                **made_with,
+            },
+            measure,
+            {"pair": pair, "threads": threads, "rounds": rounds},
+        )
+        for pair in pairs
+        for threads in ("one", "all")
+    ]
+
+
+def measure(pair: GrayPair, threads: str, rounds: int) -> dict[str, Any]:
+    """Time and weigh all contenders on a pair.
+
+    Parameters
+    ----------
+    pair
+        What to match.
+    threads
+        "one" or "all".
+    rounds
+        How often.
+
+    Returns
+    -------
+    dict
+        ``"thread_count"``; ``"pinned_to"``: number of the processor, None where threads were free;
+        ``"ours"`` and ``"rivals"``, the latter by name: ``"seconds"`` of every round and their
+        ``"median"`` and ``"minimum"``, ``"gde_per_second"`` (1e9 pixels times disparities a second,
+        by the median), ``"memory"`` as of `memory_of`. Ours also ``"stages"``, seconds by name in
+        every round, and ``"description_share"``, the median of the description's share of the time.
+        Rivals also ``"ratio_of_medians"`` and ``"median_ratio"`` of the rounds, their time to ours;
+        ``"opencv_threads"``, and the seconds with other numbers of these, which were ``"slower"``.
+    """
+    if threads == "one":
+        entrants, core = time_one_thread(pair, rounds)
+    else:
+        entrants, core = time_all_threads(pair, rounds), None
+    by_name: dict[str, list[Entrant]] = {}
+    for entrant in entrants:
+        by_name.setdefault(entrant.name, []).append(entrant)
+    count = 1 if threads == "one" else usable_cpus()
+    (ours,) = by_name.pop(OURS)
+    return {
+        "thread_count": count,
+        "pinned_to": core,
+        "ours": {
+            **_figures(ours, pair),
+            **_stages(ours),
+            "memory": memory_of(OURS, pair, threads=count),
+        },
+        "rivals": {name: _rivalry(same, ours, pair) for name, same in by_name.items()},
+    }
+
+
+def _figures(entrant: Entrant, pair: GrayPair) -> dict[str, Any]:
+    middle = median(entrant.seconds)
+    return {
+        "seconds": entrant.seconds,
+        "median": middle,
+        "minimum": min(entrant.seconds),
+        "gde_per_second": pair.evaluations / middle / 1e9,
+    }
+
+
+def _stages(ours: Entrant) -> dict[str, Any]:
+    """Return what the stages took, and the share of the images' description in the whole."""
+    stages = {name: [stage[name] for stage in ours.stages] for name in ours.stages[0]}
+    rounds = zip(stages["description"], ours.seconds, strict=True)
+    return {"stages": stages, "description_share": median(part / whole for part, whole in rounds)}
+
+
+def _rivalry(same: Sequence[Entrant], ours: Entrant, pair: GrayPair) -> dict[str, Any]:
+    """Return the figures of the fastest of a rival's entrants, and how it compares with ours."""
+    best, *others = sorted(same, key=lambda entrant: median(entrant.seconds))
+    rounds = zip(best.seconds, ours.seconds, strict=True)
+    return {
+        **_figures(best, pair),
+        "ratio_of_medians": median(best.seconds) / median(ours.seconds),
+        "median_ratio": median(theirs / own for theirs, own in rounds),
+        "opencv_threads": best.opencv_threads,
+        "slower": {str(other.opencv_threads): other.seconds for other in others},
+        "memory": memory_of(best.name, pair, threads=best.opencv_threads or 1),
+    }
+
+
+def _digest(file: str | None) -> str:
+    """Return what tells one build of the core from others, whose version may be the same."""
+    if file is None:
+        return "unknown"
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12]

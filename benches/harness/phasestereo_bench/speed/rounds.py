@@ -1,0 +1,101 @@
+"""Rounds: contenders timed in turn, so that a machine's moods meet all of them alike."""
+
+from __future__ import annotations
+
+import random
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from phasestereo.result import Result
+from phasestereo_bench.environment import usable_cpus
+from phasestereo_bench.speed.affinity import pinned
+from phasestereo_bench.speed.contenders import CONTENDERS, OURS, set_opencv_threads
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from phasestereo_bench.speed.contenders import Call
+    from phasestereo_bench.speed.pairs import GrayPair
+
+_REST = 0.001  # seconds: threads of the last one stop looking for more work
+
+
+@dataclass(slots=True)
+class Entrant:
+    """A contender as it takes part, with what it took in every round.
+
+    Attributes
+    ----------
+    name
+        Of `CONTENDERS`.
+    call
+        Matches the pair.
+    opencv_threads
+        How many threads OpenCV is allowed; None for ours.
+    seconds
+        Of every round.
+    stages
+        Seconds of every stage, of every round; none for OpenCV's.
+    """
+
+    name: str
+    call: Call
+    opencv_threads: int | None
+    seconds: list[float] = field(default_factory=list)
+    stages: list[dict[str, float]] = field(default_factory=list)
+
+
+def time_one_thread(pair: GrayPair, rounds: int) -> tuple[list[Entrant], int | None]:
+    """Time all contenders on one processor.
+
+    OpenCV takes part with one thread and again with two, both on that processor: StereoBM then
+    works in stripes that stay in the cache, and is faster on large images. Where the system cannot
+    hold threads to a processor, it takes part with one.
+
+    Returns
+    -------
+    tuple
+        The entrants, and which processor it was, None if they were not held to any.
+    """
+    with pinned() as core:
+        counts = (1,) if core is None else (1, 2)
+        return _timed(pair, rounds, 1, counts), core
+
+
+def time_all_threads(pair: GrayPair, rounds: int) -> list[Entrant]:
+    """Time all contenders on as many threads as there are processors."""
+    return _timed(pair, rounds, None, (usable_cpus(),))
+
+
+def _timed(
+    pair: GrayPair, rounds: int, threads: int | None, opencv_threads: Sequence[int]
+) -> list[Entrant]:
+    entrants = [
+        Entrant(name, make(pair.num_disparities, threads), count)
+        for name, make in CONTENDERS.items()
+        for count in ((None,) if name == OURS else opencv_threads)
+    ]
+    for entrant in entrants:  # the first call allocates, and has caches to fill
+        _enter(entrant, pair)
+        entrant.seconds.clear()
+        entrant.stages.clear()
+    shuffle = random.Random(0).shuffle  # noqa: S311 - no secret
+    for _ in range(rounds):
+        order = list(entrants)
+        shuffle(order)  # nobody always comes after the same one
+        for entrant in order:
+            _enter(entrant, pair)
+    return entrants
+
+
+def _enter(entrant: Entrant, pair: GrayPair) -> None:
+    """Match once, and note what it took."""
+    if entrant.opencv_threads is not None:
+        set_opencv_threads(entrant.opencv_threads)
+    time.sleep(_REST)
+    start = time.perf_counter()
+    answer = entrant.call(pair.left, pair.right)
+    entrant.seconds.append(time.perf_counter() - start)
+    if isinstance(answer, Result):
+        entrant.stages.append(dict(answer.timings))
