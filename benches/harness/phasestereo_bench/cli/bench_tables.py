@@ -13,6 +13,7 @@ from rich.text import Text
 from phasestereo_bench.blur import blur_table, explain_blur
 from phasestereo_bench.methods import TRUE_BLUR
 from phasestereo_bench.report.origin import made_with
+from phasestereo_bench.rigs import ALTERNATING
 from phasestereo_bench.speed import explain_speed, memory_table, time_table
 
 if TYPE_CHECKING:
@@ -58,24 +59,25 @@ def costs_table(records: Sequence[Record]) -> Table:
 def speed_screen(results: SpeedResults) -> Group:
     """Return times and memory, and what they are."""
     below = f"{explain_speed(results)} {made_with(results.environments.values())}"
-    times = _filled("Times: ours, and the rivals' divided by ours", time_table(results))
-    memory = _filled("Memory, MB", memory_table(results))
+    times = filled("Times: ours, and the rivals' divided by ours", time_table(results))
+    memory = filled("Memory, MB", memory_table(results))
     return Group(times, "", memory, "", Text(below))
 
 
 def blur_screen(results: BlurResults) -> Group:
     """Return how much of the blur was found, and what that is."""
     below = explain_blur(results)
-    return Group(_filled("Blur that was found", blur_table(results)), "", Text(below))
+    return Group(filled("Blur that was found", blur_table(results)), "", Text(below))
 
 
 def name_of(record: Record) -> str:
     """Return the method's name, with its ending and the image that was degraded if not the left."""
-    side = "" if record["side"] == "left" else f"\n({record['side']} degraded)"
+    side = "" if record["side"] in ("left", ALTERNATING) else f"\n({record['side']} degraded)"
     return f"{record['method']}{TRUE_BLUR * record['true_blur']}{side}"
 
 
-def _filled(title: str, contents: Contents) -> Table:
+def filled(title: str, contents: Contents) -> Table:
+    """Return a table of a report as the screen shows it."""
     table = _table(title, contents.header[0])
     for number, heading in enumerate(contents.header[1:], start=1):
         justify: Literal["left", "right"] = "left" if number < contents.labels else "right"
