@@ -63,6 +63,10 @@ def test_one_command_makes_all_tables_and_the_same_again(tmp_path: Path, run: Ru
     assert code == 0, err
     assert err.count("are in") == 7
     assert (tmp_path / "one/results.json").read_bytes() == first
+    code, out, err = run("bench", "report", tmp_path / "one/rigs.jsonl")
+    assert code == 0, err
+    assert re.search(r"^degradation +fast +robust", out, re.MULTILINE)  # 44 would not fit across
+    assert re.search(r"^two phones +\d", out, re.MULTILINE)
 
 
 def test_there_has_to_be_a_scene(tmp_path: Path) -> None:

@@ -140,7 +140,7 @@ def test_without_onnxruntime_a_sentence_says_so(
     root = plant(tmp_path, "one")
     command = ["bench", "middlebury", root, "--suite", "sharp", "--method", "fast"]
     code, out, err = run(*command, "--hitnet", "hitnet.onnx", "--workers", 0)
-    told = "left out, HITNet: onnxruntime is not installed; it comes with: pip install"
+    told = "left out, hitnet: onnxruntime is not installed; it comes with: pip install"
     assert (code, err.count(told)) == (0, 1)
     assert "phasestereo-bench[onnx]" in err
     assert "fast" in out

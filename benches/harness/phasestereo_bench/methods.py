@@ -25,7 +25,7 @@ from phasestereo.settings import PRESETS, Settings, resolve
 from phasestereo_bench import mccnn, networks, opencv, program
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -132,6 +132,25 @@ def method(spec: str | Matcher | Method) -> Method:
         kind = type(spec).__name__
         raise TypeError(f"method: got {kind}, which has no name; give it one: Method(name, ...)")
     return Method(f"{_module(spec)}:{spec.__qualname__}", spec)
+
+
+def present(specs: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return which methods can run here, and a sentence on each of the others.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `method`.
+    """
+    there, missing = [], []
+    for spec in specs:
+        try:
+            method(spec)
+        except ImportError as error:
+            missing.append(f"left out, {spec.partition(':')[0]}: {error}")
+        else:
+            there.append(spec)
+    return there, missing
 
 
 def _named(name: str) -> Method:

@@ -9,13 +9,14 @@ from cyclopts import Parameter, validators
 
 from phasestereo.cli.errors import CommandError, refusals
 from phasestereo.cli.terminal import progress_bar, tell
+from phasestereo_bench.cli.bench_middlebury import rivals
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
 from phasestereo_bench.cli.stores import put_aside
 from phasestereo_bench.report.documents import fill_places
 from phasestereo_bench.report.markdown import marked
 from phasestereo_bench.speed import find_pairs, run_speed
 from phasestereo_bench.tables import export, stages, table_texts
-from phasestereo_bench.tables.plan import HITNET, present
+from phasestereo_bench.tables.plan import HITNET
 
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
 _OPTIONS = {"hitnet", "method"}
@@ -71,13 +72,10 @@ def tables(
     """
     with refusals(options=_OPTIONS):
         weights = hitnet or data / HITNET
-        specs = [f"hitnet:{weights.resolve()}"] if hitnet or weights.is_file() else []
-        rivals, missing = present([*specs, "mccnn"])
-        for sentence in missing:
-            tell(sentence)
+        learned = rivals(weights if hitnet or weights.is_file() else None, ["mccnn"])
         output.mkdir(parents=True, exist_ok=True)
         failed: list[dict[str, Any]] = []
-        for stage in stages(data, rivals, quick=quick):
+        for stage in stages(data, learned, quick=quick):
             store = output / f"{stage.name}.jsonl"
             prepare(store, stage.jobs, cells="cells", fresh=fresh)
             count = 1 if stage.alone else workers

@@ -17,7 +17,7 @@ from phasestereo_bench.cases import SUITES
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
 from phasestereo_bench.cli.bench_scenes import Choice
 from phasestereo_bench.cli.bench_tables import costs_table, means_table, name_of
-from phasestereo_bench.methods import method as named
+from phasestereo_bench.methods import present
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
 from phasestereo_bench.rigs import QUICK_SCENES
 
@@ -89,7 +89,7 @@ def middlebury(
         if quick and not choice.scene:
             choice = replace(choice, scene=tuple(sorted(QUICK_SCENES)))
         scenes, left_out = choice.select(folders, suite)
-        methods = [*(method or default_methods(suite)), *present_rivals(hitnet)]
+        methods = [*(method or default_methods(suite)), *rivals(hitnet)]
         jobs = middlebury_jobs(
             scenes, methods, degradation or None, suite=suite, sides=side or None
         )
@@ -108,17 +108,13 @@ def middlebury(
         raise CommandError(_failure(failed, len(records)))
 
 
-def present_rivals(hitnet: Path | None) -> list[str]:
-    """Return HITNet if its file is given; without onnxruntime say in a sentence that it is not."""
-    if hitnet is None:
-        return []
-    spec = f"hitnet:{hitnet.resolve()}"
-    try:
-        named(spec)
-    except ImportError as error:
-        tell(f"left out, HITNet: {error}")
-        return []
-    return [spec]
+def rivals(hitnet: Path | None, others: Sequence[str] = ()) -> list[str]:
+    """Return HITNet, if its file is given, and others; say in a sentence what cannot run here."""
+    specs = [f"hitnet:{hitnet.resolve()}"] if hitnet is not None else []
+    there, missing = present([*specs, *others])
+    for sentence in missing:
+        tell(sentence)
+    return there
 
 
 def _failure(failed: Sequence[dict[str, Any]], total: int) -> str:

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from phasestereo.cli.errors import CommandError, refusals
 from phasestereo.cli.terminal import printable
-from phasestereo_bench.cli.bench_middlebury import present_rivals
+from phasestereo_bench.cli.bench_middlebury import rivals
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
 from phasestereo_bench.cli.bench_tables import filled
 from phasestereo_bench.real import find_recording, recording_jobs
@@ -58,7 +58,7 @@ def recordings(
     with refusals(options={"method", "hitnet"}):
         if not folders:
             raise ValueError("no folder given: where are the frames?")
-        methods = [*(method or TIMED), *present_rivals(hitnet)]
+        methods = [*(method or TIMED), *rivals(hitnet)]
         jobs = [job for place in folders for job in recording_jobs(find_recording(place), methods)]
         prepare(output, jobs, cells="cells", fresh=fresh)
         records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")

@@ -33,8 +33,8 @@ def explain_faults(results: Results, metric: str) -> str:
     count = min(means(results, metric, (name,)).scenes for name in results.degradations)
     title = METRICS[metric].label
     return (
-        f"{title[0].upper()}{title[1:]}: {METRICS[metric].better}. Means over {count} scenes, the "
-        "worse image alternating between left and right. Bold: the best."
+        f"{title[0].upper()}{title[1:]}: {METRICS[metric].better}. Means over {count} scenes, "
+        f"{results.state}. Bold: the best."
     )
 
 

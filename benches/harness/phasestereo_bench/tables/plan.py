@@ -9,7 +9,6 @@ from phasestereo_bench.blur import blur_jobs
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.costs import cost_jobs
 from phasestereo_bench.datasets import find_scenes
-from phasestereo_bench.methods import method
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
 from phasestereo_bench.real import find_recording, real_jobs, recording_jobs
 from phasestereo_bench.rigs import QUICK_SCENES
@@ -97,25 +96,6 @@ def stages(root: Path, rivals: Sequence[str], *, quick: bool = False) -> list[St
         Stage("costs", [job for s in timed for job in cost_jobs(s, _timed(rivals))], alone=True)
     )
     return [stage for stage in found if stage.jobs]
-
-
-def present(specs: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return which methods can run here, and a sentence on each of the others.
-
-    Raises
-    ------
-    OSError, ValueError
-        If a method's file is not there, or is another one.
-    """
-    there, missing = [], []
-    for spec in specs:
-        try:
-            method(spec)
-        except ImportError as error:
-            missing.append(f"left out, {spec.partition(':')[0]}: {error}")
-        else:
-            there.append(spec)
-    return there, missing
 
 
 def _scenes(root: Path, *, quick: bool) -> list[Scene]:
