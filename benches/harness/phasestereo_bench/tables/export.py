@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 FORMAT = 1
 _METRICS = {"bad_1": "v2.nonocc", "bad_2": "v3.bad_2"}
 _DIGITS = 3
-_LIST = re.compile(r"\[([^\[\]{}]+)\]")  # of plain values
+_LEAF = re.compile(r"[\[{][^\[\]{}]+[\]}]")  # what holds plain values alone
 _NOT_TOLD = ("kind", "status", "environment", "seconds", "peak_bytes", "error", "traceback")
 
 
@@ -88,6 +88,6 @@ def _rounded(numbers: Mapping[Any, Any]) -> dict[Any, Any]:
 
 
 def _readable(content: Mapping[str, Any]) -> str:
-    """Return JSON with each list of numbers or names in a line, so that changes can be read."""
+    """Return JSON with what holds plain values alone in a line, so that changes can be read."""
     text = json.dumps(content, indent=1, allow_nan=False)
-    return _LIST.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
+    return _LEAF.sub(lambda found: " ".join(found[0].split()), text) + "\n"
