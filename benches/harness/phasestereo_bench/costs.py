@@ -9,6 +9,7 @@ from phasestereo_bench.cases import Case, usual_side
 from phasestereo_bench.measurement import measured
 from phasestereo_bench.methods import method
 from phasestereo_bench.runner import Job
+from phasestereo_bench.worker import Worker
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,21 +46,43 @@ def cost_jobs(scene: Scene, methods: Sequence[str]) -> list[Job]:
 
 
 def measure_case(case: Case, spec: str) -> dict[str, Any]:
-    """Match a case three times.
+    """Match a case three times, after one that does not count.
 
     Returns
     -------
     dict
-        ``"seconds"``: the median; ``"peak_bytes"``: the rise of the peak of the resident memory in
-        the first of these, over that of a process which has matched a small pair, None where the
-        system does not tell; ``"pixels"``.
+        ``"seconds"``: the median; ``"peak_bytes"`` of a sharp pair: the rise of the peak of the
+        resident memory in a fresh process over that of the process when it has matched a small
+        pair, None where the system does not tell, and of other pairs; ``"pixels"``.
     """
     match, pair = method(spec).match, case.pair(true_blur=False)
-    left, right = pair.left, pair.right
-    match(left[:_SMALL, : 2 * _SMALL].copy(), right[:_SMALL, : 2 * _SMALL].copy(), _SMALL // 4)
-    runs = [measured(lambda: match(left, right, pair.num_disparities)) for _ in range(_ROUNDS)]
+    left, right, count = pair.left, pair.right, pair.num_disparities
+    match(left, right, count)
+    runs = [measured(lambda: match(left, right, count)) for _ in range(_ROUNDS)]
     return {
         "seconds": median(run.seconds for run in runs),
-        "peak_bytes": runs[0].peak_bytes,
+        "peak_bytes": _memory(case, spec) if case.degradation == "sharp" else None,
         "pixels": left.shape[0] * left.shape[1],
     }
+
+
+def weigh(case: Case, spec: str) -> dict[str, Any]:
+    """Match a small pair and then the whole; tell what the latter took. The work of a process."""
+    match, pair = method(spec).match, case.pair(true_blur=False)
+    small = (image[:_SMALL, : 2 * _SMALL].copy() for image in (pair.left, pair.right))
+    match(*small, _SMALL // 4)
+    done = measured(lambda: match(pair.left, pair.right, pair.num_disparities))
+    return {"weight": done.peak_bytes}
+
+
+def _memory(case: Case, spec: str) -> int | None:
+    """Weigh in a fresh process: some libraries keep what an earlier match took."""
+    worker = Worker.start()
+    try:
+        worker.receive()
+        worker.give(0, weigh, {"case": case, "spec": spec})
+        outcome = worker.receive() or {}
+    finally:
+        worker.stop()
+    weight: int | None = outcome.get("weight")
+    return weight

@@ -35,10 +35,10 @@ _WORDS = {
     "headline": "Bad-1.0, non-occluded pixels, %: less is better. Means over {scenes} Middlebury "
     "scenes, one or both images of which were made worse as the column says. Bold: the best. "
     "s / MP and MB: of the sharp Motorcycle pair on one thread, per megapixel, and the rise of the "
-    "memory.",
-    "costs": "Medians of 3 matches, {size}, one thread, nothing else running. MB: "
-    "the largest rise of the peak of the resident memory over that of a process that has matched a "
-    "small pair.",
+    "memory; of OpenCV's matchers with the images continued, so that they answer for all columns.",
+    "costs": "Medians of 3 matches, {size}, one thread, nothing else running. MB: the rise of the "
+    "peak of the resident memory over that of a process that has matched a small pair, of the "
+    "sharp pair.",
     "recordings-rows": "Rows off, px, root mean square over the image: mean over the frames, and "
     "the worst. The calibration is the truth; the last column is what is measured of the pair that "
     "it rectifies.",
