@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 CORE := python/phasestereo/_core.abi3.so
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test fuzz soak lint format bench bench-core docs wheel hooks clean
+.PHONY: help demo test fuzz soak lint format bench tables bench-core docs wheel hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -41,6 +41,10 @@ format: $(VENV)/ready ## Format the code
 bench: $(VENV)/harness ## Time a match against OpenCV, in a quarter of an hour (PHASESTEREO_DATA as above)
 	PHASESTEREO_DATA="$${PHASESTEREO_DATA:-../shared}" $(BIN)/phasestereo bench speed --output speed/speed.jsonl $(ARGS)
 
+tables: $(VENV)/counterparts ## Make every table of the documentation, in half an hour (PHASESTEREO_DATA as above)
+	$(BIN)/phasestereo bench tables "$${PHASESTEREO_DATA:-../shared}" --output tables --export docs/results.json \
+		--readme README.md docs/*.md $(ARGS)
+
 bench-core: ## Time each stage of the core (make bench-core ARGS=optimization: one of them)
 	cargo bench --locked -- $(ARGS)
 
@@ -54,7 +58,7 @@ hooks: ## Check every push as CI would
 	git config core.hooksPath .githooks
 
 clean: ## Remove all that was built
-	rm -rf $(VENV) target dist site demo speed $(CORE)
+	rm -rf $(VENV) target dist site demo speed tables $(CORE)
 
 # Debian's Python comes without ensurepip unless python3-venv is installed; virtualenv needs neither.
 $(VENV)/ready: pyproject.toml

@@ -182,7 +182,8 @@ def test_a_record_holds_what_metrics_say(data: Path, side: str) -> None:
     arguments = [scene], ["paper:window=5"], ["gauss 2"]
     (record,) = run_middlebury(*arguments, sides=[side], workers=0)
     pair = scene.load()
-    views = Case(scene, "one-sided-blur", "gauss 2", side).views(true_blur=False)
+    spoiled = Case(scene, "one-sided-blur", "gauss 2", side).pair(true_blur=False)
+    views = spoiled.left, spoiled.right
     disparity, confidence = bench.method("paper:window=5").match(*views, pair.num_disparities)
     assert pair.truth is not None
     nonocc, count = pair.masks["nonocc"], pair.num_disparities

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 HEIGHT, WIDTH, NUM_DISPARITIES = 240, 320, 80
-PICTURES = {"gallery": 15, "how-it-works": 6, "how-it-works/descriptor": 8}
+PICTURES = {"gallery": 15, "how-it-works": 6, "how-it-works/descriptor": 8, "rigs-suite": 29}
 """Pages that the build draws for, and how many pictures they have at least."""
 
 

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import Any
 
 
-def require(module: str, *, extra: str) -> Any:
+def require(module: str, *, extra: str, of: str = "phasestereo") -> Any:
     """Import an optional dependency.
 
     Parameters
@@ -14,7 +14,9 @@ def require(module: str, *, extra: str) -> Any:
     module
         Dotted name of the module to import.
     extra
-        The extra of this package which installs it.
+        The extra which installs it.
+    of
+        The distribution that has the extra.
 
     Raises
     ------
@@ -27,5 +29,5 @@ def require(module: str, *, extra: str) -> Any:
         if error.name is None or module.split(".", maxsplit=1)[0] != error.name.split(".")[0]:
             raise
         raise ImportError(
-            f"{module} is not installed; it comes with: pip install 'phasestereo[{extra}]'"
+            f"{module} is not installed; it comes with: pip install '{of}[{extra}]'"
         ) from error

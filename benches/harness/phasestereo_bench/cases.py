@@ -1,9 +1,9 @@
-"""Cases: a scene, and what was done to one of its images before anybody matches it."""
+"""Cases: a scene, and what was done to its images before anybody matches it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from phasestereo_bench.degradation import Degradation, suite
+from phasestereo_bench.rigs import ALTERNATING, FAULTS, Fault, side_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,12 +24,14 @@ if TYPE_CHECKING:
     Image = NDArray[np.uint8]
 
 Recipe: TypeAlias = Callable[..., Any]
-"""What degrades an image: called with it, it returns one of the same shape and type."""
+"""What degrades an image: called with it, it returns one of the same shape and type. Of the suite
+"rigs" it is a `Fault`, which takes a whole pair."""
 
 SUITES: Mapping[str, Mapping[str, Recipe]] = MappingProxyType(
     {
         "one-sided-blur": MappingProxyType(suite()),
         "sharp": MappingProxyType({"sharp": Degradation()}),
+        "rigs": FAULTS,
     }
 )
 """The degradations of each suite by name."""
@@ -48,23 +51,25 @@ _SCENES = frozenset(
 SUITE_SCENES: Mapping[str, frozenset[str]] = MappingProxyType(dict.fromkeys(SUITES, _SCENES))
 """The scenes over which the means of a suite are taken, where it says; each as `str(scene)`."""
 
-SIDES = ("left", "right")
+SIDES = ("left", "right", ALTERNATING)
+
+_SUITE_SIDES = {"rigs": ALTERNATING}
 
 _KEPT = 2  # as many as jobs next to each other need: one degraded image, and its true blur
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A scene with one image degraded.
+    """A scene with one image degraded, or as a rig with a fault delivers it.
 
     Attributes
     ----------
     scene
         The scene.
     suite, degradation
-        What was done to the image, as `SUITES` has it.
+        What was done to it, as `SUITES` has it.
     side
-        To which image: "left" or "right".
+        To which image: "left", "right", or "alternating", which `rigs.side_of` decides.
     recipe
         In place of what `SUITES` has: a degradation of the user's own.
     """
@@ -85,8 +90,8 @@ class Case:
         """The kernel of the degradation, if it has one: then there is a true blur."""
         return getattr(self.degrade, "psf", None)
 
-    def views(self, *, true_blur: bool) -> tuple[Image, Image]:
-        """Return the images to match, left and right; the arrays are the caller's.
+    def pair(self, *, true_blur: bool) -> Pair:
+        """Return the pair to match and to score; the images are the caller's.
 
         Parameters
         ----------
@@ -99,9 +104,14 @@ class Case:
             As `Scene.load`; ValueError also if a true blur is asked for and there is none, or the
             degradation has changed the image's shape or type.
         """
-        cached = _views if self.recipe is None else _views.__wrapped__
-        left, right = cached(self, true_blur)
-        return left.copy(), right.copy()
+        cached = _pair if self.recipe is None else _pair.__wrapped__
+        pair = cached(self, true_blur)
+        return replace(pair, left=pair.left.copy(), right=pair.right.copy())
+
+
+def usual_side(suite: str) -> str:
+    """Return which image of a suite's pairs is degraded where nobody says."""
+    return _SUITE_SIDES.get(suite, "left")
 
 
 @lru_cache(_KEPT)
@@ -113,20 +123,23 @@ def load(scene: Scene) -> Pair:
 def forget() -> None:
     """Forget what was loaded and degraded: files may have changed."""
     load.cache_clear()
-    _views.cache_clear()
+    _pair.cache_clear()
 
 
 @lru_cache(_KEPT)
-def _views(case: Case, true_blur: bool) -> tuple[Image, Image]:  # noqa: FBT001 - lru_cache tells keywords apart
+def _pair(case: Case, true_blur: bool) -> Pair:  # noqa: FBT001 - lru_cache tells keywords apart
     pair = load(case.scene)
+    side = side_of(case.scene) if case.side == ALTERNATING else case.side
+    if true_blur and case.kernel is None:
+        raise ValueError(f"there is no true blur of {case.degradation!r}")
+    if isinstance(case.degrade, Fault):
+        return case.degrade(pair, side)
     images = {"left": pair.left, "right": pair.right}
-    images[case.side] = _degraded(images[case.side], case)
+    images[side] = _degraded(images[side], case)
     if true_blur:
-        if case.kernel is None:
-            raise ValueError(f"there is no true blur of {case.degradation!r}")
-        sharp = SIDES[1 - SIDES.index(case.side)]
+        sharp = "right" if side == "left" else "left"
         images[sharp] = Degradation(psf=case.kernel)(images[sharp])
-    return images["left"], images["right"]
+    return replace(pair, left=images["left"], right=images["right"])
 
 
 def _degraded(image: Image, case: Case) -> Image:

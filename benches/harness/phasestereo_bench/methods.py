@@ -9,6 +9,7 @@ these and of confidences, the same shape, the higher the more trusted.
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -18,12 +19,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from phasestereo._extras import require
+from phasestereo.findings import MatchWarning
 from phasestereo.matcher import match
 from phasestereo.settings import PRESETS, Settings, resolve
-from phasestereo_bench import opencv
+from phasestereo_bench import mccnn, networks, opencv, program
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -100,15 +102,21 @@ def method(spec: str | Matcher | Method) -> Method:
     ----------
     spec
         The name of a preset or a baseline, settings of it replaced if need be:
-        ``"paper:neighborhood=11,window=9"``, ``"sad:penalty=5,8"``; ``"opencv:bm"``,
-        ``"opencv:sgbm"``, ``"opencv:sgbm-3x3"`` or ``"opencv:sgbm-3way"``; an entry point of the
-        group ``phasestereo.methods``; ``"package.module:function"``; any of these followed by
+        ``"paper:neighborhood=11,window=9"``, ``"sad:penalty=5,8"``, and with
+        ``"num_disparities=auto"`` told no range; ``"opencv:bm"``, ``"opencv:sgbm"``,
+        ``"opencv:sgbm-3x3"`` or ``"opencv:sgbm-3way"``; a network by its file,
+        ``"hitnet:FILE.onnx"``, ``"onnx:FILE.onnx"``, or ``"mccnn"``; a program,
+        ``"program:COMMAND {left} {right} {num_disparities} {output}"``; an entry point of the group
+        ``phasestereo.methods``; ``"package.module:function"``; any of these followed by
         ``"+true-blur"``. Or such a function itself; or a `Method`, returned as it is.
 
     Raises
     ------
     TypeError, ValueError
-        If there is no such method or setting, or the setting does not take the value.
+        If there is no such method or setting, or the setting does not take the value, or a file
+        is not HITNet's.
+    OSError
+        If there is no such file.
     ImportError
         If what it needs is not installed.
     """
@@ -126,6 +134,25 @@ def method(spec: str | Matcher | Method) -> Method:
     return Method(f"{_module(spec)}:{spec.__qualname__}", spec)
 
 
+def present(specs: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return which methods can run here, and a sentence on each of the others.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `method`.
+    """
+    there, missing = [], []
+    for spec in specs:
+        try:
+            method(spec)
+        except ImportError as error:
+            missing.append(f"left out, {spec.partition(':')[0]}: {error}")
+        else:
+            there.append(spec)
+    return there, missing
+
+
 def _named(name: str) -> Method:
     stem, _, rest = name.partition(":")
     if stem in PRESETS or stem in BASELINES:
@@ -133,6 +160,8 @@ def _named(name: str) -> Method:
     if name in _OPENCV:
         require("cv2", extra="opencv")
         return Method(name, *_OPENCV[name])
+    if stem in _FROM_OUTSIDE:
+        return _FROM_OUTSIDE[stem](name, rest)
     plugins = _plugins()
     if name in plugins:
         return _plugged(plugins[name])
@@ -146,17 +175,65 @@ def _named(name: str) -> Method:
 
 def _ours(name: str, base: Settings, overrides: str) -> Method:
     try:
-        settings = resolve("paper", base, _parsed(overrides))
+        options = _parsed(overrides)
+        told = _is_told(options.pop("num_disparities", None))
+        settings = resolve("paper", base, options)
     except (TypeError, ValueError) as error:
         raise type(error)(f"method: got {name!r}: {error}") from error
-    return Method(name, partial(_match, settings=settings), asdict(settings))
+    return Method(name, partial(_match, settings=settings, told=told), asdict(settings))
+
+
+def _is_told(num_disparities: object) -> bool:
+    """Tell whether the range is told, which it is unless the specification says otherwise."""
+    if num_disparities not in (None, "auto"):
+        raise ValueError(f"num_disparities: got {num_disparities!r}; accepts auto alone")
+    return num_disparities is None
 
 
 def _match(
-    left: Image, right: Image, num_disparities: int, *, settings: Settings
+    left: Image, right: Image, num_disparities: int, *, settings: Settings, told: bool
 ) -> Map | tuple[Map, Map]:
-    result = match(left, right, num_disparities=num_disparities, settings=settings, threads=1)
+    count = num_disparities if told else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MatchWarning)  # a bad map is what its score says
+        result = match(left, right, num_disparities=count, settings=settings, threads=1)
     return result.disparity if result.confidence is None else (result.disparity, result.confidence)
+
+
+def _network(name: str, path: str) -> Method:
+    """Return a network in a file; its name is that of the file, without its folder."""
+    stem = name.partition(":")[0]
+    if not path:
+        raise ValueError(f"method: got {name!r}; accepts {stem}:FILE.onnx")
+    networks.runtime()
+    if stem == "hitnet":
+        networks.require_hitnet(path)
+    told = stem if stem == "hitnet" else f"{stem}:{Path(path).stem}"
+    digest = networks.digest_of(path)
+    return Method(told, partial(networks.match_onnx, path=path), {"sha256": digest})
+
+
+def _mccnn(name: str, rest: str) -> Method:
+    if rest:
+        raise ValueError(f"method: got {name!r}; mccnn takes no settings")
+    mccnn.needed()
+    return Method(name, mccnn.match_mccnn, mccnn.SETTINGS)
+
+
+def _program(_name: str, command: str) -> Method:
+    """Return a program; its name is that of its file, without its folder."""
+    program.require_places(command)
+    told = f"program:{Path(command.split(maxsplit=1)[0]).name}"
+    return Method(told, partial(program.match_program, command=command), {"command": command})
+
+
+_FROM_OUTSIDE: Mapping[str, Callable[[str, str], Method]] = {
+    "hitnet": _network,
+    "onnx": _network,
+    "mccnn": _mccnn,
+    "program": _program,
+}
+"""What makes methods of things that are no functions: called with the name, and what follows it."""
 
 
 def _parsed(overrides: str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import numpy as np
 from phasestereo.metrics import Score, middlebury_v2, score
 from phasestereo.roc import roc_area
 from phasestereo_bench import cases
-from phasestereo_bench.cases import SIDES, SUITES, Case
+from phasestereo_bench.cases import SIDES, SUITES, Case, usual_side
 from phasestereo_bench.measurement import measured
 from phasestereo_bench.methods import Method, available, method
 from phasestereo_bench.runner import Job, run
@@ -47,6 +47,7 @@ _DEFAULTS = {
         "opencv:sgbm+true-blur",
     ),
     "sharp": ("robust", "fast", "paper", "opencv:bm", "opencv:sgbm", "opencv:sgbm-3x3"),
+    "rigs": ("robust", "robust:num_disparities=auto", "fast", "opencv:bm", "opencv:sgbm"),
 }
 
 
@@ -56,7 +57,7 @@ def run_middlebury(
     degradations: Degradations | None = None,
     *,
     suite: str = "one-sided-blur",
-    sides: Iterable[str] = ("left",),
+    sides: Iterable[str] | None = None,
     store: str | os.PathLike[str] | None = None,
     workers: int | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -77,9 +78,10 @@ def run_middlebury(
         `phasestereo_bench.degradation.Degradation` makes them, and where one has a kernel,
         there is a true blur.
     suite
-        "one-sided-blur" or "sharp", whose only row is the pair as it is.
+        "one-sided-blur", "rigs", or "sharp", whose only row is the pair as it is.
     sides
-        Which image is degraded: "left", "right" or both, one after the other.
+        Which image is degraded: "left", "right" or both, one after the other; "alternating" is the
+        left one of every other scene. Default: alternating for "rigs", else left.
     store
         File of JSON lines which keeps every record as soon as it is there; a run goes on where an
         earlier one with the same file stopped. None: keep nothing.
@@ -124,7 +126,7 @@ def middlebury_jobs(
     degradations: Degradations | None = None,
     *,
     suite: str = "one-sided-blur",
-    sides: Iterable[str] = ("left",),
+    sides: Iterable[str] | None = None,
 ) -> list[Job]:
     """Return the jobs of `run_middlebury`, whose arguments these are, without running them."""
     _require_known("suite", suite, SUITES)
@@ -133,7 +135,7 @@ def middlebury_jobs(
         Case(scene, name, degradation, side, recipe)
         for scene in _require_truth(scenes)
         for name, degradation, recipe in _degradations(suite, degradations)
-        for side in _sides(sides)
+        for side in _sides(sides or (usual_side(suite),))
     ]
     jobs = [
         Job(_key(case, entrant), score_case, {"case": case, "spec": spec})
@@ -162,9 +164,9 @@ def has_truth(scene: Scene) -> bool:
 
 def score_case(case: Case, spec: str | Method) -> dict[str, Any]:
     """Match a case and return what is to be recorded of it: the work of one cell."""
-    entrant, pair = method(spec), cases.load(case.scene)
-    left, right = case.views(true_blur=entrant.true_blur)
-    done = measured(lambda: entrant.match(left, right, pair.num_disparities))
+    entrant = method(spec)
+    pair = case.pair(true_blur=entrant.true_blur)
+    done = measured(lambda: entrant.match(pair.left, pair.right, pair.num_disparities))
     height, width = pair.left.shape[:2]
     answer = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
     disparity, confidence = _checked(*answer, size=(height, width))

@@ -29,5 +29,10 @@ def fill_blur(path: str | os.PathLike[str], results: BlurResults) -> None:
     OSError
         If the file cannot be read or written.
     """
+    fill_places(path, {MARKER: blur_text(results)})
+
+
+def blur_text(results: BlurResults) -> str:
+    """Return the table and what stands below it, as Markdown."""
     below = small_print(f"{explain_blur(results)} {made_with(results.environments.values())}")
-    fill_places(path, {MARKER: f"{markdown_table(blur_table(results))}\n\n{below}"})
+    return f"{markdown_table(blur_table(results))}\n\n{below}"

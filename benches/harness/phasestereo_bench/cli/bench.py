@@ -5,9 +5,11 @@ from __future__ import annotations
 from cyclopts import App, Parameter
 
 from phasestereo_bench.cli import (
+    bench_all,
     bench_blur,
     bench_middlebury,
     bench_paper,
+    bench_recordings,
     bench_report,
     bench_speed,
 )
@@ -22,5 +24,7 @@ app = App(
 app.command(bench_paper.paper)
 app.command(bench_middlebury.middlebury)
 app.command(bench_blur.blur)
+app.command(bench_recordings.recordings)
 app.command(bench_speed.speed)
 app.command(bench_report.report)
+app.command(bench_all.tables)

@@ -4,6 +4,7 @@
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,9 +17,11 @@ from phasestereo_bench.cases import SUITES
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
 from phasestereo_bench.cli.bench_scenes import Choice
 from phasestereo_bench.cli.bench_tables import costs_table, means_table, name_of
-from phasestereo_bench.middlebury import middlebury_jobs
+from phasestereo_bench.methods import present
+from phasestereo_bench.middlebury import default_methods, middlebury_jobs
+from phasestereo_bench.rigs import QUICK_SCENES
 
-_OPTIONS = {"suite", "degradation", "side", "method", "scene"}
+_OPTIONS = {"suite", "degradation", "side", "method", "hitnet", "scene"}
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
 _SCENES = Group.create_ordered("Scenes")
 _CELLS = Group.create_ordered("Degradations and methods")
@@ -34,8 +37,10 @@ def middlebury(
     choice: Annotated[Choice, Parameter(name="*", group=_SCENES)] = _ALL,
     suite: Annotated[str, Parameter(group=_CELLS, help=_SUITE_HELP)] = "one-sided-blur",
     degradation: Annotated[tuple[str, ...], _SEVERAL, Parameter(group=_CELLS)] = (),
-    side: Annotated[tuple[str, ...], _SEVERAL, Parameter(group=_CELLS)] = ("left",),
+    side: Annotated[tuple[str, ...], _SEVERAL, Parameter(group=_CELLS)] = (),
     method: Annotated[tuple[str, ...], _SEVERAL, Parameter(group=_CELLS)] = (),
+    hitnet: Annotated[Path | None, Parameter(group=_CELLS)] = None,
+    quick: Annotated[bool, Parameter(negative=(), show_default=False, group=_SCENES)] = False,
     output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("results.jsonl"),
     workers: Annotated[int | None, Parameter(group=_RUN, validator=_COUNT)] = None,
     fresh: Annotated[bool, Parameter(negative=(), show_default=False, group=_RUN)] = False,
@@ -56,16 +61,22 @@ def middlebury(
     folders
         Official folder trees: folders that hold scenes2001, MiddEval3 and so on, or one of these,
         or one scene in it.
+    quick
+        Only tsukuba, cones and Aloe, unless --scene names others: minutes, and figures of three.
     degradation
         Only these of the suite, such as "gauss 2".
     side
-        Which image is degraded: left (the default), right, or both one after the other.
+        Which image is degraded: left, right, or both one after the other; alternating is the left
+        one of every other scene. Without it, alternating for the suite rigs, else left.
     method
         What to compare: a preset or baseline (robust, paper, fast, sad, nsad), other settings of it
-        (paper:neighborhood=11,window=9), opencv:bm, opencv:sgbm, opencv:sgbm-3x3, opencv:sgbm-3way,
-        an entry point of the group phasestereo.methods, or package.module:function; with +true-blur
-        after it, the sharp image is first blurred like the other one. Without it, what the suite is
-        for.
+        (paper:neighborhood=11,window=9; robust:num_disparities=auto is told no range), opencv:bm,
+        opencv:sgbm, opencv:sgbm-3x3, opencv:sgbm-3way, mccnn, onnx:FILE.onnx, "program:COMMAND
+        {left} {right} {num_disparities} {output}", an entry point of the group phasestereo.methods,
+        or package.module:function; with +true-blur after it, the sharp image is first blurred like
+        the other one. Without it, what the suite is for.
+    hitnet
+        HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
     output
         File for the records.
     workers
@@ -75,8 +86,13 @@ def middlebury(
         Begin anew: rename an existing file of records, and run every cell.
     """
     with refusals(options=_OPTIONS):
+        if quick and not choice.scene:
+            choice = replace(choice, scene=tuple(sorted(QUICK_SCENES)))
         scenes, left_out = choice.select(folders, suite)
-        jobs = middlebury_jobs(scenes, method or None, degradation or None, suite=suite, sides=side)
+        methods = [*(method or default_methods(suite)), *rivals(hitnet)]
+        jobs = middlebury_jobs(
+            scenes, methods, degradation or None, suite=suite, sides=side or None
+        )
         if left_out:
             tell(left_out)
         prepare(output, jobs, cells="cells", fresh=fresh)
@@ -90,6 +106,15 @@ def middlebury(
     failed = [record for record in records if record["status"] != "ok"]
     if failed:
         raise CommandError(_failure(failed, len(records)))
+
+
+def rivals(hitnet: Path | None, others: Sequence[str] = ()) -> list[str]:
+    """Return HITNet, if its file is given, and others; say in a sentence what cannot run here."""
+    specs = [f"hitnet:{hitnet.resolve()}"] if hitnet is not None else []
+    there, missing = present([*specs, *others])
+    for sentence in missing:
+        tell(sentence)
+    return there
 
 
 def _failure(failed: Sequence[dict[str, Any]], total: int) -> str:

@@ -13,6 +13,8 @@ from rich.text import Text
 from phasestereo_bench.blur import blur_table, explain_blur
 from phasestereo_bench.methods import TRUE_BLUR
 from phasestereo_bench.report.origin import made_with
+from phasestereo_bench.report.tables import MOST_COLUMNS
+from phasestereo_bench.rigs import ALTERNATING
 from phasestereo_bench.speed import explain_speed, memory_table, time_table
 
 if TYPE_CHECKING:
@@ -26,17 +28,30 @@ if TYPE_CHECKING:
 
 
 def means_table(records: Sequence[Record]) -> Table:
-    """Return means over the scenes: methods down, degradations across."""
+    """Return means over the scenes: methods down, degradations across, or if many the other way."""
     scenes = {(record["collection"], record["scene"]) for record in records}
     table = _table(
         f"More than 1 px off, % of the non-occluded pixels, mean of {len(scenes)} scenes"
     )
     degradations = list(dict.fromkeys(record["degradation"] for record in records))
-    for degradation in degradations:
-        table.add_column(degradation.replace(" ", "\n"), justify="right")
-    for name, row in _by_method(records).items():
-        cells = [[r for r in row if r["degradation"] == column] for column in degradations]
-        table.add_row(name, *map(_mean_bad, cells))
+    rows = {
+        name: [_mean_bad([r for r in row if r["degradation"] == each]) for each in degradations]
+        for name, row in _by_method(records).items()
+    }
+    across, down = degradations, list(rows.items())
+    if len(degradations) > MOST_COLUMNS:
+        table.columns[0].header = "degradation"
+        across, down = (
+            list(rows),
+            [
+                (each, [row[number] for row in rows.values()])
+                for number, each in enumerate(degradations)
+            ],
+        )
+    for heading in across:
+        table.add_column(heading.replace(" ", "\n"), justify="right")
+    for name, cells in down:
+        table.add_row(name, *cells)
     if not all(map(_is_good, records)):
         table.caption = "* without the scenes on which the method failed"
     return table
@@ -58,24 +73,25 @@ def costs_table(records: Sequence[Record]) -> Table:
 def speed_screen(results: SpeedResults) -> Group:
     """Return times and memory, and what they are."""
     below = f"{explain_speed(results)} {made_with(results.environments.values())}"
-    times = _filled("Times: ours, and the rivals' divided by ours", time_table(results))
-    memory = _filled("Memory, MB", memory_table(results))
+    times = filled("Times: ours, and the rivals' divided by ours", time_table(results))
+    memory = filled("Memory, MB", memory_table(results))
     return Group(times, "", memory, "", Text(below))
 
 
 def blur_screen(results: BlurResults) -> Group:
     """Return how much of the blur was found, and what that is."""
     below = explain_blur(results)
-    return Group(_filled("Blur that was found", blur_table(results)), "", Text(below))
+    return Group(filled("Blur that was found", blur_table(results)), "", Text(below))
 
 
 def name_of(record: Record) -> str:
     """Return the method's name, with its ending and the image that was degraded if not the left."""
-    side = "" if record["side"] == "left" else f"\n({record['side']} degraded)"
+    side = "" if record["side"] in ("left", ALTERNATING) else f"\n({record['side']} degraded)"
     return f"{record['method']}{TRUE_BLUR * record['true_blur']}{side}"
 
 
-def _filled(title: str, contents: Contents) -> Table:
+def filled(title: str, contents: Contents) -> Table:
+    """Return a table of a report as the screen shows it."""
     table = _table(title, contents.header[0])
     for number, heading in enumerate(contents.header[1:], start=1):
         justify: Literal["left", "right"] = "left" if number < contents.labels else "right"

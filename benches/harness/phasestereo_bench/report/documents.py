@@ -8,9 +8,10 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from phasestereo.io.files import replacing
+from phasestereo_bench.report.faults import FAULT_TABLES, explain_faults
 from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
 from phasestereo_bench.report.origin import explain, origin
-from phasestereo_bench.report.sharp import explain_v2, explain_v3, v2_table, v3_table
+from phasestereo_bench.report.sharp import explain_v2, explain_v3, two_table, v2_table, v3_table
 from phasestereo_bench.report.tables import mean_table, scene_table
 
 if TYPE_CHECKING:
@@ -23,21 +24,41 @@ if TYPE_CHECKING:
     Maker = Callable[[Results, str], Table]
     Words = Callable[[Results, str], str]
 
-__all__ = ["MARKERS", "fill_document", "fill_places", "render_document", "small_print"]
+__all__ = [
+    "MARKERS",
+    "document_texts",
+    "fill_document",
+    "fill_places",
+    "render_document",
+    "small_print",
+]
 
 MARKERS: Mapping[str, tuple[str, Maker, Words]] = MappingProxyType(
     {
         "one-sided-blur-means": ("one-sided-blur", mean_table, explain),
         "one-sided-blur-scenes": ("one-sided-blur", scene_table, explain),
         "sharp": ("sharp", scene_table, explain),
+        "sharp-means": ("sharp", two_table, explain),
         "sharp-v2": ("sharp", v2_table, explain_v2),
         "sharp-v3": ("sharp", v3_table, explain_v3),
+        **{name: ("rigs", table, explain_faults) for name, table in FAULT_TABLES.items()},
     }
 )
 """The names that markers can have: the suite whose results they show, in which table, and what
 is said of it."""
 
-_OTHERS = ("blur", "speed")
+_OTHERS = (
+    "blur",
+    "costs",
+    "headline",
+    "parts",
+    "real-pairs",
+    "recordings",
+    "recordings-rows",
+    "rendered",
+    "speed",
+    "synthesis",
+)
 """Names of markers that are filled from results of another kind."""
 
 _WIDTH = 110
@@ -86,15 +107,25 @@ def render_document(
     path: str | os.PathLike[str], results: Results, *, metric: str = "v2.nonocc"
 ) -> str:
     """Return what `fill_document` would write; parameters and errors are the same."""
+    return _render(path, document_texts(results, metric=metric))
+
+
+def document_texts(results: Results, *, metric: str = "v2.nonocc") -> dict[str, str]:
+    """Return the tables of these results as Markdown, by the names of their markers.
+
+    Raises
+    ------
+    ValueError
+        If there is no number of the metric.
+    """
     results.require_metric(metric)
     made = origin(results)
-    texts = {
+    return {
         name: f"{markdown_table(table(results, metric))}\n\n"
         + small_print(f"{words(results, metric)} {made}")
         for name, (suite, table, words) in MARKERS.items()
         if suite == results.suite
     }
-    return _render(path, texts)
 
 
 def _render(path: str | os.PathLike[str], texts: Mapping[str, str]) -> str:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from phasestereo_bench.report.tables import Entry, Table
 
-__all__ = ["fill_markers", "markdown_table", "markdown_text"]
+__all__ = ["fill_markers", "markdown_table", "markdown_text", "marked"]
 
 _MARKER = re.compile(r"<!--[ \t]*(?P<end>/?)bench:(?P<name>.*?)[ \t]*-->")
 
@@ -71,6 +71,11 @@ def fill_markers(document: str, texts: Mapping[str, str], *, others: Collection[
         names = ", ".join(f"<!-- bench:{name} -->" for name in texts)
         raise ValueError(f"no marker to fill; accepts {names}, each with its end")
     return "".join([*parts, document[done:]])
+
+
+def marked(document: str) -> set[str]:
+    """Return the names of the markers that a document has."""
+    return {marker["name"] for marker in _MARKER.finditer(document)}
 
 
 def _places(document: str, known: Collection[str]) -> list[tuple[re.Match[str], re.Match[str]]]:

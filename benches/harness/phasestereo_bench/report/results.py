@@ -14,6 +14,7 @@ from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.datasets import LAYOUTS
 from phasestereo_bench.methods import TRUE_BLUR
 from phasestereo_bench.report.cells import KIND, METRICS, read_cell
+from phasestereo_bench.rigs import ALTERNATING
 from phasestereo_bench.store import read_store
 
 if TYPE_CHECKING:
@@ -63,6 +64,8 @@ class Results:
         """What the pairs are like."""
         if set(self.degradations) == {"sharp"}:
             return "both images sharp"
+        if self.side == ALTERNATING:
+            return "the worse image alternating between left and right"
         return f"{self.side} image degraded"
 
     @property

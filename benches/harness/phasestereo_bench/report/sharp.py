@@ -18,7 +18,14 @@ if TYPE_CHECKING:
 
     from phasestereo_bench.report.results import Results
 
-__all__ = ["explain_v2", "explain_v3", "sharp_tables", "v2_table", "v3_table"]
+__all__ = [
+    "explain_v2",
+    "explain_v3",
+    "sharp_tables",
+    "two_table",
+    "v2_table",
+    "v3_table",
+]
 
 _V2_SCENES = ("scenes2001/tsukuba", "scenes2001/venus", "scenes2003/teddy", "scenes2003/cones")
 _REGIONS = ("v2.nonocc", "v2.all", "v2.disc")
@@ -73,6 +80,12 @@ def v3_table(results: Results, _metric: str = "") -> Table:
     told = _of_v2(results, wanted=False)
     columns = {title: (_means(told, name), name) for name, title in _V3.items()}
     return _table(results, {title: told for title, told in columns.items() if told[0]})
+
+
+def two_table(results: Results, _metric: str = "") -> Table:
+    """Return methods x bad-1.0 and bad-2.0: means over all scenes."""
+    columns = {"bad-1.0": "v2.nonocc", "bad-2.0": "v3.bad_2"}
+    return _table(results, {title: (_means(results, m), m) for title, m in columns.items()})
 
 
 def explain_v2(_results: Results, _metric: str = "") -> str:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MISSING",
+    "MOST_COLUMNS",
     "Entry",
     "Means",
     "Table",
@@ -45,6 +46,9 @@ __all__ = [
 ]
 
 MISSING = "-"
+
+MOST_COLUMNS = 12
+"""Degradations that a table has side by side; more of them go down."""
 
 _FACTS = {
     "processor": ("cpu",),
@@ -148,7 +152,8 @@ def overall(results: Results, metric: str) -> Means:
 def mean_table(results: Results, metric: str) -> Table:
     """Return methods x degradations: means over scenes, and last that over all blurs.
 
-    Where the means are over different numbers of scenes, a further row says how many.
+    Where the means are over different numbers of scenes, a further row says how many. Of more than
+    12 degradations these go down and methods across.
     """
     columns = []
     for degradations in groups(results).values():
@@ -157,8 +162,11 @@ def mean_table(results: Results, metric: str) -> Table:
         columns.append((*column, Entry(_share(results, count))))
     *rows, counts = zip(*columns, strict=True)
     names = [*results.methods, "scenes"] if len(set(counts)) > 1 else results.methods
-    labelled = zip(map(Entry, names), [*rows, counts], strict=False)
-    return Table(("method", *groups(results)), tuple((name, *row) for name, row in labelled))
+    told = [(Entry(name), *row) for name, row in zip(names, [*rows, counts], strict=False)]
+    if len(columns) <= MOST_COLUMNS:
+        return Table(("method", *groups(results)), tuple(told))
+    turned = zip(map(Entry, groups(results)), *(row[1:] for row in told), strict=True)
+    return Table(("degradation", *names), tuple(turned))
 
 
 def scene_count(results: Results, metric: str) -> str:

@@ -29,6 +29,11 @@ def fill_speed(path: str | os.PathLike[str], results: SpeedResults) -> None:
     OSError
         If the file cannot be read or written.
     """
+    fill_places(path, {MARKER: speed_text(results)})
+
+
+def speed_text(results: SpeedResults) -> str:
+    """Return the tables and what stands below them, as Markdown."""
     tables = [markdown_table(table(results)) for table in (time_table, memory_table)]
     below = small_print(f"{explain_speed(results)} {made_with(results.environments.values())}")
-    fill_places(path, {MARKER: "\n\n".join([*tables, below])})
+    return "\n\n".join([*tables, below])

@@ -1,0 +1,116 @@
+"""``phasestereo bench tables``: every table of the documentation from one folder of data."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter, validators
+
+from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.terminal import progress_bar, tell
+from phasestereo_bench.cli.bench_middlebury import rivals
+from phasestereo_bench.cli.bench_runs import prepare, run_cells
+from phasestereo_bench.cli.stores import put_aside
+from phasestereo_bench.report.documents import fill_places
+from phasestereo_bench.report.markdown import marked
+from phasestereo_bench.speed import find_pairs, run_speed
+from phasestereo_bench.tables import export, stages, table_texts
+from phasestereo_bench.tables.plan import HITNET
+
+_SEVERAL = Parameter(consume_multiple=True, show_default=False)
+_OPTIONS = {"hitnet", "method"}
+
+
+def tables(
+    data: Path,
+    /,
+    *,
+    hitnet: Path | None = None,
+    readme: Annotated[tuple[Path, ...], _SEVERAL] = (),
+    export_to: Annotated[Path | None, Parameter(name="--export")] = None,
+    output: Annotated[Path, Parameter(alias="-o")] = Path("tables"),
+    workers: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None,
+    speed_rounds: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 5,
+    quick: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
+    fresh: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
+) -> None:
+    """Make every table of the documentation: all suites, real rigs, times; in half an hour.
+
+    Learned rivals take part as far as they are there: HITNet by its file, MC-CNN if the package
+    mccnn is installed. A run that was interrupted goes on where it stopped when the same command
+    is given again; records of an earlier version of the matcher are kept, too, unless --fresh.
+    For example:
+
+    ```
+    phasestereo bench tables DATA -o tables --readme README.md docs/rigs-suite.md
+    phasestereo bench tables DATA -o quick --quick --speed-rounds 0
+    ```
+
+    Parameters
+    ----------
+    data
+        Folder with middlebury, and if possible rigs/euroc, rigs/stereopi, real_defocus/breakfast,
+        large/chess_1920x1080 and rivals/hitnet_eth3d.onnx.
+    hitnet
+        HITNet's ONNX file for ETH3D. Without it, rivals/hitnet_eth3d.onnx below the data.
+    readme
+        Markdown files whose tables are replaced where they have markers; others stay as they are.
+    export_to
+        File for the numbers, JSON. Without it, results.json in the output.
+    output
+        Folder for the records; made if need be.
+    workers
+        Number of processes, each on one thread, where time does not count; without it, as many as
+        there are processors.
+    speed_rounds
+        How often `bench speed` matches each of its pairs; 0 leaves it out.
+    quick
+        Only three small scenes, and no table is put into a document.
+    fresh
+        Begin anew: rename existing files of records.
+    """
+    with refusals(options=_OPTIONS):
+        weights = hitnet or data / HITNET
+        learned = rivals(weights if hitnet or weights.is_file() else None, ["mccnn"])
+        output.mkdir(parents=True, exist_ok=True)
+        failed: list[dict[str, Any]] = []
+        for stage in stages(data, learned, quick=quick):
+            store = output / f"{stage.name}.jsonl"
+            prepare(store, stage.jobs, cells="cells", fresh=fresh)
+            count = 1 if stage.alone else workers
+            title = stage.name.capitalize()
+            records = run_cells(stage.jobs, store, workers=count, title=title, cells="cells")
+            failed += [record for record in records if record["status"] != "ok"]
+        if speed_rounds and not quick:
+            _time(data, output, speed_rounds, fresh=fresh)
+        export(output, export_to or output / "results.json")
+        if not quick:
+            _fill(readme, output)
+    tell(f"records and numbers: {output}")
+    if failed:
+        raise CommandError(f"{len(failed)} cells failed, the first of them: {failed[0]['error']}")
+
+
+def _time(data: Path, output: Path, rounds: int, *, fresh: bool) -> None:
+    """Run `bench speed`, whose pair that is rendered is kept beside the records."""
+    store = output / "speed.jsonl"
+    if fresh and store.exists():
+        tell(f"renamed {store} to {put_aside(store)}")
+    pairs, left_out = find_pairs(data, cache=output, names=())
+    for line in left_out:
+        tell(line)
+    with progress_bar("Speed") as progress:
+        run_speed(pairs, store, rounds=rounds, progress=progress)
+
+
+def _fill(documents: tuple[Path, ...], output: Path) -> None:
+    """Replace the tables of documents, of each those that it has a place for."""
+    texts = table_texts(output)
+    for document in documents:
+        there = marked(document.read_text("utf-8"))
+        mine = {name: text for name, text in texts.items() if name in there}
+        if mine:
+            fill_places(document, mine)
+        for name in sorted(there - texts.keys()):
+            tell(f"{document}: there are no records for {name}; its table stays as it is")

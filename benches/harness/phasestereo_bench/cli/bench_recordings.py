@@ -1,0 +1,74 @@
+"""``phasestereo bench recordings``: raw frames of rigs -> what can be scored without a truth."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter, validators
+from rich.console import Console
+
+from phasestereo.cli.errors import CommandError, refusals
+from phasestereo.cli.terminal import printable
+from phasestereo_bench.cli.bench_middlebury import rivals
+from phasestereo_bench.cli.bench_runs import prepare, run_cells
+from phasestereo_bench.cli.bench_tables import filled
+from phasestereo_bench.real import find_recording, recording_jobs
+from phasestereo_bench.tables.plan import TIMED
+from phasestereo_bench.tables.recorded import agreement_table, rows_table
+
+_SEVERAL = Parameter(consume_multiple=True, show_default=False)
+_PIPED_WIDTH = 120
+
+
+def recordings(
+    *folders: Path,
+    method: Annotated[tuple[str, ...], _SEVERAL] = (),
+    hitnet: Path | None = None,
+    output: Annotated[Path, Parameter(alias="-o")] = Path("recordings.jsonl"),
+    workers: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None,
+    fresh: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
+) -> None:
+    """Score matchers on raw frames of real rigs, whose depth nobody knows.
+
+    Rows are held against the calibration; every method matches each frame from either side, raw
+    and rectified. A run that was interrupted goes on where it stopped. For example:
+
+    ```
+    phasestereo bench recordings DATA/rigs/euroc -o recordings.jsonl
+    ```
+
+    Parameters
+    ----------
+    folders
+        Of one rig each: its frames (cam0 and cam1, left and right, left*.png and right*.png, or
+        pictures of both views) and its calibration, as `phasestereo rectify` takes a folder.
+    method
+        As of `bench middlebury`. Without it, ours and OpenCV's.
+    hitnet
+        HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
+    output
+        File for the records.
+    workers
+        Number of processes, each on one thread; without it, as many as there are processors.
+    fresh
+        Begin anew: rename an existing file of records.
+    """
+    with refusals(options={"method", "hitnet"}):
+        if not folders:
+            raise ValueError("no folder given: where are the frames?")
+        methods = [*(method or TIMED), *rivals(hitnet)]
+        jobs = [job for place in folders for job in recording_jobs(find_recording(place), methods)]
+        prepare(output, jobs, cells="cells", fresh=fresh)
+        records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")
+    good = [record for record in records if record["status"] == "ok"]
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
+    console.print(filled("Rows off, px rms: mean, worst frame", rows_table(good)))
+    console.print(filled("Left and right agree; the method trusts itself", agreement_table(good)))
+    console.print(printable(f"Records: {output}"), markup=False, soft_wrap=True)
+    failed = [record for record in records if record["status"] != "ok"]
+    if failed:
+        raise CommandError(
+            f"{len(failed)} of {len(records)} cells failed, the first of them: {failed[0]['error']}"
+        )

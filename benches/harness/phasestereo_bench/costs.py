@@ -1,0 +1,88 @@
+"""What a match takes: seconds and memory, each method alone on the machine and on one thread."""
+
+from __future__ import annotations
+
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from phasestereo_bench.cases import Case, usual_side
+from phasestereo_bench.measurement import measured
+from phasestereo_bench.methods import method
+from phasestereo_bench.runner import Job
+from phasestereo_bench.worker import Worker
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from phasestereo_bench.datasets import Scene
+
+COST = "cost"
+"""What records are called."""
+
+CASES = (
+    ("rigs", "sharp"),
+    ("one-sided-blur", "disk 3"),
+    ("rigs", "rows 1"),
+    ("rigs", "noise 5"),
+    ("rigs", "jpeg 70"),
+    ("rigs", "webcam"),
+)
+"""Suites and degradations that methods are timed on: what is found out takes time, too."""
+
+_ROUNDS = 3
+_SMALL = 64  # px: a process has matched so much before anything counts
+
+
+def cost_jobs(scene: Scene, methods: Sequence[str]) -> list[Job]:
+    """Return the jobs of a scene; they are to be run by one worker, with nothing beside it."""
+    jobs = []
+    for suite, name in CASES:
+        case = Case(scene, suite, name, usual_side(suite))
+        for spec in methods:
+            key = {"kind": COST, "scene": str(scene), "suite": suite, "degradation": name}
+            key |= {"method": str(method(spec))}
+            jobs.append(Job(key, measure_case, {"case": case, "spec": spec}))
+    return jobs
+
+
+def measure_case(case: Case, spec: str) -> dict[str, Any]:
+    """Match a case three times, after one that does not count.
+
+    Returns
+    -------
+    dict
+        ``"seconds"``: the median; ``"peak_bytes"`` of a sharp pair: the rise of the peak of the
+        resident memory in a fresh process over that of the process when it has matched a small
+        pair, None where the system does not tell, and of other pairs; ``"pixels"``.
+    """
+    match, pair = method(spec).match, case.pair(true_blur=False)
+    left, right, count = pair.left, pair.right, pair.num_disparities
+    match(left, right, count)
+    runs = [measured(lambda: match(left, right, count)) for _ in range(_ROUNDS)]
+    return {
+        "seconds": median(run.seconds for run in runs),
+        "peak_bytes": _memory(case, spec) if case.degradation == "sharp" else None,
+        "pixels": left.shape[0] * left.shape[1],
+    }
+
+
+def weigh(case: Case, spec: str) -> dict[str, Any]:
+    """Match a small pair and then the whole; tell what the latter took. The work of a process."""
+    match, pair = method(spec).match, case.pair(true_blur=False)
+    small = (image[:_SMALL, : 2 * _SMALL].copy() for image in (pair.left, pair.right))
+    match(*small, _SMALL // 4)
+    done = measured(lambda: match(pair.left, pair.right, pair.num_disparities))
+    return {"weight": done.peak_bytes}
+
+
+def _memory(case: Case, spec: str) -> int | None:
+    """Weigh in a fresh process: some libraries keep what an earlier match took."""
+    worker = Worker.start()
+    try:
+        worker.receive()
+        worker.give(0, weigh, {"case": case, "spec": spec})
+        outcome = worker.receive() or {}
+    finally:
+        worker.stop()
+    weight: int | None = outcome.get("weight")
+    return weight

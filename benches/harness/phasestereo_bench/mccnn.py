@@ -1,0 +1,82 @@
+"""MC-CNN-fast, a learned matching cost, with libSGM's optimization: the package `mccnn` of CNES.
+
+The weights are those in the package, Apache-2.0, and were trained on Middlebury's own pairs with
+their truth, the scenes of this benchmark among them: its figures are those of a training set.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo._extras import require
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Image = NDArray[np.uint8]
+    Map = NDArray[np.float32]
+
+WEIGHTS = "onnx_fast_int8"
+
+# The best on cones, Piano and Aloe, sharp; means of bad-1.0 in %:  0.1, 0.5: 9.6   0.15, 1: 8.8
+# 0.2, 1.5: 8.5   0.2, 2.5: 8.7   0.3, 2: 8.3   0.4, 4: 8.6;  Pandora's for MC-CNN, 2.3, 42.3: 17.4
+PENALTIES = (0.3, 2.0)
+
+SETTINGS: dict[str, Any] = {"weights": WEIGHTS, "P1": PENALTIES[0], "P2": PENALTIES[1]}
+
+_HOW = "which comes with: pip install 'phasestereo-bench[mccnn]'"
+
+_GRAY = np.array([0.299, 0.587, 0.114])
+_REACH = 5  # px: half of the 11 x 11 that a feature sees; maps are that much smaller
+_WORST = 1.0  # of costs, which are similarities from -1 to 1 with their sign changed
+_EIGHT = ((0, 1), (1, 0), (1, 1), (1, -1), (0, -1), (-1, 0), (-1, -1), (-1, 1))
+
+
+def match_mccnn(left: Image, right: Image, num_disparities: int) -> Map:
+    """Match by MC-CNN-fast's costs along eight directions, to whole disparities.
+
+    Raises
+    ------
+    ImportError
+        If `mccnn` or `libsgm` is not installed.
+    """
+    network, weights, sgm = needed()
+    gray = [np.pad(_gray(image), _REACH, mode="edge") for image in (left, right)]
+    path = str(weights.get_weights(WEIGHTS))
+    cost = network.run_mc_cnn_fast(*gray, 1 - num_disparities, 0, path)  # from the largest to 0
+    outside = np.isnan(cost)
+    cost[outside] = _WORST
+    shape = (*cost.shape[:2], len(_EIGHT))
+    low, high = (np.full(shape, penalty, np.float32) for penalty in PENALTIES)
+    whole = np.ones(cost.shape[:2], np.float32)  # one segment
+    directions = np.array(_EIGHT, np.int32)
+    options = (False, False, False)  # no paths kept, no overcounting, no edges
+    total = sgm.sgm_api(cost, low, high, directions, _WORST, whole, *options)["cv"]
+    total[outside] = np.inf
+    found: Map = (num_disparities - 1 - total.argmin(axis=2)).astype(np.float32)
+    return found
+
+
+def needed() -> tuple[Any, Any, Any]:
+    """Return the modules that it takes.
+
+    Raises
+    ------
+    ImportError
+        If one is not installed.
+    """
+    try:
+        network = import_module("mc_cnn.run")
+        weights = import_module("mc_cnn.weights")
+    except ModuleNotFoundError as error:
+        if error.name is not None and not error.name.startswith("mc_cnn"):
+            raise ImportError(f"mccnn needs {error.name}, {_HOW}") from error
+        raise ImportError("mccnn is not installed; pip install --no-deps mccnn") from error
+    return network, weights, require("c_libsgm", extra="mccnn", of="phasestereo-bench")
+
+
+def _gray(image: Image) -> Map:
+    return (image if image.ndim == 2 else image @ _GRAY).astype(np.float32)

@@ -1,0 +1,69 @@
+"""Programs as methods: two PNG files and the number of disparities in, a PFM file out."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from phasestereo.io import read_disparity, write_image
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Image = NDArray[np.uint8]
+    Map = NDArray[np.float32]
+
+PLACES = ("{left}", "{right}", "{num_disparities}", "{output}")
+"""What a command line has in the place of files and of the number."""
+
+
+def match_program(left: Image, right: Image, num_disparities: int, *, command: str) -> Map:
+    """Match by a program, which is started anew for every pair.
+
+    Parameters
+    ----------
+    command
+        Its command line with `PLACES`, split as a shell does, but run without one.
+
+    Raises
+    ------
+    OSError
+        If it cannot be started, or has written nothing.
+    ValueError
+        If it fails, or what it has written is no disparity map.
+    """
+    with TemporaryDirectory() as folder:
+        root = Path(folder)
+        write_image(root / "left.png", left)
+        write_image(root / "right.png", right)
+        told = (root / "left.png", root / "right.png", num_disparities, root / "output.pfm")
+        words = [_filled(word, told) for word in shlex.split(command)]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603 - named by the user
+        if done.returncode != 0:
+            last = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
+            raise ValueError(f"{words[0]}: exit code {done.returncode}: {last}")
+        found: Map = read_disparity(root / "output.pfm")
+        return found
+
+
+def require_places(command: str) -> None:
+    """Refuse a command line that has no place for the files.
+
+    Raises
+    ------
+    ValueError
+        If one is missing.
+    """
+    missing = [place for place in PLACES if place not in command and place != "{num_disparities}"]
+    if missing:
+        raise ValueError(f"method: got program:{command}, without {' and '.join(missing)}")
+
+
+def _filled(word: str, told: tuple[object, ...]) -> str:
+    for place, value in zip(PLACES, told, strict=True):
+        word = word.replace(place, str(value))
+    return word

@@ -1,0 +1,89 @@
+"""What can be said of a map without its truth: whether a matcher says the same from either side.
+
+A pair seen in a mirror, its images exchanged, is a pair again, whose disparities are those of the
+right image. Every matcher takes it, so every one can be asked twice. What only one camera sees can
+not agree, so even a perfect map has less than 100 %.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import phasestereo as ps
+from phasestereo_bench.measurement import measured
+from phasestereo_bench.methods import method
+from phasestereo_bench.real.frames import read_frame
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.floating[Any]]
+    Image = NDArray[np.uint8]
+
+NUM_DISPARITIES = 64
+"""What methods are told that have to be told a range."""
+
+CONFIDENT = 0.5
+"""From this confidence on a disparity counts as trusted by the method itself."""
+
+
+def score_frame(folder: Path, files: tuple[Path, ...], spec: str, *, rectified: bool) -> Any:
+    """Match a frame from either side, raw or rectified by the calibration.
+
+    Returns
+    -------
+    dict
+        ``"agreement"``: share of the pixels, 0 to 1, whose disparity the map of the right image
+        confirms within 1 px; ``"trusted"``: share whose confidence is at least `CONFIDENT`, None of
+        methods without one; ``"seconds"`` and ``"peak_bytes"`` of the first of both matches.
+
+    Raises
+    ------
+    ImportError, OSError, ValueError
+        As `phasestereo.rectify` and `phasestereo_bench.method`.
+    """
+    left, right = read_frame(files)
+    valid = np.ones(left.shape[:2], np.bool_)
+    if rectified:
+        rig = ps.rectify(left, right, folder)
+        left, right, valid = rig.left, rig.right, rig.left_mask
+    match = method(spec).match
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ps.MatchWarning)
+        done = measured(lambda: match(left, right, NUM_DISPARITIES))
+        mirrored = match(_mirrored(right), _mirrored(left), NUM_DISPARITIES)
+    disparity, confidence = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
+    other = mirrored[0] if isinstance(mirrored, tuple) else mirrored
+    trusted = None if confidence is None else float((confidence >= CONFIDENT)[valid].mean())
+    return {
+        "agreement": float(confirmed(disparity, _mirrored(other))[valid].mean()),
+        "trusted": trusted,
+        "seconds": done.seconds,
+        "peak_bytes": done.peak_bytes,
+    }
+
+
+def confirmed(disparity: Floats, of_right: Floats) -> NDArray[np.bool_]:
+    """Tell of every left pixel whether the right map has the same disparity there, within 1 px.
+
+    Parameters
+    ----------
+    disparity, of_right
+        Of the left and of the right image, (H, W), px; NaN where there is none.
+    """
+    cols = disparity.shape[1]
+    column = np.rint(np.arange(cols) - np.nan_to_num(disparity, nan=np.inf))
+    inside = (column >= 0) & (column < cols)
+    index = np.where(inside, column, 0).astype(np.intp)
+    there = np.take_along_axis(of_right, index, axis=1)
+    agreeing: NDArray[np.bool_] = inside & (np.abs(there - disparity) <= 1)
+    return agreeing
+
+
+def _mirrored(image: Any) -> Any:
+    return np.ascontiguousarray(image[:, ::-1])

@@ -1,0 +1,72 @@
+"""Real pairs with a truth: another exposure, and lenses focused at different distances."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo.io import read_image
+from phasestereo.metrics import bad_pixels
+from phasestereo_bench.datasets import Pair, find_scenes
+from phasestereo_bench.methods import method
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_EXPOSURE = "MotorcycleE"  # as Motorcycle, the right image exposed otherwise
+_FOCUS = "real_defocus/breakfast"
+_SHIFT = 16  # px: the disparity that the pair is given
+_COUNT = 64
+
+
+def find_pairs(root: Path) -> dict[str, Path]:
+    """Return the folders of the real pairs that are there, by what tables call them.
+
+    Parameters
+    ----------
+    root
+        Holds Middlebury's folder tree in ``middlebury``, and ``real_defocus/breakfast``: the two
+        photographs of Watanabe and Nayar (IJCV 1998), one focused far and one near, through a lens
+        that shows both at the same scale.
+    """
+    pairs = {}
+    if (root / "middlebury").is_dir():
+        for scene in find_scenes(root / "middlebury"):
+            if scene.name == _EXPOSURE:
+                pairs["exposure"] = scene.folder
+    if (root / _FOCUS / "left.png").is_file():
+        pairs["focus"] = root / _FOCUS
+    return pairs
+
+
+def load_pair(name: str, folder: Path) -> Pair:
+    """Load a real pair; of "focus" the right image is moved by 16 px, which is then the truth.
+
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        If its files cannot be read.
+    """
+    if name == "exposure":
+        return find_scenes(folder)[0].load()
+    left, right = (
+        read_image(folder / f"{side}.png").astype(np.uint8, copy=False)
+        for side in ("left", "right")
+    )
+    known = np.zeros(left[:, _SHIFT:].shape[:2], np.bool_)
+    known[:, _SHIFT:] = True
+    truth = np.full(known.shape, _SHIFT, np.float32)
+    left, right = left[:, :-_SHIFT].copy(), right[:, _SHIFT:].copy()
+    return Pair(name, left, right, truth, None, {"nonocc": known}, _COUNT, None)
+
+
+def score_pair(name: str, folder: Path, spec: str) -> dict[str, Any]:
+    """Match a real pair and return the share of wrong pixels, %, as ``"bad_1"`` and ``"bad_2"``."""
+    pair = load_pair(name, folder)
+    answer = method(spec).match(pair.left, pair.right, pair.num_disparities)
+    disparity = answer[0] if isinstance(answer, tuple) else answer
+    if pair.truth is None:
+        raise ValueError(f"{name}: the pair has no truth")
+    mask = pair.masks["nonocc"]
+    return {f"bad_{px}": bad_pixels(disparity, pair.truth, float(px), mask) for px in (1, 2)}

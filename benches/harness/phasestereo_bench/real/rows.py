@@ -1,0 +1,143 @@
+"""Rows of raw frames: what is found from the images alone, held against the calibration.
+
+The calibration says which pixel of the raw right image shows what a pixel of the raw left one does,
+at each distance. These places, all over the image and at five distances, are the truth.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy import interpolate
+
+import phasestereo as ps
+from phasestereo_bench.real.frames import read_frame
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from phasestereo import Rectification
+
+    Floats = NDArray[np.float64]
+
+_STEP = 12  # px between places
+_DISTANCES = 5
+_COARSE = 6  # px between the points by which maps are turned around
+
+
+class Places(NamedTuple):
+    """Raw pixels of both images that show the same, each (N,)."""
+
+    left_x: Floats
+    left_y: Floats
+    right_x: Floats
+    right_y: Floats
+
+
+def score_rows(folder: Path, files: tuple[Path, ...]) -> dict[str, Any]:
+    """Return by how many rows a raw frame is off, before and after what is found from it alone.
+
+    Returns
+    -------
+    dict
+        Root mean squares over the image in px: ``"delivered"``; ``"match"``, after what `match`
+        straightens by itself; ``"rectify"``, after `rectify` without the calibration, None where it
+        refuses; ``"calibrated"``, what is measured of the pair after rectification by the
+        calibration, None where too little is seen. ``"offset"``: rows at the center that `match`
+        finds, None where it finds none.
+
+    Raises
+    ------
+    ImportError, OSError, ValueError
+        As `phasestereo.rectify`.
+    """
+    left, right = read_frame(files)
+    truth = ps.rectify(left, right, folder)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ps.MatchWarning)  # what is off is what is measured here
+        places = corresponding(truth, _disparities(truth), (left.shape[0], left.shape[1]))
+        alignment = ps.match(left, right, threads=1).alignment
+    off = places.right_y - places.left_y
+    straightened = off
+    if alignment is not None and alignment.applied:
+        straightened = off - alignment.offsets(places.right_x, places.left_y)
+    return {
+        "delivered": _rms(off),
+        "match": _rms(straightened),
+        "rectify": _rectified(left, right, places),
+        "calibrated": truth.error,
+        "offset": None if alignment is None else alignment.vertical,
+    }
+
+
+def corresponding(truth: Rectification, disparities: Floats, size: tuple[int, int]) -> Places:
+    """Return the raw pixels that show the same by a calibration, at these disparities.
+
+    Parameters
+    ----------
+    truth
+        The frame rectified by the calibration.
+    disparities
+        In the rectified pair, whole px.
+    size
+        Height and width of the raw images.
+    """
+    (left_x, left_y), (right_x, right_y) = truth.maps
+    rows, cols = left_x.shape
+    y, x = (grid.ravel() for grid in np.mgrid[0:rows:_STEP, 0:cols:_STEP])
+    parts = []
+    for disparity in disparities.astype(int):
+        inside = (x >= disparity) & (x - disparity < cols)
+        at, here, there = y[inside], x[inside], x[inside] - disparity
+        parts.append([left_x[at, here], left_y[at, here], right_x[at, there], right_y[at, there]])
+    found = np.concatenate([np.asarray(part, np.float64) for part in parts], axis=1)
+    limits = np.array([size[1], size[0], size[1], size[0]])[:, np.newaxis] - 1
+    return Places(*found[:, ((found >= 0) & (found <= limits)).all(axis=0)])
+
+
+def _disparities(truth: Rectification) -> Floats:
+    """Return whole disparities all over the range of what the rectified pair shows."""
+    result = ps.match(
+        truth.left,
+        truth.right,
+        left_mask=truth.left_mask,
+        right_mask=truth.right_mask,
+        threads=1,
+    )
+    trusted = result.disparity[np.isfinite(result.disparity) & (result.flags == 0)]
+    low, high = np.percentile(trusted, (2.0, 98.0))
+    found: Floats = np.rint(np.linspace(float(low), float(high), _DISTANCES))
+    return found
+
+
+def _rectified(left: Any, right: Any, places: Places) -> float | None:
+    """Return what is left after `rectify` from the images alone; None where it refuses."""
+    try:
+        found = ps.rectify(left, right)
+    except ValueError:
+        return None
+    (left_x, left_y), (right_x, right_y) = found.maps
+    off = _turned_around(left_x, left_y, places.left_x, places.left_y) - _turned_around(
+        right_x, right_y, places.right_x, places.right_y
+    )
+    return _rms(off[np.isfinite(off)])
+
+
+def _turned_around(x_map: Any, y_map: Any, x: Floats, y: Floats) -> Floats:
+    """Return the rows to which a rectification brings raw pixels; NaN outside of it."""
+    rows, cols = x_map.shape
+    at, across = np.mgrid[0:rows:_COARSE, 0:cols:_COARSE]
+    points = np.stack([x_map[at, across].ravel(), y_map[at, across].ravel()], axis=1)
+    row = interpolate.CloughTocher2DInterpolator(
+        points.astype(np.float64), at.ravel().astype(float)
+    )
+    found: Floats = row(x, y)
+    return found
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,44 @@
+"""Faults of rigs: a table for each group of them, faults down and methods across."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.tables import Entry, Table, figures, means
+from phasestereo_bench.rigs import FAULTS, GROUPS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from phasestereo_bench.report.results import Results
+
+__all__ = ["FAULT_TABLES", "explain_faults", "fault_table"]
+
+
+def fault_table(results: Results, metric: str, *, group: str) -> Table:
+    """Return faults of a group x methods: means over the scenes that all methods have."""
+    rows = [
+        (Entry(name), *figures(results.methods, values, METRICS[metric]))
+        for name in results.degradations
+        if name in FAULTS and FAULTS[name].group == group
+        for values in [means(results, metric, (name,)).values]
+    ]
+    return Table(("fault", *results.methods), tuple(rows))
+
+
+def explain_faults(results: Results, metric: str) -> str:
+    """Say what the figures of `fault_table` are."""
+    count = min(means(results, metric, (name,)).scenes for name in results.degradations)
+    title = METRICS[metric].label
+    return (
+        f"{title[0].upper()}{title[1:]}: {METRICS[metric].better}. Means over {count} scenes, "
+        f"{results.state}. Bold: the best."
+    )
+
+
+FAULT_TABLES: Mapping[str, Callable[[Results, str], Table]] = {
+    f"rigs-{group}": partial(fault_table, group=group) for group in GROUPS if group != "sharp"
+}
+"""The makers of the tables by the names of their markers."""

@@ -1,0 +1,120 @@
+"""Defocus that grows with depth: a lens is in focus at one distance, and the scene has many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from phasestereo_bench.degradation import convolve, disk_psf, quantise
+from phasestereo_bench.rigs.fault import SEEDS
+from phasestereo_bench.rigs.optics import BLURRED_NOISE
+from phasestereo_bench.rigs.sensor import noise
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo_bench.datasets import Pair
+
+    Image = NDArray[np.uint8]
+    Plane = NDArray[np.float64]
+
+_LAYERS = 12
+_SHARP = 0.5  # px: a disk of less is none
+_FAR, _NEAR = 2.0, 98.0  # percentiles of the left disparities between which radii are measured
+_LEAST_COVER = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class DepthOfField:
+    """A step that puts one image, or both, out of focus by how far things are.
+
+    Parameters
+    ----------
+    radius
+        Of the disk at the other end of the scene than the one in focus, px.
+    opposite
+        The worse image is in focus far away; the other one is in focus near by if this is true,
+        else everywhere.
+    """
+
+    radius: float
+    opposite: bool = False
+
+    def __call__(self, pair: Pair, side: str) -> Pair:
+        """Return the pair of these lenses.
+
+        Raises
+        ------
+        ValueError
+            If the pair has no truth.
+        """
+        if pair.truth is None:
+            raise ValueError("depth of field: the pair has no truth")
+        far, near = np.percentile(filled(pair.truth), (_FAR, _NEAR))
+        images = {"left": pair.left, "right": pair.right}
+        maps = {"left": filled(pair.truth), "right": filled(seen_from_right(pair.truth))}
+        focused = {side: far} | ({_other(side): near} if self.opposite else {})
+        for name, focus in focused.items():
+            radii = self.radius / max(near - far, 1e-6)
+            soft = quantise(_layered(images[name], maps[name], focus, radii), np.uint8)
+            images[name] = noise(soft, SEEDS[name], sigma=BLURRED_NOISE)
+        return replace(pair, left=images["left"], right=images["right"])
+
+
+def filled(disparity: NDArray[np.floating]) -> Plane:
+    """Return a map without gaps: the farther of the next known values on either side in the row.
+
+    A row without any known value gets the median of the map.
+    """
+    known = np.isfinite(disparity)
+    cols = np.arange(disparity.shape[1])
+    before = np.maximum.accumulate(np.where(known, cols, -1), axis=1)
+    after = np.minimum.accumulate(np.where(known, cols, cols.size)[:, ::-1], axis=1)[:, ::-1]
+    left = _taken(disparity, before, before >= 0)
+    right = _taken(disparity, after, after < cols.size)
+    nearest = np.fmin(left, right)
+    return np.where(np.isfinite(nearest), nearest, np.nanmedian(disparity)).astype(np.float64)
+
+
+def seen_from_right(disparity: NDArray[np.floating]) -> Plane:
+    """Return the map of the right view: of what falls on a column the nearest, else NaN."""
+    seen = np.full(disparity.shape, -np.inf)
+    y, x = np.nonzero(np.isfinite(disparity))
+    values = disparity[y, x].astype(np.float64)
+    column = np.rint(x - values).astype(int)
+    inside = column >= 0
+    np.maximum.at(seen, (y[inside], column[inside]), values[inside])
+    return np.where(np.isfinite(seen), seen, np.nan)
+
+
+def _layered(image: Image, disparity: Plane, focus: float, radii: float) -> Plane:
+    """Return the image as layers, each blurred by its own disk, from the farthest to the nearest.
+
+    `radii` is how many px a disk's radius grows by with a px of disparity off `focus`.
+    """
+    edges = np.linspace(disparity.min(), disparity.max() + 1e-6, _LAYERS + 1)
+    colors = np.atleast_3d(image).astype(np.float64)
+    total, cover = np.zeros(colors.shape), np.zeros(disparity.shape)
+    for low, high in pairwise(edges):
+        layer = ((disparity >= low) & (disparity < high)).astype(np.float64)
+        shown = colors * layer[:, :, np.newaxis]
+        radius = radii * abs((low + high) / 2 - focus)
+        if radius >= _SHARP:
+            psf = disk_psf(radius)
+            layer, shown = convolve(layer, psf), convolve(shown, psf)
+        total = shown + total * (1 - layer)[:, :, np.newaxis]
+        cover = layer + cover * (1 - layer)
+    return (total / np.maximum(cover, _LEAST_COVER)[:, :, np.newaxis]).reshape(image.shape)
+
+
+def _taken(values: NDArray[np.floating], cols: NDArray[np.intp], known: NDArray[np.bool_]) -> Plane:
+    """Return each row's values at these columns, NaN where there is none."""
+    taken = np.take_along_axis(values, np.where(known, cols, 0), axis=1)
+    return np.where(known, taken, np.nan).astype(np.float64)
+
+
+def _other(side: str) -> str:
+    return "right" if side == "left" else "left"

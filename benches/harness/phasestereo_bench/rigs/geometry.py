@@ -1,0 +1,119 @@
+"""Rigs whose rows do not correspond: the right camera lower, turned, of another focal length.
+
+The right image is always the one that is resampled, and its truth moved along: disparities belong
+to the pixels of the left image, so they stay exact. Where the left camera is the one that is off,
+the right image moves the other way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import ndimage
+
+from phasestereo_bench.degradation import quantise
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo_bench.datasets import Pair
+
+    Plane = NDArray[np.float64]
+
+_WAVES = 1.5  # of a rolling shutter that shakes, over the height of the image
+_ROUNDS = 16  # of the fixed point; each leaves at most 6 % of what the one before left
+
+
+@dataclass(frozen=True, slots=True)
+class Misaligned:
+    """A step that moves the right image as a rig does whose right camera is off by this.
+
+    What is at (u, v) from the center of the image, (W - 1) / 2 and (H - 1) / 2, goes first outward
+    by ``1 + distortion (u^2 + v^2) / W^2``, then around the center and outward by `turn` and
+    `focal`, then by the keystone, then down, and at last to the left by `margin`.
+
+    Parameters
+    ----------
+    down
+        Rows lower, px.
+    turn
+        Clockwise as displayed, degrees.
+    focal
+        The other camera's focal length times 1 + this.
+    keystone
+        Rows lower in the lower right corner, px, of a camera that looks sideways.
+    distortion
+        Radial, of the third order; the corner of an image of 4:3 is at 0.39 of its unit.
+    wobble
+        Amplitude of waves along the rows' order, px: a rolling shutter that shakes.
+    margin
+        Px to the left for all: so that no disparity becomes negative where columns move, too. As
+        many columns are lost; twice as many more disparities are to be searched.
+    """
+
+    down: float = 0.0
+    turn: float = 0.0
+    focal: float = 0.0
+    keystone: float = 0.0
+    distortion: float = 0.0
+    wobble: float = 0.0
+    margin: int = 0
+
+    def __call__(self, pair: Pair, side: str) -> Pair:
+        """Return the pair of this rig; of a left camera that is off, all goes the other way."""
+        sign = 1.0 if side == "right" else -1.0
+        size = pair.right.shape[:2]
+        rows, cols = size
+        y, x = np.mgrid[0:rows, 0:cols].astype(np.float64)
+        right = quantise(_sampled(pair.right, *self._came_from(x, y, sign)), np.uint8)
+        if pair.truth is None:
+            return replace(pair, right=right)
+        at_x, at_y = self.moved(x - pair.truth, y, size, sign)
+        seen = (at_x >= 0) & (at_x <= cols - 1) & (at_y >= 0) & (at_y <= rows - 1)
+        return replace(
+            pair,
+            right=right,
+            truth=(x - at_x).astype(np.float32),
+            truth_right=None,
+            masks={region: mask & seen for region, mask in pair.masks.items()},
+            num_disparities=min(pair.num_disparities + 2 * self.margin, cols),
+        )
+
+    def moved(
+        self, x: Plane, y: Plane, size: tuple[int, int], sign: float = 1.0
+    ) -> tuple[Plane, Plane]:
+        """Return where in the right image what was at these places goes; `sign` is 1 or -1."""
+        rows, cols = size
+        middle_x, middle_y = (cols - 1) / 2, (rows - 1) / 2
+        u, v = x - middle_x, y - middle_y
+        outward = 1 + sign * self.distortion * (u * u + v * v) / cols**2
+        u, v = u * outward, v * outward
+        turn, scale = np.deg2rad(sign * self.turn), 1 + sign * self.focal
+        u, v = (
+            scale * (np.cos(turn) * u - np.sin(turn) * v),
+            scale * (np.sin(turn) * u + np.cos(turn) * v),
+        )
+        slant = sign * self.keystone / (middle_x * middle_y)
+        u, v = u + slant * (u * u - middle_x**2 / 3), v + slant * u * v
+        waves = sign * self.wobble * np.sin(2 * np.pi * _WAVES * y / rows)
+        return middle_x + u - self.margin, middle_y + v + sign * self.down + waves
+
+    def _came_from(self, x: Plane, y: Plane, sign: float) -> tuple[Plane, Plane]:
+        """Return where what is at these places was before, by a fixed point."""
+        size = x.shape[0], x.shape[1]
+        from_x, from_y = x + self.margin, y.copy()
+        for _ in range(_ROUNDS):
+            at_x, at_y = self.moved(from_x, from_y, size, sign)
+            from_x, from_y = from_x - (at_x - x), from_y - (at_y - y)
+        return from_x, from_y
+
+
+def _sampled(image: NDArray[Any], x: Plane, y: Plane) -> Plane:
+    """Return an image at these places: cubic B-splines, borders continued by reflection."""
+    sampled = np.empty(image.shape)
+    for channel in np.ndindex(image.shape[2:]):
+        plane = image[..., *channel].astype(np.float64)
+        sampled[..., *channel] = ndimage.map_coordinates(plane, (y, x), order=3, mode="reflect")
+    return sampled

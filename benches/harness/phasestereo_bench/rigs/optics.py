@@ -1,0 +1,119 @@
+"""What lenses and what is on or before them do to an image: blur, dirt, rain, haze, vignetting.
+
+Functions are as those of `sensor`. Coordinates are pixels, x to the right and y down, the first
+pixel's center being (0, 0).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from phasestereo_bench.degradation import DISK_SAMPLES, convolve, disk_psf, motion_psf, quantise
+from phasestereo_bench.rigs.sensor import noise
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    Image = NDArray[np.uint8]
+    Plane = NDArray[np.float64]
+
+BLURRED_NOISE = 1.0  # gray levels of noise after a blur, as in the suite "one-sided-blur"
+DROP_BLUR = 7.0  # px: radius of the disk through which a drop of rain shows the scene
+DIRT, HAZE = 40.0, 235.0  # gray levels
+VIGNETTE = 0.7  # share of the light that is lost in the corners
+
+
+def annulus_psf(outer: float, inner: float) -> Plane:
+    """Point-spread function of defocus with a central obstruction, as of a mirror lens.
+
+    Each tap is the share of its pixel between the two circles, by 8 x 8 samples.
+
+    Parameters
+    ----------
+    outer, inner
+        Radii, px, outer > inner >= 0.
+    """
+    reach = max(0, int(np.ceil(outer - 0.5)))
+    taps = np.arange(-reach, reach + 1)
+    offsets = (np.arange(DISK_SAMPLES) + 0.5) / DISK_SAMPLES - 0.5
+    counts = np.zeros((taps.size, taps.size))
+    for dy in offsets:
+        for dx in offsets:
+            square = np.add.outer((taps + dy) ** 2, (taps + dx) ** 2)
+            counts += (square <= outer**2) & (square > inner**2)
+    counts /= counts.sum()
+    return counts
+
+
+def blurred(image: Image, seed: int, *, psf: Plane) -> Image:
+    """Convolve and round, then add noise of 1 gray level."""
+    return noise(quantise(convolve(image, psf), np.uint8), seed, sigma=BLURRED_NOISE)
+
+
+def disk(image: Image, seed: int, *, radius: float) -> Image:
+    """Defocus by a disk, as `blurred`."""
+    return blurred(image, seed, psf=disk_psf(radius))
+
+
+def motion(image: Image, seed: int, *, length: float, angle: float = 0.0) -> Image:
+    """Shake along a straight path, as `blurred`."""
+    return blurred(image, seed, psf=motion_psf(length, angle))
+
+
+def annulus(image: Image, seed: int, *, outer: float, inner: float) -> Image:
+    """Defocus by a ring, as `blurred`."""
+    return blurred(image, seed, psf=annulus_psf(outer, inner))
+
+
+def vignette(image: Image, _seed: int) -> Image:
+    """Darken towards the corners: by 1 - 0.7 r^2, r being 1 there and 0 in the middle."""
+    rows, cols = image.shape[:2]
+    y, x = np.mgrid[0:rows, 0:cols]
+    square = ((x - cols / 2) ** 2 + (y - rows / 2) ** 2) / ((cols / 2) ** 2 + (rows / 2) ** 2)
+    return quantise(image * _like(1 - VIGNETTE * square, image), np.uint8)
+
+
+def dirt(image: Image, seed: int) -> Image:
+    """Put 12 dark spots of about 14 px on the lens, each of another gray."""
+    rng, spoiled = np.random.default_rng(seed), image.astype(np.float64)
+    for distance in _spots(image.shape, rng, count=12, radius=14.0):
+        cover = _like(np.clip(1.5 - distance, 0, 1), image)
+        spoiled += cover * (DIRT + rng.uniform(-15, 15) - spoiled)
+    return quantise(spoiled, np.uint8)
+
+
+def rain(image: Image, seed: int) -> Image:
+    """Put 40 drops of about 18 px on the lens, each of which shows the scene out of focus."""
+    rng, spoiled = np.random.default_rng(seed), image.astype(np.float64)
+    behind = convolve(image, disk_psf(DROP_BLUR))
+    for distance in _spots(image.shape, rng, count=40, radius=18.0):
+        spoiled += _like(np.clip(1.5 - distance, 0, 1), image) * (behind - spoiled)
+    return quantise(spoiled, np.uint8)
+
+
+def haze(image: Image, seed: int) -> Image:
+    """Lay three bright clouds of about 120 px over the image, as of stray light or breath."""
+    rng, spoiled = np.random.default_rng(seed), image.astype(np.float64)
+    for distance in _spots(image.shape, rng, count=3, radius=120.0):
+        spoiled += _like(0.75 * np.exp(-(distance**2)), image) * (HAZE - spoiled)
+    return quantise(spoiled, np.uint8)
+
+
+def _spots(
+    shape: tuple[int, ...], rng: np.random.Generator, *, count: int, radius: float
+) -> Iterator[Plane]:
+    """Yield for each spot how far every pixel is from its center, in radii of its own."""
+    rows, cols = shape[:2]
+    y, x = np.mgrid[0:rows, 0:cols]
+    for _ in range(count):
+        center_x, center_y = rng.uniform(0, cols), rng.uniform(0, rows)
+        yield np.hypot(x - center_x, y - center_y) / (radius * rng.uniform(0.6, 1.4))
+
+
+def _like(plane: Plane, image: Image) -> Plane:
+    """Return a plane that multiplies with all channels of an image."""
+    return plane if image.ndim == 2 else plane[:, :, np.newaxis]

@@ -1,0 +1,10 @@
+"""All tables of the documentation from one folder of data, by one command.
+
+`plan` says what is run, `texts` makes Markdown of what came out, and `export` numbers for machines.
+"""
+
+from phasestereo_bench.tables.export import export
+from phasestereo_bench.tables.plan import Stage, stages
+from phasestereo_bench.tables.texts import table_texts
+
+__all__ = ["Stage", "export", "stages", "table_texts"]

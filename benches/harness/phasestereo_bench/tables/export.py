@@ -1,0 +1,93 @@
+"""The numbers behind the tables, as one JSON file for machines."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import TYPE_CHECKING, Any
+
+from phasestereo.io.files import replacing
+from phasestereo_bench.tables.headline import headline_values
+from phasestereo_bench.tables.texts import read_records, read_suites
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from phasestereo_bench.report.results import Results
+
+FORMAT = 1
+_METRICS = {"bad_1": "v2.nonocc", "bad_2": "v3.bad_2"}
+_DIGITS = 3
+_LEAF = re.compile(r"[\[{][^\[\]{}]+[\]}]")  # what holds plain values alone
+_NOT_TOLD = ("kind", "status", "environment", "seconds", "peak_bytes", "error", "traceback")
+
+
+def export(folder: Path, path: Path) -> None:
+    """Write what a folder of records comes to; the same records give the same bytes.
+
+    The file has ``"format"``, 1; ``"environments"``, in which all of it ran; ``"headline"``, the
+    means of the first table by column and method; ``"suites"`` by name: ``"side"``, ``"scenes"``
+    and ``"bad_1"`` and ``"bad_2"``, the shares of non-occluded pixels that are more than 1 and 2 px
+    off, %, by degradation and method, one number a scene, null where there is none;
+    ``"recordings"`` and ``"pairs"``, a record for each; ``"costs"``, seconds and bytes.
+
+    Raises
+    ------
+    OSError, ValueError
+        If a file cannot be read or written.
+    """
+    suites = read_suites(folder)
+    environments: dict[str, Any] = {}
+    for results in suites.values():
+        environments |= dict(results.environments)
+    told: dict[str, list[dict[str, Any]]] = {"recordings": [], "pairs": []}
+    records, seen_in = read_records(folder, "real")
+    for record in records:
+        numbers = {key: value for key, value in record.items() if key not in _NOT_TOLD}
+        told["pairs" if "pair" in record else "recordings"].append(_rounded(numbers))
+    costs, timed_in = read_records(folder, "costs")
+    environments |= {known["id"]: known for known in (*seen_in, *timed_in)}
+    content = {
+        "format": FORMAT,
+        "environments": list(environments.values()),
+        "headline": _rounded(headline_values(suites)),
+        "suites": {name: _suite(results) for name, results in suites.items()},
+        **told,
+        "costs": costs,
+    }
+    with replacing(path) as file:
+        file.write(_readable(content).encode())
+
+
+def _suite(results: Results) -> dict[str, Any]:
+    metrics = {
+        name: {
+            row: {
+                method: [found.get(place) for place in results.counted]
+                for method in results.methods
+                for found in [_rounded(results.values(metric, method, row))]
+                if found
+            }
+            for row in results.degradations
+        }
+        for name, metric in _METRICS.items()
+    }
+    return {"side": results.side, "scenes": [str(place) for place in results.counted], **metrics}
+
+
+def _rounded(numbers: Mapping[Any, Any]) -> dict[Any, Any]:
+    return {
+        key: _rounded(value)
+        if isinstance(value, dict)
+        else round(value, _DIGITS)
+        if isinstance(value, float)
+        else value
+        for key, value in numbers.items()
+    }
+
+
+def _readable(content: Mapping[str, Any]) -> str:
+    """Return JSON with what holds plain values alone in a line, so that changes can be read."""
+    text = json.dumps(content, indent=1, allow_nan=False)
+    return _LEAF.sub(lambda found: " ".join(found[0].split()), text) + "\n"

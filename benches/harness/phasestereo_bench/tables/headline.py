@@ -1,0 +1,93 @@
+"""The first table of all: methods down, what can be wrong with a pair across, time and memory."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from phasestereo_bench.costs import CASES
+from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.tables import MISSING, Entry, Table, blurs, figures, means
+from phasestereo_bench.tables.plan import AUTO
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from phasestereo_bench.report.results import Results
+
+    Record = Mapping[str, Any]
+
+METRIC = "v2.nonocc"
+
+TITLES = {
+    "fast": "fast",
+    AUTO: "robust, told nothing",
+    "opencv:bm": "StereoBM",
+    "opencv:sgbm": "StereoSGBM",
+    "hitnet": "HITNet",
+}
+
+COLUMNS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "sharp": ("one-sided-blur", ("sharp",)),
+    "one side blurred": ("one-sided-blur", ()),  # the mean of the blurs
+    "one side darker": ("one-sided-blur", ("contrast 1.5 0.6",)),
+    "rows 1 px off": ("rigs", ("rows 1",)),
+    "noise": ("rigs", ("noise 5",)),
+    "JPEG": ("rigs", ("jpeg 70",)),
+    "webcam": ("rigs", ("webcam",)),
+}
+"""The suite and the degradations of each column."""
+
+
+def headline_values(results: Mapping[str, Results]) -> dict[str, Mapping[str, float]]:
+    """Return the means of the methods by column, for columns whose suites are there."""
+    columns = {}
+    for title, (suite, names) in COLUMNS.items():
+        if suite in results:
+            told = results[suite]
+            columns[title] = means(told, METRIC, names or blurs(told)).values
+    return columns
+
+
+def headline_table(results: Mapping[str, Results], costs: Sequence[Record]) -> Table:
+    """Return methods x faults, and what a sharp pair takes."""
+    columns = headline_values(results)
+    there = {method for told in results.values() for method in told.methods}
+    methods = [method for method in TITLES if method in there]
+    rows = []
+    for number, method in enumerate(methods):
+        entries = [
+            figures(methods, {m: v for m, v in values.items() if m in methods}, METRICS[METRIC])[
+                number
+            ]
+            for values in columns.values()
+        ]
+        rows.append((Entry(TITLES[method]), *entries, *_cost(costs, method)))
+    return Table(("method", *columns, "s / MP", "MB"), tuple(rows))
+
+
+def cost_table(costs: Sequence[Record]) -> Table:
+    """Return scenes and methods x what was timed, in ms, and the most memory that one took."""
+    rows = []
+    for scene, method in dict.fromkeys((record["scene"], record["method"]) for record in costs):
+        mine = [r for r in costs if (r["scene"], r["method"]) == (scene, method)]
+        own = {record["degradation"]: record for record in mine}
+        times = [
+            Entry(f"{1000 * own[name]['seconds']:.0f}" if name in own else MISSING)
+            for _, name in CASES
+        ]
+        peaks = [record["peak_bytes"] for record in own.values() if record["peak_bytes"]]
+        memory = Entry(f"{max(peaks) / 1e6:.0f}" if peaks else MISSING)
+        rows.append((Entry(scene.rpartition("/")[2]), Entry(method), *times, memory))
+    header = ("scene", "method", *(f"{name}, ms" for _, name in CASES), "MB")
+    return Table(header, tuple(rows), labels=2)
+
+
+def _cost(costs: Sequence[Record], method: str) -> tuple[Entry, Entry]:
+    """Return seconds per megapixel and MB of the largest sharp pair that a method was timed on."""
+    sharp = [r for r in costs if (r["method"], r["degradation"]) == (method, "sharp")]
+    if not sharp:
+        return Entry(MISSING), Entry(MISSING)
+    largest = max(sharp, key=lambda record: float(record["pixels"]))
+    peak = largest["peak_bytes"]
+    memory = Entry(f"{peak / 1e6:.0f}" if peak else MISSING)
+    return Entry(f"{largest['seconds'] / largest['pixels'] * 1e6:.2f}"), memory

@@ -1,0 +1,124 @@
+"""Tables of what parts of `robust` contribute, and of rendered pairs that nothing was chosen on."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
+
+from phasestereo.metrics import bad_pixels
+from phasestereo_bench.methods import method
+from phasestereo_bench.rendering import render_pair
+from phasestereo_bench.report.tables import MISSING, Entry, Table
+from phasestereo_bench.runner import Job
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from phasestereo_bench.datasets import Pair
+
+    Record = Mapping[str, Any]
+
+RENDERED = "rendered"
+"""What records of rendered pairs are called."""
+
+PARTS = {
+    "robust": "as it is",
+    "robust:subpixel=false": "without sub-pixel disparities (subpixel=False)",
+    "robust:weak=0": "components that are noise may vote (weak=0)",
+    "robust:speckle_size=0": "without the removal of speckles (speckle_size=0)",
+    "robust:consistency=none,speckle_size=0": "without check, speckles and filling "
+    "(consistency=None, speckle_size=0)",
+    "robust:median=0": "without the median (median=0)",
+    "robust:guided=false": "without edges drawn to those of the image (guided=False)",
+    "robust:window=7": "window=7 in place of 5",
+    "robust:edges=0": "jumps cost the same everywhere (edges=0)",
+    "robust:sizes=1": "codes of one size in place of two (sizes=1)",
+    "robust:neighborhood=5": "neighborhood=5 in place of 3",
+}
+"""Methods that leave out one thing of robust, and what that is."""
+
+WITHOUT_SYNTHESIS = "robust:synthesis=false"
+
+SEEDS = range(100, 110)
+"""Of the rendered pairs, on which nothing was chosen."""
+
+_SIZE = {"height": 360, "width": 480, "num_disparities": 64}
+ON_RENDERED = (
+    "robust",
+    "opencv:sgbm-3x3",
+    "opencv:sgbm",
+    "robust:sizes=1",
+    "robust:sizes=1,denoise=false",
+)
+
+
+def rendered_jobs(rivals: Sequence[str]) -> list[Job]:
+    """Return the jobs of the rendered pairs."""
+    return [
+        Job(
+            {"kind": RENDERED, "seed": seed, "method": str(method(spec))},
+            score_rendered,
+            {"seed": seed, "spec": spec},
+        )
+        for seed in SEEDS
+        for spec in (*ON_RENDERED, *rivals)
+    ]
+
+
+def score_rendered(seed: int, spec: str) -> dict[str, float]:
+    """Match a rendered pair and return the shares of wrong pixels, %."""
+    pair = _rendered(seed)
+    answer = method(spec).match(pair.left, pair.right, pair.num_disparities)
+    disparity = answer[0] if isinstance(answer, tuple) else answer
+    if pair.truth is None:
+        raise ValueError("a rendered pair has a truth")
+    mask = pair.masks["nonocc"]
+    return {f"bad_{px}": bad_pixels(disparity, pair.truth, float(px), mask) for px in (1, 2)}
+
+
+def rendered_table(records: Sequence[Record]) -> Table:
+    """Return methods x bad-1.0 and bad-2.0, means over the rendered pairs."""
+    rows = []
+    for name in dict.fromkeys(record["method"] for record in records):
+        own = [record for record in records if record["method"] == name]
+        rows.append((Entry(name), *_means(own, "bad_1", "bad_2")))
+    return Table(("method", "bad-1.0", "bad-2.0"), tuple(rows))
+
+
+def parts_table(records: Sequence[Record]) -> Table:
+    """Return what is left out of `robust` x bad-1.0 and bad-2.0, means over the scenes."""
+    rows = []
+    for name, told in PARTS.items():
+        own = [_bad(record) for record in records if record["method"] == name]
+        rows.append((Entry(told), *_means(own, "bad_1", "bad_2")))
+    return Table(("robust", "bad-1.0", "bad-2.0"), tuple(rows))
+
+
+def synthesis_table(records: Sequence[Record], names: Sequence[str]) -> Table:
+    """Return the side and whether there is synthesis x degradations; last the mean of the blurs."""
+    rows = []
+    blurs = [name for name in names if name != "mixed"]
+    for side in ("left", "right"):
+        for spec, words in ((WITHOUT_SYNTHESIS, ", synthesis=False"), ("robust", "")):
+            mine = [r for r in records if (r["side"], r["method"]) == (side, spec)]
+            columns = [[_bad(r) for r in mine if r["degradation"] == name] for name in names]
+            columns.append([_bad(r) for r in mine if r["degradation"] in blurs])
+            entries = [entry for column in columns for entry in _means(column, "bad_1")]
+            rows.append((Entry(f"{side} image blurred{words}"), *entries))
+    return Table(("", *names, "mean of the blurs"), tuple(rows))
+
+
+@lru_cache(1)
+def _rendered(seed: int) -> Pair:
+    return render_pair(seed, **_SIZE)
+
+
+def _bad(record: Record) -> dict[str, float]:
+    return {"bad_1": record["v2"]["nonocc"], "bad_2": record["v3"]["bad_2"]}
+
+
+def _means(records: Sequence[Mapping[str, float]], *names: str) -> list[Entry]:
+    if not records:
+        return [Entry(MISSING) for _ in names]
+    return [Entry(f"{fmean(record[name] for record in records):.1f}") for name in names]

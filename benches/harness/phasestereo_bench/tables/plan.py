@@ -1,0 +1,121 @@
+"""What is run for the tables of the documentation, in which order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from phasestereo_bench.blur import blur_jobs
+from phasestereo_bench.cases import SUITE_SCENES, SUITES
+from phasestereo_bench.costs import cost_jobs
+from phasestereo_bench.datasets import find_scenes
+from phasestereo_bench.middlebury import default_methods, middlebury_jobs
+from phasestereo_bench.real import find_recording, real_jobs, recording_jobs
+from phasestereo_bench.rigs import QUICK_SCENES
+from phasestereo_bench.tables.ours import PARTS, WITHOUT_SYNTHESIS, rendered_jobs
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from phasestereo_bench.datasets import Scene
+    from phasestereo_bench.runner import Job
+
+RECORDINGS = ("rigs/euroc", "rigs/stereopi")
+HITNET = "rivals/hitnet_eth3d.onnx"
+
+AUTO = "robust:num_disparities=auto"
+"""Ours as a user meets it: told nothing, not even a range."""
+
+TIMED = ("fast", "robust", AUTO, "opencv:bm", "opencv:sgbm")
+_ALSO_TIMED = ("opencv:sgbm-3way",)  # what `robust` is compared with where time matters
+SYNTHESIZED = ("gauss 2", "gauss 4", "disk 3", "disk 6", "motion 9", "motion 15", "mixed")
+"""Degradations after which the blurred image is made again."""
+
+TIMED_ON = ("scenes2003/cones", "MiddEval3/trainingQ/Motorcycle")
+"""The scenes that time and memory are of; the larger stands in the first table of all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """Jobs that share a file of records.
+
+    Attributes
+    ----------
+    name
+        Of the stage, and of its file without the ending.
+    jobs
+        What is to be done.
+    alone
+        Whether nothing may run beside a job, because its time counts.
+    """
+
+    name: str
+    jobs: Sequence[Job]
+    alone: bool = False
+
+
+def stages(root: Path, rivals: Sequence[str], *, quick: bool = False) -> list[Stage]:
+    """Return what is to be run.
+
+    Parameters
+    ----------
+    root
+        Holds ``middlebury``, and if possible ``rigs/euroc``, ``rigs/stereopi`` and
+        ``real_defocus/breakfast``.
+    rivals
+        Learned methods that are present.
+    quick
+        Only the three scenes of `QUICK_SCENES`.
+
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        If there is no scene, or something is not installed.
+    """
+    scenes = _scenes(root, quick=quick)
+    timed = [scene for scene in scenes if str(scene) in TIMED_ON] or scenes[:1]
+    ours = [*TIMED, *rivals]
+    found = [
+        Stage(suite, middlebury_jobs(scenes, _methods(suite, rivals), suite=suite))
+        for suite in SUITES
+    ]
+    found.append(Stage("parts", middlebury_jobs(scenes, list(PARTS), suite="sharp")))
+    found.append(Stage("synthesis", _synthesis_jobs(scenes)))
+    if not quick:
+        found.append(Stage("rendered", rendered_jobs(rivals)))
+    found.append(Stage("blur", blur_jobs(scenes, every=1)))
+    frames = [
+        job
+        for place in RECORDINGS
+        if (root / place).is_dir()
+        for job in recording_jobs(find_recording(root / place), ours)
+    ]
+    found.append(Stage("real", [*frames, *real_jobs(root, ours)]))
+    found.append(
+        Stage("costs", [job for s in timed for job in cost_jobs(s, _timed(rivals))], alone=True)
+    )
+    return [stage for stage in found if stage.jobs]
+
+
+def _scenes(root: Path, *, quick: bool) -> list[Scene]:
+    wanted = QUICK_SCENES if quick else SUITE_SCENES["rigs"]
+    scenes = [scene for scene in find_scenes(root / "middlebury") if str(scene) in wanted]
+    if not scenes:
+        raise ValueError(f"{root / 'middlebury'}: there is none of {', '.join(sorted(wanted))}")
+    return scenes
+
+
+def _synthesis_jobs(scenes: Sequence[Scene]) -> list[Job]:
+    suite, methods, sides = "one-sided-blur", ["robust", WITHOUT_SYNTHESIS], ("left", "right")
+    return middlebury_jobs(scenes, methods, SYNTHESIZED, suite=suite, sides=sides)
+
+
+def _methods(suite: str, rivals: Sequence[str]) -> list[str]:
+    """Return what a suite is for, and what the first table of all shows."""
+    also = _timed(rivals) if suite == "sharp" else [*TIMED, *rivals]
+    return list(dict.fromkeys([*default_methods(suite), *also]))
+
+
+def _timed(rivals: Sequence[str]) -> list[str]:
+    return [*TIMED, *_ALSO_TIMED, *rivals]

@@ -1,0 +1,164 @@
+"""Markdown for every marker that the documentation has, from the files of records."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from phasestereo_bench.blur import read_blur
+from phasestereo_bench.blur.document import MARKER as BLUR
+from phasestereo_bench.blur.document import blur_text
+from phasestereo_bench.cases import SUITES
+from phasestereo_bench.report import read_results
+from phasestereo_bench.report.documents import document_texts, small_print
+from phasestereo_bench.report.markdown import markdown_table
+from phasestereo_bench.report.origin import made_with
+from phasestereo_bench.speed import read_speed
+from phasestereo_bench.speed.document import MARKER as SPEED
+from phasestereo_bench.speed.document import speed_text
+from phasestereo_bench.store import read_store
+from phasestereo_bench.tables.headline import cost_table, headline_table
+from phasestereo_bench.tables.ours import parts_table, rendered_table, synthesis_table
+from phasestereo_bench.tables.plan import SYNTHESIZED
+from phasestereo_bench.tables.recorded import agreement_table, pairs_table, rows_table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from phasestereo_bench.report.results import Results
+    from phasestereo_bench.report.tables import Table
+
+    Record = dict[str, Any]
+
+_WORDS = {
+    "headline": "Bad-1.0, non-occluded pixels, %: less is better. Means over {scenes} Middlebury "
+    "scenes, one or both images of which were made worse as the column says. Bold: the best. "
+    "s / MP and MB: of the sharp Motorcycle pair on one thread, per megapixel, and the rise of the "
+    "memory; of OpenCV's matchers with the images continued, so that they answer for all columns.",
+    "costs": "Medians of 3 matches, {size}, one thread, nothing else running. MB: the rise of the "
+    "peak of the resident memory over that of a process that has matched a small pair, of the "
+    "sharp pair.",
+    "recordings-rows": "Rows off, px, root mean square over the image: mean over the frames, and "
+    "the worst. The calibration is the truth; the last column is what is measured of the pair that "
+    "it rectifies.",
+    "recordings": "Agreement: share of the pixels whose disparity a second match, from the right "
+    "image, confirms within 1 px. Trusted: share with a confidence of at least 0.5, of methods "
+    "that have one. Means over the frames ± their spread. More is better.",
+    "parts": "Bad-1.0 and bad-2.0, non-occluded pixels, %: less is better. Means over the scenes; "
+    "one thing at a time is changed.",
+    "rendered": "Bad-1.0 and bad-2.0, non-occluded pixels, %: less is better. Means over ten "
+    "rendered pairs.",
+    "synthesis": "Bad-1.0, non-occluded pixels, %: less is better. Means over the scenes.",
+    "real-pairs": "Bad-1.0, %: less is better. Bold: the best. Exposure: MotorcycleE. Focus: "
+    "breakfast, one image focused far and one near, moved by 16 px.",
+}
+
+
+_CELL = (
+    "kind",
+    "recording",
+    "frame",
+    "rectified",
+    "pair",
+    "seed",
+    "suite",
+    "collection",
+    "scene",
+    "degradation",
+    "side",
+    "method",
+)
+"""What tells records apart, of whatever kind they are."""
+
+
+def read_suites(folder: Path) -> dict[str, Results]:
+    """Return the results of the suites whose files of records are in a folder.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `phasestereo_bench.report.read_results`.
+    """
+    files = {suite: folder / f"{suite}.jsonl" for suite in SUITES}
+    return {suite: read_results([file]) for suite, file in files.items() if file.is_file()}
+
+
+def read_records(folder: Path, stage: str) -> tuple[list[Record], list[Record]]:
+    """Return the good records of a stage, the last of each cell, and their environments."""
+    file = folder / f"{stage}.jsonl"
+    lines = read_store(file) if file.is_file() else []
+    good = {_cell(line): line for line in lines if line.get("status") == "ok"}
+    ran = {line["environment"] for line in good.values()}
+    return list(good.values()), [line for line in lines if line.get("id") in ran]
+
+
+def table_texts(folder: Path) -> dict[str, str]:
+    """Return the tables of all that a folder has records of, by the names of their markers.
+
+    Raises
+    ------
+    OSError, ValueError
+        If a file cannot be read.
+    """
+    suites = read_suites(folder)
+    texts: dict[str, str] = {}
+    for results in suites.values():
+        texts |= document_texts(results)
+    costs, timed_in = read_records(folder, "costs")
+    real, seen_in = read_records(folder, "real")
+    if suites:
+        scenes = min(len(results.counted) for results in suites.values())
+        ran_in: list[Mapping[str, Any]] = [
+            known for told in suites.values() for known in told.environments.values()
+        ]
+        words = _WORDS["headline"].format(scenes=scenes)
+        texts["headline"] = _text(headline_table(suites, costs), words, [*ran_in, *timed_in])
+    if costs:
+        sizes = sorted({record["pixels"] for record in costs})
+        told = " and ".join(f"{pixels / 1e6:.2f}" for pixels in sizes)
+        words = _WORDS["costs"].format(size=f"{told} megapixels")
+        texts["costs"] = _text(cost_table(costs), words, timed_in)
+    if real:
+        tables = {
+            "recordings-rows": rows_table(real),
+            "recordings": agreement_table(real),
+            "real-pairs": pairs_table(real),
+        }
+        texts |= {name: _text(table, _WORDS[name], seen_in) for name, table in tables.items()}
+    return texts | _own(folder) | _others(folder)
+
+
+def _own(folder: Path) -> dict[str, str]:
+    """Return the tables of what parts of ours contribute."""
+    tables: dict[str, Callable[[Sequence[Record]], Table]] = {
+        "parts": parts_table,
+        "rendered": rendered_table,
+        "synthesis": partial(synthesis_table, names=SYNTHESIZED),
+    }
+    texts = {}
+    for name, make in tables.items():
+        records, ran_in = read_records(folder, name)
+        if records:
+            texts[name] = _text(make(records), _WORDS[name], ran_in)
+    return texts
+
+
+def _others(folder: Path) -> dict[str, str]:
+    texts = {}
+    blur = read_blur([folder / "blur.jsonl"]) if (folder / "blur.jsonl").is_file() else None
+    if blur is not None:
+        texts[BLUR] = blur_text(blur)
+    speed = read_speed([folder / "speed.jsonl"]) if (folder / "speed.jsonl").is_file() else None
+    if speed is not None:
+        texts[SPEED] = speed_text(speed)
+    return texts
+
+
+def _text(table: Table, words: str, environments: Sequence[Mapping[str, Any]]) -> str:
+    known = {environment["id"]: environment for environment in environments}
+    return f"{markdown_table(table)}\n\n{small_print(f'{words} {made_with(known.values())}')}"
+
+
+def _cell(line: Record) -> tuple[str, ...]:
+    return tuple(str(line.get(name)) for name in _CELL)

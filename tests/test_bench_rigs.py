@@ -1,0 +1,336 @@
+"""The suite "rigs": every fault is what its page says, the same every time."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+from scipy import ndimage
+
+from phasestereo_bench import run_middlebury
+from phasestereo_bench.cases import SUITE_SCENES, SUITES, Case
+from phasestereo_bench.datasets import Pair, find_scene, find_scenes
+from phasestereo_bench.degradation import disk_psf
+from phasestereo_bench.rigs import FAULTS, GROUPS, QUICK_SCENES, side_of
+from phasestereo_bench.rigs.depth import DepthOfField, filled, seen_from_right
+from phasestereo_bench.rigs.geometry import Misaligned
+from phasestereo_bench.rigs.optics import annulus_psf
+from test_bench_cases import plant
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+PAGE = (Path(__file__).parent.parent / "docs/rigs-suite.md").read_text("utf-8")
+ROWS, COLS = 96, 128
+ONE_SIDED = (
+    "one noise 20",
+    "dead columns",
+    "one jpeg 30",
+    "motion 30",
+    "annulus 6 3",
+    "annulus 6 4.5",
+    "depth 4",
+    *(name for name, fault in FAULTS.items() if fault.group == "light"),
+)
+MOVED = [
+    name
+    for name, fault in FAULTS.items()
+    if any(isinstance(step, Misaligned) for step in fault.steps)
+]
+
+
+def photograph(*, gray: bool = False) -> Pair:
+    """Return a pair of smooth texture, its truth a slanted plane of 10 to 20 px."""
+    rng = np.random.default_rng(5)
+    texture = ndimage.gaussian_filter(rng.normal(0, 1, (ROWS, COLS, 3)), (2, 2, 0))
+    right = np.clip(128 + 300 * texture, 0, 255).astype(np.uint8)
+    truth = np.broadcast_to(np.linspace(10, 20, ROWS)[:, np.newaxis], (ROWS, COLS))
+    y, x = np.mgrid[0:ROWS, 0:COLS].astype(float)
+    left = np.stack(
+        [
+            ndimage.map_coordinates(plane, (y, x - truth), order=3)
+            for plane in np.moveaxis(right, 2, 0)
+        ],
+        axis=2,
+    )
+    images = (left[..., 0], right[..., 0]) if gray else (left, right)
+    mask = x >= truth
+    masks = {"nonocc": mask, "all": mask}
+    return Pair(
+        "made", images[0].copy(), images[1].copy(), truth.astype(np.float32), None, masks, 32, None
+    )
+
+
+PAIR = photograph()
+
+
+def same(one: Pair, other: Pair) -> bool:
+    """Tell whether two pairs are the same to the bit."""
+    images = np.array_equal(one.left, other.left) and np.array_equal(one.right, other.right)
+    masks = all(np.array_equal(one.masks[name], other.masks[name]) for name in one.masks)
+    assert one.truth is not None
+    assert other.truth is not None
+    return images and masks and np.array_equal(one.truth, other.truth)
+
+
+# The registry
+
+
+def test_the_page_defines_every_fault_and_shows_every_table() -> None:
+    told = set(re.findall(r"(?<!`)`([^`\n]+)`(?!`)", PAGE))
+    assert set(FAULTS) <= told
+    for group in GROUPS:
+        assert any(fault.group == group for fault in FAULTS.values())
+        assert group == "sharp" or f"<!-- bench:rigs-{group} -->" in PAGE
+    assert {fault.group for fault in FAULTS.values()} == set(GROUPS)
+    assert f"{len(FAULTS) - 1} things" in PAGE
+    assert SUITES["rigs"] is FAULTS
+
+
+def test_all_faults_differ_and_names_are_their_own() -> None:
+    spoiled = [fault(PAIR, "left") for fault in FAULTS.values()]
+    for number, one in enumerate(spoiled):
+        assert not any(same(one, other) for other in spoiled[:number])
+    assert all(name == fault.name for name, fault in FAULTS.items())
+    assert same(FAULTS["sharp"](PAIR, "left"), PAIR)
+
+
+def test_sides_alternate_over_the_scenes(data: Path) -> None:
+    scenes = [s for s in find_scenes(data / "middlebury") if str(s) in SUITE_SCENES["rigs"]]
+    sides = {str(scene): side_of(scene) for scene in scenes}
+    assert sorted(sides.values()) == ["left"] * 6 + ["right"] * 6
+    assert {sides[name] for name in QUICK_SCENES} == {"left", "right"}
+    assert sides["scenes2001/tsukuba"] == "left"
+    assert sides["scenes2001/venus"] == "right"
+    assert set(sides) >= QUICK_SCENES
+
+
+def test_a_side_that_is_none_is_refused() -> None:
+    with pytest.raises(ValueError, match="^side: got 'middle'"):
+        FAULTS["noise 2"](PAIR, "middle")
+
+
+# All faults
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("name", FAULTS)
+def test_faults_are_the_same_every_time_and_keep_shape_and_type(name: str, side: str) -> None:
+    for pair in (PAIR, photograph(gray=True)):
+        before = replace(pair, left=pair.left.copy(), right=pair.right.copy())
+        one, again = FAULTS[name](pair, side), FAULTS[name](pair, side)
+        assert same(one, again)
+        assert same(pair, before)  # what it was given is not changed
+        assert one.left.shape == one.right.shape == pair.left.shape
+        assert one.left.dtype == one.right.dtype == np.uint8
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_the_other_image_is_left_alone_where_one_is_worse(name: str) -> None:
+    for side, other in (("left", "right"), ("right", "left")):
+        spoiled = FAULTS[name](PAIR, side)
+        alone = np.array_equal(getattr(spoiled, other), getattr(PAIR, other))
+        changed = not np.array_equal(getattr(spoiled, side), getattr(PAIR, side))
+        if name in ONE_SIDED:
+            assert alone
+            assert changed
+        elif name not in MOVED and name != "sharp":
+            assert changed
+            assert not alone
+
+
+def test_both_images_have_noise_of_their_own() -> None:
+    alike = replace(PAIR, right=PAIR.left.copy())
+    for name in ("noise 5", "photons 100", "hot 1%", "both disk 3"):
+        spoiled = FAULTS[name](alike, "left")
+        assert not np.array_equal(spoiled.left, spoiled.right)
+
+
+def test_the_sums_of_the_page_are_those_of_the_suite(data: Path) -> None:
+    scene = find_scene(data / "middlebury", "cones")
+    pair, side = scene.load(), side_of(scene)
+    told = dict(re.findall(r"^\| `([^`]+)` \| (\d+ \| \d+ \| \d+) \|$", PAGE, re.MULTILINE))
+    assert set(told) == set(FAULTS)
+    for name, fault in FAULTS.items():
+        if "jpeg" in name or name in ("webcam", "two phones"):
+            continue  # codecs differ by a level
+        spoiled = fault(pair, side)
+        sums = [int(image.sum(dtype=np.int64)) for image in (spoiled.left, spoiled.right)]
+        assert told[name] == " | ".join(map(str, [*sums, spoiled.masks["nonocc"].sum()]))
+
+
+# Rows
+
+
+@pytest.mark.parametrize(("side", "down"), [("right", 1), ("left", -1)])
+def test_rows_move_by_whole_pixels_exactly(side: str, down: int) -> None:
+    spoiled = FAULTS["rows 1"](PAIR, side)
+    inner = slice(2, -2)
+    np.testing.assert_array_equal(spoiled.right[inner], np.roll(PAIR.right, down, axis=0)[inner])
+    np.testing.assert_array_equal(spoiled.left, PAIR.left)
+    np.testing.assert_array_equal(spoiled.truth, PAIR.truth)
+    lost = PAIR.masks["nonocc"] & ~spoiled.masks["nonocc"]
+    assert set(np.nonzero(lost)[0]) == {ROWS - 1 if down > 0 else 0}
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("name", [n for n in MOVED if FAULTS[n].group == "rows"])
+def test_the_truth_moves_with_the_image(name: str, side: str) -> None:
+    spoiled, (step,) = FAULTS[name](PAIR, side), FAULTS[name].steps
+    assert isinstance(step, Misaligned)
+    assert spoiled.truth is not None
+    assert PAIR.truth is not None
+    y, x = np.mgrid[0:ROWS, 0:COLS].astype(float)
+    before = x - PAIR.truth
+    at_x, at_y = step.moved(before, y, (ROWS, COLS), 1.0 if side == "right" else -1.0)
+    np.testing.assert_allclose(x - spoiled.truth, at_x, atol=1e-4)
+    inside = spoiled.masks["nonocc"] & (at_x > 4) & (at_y > 4) & (at_y < ROWS - 5)
+    inside &= (before > 4) & (at_x < COLS - 5)
+    assert inside.mean() > 0.5
+    shows = ndimage.map_coordinates(spoiled.right[..., 0].astype(float), (at_y, at_x), order=3)
+    showed = ndimage.map_coordinates(PAIR.right[..., 0].astype(float), (y, before), order=3)
+    assert (
+        np.quantile(np.abs(shows - showed)[inside], 0.999) < 3
+    )  # a level for each rounding, and clipping
+    assert np.abs(at_y - y)[inside].max() > 0.1  # or nothing has moved
+    assert spoiled.truth[spoiled.masks["nonocc"]].min() > 0
+    assert spoiled.truth.max() < spoiled.num_disparities
+    assert spoiled.num_disparities == PAIR.num_disparities + 2 * step.margin
+
+
+def test_turns_are_clockwise_and_focal_lengths_enlarge() -> None:
+    size, middle = (101, 201), np.array([[100.0]])
+    right = np.array([[190.0]])
+    _, y = Misaligned(turn=1).moved(right, np.array([[50.0]]), size)
+    assert y.item() == pytest.approx(50 + 90 * np.sin(np.deg2rad(1)))
+    x, y = Misaligned(focal=0.02).moved(right, np.array([[90.0]]), size)
+    assert (x.item(), y.item()) == pytest.approx((100 + 90 * 1.02, 50 + 40 * 1.02))
+    _, y = Misaligned(keystone=4).moved(np.array([[200.0]]), np.array([[100.0]]), size)
+    assert y.item() == pytest.approx(104)
+    x, _ = Misaligned(distortion=0.03).moved(np.array([[200.0]]), np.array([[50.0]]), size)
+    assert x.item() == pytest.approx(100 + 100 * (1 + 0.03 * 100**2 / 201**2))
+    x, _ = Misaligned(margin=8).moved(middle, middle / 2, size)
+    assert x.item() == 92
+
+
+# Sensors and codecs
+
+
+def flat(level: int) -> Pair:
+    """Return a pair of gray, large enough for statistics."""
+    image = np.full((200, 300, 3), level, np.uint8)
+    return replace(PAIR, left=image, right=image.copy(), truth=None, masks={})
+
+
+@pytest.mark.parametrize(("name", "sigma"), [("noise 2", 2), ("noise 5", 5), ("noise 20", 20)])
+def test_noise_is_as_strong_as_it_says(name: str, sigma: float) -> None:
+    spoiled = FAULTS[name](flat(128), "left")
+    for image in (spoiled.left, spoiled.right):
+        assert image.std() == pytest.approx(np.hypot(sigma, 0.29), rel=0.01)
+        assert image.mean() == pytest.approx(128, abs=0.2)
+
+
+@pytest.mark.parametrize("level", [40, 160])
+def test_photons_are_counted(level: int) -> None:
+    image = FAULTS["photons 100"](flat(level), "left").left
+    # Variance of n = 100 level / 255 photons, each 2.55 levels, and of the read noise.
+    assert image.std() == pytest.approx(np.sqrt(2.55**2 * 100 * level / 255 + 4), rel=0.02)
+
+
+def test_four_bits_have_sixteen_levels() -> None:
+    ramp = replace(PAIR, left=np.arange(256, dtype=np.uint8).reshape(8, 32))
+    levels = FAULTS["bits 4"](replace(ramp, right=ramp.left), "left").left
+    assert len(np.unique(levels)) == 16
+    assert np.abs(levels.astype(int) - ramp.left).max() <= 8
+
+
+@pytest.mark.parametrize(("name", "share"), [("hot 0.1%", 0.001), ("hot 1%", 0.01)])
+def test_as_many_pixels_are_hot_as_it_says(name: str, share: float) -> None:
+    image = FAULTS[name](flat(128), "left").left
+    broken = (image != 128).any(axis=2)
+    assert broken.mean() == pytest.approx(share, rel=0.25)
+    assert set(np.unique(image[broken])) == {0, 255}
+    assert (image[broken] == image[broken][:, :1]).all()  # in all channels alike
+
+
+def test_dead_columns_are_where_it_says() -> None:
+    image = FAULTS["dead columns"](flat(128), "right").right
+    dead = np.nonzero((image != 128).all(axis=(0, 2)))[0]
+    np.testing.assert_array_equal(dead, np.arange(20, 300, 40))
+    assert (image[:, dead] == image[:1, dead]).all()
+
+
+def test_jpeg_is_that_of_pillow() -> None:
+    file = io.BytesIO()
+    Pillow.fromarray(PAIR.left).save(file, "JPEG", quality=30)
+    spoiled = FAULTS["jpeg 30"](PAIR, "right")
+    np.testing.assert_array_equal(spoiled.left, np.asarray(Pillow.open(file)))
+
+
+# Lenses and light
+
+
+def test_a_ring_is_a_disk_without_its_middle() -> None:
+    np.testing.assert_array_equal(annulus_psf(6, 0), disk_psf(6))
+    ring = annulus_psf(6, 3)
+    assert ring.sum() == pytest.approx(1)
+    assert ring[6, 6] == ring[6, 8] == 0 < ring[6, 10]
+    np.testing.assert_array_equal(ring, ring.T)
+
+
+def test_maps_are_filled_from_behind() -> None:
+    gap = np.nan
+    rows = np.array([[gap, 9, gap, gap, 3, gap], [gap] * 6, [5, 5, 5, 5, 5, 5]])
+    expected = [[9, 9, 3, 3, 3, 3], [5] * 6, [5] * 6]
+    np.testing.assert_array_equal(filled(rows), expected)
+    seen = seen_from_right(np.array([[0.0, 0, 0, 2, 0, 0]]))
+    np.testing.assert_array_equal(seen, [[0, 2, 0, gap, 0, 0]])
+
+
+def test_depth_blurs_what_is_not_in_focus() -> None:
+    truth = np.full((ROWS, COLS), 10, np.float32)
+    truth[: ROWS // 2] = 30
+    pair = replace(PAIR, truth=truth)
+    soft = DepthOfField(6)(pair, "left").left.astype(float)
+    near, far = slice(8, ROWS // 2 - 12), slice(ROWS // 2 + 12, -8)
+    change = np.abs(soft - PAIR.left)
+    assert change[far].mean() < 1.5  # noise of one gray level
+    assert change[near].mean() > 4
+    both = DepthOfField(6, opposite=True)(pair, "left")
+    assert np.abs(both.right.astype(float) - PAIR.right)[far].mean() > 4
+
+
+def test_light_is_as_it_says() -> None:
+    gray = flat(100)
+    assert (FAULTS["inverted"](gray, "left").left == 155).all()
+    dim = FAULTS["vignette"](gray, "left").left[..., 0].astype(float)
+    assert dim[100, 150] == 100
+    assert dim[0, 0] == 30
+    bright = FAULTS["clipped 20%"](PAIR, "left").left
+    assert (bright == 255).mean() == pytest.approx(0.2, abs=0.02)
+    assert FAULTS["haze"](gray, "left").left.max() > 190
+    assert FAULTS["dirt"](gray, "left").left.min() < 60
+    np.testing.assert_array_equal(FAULTS["rain"](gray, "left").left, gray.left)  # nothing to blur
+
+
+# In the harness
+
+
+def test_the_suite_runs_in_the_harness(tmp_path: Path) -> None:
+    scene = find_scenes(plant(tmp_path, "one"))[0]
+    names = ["sharp", "rows 1", "focal 2%"]
+    records = run_middlebury([scene], ["fast"], names, suite="rigs", workers=0)
+    assert [record["status"] for record in records] == ["ok"] * 3
+    assert {record["side"] for record in records} == {"alternating"}
+    assert [record["num_disparities"] for record in records] == [32, 32, 48]
+    case = Case(scene, "rigs", "rows 1", "right")
+    spoiled: NDArray[Any] = case.pair(true_blur=False).right
+    np.testing.assert_array_equal(spoiled[1:], scene.load().right[:-1])
+    with pytest.raises(ValueError, match="no true blur of 'rows 1'"):
+        case.pair(true_blur=True)
