@@ -143,7 +143,7 @@ REFUSALS = [
     (f"--ply none/a.ply {RIG}", FAILED, "none: no such folder"),
     ("--ply a.ply --calib none.txt", FAILED, "none.txt: No such file"),
     ("--ply a.ply --calib other.txt", FAILED, "other.txt: .*that of 66 x 40 pixels.* 65 x 40"),
-    ("--ply a.ply --calib left.png", FAILED, "left.png: "),
+    ("--ply a.ply --calib left.png", WRONG, "--calib: got left.png, which is a picture"),
     ("--ply a.ply --q three.npy", FAILED, "three.npy: Q is 4 x 4"),
     ("--ply a.ply --q turned.npy", FAILED, "turned.npy: .*Y down"),
 ]

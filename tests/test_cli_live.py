@@ -263,6 +263,11 @@ def test_full_disk_ends_the_run_and_keeps_what_there_is(
         ("video.mkv --frames %d.png --min-disparity -9", WRONG, "--frames: disparity must lie in"),
         ("video.mkv --rerun o.mp4", WRONG, "--rerun: path of a recording must end in .rrd"),
         ("video.mkv --json --calib c.txt", WRONG, "--calib: has no effect without --rerun"),
+        (
+            "video.mkv --rerun o.rrd --calib rig/left/0.png",
+            WRONG,
+            "--calib: got rig/left/0.png, which",
+        ),
         ("video.mkv --json --rate 5", WRONG, "--rate: has no effect without --output"),
         ("video.mkv --json --num-disparities 97", WRONG, "--num-disparities: got 97"),
         ("video.mkv --json --preset slow", WRONG, "--preset: got 'slow'"),

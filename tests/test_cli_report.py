@@ -84,6 +84,7 @@ def never(*_: object, **__: object) -> None:
     [
         ("--report none/page.html", "none: no such folder"),
         ("--report left.png", "--report: left.png is in use already"),
+        ("--report page.pdf", "--report: path must end in .html or .htm, got '.pdf'"),
         ("--report .", "--report: . is a folder"),
     ],
 )

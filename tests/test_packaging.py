@@ -42,6 +42,7 @@ WANTED = [
     "report",
     "bench",
     "opencv",
+    "heif",
     "rectify",
     "live",
     "geo",
@@ -58,6 +59,7 @@ WANTED = [
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-contrib-python-headless",
+    "pillow_heif": "pillow-heif",
     "rerun": "rerun-sdk",
     "yaml": "pyyaml",
 }

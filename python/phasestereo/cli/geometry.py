@@ -11,7 +11,7 @@ import numpy as np
 from cyclopts import Parameter, validators
 from numpy.typing import NDArray
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture
 from phasestereo.io import Calibration, LengthUnit, read_calibration, read_q
 from phasestereo.triangulation import PointCloud, point_cloud
 
@@ -76,6 +76,9 @@ class Geometry:
                 raise _wrong(name, "has no effect without --focal")
         if "focal" in sources and self.baseline is None:
             raise _wrong("focal", "needs --baseline, the distance of the cameras")
+        for name, path in (("calib", self.calib), ("q", self.q)):
+            if path is not None:
+                refuse_picture(name, path)
 
     def bound(self) -> int | None:
         """Return the number of disparities that calib.txt tells, if there is one that does.

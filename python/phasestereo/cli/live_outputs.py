@@ -17,7 +17,13 @@ from cyclopts import Parameter, validators
 
 from phasestereo._extras import require
 from phasestereo._interrupts import held_back
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
+from phasestereo.cli.errors import (
+    WRONG_USAGE,
+    CommandError,
+    option,
+    refusals,
+    refuse_picture,
+)
 from phasestereo.cli.live_tally import Tally
 from phasestereo.io import read_calibration, write_disparity
 from phasestereo.rerun_log import log_failure, log_frame, saving
@@ -77,6 +83,8 @@ class LiveOutputs:
             if getattr(self, name) is not None and getattr(self, needed) is None:
                 message = f"{option(name)}: has no effect without {option(needed)}"
                 raise CommandError(message, WRONG_USAGE)
+        if self.calib is not None:
+            refuse_picture("calib", self.calib)
         read = {os.path.realpath(source) for source in sources}
         for name, path in (("output", self.output), ("rerun", self.rerun)):
             if path is not None and os.path.realpath(path) in read:

@@ -10,7 +10,7 @@ import numpy as np
 from phasestereo._extras import require
 from phasestereo._images import as_mask, as_pair, on_screen, screen_range
 from phasestereo.io import Calibration
-from phasestereo.io.files import replacing
+from phasestereo.io.files import replacing, suffix
 from phasestereo.pair_page import facts, layers
 from phasestereo.pair_page.embedding import picture_uri
 from phasestereo.pair_page.scene import Scene, scene_of
@@ -60,7 +60,7 @@ def write_pair_page(
     Parameters
     ----------
     path
-        The file, usually ``.html``.
+        The file: ``.html`` or ``.htm``.
     left, right
         The images, as `phasestereo.match` takes them. Intensities of other types than uint8 are
         stretched for the screen.
@@ -86,12 +86,15 @@ def write_pair_page(
     TypeError
         If an argument has the wrong type.
     ValueError
-        If sizes differ, or there is nothing to score; if there is a mask and no truth.
+        If the suffix is another, sizes differ, or there is nothing to score; if there is a mask and
+        no truth.
     OSError
         If the file cannot be written.
     ImportError
         If the extra ``report`` is not installed.
     """
+    if suffix(path) not in (".html", ".htm"):
+        raise ValueError(f"path must end in .html or .htm, got {suffix(path)!r}")
     require_page()
     pair = as_pair(left, right)
     size = pair[0].shape[:2]
