@@ -45,6 +45,7 @@ WANTED = [
     "heif",
     "rectify",
     "live",
+    "ros",
     "geo",
     "pandora",
     "batch",

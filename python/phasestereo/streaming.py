@@ -29,11 +29,12 @@ if TYPE_CHECKING:
     from types import TracebackType
     from typing import Self
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Picture
     from phasestereo.equalisation import Equalisation, Noise
     from phasestereo.rectification import Rectification
+    from phasestereo.rectification.cameras import Cameras
     from phasestereo.rectification.reading import Told
     from phasestereo.rectification.streams import Rectifier
     from phasestereo.result import Result
@@ -101,13 +102,13 @@ class Failure:
 
 
 def stream(
-    source: Place | Iterable[tuple[Picture, Picture]] | Iterable[ArrayLike],
+    source: Place | Iterable[tuple[Picture, Picture]] | Iterable[ArrayLike] | Source[Pair],
     right: Place | None = None,
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
     layout: Layout | None = None,
-    rectify: Told | Rectification | None = None,
+    rectify: Told | Rectification | Cameras | None = None,
     start: int = 0,
     stop: int | None = None,
     every: int = 1,
@@ -138,6 +139,7 @@ def stream(
         - The number of a camera that delivers both views in each picture.
         - An iterable of pairs of images, or of their paths, as `match` takes them, or with
           ``layout`` of images that hold both views. What it raises ends the stream.
+        - A recording of a robot, as `phasestereo.ros.open_recording` opens it.
 
         With ``right``, the left view.
     right
@@ -269,6 +271,11 @@ class Stream(Iterator[Frame]):
         return self._source.rate
 
     @property
+    def q(self) -> NDArray[np.float64] | None:
+        """OpenCV's matrix Q of the frames so far, if they are rectified here and it is known."""
+        return None if self._work.rectifier is None else self._work.rectifier.q
+
+    @property
     def matcher(self) -> Matcher:
         """What matches the frames."""
         return self._work.matcher
@@ -384,7 +391,7 @@ class _Work:
 
 
 def _rectifier(
-    told: Told | Rectification, masks: tuple[ArrayLike | None, ArrayLike | None]
+    told: Told | Rectification | Cameras, masks: tuple[ArrayLike | None, ArrayLike | None]
 ) -> Rectifier:
     home = import_module("phasestereo.rectification.streams")  # it takes a while
     rectifier: Rectifier = home.Rectifier(told, masks)

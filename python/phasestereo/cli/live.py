@@ -2,8 +2,10 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-from contextlib import closing
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,10 +14,13 @@ from cyclopts import Group, Parameter, validators
 from phasestereo._interrupts import held_back
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.live_outputs import LiveOutputs, Sink, Writers
+from phasestereo.cli.live_recordings import Messages, Topics
 from phasestereo.cli.live_tally import Tally
 from phasestereo.cli.options import Count, Overrides
 from phasestereo.cli.pairing import AUTO, told
+from phasestereo.cli.terminal import tell
 from phasestereo.cli.trust import unwarned
+from phasestereo.ros.recordings import Recording
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 from phasestereo.streaming import REESTIMATE, Failure, Frame, Stream, stream
 from phasestereo.video.capture import Layout
@@ -27,14 +32,17 @@ _OPTIONS = (
     _VALUES | {"start", "stop", "every", "reestimate"} | {field.name for field in fields(Settings)}
 )
 
+_TOPIC_OPTIONS = {field.name for field in fields(Topics)}
+
 _SOURCE = Group.create_ordered("Source")
 _SEARCH = Group.create_ordered("Search")
+_RECORDING = Group.create_ordered("Recordings of robots")
 _OUTPUT = Group.create_ordered("Output")
 _SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
 _AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
 _NOT_NEGATIVE = validators.Number(gte=0, lt=2**31)
 _REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
-_OUTPUTS = LiveOutputs()
+_OUTPUTS, _TOPICS, _MESSAGES = LiveOutputs(), Topics(), Messages()
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}; fast for frame rates."
 _MORE = Parameter(group=_SOURCE, consume_multiple=True, show_default=False)
 
@@ -56,10 +64,12 @@ def live(
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
     outputs: Annotated[LiveOutputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
+    topics: Annotated[Topics, Parameter(name="*", group=_RECORDING)] = _TOPICS,
+    messages: Annotated[Messages, Parameter(name="*", group=_RECORDING)] = _MESSAGES,
     preset: Annotated[str, Parameter(group=_SETTINGS, help=_PRESET_HELP)] = PRESET,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
 ) -> None:
-    """Match every frame of a video, a folder of images, or a pair of cameras.
+    """Match every frame of a video, a folder of images, a recording, or a pair of cameras.
 
     At least one of ``--output``, ``--frames``, ``--rerun`` and ``--json`` says what to do with the
     disparities. A frame that fails is reported and skipped; all keep their numbers. Ctrl-C ends the
@@ -69,13 +79,15 @@ def live(
     phasestereo live video.mp4 --num-disparities 64 --preset fast -o disparities.mp4
     phasestereo live --cameras 0 1 --num-disparities 64 --preset fast -o disparities.mp4
     phasestereo live left/ right/ --num-disparities 64 --frames maps/%06d.pfm
+    phasestereo live drive.mcap --left /left/image_raw --right /right/image_raw -o depth.mcap
     ```
 
     Parameters
     ----------
     source
         A video file or address (rtsp://...) whose pictures hold both views, or a folder with both
-        views, in subfolders left and right or in names; with RIGHT, the left view alone.
+        views, in subfolders left and right or in names; with RIGHT, the left view alone. Or a
+        recording of a robot, with --left and --right.
     right
         The right view: a second video or folder of images.
     cameras
@@ -109,32 +121,44 @@ def live(
     calibration = told(rectify) if rectify else ()
     if not outputs.asked_for():
         raise CommandError("nothing to do: give -o, --frames, --rerun or --json", WRONG_USAGE)
+    recorded = topics.check(places)
+    if outputs.recording is not None and recorded is None:
+        raise CommandError("--output: a recording is written of a recording", WRONG_USAGE)
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
     disparities = min_disparity, num_disparities
     outputs.check(_files(places), (min_disparity, num_disparities or 1))
     tally = Tally(disparities, settings)
-    with refusals(options=_OPTIONS):
-        frames = stream(
-            *places,
-            layout=layout,
-            rectify=AUTO if calibration is None else calibration or None,
-            start=start,
-            stop=stop,
-            every=every,
-            reestimate=reestimate,
-            num_disparities=num_disparities,
-            min_disparity=min_disparity,
-            settings=settings,
-            threads=threads,
-            noise=noise,
-            on_error=tally.fail,
+    given: dict[str, Any] = {
+        "layout": layout,
+        "start": start,
+        "stop": stop,
+        "every": every,
+        "reestimate": reestimate,
+        "num_disparities": num_disparities,
+        "min_disparity": min_disparity,
+        "settings": settings,
+        "threads": threads,
+        "noise": noise,
+        "on_error": tally.fail,
+    }
+    by: Any = AUTO if calibration is None else calibration or None
+    with ExitStack() as opened:
+        recording = None if recorded is None else _opened(opened, topics, recorded)
+        if recording is not None:
+            places, by = (recording,), by or recording.cameras
+        messages.check(
+            wanted=outputs.recording is not None,
+            known=bool(calibration) or (recording is not None and recording.q is not None),
         )
-    try:
-        with closing(frames), unwarned(), refusals(options=_OPTIONS):
-            _run(frames, outputs, tally)
-    finally:
-        tally.show(as_json=outputs.json)
+        with refusals(options=_OPTIONS):
+            frames = opened.enter_context(closing(stream(*places, rectify=by, **given)))
+        sink = None if recording is None else partial(messages.sink, recording, frames)
+        try:
+            with unwarned(), refusals(options=_OPTIONS):
+                _run(frames, outputs, tally, sink)
+        finally:
+            tally.show(as_json=outputs.json)
     if tally.interrupted:
         raise KeyboardInterrupt
     if not tally.done:
@@ -143,10 +167,25 @@ def live(
         raise CommandError(f"none of {tally.failed} frames could be matched")
 
 
-def _run(frames: Stream, outputs: LiveOutputs, tally: Tally) -> None:
+def _opened(opened: ExitStack, topics: Topics, path: Path) -> Recording:
+    """Open a recording, and say how its calibration is used."""
+    with refusals(options=_TOPIC_OPTIONS):
+        recording = topics.open(path)
+    opened.callback(recording.close)
+    tell(recording.note)
+    return recording
+
+
+def _run(
+    frames: Stream,
+    outputs: LiveOutputs,
+    tally: Tally,
+    sink: Callable[[ExitStack, Path], Sink] | None,
+) -> None:
     """Match and write all frames, or those until Ctrl-C."""
+    writing = Writers(outputs, tally, rate=frames.rate, messages=sink)
     try:
-        with Writers(outputs, tally, rate=frames.rate) as writers, tally.shown(frames.length):
+        with writing as writers, tally.shown(frames.length):
             for frame in frames:
                 with held_back():
                     _write(frame, writers.sinks, tally)

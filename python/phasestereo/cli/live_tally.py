@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
 import phasestereo
 from phasestereo.cli.terminal import printable
+from phasestereo.ros.pairing import UnpairedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -37,7 +38,7 @@ class Tally:
 
     def __init__(self, disparities: tuple[int, int | None], settings: Settings) -> None:
         self.disparities, self.settings = disparities, settings
-        self.done, self.failed, self.interrupted = 0, 0, False
+        self.done, self.failed, self.unpaired, self.interrupted = 0, 0, 0, False
         self.files: dict[str, str] = {}
         self.tell: Callable[[Failure], object] | None = None
         self._failures: list[dict[str, Any]] = []
@@ -76,6 +77,7 @@ class Tally:
     def fail(self, failure: Failure) -> None:
         """Count a frame that failed, and say so at once."""
         self.failed += 1
+        self.unpaired += isinstance(failure.error, UnpairedError)
         if len(self._failures) < _KEPT:
             said = {"frame": failure.index, "error": " ".join(str(failure.error).split())}
             self._failures.append(said)
@@ -128,6 +130,7 @@ class Tally:
             "settings": asdict(self.settings),
             "frames": self.done,
             "failed": self.failed,
+            "unpaired": self.unpaired,
             "failures": self._failures,
             "interrupted": self.interrupted,
             "seconds": self._seconds,
@@ -141,7 +144,8 @@ class Tally:
 
     def _line(self) -> str:
         rate = self._rate(self._seconds or monotonic() - self._start)
-        return f"{self.done} frames, {self.failed} failed, {rate:.1f} frames/s"
+        alone = f" ({self.unpaired} without a partner)" if self.unpaired else ""
+        return f"{self.done} frames, {self.failed} failed{alone}, {rate:.1f} frames/s"
 
     def _rate(self, seconds: float) -> float:
         return self.done / seconds if seconds else 0.0

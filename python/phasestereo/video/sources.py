@@ -27,7 +27,10 @@ _SIDE_BY_SIDE: Layout = "side-by-side"
 
 
 def open_source(
-    source: Place | Iterable[Any], right: Place | None = None, *, layout: Layout | None = None
+    source: Place | Iterable[Any] | Source[Pair],
+    right: Place | None = None,
+    *,
+    layout: Layout | None = None,
 ) -> Source[Pair]:
     """Open what `phasestereo.stream` was given.
 
@@ -55,17 +58,26 @@ def open_source(
             return split(open_video(source), layout or _SIDE_BY_SIDE)
         folder = Path(source)
         return open_rig(folder) if layout is None else split(open_folder(folder), layout)
-    if isinstance(source, Iterable):
-        if layout is None:
-            return _at_hand(source, _as_pair)
-        return split(_at_hand(source, np.asarray), layout)
+    if isinstance(source, Iterable | Source):
+        return _open_given(source, layout)
     raise TypeError(
         f"source: got {type(source).__name__}; accepts a path, the number of a camera, or an "
         "iterable of pairs of images"
     )
 
 
-def _open_views(left: Place | Iterable[Any], right: Place) -> Source[Pair]:
+def _open_given(source: Iterable[Any] | Source[Pair], layout: Layout | None) -> Source[Pair]:
+    """Return what gives the pairs, or the images that hold both views, of a caller."""
+    if isinstance(source, Source):
+        if layout is not None:
+            raise ValueError(f"layout: got {layout!r} for a source of pairs; accepts None there")
+        return source
+    if layout is None:
+        return _at_hand(source, _as_pair)
+    return split(_at_hand(source, np.asarray), layout)
+
+
+def _open_views(left: Place | Iterable[Any] | Source[Pair], right: Place) -> Source[Pair]:
     """Open a source for each view."""
     if isinstance(left, str | os.PathLike) and isinstance(right, str | os.PathLike):
         folders = [_is_folder(path) for path in (left, right)]
