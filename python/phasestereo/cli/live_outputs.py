@@ -54,7 +54,7 @@ class LiveOutputs:
     rerun
         Recording for the viewer rerun, .rrd: images and disparities; needs the extra ``rerun``.
     calib
-        Middlebury's calib.txt, for coloured points in --rerun.
+        Middlebury's calib.txt, for coloured points in --rerun and depths on the page.
     rate
         Frames a second of the video, where the source does not tell when they were taken; without
         it, 25.
@@ -79,7 +79,7 @@ class LiveOutputs:
         is_one = self.output is not None and self.output.suffix.lower() in RECORDINGS
         return self.output if is_one else None
 
-    def check(self, sources: Iterable[Path], disparities: tuple[int, int]) -> None:
+    def check(self, sources: Iterable[Path], disparities: tuple[int, int], *, shown: bool) -> None:
         """Refuse what cannot or must not be written, and make the folder of the frames.
 
         Raises
@@ -88,10 +88,10 @@ class LiveOutputs:
             If an option has no effect, a file is a source, a folder, or cannot be written, or a
             format does not hold all of the disparities.
         """
-        for name, needed in (("calib", "rerun"), ("rate", "output")):
-            if getattr(self, name) is not None and getattr(self, needed) is None:
-                message = f"{option(name)}: has no effect without {option(needed)}"
-                raise CommandError(message, WRONG_USAGE)
+        if self.calib is not None and self.rerun is None and not shown:
+            raise CommandError("--calib: has no effect without --rerun or --show", WRONG_USAGE)
+        if self.rate is not None and self.output is None:
+            raise CommandError("--rate: has no effect without --output", WRONG_USAGE)
         if self.calib is not None:
             refuse_picture("calib", self.calib)
         read = {os.path.realpath(source) for source in sources}
@@ -189,7 +189,7 @@ class Writers:
             log_frame(frame, low=low, high=high, calibration=calibration, recording=recording)
 
         self.sinks.append(log)
-        self._tally.tell = partial(log_failure, recording=recording)
+        self._tally.listeners.append(partial(log_failure, recording=recording))
         self._tally.files["rerun"] = str(path)
 
 

@@ -34,13 +34,22 @@ class Tally:
         The smallest disparity searched, and how many are; None: as many as are found.
     settings
         What frames are matched with.
+
+    Attributes
+    ----------
+    listeners
+        Called with every failure.
+    tells_news_alone
+        Whether a failure like the one before is not said again: a camera may fail for hours.
     """
 
     def __init__(self, disparities: tuple[int, int | None], settings: Settings) -> None:
         self.disparities, self.settings = disparities, settings
         self.done, self.failed, self.unpaired, self.interrupted = 0, 0, 0, False
         self.files: dict[str, str] = {}
-        self.tell: Callable[[Failure], object] | None = None
+        self.listeners: list[Callable[[Failure], object]] = []
+        self.tells_news_alone = False
+        self._last = ""
         self._failures: list[dict[str, Any]] = []
         self._topics: set[str] = set()
         self._size: tuple[int, ...] | None = None
@@ -82,10 +91,12 @@ class Tally:
             said = {"frame": failure.index, "error": " ".join(str(failure.error).split())}
             self._failures.append(said)
         line = " ".join(str(failure).split())
-        self._console.print(printable(f"phasestereo: skipped {line}"), markup=False)
-        if self.tell is not None:
-            self.tell(failure)
+        if not self.tells_news_alone or str(failure.error) != self._last:
+            self._console.print(printable(f"phasestereo: skipped {line}"), markup=False)
+        self._last = str(failure.error)
         self._change()
+        for listener in self.listeners:
+            listener(failure)
 
     @contextmanager
     def shown(self, length: int | None) -> Iterator[None]:

@@ -65,6 +65,11 @@ class Rectifier:
         return self._found.left, self._found.right
 
     @property
+    def found(self) -> Rectification | None:
+        """The rectification, once a pair has told it."""
+        return self._found
+
+    @property
     def q(self) -> Matrix | None:
         """OpenCV's matrix Q of the pairs that were rectified, if it is known."""
         return None if self._found is None else self._found.Q
