@@ -269,6 +269,86 @@ def test_slider_mixes_the_left_image_with_the_layer(opened: Browser) -> None:
         assert on_stage(opened, x, y) == pytest.approx(middle.tolist(), abs=2)
 
 
+def drag(browser: Browser, start: tuple[float, float], by: tuple[int, int]) -> None:
+    """Press the mouse on a place of the stage, in image coordinates, move it by so much, let go."""
+    hover(browser, *start)
+    actions = counterpart("selenium.webdriver").ActionChains(browser.driver, duration=30)
+    actions.click_and_hold().move_by_offset(*by).release().perform()
+
+
+def test_the_line_is_dragged_itself(opened: Browser) -> None:
+    opened.run("setMix(0.5)")
+    scale = opened.run("return stage.scale")
+    drag(opened, (23.5, 5), (round(12 * scale), 0))
+    assert opened.run("return state.mix") == pytest.approx(0.75, abs=0.02)
+    value = opened.run("return Number(document.getElementById('mix').value)")
+    assert value == pytest.approx(75, abs=2)
+    assert opened.run("return state.held") is False
+    opened.run("setMix(1)")
+    drag(opened, (47, 17.5), (round(-24 * scale), 0))  # its handle waits at the border
+    assert opened.run("return state.mix") == pytest.approx(0.5, abs=0.03)
+    drag(opened, (10, 5), (40, 0))  # beside it there is nothing to drag
+    assert opened.run("return state.mix") == pytest.approx(0.5, abs=0.03)
+
+
+def wheel(browser: Browser, y: int) -> None:
+    actions = counterpart("selenium.webdriver").ActionChains(browser.driver)
+    canvas = browser.driver.find_element("css selector", "#stage")
+    origin = counterpart("selenium.webdriver.common.actions.wheel_input").ScrollOrigin
+    actions.scroll_from_origin(origin.from_element(canvas, 60, -40), 0, y).perform()
+
+
+def test_the_wheel_zooms_to_the_pointer_without_a_click(opened: Browser) -> None:
+    hover(opened, 30, 12)
+    opened.run("document.activeElement.blur()")
+    scrolled = "return scrollY"
+    before = opened.run(scrolled)
+    wheel(opened, -400)
+    opened.wait("stage.zoom > 2")
+    assert opened.run(scrolled) == before
+    assert read(opened)["pixel"] != "24, 18"
+    wheel(opened, 800)
+    opened.wait("stage.zoom === 1")
+    wheel(opened, 300)  # nothing is left to zoom: the page goes on
+    opened.wait(f"scrollY > {before}")
+
+
+def test_a_finger_scrolls_the_page_also_where_it_is_zoomed(opened: Browser) -> None:
+    opened.run("stage.zoomBy(4)")
+    assert opened.run("return getComputedStyle(stage.canvas).touchAction") == "pan-y"
+
+
+def test_two_fingers_zoom_and_move(opened: Browser) -> None:
+    """What was between them is between them afterwards."""
+    opened.run("stage.zoomBy(2)")
+    opened.run(
+        """
+        const box = stage.canvas.getBoundingClientRect();
+        stage.canvas.setPointerCapture = () => {};
+        const send = (type, pointerId, x, y) => stage.canvas.dispatchEvent(new PointerEvent(type,
+          { pointerId, pointerType: "touch", clientX: box.left + x, clientY: box.top + y, bubbles: true }));
+        send("pointerdown", 7, 200, 200);
+        send("pointerdown", 8, 300, 200);
+        window.between = stage.at({ clientX: box.left + 250, clientY: box.top + 200 });
+        send("pointermove", 8, 340, 220);
+        send("pointermove", 7, 180, 220);
+        window.now = stage.at({ clientX: box.left + 260, clientY: box.top + 220 });
+        send("pointerup", 7, 180, 220);
+        send("pointerup", 8, 340, 220);
+        delete stage.canvas.setPointerCapture;
+        """
+    )
+    assert opened.run("return stage.zoom") == pytest.approx(3.2, rel=0.03)
+    assert opened.run("return now") == pytest.approx(opened.run("return between"), abs=0.5)
+
+
+def test_slider_and_legend_are_above_the_fold(browser: Browser, page: Path) -> None:
+    browser.open(page, width=1440, height=900)
+    for what in ("mix", "scale"):
+        bottom = f"return document.getElementById('{what}').getBoundingClientRect().bottom"
+        assert browser.run(bottom) <= 900
+
+
 @pytest.mark.parametrize("zoomed", [False, True])
 def test_readout_shows_the_right_numbers(opened: Browser, *, zoomed: bool) -> None:
     result, (left, right) = made_up(), images()

@@ -117,6 +117,9 @@ def test_metrics_are_those_of_the_library(tmp_path: Path, result: ps.Result) -> 
     for name, value in (("bad-0.5", f"{score.bad_0_5:.2f} %"), ("rms", f"{score.rms:.2f} px")):
         assert re.search(rf"{name}\s*{re.escape(value)}", text)
     assert re.search(rf"pixels scored\s*{score.pixels:,}", text)
+    assert re.search(rf"mean error \(avgerr, EPE\)\s*{score.avgerr:.2f} px", text)
+    assert score.avgerr == score.epe  # one number, one row
+    assert text.count("EPE") == 1
 
 
 def test_without_any_estimate(tmp_path: Path, result: ps.Result) -> None:
@@ -125,7 +128,7 @@ def test_without_any_estimate(tmp_path: Path, result: ps.Result) -> None:
     write_pair_page(page, *pair_of(), nothing, truth=np.ones(SHAPE))
     assert told(page)["charts"]["errors"]["wrong"] == [100] * 80
     text = Told(page).text
-    assert re.search("avgerr\\s*\N{EN DASH}", text)
+    assert re.search("EPE\\)\\s*\N{EN DASH}", text)
     assert "No pixel has a depth" in text
 
 
@@ -174,6 +177,8 @@ def test_refusals_leave_the_file_alone(
     given: dict[str, Any] = {"left": left, "right": right, "result": result} | wrong
     with pytest.raises(error, match=message):
         write_pair_page(page, **given)
+    with pytest.raises(ValueError, match=r"^path must end in \.html or \.htm, got '\.pdf'"):
+        write_pair_page(tmp_path / "page.pdf", left, right, result)
     assert page.read_text() == "earlier"
     assert list(tmp_path.iterdir()) == [page]
 
