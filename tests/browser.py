@@ -36,7 +36,7 @@ _OPTIONS = (
     "--no-first-run",
 )
 
-# Chromium's hints on how Plotly and WebGL could be faster.
+# Chromium's hints on how canvases and WebGL could be faster.
 _HINTS = ("willReadFrequently", "GPU stall due to ReadPixels")
 
 

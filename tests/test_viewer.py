@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-for needed in ("jinja2", "matplotlib", "PIL", "plotly"):
+for needed in ("jinja2", "matplotlib", "PIL"):
     counterpart(needed)
 
 ROWS, COLS, COUNT, SHIFT = 60, 90, 16, 5

@@ -117,7 +117,7 @@ def _map_uri(blur: BlurEstimate, areas: list[Area], size: tuple[int, int]) -> st
 
 
 def metric_rows(told: Score) -> list[tuple[str, str]]:
-    """Return metrics by name as they are read, NaN as a dash; avgerr and EPE are one number here."""
+    """Return metrics by name as they are read, NaN as a dash; avgerr and EPE are one number."""
     rows = []
     for name, value in told.as_dict().items():
         if name == "pixels":

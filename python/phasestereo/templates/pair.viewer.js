@@ -34,20 +34,38 @@ function canvasOf(key) {
   return (shown[key] ??= painted(viewOf(key)));
 }
 
-function painted(view) {
-  const canvas = made("canvas", { width: page.cols, height: page.rows });
+// A layer in its colours, every step-th pixel of every step-th row.
+function painted(view, step = 1) {
+  const [cols, rows] = [Math.ceil(page.cols / step), Math.ceil(page.rows / step)];
+  const canvas = made("canvas", { width: cols, height: rows });
   const context = canvas.getContext("2d");
-  const image = context.createImageData(page.cols, page.rows);
+  const image = context.createImageData(cols, rows);
+  const colours = new Uint32Array(image.data.buffer);
   const values = maps[view.key];
-  for (let at = 0; at < values.length; at++) {
-    const colour = view.table ? colourOf(view, values[at]) : flagColour(values[at]);
-    image.data[4 * at] = colour[0];
-    image.data[4 * at + 1] = colour[1];
-    image.data[4 * at + 2] = colour[2];
-    image.data[4 * at + 3] = 255;
+  const colour = view.table ? coloursOf(view) : rememberedOf(flagColour);
+  for (let y = 0, to = 0; y < page.rows; y += step) {
+    for (let x = 0; x < page.cols; x += step) colours[to++] = colour(values[y * page.cols + x]);
   }
   context.putImageData(image, 0, 0);
   return canvas;
+}
+
+const word = ([red, green, blue]) => ((255 << 24) | (blue << 16) | (green << 8) | red) >>> 0;
+
+// Colours as `colourOf` has them, in one number each.
+function coloursOf(layer) {
+  const words = Uint32Array.from({ length: 256 }, (_, n) => word(layer.table.subarray(3 * n, 3 * n + 3)));
+  const scale = 256 / (layer.high - layer.low);
+  return (value) => (Number.isFinite(value)
+    ? words[Math.min(255, Math.max(0, Math.floor((value - layer.low) * scale)))] : word(colourOf(layer, value)));
+}
+
+function rememberedOf(colour) {
+  const known = new Map();
+  return (value) => {
+    if (!known.has(value)) known.set(value, word(colour(value)));
+    return known.get(value);
+  };
 }
 
 // Column of the line between the layer and the left image; null where there is none.
@@ -184,12 +202,14 @@ function bindTabs() {
       flicker(false);
       choose(input.value);
     });
-    drawSmall(input.parentElement.querySelector("canvas"), canvasOf(input.value));
+    drawSmall(input.parentElement.querySelector("canvas"), input.value);
   }
 }
 
-// As much of an image as fills a small canvas.
-function drawSmall(small, canvas) {
+// As much of a layer as fills a small canvas.
+function drawSmall(small, key) {
+  const step = Math.max(1, Math.floor(Math.min(page.cols / small.width, page.rows / small.height) / 2));
+  const canvas = pictures[key]?.canvas ?? painted(viewOf(key), step);
   const context = small.getContext("2d");
   const scale = Math.max(small.width / page.cols, small.height / page.rows);
   context.imageSmoothingQuality = "high";

@@ -17,10 +17,11 @@ from phasestereo.pair_page import write_pair_page
 from phasestereo.result import Flag
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from phasestereo.diagnosis import Diagnosis
+    from phasestereo.findings import Finding
     from phasestereo.io import Calibration
     from phasestereo.settings import Settings
     from phasestereo.streaming import Failure, Frame
@@ -165,10 +166,7 @@ class Show:
             "failed": self._failed,
             "failure": {"text": fault.text, "times": fault.times} if is_news else None,
             "notes": list(self._notes.values()),
-            "findings": [
-                [one.topic, one.severity, one.sentence]
-                for one in sorted((*grave, *found), key=lambda one: -_ORDER.index(one.severity))
-            ],
+            "findings": _worst_first((*grave, *found)),
             "settings": self._settings_told(),
             "unit": self._unit,
             "metric": self._calibration is not None,
@@ -305,6 +303,14 @@ class Show:
             title=stem,
         )
         return [*paths, f"{stem}.html"]
+
+
+def _worst_first(found: Iterable[Finding]) -> list[list[str]]:
+    """Return topics, severities and sentences, each sentence once."""
+    told: dict[str, list[str]] = {}
+    for one in sorted(found, key=lambda one: -_ORDER.index(one.severity)):
+        told.setdefault(one.sentence, [one.topic, one.severity, one.sentence])
+    return list(told.values())
 
 
 def _pair(penalty: float | tuple[float, float]) -> tuple[float, float]:
