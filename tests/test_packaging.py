@@ -45,6 +45,7 @@ WANTED = [
     "heif",
     "rectify",
     "live",
+    "mesh",
     "ros",
     "geo",
     "pandora",

@@ -39,6 +39,7 @@ __all__ = [
     "Frame",
     "MatchWarning",
     "Matcher",
+    "Mesh",
     "PointCloud",
     "Rectification",
     "Result",
@@ -59,6 +60,7 @@ __all__ = [
     "point_cloud",
     "rectify",
     "stream",
+    "surface_mesh",
     "survey",
 ]
 __version__ = _core.__version__
@@ -82,6 +84,7 @@ if TYPE_CHECKING:
     from phasestereo.banding import halo, match_rows
     from phasestereo.diagnosis import Diagnosis, check
     from phasestereo.estimation import estimate_blur
+    from phasestereo.meshing import Mesh, surface_mesh
     from phasestereo.rectification import Rectification, rectify
     from phasestereo.streaming import Failure, Frame, Stream, stream
     from phasestereo.surveying import Survey, survey
@@ -97,6 +100,7 @@ else:
         "Diagnosis": "diagnosis",
         "Failure": "streaming",
         "Frame": "streaming",
+        "Mesh": "meshing",
         "PointCloud": "triangulation",
         "Rectification": "rectification",
         "Stream": "streaming",
@@ -108,6 +112,7 @@ else:
         "point_cloud": "triangulation",
         "rectify": "rectification",
         "stream": "streaming",
+        "surface_mesh": "meshing",
         "survey": "surveying",
     }
 
