@@ -80,6 +80,7 @@ if TYPE_CHECKING:
     from phasestereo import rectification as rectification
     from phasestereo import rerun_log as rerun_log
     from phasestereo import roc as roc
+    from phasestereo import ros as ros
     from phasestereo import video as video
     from phasestereo.banding import halo, match_rows
     from phasestereo.diagnosis import Diagnosis, check
@@ -93,7 +94,7 @@ else:
     _ON_DEMAND = {
         "batch", "dask", "datasets", "degradation", "io", "labelled", "metrics", "opencv",
         "outofcore", "picture", "plot", "rectification", "rerun_log", "roc",
-        "video",
+        "ros", "video",
     }  # fmt: skip
     # What a match does without: it would make up a seventh of the time that an import takes.
     _HOMES = {

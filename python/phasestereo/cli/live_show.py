@@ -27,6 +27,7 @@ Way = Literal["page", "window"]
 
 _TITLE = "phasestereo (Esc ends the run)"
 _ENDS = {27, ord("q")}  # keys
+_GLANCE = 50  # ms
 _ROWS_OFF = 1.0  # pixels rms: from here on rows are warned of
 _LONGEST_PAUSE = 1.0  # seconds between frames of a file: recordings may have gaps
 
@@ -203,6 +204,11 @@ class PageScreen(Screen):
 class WindowScreen(Screen):
     """A window of OpenCV's: the left image beside the disparities."""
 
+    def stay(self) -> None:
+        """Keep the window after the last frame, until it is closed or Ctrl-C."""
+        while not self.closed:
+            self._listen(_GLANCE)
+
     def _draw(self, frame: Frame) -> None:
         cv2 = require("cv2", extra="live")
         search = frame.result.search
@@ -214,9 +220,9 @@ class WindowScreen(Screen):
     def _fail(self, failure: Failure) -> None:  # noqa: ARG002 - the terminal tells it
         self._listen()
 
-    def _listen(self) -> None:
+    def _listen(self, milliseconds: int = 1) -> None:
         cv2 = require("cv2", extra="live")
-        pressed = cv2.waitKey(1) & 0xFF
+        pressed = cv2.waitKey(milliseconds) & 0xFF
         is_gone = cv2.getWindowProperty(_TITLE, cv2.WND_PROP_VISIBLE) < 1
         self.closed = self.closed or pressed in _ENDS or is_gone
 
