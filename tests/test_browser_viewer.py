@@ -37,6 +37,7 @@ def server(show: Show) -> Iterator[Server]:
 
 
 def look(browser: Browser, server: Server, width: int = 1440, *, dark: bool = False) -> None:
+    browser.visit("about:blank")  # an earlier page may still ask its server, which has gone
     browser.visit(server.address, width=width, height=900 if width > 800 else 844, dark=dark)
     browser.wait("document.documentElement.dataset.ready === 'yes'")
 

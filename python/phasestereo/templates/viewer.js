@@ -129,7 +129,11 @@ function showSetting(name) {
   tell(`${name}-told`, name === "num_disparities" && !value ? "found" : String(value));
 }
 
-async function change(what) {
+// One change after the other, so that the last one holds, and what is said is of the last one.
+let changing = Promise.resolve();
+const change = (what) => (changing = changing.then(() => changed(what)));
+
+async function changed(what) {
   shown.touched = Date.now();
   try {
     await send("settings", what);

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import replace
-from threading import Condition
+from threading import Condition, Lock
 from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -72,7 +72,7 @@ class Show:
         self.closed = False
         self._calibration: Calibration | None = None
         self._unit = ""
-        self._changed = Condition()
+        self._changed, self._setting = Condition(), Lock()
         self._version = 0
         self._rate, self._last = 0.0, math.nan
         self._failed, self._failure = 0, _Fault("", 0, -math.inf)
@@ -229,6 +229,10 @@ class Show:
             low, high = RANGES[name]
             if not low <= value <= high:
                 raise ValueError(f"{name}: got {value:g}; accepts {low:g} to {high:g}")
+        with self._setting:  # two browsers may look
+            self._set(wanted)
+
+    def _set(self, wanted: Mapping[str, Any]) -> None:
         values = {**self._settings_told(), **wanted}
         settings = replace(
             self.settings,
