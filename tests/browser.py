@@ -30,13 +30,13 @@ _OPTIONS = (
     "--ignore-gpu-blocklist",
     "--hide-scrollbars",
     "--force-color-profile=srgb",
-    "--host-resolver-rules=MAP * ~NOTFOUND",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
     "--disable-background-networking",
     "--disable-component-update",
     "--no-first-run",
 )
 
-# Chromium's hints on how Plotly and WebGL could be faster.
+# Chromium's hints on how canvases and WebGL could be faster.
 _HINTS = ("willReadFrequently", "GPU stall due to ReadPixels")
 
 
@@ -48,15 +48,21 @@ class Browser:
 
     def open(self, page: Path, *, width: int = 1280, height: int = 900, dark: bool = False) -> None:
         """Open a page at this size and in this theme, and wait until its scripts are done."""
+        self.visit(page.absolute().as_uri(), width=width, height=height, dark=dark)
+        if self.run("return document.getElementById('page') !== null"):
+            self.wait("document.documentElement.dataset.ready === 'yes'")
+
+    def visit(
+        self, address: str, *, width: int = 1280, height: int = 900, dark: bool = False
+    ) -> None:
+        """Open an address at this size and in this theme."""
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
         self.complaints()  # those of an earlier page
         self.requests()
-        self.driver.get(page.absolute().as_uri())
-        if self.run("return document.getElementById('page') !== null"):
-            self.wait("document.documentElement.dataset.ready === 'yes'")
+        self.driver.get(address)
 
     def run(self, script: str, *arguments: Any) -> Any:
         """Run a script in the page; return what it returns."""

@@ -18,6 +18,7 @@ from selenium import webdriver
 import phasestereo as ps
 from browser import Browser, running
 from phasestereo.pair_page import write_pair_page
+from phasestereo.viewer import Server, Show
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 
@@ -79,6 +80,28 @@ SHOTS: dict[str, tuple[Callable[[Browser], None], bool]] = {
 }
 
 
+def save(browser: Browser, name: str) -> None:
+    """Save what is in sight as a picture of the documentation."""
+    sleep(0.5)
+    Image.fromarray(browser.picture()).save(IMAGES / f"{name}.jpg", quality=84, optimize=True)
+
+
+def take_live_page(browser: Browser) -> None:
+    """Take the page of ``phasestereo live --show``."""
+    pair = render_pair(2, height=480, width=640, num_disparities=64)
+    left = Degradation(disk_psf(3.0), noise=1.0)(pair.left)
+    result = ps.match(left, pair.right, num_disparities=64)
+    show = Show(ps.PRESETS["robust"], 64, Path())
+    show.add(ps.Frame(311, 12.4, left, pair.right, result))
+    show.diagnose(ps.check(left, pair.right))
+    with Server(show) as server:
+        browser.visit(server.address, width=1280, height=960)
+        browser.wait("document.documentElement.dataset.ready === 'yes'")
+        browser.run("point(330, 250)")
+        save(browser, "live-page")
+        show.close()
+
+
 def main() -> None:
     """Take all pictures."""
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
@@ -93,9 +116,8 @@ def main() -> None:
         for name, (arrange, dark) in SHOTS.items():
             browser.open(page, width=1280, height=960, dark=dark)
             arrange(browser)
-            sleep(0.5)
-            picture = Image.fromarray(browser.picture())
-            picture.save(IMAGES / f"{name}.jpg", quality=84, optimize=True)
+            save(browser, name)
+        take_live_page(browser)
 
 
 if __name__ == "__main__":

@@ -237,6 +237,12 @@ def lie(name: str) -> None:
 
 
 REFUSALS: list[tuple[str, int, str]] = [
+    ("left.png right.png --num-disparities 6.5 --json", WRONG, "got 6.5; accepts a whole number"),
+    ("left.png right.png --penalty 5 2 --json", WRONG, "--penalty: got 5 2; accepts .* word: 5,2"),
+    ("left.png right.png --num-disparities 9 8 --json", WRONG, "got 8, which nothing takes"),
+    ("left.png right.png --bands a,b --json", WRONG, "--bands: got a,b; accepts whole numbers"),
+    ("left.png right.png --rectify left.png --json", WRONG, "--rectify: got left.png, which is a"),
+    ("left.png right.png --calib left.png --depth a.pfm", WRONG, "--calib: got left.png, which is"),
     ("left.png right.png --num-disparities some --json", WRONG, "--num-disparities"),
     ("left.png right.png --min-disparity 3 --json", WRONG, "--min-disparity: got 3; accepts 0"),
     ("left.png --num-disparities 9 --json", WRONG, "--layout: got None for left.png"),

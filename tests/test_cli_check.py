@@ -68,6 +68,13 @@ def test_faults_are_no_failure(run: Callable[..., Run]) -> None:
     assert "warning: left and right seem to be swapped" in out
 
 
+def test_gray_levels_have_their_scale(run: Callable[..., Run]) -> None:
+    assert ", on a scale of 255" in run("check", "left.png", "right.png")[1]
+    for name in ("left", "right"):
+        io.write_image(f"{name}.tif", io.read_image(f"{name}.png").astype(np.uint16) * 257)
+    assert ", on a scale of 65535" in run("check", "left.tif", "right.tif")[1]
+
+
 def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
     code, out, err = run("check", "left.png", "right.png", "--json")
     assert (code, err) == (0, "")

@@ -120,6 +120,8 @@ def test_json_names_the_files(match: Callable[[str], Run]) -> None:
 REFUSALS = [
     ("--ply a.ply", WRONG, "--ply: needs a geometry: give --calib, --q, or --focal and --baseline"),
     ("--depth a.tif", WRONG, "--depth: needs a geometry"),
+    (f"--mesh a.obj {RIG}", WRONG, "--mesh: path of a surface must end in .glb"),
+    ("--mesh a.glb", WRONG, "--mesh: needs a geometry: give --calib, --q, or --focal"),
     ("--ply a.ply --calib calib.txt --q q.npy", WRONG, "--q: got --calib, too; accepts one"),
     (f"--ply a.ply --q q.npy {RIG}", WRONG, "--focal: got --q, too; accepts one geometry"),
     ("--ply a.ply --focal 100", WRONG, "--focal: needs --baseline"),
@@ -143,10 +145,24 @@ REFUSALS = [
     (f"--ply none/a.ply {RIG}", FAILED, "none: no such folder"),
     ("--ply a.ply --calib none.txt", FAILED, "none.txt: No such file"),
     ("--ply a.ply --calib other.txt", FAILED, "other.txt: .*that of 66 x 40 pixels.* 65 x 40"),
-    ("--ply a.ply --calib left.png", FAILED, "left.png: "),
+    ("--ply a.ply --calib left.png", WRONG, "--calib: got left.png, which is a picture"),
     ("--ply a.ply --q three.npy", FAILED, "three.npy: Q is 4 x 4"),
     ("--ply a.ply --q turned.npy", FAILED, "turned.npy: .*Y down"),
 ]
+
+
+def test_surface_is_written(match: Callable[[str], Run]) -> None:
+    trimesh = counterpart("trimesh")
+    code, out, err = match(f"--mesh out.glb -o out.npy {RIG}")
+    assert (code, err) == (0, "")
+    assert "wrote out.glb" in out
+    (surface,) = trimesh.load("out.glb").geometry.values()
+    image = io.read_image("left.png")
+    assert surface.visual.material.baseColorTexture.size == image.shape[1::-1]
+    expected = ps.surface_mesh(
+        np.load("out.npy"), io.Calibration.from_focal(100, 70, width=65, height=40)
+    )
+    assert len(surface.faces) == len(expected.faces) > 1000
 
 
 @pytest.mark.parametrize(("options", "code", "message"), REFUSALS)

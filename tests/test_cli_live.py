@@ -245,7 +245,9 @@ def test_full_disk_ends_the_run_and_keeps_what_there_is(
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        ("video.mkv", WRONG, "nothing to do: give -o, --frames, --rerun or --json"),
+        ("video.mkv --json --save-to .", WRONG, "--save-to: has no effect without --show"),
+        ("video.mkv --save-to none", FAILED, "--save-to: none is no folder"),
+        ("video.mkv --show=tv", WRONG, "--show"),
         ("--json", WRONG, "SOURCE is missing"),
         ("video.mkv --cameras 0 1 --json", WRONG, "--cameras: stands in place of SOURCE"),
         ("--cameras 0 1 2 --json", WRONG, "--cameras: got 0 1 2; accepts one or two"),
@@ -262,7 +264,16 @@ def test_full_disk_ends_the_run_and_keeps_what_there_is(
         ("rig --frames rig/left/%d.png", WRONG, "--frames: rig/left holds the images"),
         ("video.mkv --frames %d.png --min-disparity -9", WRONG, "--frames: disparity must lie in"),
         ("video.mkv --rerun o.mp4", WRONG, "--rerun: path of a recording must end in .rrd"),
-        ("video.mkv --json --calib c.txt", WRONG, "--calib: has no effect without --rerun"),
+        (
+            "video.mkv --json --calib c.txt",
+            WRONG,
+            "--calib: has no effect without",
+        ),
+        (
+            "video.mkv --rerun o.rrd --calib rig/left/0.png",
+            WRONG,
+            "--calib: got rig/left/0.png, which",
+        ),
         ("video.mkv --json --rate 5", WRONG, "--rate: has no effect without --output"),
         ("video.mkv --json --num-disparities 97", WRONG, "--num-disparities: got 97"),
         ("video.mkv --json --preset slow", WRONG, "--preset: got 'slow'"),

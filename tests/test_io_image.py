@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import struct
+import sys
 import zlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from conftest import counterpart
 from phasestereo.io import read_image, write_image
 
 if TYPE_CHECKING:
@@ -65,6 +67,46 @@ def test_images_come_back_exactly(
     np.testing.assert_array_equal(loaded, image)
     write_image(path, image[::-1, ::2])  # a view, over an existing file
     np.testing.assert_array_equal(read_image(path), image[::-1, ::2])
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_webp_comes_as_it_is_stored(tmp_path: Path, channels: int) -> None:
+    image = noise((16, 24, channels), "uint8")
+    path = tmp_path / "a.webp"
+    pytest.importorskip("PIL.Image").fromarray(image).save(path, lossless=True, exact=True)
+    np.testing.assert_array_equal(read_image(path), image)
+    path.write_bytes(path.read_bytes()[:60])
+    with pytest.raises(ValueError, match=r"a\.webp: "):
+        read_image(path)
+    path.write_bytes(b"RIFF\x04\0\0\0WAVE")
+    with pytest.raises(ValueError, match=r"a\.webp: damaged, or not what it claims to be"):
+        read_image(path)
+
+
+@pytest.mark.parametrize(("mode", "dtype"), [("L", "uint8"), ("RGB", "uint8"), ("L;16", "uint16")])
+def test_heif_comes_nearly_as_it_is_stored(tmp_path: Path, mode: str, dtype: str) -> None:
+    heif = counterpart("pillow_heif")
+    ramp = np.linspace(0, np.iinfo(dtype).max, 64).astype(dtype)
+    shape = (48, 64, 3) if mode == "RGB" else (48, 64)
+    image = np.broadcast_to(ramp[:, None] if mode == "RGB" else ramp, shape)
+    path = tmp_path / "a.heic"
+    heif.from_bytes(mode, (64, 48), image.tobytes()).save(path, quality=-1, chroma=444)
+    loaded = read_image(path)
+    assert (loaded.dtype, loaded.shape) == (image.dtype, image.shape)
+    assert np.abs(loaded.astype(int) - image).max() <= np.iinfo(dtype).max / 64
+
+
+def test_heif_needs_its_extra_and_is_told_from_films(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    path = tmp_path / "a.heic"
+    path.write_bytes(b"\0\0\0\x18ftypheic" + bytes(40))
+    with pytest.raises(ImportError, match=r"pip install 'phasestereo\[heif\]'"):
+        read_image(path)
+    path.write_bytes(b"\0\0\0\x18ftypisom" + bytes(40))
+    with pytest.raises(ValueError, match=r"a\.heic: not a HEIF picture, .* brand b'isom'"):
+        read_image(path)
 
 
 @pytest.mark.parametrize("shape", [(16, 24), (16, 24, 3)])

@@ -45,6 +45,7 @@ result = ps.Result(
     disparity, flags, np.ones_like(disparity), ps.Settings(), {"matching": 0.25}, None, (left, left)
 )
 """
+OVERVIEW = "ps.plot.overview(result)"
 EXPORTED = 60  # seconds that a notebook may take
 
 
@@ -283,7 +284,9 @@ def test_a_notebook_shows_the_result(result: ps.Result, tmp_path: Path) -> None:
     nbformat, nbclient = counterpart("nbformat"), counterpart("nbclient")
     counterpart("ipykernel")
     v4 = nbformat.v4
-    notebook = v4.new_notebook(cells=[v4.new_code_cell(SETUP), v4.new_code_cell("result")])
+    notebook = v4.new_notebook(
+        cells=[v4.new_code_cell(SETUP), v4.new_code_cell("result"), v4.new_code_cell(OVERVIEW)]
+    )
     client = nbclient.NotebookClient(
         notebook,
         kernel_name="python3",
@@ -298,6 +301,8 @@ def test_a_notebook_shows_the_result(result: ps.Result, tmp_path: Path) -> None:
     assert len(block.images) == 5
     np.testing.assert_array_equal(block.picture("Disparity map"), colorize(result.disparity))
     assert "98.1% estimated" in block.text
+    (drawn,) = notebook.cells[2].outputs  # once, though it was made by pyplot
+    assert "image/png" in drawn.data
 
 
 def test_marimo_shows_the_result(result: ps.Result, tmp_path: Path) -> None:

@@ -40,8 +40,11 @@ WANTED = [
     "plot",
     "report",
     "opencv",
+    "heif",
     "rectify",
     "live",
+    "mesh",
+    "ros",
     "geo",
     "pandora",
     "batch",
@@ -54,6 +57,7 @@ WANTED = [
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-contrib-python-headless",
+    "pillow_heif": "pillow-heif",
     "rerun": "rerun-sdk",
     "yaml": "pyyaml",
 }

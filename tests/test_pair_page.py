@@ -21,6 +21,7 @@ from phasestereo.io import Calibration
 from phasestereo.io.raster import decode_raster
 from phasestereo.pair_page import page as page_module
 from phasestereo.pair_page import write_pair_page
+from phasestereo.pair_page.embedding import coding_of
 from phasestereo.pair_page.facts import blur_told, charts
 from phasestereo.pair_page.layers import FLAGS, flag_kinds
 from phasestereo.pair_page.scene import scene_of
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-for module in ("plotly", "jinja2", "matplotlib", "PIL"):
+for module in ("jinja2", "matplotlib", "PIL"):
     counterpart(module)
 
 SHAPE = (24, 40)
@@ -117,6 +118,9 @@ def test_metrics_are_those_of_the_library(tmp_path: Path, result: ps.Result) -> 
     for name, value in (("bad-0.5", f"{score.bad_0_5:.2f} %"), ("rms", f"{score.rms:.2f} px")):
         assert re.search(rf"{name}\s*{re.escape(value)}", text)
     assert re.search(rf"pixels scored\s*{score.pixels:,}", text)
+    assert re.search(rf"mean error \(avgerr, EPE\)\s*{score.avgerr:.2f} px", text)
+    assert score.avgerr == score.epe  # one number, one row
+    assert text.count("EPE") == 1
 
 
 def test_without_any_estimate(tmp_path: Path, result: ps.Result) -> None:
@@ -125,7 +129,7 @@ def test_without_any_estimate(tmp_path: Path, result: ps.Result) -> None:
     write_pair_page(page, *pair_of(), nothing, truth=np.ones(SHAPE))
     assert told(page)["charts"]["errors"]["wrong"] == [100] * 80
     text = Told(page).text
-    assert re.search("avgerr\\s*\N{EN DASH}", text)
+    assert re.search("EPE\\)\\s*\N{EN DASH}", text)
     assert "No pixel has a depth" in text
 
 
@@ -174,11 +178,13 @@ def test_refusals_leave_the_file_alone(
     given: dict[str, Any] = {"left": left, "right": right, "result": result} | wrong
     with pytest.raises(error, match=message):
         write_pair_page(page, **given)
+    with pytest.raises(ValueError, match=r"^path must end in \.html or \.htm, got '\.pdf'"):
+        write_pair_page(tmp_path / "page.pdf", left, right, result)
     assert page.read_text() == "earlier"
     assert list(tmp_path.iterdir()) == [page]
 
 
-@pytest.mark.parametrize("missing", ["jinja2", "plotly", "matplotlib"])
+@pytest.mark.parametrize("missing", ["jinja2", "matplotlib"])
 def test_names_the_extra(
     tmp_path: Path, result: ps.Result, monkeypatch: pytest.MonkeyPatch, missing: str
 ) -> None:
@@ -285,10 +291,40 @@ def test_points_lie_where_the_calibration_says() -> None:
     disparity[0] = 0  # infinitely far
     disparity[1] = np.nan
     disparity[2, :3] = 0.5  # far beyond the others
-    scene = scene_of(disparity, None, step=1, most=50)
+    scene = scene_of(disparity, None, step=1)
     assert scene.nominal
-    assert (scene.geometry.focal, scene.total, scene.pixels.size) == (20, 160, 50)
+    assert (scene.geometry.focal, scene.total, scene.shown) == (20, 160, 157)
     assert scene.far == pytest.approx(3 / 160)
-    assert np.unique(disparity.flat[scene.pixels]).tolist() == [4]
-    near = scene_of(disparity, None, step=1, most=500, max_depth=1e3)
-    assert near.pixels.size == 160
+    assert scene.limit < scene.geometry.depth(0.5)
+    assert scene_of(disparity, None, step=1, max_depth=1e3).shown == 160
+
+
+def test_codes_hold_disparities_to_a_fine_step() -> None:
+    values = np.array([[-3.2, 0.3, np.nan, np.inf, 250.7]], dtype=np.float32)
+    coding = coding_of(values, None)
+    codes = coding.encode(values)
+    assert codes[0, 2:4].tolist() == [65535, 65535]
+    decoded = coding.low + coding.step * codes
+    known = np.isfinite(values)
+    assert np.abs(decoded - values)[known].max() <= 1 / 256 + 1e-6
+    wide = coding_of(np.array([[0, 2000]], dtype=np.float32))
+    assert wide.encode(np.array([[0, 2000]], dtype=np.float32)).tolist() == [[0, 65534]]
+    assert coding_of(np.full((1, 1), np.nan, np.float32)).encode(values).dtype == np.uint16
+
+
+def test_full_hd_takes_no_more_than_a_few_megabytes(tmp_path: Path) -> None:
+    """A picture with detail, and disparities with the noise of sub-pixel estimates."""
+    random = np.random.default_rng(0)
+    rows, cols = 1080, 1920
+    coarse = random.integers(0, 256, (rows // 8, cols // 8, 3)).repeat(8, axis=0).repeat(8, axis=1)
+    left = (coarse // 2 + random.integers(0, 24, (rows, cols, 3))).astype(np.uint8)
+    ramp = np.linspace(20, 100, rows, dtype=np.float32)[:, np.newaxis]
+    disparity = (ramp + random.normal(0, 0.05, (rows, cols))).astype(np.float32)
+    confidence = random.uniform(0.9, 1, (rows, cols)).astype(np.float32)
+    flags = np.zeros((rows, cols), np.uint16)
+    result = ps.Result(disparity, flags, confidence, ps.Settings(), {"matching": 1.0}, None)
+    page = tmp_path / "page.html"
+    write_pair_page(page, left, left, result)
+    assert page.stat().st_size < 8e6  # noise, which nothing compresses, is most of it
+    assert not told(page)["exact"]
+    assert "compressed with loss" in Told(page).text

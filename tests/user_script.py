@@ -138,6 +138,8 @@ def in_space(result: ps.Result, folder: Path) -> Map:
     rig = ps.io.Calibration.from_focal(700.0, 0.12, width=640, height=480)
     cloud: ps.PointCloud = ps.point_cloud(result, rig, mask=result.flags == 0, max_depth=9.0)
     ps.io.write_ply(folder / "cloud.ply", cloud)
+    surface: ps.Mesh = ps.surface_mesh(result, rig, mask=result.flags == 0, max_step=0.5)
+    ps.io.write_glb(folder / "surface.glb", surface)
     ps.io.write_depth(folder / "depth.png", rig.depth(result.disparity), unit="m")
     use(len(cloud), cloud.points.shape, cloud.colors, rig.q)
     return ps.io.read_depth(folder / "depth.png", unit="m")

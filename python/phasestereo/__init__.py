@@ -39,6 +39,7 @@ __all__ = [
     "Frame",
     "MatchWarning",
     "Matcher",
+    "Mesh",
     "PointCloud",
     "Rectification",
     "Result",
@@ -59,6 +60,7 @@ __all__ = [
     "point_cloud",
     "rectify",
     "stream",
+    "surface_mesh",
     "survey",
 ]
 __version__ = _core.__version__
@@ -76,10 +78,12 @@ if TYPE_CHECKING:
     from phasestereo import rectification as rectification
     from phasestereo import rerun_log as rerun_log
     from phasestereo import roc as roc
+    from phasestereo import ros as ros
     from phasestereo import video as video
     from phasestereo.banding import halo, match_rows
     from phasestereo.diagnosis import Diagnosis, check
     from phasestereo.estimation import estimate_blur
+    from phasestereo.meshing import Mesh, surface_mesh
     from phasestereo.rectification import Rectification, rectify
     from phasestereo.streaming import Failure, Frame, Stream, stream
     from phasestereo.surveying import Survey, survey
@@ -87,13 +91,14 @@ if TYPE_CHECKING:
 else:
     _ON_DEMAND = {
         "batch", "dask", "io", "labelled", "metrics", "opencv", "outofcore", "picture", "plot",
-        "rectification", "rerun_log", "roc", "video",
+        "rectification", "rerun_log", "roc", "ros", "video",
     }  # fmt: skip
     # What a match does without: it would make up a seventh of the time that an import takes.
     _HOMES = {
         "Diagnosis": "diagnosis",
         "Failure": "streaming",
         "Frame": "streaming",
+        "Mesh": "meshing",
         "PointCloud": "triangulation",
         "Rectification": "rectification",
         "Stream": "streaming",
@@ -105,6 +110,7 @@ else:
         "point_cloud": "triangulation",
         "rectify": "rectification",
         "stream": "streaming",
+        "surface_mesh": "meshing",
         "survey": "surveying",
     }
 

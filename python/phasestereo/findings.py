@@ -352,7 +352,7 @@ def _contrast(diagnosis: Diagnosis) -> Finding:
         _severity(_distance(found.gamma), _GAMMA),
         key=_ORDER.index,
     )
-    curve = f"left = {found.gain:.2f} x right ^ {found.gamma:.2f}"
+    curve = f"left = {found.gain:.2f} x right ^ {found.gamma:.2f}, black 0 to white 1"
     if severity == "ok":
         return Finding("contrast", "ok", f"both images are equally bright ({curve})")
     return Finding(
@@ -378,7 +378,9 @@ def _noise(diagnosis: Diagnosis) -> Finding:
     if found is None:
         return _not_measured(diagnosis, "noise", "the noise")
     severity = _severity(max(found) / diagnosis.intensity_range, _NOISE)
-    sentence = f"noise of {found[0]:.2g} gray levels in the left image, {found[1]:.2g} in the right"
+    left, right = (f"{deviation:.2g}" for deviation in found)
+    scale = f"on a scale of {diagnosis.intensity_range:.5g}"
+    sentence = f"noise of {left} gray levels in the left image, {right} in the right, {scale}"
     if severity != "ok":
         sentence += ": more light, or less gain, would help"
     return Finding("noise", severity, sentence)

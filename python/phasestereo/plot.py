@@ -385,7 +385,8 @@ def overview(result: Result, figure: Figure | None = None) -> Figure:
     Returns
     -------
     Figure
-        The figure, with titled axes.
+        The figure, with titled axes. A new one in a notebook is the value of its cell alone, no
+        longer pyplot's, or the notebook would show it twice.
 
     Raises
     ------
@@ -404,6 +405,7 @@ def overview(result: Result, figure: Figure | None = None) -> Figure:
     drawn += [] if result.confidence is None else [("Confidence", confidence)]
     drawn += [] if result.blur is None else [("Blur", blur)]
     drawn += [] if result.pair is None else [("Pair", pair)]
+    is_new = figure is None
     if figure is None:
         pyplot = require("matplotlib.pyplot", extra="plot")
         figure = pyplot.figure(figsize=(15, 8), layout="constrained")
@@ -411,7 +413,14 @@ def overview(result: Result, figure: Figure | None = None) -> Figure:
         axes = figure.add_subplot(2, -(-len(drawn) // 2), place)
         axes.set_title(title)
         draw(result, axes)
+    if is_new and _shows_open_figures():
+        require("matplotlib.pyplot", extra="plot").close(figure)
     return figure
+
+
+def _shows_open_figures() -> bool:
+    """Tell whether the figures of pyplot are shown when a cell ends, beside its value."""
+    return "inline" in require("matplotlib", extra="plot").get_backend().lower()
 
 
 def _axes(ax: Axes | None) -> Axes:

@@ -29,8 +29,7 @@ def render_page(template: str, *, package: str = "phasestereo", **context: Any) 
     **context
         What the template refers to, all of which must be given. Text is escaped; the filter
         ``embedded`` turns the path of an image into the image itself, as `data_uri` does; the
-        function ``source`` returns a file of our folder ``templates`` as it is, such as a script,
-        and ``plotly_source`` all of Plotly's.
+        function ``source`` returns a file of our folder ``templates`` as it is, such as a script.
 
     Returns
     -------
@@ -56,7 +55,6 @@ def render_page(template: str, *, package: str = "phasestereo", **context: Any) 
     )
     environment.filters["embedded"] = data_uri
     environment.globals["source"] = _source
-    environment.globals["plotly_source"] = _plotly_source
     page: str = environment.get_template(template).render(context)
     return page
 
@@ -65,12 +63,6 @@ def _source(name: str) -> Any:
     """Return a file of the templates' folder as it is, marked as markup."""
     text = (resources.files("phasestereo") / "templates" / name).read_text("utf-8")
     return require("markupsafe", extra="report").Markup(text)
-
-
-def _plotly_source() -> Any:
-    """Return the script that draws Plotly's figures, which refers to nothing outside it."""
-    script = require("plotly.offline", extra="report").get_plotlyjs()
-    return require("markupsafe", extra="report").Markup(script.replace("</script", r"<\/script"))
 
 
 def data_uri(path: str | Path) -> str:

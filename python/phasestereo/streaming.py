@@ -21,6 +21,7 @@ from phasestereo._images import as_mask, opened_pair
 from phasestereo.findings import untrusted
 from phasestereo.matcher import Matcher
 from phasestereo.settings import PRESET
+from phasestereo.video.cameras import PATIENCE
 from phasestereo.video.capture import LayoutError
 from phasestereo.video.sources import open_source
 
@@ -29,11 +30,12 @@ if TYPE_CHECKING:
     from types import TracebackType
     from typing import Self
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Picture
     from phasestereo.equalisation import Equalisation, Noise
     from phasestereo.rectification import Rectification
+    from phasestereo.rectification.cameras import Cameras
     from phasestereo.rectification.reading import Told
     from phasestereo.rectification.streams import Rectifier
     from phasestereo.result import Result
@@ -70,6 +72,9 @@ class Frame:
         The images, gray (H, W) or RGB (H, W, 3).
     result
         What `phasestereo.match` returns for them.
+    apart
+        Seconds between both views: of two cameras, how long the second one kept waiting after the
+        first had delivered. None where the source does not tell.
     """
 
     index: int
@@ -77,6 +82,7 @@ class Frame:
     left: Image
     right: Image
     result: Result
+    apart: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,17 +107,18 @@ class Failure:
 
 
 def stream(
-    source: Place | Iterable[tuple[Picture, Picture]] | Iterable[ArrayLike],
+    source: Place | Iterable[tuple[Picture, Picture]] | Iterable[ArrayLike] | Source[Pair],
     right: Place | None = None,
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
     layout: Layout | None = None,
-    rectify: Told | Rectification | None = None,
+    rectify: Told | Rectification | Cameras | None = None,
     start: int = 0,
     stop: int | None = None,
     every: int = 1,
     reestimate: int = REESTIMATE,
+    patience: int | None = PATIENCE,
     on_error: Callable[[Failure], object] | None = None,
     preset: str = PRESET,
     settings: Settings | None = None,
@@ -138,6 +145,7 @@ def stream(
         - The number of a camera that delivers both views in each picture.
         - An iterable of pairs of images, or of their paths, as `match` takes them, or with
           ``layout`` of images that hold both views. What it raises ends the stream.
+        - A recording of a robot, as `phasestereo.ros.open_recording` opens it.
 
         With ``right``, the left view.
     right
@@ -156,6 +164,8 @@ def stream(
     reestimate
         The blur of a frame is estimated anew when it is not as it was at a glance, and at the
         latest so many frames after the last estimate; 1: of every frame. See the notes.
+    patience
+        Frames in a row that cameras may miss before they count as gone; None: they are waited for.
     on_error
         Called with a `Failure` for every frame that fails; what it raises ends the stream. None:
         it becomes a warning of the logger ``phasestereo``.
@@ -205,6 +215,8 @@ def stream(
         raise TypeError(f"on_error: got {type(on_error).__name__}; accepts a callable or None")
     wanted = _wanted(start, stop, every)
     _check_count("reestimate", reestimate, 1)
+    if patience is not None:
+        _check_count("patience", patience, 1)
     matcher = Matcher(preset=preset, settings=settings, threads=threads, **overrides)
     given = {
         "num_disparities": num_disparities,
@@ -216,7 +228,7 @@ def stream(
     }
     _try(matcher, given, width=None)
     rectifier = None if rectify is None else _rectifier(rectify, (left_mask, right_mask))
-    opened = open_source(source, right, layout=layout)
+    opened = open_source(source, right, layout=layout, patience=patience)
     try:
         return Stream(
             opened, matcher, given, wanted, on_error, reestimate=reestimate, rectifier=rectifier
@@ -269,9 +281,36 @@ class Stream(Iterator[Frame]):
         return self._source.rate
 
     @property
+    def q(self) -> NDArray[np.float64] | None:
+        """OpenCV's matrix Q of the frames so far, if they are rectified here and it is known."""
+        return None if self._work.rectifier is None else self._work.rectifier.q
+
+    @property
     def matcher(self) -> Matcher:
         """What matches the frames."""
         return self._work.matcher
+
+    @property
+    def rectification(self) -> Rectification | None:
+        """What rectifies the frames; None as long as there was none, or if they are not here."""
+        return None if self._work.rectifier is None else self._work.rectifier.found
+
+    def change(self, settings: Settings, num_disparities: int | None) -> None:
+        """Match the frames from the next one on in another way; any thread may call it.
+
+        Parameters
+        ----------
+        settings
+            How.
+        num_disparities
+            Number of disparities to search; None: as many as are found.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `match` refuses that of such images.
+        """
+        self._work.change(settings, num_disparities)
 
     def close(self) -> None:
         """End the stream and free the source."""
@@ -317,6 +356,21 @@ class _Work:
         self._last: Result | None = None
         self._source, self._given, self._report = source, given, report
         self._checked = False
+        self._width: int | None = None
+        self._coming: tuple[Matcher, Mapping[str, Any]] | None = None
+
+    def change(self, settings: Settings, num_disparities: int | None) -> None:
+        """Have the next frame matched in another way."""
+        matcher = Matcher(settings=settings, threads=self.matcher.threads)
+        given = {**self._given, "num_disparities": num_disparities}
+        _try(matcher, given, width=self._width)
+        self._coming = matcher, given
+
+    def _take_change(self) -> None:
+        coming, self._coming = self._coming, None
+        if coming is not None:
+            self.matcher, self._given = coming
+            self._last = None  # which is of other settings
 
     def frames(self, wanted: slice) -> Generator[Frame]:
         """Return what yields the frames; what is wrong with all of them is raised at once."""
@@ -352,6 +406,7 @@ class _Work:
             return
         size = images[0].shape
         _try(self.matcher, self._given, width=size[1])
+        self._width = size[1]
         for name in ("left_mask", "right_mask"):
             as_mask(self._given[name], size, name)
         self._checked = True
@@ -359,6 +414,7 @@ class _Work:
     def _matched(self, taken: Generator[_Taken]) -> Generator[Frame]:
         with closing(self._source), closing(taken):
             for capture, images in taken:
+                self._take_change()
                 self._check(images)
                 try:
                     frame = self._frame(capture, images)
@@ -376,7 +432,8 @@ class _Work:
         result = self.matcher.match(left, right, **{**self._given, **masks}, before=self._before())
         self._last = None if untrusted(result.findings) else replace(result, pair=None)
         self._reused = self._reused + 1 if result.blur and result.blur.reused else 0
-        return Frame(capture.index, capture.time, _squeezed(left), _squeezed(right), result)
+        images = _squeezed(left), _squeezed(right)
+        return Frame(capture.index, capture.time, *images, result, capture.apart)
 
     def _before(self) -> Result | None:
         """Return the result whose estimates the next frame may take over."""
@@ -384,7 +441,7 @@ class _Work:
 
 
 def _rectifier(
-    told: Told | Rectification, masks: tuple[ArrayLike | None, ArrayLike | None]
+    told: Told | Rectification | Cameras, masks: tuple[ArrayLike | None, ArrayLike | None]
 ) -> Rectifier:
     home = import_module("phasestereo.rectification.streams")  # it takes a while
     rectifier: Rectifier = home.Rectifier(told, masks)

@@ -111,22 +111,22 @@ def point_cloud(
     Y = (y - cy) * Z / fy: to the precision of float32 what ``cv2.reprojectImageTo3D`` makes of it
     with `Calibration.q`.
     """
-    values = _as_map(disparity)
-    _check_calibration(calibration, values.shape)
+    values = as_map(disparity)
+    check_calibration(calibration, values.shape)
     depth = calibration.depth(values)
     wanted = np.isfinite(depth)
     if max_depth is not None:
-        wanted &= depth <= _limit("max_depth", max_depth)  # false for NaN
+        wanted &= depth <= limit("max_depth", max_depth)  # false for NaN
     valid = as_mask(mask, values.shape, "mask")
     if valid is not None:
         wanted &= valid
-    points, wanted = _triangulated(depth, wanted, calibration)
+    points, wanted = triangulated(depth, wanted, calibration)
     if image is None and isinstance(disparity, Result) and disparity.pair is not None:
         image = disparity.pair[0]
     return PointCloud(points, None if image is None else _colours(image, values.shape)[wanted])
 
 
-def _triangulated(
+def triangulated(
     depth: NDArray[np.float32], wanted: NDArray[np.bool_], calibration: Calibration
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return the points of the wanted pixels, and which of these have finite coordinates."""
@@ -144,7 +144,8 @@ def _triangulated(
     return points[finite], kept
 
 
-def _as_map(disparity: Result | ArrayLike) -> NDArray[Any]:
+def as_map(disparity: Result | ArrayLike) -> NDArray[Any]:
+    """Return the disparities of a result, or of what is a map itself."""
     given = disparity.disparity if isinstance(disparity, Result) else disparity
     values = as_array(given, "disparity")
     if values.dtype.kind not in "iuf":
@@ -154,7 +155,8 @@ def _as_map(disparity: Result | ArrayLike) -> NDArray[Any]:
     return values
 
 
-def _check_calibration(calibration: Calibration, shape: tuple[int, ...]) -> None:
+def check_calibration(calibration: Calibration, shape: tuple[int, ...]) -> None:
+    """Refuse what is no calibration, or one of another size."""
     from phasestereo.io import Calibration  # noqa: PLC0415 - `import phasestereo` reads no files
 
     if not isinstance(calibration, Calibration):
@@ -170,7 +172,8 @@ def _colours(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     return as_rgb8(pixels)
 
 
-def _limit(name: str, value: object) -> float:
+def limit(name: str, value: object) -> float:
+    """Return an argument that is a positive, finite number, or refuse it."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name}: got {type(value).__name__}; accepts a number")
     number = float(value)

@@ -46,8 +46,8 @@ def check(
     Parameters
     ----------
     left
-        Left image: PNG, JPEG, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour. Or, without
-        RIGHT, a stereo photograph that holds both views.
+        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour. Or,
+        without RIGHT, a stereo photograph that holds both views.
     right
         Right image, of the same size and type.
     layout

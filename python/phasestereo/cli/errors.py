@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from phasestereo.io.image import is_picture
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -54,6 +57,21 @@ def refusals(*, options: Collection[str] = ()) -> Iterator[None]:
 def option(argument: str) -> str:
     """Return how the command line spells the argument of this name."""
     return "--" + argument.replace("_", "-")
+
+
+def refuse_picture(argument: str, path: str | Path) -> None:
+    """Refuse a picture where a calibration is wanted; what is no file at all is told by its reader.
+
+    Raises
+    ------
+    CommandError
+        If it is one.
+    """
+    if Path(path).is_file() and is_picture(path):
+        raise CommandError(
+            f"{option(argument)}: got {path}, which is a picture; accepts a file of numbers",
+            WRONG_USAGE,
+        )
 
 
 def _describe(error: Exception) -> str:

@@ -11,8 +11,9 @@ import numpy as np
 from cyclopts import Parameter, validators
 from numpy.typing import NDArray
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture
 from phasestereo.io import Calibration, LengthUnit, read_calibration, read_q
+from phasestereo.meshing import Mesh, surface_mesh
 from phasestereo.triangulation import PointCloud, point_cloud
 
 Map = NDArray[np.float32]
@@ -68,7 +69,7 @@ class Geometry:
         given = [field.name for field in fields(self) if getattr(self, field.name) is not None]
         sources = [name for name in ("calib", "q", "focal") if name in given]
         if given and not wanted:
-            raise _wrong(given[0], "has no effect without --ply, --depth or --report")
+            raise _wrong(given[0], "has no effect without --ply, --mesh, --depth or --report")
         if len(sources) > 1:
             raise _wrong(sources[1], f"got {option(sources[0])}, too; accepts one geometry")
         for name in given:
@@ -76,6 +77,9 @@ class Geometry:
                 raise _wrong(name, "has no effect without --focal")
         if "focal" in sources and self.baseline is None:
             raise _wrong("focal", "needs --baseline, the distance of the cameras")
+        for name, path in (("calib", self.calib), ("q", self.q)):
+            if path is not None:
+                refuse_picture(name, path)
 
     def bound(self) -> int | None:
         """Return the number of disparities that calib.txt tells, if there is one that does.
@@ -174,6 +178,10 @@ class Rig:
     def points(self, disparity: Map, image: NDArray[Any]) -> PointCloud:
         """Return the points of a disparity map in the colours of the image."""
         return point_cloud(disparity, self.calibration, image=image, max_depth=self.max_depth)
+
+    def surface(self, disparity: Map, image: NDArray[Any]) -> Mesh:
+        """Return the surface of a disparity map, with the image on it."""
+        return surface_mesh(disparity, self.calibration, image=image, max_depth=self.max_depth)
 
     def depth(self, disparity: Map) -> Map:
         """Return the depths of a disparity map; what is beyond float32 is too far to be wanted."""

@@ -21,7 +21,7 @@ from phasestereo.cli.terminal import printable, progress_bar
 from phasestereo.outofcore import Plan, Report, tell_bytes
 from phasestereo.result import tell_counts
 
-_WHOLE = ("color", "ply", "depth", "report")
+_WHOLE = ("color", "ply", "mesh", "depth", "report")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,8 +2,10 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-from contextlib import closing
+from collections.abc import Callable
+from contextlib import ExitStack, closing, suppress
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,12 +14,19 @@ from cyclopts import Group, Parameter, validators
 from phasestereo._interrupts import held_back
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.live_outputs import LiveOutputs, Sink, Writers
+from phasestereo.cli.live_recordings import Messages, Topics
+from phasestereo.cli.live_show import ClosedError, Screen, Showing, Way
+from phasestereo.cli.live_show import opened as open_screen
 from phasestereo.cli.live_tally import Tally
 from phasestereo.cli.options import Count, Overrides
 from phasestereo.cli.pairing import AUTO, told
+from phasestereo.cli.terminal import tell
 from phasestereo.cli.trust import unwarned
+from phasestereo.io import read_calibration
+from phasestereo.ros.recordings import Recording
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 from phasestereo.streaming import REESTIMATE, Failure, Frame, Stream, stream
+from phasestereo.video.cameras import PATIENCE
 from phasestereo.video.capture import Layout
 from phasestereo.video.decoding import is_address
 from phasestereo.video.folders import folders_of
@@ -27,14 +36,17 @@ _OPTIONS = (
     _VALUES | {"start", "stop", "every", "reestimate"} | {field.name for field in fields(Settings)}
 )
 
+_TOPIC_OPTIONS = {field.name for field in fields(Topics)}
+
 _SOURCE = Group.create_ordered("Source")
 _SEARCH = Group.create_ordered("Search")
+_RECORDING = Group.create_ordered("Recordings of robots")
 _OUTPUT = Group.create_ordered("Output")
 _SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
 _AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
 _NOT_NEGATIVE = validators.Number(gte=0, lt=2**31)
 _REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
-_OUTPUTS = LiveOutputs()
+_OUTPUTS, _TOPICS, _MESSAGES, _SHOWING = LiveOutputs(), Topics(), Messages(), Showing()
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}; fast for frame rates."
 _MORE = Parameter(group=_SOURCE, consume_multiple=True, show_default=False)
 
@@ -55,27 +67,34 @@ def live(
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
+    showing: Annotated[Showing, Parameter(name="*", group=_OUTPUT)] = _SHOWING,
     outputs: Annotated[LiveOutputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
+    topics: Annotated[Topics, Parameter(name="*", group=_RECORDING)] = _TOPICS,
+    messages: Annotated[Messages, Parameter(name="*", group=_RECORDING)] = _MESSAGES,
     preset: Annotated[str, Parameter(group=_SETTINGS, help=_PRESET_HELP)] = PRESET,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
 ) -> None:
-    """Match every frame of a video, a folder of images, or a pair of cameras.
+    """Match every frame of a video, a folder of images, a recording, or a pair of cameras.
 
-    At least one of ``--output``, ``--frames``, ``--rerun`` and ``--json`` says what to do with the
-    disparities. A frame that fails is reported and skipped; all keep their numbers. Ctrl-C ends the
-    run, and what was matched until then is written. For example:
+    ``--output``, ``--frames``, ``--rerun`` and ``--json`` say what to do with the disparities;
+    without any of them a page in the browser shows them. A frame that fails is reported and
+    skipped; all keep their numbers. Ctrl-C ends the run, and what was matched until then is
+    written. For example:
 
     ```
+    phasestereo live --cameras 0 1 --show
     phasestereo live video.mp4 --num-disparities 64 --preset fast -o disparities.mp4
     phasestereo live --cameras 0 1 --num-disparities 64 --preset fast -o disparities.mp4
     phasestereo live left/ right/ --num-disparities 64 --frames maps/%06d.pfm
+    phasestereo live drive.mcap --left /left/image_raw --right /right/image_raw -o depth.mcap
     ```
 
     Parameters
     ----------
     source
         A video file or address (rtsp://...) whose pictures hold both views, or a folder with both
-        views, in subfolders left and right or in names; with RIGHT, the left view alone.
+        views, in subfolders left and right or in names; with RIGHT, the left view alone. Or a
+        recording of a robot, with --left and --right.
     right
         The right view: a second video or folder of images.
     cameras
@@ -107,51 +126,120 @@ def live(
     """
     places = _places(source, right, cameras)
     calibration = told(rectify) if rectify else ()
-    if not outputs.asked_for():
-        raise CommandError("nothing to do: give -o, --frames, --rerun or --json", WRONG_USAGE)
+    way = showing.way(alone=not outputs.asked_for())
+    recorded = topics.check(places)
+    if outputs.recording is not None and recorded is None:
+        raise CommandError("--output: a recording is written of a recording", WRONG_USAGE)
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
     disparities = min_disparity, num_disparities
-    outputs.check(_files(places), (min_disparity, num_disparities or 1))
+    outputs.check(_files(places), (min_disparity, num_disparities or 1), shown=way is not None)
     tally = Tally(disparities, settings)
-    with refusals(options=_OPTIONS):
-        frames = stream(
-            *places,
-            layout=layout,
-            rectify=AUTO if calibration is None else calibration or None,
-            start=start,
-            stop=stop,
-            every=every,
-            reestimate=reestimate,
-            num_disparities=num_disparities,
-            min_disparity=min_disparity,
-            settings=settings,
-            threads=threads,
-            noise=noise,
-            on_error=tally.fail,
+    given: dict[str, Any] = {
+        "layout": layout,
+        "start": start,
+        "stop": stop,
+        "every": every,
+        "reestimate": reestimate,
+        "num_disparities": num_disparities,
+        "min_disparity": min_disparity,
+        "settings": settings,
+        "threads": threads,
+        "noise": noise,
+        "on_error": tally.fail,
+        "patience": PATIENCE if way is None else None,  # who looks plugs it in again
+    }
+    by: Any = AUTO if calibration is None else calibration or None
+    with ExitStack() as opened:
+        recording = None if recorded is None else _opened(opened, topics, recorded)
+        if recording is not None:
+            places, by = (recording,), by or recording.cameras
+        messages.check(
+            wanted=outputs.recording is not None,
+            known=bool(calibration) or (recording is not None and recording.q is not None),
         )
-    try:
-        with closing(frames), unwarned(), refusals(options=_OPTIONS):
-            _run(frames, outputs, tally)
-    finally:
-        tally.show(as_json=outputs.json)
+        with refusals(options=_OPTIONS):
+            frames = opened.enter_context(closing(stream(*places, rectify=by, **given)))
+            screen = (
+                None
+                if way is None
+                else _screen(
+                    opened,
+                    way,
+                    showing,
+                    outputs,
+                    recording,
+                    settings=settings,
+                    num_disparities=num_disparities,
+                    paced=not (outputs.asked_for() or cameras),
+                )
+            )
+        sink = None if recording is None else partial(messages.sink, recording, frames)
+        try:
+            with unwarned(), refusals(options=_OPTIONS):
+                _run(frames, outputs, tally, sink, screen)
+        finally:
+            tally.show(as_json=outputs.json)
     if tally.interrupted:
         raise KeyboardInterrupt
-    if not tally.done:
+    if not tally.done and way is None:
         if not tally.failed:
             raise CommandError("there is no frame to match")
         raise CommandError(f"none of {tally.failed} frames could be matched")
 
 
-def _run(frames: Stream, outputs: LiveOutputs, tally: Tally) -> None:
-    """Match and write all frames, or those until Ctrl-C."""
+def _opened(opened: ExitStack, topics: Topics, path: Path) -> Recording:
+    """Open a recording, and say how its calibration is used."""
+    with refusals(options=_TOPIC_OPTIONS):
+        recording = topics.open(path)
+    opened.callback(recording.close)
+    tell(recording.note)
+    return recording
+
+
+def _run(
+    frames: Stream,
+    outputs: LiveOutputs,
+    tally: Tally,
+    sink: Callable[[ExitStack, Path], Sink] | None,
+    screen: Screen | None,
+) -> None:
+    """Match, write and show all frames, or those until Ctrl-C or the end of the show."""
+    writing = Writers(outputs, tally, rate=frames.rate, messages=sink)
+    if screen is not None:
+        screen.follow(frames)
+        tally.listeners.append(screen.fail)
+        tally.tells_news_alone = True
     try:
-        with Writers(outputs, tally, rate=frames.rate) as writers, tally.shown(frames.length):
+        with suppress(ClosedError), writing as writers, tally.shown(frames.length):
             for frame in frames:
                 with held_back():
                     _write(frame, writers.sinks, tally)
+                if screen is not None:
+                    screen.add(frame, frames)
+                    if screen.closed:
+                        return
+        if screen is not None:
+            screen.stay()
     except KeyboardInterrupt:
-        tally.interrupted = True
+        tally.interrupted = screen is None  # that is how a show ends
+
+
+def _screen(
+    opened: ExitStack,
+    way: Way,
+    showing: Showing,
+    outputs: LiveOutputs,
+    recording: Recording | None,
+    **more: Any,
+) -> Screen:
+    """Open what shows the frames, with the geometry that is known beforehand."""
+    known, unit = None, ""
+    if outputs.calib is not None:
+        known, unit = read_calibration(outputs.calib), "mm"
+    elif recording is not None:
+        unit = "m"
+    return open_screen(opened, way, folder=showing.save_to, calibration=known, unit=unit, **more)
 
 
 def _write(frame: Frame, sinks: list[Sink], tally: Tally) -> None:

@@ -17,10 +17,18 @@ from cyclopts import Parameter, validators
 
 from phasestereo._extras import require
 from phasestereo._interrupts import held_back
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
+from phasestereo.cli.errors import (
+    WRONG_USAGE,
+    CommandError,
+    option,
+    refusals,
+    refuse_picture,
+)
 from phasestereo.cli.live_tally import Tally
 from phasestereo.io import read_calibration, write_disparity
 from phasestereo.rerun_log import log_failure, log_frame, saving
+from phasestereo.ros.bags import SUFFIXES as RECORDINGS
+from phasestereo.ros.bags import RecordingWriter
 from phasestereo.streaming import Frame
 from phasestereo.video import FramePicture, VideoWriter
 from phasestereo.video.drafts import draft_of
@@ -38,14 +46,15 @@ class LiveOutputs:
     ----------
     output
         Video file, .mp4, .mov or .mkv: the left images beside the disparities in colour, the same
-        from the smallest to the largest disparity searched in all frames.
+        from the smallest to the largest disparity searched in all frames. Of a recording also a
+        recording, .mcap, .db3 or .bag: disparities, depths and points as messages.
     frames
         Files for the disparities in pixels, such as maps/%06d.pfm: the number of the frame takes
         the place of %06d. .pfm, .npy, .tif, or .png as KITTI has it (16 bits, 256 d).
     rerun
         Recording for the viewer rerun, .rrd: images and disparities; needs the extra ``rerun``.
     calib
-        Middlebury's calib.txt, for coloured points in --rerun.
+        Middlebury's calib.txt, for coloured points in --rerun and depths on the page.
     rate
         Frames a second of the video, where the source does not tell when they were taken; without
         it, 25.
@@ -64,7 +73,13 @@ class LiveOutputs:
         """Tell whether anything is to come out."""
         return bool(self.output or self.frames or self.rerun or self.json)
 
-    def check(self, sources: Iterable[Path], disparities: tuple[int, int]) -> None:
+    @property
+    def recording(self) -> Path | None:
+        """The recording that is to be written, if it is one."""
+        is_one = self.output is not None and self.output.suffix.lower() in RECORDINGS
+        return self.output if is_one else None
+
+    def check(self, sources: Iterable[Path], disparities: tuple[int, int], *, shown: bool) -> None:
         """Refuse what cannot or must not be written, and make the folder of the frames.
 
         Raises
@@ -73,16 +88,20 @@ class LiveOutputs:
             If an option has no effect, a file is a source, a folder, or cannot be written, or a
             format does not hold all of the disparities.
         """
-        for name, needed in (("calib", "rerun"), ("rate", "output")):
-            if getattr(self, name) is not None and getattr(self, needed) is None:
-                message = f"{option(name)}: has no effect without {option(needed)}"
-                raise CommandError(message, WRONG_USAGE)
+        if self.calib is not None and self.rerun is None and not shown:
+            raise CommandError("--calib: has no effect without --rerun or --show", WRONG_USAGE)
+        if self.rate is not None and self.output is None:
+            raise CommandError("--rate: has no effect without --output", WRONG_USAGE)
+        if self.calib is not None:
+            refuse_picture("calib", self.calib)
         read = {os.path.realpath(source) for source in sources}
         for name, path in (("output", self.output), ("rerun", self.rerun)):
             if path is not None and os.path.realpath(path) in read:
                 raise CommandError(f"{option(name)}: {path} is in use already", WRONG_USAGE)
         with refusals():
-            if self.output is not None:
+            if self.recording is not None:
+                _checked("output", partial(RecordingWriter, self.recording))
+            elif self.output is not None:
                 require("matplotlib", extra="plot")
                 _checked("output", partial(VideoWriter, self.output))
             if self.rerun is not None:
@@ -104,10 +123,19 @@ class Writers:
         the recording, too.
     rate
         Frames a second of the source, if it tells.
+    messages
+        Makes the sink of a recording; None where none is written.
     """
 
-    def __init__(self, outputs: LiveOutputs, tally: Tally, *, rate: float | None) -> None:
-        self._outputs, self._tally = outputs, tally
+    def __init__(
+        self,
+        outputs: LiveOutputs,
+        tally: Tally,
+        *,
+        rate: float | None,
+        messages: Callable[[ExitStack, Path], Sink] | None,
+    ) -> None:
+        self._outputs, self._tally, self._messages = outputs, tally, messages
         self._rate = outputs.rate or rate or _RATE
         self._open = ExitStack()
         self.sinks: list[Sink] = []
@@ -115,7 +143,11 @@ class Writers:
     def __enter__(self) -> Self:
         """Open the files."""
         with ExitStack() as opened:
-            if self._outputs.output is not None:
+            recording = self._outputs.recording
+            if recording is not None and self._messages is not None:
+                self.sinks.append(self._messages(opened, recording))
+                self._tally.files["output"] = str(recording)
+            elif self._outputs.output is not None:
                 self._add_video(opened, self._outputs.output)
             if self._outputs.frames is not None:
                 self.sinks.append(partial(_write_frame, self._outputs.frames))
@@ -157,7 +189,7 @@ class Writers:
             log_frame(frame, low=low, high=high, calibration=calibration, recording=recording)
 
         self.sinks.append(log)
-        self._tally.tell = partial(log_failure, recording=recording)
+        self._tally.listeners.append(partial(log_failure, recording=recording))
         self._tally.files["rerun"] = str(path)
 
 

@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
 import phasestereo
 from phasestereo.cli.terminal import printable
+from phasestereo.ros.pairing import UnpairedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -33,13 +34,22 @@ class Tally:
         The smallest disparity searched, and how many are; None: as many as are found.
     settings
         What frames are matched with.
+
+    Attributes
+    ----------
+    listeners
+        Called with every failure.
+    tells_news_alone
+        Whether a failure like the one before is not said again: a camera may fail for hours.
     """
 
     def __init__(self, disparities: tuple[int, int | None], settings: Settings) -> None:
         self.disparities, self.settings = disparities, settings
-        self.done, self.failed, self.interrupted = 0, 0, False
+        self.done, self.failed, self.unpaired, self.interrupted = 0, 0, 0, False
         self.files: dict[str, str] = {}
-        self.tell: Callable[[Failure], object] | None = None
+        self.listeners: list[Callable[[Failure], object]] = []
+        self.tells_news_alone = False
+        self._last = ""
         self._failures: list[dict[str, Any]] = []
         self._topics: set[str] = set()
         self._size: tuple[int, ...] | None = None
@@ -76,14 +86,17 @@ class Tally:
     def fail(self, failure: Failure) -> None:
         """Count a frame that failed, and say so at once."""
         self.failed += 1
+        self.unpaired += isinstance(failure.error, UnpairedError)
         if len(self._failures) < _KEPT:
             said = {"frame": failure.index, "error": " ".join(str(failure.error).split())}
             self._failures.append(said)
         line = " ".join(str(failure).split())
-        self._console.print(printable(f"phasestereo: skipped {line}"), markup=False)
-        if self.tell is not None:
-            self.tell(failure)
+        if not self.tells_news_alone or str(failure.error) != self._last:
+            self._console.print(printable(f"phasestereo: skipped {line}"), markup=False)
+        self._last = str(failure.error)
         self._change()
+        for listener in self.listeners:
+            listener(failure)
 
     @contextmanager
     def shown(self, length: int | None) -> Iterator[None]:
@@ -128,6 +141,7 @@ class Tally:
             "settings": asdict(self.settings),
             "frames": self.done,
             "failed": self.failed,
+            "unpaired": self.unpaired,
             "failures": self._failures,
             "interrupted": self.interrupted,
             "seconds": self._seconds,
@@ -141,7 +155,8 @@ class Tally:
 
     def _line(self) -> str:
         rate = self._rate(self._seconds or monotonic() - self._start)
-        return f"{self.done} frames, {self.failed} failed, {rate:.1f} frames/s"
+        alone = f" ({self.unpaired} without a partner)" if self.unpaired else ""
+        return f"{self.done} frames, {self.failed} failed{alone}, {rate:.1f} frames/s"
 
     def _rate(self, seconds: float) -> float:
         return self.done / seconds if seconds else 0.0

@@ -30,7 +30,7 @@ _OPTIONS = (_VALUES | OPTIONS).union(field.name for field in fields(Settings))
 _PAIR = Group.create_ordered("Pair")
 _SEARCH = Group.create_ordered("Search")
 _OUTPUT = Group.create_ordered("Output")
-_GEOMETRY = Group.create_ordered("Geometry", help="For --ply, --depth and --report.")
+_GEOMETRY = Group.create_ordered("Geometry", help="For --ply, --mesh, --depth and --report.")
 _SCORE = Group.create_ordered("Score")
 _LARGE = Group.create_ordered("Pairs larger than memory")
 _SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
@@ -66,8 +66,8 @@ def match(
     """Match a rectified stereo pair.
 
     The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in the right one.
-    At least one of ``--output``, ``--color``, ``--ply``, ``--depth``, ``--report``, ``--truth``
-    and ``--json`` says what to do with the disparities d. For example:
+    At least one of ``--output``, ``--color``, ``--ply``, ``--mesh``, ``--depth``, ``--report``,
+    ``--truth`` and ``--json`` says what to do with the disparities d. For example:
 
     ```
     phasestereo match left.png right.png -o out.pfm
@@ -76,8 +76,8 @@ def match(
     Parameters
     ----------
     left
-        Left image: PNG, JPEG, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour. Or, without
-        RIGHT, a stereo photograph that holds both views.
+        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour. Or,
+        without RIGHT, a stereo photograph that holds both views.
     right
         Right image, of the same size and type.
     num_disparities
@@ -102,7 +102,7 @@ def match(
     geometry.check(wanted=outputs.use_geometry())
     if not (outputs.asked_for() or scoring.truth):
         raise CommandError(
-            "nothing to do: give -o, --color, --ply, --depth, --report, --truth or --json",
+            "nothing to do: give -o, --color, --ply, --mesh, --depth, --report, --truth or --json",
             WRONG_USAGE,
         )
     with refusals(options=_OPTIONS):

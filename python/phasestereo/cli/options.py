@@ -29,19 +29,32 @@ if TYPE_CHECKING:
 
 def _numbers(_hint: Any, tokens: Sequence[Token]) -> float | tuple[float, ...]:
     """Read ``2`` as a number and ``0.5,2`` as a pair of them."""
-    values = tuple(float(part) for part in tokens[0].value.split(","))
+    word = tokens[0].value
+    try:
+        values = tuple(float(part) for part in word.split(","))
+    except ValueError:
+        raise ValueError(f"got {word}; accepts a number, or a pair as one word: 0.5,2") from None
     return values if len(values) > 1 else values[0]
 
 
 def _whole_numbers(_hint: Any, tokens: Sequence[Token]) -> tuple[int, ...]:
     """Read ``3,2,1`` as three numbers."""
-    return tuple(int(part) for part in tokens[0].value.split(","))
+    word = tokens[0].value
+    try:
+        return tuple(int(part) for part in word.split(","))
+    except ValueError:
+        raise ValueError(f"got {word}; accepts whole numbers as one word: 3,2,1") from None
 
 
 def _count(_hint: Any, tokens: Sequence[Token]) -> int | None:
     """Read ``auto`` as None, and a number as itself."""
     word = tokens[0].value
-    return None if word == "auto" else int(word)
+    if word == "auto":
+        return None
+    try:
+        return int(word)
+    except ValueError:
+        raise ValueError(f"got {word}; accepts a whole number, or auto") from None
 
 
 Count = Annotated[int | None, Parameter(converter=_count, n_tokens=1)]
@@ -56,10 +69,16 @@ def _as_option(hint: Any) -> Any:
 
     One number or else a pair can only be told apart within one word of the command line.
     """
+    return Annotated[float, Parameter(converter=_numbers)] if _may_be_pair(hint) else hint
+
+
+def _may_be_pair(hint: Any) -> bool:
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else ()
-    if float in kinds and any(get_origin(kind) is tuple for kind in kinds):
-        return Annotated[float, Parameter(converter=_numbers)]
-    return hint
+    return float in kinds and any(get_origin(kind) is tuple for kind in kinds)
+
+
+PAIRS = frozenset(name for name, hint in get_type_hints(Settings).items() if _may_be_pair(hint))
+"""Fields that are a number or a pair of them."""
 
 
 if not TYPE_CHECKING:

@@ -60,7 +60,8 @@ class Outcome:
 def rehearsal(disparities: tuple[int, int], settings: Settings, rig: Rig | None = None) -> Outcome:
     """Return the smallest outcome there is that has the smallest and the largest disparity."""
     low, count = disparities
-    extremes = np.array([[low, low + count - 1]], dtype=np.float32)
+    high = low + count - 1
+    extremes = np.array([[low, low, high, high]] * 2, dtype=np.float32)  # a surface each
     black = np.zeros(extremes.shape, dtype=np.uint8)
     flags = np.zeros(extremes.shape, dtype=np.uint16)
     confidence = np.ones_like(extremes) if settings.confidence else None

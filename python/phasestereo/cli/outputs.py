@@ -14,7 +14,14 @@ from cyclopts import Parameter
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
 from phasestereo.cli.geometry import Rig
 from phasestereo.cli.outcome import Outcome
-from phasestereo.io import write_depth, write_disparity, write_geotiff, write_image, write_ply
+from phasestereo.io import (
+    write_depth,
+    write_disparity,
+    write_geotiff,
+    write_glb,
+    write_image,
+    write_ply,
+)
 from phasestereo.pair_page import write_pair_page
 from phasestereo.picture import disparity_picture
 
@@ -36,6 +43,9 @@ class Outputs:
     ply
         File for the points in space, in the colours of the left image: .ply, binary; X to the
         right, Y down, Z forward, in the unit of the baseline. Needs a geometry.
+    mesh
+        File for the surface, with the left image on it: .glb (glTF 2.0), which stands upright in
+        viewers; it ends where disparities jump. Needs a geometry and the extra ``mesh``.
     depth
         File for the depths: .png of 16-bit mm, 0 being none, or .tif, .pfm, .npy in the unit of the
         baseline. Needs a geometry.
@@ -50,6 +60,7 @@ class Outputs:
     output: Annotated[Path | None, Parameter(alias="-o")] = None
     color: Path | None = None
     ply: Path | None = None
+    mesh: Path | None = None
     depth: Path | None = None
     report: Path | None = None
     json: Annotated[bool, Parameter(negative=(), show_default=False)] = False
@@ -60,7 +71,7 @@ class Outputs:
 
     def use_geometry(self) -> bool:
         """Tell whether anything that is to come out depends on the geometry of the pair."""
-        return bool(self.ply or self.depth or self.report)
+        return bool(self.ply or self.mesh or self.depth or self.report)
 
     def check(self, sources: Iterable[Path | None], rehearsal: Outcome) -> None:
         """Refuse what cannot or must not be written.
@@ -96,6 +107,7 @@ class Outputs:
             ("output", self.output, _write_disparity),
             ("color", self.color, _write_color),
             ("ply", self.ply, _write_ply),
+            ("mesh", self.mesh, _write_mesh),
             ("depth", self.depth, _write_depth),
             ("report", self.report, _write_report),
         ]
@@ -116,6 +128,10 @@ def _write_color(path: Path, outcome: Outcome) -> None:
 
 def _write_ply(path: Path, outcome: Outcome) -> None:
     write_ply(path, _rig(outcome).points(outcome.result.disparity, outcome.pair[0]))
+
+
+def _write_mesh(path: Path, outcome: Outcome) -> None:
+    write_glb(path, _rig(outcome).surface(outcome.result.disparity, outcome.pair[0]))
 
 
 def _write_depth(path: Path, outcome: Outcome) -> None:

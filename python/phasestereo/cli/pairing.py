@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from numpy.typing import NDArray
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, refuse_picture
 from phasestereo.io import read_pair
 from phasestereo.io.views import View, join, read_views
 from phasestereo.video.capture import Layout
@@ -96,7 +96,7 @@ def told(names: Sequence[str]) -> Sequence[str] | None:
     Raises
     ------
     CommandError
-        If they mean none.
+        If they mean none, or a picture.
     """
     if list(names) == [AUTO]:
         return None
@@ -106,6 +106,8 @@ def told(names: Sequence[str]) -> Sequence[str] | None:
             f"--rectify: got {given}; accepts auto, a file, or the files of both cameras",
             WRONG_USAGE,
         )
+    for name in names:
+        refuse_picture("rectify", name)
     return names
 
 

@@ -11,7 +11,13 @@ import numpy as np
 from cyclopts import Parameter, validators
 
 import phasestereo
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
+from phasestereo.cli.errors import (
+    WRONG_USAGE,
+    CommandError,
+    option,
+    refusals,
+    refuse_picture,
+)
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import printable
 from phasestereo.io import write_image
@@ -52,8 +58,8 @@ def rectify(
     Parameters
     ----------
     left
-        Left image: PNG, JPEG, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour. Or, without
-        RIGHT, a stereo photograph that holds both views.
+        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour. Or,
+        without RIGHT, a stereo photograph that holds both views.
     right
         Right image, of the same size and type.
     output
@@ -86,6 +92,8 @@ def rectify(
         raise CommandError("--images-from: accepts pairs of files, left and right", WRONG_USAGE)
     if images_from and calibration:
         raise CommandError("--images-from: has no effect beside --calibration", WRONG_USAGE)
+    for path in calibration:
+        refuse_picture("calibration", path)
     targets = _targets(output, masks, save)
     sources = [left, *([] if right is None else [right]), *calibration, *images_from]
     _check_targets(targets, sources)

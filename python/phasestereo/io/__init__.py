@@ -22,6 +22,7 @@ from phasestereo.io.geotiff import (
     read_geotiff_pair,
     write_geotiff,
 )
+from phasestereo.io.glb import write_glb
 from phasestereo.io.image import read_image, write_image
 from phasestereo.io.limits import max_pixels, set_max_pixels
 from phasestereo.io.pair import read_pair
@@ -49,6 +50,7 @@ __all__ = [
     "write_depth",
     "write_disparity",
     "write_geotiff",
+    "write_glb",
     "write_image",
     "write_pfm",
     "write_ply",

@@ -70,17 +70,31 @@ def decoding(path: StrPath) -> Iterator[BinaryIO]:
     ValueError
         If the block raised anything else; the message names the file.
     """
-    with open_regular(path) as file:
-        try:
-            yield file
-        except (ImportError, MemoryError):
+    with open_regular(path) as file, named(os.fspath(path)):
+        yield file
+
+
+@contextmanager
+def named(name: str) -> Iterator[None]:
+    """Decode something in this block; what is raised on bad content becomes a ValueError.
+
+    Raises
+    ------
+    OSError
+        If the system cannot read.
+    ValueError
+        If the block raised anything else; the message begins with the name.
+    """
+    try:
+        yield
+    except (ImportError, MemoryError):
+        raise
+    except Exception as error:  # decoders of damaged files raise anything, SyntaxError included
+        if isinstance(error, OSError) and error.errno not in _DAMAGED:
             raise
-        except Exception as error:  # decoders of damaged files raise anything, SyntaxError included
-            if isinstance(error, OSError) and error.errno not in _DAMAGED:
-                raise
-            told = isinstance(error, ValueError | OSError)
-            reason = error if told else f"damaged, or not what it claims to be ({error!r})"
-            raise ValueError(f"{os.fspath(path)}: {reason}") from error
+        told = isinstance(error, ValueError | OSError)
+        reason = error if told else f"damaged, or not what it claims to be ({error!r})"
+        raise ValueError(f"{name}: {reason}") from error
 
 
 # What decoders tell of content, and what the system tells of an offset that a file made up.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, cast
 import numpy as np
 
 from phasestereo.io.files import decoding, replacing, suffix
+from phasestereo.io.heif import HEIF_MAGICS, decode_heif
 from phasestereo.io.npy import decode_npy, encode_npy
 from phasestereo.io.pfm import decode_pfm, encode_pfm
 from phasestereo.io.pixels import channels
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 _DECODERS: dict[tuple[bytes, ...], Callable[[BinaryIO], NDArray[Any]]] = {
     RASTER_MAGICS: decode_raster,
     TIFF_MAGICS: decode_tiff,
+    HEIF_MAGICS: decode_heif,
     (b"\x93NUMPY",): decode_npy,
     (b"Pf", b"PF"): decode_pfm,
 }
@@ -55,7 +57,8 @@ _ENCODERS: dict[str, tuple[Callable[[BinaryIO, Pixels], None], set[tuple[str, in
 def read_image(path: StrPath) -> Pixels:
     """Read an image exactly as it is stored.
 
-    The format is told by the content: PNG, PBM/PGM/PPM, JPEG, BMP, TIFF, ``.npy`` or PFM.
+    The format is told by the content: PNG, PBM/PGM/PPM, JPEG, WebP, HEIF, BMP, TIFF, ``.npy`` or
+    PFM.
 
     Parameters
     ----------
@@ -79,12 +82,13 @@ def read_image(path: StrPath) -> Pixels:
         of the types above, or could not be read without loss; if it has more pixels than
         `max_pixels` says (200 million), or is so short that it cannot hold what it claims.
     ImportError
-        If the format needs the extra ``io`` and that is not installed.
+        If the format needs the extra ``io``, or HEIF the extra ``heif``, and that is not installed.
 
     Notes
     -----
     Samples are not interpreted: 10-bit values in a 16-bit file stay below 1024, and colour
-    profiles, gamma, PNG's transparent colour and the orientation tag of a JPEG are ignored. TIFF
+    profiles, gamma, PNG's transparent colour and the orientation tag of a JPEG are ignored. HEIF of
+    more than 8 bits comes as the high bits of 16, and turned as the file says. TIFF
     is read uncompressed or with deflate or PackBits, and with LZW when the package ``imagecodecs``
     is installed; `read_geotiff` reads further compressions.
     """
@@ -95,8 +99,21 @@ def read_image(path: StrPath) -> Pixels:
             if head.startswith(magics):
                 return as_image(decode(file))
         raise ValueError(
-            "not an image of a known format: PNG, PBM/PGM/PPM, JPEG, BMP, TIFF, .npy or PFM"
+            "not an image of a known format: PNG, PBM/PGM/PPM, JPEG, WebP, HEIF, BMP, TIFF, .npy "
+            "or PFM"
         )
+
+
+def is_picture(path: StrPath) -> bool:
+    """Tell whether a file begins as a picture does that people look at: no TIFF, array or PFM.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
+    with decoding(path) as file:
+        return file.read(8).startswith(RASTER_MAGICS + HEIF_MAGICS)
 
 
 def as_image(samples: NDArray[Any]) -> Pixels:

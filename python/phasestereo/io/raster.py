@@ -1,4 +1,4 @@
-"""PNG, PBM/PGM/PPM, JPEG and BMP through Pillow, no sample losing anything on the way.
+"""PNG, PBM/PGM/PPM, JPEG, WebP and BMP through Pillow, no sample losing anything on the way.
 
 Two habits of Pillow are worked around. It narrows 16-bit colour to 8 bits without a word, and it
 rescales Netpbm samples whose maximum is not 255 or 65535, which would change the disparities coded
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _OPENERS = {
     b"\x89PNG\r\n\x1a\n": ("PIL.PngImagePlugin", "PngImageFile"),
     b"\xff\xd8\xff": ("PIL.JpegImagePlugin", "jpeg_factory"),
+    b"RIFF": ("PIL.WebPImagePlugin", "WebPImageFile"),  # or else sound, which it refuses
     b"BM": ("PIL.BmpImagePlugin", "BmpImageFile"),
     **{f"P{kind}".encode(): ("PIL.PpmImagePlugin", "PpmImageFile") for kind in range(1, 7)},
 }
@@ -55,8 +56,11 @@ def decode_raster(file: BinaryIO) -> NDArray[Any]:
     ValueError
         If the image has several frames, or samples that would not arrive as they are stored.
     """
+    first = _open(file)
+    if first.format == "WEBP":  # has 8 bits and no tiles
+        return _expand(first)
     planes: list[NDArray[Any]] = []
-    for tile in _exact_tiles(_open(file)):
+    for tile in _exact_tiles(first):
         image = _open(file)
         image.tile = [tile]
         planes.append(_expand(image))

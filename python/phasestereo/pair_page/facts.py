@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     Map = NDArray[np.float32]
 
 
+_NAMES = {"avgerr": "mean error (avgerr, EPE)"}
 _BINS = 120
 _TENTHS = 10
 _THRESHOLDS = np.geomspace(0.05, 32.0, 80)
@@ -117,14 +118,19 @@ def _map_uri(blur: BlurEstimate, areas: list[Area], size: tuple[int, int]) -> st
 
 
 def metric_rows(told: Score) -> list[tuple[str, str]]:
-    """Return metrics by name as they are read, NaN as a dash."""
+    """Return metrics by name as they are read, NaN as a dash; avgerr and EPE are one number."""
     rows = []
     for name, value in told.as_dict().items():
         if name == "pixels":
             rows.append(("pixels scored", f"{value:,.0f}"))
+        elif name == "EPE":  # that of the whole range, as avgerr is where nothing is clipped
+            continue
         else:
             rows.append(
-                (name, f"{value:.2f} {unit_of(name)}" if math.isfinite(value) else "\N{EN DASH}")
+                (
+                    _NAMES.get(name, name),
+                    f"{value:.2f} {unit_of(name)}" if math.isfinite(value) else "\N{EN DASH}",
+                )
             )
     return rows
 

@@ -22,6 +22,7 @@ from phasestereo.result import Flag, count_flags
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from phasestereo.pair_page.embedding import Coding
     from phasestereo.result import Result
 
     Map = NDArray[np.float32]
@@ -97,16 +98,16 @@ def layers_of(result: Result, truth: Map | None) -> list[Layer]:
     ends = _robust_ends(result.disparity if truth is None else truth, result.disparity)
     near = "near is red, far is blue"
     depth = colours(DISPARITY_COLOURS)
-    found = [Layer("disparity", "Disparity", "px", *ends, depth, 3, near, "no estimate")]
+    found = [Layer("disparity", "Disparity", "px", *ends, depth, 2, near, "no estimate")]
     if result.confidence is not None:
         sure = "about the probability that the disparity is within 1 px"
         lookup = colours(CONFIDENCE_COLOURS)
-        found.append(Layer("confidence", "Confidence", "", 0, 1, lookup, 3, sure, "no estimate"))
+        found.append(Layer("confidence", "Confidence", "", 0, 1, lookup, 2, sure, "no estimate"))
     if truth is not None:
         wrong = f"|disparity - truth|: up to {GOOD:g} px is white"
         lookup = colours(ERROR_COLOURS, white=GOOD / _WORST)
-        found.append(Layer("error", "Error", "px", 0, _WORST, lookup, 3, wrong, "not scored"))
-        found.append(Layer("truth", "Truth", "px", *ends, depth, 3, near, "unknown"))
+        found.append(Layer("error", "Error", "px", 0, _WORST, lookup, 2, wrong, "not scored"))
+        found.append(Layer("truth", "Truth", "px", *ends, depth, 2, near, "unknown"))
     return found
 
 
@@ -137,18 +138,27 @@ def views(layers: list[Layer]) -> list[tuple[str, str]]:
 
 
 def arrays_of(
-    result: Result, truth: Map | None, scored: NDArray[np.bool_] | None, step: int
+    result: Result,
+    truth: Map | None,
+    scored: NDArray[np.bool_] | None,
+    step: int,
+    coding: Coding,
 ) -> dict[str, str]:
     """Return what the page's layers hold, every step-th pixel of every step-th row, as text."""
     thin = (slice(None, None, step), slice(None, None, step))
     found: dict[str, NDArray[Any] | None] = {
-        "disparity": result.disparity,
+        "disparity": coding.encode(result.disparity),
         "flags": result.flags,
-        "confidence": result.confidence,
-        "truth": truth,
+        "confidence": None if result.confidence is None else _bytes(result.confidence),
+        "truth": None if truth is None else coding.encode(truth),
         "scored": None if scored is None else scored.astype(np.uint8),
     }
     return {name: packed(array[thin]) for name, array in found.items() if array is not None}
+
+
+def _bytes(shares: Map) -> NDArray[np.uint8]:
+    """Return shares from 0 to 1 as 0 to 255."""
+    return np.rint(255 * shares).astype(np.uint8)
 
 
 def _robust_ends(*maps: Map) -> tuple[float, float]:

@@ -10,9 +10,9 @@ import numpy as np
 from phasestereo._extras import require
 from phasestereo._images import as_mask, as_pair, on_screen, screen_range
 from phasestereo.io import Calibration
-from phasestereo.io.files import replacing
+from phasestereo.io.files import replacing, suffix
 from phasestereo.pair_page import facts, layers
-from phasestereo.pair_page.embedding import picture_uri
+from phasestereo.pair_page.embedding import coding_of, photograph_uri
 from phasestereo.pair_page.scene import Scene, scene_of
 from phasestereo.report import render_page
 from phasestereo.result import Result
@@ -31,8 +31,8 @@ __all__ = ["require_page", "write_pair_page"]
 MOST_PIXELS = 2_100_000
 """Maps of more pixels, that is beyond Full HD, are thinned out: a page has to open at once."""
 
-MOST_POINTS = 60_000
-"""Points of the 3-D view."""
+MOST_EXACT = 400_000
+"""Pictures of more pixels are compressed with loss: they are most of what a page takes."""
 
 
 def write_pair_page(
@@ -53,14 +53,14 @@ def write_pair_page(
 
     It has the pair to flick between, disparities, confidences, flags and errors with their values
     under the cursor, the diagnosis of the blur, metrics, settings and times, and the points in
-    three dimensions. It needs a browser of 2023 or later. Of maps of more than 2.1 million
-    pixels, that is beyond Full HD, it shows every n-th pixel of every n-th row, with the values of
-    just these, and says so; of the points, 60 000 drawn at random.
+    three dimensions. It needs a browser of 2023 or later. Disparities are told to 1/128 px, or as
+    fine as 16 bits can. Of maps of more than 2.1 million pixels, that is beyond Full HD, it shows
+    every n-th pixel of every n-th row, with the values of just these, and says so.
 
     Parameters
     ----------
     path
-        The file, usually ``.html``.
+        The file: ``.html`` or ``.htm``.
     left, right
         The images, as `phasestereo.match` takes them. Intensities of other types than uint8 are
         stretched for the screen.
@@ -86,21 +86,22 @@ def write_pair_page(
     TypeError
         If an argument has the wrong type.
     ValueError
-        If sizes differ, or there is nothing to score; if there is a mask and no truth.
+        If the suffix is another, sizes differ, or there is nothing to score; if there is a mask and
+        no truth.
     OSError
         If the file cannot be written.
     ImportError
         If the extra ``report`` is not installed.
     """
+    if suffix(path) not in (".html", ".htm"):
+        raise ValueError(f"path must end in .html or .htm, got {suffix(path)!r}")
     require_page()
     pair = as_pair(left, right)
     size = pair[0].shape[:2]
     known, counted = _checked(size, result, truth, mask)
     shown = _Shown(pair, result, known, counted, _step(size))
     _check_geometry(size, calibration, max_depth)
-    scene = scene_of(
-        result.disparity, calibration, step=shown.step, most=MOST_POINTS, max_depth=max_depth
-    )
+    scene = scene_of(result.disparity, calibration, step=shown.step, max_depth=max_depth)
     search = None if num_disparities is None else (min_disparity, num_disparities)
     page = render_page("pair.html.j2", title=str(title), **_told(shown, scene, search))
     with replacing(path) as file:
@@ -109,7 +110,7 @@ def write_pair_page(
 
 def require_page() -> None:
     """Raise ImportError, naming the extra ``report``, if anything a page needs is missing."""
-    for module in ("jinja2", "matplotlib", "plotly", "PIL"):
+    for module in ("jinja2", "matplotlib", "PIL"):
         require(module, extra="report")
 
 
@@ -173,7 +174,11 @@ def _told(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[s
     kinds = layers.flag_kinds(result.flags)
     ends = None if shown.pair[0].dtype == np.uint8 else screen_range(shown.pair)
     thin = (slice(None, None, shown.step), slice(None, None, shown.step))
-    left, right = (picture_uri(_as_picture(image[thin], ends)) for image in shown.pair)
+    is_small = shown.pair[0][thin][:, :, 0].size <= MOST_EXACT
+    left, right = (
+        photograph_uri(_as_picture(image[thin], ends), exact=is_small) for image in shown.pair
+    )
+    coding = coding_of(result.disparity, truth)
     maps = layers.layers_of(result, truth)
     views = layers.views(maps)
     charts = facts.charts(result, truth, scored)
@@ -183,7 +188,7 @@ def _told(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[s
         "views": views,
         "charts": facts.chart_titles(charts),
         "readout": facts.readout(
-            result, truth, exact=ends is None, metric=not scene.nominal, gray=gray
+            result, truth, exact=ends is None and is_small, metric=not scene.nominal, gray=gray
         ),
         "rows": rows,
         "cols": cols,
@@ -205,18 +210,18 @@ def _told(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[s
         "timings": facts.timing_rows(result.timings),
         "versions": facts.versions(),
         "blur": None if result.blur is None else facts.blur_told(result.blur, (rows, cols)),
-        "arrays": layers.arrays_of(result, truth, scored, shown.step),
+        "arrays": layers.arrays_of(result, truth, scored, shown.step, coding),
         "page": {
             "cols": -(-cols // shown.step),
             "rows": -(-rows // shown.step),
             "step": shown.step,
-            "exact": ends is None,
+            "exact": ends is None and is_small,
             "gray": dict(zip(("left", "right"), gray, strict=True)),
             "views": views,
             "layers": [asdict(layer) for layer in maps],
             "flags": [asdict(kind) for kind in kinds],
             "charts": charts,
-            "scene": scene.described(),
+            "scene": scene.described() | {"coding": [coding.low, coding.step]},
         },
     }
 

@@ -1,4 +1,4 @@
-"""The points of the 3-D view: not all of them, but as many as a browser turns around with ease."""
+"""The points of the 3-D view: how many there are, and the geometry that makes them of pixels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo.io import Calibration
-from phasestereo.pair_page.embedding import packed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,10 +25,10 @@ class Scene:
 
     Parameters
     ----------
-    pixels
-        uint32 (N,): index of each point's pixel in the layers of the page.
+    shown
+        Number of points.
     total
-        Number of pixels with a depth, from which these were drawn.
+        Number of pixels with a depth.
     far
         Share of these that are too far away to be shown.
     limit
@@ -40,7 +39,7 @@ class Scene:
         Whether it is made up, for want of a calibration.
     """
 
-    pixels: NDArray[np.uint32]
+    shown: int
     total: int
     far: float
     limit: float
@@ -48,17 +47,20 @@ class Scene:
     nominal: bool
 
     def described(self) -> dict[str, Any]:
-        """Return it as the page has it, the array as text."""
+        """Return it as the page has it."""
         (focal, _, x), (_, vertical, y), _ = self.geometry.cam0
         return {
-            "pixels": packed(self.pixels),
-            "nominal": self.nominal,
             "focal": [focal, vertical],
             "centre": [x, y],
             "scale": focal * self.geometry.baseline,  # depth = scale / (disparity + doffs)
             "doffs": self.geometry.doffs,
-            "unit": "in baselines" if self.nominal else "in the unit of the baseline",
+            "limit": self.limit,
         }
+
+    @property
+    def unit(self) -> str:
+        """What distances are in."""
+        return "in baselines" if self.nominal else "in the unit of the baseline"
 
 
 def scene_of(
@@ -66,10 +68,9 @@ def scene_of(
     calibration: Calibration | None,
     *,
     step: int,
-    most: int,
     max_depth: float | None = None,
 ) -> Scene:
-    """Return points of a disparity map, spread evenly over its pixels.
+    """Return the points of a disparity map.
 
     Parameters
     ----------
@@ -79,9 +80,7 @@ def scene_of(
         The geometry; None: the focal length is the images' width, the cameras look the same way
         from one unit apart.
     step
-        Only pixels are chosen that the layers of the page hold: every step-th of every step-th row.
-    most
-        The largest number of points.
+        Only pixels count that the layers of the page hold: every step-th of every step-th row.
     max_depth
         Points farther away are left out; None: those far beyond nearly all of them.
     """
@@ -91,19 +90,11 @@ def scene_of(
     limit = max_depth
     if limit is None:
         limit = _FAR * float(np.percentile(depth[index], 90)) if index.size else 0.0
-    near = index[depth[index] <= limit]
-    far = 1 - near.size / index.size if index.size else 0.0
-    chosen = _spread(near, most).astype(np.uint32)
-    return Scene(chosen, index.size, far, limit, geometry, calibration is None)
+    near = int(np.count_nonzero(depth[index] <= limit))
+    far = 1 - near / index.size if index.size else 0.0
+    return Scene(near, index.size, far, limit, geometry, calibration is None)
 
 
 def _nominal(size: tuple[int, ...]) -> Calibration:
     rows, cols = size
     return Calibration.from_focal(cols, 1.0, width=cols, height=rows)
-
-
-def _spread(index: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """Return at most so many of them, drawn at random: a grid would show as a pattern."""
-    if index.size <= most:
-        return index
-    return np.sort(np.random.default_rng(0).choice(index, most, replace=False))

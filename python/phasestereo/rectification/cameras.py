@@ -106,7 +106,7 @@ class Cameras:
             maps = self._maps(size, poses)
         except require("cv2", extra="rectify").error as error:
             raise ValueError("calibration: got cameras that OpenCV cannot rectify") from error
-        return Warp(maps, _q_of(poses["P1"], poses["P2"]))
+        return Warp(maps, q_of(poses["P1"], poses["P2"]))
 
     def _has(self, *names: str) -> bool:
         return all(name in self.matrices for name in names)
@@ -147,7 +147,7 @@ class Cameras:
         return left, right
 
 
-def _q_of(left: Matrix, right: Matrix) -> Matrix | None:
+def q_of(left: Matrix, right: Matrix) -> Matrix | None:
     """Return OpenCV's matrix Q of two rectified cameras; None where they have no baseline.
 
     Raises

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from phasestereo.rectification.cameras import Cameras
 from phasestereo.rectification.reading import read_calibration
 from phasestereo.rectification.record import Rectification
 from phasestereo.rectification.rectifying import rectify
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Picture
-    from phasestereo.rectification.cameras import Cameras
+    from phasestereo.rectification.cameras import Matrix
     from phasestereo.rectification.reading import Told
 
 AUTO = "auto"
@@ -24,7 +25,8 @@ class Rectifier:
     Parameters
     ----------
     told
-        What `rectify` takes as a calibration; "auto": the first pair whose images tell enough.
+        What `rectify` takes as a calibration, or `Cameras`; "auto": the first pair whose images
+        tell enough.
     masks
         Masks of the raw images, left and right.
 
@@ -36,11 +38,11 @@ class Rectifier:
 
     def __init__(
         self,
-        told: Told | Rectification,
+        told: Told | Rectification | Cameras,
         masks: tuple[ArrayLike | None, ArrayLike | None],
     ) -> None:
         self._told: Cameras | Rectification | None = None
-        if isinstance(told, Rectification):
+        if isinstance(told, Rectification | Cameras):
             self._told = told
         elif told != AUTO:
             self._told = read_calibration(told)
@@ -61,6 +63,16 @@ class Rectifier:
             left, right, self._told, left_mask=self._masks[0], right_mask=self._masks[1]
         )
         return self._found.left, self._found.right
+
+    @property
+    def found(self) -> Rectification | None:
+        """The rectification, once a pair has told it."""
+        return self._found
+
+    @property
+    def q(self) -> Matrix | None:
+        """OpenCV's matrix Q of the pairs that were rectified, if it is known."""
+        return None if self._found is None else self._found.Q
 
     @property
     def masks(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ function made(tag, properties = {}, ...children) {
 
 const bytesOf = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
-// An array as `packed` wrote it: first all first bytes of its numbers, then all second ones ...
+// An array as `packed` wrote it: differences of neighbours, first all first bytes, then all second.
 async function unpacked(text, Numbers) {
   const packed = new Blob([bytesOf(text)]).stream();
   const plain = packed.pipeThrough(new DecompressionStream("deflate"));
@@ -23,20 +23,31 @@ async function unpacked(text, Numbers) {
   const count = planes.length / size;
   const bytes = new Uint8Array(planes.length);
   for (let plane = 0; plane < size; plane++) {
-    for (let at = 0; at < count; at++) bytes[at * size + plane] = planes[plane * count + at];
+    const from = plane * count;
+    for (let at = 0, to = plane; at < count; at++, to += size) bytes[to] = planes[from + at];
   }
-  return new Numbers(bytes.buffer);
+  const numbers = new Numbers(bytes.buffer);
+  for (let at = 1; at < count; at++) numbers[at] += numbers[at - 1]; // and wraps, as it did there
+  return numbers;
+}
+
+// Disparities from their codes; the last code stands for none.
+function decoded(codes) {
+  const [low, step] = page.scene.coding;
+  return Float32Array.from(codes, (code) => (code === 0xffff ? NaN : low + code * step));
 }
 
 async function loadMaps() {
   const types = {
-    disparity: Float32Array, confidence: Float32Array, truth: Float32Array,
-    flags: Uint16Array, scored: Uint8Array,
+    disparity: Uint16Array, confidence: Uint8Array, truth: Uint16Array, flags: Uint16Array, scored: Uint8Array,
   };
   for (const [name, Numbers] of Object.entries(types)) {
     const holder = element(`array-${name}`);
     if (holder) maps[name] = await unpacked(holder.textContent, Numbers);
   }
+  maps.codes = maps.disparity;
+  for (const name of ["disparity", "truth"]) if (maps[name]) maps[name] = decoded(maps[name]);
+  if (maps.confidence) maps.confidence = Float32Array.from(maps.confidence, (code) => code / 255);
   if (maps.truth) maps.error = maps.disparity.map((found, at) => errorOf(found, at));
 }
 

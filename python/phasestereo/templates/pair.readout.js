@@ -22,13 +22,13 @@ function valuesOf({ x, y }) {
   const depth = depthOf(found);
   return {
     pixel: `${x * page.step}, ${y * page.step}`,
-    disparity: known ? numberOf(found, 3, "px") : "no estimate",
-    match: known ? numberOf(match, 3) : none,
-    confidence: maps.confidence && numberOf(maps.confidence[at], 3),
+    disparity: known ? numberOf(found, 2, "px") : "no estimate",
+    match: known ? numberOf(match, 2) : none,
+    confidence: maps.confidence && numberOf(maps.confidence[at], 2),
     flags: named(maps.flags[at]).join(", ") || "none",
-    truth: Number.isFinite(maps.truth?.[at]) ? numberOf(maps.truth[at], 3, "px") : "unknown",
-    error: !maps.scored?.[at] ? "not scored" : known ? numberOf(found - maps.truth[at], 3, "px") : "missing",
-    depth: depth > 0 ? String(Number(depth.toPrecision(6))) : none,
+    truth: Number.isFinite(maps.truth?.[at]) ? numberOf(maps.truth[at], 2, "px") : "unknown",
+    error: !maps.scored?.[at] ? "not scored" : known ? numberOf(found - maps.truth[at], 2, "px") : "missing",
+    depth: depth > 0 ? String(Number(depth.toPrecision(4))) : none,
     left: intensity("left", x, y),
     right: known ? intensity("right", Math.round(match / page.step), y) : none,
   };

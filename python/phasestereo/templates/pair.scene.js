@@ -1,6 +1,6 @@
-// The points in three dimensions, by Plotly: to turn around, and each a way back to its pixel.
-
-let drawn = new Uint32Array(); // pixels that have a point
+// The points in three dimensions, by WebGL: every pixel with a depth, to turn around, and each a
+// way back to its pixel. What the graphics card gets of a point are its disparity, 16 bits, and a
+// colour; its place follows from its number and the geometry.
 
 const depthOf = (disparity) => page.scene.scale / (disparity + page.scene.doffs);
 
@@ -21,94 +21,293 @@ const TINTS = {
   flags: { label: "flags", of: (at) => flagColour(maps.flags[at]) },
 };
 
-const seen = () =>
-  (element("trusted").checked ? drawn.filter((at) => maps.flags[at] === 0) : drawn);
+const VERTEX = `#version 300 es
+precision highp float;
+precision highp int;
+layout(location = 0) in uint code;
+layout(location = 1) in vec4 tint; // its alpha: whether it is seen
+uniform int cols;
+uniform vec4 lens; // focal lengths, centre
+uniform vec4 depths; // step between pixels, scale, doffs, size of a point as far away as it is deep
+uniform vec2 coding; // disparity of code 0, step between codes
+uniform vec3 eye;
+uniform mat3 turn; // to the right, down, ahead
+uniform vec4 shape; // stretch of x and y, near, far
+out vec3 colour;
+void main() {
+  gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+  gl_PointSize = 1.0;
+  if (tint.a == 0.0) return;
+  float z = depths.y / (coding.x + float(code) * coding.y + depths.z);
+  vec2 pixel = vec2(gl_VertexID % cols, gl_VertexID / cols) * depths.x;
+  vec3 seen = turn * (vec3((pixel - lens.zw) * z / lens.xy, z) - eye);
+  float near = shape.z, far = shape.w;
+  float deep = (seen.z * (far + near) - 2.0 * far * near) / (far - near);
+  gl_Position = vec4(seen.x * shape.x, -seen.y * shape.y, deep, seen.z);
+  gl_PointSize = clamp(depths.w * z / max(seen.z, near), 1.0, 40.0);
+  colour = tint.rgb;
+}`;
+const FRAGMENT = `#version 300 es
+precision mediump float;
+in vec3 colour;
+out vec4 shown;
+void main() { shown = vec4(colour, 1.0); }`;
 
-function cloudTrace() {
-  const pixels = seen();
-  const points = Array.from(pixels, pointOf);
-  const axis = (offset) => Float32Array.from(points, (point) => point[offset]);
-  const tint = TINTS[element("tint").value];
-  const color = Array.from(pixels, (at) => `rgb(${[...tint.of(at)].join(",")})`);
-  element("cloud-told").textContent = `${pixels.length.toLocaleString("en")} points`;
-  return {
-    type: "scatter3d", mode: "markers", x: axis(0), y: axis(1), z: axis(2), customdata: Array.from(pixels),
-    // squares are two triangles each, Plotly's discs some sixty
-    marker: { size: Number(element("dot").value), symbol: "square", color, line: { width: 0 } }, hoverinfo: "none",
-  };
-}
+const BACK = 1.15; // how far the eye is behind what it looks at, in its depth
+const FRAME = 1.25; // room around the image, as the left camera sees it
 
-// The box round all points, whichever of them are seen: its ends along each axis.
-function boxOf(points) {
-  const ends = [0, 1, 2].map((offset) => [Infinity, -Infinity]);
-  for (const point of points) {
-    ends.forEach((end, offset) => {
-      end[0] = Math.min(end[0], point[offset]);
-      end[1] = Math.max(end[1], point[offset]);
+class Cloud {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.gl = canvas.getContext("webgl2", { antialias: true, alpha: true });
+    if (!this.gl) return;
+    this.program = this.compiled();
+    this.places = {};
+    for (const name of ["cols", "lens", "depths", "coding", "eye", "turn", "shape"]) {
+      this.places[name] = this.gl.getUniformLocation(this.program, name);
+    }
+    this.near = pointsSeen();
+    this.upload(0, maps.codes, (place) => this.gl.vertexAttribIPointer(place, 1, this.gl.UNSIGNED_SHORT, 0, 0));
+    this.reset();
+    this.follow();
+    new ResizeObserver(() => this.refresh()).observe(canvas);
+  }
+
+  compiled() {
+    const { gl } = this;
+    const program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    return program;
+  }
+
+  upload(place, data, describe) {
+    const { gl } = this;
+    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
+    gl.enableVertexAttribArray(place);
+    describe(place);
+  }
+
+  // Colour the points, and choose which are seen; return how many.
+  colour(tint, trusted) {
+    const bytes = new Uint8Array(4 * this.near.length);
+    let count = 0;
+    for (let at = 0; at < this.near.length; at++) {
+      if (!this.near[at] || (trusted && maps.flags[at])) continue;
+      bytes.set(tint.of(at), 4 * at);
+      bytes[4 * at + 3] = 255;
+      count++;
+    }
+    this.seen = bytes;
+    const { gl } = this;
+    if (this.tints) gl.deleteBuffer(this.tints);
+    this.tints = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.tints);
+    gl.bufferData(gl.ARRAY_BUFFER, bytes, gl.STATIC_DRAW);
+    gl.enableVertexAttribArray(1);
+    gl.vertexAttribPointer(1, 4, gl.UNSIGNED_BYTE, true, 0, 0);
+    this.refresh();
+    return count;
+  }
+
+  // Look from a little behind, right of and above the left camera at what is in its middle.
+  reset() {
+    const some = [];
+    const every = Math.max(1, Math.floor(this.near.length / 20000));
+    for (let at = 0; at < this.near.length; at += every) if (this.near[at]) some.push(maps.disparity[at]);
+    const z = depthOf(some.sort((a, b) => a - b)[some.length >> 1] ?? maps.disparity.find((value, at) => this.near[at]));
+    const { focal, centre } = page.scene;
+    const x = (((page.cols * page.step) / 2 - centre[0]) * z) / focal[0];
+    const y = (((page.rows * page.step) / 2 - centre[1]) * z) / focal[1];
+    this.image = [(page.cols * page.step) / (2 * focal[0]), (page.rows * page.step) / (2 * focal[1])];
+    Object.assign(this, { target: [x, y, z], yaw: -0.22, pitch: 0.16, distance: BACK * z });
+    this.refresh();
+  }
+
+  // Tangent of half the angle that is seen up and down: the left camera's, and what a narrow view
+  // needs to see as much across.
+  get sight() {
+    return (FRAME * Math.max(this.image[1], this.image[0] / this.aspect)) / BACK;
+  }
+
+  get aspect() {
+    return this.canvas.clientWidth / Math.max(1, this.canvas.clientHeight);
+  }
+
+  // Where the eye is, and which way is right, down and ahead.
+  get view() {
+    const { yaw, pitch, target, distance } = this;
+    const [sy, cy, sp, cp] = [Math.sin(yaw), Math.cos(yaw), Math.sin(pitch), Math.cos(pitch)];
+    const ahead = [sy * cp, sp, cy * cp];
+    const right = [cy, 0, -sy];
+    const down = [-sy * sp, cp, -cy * sp];
+    return { eye: target.map((value, axis) => value - ahead[axis] * distance), right, down, ahead };
+  }
+
+  refresh() {
+    if (this.waiting || !this.seen) return;
+    this.waiting = true;
+    requestAnimationFrame(() => {
+      this.waiting = false;
+      this.paint();
     });
   }
-  return ends.map(([low, high]) => (high > low ? [low, high] : [low - 0.5, high + 0.5]));
+
+  paint() {
+    const { gl, canvas, places } = this;
+    const ratio = devicePixelRatio || 1;
+    canvas.width = Math.max(1, Math.round(canvas.clientWidth * ratio));
+    canvas.height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    gl.enable(gl.DEPTH_TEST);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.useProgram(this.program);
+    const { eye, right, down, ahead } = this.view;
+    const { focal, centre, scale, doffs, coding } = page.scene;
+    gl.uniform1i(places.cols, page.cols);
+    gl.uniform4f(places.lens, ...focal, ...centre);
+    const { sight } = this;
+    const dot = (Number(element("dot").value) * (page.step / focal[0]) * canvas.height) / (2 * sight);
+    gl.uniform4f(places.depths, page.step, scale, doffs, dot);
+    gl.uniform2f(places.coding, ...coding);
+    gl.uniform3f(places.eye, ...eye);
+    gl.uniformMatrix3fv(places.turn, true, [...right, ...down, ...ahead]);
+    gl.uniform4f(places.shape, 1 / (sight * this.aspect), 1 / sight, this.distance / 100, this.distance * 1000);
+    gl.drawArrays(gl.POINTS, 0, this.near.length);
+  }
+
+  rotate(yaw, pitch) {
+    this.yaw += yaw;
+    this.pitch = Math.min(1.5, Math.max(-1.5, this.pitch + pitch));
+    this.refresh();
+  }
+
+  approach(factor) {
+    this.distance *= factor;
+    this.refresh();
+  }
+
+  // Move by screen pixels.
+  shift(dx, dy) {
+    const { right, down } = this.view;
+    const unit = (2 * this.sight * this.distance) / this.canvas.clientHeight;
+    this.target = this.target.map((value, axis) => value - unit * (dx * right[axis] + dy * down[axis]));
+    this.refresh();
+  }
+
+  // The pixel whose point is the nearest to the eye of those close to a place on the screen.
+  pick(event) {
+    const box = this.canvas.getBoundingClientRect();
+    const { eye, right, down, ahead } = this.view;
+    const unit = box.height / (2 * this.sight);
+    let [best, nearest] = [-1, Infinity];
+    for (let at = 0; at < this.near.length; at++) {
+      if (!this.seen[4 * at + 3]) continue;
+      const seen = pointOf(at).map((value, axis) => value - eye[axis]);
+      const deep = seen[0] * ahead[0] + seen[1] * ahead[1] + seen[2] * ahead[2];
+      if (deep <= 0 || deep >= nearest) continue;
+      const x = (unit * (seen[0] * right[0] + seen[1] * right[1] + seen[2] * right[2])) / deep + box.width / 2;
+      const y = (unit * (seen[0] * down[0] + seen[1] * down[1] + seen[2] * down[2])) / deep + box.height / 2;
+      if (Math.hypot(x - event.clientX + box.left, y - event.clientY + box.top) < 4) [best, nearest] = [at, deep];
+    }
+    return best;
+  }
+
+  // Drag to turn, with the right button or Shift to move, wheel to come closer; two fingers for
+  // both. One finger up or down is the page's.
+  follow() {
+    const { canvas } = this;
+    const pointers = new Map();
+    let far = 0;
+    const middle = (points) => ["clientX", "clientY"].map((axis) => points.reduce((sum, one) => sum + one[axis], 0) / points.length);
+    canvas.addEventListener("pointerdown", (event) => {
+      pointers.set(event.pointerId, event);
+      far = 0;
+      canvas.setPointerCapture(event.pointerId);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (!pointers.has(event.pointerId)) return;
+      const was = [...pointers.values()];
+      pointers.set(event.pointerId, event);
+      const are = [...pointers.values()];
+      const [dx, dy] = middle(are).map((value, axis) => value - middle(was)[axis]);
+      far += Math.hypot(dx, dy);
+      if (are.length === 2) {
+        const [before, now] = [was, are].map(([a, b]) => Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY));
+        this.approach(before / Math.max(1, now));
+        this.shift(dx, dy);
+      } else if (event.buttons & 2 || event.shiftKey) this.shift(dx, dy);
+      else this.rotate(-dx / 200, -dy / 200);
+    });
+    for (const end of ["pointerup", "pointercancel"]) {
+      canvas.addEventListener(end, (event) => pointers.delete(event.pointerId));
+    }
+    canvas.addEventListener("click", (event) => {
+      const at = far < 3 ? this.pick(event) : -1;
+      if (at >= 0) showPixel(at);
+    });
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("wheel", (event) => {
+      if (!event.ctrlKey && document.activeElement !== canvas) return; // it fills the window: the page scrolls
+      event.preventDefault();
+      this.approach(Math.exp(event.deltaY / 600));
+    }, { passive: false });
+    canvas.addEventListener("keydown", (event) => this.pressed(event));
+  }
+
+  pressed(event) {
+    const turn = STEPS[event.key];
+    if (turn) this.rotate(-0.08 * turn[0], -0.08 * turn[1]);
+    else if (event.key === "+" || event.key === "=") this.approach(0.85);
+    else if (event.key === "-") this.approach(1 / 0.85);
+    else if (event.key === "0") this.reset();
+    else return;
+    event.preventDefault();
+    event.stopPropagation(); // the same keys do other things to the viewer
+  }
 }
 
-// Look from a little behind, right of and above the left camera at what is in the middle of its
-// image. Plotly's unit is the cube root of the box's volume, its origin the middle of the box.
-function cameraOf(box, unit, { clientWidth, clientHeight }) {
-  const { focal, centre } = page.scene;
-  const back = 0.22 + Math.max(0, clientHeight / clientWidth - 0.6); // narrow windows see less
-  const z = depthOf(middleOf(Float32Array.from(drawn, (at) => maps.disparity[at])));
-  const x = (((page.cols * page.step) / 2 - centre[0]) * z) / focal[0];
-  const y = (((page.rows * page.step) / 2 - centre[1]) * z) / focal[1];
-  const placed = (...point) => {
-    const [px, py, pz] = point.map((value, offset) => (value - (box[offset][0] + box[offset][1]) / 2) / unit);
-    return { x: px, y: py, z: pz };
-  };
-  return { up: { x: 0, y: -1, z: 0 }, center: placed(x, y, z), eye: placed(0.2 * z, -0.18 * z, -back * z) };
-}
-
-const middleOf = (numbers) => numbers.sort()[numbers.length >> 1];
-
-function cloudLayout(place) {
-  const box = boxOf(Array.from(drawn, pointOf));
-  const unit = Math.cbrt(box.reduce((volume, [low, high]) => volume * (high - low), 1));
-  const [x, y, z] = box.map(([low, high]) => (high - low) / unit);
-  const axis = (text, range) => ({
-    title: { text }, range, color: styleOf("--soft"), gridcolor: styleOf("--line"), showbackground: false,
-    zeroline: false, showspikes: false, nticks: 6,
+// Which pixels have a point: those with a depth that is not too large.
+function pointsSeen() {
+  return Uint8Array.from(maps.disparity, (found) => {
+    const depth = depthOf(found);
+    return Number.isFinite(found) && depth > 0 && depth <= page.scene.limit ? 1 : 0;
   });
-  return {
-    scene: {
-      xaxis: axis("x", box[0]), yaxis: axis("y", box[1]), zaxis: axis(`depth ${page.scene.unit}`, box[2]),
-      aspectmode: "manual", aspectratio: { x, y, z }, dragmode: "orbit", camera: cameraOf(box, unit, place),
-    },
-    modebar: { bgcolor: "rgba(0,0,0,0)", color: styleOf("--soft"), activecolor: styleOf("--accent") },
-    uirevision: "kept", // other colours leave the camera where it is
-    margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, autosize: true,
-    font: { family: "system-ui, sans-serif", color: styleOf("--text"), size: 11 },
-  };
 }
 
-const CLOUD_BUTTONS = {
-  displaylogo: false, responsive: true,
-  modeBarButtonsToRemove: ["tableRotation", "resetCameraLastSave3d"],
-};
-
-async function makeScene() {
+function makeScene() {
   const place = element("cloud");
   if (!place) return;
-  drawn = await unpacked(page.scene.pixels, Uint32Array);
   for (const [key, { label }] of Object.entries(TINTS)) {
     if (key === "picture" || maps[key]) element("tint").append(made("option", { value: key, textContent: label }));
   }
-  if (!seen().length) element("trusted").checked = false;
-  let listening = false;
-  const draw = async () => {
-    await Plotly.react(place, [cloudTrace()], cloudLayout(place), CLOUD_BUTTONS);
-    if (listening) return;
-    listening = true;
-    place.on("plotly_click", ({ points: [point] }) => showPixel(point.customdata));
-    for (const id of ["tint", "trusted", "dot"]) element(id).addEventListener("change", draw);
-  };
-  whenNear(place, draw);
+  whenNear(place, () => {
+    const cloud = new Cloud(place);
+    if (!cloud.gl) {
+      element("cloud-told").textContent = "This browser has no WebGL 2.";
+      return;
+    }
+    const draw = () => {
+      const count = cloud.colour(TINTS[element("tint").value], element("trusted").checked);
+      element("cloud-told").textContent = `${count.toLocaleString("en")} points`;
+      return count;
+    };
+    if (!draw()) {
+      element("trusted").checked = false;
+      draw();
+    }
+    for (const id of ["tint", "trusted"]) element(id).addEventListener("change", draw);
+    element("dot").addEventListener("input", () => cloud.refresh());
+    element("home").addEventListener("click", () => cloud.reset());
+  });
 }
 
 function showPixel(at) {

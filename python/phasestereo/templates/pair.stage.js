@@ -7,6 +7,7 @@ class Stage {
     Object.assign(this, { canvas, cols, rows, zoom: 1, x: cols / 2, y: rows / 2, waiting: false });
     this.context = canvas.getContext("2d");
     this.draw = () => {};
+    this.grab = () => null; // of a pointer that goes down: what moves with it, in place of the image
     this.follow();
     new ResizeObserver(() => this.resize()).observe(canvas);
   }
@@ -88,38 +89,54 @@ class Stage {
     };
     this.x = within(x, this.cols, this.canvas.clientWidth);
     this.y = within(y, this.rows, this.canvas.clientHeight);
-    this.canvas.classList.toggle("near", zoom > 1);
     this.refresh();
   }
 
-  // Follow the pointer: drag to move, wheel to zoom once the stage has been clicked, two fingers.
+  // Follow the pointer: drag to move, wheel to zoom, two fingers for both. One finger moves up and
+  // down on the page, as everywhere on it, and only across on the image.
   follow() {
     const pointers = new Map();
+    let held = null; // what was grabbed
     this.dragged = false;
+    const middle = ([a, b]) => [(a.clientX + b.clientX) / 2, (a.clientY + b.clientY) / 2];
     const spread = ([a, b]) => Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY);
     this.canvas.addEventListener("pointerdown", (event) => {
       pointers.set(event.pointerId, event);
-      this.dragged = false;
+      held = pointers.size === 1 ? this.grab(event) : null;
+      this.dragged = Boolean(held);
       this.canvas.setPointerCapture(event.pointerId);
     });
     this.canvas.addEventListener("pointermove", (event) => {
       const before = pointers.get(event.pointerId);
       if (!before) return;
-      const wide = pointers.size === 2 && spread([...pointers.values()]);
+      const was = [...pointers.values()];
       pointers.set(event.pointerId, event);
       const [dx, dy] = [event.clientX - before.clientX, event.clientY - before.clientY];
-      if (wide) this.zoomBy(spread([...pointers.values()]) / wide, this.at(event));
+      if (held) held(event);
+      else if (pointers.size === 2) this.pinch(was, [...pointers.values()], middle, spread);
       else if (this.zoom > 1) this.move(this.x - dx / this.scale, this.y - dy / this.scale);
       this.dragged ||= Math.hypot(dx, dy) > 2;
     });
     for (const end of ["pointerup", "pointercancel"]) {
-      this.canvas.addEventListener(end, (event) => pointers.delete(event.pointerId));
+      this.canvas.addEventListener(end, (event) => {
+        pointers.delete(event.pointerId);
+        held = null;
+      });
     }
     this.canvas.addEventListener("wheel", (event) => {
-      if (!event.ctrlKey && document.activeElement !== this.canvas) return; // the page scrolls
+      if (event.deltaY > 0 && this.zoom <= 1 && !event.ctrlKey) return; // nothing to zoom: the page scrolls
       event.preventDefault();
       this.zoomBy(Math.exp(-event.deltaY / 400), this.at(event));
     }, { passive: false });
     this.canvas.addEventListener("dblclick", (event) => this.zoomBy(2, this.at(event)));
+  }
+
+  // Two fingers: what was between them stays between them.
+  pinch(was, are, middle, spread) {
+    const place = (point) => this.at({ clientX: point[0], clientY: point[1] });
+    const [x, y] = place(middle(was));
+    this.zoomBy(spread(are) / Math.max(1, spread(was)), [x, y]);
+    const [nx, ny] = place(middle(are));
+    this.move(this.x + x - nx, this.y + y - ny);
   }
 }

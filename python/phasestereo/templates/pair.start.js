@@ -1,4 +1,4 @@
-// The order of it all: the viewer as soon as its data is there, then what Plotly draws.
+// The order of it all: the page is painted, then the viewer, then what is further down.
 
 const stage = new Stage(element("stage"), page.cols, page.rows);
 
@@ -16,12 +16,20 @@ async function startViewer() {
   choose("disparity");
 }
 
+// Words are seen before maps are unpacked, which keeps a browser busy. A page in the background
+// is not painted at all.
+function firstPaint() {
+  return new Promise((done) => {
+    new PerformanceObserver(done).observe({ type: "paint", buffered: true });
+    setTimeout(done, 800);
+  });
+}
+
 async function start() {
-  const loaded = new Promise((done) => addEventListener("DOMContentLoaded", done)); // Plotly, too
+  await firstPaint();
   await startViewer();
-  await loaded;
   makeCharts();
-  await makeScene();
+  makeScene();
   document.documentElement.dataset.ready = "yes";
 }
 

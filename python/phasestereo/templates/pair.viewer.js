@@ -2,6 +2,7 @@
 
 const NO_ESTIMATE = [112, 112, 112];
 const NOT_SCORED = [190, 190, 190];
+const HANDLE = 14; // screen pixels
 const UNFLAGGED = [236, 235, 230];
 
 const hex = (colour) => [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
@@ -33,32 +34,55 @@ function canvasOf(key) {
   return (shown[key] ??= painted(viewOf(key)));
 }
 
-function painted(view) {
-  const canvas = made("canvas", { width: page.cols, height: page.rows });
+// A layer in its colours, every step-th pixel of every step-th row.
+function painted(view, step = 1) {
+  const [cols, rows] = [Math.ceil(page.cols / step), Math.ceil(page.rows / step)];
+  const canvas = made("canvas", { width: cols, height: rows });
   const context = canvas.getContext("2d");
-  const image = context.createImageData(page.cols, page.rows);
+  const image = context.createImageData(cols, rows);
+  const colours = new Uint32Array(image.data.buffer);
   const values = maps[view.key];
-  for (let at = 0; at < values.length; at++) {
-    const colour = view.table ? colourOf(view, values[at]) : flagColour(values[at]);
-    image.data[4 * at] = colour[0];
-    image.data[4 * at + 1] = colour[1];
-    image.data[4 * at + 2] = colour[2];
-    image.data[4 * at + 3] = 255;
+  const colour = view.table ? coloursOf(view) : rememberedOf(flagColour);
+  for (let y = 0, to = 0; y < page.rows; y += step) {
+    for (let x = 0; x < page.cols; x += step) colours[to++] = colour(values[y * page.cols + x]);
   }
   context.putImageData(image, 0, 0);
   return canvas;
 }
 
+const word = ([red, green, blue]) => ((255 << 24) | (blue << 16) | (green << 8) | red) >>> 0;
+
+// Colours as `colourOf` has them, in one number each.
+function coloursOf(layer) {
+  const words = Uint32Array.from({ length: 256 }, (_, n) => word(layer.table.subarray(3 * n, 3 * n + 3)));
+  const scale = 256 / (layer.high - layer.low);
+  return (value) => (Number.isFinite(value)
+    ? words[Math.min(255, Math.max(0, Math.floor((value - layer.low) * scale)))] : word(colourOf(layer, value)));
+}
+
+function rememberedOf(colour) {
+  const known = new Map();
+  return (value) => {
+    if (!known.has(value)) known.set(value, word(colour(value)));
+    return known.get(value);
+  };
+}
+
+// Column of the line between the layer and the left image; null where there is none.
+function edgeOf() {
+  if (state.view === "left" || state.how !== "wipe") return null;
+  const [first, last] = stage.sight;
+  return first + state.mix * (last - first);
+}
+
 function drawStage(context) {
   const over = canvasOf(state.view);
+  const edge = edgeOf();
   const whole = state.mix >= 1 || state.view === "left";
   if (!whole) context.drawImage(canvasOf("left"), 0, 0);
   context.save();
-  let edge = null;
   if (!whole && state.how === "fade") context.globalAlpha = state.mix;
-  if (!whole && state.how === "wipe") {
-    const [first, last] = stage.sight;
-    edge = first + state.mix * (last - first);
+  if (!whole && edge !== null) {
     context.beginPath();
     context.rect(0, 0, edge, page.rows);
     context.clip();
@@ -75,6 +99,46 @@ function drawEdge(context, edge) {
   context.fillRect(edge - thick, 0, 2 * thick, page.rows);
   context.fillStyle = "white";
   context.fillRect(edge - thick / 2, 0, thick, page.rows);
+  drawHandle(context, edge, stage.y);
+}
+
+// What the line is dragged by: two arrows on a disc, in the middle of what is in sight.
+function drawHandle(context, x, y) {
+  context.save();
+  context.translate(x, y);
+  context.scale(1 / stage.scale, 1 / stage.scale);
+  context.beginPath();
+  context.arc(0, 0, HANDLE, 0, 2 * Math.PI);
+  context.fillStyle = "rgb(0 0 0 / .6)";
+  context.fill();
+  context.strokeStyle = "white";
+  context.lineWidth = 1.5;
+  context.stroke();
+  context.beginPath();
+  for (const side of [-1, 1]) {
+    context.moveTo(4 * side, -4);
+    context.lineTo(8 * side, 0);
+    context.lineTo(4 * side, 4);
+  }
+  context.stroke();
+  context.restore();
+}
+
+// The line goes with a pointer that has gone down on it, or on its handle.
+function grabEdge(event) {
+  if (!nearEdge(event)) return null;
+  return (moved) => {
+    const [first, last] = stage.sight;
+    setMix(Math.min(1, Math.max(0, (stage.at(moved)[0] - first) / (last - first))));
+  };
+}
+
+function nearEdge(event) {
+  const edge = edgeOf();
+  if (edge === null) return false;
+  const [x, y] = stage.at(event);
+  const across = Math.abs(x - edge) * stage.scale;
+  return across < 6 || Math.hypot(across, (y - stage.y) * stage.scale) < HANDLE + 4;
 }
 
 // A box round the pixel; on the right image round its match, joined by the disparity.
@@ -138,12 +202,14 @@ function bindTabs() {
       flicker(false);
       choose(input.value);
     });
-    drawSmall(input.parentElement.querySelector("canvas"), canvasOf(input.value));
+    drawSmall(input.parentElement.querySelector("canvas"), input.value);
   }
 }
 
-// As much of an image as fills a small canvas.
-function drawSmall(small, canvas) {
+// As much of a layer as fills a small canvas.
+function drawSmall(small, key) {
+  const step = Math.max(1, Math.floor(Math.min(page.cols / small.width, page.rows / small.height) / 2));
+  const canvas = pictures[key]?.canvas ?? painted(viewOf(key), step);
   const context = small.getContext("2d");
   const scale = Math.max(small.width / page.cols, small.height / page.rows);
   context.imageSmoothingQuality = "high";
@@ -158,6 +224,10 @@ function bindControls() {
   element("rate").addEventListener("input", () => {
     element("rate-told").textContent = `${element("rate").value} / s`;
     if (state.timer) flicker(true);
+  });
+  stage.grab = grabEdge;
+  stage.canvas.addEventListener("pointermove", (event) => {
+    if (!event.buttons) stage.canvas.classList.toggle("edge", nearEdge(event));
   });
   element("mix").addEventListener("input", () => setMix(element("mix").value / 100));
   for (const input of document.querySelectorAll("input[name=how]")) {

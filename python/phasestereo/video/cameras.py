@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from time import monotonic
+from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,12 +13,20 @@ from phasestereo.video.capture import Capture, Image, Pair, Source, lost
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-_PATIENCE = 5
+PATIENCE = 5
 """Frames in a row that may be missed before the cameras count as gone."""
+_PAUSE = 0.5  # seconds until a camera that is gone is tried again
 
 
-def open_camera(number: int) -> Source[Image]:
+def open_camera(number: int, patience: int | None) -> Source[Image]:
     """Open one camera, whose pictures hold both views.
+
+    Parameters
+    ----------
+    number
+        Its number.
+    patience
+        Frames in a row that it may miss before it counts as gone; None: it is waited for.
 
     Raises
     ------
@@ -28,11 +36,19 @@ def open_camera(number: int) -> Source[Image]:
         If OpenCV is not installed.
     """
     devices = _open([number])
-    return _source(devices, _captures([number], devices, lambda images: images[0]))
+    captures = _captures([number], devices, lambda images: images[0], patience)
+    return _source(devices, captures)
 
 
-def open_cameras(left: int, right: int) -> Source[Pair]:
+def open_cameras(left: int, right: int, patience: int | None) -> Source[Pair]:
     """Open a camera for each view; frames are taken from both as close in time as can be.
+
+    Parameters
+    ----------
+    left, right
+        Their numbers.
+    patience
+        As `open_camera` takes it.
 
     Raises
     ------
@@ -42,9 +58,8 @@ def open_cameras(left: int, right: int) -> Source[Pair]:
         If OpenCV is not installed.
     """
     devices = _open([left, right])
-    return _source(
-        devices, _captures([left, right], devices, lambda images: (images[0], images[1]))
-    )
+    captures = _captures([left, right], devices, lambda images: (images[0], images[1]), patience)
+    return _source(devices, captures)
 
 
 def _open(numbers: Sequence[int]) -> list[Any]:
@@ -76,23 +91,41 @@ def _source(devices: Sequence[Any], captures: Iterator[Capture[Any]]) -> Source[
 
 
 def _captures(
-    numbers: Sequence[int], devices: Sequence[Any], arrange: Callable[[list[Image]], Any]
+    numbers: Sequence[int],
+    devices: Sequence[Any],
+    arrange: Callable[[list[Image]], Any],
+    patience: int | None,
 ) -> Iterator[Capture[Any]]:
     """Grab from all cameras, which is quick, before anything is decoded, which is not."""
     start, index, missed = monotonic(), 0, 0
-    while missed < _PATIENCE:
-        grabbed = [device.grab() for device in devices]
-        time = monotonic() - start
+    while patience is None or missed < patience:
+        grabbed, times = [], []
+        for device in devices:
+            grabbed.append(device.grab())
+            times.append(monotonic())
+        time = times[-1] - start
         gone = [number for number, there in zip(numbers, grabbed, strict=True) if not there]
         if gone:
             missed += 1
-            last = ", and is given up" if missed == _PATIENCE else ""
+            last = ", and is given up" if missed == patience else ""
             error = OSError(f"camera {gone[0]}: gave no frame{last}")
             yield lost(index, time, error)
+            if patience is None and missed >= PATIENCE:
+                _try_again(numbers, devices, gone)
         else:
             missed = 0
-            yield Capture(index, time, lambda: arrange(_retrieved(numbers, devices)))
+            apart = times[-1] - times[0] if len(times) > 1 else None
+            yield Capture(index, time, lambda: arrange(_retrieved(numbers, devices)), apart)
         index += 1
+
+
+def _try_again(numbers: Sequence[int], devices: Sequence[Any], gone: Sequence[int]) -> None:
+    """Open cameras again that deliver nothing any more, after a while."""
+    sleep(_PAUSE)
+    for number, device in zip(numbers, devices, strict=True):
+        if number in gone:
+            device.release()
+            device.open(number)
 
 
 def _retrieved(numbers: Sequence[int], devices: Sequence[Any]) -> list[Image]:

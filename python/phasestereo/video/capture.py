@@ -37,11 +37,14 @@ class Capture(Generic[T]):
     take
         Returns what was recorded: an image, or a pair of them. Raises OSError or ValueError if it
         is damaged. To be called at most once, before the next capture is asked for.
+    apart
+        Seconds between the two views of a pair, if the source tells.
     """
 
     index: int
     time: float | None
     take: Callable[[], T]
+    apart: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -49,8 +49,12 @@ class FramePicture:
 
     def __call__(self, frame: Frame) -> NDArray[np.uint8]:
         """Return the picture: uint8 (H, 2 W, 3), RGB."""
-        disparity = frame.result.disparity
+        left = as_rgb8(as_pixels(frame.left, "left"))
+        return np.concatenate([left, self.coloured(frame.result.disparity)], axis=1)
+
+    def coloured(self, disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """Return disparities (H, W) in colour: uint8 (H, W, 3), RGB."""
         steps = np.rint((disparity - np.float32(self._low)) * np.float32(self._scale))
         steps = np.where(np.isnan(steps), _STEPS, np.clip(steps, 0, _STEPS - 1))
-        coloured = self._colours[steps.astype(np.intp)]
-        return np.concatenate([as_rgb8(as_pixels(frame.left, "left")), coloured], axis=1)
+        coloured: NDArray[np.uint8] = self._colours[steps.astype(np.intp)]
+        return coloured

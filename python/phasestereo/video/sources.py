@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from phasestereo.video.cameras import open_camera, open_cameras
+from phasestereo.video.cameras import PATIENCE, open_camera, open_cameras
 from phasestereo.video.capture import AXES, Capture, Layout, Source, join, split
 from phasestereo.video.decoding import is_address, open_video
 from phasestereo.video.folders import open_folder, open_folders, open_rig
@@ -27,7 +27,11 @@ _SIDE_BY_SIDE: Layout = "side-by-side"
 
 
 def open_source(
-    source: Place | Iterable[Any], right: Place | None = None, *, layout: Layout | None = None
+    source: Place | Iterable[Any] | Source[Pair],
+    right: Place | None = None,
+    *,
+    layout: Layout | None = None,
+    patience: int | None = PATIENCE,
 ) -> Source[Pair]:
     """Open what `phasestereo.stream` was given.
 
@@ -47,25 +51,36 @@ def open_source(
     if right is not None:
         if layout is not None:
             raise ValueError(f"layout: got {layout!r} beside right; accepts None there")
-        return _open_views(source, right)
+        return _open_views(source, right, patience)
     if isinstance(source, int) and not isinstance(source, bool):
-        return split(open_camera(source), layout or _SIDE_BY_SIDE)
+        return split(open_camera(source, patience), layout or _SIDE_BY_SIDE)
     if isinstance(source, str | os.PathLike):
         if not _is_folder(source):
             return split(open_video(source), layout or _SIDE_BY_SIDE)
         folder = Path(source)
         return open_rig(folder) if layout is None else split(open_folder(folder), layout)
-    if isinstance(source, Iterable):
-        if layout is None:
-            return _at_hand(source, _as_pair)
-        return split(_at_hand(source, np.asarray), layout)
+    if isinstance(source, Iterable | Source):
+        return _open_given(source, layout)
     raise TypeError(
         f"source: got {type(source).__name__}; accepts a path, the number of a camera, or an "
         "iterable of pairs of images"
     )
 
 
-def _open_views(left: Place | Iterable[Any], right: Place) -> Source[Pair]:
+def _open_given(source: Iterable[Any] | Source[Pair], layout: Layout | None) -> Source[Pair]:
+    """Return what gives the pairs, or the images that hold both views, of a caller."""
+    if isinstance(source, Source):
+        if layout is not None:
+            raise ValueError(f"layout: got {layout!r} for a source of pairs; accepts None there")
+        return source
+    if layout is None:
+        return _at_hand(source, _as_pair)
+    return split(_at_hand(source, np.asarray), layout)
+
+
+def _open_views(
+    left: Place | Iterable[Any] | Source[Pair], right: Place, patience: int | None
+) -> Source[Pair]:
     """Open a source for each view."""
     if isinstance(left, str | os.PathLike) and isinstance(right, str | os.PathLike):
         folders = [_is_folder(path) for path in (left, right)]
@@ -77,7 +92,7 @@ def _open_views(left: Place | Iterable[Any], right: Place) -> Source[Pair]:
     if isinstance(left, int) and isinstance(right, int) and bool not in (type(left), type(right)):
         if left == right:
             raise ValueError(f"right: got camera {right}, which is the left one, too")
-        return open_cameras(left, right)
+        return open_cameras(left, right, patience)
     raise TypeError(
         f"right: got {type(right).__name__} beside {type(left).__name__}; accepts two videos, two "
         "folders of images, or the numbers of two cameras"

@@ -1,0 +1,90 @@
+"""Which frame of one camera belongs to which of the other: those of the same time."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+SIDES = "left", "right"
+_MOST_WAITING = 64
+"""Frames of a camera that are kept until the other one delivers: it may have stopped."""
+
+Message: TypeAlias = Any
+"""A message, or the error that kept it from being read."""
+
+
+class Header(NamedTuple):
+    """What a message tells of itself: when it was taken, ns since 1970, and in which frame."""
+
+    stamp: int
+    frame_id: str
+
+
+class UnpairedError(ValueError):
+    """A frame of one camera without one of the other camera of the same time."""
+
+
+class Arrival(NamedTuple):
+    """A message of one of both topics: its side (0 left, 1 right), its header, itself."""
+
+    side: int
+    header: Header
+    message: Message
+
+
+def paired(
+    arrivals: Iterable[Arrival], tolerance: int
+) -> Iterator[tuple[Header, tuple[Message, Message] | Exception]]:
+    """Pair messages by their stamps.
+
+    Parameters
+    ----------
+    arrivals
+        Messages in the order of recording; of each side in the order of time.
+    tolerance
+        By how many ns the stamps of a pair may differ.
+
+    Yields
+    ------
+    tuple
+        The header of the left message (of the only one that there is, if it has no partner), and
+        both messages, or what is wrong.
+    """
+    waiting: tuple[deque[Arrival], deque[Arrival]] = (deque(), deque())
+    for arrival in arrivals:
+        if isinstance(arrival.message, Exception):
+            yield arrival.header, arrival.message
+            continue
+        waiting[arrival.side].append(arrival)
+        yield from _ready(waiting, tolerance)
+        if len(waiting[arrival.side]) > _MOST_WAITING:
+            yield _alone(waiting[arrival.side].popleft(), None, tolerance)
+    for queue in waiting:
+        while queue:
+            yield _alone(queue.popleft(), None, tolerance)
+
+
+def _ready(
+    waiting: tuple[deque[Arrival], deque[Arrival]], tolerance: int
+) -> Iterator[tuple[Header, tuple[Message, Message] | Exception]]:
+    """Yield what is decided: the oldest of both sides are a pair, or the older one is alone."""
+    while waiting[0] and waiting[1]:
+        left, right = waiting[0][0], waiting[1][0]
+        apart = left.header.stamp - right.header.stamp
+        if abs(apart) <= tolerance:
+            yield left.header, (waiting[0].popleft().message, waiting[1].popleft().message)
+        else:
+            yield _alone(waiting[int(apart > 0)].popleft(), abs(apart), tolerance)
+
+
+def _alone(arrival: Arrival, apart: int | None, tolerance: int) -> tuple[Header, UnpairedError]:
+    mine, other = SIDES[arrival.side], SIDES[1 - arrival.side]
+    nearest = "" if apart is None else f": the next one is {apart / 1e9:.3f} s later"
+    stamp = arrival.header.stamp / 1e9
+    return arrival.header, UnpairedError(
+        f"the {mine} frame of {stamp:.3f} s has no {other} one within {tolerance / 1e9:g} s"
+        f"{nearest}"
+    )
