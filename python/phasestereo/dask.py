@@ -16,7 +16,7 @@ from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo._images import as_pair
 from phasestereo.banding import match_rows
-from phasestereo.settings import PRESET, resolve
+from phasestereo.settings import resolve
 from phasestereo.surveying import survey as survey_pair
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def maps(
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
-    preset: str = PRESET,
+    preset: str | None = None,
     settings: Settings | None = None,
     threads: int = 1,
     left_mask: Array | ArrayLike | None = None,

@@ -20,7 +20,6 @@ import numpy as np
 from phasestereo._images import as_mask, opened_pair
 from phasestereo.findings import untrusted
 from phasestereo.matcher import Matcher
-from phasestereo.settings import PRESET
 from phasestereo.video.capture import LayoutError
 from phasestereo.video.sources import open_source
 
@@ -113,7 +112,7 @@ def stream(
     every: int = 1,
     reestimate: int = REESTIMATE,
     on_error: Callable[[Failure], object] | None = None,
-    preset: str = PRESET,
+    preset: str | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
     left_mask: ArrayLike | None = None,

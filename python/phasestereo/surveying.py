@@ -17,7 +17,7 @@ from phasestereo import _core
 from phasestereo._images import as_mask, as_pair
 from phasestereo.equalisation import Equalisation, as_equalisation, as_noise
 from phasestereo.estimates import as_estimates
-from phasestereo.settings import PRESET, resolve
+from phasestereo.settings import resolve
 
 if TYPE_CHECKING:
     import os
@@ -170,7 +170,7 @@ def survey(
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
-    preset: str = PRESET,
+    preset: str | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
     noise: Noise | None = None,

@@ -19,7 +19,7 @@ from phasestereo.batch.pairs import LAYERS, check_names
 from phasestereo.batch.processes import WorkerDiedError, local
 from phasestereo.batch.work import FullDiskError, Order, blank, match_files
 from phasestereo.io.maps import FLOAT_SUFFIXES
-from phasestereo.settings import PRESET, resolve
+from phasestereo.settings import resolve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -82,7 +82,7 @@ def run(
     time_limit: float | None = None,
     suffix: str = ".tif",
     layers: Iterable[str] = (),
-    preset: str = PRESET,
+    preset: str | None = None,
     settings: Settings | None = None,
     progress: Callable[[int, int], object] | None = None,
     on_failure: Callable[[Record], object] | None = None,

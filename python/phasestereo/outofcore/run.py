@@ -18,7 +18,7 @@ from phasestereo.outofcore.sinks import Sink
 from phasestereo.outofcore.sizes import as_bytes
 from phasestereo.outofcore.store import opened
 from phasestereo.outofcore.work import Work
-from phasestereo.settings import PRESET, Settings, resolve
+from phasestereo.settings import Settings, resolve
 from phasestereo.surveying import survey
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def match(
     num_disparities: int,
     max_memory: int | str,
     min_disparity: int = 0,
-    preset: str = PRESET,
+    preset: str | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
     left_mask: StrPath | None = None,
