@@ -322,12 +322,12 @@ def resolve(
     ValueError
         If there is no such preset, or a value is out of range.
     """
+    if settings is not None and not isinstance(settings, Settings):
+        raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings or None")
     if preset is not None and settings is not None:
         raise TypeError(
             f"preset: got {preset!r} beside settings; accepts one of the two: preset or settings"
         )
-    if settings is not None and not isinstance(settings, Settings):
-        raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings or None")
     names = [field.name for field in fields(Settings)]
     unknown = [name for name in overrides if name not in names]
     if unknown:

@@ -44,7 +44,6 @@ def as_arrays(survey: Survey) -> Arrays:
         "roughness",
         "min_disparity",
         "num_disparities",
-        "first_column",
     )
     plain: Plain = {name: getattr(survey, name) for name in names}
     plain["settings"] = asdict(survey.settings)
@@ -82,7 +81,6 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
         blur=_blur(plain, arrays) if "blur" in plain else None,
         alignment=plain["alignment"] and _alignment(plain["alignment"]),
         search=plain["search"] and SearchRange(**plain["search"]),
-        first_column=_integer("first_column", plain),
         ranges=plain["ranges"] and _ranges(*plain["ranges"]),
         roughness=plain["roughness"] and _roughness(*plain["roughness"]),
     )

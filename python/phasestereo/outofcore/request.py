@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import phasestereo
-from phasestereo.outofcore.plan import COLUMNS
 from phasestereo.outofcore.sinks import check_suffix
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ class Request:
         Left image, right image, left mask, right mask.
     outputs
         Files by the layer that they are to hold.
-    settings, min_disparity, num_disparities, noise, bands, tile_columns, column_overlap
+    settings, min_disparity, num_disparities, noise, bands
         As `phasestereo.outofcore.match` has it.
     """
 
@@ -41,16 +40,11 @@ class Request:
     num_disparities: int
     noise: Noise | None
     bands: Sequence[int] | None
-    tile_columns: int | None
-    column_overlap: int
 
     def __post_init__(self) -> None:
         """Check what nothing else does."""
-        check_whole("tile_columns", self.tile_columns, COLUMNS)
-        for name in ("min_disparity", "num_disparities", "column_overlap"):
+        for name in ("min_disparity", "num_disparities"):
             _check_type(name, getattr(self, name))
-        if self.column_overlap < 0:
-            raise ValueError(f"column_overlap: got {self.column_overlap}; accepts 0 or more")
         if "confidence" in self.outputs and not self.settings.confidence:
             raise ValueError(
                 "confidence_output: got a file, and settings that work none out; accepts None"
@@ -69,28 +63,16 @@ class Request:
             "settings": asdict(self.settings),
             "noise": self.noise,
             "layers": list(self.outputs),
-            "tile_columns": self.tile_columns,
-            "column_overlap": None if self.tile_columns is None else self.column_overlap,
         }
 
-    def approximation(self, width: int) -> str | None:
-        """Return in what the map of a pair of this width is approximate; None: in nothing."""
-        if self.tile_columns is None or self.tile_columns >= width:
-            return None
-        return (
-            f"matched in tiles of {self.tile_columns} columns, each with {self.column_overlap} "
-            "more on either side"
-        )
 
-
-def check_whole(name: str, value: int | None, step: int = 1) -> None:
-    """Refuse what is neither None nor a positive multiple of a step."""
+def check_whole(name: str, value: int | None) -> None:
+    """Refuse what is neither None nor a positive integer."""
     if value is None:
         return
     _check_type(name, value)
-    if value < 1 or value % step:
-        accepts = "1 or more" if step == 1 else f"multiples of {step}"
-        raise ValueError(f"{name}: got {value}; accepts {accepts}")
+    if value < 1:
+        raise ValueError(f"{name}: got {value}; accepts 1 or more")
 
 
 def _check_type(name: str, value: object) -> None:
