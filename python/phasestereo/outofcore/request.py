@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from dataclasses import asdict, dataclass
-from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import phasestereo
+from phasestereo._numbers import as_integer
 from phasestereo.outofcore.sinks import check_suffix
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class Request:
     def __post_init__(self) -> None:
         """Check what nothing else does."""
         for name in ("min_disparity", "num_disparities"):
-            _check_type(name, getattr(self, name))
+            as_integer(name, getattr(self, name))
         if "confidence" in self.outputs and not self.settings.confidence:
             raise ValueError(
                 "confidence_output: got a file, and settings that work none out; accepts None"
@@ -64,20 +64,6 @@ class Request:
             "noise": self.noise,
             "layers": list(self.outputs),
         }
-
-
-def check_whole(name: str, value: int | None) -> None:
-    """Refuse what is neither None nor a positive integer."""
-    if value is None:
-        return
-    _check_type(name, value)
-    if value < 1:
-        raise ValueError(f"{name}: got {value}; accepts 1 or more")
-
-
-def _check_type(name: str, value: object) -> None:
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
 
 
 def as_outputs(

@@ -9,11 +9,12 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from phasestereo._extras import require
+from phasestereo._numbers import as_integer
 from phasestereo.io.files import suffix
 from phasestereo.io.windows import open_pair
 from phasestereo.matcher import Matcher
 from phasestereo.outofcore import plan as planning
-from phasestereo.outofcore.request import Request, as_outputs, check_whole
+from phasestereo.outofcore.request import Request, as_outputs
 from phasestereo.outofcore.sinks import Sink
 from phasestereo.outofcore.sizes import as_bytes
 from phasestereo.outofcore.store import opened
@@ -126,7 +127,8 @@ def match(
     ...                    max_memory="2GB")
     """
     limit = as_bytes(max_memory, "max_memory")
-    check_whole("band_rows", band_rows)
+    if band_rows is not None:
+        as_integer("band_rows", band_rows, least=1)
     sources = left, right, left_mask, right_mask
     outputs = {"disparity": output, "flags": flags_output, "confidence": confidence_output}
     request = Request(
