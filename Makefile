@@ -18,7 +18,8 @@ test: $(VENV)/counterparts ## Run all the tests (PHASESTEREO_DATA: the folder of
 	cargo test --locked
 	$(BIN)/python -m pytest
 
-fuzz: $(VENV)/counterparts ## Read mutated files and match strange arrays (make fuzz ARGS="--seconds 7200"; 5 minutes)
+fuzz: $(VENV)/counterparts ## Tests by new random examples, mutated files, strange arrays (ARGS="--seconds 7200"; 5 minutes)
+	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile explore
 	$(BIN)/python tests/fuzzing.py $(ARGS)
 
 soak: $(CORE) ## Stream pairs with faults through one Matcher (make soak ARGS="--seconds 3600"; 5 minutes)

@@ -22,9 +22,11 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parent.parent
 ON_CI = os.environ.get("CI") == "true"
 
-# No deadlines: a slow machine is no failure. On CI the same examples every time.
-hypothesis.settings.register_profile("project", deadline=None, derandomize=ON_CI)
-hypothesis.settings.load_profile("project")
+# The same examples every time and everywhere; new ones are what `make fuzz` is for, which loads
+# "explore". No deadlines: a slow machine is no failure.
+hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True, database=None)
+hypothesis.settings.register_profile("explore", deadline=None, max_examples=500, print_blob=True)
+hypothesis.settings.load_profile("fixed")
 
 # A shell has what it starts in the background ignore Ctrl-C, and that would go on to our processes.
 signal.signal(signal.SIGINT, signal.default_int_handler)

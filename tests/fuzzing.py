@@ -37,12 +37,16 @@ from phasestereo.io import (
     read_disparity,
     read_geotiff,
     read_image,
+    read_pair,
+    read_pfm,
     read_q,
     write_geotiff,
     write_image,
 )
 from phasestereo.io.tiff import is_geotiff
 from phasestereo.io.windows import open_raster
+from phasestereo.rectification.reading import read_calibration as read_rig
+from phasestereo.rectification.record import Rectification
 from phasestereo.surveying import load
 
 if TYPE_CHECKING:
@@ -51,7 +55,7 @@ if TYPE_CHECKING:
 FOUND = Path(__file__).with_name("found")
 SECONDS = 2.0  # that a small file may take
 _PATIENCE = 30.0  # seconds without a word after which the reading process hangs
-_DOCUMENTED = OSError, ValueError
+_DOCUMENTED = (ValueError,)  # the files are there, and the system lets them be read
 _OF_MATCH = TypeError, ValueError, MemoryError
 _INTERESTING = (0, 1, 2, 127, 128, 255, 256, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**63)
 
@@ -150,7 +154,11 @@ READERS: dict[str, tuple[Callable[[Path], Any], tuple[str, ...]]] = {
     "is_geotiff": (is_geotiff, (".tif",)),
     "open_raster": (read_windows, (".tif", ".npy")),
     "open_zarr": (read_array, (".meta", ".chunk")),
+    "read_pair": (read_pair, (".mpo",)),
+    "read_pfm": (read_pfm, (".pfm",)),
     "read_calibration": (read_calibration, (".calib",)),
+    "read_rig": (read_rig, (".yaml", ".rig", ".saved")),
+    "load_rectification": (Rectification.load, (".saved",)),
     "read_q": (read_q, (".npz", ".txt", ".yml", ".xml", ".npy")),
     "load_survey": (load, (".survey",)),
     "read_pairs": (read_list, (".csv",)),
@@ -183,6 +191,7 @@ def make_corpus(folder: Path) -> list[Path]:
     write_geotiff(folder / "masked.tif", np.where(real > 3, real, np.nan), like=place)
     array = _array(folder, gray)
     _words(folder, gray)
+    _rigs(folder, gray)
     return sorted(path for path in folder.iterdir() if path != array)
 
 
@@ -196,6 +205,8 @@ def _by_pillow(folder: Path, gray: Any, colour: Any) -> None:
     Image.fromarray(colour).save(folder / "progressive.jpg", progressive=True, exif=exif)
     Image.fromarray(gray).save(folder / "packed.tif", compression="packbits")
     Image.fromarray(gray).save(folder / "lzw.tif", compression="tiff_lzw")
+    views = Image.fromarray(colour), Image.fromarray(colour[::-1])
+    views[0].save(folder / "views.mpo", save_all=True, append_images=[views[1]])
     (folder / "plain.pgm").write_text("P2\n3 2\n255\n0 1 2\n3 4 255\n", "ascii")
 
 
@@ -256,6 +267,30 @@ def _words(folder: Path, gray: Any) -> None:
     survey.save(folder / "a.survey")
 
 
+def _rigs(folder: Path, gray: Any) -> None:
+    """Write calibrations of both cameras, and a pair that was rectified by one."""
+    intrinsics = "  intrinsics: [100.0, 100.0, 10.0, 9.0]\n  resolution: [21, 19]\n"
+    lens = "  camera_model: pinhole\n  distortion_model: radtan\n" + intrinsics
+    lens += "  distortion_coeffs: [0.1, 0.0, 0.0, 0.0]\n"
+    place = "  T_cn_cnm1: [[1, 0, 0, -0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"
+    (folder / "chain.yaml").write_text(f"cam0:\n{lens}cam1:\n{lens}{place}", "ascii")
+    camera, baseline = np.array([[100.0, 0, 10], [0, 100, 9], [0, 0, 1]]), np.array([-60.0, 0, 0])
+    matrices: dict[str, Any] = {
+        "K1": camera,
+        "K2": camera,
+        "D1": np.zeros(5),
+        "D2": np.zeros(5),
+        "R": np.eye(3),
+    }
+    with (folder / "matrices.rig").open("wb") as file:
+        np.savez_compressed(file, **matrices, T=baseline, imageSize=np.array([21, 19]))
+    mask, flat = np.ones(gray.shape, bool), np.zeros(gray.shape, np.float32)
+    Rectification(
+        left=gray, right=gray, left_mask=mask, right_mask=mask, maps=((flat, flat), (flat, flat)),
+        Q=np.eye(4), method="calibration", interpolation="linear", error=0.1, sentences=("a",),
+    ).save(folder / "rectified.saved")  # fmt: skip
+
+
 def mutate(content: bytes, chance: random.Random, others: list[bytes]) -> bytes:
     """Return a file that differs from this one in one place or in some."""
     changed = bytearray(content)
@@ -285,6 +320,18 @@ def mutate(content: bytes, chance: random.Random, others: list[bytes]) -> bytes:
     return bytes(changed)
 
 
+def flipped(content: bytes, most: int = 48) -> Iterator[bytes]:
+    """Yield files that differ from this one in one byte: at both ends, and at even steps between.
+
+    What a file says of itself is mostly at its ends; of a zip archive, in the directory at the end.
+    """
+    ends = most // 3
+    places = {*range(ends), *range(len(content) - ends, len(content))}
+    places.update(range(0, len(content), max(len(content) * 3 // most, 1)))
+    for place in sorted(place for place in places if 0 <= place < len(content)):
+        yield content[:place] + bytes([content[place] ^ 0xFF]) + content[place + 1 :]
+
+
 def cases(corpus: list[Path], seed: int) -> Iterator[tuple[str, str, bytes]]:
     """Yield readers, suffixes and contents for ever, the same ones for the same seed."""
     chance = random.Random(seed)  # noqa: S311 -- no secret
@@ -310,8 +357,8 @@ def complaint(name: str, path: Path) -> str | None:
             warnings.simplefilter("ignore")
             READERS[name][0](path)
     except documented as error:
-        if not str(error):
-            return f"{error!r}, which tells nothing"
+        if name != "match" and path.stem not in str(error):
+            return f"{error!r}, which does not name the file"
     except Exception as error:  # noqa: BLE001 -- this is what is looked for
         return repr(error)
     seconds = time.monotonic() - started

@@ -197,7 +197,8 @@ def test_no_more_rows_are_read_than_the_halo(name: str) -> None:
 
 
 def test_the_halo_is_what_the_stages_reach() -> None:
-    plain = ps.Settings(optimizer="wta", shiftable=False, window=1, confidence=False)
+    paper = ps.Settings.preset("paper")
+    plain = replace(paper, optimizer="wta", shiftable=False, window=1, confidence=False)
     assert halo(plain) == 3
     reaches: list[tuple[dict[str, Any], int]] = [
         ({"window": 9}, 4),
@@ -220,7 +221,7 @@ def test_the_halo_is_what_the_stages_reach() -> None:
     kernel = np.full((9, 3), 1 / 27)
     versions = ps.Equalisation(noise=(0, 0), kernels=[(None, kernel), (kernel.T, None)])
     assert halo(plain, versions) == 3 + 4
-    assert halo(ps.Settings(cost="sad", window=1, optimizer="wta", confidence=False)) == 1
+    assert halo(replace(paper, cost="sad", window=1, optimizer="wta", confidence=False)) == 1
 
 
 # What it takes

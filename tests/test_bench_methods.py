@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -67,7 +67,7 @@ class Matcher:
     ],
 )
 def test_settings_by_name(spec: str, fields: dict[str, Any]) -> None:
-    expected = ps.Settings(**fields)
+    expected = replace(ps.Settings.preset("paper"), **fields)
     chosen = method(spec)
     assert (chosen.name, chosen.true_blur, str(chosen)) == (spec, False, spec)
     assert chosen.settings == asdict(expected)

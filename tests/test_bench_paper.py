@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from phasestereo.settings import Settings
+from phasestereo.settings import PRESETS
 from phasestereo_bench.degradation import suite
 from phasestereo_bench.paper import findings, load_pairs, run_study, write_study
 from phasestereo_bench.paper import study as studies
@@ -75,7 +75,7 @@ def test_tied_settings_hold_the_blur_and_are_valid() -> None:
             assert window >= max(7, experiment.size(level))
             for rule in experiment.rules:
                 side = experiment.neighborhood(level, rule)
-                Settings(window=window, neighborhood=side, power=experiment.power)
+                replace(PRESETS["paper"], window=window, neighborhood=side, power=experiment.power)
                 assert side >= 7
                 assert experiment is GAUSS or side >= 2 * level
     assert [MOTION_X.neighborhood(15, rule) for rule in MOTION_X.rules] == [31, 45]
@@ -161,7 +161,7 @@ def test_the_best_is_chosen_and_the_first_of_equals() -> None:
 
 
 def test_penalty_follows_the_bits() -> None:
-    settings = Settings(penalty=2.0)
+    settings = replace(PRESETS["paper"], penalty=2.0)
     assert [recoded(settings, bits).penalty for bits in BITS] == [1, 2, 4, 8]
 
 

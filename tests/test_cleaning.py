@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -227,7 +228,7 @@ def test_only_phase_codes_know_of_it(name: str) -> None:
     wanted: dict[str, Any] = {name: True}
     assert getattr(ps.Settings(**wanted), name)
     with pytest.raises(ValueError, match=f"{name}: got True; accepts False unless cost = 'phase'"):
-        ps.Settings(cost="sad", **wanted)
+        replace(ps.Settings.preset("paper"), cost="sad", **wanted)
     wrong_type: dict[str, Any] = {name: 2}
     with pytest.raises(TypeError, match=name):
         ps.Settings(**wrong_type)

@@ -214,7 +214,21 @@ def test_every_setting_has_an_option_with_help(run: Callable[..., Run]) -> None:
     for field in fields(ps.Settings):
         assert f"--{field.name.replace('_', '-')} " in words
     assert "odd, 3 to 63" in words  # as the class says of the neighbourhood
+    assert "Default: by the preset." in words
+    for default in ('"dp"', '"sgm"', "(6, 24)", "(2, 1)"):
+        assert f"Default {default}" not in words, "the preset in force may be another"
     assert "phasestereo match left.png right.png -o out.pfm" in words
+
+
+def test_help_has_the_basics_first_and_expert_settings_last(run: Callable[..., Run]) -> None:
+    for command in ("match", "batch"):
+        _, out, _ = run(command, "--help")
+        basics, experts = out.split("Expert settings")
+        for option in ("--output", "--num-disparities", "--preset"):
+            assert option in basics
+        assert basics.index("--preset") < basics.index("--threads")
+        assert "--neighborhood" in experts
+        assert "--neighborhood" not in basics
 
 
 def test_version_is_that_of_the_package(run: Callable[..., Run]) -> None:

@@ -56,7 +56,7 @@ def names() -> list[str]:
 
 
 def blocks() -> dict[str, tuple[int, int]]:
-    found = Path("out.tif.part").glob("tile*-rows*.npz")
+    found = Path("out.tif.part").glob("rows*.npz")
     return {path.name: (path.stat().st_ino, path.stat().st_mtime_ns) for path in found}
 
 
@@ -87,30 +87,18 @@ def test_it_says_what_it_takes_and_what_came_out(
 def test_the_summary_is_one_json_object(run: Callable[..., Run]) -> None:
     options = ["-o", "out.npy", "--flags-output", "flags.npy", "--json", "--preset", "fast"]
     options += ["--confidence", "--confidence-output", "confidence.npy"]
-    code, out, _ = run(*LARGE, *options, "--tile-columns", 256, "--band-rows", 320)
+    code, out, _ = run(*LARGE, *options, "--band-rows", 320)
     summary = json.loads(out)
     assert code == 0
     assert (summary["width"], summary["height"]) == (WIDTH, HEIGHT)
     assert summary["bands"] == {"matched": 2, "finished_before": 0, "rows": 320}
     assert summary["settings"]["optimizer"] == "so"
     assert summary["estimated"] == 1.0
-    assert summary["approximate"] is None  # one tile
     assert summary["files"] == {
         "disparity": "out.npy", "flags": "flags.npy", "confidence": "confidence.npy"
     }  # fmt: skip
     assert all(np.load(name).shape == (HEIGHT, WIDTH) for name in summary["files"].values())
     assert summary["memory"]["expected"] > 0
-
-
-def test_tiles_of_columns_are_told(run: Callable[..., Run]) -> None:
-    wide = np.random.default_rng(0).integers(0, 256, (32, 600), np.uint8)
-    for name in ("left.tif", "right.tif"):
-        write_geotiff(name, wide)
-    options = ["-o", "out.tif", "--tile-columns", 256, "--column-overlap", 8, "--preset", "fast"]
-    code, out, err = run(*COMMAND, *options)
-    assert code == 0
-    assert "in 3 tiles of columns (approximate)" in err
-    assert "approximate: matched in tiles of 256 columns, each with 8 more on either side" in out
 
 
 def start(*options: str) -> subprocess.Popen[str]:
@@ -199,8 +187,6 @@ def test_another_run_is_refused_unless_told_otherwise(run: Callable[..., Run]) -
     ("-o out.png", "--output: got out.png; accepts .tif, .tiff, .npy, .zarr"),
     ("-o left.tif", "--output: left.tif is in use already"),
     ("-o out.tif --flags-output out.tif", "--flags-output: out.tif is in use already"),
-    ("-o out.tif --column-overlap 8", "--column-overlap: has no effect without --tile-columns"),
-    ("-o out.tif --tile-columns 100", "--tile-columns: got 100; accepts multiples of 256"),
     ("-o out.tif --min-disparity 400", "--min-disparity: got 400"),
 ])  # fmt: skip
 def test_a_wrong_command_line_is_told(run: Callable[..., Run], options: str, error: str) -> None:

@@ -213,7 +213,7 @@ def test_negative_lobes_do_not_break_gamma() -> None:
 
 
 @given(st.integers(1, 9), st.integers(1, 9), st.sampled_from([(), (1,), (3,)]))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_every_degradation_keeps_shape_dtype_and_input(
     height: int, width: int, channels: tuple[int, ...]
 ) -> None:

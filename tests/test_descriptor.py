@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -166,7 +167,7 @@ def test_a_single_axis_takes_no_room_for_the_other() -> None:
 )
 def test_two_sizes_must_fit(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        ps.Settings(**fields)
+        replace(ps.Settings.preset("paper"), **fields)
 
 
 def test_a_weak_level_needs_the_noise() -> None:

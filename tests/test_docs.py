@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import fields
 from html.parser import HTMLParser
 from importlib import metadata
 from typing import TYPE_CHECKING
@@ -254,6 +255,15 @@ def test_no_page_asks_another_host_for_anything(site: Path, pages: dict[str, Pag
         found for style in styles for found in re.findall(r"url\(\s*['\"]?(?:https?:)?//", style)
     ]
     assert asked == []
+
+
+def test_the_glossary_has_a_sentence_on_every_setting_and_every_flag() -> None:
+    text = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
+    told = {row[0].strip("`"): row[1] for row in rows if len(row) > 2 and row[0].startswith("`")}
+    settings = [field.name for field in fields(ps.Settings)]
+    assert list(told) == [*settings, *(flag.name for flag in ps.Flag)]
+    assert all(sentence.endswith(".") for sentence in told.values())
 
 
 def test_what_pages_load_and_link_to_is_there(site: Path, pages: dict[str, Page]) -> None:

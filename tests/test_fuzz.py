@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections import Counter
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from conftest import counterpart
 
-for _module in ("PIL", "tifffile", "rasterio", "zarr", "msgspec"):
+for _module in ("PIL", "tifffile", "rasterio", "zarr", "msgspec", "cv2", "yaml"):
     counterpart(_module)
 fuzzing = import_module("fuzzing")
 
@@ -42,6 +43,24 @@ def is_read(read: Callable[[Path], object], path: Path) -> bool:
     except ValueError:
         return False
     return True
+
+
+def test_a_byte_that_is_wrong_is_passed_over_or_told_of_the_file(corpus: list[Path]) -> None:
+    """Content that is damaged is a ValueError, and names the file; the system has no part in it."""
+    folder, read, wrong = corpus[0].parent.parent, Counter[str](), []
+    for name, (_, suffixes) in fuzzing.READERS.items():
+        for source in corpus:
+            if source.suffix not in suffixes or name == "match":
+                continue
+            path = folder / f"{name}{source.suffix}"
+            for content in fuzzing.flipped(source.read_bytes()):
+                path.write_bytes(content)
+                read[name] += 1
+                if told := fuzzing.complaint(name, path):
+                    wrong.append((source.name, str(fuzzing.keep(path, folder / "wrong")), told))
+    assert wrong == []
+    assert min(read.values()) > 30
+    assert read.keys() == fuzzing.READERS.keys() - {"match"}
 
 
 def test_mutated_files_are_read_or_refused(corpus: list[Path]) -> None:

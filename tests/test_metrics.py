@@ -229,8 +229,8 @@ def test_where_nothing_is_right_nothing_is_said_about_it() -> None:
     [
         ({"inlier": -1}, ValueError, "inlier must be finite and >= 0"),
         ({"inlier": "1"}, TypeError, "inlier must be a number of pixels"),
-        ({"bins": 1}, ValueError, "bins must be at least 2"),
-        ({"bins": 10.0}, TypeError, "bins must be an integer"),
+        ({"bins": 1}, ValueError, "bins: got 1; accepts 2 or more"),
+        ({"bins": 10.0}, TypeError, "bins: got float; accepts an integer"),
     ],
 )
 def test_subpixel_refuses_what_makes_no_sense(

@@ -89,7 +89,6 @@ def test_the_map_is_that_of_the_whole_pair(
     assert (report.plan.bands, report.plan.finished, report.plan.rows) == (7, 0, 32)
     assert report.estimated == np.isfinite(whole.disparity).mean()
     assert sum(report.flags.values()) > 0
-    assert report.approximate is None
     assert report.seconds > 0
     assert json.loads(json.dumps(report.as_dict(), allow_nan=False))["width"] == WIDTH
 
@@ -185,19 +184,6 @@ def test_an_output_that_is_there_is_replaced() -> None:
         assert not np.array_equal(read(output), before)
 
 
-@pytest.mark.usefixtures("pair")
-def test_tiles_of_columns_are_approximate_and_say_so() -> None:
-    match("whole.npy", preset="fast")
-    report = match("out.tif", preset="fast", tile_columns=256, column_overlap=0)
-    assert report.approximate == "matched in tiles of 256 columns, each with 0 more on either side"
-    assert [tile.columns for tile in report.plan.tiles] == [(0, 256), (256, WIDTH)]
-    assert report.plan.tiles[0].reads[1] == WIDTH  # all candidates are inside
-    assert 0 < report.plan.tiles[1].reads[0] <= 256 - 2 * (COUNT - 1)
-    assert read_geotiff("out.tif").tags["APPROXIMATE"] == report.approximate
-    assert (read("out.tif") == np.load("whole.npy")).mean() > 0.95
-    assert match("out.tif", tile_columns=512).approximate is None  # one tile is no tile
-
-
 @pytest.mark.parametrize(("size", "count"), [
     ("2GB", 2 * 10**9), ("800MiB", 800 * 2**20), ("1.5 g", 15 * 10**8), ("7k", 7000), (12, 12),
     ("512", 512), ("1 TiB", 2**40),
@@ -240,7 +226,7 @@ def end_after(bands: int, error: type[BaseException] = EndingError) -> Any:
 
 def blocks() -> dict[str, tuple[int, int]]:
     """Return what tells whether a finished block was written again."""
-    found = Path("out.npy.part").glob("tile*-rows*.npz")
+    found = Path("out.npy.part").glob("rows*.npz")
     return {path.name: (path.stat().st_ino, path.stat().st_mtime_ns) for path in found}
 
 
@@ -291,21 +277,11 @@ def test_a_band_that_is_missing_is_matched_alone(
     with pytest.raises(EndingError):
         match(preset=preset, band_rows=40, progress=end_after(4))
     (added,) = blocks().keys() - kept.keys()
-    assert added.startswith("tile0000-rows00000032-00000040")
+    assert added.startswith("rows00000032-00000040")
     report = match(preset=preset, band_rows=7)
     assert (report.plan.bands, report.plan.finished) == (9 + 8, 4)
     whole = ps.match(*pair, num_disparities=COUNT, preset=preset)
     np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)
-
-
-@pytest.mark.usefixtures("pair")
-def test_tiles_go_on_too() -> None:
-    tiles: dict[str, Any] = {"tile_columns": 256, "column_overlap": 0, "preset": "fast"}
-    match("whole.npy", **tiles)
-    with pytest.raises(EndingError):
-        match(progress=end_after(8), **tiles)
-    assert match(**tiles).plan.finished == 8  # and the ninth was at work
-    np.testing.assert_array_equal(np.load("out.npy"), np.load("whole.npy"))
 
 
 @pytest.mark.usefixtures("pair")
@@ -444,7 +420,6 @@ def test_too_little_memory_is_told_with_what_would_do() -> None:
         match(max_memory="1MB", band_rows=None)
     told = str(error.value)
     assert "300 columns and 24 disparities" in told
-    assert "tile_columns" in told
     assert left_over() == []
     enough = re.findall(r"accepts (.*?) or more", told)[0]
     assert match(max_memory=as_bytes(enough, "") + 10**8).plan.rows == 32
@@ -468,8 +443,6 @@ def test_large_blocks_of_a_file_are_told_where_they_are_to_blame(memory: str) ->
     ({"max_memory": "much"}, "^max_memory: got 'much'; accepts a number of bytes"),
     ({"max_memory": "0GB"}, "^max_memory: got '0GB'; accepts 1 byte or more"),
     ({"band_rows": 0}, "^band_rows: got 0; accepts 1 or more"),
-    ({"tile_columns": 1000}, "^tile_columns: got 1000; accepts multiples of 256"),
-    ({"column_overlap": -1}, "^column_overlap: got -1; accepts 0 or more"),
     ({"output": "out.pfm"}, "^output: got out.pfm; accepts .tif, .tiff, .npy, .zarr"),
     ({"output": "left.tif"}, "^output: left.tif is in use already"),
     ({"flags_output": "flags.png"}, "^flags_output: got flags.png; accepts"),
@@ -546,7 +519,9 @@ def test_a_truncated_image_ends_the_run_and_keeps_what_is_finished(
         if done == 64:
             Path("right.npy").write_bytes(whole[: len(whole) // 2])
 
-    with pytest.raises(OSError, match=r"right.npy: rows \d+ to \d+ cannot be read: the file ends"):
+    with pytest.raises(
+        ValueError, match=r"right.npy: rows \d+ to \d+ cannot be read: the file ends"
+    ):
         outofcore.match("left.npy", "right.npy", "out.npy", progress=progress, **given)
     assert len(blocks()) >= 2
     assert left_over() == ["left.npy", "out.npy.part", "right.npy"]
@@ -566,7 +541,7 @@ outofcore.match("left.npy", "right.npy", sys.argv[1], num_disparities=24, max_me
 
 @pytest.mark.skipif(os.name == "nt", reason="the size of files cannot be limited")
 @pytest.mark.parametrize(("output", "limit", "told"), [
-    ("out.npy", 20_000, r"kB are needed\): '.*part/tile0000-"),
+    ("out.npy", 20_000, r"kB are needed\): '.*part/rows0"),
     ("out.npy", 200_000, "cannot be written .* is finished is kept .*'out.npy'"),
     ("out.tif", 200_000, "cannot be written .* is finished is kept .*'out.tif'"),
     ("out.zarr", 60_000, "cannot be written .* is finished is kept .*'out.zarr'"),
@@ -585,7 +560,7 @@ def test_a_full_disk_is_told_and_what_is_finished_kept(
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()[-1]
     assert re.match(f"^OSError: .*{told}", last), last
-    kept = list(Path().glob("out.*.part/tile*-rows*.npz"))
+    kept = list(Path().glob("out.*.part/rows*.npz"))
     assert len(kept) == (0 if limit == 20_000 else 32)
     assert not [path for path in Path().iterdir() if path.name.endswith(".draft")]
     assert not Path(output).exists()
@@ -656,5 +631,4 @@ def test_the_cache_of_gdal_is_limited_whatever_the_name_of_a_file(
 @pytest.mark.usefixtures("pair")
 def test_what_was_done_already_is_not_advised() -> None:
     with pytest.raises(ValueError, match="less would do with fewer disparities$"):
-        match(max_memory="1MB", preset="fast", tile_columns=256, num_disparities=4,
-              column_overlap=0)  # fmt: skip
+        match(max_memory="1MB", preset="fast", num_disparities=4)

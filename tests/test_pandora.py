@@ -38,7 +38,7 @@ PLAIN = {
 }
 """The codes of the paper, which need to know nothing of the images."""
 
-CODES = ps.Settings(neighborhood=7, frequencies=(2, 1))
+CODES = ps.Settings.preset("paper")
 NO_DATA, INVALID = 1, 2
 
 

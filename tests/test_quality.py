@@ -185,8 +185,9 @@ def test_less_is_kept_and_it_is_better_the_more_confidence_is_asked_for(data: Pa
 def test_speckles_are_those_of_opencv(data: Path, consistency: int | None, size: int) -> None:
     cv2 = pytest.importorskip("cv2")
     pair = find_scene(data / "middlebury", "tsukuba").load()
-    settings = ps.Settings(
-        window=3, optimizer="wta", confidence=False, fill=False, consistency=consistency
+    paper = ps.Settings.preset("paper")
+    settings = replace(
+        paper, window=3, optimizer="wta", confidence=False, fill=False, consistency=consistency
     )
     options: dict[str, Any] = {"num_disparities": 16, "settings": settings}
     draft = ps.match(pair.left, pair.right, **options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -155,7 +156,7 @@ def random_masks(seed: int, shape: tuple[int, int]) -> Masks:
 
 
 SETTINGS = st.builds(
-    ps.Settings,
+    partial(replace, ps.Settings.preset("paper")),
     neighborhood=st.just(3),
     frequencies=st.just((1, 1)),
     weak=st.sampled_from([0, 0.5]),

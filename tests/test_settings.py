@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
+import inspect
 import pickle
+import re
 from typing import Any
 
 import numpy as np
@@ -16,14 +19,32 @@ from phasestereo import _core
 IMAGE = np.zeros((4, 5), np.uint8)
 
 
-def test_robust_is_the_default_and_settings_are_those_of_the_paper() -> None:
+def test_robust_is_the_default_with_settings_and_without() -> None:
     assert list(ps.PRESETS) == ["robust", "paper", "fast"]
-    assert ps.PRESETS["paper"] == ps.Settings()
-    assert ps.match(IMAGE, IMAGE, num_disparities=2).settings == ps.PRESETS["robust"]
-    result = ps.match(IMAGE, IMAGE, num_disparities=2, preset="paper")
-    assert result.settings == ps.Settings(
-        neighborhood=7, window=9, frequencies=(2, 1), power=1, bits=2, optimizer="dp"
-    )
+    assert ps.Settings() == ps.Settings.preset("robust")
+    without = ps.match(IMAGE, IMAGE, num_disparities=2, uniqueness=5)
+    settings = ps.Settings(uniqueness=5)
+    assert ps.match(IMAGE, IMAGE, num_disparities=2, settings=settings).settings == settings
+    assert without.settings == settings
+
+
+def test_presets_are_had_by_name() -> None:
+    for name, settings in ps.PRESETS.items():
+        assert ps.Settings.preset(name) == settings
+        assert ps.match(IMAGE, IMAGE, num_disparities=2, preset=name).settings == settings
+    paper = ps.Settings.preset("paper")
+    assert (paper.neighborhood, paper.window, paper.frequencies) == (7, 9, (2, 1))
+    assert (paper.power, paper.bits, paper.penalty, paper.optimizer) == (1, 2, 2, "dp")
+    with pytest.raises(ValueError, match="^preset: got 'blind'; accepts 'robust', 'paper', 'fast'"):
+        ps.Settings.preset("blind")
+
+
+def test_a_preset_beside_settings_is_refused() -> None:
+    both: dict[str, Any] = {"preset": "robust", "settings": ps.Settings()}
+    with pytest.raises(TypeError, match="^preset: got 'robust' beside settings"):
+        ps.match(IMAGE, IMAGE, num_disparities=2, **both)
+    with pytest.raises(TypeError, match="^preset: got 'robust' beside settings"):
+        ps.Matcher(**both)
 
 
 def test_fast_fits_bytes_from_costs_to_paths() -> None:
@@ -48,15 +69,18 @@ def test_settings_are_frozen_hashable_and_picklable() -> None:
 
 
 def test_overrides_take_precedence() -> None:
-    base = ps.Settings(window=5, bits=3)
+    base = ps.Settings(window=5, uniqueness=3)
     result = ps.match(IMAGE, IMAGE, num_disparities=2, settings=base, window=3)
-    assert result.settings == ps.Settings(window=3, bits=3)
+    assert result.settings == ps.Settings(window=3, uniqueness=3)
 
 
-def test_every_field_is_documented() -> None:
-    assert ps.Settings.__doc__ is not None
-    for field in dataclasses.fields(ps.Settings):
-        assert f"    {field.name}\n" in ps.Settings.__doc__
+def test_every_field_is_documented_with_its_default() -> None:
+    fields = dataclasses.fields(ps.Settings)
+    told = inspect.getdoc(ps.Settings) or ""
+    defaults = re.findall(r"^(\w+)\n(?:    .*\n|\n)*?    .*?Default\s+(.+?)\.$", told, re.MULTILINE)
+    assert {name: ast.literal_eval(value.strip("`")) for name, value in defaults} == {
+        field.name: field.default for field in fields
+    }
 
 
 def test_flags_are_those_of_the_core() -> None:
@@ -181,7 +205,7 @@ BAD_TYPES: list[dict[str, Any]] = [
 @pytest.mark.parametrize(("fields", "name"), BAD_VALUES)
 def test_bad_values_are_refused_by_name(fields: dict[str, Any], name: str) -> None:
     with pytest.raises(ValueError, match=rf"^{name}.*: got .*; accepts "):
-        ps.Settings(**fields)
+        dataclasses.replace(ps.Settings.preset("paper"), **fields)
     with pytest.raises(ValueError, match=f"^{name}"):
         ps.match(IMAGE, IMAGE, num_disparities=2, preset="paper", **fields)
 

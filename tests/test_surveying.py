@@ -357,56 +357,6 @@ def test_damage_is_told_or_does_no_harm(saved: Path, place: float, byte: int) ->
         assert_same(told, surveying.load(saved))
 
 
-# Columns
-
-
-def test_columns_are_those_of_a_part() -> None:
-    kernel = np.full((3, 3), 1 / 9)
-    labels = RNG.integers(0, 2, (4, 4)).astype(np.uint8)
-    versions = ps.Equalisation(
-        noise=(1.0, 1.0), kernels=[(None, kernel), (None, None)], labels=labels, tile=32
-    )
-    read = scene()
-    told = surveyed(read, preset="fast", equalisation=versions)
-    assert told.column_step == 32
-    for first, last in [(0, 130), (0, 40), (32, 130), (96, 129), (96, 112)]:
-        some = told.columns(first, last)
-        part = Reading(read.images[0][:, first:last], read.images[1][:, first:last])
-        found = banding.match_rows(part, some, 20, 90)
-        local = replace(versions, labels=labels[:, first // 32 :])
-        expected = part.matched(num_disparities=16, preset="fast", equalisation=local)
-        np.testing.assert_array_equal(found.disparity, expected.disparity[20:90])
-        assert some.size == (150, last - first)
-    assert_same(told.columns(0, 130), told)
-
-
-def test_columns_of_what_is_alike_everywhere_begin_anywhere() -> None:
-    read = scene(dtype="float32")
-    for told in (surveyed(read, preset="paper"), surveyed(read, noise=1.0, equalise=False)):
-        assert told.column_step == 1
-        some = told.columns(7, 90)
-        assert_same(some, replace(told, size=(150, 83), first_column=7))
-        assert some.ranges == told.ranges
-        assert some.roughness == told.roughness
-
-
-@pytest.mark.parametrize(
-    ("ends", "error"),
-    [
-        ((-32, 40), ValueError), ((0, 131), ValueError), ((32, 32), ValueError),
-        ((64, 32), ValueError), ((130, 131), ValueError), ((5, 40), ValueError),
-        ((0, 1.5), TypeError), ((0.0, 9), TypeError), (("a", 9), TypeError), ((0, None), TypeError),
-    ],
-)  # fmt: skip
-def test_columns_that_there_are_not_are_refused(ends: Any, error: type[Exception]) -> None:
-    versions = ps.Equalisation(
-        noise=(1.0, 1.0), kernels=[(None, None)], labels=np.zeros((4, 4), np.uint8), tile=32
-    )
-    told = surveyed(scene(), preset="fast", equalisation=versions)
-    with pytest.raises(error, match="^first, last: got"):
-        told.columns(*ends)
-
-
 # Refusals
 
 

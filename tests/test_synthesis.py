@@ -24,7 +24,8 @@ NEAR, FAR = 9, 3
 WEAK, NOISE = 0.5, (1.0, 2.0)
 BLUR = disk_psf(4)
 SEARCH: dict[str, Any] = {"num_disparities": 12}
-SETTINGS = ps.Settings(
+SETTINGS = replace(
+    ps.Settings.preset("paper"),
     neighborhood=5,
     frequencies=(1, 1),
     weak=WEAK,

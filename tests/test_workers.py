@@ -78,10 +78,10 @@ def test_a_matcher_takes_ranges_masks_and_progress(preset: str) -> None:
 
 
 def test_a_matcher_tells_what_it_was_made_of() -> None:
-    matcher = ps.Matcher(settings=ps.Settings(bits=3), window=5, threads=3)
-    assert matcher.settings == ps.Settings(bits=3, window=5)
+    matcher = ps.Matcher(settings=ps.Settings(uniqueness=3), window=5, threads=3)
+    assert matcher.settings == ps.Settings(uniqueness=3, window=5)
     assert matcher.threads == 3
-    assert "bits=3" in repr(matcher)
+    assert "uniqueness=3" in repr(matcher)
     assert "threads=3" in repr(matcher)
     assert ps.Matcher().settings == ps.match(*PAIRS[0], num_disparities=2).settings
     ours, theirs = signature(ps.Matcher).parameters, signature(ps.match).parameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -45,7 +46,8 @@ def aggregate(costs: ArrayLike, *, window: int = 9, shiftable: bool = True) -> N
         If they are not 3-D, are empty, or the window is out of range.
     """
     volume = as_volume(costs, np.uint16)
-    return _core.aggregate_volume(volume, Settings(window=window, shiftable=shiftable))
+    settings = replace(Settings.preset("paper"), window=window, shiftable=shiftable)
+    return _core.aggregate_volume(volume, settings)
 
 
 def as_volume(costs: ArrayLike, dtype: type[Unsigned]) -> NDArray[Unsigned]:

@@ -33,8 +33,8 @@ def cost_volume(
     left, right, num_disparities, min_disparity, threads, noise, equalisation
         As `match` takes them.
     settings
-        Settings to start from; None: those of the paper. ``cost`` and those it depends on matter
-        here.
+        Settings to start from; None: the preset ``"paper"``. ``cost`` and those it depends on
+        matter here.
     **overrides
         Fields of `Settings` by name.
 
@@ -51,7 +51,7 @@ def cost_volume(
     TypeError, ValueError, MemoryError
         As `match` does.
     """
-    chosen = resolve("paper", settings, overrides)
+    chosen = resolve("paper" if settings is None else None, settings, overrides)
     disparities = min_disparity, num_disparities
     versions = as_versions(noise, equalisation)
     return _core.cost_volume(as_pair(left, right), disparities, chosen, threads, versions)

@@ -15,8 +15,9 @@ import numpy as np
 from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo._images import as_pair
+from phasestereo._numbers import as_integer
 from phasestereo.banding import match_rows
-from phasestereo.settings import PRESET, resolve
+from phasestereo.settings import resolve
 from phasestereo.surveying import survey as survey_pair
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def maps(
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
-    preset: str = PRESET,
+    preset: str | None = None,
     settings: Settings | None = None,
     threads: int = 1,
     left_mask: Array | ArrayLike | None = None,
@@ -149,11 +150,11 @@ def maps(
     masks = _as_mask(left_mask, size, "left_mask"), _as_mask(right_mask, size, "right_mask")
     sides = _Sides(left, right, *masks)
     asked = resolve(preset, settings, overrides)
-    _check_count("threads", threads)
+    as_integer("threads", threads, least=1)
     if band_rows is not None:
-        _check_count("band_rows", band_rows)
+        as_integer("band_rows", band_rows, least=1)
     if num_disparities is not None:
-        _check_count("num_disparities", num_disparities, most=min(size[1], _WIDEST))
+        as_integer("num_disparities", num_disparities, least=1, most=min(size[1], _WIDEST))
     if survey is None:
         survey = survey_pair(
             _Windows(sides),
@@ -245,14 +246,6 @@ def _as_mask(mask: Array | ArrayLike | None, size: tuple[int, int], name: str) -
     if lazy.shape != size:
         raise ValueError(f"{name}: got shape {lazy.shape}; accepts the image's {size}")
     return lazy
-
-
-def _check_count(name: str, value: int, *, most: int | None = None) -> None:
-    if not isinstance(value, int | np.integer) or isinstance(value, bool):
-        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
-    if value < 1 or (most is not None and value > most):
-        end = "or more" if most is None else f"to {most}"
-        raise ValueError(f"{name}: got {value}; accepts 1 {end}")
 
 
 def _check_survey(survey: Survey, size: tuple[int, int], search: tuple[int, int | None]) -> None:

@@ -31,7 +31,7 @@ def descriptor(
     mask
         bool (H, W), True = valid; what the other pixels hold has no effect. None: all are valid.
     settings
-        Settings to start from; None: those of the paper. ``neighborhood``, ``taper``,
+        Settings to start from; None: the preset ``"paper"``. ``neighborhood``, ``taper``,
         ``frequencies``, ``power``, ``bits``, ``weak`` and ``sizes`` matter here.
     threads
         Number of threads; None: as many as the process may use.
@@ -72,6 +72,6 @@ def descriptor(
     its magnitude exceeds ``weak`` times that (with ``power=2`` the square of it), rounded to a
     whole step of the integers.
     """
-    chosen = resolve("paper", settings, overrides)
+    chosen = resolve("paper" if settings is None else None, settings, overrides)
     pixels = as_pixels(image, "image")
     return _core.descriptor(pixels, as_mask(mask, pixels.shape, "mask"), chosen, threads, noise)

@@ -12,7 +12,7 @@ from phasestereo.equalisation import Equalisation, Noise, as_noise
 from phasestereo.estimates import Told, as_estimates
 from phasestereo.findings import warn
 from phasestereo.result import Result, Summary
-from phasestereo.settings import PRESET, Settings, resolve
+from phasestereo.settings import Settings, resolve
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,7 +34,7 @@ def match(
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
-    preset: str = PRESET,
+    preset: str | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
     left_mask: ArrayLike | None = None,
@@ -61,9 +61,10 @@ def match(
     min_disparity
         Smallest disparity; those in [min_disparity, min_disparity + num_disparities) are searched.
     preset
-        Name of the settings to start from, one of `PRESETS`.
+        Name of the settings to start from, one of `PRESETS`. None: ``"robust"``, unless `settings`
+        says otherwise.
     settings
-        Settings to start from in place of a preset.
+        Settings to start from in place of a preset, which must not be given beside it.
     threads
         Number of threads, 1 to 1024; None: what the environment variable ``RAYON_NUM_THREADS``
         says, or else as many as the process may use, shared by all matches of this process that
@@ -95,7 +96,7 @@ def match(
     Raises
     ------
     TypeError
-        For a wrong type or dtype, or an unknown setting.
+        For a wrong type or dtype, an unknown setting, or `preset` beside `settings`.
     ValueError
         For a wrong value or shape, NaN or infinite pixels that no mask covers, an unknown preset.
     OSError, ImportError
@@ -170,7 +171,7 @@ class Matcher:
     def __init__(
         self,
         *,
-        preset: str = PRESET,
+        preset: str | None = None,
         settings: Settings | None = None,
         threads: int | None = None,
         **overrides: Any,

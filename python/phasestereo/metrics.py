@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from numbers import Integral
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from phasestereo._numbers import as_integer
 from phasestereo._scoring import checked_threshold, scored_values
 
 if TYPE_CHECKING:
@@ -305,7 +305,7 @@ def middlebury_v3(
     GCPR 2014, section 6, and the program `evaldisp` of the MiddEval3 kit.
     """
     values, wanted = scored_values(estimate, truth, mask)
-    limit = _count("num_disparities", num_disparities)
+    limit = as_integer("num_disparities", num_disparities, least=1)
     return _v3(_errors(np.clip(values, 0, limit), wanted))
 
 
@@ -376,7 +376,7 @@ def score(
     errors = _errors(values, wanted)
     clipped = errors
     if num_disparities is not None:
-        limit = _count("num_disparities", num_disparities)
+        limit = as_integer("num_disparities", num_disparities, least=1)
         clipped = _errors(np.clip(values, 0, limit), wanted)
     return Score(**asdict(_v3(clipped)), d1=_d1(values, wanted), epe=_mean(_present(errors)))
 
@@ -419,7 +419,7 @@ def subpixel(
     ----------
     Shimizu & Okutomi, "Precise sub-pixel estimation on area-based matching", ICCV 2001.
     """
-    limit, count = checked_threshold(inlier, "inlier"), _count("bins", bins, least=2)
+    limit, count = checked_threshold(inlier, "inlier"), as_integer("bins", bins, least=2)
     values, wanted = scored_values(estimate, truth, mask)
     errors = values - wanted
     right = np.abs(errors) <= limit  # false for the NaN of a missing estimate
@@ -486,11 +486,3 @@ def _present(errors: Values) -> Values:
 
 def _mean(values: Values) -> float:
     return float(values.mean()) if values.size else math.nan
-
-
-def _count(name: str, value: int, *, least: int = 1) -> int:
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise TypeError(f"{name} must be an integer, got {value!r}")
-    if value < least:
-        raise ValueError(f"{name} must be at least {least}, got {value!r}")
-    return int(value)

@@ -169,7 +169,7 @@ def _settings(cfg: dict[str, Any]) -> Settings:
     own = {name: cfg[name] for name in PhaseCost.OWN}
     if isinstance(own["frequencies"], list):  # as JSON has it
         own["frequencies"] = tuple(own["frequencies"])
-    return Settings(**own, window=cfg["window_size"], shiftable=False)
+    return replace(Settings.preset("paper"), **own, window=cfg["window_size"], shiftable=False)
 
 
 def _support(settings: Settings) -> int:

@@ -7,13 +7,14 @@ state knows of.
 
 from __future__ import annotations
 
-from numbers import Integral, Real
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from phasestereo._extras import require
 from phasestereo._images import as_pixels, on_screen, screen_range
+from phasestereo._numbers import as_integer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -287,8 +288,7 @@ def panel(
         If matplotlib is not installed.
     """
     rows, cols = _common_size(pictures, titles)
-    if _integer("columns", columns) < 1:
-        raise ValueError(f"columns: got {columns}; accepts 1 or more")
+    as_integer("columns", columns, least=1)
     text = _text_size(cols)
     gap, lines = text, -(-len(pictures) // columns)
     above = 3 * text if heading else gap
@@ -385,12 +385,6 @@ def _number(name: str, value: object) -> float:
     if not np.isfinite(float(value)):
         raise ValueError(f"{name}: got {value}; accepts finite numbers")
     return float(value)
-
-
-def _integer(name: str, value: object) -> int:
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
-    return int(value)
 
 
 def _common_size(pictures: Sequence[Picture], titles: Sequence[str]) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from operator import index
 from typing import TYPE_CHECKING, Literal
 
@@ -60,7 +61,7 @@ def optimize(
     """
     volume = as_volume(costs, np.uint32)
     both = penalty if isinstance(penalty, tuple) else (penalty, penalty)
-    settings = Settings(optimizer=optimizer)
+    settings = replace(Settings.preset("paper"), optimizer=optimizer)
     return _core.optimize_volume(volume, settings, check_penalty(both))
 
 

@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """All settings of a match; the defaults are those of the ``"paper"`` preset.
+    """All settings of a match; the defaults are the ``"robust"`` preset.
+
+    ``Settings.preset("paper")`` and ``Settings.preset("fast")`` are the others;
+    `dataclasses.replace` changes some of their fields.
 
     Section and equation numbers are those of Pedone & Heikkilä, *Blur and Contrast Invariant Fast
     Stereo Matching*, ACIVS 2008.
@@ -29,14 +32,14 @@ class Settings:
         deviation in the window around the pixel (unit: standard deviations). Default ``"phase"``.
     neighborhood
         Side L of the square neighbourhood which a code describes, in pixels; odd, 3 to 63.
-        Larger ones resist blur better and fatten the foreground more. Default 7.
+        Larger ones resist blur better and fatten the foreground more. Default 3.
     taper
         Window under the local Fourier transform: ``"uniform"`` as in the paper, ``"gaussian"``
         (standard deviation (L - 1) / 4) or ``"hann"``. Only the uniform window costs the same
         whatever L is. Default ``"uniform"``.
     frequencies
         Highest frequency indices (r, s) along x and y (eq. 3); each 0 to 4 and at most
-        (L - 1) / 2, not both 0. Default (2, 1).
+        (L - 1) / 2, not both 0. Default (1, 1).
     power
         Power k of the spectrum (eq. 3): 1, or 2, which makes the codes blind to the sign flips
         of a symmetric blur beyond its first zero, and less discriminative. Default 1.
@@ -49,19 +52,19 @@ class Settings:
         there is little texture their signs are noise. A weak part differs by one from a clear one,
         and clear ones of opposite signs by two; so a pixel's code takes twice the bits. It needs
         ``bits=2`` and ``cost="phase"``, and the noise, which `match` is told. 0: there is no such
-        level. Default 0.
+        level. Default 0.5.
     sizes
         Sizes of neighbourhoods that a code describes, 1 or 2. With 2 the bits of `neighborhood` are
         joined by those of one that is two pixels larger, of which only the components (0, 1) and
         (1, 0) count; these alone have the weak level. Small neighbourhoods keep details, larger
         ones stand noise, compression and softness. It needs a `neighborhood` of 61 at most, and
-        without a weak level takes (r (2 s + 1) + s + 2) 2^(b - 1) bits. Default 1.
+        without a weak level takes (r (2 s + 1) + s + 2) 2^(b - 1) bits. Default 2.
     window
         Side of the square aggregation window, in pixels; odd, 1 to 63; it may be larger than the
-        image. Default 9.
+        image. Default 5.
     shiftable
         Whether the best of five windows counts, which the pixel anchors at the centre, top,
-        bottom, left and right (section 2.3), or the centred one alone. Default True.
+        bottom, left and right (section 2.3), or the centred one alone. Default False.
     precision
         How exactly aggregated costs are worked out: ``"full"``, exactly; ``"byte"``, to so many
         bits that each fits a byte, which is nearly twice as fast: from the sum of each column of
@@ -69,9 +72,9 @@ class Settings:
         window * (window * ceiling >> n) <= 170, the ceiling being the largest cost of one pixel;
         one more where only so the largest sum and the far penalty together fit a byte, if that
         leaves a largest sum of at least 80. So totals fit one, too, unless penalties are large.
-        Default ``"full"``.
+        Default ``"byte"``.
     optimizer
-        How a row of costs becomes a row of disparities. Default ``"dp"``.
+        How a row of costs becomes a row of disparities. Default ``"sgm"``.
 
         - ``"dp"``: one-pass dynamic programming along the row under the ordering constraint
           (section 2.3): from a pixel to the next the disparity stays, rises by one or drops to
@@ -89,35 +92,35 @@ class Settings:
         What a change of disparity along the row costs, in units of the cost, as averaged over the
         window; 0 to 65535: one number, or a pair (near, far). With ``"dp"`` near is for a rise by
         one, far for a drop by whatever; with ``"so"`` and ``"sgm"`` near is P1, for a change by
-        one, far is P2, for any other change, at least P1; ``"wta"`` ignores both. Default 2.
+        one, far is P2, for any other change, at least P1; ``"wta"`` ignores both. Default (6, 24).
     edges
         With ``"so"`` and ``"sgm"``: where the gray value of the left image jumps from one pixel of
         a path to the next by more than so many times the mean difference of neighbors, P2 is
         halved, by more than thrice that, a third of it, but at least P1; 0 to 1000, 0: nowhere.
-        Default 0.
+        Default 1.
     equalise
         Whether the relative blur of the two images is estimated (`phasestereo.estimate_blur`) and
         the sharper one is given it, area by area, before they are compared; for ``cost="phase"``.
         What is left of a blur is described by larger neighbourhoods: where any is found,
         `neighborhood` and `window` are two pixels larger than said (`neighborhood` four, where all
         of it is Gaussian, of 2.25 pixels or more), 61 and 63 at most; with ``sizes=2`` both
-        neighbourhoods grow. Default False.
+        neighbourhoods grow. Default True.
     align_rows
         Whether it is estimated how the rows of the images correspond: a smooth field of vertical
         offsets (shift, turn, focal length, keystone, distortion). Where it is significant, the
         right image is straightened by it, that is resampled along its columns, if some bands are
-        matched better so. Default False.
+        matched better so. Default True.
     despike
         Whether it is found out if the images have impulses (hot, dead and stuck pixels, salt and
         pepper), and these take the median of their eight neighbors before all else; for
         ``cost="phase"``. An image has some if more than 4e-5 of its pixels lie beyond the range of
         their neighbors (without the largest and the smallest) by more than three times that range
         and 40 gray levels of 256; then those are repaired that do by more than it and 20. Black to
-        white is 8 bits, as many of 16 as the images use, or the range of floats. Default False.
+        white is 8 bits, as many of 16 as the images use, or the range of floats. Default True.
     denoise
         Whether the noise of the images, and what compression in blocks (JPEG, video) has lost, are
         estimated and smoothed away before they are described, edges kept; for ``cost="phase"``. The
-        weak level stays that of the noise as it was. Default False.
+        weak level stays that of the noise as it was. Default True.
     intensity_range
         Intensities (black, white) of the images, which set the unit of ``"sad"`` and ``"nsad"``;
         values beyond one range below black or above white are clamped. None: the range of the
@@ -127,30 +130,30 @@ class Settings:
     subpixel
         Whether disparities lie between whole pixels: at the tip of a V through the costs about the
         chosen one, corrected for what a V gets wrong; then smoothed over 7 x 7 pixels of the same
-        surface. Default False.
+        surface. Default True.
     consistency
         Left-right check: a pixel is flagged when the right pixel that was chosen for it fits
         another left pixel better whose disparity differs by more than so many pixels, 0 to 16384
-        (OpenCV's ``disp12MaxDiff``). None: no check. Default None.
+        (OpenCV's ``disp12MaxDiff``). None: no check. Default 1.
     uniqueness
         A pixel is flagged whose disparity costs not at least so many percent less than the best one
         elsewhere, that is more than one away: 0 to 100, 0: none is (OpenCV's ``uniquenessRatio``).
         Default 0.
     speckle_size
         Regions of up to so many pixels that stand out from all around are flagged; 0: none is
-        (OpenCV's ``speckleWindowSize``). Default 0.
+        (OpenCV's ``speckleWindowSize``). Default 100.
     speckle_range
         Neighbouring pixels whose disparities differ by no more, in pixels, are in one region; 0 to
         16384 (OpenCV's ``speckleRange``). Default 1.
     synthesis
         Whether, where one image alone is blurred, the disparities near jumps are taken from the map
         at hand, or it eroded or dilated by 4 pixels, by which of them the blurred image can best be
-        made again from the sharp one (analysis by synthesis). Default False.
+        made again from the sharp one (analysis by synthesis). Default True.
     guided
         Whether edges in depth are drawn to those of the left image: near a jump of the disparities
-        a pixel takes the median of those of similar gray value. Default False.
+        a pixel takes the median of those of similar gray value. Default True.
     median
-        Side of the square over which disparities give way to their median, 3; 0: none. Default 0.
+        Side of the square over which disparities give way to their median, 3; 0: none. Default 3.
     fill
         Whether pixels that the left-right check, ``uniqueness`` or the removal of speckles flags,
         and with any of these also those whose match lies outside the right image, take the
@@ -171,32 +174,32 @@ class Settings:
     """
 
     cost: Literal["phase", "sad", "nsad"] = "phase"
-    neighborhood: int = 7
+    neighborhood: int = 3
     taper: Literal["uniform", "gaussian", "hann"] = "uniform"
-    frequencies: tuple[int, int] = (2, 1)
+    frequencies: tuple[int, int] = (1, 1)
     power: int = 1
     bits: int = 2
-    weak: float = 0.0
-    sizes: int = 1
-    window: int = 9
-    shiftable: bool = True
-    precision: Literal["full", "byte"] = "full"
-    optimizer: Literal["dp", "so", "wta", "sgm"] = "dp"
-    penalty: float | tuple[float, float] = 2.0
-    edges: float = 0.0
-    equalise: bool = False
-    align_rows: bool = False
-    despike: bool = False
-    denoise: bool = False
+    weak: float = 0.5
+    sizes: int = 2
+    window: int = 5
+    shiftable: bool = False
+    precision: Literal["full", "byte"] = "byte"
+    optimizer: Literal["dp", "so", "wta", "sgm"] = "sgm"
+    penalty: float | tuple[float, float] = (6.0, 24.0)
+    edges: float = 1.0
+    equalise: bool = True
+    align_rows: bool = True
+    despike: bool = True
+    denoise: bool = True
     intensity_range: tuple[float, float] | None = None
-    subpixel: bool = False
-    consistency: int | None = None
+    subpixel: bool = True
+    consistency: int | None = 1
     uniqueness: int = 0
-    speckle_size: int = 0
+    speckle_size: int = 100
     speckle_range: float = 1.0
-    synthesis: bool = False
-    guided: bool = False
-    median: int = 0
+    synthesis: bool = True
+    guided: bool = True
+    median: int = 3
     fill: bool = True
     confidence: bool = True
     min_confidence: float = 0.0
@@ -205,8 +208,46 @@ class Settings:
         """Check every field at once, in the core, which owns the ranges."""
         _core.check_settings(self)
 
+    @staticmethod
+    def preset(name: str) -> Settings:
+        """Return the settings of a preset, one of `PRESETS`.
 
-_PAPER = Settings()
+        Raises
+        ------
+        TypeError
+            If the name is no string.
+        ValueError
+            If there is no such preset.
+        """
+        if not isinstance(name, str):
+            raise TypeError(f"preset: got {type(name).__name__}; accepts a string")
+        if name not in PRESETS:
+            raise ValueError(f"preset: got {name!r}; accepts {', '.join(map(repr, PRESETS))}")
+        return PRESETS[name]
+
+
+_PAPER = Settings(
+    neighborhood=7,
+    frequencies=(2, 1),
+    weak=0.0,
+    sizes=1,
+    window=9,
+    shiftable=True,
+    precision="full",
+    optimizer="dp",
+    penalty=2.0,
+    edges=0.0,
+    equalise=False,
+    align_rows=False,
+    despike=False,
+    denoise=False,
+    subpixel=False,
+    consistency=None,
+    speckle_size=0,
+    synthesis=False,
+    guided=False,
+    median=0,
+)
 
 # Means of bad-1.0 (%) over the 12 scenes of the one-sided-blur suite:
 #                        sharp  gauss 2  disk 3
@@ -219,7 +260,8 @@ _PAPER = Settings()
 #   edges 1               10.9     19.5    18.0
 #   median 0              11.2     19.9    18.3
 #   paper                 11.4     26.2    45.6
-_FAST = Settings(
+_FAST = replace(
+    _PAPER,
     neighborhood=9,
     frequencies=(1, 1),
     window=9,
@@ -232,11 +274,11 @@ _FAST = Settings(
     confidence=False,
 )
 
-# Means of bad-1.0 (%) over the same scenes, told nothing: sharp, the mean of the six blurs, and
-# both images with noise of 5 gray levels, or JPEG of quality 70. Where one image is blurred,
-# neighborhood and window are two larger than said. As it was before, with sizes=1, denoise=False
-# and a penalty of (5, 20): 5.56 17.69 16.9 17.3.
-#   as below            5.20  17.45  12.0  12.6     penalty (5, 20)  5.14  17.54  12.3  12.9
+# Means of bad-1.0 (%) of robust, the defaults, over the same scenes, told nothing: sharp, the mean
+# of the six blurs, and both images with noise of 5 gray levels, or JPEG of quality 70. Where one
+# image is blurred, neighborhood and window are two larger than said. As it was before, with
+# sizes=1, denoise=False and a penalty of (5, 20): 5.56 17.69 16.9 17.3.
+#   as it is            5.20  17.45  12.0  12.6     penalty (5, 20)  5.14  17.54  12.3  12.9
 #   sizes 1             6.01  17.85  16.2  13.7     penalty (7, 28)  5.27  17.37  12.0  12.4
 #   denoise=False       5.38  17.70  13.7  14.5     penalty (4, 24)  5.17  17.76  12.4  13.1
 #   neighborhood 5      6.32  18.52  12.5  13.1     penalty (5, 32)  5.24  17.66  12.0  12.7
@@ -252,32 +294,10 @@ _FAST = Settings(
 # With synthesis, which is not in the figures above: the six blurs, Gaussian 2, 4, disk 3, 6, motion
 # 9, 15, their mean, and areas blurred differently.
 #   synthesis=False     14.25  26.45  12.14  20.72  12.60  18.22   17.40  13.01
-#   as below            13.08  24.49  11.33  18.45  11.71  16.23   15.88  12.32
-_ROBUST = Settings(
-    neighborhood=3,
-    frequencies=(1, 1),
-    weak=0.5,
-    sizes=2,
-    window=5,
-    shiftable=False,
-    precision="byte",
-    optimizer="sgm",
-    penalty=(6.0, 24.0),
-    edges=1.0,
-    equalise=True,
-    align_rows=True,
-    despike=True,
-    denoise=True,
-    subpixel=True,
-    consistency=1,
-    speckle_size=100,
-    synthesis=True,
-    guided=True,
-    median=3,
-)
+#   as it is            13.08  24.49  11.33  18.45  11.71  16.23   15.88  12.32
 
 PRESETS: Mapping[str, Settings] = MappingProxyType(
-    {"robust": _ROBUST, "paper": _PAPER, "fast": _FAST}
+    {"robust": Settings(), "paper": _PAPER, "fast": _FAST}
 )
 """The named settings. ``"robust"``: finds by itself which image is blurred and how, evens that out,
 repairs impulses, smooths noise and compression away, describes two sizes of neighborhoods, does not
@@ -289,24 +309,29 @@ PRESET = "robust"
 """Name of the settings to start from where nothing else is said."""
 
 
-def resolve(preset: str, settings: Settings | None, overrides: Mapping[str, Any]) -> Settings:
+def resolve(
+    preset: str | None, settings: Settings | None, overrides: Mapping[str, Any]
+) -> Settings:
     """Return the settings that a call means: a preset or given settings, then overrides by name.
 
     Raises
     ------
     TypeError
-        If an override names no field, or an argument has the wrong type.
+        If an override names no field, an argument has the wrong type, or both a preset and
+        settings are given.
     ValueError
         If there is no such preset, or a value is out of range.
     """
-    if not isinstance(preset, str):
-        raise TypeError(f"preset: got {type(preset).__name__}; accepts a string")
-    if preset not in PRESETS:
-        raise ValueError(f"preset: got {preset!r}; accepts {', '.join(map(repr, PRESETS))}")
     if settings is not None and not isinstance(settings, Settings):
         raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings or None")
+    if preset is not None and settings is not None:
+        raise TypeError(
+            f"preset: got {preset!r} beside settings; accepts one of the two: preset or settings"
+        )
     names = [field.name for field in fields(Settings)]
     unknown = [name for name in overrides if name not in names]
     if unknown:
         raise TypeError(f"{unknown[0]}: no such setting; accepts {', '.join(names)}")
-    return replace(PRESETS[preset] if settings is None else settings, **overrides)
+    if settings is None:
+        settings = Settings.preset(PRESET if preset is None else preset)
+    return replace(settings, **overrides)

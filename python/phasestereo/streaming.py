@@ -12,15 +12,14 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import chain, islice
-from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from phasestereo._images import as_mask, opened_pair
+from phasestereo._numbers import as_integer
 from phasestereo.findings import untrusted
 from phasestereo.matcher import Matcher
-from phasestereo.settings import PRESET
 from phasestereo.video.cameras import PATIENCE
 from phasestereo.video.capture import LayoutError
 from phasestereo.video.sources import open_source
@@ -120,7 +119,7 @@ def stream(
     reestimate: int = REESTIMATE,
     patience: int | None = PATIENCE,
     on_error: Callable[[Failure], object] | None = None,
-    preset: str = PRESET,
+    preset: str | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
     left_mask: ArrayLike | None = None,
@@ -214,9 +213,9 @@ def stream(
     if on_error is not None and not callable(on_error):
         raise TypeError(f"on_error: got {type(on_error).__name__}; accepts a callable or None")
     wanted = _wanted(start, stop, every)
-    _check_count("reestimate", reestimate, 1)
+    as_integer("reestimate", reestimate, least=1)
     if patience is not None:
-        _check_count("patience", patience, 1)
+        as_integer("patience", patience, least=1)
     matcher = Matcher(preset=preset, settings=settings, threads=threads, **overrides)
     given = {
         "num_disparities": num_disparities,
@@ -475,15 +474,8 @@ def _try(matcher: Matcher, given: Mapping[str, Any], *, width: int | None) -> No
 def _wanted(start: int, stop: int | None, every: int) -> slice:
     for name, value, least in (("start", start, 0), ("stop", stop, 0), ("every", every, 1)):
         if value is not None or name != "stop":
-            _check_count(name, value, least)
+            as_integer(name, value, least=least)
     return slice(start, stop, every)
-
-
-def _check_count(name: str, value: object, least: int) -> None:
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
-    if value < least:
-        raise ValueError(f"{name}: got {value}; accepts {least} or more")
 
 
 def _squeezed(image: Image) -> Image:

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from phasestereo._numbers import as_integer
 from phasestereo.alignment import Alignment
 from phasestereo.blur import Blur, BlurEstimate
 from phasestereo.equalisation import Equalisation
@@ -44,7 +44,6 @@ def as_arrays(survey: Survey) -> Arrays:
         "roughness",
         "min_disparity",
         "num_disparities",
-        "first_column",
     )
     plain: Plain = {name: getattr(survey, name) for name in names}
     plain["settings"] = asdict(survey.settings)
@@ -75,14 +74,13 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
     return Survey(
         size=as_size(plain["size"]),
         dtype=plain["dtype"],
-        min_disparity=_integer("min_disparity", plain),
-        num_disparities=_integer("num_disparities", plain),
+        min_disparity=as_integer("min_disparity", plain["min_disparity"]),
+        num_disparities=as_integer("num_disparities", plain["num_disparities"]),
         settings=Settings(**settings),
         equalisation=_equalisation(plain, arrays) if "noise" in plain else None,
         blur=_blur(plain, arrays) if "blur" in plain else None,
         alignment=plain["alignment"] and _alignment(plain["alignment"]),
         search=plain["search"] and SearchRange(**plain["search"]),
-        first_column=_integer("first_column", plain),
         ranges=plain["ranges"] and _ranges(*plain["ranges"]),
         roughness=plain["roughness"] and _roughness(*plain["roughness"]),
     )
@@ -138,13 +136,6 @@ def _blur(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> BlurEstimate:
 def _alignment(told: Plain) -> Alignment:
     lists = {"coefficients": tuple(map(float, told["coefficients"])), "size": as_size(told["size"])}
     return Alignment(**told | lists)
-
-
-def _integer(name: str, plain: Plain) -> int:
-    value = plain[name]
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
-    return int(value)
 
 
 def _ranges(left: Range, right: Range) -> tuple[Range, Range]:

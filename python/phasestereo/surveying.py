@@ -17,7 +17,7 @@ from phasestereo import _core
 from phasestereo._images import as_mask, as_pair
 from phasestereo.equalisation import Equalisation, as_equalisation, as_noise
 from phasestereo.estimates import as_estimates
-from phasestereo.settings import PRESET, resolve
+from phasestereo.settings import resolve
 
 if TYPE_CHECKING:
     import os
@@ -62,8 +62,6 @@ class Survey:
         How the rows of the images correspond, if that was asked for and could be told.
     search
         The disparities to search, and whether they were told or found. None: they were told.
-    first_column
-        The column of the whole pair that this one begins with.
     ranges
         Where the pixels of the left and of the right image lie, if they are floats: (black, white)
         in thousandths of their unit, but for 0.1 % at either end. None: not needed.
@@ -81,7 +79,6 @@ class Survey:
     blur: BlurEstimate | None = None
     alignment: Alignment | None = None
     search: SearchRange | None = None
-    first_column: int = 0
     ranges: tuple[Range, Range] | None = None
     roughness: tuple[int, int] | None = None
 
@@ -90,8 +87,7 @@ class Survey:
         """The field that the right image is straightened by, as the core takes it."""
         if self.alignment is None or not self.alignment.applied:
             return None
-        coefficients, size, _ = self.alignment.field
-        return coefficients, size, self.first_column
+        return self.alignment.field
 
     @property
     def is_inverted(self) -> bool:
@@ -103,40 +99,6 @@ class Survey:
         """Whether a blur was found, and settings that suit it were taken."""
         found = self.blur is not None and any(blur.psf is not None for blur in self.blur.blurs)
         return found and self.settings.equalise
-
-    @property
-    def column_step(self) -> int:
-        """The columns at which a part may begin are multiples of it."""
-        several = self.equalisation is not None and self.equalisation.labels.shape[1] > 1
-        return self.equalisation.tile if self.equalisation and several else 1
-
-    def columns(self, first: int, last: int) -> Survey:
-        """Return that of the columns [first, last) of the pair, to be matched by themselves.
-
-        What is known of the whole pair stays as it is.
-
-        Raises
-        ------
-        ValueError
-            If the pair has no such columns, or `first` is no multiple of `column_step`.
-        """
-        if not (isinstance(first, int | np.integer) and isinstance(last, int | np.integer)):
-            raise TypeError(f"first, last: got {first!r}, {last!r}; accepts integers")
-        if not 0 <= first < last <= self.size[1] or first % self.column_step:
-            raise ValueError(
-                f"first, last: got {first}, {last}; accepts columns from 0 to {self.size[1]}, "
-                f"the first a multiple of {self.column_step}"
-            )
-        versions = self.equalisation
-        if versions is not None and self.column_step > 1:
-            skipped = min(first // versions.tile, versions.labels.shape[1] - 1)
-            versions = replace(versions, labels=versions.labels[:, skipped:])
-        return replace(
-            self,
-            size=(self.size[0], last - first),
-            equalisation=versions,
-            first_column=self.first_column + int(first),
-        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a file, ``.npz`` without pickled objects, which `load` reads.
@@ -175,7 +137,7 @@ def survey(
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
-    preset: str = PRESET,
+    preset: str | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
     noise: Noise | None = None,

@@ -46,8 +46,8 @@ TRUE_BLUR = "+true-blur"
 # of bad-1.0 in %:  SAD            5: 21.4   10: 20.3   15: 20.1   20: 20.2
 #                  normalised SAD .3: 14.0   .5: 13.5  .75: 13.5    1: 13.8
 BASELINES: Mapping[str, Settings] = {
-    "sad": Settings(cost="sad", penalty=15),
-    "nsad": Settings(cost="nsad", penalty=0.5),
+    "sad": replace(PRESETS["paper"], cost="sad", penalty=15),
+    "nsad": replace(PRESETS["paper"], cost="nsad", penalty=0.5),
 }
 """What phase codes are meant to replace, with the windows and the optimizer of ``"paper"``."""
 
@@ -177,7 +177,7 @@ def _ours(name: str, base: Settings, overrides: str) -> Method:
     try:
         options = _parsed(overrides)
         told = _is_told(options.pop("num_disparities", None))
-        settings = resolve("paper", base, options)
+        settings = resolve(None, base, options)
     except (TypeError, ValueError) as error:
         raise type(error)(f"method: got {name!r}: {error}") from error
     return Method(name, partial(_match, settings=settings, told=told), asdict(settings))

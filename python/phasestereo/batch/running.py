@@ -13,13 +13,14 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from phasestereo._extras import require
+from phasestereo._numbers import as_integer
 from phasestereo.batch.cluster import remote, share
 from phasestereo.batch.manifest import DONE, Manifest, Record
 from phasestereo.batch.pairs import LAYERS, check_names
 from phasestereo.batch.processes import WorkerDiedError, local
 from phasestereo.batch.work import FullDiskError, Order, blank, match_files
 from phasestereo.io.maps import FLOAT_SUFFIXES
-from phasestereo.settings import PRESET, resolve
+from phasestereo.settings import resolve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -82,7 +83,7 @@ def run(
     time_limit: float | None = None,
     suffix: str = ".tif",
     layers: Iterable[str] = (),
-    preset: str = PRESET,
+    preset: str | None = None,
     settings: Settings | None = None,
     progress: Callable[[int, int], object] | None = None,
     on_failure: Callable[[Record], object] | None = None,
@@ -162,7 +163,8 @@ def run(
         ("workers", workers, 1),
         ("threads", threads, 1),
     ):
-        _check_count(name, value, least)
+        if value is not None:
+            as_integer(name, value, least=least)
     _check_limit(time_limit)
     if scheduler is not None and workers is not None:
         raise ValueError("workers: got a number beside a scheduler; accepts None: it has its own")
@@ -353,15 +355,6 @@ def _check(suffix: str, layers: tuple[str, ...], settings: Settings) -> None:
             raise ValueError(f"layers: got {layer!r}; accepts {', '.join(LAYERS)}")
     if "confidence" in layers and not settings.confidence:
         raise ValueError("layers: got 'confidence' with settings that work out none")
-
-
-def _check_count(name: str, value: int | None, least: int) -> None:
-    if value is None:
-        return
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
-    if value < least:
-        raise ValueError(f"{name}: got {value}; accepts {least} or more")
 
 
 def _check_limit(seconds: float | None) -> None:

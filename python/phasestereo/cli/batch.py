@@ -22,10 +22,12 @@ _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "workers", "
 _MORE = {"retries", "layers", "time_limit"}
 _OPTIONS = _VALUES | _MORE | {field.name for field in fields(Settings)}
 
-_SEARCH = Group.create_ordered("Search")
 _OUTPUT = Group.create_ordered("Output")
+_SEARCH = Group.create_ordered("Search")
 _WORK = Group.create_ordered("Work")
-_SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
+_SETTINGS = Group.create_ordered(
+    "Expert settings", help="Each takes the place of the preset's. Two penalties are written 0.5,2."
+)
 _AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
 _POSITIVE = validators.Number(gt=0)
 _NOT_NEGATIVE = validators.Number(gte=0, lt=2**31)
@@ -50,6 +52,7 @@ def batch(
     json: Annotated[bool, Parameter(negative=(), show_default=False, group=_OUTPUT)] = False,
     num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)] = None,
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
+    preset: Annotated[str, Parameter(group=_SEARCH, help=_PRESET_HELP)] = PRESET,
     scheduler: Annotated[str | None, Parameter(group=_WORK)] = None,
     tls_ca: _File = None,
     tls_cert: _File = None,
@@ -58,7 +61,6 @@ def batch(
     threads: _Count = None,
     retries: Annotated[int, Parameter(group=_WORK, validator=_NOT_NEGATIVE)] = 2,
     time_limit: Annotated[float | None, Parameter(group=_WORK, validator=_POSITIVE)] = None,
-    preset: Annotated[str, Parameter(group=_SETTINGS, help=_PRESET_HELP)] = PRESET,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
 ) -> None:
     """Match many pairs, on all processors of this machine or on a Dask cluster.

@@ -41,11 +41,6 @@ class Large:
         File for the confidences, of the same formats.
     band_rows
         Rows of a band; without it, as many as the memory allows.
-    tile_columns
-        Match tiles of so many columns by themselves, a multiple of 256, where bands alone take too
-        much memory. Then the map is approximate where tiles meet.
-    column_overlap
-        Columns on either side of a tile that are matched with it. Default 256.
     restart
         Drop what an earlier run left finished.
     """
@@ -54,8 +49,6 @@ class Large:
     flags_output: Path | None = None
     confidence_output: Path | None = None
     band_rows: int | None = None
-    tile_columns: int | None = None
-    column_overlap: int | None = None
     restart: Annotated[bool, Parameter(negative=(), show_default=False)] = False
 
     def asked_for(self) -> bool:
@@ -79,10 +72,6 @@ class Large:
             )
         if outputs.output is None:
             raise CommandError("--max-memory: needs --output, a file for the map", WRONG_USAGE)
-        if self.column_overlap is not None and self.tile_columns is None:
-            raise CommandError(
-                "--column-overlap: has no effect without --tile-columns", WRONG_USAGE
-            )
         return outputs.output
 
     def arguments(self) -> dict[str, Any]:
@@ -143,13 +132,12 @@ def _tell(plan: Plan) -> None:
         _say(f"by its first band, {duration} to go")
         return
     rows, cols = plan.size
-    tiles = "" if len(plan.tiles) == 1 else f" in {len(plan.tiles)} tiles of columns (approximate)"
     bands = f"{plan.bands} band{'s' * (plan.bands != 1)}"
     threads = f"{plan.threads} thread{'s' * (plan.threads != 1)}"
     finished = f", {plan.finished} finished before" if plan.finished else ""
     _say(
         f"{cols} x {rows} pixels, {plan.num_disparities} disparities: {bands} of {plan.rows} "
-        f"rows{tiles}{finished}, {threads}, at most "
+        f"rows{finished}, {threads}, at most "
         f"{tell_bytes(plan.memory)} of memory, about {duration}"
     )
 
@@ -188,6 +176,5 @@ def _lines(report: Report) -> list[str]:
         f"{report.seconds:.3f} s{peak}",
         f"estimated {report.estimated:.1%}, flagged: {flags}",
         *([] if blur is None else [f"blur: {blur}"]),
-        *([] if report.approximate is None else [f"approximate: {report.approximate}"]),
         *(f"wrote {path}" for path in report.files.values()),
     ]

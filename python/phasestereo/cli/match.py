@@ -3,7 +3,6 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 from dataclasses import fields
-from inspect import signature
 from pathlib import Path
 from typing import Annotated
 
@@ -22,23 +21,25 @@ from phasestereo.cli.terminal import progress_bar
 from phasestereo.cli.trust import refuse_untrusted, tell_findings, unwarned
 from phasestereo.io.mask import read_mask
 from phasestereo.matcher import match as match_pair
-from phasestereo.settings import PRESETS, Settings, resolve
+from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 
 _VALUES = frozenset(["bands", "preset", "num_disparities", "min_disparity", "threads", "noise"])
 _OPTIONS = (_VALUES | OPTIONS).union(field.name for field in fields(Settings))
 
-_PAIR = Group.create_ordered("Pair")
-_SEARCH = Group.create_ordered("Search")
+# The order in which help shows them: what every match needs comes first.
 _OUTPUT = Group.create_ordered("Output")
+_SEARCH = Group.create_ordered("Search")
+_PAIR = Group.create_ordered("Pair")
 _GEOMETRY = Group.create_ordered("Geometry", help="For --ply, --mesh, --depth and --report.")
 _SCORE = Group.create_ordered("Score")
 _LARGE = Group.create_ordered("Pairs larger than memory")
-_SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
+_SETTINGS = Group.create_ordered(
+    "Expert settings", help="Each takes the place of the preset's. Two penalties are written 0.5,2."
+)
 _AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
 _REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
 _OUTPUTS, _NO_GEOMETRY, _SCORING, _ALL_AT_ONCE = Outputs(), Geometry(), Scoring(), Large()
 _AS_IT_IS = Pairing()
-_PRESET = signature(match_pair).parameters["preset"].default
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
 
 
@@ -50,6 +51,7 @@ def match(
     pairing: Annotated[Pairing, Parameter(name="*", group=_PAIR)] = _AS_IT_IS,
     num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)] = None,
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
+    preset: Annotated[str, Parameter(group=_SEARCH, help=_PRESET_HELP)] = PRESET,
     left_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     right_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     bands: Annotated[Bands | None, Parameter(group=_SEARCH)] = None,
@@ -60,7 +62,6 @@ def match(
     geometry: Annotated[Geometry, Parameter(name="*", group=_GEOMETRY)] = _NO_GEOMETRY,
     scoring: Annotated[Scoring, Parameter(name="*", group=_SCORE)] = _SCORING,
     large: Annotated[Large, Parameter(name="*", group=_LARGE)] = _ALL_AT_ONCE,
-    preset: Annotated[str, Parameter(group=_SETTINGS, help=_PRESET_HELP)] = _PRESET,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
 ) -> None:
     """Match a rectified stereo pair.

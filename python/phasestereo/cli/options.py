@@ -1,7 +1,12 @@
-"""The fields of `Settings` as options: their names, types and help are those of the class."""
+"""The fields of `Settings` as options: their names, types and help are those of the class.
+
+But for the defaults: the class has those of one preset, and ``--preset`` may name another.
+"""
 
 from __future__ import annotations
 
+import re
+from inspect import cleandoc
 from types import UnionType
 from typing import (
     TYPE_CHECKING,
@@ -88,4 +93,9 @@ if not TYPE_CHECKING:
         {name: _as_option(hint) for name, hint in get_type_hints(Settings).items()},
         total=False,
     )
-    Overrides.__doc__ = Settings.__doc__
+    Overrides.__doc__ = re.sub(
+        r"Default\s+.+?\.$",
+        "Default: by the preset.",
+        cleandoc(Settings.__doc__),
+        flags=re.MULTILINE,
+    )

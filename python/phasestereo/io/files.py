@@ -90,15 +90,19 @@ def named(name: str) -> Iterator[None]:
     except (ImportError, MemoryError):
         raise
     except Exception as error:  # decoders of damaged files raise anything, SyntaxError included
-        if isinstance(error, OSError) and error.errno not in _DAMAGED:
+        if is_of_the_system(error):
             raise
         told = isinstance(error, ValueError | OSError)
         reason = error if told else f"damaged, or not what it claims to be ({error!r})"
         raise ValueError(f"{name}: {reason}") from error
 
 
-# What decoders tell of content, and what the system tells of an offset that a file made up.
-_DAMAGED = (None, errno.EINVAL)
+def is_of_the_system(error: Exception) -> bool:
+    """Tell whether the system refuses a file, or its content is at fault.
+
+    Of content decoders tell without a number, and the system of an offset that a file made up.
+    """
+    return isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)
 
 
 @contextmanager

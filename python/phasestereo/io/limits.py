@@ -7,7 +7,8 @@ read to a size that none of their kind has.
 from __future__ import annotations
 
 import os
-from numbers import Integral
+
+from phasestereo._numbers import as_integer
 
 PIXELS = 200_000_000
 """Pixels that a picture has at most, unless that is raised: more than any camera's."""
@@ -65,11 +66,7 @@ def set_max_pixels(count: int | None) -> None:
         If it is less than 1.
     """
     global _chosen  # noqa: PLW0603 -- one limit for the process, as Pillow has it
-    if count is not None and (not isinstance(count, Integral) or isinstance(count, bool)):
-        raise TypeError(f"count: got {type(count).__name__}; accepts an integer or None")
-    if count is not None and count < 1:
-        raise ValueError(f"count: got {count}; accepts 1 or more")
-    _chosen = None if count is None else int(count)
+    _chosen = None if count is None else as_integer("count", count, least=1)
 
 
 def check_size(width: int, height: int) -> None:

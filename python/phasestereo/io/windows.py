@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.io.files import decoding, open_regular
+from phasestereo.io.files import decoding, is_of_the_system, open_regular
 from phasestereo.io.geotiff import (
     Georeference,
     as_bands,
@@ -103,9 +103,9 @@ class Raster:
         Raises
         ------
         OSError
-            If a part of the file cannot be read; the message names file and rows.
+            If the system refuses a part of the file; the message names file and rows.
         ValueError
-            If samples are such as no image has; likewise.
+            If a part is damaged, or samples are such as no image has; likewise.
         """
         across = slice(*(columns or (0, self.size[1])))
         cuts = [first, *_cuts(first, last, self.block[0]), last]
@@ -303,11 +303,10 @@ def _told(path: str, first: int, last: int) -> Iterator[None]:
         yield
     except (ImportError, MemoryError):
         raise
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from error
     except Exception as error:
         reason = error.__cause__ or error  # of rasterio's errors, what GDAL said
-        raise OSError(f"{where} cannot be read: {reason}") from error
+        kind = OSError if is_of_the_system(error) else ValueError
+        raise kind(f"{where} cannot be read: {reason}") from error
 
 
 def _check_blocks(what: str, needed: int, most: int) -> None:
@@ -434,7 +433,7 @@ def _open_npy(stack: ExitStack, path: str, max_bytes: int) -> Raster:
         count = (rows.stop - rows.start) * row // max(dtype.itemsize, 1)
         samples = np.fromfile(file, dtype, count)
         if samples.size != count:
-            raise OSError("the file ends before")
+            raise ValueError("the file ends before")
         return _plain(samples.reshape(-1, *shape[1:])[:, across], [])
 
     return _raster(path, (shape[0], shape[1]), piece, (1, row))

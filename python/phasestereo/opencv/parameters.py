@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
-from operator import index
 from types import MappingProxyType
 from typing import TYPE_CHECKING
+
+from phasestereo._numbers import as_integer
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -73,12 +74,8 @@ class Parameters:
             self._set(name, value)
 
     def _set(self, name: str, value: int) -> None:
-        if isinstance(value, bool) or not hasattr(value, "__index__"):
-            raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
-        number, (low, high) = index(value), RANGES[name]
-        if not low <= number <= high:
-            raise ValueError(f"{name}: got {number}; accepts {low} to {high}")
-        self._values[name] = number
+        low, high = RANGES[name]
+        self._values[name] = as_integer(name, value, least=low, most=high)
 
     def getMinDisparity(self) -> int:
         """Return the smallest disparity that is searched."""

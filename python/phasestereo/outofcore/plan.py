@@ -16,7 +16,7 @@ from phasestereo.outofcore.sizes import tell_bytes
 from phasestereo.settings import PRESETS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from phasestereo.io.windows import RasterPair
     from phasestereo.surveying import Survey
@@ -27,29 +27,7 @@ ROWS = _core.BAND_ROWS
 LARGEST = 32 * ROWS
 """Rows of the largest band: beyond, less of halos is saved than is lost when a run is killed."""
 
-COLUMNS = 256
-"""Tiles are of multiples of so many columns, those of the tiles of a TIFF file."""
-
 _LEAST_CACHE = 16 * 2**20
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tile:
-    """Columns that are matched by themselves.
-
-    Parameters
-    ----------
-    number
-        Counted from 0.
-    columns
-        The first of them, and the first that is not one of them.
-    reads
-        The columns of both images that are read for it, likewise.
-    """
-
-    number: int
-    columns: tuple[int, int]
-    reads: tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,8 +40,6 @@ class Plan:
         Rows and columns of the pair.
     num_disparities
         Number of disparities searched.
-    tiles
-        Columns that are matched by themselves: one tile of all, unless it is asked otherwise.
     rows
         Rows of a band, but for the last one.
     threads
@@ -83,7 +59,6 @@ class Plan:
 
     size: tuple[int, int]
     num_disparities: int
-    tiles: tuple[Tile, ...]
     rows: int
     threads: int
     memory: int
@@ -117,42 +92,15 @@ def cache(pair: RasterPair) -> int:
     return max(_LEAST_CACHE, 2 * sum(raster.block[1] for raster in pair.rasters))
 
 
-def tiles(survey: Survey, columns: int | None, overlap: int) -> tuple[Tile, ...]:
-    """Return the tiles of a pair.
-
-    Parameters
-    ----------
-    survey
-        That of the pair.
-    columns
-        Columns of a tile; None: all.
-    overlap
-        Further columns on either side, beyond those in which candidates lie.
-    """
-    width, low, count = survey.size[1], survey.min_disparity, survey.num_disparities
-    step = 1 if columns is None else survey.column_step
-    reach = overlap + max(abs(low), abs(low + count - 1)) + count
-    starts = range(0, width, columns or width)
-    ends = [*starts[1:], width]
-    return tuple(
-        Tile(
-            number=number,
-            columns=(start, end),
-            reads=(max(0, start - reach) // step * step, min(width, end + reach)),
-        )
-        for number, (start, end) in enumerate(zip(starts, ends, strict=True))
-    )
-
-
 def fit(
-    surveys: Sequence[Survey], pair: RasterPair, limit: int, *, threads: int, rows: int | None
+    survey: Survey, pair: RasterPair, limit: int, *, threads: int, rows: int | None
 ) -> tuple[int, int, int]:
     """Return rows of a band, threads, and the memory they take, of which the limit allows most.
 
     Parameters
     ----------
-    surveys
-        Those of all tiles.
+    survey
+        That of the pair.
     pair
         The pair.
     limit
@@ -171,10 +119,7 @@ def fit(
     most = min(LARGEST, -(-pair.size[0] // ROWS) * ROWS)
 
     def takes(count: int, workers: int) -> int:
-        return base + max(
-            working_memory(survey, count, threads=workers, itemsize=pair.itemsize)
-            for survey in surveys
-        )
+        return base + working_memory(survey, count, threads=workers, itemsize=pair.itemsize)
 
     def fits(workers: int, count: int) -> bool:
         return takes(count, workers) <= limit
@@ -186,7 +131,7 @@ def fit(
             best = _largest(low, high, partial(fits, workers))
             return best, workers, takes(best, workers)
     least = takes(rows or ROWS, 1)
-    raise ValueError(f"max_memory: got {tell_bytes(limit)}; accepts {_cure(least, surveys, pair)}")
+    raise ValueError(f"max_memory: got {tell_bytes(limit)}; accepts {_cure(least, survey, pair)}")
 
 
 def _largest(low: int, high: int, fits: Callable[[int], bool]) -> int:
@@ -208,14 +153,12 @@ def _pieces(pair: RasterPair) -> int:
     )
 
 
-def _cure(least: int, surveys: Sequence[Survey], pair: RasterPair) -> str:
+def _cure(least: int, survey: Survey, pair: RasterPair) -> str:
     """Say how much would do, and what would make it less."""
-    width, count = max(survey.size[1] for survey in surveys), surveys[0].num_disparities
+    width, count = survey.size[1], survey.num_disparities
     ways = ["with fewer disparities"]
-    if surveys[0].settings != PRESETS["fast"]:
+    if survey.settings != PRESETS["fast"]:
         ways.append("with the preset fast")
-    if width == pair.size[1]:
-        ways.append("in tiles of columns (tile_columns), which are approximate")
     text = (
         f"{tell_bytes(least)} or more for {width} columns and {count} disparities; less would do "
         f"{' or '.join(ways)}"

@@ -34,8 +34,6 @@ class Report:
         Wall-clock seconds of all bands, those of earlier runs, too.
     peak_memory
         Bytes that this process had at most since it began; None: the system does not tell.
-    approximate
-        In what the map is approximate; None: in nothing.
     again
         What an earlier run had finished and was missing or damaged, so that it was done again.
     """
@@ -47,7 +45,6 @@ class Report:
     flags: Mapping[Flag, int]
     seconds: float
     peak_memory: int | None
-    approximate: str | None
     again: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
@@ -64,10 +61,8 @@ class Report:
             "estimated": self.estimated,
             "flags": {str(flag.name).lower(): count for flag, count in self.flags.items()},
             "files": {layer: str(path) for layer, path in self.files.items()},
-            "approximate": self.approximate,
             "again": list(self.again),
             "bands": {"matched": plan.bands, "finished_before": plan.finished, "rows": plan.rows},
-            "tiles": len(plan.tiles),
             "threads": plan.threads,
             "memory": {"expected": plan.memory, "peak": self.peak_memory},
         }

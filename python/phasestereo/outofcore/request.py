@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 from dataclasses import asdict, dataclass
-from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import phasestereo
-from phasestereo.outofcore.plan import COLUMNS
+from phasestereo._numbers import as_integer
 from phasestereo.outofcore.sinks import check_suffix
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ class Request:
         Left image, right image, left mask, right mask.
     outputs
         Files by the layer that they are to hold.
-    settings, min_disparity, num_disparities, noise, bands, tile_columns, column_overlap
+    settings, min_disparity, num_disparities, noise, bands
         As `phasestereo.outofcore.match` has it.
     """
 
@@ -41,16 +40,11 @@ class Request:
     num_disparities: int
     noise: Noise | None
     bands: Sequence[int] | None
-    tile_columns: int | None
-    column_overlap: int
 
     def __post_init__(self) -> None:
         """Check what nothing else does."""
-        check_whole("tile_columns", self.tile_columns, COLUMNS)
-        for name in ("min_disparity", "num_disparities", "column_overlap"):
-            _check_type(name, getattr(self, name))
-        if self.column_overlap < 0:
-            raise ValueError(f"column_overlap: got {self.column_overlap}; accepts 0 or more")
+        for name in ("min_disparity", "num_disparities"):
+            as_integer(name, getattr(self, name))
         if "confidence" in self.outputs and not self.settings.confidence:
             raise ValueError(
                 "confidence_output: got a file, and settings that work none out; accepts None"
@@ -69,33 +63,7 @@ class Request:
             "settings": asdict(self.settings),
             "noise": self.noise,
             "layers": list(self.outputs),
-            "tile_columns": self.tile_columns,
-            "column_overlap": None if self.tile_columns is None else self.column_overlap,
         }
-
-    def approximation(self, width: int) -> str | None:
-        """Return in what the map of a pair of this width is approximate; None: in nothing."""
-        if self.tile_columns is None or self.tile_columns >= width:
-            return None
-        return (
-            f"matched in tiles of {self.tile_columns} columns, each with {self.column_overlap} "
-            "more on either side"
-        )
-
-
-def check_whole(name: str, value: int | None, step: int = 1) -> None:
-    """Refuse what is neither None nor a positive multiple of a step."""
-    if value is None:
-        return
-    _check_type(name, value)
-    if value < 1 or value % step:
-        accepts = "1 or more" if step == 1 else f"multiples of {step}"
-        raise ValueError(f"{name}: got {value}; accepts {accepts}")
-
-
-def _check_type(name: str, value: object) -> None:
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
 
 
 def as_outputs(

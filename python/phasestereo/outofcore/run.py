@@ -9,16 +9,17 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from phasestereo._extras import require
+from phasestereo._numbers import as_integer
 from phasestereo.io.files import suffix
 from phasestereo.io.windows import open_pair
 from phasestereo.matcher import Matcher
 from phasestereo.outofcore import plan as planning
-from phasestereo.outofcore.request import Request, as_outputs, check_whole
+from phasestereo.outofcore.request import Request, as_outputs
 from phasestereo.outofcore.sinks import Sink
 from phasestereo.outofcore.sizes import as_bytes
 from phasestereo.outofcore.store import opened
 from phasestereo.outofcore.work import Work
-from phasestereo.settings import PRESET, Settings, resolve
+from phasestereo.settings import Settings, resolve
 from phasestereo.surveying import survey
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def match(
     num_disparities: int,
     max_memory: int | str,
     min_disparity: int = 0,
-    preset: str = PRESET,
+    preset: str | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
     left_mask: StrPath | None = None,
@@ -53,8 +54,6 @@ def match(
     flags_output: StrPath | None = None,
     confidence_output: StrPath | None = None,
     band_rows: int | None = None,
-    tile_columns: int | None = None,
-    column_overlap: int = 256,
     restart: bool = False,
     announce: Callable[[Plan], object] | None = None,
     progress: Progress | None = None,
@@ -63,10 +62,10 @@ def match(
 ) -> Report:
     """Match a rectified stereo pair that need not fit into memory, from file to file.
 
-    What comes out is what `phasestereo.match` returns for the whole pair, to the bit, unless
-    ``tile_columns`` is given. The pair is matched in bands, each by itself; finished bands are kept
-    in a folder beside the output (``out.tif.part``), and the same call matches the others after
-    whatever ended it. The folder is removed in the end.
+    What comes out is what `phasestereo.match` returns for the whole pair, to the bit. The pair is
+    matched in bands, each by itself; finished bands are kept in a folder beside the output
+    (``out.tif.part``), and the same call matches the others after whatever ended it. The folder is
+    removed in the end.
 
     Parameters
     ----------
@@ -89,13 +88,6 @@ def match(
     band_rows
         Rows of a band; None: as many as the memory allows, 2048 at most. Rows around a band are
         matched with it (`phasestereo.halo`), so low bands take longer.
-    tile_columns
-        Match tiles of so many columns, a multiple of 256, by themselves, where bands alone take too
-        much memory. Then the map is approximate near the edges of tiles; the report and the tags of
-        the output say so.
-    column_overlap
-        Columns on either side of a tile that are matched with it and left out, beyond those in
-        which its candidates lie. Read with `tile_columns` alone.
     restart
         Whether to drop what an earlier run left finished. Otherwise it is gone on from, if it is of
         the same inputs, settings and version; memory, threads and rows may differ.
@@ -103,8 +95,8 @@ def match(
         Called with the `Plan` before the first band, and again after it, with what that tells of
         the time.
     progress
-        Called as ``progress(rows_done, rows)`` every now and then and after each band, rows being
-        those of all tiles; what it raises ends the run.
+        Called as ``progress(rows_done, rows)`` every now and then and after each band; what it
+        raises ends the run.
     stage
         Called with what begins, in words, where it is not the matching of bands: the survey of the
         whole pair, the putting together of the outputs, and what an earlier run had finished but
@@ -135,7 +127,8 @@ def match(
     ...                    max_memory="2GB")
     """
     limit = as_bytes(max_memory, "max_memory")
-    check_whole("band_rows", band_rows)
+    if band_rows is not None:
+        as_integer("band_rows", band_rows, least=1)
     sources = left, right, left_mask, right_mask
     outputs = {"disparity": output, "flags": flags_output, "confidence": confidence_output}
     request = Request(
@@ -146,18 +139,15 @@ def match(
         num_disparities=num_disparities,
         noise=noise,
         bands=bands,
-        tile_columns=tile_columns,
-        column_overlap=column_overlap,
     )
     count = Matcher(settings=request.settings, threads=threads).threads
     begin = stage or (lambda _: None)
     with _prepared(request, limit, count, begin, restart=restart) as (pair, survey, store, sinks):
         work = Work(pair, survey, store, tuple(request.outputs), announce, progress)
-        tiles = planning.tiles(survey, tile_columns, column_overlap)
-        plan = work.run(work.planned(tiles, limit, count, band_rows))
+        plan = work.run(work.planned(limit, count, band_rows))
         begin("putting the output together")
         for sink in sinks:
-            sink.write(partial(work.windows, plan, sink.layer))
+            sink.write(partial(work.windows, sink.layer))
         for sink in sinks:
             sink.publish()
         report = work.report(plan, request)
@@ -210,7 +200,6 @@ def _surveyed(
 
 
 def _sinks(request: Request, pair: RasterPair) -> list[Sink]:
-    approximate = request.approximation(pair.size[1])
     # Of two runs with one output, of those that may have it in common, the first one has the lock.
     first = os.path.realpath(request.outputs["disparity"])
     run = hashlib.sha256(os.fsencode(first)).hexdigest()[:8]
@@ -220,7 +209,6 @@ def _sinks(request: Request, pair: RasterPair) -> list[Sink]:
             layer=layer,
             size=pair.size,
             place=pair.left.georeference,
-            tags={} if approximate is None else {"APPROXIMATE": approximate},
             run=run,
         )
         for layer, path in request.outputs.items()

@@ -24,14 +24,14 @@ from phasestereo.io.windows import open_raster
 from phasestereo.outofcore.sizes import tell_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
     from phasestereo.io import Georeference
 
-    Write = Callable[[int, int, NDArray[Any]], None]
-    Windows = Callable[[], Iterator[tuple[int, int, NDArray[Any]]]]
+    Write = Callable[[int, NDArray[Any]], None]
+    Windows = Callable[[], Iterator[tuple[int, NDArray[Any]]]]
 
 DTYPES = {"disparity": "float32", "flags": "uint16", "confidence": "float32"}
 """The layers of a result, and what each is made of."""
@@ -56,8 +56,6 @@ class Sink:
         Rows and columns.
     place
         Where it lies.
-    tags
-        What else it tells, by name; ``.npy`` cannot.
     run
         What tells drafts of runs apart that have this output in common.
     """
@@ -66,7 +64,6 @@ class Sink:
     layer: str
     size: tuple[int, int]
     place: Georeference
-    tags: Mapping[str, str]
     run: str
 
     @property
@@ -84,12 +81,12 @@ class Sink:
         pixel = np.zeros((1, 1), DTYPES[self.layer])
         small = replace(self, size=(1, 1))
         try:
-            small.write(lambda: iter([(0, 0, pixel)]))
+            small.write(lambda: iter([(0, pixel)]))
         finally:
             remove(self.draft)
 
     def write(self, windows: Windows) -> None:
-        """Write a draft of all windows (row, column, values), and read it back.
+        """Write a draft of all windows (first row, values), and read it back.
 
         Raises
         ------
@@ -101,9 +98,9 @@ class Sink:
                 with self._blamed():
                     remove(self.draft)
                     write = stack.enter_context(_WRITERS[suffix(self.path)](self))
-                for row, column, values in windows():
+                for row, values in windows():
                     with self._blamed():
-                        write(row, column, values)
+                        write(row, values)
                 with self._blamed():
                     stack.close()
             self._compare(windows)
@@ -125,10 +122,9 @@ class Sink:
         with ExitStack() as stack:
             with self._blamed():
                 raster = stack.enter_context(open_raster(self.draft))
-            for row, column, values in windows():
-                rows, columns = values.shape
+            for row, values in windows():
                 with self._blamed():
-                    found, _ = raster.read(row, row + rows, (column, column + columns))
+                    found, _ = raster.read(row, row + len(values))
                     if not np.array_equal(found, values, equal_nan=values.dtype.kind == "f"):
                         raise OSError(errno.EIO, f"rows from {row} on are not what was written")
 
@@ -193,12 +189,11 @@ def _tiff(sink: Sink) -> Iterator[Write]:
             sink.draft, "w", count=1, height=height, width=width, **storage(dtype), **options
         ) as file,
     ):
-        file.update_tags(**sink.tags, **point_tag(sink.place))
+        file.update_tags(**point_tag(sink.place))
         file.set_band_description(1, sink.layer)
 
-        def write(row: int, column: int, values: NDArray[Any]) -> None:
-            rows, columns = values.shape
-            part = ((row, row + rows), (column, column + columns))
+        def write(row: int, values: NDArray[Any]) -> None:
+            part = (row, row + len(values)), (0, width)
             file.write(values, 1, window=part)
 
         yield write
@@ -210,13 +205,11 @@ def _npy(sink: Sink) -> Iterator[Write]:
     header = {"descr": dtype.str, "fortran_order": False, "shape": sink.size}
     with sink.draft.open("wb") as file:
         npy_format.write_array_header_1_0(file, header)
-        start = file.tell()
+        start, line = file.tell(), sink.size[1] * dtype.itemsize
 
-        def write(row: int, column: int, values: NDArray[Any]) -> None:
-            lines = [values] if values.shape[1] == sink.size[1] else values
-            for number, line in enumerate(lines, start=row):
-                file.seek(start + (number * sink.size[1] + column) * dtype.itemsize)
-                file.write(np.ascontiguousarray(line).data)
+        def write(row: int, values: NDArray[Any]) -> None:
+            file.seek(start + row * line)
+            file.write(np.ascontiguousarray(values).data)
 
         yield write
 
@@ -235,16 +228,15 @@ def _zarr(sink: Sink) -> Iterator[Write]:
         attributes=_attributes(sink),
     )
 
-    def write(row: int, column: int, values: NDArray[Any]) -> None:
-        rows, columns = values.shape
-        array[row : row + rows, column : column + columns] = values
+    def write(row: int, values: NDArray[Any]) -> None:
+        array[row : row + len(values)] = values
 
     yield write
 
 
 def _attributes(sink: Sink) -> dict[str, Any]:
     """Return what a Zarr array tells of itself: its place as GDAL's own names have it."""
-    attributes: dict[str, Any] = {"long_name": sink.layer, **sink.tags}
+    attributes: dict[str, Any] = {"long_name": sink.layer}
     if sink.place.crs is not None:
         wkt = getattr(placed(sink.place)["crs"], "to_wkt", str)()
         attributes["_CRS"] = {"wkt": wkt}

@@ -42,7 +42,7 @@ T = TypeVar("T")
 
 _RUN, _LOCK, _DRAFT = "run.json", "lock", "draft.npz"
 _KEPT = re.compile(r"(.+)-([0-9a-f]{32})\.npz")
-_BLOCK = re.compile(r"tile(\d{4})-rows(\d{8})-(\d{8})")
+_BLOCK = re.compile(r"rows(\d{8})-(\d{8})")
 _TORN = re.compile(r"\.[0-9a-f]{16}\.part")  # as `phasestereo.io.files.replacing` calls a draft
 _SURVEY = "survey"
 
@@ -87,14 +87,12 @@ class Store:
                     self._files[kept[1]] = path
                 else:
                     self.again.append(f"{path.name} is damaged: what it held is done again")
-        for tile in sorted({tile for tile, _ in self._blocks()}):
-            bands = [(0, 0), *self.bands(tile)]
-            for (_, above), (first, last) in pairwise(bands):
-                if first > above:
-                    self.again.append(
-                        f"rows {above} to {first - 1} above rows {first} to {last - 1} are "
-                        "missing: they are matched again"
-                    )
+        for (_, above), (first, last) in pairwise([(0, 0), *self.bands()]):
+            if first > above:
+                self.again.append(
+                    f"rows {above} to {first - 1} above rows {first} to {last - 1} are "
+                    "missing: they are matched again"
+                )
 
     def drop_damaged(self) -> None:
         """Remove the files that are not whole."""
@@ -108,20 +106,20 @@ class Store:
         """Whether any band is finished."""
         return next(self._blocks(), None) is not None
 
-    def bands(self, tile: int) -> list[Rows]:
-        """Return first and last row (exclusive) of the finished bands of a tile, from above.
+    def bands(self) -> list[Rows]:
+        """Return first and last row (exclusive) of the finished bands, from above.
 
         Of two that overlap, as after a partial restore, one counts.
         """
         found: list[Rows] = []
-        for first, last in sorted(rows for number, rows in self._blocks() if number == tile):
+        for first, last in sorted(self._blocks()):
             if first >= (found[-1][1] if found else 0) and last > first:
                 found.append((first, last))
         return found
 
-    def gaps(self, tile: int, height: int) -> list[Rows]:
-        """Return the rows of a tile that are not finished, from above."""
-        bands = [(0, 0), *self.bands(tile), (height, height)]
+    def gaps(self, height: int) -> list[Rows]:
+        """Return the rows that are not finished, from above."""
+        bands = [(0, 0), *self.bands(), (height, height)]
         return [(above, below) for (_, above), (below, _) in pairwise(bands) if above < below]
 
     def survey(self, make: Callable[[], Survey]) -> Survey:
@@ -133,26 +131,26 @@ class Store:
             found.save(draft)
         return found
 
-    def save(self, tile: int, rows: Rows, block: Arrays) -> None:
+    def save(self, rows: Rows, block: Arrays) -> None:
         """Keep a band."""
         size = sum(array.nbytes for array in block.values())
-        with self._published(_block(tile, rows), size) as draft, draft.open("wb") as file:
+        with self._published(_block(rows), size) as draft, draft.open("wb") as file:
             _write(file, block)
 
-    def load(self, tile: int, rows: Rows, name: str) -> NDArray[Any]:
+    def load(self, rows: Rows, name: str) -> NDArray[Any]:
         """Return one array of a finished block."""
-        return self._whole(_block(tile, rows), partial(_read, name=name))
+        return self._whole(_block(rows), partial(_read, name=name))
 
     def discard(self) -> None:
         """Remove everything: the run is over."""
         (self.folder / _RUN).unlink(missing_ok=True)
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _blocks(self) -> Iterator[tuple[int, Rows]]:
-        """Yield tile and rows of each block that is whole."""
+    def _blocks(self) -> Iterator[Rows]:
+        """Yield the rows of each block that is whole."""
         for name in self._files:
             if kept := _BLOCK.fullmatch(name):
-                yield int(kept[1]), (int(kept[2]), int(kept[3]))
+                yield int(kept[1]), int(kept[2])
 
     def _digest(self, name: str, path: Path) -> str:
         digest = hashlib.blake2b(name.encode(), digest_size=16, key=self._key)
@@ -290,8 +288,8 @@ def _is_block(file: Path) -> bool:
     return bool(kept and _BLOCK.fullmatch(kept[1]))
 
 
-def _block(tile: int, rows: Rows) -> str:
-    return f"tile{tile:04}-rows{rows[0]:08}-{rows[1]:08}"
+def _block(rows: Rows) -> str:
+    return f"rows{rows[0]:08}-{rows[1]:08}"
 
 
 def _differences(earlier: dict[str, Any], now: dict[str, Any]) -> str:

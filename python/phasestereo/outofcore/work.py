@@ -12,7 +12,7 @@ from phasestereo import _core
 from phasestereo.banding import halo, match_rows
 from phasestereo.matcher import match
 from phasestereo.outofcore import plan as planning
-from phasestereo.outofcore.plan import Plan, Tile
+from phasestereo.outofcore.plan import Plan
 from phasestereo.outofcore.report import Report
 from phasestereo.outofcore.sinks import DTYPES, ROWS
 from phasestereo.result import Flag, count_flags
@@ -56,66 +56,61 @@ class Work:
     announce: Callable[[Plan], object] | None
     progress: Progress | None
 
-    def planned(self, tiles: tuple[Tile, ...], limit: int, threads: int, rows: int | None) -> Plan:
-        """Return how to match what is left to do of these tiles; see `planning.fit`."""
+    def planned(self, limit: int, threads: int, rows: int | None) -> Plan:
+        """Return how to match what is left to do; see `planning.fit`."""
         size = self.pair.size
-        surveys = [self._survey(tile) for tile in tiles]
-        rows, threads, memory = planning.fit(surveys, self.pair, limit, threads=threads, rows=rows)
-        gaps = [self.store.gaps(tile.number, size[0]) for tile in tiles]
-        widths = [each.size[1] for each in surveys]
-        pixels = sum(_rows(each) * width for each, width in zip(gaps, widths, strict=True))
+        rows, threads, memory = planning.fit(
+            self.survey, self.pair, limit, threads=threads, rows=rows
+        )
+        gaps = self.store.gaps(size[0])
+        pixels = _rows(gaps) * size[1]
         return Plan(
             size=size,
             num_disparities=self.survey.num_disparities,
-            tiles=tiles,
             rows=rows,
             threads=threads,
             memory=memory,
-            bands=sum(len(list(_bands(each, rows))) for each in gaps),
-            finished=sum(len(self.store.bands(tile.number)) for tile in tiles),
-            seconds=pixels * self._seconds_a_pixel(max(widths), rows, threads) if pixels else 0.0,
+            bands=len(list(_bands(gaps, rows))),
+            finished=len(self.store.bands()),
+            seconds=pixels * self._seconds_a_pixel(rows, threads) if pixels else 0.0,
         )
 
     def run(self, plan: Plan) -> Plan:
         """Match all that is not finished; return the plan with what the first band tells."""
         self._announce(plan)
-        height, workers = plan.size[0], _core.Workers(plan.threads)
-        rows = height * len(plan.tiles)
-        gaps = {tile: self.store.gaps(tile.number, height) for tile in plan.tiles}
-        done = rows - sum(map(_rows, gaps.values()))
+        rows, workers = plan.size[0], _core.Workers(plan.threads)
+        gaps = self.store.gaps(rows)
+        done = rows - _rows(gaps)
         self._tell(done, rows)
-        for tile, between in gaps.items():
-            for band in _bands(between, plan.rows):
-                started = perf_counter()
-                self._match(tile, band, workers, self._within(plan, done, band))
-                done += _rows([band])
-                self._tell(done, rows)
-                if not plan.by_band and done < rows:
-                    pace = (perf_counter() - started) / _rows([band])
-                    plan = replace(plan, seconds=pace * (rows - done), by_band=True)
-                    self._announce(plan)
+        for band in _bands(gaps, plan.rows):
+            started = perf_counter()
+            self._match(band, workers, self._within(rows, done, band))
+            done += _rows([band])
+            self._tell(done, rows)
+            if not plan.by_band and done < rows:
+                pace = (perf_counter() - started) / _rows([band])
+                plan = replace(plan, seconds=pace * (rows - done), by_band=True)
+                self._announce(plan)
         return plan
 
-    def windows(self, plan: Plan, layer: str) -> Iterator[tuple[int, int, NDArray[Any]]]:
-        """Yield a layer of the map by windows of `ROWS` rows: row, column, values."""
-        for tile in plan.tiles:
-            row, rest = 0, np.empty((0, tile.columns[1] - tile.columns[0]), DTYPES[layer])
-            for band in self.store.bands(tile.number):
-                rest = np.concatenate([rest, self.store.load(tile.number, band, layer)])
-                while len(rest) >= ROWS:
-                    yield row, tile.columns[0], rest[:ROWS]
-                    row, rest = row + ROWS, rest[ROWS:]
-            if len(rest):
-                yield row, tile.columns[0], rest
+    def windows(self, layer: str) -> Iterator[tuple[int, NDArray[Any]]]:
+        """Yield a layer of the map by windows of `ROWS` rows: the first row, and values."""
+        row, rest = 0, np.empty((0, self.pair.size[1]), DTYPES[layer])
+        for band in self.store.bands():
+            rest = np.concatenate([rest, self.store.load(band, layer)])
+            while len(rest) >= ROWS:
+                yield row, rest[:ROWS]
+                row, rest = row + ROWS, rest[ROWS:]
+        if len(rest):
+            yield row, rest
 
     def report(self, plan: Plan, request: Request) -> Report:
         """Return what there is to say."""
         estimated, seconds, flags = 0, 0.0, np.zeros(len(Flag), np.int64)
-        for tile in plan.tiles:
-            for band in self.store.bands(tile.number):
-                estimated += int(self.store.load(tile.number, band, "estimated"))
-                seconds += float(self.store.load(tile.number, band, "seconds"))
-                flags += self.store.load(tile.number, band, "flag_counts")
+        for band in self.store.bands():
+            estimated += int(self.store.load(band, "estimated"))
+            seconds += float(self.store.load(band, "seconds"))
+            flags += self.store.load(band, "flag_counts")
         return Report(
             plan=plan,
             survey=self.survey,
@@ -124,44 +119,36 @@ class Work:
             flags=dict(zip(Flag, flags.tolist(), strict=True)),
             seconds=seconds,
             peak_memory=planning.peak(),
-            approximate=request.approximation(plan.size[1]),
             again=tuple(self.store.again),
         )
 
     def _match(
-        self, tile: Tile, band: tuple[int, int], workers: _core.Workers, within: Progress | None
+        self, band: tuple[int, int], workers: _core.Workers, within: Progress | None
     ) -> None:
-        """Match a band of a tile, and keep it."""
+        """Match a band, and keep it."""
         started = perf_counter()
-        read, survey = self.pair.reader(tile.reads), self._survey(tile)
-        found = match_rows(read, survey, *band, threads=workers, progress=within)
-        block = self._block(found, tile)
+        read = self.pair.reader()
+        found = match_rows(read, self.survey, *band, threads=workers, progress=within)
+        block = self._block(found)
         block["seconds"] = np.array(perf_counter() - started)
-        self.store.save(tile.number, band, block)
+        self.store.save(band, block)
 
-    def _block(self, result: Result, tile: Tile) -> dict[str, NDArray[Any]]:
+    def _block(self, result: Result) -> dict[str, NDArray[Any]]:
         """Return what is kept of a band: the layers that are asked for, and counts."""
-        shift = tile.reads[0]
-        part = slice(tile.columns[0] - shift, tile.columns[1] - shift)
-        flags = result.flags[:, part]
-        block = {layer: getattr(result, layer)[:, part] for layer in self.layers}
-        counts = count_flags(flags)
+        block = {layer: getattr(result, layer) for layer in self.layers}
+        counts = count_flags(result.flags)
         block["flag_counts"] = np.array([counts[flag] for flag in Flag])
-        block["estimated"] = np.isfinite(result.disparity[:, part]).sum()
+        block["estimated"] = np.isfinite(result.disparity).sum()
         return block
 
-    def _survey(self, tile: Tile) -> Survey:
-        whole = tile.reads == (0, self.survey.size[1])
-        return self.survey if whole else self.survey.columns(*tile.reads)
-
-    def _seconds_a_pixel(self, columns: int, band: int, threads: int) -> float:
+    def _seconds_a_pixel(self, band: int, threads: int) -> float:
         """Match a small part of the pair, to see how long a pixel of a band of so many rows takes.
 
         It is of the middle, since the margins of strips often have no data. Which disparities are
         searched there makes no difference, so they are such as the part has.
         """
         height, width = self.pair.size
-        rows, across = min(height, planning.ROWS * threads), min(width, columns, _SAMPLE)
+        rows, across = min(height, planning.ROWS * threads), min(width, _SAMPLE)
         first, start = (height - rows) // 2, (width - across) // 2
         left, right, *masks = self.pair.reader((start, start + across))(first, first + rows)
         settings = replace(self.survey.settings, equalise=False, despike=False, denoise=False)
@@ -180,11 +167,11 @@ class Work:
         with_halo = 1 + 2 * halo(self.survey.settings, self.survey.equalisation) / band
         return (perf_counter() - started) / (rows * across) * share * with_halo
 
-    def _within(self, plan: Plan, done: int, band: tuple[int, int]) -> Progress | None:
+    def _within(self, every: int, done: int, band: tuple[int, int]) -> Progress | None:
         """Return what tells how far a band is, after so many rows of others."""
         if self.progress is None:
             return None
-        every, rows = plan.size[0] * len(plan.tiles), _rows([band])
+        rows = _rows([band])
 
         def progress(part: int, parts: int) -> None:
             self._tell(done + min(rows - 1, rows * part // max(parts, 1)), every)

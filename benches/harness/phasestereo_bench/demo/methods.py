@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from phasestereo.matcher import match
@@ -60,6 +60,8 @@ class Method:
         return result.disparity
 
 
+_PAPER = PRESETS["paper"]
+
 # Told nothing of the blur, and with nothing chosen for these scenes.
 ROBUST = Method("robust", "robust (finds the blur itself)", PRESETS["robust"], "robust")
 
@@ -71,12 +73,12 @@ ROBUST = Method("robust", "robust (finds the blur itself)", PRESETS["robust"], "
 PHASE = Method(
     "phase",
     f"phase codes, L = {NEIGHBORHOOD}",
-    Settings(neighborhood=NEIGHBORHOOD, window=WINDOW, penalty=6),
+    replace(_PAPER, neighborhood=NEIGHBORHOOD, window=WINDOW, penalty=6),
 )
 # What one would take if both images were sharp: outlines are crisper, and blur does more harm.
-SMALL = Method("phase7", "phase codes, L = 7", Settings(window=WINDOW, penalty=6))
-SAD = Method("sad", "SAD", Settings(cost="sad", window=WINDOW, penalty=10))
-NSAD = Method("nsad", "normalised SAD", Settings(cost="nsad", window=WINDOW, penalty=1))
+SMALL = Method("phase7", "phase codes, L = 7", replace(_PAPER, window=WINDOW, penalty=6))
+SAD = Method("sad", "SAD", replace(_PAPER, cost="sad", window=WINDOW, penalty=10))
+NSAD = Method("nsad", "normalised SAD", replace(_PAPER, cost="nsad", window=WINDOW, penalty=1))
 SGBM = Method("sgbm", "StereoSGBM (OpenCV)", None)
 
 METHODS: tuple[Method, ...] = (ROBUST, PHASE, SMALL, SAD, NSAD)

@@ -169,9 +169,12 @@ class Method(NamedTuple):
         self, *, window: int, penalty: float, neighborhood: int | None = None, power: int = 1
     ) -> Settings:
         """Return the settings of the paper's preset but for these; b = 2."""
+        paper = Settings.preset("paper")
         if self.cost != "phase" or neighborhood is None:
-            return Settings(cost=self.cost, window=window, penalty=penalty)
-        return Settings(neighborhood=neighborhood, window=window, power=power, penalty=penalty)
+            return replace(paper, cost=self.cost, window=window, penalty=penalty)
+        return replace(
+            paper, neighborhood=neighborhood, window=window, power=power, penalty=penalty
+        )
 
 
 def recoded(settings: Settings, bits: int) -> Settings:
