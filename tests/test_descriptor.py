@@ -139,7 +139,7 @@ def test_two_sizes_are_both_of_them(weak: float) -> None:
     ones = np.uint64((1 << length) - 1)
     # (0, 1) is the first component of the larger one, (1, 0) the third, after (1, -1).
     axes = larger & ones | (larger >> np.uint64(2 * length) & ones) << np.uint64(length)
-    np.testing.assert_array_equal(found, axes | smaller << np.uint64(2 * length))
+    assert_nearly_same(found, axes | smaller << np.uint64(2 * length))
 
 
 def test_a_single_axis_takes_no_room_for_the_other() -> None:
@@ -147,7 +147,14 @@ def test_a_single_axis_takes_no_room_for_the_other() -> None:
     for frequencies in ((0, 1), (1, 0)):
         found = ps.descriptor(image, neighborhood=3, frequencies=frequencies, sizes=2)
         each = [ps.descriptor(image, neighborhood=n, frequencies=frequencies) for n in (5, 3)]
-        np.testing.assert_array_equal(found, each[0] | each[1] << 2)
+        assert_nearly_same(found, each[0] | each[1] << 2)
+
+
+def assert_nearly_same(found: NDArray[Any], expected: NDArray[Any]) -> None:
+    """Hold codes of two sizes against those of each: their tables are coarser, to fit 32 bits."""
+    apart = found.astype(np.uint64) ^ expected.astype(np.uint64)
+    assert not np.any(apart & (apart - (apart > 0))), "a code differs by more than one bit"
+    assert (apart > 0).mean() < 0.05
 
 
 @pytest.mark.parametrize(

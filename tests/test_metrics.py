@@ -322,9 +322,9 @@ def test_a_threshold_is_a_number_of_pixels(threshold: Any, error: type[Exception
     ("count", "error"), [(0, ValueError), (-16, ValueError), (16.0, TypeError), (True, TypeError)]
 )
 def test_num_disparities_is_a_positive_integer(count: Any, error: type[Exception]) -> None:
-    with pytest.raises(error, match="num_disparities must be"):
+    with pytest.raises(error, match="^num_disparities: got"):
         metrics.middlebury_v3(FLAT, FLAT, num_disparities=count)
-    with pytest.raises(error, match="num_disparities must be"):
+    with pytest.raises(error, match="^num_disparities: got"):
         metrics.score(FLAT, FLAT, num_disparities=count)
 
 
