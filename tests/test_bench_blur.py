@@ -11,8 +11,10 @@ import pytest
 from phasestereo import io
 from phasestereo_bench import blur as bench
 from phasestereo_bench import read_store
+from phasestereo_bench.blur.document import blur_text
 from phasestereo_bench.datasets import find_scenes
 from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
+from phasestereo_bench.report.documents import fill_places
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -256,7 +258,7 @@ def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
     document = tmp_path / "blur.md"
     other = "<!-- bench:speed -->kept<!-- /bench:speed -->\n"
     document.write_text(f"# A\n<!-- bench:blur -->old<!-- /bench:blur -->\n{other}")
-    bench.fill_blur(document, told)
+    fill_places(document, {"blur": blur_text(told)})
     text = document.read_text()
     assert "| disk 3 | 1 | 100 | 100 | 100 | - | 100 | 100 | 0.00 | - |" in text
     assert "old" not in text

@@ -19,8 +19,10 @@ from phasestereo_bench import read_store
 from phasestereo_bench import speed as bench
 from phasestereo_bench.environment import usable_cpus
 from phasestereo_bench.rendering import render_pair
+from phasestereo_bench.report.documents import fill_places
 from phasestereo_bench.speed import contenders, memory, pairs, records, rounds
 from phasestereo_bench.speed.affinity import pinned
+from phasestereo_bench.speed.document import speed_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -438,14 +440,14 @@ def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
     document = tmp_path / "speed.md"
     other = "<!-- bench:sharp -->kept<!-- /bench:sharp -->\n"
     document.write_text(f"# A\n<!-- bench:speed -->old<!-- /bench:speed -->\n{other}")
-    bench.fill_speed(document, told)
+    fill_places(document, {"speed": speed_text(told)})
     text = document.read_text()
     assert "| cones | 450 x 375 | 64 | 1 | 12.3 | 0.88 | 1.50 | 1.50 | 1.50 | 40 |" in text
     assert "| cones | 450 x 375 | 64 | 1 | 3.0 | 1.0 | 4.0 | 4.0 | 4.0 |" in text
     assert "old" not in text
     assert text.endswith(other)
     assert "Made with phasestereo 1.2.3" in text
-    bench.fill_speed(document, told)
+    fill_places(document, {"speed": speed_text(told)})
     assert document.read_text() == text
 
 

@@ -10,7 +10,6 @@
 Data flow: `trials` -> records, in a store -> `verdicts` -> the table of `results`, in a `document`.
 """
 
-from phasestereo_bench.blur.document import fill_blur
 from phasestereo_bench.blur.results import BlurResults, blur_table, explain_blur, read_blur
 from phasestereo_bench.blur.trials import KIND, Trial, blur_jobs, run_blur, try_out
 from phasestereo_bench.blur.verdicts import Verdict, verdict
@@ -23,7 +22,6 @@ __all__ = [
     "blur_jobs",
     "blur_table",
     "explain_blur",
-    "fill_blur",
     "read_blur",
     "run_blur",
     "try_out",

@@ -5,31 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from phasestereo_bench.blur.results import blur_table, explain_blur
-from phasestereo_bench.report.documents import fill_places, small_print
+from phasestereo_bench.report.documents import small_print
 from phasestereo_bench.report.markdown import markdown_table
 from phasestereo_bench.report.origin import made_with
 
 if TYPE_CHECKING:
-    import os
-
     from phasestereo_bench.blur.results import BlurResults
 
 MARKER = "blur"
-
-
-def fill_blur(path: str | os.PathLike[str], results: BlurResults) -> None:
-    """Replace what is between the markers ``<!-- bench:blur -->`` and ``<!-- /bench:blur -->``.
-
-    The file is replaced as a whole or not at all, and not touched if nothing changes.
-
-    Raises
-    ------
-    ValueError
-        If there is no such marker, one without its counterpart, or one that is not known.
-    OSError
-        If the file cannot be read or written.
-    """
-    fill_places(path, {MARKER: blur_text(results)})
 
 
 def blur_text(results: BlurResults) -> str:

@@ -15,15 +15,19 @@ from rich.text import Text
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable
-from phasestereo_bench.blur import fill_blur, read_blur
+from phasestereo_bench.blur import read_blur
+from phasestereo_bench.blur.document import MARKER as BLUR
+from phasestereo_bench.blur.document import blur_text
 from phasestereo_bench.cli.bench_tables import blur_screen, speed_screen
 from phasestereo_bench.methods import TRUE_BLUR
 from phasestereo_bench.report import fill_document, read_results, write_report
-from phasestereo_bench.report.documents import render_document
+from phasestereo_bench.report.documents import fill_places, render_document
 from phasestereo_bench.report.origin import explain
 from phasestereo_bench.report.sharp import sharp_tables
 from phasestereo_bench.report.tables import Table, mean_table
-from phasestereo_bench.speed import fill_speed, read_speed
+from phasestereo_bench.speed import read_speed
+from phasestereo_bench.speed.document import MARKER as SPEED
+from phasestereo_bench.speed.document import speed_text
 
 Shown: TypeAlias = tuple[Group, Callable[[Path], None]]
 """What to print, and what fills a document."""
@@ -106,14 +110,14 @@ def _speed(results: tuple[Path, ...]) -> Shown | None:
     told = read_speed(results)
     if told is None:
         return None
-    return speed_screen(told), lambda document: fill_speed(document, told)
+    return speed_screen(told), lambda document: fill_places(document, {SPEED: speed_text(told)})
 
 
 def _blur(results: tuple[Path, ...]) -> Shown | None:
     told = read_blur(results)
     if told is None:
         return None
-    return blur_screen(told), lambda document: fill_blur(document, told)
+    return blur_screen(told), lambda document: fill_places(document, {BLUR: blur_text(told)})
 
 
 def _show(shown: Shown, readme: tuple[Path, ...]) -> None:

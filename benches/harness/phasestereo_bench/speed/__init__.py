@@ -12,7 +12,6 @@ in a store -> `results` and their tables, in a `document`.
 """
 
 from phasestereo_bench.speed.contenders import CONTENDERS, OURS
-from phasestereo_bench.speed.document import fill_speed
 from phasestereo_bench.speed.pairs import PAIRS, GrayPair, find_pairs, is_rendered
 from phasestereo_bench.speed.records import run_speed, speed_jobs
 from phasestereo_bench.speed.results import (
@@ -32,7 +31,6 @@ __all__ = [
     "GrayPair",
     "SpeedResults",
     "explain_speed",
-    "fill_speed",
     "find_pairs",
     "is_rendered",
     "memory_table",

@@ -4,32 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from phasestereo_bench.report.documents import fill_places, small_print
+from phasestereo_bench.report.documents import small_print
 from phasestereo_bench.report.markdown import markdown_table
 from phasestereo_bench.report.origin import made_with
 from phasestereo_bench.speed.results import explain_speed, memory_table, time_table
 
 if TYPE_CHECKING:
-    import os
-
     from phasestereo_bench.speed.results import SpeedResults
 
 MARKER = "speed"
-
-
-def fill_speed(path: str | os.PathLike[str], results: SpeedResults) -> None:
-    """Replace what is between the markers ``<!-- bench:speed -->`` and ``<!-- /bench:speed -->``.
-
-    The file is replaced as a whole or not at all, and not touched if nothing changes.
-
-    Raises
-    ------
-    ValueError
-        If there is no such marker, one without its counterpart, or one that is not known.
-    OSError
-        If the file cannot be read or written.
-    """
-    fill_places(path, {MARKER: speed_text(results)})
 
 
 def speed_text(results: SpeedResults) -> str:
