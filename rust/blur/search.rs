@@ -24,7 +24,9 @@ const CLEAR: f32 = 0.3;
 /// 0.0006. Of these blocks one in ten is left to be tried with 0, one in twenty with 0.02.
 const BETTER: f32 = 0.02;
 
-/// Lenses whose middle is covered are rare, and blocks of two kinds of blur look like them, nepers.
+/// By how much an annulus has to explain blocks better than other blurs, nepers: lenses whose middle is covered are rare.
+/// Means of bad-1.0 (%) over 12 scenes, a Gaussian of 2 with JPEG of quality 70, opposite defocus of 8 px: with 0: 24.8, 38.8;
+/// with 0.1: 22.2, 38.1; annuli themselves 16.0 and 15.1 with either.
 const RARE: f32 = 0.1;
 
 /// A blur to choose: of a side, or none.
