@@ -125,7 +125,7 @@ pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> R
     }
     let found = if asked.is_anything() {
         let mut found = means.matcher.install(|| estimate_pair(&pair, &asked, settings, means))?;
-        if settings.equalise && found.is_inverted {
+        if settings.equalise && found.is_inverted && !known.is_inverted {
             pair = pair.inverted();
             found = means.matcher.install(|| estimate_pair(&pair, &asked, settings, means))?;
             found.is_inverted = true;
@@ -159,10 +159,11 @@ pub fn prepare_by_rows(
     if !asked.is_anything() {
         return Ok(Estimates::nothing(source.candidates(), &known));
     }
+    let inverted = Inverted(source);
+    let source = if known.is_inverted { &inverted } else { source };
     let mut found = means.matcher.install(|| estimate_by_rows(source, &asked, settings, means))?;
-    if settings.equalise && found.is_inverted {
-        let source = &Inverted(source);
-        found = means.matcher.install(|| estimate_by_rows(source, &asked, settings, means))?;
+    if settings.equalise && found.is_inverted && !known.is_inverted {
+        found = means.matcher.install(|| estimate_by_rows(&inverted, &asked, settings, means))?;
         found.is_inverted = true;
     }
     Ok(found.finished(&known, started))

@@ -219,6 +219,27 @@ fn pairs_that_are_read_give_what_whole_ones_do() {
 }
 
 #[test]
+fn a_negative_is_found_by_rows_as_in_memory_and_may_be_known() {
+    let pair = pair_of(&shots(&field(&[0.0; 8])), bytes).inverted();
+    let expected = found(&pair, false, 2, Level::best());
+    assert!(expected.is_inverted);
+    let by_rows = found_by_rows(&pair, false, 50);
+    assert_same(&by_rows, &expected, "by rows");
+    assert!(by_rows.is_inverted);
+
+    let (matcher, control) = (Matcher::new(2).expect("threads"), Control::default());
+    let how = Execution { threads: 2, level: Level::best() };
+    let means = Means { matcher: &matcher, how, control: &control };
+    let known = || Known { is_inverted: true, ..Known::default() };
+    let prepared = prepare(pair.clone(), known(), &settings(), means).expect("it runs");
+    assert_same(&prepared.found, &expected, "known");
+    assert_eq!(prepared.pair.views()[1].image, pair.inverted().views()[1].image);
+    let slow = Slow::new(&pair, 50);
+    let by_rows = prepare_by_rows(&slow, known(), &settings(), means).expect("it runs");
+    assert_same(&by_rows, &expected, "known, by rows");
+}
+
+#[test]
 fn a_part_is_straightened_as_the_whole() {
     let exact = field(&[2.2, 1.7, -3.1, 0.4, 0.0, -0.3, 0.8, 0.2]);
     let pair = pair_of(&shots(&exact), floats);

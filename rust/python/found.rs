@@ -42,8 +42,8 @@ pub type Field = ([f64; TERMS], (usize, usize), usize);
 /// A field, its standard error, blocks that agree, their spread.
 type Measured = (Field, f64, usize, f64);
 
-/// Disparities (least, number), the confidence of a rough match, whether it takes an inverted image, the range and the offsets that were found, the field that is applied, blur, what suits it,
-/// and wall-clock seconds.
+/// Disparities (least, number), the confidence of a rough match, whether it takes an inverted image, the range and the
+/// offsets that were found, the field that is applied, blur, what suits it, and wall-clock seconds.
 pub type Found<'py> = (
     (i64, i64),
     Option<f64>,
