@@ -49,6 +49,7 @@ pub mod plane;
 pub mod value;
 
 pub mod candidates;
+pub mod presets;
 pub mod settings;
 
 pub mod blocking;
