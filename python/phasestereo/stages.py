@@ -15,7 +15,7 @@ import numpy as np
 
 from phasestereo import _core
 from phasestereo._images import as_array, as_mask, as_pair, as_pixels
-from phasestereo.rig.compensation import Equalisation, Noise, as_versions
+from phasestereo.rig.compensation import BlurCompensation, Noise, compensation_of
 from phasestereo.settings import Settings, resolve
 
 if TYPE_CHECKING:
@@ -99,14 +99,14 @@ def cost_volume(
     settings: Settings | None = None,
     threads: int | None = None,
     noise: Noise | None = None,
-    equalisation: Equalisation | None = None,
+    blur_compensation: BlurCompensation | None = None,
     **overrides: Any,
 ) -> NDArray[np.uint16]:
     """Compare every pixel with every candidate.
 
     Parameters
     ----------
-    left, right, num_disparities, min_disparity, threads, noise, equalisation
+    left, right, num_disparities, min_disparity, threads, noise, blur_compensation
         As `match` takes them.
     settings
         Settings to start from; None: the preset ``"paper"``. ``cost`` and those it depends on
@@ -129,8 +129,8 @@ def cost_volume(
     """
     chosen = resolve("paper" if settings is None else None, settings, overrides)
     disparities = min_disparity, num_disparities
-    versions = as_versions(noise, equalisation)
-    return _core.cost_volume(as_pair(left, right), disparities, chosen, threads, versions)
+    compensation = compensation_of(noise, blur_compensation)
+    return _core.cost_volume(as_pair(left, right), disparities, chosen, threads, compensation)
 
 
 def aggregate(costs: ArrayLike, *, window: int = 9, shiftable: bool = True) -> NDArray[np.uint32]:

@@ -263,7 +263,7 @@ class _Run:
             recipe = self._order.recipe(pair)
             if self._is_there(self._manifest.records.get(pair.name), recipe):
                 self._skipped += 1
-                self._tell()
+                self._report_progress()
             else:
                 yield _Job(pair, recipe)
 
@@ -335,9 +335,9 @@ class _Run:
             self._failed += 1
             if self._on_failure is not None:
                 self._on_failure(record)
-        self._tell()
+        self._report_progress()
 
-    def _tell(self) -> None:
+    def _report_progress(self) -> None:
         if self._progress is not None:
             self._progress(self._skipped + self._done + self._failed, len(self._pairs))
 
