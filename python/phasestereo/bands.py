@@ -18,6 +18,7 @@ import numpy as np
 
 from phasestereo import _core
 from phasestereo._images import as_mask, as_pair
+from phasestereo._numbers import as_integer
 from phasestereo.result import Result
 from phasestereo.rig.compensation import BlurCompensation, as_blur_compensation, as_noise
 from phasestereo.rig.estimates import as_estimates
@@ -305,7 +306,8 @@ def match_rows(
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
     rows = Checked(read, statistics.size, statistics.dtype)
-    _check_rows(statistics, first, last)
+    as_integer("first", first, least=0, most=statistics.size[0] - 1)
+    as_integer("last", last, least=first + 1, most=statistics.size[0])
     around, masked = _core.reach(
         statistics.settings, statistics.blur_compensation, statistics.field
     )
@@ -333,16 +335,6 @@ def match_rows(
 
 def _widened(first: int, last: int, by: int, statistics: PairStatistics) -> tuple[int, int]:
     return max(0, first - by), min(statistics.size[0], last + by)
-
-
-def _check_rows(statistics: PairStatistics, first: int, last: int) -> None:
-    if not (isinstance(first, int | np.integer) and isinstance(last, int | np.integer)):
-        raise TypeError(f"first, last: got {first!r}, {last!r}; accepts integers")
-    if not 0 <= first < last <= statistics.size[0]:
-        raise ValueError(
-            f"first, last: got {first}, {last}; accepts rows from 0 to {statistics.size[0]}, "
-            "at least one"
-        )
 
 
 def working_memory(statistics: PairStatistics, rows: int, *, threads: int, itemsize: int) -> int:
@@ -412,8 +404,4 @@ def as_size(size: tuple[int, int]) -> tuple[int, int]:
     if not isinstance(size, (tuple, list)) or len(size) != 2:
         raise TypeError(f"size: got {size!r}; accepts a pair (rows, columns)")
     rows, cols = size
-    if not (isinstance(rows, int | np.integer) and isinstance(cols, int | np.integer)):
-        raise TypeError(f"size: got {size!r}; accepts numbers of rows and columns")
-    if rows < 1 or cols < 1:
-        raise ValueError(f"size: got {size!r}; accepts at least one row and one column")
-    return int(rows), int(cols)
+    return as_integer("size", rows, least=1), as_integer("size", cols, least=1)

@@ -8,13 +8,13 @@ never makes a volume.
 from __future__ import annotations
 
 from dataclasses import replace
-from operator import index
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
 from phasestereo import _core
 from phasestereo._images import as_array, as_mask, as_pair, as_pixels
+from phasestereo._numbers import as_integer
 from phasestereo.rig.compensation import BlurCompensation, Noise, compensation_of
 from phasestereo.settings import Settings, resolve
 
@@ -209,7 +209,11 @@ def optimize(
     """
     volume = as_volume(costs, np.uint32)
     settings = replace(Settings.preset("paper"), optimizer=optimizer)
-    return _core.optimize_volume(volume, settings, _penalty(p1, "p1"), _penalty(p2, "p2"))
+    near, far = (
+        as_integer(name, value, least=0, most=LARGEST_PENALTY)
+        for name, value in (("p1", p1), ("p2", p2))
+    )
+    return _core.optimize_volume(volume, settings, near, far)
 
 
 def as_volume(costs: ArrayLike, dtype: type[Unsigned]) -> NDArray[Unsigned]:
@@ -220,17 +224,3 @@ def as_volume(costs: ArrayLike, dtype: type[Unsigned]) -> NDArray[Unsigned]:
     if volume.ndim != 3 or volume.size == 0:
         raise ValueError(f"costs: got shape {volume.shape}; accepts (H, W, D), none of them 0")
     return np.require(volume, dtype, ["C", "ALIGNED"])
-
-
-def _penalty(value: int, name: str) -> int:
-    """Return a penalty as a plain integer."""
-    if isinstance(value, bool):
-        raise TypeError(f"{name}: got a bool; accepts an integer")
-    try:
-        whole = index(value)
-    except TypeError:
-        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer") from None
-    if not 0 <= whole <= LARGEST_PENALTY:
-        # Not printed: Python may refuse to print a huge integer.
-        raise ValueError(f"{name}: got an integer out of range; accepts those from 0 to 2^40")
-    return whole
