@@ -24,7 +24,7 @@ pub mod trial;
 
 use std::borrow::Cow;
 use std::ops::Range;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use self::compensation::Compensation;
 use self::overview::Overview;
@@ -39,6 +39,7 @@ use crate::blur::rough;
 use crate::candidates::Candidates;
 use crate::error::Result;
 use crate::matcher::Pair;
+use crate::platform::Instant;
 use crate::settings::Settings;
 use crate::source::Source;
 use crate::versions::Versions;
