@@ -68,6 +68,23 @@ pub enum Precision {
     Byte,
 }
 
+/// What costs are called.
+pub const COSTS: [(&str, CostKind); 3] =
+    [("phase", CostKind::Phase), ("sad", CostKind::Sad), ("nsad", CostKind::NormalisedSad)];
+/// What tapers are called.
+pub const TAPERS: [(&str, Taper); 3] =
+    [("uniform", Taper::Uniform), ("gaussian", Taper::Gaussian), ("hann", Taper::Hann)];
+/// What precisions are called.
+pub const PRECISIONS: [(&str, Precision); 2] =
+    [("full", Precision::Full), ("byte", Precision::Byte)];
+/// What optimizers are called.
+pub const OPTIMIZERS: [(&str, Optimizer); 4] = [
+    ("dp", Optimizer::DynamicProgramming),
+    ("so", Optimizer::ScanlineOptimization),
+    ("wta", Optimizer::WinnerTakesAll),
+    ("sgm", Optimizer::SemiGlobal),
+];
+
 /// What a change of disparity along the scanline costs, in units of the cost, per pixel of the window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Penalty {

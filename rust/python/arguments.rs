@@ -1,7 +1,5 @@
 //! What Python hands over -> what the core takes, or an exception that names the argument.
 
-use std::{env, thread};
-
 use ndarray::{Array3, Dimension};
 use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
@@ -17,9 +15,9 @@ use crate::convolution::Kernel;
 use crate::error::Error;
 use crate::estimation::Known;
 use crate::intensity;
-use crate::matcher::{MOST_THREADS, Pair};
+use crate::matcher::{Pair, usable_threads};
 use crate::plane::{Plane, zeroed};
-use crate::settings::{CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Settings, Taper};
+use crate::settings::{COSTS, MOST_DISPARITIES, OPTIMIZERS, PRECISIONS, Penalty, Settings, TAPERS};
 use crate::texture::{Roughness, Texture};
 use crate::versions::{Versions, check_noise};
 use crate::view::{Image, Mask, View};
@@ -28,17 +26,6 @@ use crate::view::{Image, Mask, View};
 pub type Both<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 const KERNELS: &str = "pairs (left, right) of 2-D arrays of float32, or None";
-const COSTS: [(&str, CostKind); 3] =
-    [("phase", CostKind::Phase), ("sad", CostKind::Sad), ("nsad", CostKind::NormalisedSad)];
-const TAPERS: [(&str, Taper); 3] =
-    [("uniform", Taper::Uniform), ("gaussian", Taper::Gaussian), ("hann", Taper::Hann)];
-const PRECISIONS: [(&str, Precision); 2] = [("full", Precision::Full), ("byte", Precision::Byte)];
-const OPTIMIZERS: [(&str, Optimizer); 4] = [
-    ("dp", Optimizer::DynamicProgramming),
-    ("so", Optimizer::ScanlineOptimization),
-    ("wta", Optimizer::WinnerTakesAll),
-    ("sgm", Optimizer::SemiGlobal),
-];
 
 /// Least disparity and number of disparities, or `None`: they are to be found.
 pub type Search = Option<(i64, i64)>;
@@ -322,12 +309,7 @@ fn read_penalty(penalty: &Bound<'_, PyAny>) -> PyResult<Penalty> {
 
 /// A number of threads; None: what `RAYON_NUM_THREADS` says, or as many as the process may use.
 pub fn read_threads(threads: &Bound<'_, PyAny>) -> PyResult<usize> {
-    if !threads.is_none() {
-        return natural(threads, "threads");
-    }
-    let told = env::var("RAYON_NUM_THREADS").ok().and_then(|told| told.parse().ok());
-    let usable = || thread::available_parallelism().map_or(1, Into::into);
-    Ok(told.filter(|&told| told > 0).unwrap_or_else(usable).min(MOST_THREADS))
+    if threads.is_none() { Ok(usable_threads()) } else { natural(threads, "threads") }
 }
 
 fn choice<T: Copy>(
