@@ -324,7 +324,7 @@ impl Matcher {
             first: section.first,
             candidates: candidates.count(),
             optimizer: settings.optimizer,
-            steps: Steps::new(settings.penalty, window, costs.steps()),
+            steps: Steps::new(settings, window, costs.steps()),
             edges: &edges,
             weighs: settings.needs_evidence(),
             level,
@@ -387,7 +387,7 @@ impl Job<'_> {
             cols: self.window.cols,
             votes: self.costs.votes(),
             subpixel: self.settings.subpixel,
-            consistency: self.settings.consistency.map(|most| most as u16),
+            consistency: self.settings.lr_check.map(|most| most as u16),
             uniqueness: self.settings.uniqueness as u64,
             unit: self.window.unit(self.costs.steps()) as f32,
         }

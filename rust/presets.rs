@@ -3,7 +3,7 @@
 //! Figures beside them are means of bad-1.0 (%) over the 12 scenes of the one-sided-blur suite.
 
 use crate::error::{Error, Result};
-use crate::settings::{CostKind, Optimizer, Penalty, Precision, Settings, Taper};
+use crate::settings::{CostKind, Optimizer, Precision, Settings, Taper};
 
 /// A named set of settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,6 +47,12 @@ impl Preset {
     }
 }
 
+impl Default for Settings {
+    fn default() -> Self {
+        Preset::Robust.settings()
+    }
+}
+
 // Sharp, the mean
 // of the six blurs, and both images with noise of 5 gray levels, or JPEG of quality 70. Where one
 // image is blurred, neighborhood and window are two larger than said. As it was before, with
@@ -72,23 +78,24 @@ fn robust() -> Settings {
     Settings {
         neighborhood: 3,
         frequencies: (1, 1),
-        weak: 0.5,
+        noise_threshold: 0.5,
         sizes: 2,
         window: 5,
         shiftable: false,
         precision: Precision::Byte,
         optimizer: Optimizer::SemiGlobal,
-        penalty: Penalty { near: 6.0, far: 24.0 },
-        edges: 1.0,
-        equalise: true,
+        p1: 6.0,
+        p2: 24.0,
+        adaptive_p2: 1.0,
+        compensate_blur: true,
         despike: true,
         denoise: true,
         align_rows: true,
         subpixel: true,
-        consistency: Some(1),
+        lr_check: Some(1),
         speckle_size: 100,
         synthesis: true,
-        guided: true,
+        guided_median: true,
         median: 3,
         ..paper()
     }
@@ -102,26 +109,27 @@ fn paper() -> Settings {
         frequencies: (2, 1),
         power: 1,
         bits: 2,
-        weak: 0.0,
+        noise_threshold: 0.0,
         sizes: 1,
         window: 9,
         shiftable: true,
         precision: Precision::Full,
         optimizer: Optimizer::DynamicProgramming,
-        penalty: Penalty { near: 2.0, far: 2.0 },
-        edges: 0.0,
-        equalise: false,
+        p1: 2.0,
+        p2: 2.0,
+        adaptive_p2: 0.0,
+        compensate_blur: false,
         despike: false,
         denoise: false,
         align_rows: false,
         intensity_range: None,
         subpixel: false,
-        consistency: None,
+        lr_check: None,
         uniqueness: 0,
         speckle_size: 0,
         speckle_range: 1.0,
         synthesis: false,
-        guided: false,
+        guided_median: false,
         median: 0,
         fill: true,
         confidence: true,
@@ -147,8 +155,9 @@ fn fast() -> Settings {
         shiftable: false,
         precision: Precision::Byte,
         optimizer: Optimizer::ScanlineOptimization,
-        penalty: Penalty { near: 3.0, far: 16.0 },
-        edges: 2.0,
+        p1: 3.0,
+        p2: 16.0,
+        adaptive_p2: 2.0,
         median: 3,
         confidence: false,
         ..paper()

@@ -13,6 +13,7 @@ use phasestereo::cost::{Costs, steps_of};
 use phasestereo::error::Error;
 use phasestereo::optimization::PANEL;
 use phasestereo::plane::Plane;
+use phasestereo::presets::Preset;
 use phasestereo::reference;
 use phasestereo::settings::{LARGEST_WINDOW, Precision, Settings};
 use phasestereo::simd::Level;
@@ -82,7 +83,7 @@ proptest! {
         prop_assert!(window.largest_sum() <= 170, "{:?}", window);
         let finer = Window { dropped: window.dropped.saturating_sub(1), ..window };
         let holds_jumps = |window: Window| {
-            let p2 = settings.penalty.far * window.unit(steps_of(settings.cost));
+            let p2 = settings.p2 * window.unit(steps_of(settings.cost));
             window.largest_sum() as f64 + p2.round() <= 255.0
         };
         let is_worth_it = holds_jumps(window) && !holds_jumps(finer);
@@ -266,7 +267,7 @@ fn few_votes_do_not_overflow_a_byte() {
             bits: 1,
             window: 11,
             precision: Precision::Byte,
-            ..Settings::default()
+            ..Preset::Paper.settings()
         },
         block: (11, 42),
     }

@@ -19,10 +19,11 @@ use phasestereo::intensity;
 use phasestereo::matcher::{Disparity, Execution, Matcher, Pair, Timings};
 use phasestereo::optimization::BAND;
 use phasestereo::plane::Plane;
+use phasestereo::presets::Preset;
 use phasestereo::reach::Reach;
 use phasestereo::refinement::{Draft, flag};
 use phasestereo::section::Section;
-use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Settings};
+use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Precision, Settings};
 use phasestereo::simd::Level;
 use phasestereo::source::{ranges, roughness, widened};
 use phasestereo::texture::{Roughness, Texture};
@@ -189,11 +190,11 @@ fn noise_alone(noise: [f64; 2]) -> Versions {
 fn unrefined(settings: Settings) -> Settings {
     Settings {
         subpixel: false,
-        consistency: None,
+        lr_check: None,
         uniqueness: 0,
         speckle_size: 0,
         synthesis: false,
-        guided: false,
+        guided_median: false,
         median: 0,
         confidence: false,
         min_confidence: 0.0,
@@ -270,15 +271,15 @@ fn pair(rows: usize, cols: usize, is_masked: impl Fn(usize) -> bool) -> Pair {
 #[test]
 fn parts_are_matched_in_any_integers() {
     let (height, matcher) = (4 * BAND + 9, Matcher::new(2).expect("threads"));
-    let phase = Settings { neighborhood: 5, ..Settings::default() };
+    let phase = Settings { neighborhood: 5, ..Preset::Paper.settings() };
     let byte = Settings { precision: Precision::Byte, ..phase };
-    let cheap = Penalty { near: 0.05, far: 0.1 };
-    let dear = Penalty { near: LARGEST_PENALTY, far: LARGEST_PENALTY };
+    let cheap = (0.05, 0.1);
+    let dear = (LARGEST_PENALTY, LARGEST_PENALTY);
     let every = [
-        Settings { window: 3, penalty: cheap, ..byte },
-        Settings { window: 17, penalty: cheap, frequencies: (1, 0), bits: 1, ..byte },
-        Settings { window: 5, edges: 0.5, ..phase },
-        Settings { window: 3, penalty: dear, ..phase },
+        Settings { window: 3, p1: cheap.0, p2: cheap.1, ..byte },
+        Settings { window: 17, p1: cheap.0, p2: cheap.1, frequencies: (1, 0), bits: 1, ..byte },
+        Settings { window: 5, adaptive_p2: 0.5, ..phase },
+        Settings { window: 3, p1: dear.0, p2: dear.1, ..phase },
         Settings { window: 7, cost: CostKind::Sad, ..phase },
     ];
     for (settings, optimizer) in
@@ -331,8 +332,7 @@ fn ways_to_reach() -> Vec<(Settings, Option<Versions>)> {
     let phase = Settings { optimizer: alone, neighborhood: 3, window: 3, ..nothing() };
     let phase = Settings { frequencies: (1, 1), ..phase };
     // What rows far away cost is not forgotten on the way where changes are dear.
-    let penalty = Penalty { near: 1e4, far: 1e4 };
-    let several = Settings { optimizer: Optimizer::SemiGlobal, penalty, ..phase };
+    let several = Settings { optimizer: Optimizer::SemiGlobal, p1: 1e4, p2: 1e4, ..phase };
     let ordered = Settings { optimizer: Optimizer::DynamicProgramming, ..phase };
     vec![
         (Settings { shiftable: false, ..phase }, None),
@@ -346,7 +346,7 @@ fn ways_to_reach() -> Vec<(Settings, Option<Versions>)> {
         (Settings { cost: CostKind::Sad, window: 5, ..phase }, None),
         (Settings { cost: CostKind::NormalisedSad, window: 5, ..phase }, None),
         (Settings { shiftable: false, ..several }, None),
-        (Settings { window: 1, edges: 1.0, ..several }, Some(two_versions())),
+        (Settings { window: 1, adaptive_p2: 1.0, ..several }, Some(two_versions())),
         (Settings { cost: CostKind::Sad, window: 1, ..several }, None),
         (Settings { shiftable: true, ..ordered }, None),
         (Settings { median: 3, ..phase.clone() }, None),
@@ -392,7 +392,7 @@ fn no_less_than_the_reach_would_do() {
 
 /// Settings of which nothing is refined.
 fn nothing() -> Settings {
-    unrefined(Settings::default())
+    unrefined(Preset::Paper.settings())
 }
 
 /// Each way to refine by itself, on maps of which it makes something.
@@ -401,15 +401,15 @@ fn ways_to_refine() -> Vec<Settings> {
     vec![
         nothing.clone(),
         Settings { speckle_size: 12, fill: false, ..nothing },
-        Settings { consistency: Some(1), ..nothing },
-        Settings { guided: true, ..nothing },
+        Settings { lr_check: Some(1), ..nothing },
+        Settings { guided_median: true, ..nothing },
         Settings { synthesis: true, ..nothing },
         Settings { median: 3, ..nothing },
         Settings { subpixel: true, ..nothing },
         Settings { confidence: true, ..nothing },
         Settings { min_confidence: 0.5, ..nothing },
-        Settings { guided: true, median: 3, subpixel: true, confidence: true, ..nothing },
-        Settings { speckle_size: 3, guided: true, uniqueness: 10, ..robust() },
+        Settings { guided_median: true, median: 3, subpixel: true, confidence: true, ..nothing },
+        Settings { speckle_size: 3, guided_median: true, uniqueness: 10, ..robust() },
     ]
 }
 
@@ -475,7 +475,7 @@ fn refinement_needs_its_reach_and_no_more() {
     for settings in ways_to_refine() {
         // What several stages reach together is not always needed, and what speckles and edges reach is told by
         // other maps.
-        let is_one = settings.speckle_size == 0 && !settings.guided;
+        let is_one = settings.speckle_size == 0 && !settings.guided_median;
         let reach = Reach::new(&settings, None, None).map;
         let mut is_tight = reach == 0;
         for seed in 0..400 {
@@ -497,7 +497,7 @@ fn refinement_needs_its_reach_and_no_more() {
 /// The last row that a pixel is near a jump of is the one above it.
 #[test]
 fn edges_are_drawn_to_jumps_as_far_as_they_reach() {
-    let settings = Settings { guided: true, ..nothing() };
+    let settings = Settings { guided_median: true, ..nothing() };
     let reach = Reach::new(&settings, None, None).map;
     for cut in [60, 61, 75] {
         let calm = |y: usize, x: usize| (hash(6, y, x) % 4) as f32 / 4.0;
@@ -562,7 +562,7 @@ fn rows_that_the_pair_has_not_are_refused() {
     let (matcher, control) = (Matcher::new(1).expect("a thread"), Control::default());
     let whole = pair(70, 40, |_| false);
     let run = |optimizer, rows| {
-        let settings = Settings { optimizer, ..Settings::default() };
+        let settings = Settings { optimizer, ..Preset::Paper.settings() };
         let section = Section { rows, ..Section::whole(&whole) };
         matcher.run_rows(&whole, &section, &settings, how(1, Level::best()), &control)
     };

@@ -8,6 +8,7 @@ use phasestereo::control::Control;
 use phasestereo::cost::Costs;
 use phasestereo::error::Error;
 use phasestereo::plane::Plane;
+use phasestereo::presets::Preset;
 use phasestereo::reference;
 use phasestereo::settings::{CostKind, Settings};
 use phasestereo::view::{Image, View};
@@ -64,7 +65,7 @@ fn ceilings_and_steps_are_those_of_the_unit() {
     };
     let candidates = Candidates::new(0, 1, 1).expect("in reach");
     let scale = |cost, bits| {
-        let settings = Settings { cost, bits, ..Settings::default() };
+        let settings = Settings { cost, bits, ..Preset::Paper.settings() };
         let costs = Costs::new(
             [&colour, &colour],
             candidates,
@@ -88,7 +89,7 @@ fn codes_of_one_to_eight_bytes_fill_any_lanes() {
     let mut bytes = [false; 8];
     for (r, s, bits) in few.into_iter().chain(many) {
         let frequencies = (r, s);
-        let settings = Settings { neighborhood: 9, frequencies, bits, ..Settings::default() };
+        let settings = Settings { neighborhood: 9, frequencies, bits, ..Preset::Paper.settings() };
         bytes[settings.code_length().div_ceil(8) - 1] = true;
         for (rows, cols, min, count) in [(33, 9, -2, 9), (2, 35, 1, 17), (1, 1, 0, 1)] {
             let [left, right] = unlike(rows, cols, false);
@@ -106,7 +107,7 @@ fn any_number_of_candidates_at_any_offset_is_within_reach() {
         .into_iter()
         .flat_map(|cost| COUNTS.into_iter().map(move |count| (cost, 1 + count % 3, count)))
     {
-        let settings = Settings { cost, neighborhood: 5, window: 3, ..Settings::default() };
+        let settings = Settings { cost, neighborhood: 5, window: 3, ..Preset::Paper.settings() };
         for (cols, is_masked) in [(count, true), (count + 65, false)] {
             let [left, right] = unlike(rows, cols, is_masked);
             let (far_left, far_right) = (2 - (cols + count) as i64, cols as i64 - 1);
@@ -125,9 +126,15 @@ fn cancelled_costs_stop() {
     let [left, right] = unlike(3, 4, false);
     let candidates = Candidates::new(0, 2, 4).expect("in reach");
     let control = Control::default();
-    let costs =
-        Costs::new([&left, &right], candidates, &Settings::default(), None, levels()[0], &control)
-            .expect("not cancelled");
+    let costs = Costs::new(
+        [&left, &right],
+        candidates,
+        &Preset::Paper.settings(),
+        None,
+        levels()[0],
+        &control,
+    )
+    .expect("not cancelled");
     control.cancel();
     assert_eq!(costs.volume(3, levels()[0], &control), Err(Error::Cancelled));
 }
@@ -165,7 +172,7 @@ proptest! {
         cost in prop::sample::select(vec![CostKind::Sad, CostKind::NormalisedSad]),
     ) {
         let candidates = Candidates::new(min, 4, 7).expect("in reach");
-        let settings = Settings { cost, window: 5, ..Settings::default() };
+        let settings = Settings { cost, window: 5, ..Preset::Paper.settings() };
         let expected = naive::costs([&left, &right], candidates, &settings, None);
         prop_assert_eq!(volume([&left, &right], candidates, &settings), expected);
     }

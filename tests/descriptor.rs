@@ -11,6 +11,7 @@ use phasestereo::error::Error;
 use phasestereo::intensity::Gray;
 use phasestereo::matcher::on_threads;
 use phasestereo::plane::Plane;
+use phasestereo::presets::Preset;
 use phasestereo::reference;
 use phasestereo::settings::{Settings, Taper};
 use phasestereo::simd::Level;
@@ -59,7 +60,7 @@ fn rows_of_any_length_equal_their_definition() {
         for settings in [3, 7, 63].map(|neighborhood| Settings {
             neighborhood,
             frequencies: (1, 1),
-            ..Settings::default()
+            ..Preset::Paper.settings()
         }) {
             assert_eq!(
                 codes(&gray, &settings).widened(),
@@ -78,7 +79,7 @@ fn the_largest_neighbourhood_holds_the_brightest_image() {
             taper,
             frequencies: (4, 4),
             bits: 1,
-            ..Settings::default()
+            ..Preset::Paper.settings()
         };
         assert_eq!(
             codes(&extremes, &settings).widened(),
@@ -93,7 +94,7 @@ fn the_strongest_component_there_can_be_does_not_overflow() {
     let wave = |x: usize| (std::f64::consts::TAU * 4.0 * x as f64 / 63.0).cos() > 0.0;
     let gray = Plane::from_fn(1, 126, |_, x| if wave(x) { 32_767_500 } else { -32_767_500 });
     let settings =
-        Settings { neighborhood: 63, frequencies: (4, 0), bits: 4, ..Settings::default() };
+        Settings { neighborhood: 63, frequencies: (4, 0), bits: 4, ..Preset::Paper.settings() };
     assert_eq!(codes(&gray, &settings).widened(), reference::describe(&gray, &settings, 0.0));
 }
 
@@ -102,7 +103,7 @@ fn the_strongest_component_there_can_be_does_not_overflow() {
 fn codes_are_those_of_every_version() {
     let gray = noise(40, 50);
     let digest = |taper, neighborhood, bits| {
-        let settings = Settings { taper, neighborhood, bits, ..Settings::default() };
+        let settings = Settings { taper, neighborhood, bits, ..Preset::Paper.settings() };
         let codes = codes(&gray, &settings).widened();
         codes.as_slice().iter().fold(0xcbf2_9ce4_8422_2325u64, |hash, &code| {
             (hash ^ code).wrapping_mul(0x0100_0000_01b3)
@@ -119,7 +120,7 @@ fn codes_are_those_of_every_version() {
 fn bands_and_threads_leave_no_seam() {
     let gray = noise(300, 9);
     for taper in [Taper::Uniform, Taper::Hann] {
-        let settings = Settings { taper, ..Settings::default() };
+        let settings = Settings { taper, ..Preset::Paper.settings() };
         let expected = reference::describe(&gray, &settings, 0.0);
         for threads in 1..=8 {
             let found = on_threads(threads, || codes(&gray, &settings)).expect("threads start");
@@ -132,7 +133,7 @@ fn bands_and_threads_leave_no_seam() {
 fn words_are_the_narrowest_that_hold_the_code() {
     let gray = noise(2, 2);
     let with = |frequencies, bits| {
-        codes(&gray, &Settings { neighborhood: 9, frequencies, bits, ..Settings::default() })
+        codes(&gray, &Settings { neighborhood: 9, frequencies, bits, ..Preset::Paper.settings() })
     };
     assert!(matches!(with((2, 1), 2), Codes::U16(_)), "14 bits");
     assert!(matches!(with((2, 0), 4), Codes::U16(_)), "16 bits");
@@ -153,13 +154,13 @@ fn a_cancelled_description_stops() {
     let control = Control::default();
     control.cancel();
     let gray = Gray::within(REACH, noise(3, 3));
-    let stopped = describe(&gray, &Settings::default(), None, Level::best(), &control);
+    let stopped = describe(&gray, &Preset::Paper.settings(), None, Level::best(), &control);
     assert_eq!(stopped, Err(Error::Cancelled));
 }
 
 #[test]
 fn a_weak_level_wants_to_know_the_noise() {
-    let settings = Settings { weak: 1.0, ..Settings::default() };
+    let settings = Settings { noise_threshold: 1.0, ..Preset::Paper.settings() };
     let gray = Gray::within(REACH, noise(3, 3));
     let refused = |noise| {
         let codes = describe(&gray, &settings, noise, Level::best(), &Control::default());
@@ -180,8 +181,8 @@ fn noise_of_its_own_deviation_is_weak_to_two_thirds() {
             taper,
             neighborhood: 9,
             frequencies: (2, 2),
-            weak: 1.0,
-            ..Settings::default()
+            noise_threshold: 1.0,
+            ..Preset::Paper.settings()
         };
         let clear: u32 = noisy_codes(&gray, &settings, deviation)
             .widened()

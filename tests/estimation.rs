@@ -12,7 +12,8 @@ use phasestereo::control::Control;
 use phasestereo::estimation::{Estimates, Known, Means, prepare, prepare_by_rows};
 use phasestereo::matcher::{Execution, Matcher, Pair};
 use phasestereo::plane::Plane;
-use phasestereo::settings::{Optimizer, Penalty, Settings};
+use phasestereo::presets::Preset;
+use phasestereo::settings::{Optimizer, Settings};
 use phasestereo::simd::Level;
 use phasestereo::source::ranges;
 use phasestereo::view::{Image, Mask, View};
@@ -87,16 +88,17 @@ fn settings() -> Settings {
     Settings {
         neighborhood: 3,
         frequencies: (1, 1),
-        weak: 0.5,
+        noise_threshold: 0.5,
         window: 5,
         shiftable: false,
         optimizer: Optimizer::SemiGlobal,
-        penalty: Penalty { near: 5.0, far: 20.0 },
-        edges: 1.0,
-        equalise: true,
+        p1: 5.0,
+        p2: 20.0,
+        adaptive_p2: 1.0,
+        compensate_blur: true,
         align_rows: true,
-        consistency: Some(1),
-        ..Settings::default()
+        lr_check: Some(1),
+        ..Preset::Paper.settings()
     }
 }
 

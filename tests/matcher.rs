@@ -17,8 +17,9 @@ use phasestereo::error::Error;
 use phasestereo::matcher::{Execution, Matcher, Pair, on_threads, run};
 use phasestereo::optimization::PANEL;
 use phasestereo::plane::Plane;
+use phasestereo::presets::Preset;
 use phasestereo::refinement::flag;
-use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Penalty, Precision, Settings};
+use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Precision, Settings};
 use phasestereo::simd::Level;
 use phasestereo::value::Value;
 use phasestereo::versions::Versions;
@@ -190,19 +191,20 @@ fn with_masks([left, right]: [View; 2], percent: u64) -> [View; 2] {
 /// Settings that need integers of every width, whatever the optimizer, and their bytes.
 fn settings_of_every_width() -> Vec<(Settings, usize)> {
     use Optimizer::{DynamicProgramming, ScanlineOptimization, SemiGlobal, WinnerTakesAll};
-    let phase = Settings { neighborhood: 5, ..Settings::default() };
+    let phase = Settings { neighborhood: 5, ..Preset::Paper.settings() };
     let byte = Settings { precision: Precision::Byte, ..phase };
-    let cheap = Penalty { near: 0.05, far: 0.1 };
-    let dear = Penalty { near: LARGEST_PENALTY, far: LARGEST_PENALTY };
+    let cheap = (0.05, 0.1);
+    let dear = (LARGEST_PENALTY, LARGEST_PENALTY);
     let sad = Settings { cost: CostKind::Sad, ..phase };
     let normalised = Settings { cost: CostKind::NormalisedSad, ..byte };
-    let by = |optimizer, penalty, settings: &Settings| Settings {
+    let by = |optimizer, (p1, p2), settings: &Settings| Settings {
         optimizer,
-        penalty,
+        p1,
+        p2,
         ..settings.clone()
     };
     let of = |window, settings: &Settings| Settings { window, ..settings.clone() };
-    let several = Settings { edges: 0.5, ..by(SemiGlobal, dear, &phase) };
+    let several = Settings { adaptive_p2: 0.5, ..by(SemiGlobal, dear, &phase) };
     let alone = Settings { shiftable: false, ..by(WinnerTakesAll, dear, &phase) };
     vec![
         (of(3, &by(ScanlineOptimization, cheap, &byte)), 1),
@@ -211,7 +213,7 @@ fn settings_of_every_width() -> Vec<(Settings, usize)> {
         (of(3, &alone), 1),
         (of(5, &alone), 2),
         (of(5, &by(ScanlineOptimization, cheap, &phase)), 2),
-        (of(5, &Settings { edges: 0.5, ..by(SemiGlobal, cheap, &phase) }), 2),
+        (of(5, &Settings { adaptive_p2: 0.5, ..by(SemiGlobal, cheap, &phase) }), 2),
         (phase.clone(), 2),
         (of(1, &sad), 2),
         (of(1, &by(WinnerTakesAll, cheap, &Settings { precision: Precision::Byte, ..sad })), 2),
@@ -240,12 +242,12 @@ fn integers_of_every_width_give_the_bits_of_the_naive_chain() {
 #[test]
 fn penalties_from_none_to_the_largest() {
     let ends = [0.0, LARGEST_PENALTY];
-    for (near, far) in ends.into_iter().flat_map(|near| ends.map(|far| (near, far))) {
+    for (p1, p2) in ends.into_iter().flat_map(|p1| ends.map(|p2| (p1, p2))) {
         for optimizer in OPTIMIZERS {
             for (cost, window) in [(CostKind::Phase, 3), (CostKind::Phase, 31), (CostKind::Sad, 3)]
             {
-                let penalty = Penalty { near, far };
-                let settings = Settings { cost, window, optimizer, penalty, ..Settings::default() };
+                let settings =
+                    Settings { cost, window, optimizer, p1, p2, ..Preset::Paper.settings() };
                 Job::new(shifted(4, 11, 3), 0, 9, settings).check();
             }
         }
@@ -264,18 +266,18 @@ fn waves(rows: usize, cols: usize, half: usize) -> [View; 2] {
 /// 9 * 14 = 126 and 65 409 are 65 535.
 #[test]
 fn totals_about_the_largest_are_exact() {
-    let codes = Settings { neighborhood: 3, frequencies: (1, 0), ..Settings::default() };
+    let codes = Settings { neighborhood: 3, frequencies: (1, 0), ..Preset::Paper.settings() };
     let bytes = Settings { bits: 1, window: 15, precision: Precision::Byte, ..codes };
-    let words = Settings { neighborhood: 5, window: 3, ..Settings::default() };
+    let words = Settings { neighborhood: 5, window: 3, ..Preset::Paper.settings() };
     let limits = [(&bytes, 300.0, 1), (&words, 65_409.0, 2)];
     for (settings, p2, width) in limits {
         let unit = settings.window.pow(2) as f64;
         // One step more, of which half is dropped from sums.
         for (p1, width) in [(p2, width), (p2 + 2.0, 2 * width)] {
-            let penalty = Penalty { near: p1 / unit, far: p2 / unit };
+            let (p1, p2) = (p1 / unit, p2 / unit);
             for optimizer in [Optimizer::ScanlineOptimization, Optimizer::SemiGlobal] {
                 for (half, min, count) in [(3, 0, 1), (3, 0, 7), (12, -3, 9), (3, -2, 31)] {
-                    let settings = Settings { penalty, optimizer, ..settings.clone() };
+                    let settings = Settings { p1, p2, optimizer, ..settings.clone() };
                     let job = Job::new(waves(17, 31, half), min, count, settings);
                     assert_eq!(job.bytes(), width, "{job}");
                     job.check();
@@ -295,7 +297,7 @@ fn few_votes_do_not_overflow_a_byte() {
             precision: Precision::Byte,
             optimizer,
             shiftable,
-            ..Settings::default()
+            ..Preset::Paper.settings()
         };
         Job::new(eight_votes(), 0, 4, settings).check();
     }
@@ -307,7 +309,7 @@ fn windows_larger_than_the_image_and_single_pixels() {
         for window in [1, 3, 31, 63] {
             for optimizer in OPTIMIZERS {
                 let settings =
-                    Settings { neighborhood: 5, window, optimizer, ..Settings::default() };
+                    Settings { neighborhood: 5, window, optimizer, ..Preset::Paper.settings() };
                 Job::new(shifted(rows, cols, 1), 0, count, settings.clone()).check();
                 Job::new(with_masks(shifted(rows, cols, 1), 60), 0, count, settings).check();
             }
@@ -317,7 +319,7 @@ fn windows_larger_than_the_image_and_single_pixels() {
 
 #[test]
 fn nothing_valid_is_no_estimate_anywhere() {
-    let job = Job::new(with_masks(shifted(5, 9, 1), 0), -2, 5, Settings::default());
+    let job = Job::new(with_masks(shifted(5, 9, 1), 0), -2, 5, Preset::Paper.settings());
     job.check();
     let seen = job.run(how(2, levels()[0]));
     assert!(seen.disparity.into_iter().all(|bits| f32::from_bits(bits).is_nan()));
@@ -370,7 +372,7 @@ fn one_matcher_serves_several_threads_at_once() {
 #[test]
 fn every_thread_count_gives_the_same_bits() {
     for optimizer in OPTIMIZERS {
-        let settings = Settings { optimizer, ..Settings::default() };
+        let settings = Settings { optimizer, ..Preset::Paper.settings() };
         let job = Job::new(shifted(131, 67, 3), 0, 16, settings);
         let expected = job.expected();
         for level in levels() {
@@ -394,7 +396,7 @@ fn levels_that_this_machine_lacks_are_told() {
 
 #[test]
 fn a_shifted_image_is_found_again() {
-    let job = Job::new(shifted(40, 80, 3), 0, 9, Settings::default());
+    let job = Job::new(shifted(40, 80, 3), 0, 9, Preset::Paper.settings());
     let seen = job.run(how(2, Level::best()));
     for (place, (bits, flags)) in seen.disparity.iter().zip(&seen.flags).enumerate() {
         assert!(place % 80 < 8 || *bits == 3f32.to_bits() && *flags == 0, "{place}");
@@ -413,7 +415,7 @@ fn in_classes(count: usize, size: (usize, usize), tile: usize) -> Job {
     let tiles = (size.0.div_ceil(tile), size.1.div_ceil(tile));
     let labels = Plane::from_fn(tiles.0, tiles.1, |y, x| (hash(5, y, x) % count as u64) as u8);
     let versions = Versions::new([0.5, 0.5], kernels, labels, tile).expect("legal versions");
-    let settings = Settings { weak: 1.0, confidence: false, ..Settings::default() };
+    let settings = Settings { noise_threshold: 1.0, confidence: false, ..Preset::Paper.settings() };
     let settings = Settings { neighborhood: 5, frequencies: (1, 1), window: 1, ..settings };
     let Job { pair, settings } = Job::new(shifted(size.0, size.1, 1), 0, 20, settings);
     Job { pair: pair.with_versions(versions), settings }
@@ -458,7 +460,7 @@ fn classes_that_change_nothing_change_nothing() {
 #[test]
 fn kernels_are_for_phase_codes() {
     let Job { pair, settings } = in_classes(2, (6, 30), 4);
-    let settings = Settings { cost: CostKind::Sad, weak: 0.0, ..settings };
+    let settings = Settings { cost: CostKind::Sad, noise_threshold: 0.0, ..settings };
     let how = how(1, Level::best());
     let refused = run(&pair, &settings, how, &Control::default()).expect_err("refused");
     assert!(refused.to_string().starts_with("equalisation: got"), "{refused}");
@@ -530,10 +532,10 @@ proptest! {
         refinement in refinements(),
         how in executions(),
     ) {
-        let Settings { neighborhood, frequencies, weak, window, .. } = robust();
-        let Settings { shiftable, precision, optimizer, penalty, edges, .. } = robust();
-        let settings = Settings { neighborhood, frequencies, weak, window, ..refinement };
-        let settings = Settings { shiftable, precision, optimizer, penalty, edges, ..settings };
+        let Settings { neighborhood, frequencies, noise_threshold, window, .. } = robust();
+        let Settings { shiftable, precision, optimizer, p1, p2, adaptive_p2, .. } = robust();
+        let settings = Settings { neighborhood, frequencies, noise_threshold, window, ..refinement };
+        let settings = Settings { shiftable, precision, optimizer, p1, p2, adaptive_p2, ..settings };
         let job = Job { pair: pair.with_versions(noise_alone([1.0; 2])), settings };
         prop_assert!(job.run(how) == job.expected(), "{}", job);
     }
@@ -598,11 +600,10 @@ fn what_is_trusted_too_little_is_withdrawn() {
 #[test]
 fn each_check_goes_by_itself_with_any_optimizer() {
     for optimizer in OPTIMIZERS {
-        let penalty = Penalty { near: 5.0, far: 20.0 };
-        let small = Settings { optimizer, penalty, sizes: 1, ..robust() };
-        let plain = Settings { consistency: None, speckle_size: 0, ..small };
+        let small = Settings { optimizer, p1: 5.0, p2: 20.0, sizes: 1, ..robust() };
+        let plain = Settings { lr_check: None, speckle_size: 0, ..small };
         let speckles = found_with(Settings { speckle_size: 9, ..plain.clone() });
-        let owners = found_with(Settings { consistency: Some(0), ..plain.clone() });
+        let owners = found_with(Settings { lr_check: Some(0), ..plain.clone() });
         let all = |seen: &Seen| seen.flags.iter().fold(0, |all, flags| all | flags);
         let owned = flag::OCCLUDED | flag::MISMATCHED;
         assert_eq!(all(&speckles) & (owned | flag::SPECKLE), flag::SPECKLE, "{optimizer:?}");
@@ -627,7 +628,7 @@ fn negative_disparities_are_found() {
 
 #[test]
 fn a_cancelled_match_stops_and_the_matcher_goes_on() {
-    let job = Job::new(shifted(200, 120, 3), 0, 60, Settings::default());
+    let job = Job::new(shifted(200, 120, 3), 0, 60, Preset::Paper.settings());
     let how = how(2, Level::best());
     let expected = job.run(how);
     let matcher = Matcher::new(2).expect("threads start");
@@ -664,8 +665,8 @@ fn threads_are_counted() {
 
 #[test]
 fn settings_out_of_range_are_refused() {
-    let job = Job::new(shifted(2, 3, 1), 0, 1, Settings::default());
-    let settings = Settings { window: 65, ..Settings::default() };
+    let job = Job::new(shifted(2, 3, 1), 0, 1, Preset::Paper.settings());
+    let settings = Settings { window: 65, ..Preset::Paper.settings() };
     let how = how(1, Level::best());
     let refused = run(&job.pair, &settings, how, &Control::default()).expect_err("refused");
     assert!(refused.to_string().starts_with("window: got 65"), "{refused}");
@@ -691,6 +692,6 @@ fn images_of_two_sizes_or_types_are_refused() {
 
 #[test]
 fn without_masks_nobody_is_asked_to_vote() {
-    let pair = Job::new(shifted(4, 9, 1), 0, 3, Settings::default()).pair;
+    let pair = Job::new(shifted(4, 9, 1), 0, 3, Preset::Paper.settings()).pair;
     assert!(Votes::new(pair.views(), pair.candidates()).is_none());
 }

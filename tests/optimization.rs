@@ -16,8 +16,11 @@ use phasestereo::optimization::{
     BAND, Known, LARGEST_STEP, LOOK_COLUMNS, LOOK_ROWS, PANEL, Search, Steps, Workspace, optimize,
 };
 use phasestereo::plane::Plane;
+use phasestereo::presets::Preset;
 use phasestereo::reference;
-use phasestereo::settings::{LARGEST_EDGES, LARGEST_PENALTY, MOST_DISPARITIES, Optimizer, Penalty};
+use phasestereo::settings::{
+    LARGEST_EDGES, LARGEST_PENALTY, MOST_DISPARITIES, Optimizer, Settings,
+};
 use phasestereo::simd::Level;
 use phasestereo::texture::Texture;
 use phasestereo::value::{LANES, Value};
@@ -434,14 +437,15 @@ fn a_volume_is_optimized_as_a_whole_on_any_number_of_threads() {
 fn penalties_are_in_units_of_the_mean_cost() {
     let window =
         Window { rows: 1, cols: 1, candidates: 1, side: 9, ceiling: 14, ..Window::default() };
-    let penalty = Penalty { near: 0.5, far: 2.0 };
-    assert_eq!(Steps::new(penalty, window, 1), Steps { p1: 41, p2: 162 }, "40.5 is rounded up");
-    assert_eq!(Steps::new(penalty, window, 16), Steps { p1: 648, p2: 2592 });
+    let penalties = Settings { p1: 0.5, p2: 2.0, ..Preset::Paper.settings() };
+    assert_eq!(Steps::new(&penalties, window, 1), Steps { p1: 41, p2: 162 }, "40.5 is rounded up");
+    assert_eq!(Steps::new(&penalties, window, 16), Steps { p1: 648, p2: 2592 });
     let coarse = Window { dropped: 2, ..window };
-    assert_eq!(Steps::new(penalty, coarse, 1), Steps { p1: 10, p2: 41 }, "40.5 / 4 and 162 / 4");
+    assert_eq!(Steps::new(&penalties, coarse, 1), Steps { p1: 10, p2: 41 }, "40.5 / 4 and 162 / 4");
     let (largest, window) = (LARGEST_PENALTY, Window { side: 63, ..window });
     let most = Steps { p1: LARGEST_STEP, p2: LARGEST_STEP };
-    assert_eq!(Steps::new(Penalty { near: largest, far: largest }, window, 256), most);
+    let penalties = Settings { p1: largest, p2: largest, ..penalties };
+    assert_eq!(Steps::new(&penalties, window, 256), most);
 }
 
 #[test]

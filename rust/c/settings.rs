@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::settings::{
-    COSTS, CostKind, OPTIMIZERS, Optimizer, PRECISIONS, Penalty, Precision, Settings, TAPERS, Taper,
+    COSTS, CostKind, OPTIMIZERS, Optimizer, PRECISIONS, Precision, Settings, TAPERS, Taper,
 };
 
 /// A type of settings that can be read from text.
@@ -36,26 +36,27 @@ fields!(
     frequencies,
     power,
     bits,
-    weak,
+    noise_threshold,
     sizes,
     window,
     shiftable,
     precision,
     optimizer,
-    penalty,
-    edges,
-    equalise,
+    p1,
+    p2,
+    adaptive_p2,
+    compensate_blur,
     despike,
     denoise,
     align_rows,
     intensity_range,
     subpixel,
-    consistency,
+    lr_check,
     uniqueness,
     speckle_size,
     speckle_range,
     synthesis,
-    guided,
+    guided_median,
     median,
     fill,
     confidence,
@@ -113,12 +114,5 @@ impl<T: Readable> Readable for (T, T) {
 impl<T: Readable> Readable for Option<T> {
     fn read(name: &'static str, text: &str) -> Result<Self> {
         if text == "none" { Ok(None) } else { T::read(name, text).map(Some) }
-    }
-}
-
-impl Readable for Penalty {
-    fn read(name: &'static str, text: &str) -> Result<Self> {
-        let (near, far) = Readable::read(name, text)?;
-        Ok(Self { near, far })
     }
 }

@@ -4,7 +4,7 @@ use ndarray::{Array3, Dimension};
 use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyTuple};
+use pyo3::types::{PyBool, PyDict};
 
 use super::found::{Field, read_field};
 use super::internal;
@@ -17,7 +17,7 @@ use crate::estimation::Known;
 use crate::intensity;
 use crate::matcher::{Pair, usable_threads};
 use crate::plane::{Plane, zeroed};
-use crate::settings::{COSTS, MOST_DISPARITIES, OPTIMIZERS, PRECISIONS, Penalty, Settings, TAPERS};
+use crate::settings::{COSTS, MOST_DISPARITIES, OPTIMIZERS, PRECISIONS, Settings, TAPERS};
 use crate::texture::{Roughness, Texture};
 use crate::versions::{Versions, check_noise};
 use crate::view::{Image, Mask, View};
@@ -137,6 +137,43 @@ pub fn read_volume<T: Element + Copy + Default>(
     Ok((plane, (rows, cols, count)))
 }
 
+/// Settings as the fields of `phasestereo.Settings`, by name: what [`read_settings`] reads.
+pub fn write_settings<'py>(py: Python<'py>, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
+    let fields = PyDict::new(py);
+    fields.set_item("cost", name_of(settings.cost, &COSTS))?;
+    fields.set_item("neighborhood", settings.neighborhood)?;
+    fields.set_item("taper", name_of(settings.taper, &TAPERS))?;
+    fields.set_item("frequencies", settings.frequencies)?;
+    fields.set_item("power", settings.power)?;
+    fields.set_item("bits", settings.bits)?;
+    fields.set_item("noise_threshold", settings.noise_threshold)?;
+    fields.set_item("sizes", settings.sizes)?;
+    fields.set_item("window", settings.window)?;
+    fields.set_item("shiftable", settings.shiftable)?;
+    fields.set_item("precision", name_of(settings.precision, &PRECISIONS))?;
+    fields.set_item("optimizer", name_of(settings.optimizer, &OPTIMIZERS))?;
+    fields.set_item("p1", settings.p1)?;
+    fields.set_item("p2", settings.p2)?;
+    fields.set_item("adaptive_p2", settings.adaptive_p2)?;
+    fields.set_item("compensate_blur", settings.compensate_blur)?;
+    fields.set_item("despike", settings.despike)?;
+    fields.set_item("denoise", settings.denoise)?;
+    fields.set_item("align_rows", settings.align_rows)?;
+    fields.set_item("intensity_range", settings.intensity_range)?;
+    fields.set_item("subpixel", settings.subpixel)?;
+    fields.set_item("lr_check", settings.lr_check)?;
+    fields.set_item("uniqueness", settings.uniqueness)?;
+    fields.set_item("speckle_size", settings.speckle_size)?;
+    fields.set_item("speckle_range", settings.speckle_range)?;
+    fields.set_item("synthesis", settings.synthesis)?;
+    fields.set_item("guided_median", settings.guided_median)?;
+    fields.set_item("median", settings.median)?;
+    fields.set_item("fill", settings.fill)?;
+    fields.set_item("confidence", settings.confidence)?;
+    fields.set_item("min_confidence", settings.min_confidence)?;
+    Ok(fields)
+}
+
 /// The fields of `phasestereo.Settings`, checked.
 pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
     let field = |name: &str| settings.getattr(name);
@@ -150,15 +187,16 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         },
         power: natural(&field("power")?, "power")?,
         bits: natural(&field("bits")?, "bits")?,
-        weak: number(&field("weak")?, "weak")?,
+        noise_threshold: number(&field("noise_threshold")?, "noise_threshold")?,
         sizes: natural(&field("sizes")?, "sizes")?,
         window: natural(&field("window")?, "window")?,
         shiftable: boolean(&field("shiftable")?, "shiftable")?,
         precision: choice(&field("precision")?, "precision", &PRECISIONS)?,
         optimizer: choice(&field("optimizer")?, "optimizer", &OPTIMIZERS)?,
-        penalty: read_penalty(&field("penalty")?)?,
-        edges: number(&field("edges")?, "edges")?,
-        equalise: boolean(&field("equalise")?, "equalise")?,
+        p1: number(&field("p1")?, "p1")?,
+        p2: number(&field("p2")?, "p2")?,
+        adaptive_p2: number(&field("adaptive_p2")?, "adaptive_p2")?,
+        compensate_blur: boolean(&field("compensate_blur")?, "compensate_blur")?,
         despike: boolean(&field("despike")?, "despike")?,
         denoise: boolean(&field("denoise")?, "denoise")?,
         align_rows: boolean(&field("align_rows")?, "align_rows")?,
@@ -171,15 +209,15 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
             }
         },
         subpixel: boolean(&field("subpixel")?, "subpixel")?,
-        consistency: match field("consistency")? {
+        lr_check: match field("lr_check")? {
             most if most.is_none() => None,
-            most => Some(natural(&most, "consistency")?),
+            most => Some(natural(&most, "lr_check")?),
         },
         uniqueness: natural(&field("uniqueness")?, "uniqueness")?,
         speckle_size: natural(&field("speckle_size")?, "speckle_size")?,
         speckle_range: number(&field("speckle_range")?, "speckle_range")?,
         synthesis: boolean(&field("synthesis")?, "synthesis")?,
-        guided: boolean(&field("guided")?, "guided")?,
+        guided_median: boolean(&field("guided_median")?, "guided_median")?,
         median: natural(&field("median")?, "median")?,
         fill: boolean(&field("fill")?, "fill")?,
         confidence: boolean(&field("confidence")?, "confidence")?,
@@ -297,16 +335,6 @@ fn read_kernel(kernel: &Bound<'_, PyAny>) -> PyResult<Option<Kernel>> {
     Ok(Some(kernel.map_err(|error| error.of("kernels"))?))
 }
 
-/// One number for both changes, or a pair.
-fn read_penalty(penalty: &Bound<'_, PyAny>) -> PyResult<Penalty> {
-    if !penalty.is_instance_of::<PyTuple>() {
-        let both = number(penalty, "penalty")?;
-        return Ok(Penalty { near: both, far: both });
-    }
-    let (near, far) = both(penalty, "penalty", "a number or a pair of them (near, far)")?;
-    Ok(Penalty { near: number(&near, "penalty")?, far: number(&far, "penalty")? })
-}
-
 /// A number of threads; None: what `RAYON_NUM_THREADS` says, or as many as the process may use.
 pub fn read_threads(threads: &Bound<'_, PyAny>) -> PyResult<usize> {
     if threads.is_none() { Ok(usable_threads()) } else { natural(threads, "threads") }
@@ -324,6 +352,10 @@ fn choice<T: Copy>(
     let names =
         || choices.iter().map(|(name, _)| format!("'{name}'")).collect::<Vec<_>>().join(", ");
     found.ok_or_else(|| Error::value(name, format!("'{word}'"), names()).into())
+}
+
+fn name_of<T: PartialEq>(value: T, choices: &[(&'static str, T)]) -> Option<&'static str> {
+    choices.iter().find(|(_, choice)| *choice == value).map(|(name, _)| *name)
 }
 
 fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<i64> {

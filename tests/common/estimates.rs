@@ -5,12 +5,13 @@ use phasestereo::control::Control;
 use phasestereo::error::Result;
 use phasestereo::estimation::{Known, Means, prepare, prepare_by_rows};
 use phasestereo::matcher::{Execution, Matcher, Pair};
+use phasestereo::presets::Preset;
 use phasestereo::settings::Settings;
 use phasestereo::source::Source;
 
 /// Settings that ask for noise and blur alone.
 pub fn of_blur() -> Settings {
-    Settings { equalise: true, ..Settings::default() }
+    Settings { compensate_blur: true, ..Preset::Paper.settings() }
 }
 
 /// Noise and blur of a pair whose disparities are known.

@@ -12,10 +12,11 @@ use phasestereo::control::Control;
 use phasestereo::convolution::Kernel;
 use phasestereo::intensity::{Gray, level_planes};
 use phasestereo::plane::Plane;
+use phasestereo::presets::Preset;
 use phasestereo::reference;
 use phasestereo::settings::{
     CostKind, LARGEST_EDGES, LARGEST_PENALTY, LARGEST_WEAK, MOST_DISPARITIES, MOST_UNIQUENESS,
-    Optimizer, Penalty, Precision, Settings, Taper,
+    Optimizer, Precision, Settings, Taper,
 };
 use phasestereo::simd::Level;
 use phasestereo::versions::{MOST_CLASSES, Versions};
@@ -79,8 +80,14 @@ pub fn descriptors() -> impl Strategy<Value = Settings> {
         "no legal descriptor",
         |(neighborhood, taper, r, s, power, bits)| {
             let frequencies = (r, s);
-            let settings =
-                Settings { neighborhood, taper, frequencies, power, bits, ..Settings::default() };
+            let settings = Settings {
+                neighborhood,
+                taper,
+                frequencies,
+                power,
+                bits,
+                ..Preset::Paper.settings()
+            };
             settings.check().is_ok().then_some(settings)
         },
     )
@@ -91,7 +98,11 @@ pub fn weak_descriptors() -> impl Strategy<Value = Settings> {
     let weak = prop_oneof![1 => Just(0.0), 1 => Just(LARGEST_WEAK), 6 => 0.01..4.0f64];
     (descriptors(), weak, 1usize..=2).prop_map(|(descriptor, weak, sizes)| {
         let wanted = [(weak, sizes), (0.0, sizes), (weak, 1)];
-        let settings = wanted.map(|(weak, sizes)| Settings { weak, sizes, ..descriptor.clone() });
+        let settings = wanted.map(|(noise_threshold, sizes)| Settings {
+            noise_threshold,
+            sizes,
+            ..descriptor.clone()
+        });
         settings.into_iter().find(|settings| settings.check().is_ok()).unwrap_or(descriptor)
     })
 }
@@ -144,10 +155,10 @@ pub fn impulses() -> impl Strategy<Value = [f64; 2]> {
     (one(), one()).prop_map(|(left, right)| [left, right])
 }
 
-/// Penalties in the range of the costs, none at all, and those that no cost makes up for.
-pub fn penalties() -> impl Strategy<Value = Penalty> {
+/// P1 and P2 in the range of the costs, none at all, and those that no cost makes up for.
+pub fn penalties() -> impl Strategy<Value = (f64, f64)> {
     let one = || prop_oneof![4 => 0.0..4.0f64, 2 => Just(0.0), 1 => Just(LARGEST_PENALTY)];
-    (one(), one()).prop_map(|(near, far)| Penalty { near, far })
+    (one(), one())
 }
 
 /// Legal settings of the whole matcher.
@@ -171,13 +182,14 @@ pub fn settings() -> impl Strategy<Value = Settings> {
             power: descriptor.power,
             bits: descriptor.bits,
             sizes: descriptor.sizes,
-            weak: if cost == CostKind::Phase { descriptor.weak } else { 0.0 },
+            noise_threshold: if cost == CostKind::Phase { descriptor.noise_threshold } else { 0.0 },
             window: 2 * radius + 1,
             shiftable,
             precision,
             optimizer: ways.0,
-            penalty: ways.1,
-            edges: ways.2,
+            p1: ways.1.0,
+            p2: ways.1.1,
+            adaptive_p2: ways.2,
             ..refinement
         },
     )
@@ -198,21 +210,21 @@ pub fn refinements() -> impl Strategy<Value = Settings> {
             speckles,
             median,
             min_confidence,
-            [subpixel, synthesis, guided, fill, confidence],
+            [subpixel, synthesis, guided_median, fill, confidence],
         )| {
             Settings {
                 subpixel,
-                consistency: checks.0,
+                lr_check: checks.0,
                 uniqueness: checks.1,
                 speckle_size: speckles.0,
                 speckle_range: speckles.1,
                 synthesis,
-                guided,
+                guided_median,
                 median,
                 fill,
                 confidence,
                 min_confidence,
-                ..Settings::default()
+                ..Preset::Paper.settings()
             }
         },
     )
@@ -221,22 +233,10 @@ pub fn refinements() -> impl Strategy<Value = Settings> {
 /// The settings that a pair is matched with by default, but for what is found out about its blur.
 pub fn robust() -> Settings {
     Settings {
-        neighborhood: 3,
-        frequencies: (1, 1),
-        weak: 0.5,
-        sizes: 2,
-        window: 5,
-        shiftable: false,
-        precision: Precision::Byte,
-        optimizer: Optimizer::SemiGlobal,
-        penalty: Penalty { near: 6.0, far: 24.0 },
-        edges: 1.0,
-        subpixel: true,
-        consistency: Some(1),
-        speckle_size: 100,
-        synthesis: true,
-        guided: true,
-        median: 3,
+        compensate_blur: false,
+        despike: false,
+        denoise: false,
+        align_rows: false,
         ..Settings::default()
     }
 }
@@ -248,7 +248,7 @@ pub fn every_descriptor(neighborhood: usize) -> impl Iterator<Item = Settings> {
     families.flat_map(|(f, k)| (1..=4).map(move |b| (f, k, b))).filter_map(
         move |(frequencies, power, bits)| {
             let settings =
-                Settings { neighborhood, frequencies, power, bits, ..Settings::default() };
+                Settings { neighborhood, frequencies, power, bits, ..Preset::Paper.settings() };
             settings.check().is_ok().then_some(settings)
         },
     )

@@ -47,7 +47,7 @@ impl Seen {
 /// Window and penalties of a match.
 pub fn scale(pair: &Pair, settings: &Settings) -> (Window, Steps) {
     let (window, steps) = window(pair, settings);
-    (window, Steps::new(settings.penalty, window, steps))
+    (window, Steps::new(settings, window, steps))
 }
 
 /// Window of a match, and steps to the unit of its costs.
@@ -172,7 +172,7 @@ pub fn weak_threshold(gray: &Gray, settings: &Settings, noise: f64) -> f64 {
     let radius = (neighborhood / 2) as isize;
     let places = (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)));
     let energy: f64 = places.map(|(dy, dx)| (weight(dy) * weight(dx)).powi(2)).sum();
-    (settings.weak * gray.steps(noise) * (energy / 2.0).sqrt()).round()
+    (settings.noise_threshold * gray.steps(noise) * (energy / 2.0).sqrt()).round()
 }
 
 /// 1 where left pixel and candidate are both valid, else 0.
@@ -222,11 +222,11 @@ fn found(pair: &Pair, settings: &Settings) -> Plane<Found> {
     let costs = costs(pair.views(), candidates, settings, pair.versions());
     let costs = reference::aggregate(&costs, &votes, window);
     let gray = gray(pair.views()[0]);
-    let edges = (settings.edges > 0.0).then(|| reference::edges(&gray, settings.edges));
+    let edges = (settings.adaptive_p2 > 0.0).then(|| reference::edges(&gray, settings.adaptive_p2));
     optimized(&costs, candidates.count(), settings.optimizer, steps, edges.as_ref())
 }
 
-/// What is found by aggregated costs; `edges` are those of [`reference::edges`].
+/// What is found by aggregated costs; `adaptive_p2` are those of [`reference::edges`].
 pub fn optimized(
     costs: &Plane<u32>,
     candidates: usize,
@@ -278,7 +278,7 @@ fn drafted(pair: &Pair, settings: &Settings, found: &Plane<Found>) -> (Plane<f32
         let chosen: Vec<_> = row.iter().map(|found| found.chosen).collect();
         let costs: Vec<_> = row.iter().map(|found| found.own).collect();
         let choices = Choices { chosen: &chosen, costs: &costs, candidates };
-        let flags = match settings.consistency {
+        let flags = match settings.lr_check {
             Some(most) => reference::check_row(choices, most as u16, &flags),
             None => flags,
         };
@@ -315,12 +315,11 @@ fn refined(
         let region = (settings.speckle_size, settings.speckle_range as f32);
         flags = reference::flag_speckles(&disparity, &flags, region);
     }
-    let checks =
-        [settings.consistency.is_some(), settings.uniqueness > 0, settings.speckle_size > 0];
+    let checks = [settings.lr_check.is_some(), settings.uniqueness > 0, settings.speckle_size > 0];
     if checks.contains(&true) {
         (disparity, flags) = reference::fill(&disparity, &flags);
     }
-    if settings.guided {
+    if settings.guided_median {
         disparity = reference::guide(&disparity, &texture.gray);
     }
     if settings.median > 0 {
