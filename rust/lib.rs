@@ -44,6 +44,7 @@
 //! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
 
 pub mod error;
+pub mod math;
 pub mod memory;
 pub mod plane;
 pub mod value;

@@ -12,6 +12,7 @@ use phasestereo::error::{Error, Result};
 use phasestereo::intensity::{Gray, Range};
 use phasestereo::masking;
 use phasestereo::matcher::{Execution, Matcher, Pair};
+use phasestereo::math;
 use phasestereo::plane::{Plane, reflect};
 use phasestereo::psf::{Family, Psf, Taps, path};
 use phasestereo::simd::Level;
@@ -169,7 +170,7 @@ fn maps_of_blur_are_those_of_the_whole() {
 fn curve() -> Taps {
     path((0..200).map(|i| {
         let turn = f64::from(i) / 50.0;
-        (4.0 * turn.sin(), 3.0 * turn.cos())
+        (4.0 * math::sin(turn), 3.0 * math::cos(turn))
     }))
 }
 

@@ -11,6 +11,7 @@ use crate::alignment::{Alignment, LINEAR, TERMS, places, terms};
 use crate::blur::parts::{Means, Rows};
 use crate::candidates::Candidates;
 use crate::error::Result;
+use crate::math;
 
 /// Blocks that are followed.
 const BLOCKS: usize = 400;
@@ -198,7 +199,7 @@ fn fitted(
     }
     Some(Offsets {
         field: Alignment::new(fit.coefficients, (rows, cols)).ok()?,
-        error: fit.error(excess).hypot(BIAS * factor as f64),
+        error: math::hypot(fit.error(excess), BIAS * factor as f64),
         blocks: fit.agreeing,
         spread: fit.spread,
     })
