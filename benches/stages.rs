@@ -240,6 +240,7 @@ mod convolution {
     use phasestereo::internals::image::convolution::{Kernel, convolve as convolve_gray};
     use phasestereo::internals::image::intensity::Gray;
     use phasestereo::internals::image::plane::Plane;
+    use phasestereo::internals::math;
     use phasestereo::internals::simd::Level;
 
     const ROWS: usize = 497;
@@ -265,12 +266,12 @@ mod convolution {
     }
 
     fn disk(radius: f64) -> Kernel {
-        shares(radius.ceil() as usize, |y, x| y.hypot(x) <= radius)
+        shares(radius.ceil() as usize, |y, x| math::hypot(y, x) <= radius)
     }
 
     /// A path of some pixels, one wide, at 30 degrees.
     fn motion(length: f64) -> Kernel {
-        let (sine, cosine) = std::f64::consts::FRAC_PI_6.sin_cos();
+        let (sine, cosine) = math::sin_cos(std::f64::consts::FRAC_PI_6);
         shares((length / 2.0).ceil() as usize, |y, x| {
             (x * cosine + y * sine).abs() <= length / 2.0 && (y * cosine - x * sine).abs() <= 0.5
         })
@@ -278,7 +279,7 @@ mod convolution {
 
     fn gaussian(sigma: f64) -> Kernel {
         let reach = (4.0 * sigma) as i32;
-        let profile = (-reach..=reach).map(|j| (-0.5 * (f64::from(j) / sigma).powi(2)).exp());
+        let profile = (-reach..=reach).map(|j| math::exp(-0.5 * (f64::from(j) / sigma).powi(2)));
         let total: f64 = profile.clone().sum();
         let profile: Vec<f64> = profile.map(|tap| tap / total).collect();
         Kernel::separable(&profile, &profile).expect("a legal kernel")

@@ -59,6 +59,7 @@
 )]
 
 mod error;
+mod math;
 mod settings;
 mod simd;
 mod value;
@@ -112,6 +113,10 @@ pub mod internals {
     /// See the crate.
     pub mod error {
         pub use crate::error::*;
+    }
+    /// See the crate.
+    pub mod math {
+        pub use crate::math::*;
     }
     /// See the crate.
     pub mod settings {

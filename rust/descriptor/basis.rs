@@ -6,6 +6,7 @@
 
 use std::f64::consts::TAU;
 
+use crate::math;
 use crate::settings::{Settings, Taper};
 
 /// Amplitude of the tables times `L`. Sums of 8-bit pixels then fit in 32 bits for every `L`, and those of
@@ -93,7 +94,7 @@ impl Filter {
     /// The sum of the magnitudes of all taps.
     fn total(&self) -> f64 {
         let side = self.even[1..].iter().zip(&self.odd[1..]);
-        let side = side.map(|(even, odd)| f64::from(*even).hypot(f64::from(*odd)));
+        let side = side.map(|(even, odd)| math::hypot(f64::from(*even), f64::from(*odd)));
         f64::from(self.even[0]).abs() + 2.0 * side.sum::<f64>()
     }
 }
@@ -112,10 +113,11 @@ fn filter(taper: Taper, size: usize, scale: usize, f: usize) -> Filter {
     let angle = |j: usize| TAU * (f * j) as f64 / size as f64;
     let both_sides =
         |value: &dyn Fn(usize) -> f64| value(0) + 2.0 * (1..=radius).map(value).sum::<f64>();
-    let kappa = both_sides(&|j| window[j] * angle(j).cos()) / both_sides(&|j| window[j]);
-    let real = |j: usize| scale * window[j] * if f == 0 { 1.0 } else { angle(j).cos() - kappa };
+    let kappa = both_sides(&|j| window[j] * math::cos(angle(j))) / both_sides(&|j| window[j]);
+    let real =
+        |j: usize| scale * window[j] * if f == 0 { 1.0 } else { math::cos(angle(j)) - kappa };
     let exact: Vec<f64> = (0..=radius).map(real).collect();
-    let imaginary = |j: usize| -(scale * window[j] * angle(j).sin()).round() as i32;
+    let imaginary = |j: usize| -(scale * window[j] * math::sin(angle(j))).round() as i32;
     Filter {
         even: if f == 0 { rounded(&exact) } else { rounded_to_zero_sum(&exact) },
         odd: (0..=radius).map(imaginary).collect(),
@@ -127,8 +129,8 @@ fn weight(taper: Taper, size: usize, j: usize) -> f64 {
     let offset = j as f64;
     match taper {
         Taper::Uniform => 1.0,
-        Taper::Gaussian => (-0.5 * (offset / ((size - 1) as f64 / 4.0)).powi(2)).exp(),
-        Taper::Hann => 0.5 * (1.0 + (TAU * offset / (size + 1) as f64).cos()),
+        Taper::Gaussian => math::exp(-0.5 * (offset / ((size - 1) as f64 / 4.0)).powi(2)),
+        Taper::Hann => 0.5 * (1.0 + math::cos(TAU * offset / (size + 1) as f64)),
     }
 }
 
@@ -200,11 +202,14 @@ mod tests {
             for (f, filter) in basis.filters.iter().enumerate().skip(1) {
                 let angle = |j: isize| TAU * f as f64 * j as f64 / size as f64;
                 let kappa =
-                    (-radius..=radius).map(|j| weight(j) * angle(j).cos()).sum::<f64>() / total;
+                    (-radius..=radius).map(|j| weight(j) * math::cos(angle(j))).sum::<f64>()
+                        / total;
                 for (j, (even, odd)) in (0..).zip(filter.even.iter().zip(&filter.odd)) {
                     let scale = amplitude(size, is_coarse) as f64 * weight(j);
-                    let error = (f64::from(*even) - scale * (angle(j).cos() - kappa))
-                        .hypot(f64::from(*odd) + scale * angle(j).sin());
+                    let error = math::hypot(
+                        f64::from(*even) - scale * (math::cos(angle(j)) - kappa),
+                        f64::from(*odd) + scale * math::sin(angle(j)),
+                    );
                     assert!(error < 1.01, "{taper:?}, L = {size}, f = {f}, j = {j}: {error}");
                 }
             }

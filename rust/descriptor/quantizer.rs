@@ -255,6 +255,7 @@ fn johnson(level: usize, length: usize) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math;
     use crate::settings::presets::Preset;
 
     fn quantiser(power: usize, bits: usize) -> Quantiser {
@@ -287,7 +288,7 @@ mod tests {
             for step in 0..720 {
                 // Boundaries lie at multiples of 11.25 degrees, none of which this meets.
                 let angle = (0.5 * f64::from(step) + 0.1).to_radians();
-                let (re, im) = ((angle.cos() * 1e9) as i64, (angle.sin() * 1e9) as i64);
+                let (re, im) = ((math::cos(angle) * 1e9) as i64, (math::sin(angle) * 1e9) as i64);
                 let turned = angle * power as f64 / std::f64::consts::PI;
                 let level = ((half as f64 * turned).floor() as i64).rem_euclid(2 * half);
                 let expected = johnson(level as usize, half as usize);
@@ -303,7 +304,7 @@ mod tests {
             let code = |boundary: usize, off: f64| {
                 let angle = std::f64::consts::TAU * boundary as f64 / sectors as f64 + off;
                 quantiser(power, bits)
-                    .code((angle.cos() * 1e12) as i64, (angle.sin() * 1e12) as i64)
+                    .code((math::cos(angle) * 1e12) as i64, (math::sin(angle) * 1e12) as i64)
             };
             for boundary in 0..sectors {
                 let johnson = |sector: usize| johnson(sector % (1 << bits), 1 << (bits - 1));
@@ -401,7 +402,7 @@ mod tests {
     #[test]
     fn tangents_are_those_of_an_eighth_of_a_right_angle() {
         for (m, tangent) in (1..).zip(TANGENTS) {
-            let exact = (std::f64::consts::FRAC_PI_2 * f64::from(m) / 8.0).tan();
+            let exact = math::tan(std::f64::consts::FRAC_PI_2 * f64::from(m) / 8.0);
             assert!((tangent / exact - 1.0).abs() < 1e-15, "{m}: {tangent}, {exact}");
         }
     }

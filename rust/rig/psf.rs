@@ -1,5 +1,7 @@
 //! Point-spread functions: the families that lenses and shutters make, as kernels of taps.
 
+use crate::math;
+
 /// A family of point-spread functions of one size each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Family {
@@ -118,7 +120,9 @@ fn gaussian(sigma: f64) -> Taps {
     let reach = (4.0 * sigma + 0.5) as usize;
     let side = 0..=2 * reach;
     let profile: Vec<f64> = side
-        .map(|i| (-0.5 * ((i as f64 - reach as f64) / sigma.max(f64::MIN_POSITIVE)).powi(2)).exp())
+        .map(|i| {
+            math::exp(-0.5 * ((i as f64 - reach as f64) / sigma.max(f64::MIN_POSITIVE)).powi(2))
+        })
         .collect();
     let rows = profile.iter().flat_map(|a| profile.iter().map(move |b| a * b));
     Taps::new(reach, rows.collect())
@@ -150,7 +154,7 @@ fn motion(length: f64, angle: f64) -> Taps {
     let half = (length - 1.0).max(0.0) / 2.0;
     let samples = (length * MOTION_SAMPLES).round().max(1.0) as usize + 1;
     let steps = (0..samples).map(|i| -half + 2.0 * half * i as f64 / (samples - 1) as f64);
-    let (sine, cosine) = angle.to_radians().sin_cos();
+    let (sine, cosine) = math::sin_cos(angle.to_radians());
     path(steps.map(|step| (exact(step * sine), exact(step * cosine))))
 }
 

@@ -10,6 +10,7 @@ use phasestereo::internals::descriptor::{Codes, describe};
 use phasestereo::internals::error::Error;
 use phasestereo::internals::image::intensity::Gray;
 use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::math;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::on_threads;
 use phasestereo::internals::settings::presets::Preset;
@@ -91,7 +92,7 @@ fn the_largest_neighbourhood_holds_the_brightest_image() {
 #[test]
 fn the_strongest_component_there_can_be_does_not_overflow() {
     // A square wave in step with u = 4: rows and columns of one sign add up to 2 / pi of all there is.
-    let wave = |x: usize| (std::f64::consts::TAU * 4.0 * x as f64 / 63.0).cos() > 0.0;
+    let wave = |x: usize| math::cos(std::f64::consts::TAU * 4.0 * x as f64 / 63.0) > 0.0;
     let gray = Plane::from_fn(1, 126, |_, x| if wave(x) { 32_767_500 } else { -32_767_500 });
     let settings =
         Settings { neighborhood: 63, frequencies: (4, 0), bits: 4, ..Preset::Paper.settings() };

@@ -14,6 +14,7 @@ use phasestereo::internals::error::Error;
 use phasestereo::internals::image::convolution::Kernel;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, View};
+use phasestereo::internals::math;
 use phasestereo::internals::optimization::PANEL;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair, on_threads};
@@ -255,7 +256,7 @@ fn penalties_from_none_to_the_largest() {
 /// A row of waves, the right one half a wave on: at disparity 0 all bits differ, half a wave on none does.
 fn waves(rows: usize, cols: usize, half: usize) -> [View; 2] {
     [0, half].map(|shift| {
-        let wave = |x: usize| (std::f64::consts::PI * (x + shift) as f64 / half as f64).cos();
+        let wave = |x: usize| math::cos(std::f64::consts::PI * (x + shift) as f64 / half as f64);
         view(rows, cols, |_, x| (128.0 + 100.0 * wave(x)) as u8)
     })
 }

@@ -10,6 +10,7 @@ use phasestereo::internals::image::masking;
 use phasestereo::internals::image::plane::{Plane, reflect};
 use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::image::view::{Image, Mask, View};
+use phasestereo::internals::math;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair};
 use phasestereo::internals::pipeline::source::{ranges, roughness};
@@ -167,7 +168,7 @@ fn maps_of_blur_are_those_of_the_whole() {
 fn curve() -> Taps {
     path((0..200).map(|i| {
         let turn = f64::from(i) / 50.0;
-        (4.0 * turn.sin(), 3.0 * turn.cos())
+        (4.0 * math::sin(turn), 3.0 * math::cos(turn))
     }))
 }
 

@@ -23,6 +23,7 @@ use crate::error::Result;
 use crate::image::intensity::{Gray, Range};
 use crate::image::plane::{Plane, zeroed};
 use crate::image::view::{Image, View};
+use crate::math;
 use crate::pipeline::control::Control;
 use crate::simd::{Kernel, Level};
 use crate::value::nearest;
@@ -57,7 +58,7 @@ fn weights() -> &'static [[i32; TAPS]; STEPS as usize] {
 
 /// Lanczos' kernel, `sinc(t) sinc(t / 4)`, at the distance of a tap from a step.
 fn lanczos(tap: usize, step: usize) -> f64 {
-    let sinc = |t: f64| if t == 0.0 { 1.0 } else { (t * PI).sin() / (t * PI) };
+    let sinc = |t: f64| if t == 0.0 { 1.0 } else { math::sin(t * PI) / (t * PI) };
     let distance = tap as f64 - CENTER as f64 - step as f64 / f64::from(STEPS);
     sinc(distance) * sinc(distance / (TAPS / 2) as f64)
 }
@@ -333,7 +334,7 @@ mod tests {
 
     #[test]
     fn a_smooth_image_is_what_it_is_between_its_rows() {
-        let wave = |y: f64, x: f64| (0.5 * y + 0.1 * x).sin();
+        let wave = |y: f64, x: f64| math::sin(0.5 * y + 0.1 * x);
         let image = view(60, 40, |y, x| wave(y as f64, x as f64));
         let field = field(&[0.4, 1.5, -0.7], (60, 40));
         let found =

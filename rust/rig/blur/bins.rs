@@ -5,6 +5,8 @@
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
+use crate::math;
+
 /// Side of a block whose spectrum is taken, pixels.
 pub const SIDE: usize = 64;
 /// Values are grouped by so many, so that loops over them are vectorised.
@@ -136,7 +138,7 @@ fn wave(place: usize) -> (isize, isize) {
 
 fn frequency(place: usize) -> f64 {
     let (kx, ky) = wave(place);
-    (kx as f64).hypot(ky as f64)
+    math::hypot(kx as f64, ky as f64)
 }
 
 fn mean_frequency(cell: &[usize]) -> f64 {
@@ -146,7 +148,7 @@ fn mean_frequency(cell: &[usize]) -> f64 {
 /// In which of so many directions it is.
 fn sector(place: usize, count: usize) -> usize {
     let (kx, ky) = wave(place);
-    let turns = (ky as f64).atan2(kx as f64) / std::f64::consts::PI;
+    let turns = math::atan2(ky as f64, kx as f64) / std::f64::consts::PI;
     (turns * count as f64).round().rem_euclid(count as f64) as usize
 }
 

@@ -5,6 +5,7 @@
 
 use super::bins::{DIRECTIONS, SIDE, bins};
 use super::spectrum::{Place, Powers};
+use crate::math;
 
 /// Parts of the image along each axis.
 const PARTS: usize = 3;
@@ -38,7 +39,8 @@ impl Glance {
         }
         let excess = sums.iter().flat_map(|[left, right]| {
             let logarithms = left.iter().zip(right).map(|(left, right)| {
-                (left.max(f32::MIN_POSITIVE) / right.max(f32::MIN_POSITIVE)).ln()
+                let quotient = left.max(f32::MIN_POSITIVE) / right.max(f32::MIN_POSITIVE);
+                math::ln(f64::from(quotient)) as f32
             });
             let logarithms: Vec<f32> = logarithms.collect();
             bins().directions.each_ref().map(|weights| {

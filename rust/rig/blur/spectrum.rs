@@ -9,6 +9,7 @@ use super::fit::Response;
 use super::transform::{Block, HALF, Kind, Work};
 use crate::error::Result;
 use crate::image::plane::Plane;
+use crate::math;
 use crate::pipeline::control::Control;
 use crate::rig::psf::Taps;
 use crate::simd::{Kernel, Level};
@@ -54,7 +55,7 @@ fn window() -> &'static Window {
     static WINDOW: OnceLock<Window> = OnceLock::new();
     WINDOW.get_or_init(|| {
         let wave = |i: usize| (i as f64 + 0.5) / SIDE as f64 * std::f64::consts::TAU;
-        let hann: Vec<f64> = (0..SIDE).map(|i| 0.5 - 0.5 * wave(i).cos()).collect();
+        let hann: Vec<f64> = (0..SIDE).map(|i| 0.5 - 0.5 * math::cos(wave(i))).collect();
         let square: f64 = hann.iter().map(|value| value * value).sum();
         let rows = hann.iter().flat_map(|a| hann.iter().map(move |b| a * b / square));
         let window: Vec<f32> = rows.map(|value| value as f32).collect();
@@ -267,14 +268,14 @@ mod tests {
 
     /// Powers of half the plane at `kx * SIDE / 2 + ky`, a sum for each.
     fn naive(image: &Plane<f32>, top: usize, left: usize) -> Vec<f32> {
-        let hann = |i: usize| 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / SIDE as f64).cos();
+        let hann = |i: usize| 0.5 - 0.5 * math::cos(TAU * (i as f64 + 0.5) / SIDE as f64);
         let square: f64 = (0..SIDE).map(|i| hann(i).powi(2)).sum();
         let window = |y: usize, x: usize| hann(y) * hann(x) / square;
         let pixel = |y: usize, x: usize| f64::from(image.row(top + y)[left + x]);
         let all = || (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (y, x)));
         let sum: f64 = all().map(|(y, x)| window(y, x)).sum();
         let mean = all().map(|(y, x)| window(y, x) * pixel(y, x)).sum::<f64>() / sum;
-        let turn = |k: usize, i: usize| (TAU * ((k * i) % SIDE) as f64 / SIDE as f64).sin_cos();
+        let turn = |k: usize, i: usize| math::sin_cos(TAU * ((k * i) % SIDE) as f64 / SIDE as f64);
         let weighed = |y, x| (pixel(y, x) - mean) * window(y, x);
         let along = |y: usize, kx: usize| {
             (0..SIDE).fold((0.0, 0.0), |(re, im), x| {
@@ -324,7 +325,9 @@ mod tests {
             sums
         };
         let (one, ten) = (sums(&image), sums(&loud));
-        let norm = |[re, im]: &[Vec<f32>; 2], place: usize| re[place].hypot(im[place]);
+        let norm = |[re, im]: &[Vec<f32>; 2], place: usize| {
+            math::hypot(f64::from(re[place]), f64::from(im[place]))
+        };
         for place in 0..HALF {
             let [a, b] = [&one, &ten].map(|sums| norm(&sums.product, place));
             assert!((a - b).abs() <= 1e-3 * a.max(1e-3));
@@ -372,7 +375,7 @@ mod tests {
             let psf = Psf::round(Family::Gaussian, sigma);
             // The kernel is sampled: its spectrum comes again from either side.
             let along = |k: f64| -> f64 {
-                let at = |k: f64| (-0.5 * (TAU * k / SIDE as f64 * sigma).powi(2)).exp();
+                let at = |k: f64| math::exp(-0.5 * (TAU * k / SIDE as f64 * sigma).powi(2));
                 [-1.0, 0.0, 1.0].iter().map(|turn| at(k + turn * SIDE as f64)).sum::<f64>().powi(2)
             };
             let smeared = |k: usize| {
@@ -404,7 +407,7 @@ mod tests {
     fn the_kernel_of_a_kernels_coefficients_is_that_kernel() {
         let tap = |dy: isize, dx: isize| {
             let bump = |y: f64, x: f64, s: f64| {
-                (-((dy as f64 - y).powi(2) + (dx as f64 - x).powi(2)) / (2.0 * s * s)).exp()
+                math::exp(-((dy as f64 - y).powi(2) + (dx as f64 - x).powi(2)) / (2.0 * s * s))
             };
             bump(1.0, -2.0, 1.5) + 0.4 * bump(-3.0, 3.0, 1.3)
         };

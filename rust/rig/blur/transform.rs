@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 use super::bins::{LANES, Lanes, SIDE};
+use crate::math;
 use crate::simd::{Kernel, Level};
 
 /// Coefficients of half a spectrum: those of a real block mirror each other.
@@ -211,7 +212,7 @@ fn turns() -> &'static Turns {
     TURNS.get_or_init(|| {
         std::array::from_fn(|part| {
             let turn = part as f64 / SIDE as f64 * -std::f64::consts::TAU;
-            [turn.cos() as f32, turn.sin() as f32]
+            [math::cos(turn) as f32, math::sin(turn) as f32]
         })
     })
 }
@@ -251,7 +252,7 @@ mod tests {
             let coefficient = |k: usize| {
                 let term = |(n, (re, im)): (usize, &(f64, f64))| {
                     let turn = (k * n % SIDE) as f64 / SIDE as f64 * std::f64::consts::TAU;
-                    let (sine, cosine) = turn.sin_cos();
+                    let (sine, cosine) = math::sin_cos(turn);
                     (re * cosine + im * sine, im * cosine - re * sine)
                 };
                 let terms = values.iter().enumerate().map(term);
@@ -276,7 +277,7 @@ mod tests {
         let (ky, kx) = (at / SIDE, at % SIDE);
         let place = half * HALF + kx * SIDE / 2 + ky % (SIDE / 2);
         let found = [&block.re, &block.im].map(|part| f64::from(part.as_flattened()[place]));
-        let off = (found[0] - re).hypot(found[1] - im);
+        let off = math::hypot(found[0] - re, found[1] - im);
         assert!(off < TOLERANCE, "{ky} {kx}: {found:?}, {re} {im}");
     }
 

@@ -9,6 +9,7 @@ use super::overview::{GOOD_CONFIDENCE, Overview, RoughMap};
 use super::tracks::{BLOCK, Seed, Track, follow};
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
+use crate::math;
 use crate::rig::alignment::{Alignment, LINEAR, TERMS, places, terms};
 use crate::rig::blur::parts::{Means, Rows};
 
@@ -198,7 +199,7 @@ fn fitted(
     }
     Some(Offsets {
         field: Alignment::new(fit.coefficients, (rows, cols)).ok()?,
-        error: fit.error(excess).hypot(BIAS * factor as f64),
+        error: math::hypot(fit.error(excess), BIAS * factor as f64),
         blocks: fit.agreeing,
         spread: fit.spread,
     })
