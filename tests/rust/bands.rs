@@ -1,13 +1,11 @@
 //! Pairs matched in parts, with no more rows around them than they reach: what a match of the whole gives, bit for bit.
 
-mod common;
-
 use std::ops::Range;
 
-use common::maps;
-use common::naive::Seen;
-use common::parts::{Slow, known_part, rows_of};
-use common::{
+use crate::common::maps;
+use crate::common::naive::Seen;
+use crate::common::parts::{Slow, known_part, rows_of};
+use crate::common::{
     OPTIMIZERS, affordable, hash, levels, mask, noises, random, robust, settings, versions, view,
     views,
 };

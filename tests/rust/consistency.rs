@@ -1,8 +1,6 @@
 //! Owners of right pixels, against a search of the whole row.
 
-mod common;
-
-use common::{hash, random};
+use crate::common::{hash, random};
 use phasestereo::candidates::Candidates;
 use phasestereo::consistency::{Checker, Choices};
 use phasestereo::reference;

@@ -1,8 +1,6 @@
 //! The guided filter, against each window by itself.
 
-mod common;
-
-use common::{at_every_level, grays, hash, plane, random};
+use crate::common::{at_every_level, grays, hash, plane, random};
 use phasestereo::control::Control;
 use phasestereo::intensity::Gray;
 use phasestereo::matcher::on_threads;

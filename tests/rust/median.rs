@@ -2,10 +2,8 @@
 
 use std::array::from_fn;
 
-mod common;
-
-use common::maps::{bits, drawn, maps, row};
-use common::{levels, random};
+use crate::common::maps::{bits, drawn, maps, row};
+use crate::common::{levels, random};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
 use phasestereo::median::{NONE, disparity, key, median9, median25, smooth};

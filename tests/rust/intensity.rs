@@ -1,8 +1,6 @@
 //! Intensities: what scale, offset and type of the pixels must not change.
 
-mod common;
-
-use common::{gray, level_pair, plane, random, views};
+use crate::common::{gray, level_pair, plane, random, views};
 use ndarray::Array3;
 use phasestereo::control::Control;
 use phasestereo::convolution::Kernel;

@@ -2,10 +2,8 @@
 
 #![expect(clippy::float_cmp, reason = "what is compared here is exact, or the same to the bit")]
 
-mod common;
-
-use common::maps::drawn;
-use common::{hash, levels, random};
+use crate::common::maps::drawn;
+use crate::common::{hash, levels, random};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
 use phasestereo::plane::Plane;

@@ -1,10 +1,8 @@
 //! The estimation of relative blur: of pairs whose blur is known, of any type and size, the same to the bit
 //! however the work is cut up, and of images that tell nothing.
 
-mod common;
-
-use common::estimates::estimate;
-use common::{hash, levels};
+use crate::common::estimates::estimate;
+use crate::common::{hash, levels};
 use ndarray::Array3;
 use phasestereo::blur::{Estimate, Glance, Side, is_as_before};
 use phasestereo::control::Control;

@@ -1,8 +1,6 @@
 //! The grid of blocks, against means phase by phase.
 
-mod common;
-
-use common::{at_every_level, hash, random};
+use crate::common::{at_every_level, hash, random};
 use phasestereo::blocking::Extra;
 use phasestereo::plane::Plane;
 use phasestereo::reference;

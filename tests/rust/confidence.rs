@@ -2,10 +2,8 @@
 
 #![allow(clippy::float_cmp, reason = "what is compared for equality is exact by its definition")]
 
-mod common;
-
-use common::maps::drawn;
-use common::{hash, levels, random};
+use crate::common::maps::drawn;
+use crate::common::{hash, levels, random};
 use phasestereo::confidence::{RADIUS, Scene, confidence, similar, vote};
 use phasestereo::control::Control;
 use phasestereo::error::Error;

@@ -1,8 +1,6 @@
 //! Local contrast: sliding sums in bands against each window summed by itself.
 
-mod common;
-
-use common::{noise, random, volumes};
+use crate::common::{noise, random, volumes};
 use phasestereo::control::Control;
 use phasestereo::normalisation::normalise;
 use phasestereo::reference;

@@ -1,10 +1,10 @@
 //! Codes: the separable, banded, threaded computation at every level, against the double sum of the
 //! definition.
 
-mod common;
-
-use common::naive::weak_threshold;
-use common::{descriptors, every_descriptor, grays, noise, noises, random, weak_descriptors};
+use crate::common::naive::weak_threshold;
+use crate::common::{
+    descriptors, every_descriptor, grays, noise, noises, random, weak_descriptors,
+};
 use phasestereo::control::Control;
 use phasestereo::descriptor::{Codes, describe};
 use phasestereo::error::Error;

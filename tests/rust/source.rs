@@ -1,10 +1,8 @@
 //! Pairs that are read a few rows at a time: what is found out about them is that of whole ones, to the bit.
 
-mod common;
-
-use common::estimates::{estimate, estimate_by_rows};
-use common::parts::Slow;
-use common::{hash, levels, mask, random};
+use crate::common::estimates::{estimate, estimate_by_rows};
+use crate::common::parts::Slow;
+use crate::common::{hash, levels, mask, random};
 use ndarray::Array3;
 use phasestereo::blur::{Blur, Estimate};
 use phasestereo::control::Control;

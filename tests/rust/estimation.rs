@@ -1,10 +1,8 @@
 //! Rows and ranges: what is injected is found and mended, the same at every level, for any threads, and of a pair that is
 //! read a few rows at a time.
 
-mod common;
-
-use common::parts::Slow;
-use common::{hash, levels};
+use crate::common::parts::Slow;
+use crate::common::{hash, levels};
 use ndarray::Array3;
 use phasestereo::alignment::Alignment;
 use phasestereo::alignment::straighten::straightened;

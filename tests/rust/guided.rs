@@ -1,9 +1,7 @@
 //! Medians of like pixels near jumps, against sorting.
 
-mod common;
-
-use common::maps::{Map, bits, drawn, maps, patches};
-use common::{hash, random};
+use crate::common::maps::{Map, bits, drawn, maps, patches};
+use crate::common::{hash, random};
 use phasestereo::control::Control;
 use phasestereo::guided::{guide, likeness};
 use phasestereo::plane::Plane;

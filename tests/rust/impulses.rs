@@ -1,8 +1,6 @@
 //! Impulses, against sorting all neighbors of every pixel.
 
-mod common;
-
-use common::{at_every_level, grays, hash, random};
+use crate::common::{at_every_level, grays, hash, random};
 use phasestereo::control::Control;
 use phasestereo::impulses::{are_there, doubtless, repaired};
 use phasestereo::intensity::Gray;

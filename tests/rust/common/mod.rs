@@ -1,7 +1,5 @@
 //! What the tests of several stages draw from: settings, images and volumes, awkward ones included.
 
-#![allow(dead_code, reason = "each test file uses its own part of this")]
-
 pub mod estimates;
 pub mod maps;
 pub mod naive;

@@ -1,9 +1,7 @@
 //! Pixels filled from the trusted ones of their row, against a search for each.
 
-mod common;
-
-use common::maps::{Map, bits, maps, row};
-use common::{at_every_level, hash, random};
+use crate::common::maps::{Map, bits, maps, row};
+use crate::common::{at_every_level, hash, random};
 use phasestereo::control::Control;
 use phasestereo::filling::{REACH, fill};
 use phasestereo::plane::Plane;

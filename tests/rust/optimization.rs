@@ -1,9 +1,7 @@
 //! Searches along paths, in order and of each pixel by itself: lanes of narrow integers, band by band and panel by panel,
 //! against every path, every origin and every candidate by itself.
 
-mod common;
-
-use common::{COUNTS, OPTIMIZERS, hash, heights, levels, naive, random, widths};
+use crate::common::{COUNTS, OPTIMIZERS, hash, heights, levels, naive, random, widths};
 use phasestereo::aggregation::Window;
 use phasestereo::control::Control;
 use phasestereo::edges::Edges;

@@ -1,8 +1,6 @@
 //! Convolution: blocks of columns, rows on threads and every level, against each sum by itself.
 
-mod common;
-
-use common::{hash, levels, noise, random, view};
+use crate::common::{hash, levels, noise, random, view};
 use phasestereo::control::Control;
 use phasestereo::convolution::{
     GUARD, Kernel, LARGEST_KERNEL, MOST_FRACTION, SHIFT, Weights, convolve,
@@ -181,7 +179,7 @@ fn pixels_of_an_image_are_centred_first() {
     let view = view(9, 40, |y, x| hash(3, y, x) as u8);
     let (level, control, kernel) = (Level::best(), Control::default(), scattered(5, 3, 70));
     let gray = Gray::new(&view, level, &control).expect("not cancelled");
-    let expected = reference::convolve(&common::gray(&view), &kernel, 4);
+    let expected = reference::convolve(&crate::common::gray(&view), &kernel, 4);
     assert_eq!(convolve(&gray, &kernel, 4, level, &control), Ok(expected));
 }
 

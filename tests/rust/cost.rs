@@ -1,8 +1,6 @@
 //! Costs: lanes of bytes and words against single bits, levels and pixels.
 
-mod common;
-
-use common::{COUNTS, descriptors, grays, hash, levels, mask, naive, random, view, views};
+use crate::common::{COUNTS, descriptors, grays, hash, levels, mask, naive, random, view, views};
 use phasestereo::candidates::Candidates;
 use phasestereo::control::Control;
 use phasestereo::cost::Costs;
@@ -152,7 +150,7 @@ proptest! {
         let Ok(candidates) = Candidates::new(min, count, gray.cols()) else { return Ok(()) };
         let left = view(gray.rows(), gray.cols(), |y, x| gray.row(y)[x] as u8);
         let right = view(gray.rows(), gray.cols(), |y, x| (gray.row(y)[x] / 3) as u8);
-        let [a, b] = [&left, &right].map(|view| reference::describe(&common::gray(view), &settings, 0.0));
+        let [a, b] = [&left, &right].map(|view| reference::describe(&crate::common::gray(view), &settings, 0.0));
         let volume = volume([&left, &right], candidates, &settings);
         prop_assert_eq!(&volume, &reference::phase_costs(&a, &b, candidates));
         for (place, &cost) in volume.as_slice().iter().enumerate() {

@@ -1,8 +1,6 @@
 //! Windows: sliding sums over lanes against each window summed by itself.
 
-mod common;
-
-use common::{
+use crate::common::{
     COUNTS, affordable, eight_votes, hash, heights, levels, mask, naive, random, settings, view,
     volumes, widths,
 };

@@ -1,13 +1,11 @@
 //! Whole matches: any way to cut up the work, any integers, any memory used before, against the chain of the
 //! naive twins.
 
-mod common;
-
 use std::io::Write;
 use std::sync::Arc;
 
-use common::naive::{self, Seen};
-use common::{
+use crate::common::naive::{self, Seen};
+use crate::common::{
     OPTIMIZERS, affordable, eight_votes, hash, levels, mask, noises, random, refinements, robust,
     settings, versions, view, views,
 };

@@ -1,10 +1,8 @@
 //! Maps by which a soft image can best be made again, against the naive twin.
 
-mod common;
-
-use common::maps::{Map, bits, drawn};
-use common::naive::synthesized;
-use common::{hash, random, robust, versions, view, views, weak_descriptors};
+use crate::common::maps::{Map, bits, drawn};
+use crate::common::naive::synthesized;
+use crate::common::{hash, random, robust, versions, view, views, weak_descriptors};
 use phasestereo::control::Control;
 use phasestereo::convolution::Kernel;
 use phasestereo::matcher::Pair;

@@ -1,8 +1,6 @@
 //! Masked pixels: what they are replaced by, against a search of the whole image.
 
-mod common;
-
-use common::{grays, hash, random};
+use crate::common::{grays, hash, random};
 use phasestereo::control::Control;
 use phasestereo::masking::{REACH, fill_masked};
 use phasestereo::plane::Plane;

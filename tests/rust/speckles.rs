@@ -1,9 +1,7 @@
 //! Regions that stand out, against walks from every pixel.
 
-mod common;
-
-use common::maps::{Map, maps};
-use common::{at_every_level, levels, random};
+use crate::common::maps::{Map, maps};
+use crate::common::{at_every_level, levels, random};
 use phasestereo::control::Control;
 use phasestereo::error::Error;
 use phasestereo::matcher::on_threads;
