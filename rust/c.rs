@@ -21,14 +21,14 @@ use std::ptr;
 
 pub use self::found::Found;
 pub use self::images::{Image, Map};
-use crate::candidates::Candidates;
-use crate::control::Control;
+use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
-use crate::estimation::{Known, Means, Prepared, prepare};
-use crate::footprint::Demand;
-use crate::matcher::{self, Execution, Pair, usable_threads};
-use crate::presets::Preset;
+use crate::pipeline::control::Control;
+use crate::pipeline::footprint::Demand;
+use crate::pipeline::matcher::{self, Execution, Pair, usable_threads};
+use crate::rig::estimation::{Known, Means, Prepared, prepare};
 use crate::settings::Settings;
+use crate::settings::presets::Preset;
 use crate::simd::Level;
 
 thread_local! {

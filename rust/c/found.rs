@@ -1,13 +1,13 @@
 //! What was found out of a pair, as C has it.
 
-use crate::alignment::TERMS;
-use crate::blur::{self, Side};
-use crate::estimation::Estimates;
-use crate::psf::Family;
+use crate::rig::alignment::TERMS;
+use crate::rig::blur::{self, Side};
+use crate::rig::estimation::Estimates;
+use crate::rig::psf::Family;
 
 /// Most kinds of blur in one image.
 pub const PHASESTEREO_MOST_BLURS: usize = 8;
-const _: () = assert!(PHASESTEREO_MOST_BLURS == crate::blur::regions::MOST);
+const _: () = assert!(PHASESTEREO_MOST_BLURS == crate::rig::blur::regions::MOST);
 /// Coefficients of the field of vertical offsets.
 pub const PHASESTEREO_TERMS: usize = 8;
 const _: () = assert!(PHASESTEREO_TERMS == TERMS);
@@ -119,10 +119,10 @@ impl Found {
 
         Self {
             confidence: found.confidence.unwrap_or(f64::NAN),
-            low: of_range(|range: &crate::estimation::range::SearchRange| range.low),
+            low: of_range(|range: &crate::rig::estimation::range::SearchRange| range.low),
             high: of_range(|range| range.high),
             rows: offsets.as_ref().map_or([f64::NAN; TERMS], |rows| *rows.field.coefficients()),
-            rows_rms: of_rows(|rows: &crate::estimation::rows::Offsets| rows.field.rms()),
+            rows_rms: of_rows(|rows: &crate::rig::estimation::rows::Offsets| rows.field.rms()),
             rows_error: of_rows(|rows| rows.error),
             rows_spread: of_rows(|rows| rows.spread),
             certainty: of_blur(|blur: &blur::Estimate| blur.certainty.into()),

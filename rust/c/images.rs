@@ -5,10 +5,10 @@ use std::ffi::c_void;
 use ndarray::Array3;
 
 use crate::error::{Error, Result};
-use crate::matcher::Disparity;
-use crate::plane::{Plane, zeroed};
+use crate::image::plane::{Plane, zeroed};
+use crate::image::view::{self, View};
+use crate::pipeline::matcher::Disparity;
 use crate::refinement::flag;
-use crate::view::{self, View};
 
 /// One channel.
 pub const PHASESTEREO_GRAY: u32 = 0;

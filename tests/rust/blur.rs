@@ -4,14 +4,14 @@
 use crate::common::estimates::estimate;
 use crate::common::{hash, levels};
 use ndarray::Array3;
-use phasestereo::blur::{Estimate, Glance, Side, is_as_before};
-use phasestereo::control::Control;
-use phasestereo::error::Error;
-use phasestereo::matcher::{Execution, Matcher, Pair};
-use phasestereo::plane::{Plane, reflect};
-use phasestereo::psf::{Family, Psf, Taps, path};
-use phasestereo::simd::Level;
-use phasestereo::view::{Image, Mask, View};
+use phasestereo::internals::error::Error;
+use phasestereo::internals::image::plane::{Plane, reflect};
+use phasestereo::internals::image::view::{Image, Mask, View};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair};
+use phasestereo::internals::rig::blur::{Estimate, Glance, Side, is_as_before};
+use phasestereo::internals::rig::psf::{Family, Psf, Taps, path};
+use phasestereo::internals::simd::Level;
 
 const SIZE: (usize, usize) = (160, 224);
 /// Disparity of every pixel of the scene.

@@ -1,16 +1,16 @@
 //! Convolution: blocks of columns, rows on threads and every level, against each sum by itself.
 
 use crate::common::{hash, levels, noise, random, view};
-use phasestereo::control::Control;
-use phasestereo::convolution::{
+use crate::reference;
+use phasestereo::internals::error::{Error, Result};
+use phasestereo::internals::image::convolution::{
     GUARD, Kernel, LARGEST_KERNEL, MOST_FRACTION, SHIFT, Weights, convolve,
 };
-use phasestereo::error::{Error, Result};
-use phasestereo::intensity::Gray;
-use phasestereo::matcher::on_threads;
-use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::simd::Level;
+use phasestereo::internals::image::intensity::Gray;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::on_threads;
+use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::select;
 

@@ -5,16 +5,16 @@ use crate::common::naive::weak_threshold;
 use crate::common::{
     descriptors, every_descriptor, grays, noise, noises, random, weak_descriptors,
 };
-use phasestereo::control::Control;
-use phasestereo::descriptor::{Codes, describe};
-use phasestereo::error::Error;
-use phasestereo::intensity::Gray;
-use phasestereo::matcher::on_threads;
-use phasestereo::plane::Plane;
-use phasestereo::presets::Preset;
-use phasestereo::reference;
-use phasestereo::settings::{Settings, Taper};
-use phasestereo::simd::Level;
+use crate::reference;
+use phasestereo::internals::descriptor::{Codes, describe};
+use phasestereo::internals::error::Error;
+use phasestereo::internals::image::intensity::Gray;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::on_threads;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{Settings, Taper};
+use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 
 /// The largest magnitude that a plane may announce.
