@@ -4,9 +4,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 CORE := python/phasestereo/_core.abi3.so
+C_LIBRARY := target/c/release/libphasestereo.so
+RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs')
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test fuzz soak lint format bench tables bench-core docs wheel hooks clean
+.PHONY: help demo test fuzz soak lint format bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -55,11 +57,15 @@ docs: $(VENV)/counterparts ## Build the documentation, and the pictures in it, i
 wheel: $(VENV)/ready ## Build a wheel into dist/
 	$(BIN)/maturin build --release --locked --out dist
 
+c: $(C_LIBRARY) ## Build the C libraries into target/c/release/ (header: rust/c/phasestereo.h)
+
+web: web/phasestereo.wasm ## Build the core for browsers into web/
+
 hooks: ## Check every push as CI would
 	git config core.hooksPath .githooks
 
 clean: ## Remove all that was built
-	rm -rf $(VENV) target dist site demo speed tables $(CORE)
+	rm -rf $(VENV) target dist site demo speed tables $(CORE) web/phasestereo.wasm
 
 # Debian's Python comes without ensurepip unless python3-venv is installed; virtualenv needs neither.
 $(VENV)/ready: pyproject.toml
@@ -77,6 +83,14 @@ $(VENV)/counterparts: $(VENV)/harness
 
 $(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs rust/*/*/*.rs)
 	$(BIN)/pip install --quiet --no-build-isolation --editable .
+	touch $@
+
+$(C_LIBRARY): $(RUST)
+	cargo rustc --release --locked --lib --features c --crate-type cdylib,staticlib --target-dir target/c
+	touch $@
+
+web/phasestereo.wasm: $(RUST) web/build.sh web/toolchain.sh
+	web/build.sh
 	touch $@
 
 $(VENV)/harness: $(CORE) benches/harness/pyproject.toml

@@ -1,11 +1,11 @@
 #!/bin/sh
 # Unpacks what `make web` builds WebAssembly with into a folder, from Debian's packages: Rust with the sources of its standard
-# library, LLVM's linker, binaryen. Nothing is installed: no root is needed, and the machine's own Rust stays as it is.
+# library and LLVM's linker. Nothing is installed: no root is needed, and the machine's own Rust stays as it is.
 set -eu
 
 folder=$1
 release=bookworm
-packages="rustc-web cargo-web libstd-rust-web-dev libstd-rust-web-1.96 rust-web-src libllvm22 lld-19 libllvm19 binaryen
+packages="rustc-web cargo-web libstd-rust-web-dev libstd-rust-web-1.96 rust-web-src libllvm22 lld-19 libllvm19
     libgit2-1.5 libhttp-parser2.9 libmbedtls14 libmbedx509-1 libmbedcrypto7"
 
 # A configuration of apt of our own: the lists and the cache of the machine's are neither read nor written.

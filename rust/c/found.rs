@@ -51,7 +51,7 @@ pub struct Blur {
     pub share: f64,
     /// The softer image: `PHASESTEREO_NEITHER`, `PHASESTEREO_LEFT` or `PHASESTEREO_RIGHT`.
     pub side: u32,
-    /// Its family: `PHASESTEREO_NO_BLUR`, `PHASESTEREO_GAUSSIAN`, ...
+    /// Its family: `PHASESTEREO_NO_BLUR`, `PHASESTEREO_GAUSSIAN` and so on
     pub kind: u32,
 }
 
@@ -169,12 +169,12 @@ impl Blur {
             (None, Some(taps)) => (PHASESTEREO_OTHER, taps.radius(), 0.0),
             (None, None) => (PHASESTEREO_NO_BLUR, 0.0, 0.0),
         };
-        let side = match blur.side {
+        let softer = match blur.side {
             None => PHASESTEREO_NEITHER,
             Some(Side::Left) => PHASESTEREO_LEFT,
             Some(Side::Right) => PHASESTEREO_RIGHT,
         };
-        Self { size, angle, share: 0.0, side, kind }
+        Self { size, angle, share: 0.0, side: softer, kind }
     }
 }
 
