@@ -25,9 +25,9 @@ from dask.system import CPU_COUNT
 from distributed import Client
 
 import phasestereo as ps
-from phasestereo import dask as lazily
 from phasestereo.batch import PairFiles, Record, run
 from phasestereo.batch.work import Order, match_files
+from phasestereo.integrations import dask as lazily
 from phasestereo.io import read_image
 
 if TYPE_CHECKING:

@@ -29,6 +29,8 @@ from phasestereo.io import read_image, write_image
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from phasestereo.bands import Reader
+
 COUNT = 256  # disparities
 STRIP = 30_000  # rows and columns of the strip
 BAND = 2048  # rows of a band: little of its halo is done twice
@@ -116,7 +118,7 @@ def strip(image: NDArray[Any]) -> NDArray[np.uint8]:
     return np.tile(gray, (1, -(-STRIP // gray.shape[1])))[:, :STRIP]
 
 
-def reader(sides: list[NDArray[np.uint8]]) -> ps.surveying.Reader:
+def reader(sides: list[NDArray[np.uint8]]) -> Reader:
     """Return what reads rows of a strip whose rows come again and again."""
 
     def read(first: int, last: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8], None, None]:

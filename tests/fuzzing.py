@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import phasestereo as ps
+from phasestereo.bands import load
 from phasestereo.batch import Record, read_manifest, read_pairs
 from phasestereo.io import (
     read_calibration,
@@ -47,7 +48,6 @@ from phasestereo.io.tiff import is_geotiff
 from phasestereo.io.windows import open_raster
 from phasestereo.rectification.reading import read_calibration as read_rig
 from phasestereo.rectification.record import Rectification
-from phasestereo.surveying import load
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -246,10 +246,10 @@ def readers() -> dict[str, Callable[[Path], Any]]:
     """Return what reads files, by the name of the function."""
     import phasestereo as ps  # noqa: PLC0415 -- the process that makes the files needs none of it
     from phasestereo import batch  # noqa: PLC0415
+    from phasestereo.bands import load  # noqa: PLC0415
     from phasestereo.io.tiff import is_geotiff  # noqa: PLC0415
     from phasestereo.io.windows import open_raster  # noqa: PLC0415
     from phasestereo.rectification.reading import read_calibration  # noqa: PLC0415
-    from phasestereo.surveying import load  # noqa: PLC0415
 
     def open_one(path: Path) -> None:
         with open_raster(path):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from phasestereo.estimation import measure_alignment
+from phasestereo.rig.estimation import measure_alignment
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
 from warping import moved
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from phasestereo.alignment import Alignment
+    from phasestereo.rig.alignment import Alignment
 
     Plane = NDArray[np.float32]
 

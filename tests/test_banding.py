@@ -17,8 +17,8 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 import phasestereo as ps
-from phasestereo import _core, banding
-from phasestereo.banding import halo, match_rows, working_memory
+from phasestereo import _core
+from phasestereo.bands import halo, match_rows, working_memory
 from test_process import run, run_forking
 from test_surveying import ERRORS, WRONG_ROWS, Reading, scene, surveyed
 
@@ -243,7 +243,7 @@ from pathlib import Path
 import numpy as np
 import phasestereo as ps
 from phasestereo import _core
-from phasestereo.banding import match_rows, working_memory
+from phasestereo.bands import match_rows, working_memory
 
 def memory(name):
     lines = Path("/proc/self/status").read_text().splitlines()
@@ -445,7 +445,3 @@ def test_bands_come_from_one_set_of_workers() -> None:
     workers = _core.Workers(2)
     for first in (0, 100, 200):
         known.check(first, first + 50, threads=workers)
-
-
-def test_the_module_tells_what_the_package_does() -> None:
-    assert (ps.match_rows, ps.halo) == (banding.match_rows, banding.halo)

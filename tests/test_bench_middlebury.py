@@ -15,7 +15,7 @@ import pytest
 
 import phasestereo_bench as bench
 from phasestereo import io, metrics
-from phasestereo.roc import roc_area
+from phasestereo.metrics import roc_area
 from phasestereo_bench import Method, read_store, run_middlebury
 from phasestereo_bench.cases import SUITE_SCENES, Case
 from phasestereo_bench.datasets import find_scenes

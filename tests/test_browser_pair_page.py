@@ -11,10 +11,10 @@ import pytest
 import phasestereo as ps
 from conftest import counterpart
 from phasestereo.io import Calibration
-from phasestereo.pair_page import page as page_module
-from phasestereo.pair_page import write_pair_page
-from phasestereo.pair_page.scene import scene_of
-from phasestereo.picture import NEUTRAL, UNSCORED, colorize
+from phasestereo.views.page import page as page_module
+from phasestereo.views.page import write_pair_page
+from phasestereo.views.page.scene import scene_of
+from phasestereo.views.picture import NEUTRAL, UNSCORED, colorize
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
+from phasestereo.integrations.video.streaming import Failure
 from phasestereo.io import Calibration
-from phasestereo.streaming import Failure
-from phasestereo.viewer import Server, Show
+from phasestereo.views.viewer import Server, Show
 from test_viewer import COLS, COUNT, FAST, LEFT, RIGHT, ROWS, SHIFT, frame
 
 if TYPE_CHECKING:

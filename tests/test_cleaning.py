@@ -13,7 +13,7 @@ from PIL import Image
 
 import oracle
 import phasestereo as ps
-from phasestereo import surveying
+from phasestereo import bands
 from phasestereo.metrics import bad_pixels
 from phasestereo_bench.rendering import render_pair
 
@@ -201,7 +201,7 @@ def test_parts_are_those_of_the_whole(tmp_path: Path) -> None:
 
     known = ps.survey(read, left.shape[:2], **SEARCH)
     known.save(tmp_path / "survey.npz")
-    for told in (known, surveying.load(tmp_path / "survey.npz")):
+    for told in (known, bands.load(tmp_path / "survey.npz")):
         assert told.equalisation is not None
         assert told.equalisation.impulses == whole.blur.impulses
         assert told.blur is not None

@@ -18,7 +18,7 @@ import pytest
 
 import phasestereo as ps
 from phasestereo import __main__, io, metrics
-from phasestereo.picture import NEUTRAL, disparity_picture
+from phasestereo.views.picture import NEUTRAL, disparity_picture
 from phasestereo_bench.datasets import find_scene
 
 if TYPE_CHECKING:

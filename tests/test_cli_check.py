@@ -14,7 +14,7 @@ import pytest
 
 import phasestereo as ps
 from phasestereo import io
-from phasestereo.blur import Blur, BlurEstimate
+from phasestereo.rig.blur import Blur, BlurEstimate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,7 +50,7 @@ def blurred(monkeypatch: pytest.MonkeyPatch) -> None:
         gamma=1.0,
         noise=(1.0, 1.0),
     )
-    module = importlib.import_module("phasestereo.diagnosis")
+    module = importlib.import_module("phasestereo.rig.diagnosis")
     found = module.estimate_pair
     monkeypatch.setattr(module, "estimate_pair", lambda *a: replace(found(*a), blur=estimate))
 
@@ -58,7 +58,7 @@ def blurred(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_sentences_are_those_of_the_library(run: Callable[..., Run]) -> None:
     code, out, err = run("check", "left.png", "right.png")
     assert (code, err) == (0, "")
-    check = importlib.import_module("phasestereo.diagnosis").check
+    check = importlib.import_module("phasestereo.rig.diagnosis").check
     assert out == f"{check(io.read_image('left.png'), io.read_image('right.png'))}\n"
 
 

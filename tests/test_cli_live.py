@@ -18,8 +18,8 @@ import phasestereo as ps
 from conftest import counterpart
 from footage import COLS, COUNT, INTRA, LOSSLESS, ROWS, damage, film, pair, shift, side_by_side
 from phasestereo import io
-from phasestereo.picture import colorize
-from phasestereo.video.decoding import open_video
+from phasestereo.integrations.video.decoding import open_video
+from phasestereo.views.picture import colorize
 
 cli = pytest.importorskip("phasestereo.cli")
 av = counterpart("av")

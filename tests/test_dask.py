@@ -16,9 +16,8 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
-from phasestereo import dask as lazily
-from phasestereo.banding import halo, match_rows
-from phasestereo.surveying import survey
+from phasestereo.bands import halo, match_rows, survey
+from phasestereo.integrations import dask as lazily
 
 dask = counterpart("dask")
 da = counterpart("dask.array")

@@ -13,7 +13,7 @@ import pytest
 from html_page import Page
 from phasestereo import io
 from phasestereo.metrics import bad_pixels
-from phasestereo.report import data_uri, render_page
+from phasestereo.views.templating import data_uri, render_page
 from phasestereo_bench.demo import METHODS, SGBM, Demo, run_demo, verdict, write_demo
 
 if TYPE_CHECKING:

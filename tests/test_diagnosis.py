@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from phasestereo.blur import Blur, BlurEstimate
-from phasestereo.diagnosis import Diagnosis, check
+from phasestereo.rig.blur import Blur, BlurEstimate
+from phasestereo.rig.diagnosis import Diagnosis, check
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
 from warping import moved
@@ -62,7 +62,7 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Diagnosis]:
     """Return what checks a pair, the estimate of blur being given."""
 
     def told(images: Pair, given: BlurEstimate | None = None) -> Diagnosis:
-        module = importlib.import_module("phasestereo.diagnosis")
+        module = importlib.import_module("phasestereo.rig.diagnosis")
         found = module.estimate_pair
 
         def with_blur(*arguments: Any) -> Any:

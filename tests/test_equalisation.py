@@ -11,7 +11,7 @@ import pytest
 
 import oracle
 import phasestereo as ps
-from phasestereo.equalisation import Equalisation
+from phasestereo.rig.compensation import Equalisation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,7 +11,7 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
-from phasestereo import labelled
+from phasestereo.integrations import xarray as labelled
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.rendering import render_pair
 

@@ -18,8 +18,8 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
-from phasestereo.blur import Blur, BlurEstimate
-from phasestereo.picture import NEUTRAL, colorize, limits
+from phasestereo.rig.blur import Blur, BlurEstimate
+from phasestereo.views.picture import NEUTRAL, colorize, limits
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,7 +45,7 @@ result = ps.Result(
     disparity, flags, np.ones_like(disparity), ps.Settings(), {"matching": 0.25}, None, (left, left)
 )
 """
-OVERVIEW = "ps.plot.overview(result)"
+OVERVIEW = "ps.views.plot.overview(result)"
 EXPORTED = 60  # seconds that a notebook may take
 
 

@@ -21,11 +21,12 @@ from packaging.utils import canonicalize_name
 
 import phasestereo as ps
 from conftest import ROOT, counterpart
-from phasestereo import labelled
 from phasestereo._extras import require
+from phasestereo.integrations import opencv
+from phasestereo.integrations import xarray as labelled
 from phasestereo.io import read_image, write_geotiff
-from phasestereo.picture import colorize
-from phasestereo.report import render_page
+from phasestereo.views.picture import colorize
+from phasestereo.views.templating import render_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -63,7 +64,7 @@ DISTRIBUTIONS = {
 }
 """What brings a module whose name is another."""
 
-IMPORTED_FREELY = {"cli": "cli", "pandora_plugin.py": "pandora"}
+IMPORTED_FREELY = {"cli": "cli", "integrations/pandora.py": "pandora"}
 """Parts of the package that are only imported when an extra is there, which they may use."""
 
 DYNAMIC = {("io/raster.py", "module"): ["PIL"]}
@@ -111,10 +112,10 @@ def test_an_import_loads_none_of_what_only_some_need() -> None:
     assert (
         loaded & {"inspect", "importlib.metadata", "email", "json", "tomllib", "asyncio"} == set()
     )
-    ours = {name.split(".")[1] for name in loaded if name.startswith("phasestereo.")}
+    ours = {name.removeprefix("phasestereo.") for name in loaded}
     assert "_core" in ours
-    others = {"cli", "io", "picture", "streaming"}
-    assert ours & (others | {"diagnosis", "estimation", "triangulation"}) == set()
+    others = {"bands", "cli", "integrations", "io", "metrics", "rectification", "stages", "views"}
+    assert ours & (others | {"rig.diagnosis", "rig.estimation"}) == set()
 
 
 @pytest.mark.parametrize("name", ps.__all__)
@@ -359,12 +360,12 @@ def _film(folder: Path) -> object:
 
 
 def _record(folder: Path) -> object:
-    with ps.rerun_log.saving(folder / "recording.rrd") as recording:
+    with ps.integrations.rerun.saving(folder / "recording.rrd") as recording:
         return recording
 
 
 def _filter(_: Path) -> object:
-    return ps.opencv.createDisparityWLSFilter(ps.opencv.StereoPhase_create())
+    return opencv.createDisparityWLSFilter(opencv.StereoPhase_create())
 
 
 def _label(_: Path) -> object:
@@ -375,7 +376,7 @@ CALLS = [
     ("PIL", "io", _read("a.png")),
     ("tifffile", "io", _read("a.tif")),
     ("matplotlib", "plot", _colour),
-    ("matplotlib", "plot", lambda _: ps.plot.disparity(np.ones((8, 8), np.float32))),
+    ("matplotlib", "plot", lambda _: ps.views.plot.disparity(np.ones((8, 8), np.float32))),
     ("jinja2", "report", _page),
     ("cv2", "opencv", _filter),
     ("cv2", "live", lambda _: ps.stream(0, num_disparities=16)),
@@ -410,7 +411,7 @@ def test_the_command_without_its_extra_says_how_to_get_it(module: str) -> None:
 
 def test_the_plugin_without_pandora_says_how_to_get_it() -> None:
     finished = run(
-        "-c", "import sys; sys.modules['pandora'] = None\nimport phasestereo.pandora_plugin"
+        "-c", "import sys; sys.modules['pandora'] = None\nimport phasestereo.integrations.pandora"
     )
     told = (
         "ImportError: pandora is not installed; it comes with: pip install 'phasestereo[pandora]'"

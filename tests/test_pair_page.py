@@ -19,12 +19,12 @@ from conftest import counterpart
 from phasestereo._images import on_screen, screen_range
 from phasestereo.io import Calibration
 from phasestereo.io.raster import decode_raster
-from phasestereo.pair_page import page as page_module
-from phasestereo.pair_page import write_pair_page
-from phasestereo.pair_page.embedding import coding_of
-from phasestereo.pair_page.facts import blur_told, charts
-from phasestereo.pair_page.layers import FLAGS, flag_kinds
-from phasestereo.pair_page.scene import scene_of
+from phasestereo.views.page import page as page_module
+from phasestereo.views.page import write_pair_page
+from phasestereo.views.page.embedding import coding_of
+from phasestereo.views.page.facts import blur_told, charts
+from phasestereo.views.page.layers import FLAGS, flag_kinds
+from phasestereo.views.page.scene import scene_of
 
 if TYPE_CHECKING:
     from pathlib import Path

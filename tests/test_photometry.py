@@ -10,8 +10,8 @@ import pytest
 import phasestereo as ps
 from phasestereo import io
 from phasestereo._images import as_pair
-from phasestereo.photometry import fractions, low_texture, response, saturation
-from phasestereo.reduction import reduced
+from phasestereo.rig.photometry import fractions, low_texture, response, saturation
+from phasestereo.rig.reduction import reduced
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
 

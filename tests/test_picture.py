@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from phasestereo.picture import (
+from phasestereo.views.picture import (
     NEUTRAL,
     UNSCORED,
     colorize,
@@ -18,7 +18,7 @@ from phasestereo.picture import (
 )
 
 if TYPE_CHECKING:
-    from phasestereo.picture import Picture
+    from phasestereo.views.picture import Picture
 
 pytest.importorskip("matplotlib")
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from phasestereo import plot
-from phasestereo.blur import Blur, BlurEstimate
-from phasestereo.picture import NEUTRAL, UNSCORED, colorize, error_picture
+from phasestereo.rig.blur import Blur, BlurEstimate
+from phasestereo.views import plot
+from phasestereo.views.picture import NEUTRAL, UNSCORED, colorize, error_picture
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -14,8 +14,7 @@ import pytest
 
 import oracle
 import phasestereo as ps
-from phasestereo.metrics import bad_pixels, middlebury_v2, subpixel
-from phasestereo.roc import roc_area
+from phasestereo.metrics import bad_pixels, middlebury_v2, roc_area, subpixel
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.rendering import render_pair

@@ -11,12 +11,12 @@ import pytest
 import phasestereo as ps
 from conftest import counterpart
 from footage import COLS, COUNT, ROWS, pair, shift
-from phasestereo.rerun_log import log_failure, log_frame, saving
+from phasestereo.integrations.rerun import log_failure, log_frame, saving
 
 rerun = counterpart("rerun")
 
 if TYPE_CHECKING:
-    from phasestereo.streaming import Failure
+    from phasestereo.integrations.video.streaming import Failure
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from phasestereo import metrics
-from phasestereo.roc import roc_area, sparsification
+from phasestereo.metrics import roc_area, sparsification
 
 if TYPE_CHECKING:
     from collections.abc import Callable

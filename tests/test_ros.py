@@ -12,11 +12,11 @@ import pytest
 
 import phasestereo as ps
 import robots
-from phasestereo import ros
+from phasestereo.integrations import ros
+from phasestereo.integrations.ros.images import decode_image, encode_image
+from phasestereo.integrations.ros.infos import info_topic
+from phasestereo.integrations.ros.output import FrameWriter
 from phasestereo.io import Calibration
-from phasestereo.ros.images import decode_image, encode_image
-from phasestereo.ros.infos import info_topic
-from phasestereo.ros.output import FrameWriter
 from rigs import SIZE, euroc, euroc_frames, made_up, of_opencv
 from robots import INFOS, ROS1, ROS2, START, TOPICS, Bag
 

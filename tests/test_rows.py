@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from phasestereo.findings import untrusted
 from phasestereo.metrics import bad_pixels
+from phasestereo.rig.findings import untrusted
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
 from warping import moved
@@ -160,7 +160,7 @@ def test_what_was_found_travels(tmp_path: Path) -> None:
 
 
 def importlib_load(path: Path) -> ps.Survey:
-    from phasestereo.surveying import load as load_survey  # noqa: PLC0415  (a name that is taken)
+    from phasestereo.bands import load as load_survey  # noqa: PLC0415  (a name that is taken)
 
     return load_survey(path)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from phasestereo.estimation import find_range
+from phasestereo.rig.estimation import find_range
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from phasestereo.search_range import SearchRange
+    from phasestereo.rig.search_range import SearchRange
 
     Plane = NDArray[np.float32]
 

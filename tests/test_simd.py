@@ -24,7 +24,7 @@ CODE = """
 import hashlib, json
 import numpy as np, phasestereo as ps
 from phasestereo import _core
-from phasestereo.equalisation import Equalisation
+from phasestereo.rig.compensation import Equalisation
 rng = np.random.default_rng(0)
 pairs = [rng.integers(0, 256, (2, 70, 90), np.uint8), rng.random((2, 40, 50, 3), np.float32)]
 cases = [{"preset": "fast"}, {"preset": "robust"}, {},

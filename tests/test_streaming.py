@@ -18,7 +18,7 @@ from phasestereo_bench.degradation import Degradation, disk_psf
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from phasestereo.streaming import Failure
+    from phasestereo.integrations.video.streaming import Failure
 
 FAST: dict[str, Any] = {"num_disparities": COUNT, "preset": "fast"}
 

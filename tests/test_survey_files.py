@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from phasestereo import surveying
+from phasestereo import bands
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,7 +27,7 @@ def read(first: int, last: int) -> tuple[Any, Any, None, None]:
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """Return a file that holds a survey."""
-    surveying.survey(read, SIZE, num_disparities=8).save(tmp_path / "survey.npz")
+    bands.survey(read, SIZE, num_disparities=8).save(tmp_path / "survey.npz")
     return tmp_path / "survey.npz"
 
 
@@ -35,7 +35,7 @@ def path(tmp_path: Path) -> Path:
 def test_what_is_no_integer_is_refused(name: str) -> None:
     given: Any = {"num_disparities": 8} | {name: 8.0}
     with pytest.raises(TypeError, match=f"^{name}: got float; accepts an integer"):
-        surveying.survey(read, SIZE, **given)
+        bands.survey(read, SIZE, **given)
 
 
 @pytest.mark.parametrize("change", [
@@ -50,7 +50,7 @@ def test_a_survey_with_a_wrong_value_is_refused(path: Path, change: dict[str, An
     told = json.loads(str(arrays["told"])) | change
     np.savez(path, **arrays | {"told": np.array(json.dumps(told))})
     with pytest.raises(ValueError, match=r"survey.npz: "):
-        surveying.load(path)
+        bands.load(path)
 
 
 def archive(content: str) -> bytes:
@@ -72,7 +72,7 @@ def raw_archive() -> bytes:
 def test_a_file_that_is_no_survey_is_refused(path: Path, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"survey.npz: "):
-        surveying.load(path)
+        bands.load(path)
 
 
 def test_a_survey_that_is_damaged_anywhere_is_refused_or_whole(path: Path) -> None:
@@ -82,10 +82,10 @@ def test_a_survey_that_is_damaged_anywhere_is_refused_or_whole(path: Path) -> No
         damaged[place] ^= 0xFF
         path.write_bytes(damaged)
         with suppress(ValueError):
-            surveying.load(path)
+            bands.load(path)
 
 
 def test_a_truncated_survey_is_refused(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(ValueError, match=r"survey.npz: "):
-        surveying.load(path)
+        bands.load(path)

@@ -15,7 +15,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 import phasestereo as ps
-from phasestereo import banding, surveying
+from phasestereo import bands
 from test_process import run, run_forking
 
 if TYPE_CHECKING:
@@ -232,7 +232,7 @@ def test_surveys_come_back_from_files_and_pickles(tmp_path: Path) -> None:
     for number, told in enumerate(kept()):
         for path in (tmp_path / f"{number}.npz", str(tmp_path / f"{number} of no suffix")):
             told.save(path)
-            assert_same(surveying.load(path), told)
+            assert_same(bands.load(path), told)
         assert_same(pickle.loads(pickle.dumps(told)), told)  # noqa: S301 - our own bytes
     assert len(list(tmp_path.iterdir())) == 8
 
@@ -241,7 +241,7 @@ def test_bands_match_alike_with_a_survey_that_comes_from_a_file(tmp_path: Path) 
     read = scene((420, 130), "float32", soft=slice(180, None), masked=True)
     told = surveyed(read)
     told.save(tmp_path / "survey")
-    found = banding.match_rows(read, surveying.load(tmp_path / "survey"), 0, 420)
+    found = bands.match_rows(read, bands.load(tmp_path / "survey"), 0, 420)
     expected = read.matched(num_disparities=16)
     assert_same(
         (found.disparity, found.flags, found.confidence),
@@ -257,7 +257,7 @@ def test_numbers_of_numpy_can_be_saved(tmp_path: Path) -> None:
     read = scene()
     told = ps.survey(read, (np.int64(150), np.int64(130)), **options)  # type: ignore[arg-type] # they do
     told.save(tmp_path / "survey")
-    loaded = surveying.load(tmp_path / "survey")
+    loaded = bands.load(tmp_path / "survey")
     assert loaded.settings == told.settings
     assert (loaded.size, loaded.num_disparities, loaded.min_disparity) == ((150, 130), 16, -2)
 
@@ -285,13 +285,13 @@ def test_a_survey_is_written_whole_or_not_at_all(
 def test_a_file_that_is_missing_or_a_folder_is_an_os_error(tmp_path: Path) -> None:
     for path in (tmp_path / "missing", tmp_path):
         with pytest.raises(OSError, match=path.name):
-            surveying.load(path)
+            bands.load(path)
 
 
 def refused_file(path: Path) -> None:
     """Check that no survey comes of a file, and that the message names it."""
     with pytest.raises(ValueError, match=path.name):
-        surveying.load(path)
+        bands.load(path)
 
 
 def test_what_is_no_survey_is_refused(tmp_path: Path) -> None:
@@ -350,11 +350,11 @@ def test_damage_is_told_or_does_no_harm(saved: Path, place: float, byte: int) ->
     damaged = saved.with_name("damaged")
     damaged.write_bytes(content)
     try:
-        told = surveying.load(damaged)
+        told = bands.load(damaged)
     except ValueError as error:
         assert "damaged" in str(error)  # noqa: PT017 - most are refused, not all
     else:
-        assert_same(told, surveying.load(saved))
+        assert_same(told, bands.load(saved))
 
 
 # Refusals

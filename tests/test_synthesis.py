@@ -11,7 +11,7 @@ import pytest
 import oracle
 import oracle_synthesis as synthesis
 import phasestereo as ps
-from phasestereo.equalisation import Equalisation
+from phasestereo.rig.compensation import Equalisation
 from phasestereo_bench.degradation import convolve, disk_psf
 
 if TYPE_CHECKING:

@@ -13,15 +13,15 @@ import pytest
 from conftest import counterpart
 from footage import INTRA, LOSSLESS, damage, film, pair, side_by_side
 from phasestereo import io
-from phasestereo.picture import NEUTRAL, colorize
+from phasestereo.integrations.video import FramePicture, VideoWriter, writing
+from phasestereo.integrations.video.capture import LayoutError, halves
+from phasestereo.integrations.video.decoding import open_video
+from phasestereo.integrations.video.folders import open_folders, open_rig
+from phasestereo.integrations.video.sources import open_source
+from phasestereo.integrations.video.streaming import Frame
 from phasestereo.result import Result
 from phasestereo.settings import Settings
-from phasestereo.streaming import Frame
-from phasestereo.video import FramePicture, VideoWriter, writing
-from phasestereo.video.capture import LayoutError, halves
-from phasestereo.video.decoding import open_video
-from phasestereo.video.folders import open_folders, open_rig
-from phasestereo.video.sources import open_source
+from phasestereo.views.picture import NEUTRAL, colorize
 
 av = counterpart("av")
 cv2 = counterpart("cv2")
@@ -30,7 +30,7 @@ cv2 = counterpart("cv2")
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from phasestereo.video.capture import Capture, Source
+    from phasestereo.integrations.video.capture import Capture, Source
 
 
 @pytest.fixture(autouse=True)

@@ -14,11 +14,11 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
+from phasestereo.integrations.video.streaming import Failure, Frame
 from phasestereo.io import Calibration, read_image
 from phasestereo.io.raster import decode_raster
-from phasestereo.streaming import Failure, Frame
-from phasestereo.viewer import Server, Show
-from phasestereo.viewer.diagnosing import diagnosing
+from phasestereo.views.viewer import Server, Show
+from phasestereo.views.viewer.diagnosing import diagnosing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -151,7 +151,7 @@ def test_pictures_are_those_of_the_frame(server: Server, show: Show) -> None:
     left = decode_raster(io.BytesIO(ask(server, "left.jpg").body)).astype(int)
     assert np.abs(left - LEFT).mean() < 12
     colours = decode_raster(io.BytesIO(ask(server, "disparity.png").body))
-    expected = ps.video.FramePicture(0, COUNT)(given)[:, COLS:]
+    expected = ps.integrations.video.FramePicture(0, COUNT)(given)[:, COLS:]
     np.testing.assert_array_equal(colours, expected)
     assert decode_raster(io.BytesIO(ask(server, "scale.png").body)).shape == (1, 256, 3)
 
@@ -398,7 +398,7 @@ def test_a_camera_that_stops_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> N
     """It is opened again, and its frames go on with their numbers."""
     cv2 = counterpart("cv2")
     opened: list[int] = []
-    monkeypatch.setattr("phasestereo.video.cameras.sleep", lambda _: None)
+    monkeypatch.setattr("phasestereo.integrations.video.cameras.sleep", lambda _: None)
 
     class Camera:
         """Delivers two frames each time that it is opened."""

@@ -15,7 +15,8 @@ import xarray
 from numpy.typing import NDArray
 
 import phasestereo as ps
-from phasestereo import labelled
+from phasestereo.integrations import opencv
+from phasestereo.integrations import xarray as labelled
 from phasestereo.io import (
     GeoImage,
     Georeference,
@@ -27,7 +28,7 @@ from phasestereo.io import (
     write_disparity,
     write_geotiff,
 )
-from phasestereo.pair_page import write_pair_page
+from phasestereo.views.page import write_pair_page
 
 if TYPE_CHECKING:
     import dask.array
@@ -106,26 +107,29 @@ def in_pieces(left: Image, right: Image) -> NDArray[np.uint16]:
 
 def like_opencv(left: Image, right: Image) -> NDArray[np.int16]:
     """Use the matcher that stands in for OpenCV's."""
-    stereo: ps.opencv.StereoPhase = ps.opencv.StereoPhase_create(
+    stereo: opencv.StereoPhase = opencv.StereoPhase_create(
         minDisparity=0, numDisparities=64, blockSize=5, uniquenessRatio=10, preset="fast"
     )
     stereo.setSpeckleWindowSize(100)
     use(stereo.getNumDisparities() + 1, stereo.compute_right(left, right))
     disparity: NDArray[np.int16] = stereo.compute(left, right)
-    use(ps.opencv.createRightMatcher(stereo), ps.opencv.createDisparityWLSFilter(stereo))
+    use(
+        opencv.createRightMatcher(stereo),
+        opencv.createDisparityWLSFilter(stereo),
+    )
     return disparity
 
 
 def in_pictures(result: ps.Result, file: Path) -> None:
     """Draw a result."""
     _, axes = plt.subplots()
-    ps.plot.disparity(result, axes, low=0, high=64)
-    ps.plot.flags(result)
-    ps.plot.confidence(result)
-    ps.plot.histogram(result)
+    ps.views.plot.disparity(result, axes, low=0, high=64)
+    ps.views.plot.flags(result)
+    ps.views.plot.confidence(result)
+    ps.views.plot.histogram(result)
     if result.pair is not None:
-        ps.plot.pair(result.pair, style="side by side")
-    ps.plot.overview(result).savefig(file)
+        ps.views.plot.pair(result.pair, style="side by side")
+    ps.views.plot.overview(result).savefig(file)
 
 
 def on_a_page(left: Image, right: Image, folder: Path) -> None:
@@ -149,19 +153,19 @@ def in_space(result: ps.Result, folder: Path) -> Map:
 def in_time(film: Path) -> int:
     """Match a video, write another one, and a recording."""
     failures: list[ps.Failure] = []
-    picture = ps.video.FramePicture(low=0, high=64)
+    picture = ps.integrations.video.FramePicture(low=0, high=64)
     frames: ps.Stream = ps.stream(
         film, num_disparities=64, preset="fast", layout="side-by-side", on_error=failures.append
     )
     with (
         frames,
-        ps.video.VideoWriter(film.with_suffix(".mp4")) as video,
-        ps.rerun_log.saving("recording.rrd") as recording,
+        ps.integrations.video.VideoWriter(film.with_suffix(".mp4")) as video,
+        ps.integrations.rerun.saving("recording.rrd") as recording,
     ):
         for frame in frames:
             one: ps.Frame = frame
             video.write(picture(one), one.time)
-            ps.rerun_log.log_frame(one, recording=recording)
+            ps.integrations.rerun.log_frame(one, recording=recording)
             use(one.index, one.result.disparity)
     return frames.failed + len(failures)
 
@@ -198,7 +202,7 @@ def beyond_memory(
         num_disparities=64,
         max_memory="2GB",
     )
-    use(report.seconds, ps.dask.match(*lazy, num_disparities=64))
+    use(report.seconds, ps.integrations.dask.match(*lazy, num_disparities=64))
     pairs = ps.batch.read_pairs(folder / "pairs.csv", num_disparities=64)
     return len(ps.batch.run(pairs, folder / "maps", preset="fast").failed)
 
@@ -232,7 +236,7 @@ def in_files(name: str) -> float:
     write_disparity(folder / "out.pfm", disparity)
     truth = read_disparity(folder / "truth.pfm")
     depth: Map = read_calibration(folder / "calib.txt").depth(disparity)
-    picture: Image = ps.picture.colorize(disparity, low=0, high=64)
+    picture: Image = ps.views.picture.colorize(disparity, low=0, high=64)
     use(depth.shape, picture.shape)
     return ps.metrics.bad_pixels(disparity, truth, 1.0)
 
@@ -243,6 +247,6 @@ def scored(left: Image, right: Image, truth: Map) -> ps.metrics.Score | None:
     use(ps.metrics.middlebury_v2(result.disparity, (truth, {"all": np.isfinite(truth)})))
     if result.confidence is None:
         return None
-    area: float = ps.roc.roc_area(result.confidence, result.disparity, truth)
+    area: float = ps.metrics.roc_area(result.confidence, result.disparity, truth)
     use(area)
     return ps.metrics.score(result.disparity, truth)

@@ -13,17 +13,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from phasestereo import _core
-from phasestereo.aggregation import aggregate
-from phasestereo.alignment import Alignment
-from phasestereo.blur import Blur, BlurEstimate
-from phasestereo.cost import cost_volume
-from phasestereo.descriptor import descriptor
-from phasestereo.equalisation import Equalisation
-from phasestereo.findings import Finding, MatchWarning
-from phasestereo.matcher import Matcher, match
+from phasestereo.matching import Matcher, match
 from phasestereo.result import Flag, Result, Summary
-from phasestereo.scanline import optimize
-from phasestereo.search_range import SearchRange
+from phasestereo.rig.alignment import Alignment
+from phasestereo.rig.blur import Blur, BlurEstimate
+from phasestereo.rig.compensation import Equalisation
+from phasestereo.rig.findings import Finding, MatchWarning
+from phasestereo.rig.search_range import SearchRange
 from phasestereo.settings import PRESETS, Settings
 
 __all__ = [
@@ -67,51 +63,47 @@ __version__ = _core.__version__
 
 if TYPE_CHECKING:
     from phasestereo import batch as batch
-    from phasestereo import dask as dask
+    from phasestereo import integrations as integrations
     from phasestereo import io as io
-    from phasestereo import labelled as labelled
     from phasestereo import metrics as metrics
-    from phasestereo import opencv as opencv
     from phasestereo import outofcore as outofcore
-    from phasestereo import picture as picture
-    from phasestereo import plot as plot
     from phasestereo import rectification as rectification
-    from phasestereo import rerun_log as rerun_log
-    from phasestereo import roc as roc
-    from phasestereo import ros as ros
-    from phasestereo import video as video
-    from phasestereo.banding import halo, match_rows
-    from phasestereo.diagnosis import Diagnosis, check
-    from phasestereo.estimation import estimate_blur
-    from phasestereo.meshing import Mesh, surface_mesh
+    from phasestereo import views as views
+    from phasestereo.bands import Survey, halo, match_rows, survey
+    from phasestereo.integrations.video.streaming import Failure, Frame, Stream, stream
     from phasestereo.rectification import Rectification, rectify
-    from phasestereo.streaming import Failure, Frame, Stream, stream
-    from phasestereo.surveying import Survey, survey
-    from phasestereo.triangulation import PointCloud, point_cloud
+    from phasestereo.rig.diagnosis import Diagnosis, check
+    from phasestereo.rig.estimation import estimate_blur
+    from phasestereo.stages import aggregate, cost_volume, descriptor, optimize
+    from phasestereo.views.meshing import Mesh, surface_mesh
+    from phasestereo.views.triangulation import PointCloud, point_cloud
 else:
     _ON_DEMAND = {
-        "batch", "dask", "io", "labelled", "metrics", "opencv", "outofcore", "picture", "plot",
-        "rectification", "rerun_log", "roc", "ros", "video",
+        "batch", "integrations", "io", "metrics", "outofcore", "rectification", "views",
     }  # fmt: skip
     # What a match does without: it would make up a seventh of the time that an import takes.
     _HOMES = {
-        "Diagnosis": "diagnosis",
-        "Failure": "streaming",
-        "Frame": "streaming",
-        "Mesh": "meshing",
-        "PointCloud": "triangulation",
+        "Diagnosis": "rig.diagnosis",
+        "Failure": "integrations.video.streaming",
+        "Frame": "integrations.video.streaming",
+        "Mesh": "views.meshing",
+        "PointCloud": "views.triangulation",
         "Rectification": "rectification",
-        "Stream": "streaming",
-        "Survey": "surveying",
-        "check": "diagnosis",
-        "estimate_blur": "estimation",
-        "halo": "banding",
-        "match_rows": "banding",
-        "point_cloud": "triangulation",
+        "Stream": "integrations.video.streaming",
+        "Survey": "bands",
+        "aggregate": "stages",
+        "check": "rig.diagnosis",
+        "cost_volume": "stages",
+        "descriptor": "stages",
+        "estimate_blur": "rig.estimation",
+        "halo": "bands",
+        "match_rows": "bands",
+        "optimize": "stages",
+        "point_cloud": "views.triangulation",
         "rectify": "rectification",
-        "stream": "streaming",
-        "surface_mesh": "meshing",
-        "survey": "surveying",
+        "stream": "integrations.video.streaming",
+        "surface_mesh": "views.meshing",
+        "survey": "bands",
     }
 
     def __getattr__(name):

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import Pixels
-from phasestereo.alignment import Field
-from phasestereo.blur import Glance
-from phasestereo.equalisation import Equalisation
-from phasestereo.estimates import Found, Matched, Told
+from phasestereo.bands import Checked, Survey
+from phasestereo.rig.alignment import Field
+from phasestereo.rig.blur import Glance
+from phasestereo.rig.compensation import Equalisation
+from phasestereo.rig.estimates import Found, Matched, Told
 from phasestereo.settings import Settings
-from phasestereo.surveying import Checked, Survey
 
 __all__ = [
     "BAND_ROWS",

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from phasestereo.alignment import Alignment
-    from phasestereo.blur import BlurEstimate
-    from phasestereo.equalisation import Equalisation
-    from phasestereo.findings import Finding
-    from phasestereo.search_range import SearchRange
+    from phasestereo.rig.alignment import Alignment
+    from phasestereo.rig.blur import BlurEstimate
+    from phasestereo.rig.compensation import Equalisation
+    from phasestereo.rig.findings import Finding
+    from phasestereo.rig.search_range import SearchRange
     from phasestereo.settings import Settings
 
 
@@ -150,7 +150,7 @@ class Result:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What there is to say about the match as a whole, worst first; empty if all is well."""
-        found: tuple[Finding, ...] = import_module("phasestereo.findings").of_result(self)
+        found: tuple[Finding, ...] = import_module("phasestereo.rig.findings").of_result(self)
         return found
 
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
@@ -171,5 +171,6 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Show the maps, the pair and what is known of them, in Jupyter and in marimo."""
-        shown: str = import_module("phasestereo.notebook").html(self)  # it needs `Flag` from here
+        notebook = import_module("phasestereo.views.notebook")  # it needs `Flag` from here
+        shown: str = notebook.html(self)
         return shown

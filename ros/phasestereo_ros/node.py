@@ -23,11 +23,11 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from phasestereo import Matcher, check
+from phasestereo.integrations.ros import Header
+from phasestereo.integrations.ros.images import decode_image
+from phasestereo.integrations.ros.infos import geometry_of
+from phasestereo.integrations.ros.messages import diagnostics, disparity_image, point_cloud2
 from phasestereo.io import Calibration
-from phasestereo.ros import Header
-from phasestereo.ros.images import decode_image
-from phasestereo.ros.infos import geometry_of
-from phasestereo.ros.messages import diagnostics, disparity_image, point_cloud2
 from phasestereo.settings import resolve
 
 if TYPE_CHECKING:

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from phasestereo._extras import require
-from phasestereo.findings import MatchWarning
-from phasestereo.matcher import match
+from phasestereo.matching import match
+from phasestereo.rig.findings import MatchWarning
 from phasestereo.settings import PRESETS, Settings, resolve
 from phasestereo_bench import mccnn, networks, opencv, program
 

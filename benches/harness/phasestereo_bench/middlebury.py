@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from phasestereo.metrics import Score, middlebury_v2, score
-from phasestereo.roc import roc_area
+from phasestereo.metrics import Score, middlebury_v2, roc_area, score
 from phasestereo_bench import cases
 from phasestereo_bench.cases import SIDES, SUITES, Case, usual_side
 from phasestereo_bench.measurement import measured
@@ -94,7 +93,7 @@ def run_middlebury(
         A record per cell: "kind", "suite", "collection", "scene", "degradation", "side", "method"
         and "true_blur" tell which; "status" is "ok" or "failed". With "ok" there are "v2"
         (`MiddleburyV2`'s regions), "v3" (the fields of `MiddleburyV3`), "d1", "epe" and "roc",
-        which is what `phasestereo.roc.roc_area` says of the confidence (all four on the
+        which is what `phasestereo.metrics.roc_area` says of the confidence (all four on the
         non-occluded pixels), None where a mask or a confidence is missing or nothing has an
         estimate; "num_disparities", "width" and "height"; the method's "settings"; "seconds" and
         "peak_bytes" of the call of the method alone; "environment". Otherwise "error" says why: a

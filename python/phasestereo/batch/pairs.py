@@ -10,10 +10,10 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from phasestereo.integrations.video.folders import paths_of_rig
 from phasestereo.io.calibration import read_calibration
 from phasestereo.io.files import open_regular
 from phasestereo.io.limits import LIST
-from phasestereo.video.folders import paths_of_rig
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -17,12 +17,12 @@ import numpy as np
 
 import phasestereo
 from phasestereo.batch.manifest import DONE, FAILED, Record
-from phasestereo.findings import untrusted
 from phasestereo.io import write_geotiff, write_image
 from phasestereo.io.maps import write_floats
 from phasestereo.io.mask import read_mask
 from phasestereo.io.views import join, read_views
-from phasestereo.matcher import match_silently
+from phasestereo.matching import match_silently
+from phasestereo.rig.findings import untrusted
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,14 +13,14 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 
 import phasestereo
-from phasestereo.blur import Blur, BlurEstimate
 from phasestereo.cli.errors import UNTRUSTED, WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.pairing import read_both
-from phasestereo.diagnosis import Diagnosis
-from phasestereo.diagnosis import check as check_pair
-from phasestereo.findings import spread
+from phasestereo.integrations.video.capture import Layout
 from phasestereo.io import read_image, write_image
-from phasestereo.video.capture import Layout
+from phasestereo.rig.blur import Blur, BlurEstimate
+from phasestereo.rig.diagnosis import Diagnosis
+from phasestereo.rig.diagnosis import check as check_pair
+from phasestereo.rig.findings import spread
 
 _TINTS = {"left": (1.0, 0.2, 0.1), "right": (0.1, 0.4, 1.0)}  # red, blue
 _NO_TINT = (0.0, 0.0, 0.0)

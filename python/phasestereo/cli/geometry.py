@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture
 from phasestereo.io import Calibration, LengthUnit, read_calibration, read_q
-from phasestereo.meshing import Mesh, surface_mesh
-from phasestereo.triangulation import PointCloud, point_cloud
+from phasestereo.views.meshing import Mesh, surface_mesh
+from phasestereo.views.triangulation import PointCloud, point_cloud
 
 Map = NDArray[np.float32]
 

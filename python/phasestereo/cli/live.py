@@ -22,14 +22,14 @@ from phasestereo.cli.options import Count, Overrides
 from phasestereo.cli.pairing import AUTO, told
 from phasestereo.cli.terminal import tell
 from phasestereo.cli.trust import unwarned
+from phasestereo.integrations.ros.recordings import Recording
+from phasestereo.integrations.video.cameras import PATIENCE
+from phasestereo.integrations.video.capture import Layout
+from phasestereo.integrations.video.decoding import is_address
+from phasestereo.integrations.video.folders import folders_of
+from phasestereo.integrations.video.streaming import REESTIMATE, Failure, Frame, Stream, stream
 from phasestereo.io import read_calibration
-from phasestereo.ros.recordings import Recording
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
-from phasestereo.streaming import REESTIMATE, Failure, Frame, Stream, stream
-from phasestereo.video.cameras import PATIENCE
-from phasestereo.video.capture import Layout
-from phasestereo.video.decoding import is_address
-from phasestereo.video.folders import folders_of
 
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise", "layout", "rectify"}
 _OPTIONS = (

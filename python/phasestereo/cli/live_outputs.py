@@ -25,13 +25,13 @@ from phasestereo.cli.errors import (
     refuse_picture,
 )
 from phasestereo.cli.live_tally import Tally
+from phasestereo.integrations.rerun import log_failure, log_frame, saving
+from phasestereo.integrations.ros.bags import SUFFIXES as RECORDINGS
+from phasestereo.integrations.ros.bags import RecordingWriter
+from phasestereo.integrations.video import FramePicture, VideoWriter
+from phasestereo.integrations.video.drafts import draft_of
+from phasestereo.integrations.video.streaming import Frame
 from phasestereo.io import read_calibration, write_disparity
-from phasestereo.rerun_log import log_failure, log_frame, saving
-from phasestereo.ros.bags import SUFFIXES as RECORDINGS
-from phasestereo.ros.bags import RecordingWriter
-from phasestereo.streaming import Frame
-from phasestereo.video import FramePicture, VideoWriter
-from phasestereo.video.drafts import draft_of
 
 Sink = Callable[[Frame], object]
 

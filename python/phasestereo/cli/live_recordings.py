@@ -11,12 +11,12 @@ from typing import Annotated, Any
 from cyclopts import Parameter, validators
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
+from phasestereo.integrations.ros.bags import RecordingWriter, is_recording
+from phasestereo.integrations.ros.messages import DEPTHS, Depths
+from phasestereo.integrations.ros.output import GEOMETRIC, KINDS, FrameWriter, Kind
+from phasestereo.integrations.ros.recordings import TOLERANCE, Recording, open_recording
+from phasestereo.integrations.video.streaming import Frame, Stream
 from phasestereo.io import Calibration
-from phasestereo.ros.bags import RecordingWriter, is_recording
-from phasestereo.ros.messages import DEPTHS, Depths
-from phasestereo.ros.output import GEOMETRIC, KINDS, FrameWriter, Kind
-from phasestereo.ros.recordings import TOLERANCE, Recording, open_recording
-from phasestereo.streaming import Frame, Stream
 
 _NOT_NEGATIVE = validators.Number(gte=0, lt=2**31)
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)

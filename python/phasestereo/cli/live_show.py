@@ -16,12 +16,12 @@ from cyclopts import Parameter
 from phasestereo._extras import require
 from phasestereo.cli.errors import WRONG_USAGE, CommandError
 from phasestereo.cli.terminal import tell
+from phasestereo.integrations.video import FramePicture
+from phasestereo.integrations.video.streaming import Failure, Frame, Stream
 from phasestereo.io import Calibration
 from phasestereo.settings import Settings
-from phasestereo.streaming import Failure, Frame, Stream
-from phasestereo.video import FramePicture
-from phasestereo.viewer import Server, Show
-from phasestereo.viewer.diagnosing import diagnosing
+from phasestereo.views.viewer import Server, Show
+from phasestereo.views.viewer.diagnosing import diagnosing
 
 Way = Literal["page", "window"]
 

@@ -14,13 +14,13 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
 import phasestereo
 from phasestereo.cli.terminal import printable
-from phasestereo.ros.pairing import UnpairedError
+from phasestereo.integrations.ros.pairing import UnpairedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from phasestereo.integrations.video.streaming import Failure, Frame
     from phasestereo.settings import Settings
-    from phasestereo.streaming import Failure, Frame
 
 _KEPT = 1000  # failures to list: a camera may fail for days
 

@@ -20,7 +20,7 @@ from phasestereo.cli.summary import Summary, show
 from phasestereo.cli.terminal import progress_bar
 from phasestereo.cli.trust import refuse_untrusted, tell_findings, unwarned
 from phasestereo.io.mask import read_mask
-from phasestereo.matcher import match as match_pair
+from phasestereo.matching import match as match_pair
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 
 _VALUES = frozenset(["bands", "preset", "num_disparities", "min_disparity", "threads", "noise"])

@@ -22,8 +22,8 @@ from phasestereo.io import (
     write_image,
     write_ply,
 )
-from phasestereo.pair_page import write_pair_page
-from phasestereo.picture import disparity_picture
+from phasestereo.views.page import write_pair_page
+from phasestereo.views.picture import disparity_picture
 
 Writer = Callable[[Path, Outcome], None]
 

@@ -13,9 +13,9 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refuse_picture
+from phasestereo.integrations.video.capture import Layout
 from phasestereo.io import read_pair
 from phasestereo.io.views import View, join, read_views
-from phasestereo.video.capture import Layout
 
 if TYPE_CHECKING:
     from phasestereo.rectification import Rectification

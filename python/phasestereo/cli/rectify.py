@@ -20,10 +20,10 @@ from phasestereo.cli.errors import (
 )
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import printable
+from phasestereo.integrations.video.capture import Layout
 from phasestereo.io import write_image
 from phasestereo.rectification import Rectification
 from phasestereo.rectification import rectify as rectify_pair
-from phasestereo.video.capture import Layout
 
 _MANY = Parameter(consume_multiple=True, show_default=False)
 _OPTIONS = frozenset(["calibration", "alpha", "interpolation", "layout"])

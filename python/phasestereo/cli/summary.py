@@ -14,7 +14,7 @@ from rich.table import Table
 
 import phasestereo
 from phasestereo.cli.terminal import printable
-from phasestereo.metrics import unit_of
+from phasestereo.metrics.scores import unit_of
 from phasestereo.result import count_flags, tell_flags
 
 if TYPE_CHECKING:

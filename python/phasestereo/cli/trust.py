@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from phasestereo.cli.errors import UNTRUSTED, CommandError
 from phasestereo.cli.terminal import tell
-from phasestereo.findings import MatchWarning, untrusted
+from phasestereo.rig.findings import MatchWarning, untrusted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from phasestereo.findings import Finding
+    from phasestereo.rig.findings import Finding
 
 
 @contextmanager

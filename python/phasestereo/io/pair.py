@@ -11,9 +11,9 @@ from phasestereo.io.image import as_image, read_image
 from phasestereo.io.raster import decode_frames
 
 if TYPE_CHECKING:
+    from phasestereo.integrations.video.capture import Layout
     from phasestereo.io.files import StrPath
     from phasestereo.io.pixels import Pixels
-    from phasestereo.video.capture import Layout
 
 
 def read_pair(path: StrPath, layout: Layout | None = None) -> tuple[Pixels, Pixels]:
@@ -42,7 +42,7 @@ def read_pair(path: StrPath, layout: Layout | None = None) -> tuple[Pixels, Pixe
         As `read_image`; also if the layout is unknown or missing, the picture has an odd number of
         columns or rows there, or the pictures of a file differ in size.
     """
-    capture = import_module("phasestereo.video.capture")
+    capture = import_module("phasestereo.integrations.video.capture")
     if layout is not None and layout not in capture.AXES:
         names = ", ".join(map(repr, capture.AXES))
         raise ValueError(f"layout: got {layout!r}; accepts {names}, or None for a file of two")

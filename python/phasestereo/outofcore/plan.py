@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from phasestereo import _core
-from phasestereo.banding import working_memory
+from phasestereo.bands import working_memory
 from phasestereo.outofcore.sizes import tell_bytes
 from phasestereo.settings import PRESETS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from phasestereo.bands import Survey
     from phasestereo.io.windows import RasterPair
-    from phasestereo.surveying import Survey
 
 ROWS = _core.BAND_ROWS
 """Bands are of multiples of so many rows, unless it is asked otherwise."""

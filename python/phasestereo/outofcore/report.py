@@ -9,9 +9,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from phasestereo.bands import Survey
     from phasestereo.outofcore.plan import Plan
     from phasestereo.result import Flag
-    from phasestereo.surveying import Survey
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

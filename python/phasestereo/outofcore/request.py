@@ -14,8 +14,8 @@ from phasestereo.outofcore.sinks import check_suffix
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from phasestereo.equalisation import Noise
     from phasestereo.io.files import StrPath
+    from phasestereo.rig.compensation import Noise
     from phasestereo.settings import Settings
 
 

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from phasestereo._extras import require
 from phasestereo._numbers import as_integer
+from phasestereo.bands import survey
 from phasestereo.io.files import suffix
 from phasestereo.io.windows import open_pair
-from phasestereo.matcher import Matcher
+from phasestereo.matching import Matcher
 from phasestereo.outofcore import plan as planning
 from phasestereo.outofcore.request import Request, as_outputs
 from phasestereo.outofcore.sinks import Sink
@@ -20,20 +21,19 @@ from phasestereo.outofcore.sizes import as_bytes
 from phasestereo.outofcore.store import opened
 from phasestereo.outofcore.work import Work
 from phasestereo.settings import Settings, resolve
-from phasestereo.surveying import survey
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from phasestereo.equalisation import Noise
+    from phasestereo.bands import Survey
     from phasestereo.io.files import StrPath
     from phasestereo.io.windows import RasterPair
-    from phasestereo.matcher import Progress
+    from phasestereo.matching import Progress
     from phasestereo.outofcore.plan import Plan
     from phasestereo.outofcore.report import Report
     from phasestereo.outofcore.store import Store
-    from phasestereo.surveying import Survey
+    from phasestereo.rig.compensation import Noise
 
 
 def match(

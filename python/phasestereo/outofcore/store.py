@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 import numpy as np
 
-from phasestereo import surveying
+from phasestereo import bands
 from phasestereo._extras import require
 from phasestereo.io.files import flush
 from phasestereo.outofcore.sinks import place_of
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from phasestereo.surveying import Survey
+    from phasestereo.bands import Survey
 
     Arrays = Mapping[str, NDArray[Any]]
     Rows = tuple[int, int]
@@ -125,7 +125,7 @@ class Store:
     def survey(self, make: Callable[[], Survey]) -> Survey:
         """Return the survey of the pair; it is made once."""
         if _SURVEY in self._files:
-            return self._whole(_SURVEY, surveying.load)
+            return self._whole(_SURVEY, bands.load)
         found = make()
         with self._published(_SURVEY, 0) as draft:
             found.save(draft)

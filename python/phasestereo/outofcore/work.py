@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from phasestereo import _core
-from phasestereo.banding import halo, match_rows
-from phasestereo.matcher import match
+from phasestereo.bands import halo, match_rows
+from phasestereo.matching import match
 from phasestereo.outofcore import plan as planning
 from phasestereo.outofcore.plan import Plan
 from phasestereo.outofcore.report import Report
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from phasestereo.bands import Survey
     from phasestereo.io.windows import RasterPair
-    from phasestereo.matcher import Progress
+    from phasestereo.matching import Progress
     from phasestereo.outofcore.request import Request
     from phasestereo.outofcore.store import Store
     from phasestereo.result import Result
-    from phasestereo.surveying import Survey
 
 _SAMPLE = 2048  # columns that tell, with a few rows, how fast this machine is
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.photometry import fractions
 from phasestereo.rectification.features import followed, led_back, matched
 from phasestereo.rectification.fitting import Fit, consensus, fitted, fitted_anew
 from phasestereo.rectification.record import inside
+from phasestereo.rig.photometry import fractions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

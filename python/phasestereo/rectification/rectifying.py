@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from phasestereo._images import opened_pair
-from phasestereo.diagnosis import check
 from phasestereo.rectification.cameras import Cameras, Warp
 from phasestereo.rectification.estimating import estimated
 from phasestereo.rectification.reading import read_calibration
 from phasestereo.rectification.record import INTERPOLATIONS, Rectification, masks_of, warped
+from phasestereo.rig.diagnosis import check
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

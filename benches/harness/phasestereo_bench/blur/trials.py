@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-from phasestereo.estimation import estimate_blur
+from phasestereo.rig.estimation import estimate_blur
 from phasestereo_bench import cases
 from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
 from phasestereo_bench.measurement import measured

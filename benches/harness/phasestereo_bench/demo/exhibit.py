@@ -11,16 +11,16 @@ import numpy as np
 from phasestereo import __version__
 from phasestereo.io import write_disparity, write_image
 from phasestereo.io.files import replacing
-from phasestereo.picture import colorize, disparity_picture, error_picture, panel
-from phasestereo.report import render_page
 from phasestereo.settings import PRESETS
+from phasestereo.views.picture import colorize, disparity_picture, error_picture, panel
+from phasestereo.views.templating import render_page
 from phasestereo_bench.demo import trials
 from phasestereo_bench.demo.methods import NEIGHBORHOOD, NSAD, ROBUST, SAD, SGBM, WINDOW
 
 if TYPE_CHECKING:
     import os
 
-    from phasestereo.picture import Picture
+    from phasestereo.views.picture import Picture
     from phasestereo_bench.demo.methods import Map, Method
     from phasestereo_bench.demo.trials import Demo, Outcome
 

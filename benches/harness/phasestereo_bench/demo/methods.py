@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from phasestereo.matcher import match
+from phasestereo.matching import match
 from phasestereo.settings import PRESETS, Settings
 from phasestereo_bench.opencv import match_sgbm
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import phasestereo
-from phasestereo.matcher import match
+from phasestereo.matching import match
 from phasestereo.metrics import middlebury_v2
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.paper.experiments import (

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from phasestereo.io.files import replacing
-from phasestereo.report import render_page
+from phasestereo.views.templating import render_page
 from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.markdown import markdown_table, markdown_text
 from phasestereo_bench.report.origin import commands, explain, origin

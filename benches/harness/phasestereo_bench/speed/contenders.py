@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.matcher import Matcher
+from phasestereo.matching import Matcher
 from phasestereo_bench.opencv import create_bm, create_sgbm
 
 if TYPE_CHECKING:

@@ -1,0 +1,410 @@
+"""Bands of rows of a pair, matched by themselves, in any order: they fit to the bit.
+
+Some things are the same for all parts, or parts would not fit together: the relative blur and the
+map of it, the noise, the range in which the pixels of float images lie, how much neighbouring gray
+values differ. `survey` gathers them, a few rows at a time.
+
+All else that lies between images and disparities reaches only so far up and down (`halo`): a band
+that is matched together with so many rows around it is that of the whole pair.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from phasestereo import _core
+from phasestereo._images import as_mask, as_pair
+from phasestereo.result import Result
+from phasestereo.rig.compensation import Equalisation, as_equalisation, as_noise
+from phasestereo.rig.estimates import as_estimates
+from phasestereo.settings import Settings, resolve
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from phasestereo._images import Pixels
+    from phasestereo.rig.alignment import Alignment, Field
+    from phasestereo.rig.blur import BlurEstimate
+    from phasestereo.rig.compensation import Noise
+    from phasestereo.rig.search_range import SearchRange
+
+    Mask = NDArray[np.bool_]
+    Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
+    Reader: TypeAlias = Callable[[int, int], Rows]
+    Range: TypeAlias = tuple[float, float]
+    Progress: TypeAlias = Callable[[int, int], object]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Survey:
+    """What is known of a whole pair; `survey` makes it, and it can be pickled and saved.
+
+    Parameters
+    ----------
+    size
+        Rows and columns of either image.
+    dtype
+        Type of the pixels, "uint8", "uint16", "float32" or "float64".
+    min_disparity, num_disparities
+        The disparities to search.
+    settings
+        The settings that every part is matched with: with ``compensate_blur=True`` those that suit
+        the blur that was found.
+    equalisation
+        The versions in which pixels are compared, of the whole pair; it tells the noise, too. None:
+        the images as they are.
+    blur
+        What was found out about blur and noise, if that was asked for.
+    alignment
+        How the rows of the images correspond, if that was asked for and could be told.
+    search
+        The disparities to search, and whether they were told or found. None: they were told.
+    ranges
+        Where the pixels of the left and of the right image lie, if they are floats: (black, white)
+        in thousandths of their unit, but for 0.1 % at either end. None: not needed.
+    roughness
+        By how much horizontal neighbours of the left image differ: the sum, in steps of gray
+        values, and of how many pairs. None: not needed.
+    """
+
+    size: tuple[int, int]
+    dtype: str
+    min_disparity: int
+    num_disparities: int
+    settings: Settings
+    equalisation: Equalisation | None = None
+    blur: BlurEstimate | None = None
+    alignment: Alignment | None = None
+    search: SearchRange | None = None
+    ranges: tuple[Range, Range] | None = None
+    roughness: tuple[int, int] | None = None
+
+    @property
+    def field(self) -> Field | None:
+        """The field that the right image is straightened by, as the core takes it."""
+        if self.alignment is None or not self.alignment.applied:
+            return None
+        return self.alignment.field
+
+    @property
+    def is_inverted(self) -> bool:
+        """Whether the negative of the right image is matched."""
+        return self.search is not None and self.search.inverted and self.settings.compensate_blur
+
+    @property
+    def is_compensated(self) -> bool:
+        """Whether a blur was found, and settings that suit it were taken."""
+        found = self.blur is not None and any(blur.psf is not None for blur in self.blur.blurs)
+        return found and self.settings.compensate_blur
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a file, ``.npz`` without pickled objects, which `load` reads.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        arrays = import_module("phasestereo.io.pair_statistics").as_arrays(self)
+        with import_module("phasestereo.io.files").replacing(path) as file:
+            np.savez(file, allow_pickle=False, **arrays)
+
+
+def load(path: str | os.PathLike[str]) -> Survey:
+    """Read what `Survey.save` has written.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is no such file.
+    """
+    names = "io.files", "io.limits", "io.npz", "io.pair_statistics"
+    files, limits, npz, surveys = (import_module(f"phasestereo.{name}") for name in names)
+    with files.decoding(path) as file:
+        content = files.read_bounded(file, limits.SURVEY)
+        found: Survey = surveys.from_arrays(npz.decode_arrays(content, limits.SURVEY))
+        return found
+
+
+def survey(
+    read: Reader,
+    size: tuple[int, int],
+    *,
+    num_disparities: int | None = None,
+    min_disparity: int = 0,
+    preset: str | None = None,
+    settings: Settings | None = None,
+    threads: int | None = None,
+    noise: Noise | None = None,
+    equalisation: Equalisation | None = None,
+    **overrides: Any,
+) -> Survey:
+    """Gather what must be known of a whole pair, in memory that does not grow with its height.
+
+    Parts that are matched with it come out as `phasestereo.match` has them, to the bit.
+
+    Parameters
+    ----------
+    read
+        Called as ``read(first, last)``, several times, some hundred rows at a time; returns the
+        rows [first, last) of both images and of their masks, ``(left, right, left_mask,
+        right_mask)``, as `phasestereo.match` takes them; a mask may be None. Other threads than the
+        calling one call it, one at a time. What it raises comes out as it is.
+    size
+        Rows and columns of either image.
+    num_disparities, min_disparity, preset, settings, threads, noise, equalisation, **overrides
+        As `phasestereo.match` takes them.
+
+    Returns
+    -------
+    Survey
+        With no more than the settings need: one row is read in any case; the pair is gone through
+        two or three times, of 16 bits once more, for the blur and the noise (``compensate_blur``,
+        ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for the rows
+        (``align_rows``), once for the range (``num_disparities=None``), once for
+        ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float images.
+
+    Raises
+    ------
+    TypeError, ValueError, MemoryError, KeyboardInterrupt
+        As `phasestereo.match`.
+    """
+    asked = resolve(preset, settings, overrides)
+    rows = Checked(read, as_size(size))
+    (left, right), masks = rows(0, 1)
+    dtype, search = left.dtype, (min_disparity, num_disparities)
+    # Threads of its own: one of those that are shared would wait for a reader that matches.
+    workers = _core.Workers(threads)
+    told = as_noise(noise, equalisation), as_equalisation(equalisation), None, False
+    one = _core.estimate_pair(
+        (left, right), masks, search, replace(asked, align_rows=False), workers
+    )
+    del one  # The core owns the ranges of arguments, and refuses of one row what it would of all.
+    ranges, roughness = None, None
+    if dtype.kind == "f" and (asked.cost == "phase" or asked.intensity_range is None):
+        ranges = _core.find_ranges(rows, rows.size, search)
+    found = as_estimates(
+        _core.estimate_pair_by_rows(rows, rows.size, search, asked, ranges, workers, told),
+        asked,
+        search,
+        equalisation,
+    )
+    looks = asked.guided_median or asked.synthesis or asked.confidence
+    if looks or asked.adaptive_p2 > 0 or asked.min_confidence > 0:
+        impulses = found.equalisation.impulses[0] if found.equalisation else 0.0
+        roughness = _core.find_roughness(rows, rows.size, search, ranges, impulses)
+    versions = found.equalisation
+    if versions is None and told[0] is not None:
+        versions = Equalisation(noise=told[0])
+    # No later pair is compared with it.
+    blur = None if found.blur is None else replace(found.blur, glance=None)
+    return Survey(
+        size=rows.size,
+        dtype=dtype.name,
+        min_disparity=found.search.min_disparity,
+        num_disparities=found.search.num_disparities,
+        settings=found.settings,
+        equalisation=versions,
+        blur=blur,
+        alignment=found.alignment,
+        search=found.search,
+        ranges=ranges,
+        roughness=roughness,
+    )
+
+
+def halo(
+    settings: Settings,
+    equalisation: Equalisation | None = None,
+    alignment: Alignment | None = None,
+) -> int:
+    """Return how many rows above and below a band its disparities depend on at most.
+
+    Parameters
+    ----------
+    settings
+        The settings.
+    equalisation
+        The versions in which pixels are compared; None: as they are. Those of a `Survey` belong to
+        its settings.
+    alignment
+        How rows correspond: where it is applied, its largest offset and some more. None: they do.
+
+    Returns
+    -------
+    int
+        Rows of the images: those of the window, the neighborhood and the kernels, and those that
+        speckles, filling, smoothing and confidences look at; with ``optimizer="sgm"`` also those
+        that the paths from above and below come from. A row without any valid pixel copies another
+        one, up to 95 rows away; where there are such rows, `match_rows` reads as many more.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    """
+    if not isinstance(settings, Settings):
+        raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings")
+    field = alignment.field if alignment is not None and alignment.applied else None
+    around, _ = _core.reach(settings, as_equalisation(equalisation), field)
+    return around
+
+
+def match_rows(
+    read: Reader,
+    survey: Survey,
+    first: int,
+    last: int,
+    *,
+    threads: int | _core.Workers | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Match the rows [first, last) of a pair by themselves, whatever the settings.
+
+    Parameters
+    ----------
+    read
+        As `phasestereo.survey` takes it; it is asked for these rows and those around them.
+    survey
+        What is known of the whole pair.
+    first, last
+        The rows, half-open. Memory grows with their number.
+    threads
+        As `phasestereo.match` takes them.
+    progress
+        As `phasestereo.match` takes it; of the rows at hand, those around the band included.
+
+    Returns
+    -------
+    Result
+        Of these rows alone, without the pair: the same bits as these rows of the whole.
+
+    Raises
+    ------
+    TypeError, ValueError, MemoryError, KeyboardInterrupt
+        As `phasestereo.match`; ValueError also if there are no such rows.
+    """
+    if not isinstance(survey, Survey):
+        raise TypeError(f"survey: got {type(survey).__name__}; accepts a phasestereo.Survey")
+    if progress is not None and not callable(progress):
+        raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
+    rows = Checked(read, survey.size, survey.dtype)
+    _check_rows(survey, first, last)
+    around, masked = _core.reach(survey.settings, survey.equalisation, survey.field)
+    top, bottom = _widened(first, last, around, survey)
+    images, masks = rows(top, bottom)
+    if any(mask is not None and not mask.any(axis=1).all() for mask in masks):
+        del images, masks  # or there would be two of them
+        top, bottom = _widened(top, bottom, masked, survey)
+        images, masks = rows(top, bottom)
+    disparity, flags, confidence, timings = _core.match_rows(
+        images, masks, survey, top, (first, last), threads, progress
+    )
+    return Result(
+        disparity,
+        flags,
+        confidence,
+        survey.settings,
+        timings,
+        search=survey.search,
+        blur=survey.blur,
+        alignment=survey.alignment,
+        equalisation=survey.equalisation,
+    )
+
+
+def _widened(first: int, last: int, by: int, survey: Survey) -> tuple[int, int]:
+    return max(0, first - by), min(survey.size[0], last + by)
+
+
+def _check_rows(survey: Survey, first: int, last: int) -> None:
+    if not (isinstance(first, int | np.integer) and isinstance(last, int | np.integer)):
+        raise TypeError(f"first, last: got {first!r}, {last!r}; accepts integers")
+    if not 0 <= first < last <= survey.size[0]:
+        raise ValueError(
+            f"first, last: got {first}, {last}; accepts rows from 0 to {survey.size[0]}, "
+            "at least one"
+        )
+
+
+def working_memory(survey: Survey, rows: int, *, threads: int, itemsize: int) -> int:
+    """Return how many bytes `match_rows` takes at most, besides what the process had before.
+
+    Parameters
+    ----------
+    survey
+        What is known of the whole pair.
+    rows
+        Rows that are matched at a time.
+    threads
+        Threads.
+    itemsize
+        Bytes of a pixel of one image, all channels together, as the reader returns it.
+
+    Returns
+    -------
+    int
+        An upper bound: of what is searched in, which does not depend on `rows`, and of images,
+        codes and maps of a band and its halo, which do.
+    """
+    return _core.working_memory(survey, rows, threads, itemsize)
+
+
+class Checked:
+    """A reader whose rows are what they must be, as the core takes them."""
+
+    def __init__(self, read: Reader, size: tuple[int, int], dtype: str | None = None) -> None:
+        if not callable(read):
+            raise TypeError(f"read: got {type(read).__name__}; accepts a callable")
+        self.size = size
+        self._read, self._dtype = read, dtype
+
+    def __call__(
+        self, first: int, last: int
+    ) -> tuple[tuple[Pixels, Pixels], tuple[Mask | None, Mask | None]]:
+        """Read rows, in the type of those that were read before."""
+        found = self._read(first, last)
+        if not isinstance(found, (tuple, list)) or len(found) != 4:
+            many = f" of {len(found)}" if isinstance(found, (tuple, list)) else ""
+            raise TypeError(
+                f"read: got {type(found).__name__}{many}; accepts a tuple of four, (left, right, "
+                "left_mask, right_mask)"
+            )
+        left, right, left_mask, right_mask = found
+        pair = as_pair(left, right)
+        size = last - first, self.size[1]
+        if pair[0].shape[:2] != size:
+            raise ValueError(
+                f"read: got {pair[0].shape[:2]} pixels for the rows {first} to {last}; "
+                f"accepts {size}"
+            )
+        name = pair[0].dtype.name
+        if self._dtype not in (None, name):
+            raise TypeError(
+                f"read: got {name} for the rows {first} to {last}; accepts that of "
+                f"others, {self._dtype}"
+            )
+        self._dtype = name
+        masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
+        return pair, masks
+
+
+def as_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Return numbers of rows and columns, or say by name why they are none."""
+    if not isinstance(size, (tuple, list)) or len(size) != 2:
+        raise TypeError(f"size: got {size!r}; accepts a pair (rows, columns)")
+    rows, cols = size
+    if not (isinstance(rows, int | np.integer) and isinstance(cols, int | np.integer)):
+        raise TypeError(f"size: got {size!r}; accepts numbers of rows and columns")
+    if rows < 1 or cols < 1:
+        raise ValueError(f"size: got {size!r}; accepts at least one row and one column")
+    return int(rows), int(cols)

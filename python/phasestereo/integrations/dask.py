@@ -1,0 +1,368 @@
+"""Matches of Dask arrays: lazy bands of rows, each a task of its own, on any of Dask's schedulers.
+
+The bands put together are what `phasestereo.match` finds for the whole pair, bit for bit. Dask
+(extra ``dask``) is imported when it is first needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from phasestereo import _core
+from phasestereo._extras import require
+from phasestereo._images import as_pair
+from phasestereo._numbers import as_integer
+from phasestereo.bands import match_rows
+from phasestereo.bands import survey as survey_pair
+from phasestereo.settings import resolve
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from phasestereo.bands import Survey
+    from phasestereo.rig.compensation import Equalisation, Noise
+    from phasestereo.settings import Settings
+
+    Array: TypeAlias = Any  # dask.array.Array, whose package tells no types
+
+__all__ = ["Maps", "maps", "match"]
+
+_BAND_ROWS = 512
+"""Rows of a band: enough that starting a task is nothing beside it."""
+_HALOS = 4
+"""A band has at least so many times the rows of its halo: what is done twice stays little."""
+_WIDEST = 16384  # the most disparities there can be
+
+
+class Maps(NamedTuple):
+    """What a match returns of a pair, lazily, by the same tasks.
+
+    Attributes
+    ----------
+    disparity
+        Dask array, float32 (H, W), as `phasestereo.Result.disparity`.
+    flags
+        Dask array, uint16 (H, W), bits of `phasestereo.Flag`.
+    confidence
+        Dask array, float32 (H, W); None if the settings have ``confidence=False``.
+    """
+
+    disparity: Array
+    flags: Array
+    confidence: Array | None
+
+
+def match(left: Array, right: Array, **arguments: Any) -> Array:
+    """Match a rectified stereo pair lazily: `maps` of which only the disparities are wanted.
+
+    Parameters
+    ----------
+    left, right, **arguments
+        As `maps` takes them.
+
+    Returns
+    -------
+    dask.array.Array
+        The disparities, float32 (H, W), pixels; NaN where there is no estimate. Its chunks are
+        bands of rows.
+
+    Raises
+    ------
+    TypeError, ValueError, ImportError
+        As `maps`.
+
+    Examples
+    --------
+    >>> left, right = da.from_zarr("left.zarr"), da.from_zarr("right.zarr")
+    >>> found = ps.integrations.dask.match(left, right, num_disparities=256)
+    >>> found.to_zarr("disparity.zarr")
+    """
+    return maps(left, right, **arguments).disparity
+
+
+def maps(
+    left: Array,
+    right: Array,
+    *,
+    num_disparities: int | None = None,
+    min_disparity: int = 0,
+    preset: str | None = None,
+    settings: Settings | None = None,
+    threads: int = 1,
+    left_mask: Array | ArrayLike | None = None,
+    right_mask: Array | ArrayLike | None = None,
+    noise: Noise | None = None,
+    equalisation: Equalisation | None = None,
+    survey: Survey | None = None,
+    band_rows: int | None = None,
+    **overrides: Any,
+) -> Maps:
+    """Match a rectified stereo pair lazily; the result has bands of rows as its chunks.
+
+    Each band is one task, which gets its own rows and those above and below that its disparities
+    depend on, however the images are chunked; nothing holds a whole image. The bands together are
+    what `phasestereo.match` returns, bit for bit.
+
+    What must be known of the whole pair (its blur and noise, the range of float images) is found
+    out **at the call**, window by window, unless ``survey`` tells it: then every pixel is computed
+    up to four times now and once by the tasks. With ``preset="fast"`` and integer images those of
+    the left one are once; with ``adaptive_p2=0``, too, no more than the first row is.
+
+    Parameters
+    ----------
+    left, right
+        Dask arrays as `phasestereo.match` takes images: (H, W) or (H, W, 1, 3 or 4) of equal size
+        and dtype, of any chunks; those of some hundred whole rows cost least.
+    num_disparities, min_disparity, preset, settings, noise, equalisation, **overrides
+        As `phasestereo.match` takes them.
+    threads
+        Threads of each task. 1, since Dask runs as many tasks at once as it has threads.
+    left_mask, right_mask
+        Dask arrays, or arrays, bool (H, W), True = valid.
+    survey
+        What `phasestereo.bands.survey` found out about this pair, with these settings.
+    band_rows
+        Rows of a band; it is made at least as high as its halo. None: 512, or four halos.
+
+    Returns
+    -------
+    Maps
+        Disparities, flags and confidences. Computed together (``dask.compute(*found)``), each band
+        is matched once.
+
+    Raises
+    ------
+    TypeError
+        If an image is no Dask array, or as `phasestereo.match`.
+    ValueError
+        As `phasestereo.match`; for chunks of unknown size or a survey of another pair, search or
+        settings.
+    ImportError
+        If Dask is not installed.
+    """
+    da = require("dask.array", extra="dask")
+    _check_images(left, right, da)
+    size = left.shape[:2]
+    masks = _as_mask(left_mask, size, "left_mask"), _as_mask(right_mask, size, "right_mask")
+    sides = _Sides(left, right, *masks)
+    asked = resolve(preset, settings, overrides)
+    as_integer("threads", threads, least=1)
+    if band_rows is not None:
+        as_integer("band_rows", band_rows, least=1)
+    if num_disparities is not None:
+        as_integer("num_disparities", num_disparities, least=1, most=min(size[1], _WIDEST))
+    if survey is None:
+        survey = survey_pair(
+            _Windows(sides),
+            size,
+            num_disparities=num_disparities,
+            min_disparity=min_disparity,
+            settings=asked,
+            noise=noise,
+            equalisation=equalisation,
+        )
+    else:
+        _check_survey(survey, size, (min_disparity, num_disparities))
+        _check_surveyed(survey, asked, (left.dtype.name, right.dtype.name))
+    reach = _reach(survey, masked=any(mask is not None for mask in masks))
+    bands = _bands(size[0], band_rows, reach)
+    table = _table(sides, survey, bands, reach, threads)
+    layers = [_layer(table, name) for name in table.dtype.names]
+    return Maps(*layers, *[None] * (3 - len(layers)))
+
+
+class _Sides(NamedTuple):
+    """Both images and both masks: lazy ones, or the rows of them that a task gets."""
+
+    left: Any
+    right: Any
+    left_mask: Any = None
+    right_mask: Any = None
+
+
+class _Windows:
+    """Rows of a lazy pair, computed when they are asked for."""
+
+    def __init__(self, sides: _Sides) -> None:
+        self._sides = sides
+
+    def __call__(self, first: int, last: int, /) -> Any:
+        """Return the rows [first, last) of the images and masks."""
+        rows = [None if side is None else side[first:last] for side in self._sides]
+        return require("dask", extra="dask").compute(*rows)
+
+
+class _Excerpt:
+    """Rows of a pair that a task was given."""
+
+    def __init__(self, sides: _Sides, start: int) -> None:
+        self._sides, self._start = sides, start
+
+    def __call__(self, first: int, last: int, /) -> Any:
+        """Return the rows [first, last) of the images and masks, views of what there is."""
+        rows = slice(first - self._start, last - self._start)
+        if rows.start < 0 or rows.stop > len(self._sides.left):
+            raise IndexError(f"rows {first} to {last} of an excerpt that begins at {self._start}")
+        return tuple(None if side is None else side[rows] for side in self._sides)
+
+
+def _check_images(left: Array, right: Array, da: Any) -> None:
+    for name, image in (("left", left), ("right", right)):
+        if not isinstance(image, da.Array):
+            kind = type(image).__name__
+            raise TypeError(f"{name}: got {kind}; accepts a Dask array, as da.from_array makes it")
+        _check_chunks(image, name)
+        if image.ndim not in (2, 3) or image.shape[2:] not in ((), (1,), (3,), (4,)):
+            raise ValueError(
+                f"{name}: got shape {image.shape}; accepts (H, W), (H, W, 1), (H, W, 3), (H, W, 4)"
+            )
+    sizes = left.shape[:2], right.shape[:2]
+    if sizes[0] != sizes[1]:
+        raise ValueError(f"right: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
+    # One row of each tells the rest of what is wrong.
+    rows = [np.zeros((min(1, len(side)), *side.shape[1:]), side.dtype) for side in (left, right)]
+    as_pair(*rows)
+
+
+def _check_chunks(array: Array, name: str) -> None:
+    if any(np.isnan(length) for length in array.shape):
+        raise ValueError(
+            f"{name}: got chunks of unknown sizes; accepts known ones, as its method "
+            "compute_chunk_sizes finds them"
+        )
+
+
+def _as_mask(mask: Array | ArrayLike | None, size: tuple[int, int], name: str) -> Array | None:
+    if mask is None:
+        return None
+    lazy = require("dask.array", extra="dask").asarray(mask)
+    _check_chunks(lazy, name)
+    if lazy.dtype != np.bool_:
+        raise TypeError(f"{name}: got dtype {lazy.dtype}; accepts bool (True = valid)")
+    if lazy.shape != size:
+        raise ValueError(f"{name}: got shape {lazy.shape}; accepts the image's {size}")
+    return lazy
+
+
+def _check_survey(survey: Survey, size: tuple[int, int], search: tuple[int, int | None]) -> None:
+    if survey.size != size:
+        raise ValueError(f"survey: got that of {survey.size} pixels; accepts that of {size}")
+    known = survey.min_disparity, survey.num_disparities
+    if search[1] is not None and known != search:
+        raise ValueError(
+            f"survey: got that of {known[1]} disparities from {known[0]}; accepts that of "
+            f"{search[1]} from {search[0]}"
+        )
+
+
+def _check_surveyed(survey: Survey, asked: Settings, types: tuple[str, str]) -> None:
+    """Refuse a survey by which bands would be matched otherwise than they are asked for."""
+    if survey.dtype not in types:
+        raise TypeError(f"survey: got that of {survey.dtype}; accepts that of {types[0]}")
+    if survey.is_compensated:  # then what was asked for has been changed by what was found
+        sides = "neighborhood", "window"
+        asked = replace(asked, **{name: getattr(survey.settings, name) for name in sides})
+    if survey.settings != asked:
+        names = [field.name for field in fields(asked)]
+        others = [n for n in names if getattr(survey.settings, n) != getattr(asked, n)]
+        raise ValueError(
+            f"survey: got that with another {', '.join(others)}; accepts that with the "
+            "settings of this match"
+        )
+
+
+def _reach(survey: Survey, *, masked: bool) -> int:
+    """Return how many rows above and below a band `match_rows` may ask for."""
+    around, copied = _core.reach(survey.settings, survey.equalisation, survey.field)
+    return around + (copied if masked else 0)
+
+
+def _bands(height: int, band_rows: int | None, reach: int) -> tuple[int, ...]:
+    """Return the rows of each band, none of which is less than what its neighbors need of it."""
+    step = _core.BAND_ROWS
+    wanted = band_rows or step * -(-max(_BAND_ROWS, _HALOS * reach) // step)
+    rows = min(max(wanted, reach), height)
+    count, rest = divmod(height, rows)
+    if not rest:
+        return (rows,) * count
+    return (rows,) * count + (rest,) if rest >= reach else (rows,) * (count - 1) + (rows + rest,)
+
+
+def _table(
+    sides: _Sides,
+    survey: Survey,
+    bands: tuple[int, ...],
+    reach: int,
+    threads: int,
+) -> Array:
+    """Return an array (H, W) of records of all that is found out of a pixel, a task a band."""
+    da = require("dask.array", extra="dask")
+    ends = np.cumsum(bands)
+    rows = da.from_array(np.column_stack([ends - bands, ends]), chunks=(1, 2))
+    arguments: list[Any] = [rows, "yb"]
+    for side, axes in zip(sides, ("yxc", "yxc", "yx", "yx"), strict=True):
+        if side is None:
+            arguments += [None, None]
+        else:
+            arguments += [_with_halo(side, bands, reach), axes[: side.ndim]]
+    dtype = _record(survey.settings)
+    return da.blockwise(
+        _match_band,
+        "yx",
+        *arguments,
+        survey=require("dask", extra="dask").delayed(survey, pure=True),  # sent once to a worker
+        threads=threads,
+        reach=reach,
+        adjust_chunks={"y": bands},
+        align_arrays=False,
+        concatenate=True,
+        dtype=dtype,
+        meta=np.empty((0, 0), dtype),
+        token="phasestereo-band",  # noqa: S106 -- a name of tasks
+    )
+
+
+def _with_halo(side: Array, bands: tuple[int, ...], reach: int) -> Array:
+    """Return an array whose chunks are bands of whole rows and what is above and below them."""
+    banded = side.rechunk({0: bands, **dict.fromkeys(range(1, side.ndim), -1)})
+    if len(bands) == 1:
+        return banded
+    overlapping = require("dask.array.overlap", extra="dask").overlap
+    return overlapping(banded, depth={0: reach}, boundary="none", allow_rechunk=False)
+
+
+def _record(settings: Settings) -> np.dtype[np.void]:
+    fields = [("disparity", np.float32), ("flags", np.uint16)]
+    return np.dtype(fields + [("confidence", np.float32)] * settings.confidence)
+
+
+def _match_band(
+    rows: NDArray[np.int64],
+    *sides: NDArray[Any] | None,
+    survey: Survey,
+    threads: int,
+    reach: int,
+) -> NDArray[np.void]:
+    """Match one band; this is what a task does."""
+    first, last = rows[0].tolist()
+    read = _Excerpt(_Sides(*sides), max(0, first - reach))
+    result = match_rows(read, survey, first, last, threads=threads)
+    found = np.empty(result.disparity.shape, _record(survey.settings))
+    for name in found.dtype.names or ():
+        found[name] = getattr(result, name)
+    return found
+
+
+def _layer(table: Array, name: str) -> Array:
+    dtype = table.dtype[name]
+    return table.map_blocks(
+        partial(_field, name=name), dtype=dtype, meta=np.empty((0, 0), dtype), name=None
+    )
+
+
+def _field(block: NDArray[np.void], *, name: str) -> NDArray[Any]:
+    return np.ascontiguousarray(block[name])  # a view would keep all fields in memory

@@ -1,0 +1,245 @@
+"""The matching cost ``phase`` for CNES Pandora, which finds it by the entry point of this module.
+
+Pandora writes x_right = x_left + d, this library x_right = x_left - d: the sign is turned here and
+nowhere else. What surrounds the costs (borders, masks, shifted images) is as Pandora has it, so
+that the later steps of its pipelines, and the tiles of CARS, can rely on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from phasestereo import _core
+from phasestereo._extras import require
+from phasestereo._images import as_pair
+from phasestereo.rig.estimates import as_estimates
+from phasestereo.settings import Settings
+from phasestereo.stages import aggregate
+from phasestereo.stages import cost_volume as compare
+
+try:
+    from json_checker import And, Checker
+    from pandora.img_tools import shift_right_img
+    from pandora.matching_cost.matching_cost import AbstractMatchingCost
+    from scipy.ndimage import distance_transform_edt
+    from xarray import DataArray, Dataset
+except ModuleNotFoundError:
+    require("pandora", extra="pandora")  # raises, and names the cure
+    raise
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo.rig.compensation import Equalisation
+
+    Plane = NDArray[np.float32]
+    Volume = NDArray[np.float32]
+
+METHOD = "phase"
+"""Value of ``matching_cost_method``."""
+
+_BLOCK = 16  # disparities compared at a time, so that little is needed beside Pandora's own volume
+
+
+class _View(NamedTuple):
+    """One band of an image, gaps filled, and where it had none."""
+
+    pixels: Plane
+    valid: NDArray[np.bool_]
+
+
+class _Terms(NamedTuple):
+    """What images are compared by."""
+
+    settings: Settings
+    versions: Equalisation | None
+
+
+@AbstractMatchingCost.register_subclass(METHOD)
+class PhaseCost(AbstractMatchingCost):
+    """Hamming distance of the phase codes of two pixels, its mean over a window; unit: bits.
+
+    Parameters
+    ----------
+    **cfg
+        The step as Pandora's configuration has it. Beside ``matching_cost_method``, ``subpix``,
+        ``band``, ``step`` and ``spline_order``, which mean what they always do:
+
+        - ``window_size``: side of the square over which costs are averaged, odd, 1 to 63.
+          Default 5.
+        - ``neighborhood``, ``taper``, ``frequencies``, ``power``, ``bits``, ``noise_threshold``: as
+          `phasestereo.Settings` has them; the noise that ``noise_threshold`` needs is estimated.
+          Defaults 3, "uniform", [1, 1], 1, 2 and 0.5, as the preset ``robust`` has them.
+        - ``compensate_blur``: whether the relative blur of the images is estimated and evened out
+          before they are compared. Default true.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a parameter of this library has the wrong type or value.
+    json_checker.core.exceptions.CheckerError
+        If one of Pandora's has, or there is no such parameter.
+
+    Notes
+    -----
+    A cost rests on ``neighborhood + window_size - 1`` pixels across, with ``compensate_blur`` on 4
+    more. That is the window that the rest of Pandora sees: half of it is the border without costs,
+    the reach of pixels without data, and the margin that a tile needs.
+    """
+
+    OWN: ClassVar[dict[str, Any]] = {
+        "neighborhood": 3,
+        "taper": "uniform",
+        "frequencies": [1, 1],
+        "power": 1,
+        "bits": 2,
+        "noise_threshold": 0.5,
+        "compensate_blur": True,
+    }
+    """The parameters that Pandora does not know, and their defaults."""
+
+    def __init__(self, **cfg: Any) -> None:
+        self.instantiate_class(**cfg)
+        self._settings = _settings(self.cfg or {})
+        self._window_size = _support(self._settings)
+        self._border = (self._window_size - 1) // 2
+
+    def check_conf(self, **cfg: Any) -> dict[str, Any]:
+        """Return the step with its defaults, once every parameter is found right."""
+        checked: dict[str, Any] = {**self.OWN, **super().check_conf(**cfg)}
+        _settings(checked)
+        # A copy: all methods share the schema, and would demand these parameters, too.
+        schema: dict[str, Any] = {
+            **self.schema,
+            **dict.fromkeys(self.OWN, object),
+            "window_size": int,
+            "matching_cost_method": And(str, lambda name: name == METHOD),
+        }
+        Checker(schema).validate(checked)
+        return checked
+
+    def compute_cost_volume(
+        self, img_left: Dataset, img_right: Dataset, cost_volume: Dataset
+    ) -> Dataset:
+        """Fill in the volume that Pandora allocated.
+
+        Parameters
+        ----------
+        img_left, img_right
+            ``im``: float32 (row, col) or (band_im, row, col); ``msk``, if any: int16 (row, col).
+        cost_volume
+            ``cost_volume``: float32 (row, col, disp).
+
+        Returns
+        -------
+        Dataset
+            The same volume: bits, NaN where the window of either pixel leaves its image.
+        """
+        self.check_band_input_mc(img_left, img_right)
+        left, right = _view(img_left, self._band), _view(img_right, self._band)
+        disparities = np.asarray(cost_volume.coords["disp"].data, dtype=np.float64)
+        terms = _evened_out(left, right, disparities, self._settings)
+        costs = np.full((*left.pixels.shape, disparities.size), np.nan, dtype=np.float32)
+        shifted = self._shifted(right)
+        for part, pixels in enumerate(shifted):  # disparities come in steps of 1 / len(shifted)
+            first = int(np.floor(disparities[0]))
+            _fill(costs[:, :, part :: len(shifted)], (left.pixels, pixels), first, terms)
+        _leave_out_borders(costs, disparities, self._border)
+        columns = cost_volume.attrs["col_to_compute"] - img_left.coords["col"].data[0]
+        cost_volume["cost_volume"].data = costs[:, columns, :]
+        cost_volume.attrs.update({"type_measure": "min", "cmax": _most_bits(self._settings)})
+        return cost_volume
+
+    def _shifted(self, right: _View) -> list[Plane]:
+        """Return the right image, then as Pandora interpolates it at 1/n, 2/n ... of a column."""
+        rows, cols = right.pixels.shape
+        coords = {"row": np.arange(rows), "col": np.arange(cols)}
+        image = Dataset({"im": DataArray(right.pixels, coords, ("row", "col"))})
+        found = shift_right_img(image, int(self._subpix or 1), order=int(self._spline_order or 1))
+        # Between columns there is one less; what stands for it lies outside, and has no cost.
+        between = [np.pad(each["im"].data, ((0, 0), (0, 1)), mode="edge") for each in found[1:]]
+        return [right.pixels, *between]
+
+
+def _settings(cfg: dict[str, Any]) -> Settings:
+    """Return the settings that a step asks for, which check themselves."""
+    own = {name: cfg[name] for name in PhaseCost.OWN}
+    if isinstance(own["frequencies"], list):  # as JSON has it
+        own["frequencies"] = tuple(own["frequencies"])
+    return replace(Settings.preset("paper"), **own, window=cfg["window_size"], shiftable=False)
+
+
+def _support(settings: Settings) -> int:
+    """Return how many pixels across a cost rests on, at most."""
+    larger = _core.LARGER + _core.MUCH_LARGER if settings.compensate_blur else 0
+    return settings.neighborhood + settings.window - 1 + larger
+
+
+def _most_bits(settings: Settings) -> int:
+    """Return the length of a code, of which no two differ by more."""
+    r, s = settings.frequencies
+    bits = (r * (2 * s + 1) + s) << (settings.bits - 1)
+    return 2 * bits if settings.noise_threshold > 0 else bits
+
+
+def _view(image: Dataset, band: str | None) -> _View:
+    """Return the band to match, pixels without data replaced by the nearest ones that have some."""
+    pixels = image["im"].data
+    if band is not None:
+        pixels = pixels[list(image["band_im"].data).index(band)]
+    valid = np.isfinite(pixels)
+    if "msk" in image.data_vars:
+        valid &= image["msk"].data != image.attrs["no_data_mask"]
+    if not valid.any():
+        return _View(np.zeros(valid.shape, np.float32), valid)
+    if not valid.all():
+        nearest = distance_transform_edt(~valid, return_distances=False, return_indices=True)
+        pixels = pixels[tuple(nearest)]
+    return _View(np.ascontiguousarray(pixels, dtype=np.float32), valid)
+
+
+def _evened_out(
+    left: _View, right: _View, disparities: NDArray[np.float64], settings: Settings
+) -> _Terms:
+    """Return how the images are to be compared once their blur and noise are known, if need be."""
+    if not (settings.compensate_blur or settings.noise_threshold > 0):
+        return _Terms(settings, None)
+    pair = as_pair(left.pixels, right.pixels)
+    low, high = int(np.floor(disparities[0])), int(np.ceil(disparities[-1]))
+    search = -high, min(high - low + 1, left.pixels.shape[1])
+    asked = replace(settings, align_rows=False)
+    told = _core.estimate_pair(pair, (left.valid, right.valid), search, asked, None)
+    found = as_estimates(told, asked, search, None)
+    return _Terms(found.settings, found.equalisation)
+
+
+def _fill(costs: Volume, pair: tuple[Plane, Plane], first: int, terms: _Terms) -> None:
+    """Write the costs at whole disparities, in Pandora's sign, from the first one on."""
+    width = pair[0].shape[1]
+    settings, versions = terms
+    end = min(costs.shape[2], width - first)  # beyond, nothing lies inside the right image
+    block = min(_BLOCK, width)
+    for start in range(max(0, 1 - width - first), end, block):
+        count = min(block, end - start)
+        bits = compare(
+            *pair,
+            min_disparity=1 - first - start - count,
+            num_disparities=count,
+            settings=settings,
+            equalisation=versions,
+        )
+        sums = aggregate(bits, window=settings.window, shiftable=False)[:, :, ::-1]
+        costs[:, :, start : start + count] = sums / np.float32(settings.window**2)
+
+
+def _leave_out_borders(costs: Volume, disparities: NDArray[np.float64], border: int) -> None:
+    """Take away the costs that rest on pixels outside either image."""
+    rows, cols = costs.shape[:2]
+    row, col = np.arange(rows)[:, None], np.arange(cols)[:, None]
+    match = col + disparities
+    inside = (np.minimum(col, match) >= border) & (np.maximum(col, match) <= cols - 1 - border)
+    costs[(np.minimum(row, rows - 1 - row) < border)[:, 0]] = np.nan
+    costs[:, ~inside] = np.nan

@@ -1,0 +1,60 @@
+"""Frames as pictures to look at, all of a video in the same colours."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from phasestereo._images import as_pixels, as_rgb8
+from phasestereo.views.picture import NEUTRAL, colorize
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo.integrations.video.streaming import Frame
+
+_STEPS = 256  # of the colours: one more stands for no estimate
+
+
+class FramePicture:
+    """Puts the disparities of a frame, in colour, beside its left image.
+
+    The colours are those of `phasestereo.views.picture.colorize`, looked up in a table. They mean
+    the same in every picture, so that a video does not flicker.
+
+    Parameters
+    ----------
+    low, high
+        Disparities at the ends of the colours; beyond them the colours stay.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If these are no finite numbers, or low is not below high.
+    ImportError
+        If matplotlib is not installed.
+    """
+
+    def __init__(self, low: float, high: float) -> None:
+        if not (math.isfinite(low) and math.isfinite(high)):
+            raise ValueError(f"low: got {low} and high {high}; accepts finite numbers")
+        if not low < high:
+            raise ValueError(f"low: got {low}; accepts less than high, which is {high}")
+        self._low, self._scale = low, (_STEPS - 1) / (high - low)
+        ramp = np.linspace(low, high, _STEPS)[np.newaxis]
+        none = np.array([NEUTRAL], np.uint8)
+        self._colours = np.concatenate([colorize(ramp, low=low, high=high)[0], none])
+
+    def __call__(self, frame: Frame) -> NDArray[np.uint8]:
+        """Return the picture: uint8 (H, 2 W, 3), RGB."""
+        left = as_rgb8(as_pixels(frame.left, "left"))
+        return np.concatenate([left, self.coloured(frame.result.disparity)], axis=1)
+
+    def coloured(self, disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """Return disparities (H, W) in colour: uint8 (H, W, 3), RGB."""
+        steps = np.rint((disparity - np.float32(self._low)) * np.float32(self._scale))
+        steps = np.where(np.isnan(steps), _STEPS, np.clip(steps, 0, _STEPS - 1))
+        coloured: NDArray[np.uint8] = self._colours[steps.astype(np.intp)]
+        return coloured

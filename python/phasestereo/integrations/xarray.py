@@ -1,0 +1,278 @@
+"""Matches of labelled arrays: xarray in, xarray out, with the coordinates of the left image.
+
+Dimensions go by name, whatever their order. xarray (extra ``geo`` or ``dask``) is imported when it
+is first needed.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from numbers import Real
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+import phasestereo
+from phasestereo._extras import require
+from phasestereo._images import as_mask
+from phasestereo.io.pixels import as_samples
+from phasestereo.matching import match as match_pair
+from phasestereo.result import Flag, Result
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import ArrayLike, NDArray
+    from xarray import DataArray, Dataset
+
+    from phasestereo.io.pixels import Pixels
+
+    Mask = NDArray[np.bool_]
+
+__all__ = ["as_dataset", "match"]
+
+ROWS = ("y", "row", "lat", "latitude")
+"""Names that the dimension of the rows may have."""
+
+COLUMNS = ("x", "col", "lon", "longitude")
+"""Names that the dimension of the columns may have."""
+
+_NO_DATA = ("_FillValue", "missing_value", "nodata")
+_PACKED = {"scale_factor", "add_offset"}
+_SAME = 1e-3  # of a row: coordinates are computed, and rounded
+
+
+def match(
+    left: DataArray,
+    right: DataArray,
+    *,
+    num_disparities: int,
+    min_disparity: int = 0,
+    left_mask: DataArray | ArrayLike | None = None,
+    right_mask: DataArray | ArrayLike | None = None,
+    **options: Any,
+) -> Dataset:
+    """Match a rectified stereo pair of labelled arrays.
+
+    Parameters
+    ----------
+    left, right
+        Images with a dimension of rows (named "y", "row", "lat" or "latitude"), one of columns
+        ("x", "col", "lon", "longitude") and, if any, one of 1, 3 (RGB) or 4 (RGBA) bands, under any
+        other name; in any order. Integers and floats of any size; what is neither uint8, uint16
+        nor float32 is matched as float32. Chunked arrays are computed. Where an image tells its
+        "no data" value (``_FillValue``, ``missing_value`` or ``nodata``, among its attributes or
+        in its encoding, unless that has a scale or an offset, too: then it is that of the packed
+        numbers, which xarray has unpacked), pixels that have it in all bands are masked, as is NaN.
+    num_disparities, min_disparity
+        The disparities to search, in pixels, as `phasestereo.match` takes them.
+    left_mask, right_mask
+        bool, True = valid: a labelled array with the rows and columns of its image, in any order,
+        or a plain one (H, W). They mask more than "no data" does, never less.
+    **options
+        Further arguments of `phasestereo.match`.
+
+    Returns
+    -------
+    Dataset
+        As `as_dataset` makes it, with the coordinates of the left image that belong to its rows
+        and columns or to none (such as ``spatial_ref``).
+
+    Raises
+    ------
+    TypeError
+        If an image is no DataArray, or as `phasestereo.match`.
+    ValueError
+        If dimensions cannot be told or sizes differ, if the rows of the images have different
+        coordinates, or as `phasestereo.match`.
+    ImportError
+        If xarray is not installed.
+    """
+    xarray = require("xarray", extra="geo")
+    views = _ordered(left, "left", xarray), _ordered(right, "right", xarray)
+    _check_rows(*views)
+    pixels = _computed(views)
+    given = left_mask, right_mask
+    masks = [
+        _both(_valid(view, image), _as_mask(mask, view, name, xarray))
+        for view, image, mask, name in zip(
+            views, pixels, given, ("left_mask", "right_mask"), strict=True
+        )
+    ]
+    result = match_pair(
+        _as_image(pixels[0], masks[0], "left"),
+        _as_image(pixels[1], masks[1], "right"),
+        num_disparities=num_disparities,
+        min_disparity=min_disparity,
+        left_mask=masks[0],
+        right_mask=masks[1],
+        **options,
+    )
+    search = {"min_disparity": min_disparity, "num_disparities": num_disparities}
+    return as_dataset(result, like=views[0]).assign_attrs(search)
+
+
+def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
+    """Label what a match returned, by the conventions for climate and forecast metadata (CF).
+
+    Parameters
+    ----------
+    result
+        The result.
+    like
+        The left image, whose dimensions, and coordinates along them, the result takes; None:
+        dimensions "y" and "x", without coordinates.
+
+    Returns
+    -------
+    Dataset
+        ``disparity``: float32, pixels, NaN = no estimate; ``flags``: uint16, with the meaning of
+        every bit in ``flag_masks`` and ``flag_meanings``; ``confidence``, if there is any: float32
+        in [0, 1]. Attributes tell the version, the settings (as JSON) and the blur found.
+        Everything can be written to netCDF and Zarr.
+
+    Raises
+    ------
+    TypeError
+        If the result is no `Result`, or `like` no DataArray.
+    ValueError
+        If its dimensions cannot be told, or its size is not that of the result.
+    ImportError
+        If xarray is not installed.
+    """
+    if not isinstance(result, Result):
+        raise TypeError(f"result: got {type(result).__name__}; accepts a phasestereo.Result")
+    xarray = require("xarray", extra="geo")
+    dims, coords = ("y", "x"), {}
+    if like is not None:
+        view = _ordered(like, "like", xarray)
+        dims = cast("tuple[str, str]", view.dims[:2])
+        if view.shape[:2] != result.disparity.shape:
+            raise ValueError(
+                f"like: got {view.shape[:2]} pixels; accepts the size of the result, "
+                f"{result.disparity.shape}"
+            )
+        coords = {name: each for name, each in view.coords.items() if set(each.dims) <= set(dims)}
+    layers: dict[str, tuple[NDArray[Any], dict[str, Any]]] = {
+        "disparity": (result.disparity, _DISPARITY),
+        "flags": (result.flags, _flag_attributes()),
+    }
+    if result.confidence is not None:
+        layers["confidence"] = result.confidence, _CONFIDENCE
+    placed = {"grid_mapping": "spatial_ref"} if "spatial_ref" in coords else {}
+    variables = {
+        name: (dims, values, attributes | placed) for name, (values, attributes) in layers.items()
+    }
+    attrs = {
+        "Conventions": "CF-1.11",
+        "title": "disparities of a rectified stereo pair",
+        "source": f"phasestereo {phasestereo.__version__}",
+        "settings": json.dumps(asdict(result.settings)),
+    }
+    if result.blur is not None:
+        attrs["blur"] = str(result.blur)
+    found: Dataset = xarray.Dataset(variables, coords, attrs)
+    return found
+
+
+_DISPARITY = {
+    "long_name": "disparity",
+    "units": "pixel",
+    "comment": "left column x corresponds to right column x - disparity; NaN: no estimate",
+    "ancillary_variables": "flags",
+}
+_CONFIDENCE = {
+    "long_name": "probability that the disparity is within 1 pixel",
+    "units": "1",
+}
+
+
+def _flag_attributes() -> dict[str, Any]:
+    named = [flag for flag in Flag if flag.name]
+    return {
+        "long_name": "what is held against the disparity",
+        "flag_masks": np.array(named, dtype=np.uint16),
+        "flag_meanings": " ".join(str(flag.name).lower() for flag in named),
+    }
+
+
+def _ordered(image: DataArray, name: str, xarray: Any) -> DataArray:
+    """Return a view of an image with its rows first, its columns second, its bands last."""
+    if not isinstance(image, xarray.DataArray):
+        raise TypeError(f"{name}: got {type(image).__name__}; accepts an xarray.DataArray")
+    labelled = cast("DataArray", image)
+    rows = [dim for dim in labelled.dims if dim in ROWS]
+    columns = [dim for dim in labelled.dims if dim in COLUMNS]
+    if len(rows) != 1 or len(columns) != 1 or labelled.ndim > 3:
+        raise ValueError(
+            f"{name}: got dimensions {labelled.dims}; accepts rows ({', '.join(ROWS)}), columns "
+            f"({', '.join(COLUMNS)}) and at most one more, of bands"
+        )
+    return labelled.transpose(rows[0], columns[0], ...)
+
+
+def _check_rows(left: DataArray, right: DataArray) -> None:
+    """Refuse images whose rows are told not to correspond."""
+    sizes = left.shape[:2], right.shape[:2]
+    if sizes[0] != sizes[1]:
+        raise ValueError(f"right: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
+    dims = left.dims[0], right.dims[0]
+    if dims[0] not in left.coords or dims[1] not in right.coords or not sizes[0][0]:
+        return
+    rows = [np.asarray(image.coords[dim]) for image, dim in zip((left, right), dims, strict=True)]
+    step = abs(rows[0][-1] - rows[0][0]) / max(1, len(rows[0]) - 1)
+    apart = np.abs(rows[0] - rows[1]).max()
+    if apart > _SAME * step:
+        raise ValueError(
+            f"right: got coordinates {dims[1]!r} up to {apart:g} from those of left; accepts the "
+            "same: the images of a rectified pair have their rows in common"
+        )
+
+
+def _computed(views: Iterable[DataArray]) -> list[NDArray[Any]]:
+    """Return the pixels of images; chunked ones are computed together."""
+    views = list(views)
+    if any(view.chunks for view in views):
+        views = list(require("dask", extra="dask").compute(*views))
+    return [view.to_numpy() for view in views]
+
+
+def _as_image(pixels: NDArray[Any], mask: Mask | None, name: str) -> Pixels:
+    try:
+        return as_samples(pixels, mask)
+    except ValueError as error:
+        raise ValueError(f"{name}: got {error}") from error
+
+
+def _valid(view: DataArray, pixels: NDArray[Any]) -> Mask | None:
+    """Tell which pixels have data; None: all."""
+    layers = np.atleast_3d(pixels)
+    missing = np.zeros(layers.shape[:2], dtype=np.bool_)
+    if layers.dtype.kind == "f":
+        missing |= np.isnan(layers).any(axis=2)
+    # Of packed pixels the encoding tells what they were, and "no data" has become NaN.
+    is_packed = not _PACKED.isdisjoint(view.encoding)
+    for attributes in (view.attrs, {} if is_packed else view.encoding):
+        for value in (attributes.get(name) for name in _NO_DATA):
+            if isinstance(value, Real):
+                missing |= (layers == value).all(axis=2)
+    return ~missing if missing.any() else None
+
+
+def _as_mask(
+    mask: DataArray | ArrayLike | None, view: DataArray, name: str, xarray: Any
+) -> Mask | None:
+    if isinstance(mask, xarray.DataArray):
+        labelled = cast("DataArray", mask)
+        if set(labelled.dims) != set(view.dims[:2]):
+            raise ValueError(f"{name}: got dimensions {labelled.dims}; accepts {view.dims[:2]}")
+        mask = labelled.transpose(*view.dims[:2]).to_numpy()
+    return as_mask(mask, view.shape, name)
+
+
+def _both(mask: Mask | None, other: Mask | None) -> Mask | None:
+    """Return what both masks leave valid."""
+    if mask is None or other is None:
+        return other if mask is None else mask
+    return mask & other

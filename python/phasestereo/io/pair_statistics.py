@@ -1,0 +1,149 @@
+"""Surveys as arrays, which ``.npz`` files hold without pickled objects, and surveys of these.
+
+Whatever is no array is in one array of JSON. Files may come from anywhere: all is checked.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from phasestereo._numbers import as_integer
+from phasestereo.bands import Survey, as_size
+from phasestereo.rig.alignment import Alignment
+from phasestereo.rig.blur import Blur, BlurEstimate
+from phasestereo.rig.compensation import Equalisation
+from phasestereo.rig.search_range import SearchRange
+from phasestereo.settings import Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from phasestereo.bands import Range
+
+    Plain: TypeAlias = dict[str, Any]
+    Arrays: TypeAlias = dict[str, NDArray[Any]]
+
+_MOST_CLASSES = 16  # that an equalisation has
+_ESTIMATE = "tile", "certainty", "contrast", "noise", "gain", "gamma", "impulses", "coding"
+_BOTH = "noise", "impulses", "coding"  # of the left and of the right image
+_KIND = "side", "kind", "size", "angle"
+
+
+def as_arrays(survey: Survey) -> Arrays:
+    """Return arrays that `from_arrays` makes the same survey of."""
+    names = (
+        "size",
+        "dtype",
+        "ranges",
+        "roughness",
+        "min_disparity",
+        "num_disparities",
+    )
+    plain: Plain = {name: getattr(survey, name) for name in names}
+    plain["settings"] = asdict(survey.settings)
+    plain["alignment"] = survey.alignment and asdict(survey.alignment)
+    plain["search"] = survey.search and asdict(survey.search)
+    arrays: Arrays = {}
+    if survey.equalisation is not None:
+        _put_equalisation(survey.equalisation, plain, arrays)
+    if survey.blur is not None:
+        _put_blur(survey.blur, plain, arrays)
+    # Numbers may be those of numpy, which JSON does not know.
+    return arrays | {"told": np.array(json.dumps(plain, default=lambda number: number.item()))}
+
+
+def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
+    """Return the survey that arrays tell.
+
+    Raises
+    ------
+    AttributeError, KeyError, OverflowError, TypeError, ValueError
+        If they tell none.
+    """
+    plain = json.loads(str(arrays["told"]))
+    settings: Plain = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in plain["settings"].items()
+    }
+    return Survey(
+        size=as_size(plain["size"]),
+        dtype=plain["dtype"],
+        min_disparity=as_integer("min_disparity", plain["min_disparity"]),
+        num_disparities=as_integer("num_disparities", plain["num_disparities"]),
+        settings=Settings(**settings),
+        equalisation=_equalisation(plain, arrays) if "noise" in plain else None,
+        blur=_blur(plain, arrays) if "blur" in plain else None,
+        alignment=plain["alignment"] and _alignment(plain["alignment"]),
+        search=plain["search"] and SearchRange(**plain["search"]),
+        ranges=plain["ranges"] and _ranges(*plain["ranges"]),
+        roughness=plain["roughness"] and _roughness(*plain["roughness"]),
+    )
+
+
+def _put_equalisation(told: Equalisation, plain: Plain, arrays: Arrays) -> None:
+    kernels = list(told.kernels)
+    plain |= {name: getattr(told, name) for name in ("noise", "impulses", "smoothing", "tile")}
+    plain["classes"] = len(kernels)
+    arrays["labels"] = told.labels
+    for number, pair in enumerate(kernels):
+        for side, taps in zip(("left", "right"), pair, strict=True):
+            if taps is not None:
+                arrays[f"{side}_{number}"] = np.asarray(taps)
+
+
+def _equalisation(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> Equalisation:
+    if plain["classes"] > _MOST_CLASSES:
+        raise ValueError(f"classes: got {plain['classes']}; accepts {_MOST_CLASSES} at most")
+    return Equalisation(
+        noise=tuple(plain["noise"]),
+        impulses=tuple(plain["impulses"]),
+        smoothing=tuple(plain["smoothing"]),
+        kernels=[
+            (arrays.get(f"left_{number}"), arrays.get(f"right_{number}"))
+            for number in range(plain["classes"])
+        ],
+        labels=arrays["labels"],
+        tile=plain["tile"],
+    )
+
+
+def _put_blur(told: BlurEstimate, plain: Plain, arrays: Arrays) -> None:
+    plain["blur"] = {name: getattr(told, name) for name in _ESTIMATE}
+    plain["blurs"] = [{name: getattr(blur, name) for name in _KIND} for blur in told.blurs]
+    arrays["blur_labels"] = told.labels
+    if told.glance is not None:
+        arrays["blur_places"], arrays["blur_excess"] = told.glance
+    for number, blur in enumerate(told.blurs):
+        if blur.psf is not None:
+            arrays[f"psf_{number}"] = blur.psf
+
+
+def _blur(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> BlurEstimate:
+    kinds = enumerate(plain["blurs"])
+    blurs = tuple(Blur(**told, psf=arrays.get(f"psf_{number}")) for number, told in kinds)
+    told = plain["blur"] | {name: tuple(plain["blur"][name]) for name in _BOTH}
+    seen = "blur_places" in arrays
+    glance = (arrays["blur_places"], arrays["blur_excess"]) if seen else None
+    return BlurEstimate(blurs=blurs, labels=arrays["blur_labels"], glance=glance, **told)
+
+
+def _alignment(told: Plain) -> Alignment:
+    lists = {"coefficients": tuple(map(float, told["coefficients"])), "size": as_size(told["size"])}
+    return Alignment(**told | lists)
+
+
+def _ranges(left: Range, right: Range) -> tuple[Range, Range]:
+    (black, white), (other_black, other_white) = left, right
+    return (float(black), float(white)), (float(other_black), float(other_white))
+
+
+def _roughness(total: int, pairs: int) -> tuple[int, int]:
+    if not 0 <= pairs < 2**64 or not 0 <= total < 2**64:
+        raise ValueError(f"roughness: got {total}, {pairs}; accepts integers from 0 of 64 bits")
+    return total, pairs

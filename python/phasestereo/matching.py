@@ -1,0 +1,317 @@
+"""Two images in, one disparity map out: once, or again and again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from phasestereo import _core
+from phasestereo._images import as_array, as_mask, as_pair, opened
+from phasestereo.result import Result, Summary
+from phasestereo.rig.compensation import Equalisation, Noise, as_noise
+from phasestereo.rig.estimates import Told, as_estimates
+from phasestereo.rig.findings import warn
+from phasestereo.settings import Settings, resolve
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+    from phasestereo._images import Picture, Pixels
+    from phasestereo.rig.estimates import Estimates, Matched
+
+    Mask = NDArray[np.bool_]
+    Progress = Callable[[int, int], object]
+    Search = tuple[int, int | None]
+
+
+def match(
+    left: Picture,
+    right: Picture,
+    *,
+    num_disparities: int | None = None,
+    min_disparity: int = 0,
+    preset: str | None = None,
+    settings: Settings | None = None,
+    threads: int | None = None,
+    left_mask: ArrayLike | None = None,
+    right_mask: ArrayLike | None = None,
+    progress: Progress | None = None,
+    noise: Noise | None = None,
+    equalisation: Equalisation | None = None,
+    **overrides: Any,
+) -> Result:
+    """Match a rectified stereo pair.
+
+    Parameters
+    ----------
+    left, right
+        Images of equal size and dtype: (H, W) or (H, W, 1) gray, (H, W, 3) RGB or (H, W, 4) RGBA
+        (alpha is left out); uint8, uint16, float32 or float64, of any strides and byte order. They
+        may differ in the number of channels. Or paths of such, which are read as
+        `phasestereo.io.read_image` does.
+    num_disparities
+        Number of disparities to search, 1 to the images' width and at most 16384. None: the range
+        is found from small copies of the images, up to 45 % of the width either way, and
+        `min_disparity` must be 0; where they tell nothing it is a third of the width.
+        ``result.search`` says which range, and why.
+    min_disparity
+        Smallest disparity; those in [min_disparity, min_disparity + num_disparities) are searched.
+    preset
+        Name of the settings to start from, one of `PRESETS`. None: ``"robust"``, unless `settings`
+        says otherwise.
+    settings
+        Settings to start from in place of a preset, which must not be given beside it.
+    threads
+        Number of threads, 1 to 1024; None: what the environment variable ``RAYON_NUM_THREADS``
+        says, or else as many as the process may use, shared by all matches of this process that
+        run at the same time. The result does not depend on it.
+    left_mask, right_mask
+        bool (H, W), True = valid. A masked pixel neither votes nor is estimated, and what it holds
+        (it may be NaN) has no effect. None: all are valid.
+    progress
+        Called as ``progress(rows_done, rows)`` every now and then from the calling thread; what it
+        raises ends the match.
+    noise
+        Standard deviation of the noise of both images, or a pair of them (left, right), in units
+        of their pixels; of gray values where they have colour. It matters with ``noise_threshold >
+        0``; None: it is estimated then.
+    equalisation
+        Versions of the images in which pixels are compared, see
+        `phasestereo.rig.compensation.Equalisation`; it tells the noise, too. For ``cost="phase"``.
+        None: with ``compensate_blur=True`` those that even out the blur that is found, else the
+        images as they are.
+    **overrides
+        Fields of `Settings` by name, which take precedence over ``preset`` and ``settings``.
+
+    Returns
+    -------
+    Result
+        Disparities, flags and, if the settings ask for them, confidences, each (H, W). It refers
+        to the images, too, and so keeps them in memory.
+
+    Raises
+    ------
+    TypeError
+        For a wrong type or dtype, an unknown setting, or `preset` beside `settings`.
+    ValueError
+        For a wrong value or shape, NaN or infinite pixels that no mask covers, an unknown preset.
+    OSError, ImportError
+        If a file cannot be read.
+    MemoryError
+        If the working memory cannot be had.
+    KeyboardInterrupt
+        Soon after Ctrl-C.
+
+    Warns
+    -----
+    MatchWarning
+        If the match as a whole is not to be trusted: the images seem to be swapped, or to have
+        nothing in common, the range is too short, or much fails the left-right check.
+        ``result.findings`` says so, too, and what is worth knowing besides.
+
+    Notes
+    -----
+    The method is that of Pedone & Heikkilä, *Blur and Contrast Invariant Fast Stereo Matching*,
+    ACIVS 2008.
+
+    Working memory of each thread does not grow with the height of the images: by default it is
+    about 19 000 bytes for each disparity searched and 900 for each column, 7 MB for 256 disparities
+    and 1920 columns; with ``optimizer="dp"`` up to ``100 * W * num_disparities`` bytes. For the
+    whole pair there are copies of the images, codes (a byte for each eight bits and pixel, of the
+    right image once for each version), gray values and the result: 6 bytes a pixel, 10 with
+    confidences. Pairs that do not fit into memory: `phasestereo.outofcore`, `match_rows`. Nothing
+    but that is kept, nor are any threads: to match one pair after another, `Matcher` keeps them.
+    """
+    chosen = resolve(preset, settings, overrides)
+    search = min_disparity, num_disparities
+    masks = left_mask, right_mask
+    result = match_silently(
+        (left, right),
+        masks,
+        search,
+        settings=chosen,
+        threads=threads,
+        progress=progress,
+        told=(noise, equalisation),
+    )
+    warn(result.findings)
+    return result
+
+
+class Matcher:
+    """Matches one pair after another, as of a video, and reuses its threads and its memory.
+
+    It gives what `match` gives. Several threads may use one at the same time; they share its
+    threads, whereas several of it have threads of their own each. It can be pickled, and a process
+    may fork: the copy has threads and memory of its own. What it keeps are the threads and as much
+    working memory as its largest match took, as long as it exists.
+
+    Parameters
+    ----------
+    preset, settings, threads, **overrides
+        As `match` takes them.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `match` does.
+    RuntimeError
+        If the system refuses to start the threads.
+
+    Warns
+    -----
+    MatchWarning
+        As `match` does, of each match.
+    """
+
+    def __init__(
+        self,
+        *,
+        preset: str | None = None,
+        settings: Settings | None = None,
+        threads: int | None = None,
+        **overrides: Any,
+    ) -> None:
+        self._settings = resolve(preset, settings, overrides)
+        self._asked = threads
+        self._workers = _core.Workers(threads)
+
+    @property
+    def settings(self) -> Settings:
+        """The settings of every match."""
+        return self._settings
+
+    @property
+    def threads(self) -> int:
+        """The number of threads."""
+        return self._workers.count
+
+    def match(
+        self,
+        left: Picture,
+        right: Picture,
+        *,
+        num_disparities: int | None = None,
+        min_disparity: int = 0,
+        left_mask: ArrayLike | None = None,
+        right_mask: ArrayLike | None = None,
+        progress: Progress | None = None,
+        noise: Noise | None = None,
+        equalisation: Equalisation | None = None,
+        before: Result | None = None,
+    ) -> Result:
+        """Match a rectified stereo pair: parameters, result and errors are those of `match`.
+
+        Parameters
+        ----------
+        before
+            The result of an earlier pair of the same cameras. If this one's blur is as it was,
+            which is seen at a glance, all that was estimated then is taken over: blur, noise and
+            contrast, the field of the rows, and the range of disparities unless it is told; and
+            ``result.blur.reused`` is True. What a glance does not see is told by the notes of
+            `phasestereo.stream`. None: all is estimated anew, if need be.
+        """
+        search = min_disparity, num_disparities
+        masks = left_mask, right_mask
+        result = match_silently(
+            (left, right),
+            masks,
+            search,
+            settings=self._settings,
+            threads=self._workers,
+            progress=progress,
+            told=(noise, equalisation),
+            before=before,
+        )
+        warn(result.findings)
+        return result
+
+    def __reduce__(self) -> tuple[partial[Matcher], tuple[()]]:
+        """Tell how to make another one: threads do not travel."""
+        return partial(type(self), settings=self._settings, threads=self._asked), ()
+
+    def __repr__(self) -> str:
+        """Tell the settings and the number of threads."""
+        return f"Matcher(settings={self._settings}, threads={self.threads})"
+
+
+def match_silently(
+    images: tuple[Picture, Picture],
+    masks: tuple[ArrayLike | None, ArrayLike | None],
+    search: Search,
+    *,
+    settings: Settings,
+    threads: int | _core.Workers | None,
+    progress: Progress | None,
+    told: tuple[Noise | None, Equalisation | None],
+    before: Result | None = None,
+) -> Result:
+    """Match as `match` and `Matcher.match` do, without a warning."""
+    if progress is not None and not callable(progress):
+        raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
+    given = as_array(opened(images[0]), "left"), as_array(opened(images[1]), "right")
+    pair = as_pair(*given)
+    size = pair[0].shape
+    valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
+    known: Told = as_noise(*told), told[1], None, False
+    if before is not None and _is_as_before(before, pair, valid, threads):
+        matched, found = _again(before, pair, valid, search, (threads, progress))
+    else:
+        matched, told_back = _core.match_pair(
+            pair, valid, search, settings, threads, progress, known
+        )
+        found = as_estimates(told_back, settings, search, told[1])
+    disparity, flags, confidence, stages = matched
+    timings = {"estimation": found.seconds} if found.seconds else {}
+    searched = found.search.min_disparity, found.search.num_disparities
+    return Result(
+        disparity,
+        flags,
+        confidence,
+        found.settings,
+        timings | stages,
+        search=found.search,
+        blur=found.blur,
+        alignment=found.alignment,
+        equalisation=found.equalisation,
+        summary=Summary(*_core.summarize(disparity, flags, confidence, searched)),
+        pair=given,
+    )
+
+
+def _is_as_before(
+    before: Result,
+    pair: tuple[Pixels, Pixels],
+    masks: tuple[Mask | None, Mask | None],
+    threads: int | _core.Workers | None,
+) -> bool:
+    """Tell whether what was found out of an earlier pair holds for this one, at a glance."""
+    if before.blur is None or before.blur.glance is None:
+        return False
+    return _core.blur_is_as_before(pair, masks, before.blur.glance, before.blur.impulses, threads)
+
+
+def _again(
+    before: Result,
+    pair: tuple[Pixels, Pixels],
+    masks: tuple[Mask | None, Mask | None],
+    search: Search,
+    how: tuple[int | _core.Workers | None, Progress | None],
+) -> tuple[Matched, Estimates]:
+    """Match with what was found out of an earlier pair."""
+    if search[1] is None and before.search is not None:
+        search = before.search.min_disparity, before.search.num_disparities
+    alignment, versions = before.alignment, before.equalisation
+    field = alignment.field if alignment is not None and alignment.applied else None
+    asked = replace(before.settings, align_rows=False)
+    inverted = before.search is not None and before.search.inverted and asked.compensate_blur
+    known: Told = None, versions, field, inverted
+    matched, told = _core.match_pair(pair, masks, search, asked, *how, known)
+    same = as_estimates(told, before.settings, search, versions)
+    blur = None if before.blur is None else replace(before.blur, reused=True)
+    kept = before.search or same.search
+    return matched, replace(same, search=kept, blur=blur, alignment=alignment)

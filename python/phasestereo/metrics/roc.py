@@ -1,0 +1,184 @@
+"""How well a confidence tells right from wrong disparities.
+
+Here belong numbers and curves computed from a confidence, an estimate, a truth and a mask, nothing
+else. Conventions are those of `phasestereo.metrics`: a pixel is scored where the mask is True and
+the truth finite, and it is *wrong* where the estimate is off by more than a threshold, or missing.
+Only the order of confidences matters, not their scale, so that any measure can be compared with any
+other; it must be known (finite, or infinite) at every scored pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from phasestereo.metrics.pixels import (
+    checked_shape,
+    checked_threshold,
+    scored_pixels,
+    scored_values,
+)
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Floats = npt.NDArray[np.floating]
+    Values = npt.NDArray[np.float64]
+    Mask = npt.NDArray[np.bool_]
+    Indices = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Sparsification:
+    """The share of wrong pixels among the most confident ones.
+
+    Attributes
+    ----------
+    density
+        Share of the scored pixels that is kept, from above 0 to 1; shape (N,), rising. There is one
+        entry for each confidence that occurs: pixels of one confidence are kept or dropped
+        together.
+    bad
+        Percentage of wrong pixels among these; shape (N,).
+    area
+        Mean of `bad` over all densities, in percent, where pixels of one confidence are taken in
+        random order: the less, the better.
+    least
+        The area of a confidence that puts every right pixel before every wrong one. None is less.
+    """
+
+    density: Values
+    bad: Values
+    area: float
+    least: float
+
+
+def roc_area(
+    confidence: Floats,
+    estimate: Floats,
+    truth: Floats,
+    *,
+    threshold: float = 1.0,
+    mask: Mask | None = None,
+) -> float:
+    """Return the area under the ROC curve of a confidence that tells right from wrong pixels.
+
+    It is the probability that of a right and a wrong pixel, drawn at random, the right one has the
+    higher confidence, equal ones counting half: 1 for a perfect confidence, 0.5 for one that knows
+    nothing. Computed exactly from ranks (J. A. Hanley, B. J. McNeil: The Meaning and Use of the
+    Area under a Receiver Operating Characteristic Curve, Radiology 143, 1982).
+
+    Parameters
+    ----------
+    confidence
+        Floats (H, W): the higher, the more trusted; on any scale. NaN is allowed only where no
+        pixel is scored.
+    estimate
+        Disparities, floats (H, W), pixels; where one is not finite, it is missing, and wrong.
+    truth
+        True disparities, floats (H, W); pixels where they are not finite are not scored.
+    threshold
+        A pixel is wrong that is off by more than so many pixels; finite, at least 0.
+    mask
+        Bools (H, W), True = score; everywhere by default.
+
+    Returns
+    -------
+    float
+        From 0 to 1; NaN if all scored pixels are right, or all are wrong.
+
+    Raises
+    ------
+    TypeError
+        If an array or the threshold is of the wrong type.
+    ValueError
+        If shapes differ, a confidence is NaN, the threshold is negative or not finite, or nothing
+        is left to score.
+    """
+    confidences, right = _judged(confidence, estimate, truth, threshold, mask)
+    rights = np.count_nonzero(right)
+    pairs = rights * (right.size - rights)
+    if not pairs:
+        return math.nan
+    inverse, counts = _ties(confidences)
+    # Mean ranks of ties and their sums are multiples of a half, far below 2^52: exact.
+    ranks = np.cumsum(counts) - (counts - 1) / 2
+    above = ranks[inverse[right]].sum() - rights * (rights + 1) / 2
+    return float(above / pairs)
+
+
+def sparsification(
+    confidence: Floats,
+    estimate: Floats,
+    truth: Floats,
+    *,
+    threshold: float = 1.0,
+    mask: Mask | None = None,
+) -> Sparsification:
+    """Return how the share of wrong pixels grows as less and less confident ones are kept.
+
+    X. Hu, P. Mordohai: A Quantitative Evaluation of Confidence Measures for Stereo Vision, PAMI 34
+    (11), 2012, section 4. Unlike the area under the ROC curve, the one under this curve depends on
+    how many pixels are wrong at all.
+
+    Parameters
+    ----------
+    confidence, estimate, truth, threshold, mask
+        As for `roc_area`.
+
+    Returns
+    -------
+    Sparsification
+        The curve, its area and the least there can be.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `roc_area`.
+    """
+    confidences, right = _judged(confidence, estimate, truth, threshold, mask)
+    inverse, counts = _ties(-confidences)
+    wrong = np.bincount(inverse[~right], minlength=counts.size)
+    kept, bad = np.cumsum(counts), np.cumsum(wrong)
+    ideal = np.clip(np.arange(1, right.size + 1) - np.count_nonzero(right), 0, None)
+    return Sparsification(
+        density=kept / right.size,
+        bad=100.0 * bad / kept,
+        area=_area(np.cumsum(np.repeat(wrong / counts, counts))),
+        least=_area(ideal.astype(np.float64)),
+    )
+
+
+def _area(wrong: Values) -> float:
+    """Return the mean percentage of wrong pixels among the first one, the first two and so on."""
+    return float(100.0 * np.mean(wrong / np.arange(1, wrong.size + 1)))
+
+
+def _ties(values: Values) -> tuple[Indices, Indices]:
+    """Return where each value comes among those that occur, and how often these do."""
+    _, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return inverse, counts
+
+
+def _judged(
+    confidence: Floats, estimate: Floats, truth: Floats, threshold: float, mask: Mask | None
+) -> tuple[Values, Mask]:
+    """Return the confidences of the scored pixels, and which of these are right."""
+    limit = checked_threshold(threshold)
+    scored = scored_pixels(estimate, truth, mask)
+    confidence = np.asarray(confidence)
+    if not np.issubdtype(confidence.dtype, np.floating):
+        raise TypeError(f"confidence must be an array of floats, got {confidence.dtype}")
+    checked_shape("confidence", confidence.shape, scored.shape)
+    confidences = confidence[scored].astype(np.float64)
+    unknown = np.count_nonzero(np.isnan(confidences))
+    if unknown:
+        raise ValueError(
+            f"confidence must be known wherever a pixel is scored, got NaN at {unknown} such "
+            f"pixels: a missing estimate has the least"
+        )
+    values, wanted = scored_values(estimate, truth, mask)
+    return confidences, np.abs(values - wanted) <= limit  # False for a missing estimate

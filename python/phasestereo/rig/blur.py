@@ -1,0 +1,193 @@
+"""Which image is blurrier than the other, where, and by what: from the images alone.
+
+A match suffers from what the blur of the two images *differs* by. That can be seen without knowing
+what the images show: where both show the same, their power spectra differ by gain, by noise, and by
+the response of the relative blur.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+Side = Literal["none", "left", "right"]
+Kind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
+
+Glance: TypeAlias = tuple["NDArray[np.uint32]", "NDArray[np.float32]"]
+"""What the core compares a later pair of the same cameras with."""
+
+Estimated: TypeAlias = tuple[
+    list[tuple[int, Kind, float, float, "NDArray[np.float64] | None"]],
+    "NDArray[np.uint8]",
+    int,
+    float,
+    float,
+    list[tuple[float, float]],
+    Glance,
+]
+"""What the core tells: kinds, labels, tile, certainty, contrast, noise with impulses and coding,
+and glance of an estimate."""
+
+_SIDES: tuple[Side, ...] = ("none", "left", "right")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blur:
+    """A kind of relative blur: what one image lacks to be like the other.
+
+    Parameters
+    ----------
+    side
+        The softer image; "none": both are alike.
+    kind
+        The family of the point-spread function: "gaussian", "disk" (defocus), "motion" (straight,
+        at constant speed), "annulus" (defocus of a lens whose middle is covered, as a mirror lens
+        has it), or "other", which none of these explains.
+    size
+        In pixels: the standard deviation of a Gaussian, the radius of a disk, the outer one of an
+        annulus, the length of a motion (1 is none), the root mean square radius of another; 0 of
+        none.
+    angle
+        Direction of a motion in degrees, in [0, 180): 0 is along x, 90 along y, from x (right)
+        towards y (down); 0 of others.
+    psf
+        The point-spread function, float64 (n, n), n odd, sum 1: the sharper image convolved with it
+        is as soft as the other one. None if there is no blur.
+    """
+
+    side: Side
+    kind: Kind
+    size: float
+    angle: float
+    psf: NDArray[np.float64] | None = None
+
+    def __str__(self) -> str:
+        """Return the blur in words."""
+        if self.side == "none":
+            return "none"
+        along = f" at {self.angle:.0f} degrees" if self.kind == "motion" else ""
+        return f"{self.side}, {self.kind} {self.size:.2f} px{along}"
+
+    def __repr__(self) -> str:
+        """Tell the blur, without its array."""
+        return f"<Blur: {self}>"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlurEstimate:
+    """What two images tell about their blur.
+
+    Parameters
+    ----------
+    blurs
+        The kinds of relative blur in the image, at least one, that of the largest area first.
+    labels
+        uint8 (rows, columns) of square tiles of the left image: the index into `blurs` of each.
+        Pixel (x, y) lies in the tile of row y // `tile` and column x // `tile`, or in the last one.
+    tile
+        Side of a tile in pixels.
+    certainty
+        In [0, 1]: how much better the first of `blurs` explains its part of the images than its
+        contrary, that is no blur, or the best of all blurs.
+    contrast
+        Contrast of the left image relative to the right one, as the spectra have it.
+    noise
+        Standard deviations of the noise of the left and of the right image, in the unit of their
+        pixels (of the gray values 0.299 R + 0.587 G + 0.114 B of colour images). Texture that is as
+        fine as noise counts as such.
+    gain, gamma
+        How intensities correspond, as fractions of their range: left = gain * right ** gamma. NaN
+        in the result of a match, which does without.
+    reused
+        Whether it was made of an earlier pair, and taken over since the blur of this one is as it
+        was: `Matcher.match` with ``before``, and `stream`.
+    glance
+        What a later pair of the same cameras is compared with; None: nothing can be.
+    impulses
+        By how much hot, dead and stuck pixels of the left and of the right image stand out from
+        their neighbors at least, in units of the pixels; 0 where there are none. The blur and the
+        noise are those of the images without them.
+    coding
+        What compression in blocks of 8 x 8 pixels (JPEG, video) has lost in the left and in the
+        right image: the standard deviation of a noise that would do as much harm, in units of the
+        pixels. Told by the borders of the blocks, wherever these begin; about 0 without any.
+    """
+
+    blurs: tuple[Blur, ...]
+    labels: NDArray[np.uint8]
+    tile: int
+    certainty: float
+    contrast: float
+    noise: tuple[float, float]
+    gain: float = math.nan
+    gamma: float = math.nan
+    reused: bool = False
+    glance: Glance | None = None
+    impulses: tuple[float, float] = (0.0, 0.0)
+    coding: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def blur(self) -> Blur:
+        """The kind of the largest area."""
+        return self.blurs[0]
+
+    def as_dicts(self) -> list[dict[str, Any]]:
+        """Return the kinds as JSON has them, each with its share of the image."""
+        return [
+            {name: getattr(blur, name) for name in ("side", "kind", "size", "angle")}
+            | {"share": share}
+            for blur, share in zip(self.blurs, self.areas(), strict=True)
+        ]
+
+    def __str__(self) -> str:
+        """Return the kinds in words, each with its share of the image."""
+        told = (
+            f"{blur} in {share:.0%}" for blur, share in zip(self.blurs, self.areas(), strict=True)
+        )
+        return str(self.blur) if len(self.blurs) == 1 else ", ".join(told)
+
+    def _repr_html_(self) -> str:
+        """Show the kinds as a table in notebooks."""
+        notebook = import_module("phasestereo.views.notebook")  # light until asked for
+        shown: str = notebook.blur_html(self)
+        return shown
+
+    def areas(self) -> tuple[float, ...]:
+        """Return the share of the image that each of `blurs` has."""
+        counts = np.bincount(self.labels.ravel(), minlength=len(self.blurs))
+        return tuple((counts / self.labels.size).tolist())
+
+    def label_map(self, size: tuple[int, int]) -> NDArray[np.uint8]:
+        """Return the index into `blurs` of every pixel of an image of so many rows and columns."""
+        y, x = (
+            np.minimum(np.arange(length) // self.tile, tiles - 1)
+            for length, tiles in zip(size, self.labels.shape, strict=True)
+        )
+        return self.labels[np.ix_(y, x)]
+
+
+def as_estimate(found: Estimated) -> BlurEstimate:
+    """Return what the core has found out."""
+    blurs, labels, tile, certainty, contrast, (noise, impulses, coding), glance = found
+    kinds = tuple(
+        Blur(_SIDES[side], kind, size, angle, psf) for side, kind, size, angle, psf in blurs
+    )
+    return BlurEstimate(
+        kinds,
+        labels,
+        tile,
+        certainty,
+        contrast,
+        noise,
+        impulses=impulses,
+        coding=coding,
+        glance=glance,
+    )

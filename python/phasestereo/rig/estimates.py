@@ -1,0 +1,115 @@
+"""What the core finds out of a pair before it matches, as Python has it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+from phasestereo.rig.alignment import Alignment
+from phasestereo.rig.blur import as_estimate
+from phasestereo.rig.compensation import Equalisation
+from phasestereo.rig.search_range import SearchRange
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from phasestereo.rig.alignment import Field
+    from phasestereo.rig.blur import BlurEstimate, Estimated
+    from phasestereo.settings import Settings
+
+    _Taps: TypeAlias = NDArray[np.float32] | None
+
+Found: TypeAlias = tuple[
+    tuple[int, int],
+    "float | None",
+    bool,
+    "tuple[int, int, float, float, bool, bool] | None",
+    "tuple[Field, float, int, float] | None",
+    "Field | None",
+    "Estimated | None",
+    "tuple[list[tuple[float, float]], list[tuple[_Taps, _Taps]], NDArray[np.uint8], int, "
+    "tuple[int, int]] | None",
+    float,
+]
+"""What the core tells: disparities, confidence of a rough match, whether that takes an inverted
+image, range, offsets of rows, the field that is applied, blur, what suits it, seconds."""
+
+Matched: TypeAlias = (
+    "tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, dict[str, float]]"
+)
+"""What a match gives: disparities, flags, confidence, seconds of its stages."""
+
+Told: TypeAlias = "tuple[tuple[float, float] | None, Equalisation | None, Field | None, bool]"
+"""What the core is told: noise, versions, the field of the rows, whether the right image is to be
+inverted."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimates:
+    """What was found out of a pair, and what suits it."""
+
+    settings: Settings
+    search: SearchRange
+    alignment: Alignment | None
+    blur: BlurEstimate | None
+    equalisation: Equalisation | None
+    seconds: float
+
+
+def as_estimates(
+    found: Found,
+    settings: Settings,
+    search: tuple[int, int | None],
+    equalisation: Equalisation | None,
+) -> Estimates:
+    """Return what the core has found out, beside what a call told it."""
+    disparities, confidence, inverted, span, offsets, field, blur, suited, seconds = found
+    if suited is not None:
+        (noise, impulses, smoothing), kernels, labels, tile, (neighborhood, window) = suited
+        equalisation = Equalisation(
+            noise=noise,
+            kernels=kernels,
+            labels=labels,
+            tile=tile,
+            impulses=impulses,
+            smoothing=smoothing,
+        )
+        settings = replace(settings, neighborhood=neighborhood, window=window)
+    return Estimates(
+        settings=settings,
+        search=replace(
+            _search(disparities, confidence, span, is_told=search[1] is not None),
+            inverted=inverted,
+        ),
+        alignment=_alignment(offsets, field),
+        blur=None if blur is None else as_estimate(blur),
+        equalisation=equalisation,
+        seconds=seconds,
+    )
+
+
+def _search(
+    disparities: tuple[int, int],
+    confidence: float | None,
+    span: tuple[int, int, float, float, bool, bool] | None,
+    *,
+    is_told: bool,
+) -> SearchRange:
+    sure = math.nan if confidence is None else confidence
+    if span is None:
+        return SearchRange(*disparities, "told" if is_told else "default", sure)
+    _, _, low, high, swapped, mixed = span
+    return SearchRange(
+        *disparities, "told" if is_told else "found", sure, low, high, swapped, mixed
+    )
+
+
+def _alignment(
+    offsets: tuple[Field, float, int, float] | None, field: Field | None
+) -> Alignment | None:
+    if offsets is None:
+        return None
+    (coefficients, size, _), error, blocks, spread = offsets
+    return Alignment(tuple(coefficients), error, blocks, spread, size, applied=field is not None)

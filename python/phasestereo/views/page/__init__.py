@@ -1,0 +1,14 @@
+"""The page of a pair: one HTML file that shows a result, wherever there is a browser.
+
+    write_pair_page("page.html", left, right, result, num_disparities=64)
+
+The page needs nothing beside it and no network. `page` puts it together, `layers` chooses what can
+be looked at pixel by pixel, `facts` what is told in words and numbers, `scene` the points of the
+3-D view, and `embedding` turns arrays into text. The templates ``pair.*`` do the rest.
+"""
+
+from __future__ import annotations
+
+from phasestereo.views.page.page import write_pair_page
+
+__all__ = ["write_pair_page"]

@@ -1,0 +1,171 @@
+"""What can be looked at pixel by pixel: each layer with its colours, its scale and its values."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo._extras import require
+from phasestereo.result import Flag, count_flags
+from phasestereo.views.page.embedding import packed
+from phasestereo.views.picture import (
+    CONFIDENCE_COLOURS,
+    DISPARITY_COLOURS,
+    ERROR_COLOURS,
+    GOOD,
+    limits,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from phasestereo.result import Result
+    from phasestereo.views.page.embedding import Coding
+
+    Map = NDArray[np.float32]
+
+__all__ = ["FLAGS", "Kind", "Layer", "arrays_of", "flag_kinds", "layers_of", "views"]
+
+_WORST = 4.0  # error in pixels from which on the colour is the darkest
+
+# Colours that people with any colour vision tell apart (after Okabe and Ito), and what to say.
+FLAGS = {
+    Flag.MASKED: ("#5a5a5a", "the left pixel is masked"),
+    Flag.NO_CANDIDATE: ("#2b2b2b", "nothing valid to compare it with"),
+    Flag.OUTSIDE: ("#0072b2", "the match lies outside the right image"),
+    Flag.MATCH_MASKED: ("#56b4e9", "the match lies on a masked pixel"),
+    Flag.OCCLUDED: ("#e69f00", "most likely the right image does not see it"),
+    Flag.MISMATCHED: ("#d55e00", "the match belongs to another pixel"),
+    Flag.LOW_CONFIDENCE: ("#cc79a7", "the confidence is below the limit"),
+    Flag.SPECKLE: ("#009e73", "part of a small region that stands out"),
+    Flag.AMBIGUOUS: ("#8250df", "another disparity fits nearly as well"),
+    Flag.FILLED: ("#f0e442", "it has the disparity of the background beside"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """A map of numbers to look at.
+
+    Parameters
+    ----------
+    key
+        Its name in the page.
+    label
+        Its name for readers.
+    unit
+        Of its values; "" if they have none.
+    low, high
+        Values at the ends of the colours; beyond them the colours stay.
+    lookup
+        256 RGB colours from low to high, 3 bytes each, by base64.
+    places
+        Decimal places of its values.
+    hint
+        What the colours mean.
+    missing
+        What gray pixels are.
+    """
+
+    key: str
+    label: str
+    unit: str
+    low: float
+    high: float
+    lookup: str
+    places: int
+    hint: str
+    missing: str
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A flag: its bit, its name, how many pixels have it, and how it is shown."""
+
+    bit: int
+    name: str
+    pixels: int
+    share: float
+    colour: str
+    meaning: str
+
+
+def layers_of(result: Result, truth: Map | None) -> list[Layer]:
+    """Return the layers of numbers that there are for a result, in the order of their buttons."""
+    ends = _robust_ends(result.disparity if truth is None else truth, result.disparity)
+    near = "near is red, far is blue"
+    depth = colours(DISPARITY_COLOURS)
+    found = [Layer("disparity", "Disparity", "px", *ends, depth, 2, near, "no estimate")]
+    if result.confidence is not None:
+        sure = "about the probability that the disparity is within 1 px"
+        lookup = colours(CONFIDENCE_COLOURS)
+        found.append(Layer("confidence", "Confidence", "", 0, 1, lookup, 2, sure, "no estimate"))
+    if truth is not None:
+        wrong = f"|disparity - truth|: up to {GOOD:g} px is white"
+        lookup = colours(ERROR_COLOURS, white=GOOD / _WORST)
+        found.append(Layer("error", "Error", "px", 0, _WORST, lookup, 2, wrong, "not scored"))
+        found.append(Layer("truth", "Truth", "px", *ends, depth, 2, near, "unknown"))
+    return found
+
+
+def flag_kinds(flags: NDArray[np.uint16]) -> list[Kind]:
+    """Return every flag that a pixel has, reasons before the fillings they led to."""
+    counts = count_flags(flags)
+    return [
+        Kind(flag.value, flag.words, counts[flag], counts[flag] / flags.size, colour, meaning)
+        for flag, (colour, meaning) in FLAGS.items()
+        if counts[flag]
+    ]
+
+
+def colours(name: str, *, white: float = 0.0) -> str:
+    """Return 256 colours of a map of matplotlib's, of which a first share may be white."""
+    lookup = require("matplotlib", extra="report").colormaps[name]
+    table = lookup(np.arange(256), bytes=True)[:, :3].copy()
+    table[: round(white * 255) + 1 if white else 0] = 255
+    return base64.b64encode(table.tobytes()).decode()
+
+
+def views(layers: list[Layer]) -> list[tuple[str, str]]:
+    """Return the keys and labels of all that can be looked at, in the order of their buttons."""
+    told = [(layer.key, layer.label) for layer in layers]
+    place = 1 + any(key == "confidence" for key, _ in told)
+    pair = [("left", "Left image"), ("right", "Right image")]
+    return [*pair, *told[:place], ("flags", "Flags"), *told[place:]]
+
+
+def arrays_of(
+    result: Result,
+    truth: Map | None,
+    scored: NDArray[np.bool_] | None,
+    step: int,
+    coding: Coding,
+) -> dict[str, str]:
+    """Return what the page's layers hold, every step-th pixel of every step-th row, as text."""
+    thin = (slice(None, None, step), slice(None, None, step))
+    found: dict[str, NDArray[Any] | None] = {
+        "disparity": coding.encode(result.disparity),
+        "flags": result.flags,
+        "confidence": None if result.confidence is None else _bytes(result.confidence),
+        "truth": None if truth is None else coding.encode(truth),
+        "scored": None if scored is None else scored.astype(np.uint8),
+    }
+    return {name: packed(array[thin]) for name, array in found.items() if array is not None}
+
+
+def _bytes(shares: Map) -> NDArray[np.uint8]:
+    """Return shares from 0 to 1 as 0 to 255."""
+    return np.rint(255 * shares).astype(np.uint8)
+
+
+def _robust_ends(*maps: Map) -> tuple[float, float]:
+    """Return ends of the colours: of the first map that has any value."""
+    for values in maps:
+        known = values[np.isfinite(values)]
+        if known.size:
+            low, high = limits(known)
+            return (low, high) if high > low else (low - 0.5, low + 0.5)
+    return 0.0, 1.0

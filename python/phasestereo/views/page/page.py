@@ -1,0 +1,235 @@
+"""The page put together: checked, rendered, and written whole or not at all."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from phasestereo._extras import require
+from phasestereo._images import as_mask, as_pair, on_screen, screen_range
+from phasestereo.io import Calibration
+from phasestereo.io.files import replacing, suffix
+from phasestereo.result import Result
+from phasestereo.views.page import facts, layers
+from phasestereo.views.page.embedding import coding_of, photograph_uri
+from phasestereo.views.page.scene import Scene, scene_of
+from phasestereo.views.templating import render_page
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from phasestereo._images import Pixels
+    from phasestereo.io.files import StrPath
+
+    Map = NDArray[np.float32]
+    Mask = NDArray[np.bool_]
+
+__all__ = ["require_page", "write_pair_page"]
+
+MOST_PIXELS = 2_100_000
+"""Maps of more pixels, that is beyond Full HD, are thinned out: a page has to open at once."""
+
+MOST_EXACT = 400_000
+"""Pictures of more pixels are compressed with loss: they are most of what a page takes."""
+
+
+def write_pair_page(
+    path: StrPath,
+    left: ArrayLike,
+    right: ArrayLike,
+    result: Result,
+    *,
+    truth: ArrayLike | None = None,
+    mask: ArrayLike | None = None,
+    calibration: Calibration | None = None,
+    max_depth: float | None = None,
+    min_disparity: int = 0,
+    num_disparities: int | None = None,
+    title: str = "Stereo pair",
+) -> None:
+    """Write a page that shows a result: one HTML file, which needs no network.
+
+    It has the pair to flick between, disparities, confidences, flags and errors with their values
+    under the cursor, the diagnosis of the blur, metrics, settings and times, and the points in
+    three dimensions. It needs a browser of 2023 or later. Disparities are told to 1/128 px, or as
+    fine as 16 bits can. Of maps of more than 2.1 million pixels, that is beyond Full HD, it shows
+    every n-th pixel of every n-th row, with the values of just these, and says so.
+
+    Parameters
+    ----------
+    path
+        The file: ``.html`` or ``.htm``.
+    left, right
+        The images, as `phasestereo.match` takes them. Intensities of other types than uint8 are
+        stretched for the screen.
+    result
+        What `match` returned for them.
+    truth
+        Floats (H, W), the disparities known to be right; NaN or infinite = unknown.
+    mask
+        bool (H, W), the pixels to score; None: all whose truth is known.
+    calibration
+        Geometry of the points; without one they are drawn as if the focal length were the images'
+        width and the cameras one unit apart, and the page says so.
+    max_depth
+        Points farther away, in the unit of the baseline, are left out; None: those more than half
+        as far again as nine tenths of them.
+    min_disparity, num_disparities
+        What was searched, to tell it; None: not told.
+    title
+        Heading of the page.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If the suffix is another, sizes differ, or there is nothing to score; if there is a mask and
+        no truth.
+    OSError
+        If the file cannot be written.
+    ImportError
+        If the extra ``report`` is not installed.
+    """
+    if suffix(path) not in (".html", ".htm"):
+        raise ValueError(f"path must end in .html or .htm, got {suffix(path)!r}")
+    require_page()
+    pair = as_pair(left, right)
+    size = pair[0].shape[:2]
+    known, counted = _checked(size, result, truth, mask)
+    shown = _Shown(pair, result, known, counted, _step(size))
+    _check_geometry(size, calibration, max_depth)
+    scene = scene_of(result.disparity, calibration, step=shown.step, max_depth=max_depth)
+    search = None if num_disparities is None else (min_disparity, num_disparities)
+    page = render_page("pair.html.j2", title=str(title), **_told(shown, scene, search))
+    with replacing(path) as file:
+        file.write(page.encode())
+
+
+def require_page() -> None:
+    """Raise ImportError, naming the extra ``report``, if anything a page needs is missing."""
+    for module in ("jinja2", "matplotlib", "PIL"):
+        require(module, extra="report")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shown:
+    """What there is to show, and every how many pixels of it."""
+
+    pair: tuple[Pixels, Pixels]
+    result: Result
+    truth: Map | None
+    mask: Mask | None
+    step: int
+
+
+def _checked(
+    size: tuple[int, ...], result: Result, truth: ArrayLike | None, mask: ArrayLike | None
+) -> tuple[Map | None, Mask | None]:
+    """Return truth and mask as arrays, if everything has the size of the images."""
+    if not isinstance(result, Result):
+        raise TypeError(f"result: got {type(result).__name__}; accepts a Result")
+    if result.disparity.shape != size:
+        raise ValueError(f"result: got {result.disparity.shape} pixels; accepts the images' {size}")
+    counted = as_mask(mask, size, "mask")
+    if truth is None:
+        if counted is not None:
+            raise ValueError("mask: has no effect without truth; accepts None then")
+        return None, None
+    values = np.asarray(truth)
+    if values.dtype.kind != "f":
+        raise TypeError(f"truth: got dtype {values.dtype}; accepts floats (pixels, NaN = unknown)")
+    if values.shape != size:
+        raise ValueError(f"truth: got shape {values.shape}; accepts the images' {size}")
+    return values.astype(np.float32), counted
+
+
+def _check_geometry(
+    size: tuple[int, ...], calibration: Calibration | None, max_depth: float | None
+) -> None:
+    if calibration is not None:
+        if not isinstance(calibration, Calibration):
+            got = type(calibration).__name__
+            raise TypeError(f"calibration: got {got}; accepts a Calibration or None")
+        calibration.check_size(size)
+    if max_depth is not None and not max_depth > 0:
+        raise ValueError(f"max_depth: got {max_depth}; accepts positive numbers or None")
+
+
+def _step(size: tuple[int, ...]) -> int:
+    """Return the least step at which no more pixels are left than a page shows."""
+    step = 1
+    while -(-size[0] // step) * -(-size[1] // step) > MOST_PIXELS:
+        step += 1
+    return step
+
+
+def _told(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[str, Any]:
+    """Return all that the template refers to."""
+    result, truth = shown.result, shown.truth
+    scored = None if truth is None else facts.scored_pixels(truth, shown.mask)
+    score = facts.scored(result, truth, shown.mask)
+    kinds = layers.flag_kinds(result.flags)
+    ends = None if shown.pair[0].dtype == np.uint8 else screen_range(shown.pair)
+    thin = (slice(None, None, shown.step), slice(None, None, shown.step))
+    is_small = shown.pair[0][thin][:, :, 0].size <= MOST_EXACT
+    left, right = (
+        photograph_uri(_as_picture(image[thin], ends), exact=is_small) for image in shown.pair
+    )
+    coding = coding_of(result.disparity, truth)
+    maps = layers.layers_of(result, truth)
+    views = layers.views(maps)
+    charts = facts.charts(result, truth, scored)
+    gray = _is_gray(shown.pair[0]), _is_gray(shown.pair[1])
+    rows, cols = result.disparity.shape
+    return {
+        "views": views,
+        "charts": facts.chart_titles(charts),
+        "readout": facts.readout(
+            result, truth, exact=ends is None and is_small, metric=not scene.nominal, gray=gray
+        ),
+        "rows": rows,
+        "cols": cols,
+        "step": shown.step,
+        "left": left,
+        "right": right,
+        "ends": ends,
+        "scene": scene,
+        "search": search,
+        "kinds": kinds,
+        "findings": result.findings,
+        "trusted": 100 * float((np.isfinite(result.disparity) & (result.flags == 0)).mean()),
+        "unflagged": 100 * float((result.flags == 0).mean()),
+        "seconds": sum(result.timings.values()),
+        "score": score,
+        "metrics": [] if score is None else facts.metric_rows(score),
+        "settings": facts.setting_rows(result.settings),
+        "preset": facts.preset_of(result.settings),
+        "timings": facts.timing_rows(result.timings),
+        "versions": facts.versions(),
+        "blur": None if result.blur is None else facts.blur_told(result.blur, (rows, cols)),
+        "arrays": layers.arrays_of(result, truth, scored, shown.step, coding),
+        "page": {
+            "cols": -(-cols // shown.step),
+            "rows": -(-rows // shown.step),
+            "step": shown.step,
+            "exact": ends is None and is_small,
+            "gray": dict(zip(("left", "right"), gray, strict=True)),
+            "views": views,
+            "layers": [asdict(layer) for layer in maps],
+            "flags": [asdict(kind) for kind in kinds],
+            "charts": charts,
+            "scene": scene.described() | {"coding": [coding.low, coding.step]},
+        },
+    }
+
+
+def _as_picture(pixels: Pixels, ends: tuple[float, float] | None) -> NDArray[np.uint8]:
+    return np.asarray(pixels, dtype=np.uint8) if ends is None else on_screen(pixels, ends)
+
+
+def _is_gray(image: Pixels) -> bool:
+    channels: int = image.shape[2]
+    return channels == 1

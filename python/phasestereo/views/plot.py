@@ -1,0 +1,529 @@
+"""Maps on matplotlib's axes: what a match found, to be placed among the figures of one's own.
+
+Every function takes what it draws first, and the axes second: without any, the current ones of
+pyplot. It draws in the coordinates of pixels, leaves titles to the caller, and returns the image it
+added, or the axes. matplotlib comes with the extra ``plot``; the colours are those of
+`phasestereo.views.picture`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from phasestereo._extras import require
+from phasestereo.result import Flag, Result
+from phasestereo.rig.blur import BlurEstimate
+from phasestereo.views.picture import (
+    CONFIDENCE_COLOURS,
+    DISPARITY_COLOURS,
+    ERROR_COLOURS,
+    GOOD,
+    NEUTRAL,
+    UNSCORED,
+    as_map,
+    distribution,
+    error_map,
+    limits,
+    viewable,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+    from numpy.typing import ArrayLike, NDArray
+
+    Disparities: TypeAlias = Result | ArrayLike
+
+__all__ = [
+    "blur",
+    "confidence",
+    "disparity",
+    "error",
+    "flags",
+    "histogram",
+    "overview",
+    "pair",
+]
+
+_CATEGORIES = "tab10"
+_UNFLAGGED = "#ffffff"
+_SHADES = 1024
+_GRAY = np.array([0.299, 0.587, 0.114])
+_BAR = 1.03, 0.0, 0.04, 1.0  # x, y, width and height, in those of the axes
+_LEGEND: dict[str, Any] = {  # below, and not on the numbers along the axis
+    "loc": "upper left",
+    "bbox_to_anchor": (0, 0),
+    "borderaxespad": 2.2,
+    "ncols": 2,
+    "fontsize": "small",
+    "frameon": False,
+}
+_LINES = 9  # across a pair
+_LINE_COLOUR = "#ffd400"
+
+
+def disparity(
+    result: Disparities,
+    ax: Axes | None = None,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    colorbar: bool = True,
+    cmap: str = DISPARITY_COLOURS,
+) -> AxesImage:
+    """Draw a disparity map: far is blue, near is red, no estimate is gray.
+
+    Parameters
+    ----------
+    result
+        The result, or disparities: float (H, W), pixels; NaN or infinite = no estimate.
+    ax
+        Where to; None: the current axes of pyplot.
+    low, high
+        Disparities at the ends of the colours. None: the 1st and the 99th percentile.
+    colorbar
+        Whether to draw a scale in pixels beside it.
+    cmap
+        Name of a map of colours of matplotlib.
+
+    Returns
+    -------
+    AxesImage
+        The map, with the disparities as its data, masked where there is no estimate.
+
+    Raises
+    ------
+    TypeError
+        If the disparities are not floats, or a limit is not a number.
+    ValueError
+        If the shape is not (H, W), a limit is not finite, or low exceeds high.
+    ImportError
+        If matplotlib is not installed.
+    """
+    values = _disparities(result)
+    known = values[np.isfinite(values)]
+    ends = limits(known, low, high)
+    image = _draw(ax, values, ends, _colours(cmap, bad=NEUTRAL))
+    if colorbar:
+        _bar(image, "disparity, pixels", extend=_extent(known, ends))
+    return image
+
+
+def confidence(result: Disparities, ax: Axes | None = None, *, colorbar: bool = True) -> AxesImage:
+    """Draw a map of confidences, 0 to 1.
+
+    Parameters
+    ----------
+    result
+        The result, or confidences: float (H, W).
+    ax, colorbar
+        As for `disparity`.
+
+    Returns
+    -------
+    AxesImage
+        The map, with the confidences as its data.
+
+    Raises
+    ------
+    TypeError
+        If the confidences are not floats.
+    ValueError
+        If the shape is not (H, W), or the result has no confidences.
+    ImportError
+        If matplotlib is not installed.
+    """
+    given = result.confidence if isinstance(result, Result) else result
+    if given is None:
+        raise ValueError(
+            "result: got one without confidences; they are there if it is matched with "
+            "confidence=True"
+        )
+    values = as_map("confidence", given)
+    image = _draw(ax, values, (0.0, 1.0), _colours(CONFIDENCE_COLOURS, bad=NEUTRAL))
+    if colorbar:
+        _bar(image, "confidence")
+    return image
+
+
+def flags(result: Result | ArrayLike, ax: Axes | None = None, *, legend: bool = True) -> AxesImage:
+    """Draw why pixels have no estimate of their own, or one that is not to be trusted.
+
+    A pixel may have several flags: drawn is the one of the smallest value, and ``FILLED``, which
+    comes with a reason, only where there is no other.
+
+    Parameters
+    ----------
+    result
+        The result, or flags: integers (H, W), bits of `phasestereo.Flag`.
+    ax
+        As for `disparity`.
+    legend
+        Whether to name the colours beside it, with the share of the pixels that each has.
+
+    Returns
+    -------
+    AxesImage
+        The map; its data are 0 where no flag is set, else the number of the flag that is drawn, of
+        which `Flag.MASKED` is 1, `Flag.NO_CANDIDATE` 2 and so on.
+
+    Raises
+    ------
+    TypeError
+        If the flags are not integers.
+    ValueError
+        If the shape is not (H, W), or there are other flags than those of `phasestereo.Flag`.
+    ImportError
+        If matplotlib is not installed.
+    """
+    categories = _categories(result.flags if isinstance(result, Result) else result)
+    names = ["none", *(flag.words for flag in Flag)]
+    colours = [_UNFLAGGED, *_category_colours(len(Flag))]
+    return _draw_categories(ax, categories, names, colours, legend=legend)
+
+
+def error(
+    estimate: Disparities,
+    truth: ArrayLike,
+    ax: Axes | None = None,
+    *,
+    mask: ArrayLike | None = None,
+    worst: float = 4.0,
+    colorbar: bool = True,
+) -> AxesImage:
+    """Draw how far a disparity map is from the truth: white is right, yellow to dark red is wrong.
+
+    Errors up to 1 pixel, which are not bad, are white. Gray pixels do not count.
+
+    Parameters
+    ----------
+    estimate
+        The result, or disparities: float (H, W), pixels; NaN or infinite = missing, which is as bad
+        as the worst.
+    truth
+        Float (H, W), pixels; NaN or infinite = unknown.
+    ax, colorbar
+        As for `disparity`.
+    mask
+        Pixels that count, bool (H, W); None: all whose truth is known.
+    worst
+        Error in pixels from which on the colour is the darkest, more than 1.
+
+    Returns
+    -------
+    AxesImage
+        The map, with the absolute errors as its data, masked where pixels do not count.
+
+    Raises
+    ------
+    TypeError
+        If the maps are not floats, the mask is not bool, or worst is not a number.
+    ValueError
+        If shapes differ or are not (H, W), or worst is not above 1.
+    ImportError
+        If matplotlib is not installed.
+    """
+    values = error_map(_disparities(estimate), truth, mask, worst=worst)
+    image = _draw(ax, values, (0.0, float(worst)), _error_colours(worst))
+    if colorbar:
+        _bar(image, "error, pixels", extend=_extent(values[~np.isnan(values)], (0.0, worst)))
+    return image
+
+
+def histogram(
+    result: Disparities,
+    ax: Axes | None = None,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    cmap: str = DISPARITY_COLOURS,
+) -> Axes:
+    """Draw how often which disparity occurs, each in its colour of the map.
+
+    Parameters
+    ----------
+    result, ax, low, high, cmap
+        As for `disparity`.
+
+    Returns
+    -------
+    Axes
+        The axes, with one bar a bin. Whole disparities are at the bars' centres.
+
+    Raises
+    ------
+    TypeError, ValueError, ImportError
+        As `disparity`.
+    """
+    values = _disparities(result)
+    known = values[np.isfinite(values)]
+    ends = limits(known, low, high)
+    axes = _axes(ax)
+    axes.set_xlabel("disparity, pixels")
+    axes.set_ylabel("pixels of the image")
+    if not known.size:
+        return axes
+    counts, edges = distribution(known)
+    norm = require("matplotlib.colors", extra="plot").Normalize(*ends)
+    colours = _colours(cmap, bad=NEUTRAL)(norm((edges[:-1] + edges[1:]) / 2))
+    axes.bar(edges[:-1], counts, np.diff(edges), align="edge", color=colours)
+    axes.set_facecolor(_fraction(NEUTRAL))  # the ends of turbo are dark, its middle is light
+    axes.set_xlim(float(edges[0]), float(edges[-1]))
+    return axes
+
+
+def pair(
+    images: Result | Sequence[ArrayLike],
+    ax: Axes | None = None,
+    *,
+    style: Literal["anaglyph", "side by side"] = "anaglyph",
+) -> AxesImage:
+    """Draw both images of a pair in one.
+
+    Parameters
+    ----------
+    images
+        The left and the right image as `phasestereo.match` takes them, or a result that knows them.
+    ax
+        As for `disparity`.
+    style
+        "anaglyph": the left image red, the right one cyan, one upon the other, as red-cyan glasses
+        want them; things are shifted by their disparity, and by nothing else if the pair is
+        rectified. "side by side": left and right, with lines along rows, on which corresponding
+        points lie.
+
+    Returns
+    -------
+    AxesImage
+        The picture.
+
+    Raises
+    ------
+    TypeError
+        For a wrong type or dtype.
+    ValueError
+        If the images are not two of one size, the result does not know them, or the style is
+        unknown.
+    ImportError
+        If matplotlib is not installed.
+    """
+    left, right = _images(images)
+    if style not in ("anaglyph", "side by side"):
+        raise ValueError(f"style: got {style!r}; accepts 'anaglyph' and 'side by side'")
+    if style == "anaglyph":
+        red, cyan = (np.rint(image @ _GRAY).astype(np.uint8) for image in (left, right))
+        return _axes(ax).imshow(np.dstack([red, cyan, cyan]))
+    image = _axes(ax).imshow(np.hstack([left, right]))
+    for y in np.linspace(0, left.shape[0] - 1, _LINES + 2)[1:-1]:
+        image.axes.axhline(y, color=_LINE_COLOUR, linewidth=0.8)
+    return image
+
+
+def blur(
+    estimate: Result | BlurEstimate, ax: Axes | None = None, *, legend: bool = True
+) -> AxesImage:
+    """Draw which part of the left image is blurred how, against the right one.
+
+    Parameters
+    ----------
+    estimate
+        What `phasestereo.estimate_blur` returned, or a result with `Result.blur`.
+    ax
+        As for `disparity`.
+    legend
+        Whether to tell the blurs beside it, with the share of the image that each has.
+
+    Returns
+    -------
+    AxesImage
+        The map; its data are the indices into `BlurEstimate.blurs`. Of a result it has the image's
+        pixels; of an estimate, which does not know them, its tiles, placed on them.
+
+    Raises
+    ------
+    TypeError
+        If it is neither.
+    ValueError
+        If the result has no such estimate.
+    ImportError
+        If matplotlib is not installed.
+    """
+    found = estimate.blur if isinstance(estimate, Result) else estimate
+    if found is None:
+        raise ValueError(
+            "estimate: got a result without one; it is there if the match evened out blur "
+            "(compensate_blur=True), and estimate_blur gives it by itself"
+        )
+    if not isinstance(found, BlurEstimate):
+        raise TypeError(f"estimate: got {type(found).__name__}; accepts a Result or BlurEstimate")
+    labels = found.labels
+    rows, cols = (length * found.tile for length in labels.shape)
+    if isinstance(estimate, Result):
+        rows, cols = estimate.disparity.shape
+        labels = found.label_map((rows, cols))
+    colours = _category_colours(len(found.blurs))
+    image = _draw_categories(ax, labels, [str(one) for one in found.blurs], colours, legend=legend)
+    image.set_extent((-0.5, cols - 0.5, rows - 0.5, -0.5))
+    return image
+
+
+def overview(result: Result, figure: Figure | None = None) -> Figure:
+    """Draw all that a result holds: disparities, histogram, flags, confidences, blur, the pair.
+
+    Parameters
+    ----------
+    result
+        The result.
+    figure
+        Where to; None: a new figure of pyplot.
+
+    Returns
+    -------
+    Figure
+        The figure, with titled axes. A new one in a notebook is the value of its cell alone, no
+        longer pyplot's, or the notebook would show it twice.
+
+    Raises
+    ------
+    TypeError
+        If it is no result.
+    ImportError
+        If matplotlib is not installed.
+    """
+    if not isinstance(result, Result):
+        raise TypeError(f"result: got {type(result).__name__}; accepts a Result")
+    drawn: list[tuple[str, Callable[[Result, Axes], object]]] = [
+        ("Disparity", disparity),
+        ("Histogram", histogram),
+        ("Flags", flags),
+    ]
+    drawn += [] if result.confidence is None else [("Confidence", confidence)]
+    drawn += [] if result.blur is None else [("Blur", blur)]
+    drawn += [] if result.pair is None else [("Pair", pair)]
+    is_new = figure is None
+    if figure is None:
+        pyplot = require("matplotlib.pyplot", extra="plot")
+        figure = pyplot.figure(figsize=(15, 8), layout="constrained")
+    for place, (title, draw) in enumerate(drawn, 1):
+        axes = figure.add_subplot(2, -(-len(drawn) // 2), place)
+        axes.set_title(title)
+        draw(result, axes)
+    if is_new and _shows_open_figures():
+        require("matplotlib.pyplot", extra="plot").close(figure)
+    return figure
+
+
+def _shows_open_figures() -> bool:
+    """Tell whether the figures of pyplot are shown when a cell ends, beside its value."""
+    return "inline" in require("matplotlib", extra="plot").get_backend().lower()
+
+
+def _axes(ax: Axes | None) -> Axes:
+    if ax is None:
+        current: Axes = require("matplotlib.pyplot", extra="plot").gca()
+        return current
+    require("matplotlib", extra="plot")
+    return ax
+
+
+def _draw(ax: Axes | None, values: NDArray[Any], ends: tuple[float, float], cmap: Any) -> AxesImage:
+    """Draw a map pixel by pixel: values in between would be those of nothing."""
+    low, high = ends
+    masked = np.ma.masked_invalid(values)
+    return _axes(ax).imshow(masked, cmap=cmap, vmin=low, vmax=high, interpolation="nearest")
+
+
+def _draw_categories(
+    ax: Axes | None,
+    categories: NDArray[np.integer],
+    names: Sequence[str],
+    colours: Sequence[Any],
+    *,
+    legend: bool,
+) -> AxesImage:
+    """Draw a map of what is one of several things; those that occur are named."""
+    cmap = require("matplotlib.colors", extra="plot").ListedColormap(colours)
+    image = _draw(ax, categories, (-0.5, len(colours) - 0.5), cmap)
+    if legend:
+        patch = require("matplotlib.patches", extra="plot").Patch
+        shares = np.bincount(categories.ravel(), minlength=len(names)) / categories.size
+        handles = [
+            patch(facecolor=colour, edgecolor="black", label=f"{name}, {share:.1%}")
+            for name, colour, share in zip(names, colours, shares, strict=True)
+            if share
+        ]
+        image.axes.legend(handles=handles, **_LEGEND)
+    return image
+
+
+def _bar(image: AxesImage, label: str, *, extend: str = "neither") -> None:
+    figure: Any = image.axes.figure
+    beside = image.axes.inset_axes(_BAR)  # as high as the map, whatever its shape
+    figure.colorbar(image, cax=beside, label=label, extend=extend)
+
+
+def _extent(known: NDArray[np.float64], ends: tuple[float, float]) -> str:
+    """Tell at which ends of the colours there is more."""
+    beyond = bool((known < ends[0]).any()), bool((known > ends[1]).any())
+    names = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    return names.get(beyond, "neither")
+
+
+def _colours(name: str, *, bad: tuple[int, int, int]) -> Any:
+    colours = require("matplotlib", extra="plot").colormaps[name]
+    return colours.with_extremes(bad=_fraction(bad))
+
+
+def _error_colours(worst: float) -> Any:
+    """Return the colours from 0 to the worst error, white as far as nothing is bad."""
+    shades = _colours(ERROR_COLOURS, bad=UNSCORED)(np.linspace(0, 1, _SHADES))
+    shades[: int(_SHADES * GOOD / worst) + 1] = 1
+    listed = require("matplotlib.colors", extra="plot").ListedColormap(shades)
+    return listed.with_extremes(bad=_fraction(UNSCORED))
+
+
+def _category_colours(count: int) -> list[Any]:
+    colours = require("matplotlib", extra="plot").colormaps[_CATEGORIES].colors
+    return [colours[number % len(colours)] for number in range(count)]
+
+
+def _fraction(colour: tuple[int, int, int]) -> tuple[float, float, float]:
+    red, green, blue = (part / 255 for part in colour)
+    return red, green, blue
+
+
+def _disparities(given: Disparities) -> NDArray[np.float64]:
+    return as_map("disparity", given.disparity if isinstance(given, Result) else given)
+
+
+def _categories(given: ArrayLike) -> NDArray[np.intp]:
+    """Return the number of the flag to draw for each pixel, 0 of none."""
+    bits = np.asarray(given)
+    if bits.dtype.kind not in "iu":
+        raise TypeError(f"flags: got {bits.dtype}; accepts integers")
+    if bits.ndim != 2 or bits.size == 0:
+        raise ValueError(f"flags: got shape {bits.shape}; accepts (H, W)")
+    if unknown := int(np.bitwise_or.reduce(bits, axis=None)) & ~sum(Flag):
+        raise ValueError(f"flags: got bits {unknown:#x}; accepts those of Flag")
+    numbers = {flag: number for number, flag in enumerate(Flag, 1)}
+    categories = np.zeros(bits.shape, np.intp)
+    for flag in sorted(Flag, key=lambda flag: (flag is Flag.FILLED, flag), reverse=True):
+        categories[bits & flag != 0] = numbers[flag]
+    return categories
+
+
+def _images(given: Result | Sequence[ArrayLike]) -> list[NDArray[np.uint8]]:
+    images = given.pair if isinstance(given, Result) else given
+    if images is None:
+        raise ValueError("images: got a result that does not know its pair; accepts two images")
+    if len(images) != 2:
+        raise ValueError(f"images: got {len(images)}; accepts two, left and right")
+    left, right = viewable(*images)
+    if left.shape != right.shape:
+        raise ValueError(f"images: got {left.shape[:2]} and {right.shape[:2]}; accepts one size")
+    return [left, right]

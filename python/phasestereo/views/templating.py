@@ -1,0 +1,81 @@
+"""Self-contained HTML pages: one file each, which needs nothing beside it and no network.
+
+A page is a Jinja2 template (the extra ``report``) on top of ``base.html.j2``, which holds the
+style; what it says is the business of whoever renders it.
+"""
+
+from __future__ import annotations
+
+import base64
+import mimetypes
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from phasestereo._extras import require
+
+__all__ = ["data_uri", "render_page"]
+
+
+def render_page(template: str, *, package: str = "phasestereo", **context: Any) -> str:
+    """Render a template.
+
+    Parameters
+    ----------
+    template
+        Name of its file in the folder ``templates`` of the package.
+    package
+        The package it belongs to. Templates of this one are there for those of any other.
+    **context
+        What the template refers to, all of which must be given. Text is escaped; the filter
+        ``embedded`` turns the path of an image into the image itself, as `data_uri` does; the
+        function ``source`` returns a file of our folder ``templates`` as it is, such as a script.
+
+    Returns
+    -------
+    str
+        The page.
+
+    Raises
+    ------
+    ImportError
+        If Jinja2 is not installed.
+    OSError
+        If an image cannot be read.
+    """
+    jinja2 = require("jinja2", extra="report")
+    environment = jinja2.Environment(
+        loader=jinja2.ChoiceLoader(
+            [jinja2.PackageLoader(package), jinja2.PackageLoader("phasestereo.views")]
+        ),
+        undefined=jinja2.StrictUndefined,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["embedded"] = data_uri
+    environment.globals["source"] = _source
+    page: str = environment.get_template(template).render(context)
+    return page
+
+
+def _source(name: str) -> Any:
+    """Return a file of the templates' folder as it is, marked as markup."""
+    text = (resources.files("phasestereo.views") / "templates" / name).read_text("utf-8")
+    return require("markupsafe", extra="report").Markup(text)
+
+
+def data_uri(path: str | Path) -> str:
+    """Return a file as a URI that holds all of it; its suffix tells its media type.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    ValueError
+        If the suffix is unknown.
+    """
+    media_type, _ = mimetypes.guess_type(Path(path).name)
+    if media_type is None:
+        raise ValueError(f"path: got {path}; accepts files whose suffix tells their media type")
+    return f"data:{media_type};base64,{base64.b64encode(Path(path).read_bytes()).decode()}"

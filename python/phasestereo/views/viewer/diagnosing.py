@@ -1,0 +1,33 @@
+"""The pair looked at beside its matches, as often as that leaves time for them."""
+
+from __future__ import annotations
+
+from threading import Thread
+from time import monotonic
+from typing import TYPE_CHECKING
+
+from phasestereo.rig.diagnosis import check
+
+if TYPE_CHECKING:
+    from phasestereo.views.viewer.show import Show
+
+_PAUSE = 1.0  # seconds
+_SHARE = 4.0  # times what a look takes: a fifth of one processor at most
+
+
+def diagnosing(show: Show) -> Thread:
+    """Start a thread that diagnoses the last pair again and again until the show is closed."""
+
+    def run() -> None:
+        index = None
+        while not show.closed:
+            start, frame = monotonic(), show.frame
+            if frame is not None and frame.index != index:
+                index = frame.index
+                show.diagnose(check(frame.left, frame.right))
+            if show.wait_closed(max(_PAUSE, _SHARE * (monotonic() - start))):
+                return
+
+    thread = Thread(target=run, name="phasestereo-diagnosing", daemon=True)
+    thread.start()
+    return thread
