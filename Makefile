@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 CORE := python/phasestereo/_core.abi3.so
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test fuzz soak lint format bench tables bench-core docs wheel hooks clean
+.PHONY: help demo test fuzz soak lint format bench tables bench-core docs web wheel hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -52,6 +52,9 @@ bench-core: ## Time each stage of the core (make bench-core ARGS=optimization: o
 docs: $(VENV)/counterparts ## Build the documentation, and the pictures in it, into site/
 	$(BIN)/mkdocs build --strict
 
+web: $(VENV)/counterparts ## Build the page "try it" into web/dist/: python -m http.server --directory web/dist shows it
+	$(BIN)/python docs/try_page.py web/dist
+
 wheel: $(VENV)/ready ## Build a wheel into dist/
 	$(BIN)/maturin build --release --locked --out dist
 
@@ -59,7 +62,7 @@ hooks: ## Check every push as CI would
 	git config core.hooksPath .githooks
 
 clean: ## Remove all that was built
-	rm -rf $(VENV) target dist site demo speed tables $(CORE)
+	rm -rf $(VENV) target dist site web/dist demo speed tables $(CORE)
 
 # Debian's Python comes without ensurepip unless python3-venv is installed; virtualenv needs neither.
 $(VENV)/ready: pyproject.toml

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pictures  # noqa: F401  # the examples that the build runs ask for it
+import try_page
 from mkdocs.structure.files import File
 
 from phasestereo_bench import rendering
@@ -32,10 +33,12 @@ def on_page_markdown(markdown: str, **_: object) -> str:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the documents of the folder above to the pages; links into this folder follow."""
+    """Add the documents of the folder above to the pages, and the page "try it"; links follow."""
     for name in ROOT_PAGES:
         text = (Path(config.docs_dir).parent / name).read_text(encoding="utf-8")
         page = re.sub(r"\]\(docs/", "](", text)
         page = re.sub(r"\]\(([A-Z]+\.md)", lambda link: link[0].lower(), page)
         files.append(File.generated(config, name.lower(), content=page))
+    for name, content in try_page.contents().items():
+        files.append(File.generated(config, f"try/{name}", content=content))
     return files
