@@ -44,7 +44,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the page twice: with the core, if it is there, and with a stand-in."""
     folder = tmp_path_factory.mktemp("web")
     path = os.pathsep.join(str(ROOT / place) for place in ("python", "benches/harness"))
-    program = [sys.executable, ROOT / "docs" / "try_page.py", folder / "core"]
+    program = [sys.executable, str(ROOT / "docs" / "try_page.py"), str(folder / "core")]
     subprocess.run(program, env=os.environ | {"PYTHONPATH": path}, check=True)  # noqa: S603  # ours
     shutil.copytree(folder / "core", folder / "stand-in")
     shutil.copy(ROOT / "tests" / "stand_in_matcher.js", folder / "stand-in" / "matcher.js")
