@@ -4,9 +4,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 CORE := python/phasestereo/_core.abi3.so
+C_LIBRARY := target/c/release/libphasestereo.so
+RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs')
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test fuzz soak lint format bench tables bench-core docs web wheel hooks clean
+.PHONY: help demo test fuzz soak lint format bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -49,20 +51,22 @@ tables: $(VENV)/counterparts ## Make every table of the documentation, in half a
 bench-core: ## Time each stage of the core (make bench-core ARGS=optimization: one of them)
 	cargo bench --locked -- $(ARGS)
 
-docs: $(VENV)/counterparts ## Build the documentation, and the pictures in it, into site/
+docs: $(VENV)/counterparts web/phasestereo.wasm ## Build the documentation, and the pictures in it, into site/
 	$(BIN)/mkdocs build --strict
-
-web: $(VENV)/counterparts ## Build the page "try it" into web/dist/: python -m http.server --directory web/dist shows it
-	$(BIN)/python docs/try_page.py web/dist
 
 wheel: $(VENV)/ready ## Build a wheel into dist/
 	$(BIN)/maturin build --release --locked --out dist
+
+c: $(C_LIBRARY) ## Build the C libraries into target/c/release/ (header: rust/c/phasestereo.h)
+
+web: $(VENV)/counterparts web/phasestereo.wasm ## Build the core for browsers, and the page "try it" with it into web/dist/
+	$(BIN)/python docs/try_page.py web/dist
 
 hooks: ## Check every push as CI would
 	git config core.hooksPath .githooks
 
 clean: ## Remove all that was built
-	rm -rf $(VENV) target dist site web/dist demo speed tables $(CORE)
+	rm -rf $(VENV) target dist site demo speed tables $(CORE) web/phasestereo.wasm web/dist
 
 # Debian's Python comes without ensurepip unless python3-venv is installed; virtualenv needs neither.
 $(VENV)/ready: pyproject.toml
@@ -80,6 +84,14 @@ $(VENV)/counterparts: $(VENV)/harness
 
 $(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs)
 	$(BIN)/pip install --quiet --no-build-isolation --editable .
+	touch $@
+
+$(C_LIBRARY): $(RUST)
+	cargo rustc --release --locked --lib --features c --crate-type cdylib,staticlib --target-dir target/c
+	touch $@
+
+web/phasestereo.wasm: $(RUST) web/build.sh web/toolchain.sh
+	web/build.sh
 	touch $@
 
 $(VENV)/harness: $(CORE) benches/harness/pyproject.toml

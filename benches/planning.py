@@ -75,7 +75,7 @@ def main(left: Path, right: Path) -> None:
     for name in ("fast", "robust"):
         plan_archive(name, pairs[name], client)
     for name, way in WAYS.items():
-        plan_strip(name, bands[name] / BAND, seconds if way.equalise else 0.0)
+        plan_strip(name, bands[name] / BAND, seconds if way.compensate_blur else 0.0)
 
 
 def pair_rate(left: Path, right: Path, settings: ps.Settings) -> Rate:

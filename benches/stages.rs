@@ -12,8 +12,9 @@ use phasestereo::control::Control;
 use phasestereo::cost::Costs;
 use phasestereo::matcher::{Matcher, on_threads};
 use phasestereo::plane::Plane;
+use phasestereo::presets::Preset;
 use phasestereo::refinement::flag;
-use phasestereo::settings::{CostKind, Optimizer, Penalty, Precision, Settings};
+use phasestereo::settings::{CostKind, Optimizer, Settings};
 use phasestereo::simd::Level;
 use phasestereo::texture::Texture;
 use phasestereo::view::{Image, View};
@@ -53,38 +54,16 @@ fn views() -> [View; 2] {
 
 /// The preset `fast`, of costs and totals in bytes.
 fn fast() -> Settings {
-    Settings {
-        neighborhood: 9,
-        frequencies: (1, 1),
-        precision: Precision::Byte,
-        optimizer: Optimizer::ScanlineOptimization,
-        shiftable: false,
-        penalty: Penalty { near: 3.0, far: 16.0 },
-        edges: 2.0,
-        median: 3,
-        confidence: false,
-        ..Settings::default()
-    }
+    Preset::Fast.settings()
 }
 
 /// The preset `robust`, of costs and totals in bytes.
 fn robust() -> Settings {
     Settings {
-        neighborhood: 3,
-        frequencies: (1, 1),
-        weak: 0.5,
-        sizes: 2,
-        window: 5,
-        shiftable: false,
-        precision: Precision::Byte,
-        optimizer: Optimizer::SemiGlobal,
-        penalty: Penalty { near: 6.0, far: 24.0 },
-        edges: 1.0,
-        subpixel: true,
-        consistency: Some(1),
-        speckle_size: 100,
-        guided: true,
-        median: 3,
+        compensate_blur: false,
+        despike: false,
+        denoise: false,
+        align_rows: false,
         ..Settings::default()
     }
 }
@@ -185,7 +164,7 @@ fn with_costs<T>(case: Case, settings: &Settings, work: impl FnOnce(&Costs, Wind
 
 mod descriptor {
     use super::{
-        Bencher, COLS, Control, Image, ItemsCount, ROWS, Settings, View, noise, on_threads,
+        Bencher, COLS, Control, Image, ItemsCount, Preset, ROWS, Settings, View, noise, on_threads,
     };
     use ndarray::Array3;
     use phasestereo::descriptor::describe as describe_gray;
@@ -202,8 +181,8 @@ mod descriptor {
 
     fn cases() -> Vec<Case> {
         let bytes = || Image::U8(pixels(1, |value| value as u8));
-        let of_size = |neighborhood| Settings { neighborhood, ..Settings::default() };
-        let of_bits = |power, bits| Settings { power, bits, ..Settings::default() };
+        let of_size = |neighborhood| Settings { neighborhood, ..Preset::Paper.settings() };
+        let of_bits = |power, bits| Settings { power, bits, ..Preset::Paper.settings() };
         vec![
             ("L = 7", bytes, of_size(7)),
             ("L = 11", bytes, of_size(11)),
@@ -214,9 +193,9 @@ mod descriptor {
             ("b = 3", bytes, of_bits(1, 3)),
             ("b = 4", bytes, of_bits(1, 4)),
             ("k = 2", bytes, of_bits(2, 2)),
-            ("weak", bytes, Settings { weak: 1.0, ..Settings::default() }),
+            ("weak", bytes, Settings { noise_threshold: 1.0, ..Preset::Paper.settings() }),
             ("fast", bytes, super::fast()),
-            ("fast, weak", bytes, Settings { weak: 1.0, ..super::fast() }),
+            ("fast, weak", bytes, Settings { noise_threshold: 1.0, ..super::fast() }),
             ("colour", || Image::U8(pixels(3, |value| value as u8)), of_size(7)),
             ("u16", || Image::U16(pixels(1, |value| value as u16)), of_size(7)),
             ("f32", || Image::F32(pixels(1, |value| value as f32)), of_size(7)),
@@ -348,7 +327,7 @@ mod convolution {
 
 /// Codes or gray values -> costs of all candidates, a panel of one row after another into the same few kilobytes.
 mod cost {
-    use super::{Bencher, COLS, Case, CostKind, Costs, ROWS, Settings, cases, with_costs};
+    use super::{Bencher, COLS, Case, CostKind, Costs, Preset, ROWS, Settings, cases, with_costs};
     use phasestereo::optimization::PANEL;
     use phasestereo::simd::Kernel;
     use phasestereo::value::{LANES, Lanes, Value};
@@ -380,7 +359,7 @@ mod cost {
     }
 
     fn phase(frequencies: (usize, usize), bits: usize) -> Settings {
-        Settings { neighborhood: 9, frequencies, bits, ..Settings::default() }
+        Settings { neighborhood: 9, frequencies, bits, ..Preset::Paper.settings() }
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
@@ -405,13 +384,13 @@ mod cost {
 
     #[divan::bench(args = cases(), sample_count = 10)]
     fn sad(bencher: Bencher, case: Case) {
-        write::<u16>(bencher, case, &Settings { cost: CostKind::Sad, ..Settings::default() });
+        write::<u16>(bencher, case, &Settings { cost: CostKind::Sad, ..Preset::Paper.settings() });
     }
 }
 
 /// Panels of sums over windows, and the costs as they are needed: of the codes of `fast`, `robust` and `paper`.
 mod aggregation {
-    use super::{Bencher, COLS, Case, ROWS, Settings, cases, fast, robust, with_costs};
+    use super::{Bencher, COLS, Case, Preset, ROWS, Settings, cases, fast, robust, with_costs};
     use phasestereo::aggregation::{Aggregator, Block};
     use phasestereo::optimization::PANEL;
     use phasestereo::value::{LANES, Value};
@@ -438,12 +417,12 @@ mod aggregation {
 
     #[divan::bench(args = cases(), sample_count = 10)]
     fn like_robust(bencher: Bencher, case: Case) {
-        aggregate::<u8>(bencher, case, &Settings { weak: 0.0, ..robust() });
+        aggregate::<u8>(bencher, case, &Settings { noise_threshold: 0.0, ..robust() });
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
     fn like_paper(bencher: Bencher, case: Case) {
-        aggregate::<u16>(bencher, case, &Settings::default());
+        aggregate::<u16>(bencher, case, &Preset::Paper.settings());
     }
 }
 
@@ -588,7 +567,8 @@ mod outlines {
 
 mod synthesis {
     use super::{
-        At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, ROWS, Settings, every, noise, views,
+        At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, Preset, ROWS, Settings, every,
+        noise, views,
     };
     use phasestereo::convolution::Kernel;
     use phasestereo::synthesis::Scene;
@@ -604,9 +584,9 @@ mod synthesis {
         let settings = Settings {
             neighborhood: 5,
             frequencies: (1, 1),
-            weak: 0.5,
+            noise_threshold: 0.5,
             synthesis: true,
-            ..Settings::default()
+            ..Preset::Paper.settings()
         };
         let patches = noise(ROWS / 16, COLS / 16, |value| (value % 40) as f32);
         let map = Plane::from_fn(ROWS, COLS, |y, x| patches.row(y / 16)[x / 16]);
@@ -674,15 +654,14 @@ mod confidence {
 /// Whole matches, from images to disparities, by a matcher that has its memory already.
 mod matcher {
     use super::{
-        Bencher, Case, Control, Matcher, Penalty, Plane, Settings, cases, fast, noise, robust,
-        views,
+        Bencher, Case, Control, Matcher, Plane, Preset, Settings, cases, fast, noise, robust, views,
     };
     use phasestereo::convolution::Kernel;
     use phasestereo::matcher::{Execution, Pair};
     use phasestereo::versions::Versions;
 
     fn weak() -> Settings {
-        Settings { weak: 1.0, penalty: Penalty { near: 6.0, far: 32.0 }, ..fast() }
+        Settings { noise_threshold: 1.0, p1: 6.0, p2: 32.0, ..fast() }
     }
 
     /// So many versions of the right image, moved by some pixels each.
@@ -734,7 +713,7 @@ mod matcher {
 
     #[divan::bench(args = cases(), sample_count = 10)]
     fn like_paper(bencher: Bencher, case: Case) {
-        whole(bencher, case, &Settings::default());
+        whole(bencher, case, &Preset::Paper.settings());
     }
 }
 

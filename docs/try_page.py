@@ -25,9 +25,8 @@ WEB = Path(__file__).resolve().parent.parent / "web"
 SCRIPTS = "data", "stage", "viewer", "readout", "scene"
 """Parts of the viewer that the report page has, too; it fills its maps by others."""
 
-PLAIN = "page.js", "render.js", "spoil.js", "photographs.js", "results.js", "findings.js"
-MATCHER = "matcher.js", "worker.js", "phasestereo.wasm"
-"""Made by ``make web``; without them the page says that there is no matcher."""
+CORE = "phasestereo.wasm"
+"""Built by ``make web``; without it the page says that there is no matcher."""
 
 
 def contents() -> dict[str, bytes]:
@@ -39,8 +38,8 @@ def contents() -> dict[str, bytes]:
         "viewer.js": f'"use strict";\n{viewer}const stage = new Stage(element("stage"), 4, 3);\n',
     }
     files = {name: text.encode() for name, text in page.items()}
-    names = [*PLAIN, *(name for name in MATCHER if (WEB / name).is_file())]
-    return files | {name: (WEB / name).read_bytes() for name in names}
+    beside = [*WEB.glob("*.js"), *WEB.glob(CORE)]
+    return files | {path.name: path.read_bytes() for path in sorted(beside)}
 
 
 def _index() -> str:

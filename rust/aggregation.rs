@@ -73,7 +73,7 @@ impl Window {
                 let least = (0..u32::BITS).find(is_small).unwrap_or(0);
                 let fits = |bits: &u32| {
                     let window = coarser(*bits);
-                    let p2 = settings.penalty.far * window.unit(steps_of(settings.cost));
+                    let p2 = settings.p2 * window.unit(steps_of(settings.cost));
                     window.largest_sum() >= LEAST_BYTE_SUM
                         && window.largest_sum() as f64 + p2.round() <= f64::from(u8::MAX)
                 };

@@ -157,6 +157,7 @@ fn rounded_to_zero_sum(exact: &[f64]) -> Vec<i32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::presets::Preset;
     use crate::settings::LARGEST_WINDOW;
 
     const TAPERS: [Taper; 3] = [Taper::Uniform, Taper::Gaussian, Taper::Hann];
@@ -174,7 +175,7 @@ mod tests {
                 frequencies,
                 bits: 1,
                 sizes,
-                ..Settings::default()
+                ..Preset::Paper.settings()
             };
             (taper, neighborhood, sizes == 2, Basis::new(&settings))
         })
@@ -223,7 +224,7 @@ mod tests {
     fn components_follow_the_paper() {
         let order = |frequencies| -> Vec<_> {
             let basis =
-                Basis::new(&Settings { frequencies, neighborhood: 9, ..Settings::default() });
+                Basis::new(&Settings { frequencies, neighborhood: 9, ..Preset::Paper.settings() });
             basis.components().iter().map(|c| (c.u, c.v)).collect()
         };
         assert_eq!(order((2, 1)), [(0, 1), (1, -1), (1, 0), (1, 1), (2, -1), (2, 0), (2, 1)]);

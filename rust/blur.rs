@@ -20,7 +20,7 @@ mod glance;
 mod measured;
 pub(crate) mod parts;
 mod refine;
-mod regions;
+pub mod regions;
 pub(crate) mod rough;
 mod search;
 mod spectrum;

@@ -150,7 +150,8 @@ fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<La
         if !settings.has_weak() {
             return Ok(quantiser);
         }
-        let threshold = weak_threshold(gray, &Basis::new(settings), settings.weak, noise)?;
+        let threshold =
+            weak_threshold(gray, &Basis::new(settings), settings.noise_threshold, noise)?;
         Ok(quantiser.with_weak_level(threshold))
     };
     if !settings.has_larger() {

@@ -61,8 +61,8 @@ impl Edges {
         control: &Control,
     ) -> Result<Self> {
         match texture {
-            Some(texture) if settings.edges > 0.0 => {
-                Self::new(texture, settings.edges, level, control)
+            Some(texture) if settings.adaptive_p2 > 0.0 => {
+                Self::new(texture, settings.adaptive_p2, level, control)
             }
             _ => Self::nowhere(cols),
         }

@@ -24,7 +24,7 @@ pub mod trial;
 
 use std::borrow::Cow;
 use std::ops::Range;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use self::compensation::Compensation;
 use self::overview::Overview;
@@ -39,6 +39,7 @@ use crate::blur::rough;
 use crate::candidates::Candidates;
 use crate::error::Result;
 use crate::matcher::Pair;
+use crate::platform::Instant;
 use crate::settings::Settings;
 use crate::source::Source;
 use crate::versions::Versions;
@@ -83,7 +84,7 @@ pub struct Estimates {
     pub candidates: Candidates,
     /// Mean confidence of a rough match of small copies, if there was one.
     pub confidence: Option<f64>,
-    /// Whether the images match once one of them is inverted, and not before; with `equalise`, all else was found out with
+    /// Whether the images match once one of them is inverted, and not before; with `compensate_blur`, all else was found out with
     /// the negative of the right one.
     pub is_inverted: bool,
     /// What the images say about the disparities, if they were to be found, or match badly.
@@ -125,7 +126,7 @@ pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> R
     }
     let found = if asked.is_anything() {
         let mut found = means.matcher.install(|| estimate_pair(&pair, &asked, settings, means))?;
-        if settings.equalise && found.is_inverted && !known.is_inverted {
+        if settings.compensate_blur && found.is_inverted && !known.is_inverted {
             pair = pair.inverted();
             found = means.matcher.install(|| estimate_pair(&pair, &asked, settings, means))?;
             found.is_inverted = true;
@@ -162,7 +163,7 @@ pub fn prepare_by_rows(
     let inverted = Inverted(source);
     let source = if known.is_inverted { &inverted } else { source };
     let mut found = means.matcher.install(|| estimate_by_rows(source, &asked, settings, means))?;
-    if settings.equalise && found.is_inverted && !known.is_inverted {
+    if settings.compensate_blur && found.is_inverted && !known.is_inverted {
         found = means.matcher.install(|| estimate_by_rows(&inverted, &asked, settings, means))?;
         found.is_inverted = true;
     }
@@ -228,7 +229,10 @@ impl Known {
             noise: self.noise,
             rows: settings.align_rows && self.alignment.is_none(),
             blur: self.versions.is_none()
-                && (settings.equalise || settings.despike || settings.denoise || needs_noise),
+                && (settings.compensate_blur
+                    || settings.despike
+                    || settings.denoise
+                    || needs_noise),
         }
     }
 }

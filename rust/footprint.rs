@@ -131,6 +131,6 @@ impl Demand<'_> {
             CostKind::NormalisedSad => (DEVIATION_CEILING * channels, DEVIATION_STEPS),
         };
         let window = Window::new((BAND, self.cols), self.candidates, self.settings, ceiling);
-        (window, Steps::new(self.settings.penalty, window, steps))
+        (window, Steps::new(self.settings, window, steps))
     }
 }

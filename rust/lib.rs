@@ -49,6 +49,7 @@ pub mod plane;
 pub mod value;
 
 pub mod candidates;
+pub mod presets;
 pub mod settings;
 
 pub mod blocking;
@@ -94,6 +95,7 @@ pub mod psf;
 pub mod control;
 pub mod map;
 pub mod matcher;
+pub mod platform;
 pub mod simd;
 
 pub mod footprint;
@@ -104,5 +106,7 @@ pub mod summary;
 
 pub mod reference;
 
+#[cfg(feature = "c")]
+mod c;
 #[cfg(feature = "python")]
 mod python;

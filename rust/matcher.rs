@@ -3,7 +3,8 @@
 use std::any::Any;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
+use std::{env, thread};
 
 use rayon::prelude::*;
 
@@ -22,6 +23,7 @@ use crate::map::{Band, Map};
 use crate::optimization::selection::Selection;
 use crate::optimization::{Search, Steps, Windowed, Workspace};
 use crate::plane::Plane;
+use crate::platform::{Instant, Pool};
 use crate::reach::Reach;
 use crate::refinement::{Draft, Judge};
 use crate::section::Section;
@@ -179,7 +181,7 @@ impl Pair {
 /// Matches pairs, one after another or several at a time; threads and memory are used again.
 #[derive(Debug)]
 pub struct Matcher {
-    pool: rayon::ThreadPool,
+    pool: Pool,
     /// Memory that no band is being matched in.
     spare: Mutex<Vec<Box<dyn Any + Send>>>,
 }
@@ -220,7 +222,14 @@ pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> R
     Ok(thread_pool(threads)?.install(work))
 }
 
-fn thread_pool(threads: usize) -> Result<rayon::ThreadPool> {
+/// So many threads as the environment variable `RAYON_NUM_THREADS` says, or else as the process may use.
+pub fn usable_threads() -> usize {
+    let told = env::var("RAYON_NUM_THREADS").ok().and_then(|told| told.parse().ok());
+    let usable = || thread::available_parallelism().map_or(1, Into::into);
+    told.filter(|&told| told > 0).unwrap_or_else(usable).min(MOST_THREADS)
+}
+
+fn thread_pool(threads: usize) -> Result<Pool> {
     if !(1..=MOST_THREADS).contains(&threads) {
         return Err(Error::value(
             "threads",
@@ -228,8 +237,7 @@ fn thread_pool(threads: usize) -> Result<rayon::ThreadPool> {
             format!("an integer from 1 to {MOST_THREADS}"),
         ));
     }
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    pool.map_err(|error| Error::Threads(error.to_string()))
+    Pool::new(threads)
 }
 
 impl Matcher {
@@ -306,7 +314,7 @@ impl Matcher {
         let started = Instant::now();
         let (views, candidates, level) = (pair.views(), pair.candidates, how.level);
         let costs = Costs::new(views, candidates, settings, pair.versions(), level, control)?;
-        let described = Instant::now();
+        let (description, described) = (started.elapsed(), Instant::now());
         let texture = Texture::of_view(&pair.left, settings, section.roughness, level, control)?;
         let edges = Edges::asked_for(texture.as_ref(), settings, pair.size().1, level, control)?;
         let mut map = Map::new((section.rows.len(), pair.size().1), settings.needs_confidence())?;
@@ -316,7 +324,7 @@ impl Matcher {
             first: section.first,
             candidates: candidates.count(),
             optimizer: settings.optimizer,
-            steps: Steps::new(settings.penalty, window, costs.steps()),
+            steps: Steps::new(settings, window, costs.steps()),
             edges: &edges,
             weighs: settings.needs_evidence(),
             level,
@@ -329,7 +337,7 @@ impl Matcher {
             Width::Words => self.match_bands::<u16>(bands, &job),
             Width::Widest => self.match_bands::<u32>(bands, &job),
         }?;
-        let (description, matching) = (described - started, described.elapsed());
+        let matching = described.elapsed();
         let timings = Timings { description, matching, refinement: Duration::ZERO };
         Ok(Choice { map, texture, timings })
     }
@@ -379,7 +387,7 @@ impl Job<'_> {
             cols: self.window.cols,
             votes: self.costs.votes(),
             subpixel: self.settings.subpixel,
-            consistency: self.settings.consistency.map(|most| most as u16),
+            consistency: self.settings.lr_check.map(|most| most as u16),
             uniqueness: self.settings.uniqueness as u64,
             unit: self.window.unit(self.costs.steps()) as f32,
         }

@@ -36,7 +36,7 @@ use crate::error::{Error, Result};
 use crate::evidence::Evidence;
 use crate::memory::Memory;
 use crate::plane::Plane;
-use crate::settings::{Optimizer, Penalty};
+use crate::settings::{Optimizer, Settings};
 use crate::simd::{Kernel, Level};
 use crate::value::{LANES, Lanes, Value};
 
@@ -70,10 +70,10 @@ pub struct Steps {
 
 impl Steps {
     /// The penalties of checked settings against costs summed over a window, `steps` to the unit.
-    pub fn new(penalty: Penalty, window: Window, steps: u16) -> Self {
+    pub fn new(settings: &Settings, window: Window, steps: u16) -> Self {
         let unit = window.unit(steps);
         let rounded = |value: f64| ((value * unit).round() as u64).min(LARGEST_STEP);
-        Self { p1: rounded(penalty.near), p2: rounded(penalty.far) }
+        Self { p1: rounded(settings.p1), p2: rounded(settings.p2) }
     }
 
     /// The largest total of a path through costs up to this one.

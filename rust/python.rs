@@ -19,7 +19,7 @@ use pyo3::types::PyDict;
 
 use self::arguments::{
     Both, Told, ToldOfPair, candidates_of, read_images, read_known, read_noise, read_pair,
-    read_search, read_settings, read_versions, read_view, read_volume,
+    read_search, read_settings, read_versions, read_view, read_volume, write_settings,
 };
 use self::found::{Field, Found, Seen, read_field, read_glance, tell_found};
 use self::reader::{Ranges, Reader};
@@ -39,6 +39,7 @@ use crate::intensity::Gray;
 use crate::matcher::{Disparity, Execution, on_threads};
 use crate::optimization::{BAND, Steps, optimize};
 use crate::plane::Plane;
+use crate::presets::Preset;
 use crate::reach::Reach;
 use crate::refinement::flag;
 use crate::section::Section;
@@ -67,7 +68,7 @@ impl From<Error> for PyErr {
 #[pymodule(gil_used = false)]
 mod _core {
     use super::{
-        BAND, Bound, LARGER, LEAST_SIZE, MUCH_LARGER, PyDict, PyDictMethods, PyModule,
+        BAND, Bound, LARGER, LEAST_SIZE, MUCH_LARGER, Preset, PyDict, PyDictMethods, PyModule,
         PyModuleMethods, PyResult, flag, warm_up,
     };
 
@@ -75,13 +76,14 @@ mod _core {
     use super::{
         Workers, aggregate_volume, blur_is_as_before, check_settings, check_versions, cost_volume,
         descriptor, estimate_pair, estimate_pair_by_rows, find_ranges, find_roughness, match_pair,
-        match_rows, optimize_volume, reach, simd_level, summarize, working_memory,
+        match_rows, optimize_volume, preset, reach, simd_level, summarize, working_memory,
     };
 
     #[pymodule_init]
     fn constants(module: &Bound<'_, PyModule>) -> PyResult<()> {
         warm_up(module.py())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("PRESETS", Preset::ALL.map(Preset::name))?;
         module.add("DEBUG_BUILD", cfg!(debug_assertions))?;
         module.add("BAND_ROWS", BAND)?;
         module.add("LARGER", LARGER)?;
@@ -122,6 +124,11 @@ fn simd_level() -> &'static str {
 #[pyfunction]
 fn check_settings(settings: &Bound<'_, PyAny>) -> PyResult<()> {
     read_settings(settings).map(drop)
+}
+
+#[pyfunction]
+fn preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyDict>> {
+    write_settings(py, &Preset::named(name)?.settings())
 }
 
 #[pyfunction]
@@ -443,11 +450,12 @@ fn optimize_volume<'py>(
     py: Python<'py>,
     costs: &Bound<'py, PyArray3<u32>>,
     settings: &Bound<'py, PyAny>,
-    penalty: (u64, u64),
+    p1: u64,
+    p2: u64,
 ) -> PyResult<Bound<'py, PyArray2<u16>>> {
     let settings = read_settings(settings)?;
     let (costs, (rows, _, count)) = read_volume(costs, "costs")?;
-    let steps = Steps { p1: penalty.0, p2: penalty.1 };
+    let steps = Steps { p1, p2 };
     let chosen = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
         optimize(&costs, count, settings.optimizer, steps, Level::best(), control)
     })?;

@@ -254,9 +254,10 @@ fn johnson(level: usize, length: usize) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::presets::Preset;
 
     fn quantiser(power: usize, bits: usize) -> Quantiser {
-        Quantiser::new(&Settings { power, bits, ..Settings::default() })
+        Quantiser::new(&Settings { power, bits, ..Preset::Paper.settings() })
     }
 
     #[test]

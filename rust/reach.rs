@@ -64,7 +64,7 @@ fn refinement(settings: &Settings, versions: Option<&Versions>) -> usize {
         (settings.has_checks(), filling::REACH),
         (synthesis > 0, synthesis),
         // A jump is one to the next row.
-        (settings.guided, guided::REACH + 1),
+        (settings.guided_median, guided::REACH + 1),
         (settings.median > 0, median::REACH),
         (settings.subpixel, subpixel::REACH),
         (settings.needs_confidence(), confidence::RADIUS),

@@ -186,9 +186,11 @@ pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane
     }
     let larger = Settings { neighborhood: settings.neighborhood + 2, ..settings.clone() };
     let axes = components(gray, &larger, threshold, |c| c.u + c.v.unsigned_abs() == 1);
-    let all = components(gray, &Settings { weak: 0.0, ..settings.clone() }, 0.0, |_| true);
+    let all =
+        components(gray, &Settings { noise_threshold: 0.0, ..settings.clone() }, 0.0, |_| true);
     let (r, s) = settings.frequencies;
-    let bits = (r.min(1) + s.min(1)) << (settings.bits - 1) << usize::from(settings.weak > 0.0);
+    let bits =
+        (r.min(1) + s.min(1)) << (settings.bits - 1) << usize::from(settings.noise_threshold > 0.0);
     Plane::from_fn(gray.rows(), gray.cols(), |y, x| axes.row(y)[x] | all.row(y)[x] << bits)
 }
 

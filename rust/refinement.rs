@@ -179,7 +179,7 @@ impl Draft<'_> {
             fill(&mut disparity, flags, level, control)?;
         }
         let mut spare = None;
-        if let (true, Some(texture)) = (settings.guided, texture) {
+        if let (true, Some(texture)) = (settings.guided_median, texture) {
             redraw(&mut disparity, &mut spare, |from, to| {
                 guide(from, texture, to, level, control)
             })?;

@@ -68,18 +68,24 @@ pub enum Precision {
     Byte,
 }
 
-/// What a change of disparity along the scanline costs, in units of the cost, per pixel of the window.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Penalty {
-    /// With the ordering constraint: for a disparity one larger than the left neighbour's; without: for one
-    /// larger or one smaller.
-    pub near: f64,
-    /// With the ordering constraint: for a smaller disparity than the left neighbour's, however much
-    /// smaller; without: for any other disparity.
-    pub far: f64,
-}
+/// What costs are called.
+pub const COSTS: [(&str, CostKind); 3] =
+    [("phase", CostKind::Phase), ("sad", CostKind::Sad), ("nsad", CostKind::NormalisedSad)];
+/// What tapers are called.
+pub const TAPERS: [(&str, Taper); 3] =
+    [("uniform", Taper::Uniform), ("gaussian", Taper::Gaussian), ("hann", Taper::Hann)];
+/// What precisions are called.
+pub const PRECISIONS: [(&str, Precision); 2] =
+    [("full", Precision::Full), ("byte", Precision::Byte)];
+/// What optimizers are called.
+pub const OPTIMIZERS: [(&str, Optimizer); 4] = [
+    ("dp", Optimizer::DynamicProgramming),
+    ("so", Optimizer::ScanlineOptimization),
+    ("wta", Optimizer::WinnerTakesAll),
+    ("sgm", Optimizer::SemiGlobal),
+];
 
-/// All settings of a match; the defaults are those of the `paper` preset.
+/// All settings of a match; the defaults are those of [`Preset::Robust`].
 #[derive(Debug, Clone, PartialEq)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a choice of its own, made by name")]
 pub struct Settings {
@@ -98,7 +104,7 @@ pub struct Settings {
     /// Components whose magnitude is up to so many standard deviations of what the noise of the image makes of
     /// them count as weak, a level of its own between the two signs; 0 to 100, 0: there is no such level. It
     /// needs `bits` = 2, that is signs, and phase codes, which it makes twice as long.
-    pub weak: f64,
+    pub noise_threshold: f64,
     /// Sizes of neighbourhoods that a code describes, 1 or 2. With 2 there is one more, two pixels larger, of which only the
     /// components `(1, 0)` and `(0, 1)` count; these alone have a weak level then.
     pub sizes: usize,
@@ -110,15 +116,19 @@ pub struct Settings {
     pub precision: Precision,
     /// How costs become disparities.
     pub optimizer: Optimizer,
-    /// What a change of disparity costs.
-    pub penalty: Penalty,
+    /// P1, what a change of disparity by one costs along a path, in units of the cost, as averaged over the window;
+    /// 0 to 65535. With the ordering constraint, where disparities rise by one at most: what a rise costs.
+    pub p1: f64,
+    /// P2, what any other change of disparity costs; no less than P1 counts. With the ordering constraint: what a drop
+    /// costs, however deep.
+    pub p2: f64,
     /// With [`Optimizer::ScanlineOptimization`] and [`Optimizer::SemiGlobal`]: where gray values of the left image jump
-    /// from one pixel of a path to the next by more than so many times the mean difference of neighbors, the far penalty
-    /// is halved; by more than thrice that, a third of it, but at least the near one; 0 to 1000, 0: nowhere.
-    pub edges: f64,
+    /// from one pixel of a path to the next by more than so many times the mean difference of neighbors, P2 is halved;
+    /// by more than thrice that, a third of it, but at least P1; 0 to 1000, 0: nowhere.
+    pub adaptive_p2: f64,
     /// Whether the relative blur of the images is estimated and the sharper one given it, for phase codes; where any is
     /// found, neighborhood and window are two pixels larger.
-    pub equalise: bool,
+    pub compensate_blur: bool,
     /// Whether impulses are looked for and repaired before all else, for phase codes.
     pub despike: bool,
     /// Whether noise, and what compression has lost, are smoothed away before the images are described, for phase codes.
@@ -132,7 +142,7 @@ pub struct Settings {
     pub subpixel: bool,
     /// Left-right check: pixels by which the disparities of two left pixels with one match may differ, 0 to 16384;
     /// `None`: no check.
-    pub consistency: Option<usize>,
+    pub lr_check: Option<usize>,
     /// Percent by which the least cost elsewhere must exceed that of the chosen candidate, as a share of the former,
     /// 0 to 100; 0: no check.
     pub uniqueness: usize,
@@ -143,7 +153,7 @@ pub struct Settings {
     /// Whether, near jumps, disparities are taken by which the blurred image of a pair can best be made again.
     pub synthesis: bool,
     /// Whether edges in depth are drawn to those of the left image.
-    pub guided: bool,
+    pub guided_median: bool,
     /// Side of the square over which disparities give way to their median: 3; 0: none.
     pub median: usize,
     /// Whether pixels that checks do not trust are filled from those beside them, or left without an estimate.
@@ -152,43 +162,6 @@ pub struct Settings {
     pub confidence: bool,
     /// Least confidence of an estimate that stays in the map, 0 to 1.
     pub min_confidence: f64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            cost: CostKind::Phase,
-            neighborhood: 7,
-            taper: Taper::Uniform,
-            frequencies: (2, 1),
-            power: 1,
-            bits: 2,
-            weak: 0.0,
-            sizes: 1,
-            window: 9,
-            shiftable: true,
-            precision: Precision::Full,
-            optimizer: Optimizer::DynamicProgramming,
-            penalty: Penalty { near: 2.0, far: 2.0 },
-            edges: 0.0,
-            equalise: false,
-            despike: false,
-            denoise: false,
-            align_rows: false,
-            intensity_range: None,
-            subpixel: false,
-            consistency: None,
-            uniqueness: 0,
-            speckle_size: 0,
-            speckle_range: 1.0,
-            synthesis: false,
-            guided: false,
-            median: 0,
-            fill: true,
-            confidence: true,
-            min_confidence: 0.0,
-        }
-    }
 }
 
 impl Settings {
@@ -202,17 +175,21 @@ impl Settings {
         self.check_weak()?;
         self.check_sizes()?;
         self.check_code_length()?;
-        self.check_penalty()?;
-        number_between("edges", self.edges, LARGEST_EDGES)?;
-        let of_codes =
-            [("equalise", self.equalise), ("despike", self.despike), ("denoise", self.denoise)];
+        number_between("p1", self.p1, LARGEST_PENALTY)?;
+        number_between("p2", self.p2, LARGEST_PENALTY)?;
+        number_between("adaptive_p2", self.adaptive_p2, LARGEST_EDGES)?;
+        let of_codes = [
+            ("compensate_blur", self.compensate_blur),
+            ("despike", self.despike),
+            ("denoise", self.denoise),
+        ];
         if let Some((name, _)) =
             of_codes.into_iter().find(|(_, is_on)| *is_on && self.cost != CostKind::Phase)
         {
             return Err(Error::value(name, "True", "False unless cost = 'phase'"));
         }
-        if let Some(most) = self.consistency {
-            between("consistency", most, 0, MOST_DISPARITIES)?;
+        if let Some(most) = self.lr_check {
+            between("lr_check", most, 0, MOST_DISPARITIES)?;
         }
         between("uniqueness", self.uniqueness, 0, MOST_UNIQUENESS)?;
         number_between("speckle_range", self.speckle_range, MOST_DISPARITIES as f64)?;
@@ -231,7 +208,7 @@ impl Settings {
 
     /// Whether weak components have a level of their own.
     pub fn has_weak(&self) -> bool {
-        self.weak > 0.0
+        self.noise_threshold > 0.0
     }
 
     /// Number of components of the larger neighbourhood, if there is one.
@@ -263,7 +240,7 @@ impl Settings {
 
     /// Whether pixels are told that cannot be right.
     pub fn has_checks(&self) -> bool {
-        self.consistency.is_some() || self.uniqueness > 0 || self.speckle_size > 0
+        self.lr_check.is_some() || self.uniqueness > 0 || self.speckle_size > 0
     }
 
     /// Whether confidences are needed.
@@ -273,7 +250,7 @@ impl Settings {
 
     /// Whether more is to be known of pixels than what was chosen for them.
     pub fn needs_evidence(&self) -> bool {
-        let checks_choices = self.consistency.is_some() || self.uniqueness > 0;
+        let checks_choices = self.lr_check.is_some() || self.uniqueness > 0;
         self.needs_confidence() || self.subpixel || checks_choices
     }
 
@@ -290,11 +267,17 @@ impl Settings {
     }
 
     fn check_weak(&self) -> Result<()> {
-        number_between("weak", self.weak, LARGEST_WEAK)?;
+        number_between("noise_threshold", self.noise_threshold, LARGEST_WEAK)?;
         if self.has_weak() && (self.bits, self.cost) != (2, CostKind::Phase) {
-            let got =
-                format!("{} with bits = {} and the cost {:?}", self.weak, self.bits, self.cost);
-            return Err(Error::value("weak", got, "0 unless bits = 2 and cost = 'phase'"));
+            let got = format!(
+                "{} with bits = {} and the cost {:?}",
+                self.noise_threshold, self.bits, self.cost
+            );
+            return Err(Error::value(
+                "noise_threshold",
+                got,
+                "0 unless bits = 2 and cost = 'phase'",
+            ));
         }
         Ok(())
     }
@@ -324,16 +307,6 @@ impl Settings {
             ),
             "settings whose code (r (2 s + 1) + s) * 2^(b - 1), twice that with a weak level, fits in 64 bits",
         ))
-    }
-
-    fn check_penalty(&self) -> Result<()> {
-        let Penalty { near, far } = self.penalty;
-        // The range also turns NaN away: it is contained in none.
-        if [near, far].iter().all(|p| (0.0..=LARGEST_PENALTY).contains(p)) {
-            return Ok(());
-        }
-        let accepts = format!("numbers from 0 to {LARGEST_PENALTY}");
-        Err(Error::value("penalty", format!("({near}, {far})"), accepts))
     }
 
     fn check_intensity_range(&self) -> Result<()> {
@@ -378,16 +351,17 @@ fn between(argument: &'static str, value: usize, least: usize, most: usize) -> R
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::presets::Preset;
 
     fn refused(change: impl FnOnce(&mut Settings)) -> String {
-        let mut settings = Settings::default();
+        let mut settings = Preset::Paper.settings();
         change(&mut settings);
         settings.check().expect_err("must be refused").to_string()
     }
 
     #[test]
     fn defaults_are_accepted_and_fit_sixteen_bits() {
-        let settings = Settings::default();
+        let settings = Preset::Paper.settings();
         assert_eq!(settings.check(), Ok(()));
         assert_eq!((settings.components(), settings.code_length()), (7, 14));
     }
@@ -406,10 +380,11 @@ mod tests {
         assert!(refused(|s| s.power = 3).starts_with("power: got 3"));
         assert!(refused(|s| s.bits = 5).starts_with("bits: got 5"));
         for value in [-0.1, 100.1, f64::NAN, f64::INFINITY] {
-            assert!(refused(|s| s.weak = value).starts_with("weak: got"));
+            assert!(refused(|s| s.noise_threshold = value).starts_with("noise_threshold: got"));
         }
         for value in [-1.0, f64::NAN, f64::INFINITY] {
-            assert!(refused(|s| s.penalty.far = value).starts_with("penalty: got"));
+            assert!(refused(|s| s.p1 = value).starts_with("p1: got"));
+            assert!(refused(|s| s.p2 = value).starts_with("p2: got"));
         }
         for value in [(1.0, 1.0), (0.0, f64::INFINITY), (f64::NAN, 1.0)] {
             assert!(refused(|s| s.intensity_range = Some(value)).starts_with("intensity_range"));
@@ -418,12 +393,13 @@ mod tests {
 
     #[test]
     fn a_weak_level_needs_two_bits_of_phase_and_twice_their_room() {
-        let weak = |bits, cost| Settings { weak: 1.0, bits, cost, ..Settings::default() };
+        let weak =
+            |bits, cost| Settings { noise_threshold: 1.0, bits, cost, ..Preset::Paper.settings() };
         assert_eq!(weak(2, CostKind::Phase).check(), Ok(()));
         assert_eq!(weak(2, CostKind::Phase).code_length(), 28);
         for (bits, cost) in [(1, CostKind::Phase), (3, CostKind::Phase), (2, CostKind::Sad)] {
             let refused = weak(bits, cost).check().expect_err("must be refused").to_string();
-            assert!(refused.starts_with("weak: got 1 with bits"), "{refused}");
+            assert!(refused.starts_with("noise_threshold: got 1 with bits"), "{refused}");
         }
         let refused = Settings { frequencies: (3, 2), ..weak(2, CostKind::Phase) }.check();
         let message = refused.expect_err("must be refused").to_string();

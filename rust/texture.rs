@@ -72,8 +72,8 @@ impl Texture {
 
     /// Whether the settings need any.
     pub fn is_needed(settings: &Settings) -> bool {
-        let is_compared = settings.guided || settings.synthesis;
-        settings.edges > 0.0 || is_compared || settings.needs_confidence()
+        let is_compared = settings.guided_median || settings.synthesis;
+        settings.adaptive_p2 > 0.0 || is_compared || settings.needs_confidence()
     }
 
     /// That of a view, if the settings need it; `known` is the roughness of the image that it is a part of.

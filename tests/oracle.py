@@ -435,8 +435,8 @@ def mean_step(gray: NDArray[Any]) -> float:
 def far_penalties(gray: Ints, near: int, far: int, edges: float, ahead: tuple[int, int]) -> Ints:
     """Return what a jump of a path costs to each pixel from the one (dx, dy) ahead of it, (H, W).
 
-    Where the gray value differs by more than `edges` times the mean difference of neighbours, in
-    whole steps of gray, half of it, by more than thrice that a third; not less than near.
+    Where the gray value differs by more than `adaptive_p2` times the mean difference of neighbours,
+    in whole steps of gray, half of it, by more than thrice that a third; not less than near.
     """
     dx, dy = ahead
     step = int(edges * mean_step(gray))
@@ -545,7 +545,8 @@ def match_phase(
     s: int,
     k: int,
     b: int,
-    penalty: float,
+    p1: float,
+    p2: float,
     shiftable: bool = True,
     optimizer: Literal["dp", "wta"] = "dp",
     taper: Taper = "uniform",
@@ -557,8 +558,8 @@ def match_phase(
     aggregated = aggregate(costs, window, shiftable=shiftable)
     if optimizer == "wta":
         return min_disparity + winner_takes_all(aggregated)
-    total = window_penalty(penalty, window)
-    return min_disparity + scanline(aggregated, total, total)
+    rise, drop = (window_penalty(penalty, window) for penalty in (p1, p2))
+    return min_disparity + scanline(aggregated, rise, drop)
 
 
 # --- what is done to images before they are described ---

@@ -90,7 +90,8 @@ def rough(scene: Scene, factor: int, neighborhood: int) -> Floats:
         precision="byte",
         optimizer="so",
         shiftable=False,
-        penalty=(3, 16),
+        p1=3,
+        p2=16,
         confidence=False,
     )
     return result.disparity.astype(np.float64) * factor

@@ -318,8 +318,8 @@ def refine(
 ) -> tuple[Map, Ints]:
     """Return disparities and flags, from candidates to smooth surfaces, before any is withdrawn."""
     flags = first_flags(evidence.chosen, low, masks, number)
-    if settings.consistency is not None:
-        flags = check(evidence, flags, low, settings.consistency)
+    if settings.lr_check is not None:
+        flags = check(evidence, flags, low, settings.lr_check)
     if settings.uniqueness > 0:
         flags = flag_ambiguous(evidence, flags, settings.uniqueness)
     disparity = (low + evidence.chosen).astype(np.float32)
@@ -329,10 +329,10 @@ def refine(
     if settings.speckle_size > 0:
         step = settings.speckle_range
         flags = flag_speckles(disparity, flags, settings.speckle_size, step)
-    checks = settings.consistency is not None, settings.uniqueness > 0, settings.speckle_size > 0
+    checks = settings.lr_check is not None, settings.uniqueness > 0, settings.speckle_size > 0
     if any(checks):
         disparity, flags = fill(disparity, flags)
-    if settings.guided:
+    if settings.guided_median:
         disparity = guide(disparity, gray)
     if settings.median:
         disparity = median(disparity)

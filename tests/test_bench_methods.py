@@ -59,11 +59,11 @@ class Matcher:
         ("paper:neighborhood=11,window=9", {"neighborhood": 11, "window": 9}),
         ("paper:frequencies=1,1,bits=1", {"frequencies": (1, 1), "bits": 1}),
         ("paper: shiftable = False , taper=hann", {"shiftable": False, "taper": "hann"}),
-        ("paper:penalty=0.5", {"penalty": 0.5}),
-        ("paper:penalty=0.5,4,optimizer=dp", {"penalty": (0.5, 4)}),
+        ("paper:p1=0.5", {"p1": 0.5}),
+        ("paper:p1=0.5,p2=4,optimizer=dp", {"p1": 0.5, "p2": 4}),
         ("paper:intensity_range=none", {"intensity_range": None}),
-        ("sad", {"cost": "sad", "penalty": BASELINES["sad"].penalty}),
-        ("nsad:window=5,penalty=1", {"cost": "nsad", "window": 5, "penalty": 1}),
+        ("sad", {"cost": "sad", "p1": BASELINES["sad"].p1, "p2": BASELINES["sad"].p2}),
+        ("nsad:window=5,p1=1,p2=1", {"cost": "nsad", "window": 5, "p1": 1, "p2": 1}),
     ],
 )
 def test_settings_by_name(spec: str, fields: dict[str, Any]) -> None:

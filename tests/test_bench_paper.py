@@ -161,8 +161,8 @@ def test_the_best_is_chosen_and_the_first_of_equals() -> None:
 
 
 def test_penalty_follows_the_bits() -> None:
-    settings = replace(PRESETS["paper"], penalty=2.0)
-    assert [recoded(settings, bits).penalty for bits in BITS] == [1, 2, 4, 8]
+    settings = replace(PRESETS["paper"], p1=2.0, p2=2.0)
+    assert [recoded(settings, bits).p1 for bits in BITS] == [1, 2, 4, 8]
 
 
 def test_baselines_have_no_neighborhood() -> None:

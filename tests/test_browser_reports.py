@@ -20,7 +20,7 @@ for module in ("jinja2", "matplotlib", "scipy", "PIL"):
     counterpart(module)
 
 
-LONG = "robust:neighborhood=5,window=11,equalise=false"  # wider than a telephone
+LONG = "robust:neighborhood=5,window=11,compensate_blur=false"  # wider than a telephone
 
 
 @pytest.fixture(scope="module")

@@ -86,7 +86,7 @@ def test_search_masks_and_settings_arrive(run: Callable[..., Run]) -> None:
     valid[10:20, 10:30] = 0
     io.write_image("mask.png", valid)
     options = "--min-disparity 2 --threads 1 --left-mask mask.png --right-mask mask.png --no-fill"
-    settings = "--neighborhood 5 --frequencies 1 1 --penalty 0.5,3 --optimizer wta --no-shiftable"
+    settings = "--neighborhood 5 --frequencies 1 1 --p1 0.5 --p2 3 --optimizer wta --no-shiftable"
     code, _, _ = match(run, "-o", "out.npy", *options.split(), *settings.split())
     assert code == 0
     expected = ps.match(
@@ -97,7 +97,8 @@ def test_search_masks_and_settings_arrive(run: Callable[..., Run]) -> None:
         right_mask=valid != 0,
         neighborhood=5,
         frequencies=(1, 1),
-        penalty=(0.5, 3.0),
+        p1=0.5,
+        p2=3.0,
         optimizer="wta",
         shiftable=False,
         fill=False,
@@ -252,7 +253,7 @@ def lie(name: str) -> None:
 
 REFUSALS: list[tuple[str, int, str]] = [
     ("left.png right.png --num-disparities 6.5 --json", WRONG, "got 6.5; accepts a whole number"),
-    ("left.png right.png --penalty 5 2 --json", WRONG, "--penalty: got 5 2; accepts .* word: 5,2"),
+    ("left.png right.png --p1 5 2 --json", WRONG, "got 2, which nothing takes"),
     ("left.png right.png --num-disparities 9 8 --json", WRONG, "got 8, which nothing takes"),
     ("left.png right.png --bands a,b --json", WRONG, "--bands: got a,b; accepts whole numbers"),
     ("left.png right.png --rectify left.png --json", WRONG, "--rectify: got left.png, which is a"),
@@ -269,8 +270,8 @@ REFUSALS: list[tuple[str, int, str]] = [
     ("left.png right.png --num-disparities 9 --preset best --json", WRONG, "--preset: got 'best'"),
     ("left.png right.png --num-disparities 9 --window 4 --json", WRONG, "--window: got 4"),
     ("left.png right.png --num-disparities 9 --cost ssd --json", WRONG, "--cost"),
-    ("left.png right.png --num-disparities 9 --penalty 1,x --json", WRONG, "--penalty"),
-    ("left.png right.png --num-disparities 9 --penalty 1,2,3 --json", WRONG, "--penalty"),
+    ("left.png right.png --num-disparities 9 --p1 x --json", WRONG, "--p1"),
+    ("left.png right.png --num-disparities 9 --p2 -1 --json", WRONG, "--p2: got -1"),
     ("left.png right.png --num-disparities 9 --frequencies 2 --json", WRONG, "--frequencies"),
     ("left.png right.png --num-disparities 9 --best --json", WRONG, "--best"),
     ("left.png right.png --num-disparities 9 -o out.xyz", WRONG, "--output: .*'.xyz'"),

@@ -30,10 +30,10 @@ def test_weak_parts_differ_by_half(seed: int, low: int, count: int) -> None:
     left, right = np.random.default_rng(seed).integers(0, 256, (2, 4, 10), np.uint8)
     noises = (20.0, 60.0)
     volume = ps.cost_volume(
-        left, right, num_disparities=count, min_disparity=low, weak=1.0, noise=noises
+        left, right, num_disparities=count, min_disparity=low, noise_threshold=1.0, noise=noises
     )
     codes = [
-        ps.descriptor(image, weak=1.0, noise=noise)
+        ps.descriptor(image, noise_threshold=1.0, noise=noise)
         for image, noise in zip((left, right), noises, strict=True)
     ]
     levels = [decoded_parts(each, 7) for each in codes]

@@ -93,10 +93,10 @@ def assert_same(found: lazily.Maps, wanted: ps.Result, **how: Any) -> None:
     [
         FAST,
         {"preset": "paper", "num_disparities": COUNT},
-        {"preset": "paper", "num_disparities": COUNT, "min_disparity": -7, "consistency": 1},
+        {"preset": "paper", "num_disparities": COUNT, "min_disparity": -7, "lr_check": 1},
         ROBUST,
         {**ROBUST, "speckle_size": 30, "uniqueness": 5, "min_disparity": -2},
-        {**ROBUST, "speckle_size": 0, "consistency": None, "equalise": False, "noise": 1.0},
+        {**ROBUST, "speckle_size": 0, "lr_check": None, "compensate_blur": False, "noise": 1.0},
         {**ROBUST, "optimizer": "so", "min_confidence": 0.3},
         {**ROBUST, "optimizer": "wta", "fill": False},
         {"preset": "fast", "num_disparities": COUNT, "optimizer": "sgm"},
@@ -219,7 +219,7 @@ class Watched:
 
 def test_one_row_is_read_at_the_call_if_nothing_need_be_known() -> None:
     left = Watched(LEFT)
-    plain = FAST | {"edges": 0}
+    plain = FAST | {"adaptive_p2": 0}
     found = lazily.match(da.from_array(left, chunks=(10, -1, -1)), lazy(RIGHT), **plain)
     assert set(left.read) <= {(0, 1), (0, 10)}
     assert (found.shape, found.dtype) == ((HEIGHT, WIDTH), np.float32)
@@ -326,7 +326,7 @@ def test_a_survey_that_is_given_is_not_made_again() -> None:
 def test_several_paths_are_those_of_the_whole_whatever_the_bands(band_rows: int | None) -> None:
     left, right = views(height=700)
     valid = np.random.default_rng(5).random((700, WIDTH)) > 0.1
-    options: dict[str, Any] = {**ROBUST, "speckle_size": 0, "consistency": None}
+    options: dict[str, Any] = {**ROBUST, "speckle_size": 0, "lr_check": None}
     wanted = ps.match(left, right, left_mask=valid, **options)
     given = lazy(left), lazy(right)
     found = lazily.maps(*given, left_mask=valid, band_rows=band_rows, **options)

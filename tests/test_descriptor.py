@@ -94,7 +94,7 @@ def decoded_parts(codes: NDArray[Any], components: int) -> NDArray[np.int64]:
 
 
 @pytest.mark.parametrize("taper", ["uniform", "gaussian", "hann"])
-@pytest.mark.parametrize("weak", [0.3, 2.0, 100.0])
+@pytest.mark.parametrize("noise_threshold", [0.3, 2.0, 100.0])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("family", [(7, 1, 1, 1), (9, 2, 1, 2)])
 def test_weak_parts_follow_the_formulas(
@@ -110,7 +110,7 @@ def test_weak_parts_follow_the_formulas(
         frequencies=(r, s),
         power=power,
         taper=taper,
-        weak=weak,
+        noise_threshold=weak,
         noise=noise,
     )
     gray = oracle.to_gray(image)
@@ -128,10 +128,10 @@ def test_weak_parts_follow_the_formulas(
     assert weak == 100 or {-1, 0, 1} == set(np.unique(expected))
 
 
-@pytest.mark.parametrize("weak", [0.0, 0.7])
+@pytest.mark.parametrize("noise_threshold", [0.0, 0.7])
 def test_two_sizes_are_both_of_them(weak: float) -> None:
     image = np.random.default_rng(8).integers(0, 256, (15, 22, 3), np.uint8)
-    options: dict[str, Any] = {"weak": weak, "noise": 20.0}
+    options: dict[str, Any] = {"noise_threshold": weak, "noise": 20.0}
     found = ps.descriptor(image, neighborhood=5, frequencies=(2, 1), sizes=2, **options)
     larger = ps.descriptor(image, neighborhood=7, frequencies=(1, 1), **options).astype(np.uint64)
     smaller = ps.descriptor(image, neighborhood=5, frequencies=(2, 1)).astype(np.uint64)
@@ -180,8 +180,8 @@ def test_two_sizes_must_fit(fields: dict[str, Any], message: str) -> None:
 def test_a_weak_level_needs_the_noise() -> None:
     image = np.zeros((4, 5), np.uint8)
     with pytest.raises(ValueError, match="^noise: got None; accepts"):
-        ps.descriptor(image, weak=1.0)
-    assert not ps.descriptor(image, weak=1.0, noise=0.0).any(), "all parts are weak"
+        ps.descriptor(image, noise_threshold=1.0)
+    assert not ps.descriptor(image, noise_threshold=1.0, noise=0.0).any(), "all parts are weak"
     with pytest.raises(ValueError, match="^noise: got -1; accepts"):
         ps.descriptor(image, noise=-1.0)
     with pytest.raises(TypeError, match="^noise: got str; accepts a number"):
@@ -243,7 +243,9 @@ def test_words_are_the_narrowest() -> None:
     assert ps.descriptor(image).dtype == np.uint16
     assert ps.descriptor(image, bits=3).dtype == np.uint32
     assert ps.descriptor(image, bits=4).dtype == np.uint64
-    assert ps.descriptor(image, frequencies=(1, 1), weak=1.0, noise=1.0).dtype == np.uint16
+    assert (
+        ps.descriptor(image, frequencies=(1, 1), noise_threshold=1.0, noise=1.0).dtype == np.uint16
+    )
     assert not ps.descriptor(image).any(), "nothing but ties: level 0 throughout"
 
 

@@ -54,13 +54,13 @@ def costs_by_class(left: NDArray[Any], right: NDArray[Any], **options: Any) -> N
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
-@pytest.mark.parametrize("weak", [0.0, 1.0])
+@pytest.mark.parametrize("noise_threshold", [0.0, 1.0])
 def test_each_pixel_is_compared_in_its_versions(dtype: type[np.generic], weak: float) -> None:
     pair = LEFT.astype(dtype), RIGHT.astype(dtype)
-    found = ps.cost_volume(*pair, **SEARCH, weak=weak, equalisation=equalisation())
-    expected = costs_by_class(*pair, weak=weak, noise=(1.5, 4.0))
+    found = ps.cost_volume(*pair, **SEARCH, noise_threshold=weak, equalisation=equalisation())
+    expected = costs_by_class(*pair, noise_threshold=weak, noise=(1.5, 4.0))
     np.testing.assert_array_equal(found, expected)
-    assert (found != ps.cost_volume(*pair, **SEARCH, weak=weak, noise=(1.5, 4.0))).any()
+    assert (found != ps.cost_volume(*pair, **SEARCH, noise_threshold=weak, noise=(1.5, 4.0))).any()
 
 
 @pytest.mark.parametrize("optimizer", ["dp", "so", "wta"])
@@ -71,12 +71,12 @@ def test_the_rest_of_a_match_is_as_ever(optimizer: Any, precision: Any) -> None:
         RIGHT,
         **SEARCH,
         preset="paper",
-        weak=1.0,
+        noise_threshold=1.0,
         equalisation=equalisation(),
         optimizer=optimizer,
         precision=precision,
     )
-    costs = costs_by_class(LEFT, RIGHT, weak=1.0, noise=(1.5, 4.0)).astype(np.int64)
+    costs = costs_by_class(LEFT, RIGHT, noise_threshold=1.0, noise=(1.5, 4.0)).astype(np.int64)
     dropped = oracle.dropped_bits(9, 28, 2) if precision == "byte" else 0
     volume = oracle.aggregate(costs, 9, shiftable=True, dropped=dropped)
     penalty = oracle.window_penalty(2, 9, dropped)
@@ -135,21 +135,21 @@ def test_threads_and_matchers_change_nothing() -> None:
 def test_noise_alone_is_one_class_of_images_as_they_are() -> None:
     alone = Equalisation(noise=(2.0, 2.0))
     for known in ({"noise": 2.0}, {"noise": (2.0, 2.0)}, {"equalisation": alone}):
-        found = ps.Matcher(weak=1.0, denoise=False).match(LEFT, RIGHT, **SEARCH, **known)
-        expected = ps.match(LEFT, RIGHT, **SEARCH, weak=1.0, denoise=False, noise=2.0)
+        found = ps.Matcher(noise_threshold=1.0, denoise=False).match(LEFT, RIGHT, **SEARCH, **known)
+        expected = ps.match(LEFT, RIGHT, **SEARCH, noise_threshold=1.0, denoise=False, noise=2.0)
         np.testing.assert_array_equal(found.disparity, expected.disparity)
 
 
 def test_a_weak_level_needs_the_noise() -> None:
     with pytest.raises(ValueError, match="^noise: got None; accepts"):
-        ps.cost_volume(LEFT, RIGHT, **SEARCH, weak=1.0)
+        ps.cost_volume(LEFT, RIGHT, **SEARCH, noise_threshold=1.0)
     for match in (
-        ps.Matcher(preset="paper", weak=1.0).match,
-        partial(ps.match, preset="paper", weak=1.0),
+        ps.Matcher(preset="paper", noise_threshold=1.0).match,
+        partial(ps.match, preset="paper", noise_threshold=1.0),
     ):
         result = match(LEFT, RIGHT, **SEARCH)
         assert result.blur is not None, "a match estimates it"
-        told = ps.match(LEFT, RIGHT, **SEARCH, preset="paper", weak=1.0, noise=1.0)
+        told = ps.match(LEFT, RIGHT, **SEARCH, preset="paper", noise_threshold=1.0, noise=1.0)
         assert told.blur is None
 
 

@@ -59,7 +59,7 @@ def test_the_paper_preset_on_real_pairs(data: Path, name: str, bound: float) -> 
     shiftable=st.booleans(),
     precision=st.sampled_from(["full", "byte"]),
     optimizer=st.sampled_from(["dp", "so", "wta"]),
-    penalty=st.sampled_from([0, 0.5, 2, (0, 5), (0.5, 0)]),
+    penalties=st.sampled_from([(0, 0), (0.5, 0.5), (2, 2), (0, 5), (0.5, 0)]),
 )
 def test_codes_to_disparities_equal_the_oracle(
     seed: int,
@@ -71,7 +71,7 @@ def test_codes_to_disparities_equal_the_oracle(
     shiftable: bool,
     precision: str,
     optimizer: str,
-    penalty: float | tuple[float, float],
+    penalties: tuple[float, float],
 ) -> None:
     count, window = min(4, shape[1]), 2 * radius + 1
     assume(-shape[1] - count + 1 < low < shape[1])
@@ -81,19 +81,17 @@ def test_codes_to_disparities_equal_the_oracle(
         "shiftable": shiftable,
         "precision": precision,
     }
-    choice: dict[str, Any] = {"optimizer": optimizer, "penalty": penalty}
+    choice: dict[str, Any] = {"optimizer": optimizer, "p1": penalties[0], "p2": penalties[1]}
     options: dict[str, Any] = {"num_disparities": count, "min_disparity": low, "bits": bits}
     options["preset"] = "paper"
     result = ps.match(left, right, **options, **aggregation, **choice)
     levels = [decoded(ps.descriptor(image, bits=bits), 7, bits) for image in (left, right)]
     costs = oracle.phase_costs(levels[0], levels[1], low, count, bits)
     # Seven components, each of which differs by half the number of levels at most.
-    far = penalty[1] if isinstance(penalty, tuple) else penalty
     byte = precision == "byte"
-    dropped = oracle.dropped_bits(window, 7 * 2 ** (bits - 1), far) if byte else 0
+    dropped = oracle.dropped_bits(window, 7 * 2 ** (bits - 1), penalties[1]) if byte else 0
     volume = oracle.aggregate(costs, window, shiftable=shiftable, dropped=dropped)
-    both = penalty if isinstance(penalty, tuple) else (penalty, penalty)
-    near, far = (oracle.window_penalty(each, window, dropped) for each in both)
+    near, far = (oracle.window_penalty(each, window, dropped) for each in penalties)
     evidence = {
         "dp": lambda: refinement.of_scanlines(volume, oracle.scanline(volume, near, far)),
         "so": lambda: refinement.of_paths(volume, oracle.row_means(volume, near, far)),
@@ -115,7 +113,7 @@ def test_fast_with_masks_equals_the_oracle() -> None:
     left, right = noise_pair(24, 40, 3)
     masks = [rng.random((24, 40)) > 0.3 for _ in range(2)]
     masks[0][:12, :20] = False
-    fast = replace(ps.PRESETS["fast"], edges=0, median=0)
+    fast = replace(ps.PRESETS["fast"], adaptive_p2=0, median=0)
     result = ps.match(
         left, right, num_disparities=7, settings=fast, left_mask=masks[0], right_mask=masks[1]
     )
@@ -124,8 +122,7 @@ def test_fast_with_masks_equals_the_oracle() -> None:
         for image, mask in zip((left, right), masks, strict=True)
     ]
     voting = oracle.votes(masks[0], masks[1], 0, 7)
-    assert isinstance(fast.penalty, tuple)
-    dropped = oracle.dropped_bits(fast.window, 8, fast.penalty[1])
+    dropped = oracle.dropped_bits(fast.window, 8, fast.p2)
     volume = oracle.aggregate(
         oracle.phase_costs(codes[0], codes[1], 0, 7, fast.bits),
         fast.window,
@@ -134,7 +131,7 @@ def test_fast_with_masks_equals_the_oracle() -> None:
         ceiling=8,
         dropped=dropped,
     )
-    near, far = (oracle.window_penalty(each, fast.window, dropped) for each in fast.penalty)
+    near, far = (oracle.window_penalty(each, fast.window, dropped) for each in (fast.p1, fast.p2))
     chosen = oracle.free_scanline(volume, near, far)
     expected = np.where(voting.any(axis=2), chosen, np.nan)
     assert (expected == 3).any()
@@ -164,7 +161,8 @@ def test_few_votes_in_bytes_cost_no_more_than_none() -> None:
         confidence=False,
         precision="byte",
         optimizer="so",
-        penalty=penalty,
+        p1=penalty,
+        p2=penalty,
     )
     expected = oracle.free_scanline(volume, 167, 167)
     np.testing.assert_array_equal(result.disparity[left_mask], expected[left_mask])
@@ -194,7 +192,8 @@ def test_images_to_disparities_equal_the_oracle_but_for_rounding(data: Path) -> 
         s=1,
         k=1,
         b=2,
-        penalty=2,
+        p1=2,
+        p2=2,
     )
     # A few components lie within rounding of a boundary: 99.9 % of the pixels were equal.
     assert (result.disparity == expected).mean() > 0.995
@@ -203,11 +202,11 @@ def test_images_to_disparities_equal_the_oracle_but_for_rounding(data: Path) -> 
 def test_sums_of_absolute_differences_equal_the_oracle() -> None:
     left, right = np.random.default_rng(3).integers(0, 256, (2, 15, 24, 3), np.uint8)
     sad: dict[str, Any] = {"preset": "paper", "cost": "sad", "window": 5}
-    result = ps.match(left, right, num_disparities=7, **sad, penalty=40)
+    result = ps.match(left, right, num_disparities=7, **sad, p1=40, p2=40)
     volume = oracle.aggregate(oracle.sad_costs(left, right, 0, 7), 5, shiftable=True)
     step = oracle.window_penalty(40, 5)
     np.testing.assert_array_equal(result.disparity, oracle.scanline(volume, step, step))
-    everything = ps.match(left, right, num_disparities=7, **sad, penalty=0)
+    everything = ps.match(left, right, num_disparities=7, **sad, p1=0, p2=0)
     assert (everything.disparity != result.disparity).any(), "the penalty mattered"
 
 
@@ -429,7 +428,7 @@ def test_results_refer_to_the_images_as_given(*, reused: bool) -> None:
 
 def test_the_pair_does_not_travel() -> None:
     images = np.random.default_rng(0).integers(0, 256, (2, 60, 80, 3), np.uint8)
-    result = ps.match(*images, num_disparities=4, equalise=False)
+    result = ps.match(*images, num_disparities=4, compensate_blur=False)
     assert copy.copy(result).pair is result.pair is not None
     written = pickle.dumps(result)
     alone = pickle.dumps(replace(result, pair=None))

@@ -125,7 +125,7 @@ def test_maps_are_sixteenths_of_what_match_finds(pair: Pair) -> None:
         pair.right,
         min_disparity=2,
         num_disparities=41,
-        consistency=1,
+        lr_check=1,
         speckle_size=0,
         fill=False,
     )
@@ -155,7 +155,7 @@ def test_colours_are_in_the_order_of_opencv() -> None:
     np.testing.assert_array_equal(stereo.compute(*opaque), stereo.compute(*images))
     reversed_channels = [image[:, :, ::-1] for image in images]
     assert (stereo.compute(*reversed_channels) != stereo.compute(*images)).any()
-    expected = ps.match(*reversed_channels, num_disparities=16, consistency=1, speckle_size=0)
+    expected = ps.match(*reversed_channels, num_disparities=16, lr_check=1, speckle_size=0)
     found = StereoPhase_create(0, 16, fill=True).compute(*images)
     np.testing.assert_array_equal(found, np.rint(16 * expected.disparity))
 
@@ -263,7 +263,7 @@ def test_disp12_max_diff(cones: Pair) -> None:
             num_disparities=64,
             speckle_size=0,
             fill=False,
-            consistency={OFF: None}.get(most, max(most, 1)),
+            lr_check={OFF: None}.get(most, max(most, 1)),
         )
         gone = np.isnan(expected.disparity)
         assert (maps[most][gone] == INVALID).all()
@@ -364,7 +364,7 @@ def test_blocks_are_windows(pair: Pair, block: int, window: int) -> None:
         pair.right,
         num_disparities=COUNT,
         window=window,
-        consistency=1,
+        lr_check=1,
         speckle_size=0,
         fill=False,
     )
@@ -622,7 +622,7 @@ def test_presets_and_settings(pair: Pair) -> None:
         preset="fast",
         window=7,
         median=0,
-        consistency=1,
+        lr_check=1,
         fill=False,
     )
     np.testing.assert_array_equal(in_pixels(stereo.compute(*images)), expected.disparity)
@@ -686,7 +686,7 @@ def test_it_shows_how_it_was_made() -> None:
         ({"window": 5}, TypeError, "window: OpenCV's blockSize sets it here"),
         ({"blockSize": 64}, ValueError, "blockSize: got 64; accepts 0 to 63"),
         ({"neighborhood": 4}, ValueError, "neighborhood: got 4"),
-        ({"consistency": 2}, TypeError, "consistency: OpenCV's disp12MaxDiff sets it here"),
+        ({"lr_check": 2}, TypeError, "lr_check: OpenCV's disp12MaxDiff sets it here"),
         ({"speckle_size": 2}, TypeError, "speckle_size: OpenCV's speckleWindowSize sets it here"),
     ],
 )

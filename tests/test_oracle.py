@@ -607,7 +607,8 @@ def match(left: NDArray[Any], right: NDArray[Any], **overrides: Any) -> NDArray[
         "s": 1,
         "k": 1,
         "b": 2,
-        "penalty": 2,
+        "p1": 2,
+        "p2": 2,
     }
     return oracle.match_phase(left, right, **(settings | overrides))
 

@@ -33,8 +33,8 @@ PLAIN = {
     "matching_cost_method": "phase",
     "neighborhood": 7,
     "frequencies": [2, 1],
-    "weak": 0.0,
-    "equalise": False,
+    "noise_threshold": 0.0,
+    "compensate_blur": False,
 }
 """The codes of the paper, which need to know nothing of the images."""
 
@@ -205,18 +205,24 @@ def test_masked_pixels_of_the_right_image_are_no_candidates(rendered: Pair) -> N
     assert len(lost) == 11
 
 
-@pytest.mark.parametrize("equalise", [False, True])
+@pytest.mark.parametrize("compensate_blur", [False, True])
 def test_images_without_any_data_have_no_costs(rendered: Pair, *, equalise: bool) -> None:
     left = gray(rendered.left)
     nothing = dataset(np.full_like(left, np.nan), (0, 10), np.full(left.shape, NO_DATA))
-    found = volume(dataset(left, (-10, 0)), nothing, window_size=3, equalise=equalise, weak=0.5)
+    found = volume(
+        dataset(left, (-10, 0)),
+        nothing,
+        window_size=3,
+        compensate_blur=equalise,
+        noise_threshold=0.5,
+    )
     assert np.isnan(found).all()
 
 
 def test_disparities_beyond_the_image_have_no_costs(rendered: Pair) -> None:
     left, right = gray(rendered.left)[:, :40], gray(rendered.right)[:, :40]
     found = volume(dataset(left, (-60, 50)), dataset(right, (-50, 60)), search=(-60, 50),
-                   window_size=1, equalise=True)  # fmt: skip
+                   window_size=1, compensate_blur=True)  # fmt: skip
     known = np.flatnonzero(np.isfinite(found).any(axis=(0, 1))) - 60
     assert [known[0], known[-1]] == [6 - 33, 33 - 6]  # borders of 6 pixels, in columns 0 to 39
 
@@ -243,7 +249,7 @@ def test_tiles_have_the_costs_of_the_whole(rendered: Pair) -> None:
 def test_the_window_that_pandora_sees_is_all_that_a_cost_rests_on() -> None:
     step = pandora.matching_cost.AbstractMatchingCost(**PLAIN, window_size=5)
     assert step.margins.astuple() == (5, 5, 5, 5)
-    evened = pandora.matching_cost.AbstractMatchingCost(**PLAIN | {"equalise": True})
+    evened = pandora.matching_cost.AbstractMatchingCost(**PLAIN | {"compensate_blur": True})
     assert evened.margins.astuple() == (8, 8, 8, 8)
     assert step.cfg["window_size"] == 5  # what the user said
 
@@ -258,8 +264,8 @@ def test_defaults_are_filled_in_and_can_be_saved() -> None:
         "frequencies": [1, 1],
         "power": 1,
         "bits": 2,
-        "weak": 0.5,
-        "equalise": True,
+        "noise_threshold": 0.5,
+        "compensate_blur": True,
         "subpix": 1,
         "band": None,
         "step": 1,
@@ -273,7 +279,7 @@ def test_defaults_are_filled_in_and_can_be_saved() -> None:
         ({"window_size": 6}, ValueError, "window.*6"),
         ({"frequencies": [3, 1], "neighborhood": 5}, ValueError, "frequencies"),
         ({"bits": "two"}, TypeError, "bits"),
-        ({"equalise": 1.5}, TypeError, "equalise"),
+        ({"compensate_blur": 1.5}, TypeError, "compensate_blur"),
         ({"neighbourhood": 7}, Exception, "neighbourhood"),
         ({"subpix": 3}, Exception, "subpix"),
     ],

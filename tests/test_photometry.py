@@ -34,7 +34,7 @@ def scene(seed: int = 0) -> Plane:
 def rough(left: Plane, right: Plane) -> Plane:
     """Return disparities as rough as they come: of copies of half the size."""
     halves = reduced(left, 2), reduced(right, 2)
-    small = ps.match(*halves, preset="fast", consistency=1, fill=False).disparity
+    small = ps.match(*halves, preset="fast", lr_check=1, fill=False).disparity
     rows, cols = small.shape
     disparity = np.full(left.shape, np.nan, np.float32)
     disparity[: 2 * rows, : 2 * cols] = 2 * np.kron(small, np.ones((2, 2), np.float32))

@@ -174,7 +174,7 @@ MEMORY_CASES = {
     "estimation": "ps.match(vast, vast, num_disparities=1, threads=1)",
     "volume": "ps.cost_volume(tall, tall, num_disparities=512, threads=1)",
     "costs": "ps.aggregate(np.zeros((2000, 500, 400), np.uint16))",
-    "aggregated": "ps.optimize(np.zeros((2000, 500, 150), np.uint32), penalty=1)",
+    "aggregated": "ps.optimize(np.zeros((2000, 500, 150), np.uint32), p1=1, p2=1)",
 }
 
 

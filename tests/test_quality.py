@@ -121,14 +121,16 @@ def test_disparities_lie_between_whole_pixels() -> None:
 def test_confidence_tells_right_from_wrong_better_than_the_margin(data: Path, name: str) -> None:
     """The margin is by how much the second best mean of paths is above the best, relative to it."""
     pair = find_scene(data / "middlebury", name).load()
-    settings = replace(ps.PRESETS["robust"], equalise=False, align_rows=False, precision="full")
+    settings = replace(
+        ps.PRESETS["robust"], compensate_blur=False, align_rows=False, precision="full"
+    )
     options: dict[str, Any] = {"num_disparities": pair.num_disparities, "settings": settings}
     result = ps.match(pair.left, pair.right, noise=2.0, **options)
     costs = ps.cost_volume(pair.left, pair.right, noise=2.0, **options)
     volume = ps.aggregate(costs, window=settings.window, shiftable=False).astype(np.int64)
     gray = np.rint(1000 * oracle.to_gray(pair.left)).astype(np.int64)
     near, far = 4 * settings.window**2, 16 * settings.window**2
-    means = oracle.path_means(volume, near, far, gray, settings.edges)
+    means = oracle.path_means(volume, near, far, gray, settings.adaptive_p2)
     best = oracle.winner_takes_all(means)[:, :, np.newaxis]
     beside = np.abs(np.arange(means.shape[2]) - best) <= 1
     second = np.where(beside, np.inf, means).min(axis=2)
@@ -180,14 +182,14 @@ def test_less_is_kept_and_it_is_better_the_more_confidence_is_asked_for(data: Pa
 # --- speckles ---
 
 
-@pytest.mark.parametrize("consistency", [None, 1])
+@pytest.mark.parametrize("lr_check", [None, 1])
 @pytest.mark.parametrize("size", [1, 30, 400])
 def test_speckles_are_those_of_opencv(data: Path, consistency: int | None, size: int) -> None:
     cv2 = pytest.importorskip("cv2")
     pair = find_scene(data / "middlebury", "tsukuba").load()
     paper = ps.Settings.preset("paper")
     settings = replace(
-        paper, window=3, optimizer="wta", confidence=False, fill=False, consistency=consistency
+        paper, window=3, optimizer="wta", confidence=False, fill=False, lr_check=consistency
     )
     options: dict[str, Any] = {"num_disparities": 16, "settings": settings}
     draft = ps.match(pair.left, pair.right, **options)

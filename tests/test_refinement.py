@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 NAN = np.nan
 NOISE = 3.0
-ROBUST = replace(ps.PRESETS["robust"], equalise=False, despike=False, denoise=False)
+ROBUST = replace(ps.PRESETS["robust"], compensate_blur=False, despike=False, denoise=False)
 
 
 def volume_of(
@@ -32,7 +32,7 @@ def volume_of(
     """Return the oracle's aggregated costs of phase codes, and how many bits they lost."""
     r, s = settings.frequencies
     components = r * (2 * s + 1) + s
-    noise = NOISE if settings.weak else None
+    noise = NOISE if settings.noise_threshold else None
     codes = [
         ps.descriptor(image, mask=mask, settings=settings, noise=noise)
         for image, mask in zip(pair, masks or (None, None), strict=True)
@@ -45,7 +45,7 @@ def volume_of(
         levels = [decoded(code >> 4 * axes, components, settings.bits) for code in codes]
         costs = oracle.weak_costs(parts[0], parts[1], *search)
         costs += oracle.phase_costs(levels[0], levels[1], *search, settings.bits)
-    elif settings.weak:
+    elif settings.noise_threshold:
         ceiling = 4 * components
         parts = [decoded_parts(code, components) for code in codes]
         costs = oracle.weak_costs(parts[0], parts[1], *search)
@@ -54,9 +54,7 @@ def volume_of(
         levels = [decoded(code, components, settings.bits) for code in codes]
         costs = oracle.phase_costs(levels[0], levels[1], *search, settings.bits)
     byte = settings.precision == "byte"
-    both = settings.penalty
-    far = both[1] if isinstance(both, tuple) else both
-    dropped = oracle.dropped_bits(settings.window, ceiling, far) if byte else 0
+    dropped = oracle.dropped_bits(settings.window, ceiling, settings.p2) if byte else 0
     volume = oracle.aggregate(
         costs,
         settings.window,
@@ -72,15 +70,13 @@ def evidence_of(
     volume: NDArray[np.int64], settings: ps.Settings, dropped: int, gray: NDArray[np.int64]
 ) -> tuple[refinement.Evidence, float]:
     """Return what the oracle chooses, and what one bit in every pixel of the window comes to."""
-    both = settings.penalty
     near, far = (
-        oracle.window_penalty(each, settings.window, dropped)
-        for each in (both if isinstance(both, tuple) else (both, both))
+        oracle.window_penalty(each, settings.window, dropped) for each in (settings.p1, settings.p2)
     )
     unit = settings.window**2 / 2**dropped
     if settings.optimizer in ("so", "sgm"):
         paths = oracle.row_means if settings.optimizer == "so" else oracle.path_means
-        means = paths(volume, near, far, gray, settings.edges)
+        means = paths(volume, near, far, gray, settings.adaptive_p2)
         return refinement.of_paths(volume, means), unit
     dp = settings.optimizer == "dp"
     chosen = oracle.scanline(volume, near, far) if dp else oracle.winner_takes_all(volume)
@@ -95,7 +91,7 @@ def assert_equals_the_oracle(
     options: dict[str, Any] = {"min_disparity": low, "num_disparities": number}
     if masks is not None:
         options |= {"left_mask": masks[0], "right_mask": masks[1]}
-    if settings.weak:
+    if settings.noise_threshold:
         options["noise"] = NOISE
     result = ps.match(*pair, settings=settings, **options)
     everything = np.ones(pair.shape[1:3], bool)
@@ -159,19 +155,20 @@ SETTINGS = st.builds(
     partial(replace, ps.Settings.preset("paper")),
     neighborhood=st.just(3),
     frequencies=st.just((1, 1)),
-    weak=st.sampled_from([0, 0.5]),
+    noise_threshold=st.sampled_from([0, 0.5]),
     window=st.sampled_from([1, 3, 5]),
     shiftable=st.booleans(),
     precision=st.sampled_from(["full", "byte"]),
     optimizer=st.sampled_from(["dp", "so", "wta", "sgm", "sgm", "sgm"]),
-    penalty=st.sampled_from([1, (0.5, 2), (4, 16), (3, 1)]),
-    edges=st.sampled_from([0, 0.3, 1]),
+    p1=st.sampled_from([0.5, 1, 3, 4]),
+    p2=st.sampled_from([1, 2, 16]),
+    adaptive_p2=st.sampled_from([0, 0.3, 1]),
     subpixel=st.booleans(),
-    consistency=st.sampled_from([None, 0, 1]),
+    lr_check=st.sampled_from([None, 0, 1]),
     uniqueness=st.sampled_from([0, 0, 5, 30, 100]),
     speckle_size=st.sampled_from([0, 3, 20]),
     speckle_range=st.sampled_from([0, 0.5, 1]),
-    guided=st.booleans(),
+    guided_median=st.booleans(),
     median=st.sampled_from([0, 3]),
     fill=st.booleans(),
     confidence=st.sampled_from([True]),
@@ -220,15 +217,15 @@ def test_robust_equals_the_oracle_over_several_bands_and_panels(
 @pytest.mark.parametrize("optimizer", ["dp", "so", "wta"])
 def test_scanlines_can_be_refined_as_well(optimizer: Any) -> None:
     """Speckles without a check, which leaves few of them; then the check without speckles."""
-    spotted = {"window": 3, "penalty": 0.1, "speckle_size": 12, "speckle_range": 0.5}
-    unclear = {"speckle_size": 0, "consistency": None, "uniqueness": 20}
+    spotted = {"window": 3, "p1": 0.1, "p2": 0.1, "speckle_size": 12, "speckle_range": 0.5}
+    unclear = {"speckle_size": 0, "lr_check": None, "uniqueness": 20}
     checks: list[tuple[dict[str, Any], int]] = [
         (unclear, ps.Flag.AMBIGUOUS),
-        (spotted | {"consistency": None}, ps.Flag.SPECKLE),
+        (spotted | {"lr_check": None}, ps.Flag.SPECKLE),
         ({"speckle_size": 0}, ps.Flag.OCCLUDED | ps.Flag.MISMATCHED),
     ]
     for check, kinds in checks:
-        small = replace(ROBUST, sizes=1, penalty=(5.0, 20.0), optimizer=optimizer)
+        small = replace(ROBUST, sizes=1, p1=5.0, p2=20.0, optimizer=optimizer)
         wanted = replace(small, min_confidence=0.5, **check)
         result = assert_equals_the_oracle(two_surfaces(5, (40, 26)), wanted, (-1, 7))
         for kind in (kinds, ps.Flag.FILLED, ps.Flag.LOW_CONFIDENCE):

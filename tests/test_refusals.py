@@ -105,8 +105,8 @@ def test_numbers_of_disparities_out_of_range(value: int) -> None:
 
 def test_integers_that_python_refuses_to_print() -> None:
     refused(ValueError, "^num_disparities: got an integer beyond 64 bits", num_disparities=10**5000)
-    with pytest.raises(ValueError, match="^penalty: got an integer out of range"):
-        ps.optimize(np.zeros((1, 1, 1), np.uint32), penalty=10**5000)
+    with pytest.raises(ValueError, match="^p2: got an integer out of range"):
+        ps.optimize(np.zeros((1, 1, 1), np.uint32), p1=1, p2=10**5000)
 
 
 @pytest.mark.parametrize("value", [True, False, 4.0, "4", np.float32(4), [4], np.bool_(1)])

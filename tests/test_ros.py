@@ -227,14 +227,14 @@ def check_points(cloud: Any, depth: Any, index: int) -> None:
 
 def test_what_has_no_estimate_is_below_the_range(run: Callable[..., Run], tmp_path: Path) -> None:
     recording(tmp_path / "in.mcap", 1)
-    more = "--consistency", "1", "--no-fill", "--depth-encoding", "16UC1"
+    more = "--lr-check", "1", "--no-fill", "--depth-encoding", "16UC1"
     out = tmp_path / "out.mcap"
     code, _, err = live(run, tmp_path / "in.mcap", "-o", out, *more, "--min-disparity", -2)
     assert code == 0, err
     found = robots.read(out)
     message, depth = found["/rig/disparity"][0][1], found["/rig/depth"][0][1]
     values = message.image.data.view("<f4")
-    settings: dict[str, Any] = {"consistency": 1, "fill": False, "preset": "fast"}
+    settings: dict[str, Any] = {"lr_check": 1, "fill": False, "preset": "fast"}
     result = ps.match(*cut(0), num_disparities=COUNT, min_disparity=-2, **settings)
     missing = np.isnan(result.disparity).ravel()
     assert missing.any()

@@ -129,7 +129,7 @@ def test_a_pair_is_matched_and_published(node: Callable[..., Any]) -> None:
     made._synchronizer.callback(*arrivals())
     assert not made.logged
     (message,) = made.published["disparity"]
-    settings: dict[str, Any] = {"preset": "fast", "fill": False, "consistency": 1}
+    settings: dict[str, Any] = {"preset": "fast", "fill": False, "lr_check": 1}
     result = ps.match(*pair(), num_disparities=COUNT, **settings)
     expected = np.where(np.isnan(result.disparity), -1, result.disparity)
     values = np.frombuffer(message.image.data, "<f4").reshape(ROWS, COLS)
@@ -176,7 +176,7 @@ def test_its_parameters_are_settings(node: Callable[..., Any]) -> None:
     )  # fmt: skip
     search = made._search
     chosen = search.settings
-    assert (chosen.window, chosen.uniqueness, chosen.consistency) == (7, 15, 3)
+    assert (chosen.window, chosen.uniqueness, chosen.lr_check) == (7, 15, 3)
     assert (chosen.speckle_size, chosen.speckle_range, chosen.fill) == (100, 2, False)
     assert (search.low, search.count) == (-4, 64)
     assert made.logged == ["without effect here: P1"]

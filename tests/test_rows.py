@@ -224,8 +224,13 @@ def faults(pair: Pair) -> dict[str, tuple[Any, Any, dict[str, Any], str]]:
         "black": (pair.left, np.zeros_like(pair.left), told, "match"),
         "rows": (pair.left, crooked, {**told, "align_rows": False}, "match"),
         "upside down": (pair.left, pair.right[::-1], told, "match"),
-        "inverted": (pair.left, 255 - pair.right, {**told, "equalise": False}, "match"),
-        "inverted, range to be found": (pair.left, 255 - pair.right, {"equalise": False}, "match"),
+        "inverted": (pair.left, 255 - pair.right, {**told, "compensate_blur": False}, "match"),
+        "inverted, range to be found": (
+            pair.left,
+            255 - pair.right,
+            {"compensate_blur": False},
+            "match",
+        ),
     }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -20,7 +22,7 @@ def test_dynamic_programming_follows_the_definition(
     costs: np.ndarray, rise: int, drop: int
 ) -> None:
     expected = oracle.scanline(costs.astype(np.int64), rise, drop)
-    np.testing.assert_array_equal(ps.optimize(costs, penalty=(rise, drop)), expected)
+    np.testing.assert_array_equal(ps.optimize(costs, p1=rise, p2=drop), expected)
 
 
 @given(costs=VOLUMES, near=st.integers(0, 5), far=st.integers(0, 5))
@@ -28,14 +30,14 @@ def test_scanline_optimization_follows_the_definition(
     costs: np.ndarray, near: int, far: int
 ) -> None:
     expected = oracle.free_scanline(costs.astype(np.int64), near, far)
-    found = ps.optimize(costs, penalty=(near, far), optimizer="so")
+    found = ps.optimize(costs, p1=near, p2=far, optimizer="so")
     np.testing.assert_array_equal(found, expected)
 
 
 @given(costs=VOLUMES)
 def test_winner_takes_all_follows_the_definition(costs: np.ndarray) -> None:
     expected = oracle.winner_takes_all(costs.astype(np.int64))
-    np.testing.assert_array_equal(ps.optimize(costs, penalty=1, optimizer="wta"), expected)
+    np.testing.assert_array_equal(ps.optimize(costs, p1=1, p2=1, optimizer="wta"), expected)
 
 
 @given(costs=VOLUMES, near=st.integers(0, 5), far=st.integers(0, 5))
@@ -43,7 +45,7 @@ def test_semi_global_matching_follows_the_definition(
     costs: np.ndarray, near: int, far: int
 ) -> None:
     expected = oracle.winner_takes_all(oracle.path_means(costs.astype(np.int64), near, far))
-    found = ps.optimize(costs, penalty=(near, far), optimizer="sgm")
+    found = ps.optimize(costs, p1=near, p2=far, optimizer="sgm")
     np.testing.assert_array_equal(found, expected)
 
 
@@ -55,7 +57,7 @@ def test_paths_begin_outside_bands_and_panels(shape: tuple[int, int], count: int
     alone = oracle.winner_takes_all(costs)
     for optimizer, paths in (("so", oracle.row_means), ("sgm", oracle.path_means)):
         expected = oracle.winner_takes_all(paths(costs.astype(np.int64), 2, 6))
-        found = ps.optimize(costs, penalty=(2, 6), optimizer=optimizer)  # type: ignore[arg-type]  # it is one
+        found = ps.optimize(costs, p1=2, p2=6, optimizer=optimizer)  # type: ignore[arg-type]  # it is one
         np.testing.assert_array_equal(found, expected)
         assert (found != alone).any()
 
@@ -64,27 +66,31 @@ def test_no_cost_overflows() -> None:
     costs = np.full((1, 4000, 3), 2**28, np.uint32)
     costs[:, :, 1] -= 1
     for optimizer in ("dp", "so", "wta", "sgm"):
-        assert (ps.optimize(costs, penalty=2**40, optimizer=optimizer) == 1).all()
+        assert (ps.optimize(costs, p1=2, p2=2**40, optimizer=optimizer) == 1).all()
 
 
 def test_larger_costs_are_refused() -> None:
     costs = np.array([[[3, 2**28 + 1]]], np.uint32)
     with pytest.raises(ValueError, match="^costs: got 268435457; accepts costs up to 268435456"):
-        ps.optimize(costs, penalty=1)
+        ps.optimize(costs, p1=1, p2=1)
 
 
-@pytest.mark.parametrize("penalty", [1.0, "1", None, True, (1, 2.0), (True, 1), np.array([1, 2])])
-def test_a_penalty_that_is_no_integer_is_refused(penalty: object) -> None:
-    with pytest.raises(TypeError, match="^penalty: .*; accepts "):
-        ps.optimize(np.zeros((1, 1, 1), np.uint32), penalty=penalty)  # type: ignore[arg-type]  # the point
+@pytest.mark.parametrize("name", ["p1", "p2"])
+@pytest.mark.parametrize("value", [1.0, "1", None, True, (1, 2), np.array([1, 2])])
+def test_penalties_that_are_no_integers_are_refused(name: str, value: object) -> None:
+    penalties: dict[str, Any] = {"p1": 1, "p2": 1, name: value}
+    with pytest.raises(TypeError, match=f"^{name}: got .*; accepts an integer"):
+        ps.optimize(np.zeros((1, 1, 1), np.uint32), **penalties)
 
 
-@pytest.mark.parametrize("penalty", [-1, 2**40 + 1, 10**30, (1, -1), (), (1, 2, 3)])
-def test_a_penalty_out_of_range_is_refused(penalty: object) -> None:
-    with pytest.raises(ValueError, match="^penalty: got .*; accepts "):
-        ps.optimize(np.zeros((1, 1, 1), np.uint32), penalty=penalty)  # type: ignore[arg-type]  # the point
+@pytest.mark.parametrize("name", ["p1", "p2"])
+@pytest.mark.parametrize("value", [-1, 2**40 + 1, 10**30])
+def test_penalties_out_of_range_are_refused(name: str, value: int) -> None:
+    penalties = {"p1": 1, "p2": 1, name: value}
+    with pytest.raises(ValueError, match=f"^{name}: got .*; accepts "):
+        ps.optimize(np.zeros((1, 1, 1), np.uint32), **penalties)
 
 
 def test_an_unknown_optimizer_is_refused() -> None:
     with pytest.raises(ValueError, match="^optimizer: got 'sgd'; accepts 'dp', 'so', 'wta', 'sgm'"):
-        ps.optimize(np.zeros((1, 1, 1), np.uint32), penalty=1, optimizer="sgd")  # type: ignore[arg-type]  # the point
+        ps.optimize(np.zeros((1, 1, 1), np.uint32), p1=1, p2=1, optimizer="sgd")  # type: ignore[arg-type]  # the point

@@ -151,15 +151,15 @@ def test_what_is_told_is_not_looked_for() -> None:
     read = scene()
     versions = ps.Equalisation(noise=(1.0, 2.0))
     assert surveyed(read, equalisation=versions).equalisation is versions
-    told = surveyed(read, noise=(1.0, 3.0), equalise=False).equalisation
+    told = surveyed(read, noise=(1.0, 3.0), compensate_blur=False).equalisation
     assert told is not None
     assert told.noise == (1.0, 3.0)
     read.asked.clear()
-    assert surveyed(read, noise=1.0, preset="fast", edges=0).blur is None
+    assert surveyed(read, noise=1.0, preset="fast", adaptive_p2=0).blur is None
     assert read.asked == [(0, 1)]
 
 
-PLAIN = {"preset": "fast", "edges": 0}
+PLAIN = {"preset": "fast", "adaptive_p2": 0}
 """What asks for nothing to be known of the whole pair."""
 
 
@@ -171,8 +171,8 @@ PLAIN = {"preset": "fast", "edges": 0}
         (PLAIN, "float32", 1),
         (PLAIN | {"cost": "sad"}, "float32", 1),
         (PLAIN | {"cost": "sad", "intensity_range": (0.0, 1.0)}, "float32", 0),
-        (PLAIN | {"edges": 1.0}, "uint8", 1),
-        (PLAIN | {"guided": True}, "uint8", 1),
+        (PLAIN | {"adaptive_p2": 1.0}, "uint8", 1),
+        (PLAIN | {"guided_median": True}, "uint8", 1),
         (PLAIN | {"min_confidence": 0.5}, "uint8", 1),
         ({"preset": "paper"}, "uint8", 1),
         ({"preset": "paper", "confidence": False}, "uint8", 0),
@@ -221,7 +221,7 @@ def kept() -> list[ps.Survey]:
     given_versions = surveyed(scene(), equalisation=versions, min_disparity=-7)
     plain = surveyed(scene(), preset="fast")
     others = surveyed(
-        scene(), preset="paper", penalty=(1.0, 2.5), intensity_range=(3.0, 99.5), cost="sad"
+        scene(), preset="paper", p1=1.0, p2=2.5, intensity_range=(3.0, 99.5), cost="sad"
     )
     assert areas.blur is not None
     assert np.isnan(areas.blur.gain)
@@ -252,7 +252,7 @@ def test_bands_match_alike_with_a_survey_that_comes_from_a_file(tmp_path: Path) 
 def test_numbers_of_numpy_can_be_saved(tmp_path: Path) -> None:
     options: dict[str, Any] = {
         "num_disparities": np.int64(16), "min_disparity": np.int32(-2), "preset": "fast",
-        "window": np.int16(5), "penalty": (np.float32(0.1), np.float64(2.0)),
+        "window": np.int16(5), "p1": np.float32(0.1), "p2": np.float64(2.0),
     }  # fmt: skip
     read = scene()
     told = ps.survey(read, (np.int64(150), np.int64(130)), **options)  # type: ignore[arg-type] # they do

@@ -28,11 +28,12 @@ SETTINGS = replace(
     ps.Settings.preset("paper"),
     neighborhood=5,
     frequencies=(1, 1),
-    weak=WEAK,
+    noise_threshold=WEAK,
     window=7,
     shiftable=False,
     optimizer="sgm",
-    penalty=(5.0, 20.0),
+    p1=5.0,
+    p2=20.0,
 )
 
 
@@ -93,7 +94,10 @@ def test_a_map_is_redrawn_as_the_oracle_says(side: str) -> None:
         kernels,
         oracle.class_map(versions.labels, versions.tile, SIZE),
         L=5,
-        weak=(oracle.weak_threshold(NOISE[0], WEAK, 5), oracle.weak_threshold(NOISE[1], WEAK, 5)),
+        noise_threshold=(
+            oracle.weak_threshold(NOISE[0], WEAK, 5),
+            oracle.weak_threshold(NOISE[1], WEAK, 5),
+        ),
     )
     expected = synthesis.outline(redrawn, left)
     assert (redrawn != before).mean() > 0.01

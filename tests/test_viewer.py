@@ -218,7 +218,7 @@ def test_settings_change_the_coming_frames(server: Server, show: Show) -> None:
         answer = ask(server, "settings", "POST", wanted | {"num_disparities": 8})
         assert (answer.status, answer.json()) == (200, {})
         found = next(frames).result
-    assert found.settings.penalty == (1.5, 9.0)
+    assert (found.settings.p1, found.settings.p2) == (1.5, 9.0)
     assert (found.settings.uniqueness, found.settings.speckle_size) == (20, 30)
     assert not found.settings.fill
     assert found.search is not None

@@ -31,7 +31,7 @@ BYTES_TO_WIDEST: list[dict[str, Any]] = [
     {"preset": "fast"},
     {"preset": "paper"},
     {"preset": "fast", "precision": "full", "confidence": True},
-    {"preset": "paper", "cost": "sad", "penalty": 15},
+    {"preset": "paper", "cost": "sad", "p1": 15, "p2": 15},
     {"preset": "paper", "cost": "sad", "window": 1, "optimizer": "wta"},
 ]
 

@@ -55,7 +55,8 @@ def matched(left: Image, right: Image) -> Map:
         progress=lambda done, rows: use(done / rows),
         noise=(1.0, 2.0),
         fill=False,
-        penalty=(4.0, 16.0),
+        p1=4.0,
+        p2=16.0,
     )
     settings: ps.Settings = ps.PRESETS["paper"]
     matcher = ps.Matcher(settings=settings, threads=1)
@@ -100,7 +101,7 @@ def in_pieces(left: Image, right: Image) -> NDArray[np.uint16]:
     use(ps.descriptor(left, neighborhood=9).dtype)
     versions = ps.Equalisation(noise=(1.0, 1.0), kernels=[(None, np.full((3, 3), 1 / 9))])
     costs = ps.cost_volume(left, right, num_disparities=64, equalisation=versions)
-    return ps.optimize(ps.aggregate(costs, window=7), penalty=(10, 40), optimizer="sgm")
+    return ps.optimize(ps.aggregate(costs, window=7), p1=10, p2=40, optimizer="sgm")
 
 
 def like_opencv(left: Image, right: Image) -> NDArray[np.int16]:

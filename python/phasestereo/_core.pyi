@@ -1,7 +1,7 @@
 """The compiled core: validated again here, so that no argument can make it panic."""
 
 from collections.abc import Callable
-from typing import TypeAlias, final
+from typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ __all__ = [
     "LARGER",
     "LEAST_SIZE",
     "MUCH_LARGER",
+    "PRESETS",
     "Workers",
     "__version__",
     "aggregate_volume",
@@ -36,6 +37,7 @@ __all__ = [
     "match_pair",
     "match_rows",
     "optimize_volume",
+    "preset",
     "reach",
     "simd_level",
     "summarize",
@@ -51,6 +53,7 @@ FLAGS: dict[str, int]
 LARGER: int
 MUCH_LARGER: int
 LEAST_SIZE: int
+PRESETS: list[str]
 
 @final
 class Workers:
@@ -131,8 +134,9 @@ def cost_volume(
 ) -> NDArray[np.uint16]: ...
 def aggregate_volume(costs: NDArray[np.uint16], settings: Settings) -> NDArray[np.uint32]: ...
 def optimize_volume(
-    costs: NDArray[np.uint32], settings: Settings, penalty: tuple[int, int]
+    costs: NDArray[np.uint32], settings: Settings, p1: int, p2: int
 ) -> NDArray[np.uint16]: ...
+def preset(name: str) -> dict[str, Any]: ...
 def simd_level() -> str: ...
 def summarize(
     disparity: NDArray[np.float32],

@@ -110,7 +110,7 @@ def maps(
     What must be known of the whole pair (its blur and noise, the range of float images) is found
     out **at the call**, window by window, unless ``survey`` tells it: then every pixel is computed
     up to four times now and once by the tasks. With ``preset="fast"`` and integer images those of
-    the left one are once; with ``edges=0``, too, no more than the first row is.
+    the left one are once; with ``adaptive_p2=0``, too, no more than the first row is.
 
     Parameters
     ----------

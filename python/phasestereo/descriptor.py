@@ -32,12 +32,12 @@ def descriptor(
         bool (H, W), True = valid; what the other pixels hold has no effect. None: all are valid.
     settings
         Settings to start from; None: the preset ``"paper"``. ``neighborhood``, ``taper``,
-        ``frequencies``, ``power``, ``bits``, ``weak`` and ``sizes`` matter here.
+        ``frequencies``, ``power``, ``bits``, ``noise_threshold`` and ``sizes`` matter here.
     threads
         Number of threads; None: as many as the process may use.
     noise
         Standard deviation of the noise of the image, in units of its pixels; of its gray values
-        where it has colour. Needed with ``weak > 0``, else without effect.
+        where it has colour. Needed with ``noise_threshold > 0``, else without effect.
     **overrides
         Fields of `Settings` by name.
 
@@ -48,8 +48,8 @@ def descriptor(
         the order of eq. 3 (u = 0: v = 1..s; then u = 1..r: v = -s..s), the first in the lowest
         bits, 2^(b - 1) bits each: the level modulo 2^b in a Johnson code (0, 1, 3, 2 for b = 2), so
         that the number of bits in which two codes differ is the similarity measure of eq. 6.
-        With ``weak > 0`` 4 bits each: whether the real part is clearly negative, the imaginary
-        part too; whether the real part is clearly positive, the imaginary part too. With
+        With ``noise_threshold > 0`` 4 bits each: whether the real part is clearly negative, the
+        imaginary part too; whether the real part is clearly positive, the imaginary part too. With
         ``sizes=2`` the components (0, 1) and (1, 0) of the larger neighbourhood, with the weak
         level if there is one, come first, then all of the smaller one, without it.
 
@@ -69,8 +69,8 @@ def descriptor(
 
     White noise of standard deviation s gives either part of every component the standard deviation
     s sqrt(sum(w^2) / 2), w being the window: s L / sqrt(2) for the uniform one. A part is clear if
-    its magnitude exceeds ``weak`` times that (with ``power=2`` the square of it), rounded to a
-    whole step of the integers.
+    its magnitude exceeds ``noise_threshold`` times that (with ``power=2`` the square of it),
+    rounded to a whole step of the integers.
     """
     chosen = resolve("paper" if settings is None else None, settings, overrides)
     pixels = as_pixels(image, "image")

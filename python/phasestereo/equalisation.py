@@ -36,8 +36,8 @@ class Equalisation:
     ----------
     noise
         Standard deviations of the noise of the left and of the right image, in units of their
-        pixels; those of gray values where the images have colour. Read with ``weak > 0`` alone; a
-        kernel does not change them.
+        pixels; those of gray values where the images have colour. Read with ``noise_threshold > 0``
+        alone; a kernel does not change them.
     kernels
         For each class, at most 16, a pair (left, right): what the images are convolved with, a 2-D
         array of float32 or float64 with odd sides up to 129 whose centre is the pixel itself, its

@@ -182,6 +182,6 @@ def find_range(left: ArrayLike, right: ArrayLike) -> SearchRange | None:
 
 
 def _without_blur(left: ArrayLike, right: ArrayLike) -> Estimates:
-    asked = replace(PRESETS["robust"], equalise=False, weak=0.0)
+    asked = replace(PRESETS["robust"], compensate_blur=False, noise_threshold=0.0)
     found = _core.estimate_pair(as_pair(left, right), (None, None), (0, None), asked, None)
     return as_estimates(found, asked, (0, None), None)

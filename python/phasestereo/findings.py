@@ -73,7 +73,7 @@ _NOTHING = (
     "hardly anything in one image is found in the other: these are no pair, or far from rectified"
 )
 _INVERTED = "what is bright in one image is dark in the other"
-_INVERT = "invert one of them (255 - image), or match with equalise=True, which does"
+_INVERT = "invert one of them (255 - image), or match with compensate_blur=True, which does"
 _TRUST = "match", "swap", "range"  # topics that tell whether a match is to be trusted at all
 
 
@@ -126,8 +126,8 @@ def of_result(result: Result) -> tuple[Finding, ...]:
     if search is None or summary is None or min(result.disparity.shape) < LEAST_SIZE:
         return ()
     asked = result.settings
-    is_checked = asked.consistency is not None
-    found = list(_match(search, summary, evened=asked.equalise)) if is_checked else []
+    is_checked = asked.lr_check is not None
+    found = list(_match(search, summary, evened=asked.compensate_blur)) if is_checked else []
     found += _matched_rows(result)
     if result.blur is not None and not result.blur.reused:
         # It was evened out: worth knowing, no more.

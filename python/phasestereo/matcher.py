@@ -77,13 +77,13 @@ def match(
         raises ends the match.
     noise
         Standard deviation of the noise of both images, or a pair of them (left, right), in units
-        of their pixels; of gray values where they have colour. It matters with ``weak > 0``; None:
-        it is estimated then.
+        of their pixels; of gray values where they have colour. It matters with ``noise_threshold >
+        0``; None: it is estimated then.
     equalisation
         Versions of the images in which pixels are compared, see
         `phasestereo.equalisation.Equalisation`; it tells the noise, too. For ``cost="phase"``.
-        None: with ``equalise=True`` those that even out the blur that is found, else the images as
-        they are.
+        None: with ``compensate_blur=True`` those that even out the blur that is found, else the
+        images as they are.
     **overrides
         Fields of `Settings` by name, which take precedence over ``preset`` and ``settings``.
 
@@ -308,7 +308,7 @@ def _again(
     alignment, versions = before.alignment, before.equalisation
     field = alignment.field if alignment is not None and alignment.applied else None
     asked = replace(before.settings, align_rows=False)
-    inverted = before.search is not None and before.search.inverted and asked.equalise
+    inverted = before.search is not None and before.search.inverted and asked.compensate_blur
     known: Told = None, versions, field, inverted
     matched, told = _core.match_pair(pair, masks, search, asked, *how, known)
     same = as_estimates(told, before.settings, search, versions)

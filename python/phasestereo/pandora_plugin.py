@@ -70,11 +70,11 @@ class PhaseCost(AbstractMatchingCost):
 
         - ``window_size``: side of the square over which costs are averaged, odd, 1 to 63.
           Default 5.
-        - ``neighborhood``, ``taper``, ``frequencies``, ``power``, ``bits``, ``weak``: as
-          `phasestereo.Settings` has them; the noise that ``weak`` needs is estimated. Defaults 3,
-          "uniform", [1, 1], 1, 2 and 0.5, as the preset ``robust`` has them.
-        - ``equalise``: whether the relative blur of the images is estimated and evened out before
-          they are compared. Default true.
+        - ``neighborhood``, ``taper``, ``frequencies``, ``power``, ``bits``, ``noise_threshold``: as
+          `phasestereo.Settings` has them; the noise that ``noise_threshold`` needs is estimated.
+          Defaults 3, "uniform", [1, 1], 1, 2 and 0.5, as the preset ``robust`` has them.
+        - ``compensate_blur``: whether the relative blur of the images is estimated and evened out
+          before they are compared. Default true.
 
     Raises
     ------
@@ -85,9 +85,9 @@ class PhaseCost(AbstractMatchingCost):
 
     Notes
     -----
-    A cost rests on ``neighborhood + window_size - 1`` pixels across, with ``equalise`` on 4 more.
-    That is the window that the rest of Pandora sees: half of it is the border without costs, the
-    reach of pixels without data, and the margin that a tile needs.
+    A cost rests on ``neighborhood + window_size - 1`` pixels across, with ``compensate_blur`` on 4
+    more. That is the window that the rest of Pandora sees: half of it is the border without costs,
+    the reach of pixels without data, and the margin that a tile needs.
     """
 
     OWN: ClassVar[dict[str, Any]] = {
@@ -96,8 +96,8 @@ class PhaseCost(AbstractMatchingCost):
         "frequencies": [1, 1],
         "power": 1,
         "bits": 2,
-        "weak": 0.5,
-        "equalise": True,
+        "noise_threshold": 0.5,
+        "compensate_blur": True,
     }
     """The parameters that Pandora does not know, and their defaults."""
 
@@ -174,7 +174,7 @@ def _settings(cfg: dict[str, Any]) -> Settings:
 
 def _support(settings: Settings) -> int:
     """Return how many pixels across a cost rests on, at most."""
-    larger = _core.LARGER + _core.MUCH_LARGER if settings.equalise else 0
+    larger = _core.LARGER + _core.MUCH_LARGER if settings.compensate_blur else 0
     return settings.neighborhood + settings.window - 1 + larger
 
 
@@ -182,7 +182,7 @@ def _most_bits(settings: Settings) -> int:
     """Return the length of a code, of which no two differ by more."""
     r, s = settings.frequencies
     bits = (r * (2 * s + 1) + s) << (settings.bits - 1)
-    return 2 * bits if settings.weak > 0 else bits
+    return 2 * bits if settings.noise_threshold > 0 else bits
 
 
 def _view(image: Dataset, band: str | None) -> _View:
@@ -205,7 +205,7 @@ def _evened_out(
     left: _View, right: _View, disparities: NDArray[np.float64], settings: Settings
 ) -> _Terms:
     """Return how the images are to be compared once their blur and noise are known, if need be."""
-    if not (settings.equalise or settings.weak > 0):
+    if not (settings.compensate_blur or settings.noise_threshold > 0):
         return _Terms(settings, None)
     pair = as_pair(left.pixels, right.pixels)
     low, high = int(np.floor(disparities[0])), int(np.ceil(disparities[-1]))

@@ -357,7 +357,7 @@ def blur(
     if found is None:
         raise ValueError(
             "estimate: got a result without one; it is there if the match evened out blur "
-            "(equalise=True), and estimate_blur gives it by itself"
+            "(compensate_blur=True), and estimate_blur gives it by itself"
         )
     if not isinstance(found, BlurEstimate):
         raise TypeError(f"estimate: got {type(found).__name__}; accepts a Result or BlurEstimate")

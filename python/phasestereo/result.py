@@ -112,7 +112,7 @@ class Result:
         left without an estimate have theirs, others without one 0. None if the settings have
         ``confidence=False``.
     settings
-        The settings that were used: with ``equalise=True`` those that suit the blur.
+        The settings that were used: with ``compensate_blur=True`` those that suit the blur.
     timings
         Wall-clock seconds of the stages: ``"estimation"`` (of blur and noise, if they were asked
         for), ``"description"`` (images to codes), ``"matching"`` (codes to disparities),

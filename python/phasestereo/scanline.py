@@ -21,7 +21,8 @@ LARGEST_PENALTY = 2**40
 def optimize(
     costs: ArrayLike,
     *,
-    penalty: int | tuple[int, int],
+    p1: int,
+    p2: int,
     optimizer: Literal["dp", "so", "wta", "sgm"] = "dp",
 ) -> NDArray[np.uint16]:
     """Choose a candidate for every pixel of a volume of aggregated costs.
@@ -30,16 +31,16 @@ def optimize(
     ----------
     costs
         uint32 (H, W, D), as from `aggregate`, up to 2^28.
-    penalty
-        What a change of the index along a path costs, in the unit of the costs: one integer, or a
-        pair (near, far); 0 to 2^40. Those above 2^28 count as 2^28.
+    p1, p2
+        What a change of the index by one, and by more, costs along a path, in the unit of the
+        costs: integers from 0 to 2^40. Those above 2^28 count as 2^28.
     optimizer
         ``"dp"``: dynamic programming along each row under the ordering constraint that an index may
-        rise by one at most from a pixel to the next, for near, or drop to any smaller one, for far
+        rise by one at most from a pixel to the next, for P1, or drop to any smaller one, for P2
         (Pedone & Heikkilä 2008, section 2.3); equal costs go to the same index, then to the smaller
         one. ``"so"``: the least mean of the totals of two paths along the row, from the left and
-        from the right, along each of which the index stays, changes by one, for near (P1), or by
-        more, for far (P2), which is at least near. ``"sgm"``: the least mean of the totals of four
+        from the right, along each of which the index stays, changes by one, for P1, or by more,
+        for P2, which counts at least P1. ``"sgm"``: the least mean of the totals of four
         such paths, from the left, the right, above and below (Hirschmüller, *Stereo Processing by
         Semiglobal Matching and Mutual Information*, PAMI 2008). ``"wta"``: the least cost of each
         pixel by itself. Equal means and costs go to the smallest index. Paths from the right begin
@@ -54,28 +55,25 @@ def optimize(
     Raises
     ------
     TypeError
-        If the costs are no uint32 array, or a penalty is not an integer.
+        If the costs are no uint32 array, or P1 or P2 is not an integer.
     ValueError
-        If the costs are not 3-D, are empty or exceed 2^28, a penalty is out of range, or there is
-        no such optimizer.
+        If the costs are not 3-D, are empty or exceed 2^28, P1 or P2 is out of range, or there is no
+         such optimizer.
     """
     volume = as_volume(costs, np.uint32)
-    both = penalty if isinstance(penalty, tuple) else (penalty, penalty)
     settings = replace(Settings.preset("paper"), optimizer=optimizer)
-    return _core.optimize_volume(volume, settings, check_penalty(both))
+    return _core.optimize_volume(volume, settings, _penalty(p1, "p1"), _penalty(p2, "p2"))
 
 
-def check_penalty(penalty: tuple[int, ...]) -> tuple[int, int]:
-    """Return a pair of penalties as plain integers."""
-    if len(penalty) != 2:
-        raise ValueError(f"penalty: got {penalty}; accepts one integer or a pair (near, far)")
-    if any(isinstance(value, bool) for value in penalty):
-        raise TypeError("penalty: got a bool; accepts integers")
+def _penalty(value: int, name: str) -> int:
+    """Return a penalty as a plain integer."""
+    if isinstance(value, bool):
+        raise TypeError(f"{name}: got a bool; accepts an integer")
     try:
-        near, far = (index(value) for value in penalty)
-    except TypeError as error:
-        raise TypeError(f"penalty: {error}; accepts an integer or a pair of them") from error
-    if not (0 <= near <= LARGEST_PENALTY and 0 <= far <= LARGEST_PENALTY):
+        whole = index(value)
+    except TypeError:
+        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer") from None
+    if not 0 <= whole <= LARGEST_PENALTY:
         # Not printed: Python may refuse to print a huge integer.
-        raise ValueError("penalty: got an integer out of range; accepts those from 0 to 2^40")
-    return near, far
+        raise ValueError(f"{name}: got an integer out of range; accepts those from 0 to 2^40")
+    return whole

@@ -33,7 +33,7 @@ class SearchRange:
         Whether disparities of both signs are clearly there, as with squinting cameras.
     inverted
         Whether the images match once one of them is inverted, and not before: what is bright in one
-        is dark in the other. With ``equalise``, the negative of the right one is matched.
+        is dark in the other. With ``compensate_blur``, the negative of the right one is matched.
     """
 
     min_disparity: int

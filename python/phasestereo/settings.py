@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
+_DEFAULTS = _core.preset("robust")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """All settings of a match; the defaults are the ``"robust"`` preset.
@@ -46,7 +49,7 @@ class Settings:
     bits
         Bits b of the phase, 1 to 4: it is quantised to 2^b levels (eq. 3). A pixel's code takes
         (r (2 s + 1) + s) 2^(b - 1) bits, at most 64. Default 2.
-    weak
+    noise_threshold
         Real and imaginary parts of the spectrum whose magnitude is up to so many standard
         deviations of what the noise of the image makes of them count as weak, 0 to 100: where
         there is little texture their signs are noise. A weak part differs by one from a clear one,
@@ -70,7 +73,7 @@ class Settings:
         bits that each fits a byte, which is nearly twice as fast: from the sum of each column of
         the window the lowest n bits are dropped, the least n for which
         window * (window * ceiling >> n) <= 170, the ceiling being the largest cost of one pixel;
-        one more where only so the largest sum and the far penalty together fit a byte, if that
+        one more where only so the largest sum and P2 together fit a byte, if that
         leaves a largest sum of at least 80. So totals fit one, too, unless penalties are large.
         Default ``"byte"``.
     optimizer
@@ -88,17 +91,19 @@ class Settings:
           right, above and below. Those from above and below begin 16 rows outside each band of 64
           rows, so that bands depend on nothing else: memory does not grow with the height, and
           parts of a pair are those of the whole.
-    penalty
-        What a change of disparity along the row costs, in units of the cost, as averaged over the
-        window; 0 to 65535: one number, or a pair (near, far). With ``"dp"`` near is for a rise by
-        one, far for a drop by whatever; with ``"so"`` and ``"sgm"`` near is P1, for a change by
-        one, far is P2, for any other change, at least P1; ``"wta"`` ignores both. Default (6, 24).
-    edges
+    p1
+        P1, what a change of disparity by one costs along a path, in units of the cost, as averaged
+        over the window; 0 to 65535 (OpenCV's ``P1``). With ``"dp"``: what a rise by one costs.
+        ``"wta"`` ignores it. Default 6.
+    p2
+        P2, what any other change of disparity costs, at least P1; 0 to 65535 (OpenCV's ``P2``).
+        With ``"dp"``: what a drop costs, by whatever. ``"wta"`` ignores it. Default 24.
+    adaptive_p2
         With ``"so"`` and ``"sgm"``: where the gray value of the left image jumps from one pixel of
         a path to the next by more than so many times the mean difference of neighbors, P2 is
         halved, by more than thrice that, a third of it, but at least P1; 0 to 1000, 0: nowhere.
         Default 1.
-    equalise
+    compensate_blur
         Whether the relative blur of the two images is estimated (`phasestereo.estimate_blur`) and
         the sharper one is given it, area by area, before they are compared; for ``cost="phase"``.
         What is left of a blur is described by larger neighbourhoods: where any is found,
@@ -131,7 +136,7 @@ class Settings:
         Whether disparities lie between whole pixels: at the tip of a V through the costs about the
         chosen one, corrected for what a V gets wrong; then smoothed over 7 x 7 pixels of the same
         surface. Default True.
-    consistency
+    lr_check
         Left-right check: a pixel is flagged when the right pixel that was chosen for it fits
         another left pixel better whose disparity differs by more than so many pixels, 0 to 16384
         (OpenCV's ``disp12MaxDiff``). None: no check. Default 1.
@@ -149,7 +154,7 @@ class Settings:
         Whether, where one image alone is blurred, the disparities near jumps are taken from the map
         at hand, or it eroded or dilated by 4 pixels, by which of them the blurred image can best be
         made again from the sharp one (analysis by synthesis). Default True.
-    guided
+    guided_median
         Whether edges in depth are drawn to those of the left image: near a jump of the disparities
         a pixel takes the median of those of similar gray value. Default True.
     median
@@ -173,36 +178,37 @@ class Settings:
         If a field, or the length of the code, is out of range.
     """
 
-    cost: Literal["phase", "sad", "nsad"] = "phase"
-    neighborhood: int = 3
-    taper: Literal["uniform", "gaussian", "hann"] = "uniform"
-    frequencies: tuple[int, int] = (1, 1)
-    power: int = 1
-    bits: int = 2
-    weak: float = 0.5
-    sizes: int = 2
-    window: int = 5
-    shiftable: bool = False
-    precision: Literal["full", "byte"] = "byte"
-    optimizer: Literal["dp", "so", "wta", "sgm"] = "sgm"
-    penalty: float | tuple[float, float] = (6.0, 24.0)
-    edges: float = 1.0
-    equalise: bool = True
-    align_rows: bool = True
-    despike: bool = True
-    denoise: bool = True
-    intensity_range: tuple[float, float] | None = None
-    subpixel: bool = True
-    consistency: int | None = 1
-    uniqueness: int = 0
-    speckle_size: int = 100
-    speckle_range: float = 1.0
-    synthesis: bool = True
-    guided: bool = True
-    median: int = 3
-    fill: bool = True
-    confidence: bool = True
-    min_confidence: float = 0.0
+    cost: Literal["phase", "sad", "nsad"] = _DEFAULTS["cost"]
+    neighborhood: int = _DEFAULTS["neighborhood"]
+    taper: Literal["uniform", "gaussian", "hann"] = _DEFAULTS["taper"]
+    frequencies: tuple[int, int] = _DEFAULTS["frequencies"]
+    power: int = _DEFAULTS["power"]
+    bits: int = _DEFAULTS["bits"]
+    noise_threshold: float = _DEFAULTS["noise_threshold"]
+    sizes: int = _DEFAULTS["sizes"]
+    window: int = _DEFAULTS["window"]
+    shiftable: bool = _DEFAULTS["shiftable"]
+    precision: Literal["full", "byte"] = _DEFAULTS["precision"]
+    optimizer: Literal["dp", "so", "wta", "sgm"] = _DEFAULTS["optimizer"]
+    p1: float = _DEFAULTS["p1"]
+    p2: float = _DEFAULTS["p2"]
+    adaptive_p2: float = _DEFAULTS["adaptive_p2"]
+    compensate_blur: bool = _DEFAULTS["compensate_blur"]
+    align_rows: bool = _DEFAULTS["align_rows"]
+    despike: bool = _DEFAULTS["despike"]
+    denoise: bool = _DEFAULTS["denoise"]
+    intensity_range: tuple[float, float] | None = _DEFAULTS["intensity_range"]
+    subpixel: bool = _DEFAULTS["subpixel"]
+    lr_check: int | None = _DEFAULTS["lr_check"]
+    uniqueness: int = _DEFAULTS["uniqueness"]
+    speckle_size: int = _DEFAULTS["speckle_size"]
+    speckle_range: float = _DEFAULTS["speckle_range"]
+    synthesis: bool = _DEFAULTS["synthesis"]
+    guided_median: bool = _DEFAULTS["guided_median"]
+    median: int = _DEFAULTS["median"]
+    fill: bool = _DEFAULTS["fill"]
+    confidence: bool = _DEFAULTS["confidence"]
+    min_confidence: float = _DEFAULTS["min_confidence"]
 
     def __post_init__(self) -> None:
         """Check every field at once, in the core, which owns the ranges."""
@@ -226,78 +232,8 @@ class Settings:
         return PRESETS[name]
 
 
-_PAPER = Settings(
-    neighborhood=7,
-    frequencies=(2, 1),
-    weak=0.0,
-    sizes=1,
-    window=9,
-    shiftable=True,
-    precision="full",
-    optimizer="dp",
-    penalty=2.0,
-    edges=0.0,
-    equalise=False,
-    align_rows=False,
-    despike=False,
-    denoise=False,
-    subpixel=False,
-    consistency=None,
-    speckle_size=0,
-    synthesis=False,
-    guided=False,
-    median=0,
-)
-
-# Means of bad-1.0 (%) over the 12 scenes of the one-sided-blur suite:
-#                        sharp  gauss 2  disk 3
-#   as below              10.9     19.3    17.8
-#   neighborhood 7         9.1     20.2    21.5
-#   window 7              11.4     20.2    18.6
-#   penalty (3, 12)       11.0     19.4    17.8
-#   penalty (4, 16)       11.2     19.6    17.9
-#   edges 0               11.5     19.8    18.4
-#   edges 1               10.9     19.5    18.0
-#   median 0              11.2     19.9    18.3
-#   paper                 11.4     26.2    45.6
-_FAST = replace(
-    _PAPER,
-    neighborhood=9,
-    frequencies=(1, 1),
-    window=9,
-    shiftable=False,
-    precision="byte",
-    optimizer="so",
-    penalty=(3.0, 16.0),
-    edges=2.0,
-    median=3,
-    confidence=False,
-)
-
-# Means of bad-1.0 (%) of robust, the defaults, over the same scenes, told nothing: sharp, the mean
-# of the six blurs, and both images with noise of 5 gray levels, or JPEG of quality 70. Where one
-# image is blurred, neighborhood and window are two larger than said. As it was before, with
-# sizes=1, denoise=False and a penalty of (5, 20): 5.56 17.69 16.9 17.3.
-#   as it is            5.20  17.45  12.0  12.6     penalty (5, 20)  5.14  17.54  12.3  12.9
-#   sizes 1             6.01  17.85  16.2  13.7     penalty (7, 28)  5.27  17.37  12.0  12.4
-#   denoise=False       5.38  17.70  13.7  14.5     penalty (4, 24)  5.17  17.76  12.4  13.1
-#   neighborhood 5      6.32  18.52  12.5  13.1     penalty (5, 32)  5.24  17.66  12.0  12.7
-#   window 7            5.61  17.35  12.3  12.7     edges 0.5        5.24  17.58  12.4  12.8
-#   weak 0.35           5.18  17.42  12.4  12.8     edges 2          5.27  17.42  12.0  12.6
-#   weak 0.7            5.29  17.38  12.1  12.5     edges 0          5.68  18.02  12.5  13.1
-#   guided=False        5.56  17.98  13.0  13.3     median 0         5.44  17.61  12.3  12.8
-#   speckle_size 0      5.24  17.76  12.6  12.9
-# Others, before and with these: noise of 2 and 20: 10.2 -> 8.2, 41.5 -> 28.1; of 20 in one image:
-# 23.5 -> 16.6; JPEG of quality 90 and 30: 10.1 -> 8.4, 31.4 -> 22.2; 4 bits: 13.6 -> 12.0; both
-# after a disk of 3 px: 19.9 -> 14.5; 1 % of hot pixels: 20.1 -> 5.3; bad-0.5 of sharp pairs: 11.4
-# -> 11.0.
-# With synthesis, which is not in the figures above: the six blurs, Gaussian 2, 4, disk 3, 6, motion
-# 9, 15, their mean, and areas blurred differently.
-#   synthesis=False     14.25  26.45  12.14  20.72  12.60  18.22   17.40  13.01
-#   as it is            13.08  24.49  11.33  18.45  11.71  16.23   15.88  12.32
-
 PRESETS: Mapping[str, Settings] = MappingProxyType(
-    {"robust": Settings(), "paper": _PAPER, "fast": _FAST}
+    {name: Settings(**_core.preset(name)) for name in _core.PRESETS}
 )
 """The named settings. ``"robust"``: finds by itself which image is blurred and how, evens that out,
 repairs impulses, smooths noise and compression away, describes two sizes of neighborhoods, does not

@@ -51,8 +51,8 @@ class Survey:
     min_disparity, num_disparities
         The disparities to search.
     settings
-        The settings that every part is matched with: with ``equalise=True`` those that suit the
-        blur that was found.
+        The settings that every part is matched with: with ``compensate_blur=True`` those that suit
+        the blur that was found.
     equalisation
         The versions in which pixels are compared, of the whole pair; it tells the noise, too. None:
         the images as they are.
@@ -92,13 +92,13 @@ class Survey:
     @property
     def is_inverted(self) -> bool:
         """Whether the negative of the right image is matched."""
-        return self.search is not None and self.search.inverted and self.settings.equalise
+        return self.search is not None and self.search.inverted and self.settings.compensate_blur
 
     @property
     def is_compensated(self) -> bool:
         """Whether a blur was found, and settings that suit it were taken."""
         found = self.blur is not None and any(blur.psf is not None for blur in self.blur.blurs)
-        return found and self.settings.equalise
+        return found and self.settings.compensate_blur
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a file, ``.npz`` without pickled objects, which `load` reads.
@@ -164,10 +164,10 @@ def survey(
     -------
     Survey
         With no more than the settings need: one row is read in any case; the pair is gone through
-        two or three times, of 16 bits once more, for the blur and the noise (``equalise``,
-        ``despike``, ``denoise`` or ``weak > 0``), a few times for the rows
+        two or three times, of 16 bits once more, for the blur and the noise (``compensate_blur``,
+        ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for the rows
         (``align_rows``), once for the range (``num_disparities=None``), once for
-        ``edges``, ``synthesis``, ``guided`` or confidences, once for float images.
+        ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float images.
 
     Raises
     ------
@@ -194,8 +194,8 @@ def survey(
         search,
         equalisation,
     )
-    looks = asked.guided or asked.synthesis or asked.confidence
-    if looks or asked.edges > 0 or asked.min_confidence > 0:
+    looks = asked.guided_median or asked.synthesis or asked.confidence
+    if looks or asked.adaptive_p2 > 0 or asked.min_confidence > 0:
         impulses = found.equalisation.impulses[0] if found.equalisation else 0.0
         roughness = _core.find_roughness(rows, rows.size, search, ranges, impulses)
     versions = found.equalisation

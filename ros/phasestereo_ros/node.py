@@ -86,7 +86,7 @@ def search_of(values: Mapping[str, Any]) -> Search:
     """
     window, speckles = values["correlation_window_size"], values["speckle_size"]
     chosen: dict[str, Any] = {"fill": False, "uniqueness": round(values["uniqueness_ratio"])}
-    chosen["consistency"] = max(1, values["disp12_max_diff"])
+    chosen["lr_check"] = max(1, values["disp12_max_diff"])
     if window > 0:
         chosen["window"] = window
     if speckles > 0:

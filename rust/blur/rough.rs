@@ -10,7 +10,8 @@ use crate::error::Result;
 use crate::intensity::{Gray, Range};
 use crate::matcher::{Execution, Matcher, Pair};
 use crate::plane::Plane;
-use crate::settings::{Optimizer, Penalty, Precision, Settings};
+use crate::presets::Preset;
+use crate::settings::{Optimizer, Precision, Settings};
 use crate::simd::Level;
 use crate::value::nearest;
 use crate::view::{Image, View};
@@ -162,9 +163,10 @@ impl Rough {
             precision: Precision::Byte,
             optimizer: Optimizer::ScanlineOptimization,
             shiftable: false,
-            penalty: Penalty { near: 3.0, far: 16.0 },
+            p1: 3.0,
+            p2: 16.0,
             confidence: false,
-            ..Settings::default()
+            ..Preset::Paper.settings()
         };
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
         let map = matcher.run(&pair, &settings, how, &control.aside())?;

@@ -54,7 +54,7 @@ impl Compensation {
             smoothing: if settings.denoise { smoothing(found, noise) } else { [0.0; 2] },
             ..Self::of_noise(noise.unwrap_or_else(|| weak_level(found)), settings)?
         };
-        if !settings.equalise || found.blurs.iter().all(|blur| blur.taps.is_none()) {
+        if !settings.compensate_blur || found.blurs.iter().all(|blur| blur.taps.is_none()) {
             return Ok(plain);
         }
         let (rows, cols, labels) = &found.labels;
@@ -159,7 +159,7 @@ mod tests {
             noise: [1.0; 2],
             glance: <_>::default(),
         };
-        let settings = Settings { neighborhood: 3, window: 5, equalise: true, ..<_>::default() };
+        let settings = Settings { noise_threshold: 0.0, sizes: 1, ..Settings::default() };
         let settings = Compensation::new(&found, None, &settings).expect("legal").settings;
         (settings.neighborhood, settings.window)
     }

@@ -8,8 +8,9 @@ use crate::candidates::Candidates;
 use crate::error::Result;
 use crate::matcher::Pair;
 use crate::plane::Plane;
+use crate::presets::Preset;
 use crate::refinement::flag;
-use crate::settings::{Optimizer, Penalty, Precision, Settings};
+use crate::settings::{Optimizer, Precision, Settings};
 
 /// Most columns of the reduced images: few enough that all disparities can be tried, and that little is left of a blur of
 /// ten pixels.
@@ -192,12 +193,13 @@ impl Overview {
             precision: Precision::Byte,
             optimizer: Optimizer::ScanlineOptimization,
             shiftable: false,
-            penalty: Penalty { near: 2.0, far: 9.0 },
-            consistency: Some(1),
+            p1: 2.0,
+            p2: 9.0,
+            lr_check: Some(1),
             speckle_size: SPECKLE,
             fill: false,
             confidence: true,
-            ..Settings::default()
+            ..Preset::Paper.settings()
         };
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
         let map = matcher.run(&pair, &settings, how, &control.aside())?;

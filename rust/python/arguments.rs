@@ -1,12 +1,10 @@
 //! What Python hands over -> what the core takes, or an exception that names the argument.
 
-use std::{env, thread};
-
 use ndarray::{Array3, Dimension};
 use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyTuple};
+use pyo3::types::{PyBool, PyDict};
 
 use super::found::{Field, read_field};
 use super::internal;
@@ -17,9 +15,9 @@ use crate::convolution::Kernel;
 use crate::error::Error;
 use crate::estimation::Known;
 use crate::intensity;
-use crate::matcher::{MOST_THREADS, Pair};
+use crate::matcher::{Pair, usable_threads};
 use crate::plane::{Plane, zeroed};
-use crate::settings::{CostKind, MOST_DISPARITIES, Optimizer, Penalty, Precision, Settings, Taper};
+use crate::settings::{COSTS, MOST_DISPARITIES, OPTIMIZERS, PRECISIONS, Settings, TAPERS};
 use crate::texture::{Roughness, Texture};
 use crate::versions::{Versions, check_noise};
 use crate::view::{Image, Mask, View};
@@ -28,17 +26,6 @@ use crate::view::{Image, Mask, View};
 pub type Both<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 const KERNELS: &str = "pairs (left, right) of 2-D arrays of float32, or None";
-const COSTS: [(&str, CostKind); 3] =
-    [("phase", CostKind::Phase), ("sad", CostKind::Sad), ("nsad", CostKind::NormalisedSad)];
-const TAPERS: [(&str, Taper); 3] =
-    [("uniform", Taper::Uniform), ("gaussian", Taper::Gaussian), ("hann", Taper::Hann)];
-const PRECISIONS: [(&str, Precision); 2] = [("full", Precision::Full), ("byte", Precision::Byte)];
-const OPTIMIZERS: [(&str, Optimizer); 4] = [
-    ("dp", Optimizer::DynamicProgramming),
-    ("so", Optimizer::ScanlineOptimization),
-    ("wta", Optimizer::WinnerTakesAll),
-    ("sgm", Optimizer::SemiGlobal),
-];
 
 /// Least disparity and number of disparities, or `None`: they are to be found.
 pub type Search = Option<(i64, i64)>;
@@ -150,6 +137,43 @@ pub fn read_volume<T: Element + Copy + Default>(
     Ok((plane, (rows, cols, count)))
 }
 
+/// Settings as the fields of `phasestereo.Settings`, by name: what [`read_settings`] reads.
+pub fn write_settings<'py>(py: Python<'py>, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
+    let fields = PyDict::new(py);
+    fields.set_item("cost", name_of(settings.cost, &COSTS))?;
+    fields.set_item("neighborhood", settings.neighborhood)?;
+    fields.set_item("taper", name_of(settings.taper, &TAPERS))?;
+    fields.set_item("frequencies", settings.frequencies)?;
+    fields.set_item("power", settings.power)?;
+    fields.set_item("bits", settings.bits)?;
+    fields.set_item("noise_threshold", settings.noise_threshold)?;
+    fields.set_item("sizes", settings.sizes)?;
+    fields.set_item("window", settings.window)?;
+    fields.set_item("shiftable", settings.shiftable)?;
+    fields.set_item("precision", name_of(settings.precision, &PRECISIONS))?;
+    fields.set_item("optimizer", name_of(settings.optimizer, &OPTIMIZERS))?;
+    fields.set_item("p1", settings.p1)?;
+    fields.set_item("p2", settings.p2)?;
+    fields.set_item("adaptive_p2", settings.adaptive_p2)?;
+    fields.set_item("compensate_blur", settings.compensate_blur)?;
+    fields.set_item("despike", settings.despike)?;
+    fields.set_item("denoise", settings.denoise)?;
+    fields.set_item("align_rows", settings.align_rows)?;
+    fields.set_item("intensity_range", settings.intensity_range)?;
+    fields.set_item("subpixel", settings.subpixel)?;
+    fields.set_item("lr_check", settings.lr_check)?;
+    fields.set_item("uniqueness", settings.uniqueness)?;
+    fields.set_item("speckle_size", settings.speckle_size)?;
+    fields.set_item("speckle_range", settings.speckle_range)?;
+    fields.set_item("synthesis", settings.synthesis)?;
+    fields.set_item("guided_median", settings.guided_median)?;
+    fields.set_item("median", settings.median)?;
+    fields.set_item("fill", settings.fill)?;
+    fields.set_item("confidence", settings.confidence)?;
+    fields.set_item("min_confidence", settings.min_confidence)?;
+    Ok(fields)
+}
+
 /// The fields of `phasestereo.Settings`, checked.
 pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
     let field = |name: &str| settings.getattr(name);
@@ -163,15 +187,16 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
         },
         power: natural(&field("power")?, "power")?,
         bits: natural(&field("bits")?, "bits")?,
-        weak: number(&field("weak")?, "weak")?,
+        noise_threshold: number(&field("noise_threshold")?, "noise_threshold")?,
         sizes: natural(&field("sizes")?, "sizes")?,
         window: natural(&field("window")?, "window")?,
         shiftable: boolean(&field("shiftable")?, "shiftable")?,
         precision: choice(&field("precision")?, "precision", &PRECISIONS)?,
         optimizer: choice(&field("optimizer")?, "optimizer", &OPTIMIZERS)?,
-        penalty: read_penalty(&field("penalty")?)?,
-        edges: number(&field("edges")?, "edges")?,
-        equalise: boolean(&field("equalise")?, "equalise")?,
+        p1: number(&field("p1")?, "p1")?,
+        p2: number(&field("p2")?, "p2")?,
+        adaptive_p2: number(&field("adaptive_p2")?, "adaptive_p2")?,
+        compensate_blur: boolean(&field("compensate_blur")?, "compensate_blur")?,
         despike: boolean(&field("despike")?, "despike")?,
         denoise: boolean(&field("denoise")?, "denoise")?,
         align_rows: boolean(&field("align_rows")?, "align_rows")?,
@@ -184,15 +209,15 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
             }
         },
         subpixel: boolean(&field("subpixel")?, "subpixel")?,
-        consistency: match field("consistency")? {
+        lr_check: match field("lr_check")? {
             most if most.is_none() => None,
-            most => Some(natural(&most, "consistency")?),
+            most => Some(natural(&most, "lr_check")?),
         },
         uniqueness: natural(&field("uniqueness")?, "uniqueness")?,
         speckle_size: natural(&field("speckle_size")?, "speckle_size")?,
         speckle_range: number(&field("speckle_range")?, "speckle_range")?,
         synthesis: boolean(&field("synthesis")?, "synthesis")?,
-        guided: boolean(&field("guided")?, "guided")?,
+        guided_median: boolean(&field("guided_median")?, "guided_median")?,
         median: natural(&field("median")?, "median")?,
         fill: boolean(&field("fill")?, "fill")?,
         confidence: boolean(&field("confidence")?, "confidence")?,
@@ -310,24 +335,9 @@ fn read_kernel(kernel: &Bound<'_, PyAny>) -> PyResult<Option<Kernel>> {
     Ok(Some(kernel.map_err(|error| error.of("kernels"))?))
 }
 
-/// One number for both changes, or a pair.
-fn read_penalty(penalty: &Bound<'_, PyAny>) -> PyResult<Penalty> {
-    if !penalty.is_instance_of::<PyTuple>() {
-        let both = number(penalty, "penalty")?;
-        return Ok(Penalty { near: both, far: both });
-    }
-    let (near, far) = both(penalty, "penalty", "a number or a pair of them (near, far)")?;
-    Ok(Penalty { near: number(&near, "penalty")?, far: number(&far, "penalty")? })
-}
-
 /// A number of threads; None: what `RAYON_NUM_THREADS` says, or as many as the process may use.
 pub fn read_threads(threads: &Bound<'_, PyAny>) -> PyResult<usize> {
-    if !threads.is_none() {
-        return natural(threads, "threads");
-    }
-    let told = env::var("RAYON_NUM_THREADS").ok().and_then(|told| told.parse().ok());
-    let usable = || thread::available_parallelism().map_or(1, Into::into);
-    Ok(told.filter(|&told| told > 0).unwrap_or_else(usable).min(MOST_THREADS))
+    if threads.is_none() { Ok(usable_threads()) } else { natural(threads, "threads") }
 }
 
 fn choice<T: Copy>(
@@ -342,6 +352,10 @@ fn choice<T: Copy>(
     let names =
         || choices.iter().map(|(name, _)| format!("'{name}'")).collect::<Vec<_>>().join(", ");
     found.ok_or_else(|| Error::value(name, format!("'{word}'"), names()).into())
+}
+
+fn name_of<T: PartialEq>(value: T, choices: &[(&'static str, T)]) -> Option<&'static str> {
+    choices.iter().find(|(_, choice)| *choice == value).map(|(name, _)| *name)
 }
 
 fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<i64> {

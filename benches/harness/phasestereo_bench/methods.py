@@ -46,8 +46,8 @@ TRUE_BLUR = "+true-blur"
 # of bad-1.0 in %:  SAD            5: 21.4   10: 20.3   15: 20.1   20: 20.2
 #                  normalised SAD .3: 14.0   .5: 13.5  .75: 13.5    1: 13.8
 BASELINES: Mapping[str, Settings] = {
-    "sad": replace(PRESETS["paper"], cost="sad", penalty=15),
-    "nsad": replace(PRESETS["paper"], cost="nsad", penalty=0.5),
+    "sad": replace(PRESETS["paper"], cost="sad", p1=15, p2=15),
+    "nsad": replace(PRESETS["paper"], cost="nsad", p1=0.5, p2=0.5),
 }
 """What phase codes are meant to replace, with the windows and the optimizer of ``"paper"``."""
 
@@ -102,7 +102,7 @@ def method(spec: str | Matcher | Method) -> Method:
     ----------
     spec
         The name of a preset or a baseline, settings of it replaced if need be:
-        ``"paper:neighborhood=11,window=9"``, ``"sad:penalty=5,8"``, and with
+        ``"paper:neighborhood=11,window=9"``, ``"sad:p1=5,p2=8"``, and with
         ``"num_disparities=auto"`` told no range; ``"opencv:bm"``, ``"opencv:sgbm"``,
         ``"opencv:sgbm-3x3"`` or ``"opencv:sgbm-3way"``; a network by its file,
         ``"hitnet:FILE.onnx"``, ``"onnx:FILE.onnx"``, or ``"mccnn"``; a program,

@@ -17,8 +17,7 @@ from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 
 import phasestereo
 from phasestereo.cli import match
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
-from phasestereo.cli.options import PAIRS
+from phasestereo.cli.errors import WRONG_USAGE, CommandError
 from phasestereo.cli.terminal import tell
 
 if TYPE_CHECKING:
@@ -100,7 +99,8 @@ def run(arguments: Sequence[str]) -> int:
         _execute(arguments)
         sys.stdout.flush()
     except UnusedCliTokensError as error:
-        return _refuse(CommandError(_unused(error, arguments), WRONG_USAGE))
+        words = " ".join(error.unused_tokens or ())
+        return _refuse(CommandError(f"got {words}, which nothing takes", WRONG_USAGE))
     except CycloptsError as error:
         return _refuse(CommandError(str(error), WRONG_USAGE))
     except CommandError as error:
@@ -115,24 +115,6 @@ def run(arguments: Sequence[str]) -> int:
 def _execute(arguments: Sequence[str]) -> None:
     command, bound, _ = app.parse_args(arguments, exit_on_error=False, print_error=False)
     command(*bound.args, **bound.kwargs)
-
-
-def _unused(error: UnusedCliTokensError, arguments: Sequence[str]) -> str:
-    """Name the words that are too many; two numbers are most often meant as a pair."""
-    names = {option(name): name for name in PAIRS}
-    for name, *pair in zip(arguments, arguments[1:], arguments[2:], strict=False):
-        if name in names and all(_is_number(word) for word in pair):
-            first, second = pair
-            return f"{name}: got {first} {second}; accepts a pair as one word: {first},{second}"
-    return f"got {' '.join(error.unused_tokens or ())}, which nothing takes"
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _refuse(error: CommandError) -> int:

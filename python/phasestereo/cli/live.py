@@ -122,7 +122,8 @@ def live(
     threads
         Number of threads; without it, as many as there are processors.
     noise
-        Standard deviation of the images' noise, in units of their pixels; needed with --weak.
+        Standard deviation of the images' noise, in units of their pixels; needed with
+        --noise-threshold.
     """
     places = _places(source, right, cameras)
     calibration = told(rectify) if rectify else ()

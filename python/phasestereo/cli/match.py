@@ -95,7 +95,8 @@ def match(
     threads
         Number of threads; without it, as many as there are processors.
     noise
-        Standard deviation of the images' noise, in units of their pixels; needed with --weak.
+        Standard deviation of the images' noise, in units of their pixels; needed with
+        --noise-threshold.
     strict
         Exit with 3 if the match as a whole is not to be trusted; files are written all the same.
     """

@@ -138,7 +138,7 @@ class Parameters:
         return self._values["P1"]
 
     def setP1(self, P1: int) -> None:
-        """Set P1, which changes no disparity: the setting ``penalty`` does."""
+        """Set P1, which changes no disparity: the setting ``p1`` does."""
         self._set("P1", P1)
 
     def getP2(self) -> int:
@@ -146,7 +146,7 @@ class Parameters:
         return self._values["P2"]
 
     def setP2(self, P2: int) -> None:
-        """Set P2, which changes no disparity: the setting ``penalty`` does."""
+        """Set P2, which changes no disparity: the setting ``p2`` does."""
         self._set("P2", P2)
 
     def getMode(self) -> int:

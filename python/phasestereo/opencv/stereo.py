@@ -31,7 +31,7 @@ NEGATIVE_UNIQUENESS = 10
 
 DECIDED = {
     "window": "blockSize",
-    "consistency": "disp12MaxDiff",
+    "lr_check": "disp12MaxDiff",
     "uniqueness": "uniquenessRatio",
     "speckle_size": "speckleWindowSize",
     "speckle_range": "speckleRange",
@@ -155,16 +155,14 @@ class StereoPhase(Parameters):
         block = self.getBlockSize()
         window = block + 1 - block % 2 if block > 0 else self._chosen.window
         if not is_checked:
-            return replace(
-                self._chosen, window=window, consistency=None, uniqueness=0, speckle_size=0
-            )
+            return replace(self._chosen, window=window, lr_check=None, uniqueness=0, speckle_size=0)
         most = self.getDisp12MaxDiff() if self.getDisp12MaxDiff() > 0 else 1
         ratio = self.getUniquenessRatio()
         has_speckles = self.getSpeckleRange() >= 0 and self.getSpeckleWindowSize() > 0
         return replace(
             self._chosen,
             window=window,
-            consistency=most if most < self.getNumDisparities() - 1 else None,
+            lr_check=most if most < self.getNumDisparities() - 1 else None,
             uniqueness=ratio if ratio >= 0 else NEGATIVE_UNIQUENESS,
             speckle_size=self.getSpeckleWindowSize() if has_speckles else 0,
             speckle_range=min(self.getSpeckleRange(), LARGEST_RANGE) if has_speckles else 0,
@@ -275,7 +273,7 @@ def StereoPhase_create(  # noqa: PLR0917 -- OpenCV takes them by position
         none are.
     P1, P2, preFilterCap, mode
         Kept and returned, of no effect: they are in units of OpenCV's costs, which are not those of
-        phase codes. `Settings` ``penalty`` and ``optimizer`` are their kin.
+        phase codes. `Settings` ``p1``, ``p2`` and ``optimizer`` are their kin.
     preset
         Name of the settings to start from, one of `phasestereo.PRESETS`.
     threads

@@ -151,7 +151,9 @@ class Work:
         rows, across = min(height, planning.ROWS * threads), min(width, _SAMPLE)
         first, start = (height - rows) // 2, (width - across) // 2
         left, right, *masks = self.pair.reader((start, start + across))(first, first + rows)
-        settings = replace(self.survey.settings, equalise=False, despike=False, denoise=False)
+        settings = replace(
+            self.survey.settings, compensate_blur=False, despike=False, denoise=False
+        )
         started = perf_counter()
         match(
             left,
@@ -161,7 +163,7 @@ class Work:
             threads=threads,
             left_mask=masks[0],
             right_mask=masks[1],
-            noise=1.0 if settings.weak > 0 else None,
+            noise=1.0 if settings.noise_threshold > 0 else None,
         )
         share = self.survey.num_disparities / min(self.survey.num_disparities, across)
         with_halo = 1 + 2 * halo(self.survey.settings, self.survey.equalisation) / band

@@ -197,10 +197,9 @@ class Show:
         return search.min_disparity, search.min_disparity + search.num_disparities
 
     def _settings_told(self) -> dict[str, float]:
-        near, far = _pair(self.settings.penalty)
         return {
-            "p1": near,
-            "p2": far,
+            "p1": self.settings.p1,
+            "p2": self.settings.p2,
             "uniqueness": self.settings.uniqueness,
             "speckle_size": self.settings.speckle_size,
             "num_disparities": self.num_disparities or 0,
@@ -236,7 +235,8 @@ class Show:
         values = {**self._settings_told(), **wanted}
         settings = replace(
             self.settings,
-            penalty=(float(values["p1"]), float(values["p2"])),
+            p1=float(values["p1"]),
+            p2=float(values["p2"]),
             uniqueness=int(values["uniqueness"]),
             speckle_size=int(values["speckle_size"]),
             fill=bool(values["fill"]),
@@ -315,10 +315,6 @@ def _worst_first(found: Iterable[Finding]) -> list[list[str]]:
     for one in sorted(found, key=lambda one: -_ORDER.index(one.severity)):
         told.setdefault(one.sentence, [one.topic, one.severity, one.sentence])
     return list(told.values())
-
-
-def _pair(penalty: float | tuple[float, float]) -> tuple[float, float]:
-    return penalty if isinstance(penalty, tuple) else (penalty, penalty)
 
 
 def _number(value: float) -> float | None:

@@ -73,12 +73,12 @@ ROBUST = Method("robust", "robust (finds the blur itself)", PRESETS["robust"], "
 PHASE = Method(
     "phase",
     f"phase codes, L = {NEIGHBORHOOD}",
-    replace(_PAPER, neighborhood=NEIGHBORHOOD, window=WINDOW, penalty=6),
+    replace(_PAPER, neighborhood=NEIGHBORHOOD, window=WINDOW, p1=6, p2=6),
 )
 # What one would take if both images were sharp: outlines are crisper, and blur does more harm.
-SMALL = Method("phase7", "phase codes, L = 7", replace(_PAPER, window=WINDOW, penalty=6))
-SAD = Method("sad", "SAD", replace(_PAPER, cost="sad", window=WINDOW, penalty=10))
-NSAD = Method("nsad", "normalised SAD", replace(_PAPER, cost="nsad", window=WINDOW, penalty=1))
+SMALL = Method("phase7", "phase codes, L = 7", replace(_PAPER, window=WINDOW, p1=6, p2=6))
+SAD = Method("sad", "SAD", replace(_PAPER, cost="sad", window=WINDOW, p1=10, p2=10))
+NSAD = Method("nsad", "normalised SAD", replace(_PAPER, cost="nsad", window=WINDOW, p1=1, p2=1))
 SGBM = Method("sgbm", "StereoSGBM (OpenCV)", None)
 
 METHODS: tuple[Method, ...] = (ROBUST, PHASE, SMALL, SAD, NSAD)

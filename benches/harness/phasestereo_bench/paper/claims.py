@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple
 
 from phasestereo_bench.paper.experiments import BITS_KEY, EXPERIMENTS, NSAD, PROTOCOLS, SAD
 from phasestereo_bench.paper.study import SCENES, curve
@@ -268,7 +268,7 @@ def prototype_table(study: Study) -> Table:
                 f"{figure.experiment.symbol} = {figure.level:g}",
                 figure.method.name + (f", L = {figure.rule}" if figure.rule else ""),
                 str(figure.settings.window),
-                f"{cast('float', figure.settings.penalty):g}",
+                f"{figure.settings.p1:g}",
                 f"{figure.published:.1f}",
                 f"{measured:.1f}",
                 f"{round(measured - figure.published, 1) + 0:+.1f}",  # + 0: no minus before zero
@@ -295,7 +295,7 @@ def settings_table(study: Study) -> Table:
                 whose.method.unit,
                 str(choice.fixed.neighborhood) if is_phase else MISSING,
                 str(choice.fixed.window),
-                f"{cast('float', choice.fixed.penalty):g}",
+                f"{choice.fixed.p1:g}",
                 f"{choice.fixed_bad:.1f}",
                 f"{choice.penalty:g}",
                 f"{choice.penalty_bad:.1f}",

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -171,9 +171,9 @@ class Method(NamedTuple):
         """Return the settings of the paper's preset but for these; b = 2."""
         paper = Settings.preset("paper")
         if self.cost != "phase" or neighborhood is None:
-            return replace(paper, cost=self.cost, window=window, penalty=penalty)
+            return replace(paper, cost=self.cost, window=window, p1=penalty, p2=penalty)
         return replace(
-            paper, neighborhood=neighborhood, window=window, power=power, penalty=penalty
+            paper, neighborhood=neighborhood, window=window, power=power, p1=penalty, p2=penalty
         )
 
 
@@ -183,8 +183,8 @@ def recoded(settings: Settings, bits: int) -> Settings:
     A component takes 2^(b - 1) bits of the code, so all distances double with every further bit of
     phase, and so does the penalty.
     """
-    penalty = cast("float", settings.penalty)
-    return replace(settings, bits=bits, penalty=penalty * 2.0 ** (bits - settings.bits))
+    penalty = settings.p1 * 2.0 ** (bits - settings.bits)
+    return replace(settings, bits=bits, p1=penalty, p2=penalty)
 
 
 SMALLEST = 7

@@ -139,7 +139,7 @@ class Cell:
         return {
             **{name: getattr(self.settings, name) if phase else None for name in names},
             "window": self.settings.window,
-            "penalty": self.settings.penalty,
+            "penalty": self.settings.p1,
         }
 
     def job(self, pairs: Pairs) -> Job:
@@ -158,7 +158,7 @@ class Cell:
             "recipe": self.blur.recipe,
             "method": self.settings.cost,
             **self.told(),
-            "penalty": float(cast("float", self.settings.penalty)),
+            "penalty": self.settings.p1,
         }
         return Job(key, score_cell, {"folder": str(pairs.folder), "cell": self})
 
@@ -271,7 +271,7 @@ def choose(one: Whose, grid: Grid, bad: Mapping[Cell, float]) -> Choice:
         return bad[Cell(one.scene, SHARP, settings)]
 
     fixed, tied = min(one.candidates(grid), key=badness), min(one.tied, key=badness)
-    return Choice(fixed, badness(fixed), cast("float", tied.penalty), badness(tied))
+    return Choice(fixed, badness(fixed), tied.p1, badness(tied))
 
 
 # The study

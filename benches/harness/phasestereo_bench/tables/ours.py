@@ -25,14 +25,14 @@ RENDERED = "rendered"
 PARTS = {
     "robust": "as it is",
     "robust:subpixel=false": "without sub-pixel disparities (subpixel=False)",
-    "robust:weak=0": "components that are noise may vote (weak=0)",
+    "robust:noise_threshold=0": "components that are noise may vote (noise_threshold=0)",
     "robust:speckle_size=0": "without the removal of speckles (speckle_size=0)",
-    "robust:consistency=none,speckle_size=0": "without check, speckles and filling "
-    "(consistency=None, speckle_size=0)",
+    "robust:lr_check=none,speckle_size=0": "without check, speckles and filling "
+    "(lr_check=None, speckle_size=0)",
     "robust:median=0": "without the median (median=0)",
-    "robust:guided=false": "without edges drawn to those of the image (guided=False)",
+    "robust:guided_median=false": "without edges drawn to those of the image (guided_median=False)",
     "robust:window=7": "window=7 in place of 5",
-    "robust:edges=0": "jumps cost the same everywhere (edges=0)",
+    "robust:adaptive_p2=0": "jumps cost the same everywhere (adaptive_p2=0)",
     "robust:sizes=1": "codes of one size in place of two (sizes=1)",
     "robust:neighborhood=5": "neighborhood=5 in place of 3",
 }
