@@ -1,6 +1,7 @@
 // What was found out of a pair, in a sentence each, as `check` of the command line says it; from where on something is
 // worth a note or a warning is the library's own table, `levels`.
 
+const ORDER = ["warning", "note", "ok"];
 const EXTREMES = [1, 254]; // gray levels that count as dark and bright ends of the scale
 
 const KINDS = {
@@ -12,14 +13,21 @@ const KINDS = {
 };
 
 // Standard deviations along an axis, or along the path, of a blur of size 1.
-const SPREADS = { gaussian: (size) => size, disk: (size) => size / 2, annulus: (size) => size / 1.6, motion: (size) => (size - 1) / Math.sqrt(12), other: (size) => size / Math.SQRT2 };
+const SPREADS = {
+  gaussian: (size) => size,
+  disk: (size) => size / 2,
+  annulus: (size) => size / 1.6,
+  motion: (size) => (size - 1) / Math.sqrt(12),
+  other: (size) => size / Math.SQRT2,
+};
 
-// [{topic, severity, sentence}], of what the matcher found, with the `size` of the images, and of the images themselves.
+// [{topic, severity, sentence}], the worst first, of what the matcher found, with the `size` of the images, and of the images themselves.
 export function sentences(found, { left, right }, levels) {
-  return [
+  const told = [
     ...rangeOf(found), rowsOf(found, levels), ...blurOf(found, levels),
     contrastOf(left, right, levels), noiseOf(found, levels), saturationOf(left, right, levels),
   ];
+  return told.sort((one, other) => ORDER.indexOf(one.severity) - ORDER.indexOf(other.severity));
 }
 
 function finding(topic, severity, sentence) {
@@ -58,9 +66,9 @@ function rowsOf({ rows, size }, levels) {
 
 // The parts of a misalignment that are seen.
 function partsOf([shift, turn, scale], { width, height }, error, levels) {
-  const [centre, border] = levels.part.map((part) => Math.max(part, levels.part_errors * error));
+  const [center, border] = levels.part.map((part) => Math.max(part, levels.part_errors * error));
   const parts = [];
-  if (Math.abs(shift) >= centre) parts.push(`shows things ${Math.abs(shift).toFixed(1)} px ${shift > 0 ? "lower" : "higher"} than the left one`);
+  if (Math.abs(shift) >= center) parts.push(`shows things ${Math.abs(shift).toFixed(1)} px ${shift > 0 ? "lower" : "higher"} than the left one`);
   if (Math.abs(turn) >= border) {
     const degrees = (Math.atan(Math.abs(turn) / (width / 2)) * 180) / Math.PI;
     parts.push(`is rotated ${turn > 0 ? "" : "counter-"}clockwise by ${degrees.toFixed(2)} degrees`);

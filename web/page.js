@@ -13,7 +13,7 @@ const NOISE = 1; // gray levels, of rendered pairs; photographs have their own
 const SEEDS = { left: 1, right: 2 }; // of this noise
 const OWN = "own"; // what the user's pair is called in the list
 
-const pair = { left: null, right: null, plain: null, truth: null, noise: 0, told: "", range: null };
+const pair = { left: null, right: null, plain: null, truth: null, noise: 0, told: "", range: null, isNew: true };
 const asked = { ...NOTHING };
 let next = null; // the preset to match with next
 let timer = 0;
@@ -85,6 +85,8 @@ async function matched(preset) {
   tellFigures(result, truth, preset);
   if (!isLast || next) return;
   keepRange(result.found);
+  if (pair.isNew && cloud?.gl) cloud.reset(); // its points are elsewhere
+  pair.isNew = false;
   startScene();
   root.dataset.matched = preset;
 }
@@ -144,7 +146,7 @@ async function takeFiles(files) {
 const takeOwn = (read) => take({ ...read, truth: null, noise: 0, range: null });
 
 function take(taken) {
-  Object.assign(pair, taken);
+  Object.assign(pair, taken, { isNew: true });
   takePlain();
   element("told").textContent = pair.told;
   trouble("");
@@ -162,6 +164,7 @@ function exchange() {
   takePlain();
   pair.truth = null; // it is the left image's
   pair.range = null;
+  pair.isNew = true;
   changed();
 }
 
@@ -226,9 +229,10 @@ async function start() {
   bindControls();
   bindReadout();
   stage.draw = () => {};
+  const loading = createMatcher({ wasm: "phasestereo.wasm" }); // on a thread of its own, while this one renders
   takeScene(element("pair").value);
   try {
-    matcher = await createMatcher({ wasm: "phasestereo.wasm" });
+    matcher = await loading;
   } catch (error) {
     trouble(`The matcher could not be loaded: ${error.message}`);
     return;

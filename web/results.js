@@ -28,6 +28,7 @@ export function showResult(result, truth, isLast) {
   for (const [name, value] of [["--shape", size], ["--ratio", width / height]]) {
     document.querySelector(".desk").style.setProperty(name, value);
   }
+  for (const name of ["truth", "error"]) element(`value-${name}`).parentElement.hidden = !truth;
   fillMaps(result, truth);
   fillLayers(truth ?? result.disparity);
   fillFlags(result.flags);
