@@ -80,6 +80,7 @@ async function matched(preset) {
     if (next) return; // it has changed since
   }
   const result = await matcher.match(left, right, { preset, ...(range ?? { numDisparities: 0 }) });
+  startViewer();
   showPair(left, right);
   showResult(result, truth, isLast);
   tellFigures(result, truth, preset);
@@ -95,6 +96,14 @@ async function matched(preset) {
 function keepRange({ range: { minDisparity, numDisparities, origin } }) {
   if (origin === "found") pair.range = { minDisparity, numDisparities };
 }
+
+// The viewer has nothing to tell before the first result, and the points before the first of `robust`.
+let startViewer = () => {
+  startViewer = () => {};
+  bindTabs();
+  bindControls();
+  bindReadout();
+};
 
 let startScene = () => {
   startScene = () => {};
@@ -223,21 +232,26 @@ function bindDrop() {
   });
 }
 
+// The left image, until there are disparities.
+function showFirst() {
+  const { left, right } = pair.plain;
+  showPair(left, right);
+  stage.fit(left.width, left.height);
+  stage.draw = (context) => (maps.disparity ? drawStage(context) : context.drawImage(pictures.left.canvas, 0, 0));
+  stage.refresh();
+}
+
 async function start() {
   bindPage();
-  bindTabs();
-  bindControls();
-  bindReadout();
-  stage.draw = () => {};
   const loading = createMatcher({ wasm: "phasestereo.wasm" }); // on a thread of its own, while this one renders
   takeScene(element("pair").value);
+  showFirst();
   try {
     matcher = await loading;
   } catch (error) {
     trouble(`The matcher could not be loaded: ${error.message}`);
     return;
   }
-  stage.draw = (context) => maps.disparity && drawStage(context);
   if (next) work();
 }
 
