@@ -17,7 +17,7 @@ demo: $(VENV)/harness ## Render a pair, spoil one image, match it, print the sco
 	$(BIN)/phasestereo demo --output demo
 
 test: $(VENV)/counterparts ## Run all the tests (PHASESTEREO_DATA: the folder of real pairs, default ../shared)
-	cargo test --locked
+	cargo test --locked --features internals
 	$(BIN)/python -m pytest
 
 fuzz: $(VENV)/counterparts ## Tests by new random examples, mutated files, strange arrays (ARGS="--seconds 7200"; 5 minutes)
@@ -29,7 +29,7 @@ soak: $(CORE) ## Stream pairs with faults through one Matcher (make soak ARGS="-
 
 lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code
 	cargo fmt --check
-	cargo clippy --locked --all-targets --features python -- --deny warnings
+	cargo clippy --locked --all-targets --features python,c,internals -- --deny warnings
 	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --quiet
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
@@ -49,7 +49,7 @@ tables: $(VENV)/counterparts ## Make every table of the documentation, in half a
 		--readme README.md docs/*.md $(ARGS)
 
 bench-core: ## Time each stage of the core (make bench-core ARGS=optimization: one of them)
-	cargo bench --locked -- $(ARGS)
+	cargo bench --locked --features internals -- $(ARGS)
 
 docs: $(VENV)/counterparts web/phasestereo.wasm ## Build the documentation, and the pictures in it, into site/
 	$(BIN)/mkdocs build --strict
@@ -82,7 +82,7 @@ $(VENV)/counterparts: $(VENV)/harness
 	$(BIN)/pip install --quiet --group counterparts
 	touch $@
 
-$(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs)
+$(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs rust/*/*/*.rs)
 	$(BIN)/pip install --quiet --no-build-isolation --editable .
 	touch $@
 

@@ -6,8 +6,10 @@
 #![allow(unsafe_code, reason = "what C hands over are pointers, which only unsafe code can read")]
 
 mod found;
+#[cfg(test)]
+mod header;
 mod images;
-mod settings;
+mod text;
 #[cfg(target_family = "wasm")]
 mod web;
 
@@ -19,14 +21,14 @@ use std::ptr;
 
 pub use self::found::Found;
 pub use self::images::{Image, Map};
-use crate::candidates::Candidates;
-use crate::control::Control;
+use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
-use crate::estimation::{Known, Means, Prepared, prepare};
-use crate::footprint::Demand;
-use crate::matcher::{self, Execution, Pair, usable_threads};
-use crate::presets::Preset;
+use crate::pipeline::control::Control;
+use crate::pipeline::footprint::Demand;
+use crate::pipeline::matcher::{self, Execution, Pair, usable_threads};
+use crate::rig::estimation::{Known, Means, Prepared, prepare};
 use crate::settings::Settings;
+use crate::settings::presets::Preset;
 use crate::simd::Level;
 
 thread_local! {
@@ -37,7 +39,7 @@ thread_local! {
 /// Settings, threads and working memory; any number of threads may use one at the same time.
 #[derive(Debug)]
 pub struct Matcher {
-    matcher: matcher::Matcher,
+    core: matcher::Matcher,
     settings: Settings,
     threads: usize,
 }
@@ -104,12 +106,12 @@ pub unsafe extern "C" fn phasestereo_new(
             // SAFETY: as the caller promises.
             let (name, value) = unsafe { (text(*name, "name")?, text(*value, "value")?) };
             let (name, value) = (name.unwrap_or_default(), value.unwrap_or_default());
-            settings::set(&mut settings, name, value)?;
+            text::set(&mut settings, name, value)?;
         }
         settings.check()?;
 
         let threads = if threads == 0 { usable_threads() } else { threads as usize };
-        Ok(Matcher { matcher: matcher::Matcher::new(threads)?, settings, threads })
+        Ok(Matcher { core: matcher::Matcher::new(threads)?, settings, threads })
     });
     made.map_or(ptr::null_mut(), |matcher| Box::into_raw(Box::new(matcher)))
 }
@@ -206,17 +208,17 @@ pub unsafe extern "C" fn phasestereo_match(
         let (pair, known) = unsafe { read_pair([left, right], min_disparity, num_disparities)? };
         let is_told = known.candidates.is_some();
 
-        let (matched, estimates) = matcher.run(|means| {
+        let (result, estimates) = matcher.run(|means| {
             let Prepared { pair, settings, found } =
                 prepare(pair, known, &matcher.settings, means)?;
-            let matched = matcher.matcher.run(&pair, &settings, means.how, means.control)?;
-            Ok((matched, found))
+            let result = matcher.core.run(&pair, &settings, means.how, means.control)?;
+            Ok((result, found))
         })?;
 
         // SAFETY: as above.
         unsafe {
-            map.write(&matched);
-            write(found, Found::new(&estimates, is_told));
+            map.write(&result);
+            write(found, &Found::new(&estimates, is_told));
         }
         Ok(())
     })
@@ -246,7 +248,7 @@ pub unsafe extern "C" fn phasestereo_check(
 
         let prepared = matcher.run(|means| prepare(pair, known, &matcher.settings, means))?;
         // SAFETY: as above.
-        unsafe { write(found, Found::new(&prepared.found, is_told)) };
+        unsafe { write(found, &Found::new(&prepared.found, is_told)) };
         Ok(())
     })
 }
@@ -256,8 +258,8 @@ impl Matcher {
     fn run<T: Send>(&self, work: impl FnOnce(Means) -> Result<T> + Send) -> Result<T> {
         let (control, how) =
             (Control::default(), Execution { threads: self.threads, level: Level::best() });
-        let means = Means { matcher: &self.matcher, how, control: &control };
-        self.matcher.install(|| work(means))
+        let means = Means { matcher: &self.core, how, control: &control };
+        self.core.install(|| work(means))
     }
 }
 
@@ -333,10 +335,10 @@ unsafe fn text<'a>(pointer: *const c_char, argument: &'static str) -> Result<Opt
 /// # Safety
 ///
 /// The pointer is to a place for it, or NULL.
-unsafe fn write(place: *mut Found, found: Found) {
+unsafe fn write(place: *mut Found, found: &Found) {
     if !place.is_null() {
         // SAFETY: as the caller promises.
-        unsafe { place.write(found) };
+        unsafe { place.write(*found) };
     }
 }
 

@@ -10,23 +10,27 @@
 //!         cost[x][k] = distance(left[x], unrolled[cols - 1 - x + k])
 //! ```
 
+pub mod aggregation;
+pub mod candidates;
+pub mod votes;
+
 use std::ops::Range;
 
-use crate::candidates::Candidates;
-use crate::control::Control;
-use crate::convolution::Kernel;
+use crate::cost::candidates::Candidates;
+use crate::cost::votes::Votes;
 use crate::descriptor::{Code, Codes, describe};
 use crate::error::{Error, Result};
-use crate::intensity::{Gray, LEVEL_CEILING, LEVEL_STEPS, level_planes};
-use crate::memory::Memory;
-use crate::normalisation::{DEVIATION_CEILING, DEVIATION_STEPS, normalise};
-use crate::plane::Plane;
+use crate::image::convolution::Kernel;
+use crate::image::intensity::{Gray, LEVEL_CEILING, LEVEL_STEPS, level_planes};
+use crate::image::normalization::{DEVIATION_CEILING, DEVIATION_STEPS, normalise};
+use crate::image::plane::Plane;
+use crate::image::view::{Mask, View};
+use crate::pipeline::control::Control;
+use crate::pipeline::memory::Memory;
+use crate::rig::versions::{self, Labels, Versions};
 use crate::settings::{CostKind, Settings};
 use crate::simd::{self, Level};
 use crate::value::{LANES, Lanes, Value};
-use crate::versions::{self, Labels, Versions};
-use crate::view::{Mask, View};
-use crate::votes::Votes;
 
 /// Rows that are unrolled together.
 const ROWS: usize = 32;

@@ -1,15 +1,19 @@
 //! An image -> packed phase codes (paper, section 2.1).
 
-use crate::basis::{Basis, Component};
-use crate::control::Control;
+pub mod basis;
+pub mod quantizer;
+pub mod spectrum;
+
+use crate::descriptor::basis::{Basis, Component};
+use crate::descriptor::quantizer::Quantiser;
+use crate::descriptor::spectrum::{Lane, Spectrum, Word, padded, segments};
 use crate::error::{Error, Result};
-use crate::intensity::Gray;
-use crate::plane::{Plane, reflect, zeroed};
-use crate::quantiser::Quantiser;
+use crate::image::intensity::Gray;
+use crate::image::plane::{Plane, reflect, zeroed};
+use crate::pipeline::control::Control;
+use crate::rig::versions::check_noise;
 use crate::settings::Settings;
 use crate::simd::{Kernel, Level};
-use crate::spectrum::{Lane, Spectrum, Word, padded, segments};
-use crate::versions::check_noise;
 
 /// Rows that one task describes: it reads `L - 1` further ones. 16 and 64 are as fast to a few percent.
 const BAND_ROWS: usize = 32;
@@ -62,6 +66,7 @@ impl Codes {
     }
 
     /// The same codes in the widest words.
+    #[cfg(any(test, feature = "internals"))]
     pub fn widened(self) -> Plane<u64> {
         match self {
             Self::U16(codes) => codes.map(|&code| code.into()),

@@ -20,6 +20,8 @@
 //! Means of bad-1.0 (%) over 13 sharp scenes, Gauss 2 and disk 3: eight whole paths 5.5, 15.3, 12.8; four whole ones
 //! 5.5, 15.1, 12.7; as here 5.6, 15.1, 12.7; three from above and the row alone 5.8, 15.4, 13.0.
 
+pub mod edges;
+pub mod evidence;
 pub mod ordered;
 pub mod paths;
 pub mod selection;
@@ -28,14 +30,14 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::aggregation::{Aggregator, Block, Window};
-use crate::control::Control;
 use crate::cost::Costs;
-use crate::edges::Edges;
+use crate::cost::aggregation::{Aggregator, Block, Window};
 use crate::error::{Error, Result};
-use crate::evidence::Evidence;
-use crate::memory::Memory;
-use crate::plane::Plane;
+use crate::image::plane::Plane;
+use crate::optimization::edges::Edges;
+use crate::optimization::evidence::Evidence;
+use crate::pipeline::control::Control;
+use crate::pipeline::memory::Memory;
 use crate::settings::{Optimizer, Settings};
 use crate::simd::{Kernel, Level};
 use crate::value::{LANES, Lanes, Value};

@@ -1,5 +1,7 @@
 //! Every knob of the matcher: meaning, unit, range and default, checked once.
 
+pub mod presets;
+
 use crate::error::{Error, Result};
 
 /// Largest neighbourhood and largest aggregation window, pixels.
@@ -351,7 +353,7 @@ fn between(argument: &'static str, value: usize, least: usize, most: usize) -> R
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::presets::Preset;
+    use crate::settings::presets::Preset;
 
     fn refused(change: impl FnOnce(&mut Settings)) -> String {
         let mut settings = Preset::Paper.settings();

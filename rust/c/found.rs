@@ -1,13 +1,13 @@
 //! What was found out of a pair, as C has it.
 
-use crate::alignment::TERMS;
-use crate::blur::{self, Side};
-use crate::estimation::Estimates;
-use crate::psf::Family;
+use crate::rig::alignment::TERMS;
+use crate::rig::blur::{self, Side};
+use crate::rig::estimation::Estimates;
+use crate::rig::psf::Family;
 
 /// Most kinds of blur in one image.
 pub const PHASESTEREO_MOST_BLURS: usize = 8;
-const _: () = assert!(PHASESTEREO_MOST_BLURS == crate::blur::regions::MOST);
+const _: () = assert!(PHASESTEREO_MOST_BLURS == crate::rig::blur::regions::MOST);
 /// Coefficients of the field of vertical offsets.
 pub const PHASESTEREO_TERMS: usize = 8;
 const _: () = assert!(PHASESTEREO_TERMS == TERMS);
@@ -51,7 +51,7 @@ pub struct Blur {
     pub share: f64,
     /// The softer image: `PHASESTEREO_NEITHER`, `PHASESTEREO_LEFT` or `PHASESTEREO_RIGHT`.
     pub side: u32,
-    /// Its family: `PHASESTEREO_NO_BLUR`, `PHASESTEREO_GAUSSIAN`, ...
+    /// Its family: `PHASESTEREO_NO_BLUR`, `PHASESTEREO_GAUSSIAN` and so on
     pub kind: u32,
 }
 
@@ -119,10 +119,10 @@ impl Found {
 
         Self {
             confidence: found.confidence.unwrap_or(f64::NAN),
-            low: of_range(|range: &crate::estimation::range::SearchRange| range.low),
+            low: of_range(|range: &crate::rig::estimation::range::SearchRange| range.low),
             high: of_range(|range| range.high),
             rows: offsets.as_ref().map_or([f64::NAN; TERMS], |rows| *rows.field.coefficients()),
-            rows_rms: of_rows(|rows: &crate::estimation::rows::Offsets| rows.field.rms()),
+            rows_rms: of_rows(|rows: &crate::rig::estimation::rows::Offsets| rows.field.rms()),
             rows_error: of_rows(|rows| rows.error),
             rows_spread: of_rows(|rows| rows.spread),
             certainty: of_blur(|blur: &blur::Estimate| blur.certainty.into()),
@@ -169,12 +169,12 @@ impl Blur {
             (None, Some(taps)) => (PHASESTEREO_OTHER, taps.radius(), 0.0),
             (None, None) => (PHASESTEREO_NO_BLUR, 0.0, 0.0),
         };
-        let side = match blur.side {
+        let softer = match blur.side {
             None => PHASESTEREO_NEITHER,
             Some(Side::Left) => PHASESTEREO_LEFT,
             Some(Side::Right) => PHASESTEREO_RIGHT,
         };
-        Self { size, angle, share: 0.0, side, kind }
+        Self { size, angle, share: 0.0, side: softer, kind }
     }
 }
 

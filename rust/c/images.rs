@@ -5,10 +5,10 @@ use std::ffi::c_void;
 use ndarray::Array3;
 
 use crate::error::{Error, Result};
-use crate::matcher::Disparity;
-use crate::plane::{Plane, zeroed};
+use crate::image::plane::{Plane, zeroed};
+use crate::image::view::{self, View};
+use crate::pipeline::matcher::Disparity;
 use crate::refinement::flag;
-use crate::view::{self, View};
 
 /// One channel.
 pub const PHASESTEREO_GRAY: u32 = 0;
@@ -60,7 +60,7 @@ pub struct Image {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Channels, side by side: `PHASESTEREO_GRAY`, `PHASESTEREO_RGB`, ...
+    /// Channels, side by side: `PHASESTEREO_GRAY`, `PHASESTEREO_RGB` and so on
     pub channels: u32,
     /// Bits of a channel: 8, or 16 in the byte order of the machine.
     pub bits: u32,
@@ -74,7 +74,7 @@ pub struct Map {
     pub disparity: *mut f32,
     /// Bytes from a row to the next one.
     pub disparity_stride: isize,
-    /// Flags, the sum of `PHASESTEREO_NO_CANDIDATE`, `PHASESTEREO_OUTSIDE`, ....
+    /// Flags: the sum of `PHASESTEREO_OUTSIDE`, `PHASESTEREO_OCCLUDED` and so on.
     pub flags: *mut u16,
     /// Bytes from a row to the next one.
     pub flags_stride: isize,

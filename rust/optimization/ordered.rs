@@ -14,8 +14,8 @@
 //! this is one candidate after another, in integers that hold any sum.
 
 use crate::error::Result;
-use crate::memory::Memory;
 use crate::optimization::Steps;
+use crate::pipeline::memory::Memory;
 use crate::value::{LANES, Lanes, Value};
 
 /// Chooses candidates along one row after another; its memory is used again.

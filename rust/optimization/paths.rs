@@ -16,13 +16,13 @@
 use std::mem::swap;
 use std::ops::Range;
 
-use crate::aggregation::Block;
-use crate::edges::{Edges, Neighbor};
+use crate::cost::aggregation::Block;
 use crate::error::Result;
-use crate::evidence::Evidence;
-use crate::memory::Memory;
 use crate::optimization::Steps;
+use crate::optimization::edges::{Edges, Neighbor};
+use crate::optimization::evidence::Evidence;
 use crate::optimization::selection::{Minimum, PIXELS, Selection};
+use crate::pipeline::memory::Memory;
 use crate::simd::Kernel;
 use crate::value::{LANES, Lanes, Value, least_lane};
 

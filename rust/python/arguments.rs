@@ -9,18 +9,18 @@ use pyo3::types::{PyBool, PyDict};
 use super::found::{Field, read_field};
 use super::internal;
 use super::reader::as_ranges;
-use crate::alignment::Alignment;
-use crate::candidates::Candidates;
-use crate::convolution::Kernel;
+use crate::cost::candidates::Candidates;
 use crate::error::Error;
-use crate::estimation::Known;
-use crate::intensity;
-use crate::matcher::{Pair, usable_threads};
-use crate::plane::{Plane, zeroed};
+use crate::image::convolution::Kernel;
+use crate::image::intensity;
+use crate::image::plane::{Plane, zeroed};
+use crate::image::texture::{Roughness, Texture};
+use crate::image::view::{Image, Mask, View};
+use crate::pipeline::matcher::{Pair, usable_threads};
+use crate::rig::alignment::Alignment;
+use crate::rig::estimation::Known;
+use crate::rig::versions::{Versions, check_noise};
 use crate::settings::{COSTS, MOST_DISPARITIES, OPTIMIZERS, PRECISIONS, Settings, TAPERS};
-use crate::texture::{Roughness, Texture};
-use crate::versions::{Versions, check_noise};
-use crate::view::{Image, Mask, View};
 
 /// Something of the left and the same of the right image, or any other two things.
 pub type Both<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);

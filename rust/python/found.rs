@@ -4,15 +4,15 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
 use super::{internal, wrap};
-use crate::alignment::{Alignment, TERMS};
-use crate::blur::{self, Glance, Place, Side};
 use crate::error::Result;
-use crate::estimation::Estimates;
-use crate::estimation::compensation::Compensation;
-use crate::estimation::range::SearchRange;
-use crate::estimation::rows::Offsets;
-use crate::plane::Plane;
-use crate::psf::{Family, Taps};
+use crate::image::plane::Plane;
+use crate::rig::alignment::{Alignment, TERMS};
+use crate::rig::blur::{self, Glance, Place, Side};
+use crate::rig::estimation::Estimates;
+use crate::rig::estimation::compensation::Compensation;
+use crate::rig::estimation::range::SearchRange;
+use crate::rig::estimation::rows::Offsets;
+use crate::rig::psf::{Family, Taps};
 
 /// Softer image (0 none, 1 left, 2 right), kind, size, angle and kernel of a blur.
 type Kind<'py> = (u8, &'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);

@@ -4,20 +4,20 @@ use crate::common::{
     COUNTS, affordable, eight_votes, hash, heights, levels, mask, naive, random, settings, view,
     volumes, widths,
 };
-use phasestereo::aggregation::{Aggregator, Block, Window, aggregate};
-use phasestereo::candidates::Candidates;
-use phasestereo::control::Control;
-use phasestereo::cost::{Costs, steps_of};
-use phasestereo::error::Error;
-use phasestereo::optimization::PANEL;
-use phasestereo::plane::Plane;
-use phasestereo::presets::Preset;
-use phasestereo::reference;
-use phasestereo::settings::{LARGEST_WINDOW, Precision, Settings};
-use phasestereo::simd::Level;
-use phasestereo::value::{LANES, Value};
-use phasestereo::versions::Versions;
-use phasestereo::view::View;
+use crate::reference;
+use phasestereo::internals::cost::aggregation::{Aggregator, Block, Window, aggregate};
+use phasestereo::internals::cost::candidates::Candidates;
+use phasestereo::internals::cost::{Costs, steps_of};
+use phasestereo::internals::error::Error;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::View;
+use phasestereo::internals::optimization::PANEL;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::rig::versions::Versions;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{LARGEST_WINDOW, Precision, Settings};
+use phasestereo::internals::simd::Level;
+use phasestereo::internals::value::{LANES, Value};
 use proptest::prelude::*;
 
 /// What naive windows may cost: pixels x candidates x places.

@@ -9,24 +9,24 @@ use crate::common::{
     OPTIMIZERS, affordable, hash, levels, mask, noises, random, robust, settings, versions, view,
     views,
 };
-use phasestereo::control::Control;
-use phasestereo::convolution::Kernel;
-use phasestereo::error::Error;
-use phasestereo::filling;
-use phasestereo::intensity;
-use phasestereo::matcher::{Disparity, Execution, Matcher, Pair, Timings};
-use phasestereo::optimization::BAND;
-use phasestereo::plane::Plane;
-use phasestereo::presets::Preset;
-use phasestereo::reach::Reach;
-use phasestereo::refinement::{Draft, flag};
-use phasestereo::section::Section;
-use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Precision, Settings};
-use phasestereo::simd::Level;
-use phasestereo::source::{ranges, roughness, widened};
-use phasestereo::texture::{Roughness, Texture};
-use phasestereo::versions::Versions;
-use phasestereo::view::{Mask, View};
+use phasestereo::internals::error::Error;
+use phasestereo::internals::image::convolution::Kernel;
+use phasestereo::internals::image::intensity;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::texture::{Roughness, Texture};
+use phasestereo::internals::image::view::{Mask, View};
+use phasestereo::internals::optimization::BAND;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::halo::Reach;
+use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
+use phasestereo::internals::pipeline::section::Section;
+use phasestereo::internals::pipeline::source::{ranges, roughness, widened};
+use phasestereo::internals::refinement::filling;
+use phasestereo::internals::refinement::{Draft, flag};
+use phasestereo::internals::rig::versions::Versions;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{CostKind, LARGEST_PENALTY, Optimizer, Precision, Settings};
+use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 

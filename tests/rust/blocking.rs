@@ -1,10 +1,10 @@
 //! The grid of blocks, against means phase by phase.
 
 use crate::common::{at_every_level, hash, random};
-use phasestereo::blocking::Extra;
-use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::simd::Level;
+use crate::reference;
+use phasestereo::internals::image::blocking::Extra;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::select;
 

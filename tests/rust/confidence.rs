@@ -4,13 +4,13 @@
 
 use crate::common::maps::drawn;
 use crate::common::{hash, levels, random};
-use phasestereo::confidence::{RADIUS, Scene, confidence, similar, vote};
-use phasestereo::control::Control;
-use phasestereo::error::Error;
-use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::refinement::Margin;
-use phasestereo::texture::{Roughness, Texture};
+use crate::reference;
+use phasestereo::internals::error::Error;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::texture::{Roughness, Texture};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::refinement::Margin;
+use phasestereo::internals::refinement::confidence::{RADIUS, Scene, confidence, similar, vote};
 use proptest::prelude::*;
 
 /// Planes that a scene is of.

@@ -1,16 +1,17 @@
 //! Convolution: blocks of columns, rows on threads and every level, against each sum by itself.
 
 use crate::common::{hash, levels, noise, random, view};
-use phasestereo::control::Control;
-use phasestereo::convolution::{
+use crate::reference;
+use phasestereo::internals::error::{Error, Result};
+use phasestereo::internals::image::convolution::{
     GUARD, Kernel, LARGEST_KERNEL, MOST_FRACTION, SHIFT, Weights, convolve,
 };
-use phasestereo::error::{Error, Result};
-use phasestereo::intensity::Gray;
-use phasestereo::matcher::on_threads;
-use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::simd::Level;
+use phasestereo::internals::image::intensity::Gray;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::math;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::on_threads;
+use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -188,7 +189,7 @@ fn outer_products_are_recognised_and_nothing_else() {
     let gaussian = |y: usize, x: usize| {
         let squares = (y as f64 - 12.0).powi(2) + (x as f64 - 12.0).powi(2);
         // As it comes from files and from Python: in single precision.
-        f64::from((-squares / 18.0).exp() as f32)
+        f64::from(math::exp(-squares / 18.0) as f32)
     };
     let found = kernel(25, 25, gaussian).expect("a legal kernel");
     assert!(matches!(found.weights(), Weights::Factors { .. }), "Gaussian");

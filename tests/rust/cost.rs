@@ -1,16 +1,16 @@
 //! Costs: lanes of bytes and words against single bits, levels and pixels.
 
 use crate::common::{COUNTS, descriptors, grays, hash, levels, mask, naive, random, view, views};
-use phasestereo::candidates::Candidates;
-use phasestereo::control::Control;
-use phasestereo::cost::Costs;
-use phasestereo::error::Error;
-use phasestereo::plane::Plane;
-use phasestereo::presets::Preset;
-use phasestereo::reference;
-use phasestereo::settings::{CostKind, Settings};
-use phasestereo::view::{Image, View};
-use phasestereo::votes::Votes;
+use crate::reference;
+use phasestereo::internals::cost::Costs;
+use phasestereo::internals::cost::candidates::Candidates;
+use phasestereo::internals::cost::votes::Votes;
+use phasestereo::internals::error::Error;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::{Image, View};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{CostKind, Settings};
 use proptest::prelude::*;
 
 /// The costs of a pair, alike at every level.

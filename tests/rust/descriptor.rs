@@ -5,16 +5,17 @@ use crate::common::naive::weak_threshold;
 use crate::common::{
     descriptors, every_descriptor, grays, noise, noises, random, weak_descriptors,
 };
-use phasestereo::control::Control;
-use phasestereo::descriptor::{Codes, describe};
-use phasestereo::error::Error;
-use phasestereo::intensity::Gray;
-use phasestereo::matcher::on_threads;
-use phasestereo::plane::Plane;
-use phasestereo::presets::Preset;
-use phasestereo::reference;
-use phasestereo::settings::{Settings, Taper};
-use phasestereo::simd::Level;
+use crate::reference;
+use phasestereo::internals::descriptor::{Codes, describe};
+use phasestereo::internals::error::Error;
+use phasestereo::internals::image::intensity::Gray;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::math;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::on_threads;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{Settings, Taper};
+use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 
 /// The largest magnitude that a plane may announce.
@@ -91,7 +92,7 @@ fn the_largest_neighbourhood_holds_the_brightest_image() {
 #[test]
 fn the_strongest_component_there_can_be_does_not_overflow() {
     // A square wave in step with u = 4: rows and columns of one sign add up to 2 / pi of all there is.
-    let wave = |x: usize| (std::f64::consts::TAU * 4.0 * x as f64 / 63.0).cos() > 0.0;
+    let wave = |x: usize| math::cos(std::f64::consts::TAU * 4.0 * x as f64 / 63.0) > 0.0;
     let gray = Plane::from_fn(1, 126, |_, x| if wave(x) { 32_767_500 } else { -32_767_500 });
     let settings =
         Settings { neighborhood: 63, frequencies: (4, 0), bits: 4, ..Preset::Paper.settings() };

@@ -4,17 +4,17 @@
 use crate::common::parts::Slow;
 use crate::common::{hash, levels};
 use ndarray::Array3;
-use phasestereo::alignment::Alignment;
-use phasestereo::alignment::straighten::straightened;
-use phasestereo::control::Control;
-use phasestereo::estimation::{Estimates, Known, Means, prepare, prepare_by_rows};
-use phasestereo::matcher::{Execution, Matcher, Pair};
-use phasestereo::plane::Plane;
-use phasestereo::presets::Preset;
-use phasestereo::settings::{Optimizer, Settings};
-use phasestereo::simd::Level;
-use phasestereo::source::ranges;
-use phasestereo::view::{Image, Mask, View};
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::{Image, Mask, View};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair};
+use phasestereo::internals::pipeline::source::ranges;
+use phasestereo::internals::rig::alignment::Alignment;
+use phasestereo::internals::rig::alignment::straighten::straightened;
+use phasestereo::internals::rig::estimation::{Estimates, Known, Means, prepare, prepare_by_rows};
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{Optimizer, Settings};
+use phasestereo::internals::simd::Level;
 
 /// Rows and columns of the scenes.
 const SIZE: (usize, usize) = (260, 330);

@@ -2,11 +2,11 @@
 
 use crate::common::maps::{Map, bits, maps, row};
 use crate::common::{at_every_level, hash, random};
-use phasestereo::control::Control;
-use phasestereo::filling::{REACH, fill};
-use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::refinement::flag;
+use crate::reference;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::refinement::filling::{REACH, fill};
+use phasestereo::internals::refinement::flag;
 use proptest::prelude::*;
 
 const NAN: f32 = f32::NAN;

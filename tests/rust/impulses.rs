@@ -1,13 +1,13 @@
 //! Impulses, against sorting all neighbors of every pixel.
 
 use crate::common::{at_every_level, grays, hash, random};
-use phasestereo::control::Control;
-use phasestereo::impulses::{are_there, doubtless, repaired};
-use phasestereo::intensity::Gray;
-use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::simd::Level;
-use phasestereo::view::{Image, View};
+use crate::reference;
+use phasestereo::internals::image::impulses::{are_there, doubtless, repaired};
+use phasestereo::internals::image::intensity::Gray;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::{Image, View};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::select;
 

@@ -2,12 +2,12 @@
 
 use crate::common::{gray, level_pair, plane, random, views};
 use ndarray::Array3;
-use phasestereo::control::Control;
-use phasestereo::convolution::Kernel;
-use phasestereo::intensity::Gray;
-use phasestereo::plane::Plane;
-use phasestereo::simd::Level;
-use phasestereo::view::{Image, Mask, View};
+use phasestereo::internals::image::convolution::Kernel;
+use phasestereo::internals::image::intensity::Gray;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::{Image, Mask, View};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 
 fn view(image: Image) -> View {

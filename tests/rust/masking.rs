@@ -1,11 +1,11 @@
 //! Masked pixels: what they are replaced by, against a search of the whole image.
 
 use crate::common::{grays, hash, random};
-use phasestereo::control::Control;
-use phasestereo::masking::{REACH, fill_masked};
-use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::view::Mask;
+use crate::reference;
+use phasestereo::internals::image::masking::{REACH, fill_masked};
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::Mask;
+use phasestereo::internals::pipeline::control::Control;
 use proptest::prelude::*;
 
 proptest! {

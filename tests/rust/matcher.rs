@@ -9,20 +9,21 @@ use crate::common::{
     OPTIMIZERS, affordable, eight_votes, hash, levels, mask, noises, random, refinements, robust,
     settings, versions, view, views,
 };
-use phasestereo::control::Control;
-use phasestereo::convolution::Kernel;
-use phasestereo::error::Error;
-use phasestereo::matcher::{Execution, Matcher, Pair, on_threads, run};
-use phasestereo::optimization::PANEL;
-use phasestereo::plane::Plane;
-use phasestereo::presets::Preset;
-use phasestereo::refinement::flag;
-use phasestereo::settings::{CostKind, LARGEST_PENALTY, Optimizer, Precision, Settings};
-use phasestereo::simd::Level;
-use phasestereo::value::Value;
-use phasestereo::versions::Versions;
-use phasestereo::view::{Image, View};
-use phasestereo::votes::Votes;
+use phasestereo::internals::cost::votes::Votes;
+use phasestereo::internals::error::Error;
+use phasestereo::internals::image::convolution::Kernel;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::{Image, View};
+use phasestereo::internals::math;
+use phasestereo::internals::optimization::PANEL;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair, on_threads};
+use phasestereo::internals::refinement::flag;
+use phasestereo::internals::rig::versions::Versions;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{CostKind, LARGEST_PENALTY, Optimizer, Precision, Settings};
+use phasestereo::internals::simd::Level;
+use phasestereo::internals::value::Value;
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -46,7 +47,7 @@ impl Job {
     }
 
     fn run(&self, how: Execution) -> Seen {
-        Seen::of(run(&self.pair, &self.settings, how, &Control::default()).expect("a legal match"))
+        self.run_with(&Matcher::new(how.threads).expect("threads"), how)
     }
 
     fn run_with(&self, matcher: &Matcher, how: Execution) -> Seen {
@@ -255,7 +256,7 @@ fn penalties_from_none_to_the_largest() {
 /// A row of waves, the right one half a wave on: at disparity 0 all bits differ, half a wave on none does.
 fn waves(rows: usize, cols: usize, half: usize) -> [View; 2] {
     [0, half].map(|shift| {
-        let wave = |x: usize| (std::f64::consts::PI * (x + shift) as f64 / half as f64).cos();
+        let wave = |x: usize| math::cos(std::f64::consts::PI * (x + shift) as f64 / half as f64);
         view(rows, cols, |_, x| (128.0 + 100.0 * wave(x)) as u8)
     })
 }
@@ -460,7 +461,9 @@ fn kernels_are_for_phase_codes() {
     let Job { pair, settings } = in_classes(2, (6, 30), 4);
     let settings = Settings { cost: CostKind::Sad, noise_threshold: 0.0, ..settings };
     let how = how(1, Level::best());
-    let refused = run(&pair, &settings, how, &Control::default()).expect_err("refused");
+    let refused = Matcher::new(how.threads)
+        .and_then(|matcher| matcher.run(&pair, &settings, how, &Control::default()))
+        .expect_err("refused");
     assert!(refused.to_string().starts_with("equalisation: got"), "{refused}");
 }
 
@@ -666,7 +669,9 @@ fn settings_out_of_range_are_refused() {
     let job = Job::new(shifted(2, 3, 1), 0, 1, Preset::Paper.settings());
     let settings = Settings { window: 65, ..Preset::Paper.settings() };
     let how = how(1, Level::best());
-    let refused = run(&job.pair, &settings, how, &Control::default()).expect_err("refused");
+    let refused = Matcher::new(how.threads)
+        .and_then(|matcher| matcher.run(&job.pair, &settings, how, &Control::default()))
+        .expect_err("refused");
     assert!(refused.to_string().starts_with("window: got 65"), "{refused}");
 }
 

@@ -4,11 +4,11 @@ use std::array::from_fn;
 
 use crate::common::maps::{bits, drawn, maps, row};
 use crate::common::{levels, random};
-use phasestereo::control::Control;
-use phasestereo::error::Error;
-use phasestereo::median::{NONE, disparity, key, median9, median25, smooth};
-use phasestereo::plane::Plane;
-use phasestereo::reference;
+use crate::reference;
+use phasestereo::internals::error::Error;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::refinement::median::{NONE, disparity, key, median9, median25, smooth};
 use proptest::prelude::*;
 
 fn smoothed(disparity: &Plane<f32>) -> Plane<f32> {

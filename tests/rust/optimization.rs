@@ -2,26 +2,27 @@
 //! against every path, every origin and every candidate by itself.
 
 use crate::common::{COUNTS, OPTIMIZERS, hash, heights, levels, naive, random, widths};
-use phasestereo::aggregation::Window;
-use phasestereo::control::Control;
-use phasestereo::edges::Edges;
-use phasestereo::error::{Error, Result};
-use phasestereo::evidence::{Found, NONE};
-use phasestereo::intensity::LARGEST_REACH;
-use phasestereo::matcher::on_threads;
-use phasestereo::optimization::selection::Selection;
-use phasestereo::optimization::{
+use crate::reference;
+use crate::reference::Found;
+use phasestereo::internals::cost::aggregation::Window;
+use phasestereo::internals::error::{Error, Result};
+use phasestereo::internals::image::intensity::LARGEST_REACH;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::texture::Texture;
+use phasestereo::internals::optimization::edges::Edges;
+use phasestereo::internals::optimization::evidence::NONE;
+use phasestereo::internals::optimization::selection::Selection;
+use phasestereo::internals::optimization::{
     BAND, Known, LARGEST_STEP, LOOK_COLUMNS, LOOK_ROWS, PANEL, Search, Steps, Workspace, optimize,
 };
-use phasestereo::plane::Plane;
-use phasestereo::presets::Preset;
-use phasestereo::reference;
-use phasestereo::settings::{
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::on_threads;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{
     LARGEST_EDGES, LARGEST_PENALTY, MOST_DISPARITIES, Optimizer, Settings,
 };
-use phasestereo::simd::Level;
-use phasestereo::texture::Texture;
-use phasestereo::value::{LANES, Value};
+use phasestereo::internals::simd::Level;
+use phasestereo::internals::value::{LANES, Value};
 use proptest::prelude::*;
 use proptest::sample::select;
 

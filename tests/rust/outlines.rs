@@ -2,11 +2,11 @@
 
 use crate::common::maps::{Map, bits, drawn, maps, patches};
 use crate::common::{hash, random};
-use phasestereo::control::Control;
-use phasestereo::outlines::{NEAR, draw};
-use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::texture::Texture;
+use crate::reference;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::texture::Texture;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::refinement::outlines::{NEAR, draw};
 use proptest::prelude::*;
 use proptest::sample::select;
 

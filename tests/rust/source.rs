@@ -4,18 +4,19 @@ use crate::common::estimates::{estimate, estimate_by_rows};
 use crate::common::parts::Slow;
 use crate::common::{hash, levels, mask, random};
 use ndarray::Array3;
-use phasestereo::blur::{Blur, Estimate};
-use phasestereo::control::Control;
-use phasestereo::error::{Error, Result};
-use phasestereo::intensity::{Gray, Range};
-use phasestereo::masking;
-use phasestereo::matcher::{Execution, Matcher, Pair};
-use phasestereo::plane::{Plane, reflect};
-use phasestereo::psf::{Family, Psf, Taps, path};
-use phasestereo::simd::Level;
-use phasestereo::source::{ranges, roughness};
-use phasestereo::texture::{Roughness, Texture};
-use phasestereo::view::{Image, Mask, View};
+use phasestereo::internals::error::{Error, Result};
+use phasestereo::internals::image::intensity::{Gray, Range};
+use phasestereo::internals::image::masking;
+use phasestereo::internals::image::plane::{Plane, reflect};
+use phasestereo::internals::image::texture::{Roughness, Texture};
+use phasestereo::internals::image::view::{Image, Mask, View};
+use phasestereo::internals::math;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair};
+use phasestereo::internals::pipeline::source::{ranges, roughness};
+use phasestereo::internals::rig::blur::{Blur, Estimate};
+use phasestereo::internals::rig::psf::{Family, Psf, Taps, path};
+use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -167,7 +168,7 @@ fn maps_of_blur_are_those_of_the_whole() {
 fn curve() -> Taps {
     path((0..200).map(|i| {
         let turn = f64::from(i) / 50.0;
-        (4.0 * turn.sin(), 3.0 * turn.cos())
+        (4.0 * math::sin(turn), 3.0 * math::cos(turn))
     }))
 }
 

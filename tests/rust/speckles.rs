@@ -2,13 +2,13 @@
 
 use crate::common::maps::{Map, maps};
 use crate::common::{at_every_level, levels, random};
-use phasestereo::control::Control;
-use phasestereo::error::Error;
-use phasestereo::matcher::on_threads;
-use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::refinement::flag;
-use phasestereo::speckles::flag_speckles;
+use crate::reference;
+use phasestereo::internals::error::Error;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::on_threads;
+use phasestereo::internals::refinement::flag;
+use phasestereo::internals::refinement::speckles::flag_speckles;
 use proptest::prelude::*;
 use proptest::sample::select;
 

@@ -4,11 +4,11 @@
 
 use crate::common::maps::drawn;
 use crate::common::{hash, levels, random};
-use phasestereo::control::Control;
-use phasestereo::error::Error;
-use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::subpixel::{REACH, evidence, offset, smooth};
+use crate::reference;
+use phasestereo::internals::error::Error;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::refinement::subpixel::{REACH, evidence, offset, smooth};
 use proptest::prelude::*;
 
 fn smoothed(disparity: &Plane<f32>) -> Plane<f32> {

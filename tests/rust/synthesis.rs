@@ -3,14 +3,14 @@
 use crate::common::maps::{Map, bits, drawn};
 use crate::common::naive::synthesized;
 use crate::common::{hash, random, robust, versions, view, views, weak_descriptors};
-use phasestereo::control::Control;
-use phasestereo::convolution::Kernel;
-use phasestereo::matcher::Pair;
-use phasestereo::plane::Plane;
-use phasestereo::settings::Settings;
-use phasestereo::synthesis::{Scene, is_asked_for};
-use phasestereo::versions::Versions;
-use phasestereo::view::View;
+use phasestereo::internals::image::convolution::Kernel;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::View;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::Pair;
+use phasestereo::internals::refinement::synthesis::{Scene, is_asked_for};
+use phasestereo::internals::rig::versions::Versions;
+use phasestereo::internals::settings::Settings;
 use proptest::prelude::*;
 
 fn pair([left, right]: [View; 2], versions: Versions) -> Pair {

@@ -1,13 +1,13 @@
 //! What is found out of a pair before it is matched.
 
-use phasestereo::blur::Estimate;
-use phasestereo::control::Control;
-use phasestereo::error::Result;
-use phasestereo::estimation::{Known, Means, prepare, prepare_by_rows};
-use phasestereo::matcher::{Execution, Matcher, Pair};
-use phasestereo::presets::Preset;
-use phasestereo::settings::Settings;
-use phasestereo::source::Source;
+use phasestereo::internals::error::Result;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair};
+use phasestereo::internals::pipeline::source::Source;
+use phasestereo::internals::rig::blur::Estimate;
+use phasestereo::internals::rig::estimation::{Known, Means, prepare, prepare_by_rows};
+use phasestereo::internals::settings::Settings;
+use phasestereo::internals::settings::presets::Preset;
 
 /// Settings that ask for noise and blur alone.
 pub fn of_blur() -> Settings {

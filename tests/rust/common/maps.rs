@@ -1,9 +1,9 @@
 //! Disparity maps to be refined: patches, slopes and noise, with flags and without estimates here and there.
 
-use phasestereo::error::Result;
-use phasestereo::plane::Plane;
-use phasestereo::refinement::flag;
-use phasestereo::simd::Level;
+use phasestereo::internals::error::Result;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::refinement::flag;
+use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::select;
 

@@ -5,20 +5,20 @@ pub mod maps;
 pub mod naive;
 pub mod parts;
 
+use crate::reference;
 use ndarray::Array3;
-use phasestereo::control::Control;
-use phasestereo::convolution::Kernel;
-use phasestereo::intensity::{Gray, level_planes};
-use phasestereo::plane::Plane;
-use phasestereo::presets::Preset;
-use phasestereo::reference;
-use phasestereo::settings::{
+use phasestereo::internals::image::convolution::Kernel;
+use phasestereo::internals::image::intensity::{Gray, level_planes};
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::{Image, Mask, View};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::rig::versions::{MOST_CLASSES, Versions};
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{
     CostKind, LARGEST_EDGES, LARGEST_PENALTY, LARGEST_WEAK, MOST_DISPARITIES, MOST_UNIQUENESS,
     Optimizer, Precision, Settings, Taper,
 };
-use phasestereo::simd::Level;
-use phasestereo::versions::{MOST_CLASSES, Versions};
-use phasestereo::view::{Image, Mask, View};
+use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::select;
 use proptest::test_runner::RngSeed;

@@ -1,27 +1,28 @@
 //! A whole match by the naive twins: what every fast one must give, bit for bit.
 
-use phasestereo::aggregation::Window;
-use phasestereo::basis::Basis;
-use phasestereo::candidates::Candidates;
-use phasestereo::confidence::{Scene, vote};
-use phasestereo::consistency::Choices;
-use phasestereo::control::Control;
-use phasestereo::convolution::Kernel;
-use phasestereo::cost::Costs;
-use phasestereo::evidence::{Found, NONE};
-use phasestereo::intensity::Gray;
-use phasestereo::matcher::{Disparity, Pair};
-use phasestereo::optimization::Steps;
-use phasestereo::plane::Plane;
-use phasestereo::reference;
-use phasestereo::refinement::{Margin, flag};
-use phasestereo::settings::{CostKind, Optimizer, Settings};
-use phasestereo::synthesis::is_asked_for;
-use phasestereo::texture::Texture;
-use phasestereo::versions::{
+use crate::reference;
+use crate::reference::Found;
+use phasestereo::internals::cost::Costs;
+use phasestereo::internals::cost::aggregation::Window;
+use phasestereo::internals::cost::candidates::Candidates;
+use phasestereo::internals::descriptor::basis::Basis;
+use phasestereo::internals::image::convolution::Kernel;
+use phasestereo::internals::image::intensity::Gray;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::texture::Texture;
+use phasestereo::internals::image::view::View;
+use phasestereo::internals::optimization::Steps;
+use phasestereo::internals::optimization::evidence::NONE;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{Disparity, Pair};
+use phasestereo::internals::refinement::confidence::{Scene, vote};
+use phasestereo::internals::refinement::left_right_check::Choices;
+use phasestereo::internals::refinement::synthesis::is_asked_for;
+use phasestereo::internals::refinement::{Margin, flag};
+use phasestereo::internals::rig::versions::{
     self, {MOST_CLASSES, Versions},
 };
-use phasestereo::view::View;
+use phasestereo::internals::settings::{CostKind, Optimizer, Settings};
 
 use super::{gray, level_pair, levels, plane};
 

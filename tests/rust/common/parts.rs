@@ -4,13 +4,13 @@ use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 use ndarray::{Array3, s};
-use phasestereo::candidates::Candidates;
-use phasestereo::error::{Error, Result};
-use phasestereo::intensity;
-use phasestereo::matcher::Pair;
-use phasestereo::plane::Plane;
-use phasestereo::source::Source;
-use phasestereo::view::{Image, View};
+use phasestereo::internals::cost::candidates::Candidates;
+use phasestereo::internals::error::{Error, Result};
+use phasestereo::internals::image::intensity;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::{Image, View};
+use phasestereo::internals::pipeline::matcher::Pair;
+use phasestereo::internals::pipeline::source::Source;
 
 /// A pair in memory that is read so many rows at a time, and what was read of it.
 pub struct Slow {
