@@ -51,7 +51,7 @@ tables: $(VENV)/counterparts ## Make every table of the documentation, in half a
 bench-core: ## Time each stage of the core (make bench-core ARGS=optimization: one of them)
 	cargo bench --locked --features internals -- $(ARGS)
 
-docs: $(VENV)/counterparts ## Build the documentation, and the pictures in it, into site/
+docs: $(VENV)/counterparts web/phasestereo.wasm ## Build the documentation, and the pictures in it, into site/
 	$(BIN)/mkdocs build --strict
 
 wheel: $(VENV)/ready ## Build a wheel into dist/
@@ -59,13 +59,14 @@ wheel: $(VENV)/ready ## Build a wheel into dist/
 
 c: $(C_LIBRARY) ## Build the C libraries into target/c/release/ (header: rust/c/phasestereo.h)
 
-web: web/phasestereo.wasm ## Build the core for browsers into web/
+web: $(VENV)/counterparts web/phasestereo.wasm ## Build the core for browsers, and the page "try it" with it into web/dist/
+	$(BIN)/python docs/try_page.py web/dist
 
 hooks: ## Check every push as CI would
 	git config core.hooksPath .githooks
 
 clean: ## Remove all that was built
-	rm -rf $(VENV) target dist site demo speed tables $(CORE) web/phasestereo.wasm
+	rm -rf $(VENV) target dist site demo speed tables $(CORE) web/phasestereo.wasm web/dist
 
 # Debian's Python comes without ensurepip unless python3-venv is installed; virtualenv needs neither.
 $(VENV)/ready: pyproject.toml

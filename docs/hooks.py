@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pictures  # the examples that the build runs ask for it, too
+import try_page
 from mkdocs.structure.files import File
 
 from phasestereo_bench import rendering
@@ -46,11 +47,13 @@ def on_page_markdown(markdown: str, **_: object) -> str:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the documents of the folder above, with their links, and the live report page."""
+    """Add the documents of the folder above, with their links, the live report page, and the page "try it"."""
     for name in ROOT_PAGES:
         text = (Path(config.docs_dir).parent / name).read_text(encoding="utf-8")
         page = re.sub(r"\]\(docs/", "](", text)
         page = re.sub(r"\]\(([A-Z]+\.md)", lambda link: link[0].lower(), page)
         files.append(File.generated(config, name.lower(), content=page))
     files.append(File.generated(config, LIVE_PAGE, content=pictures.live_page()))
+    for name, content in try_page.contents().items():
+        files.append(File.generated(config, f"try/{name}", content=content))
     return files
