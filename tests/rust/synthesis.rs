@@ -43,7 +43,7 @@ fn scenes() -> impl Strategy<Value = (Pair, Map)> {
 }
 
 proptest! {
-    #![proptest_config(random(96))]
+    #![proptest_config(random(40))]
 
     #[test]
     fn maps_are_redrawn_like_by_the_twin((pair, map) in scenes(), settings in weak_descriptors()) {
