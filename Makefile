@@ -16,8 +16,8 @@ help: ## List the commands
 demo: $(VENV)/harness ## Render a pair, spoil one image, match it, print the score, write pictures and a report
 	$(BIN)/phasestereo demo --output demo
 
-test: $(VENV)/counterparts ## Run all the tests (PHASESTEREO_DATA: the folder of real pairs, default ../shared)
-	cargo test --locked --features internals
+test: $(VENV)/counterparts c ## Run all the tests (PHASESTEREO_DATA: the folder of real pairs, default ../shared)
+	cargo test --locked --features c,internals
 	$(BIN)/python -m pytest
 
 fuzz: $(VENV)/counterparts ## Tests by new random examples, mutated files, strange arrays (ARGS="--seconds 7200"; 5 minutes)

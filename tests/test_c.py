@@ -1,4 +1,4 @@
-"""The C interface: programs that a compiler makes against the header get Python's maps, to the bit."""
+"""The C interface: programs made against its header get Python's maps, to the bit."""
 
 from __future__ import annotations
 
@@ -54,9 +54,14 @@ class Program:
         bits = 8 * pair[0].itemsize
         output = self.folder / "planes"
         numbers = map(str, (cols, rows, channels, bits, told))
-        command = [self.path, self.folder / "left", self.folder / "right", *numbers]
+        command: list[str | Path] = [
+            self.path,
+            self.folder / "left",
+            self.folder / "right",
+            *numbers,
+        ]
         command += [preset, str(disparities), output]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = _run(*command, check=False)
         return done.returncode, done.stdout.splitlines(), output
 
     def same(self, pair: Pair, expected: ps.Result, **options: Any) -> dict[str, list[str]]:
@@ -74,8 +79,17 @@ class Program:
         np.testing.assert_array_equal(disparity, expected.disparity)
         np.testing.assert_array_equal(flags, expected.flags)
         wanted = expected.confidence
-        np.testing.assert_array_equal(confidence, np.full(size, np.nan) if wanted is None else wanted)
+        np.testing.assert_array_equal(
+            confidence, np.full(size, np.nan) if wanted is None else wanted
+        )
         return {line.split()[0]: line.split()[1:] for line in lines}
+
+
+def _run(*command: str | Path, check: bool = True) -> subprocess.CompletedProcess[str]:
+    """Run a compiler, or a program that it made."""
+    return subprocess.run(  # noqa: S603 - all commands are of this file
+        command, capture_output=True, text=True, check=check
+    )
 
 
 def _needed(path: Path | str | None, message: str) -> str:
@@ -100,7 +114,7 @@ def program(library: str, tmp_path_factory: pytest.TempPathFactory) -> Program:
     source = ROOT / "tests" / "c_program.c"
     found = f"-Wl,-rpath,{LIBRARY.parent}"
     options = "-std=c99", *STRICT, f"-I{INTERFACE}"
-    subprocess.run([compiler, *options, source, library, found, "-o", path], check=True)
+    _run(compiler, *options, source, library, found, "-o", path)
     return Program(path, folder)
 
 
@@ -116,7 +130,7 @@ def test_the_header_is_one_of_c_and_of_cpp(tmp_path: Path) -> None:
     source.write_text('#include "phasestereo.h"\n', encoding="utf-8")
     for language, standard in (("c", "c99"), ("c++", "c++11")):
         options = "-x", language, f"-std={standard}", *STRICT, f"-I{INTERFACE}", "-fsyntax-only"
-        subprocess.run([compiler, *options, source], check=True)
+        _run(compiler, *options, source)
 
 
 @pytest.mark.parametrize("preset", ["robust", "fast", "paper"])
@@ -149,7 +163,9 @@ def test_settings_are_read_from_text(program: Program, pair: Pair) -> None:
     program.same(pair, expected, preset="settings")
 
 
-@pytest.mark.parametrize("kind", ["gray", "rgba", "bgr", "bgra", "16 bits", "upside down", "padded"])
+@pytest.mark.parametrize(
+    "kind", ["gray", "rgba", "bgr", "bgra", "16 bits", "upside down", "padded"]
+)
 def test_images_are_taken_in_any_layout(program: Program, pair: Pair, kind: str) -> None:
     options: dict[str, Any] = {}
     images = told = pair
@@ -198,15 +214,15 @@ def test_the_example_with_opencv_writes_a_map(library: str, pair: Pair, tmp_path
     if cmake is None:
         pytest.skip("no cmake: apt-get install cmake")
     build, source = tmp_path / "build", INTERFACE / "example"
-    configured = subprocess.run([cmake, "-S", source, "-B", build], capture_output=True, check=False)
+    configured = _run(cmake, "-S", source, "-B", build, check=False)
     if configured.returncode != 0:
         pytest.skip("no headers of OpenCV: apt-get install libopencv-dev")
-    subprocess.run([cmake, "--build", build], check=True, capture_output=True)
+    _run(cmake, "--build", build)
 
     for name, image in zip(("left", "right"), pair, strict=True):
         write_image(tmp_path / f"{name}.png", image)
     files = [tmp_path / name for name in ("left.png", "right.png", "map.tiff")]
-    done = subprocess.run([build / "match", *files, "48"], capture_output=True, check=True)
-    assert done.stdout.decode() == "disparities 0 to 47\n"
+    done = _run(build / "match", *files, "48")
+    assert done.stdout == "disparities 0 to 47\n"
     written = pytest.importorskip("tifffile").imread(files[2])
     np.testing.assert_array_equal(written, ps.match(*pair, num_disparities=48).disparity)
