@@ -4,7 +4,7 @@
 
 Prints the figures of docs/cluster.md (planning) for one pair of image files, best of 2 megapixels.
 Measured, on one thread: a match of the pair from files to files, as a batch does it; bands of a
-strip of 30 000 columns, which is the pair side by side; the survey of that strip; and what a batch
+strip of 30 000 columns, which is the pair side by side; the statistics of that strip; and what a batch
 of tiny pairs takes, which is what there is to a pair besides matching it. The rest is
 multiplication.
 """
@@ -69,8 +69,8 @@ def main(left: Path, right: Path) -> None:
         rate = pixels * COUNT / pairs[name].seconds / 1e9
         strip = BAND * STRIP * COUNT / bands[name] / 1e9
         say(f"| {name} | {rate:.2f} | {strip:.2f} |")
-    seconds = survey_seconds(images)
-    say(f"\nsurvey of the strip for robust: {seconds:.0f} s")
+    seconds = statistics_seconds(images)
+    say(f"\nstatistics of the strip for robust: {seconds:.0f} s")
     say(
         f"tiny pairs: {1e3 * each:.1f} ms each in a loop; of a cluster's client and scheduler "
         f"{1e3 * client:.1f} ms"
@@ -100,16 +100,20 @@ def pair_rate(left: Path, right: Path, settings: ps.Settings) -> Rate:
 def band_rate(images: tuple[NDArray[Any], ...], way: ps.Settings) -> float:
     """Return the seconds that a band of the strip takes."""
     sides = [strip(image) for image in images]
-    known = ps.survey(reader(sides), (STRIP, STRIP), num_disparities=COUNT, settings=way, threads=1)
+    known = ps.pair_statistics(
+        reader(sides), (STRIP, STRIP), num_disparities=COUNT, settings=way, threads=1
+    )
     started = perf_counter()
     ps.match_rows(reader(sides), known, BAND, 2 * BAND, threads=1)
     return perf_counter() - started
 
 
-def survey_seconds(images: tuple[NDArray[Any], ...]) -> float:
-    """Return the seconds that the survey of the strip takes, on all threads."""
+def statistics_seconds(images: tuple[NDArray[Any], ...]) -> float:
+    """Return the seconds that the statistics of the strip take, on all threads."""
     started = perf_counter()
-    ps.survey(reader([strip(image) for image in images]), (STRIP, STRIP), num_disparities=COUNT)
+    ps.pair_statistics(
+        reader([strip(image) for image in images]), (STRIP, STRIP), num_disparities=COUNT
+    )
     return perf_counter() - started
 
 
@@ -166,16 +170,16 @@ def plan_archive(preset: str, rate: Rate, dispatched: float) -> None:
         )
 
 
-def plan_strip(name: str, row: float, survey: float) -> None:
+def plan_strip(name: str, row: float, statistics: float) -> None:
     """Print what the strip takes, in bands of its own for each worker."""
     read, written = 2 * STRIP * STRIP, 4 * STRIP * STRIP
     say(f"\n{STRIP} x {STRIP}, {name}: reads {read / 1e9:.1f} GB, writes {written / 1e9:.1f} GB\n")
-    head("workers", "survey", "bands", "read and written", "of ten gigabits")
+    head("workers", "statistics", "bands", "read and written", "of ten gigabits")
     for workers in WORKERS:
         seconds = STRIP * row / workers
         flow = (read + written) / seconds
         say(
-            f"| {workers} | {survey:.0f} s | {duration(seconds)} | {flow / 1e6:.0f} MB/s | "
+            f"| {workers} | {statistics:.0f} s | {duration(seconds)} | {flow / 1e6:.0f} MB/s | "
             f"{flow / NETWORK:.0%} |"
         )
 

@@ -161,7 +161,7 @@ READERS: dict[str, tuple[Callable[[Path], Any], tuple[str, ...]]] = {
     "read_rig": (read_rig, (".yaml", ".rig", ".saved")),
     "load_rectification": (Rectification.load, (".saved",)),
     "read_q": (read_q, (".npz", ".txt", ".yml", ".xml", ".npy")),
-    "load_survey": (load, (".survey",)),
+    "load_statistics": (load, (".statistics",)),
     "read_pairs": (read_list, (".csv",)),
     "read_manifest": (read_manifest, (".jsonl",)),
     "match": (match_strange, (".seed",)),
@@ -260,12 +260,12 @@ def _words(folder: Path, gray: Any) -> None:
     lines = [json.dumps(asdict(record) | {"name": name}) for name in ("x", "y")]
     (folder / "a.jsonl").write_text("\n".join([*lines, ""]), "utf-8")
     image = np.kron(gray, np.ones((8, 8), np.uint8))
-    survey = ps.survey(
+    statistics = ps.pair_statistics(
         lambda first, last: (image[first:last], image[first:last], None, None),
         image.shape[:2],
         num_disparities=8,
     )
-    survey.save(folder / "a.survey")
+    statistics.save(folder / "a.statistics")
 
 
 def _rigs(folder: Path, gray: Any) -> None:

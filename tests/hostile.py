@@ -157,7 +157,7 @@ def entities() -> bytes:
 
 IMAGES = "read_image", "read_geotiff", "open_raster", "is_geotiff"
 RIGS = ("read_rig",)
-SMALL = "read_calibration", "read_q", "read_pairs", "read_manifest", "load_survey"
+SMALL = "read_calibration", "read_q", "read_pairs", "read_manifest", "load_statistics"
 
 # Name -> content, and the readers that are to refuse it. Their names end as the readers want.
 CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
@@ -187,7 +187,7 @@ CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
     "empty.pgm": (lambda: b"P5\n14000 14000\n255\n", ("read_image",)),
     "large.pgm": (lambda: b"P5\n1000000000 1000000000\n255\n", ("read_image",)),
     "q.npz": (lambda: npz("Q", 2**28), ("read_q",)),
-    "survey.npz": (lambda: npz("told", 2**28), ("load_survey",)),
+    "statistics.npz": (lambda: npz("told", 2**28), ("load_statistics",)),
     "rig.npz": (lambda: npz("K1", 2**34), RIGS),
     "maps.npz": (lambda: many(300), RIGS),
     "aliases.yml": (billion_laughs, RIGS),
@@ -197,7 +197,7 @@ CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
     "entities.xml": (entities, RIGS),
     "line.csv": (lambda: b"left,right\n" + b"," * 2**20, ("read_pairs",)),
     "line.jsonl": (lambda: b" " * 2**20, ("read_manifest",)),
-    "arrays.npz": (lambda: many(300), ("read_q", "load_survey")),
+    "arrays.npz": (lambda: many(300), ("read_q", "load_statistics")),
     "packed.tif": (
         lambda: tiff(page(2**11, 2**11, compression=PACKBITS, stored=2**21), bytes(2**21)),
         ("read_image",),
@@ -231,7 +231,7 @@ def cases(folder: Path) -> Iterator[tuple[str, Path]]:
         yield from ((reader, folder / name) for reader in readers)
     endings = dict.fromkeys((*IMAGES, "read_disparity"), ".png") | {
         "read_calibration": ".txt", "read_q": ".npz", "read_pairs": ".csv",
-        "read_manifest": ".jsonl", "load_survey": ".npz", "read_rig": ".npz",
+        "read_manifest": ".jsonl", "load_statistics": ".npz", "read_rig": ".npz",
     }  # fmt: skip
     for reader, ending in endings.items():
         for kind in ("fifo", "zero", "hole"):
@@ -264,7 +264,7 @@ def readers() -> dict[str, Callable[[Path], Any]]:
         "read_calibration": ps.io.read_calibration,
         "read_q": ps.io.read_q,
         "read_rig": read_calibration,
-        "load_survey": load,
+        "load_statistics": load,
         "read_pairs": lambda path: batch.read_pairs(path, num_disparities=8),
         "read_manifest": batch.read_manifest,
     }

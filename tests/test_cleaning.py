@@ -64,8 +64,8 @@ def noisy(image: Pixels, deviation: float, seed: int) -> Pixels:
 def test_impulses_are_repaired_as_by_the_oracle() -> None:
     left, right = (hot(SCENE.left[:, :, 1], 0.02, 1), hot(SCENE.right[:, :, 1], 0.02, 2))
     heights = 20.0, 3.5
-    versions = ps.Equalisation(noise=(1, 1), impulses=heights)
-    found = ps.cost_volume(left, right, **SEARCH, equalisation=versions)
+    versions = ps.BlurCompensation(noise=(1, 1), impulses=heights)
+    found = ps.cost_volume(left, right, **SEARCH, blur_compensation=versions)
     repaired = [
         np.floor(oracle.without_impulses(image.astype(float), height)).astype(np.uint8)
         for image, height in zip((left, right), heights, strict=True)
@@ -79,8 +79,8 @@ def test_images_are_smoothed_as_by_the_oracle(dtype: type[np.generic]) -> None:
     unit = {"u": 1, "f": 1e-3}[np.dtype(dtype).kind] * (100 if dtype is np.uint16 else 1)
     left, right = ((unit * image).astype(dtype) for image in (SCENE.left, SCENE.right))
     deviations = 5.0 * unit, 9.0 * unit
-    versions = ps.Equalisation(noise=(1, 1), smoothing=deviations)
-    found = ps.cost_volume(left, right, **SEARCH, equalisation=versions)
+    versions = ps.BlurCompensation(noise=(1, 1), smoothing=deviations)
+    found = ps.cost_volume(left, right, **SEARCH, blur_compensation=versions)
     smoothed = [
         oracle.guided_filter(oracle.to_gray(image), deviation)
         for image, deviation in zip((left, right), deviations, strict=True)
@@ -95,8 +95,8 @@ def test_images_are_smoothed_as_by_the_oracle(dtype: type[np.generic]) -> None:
 
 def test_smoothing_comes_before_the_kernels() -> None:
     kernel = np.full((3, 3), 1 / 9)
-    versions = ps.Equalisation(noise=(1, 1), smoothing=(8, 8), kernels=[(kernel, None)])
-    found = ps.cost_volume(SCENE.left, SCENE.right, **SEARCH, equalisation=versions)
+    versions = ps.BlurCompensation(noise=(1, 1), smoothing=(8, 8), kernels=[(kernel, None)])
+    found = ps.cost_volume(SCENE.left, SCENE.right, **SEARCH, blur_compensation=versions)
     smoothed = [oracle.guided_filter(oracle.to_gray(i), 8) for i in (SCENE.left, SCENE.right)]
     expected = ps.cost_volume(oracle.convolve(smoothed[0], kernel), smoothed[1], **SEARCH)
     assert np.abs(found.astype(int) - expected).mean() < 0.06
@@ -110,7 +110,7 @@ def test_smoothing_comes_before_the_kernels() -> None:
 def test_what_is_no_deviation_is_refused(name: str, value: object, error: type) -> None:
     wanted: dict[str, Any] = {name: value}
     with pytest.raises(error, match=name):
-        ps.Equalisation(noise=(1, 1), **wanted)
+        ps.BlurCompensation(noise=(1, 1), **wanted)
 
 
 # --- what is found out ---
@@ -199,11 +199,11 @@ def test_parts_are_those_of_the_whole(tmp_path: Path) -> None:
     def read(first: int, last: int) -> tuple[Any, Any, None, None]:
         return left[first:last], right[first:last], None, None
 
-    known = ps.survey(read, left.shape[:2], **SEARCH)
-    known.save(tmp_path / "survey.npz")
-    for told in (known, bands.load(tmp_path / "survey.npz")):
-        assert told.equalisation is not None
-        assert told.equalisation.impulses == whole.blur.impulses
+    known = ps.pair_statistics(read, left.shape[:2], **SEARCH)
+    known.save(tmp_path / "statistics.npz")
+    for told in (known, bands.load(tmp_path / "statistics.npz")):
+        assert told.blur_compensation is not None
+        assert told.blur_compensation.impulses == whole.blur.impulses
         assert told.blur is not None
         assert told.blur.coding == whole.blur.coding
         cuts = [0, 1, 64, 125, 130, 200]

@@ -131,7 +131,7 @@ REFUSALS = [
     ("--json --max-depth 5", WRONG, "--max-depth: has no effect without --ply"),
     ("--ply a.ply --focal 0 --baseline 70", WRONG, "--focal"),
     ("--ply a.ply --focal 100 --baseline -7", WRONG, "--baseline"),
-    (f"--ply a.ply {RIG} --doffs nan", FAILED, "doffs must be finite"),
+    (f"--ply a.ply {RIG} --doffs nan", FAILED, "doffs: got nan; accepts a finite number"),
     (f"--ply a.ply {RIG} --doffs -99", FAILED, "no disparity up to 15 has a depth .* -99"),
     (f"--ply a.ply {RIG} --max-depth 1", WRONG, "--max-depth: got 1; .* nothing is nearer than"),
     (f"--ply a.ply {RIG} --unit inch", WRONG, "--unit"),

@@ -16,7 +16,7 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
-from phasestereo.bands import halo, match_rows, survey
+from phasestereo.bands import halo, match_rows, pair_statistics
 from phasestereo.integrations import dask as lazily
 
 dask = counterpart("dask")
@@ -311,9 +311,9 @@ def test_a_survey_that_is_given_is_not_made_again() -> None:
     def read(first: int, last: int, /) -> Any:
         return LEFT[first:last], RIGHT[first:last], None, None
 
-    known = survey(read, (HEIGHT, WIDTH), **ROBUST)
+    known = pair_statistics(read, (HEIGHT, WIDTH), **ROBUST)
     left = Watched(LEFT)
-    found = lazily.maps(da.from_array(left, chunks=50), lazy(RIGHT), survey=known, **ROBUST)
+    found = lazily.maps(da.from_array(left, chunks=50), lazy(RIGHT), statistics=known, **ROBUST)
     assert left.read == []
     assert_same(found, ps.match(LEFT, RIGHT, **ROBUST))
 
@@ -388,15 +388,15 @@ def test_a_survey_of_something_else() -> None:
     def read(first: int, last: int, /) -> Any:
         return LEFT[first:last], RIGHT[first:last], None, None
 
-    known = survey(read, (HEIGHT, WIDTH), **FAST)
+    known = pair_statistics(read, (HEIGHT, WIDTH), **FAST)
     with pytest.raises(
-        ValueError, match=r"^survey: got that of 24 disparities from 0; accepts tha"
+        ValueError, match=r"^statistics: got that of 24 disparities from 0; accepts tha"
     ):
-        lazily.match(lazy(LEFT), lazy(RIGHT), survey=known, num_disparities=9, preset="fast")
+        lazily.match(lazy(LEFT), lazy(RIGHT), statistics=known, num_disparities=9, preset="fast")
     with pytest.raises(
-        ValueError, match=r"^survey: got that of \(331, 97\) pixels; accepts that of"
+        ValueError, match=r"^statistics: got that of \(331, 97\) pixels; accepts that of"
     ):
-        lazily.match(lazy(LEFT[:9]), lazy(RIGHT[:9]), survey=known, **FAST)
+        lazily.match(lazy(LEFT[:9]), lazy(RIGHT[:9]), statistics=known, **FAST)
 
 
 @pytest.mark.parametrize("first", [FAST, ROBUST], ids=["plain", "evened"])
@@ -404,26 +404,26 @@ def test_a_survey_with_other_settings(first: dict[str, Any]) -> None:
     def read(first: int, last: int, /) -> Any:
         return LEFT[first:last], RIGHT[first:last], None, None
 
-    known = survey(read, (HEIGHT, WIDTH), **first)
+    known = pair_statistics(read, (HEIGHT, WIDTH), **first)
     images = lazy(LEFT), lazy(RIGHT)
     with pytest.raises(
-        ValueError, match=r"^survey: got that with another window; accepts that with"
+        ValueError, match=r"^statistics: got that with another window; accepts that with"
     ):
-        lazily.match(*images, survey=known, **(first | {"window": 7}))
-    with pytest.raises(TypeError, match=r"^survey: got that of uint8; accepts that of float32"):
-        lazily.match(*(each.astype(np.float32) for each in images), survey=known, **first)
+        lazily.match(*images, statistics=known, **(first | {"window": 7}))
+    with pytest.raises(TypeError, match=r"^statistics: got that of uint8; accepts that of float32"):
+        lazily.match(*(each.astype(np.float32) for each in images), statistics=known, **first)
 
 
 def test_what_a_task_finds_wrong_comes_out() -> None:
     left, right = views(np.float32)
     left[200, 3] = np.nan
-    given = survey(
+    given = pair_statistics(
         lambda first, last: (right[first:last], right[first:last], None, None),
         (HEIGHT, WIDTH),
         **FAST,
     )
     with pytest.raises(ValueError, match=r"^left: got NaN at row "):
-        lazily.match(lazy(left), lazy(right), survey=given, **FAST).compute()
+        lazily.match(lazy(left), lazy(right), statistics=given, **FAST).compute()
 
 
 def test_without_the_extra_it_says_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ from conftest import counterpart
 from phasestereo import outofcore
 from phasestereo.io import Georeference, read_geotiff, write_geotiff
 from phasestereo.io.windows import open_raster
-from phasestereo.outofcore import as_bytes, sinks, tell_bytes
+from phasestereo.outofcore import as_bytes, format_bytes, sinks
 
 rasterio = counterpart("rasterio")
 zarr = counterpart("zarr")
@@ -203,7 +203,7 @@ def test_what_is_no_size_is_refused(size: str) -> None:
     (99_900_000, "99.9 MB"),
 ])  # fmt: skip
 def test_sizes_are_told_so_that_they_suffice(count: int, words: str) -> None:
-    assert tell_bytes(count) == words
+    assert format_bytes(count) == words
     assert as_bytes(words.removesuffix("ytes"), "") >= count
 
 

@@ -22,7 +22,7 @@ from phasestereo.io.raster import decode_raster
 from phasestereo.views.page import page as page_module
 from phasestereo.views.page import write_pair_page
 from phasestereo.views.page.embedding import coding_of
-from phasestereo.views.page.facts import blur_told, charts
+from phasestereo.views.page.facts import blur_facts, charts
 from phasestereo.views.page.layers import FLAGS, flag_kinds
 from phasestereo.views.page.scene import scene_of
 
@@ -246,7 +246,7 @@ def test_blur_in_words() -> None:
 
     def say(*kinds: ps.Blur) -> Any:
         chosen = labels if len(kinds) > 1 else np.zeros_like(labels)
-        return blur_told(ps.BlurEstimate(kinds, chosen, 16, 0.9, 1.0, (1.0, 1.0)), (40, 40))
+        return blur_facts(ps.BlurEstimate(kinds, chosen, 16, 0.9, 1.0, (1.0, 1.0)), (40, 40))
 
     assert say(none).verdict.startswith("No relative blur")
     assert say(disk).verdict == "Relative blur: the left image is softer than the other."
@@ -264,7 +264,7 @@ def test_tiles_lie_on_their_pixels() -> None:
     kinds = ps.Blur("none", "none", 0.0, 0.0), ps.Blur("left", "disk", 4.0, 0.0)
     labels = np.array([[0, 1], [1, 0]], dtype=np.uint8)
     estimate = ps.BlurEstimate(kinds, labels, 16, 0.9, 1.0, (1.0, 1.0))
-    uri = blur_told(estimate, (33, 45)).map.partition(",")[2]
+    uri = blur_facts(estimate, (33, 45)).map.partition(",")[2]
     drawn = np.asarray(decode_raster(io.BytesIO(base64.b64decode(uri))))
     assert drawn.shape == (33, 45, 3)
     first = (drawn == drawn[0, 0]).all(axis=2)  # the last tile of a row is as wide as is left

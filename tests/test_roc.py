@@ -143,8 +143,8 @@ IN = np.ones((2, 3), np.bool_)
         ((FLAT * NAN, FLAT, FLAT), {}, ValueError, "confidence must be known .* NaN at 6"),
         ((FLAT, FLAT, FLAT), {"mask": ~IN}, ValueError, "nothing is left to score"),
         ((FLAT, FLAT, FLAT), {"mask": FLAT}, TypeError, "mask must be .* bool .* float32"),
-        ((FLAT, FLAT, FLAT), {"threshold": -1}, ValueError, "threshold must be"),
-        ((FLAT, FLAT, FLAT), {"threshold": "1"}, TypeError, "threshold must be"),
+        ((FLAT, FLAT, FLAT), {"threshold": -1}, ValueError, "^threshold: got"),
+        ((FLAT, FLAT, FLAT), {"threshold": "1"}, TypeError, "^threshold: got"),
     ],
 )
 def test_what_cannot_be_judged_is_refused(

@@ -107,11 +107,11 @@ def test_rows_are_straightened_beside_blur(load: Callable[[str], Pair]) -> None:
 def test_rows_are_straightened_with_versions_that_are_told(load: Callable[[str], Pair]) -> None:
     pair = load("cones")
     crooked = lowered(pair.right, down=2.0)
-    told = ps.Equalisation(noise=(1.0, 1.0))
-    result = ps.match(pair.left, crooked, equalisation=told)
+    told = ps.BlurCompensation(noise=(1.0, 1.0))
+    result = ps.match(pair.left, crooked, blur_compensation=told)
     assert result.alignment is not None
     assert result.alignment.applied
-    assert result.equalisation is told
+    assert result.blur_compensation is told
     noisy = ps.match(pair.left, crooked, noise=1.0)
     assert noisy.alignment is not None
     assert noisy.alignment.applied
@@ -138,7 +138,7 @@ def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
     assert whole.alignment.applied
     assert whole.search is not None
     assert whole.search.origin == "found"
-    told = ps.survey(read, left.shape)
+    told = ps.pair_statistics(read, left.shape)
     assert (told.alignment, told.search) == (whole.alignment, whole.search)
     for first, last in ((0, 40), (90, 170), (300, 340)):
         part = ps.match_rows(read, told, first, last)
@@ -146,23 +146,23 @@ def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
         np.testing.assert_array_equal(part.flags, whole.flags[first:last])
         assert whole.confidence is not None
         np.testing.assert_array_equal(part.confidence, whole.confidence[first:last])
-    around = ps.halo(told.settings, told.equalisation, told.alignment)
-    assert around > ps.halo(told.settings, told.equalisation)
+    around = ps.halo(told.settings, told.blur_compensation, told.alignment)
+    assert around > ps.halo(told.settings, told.blur_compensation)
 
 
 def test_what_was_found_travels(tmp_path: Path) -> None:
     shot = np.random.default_rng(0).integers(0, 256, (120, 160), np.uint8)
-    told = ps.survey(lambda a, b: (shot[a:b, :-9], shot[a:b, 9:], None, None), (120, 151))
-    told.save(tmp_path / "survey.npz")
-    again = importlib_load(tmp_path / "survey.npz")
+    told = ps.pair_statistics(lambda a, b: (shot[a:b, :-9], shot[a:b, 9:], None, None), (120, 151))
+    told.save(tmp_path / "statistics.npz")
+    again = importlib_load(tmp_path / "statistics.npz")
     assert again.alignment == told.alignment
     assert again.search == told.search
 
 
-def importlib_load(path: Path) -> ps.Survey:
-    from phasestereo.bands import load as load_survey  # noqa: PLC0415  (a name that is taken)
+def importlib_load(path: Path) -> ps.PairStatistics:
+    from phasestereo.bands import load as load_statistics  # noqa: PLC0415  (a name that is taken)
 
-    return load_survey(path)
+    return load_statistics(path)
 
 
 # --- ranges ---
@@ -176,7 +176,7 @@ def test_the_range_need_not_be_told(load: Callable[[str], Pair], name: str) -> N
     assert found.search is not None
     assert found.search.origin == "found"
     assert told.search is not None
-    assert (told.search.origin, told.search.num_disparities) == ("told", pair.num_disparities)
+    assert (told.search.origin, told.search.num_disparities) == ("given", pair.num_disparities)
     assert bad(pair, found) < bad(pair, told) + 0.5
     assert_same(
         found,
@@ -270,7 +270,7 @@ def test_parts_of_an_inverted_pair_are_those_of_the_whole(load: Callable[[str], 
     def read(first: int, last: int) -> Any:
         return left[first:last], right[first:last], None, None
 
-    found = ps.survey(read, left.shape[:2])
+    found = ps.pair_statistics(read, left.shape[:2])
     assert found.is_inverted
     part, whole = ps.match_rows(read, found, 100, 180), ps.match(left, right)
     np.testing.assert_array_equal(part.disparity, whole.disparity[100:180])

@@ -24,7 +24,7 @@ CODE = """
 import hashlib, json
 import numpy as np, phasestereo as ps
 from phasestereo import _core
-from phasestereo.rig.compensation import Equalisation
+from phasestereo.rig.compensation import BlurCompensation
 rng = np.random.default_rng(0)
 pairs = [rng.integers(0, 256, (2, 70, 90), np.uint8), rng.random((2, 40, 50, 3), np.float32)]
 cases = [{"preset": "fast"}, {"preset": "robust"}, {},
@@ -32,7 +32,7 @@ cases = [{"preset": "fast"}, {"preset": "robust"}, {},
          {"preset": "robust", "optimizer": "so", "speckle_size": 9},
          {"bits": 3, "neighborhood": 9, "frequencies": (2, 2)},
          {"noise_threshold": 1, "noise": 9.0}, {"noise_threshold": 2, "power": 2, "noise": (0.1,
-         0.2)}, {"equalisation": Equalisation(
+         0.2)}, {"blur_compensation": BlurCompensation(
              noise=(1.0, 1.0), labels=np.array([[0, 1], [2, 0]], np.uint8), tile=17,
              kernels=[(None, None), (np.eye(3) / 3, None), (None, np.full((1, 5), 0.2))])},
          {"cost": "nsad", "p1": .5, "p2": .5, "optimizer": "so"}, {"optimizer": "wta", "window": 3}]

@@ -11,7 +11,7 @@ import pytest
 import oracle
 import oracle_synthesis as synthesis
 import phasestereo as ps
-from phasestereo.rig.compensation import Equalisation
+from phasestereo.rig.compensation import BlurCompensation
 from phasestereo_bench.degradation import convolve, disk_psf
 
 if TYPE_CHECKING:
@@ -56,14 +56,14 @@ def pair() -> tuple[Gray, Gray]:
     return left.astype(np.uint8), right.astype(np.uint8)
 
 
-def soft(side: str, psf: NDArray[Any] = BLUR) -> tuple[tuple[Gray, Gray], Equalisation]:
+def soft(side: str, psf: NDArray[Any] = BLUR) -> tuple[tuple[Gray, Gray], BlurCompensation]:
     """Return the pair with a blurred image, and the versions that even it out."""
     left, right = pair()
     if side == "left":
         images = np.rint(convolve(left, psf)).astype(np.uint8), right
-        return images, Equalisation(noise=NOISE, kernels=[(None, psf)])
+        return images, BlurCompensation(noise=NOISE, kernels=[(None, psf)])
     images = left, np.rint(convolve(right, psf)).astype(np.uint8)
-    return images, Equalisation(noise=NOISE, kernels=[(psf, None)])
+    return images, BlurCompensation(noise=NOISE, kernels=[(psf, None)])
 
 
 def wrong(disparity: NDArray[np.float32]) -> int:
@@ -81,7 +81,7 @@ def test_a_map_is_redrawn_as_the_oracle_says(side: str) -> None:
     options: dict[str, Any] = {
         **SEARCH,
         "settings": SETTINGS,
-        "equalisation": versions,
+        "blur_compensation": versions,
         "align_rows": False,
         "sizes": 1,
     }
@@ -112,7 +112,7 @@ def test_fat_outlines_become_thin(side: str, dtype: type[np.generic]) -> None:
     given = tuple(image.astype(dtype) for image in images)
     options: dict[str, Any] = {
         **SEARCH,
-        "equalisation": versions,
+        "blur_compensation": versions,
         "neighborhood": 5,
         "window": 7,
         "align_rows": False,
@@ -129,7 +129,7 @@ def test_a_darker_soft_image_changes_little() -> None:
     darker = np.rint(0.6 * right + 40).astype(np.uint8)
     options: dict[str, Any] = {
         **SEARCH,
-        "equalisation": versions,
+        "blur_compensation": versions,
         "neighborhood": 5,
         "window": 7,
         "align_rows": False,
@@ -153,7 +153,7 @@ def test_masked_pixels_have_no_effect_and_no_disparity() -> None:
     (left, right), versions = soft("left")
     rng = np.random.default_rng(1)
     masks = {"left_mask": rng.random(SIZE) > 0.1, "right_mask": rng.random(SIZE) > 0.1}
-    options: dict[str, Any] = {**SEARCH, **masks, "equalisation": versions, "neighborhood": 5}
+    options: dict[str, Any] = {**SEARCH, **masks, "blur_compensation": versions, "neighborhood": 5}
     expected = ps.match(left, right, **options)
     lost = [
         np.where(mask, image, 255)
@@ -167,6 +167,11 @@ def test_masked_pixels_have_no_effect_and_no_disparity() -> None:
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_threads_change_nothing(side: str) -> None:
     images, versions = soft(side)
-    options: dict[str, Any] = {**SEARCH, "equalisation": versions, "align_rows": False, "sizes": 1}
+    options: dict[str, Any] = {
+        **SEARCH,
+        "blur_compensation": versions,
+        "align_rows": False,
+        "sizes": 1,
+    }
     found = [ps.match(*images, **options, threads=threads).disparity for threads in (1, 3)]
     np.testing.assert_array_equal(found[0], found[1])

@@ -100,8 +100,8 @@ def diagnosed(left: Image, right: Image) -> ps.Diagnosis:
 def in_pieces(left: Image, right: Image) -> NDArray[np.uint16]:
     """Go the way of a match step by step."""
     use(ps.descriptor(left, neighborhood=9).dtype)
-    versions = ps.Equalisation(noise=(1.0, 1.0), kernels=[(None, np.full((3, 3), 1 / 9))])
-    costs = ps.cost_volume(left, right, num_disparities=64, equalisation=versions)
+    versions = ps.BlurCompensation(noise=(1.0, 1.0), kernels=[(None, np.full((3, 3), 1 / 9))])
+    costs = ps.cost_volume(left, right, num_disparities=64, blur_compensation=versions)
     return ps.optimize(ps.aggregate(costs, window=7), p1=10, p2=40, optimizer="sgm")
 
 
@@ -191,9 +191,11 @@ def beyond_memory(
     def read(first: int, last: int) -> tuple[Image, Image, None, None]:
         return left[first:last], right[first:last], None, None
 
-    known: ps.Survey = ps.survey(read, (left.shape[0], left.shape[1]), num_disparities=64)
-    known.save(folder / "survey.npz")
-    around: int = ps.halo(known.settings, known.equalisation)
+    known: ps.PairStatistics = ps.pair_statistics(
+        read, (left.shape[0], left.shape[1]), num_disparities=64
+    )
+    known.save(folder / "statistics.npz")
+    around: int = ps.halo(known.settings, known.blur_compensation)
     use(around, ps.match_rows(read, known, 128, 256, threads=1).flags)
     report = ps.outofcore.match(
         folder / "left.tif",

@@ -17,7 +17,7 @@ from phasestereo.matching import Matcher, match
 from phasestereo.result import Flag, Result, Summary
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import Blur, BlurEstimate
-from phasestereo.rig.compensation import Equalisation
+from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.findings import Finding, MatchWarning
 from phasestereo.rig.search_range import SearchRange
 from phasestereo.settings import PRESETS, Settings
@@ -26,9 +26,9 @@ __all__ = [
     "PRESETS",
     "Alignment",
     "Blur",
+    "BlurCompensation",
     "BlurEstimate",
     "Diagnosis",
-    "Equalisation",
     "Failure",
     "Finding",
     "Flag",
@@ -36,6 +36,7 @@ __all__ = [
     "MatchWarning",
     "Matcher",
     "Mesh",
+    "PairStatistics",
     "PointCloud",
     "Rectification",
     "Result",
@@ -43,7 +44,6 @@ __all__ = [
     "Settings",
     "Stream",
     "Summary",
-    "Survey",
     "aggregate",
     "check",
     "cost_volume",
@@ -53,11 +53,11 @@ __all__ = [
     "match",
     "match_rows",
     "optimize",
+    "pair_statistics",
     "point_cloud",
     "rectify",
     "stream",
     "surface_mesh",
-    "survey",
 ]
 __version__ = _core.__version__
 
@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     from phasestereo import outofcore as outofcore
     from phasestereo import rectification as rectification
     from phasestereo import views as views
-    from phasestereo.bands import Survey, halo, match_rows, survey
+    from phasestereo.bands import PairStatistics, halo, match_rows, pair_statistics
     from phasestereo.integrations.video.streaming import Failure, Frame, Stream, stream
     from phasestereo.rectification import Rectification, rectify
     from phasestereo.rig.diagnosis import Diagnosis, check
@@ -90,7 +90,7 @@ else:
         "PointCloud": "views.triangulation",
         "Rectification": "rectification",
         "Stream": "integrations.video.streaming",
-        "Survey": "bands",
+        "PairStatistics": "bands",
         "aggregate": "stages",
         "check": "rig.diagnosis",
         "cost_volume": "stages",
@@ -103,7 +103,7 @@ else:
         "rectify": "rectification",
         "stream": "integrations.video.streaming",
         "surface_mesh": "views.meshing",
-        "survey": "bands",
+        "pair_statistics": "bands",
     }
 
     def __getattr__(name):

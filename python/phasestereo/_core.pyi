@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import Pixels
-from phasestereo.bands import Checked, Survey
+from phasestereo.bands import Checked, PairStatistics
 from phasestereo.rig.alignment import Field
 from phasestereo.rig.blur import Glance
-from phasestereo.rig.compensation import Equalisation
-from phasestereo.rig.estimates import Found, Matched, Told
+from phasestereo.rig.compensation import BlurCompensation
+from phasestereo.rig.estimates import Found, Known, Matched
 from phasestereo.settings import Settings
 
 __all__ = [
@@ -69,7 +69,7 @@ def blur_is_as_before(
     threads: int | Workers | None,
 ) -> bool: ...
 def check_settings(settings: Settings) -> None: ...
-def check_versions(versions: Equalisation | None) -> None: ...
+def check_versions(versions: BlurCompensation | None) -> None: ...
 def estimate_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
@@ -84,7 +84,7 @@ def estimate_pair_by_rows(
     settings: Settings,
     ranges: _Ranges | None,
     threads: int | Workers | None,
-    told: Told,
+    told: Known,
 ) -> Found: ...
 def find_ranges(
     read: Checked, size: tuple[int, int], disparities: tuple[int, int | None]
@@ -97,13 +97,13 @@ def find_roughness(
     impulses: float,
 ) -> tuple[int, int]: ...
 def reach(
-    settings: Settings, versions: Equalisation | None, alignment: Field | None
+    settings: Settings, versions: BlurCompensation | None, alignment: Field | None
 ) -> tuple[int, int]: ...
-def working_memory(survey: Survey, rows: int, threads: int, itemsize: int) -> int: ...
+def working_memory(survey: PairStatistics, rows: int, threads: int, itemsize: int) -> int: ...
 def match_rows(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
-    survey: Survey,
+    survey: PairStatistics,
     first: int,
     rows: tuple[int, int],
     threads: int | Workers | None,
@@ -116,7 +116,7 @@ def match_pair(
     settings: Settings,
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
-    told: Told,
+    told: Known,
 ) -> tuple[Matched, Found]: ...
 def descriptor(
     image: Pixels,
@@ -130,7 +130,7 @@ def cost_volume(
     disparities: tuple[int, int],
     settings: Settings,
     threads: int | None,
-    versions: Equalisation | None,
+    versions: BlurCompensation | None,
 ) -> NDArray[np.uint16]: ...
 def aggregate_volume(costs: NDArray[np.uint16], settings: Settings) -> NDArray[np.uint32]: ...
 def optimize_volume(

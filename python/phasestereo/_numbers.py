@@ -1,8 +1,9 @@
-"""Whole numbers as arguments: refused by name if they are none, or out of range."""
+"""Numbers as arguments: refused by name if they are none, or out of range."""
 
 from __future__ import annotations
 
-from numbers import Integral
+import math
+from numbers import Integral, Real
 
 
 def as_integer(
@@ -32,4 +33,39 @@ def as_integer(
     if least is not None and (number < least or (most is not None and number > most)):
         end = "or more" if most is None else f"to {most}"
         raise ValueError(f"{name}: got {number}; accepts {least} {end}")
+    return number
+
+
+def as_number(
+    name: str, value: object, *, least: float | None = None, positive: bool = False
+) -> float:
+    """Return an argument as a plain, finite number.
+
+    Parameters
+    ----------
+    name
+        What messages call it.
+    value
+        The argument: a real number of Python or NumPy, and no bool.
+    least
+        The smallest one that is accepted; None: any.
+    positive
+        Whether it must be above 0.
+
+    Raises
+    ------
+    TypeError
+        If it is no number.
+    ValueError
+        If it is NaN, infinite or too small.
+    """
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise TypeError(f"{name}: got {type(value).__name__}; accepts a number")
+    number = float(value)
+
+    is_low = (positive and number <= 0) or (least is not None and number < least)
+    if is_low or not math.isfinite(number):
+        kind = "a positive, finite number" if positive else "a finite number"
+        end = "" if least is None else f", {least:g} or more"
+        raise ValueError(f"{name}: got {value}; accepts {kind}{end}")
     return number

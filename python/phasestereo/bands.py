@@ -2,7 +2,7 @@
 
 Some things are the same for all parts, or parts would not fit together: the relative blur and the
 map of it, the noise, the range in which the pixels of float images lie, how much neighbouring gray
-values differ. `survey` gathers them, a few rows at a time.
+values differ. `pair_statistics` gathers them, a few rows at a time.
 
 All else that lies between images and disparities reaches only so far up and down (`halo`): a band
 that is matched together with so many rows around it is that of the whole pair.
@@ -18,8 +18,9 @@ import numpy as np
 
 from phasestereo import _core
 from phasestereo._images import as_mask, as_pair
+from phasestereo._numbers import as_integer
 from phasestereo.result import Result
-from phasestereo.rig.compensation import Equalisation, as_equalisation, as_noise
+from phasestereo.rig.compensation import BlurCompensation, as_blur_compensation, as_noise
 from phasestereo.rig.estimates import as_estimates
 from phasestereo.settings import Settings, resolve
 
@@ -43,8 +44,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Survey:
-    """What is known of a whole pair; `survey` makes it, and it can be pickled and saved.
+class PairStatistics:
+    """What is known of a whole pair; `pair_statistics` makes it, and it can be pickled and saved.
 
     Parameters
     ----------
@@ -57,7 +58,7 @@ class Survey:
     settings
         The settings that every part is matched with: with ``compensate_blur=True`` those that suit
         the blur that was found.
-    equalisation
+    blur_compensation
         The versions in which pixels are compared, of the whole pair; it tells the noise, too. None:
         the images as they are.
     blur
@@ -79,12 +80,17 @@ class Survey:
     min_disparity: int
     num_disparities: int
     settings: Settings
-    equalisation: Equalisation | None = None
+    blur_compensation: BlurCompensation | None = None
     blur: BlurEstimate | None = None
     alignment: Alignment | None = None
     search: SearchRange | None = None
     ranges: tuple[Range, Range] | None = None
     roughness: tuple[int, int] | None = None
+
+    @property
+    def equalisation(self) -> BlurCompensation | None:
+        """What the core reads `blur_compensation` by."""
+        return self.blur_compensation
 
     @property
     def field(self) -> Field | None:
@@ -117,8 +123,8 @@ class Survey:
             np.savez(file, allow_pickle=False, **arrays)
 
 
-def load(path: str | os.PathLike[str]) -> Survey:
-    """Read what `Survey.save` has written.
+def load(path: str | os.PathLike[str]) -> PairStatistics:
+    """Read what `PairStatistics.save` has written.
 
     Raises
     ------
@@ -128,14 +134,14 @@ def load(path: str | os.PathLike[str]) -> Survey:
         If it is no such file.
     """
     names = "io.files", "io.limits", "io.npz", "io.pair_statistics"
-    files, limits, npz, surveys = (import_module(f"phasestereo.{name}") for name in names)
+    files, limits, npz, arrays = (import_module(f"phasestereo.{name}") for name in names)
     with files.decoding(path) as file:
-        content = files.read_bounded(file, limits.SURVEY)
-        found: Survey = surveys.from_arrays(npz.decode_arrays(content, limits.SURVEY))
+        content = files.read_bounded(file, limits.STATISTICS)
+        found: PairStatistics = arrays.from_arrays(npz.decode_arrays(content, limits.STATISTICS))
         return found
 
 
-def survey(
+def pair_statistics(
     read: Reader,
     size: tuple[int, int],
     *,
@@ -145,9 +151,9 @@ def survey(
     settings: Settings | None = None,
     threads: int | None = None,
     noise: Noise | None = None,
-    equalisation: Equalisation | None = None,
+    blur_compensation: BlurCompensation | None = None,
     **overrides: Any,
-) -> Survey:
+) -> PairStatistics:
     """Gather what must be known of a whole pair, in memory that does not grow with its height.
 
     Parts that are matched with it come out as `phasestereo.match` has them, to the bit.
@@ -161,12 +167,12 @@ def survey(
         calling one call it, one at a time. What it raises comes out as it is.
     size
         Rows and columns of either image.
-    num_disparities, min_disparity, preset, settings, threads, noise, equalisation, **overrides
+    num_disparities, min_disparity, preset, settings, threads, noise, blur_compensation, **overrides
         As `phasestereo.match` takes them.
 
     Returns
     -------
-    Survey
+    PairStatistics
         With no more than the settings need: one row is read in any case; the pair is gone through
         two or three times, of 16 bits once more, for the blur and the noise (``compensate_blur``,
         ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for the rows
@@ -184,7 +190,7 @@ def survey(
     dtype, search = left.dtype, (min_disparity, num_disparities)
     # Threads of its own: one of those that are shared would wait for a reader that matches.
     workers = _core.Workers(threads)
-    told = as_noise(noise, equalisation), as_equalisation(equalisation), None, False
+    known = as_noise(noise, blur_compensation), blur_compensation, None, False
     one = _core.estimate_pair(
         (left, right), masks, search, replace(asked, align_rows=False), workers
     )
@@ -193,27 +199,27 @@ def survey(
     if dtype.kind == "f" and (asked.cost == "phase" or asked.intensity_range is None):
         ranges = _core.find_ranges(rows, rows.size, search)
     found = as_estimates(
-        _core.estimate_pair_by_rows(rows, rows.size, search, asked, ranges, workers, told),
+        _core.estimate_pair_by_rows(rows, rows.size, search, asked, ranges, workers, known),
         asked,
         search,
-        equalisation,
+        blur_compensation,
     )
     looks = asked.guided_median or asked.synthesis or asked.confidence
     if looks or asked.adaptive_p2 > 0 or asked.min_confidence > 0:
-        impulses = found.equalisation.impulses[0] if found.equalisation else 0.0
+        impulses = found.blur_compensation.impulses[0] if found.blur_compensation else 0.0
         roughness = _core.find_roughness(rows, rows.size, search, ranges, impulses)
-    versions = found.equalisation
-    if versions is None and told[0] is not None:
-        versions = Equalisation(noise=told[0])
+    compensation = found.blur_compensation
+    if compensation is None and known[0] is not None:
+        compensation = BlurCompensation(noise=known[0])
     # No later pair is compared with it.
     blur = None if found.blur is None else replace(found.blur, glance=None)
-    return Survey(
+    return PairStatistics(
         size=rows.size,
         dtype=dtype.name,
         min_disparity=found.search.min_disparity,
         num_disparities=found.search.num_disparities,
         settings=found.settings,
-        equalisation=versions,
+        blur_compensation=compensation,
         blur=blur,
         alignment=found.alignment,
         search=found.search,
@@ -224,7 +230,7 @@ def survey(
 
 def halo(
     settings: Settings,
-    equalisation: Equalisation | None = None,
+    blur_compensation: BlurCompensation | None = None,
     alignment: Alignment | None = None,
 ) -> int:
     """Return how many rows above and below a band its disparities depend on at most.
@@ -233,9 +239,9 @@ def halo(
     ----------
     settings
         The settings.
-    equalisation
-        The versions in which pixels are compared; None: as they are. Those of a `Survey` belong to
-        its settings.
+    blur_compensation
+        The versions in which pixels are compared; None: as they are. Those of a `PairStatistics`
+        belong to its settings.
     alignment
         How rows correspond: where it is applied, its largest offset and some more. None: they do.
 
@@ -255,13 +261,13 @@ def halo(
     if not isinstance(settings, Settings):
         raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings")
     field = alignment.field if alignment is not None and alignment.applied else None
-    around, _ = _core.reach(settings, as_equalisation(equalisation), field)
+    around, _ = _core.reach(settings, as_blur_compensation(blur_compensation), field)
     return around
 
 
 def match_rows(
     read: Reader,
-    survey: Survey,
+    statistics: PairStatistics,
     first: int,
     last: int,
     *,
@@ -273,8 +279,8 @@ def match_rows(
     Parameters
     ----------
     read
-        As `phasestereo.survey` takes it; it is asked for these rows and those around them.
-    survey
+        As `phasestereo.pair_statistics` takes it; it is asked for these rows and those around them.
+    statistics
         What is known of the whole pair.
     first, last
         The rows, half-open. Memory grows with their number.
@@ -293,55 +299,50 @@ def match_rows(
     TypeError, ValueError, MemoryError, KeyboardInterrupt
         As `phasestereo.match`; ValueError also if there are no such rows.
     """
-    if not isinstance(survey, Survey):
-        raise TypeError(f"survey: got {type(survey).__name__}; accepts a phasestereo.Survey")
+    if not isinstance(statistics, PairStatistics):
+        raise TypeError(
+            f"statistics: got {type(statistics).__name__}; accepts a phasestereo.PairStatistics"
+        )
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
-    rows = Checked(read, survey.size, survey.dtype)
-    _check_rows(survey, first, last)
-    around, masked = _core.reach(survey.settings, survey.equalisation, survey.field)
-    top, bottom = _widened(first, last, around, survey)
+    rows = Checked(read, statistics.size, statistics.dtype)
+    as_integer("first", first, least=0, most=statistics.size[0] - 1)
+    as_integer("last", last, least=first + 1, most=statistics.size[0])
+    around, masked = _core.reach(
+        statistics.settings, statistics.blur_compensation, statistics.field
+    )
+    top, bottom = _widened(first, last, around, statistics)
     images, masks = rows(top, bottom)
     if any(mask is not None and not mask.any(axis=1).all() for mask in masks):
         del images, masks  # or there would be two of them
-        top, bottom = _widened(top, bottom, masked, survey)
+        top, bottom = _widened(top, bottom, masked, statistics)
         images, masks = rows(top, bottom)
     disparity, flags, confidence, timings = _core.match_rows(
-        images, masks, survey, top, (first, last), threads, progress
+        images, masks, statistics, top, (first, last), threads, progress
     )
     return Result(
         disparity,
         flags,
         confidence,
-        survey.settings,
+        statistics.settings,
         timings,
-        search=survey.search,
-        blur=survey.blur,
-        alignment=survey.alignment,
-        equalisation=survey.equalisation,
+        search=statistics.search,
+        blur=statistics.blur,
+        alignment=statistics.alignment,
+        blur_compensation=statistics.blur_compensation,
     )
 
 
-def _widened(first: int, last: int, by: int, survey: Survey) -> tuple[int, int]:
-    return max(0, first - by), min(survey.size[0], last + by)
+def _widened(first: int, last: int, by: int, statistics: PairStatistics) -> tuple[int, int]:
+    return max(0, first - by), min(statistics.size[0], last + by)
 
 
-def _check_rows(survey: Survey, first: int, last: int) -> None:
-    if not (isinstance(first, int | np.integer) and isinstance(last, int | np.integer)):
-        raise TypeError(f"first, last: got {first!r}, {last!r}; accepts integers")
-    if not 0 <= first < last <= survey.size[0]:
-        raise ValueError(
-            f"first, last: got {first}, {last}; accepts rows from 0 to {survey.size[0]}, "
-            "at least one"
-        )
-
-
-def working_memory(survey: Survey, rows: int, *, threads: int, itemsize: int) -> int:
+def working_memory(statistics: PairStatistics, rows: int, *, threads: int, itemsize: int) -> int:
     """Return how many bytes `match_rows` takes at most, besides what the process had before.
 
     Parameters
     ----------
-    survey
+    statistics
         What is known of the whole pair.
     rows
         Rows that are matched at a time.
@@ -356,7 +357,7 @@ def working_memory(survey: Survey, rows: int, *, threads: int, itemsize: int) ->
         An upper bound: of what is searched in, which does not depend on `rows`, and of images,
         codes and maps of a band and its halo, which do.
     """
-    return _core.working_memory(survey, rows, threads, itemsize)
+    return _core.working_memory(statistics, rows, threads, itemsize)
 
 
 class Checked:
@@ -403,8 +404,4 @@ def as_size(size: tuple[int, int]) -> tuple[int, int]:
     if not isinstance(size, (tuple, list)) or len(size) != 2:
         raise TypeError(f"size: got {size!r}; accepts a pair (rows, columns)")
     rows, cols = size
-    if not (isinstance(rows, int | np.integer) and isinstance(cols, int | np.integer)):
-        raise TypeError(f"size: got {size!r}; accepts numbers of rows and columns")
-    if rows < 1 or cols < 1:
-        raise ValueError(f"size: got {size!r}; accepts at least one row and one column")
-    return int(rows), int(cols)
+    return as_integer("size", rows, least=1), as_integer("size", cols, least=1)

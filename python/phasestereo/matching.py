@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from phasestereo import _core
 from phasestereo._images import as_array, as_mask, as_pair, opened
 from phasestereo.result import Result, Summary
-from phasestereo.rig.compensation import Equalisation, Noise, as_noise
-from phasestereo.rig.estimates import Told, as_estimates
+from phasestereo.rig.compensation import BlurCompensation, Noise, as_noise
+from phasestereo.rig.estimates import Known, as_estimates
 from phasestereo.rig.findings import warn
 from phasestereo.settings import Settings, resolve
 
@@ -41,7 +41,7 @@ def match(
     right_mask: ArrayLike | None = None,
     progress: Progress | None = None,
     noise: Noise | None = None,
-    equalisation: Equalisation | None = None,
+    blur_compensation: BlurCompensation | None = None,
     **overrides: Any,
 ) -> Result:
     """Match a rectified stereo pair.
@@ -79,11 +79,10 @@ def match(
         Standard deviation of the noise of both images, or a pair of them (left, right), in units
         of their pixels; of gray values where they have colour. It matters with ``noise_threshold >
         0``; None: it is estimated then.
-    equalisation
-        Versions of the images in which pixels are compared, see
-        `phasestereo.rig.compensation.Equalisation`; it tells the noise, too. For ``cost="phase"``.
-        None: with ``compensate_blur=True`` those that even out the blur that is found, else the
-        images as they are.
+    blur_compensation
+        How the blur of the images is evened out before pixels are compared, see
+        `phasestereo.BlurCompensation`; it holds the noise, too. For ``cost="phase"``. None: with
+        ``compensate_blur=True`` what suits the blur that is found, else not at all.
     **overrides
         Fields of `Settings` by name, which take precedence over ``preset`` and ``settings``.
 
@@ -136,7 +135,7 @@ def match(
         settings=chosen,
         threads=threads,
         progress=progress,
-        told=(noise, equalisation),
+        given=(noise, blur_compensation),
     )
     warn(result.findings)
     return result
@@ -201,7 +200,7 @@ class Matcher:
         right_mask: ArrayLike | None = None,
         progress: Progress | None = None,
         noise: Noise | None = None,
-        equalisation: Equalisation | None = None,
+        blur_compensation: BlurCompensation | None = None,
         before: Result | None = None,
     ) -> Result:
         """Match a rectified stereo pair: parameters, result and errors are those of `match`.
@@ -224,18 +223,18 @@ class Matcher:
             settings=self._settings,
             threads=self._workers,
             progress=progress,
-            told=(noise, equalisation),
+            given=(noise, blur_compensation),
             before=before,
         )
         warn(result.findings)
         return result
 
     def __reduce__(self) -> tuple[partial[Matcher], tuple[()]]:
-        """Tell how to make another one: threads do not travel."""
+        """Return what makes another one: threads do not travel."""
         return partial(type(self), settings=self._settings, threads=self._asked), ()
 
     def __repr__(self) -> str:
-        """Tell the settings and the number of threads."""
+        """Show the settings and the number of threads."""
         return f"Matcher(settings={self._settings}, threads={self.threads})"
 
 
@@ -247,24 +246,24 @@ def match_silently(
     settings: Settings,
     threads: int | _core.Workers | None,
     progress: Progress | None,
-    told: tuple[Noise | None, Equalisation | None],
+    given: tuple[Noise | None, BlurCompensation | None],
     before: Result | None = None,
 ) -> Result:
     """Match as `match` and `Matcher.match` do, without a warning."""
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
-    given = as_array(opened(images[0]), "left"), as_array(opened(images[1]), "right")
-    pair = as_pair(*given)
+    arrays = as_array(opened(images[0]), "left"), as_array(opened(images[1]), "right")
+    pair = as_pair(*arrays)
     size = pair[0].shape
     valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
-    known: Told = as_noise(*told), told[1], None, False
+    known: Known = as_noise(*given), given[1], None, False
     if before is not None and _is_as_before(before, pair, valid, threads):
         matched, found = _again(before, pair, valid, search, (threads, progress))
     else:
-        matched, told_back = _core.match_pair(
+        matched, estimated = _core.match_pair(
             pair, valid, search, settings, threads, progress, known
         )
-        found = as_estimates(told_back, settings, search, told[1])
+        found = as_estimates(estimated, settings, search, given[1])
     disparity, flags, confidence, stages = matched
     timings = {"estimation": found.seconds} if found.seconds else {}
     searched = found.search.min_disparity, found.search.num_disparities
@@ -277,9 +276,9 @@ def match_silently(
         search=found.search,
         blur=found.blur,
         alignment=found.alignment,
-        equalisation=found.equalisation,
+        blur_compensation=found.blur_compensation,
         summary=Summary(*_core.summarize(disparity, flags, confidence, searched)),
-        pair=given,
+        pair=arrays,
     )
 
 
@@ -305,13 +304,13 @@ def _again(
     """Match with what was found out of an earlier pair."""
     if search[1] is None and before.search is not None:
         search = before.search.min_disparity, before.search.num_disparities
-    alignment, versions = before.alignment, before.equalisation
+    alignment, compensation = before.alignment, before.blur_compensation
     field = alignment.field if alignment is not None and alignment.applied else None
     asked = replace(before.settings, align_rows=False)
     inverted = before.search is not None and before.search.inverted and asked.compensate_blur
-    known: Told = None, versions, field, inverted
-    matched, told = _core.match_pair(pair, masks, search, asked, *how, known)
-    same = as_estimates(told, before.settings, search, versions)
+    known: Known = None, compensation, field, inverted
+    matched, estimated = _core.match_pair(pair, masks, search, asked, *how, known)
+    same = as_estimates(estimated, before.settings, search, compensation)
     blur = None if before.blur is None else replace(before.blur, reused=True)
     kept = before.search or same.search
     return matched, replace(same, search=kept, blur=blur, alignment=alignment)

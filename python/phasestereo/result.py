@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from phasestereo.rig.alignment import Alignment
     from phasestereo.rig.blur import BlurEstimate
-    from phasestereo.rig.compensation import Equalisation
+    from phasestereo.rig.compensation import BlurCompensation
     from phasestereo.rig.findings import Finding
     from phasestereo.rig.search_range import SearchRange
     from phasestereo.settings import Settings
@@ -59,12 +59,12 @@ def count_flags(flags: NDArray[np.uint16]) -> dict[Flag, int]:
     return {flag: int((flags & flag != 0).sum()) for flag in Flag}
 
 
-def tell_flags(flags: NDArray[np.uint16]) -> str:
+def describe_flags(flags: NDArray[np.uint16]) -> str:
     """Return the share of the pixels under each flag that occurs, in words."""
-    return tell_counts(count_flags(flags), flags.size)
+    return format_counts(count_flags(flags), flags.size)
 
 
-def tell_counts(counts: Mapping[Flag, int], pixels: int) -> str:
+def format_counts(counts: Mapping[Flag, int], pixels: int) -> str:
     """Return the share of so many pixels under each flag that occurs, in words."""
     told = [f"{flag.words} {count / pixels:.1%}" for flag, count in counts.items() if count]
     return ", ".join(told) or "none"
@@ -128,7 +128,7 @@ class Result:
     alignment
         How the rows of the images correspond, and whether the right one was straightened, if that
         was asked for and could be told.
-    equalisation
+    blur_compensation
         The versions in which pixels were compared, and the noise; None: the images as they are.
     summary
         Shares of the pixels that tell whether the match as a whole is to be trusted. None where
@@ -144,7 +144,7 @@ class Result:
     pair: tuple[NDArray[Any], NDArray[Any]] | None = None
     search: SearchRange | None = None
     alignment: Alignment | None = None
-    equalisation: Equalisation | None = None
+    blur_compensation: BlurCompensation | None = None
     summary: Summary | None = None
 
     @property

@@ -8,14 +8,14 @@ never makes a volume.
 from __future__ import annotations
 
 from dataclasses import replace
-from operator import index
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
 from phasestereo import _core
 from phasestereo._images import as_array, as_mask, as_pair, as_pixels
-from phasestereo.rig.compensation import Equalisation, Noise, as_versions
+from phasestereo._numbers import as_integer
+from phasestereo.rig.compensation import BlurCompensation, Noise, compensation_of
 from phasestereo.settings import Settings, resolve
 
 if TYPE_CHECKING:
@@ -99,14 +99,14 @@ def cost_volume(
     settings: Settings | None = None,
     threads: int | None = None,
     noise: Noise | None = None,
-    equalisation: Equalisation | None = None,
+    blur_compensation: BlurCompensation | None = None,
     **overrides: Any,
 ) -> NDArray[np.uint16]:
     """Compare every pixel with every candidate.
 
     Parameters
     ----------
-    left, right, num_disparities, min_disparity, threads, noise, equalisation
+    left, right, num_disparities, min_disparity, threads, noise, blur_compensation
         As `match` takes them.
     settings
         Settings to start from; None: the preset ``"paper"``. ``cost`` and those it depends on
@@ -129,8 +129,8 @@ def cost_volume(
     """
     chosen = resolve("paper" if settings is None else None, settings, overrides)
     disparities = min_disparity, num_disparities
-    versions = as_versions(noise, equalisation)
-    return _core.cost_volume(as_pair(left, right), disparities, chosen, threads, versions)
+    compensation = compensation_of(noise, blur_compensation)
+    return _core.cost_volume(as_pair(left, right), disparities, chosen, threads, compensation)
 
 
 def aggregate(costs: ArrayLike, *, window: int = 9, shiftable: bool = True) -> NDArray[np.uint32]:
@@ -209,7 +209,11 @@ def optimize(
     """
     volume = as_volume(costs, np.uint32)
     settings = replace(Settings.preset("paper"), optimizer=optimizer)
-    return _core.optimize_volume(volume, settings, _penalty(p1, "p1"), _penalty(p2, "p2"))
+    near, far = (
+        as_integer(name, value, least=0, most=LARGEST_PENALTY)
+        for name, value in (("p1", p1), ("p2", p2))
+    )
+    return _core.optimize_volume(volume, settings, near, far)
 
 
 def as_volume(costs: ArrayLike, dtype: type[Unsigned]) -> NDArray[Unsigned]:
@@ -220,17 +224,3 @@ def as_volume(costs: ArrayLike, dtype: type[Unsigned]) -> NDArray[Unsigned]:
     if volume.ndim != 3 or volume.size == 0:
         raise ValueError(f"costs: got shape {volume.shape}; accepts (H, W, D), none of them 0")
     return np.require(volume, dtype, ["C", "ALIGNED"])
-
-
-def _penalty(value: int, name: str) -> int:
-    """Return a penalty as a plain integer."""
-    if isinstance(value, bool):
-        raise TypeError(f"{name}: got a bool; accepts an integer")
-    try:
-        whole = index(value)
-    except TypeError:
-        raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer") from None
-    if not 0 <= whole <= LARGEST_PENALTY:
-        # Not printed: Python may refuse to print a huge integer.
-        raise ValueError(f"{name}: got an integer out of range; accepts those from 0 to 2^40")
-    return whole

@@ -7,13 +7,12 @@ from collections import deque
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
-from numbers import Real
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from phasestereo._extras import require
-from phasestereo._numbers import as_integer
+from phasestereo._numbers import as_integer, as_number
 from phasestereo.batch.cluster import remote, share
 from phasestereo.batch.manifest import DONE, Manifest, Record
 from phasestereo.batch.pairs import LAYERS, check_names
@@ -165,7 +164,8 @@ def run(
     ):
         if value is not None:
             as_integer(name, value, least=least)
-    _check_limit(time_limit)
+    if time_limit is not None:
+        as_number("time_limit", time_limit, positive=True)
     if scheduler is not None and workers is not None:
         raise ValueError("workers: got a number beside a scheduler; accepts None: it has its own")
     if scheduler is None and security is not None:
@@ -263,7 +263,7 @@ class _Run:
             recipe = self._order.recipe(pair)
             if self._is_there(self._manifest.records.get(pair.name), recipe):
                 self._skipped += 1
-                self._tell()
+                self._report_progress()
             else:
                 yield _Job(pair, recipe)
 
@@ -335,9 +335,9 @@ class _Run:
             self._failed += 1
             if self._on_failure is not None:
                 self._on_failure(record)
-        self._tell()
+        self._report_progress()
 
-    def _tell(self) -> None:
+    def _report_progress(self) -> None:
         if self._progress is not None:
             self._progress(self._skipped + self._done + self._failed, len(self._pairs))
 
@@ -355,12 +355,3 @@ def _check(suffix: str, layers: tuple[str, ...], settings: Settings) -> None:
             raise ValueError(f"layers: got {layer!r}; accepts {', '.join(LAYERS)}")
     if "confidence" in layers and not settings.confidence:
         raise ValueError("layers: got 'confidence' with settings that work out none")
-
-
-def _check_limit(seconds: float | None) -> None:
-    if seconds is None:
-        return
-    if not isinstance(seconds, Real) or isinstance(seconds, bool):
-        raise TypeError(f"time_limit: got {type(seconds).__name__}; accepts a number of seconds")
-    if not 0 < seconds < float("inf"):
-        raise ValueError(f"time_limit: got {seconds}; accepts a positive number of seconds")

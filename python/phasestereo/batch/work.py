@@ -143,7 +143,7 @@ def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
         settings=order.settings,
         threads=order.threads,
         progress=in_time,
-        told=(None, None),
+        given=(None, None),
     )
     in_time()
     rows, cols = result.disparity.shape

@@ -18,7 +18,7 @@ from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 import phasestereo
 from phasestereo.cli import match
 from phasestereo.cli.errors import WRONG_USAGE, CommandError
-from phasestereo.cli.terminal import tell
+from phasestereo.cli.terminal import say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -118,5 +118,5 @@ def _execute(arguments: Sequence[str]) -> None:
 
 
 def _refuse(error: CommandError) -> int:
-    tell("error: " + " ".join(str(error).split()))
+    say("error: " + " ".join(str(error).split()))
     return error.code

@@ -15,7 +15,7 @@ import phasestereo
 from phasestereo.batch import Record, Report, encryption, read_pairs, run
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.options import Count, Overrides
-from phasestereo.cli.terminal import printable, progress_bar, tell
+from phasestereo.cli.terminal import printable, progress_bar, say
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "workers", "scheduler"}
@@ -133,10 +133,10 @@ def batch(
             layers=layers,
             settings=settings,
             progress=progress,
-            on_failure=_tell,
+            on_failure=_show_failure,
         )
     for line in report.damaged:
-        tell(f"{line}; set apart, and its pair matched again")
+        say(f"{line}; set apart, and its pair matched again")
     _show(report, settings, as_json=json)
     if report.failed:
         raise CommandError(
@@ -145,8 +145,8 @@ def batch(
         )
 
 
-def _tell(record: Record) -> None:
-    tell(f"failed {record.name}: {record.reason}")
+def _show_failure(record: Record) -> None:
+    say(f"failed {record.name}: {record.reason}")
 
 
 def _security(ca: Path | None, cert: Path | None, key: Path | None) -> Any:

@@ -18,8 +18,8 @@ from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
 from phasestereo.cli.outputs import Outputs
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.terminal import printable, progress_bar
-from phasestereo.outofcore import Plan, Report, tell_bytes
-from phasestereo.result import tell_counts
+from phasestereo.outofcore import Plan, Report, format_bytes
+from phasestereo.result import format_counts
 
 _WHOLE = ("color", "ply", "mesh", "depth", "report")
 
@@ -117,7 +117,7 @@ def match_large(
     try:
         with refusals(options=options | _OPTIONS), progress_bar("Matching") as progress:
             report = outofcore.match(
-                left, right, output, **given, announce=_tell, progress=progress, stage=_say
+                left, right, output, **given, announce=_show_plan, progress=progress, stage=_say
             )
     except KeyboardInterrupt:
         _say("finished bands are kept: the same command goes on from there")
@@ -125,9 +125,9 @@ def match_large(
     _show(report, as_json=as_json)
 
 
-def _tell(plan: Plan) -> None:
+def _show_plan(plan: Plan) -> None:
     """Say what a run takes, before it starts and again when its first band is there."""
-    duration = tell_duration(plan.seconds)
+    duration = format_duration(plan.seconds)
     if plan.by_band:
         _say(f"by its first band, {duration} to go")
         return
@@ -138,7 +138,7 @@ def _tell(plan: Plan) -> None:
     _say(
         f"{cols} x {rows} pixels, {plan.num_disparities} disparities: {bands} of {plan.rows} "
         f"rows{finished}, {threads}, at most "
-        f"{tell_bytes(plan.memory)} of memory, about {duration}"
+        f"{format_bytes(plan.memory)} of memory, about {duration}"
     )
 
 
@@ -148,7 +148,7 @@ def _say(line: str) -> None:
     )
 
 
-def tell_duration(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Return a duration in words, as exactly as an estimate is worth."""
     if seconds < 100:
         return f"{max(1, round(seconds))} s"
@@ -168,9 +168,9 @@ def _show(report: Report, *, as_json: bool) -> None:
 
 
 def _lines(report: Report) -> list[str]:
-    (rows, cols), blur = report.plan.size, report.survey.blur
-    peak = "" if report.peak_memory is None else f", {tell_bytes(report.peak_memory)} of memory"
-    flags = tell_counts(report.flags, rows * cols)
+    (rows, cols), blur = report.plan.size, report.statistics.blur
+    peak = "" if report.peak_memory is None else f", {format_bytes(report.peak_memory)} of memory"
+    flags = format_counts(report.flags, rows * cols)
     return [
         f"{cols} x {rows} pixels, {report.plan.num_disparities} disparities, "
         f"{report.seconds:.3f} s{peak}",

@@ -20,7 +20,7 @@ from phasestereo.cli.live_show import opened as open_screen
 from phasestereo.cli.live_tally import Tally
 from phasestereo.cli.options import Count, Overrides
 from phasestereo.cli.pairing import AUTO, told
-from phasestereo.cli.terminal import tell
+from phasestereo.cli.terminal import say
 from phasestereo.cli.trust import unwarned
 from phasestereo.integrations.ros.recordings import Recording
 from phasestereo.integrations.video.cameras import PATIENCE
@@ -194,7 +194,7 @@ def _opened(opened: ExitStack, topics: Topics, path: Path) -> Recording:
     with refusals(options=_TOPIC_OPTIONS):
         recording = topics.open(path)
     opened.callback(recording.close)
-    tell(recording.note)
+    say(recording.note)
     return recording
 
 
@@ -210,7 +210,7 @@ def _run(
     if screen is not None:
         screen.follow(frames)
         tally.listeners.append(screen.fail)
-        tally.tells_news_alone = True
+        tally.reports_news_alone = True
     try:
         with suppress(ClosedError), writing as writers, tally.shown(frames.length):
             for frame in frames:
@@ -245,7 +245,7 @@ def _screen(
 
 def _write(frame: Frame, sinks: list[Sink], tally: Tally) -> None:
     """Write a frame everywhere it can be; where it cannot, it fails alone."""
-    tally.tell_news(frame)
+    tally.report_news(frame)
     errors = []
     for write in sinks:
         try:

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from phasestereo._extras import require
 from phasestereo.cli.errors import WRONG_USAGE, CommandError
-from phasestereo.cli.terminal import tell
+from phasestereo.cli.terminal import say
 from phasestereo.integrations.video import FramePicture
 from phasestereo.integrations.video.streaming import Failure, Frame, Stream
 from phasestereo.io import Calibration
@@ -128,7 +128,7 @@ class Screen:
         raise NotImplementedError
 
     def _note(self, text: str) -> None:
-        tell(f"warning: {text}")
+        say(f"warning: {text}")
 
     def _know(self, calibration: Calibration, unit: str) -> None:
         """Take the geometry."""
@@ -249,7 +249,7 @@ def opened(
         stack.callback(require("cv2", extra="live").destroyAllWindows)
         return WindowScreen(**more)
     if way == "window":
-        tell("note: this OpenCV has no windows: the page is opened instead")
+        say("note: this OpenCV has no windows: the page is opened instead")
     show = Show(settings, num_disparities, folder or Path())
     _serve(stack, show)
     return PageScreen(show, **more)
@@ -261,7 +261,7 @@ def _serve(stack: ExitStack, show: Show) -> None:
     thread = diagnosing(show)
     stack.callback(thread.join)
     stack.callback(show.close)
-    tell(f"look at {server.address}")
+    say(f"look at {server.address}")
     if sys.stderr.isatty():
         webbrowser.open(server.address)
 

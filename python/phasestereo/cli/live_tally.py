@@ -39,7 +39,7 @@ class Tally:
     ----------
     listeners
         Called with every failure.
-    tells_news_alone
+    reports_news_alone
         Whether a failure like the one before is not said again: a camera may fail for hours.
     """
 
@@ -48,7 +48,7 @@ class Tally:
         self.done, self.failed, self.unpaired, self.interrupted = 0, 0, 0, False
         self.files: dict[str, str] = {}
         self.listeners: list[Callable[[Failure], object]] = []
-        self.tells_news_alone = False
+        self.reports_news_alone = False
         self._last = ""
         self._failures: list[dict[str, Any]] = []
         self._topics: set[str] = set()
@@ -57,7 +57,7 @@ class Tally:
         self._console = Console(stderr=True, highlight=False, soft_wrap=True)
         self._changed: Callable[[], object] | None = None
 
-    def tell_news(self, frame: Frame) -> None:
+    def report_news(self, frame: Frame) -> None:
         """Say what there is to say of a frame, once a topic."""
         for found in frame.result.findings:
             if found.topic not in self._topics:
@@ -91,7 +91,7 @@ class Tally:
             said = {"frame": failure.index, "error": " ".join(str(failure.error).split())}
             self._failures.append(said)
         line = " ".join(str(failure).split())
-        if not self.tells_news_alone or str(failure.error) != self._last:
+        if not self.reports_news_alone or str(failure.error) != self._last:
             self._console.print(printable(f"phasestereo: skipped {line}"), markup=False)
         self._last = str(failure.error)
         self._change()

@@ -18,7 +18,7 @@ from phasestereo.cli.pairing import OPTIONS, Pairing, names_of
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.summary import Summary, show
 from phasestereo.cli.terminal import progress_bar
-from phasestereo.cli.trust import refuse_untrusted, tell_findings, unwarned
+from phasestereo.cli.trust import refuse_untrusted, show_findings, unwarned
 from phasestereo.io.mask import read_mask
 from phasestereo.matching import match as match_pair
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
@@ -156,7 +156,7 @@ def match(
         )
     if result.search is not None:
         disparities = result.search.min_disparity, result.search.num_disparities
-    tell_findings(result.findings)
+    show_findings(result.findings)
     with refusals():
         score = None if truth is None else truth.score(result.disparity)
         place, names = views[0].place, names_of(left, right)

@@ -15,7 +15,7 @@ from rich.table import Table
 import phasestereo
 from phasestereo.cli.terminal import printable
 from phasestereo.metrics.scores import unit_of
-from phasestereo.result import count_flags, tell_flags
+from phasestereo.result import count_flags, describe_flags
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -117,7 +117,7 @@ def _lines(summary: Summary) -> list[str]:
     seconds = sum(result.timings.values())
     return [
         f"{cols} x {rows} pixels, disparities {_range(summary)}, {seconds:.3f} s",
-        f"trusted {summary.trusted:.1%}, flagged: {tell_flags(result.flags)}",
+        f"trusted {summary.trusted:.1%}, flagged: {describe_flags(result.flags)}",
         *(() if (rectified := summary.outcome.rectified) is None else rectified.sentences),
         *([] if result.blur is None else [f"blur: {result.blur}"]),
         *(f"wrote {path}" for path in summary.files.values()),

@@ -24,7 +24,7 @@ def printable(text: object) -> str:
     )
 
 
-def tell(line: str) -> None:
+def say(line: str) -> None:
     """Say a line on standard error."""
     sys.stderr.write(f"phasestereo: {printable(line)}\n")
 

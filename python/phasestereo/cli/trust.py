@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from phasestereo.cli.errors import UNTRUSTED, CommandError
-from phasestereo.cli.terminal import tell
+from phasestereo.cli.terminal import say
 from phasestereo.rig.findings import MatchWarning, untrusted
 
 if TYPE_CHECKING:
@@ -24,10 +24,10 @@ def unwarned() -> Iterator[None]:
         yield
 
 
-def tell_findings(found: Iterable[Finding]) -> None:
+def show_findings(found: Iterable[Finding]) -> None:
     """Print a line for each on standard error."""
     for one in found:
-        tell(f"{one.severity}: {one.sentence}")
+        say(f"{one.severity}: {one.sentence}")
 
 
 def refuse_untrusted(found: Iterable[Finding]) -> None:

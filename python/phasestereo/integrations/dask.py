@@ -16,15 +16,14 @@ from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo._images import as_pair
 from phasestereo._numbers import as_integer
-from phasestereo.bands import match_rows
-from phasestereo.bands import survey as survey_pair
+from phasestereo.bands import match_rows, pair_statistics
 from phasestereo.settings import resolve
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from phasestereo.bands import Survey
-    from phasestereo.rig.compensation import Equalisation, Noise
+    from phasestereo.bands import PairStatistics
+    from phasestereo.rig.compensation import BlurCompensation, Noise
     from phasestereo.settings import Settings
 
     Array: TypeAlias = Any  # dask.array.Array, whose package tells no types
@@ -96,8 +95,8 @@ def maps(
     left_mask: Array | ArrayLike | None = None,
     right_mask: Array | ArrayLike | None = None,
     noise: Noise | None = None,
-    equalisation: Equalisation | None = None,
-    survey: Survey | None = None,
+    blur_compensation: BlurCompensation | None = None,
+    statistics: PairStatistics | None = None,
     band_rows: int | None = None,
     **overrides: Any,
 ) -> Maps:
@@ -108,23 +107,23 @@ def maps(
     what `phasestereo.match` returns, bit for bit.
 
     What must be known of the whole pair (its blur and noise, the range of float images) is found
-    out **at the call**, window by window, unless ``survey`` tells it: then every pixel is computed
-    up to four times now and once by the tasks. With ``preset="fast"`` and integer images those of
-    the left one are once; with ``adaptive_p2=0``, too, no more than the first row is.
+    out **at the call**, window by window, unless it is in ``statistics``: then every pixel is
+    computed up to four times now and once by the tasks. With ``preset="fast"`` and integer images
+    those of the left one are once; with ``adaptive_p2=0``, too, no more than the first row is.
 
     Parameters
     ----------
     left, right
         Dask arrays as `phasestereo.match` takes images: (H, W) or (H, W, 1, 3 or 4) of equal size
         and dtype, of any chunks; those of some hundred whole rows cost least.
-    num_disparities, min_disparity, preset, settings, noise, equalisation, **overrides
+    num_disparities, min_disparity, preset, settings, noise, blur_compensation, **overrides
         As `phasestereo.match` takes them.
     threads
         Threads of each task. 1, since Dask runs as many tasks at once as it has threads.
     left_mask, right_mask
         Dask arrays, or arrays, bool (H, W), True = valid.
-    survey
-        What `phasestereo.bands.survey` found out about this pair, with these settings.
+    statistics
+        What `phasestereo.bands.pair_statistics` found out about this pair, with these settings.
     band_rows
         Rows of a band; it is made at least as high as its halo. None: 512, or four halos.
 
@@ -139,7 +138,7 @@ def maps(
     TypeError
         If an image is no Dask array, or as `phasestereo.match`.
     ValueError
-        As `phasestereo.match`; for chunks of unknown size or a survey of another pair, search or
+        As `phasestereo.match`; for chunks of unknown size or statistics of another pair, search or
         settings.
     ImportError
         If Dask is not installed.
@@ -155,22 +154,22 @@ def maps(
         as_integer("band_rows", band_rows, least=1)
     if num_disparities is not None:
         as_integer("num_disparities", num_disparities, least=1, most=min(size[1], _WIDEST))
-    if survey is None:
-        survey = survey_pair(
+    if statistics is None:
+        statistics = pair_statistics(
             _Windows(sides),
             size,
             num_disparities=num_disparities,
             min_disparity=min_disparity,
             settings=asked,
             noise=noise,
-            equalisation=equalisation,
+            blur_compensation=blur_compensation,
         )
     else:
-        _check_survey(survey, size, (min_disparity, num_disparities))
-        _check_surveyed(survey, asked, (left.dtype.name, right.dtype.name))
-    reach = _reach(survey, masked=any(mask is not None for mask in masks))
-    bands = _bands(size[0], band_rows, reach)
-    table = _table(sides, survey, bands, reach, threads)
+        _check_statistics(statistics, size, (min_disparity, num_disparities))
+        _check_settings(statistics, asked, (left.dtype.name, right.dtype.name))
+    halo = _halo(statistics, masked=any(mask is not None for mask in masks))
+    bands = _bands(size[0], band_rows, halo)
+    table = _table(sides, statistics, bands, halo, threads)
     layers = [_layer(table, name) for name in table.dtype.names]
     return Maps(*layers, *[None] * (3 - len(layers)))
 
@@ -248,55 +247,61 @@ def _as_mask(mask: Array | ArrayLike | None, size: tuple[int, int], name: str) -
     return lazy
 
 
-def _check_survey(survey: Survey, size: tuple[int, int], search: tuple[int, int | None]) -> None:
-    if survey.size != size:
-        raise ValueError(f"survey: got that of {survey.size} pixels; accepts that of {size}")
-    known = survey.min_disparity, survey.num_disparities
+def _check_statistics(
+    statistics: PairStatistics, size: tuple[int, int], search: tuple[int, int | None]
+) -> None:
+    if statistics.size != size:
+        raise ValueError(
+            f"statistics: got that of {statistics.size} pixels; accepts that of {size}"
+        )
+    known = statistics.min_disparity, statistics.num_disparities
     if search[1] is not None and known != search:
         raise ValueError(
-            f"survey: got that of {known[1]} disparities from {known[0]}; accepts that of "
+            f"statistics: got that of {known[1]} disparities from {known[0]}; accepts that of "
             f"{search[1]} from {search[0]}"
         )
 
 
-def _check_surveyed(survey: Survey, asked: Settings, types: tuple[str, str]) -> None:
-    """Refuse a survey by which bands would be matched otherwise than they are asked for."""
-    if survey.dtype not in types:
-        raise TypeError(f"survey: got that of {survey.dtype}; accepts that of {types[0]}")
-    if survey.is_compensated:  # then what was asked for has been changed by what was found
+def _check_settings(statistics: PairStatistics, asked: Settings, types: tuple[str, str]) -> None:
+    """Refuse statistics by which bands would be matched otherwise than they are asked for."""
+    if statistics.dtype not in types:
+        raise TypeError(f"statistics: got that of {statistics.dtype}; accepts that of {types[0]}")
+    if statistics.is_compensated:  # then what was asked for has been changed by what was found
         sides = "neighborhood", "window"
-        asked = replace(asked, **{name: getattr(survey.settings, name) for name in sides})
-    if survey.settings != asked:
+        asked = replace(asked, **{name: getattr(statistics.settings, name) for name in sides})
+    if statistics.settings != asked:
         names = [field.name for field in fields(asked)]
-        others = [n for n in names if getattr(survey.settings, n) != getattr(asked, n)]
+        others = [n for n in names if getattr(statistics.settings, n) != getattr(asked, n)]
         raise ValueError(
-            f"survey: got that with another {', '.join(others)}; accepts that with the "
+            f"statistics: got that with another {', '.join(others)}; accepts that with the "
             "settings of this match"
         )
 
 
-def _reach(survey: Survey, *, masked: bool) -> int:
+def _halo(statistics: PairStatistics, *, masked: bool) -> int:
     """Return how many rows above and below a band `match_rows` may ask for."""
-    around, copied = _core.reach(survey.settings, survey.equalisation, survey.field)
+    around, copied = _core.reach(
+        statistics.settings, statistics.blur_compensation, statistics.field
+    )
     return around + (copied if masked else 0)
 
 
-def _bands(height: int, band_rows: int | None, reach: int) -> tuple[int, ...]:
+def _bands(height: int, band_rows: int | None, halo: int) -> tuple[int, ...]:
     """Return the rows of each band, none of which is less than what its neighbors need of it."""
     step = _core.BAND_ROWS
-    wanted = band_rows or step * -(-max(_BAND_ROWS, _HALOS * reach) // step)
-    rows = min(max(wanted, reach), height)
+    wanted = band_rows or step * -(-max(_BAND_ROWS, _HALOS * halo) // step)
+    rows = min(max(wanted, halo), height)
     count, rest = divmod(height, rows)
     if not rest:
         return (rows,) * count
-    return (rows,) * count + (rest,) if rest >= reach else (rows,) * (count - 1) + (rows + rest,)
+    return (rows,) * count + (rest,) if rest >= halo else (rows,) * (count - 1) + (rows + rest,)
 
 
 def _table(
     sides: _Sides,
-    survey: Survey,
+    statistics: PairStatistics,
     bands: tuple[int, ...],
-    reach: int,
+    halo: int,
     threads: int,
 ) -> Array:
     """Return an array (H, W) of records of all that is found out of a pixel, a task a band."""
@@ -308,15 +313,17 @@ def _table(
         if side is None:
             arguments += [None, None]
         else:
-            arguments += [_with_halo(side, bands, reach), axes[: side.ndim]]
-    dtype = _record(survey.settings)
+            arguments += [_with_halo(side, bands, halo), axes[: side.ndim]]
+    dtype = _record(statistics.settings)
     return da.blockwise(
         _match_band,
         "yx",
         *arguments,
-        survey=require("dask", extra="dask").delayed(survey, pure=True),  # sent once to a worker
+        statistics=require("dask", extra="dask").delayed(
+            statistics, pure=True
+        ),  # sent once to a worker
         threads=threads,
-        reach=reach,
+        halo=halo,
         adjust_chunks={"y": bands},
         align_arrays=False,
         concatenate=True,
@@ -326,13 +333,13 @@ def _table(
     )
 
 
-def _with_halo(side: Array, bands: tuple[int, ...], reach: int) -> Array:
+def _with_halo(side: Array, bands: tuple[int, ...], halo: int) -> Array:
     """Return an array whose chunks are bands of whole rows and what is above and below them."""
     banded = side.rechunk({0: bands, **dict.fromkeys(range(1, side.ndim), -1)})
     if len(bands) == 1:
         return banded
     overlapping = require("dask.array.overlap", extra="dask").overlap
-    return overlapping(banded, depth={0: reach}, boundary="none", allow_rechunk=False)
+    return overlapping(banded, depth={0: halo}, boundary="none", allow_rechunk=False)
 
 
 def _record(settings: Settings) -> np.dtype[np.void]:
@@ -343,15 +350,15 @@ def _record(settings: Settings) -> np.dtype[np.void]:
 def _match_band(
     rows: NDArray[np.int64],
     *sides: NDArray[Any] | None,
-    survey: Survey,
+    statistics: PairStatistics,
     threads: int,
-    reach: int,
+    halo: int,
 ) -> NDArray[np.void]:
     """Match one band; this is what a task does."""
     first, last = rows[0].tolist()
-    read = _Excerpt(_Sides(*sides), max(0, first - reach))
-    result = match_rows(read, survey, first, last, threads=threads)
-    found = np.empty(result.disparity.shape, _record(survey.settings))
+    read = _Excerpt(_Sides(*sides), max(0, first - halo))
+    result = match_rows(read, statistics, first, last, threads=threads)
+    found = np.empty(result.disparity.shape, _record(statistics.settings))
     for name in found.dtype.names or ():
         found[name] = getattr(result, name)
     return found

@@ -33,7 +33,7 @@ except ModuleNotFoundError:
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from phasestereo.rig.compensation import Equalisation
+    from phasestereo.rig.compensation import BlurCompensation
 
     Plane = NDArray[np.float32]
     Volume = NDArray[np.float32]
@@ -55,7 +55,7 @@ class _Terms(NamedTuple):
     """What images are compared by."""
 
     settings: Settings
-    versions: Equalisation | None
+    compensation: BlurCompensation | None
 
 
 @AbstractMatchingCost.register_subclass(METHOD)
@@ -213,13 +213,13 @@ def _evened_out(
     asked = replace(settings, align_rows=False)
     told = _core.estimate_pair(pair, (left.valid, right.valid), search, asked, None)
     found = as_estimates(told, asked, search, None)
-    return _Terms(found.settings, found.equalisation)
+    return _Terms(found.settings, found.blur_compensation)
 
 
 def _fill(costs: Volume, pair: tuple[Plane, Plane], first: int, terms: _Terms) -> None:
     """Write the costs at whole disparities, in Pandora's sign, from the first one on."""
     width = pair[0].shape[1]
-    settings, versions = terms
+    settings, compensation = terms
     end = min(costs.shape[2], width - first)  # beyond, nothing lies inside the right image
     block = min(_BLOCK, width)
     for start in range(max(0, 1 - width - first), end, block):
@@ -229,7 +229,7 @@ def _fill(costs: Volume, pair: tuple[Plane, Plane], first: int, terms: _Terms) -
             min_disparity=1 - first - start - count,
             num_disparities=count,
             settings=settings,
-            equalisation=versions,
+            blur_compensation=compensation,
         )
         sums = aggregate(bits, window=settings.window, shiftable=False)[:, :, ::-1]
         costs[:, :, start : start + count] = sums / np.float32(settings.window**2)

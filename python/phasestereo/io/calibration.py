@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from numbers import Integral, Real
+from numbers import Integral
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 
+from phasestereo._numbers import as_number
 from phasestereo.io.files import decoding, read_bounded
 from phasestereo.io.limits import SMALL
 
@@ -120,19 +121,19 @@ class Calibration:
         ValueError
             If focal, baseline, width or height is not positive, or a number is not finite.
         """
-        f = _number("focal", focal)
+        f = as_number("focal", focal)
         if f <= 0:
             raise ValueError(f"focal must be positive and finite, got {focal}")
-        offset = _number("doffs", doffs)
+        offset = as_number("doffs", doffs)
         for name, side in (("width", width), ("height", height)):
-            _number(name, side)  # __post_init__ refuses those that are no sides of images
-        x = (width - 1) / 2 if cx is None else _number("cx", cx)
-        y = (height - 1) / 2 if cy is None else _number("cy", cy)
+            as_number(name, side)  # __post_init__ refuses those that are no sides of images
+        x = (width - 1) / 2 if cx is None else as_number("cx", cx)
+        y = (height - 1) / 2 if cy is None else as_number("cy", cy)
         return cls(
             cam0=((f, 0.0, x), (0.0, f, y), (0.0, 0.0, 1.0)),
             cam1=((f, 0.0, x + offset), (0.0, f, y), (0.0, 0.0, 1.0)),
             doffs=offset,
-            baseline=_number("baseline", baseline),
+            baseline=as_number("baseline", baseline),
             width=width,
             height=height,
         )
@@ -238,14 +239,6 @@ class Calibration:
         with np.errstate(over="ignore"):  # beyond float32 is infinitely far
             ahead = self.baseline * self.focal / np.where(in_front, shift, 1)
             return np.where(in_front, ahead, np.nan).astype(np.float32)
-
-
-def _number(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a number, got {value!r}")
-    if not math.isfinite(value):
-        raise ValueError(f"{name} must be finite, got {value}")
-    return float(value)
 
 
 def _checked_camera(name: str, matrix: ArrayLike) -> Camera:

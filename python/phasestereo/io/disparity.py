@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from phasestereo._numbers import as_integer, as_number
 from phasestereo.io.image import read_image, write_image
 from phasestereo.io.maps import (
     FLOAT_SUFFIXES,
@@ -155,16 +155,9 @@ def _encode_kitti(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
 
 
 def _check_coding(scale: float, unknown: int | None) -> None:
-    if isinstance(scale, bool) or not isinstance(scale, int | float | np.integer | np.floating):
-        raise TypeError(f"scale must be a number, got {type(scale).__name__}")
-    if not (math.isfinite(scale) and scale > 0):
-        raise ValueError(f"scale must be positive and finite, got {scale}")
-    if unknown is None:
-        return
-    if isinstance(unknown, bool) or not isinstance(unknown, int | np.integer):
-        raise TypeError(f"unknown must be an integer or None, got {type(unknown).__name__}")
-    if not 0 <= unknown <= np.iinfo(np.uint16).max:
-        raise ValueError(f"unknown must be a gray level in [0, 65535], got {unknown}")
+    as_number("scale", scale, positive=True)
+    if unknown is not None:
+        as_integer("unknown", unknown, least=0, most=np.iinfo(np.uint16).max)
 
 
 def _decode_gray(stored: NDArray[Any], *, scale: float, unknown: int | None) -> NDArray[np.float32]:

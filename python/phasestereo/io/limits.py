@@ -19,8 +19,8 @@ UNPACKING = 1032
 SMALL = 2**20
 """Bytes of a calibration or of a matrix at most; they have some hundreds."""
 
-SURVEY = 2**26
-"""Bytes of a survey at most, unpacked: a map of its tiles has one a tile."""
+STATISTICS = 2**26
+"""Bytes of pair statistics at most, unpacked: a map of the tiles has one a tile."""
 
 LIST = 2**28
 """Bytes of a list of pairs at most: a million pairs or so."""

@@ -1,4 +1,4 @@
-"""Surveys as arrays, which ``.npz`` files hold without pickled objects, and surveys of these.
+"""Pair statistics as arrays, which ``.npz`` files hold without pickled objects, and back.
 
 Whatever is no array is in one array of JSON. Files may come from anywhere: all is checked.
 """
@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from phasestereo._numbers import as_integer
-from phasestereo.bands import Survey, as_size
+from phasestereo.bands import PairStatistics, as_size
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import Blur, BlurEstimate
-from phasestereo.rig.compensation import Equalisation
+from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.search_range import SearchRange
 from phasestereo.settings import Settings
 
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
     Plain: TypeAlias = dict[str, Any]
     Arrays: TypeAlias = dict[str, NDArray[Any]]
 
-_MOST_CLASSES = 16  # that an equalisation has
+_MOST_CLASSES = 16  # that a compensation has
 _ESTIMATE = "tile", "certainty", "contrast", "noise", "gain", "gamma", "impulses", "coding"
 _BOTH = "noise", "impulses", "coding"  # of the left and of the right image
 _KIND = "side", "kind", "size", "angle"
 
 
-def as_arrays(survey: Survey) -> Arrays:
-    """Return arrays that `from_arrays` makes the same survey of."""
+def as_arrays(statistics: PairStatistics) -> Arrays:
+    """Return arrays that `from_arrays` makes the same statistics of."""
     names = (
         "size",
         "dtype",
@@ -45,21 +45,21 @@ def as_arrays(survey: Survey) -> Arrays:
         "min_disparity",
         "num_disparities",
     )
-    plain: Plain = {name: getattr(survey, name) for name in names}
-    plain["settings"] = asdict(survey.settings)
-    plain["alignment"] = survey.alignment and asdict(survey.alignment)
-    plain["search"] = survey.search and asdict(survey.search)
+    plain: Plain = {name: getattr(statistics, name) for name in names}
+    plain["settings"] = asdict(statistics.settings)
+    plain["alignment"] = statistics.alignment and asdict(statistics.alignment)
+    plain["search"] = statistics.search and asdict(statistics.search)
     arrays: Arrays = {}
-    if survey.equalisation is not None:
-        _put_equalisation(survey.equalisation, plain, arrays)
-    if survey.blur is not None:
-        _put_blur(survey.blur, plain, arrays)
+    if statistics.blur_compensation is not None:
+        _put_blur_compensation(statistics.blur_compensation, plain, arrays)
+    if statistics.blur is not None:
+        _put_blur(statistics.blur, plain, arrays)
     # Numbers may be those of numpy, which JSON does not know.
     return arrays | {"told": np.array(json.dumps(plain, default=lambda number: number.item()))}
 
 
-def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
-    """Return the survey that arrays tell.
+def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
+    """Return the statistics that arrays tell.
 
     Raises
     ------
@@ -71,13 +71,13 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
         name: tuple(value) if isinstance(value, list) else value
         for name, value in plain["settings"].items()
     }
-    return Survey(
+    return PairStatistics(
         size=as_size(plain["size"]),
         dtype=plain["dtype"],
         min_disparity=as_integer("min_disparity", plain["min_disparity"]),
         num_disparities=as_integer("num_disparities", plain["num_disparities"]),
         settings=Settings(**settings),
-        equalisation=_equalisation(plain, arrays) if "noise" in plain else None,
+        blur_compensation=_blur_compensation(plain, arrays) if "noise" in plain else None,
         blur=_blur(plain, arrays) if "blur" in plain else None,
         alignment=plain["alignment"] and _alignment(plain["alignment"]),
         search=plain["search"] and SearchRange(**plain["search"]),
@@ -86,7 +86,7 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Survey:
     )
 
 
-def _put_equalisation(told: Equalisation, plain: Plain, arrays: Arrays) -> None:
+def _put_blur_compensation(told: BlurCompensation, plain: Plain, arrays: Arrays) -> None:
     kernels = list(told.kernels)
     plain |= {name: getattr(told, name) for name in ("noise", "impulses", "smoothing", "tile")}
     plain["classes"] = len(kernels)
@@ -97,10 +97,10 @@ def _put_equalisation(told: Equalisation, plain: Plain, arrays: Arrays) -> None:
                 arrays[f"{side}_{number}"] = np.asarray(taps)
 
 
-def _equalisation(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> Equalisation:
+def _blur_compensation(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> BlurCompensation:
     if plain["classes"] > _MOST_CLASSES:
         raise ValueError(f"classes: got {plain['classes']}; accepts {_MOST_CLASSES} at most")
-    return Equalisation(
+    return BlurCompensation(
         noise=tuple(plain["noise"]),
         impulses=tuple(plain["impulses"]),
         smoothing=tuple(plain["smoothing"]),

@@ -112,7 +112,7 @@ class Raster:
         pixels: Pixels | None = None
         valid: Mask | None = None
         for start, stop in pairwise(cuts):
-            with _told(self.path, start, stop):
+            with _named(self.path, start, stop):
                 piece, mask = self.piece((slice(start, stop), across))
             if pixels is None:
                 pixels = np.empty((last - first, *piece.shape[1:]), piece.dtype)
@@ -296,7 +296,7 @@ def _cuts(first: int, last: int, rows: int) -> range:
 
 
 @contextmanager
-def _told(path: str, first: int, last: int) -> Iterator[None]:
+def _named(path: str, first: int, last: int) -> Iterator[None]:
     """Say what could not be read where a decoder raises, which may be anything."""
     where = f"{path}: rows {first} to {last - 1}"
     try:
@@ -337,7 +337,7 @@ def _raster(
     """Describe a raster; what a pixel of it is, the first one tells."""
     if min(size) < 1:
         raise ValueError(f"{path}: got {size} pixels; accepts at least one")
-    with _told(path, 0, 1):
+    with _named(path, 0, 1):
         pixel = piece((slice(0, 1), slice(0, 1)))[0]
     if not channels(pixel.shape):
         raise ValueError(f"{path}: got {pixel.shape[2]} channels; accepts 1, 3 and 4")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,15 +46,6 @@ def checked_shape(name: str, shape: tuple[int, ...], wanted: tuple[int, ...]) ->
     """Raise ValueError if the shape is not that of the estimate."""
     if shape != wanted:
         raise ValueError(f"{name} must have the estimate's shape {wanted}, got {shape}")
-
-
-def checked_threshold(threshold: float, name: str = "threshold") -> float:
-    """Return a threshold in pixels, finite and at least 0."""
-    if not isinstance(threshold, Real) or isinstance(threshold, bool):
-        raise TypeError(f"{name} must be a number of pixels, got {threshold!r}")
-    if not (math.isfinite(threshold) and threshold >= 0):
-        raise ValueError(f"{name} must be finite and >= 0 pixels, got {threshold!r}")
-    return float(threshold)
 
 
 def _disparities(name: str, disparities: Floats) -> Floats:

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from phasestereo._numbers import as_number
 from phasestereo.metrics.pixels import (
     checked_shape,
-    checked_threshold,
     scored_pixels,
     scored_values,
 )
@@ -167,7 +167,7 @@ def _judged(
     confidence: Floats, estimate: Floats, truth: Floats, threshold: float, mask: Mask | None
 ) -> tuple[Values, Mask]:
     """Return the confidences of the scored pixels, and which of these are right."""
-    limit = checked_threshold(threshold)
+    limit = as_number("threshold", threshold, least=0)
     scored = scored_pixels(estimate, truth, mask)
     confidence = np.asarray(confidence)
     if not np.issubdtype(confidence.dtype, np.floating):

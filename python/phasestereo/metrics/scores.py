@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from phasestereo._numbers import as_integer
-from phasestereo.metrics.pixels import checked_threshold, scored_values
+from phasestereo._numbers import as_integer, as_number
+from phasestereo.metrics.pixels import scored_values
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -202,7 +202,7 @@ def bad_pixels(
     algorithms", IJCV 47, 2002, section 5.1.
     """
     return _percent_bad(
-        _errors(*scored_values(estimate, truth, mask)), checked_threshold(threshold)
+        _errors(*scored_values(estimate, truth, mask)), as_number("threshold", threshold, least=0)
     )
 
 
@@ -243,7 +243,7 @@ def middlebury_v2(
         region: None if mask is None else bad_pixels(estimate, truth, threshold, mask)
         for region, mask in regions.items()
     }
-    return MiddleburyV2(**percent, threshold=checked_threshold(threshold))
+    return MiddleburyV2(**percent, threshold=as_number("threshold", threshold, least=0))
 
 
 def middlebury_v3(
@@ -394,7 +394,7 @@ def subpixel(
     ----------
     Shimizu & Okutomi, "Precise sub-pixel estimation on area-based matching", ICCV 2001.
     """
-    limit, count = checked_threshold(inlier, "inlier"), as_integer("bins", bins, least=2)
+    limit, count = as_number("inlier", inlier, least=0), as_integer("bins", bins, least=2)
     values, wanted = scored_values(estimate, truth, mask)
     errors = values - wanted
     right = np.abs(errors) <= limit  # false for the NaN of a missing estimate

@@ -9,6 +9,6 @@ from __future__ import annotations
 from phasestereo.outofcore.plan import Plan
 from phasestereo.outofcore.report import Report
 from phasestereo.outofcore.run import match
-from phasestereo.outofcore.sizes import as_bytes, tell_bytes
+from phasestereo.outofcore.sizes import as_bytes, format_bytes
 
-__all__ = ["Plan", "Report", "as_bytes", "match", "tell_bytes"]
+__all__ = ["Plan", "Report", "as_bytes", "format_bytes", "match"]

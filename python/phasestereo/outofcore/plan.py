@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 from phasestereo import _core
 from phasestereo.bands import working_memory
-from phasestereo.outofcore.sizes import tell_bytes
+from phasestereo.outofcore.sizes import format_bytes
 from phasestereo.settings import PRESETS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from phasestereo.bands import Survey
+    from phasestereo.bands import PairStatistics
     from phasestereo.io.windows import RasterPair
 
 ROWS = _core.BAND_ROWS
@@ -93,13 +93,13 @@ def cache(pair: RasterPair) -> int:
 
 
 def fit(
-    survey: Survey, pair: RasterPair, limit: int, *, threads: int, rows: int | None
+    statistics: PairStatistics, pair: RasterPair, limit: int, *, threads: int, rows: int | None
 ) -> tuple[int, int, int]:
     """Return rows of a band, threads, and the memory they take, of which the limit allows most.
 
     Parameters
     ----------
-    survey
+    statistics
         That of the pair.
     pair
         The pair.
@@ -119,7 +119,7 @@ def fit(
     most = min(LARGEST, -(-pair.size[0] // ROWS) * ROWS)
 
     def takes(count: int, workers: int) -> int:
-        return base + working_memory(survey, count, threads=workers, itemsize=pair.itemsize)
+        return base + working_memory(statistics, count, threads=workers, itemsize=pair.itemsize)
 
     def fits(workers: int, count: int) -> bool:
         return takes(count, workers) <= limit
@@ -131,7 +131,9 @@ def fit(
             best = _largest(low, high, partial(fits, workers))
             return best, workers, takes(best, workers)
     least = takes(rows or ROWS, 1)
-    raise ValueError(f"max_memory: got {tell_bytes(limit)}; accepts {_cure(least, survey, pair)}")
+    raise ValueError(
+        f"max_memory: got {format_bytes(limit)}; accepts {_cure(least, statistics, pair)}"
+    )
 
 
 def _largest(low: int, high: int, fits: Callable[[int], bool]) -> int:
@@ -153,14 +155,14 @@ def _pieces(pair: RasterPair) -> int:
     )
 
 
-def _cure(least: int, survey: Survey, pair: RasterPair) -> str:
+def _cure(least: int, statistics: PairStatistics, pair: RasterPair) -> str:
     """Say how much would do, and what would make it less."""
-    width, count = survey.size[1], survey.num_disparities
+    width, count = statistics.size[1], statistics.num_disparities
     ways = ["with fewer disparities"]
-    if survey.settings != PRESETS["fast"]:
+    if statistics.settings != PRESETS["fast"]:
         ways.append("with the preset fast")
     text = (
-        f"{tell_bytes(least)} or more for {width} columns and {count} disparities; less would do "
+        f"{format_bytes(least)} or more for {width} columns and {count} disparities; less would do "
         f"{' or '.join(ways)}"
     )
     blocks = max(pair.rasters, key=lambda raster: raster.block[1])

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from phasestereo.bands import Survey
+    from phasestereo.bands import PairStatistics
     from phasestereo.outofcore.plan import Plan
     from phasestereo.result import Flag
 
@@ -22,7 +22,7 @@ class Report:
     ----------
     plan
         How the pair was matched.
-    survey
+    statistics
         What was known of the pair: settings, blur, the disparities searched.
     files
         The files written, by their layer: ``"disparity"``, ``"flags"``, ``"confidence"``.
@@ -39,7 +39,7 @@ class Report:
     """
 
     plan: Plan
-    survey: Survey
+    statistics: PairStatistics
     files: Mapping[str, Path]
     estimated: float
     flags: Mapping[Flag, int]
@@ -49,15 +49,15 @@ class Report:
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it."""
-        survey, plan = self.survey, self.plan
+        statistics, plan = self.statistics, self.plan
         return {
-            "width": survey.size[1],
-            "height": survey.size[0],
-            "min_disparity": survey.min_disparity,
-            "num_disparities": survey.num_disparities,
-            "settings": asdict(survey.settings),
+            "width": statistics.size[1],
+            "height": statistics.size[0],
+            "min_disparity": statistics.min_disparity,
+            "num_disparities": statistics.num_disparities,
+            "settings": asdict(statistics.settings),
             "timings": {"bands": self.seconds},
-            "blurs": None if survey.blur is None else survey.blur.as_dicts(),
+            "blurs": None if statistics.blur is None else statistics.blur.as_dicts(),
             "estimated": self.estimated,
             "flags": {str(flag.name).lower(): count for flag, count in self.flags.items()},
             "files": {layer: str(path) for layer, path in self.files.items()},

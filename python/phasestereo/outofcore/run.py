@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from phasestereo._extras import require
 from phasestereo._numbers import as_integer
-from phasestereo.bands import survey
+from phasestereo.bands import pair_statistics
 from phasestereo.io.files import suffix
 from phasestereo.io.windows import open_pair
 from phasestereo.matching import Matcher
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from phasestereo.bands import Survey
+    from phasestereo.bands import PairStatistics
     from phasestereo.io.files import StrPath
     from phasestereo.io.windows import RasterPair
     from phasestereo.matching import Progress
@@ -98,9 +98,9 @@ def match(
         Called as ``progress(rows_done, rows)`` every now and then and after each band; what it
         raises ends the run.
     stage
-        Called with what begins, in words, where it is not the matching of bands: the survey of the
-        whole pair, the putting together of the outputs, and what an earlier run had finished but
-        is missing or damaged, so that it is matched again.
+        Called with what begins, in words, where it is not the matching of bands: the statistics of
+        the whole pair, the putting together of the outputs, and what an earlier run had finished
+        but is missing or damaged, so that it is matched again.
 
     Returns
     -------
@@ -142,8 +142,13 @@ def match(
     )
     count = Matcher(settings=request.settings, threads=threads).threads
     begin = stage or (lambda _: None)
-    with _prepared(request, limit, count, begin, restart=restart) as (pair, survey, store, sinks):
-        work = Work(pair, survey, store, tuple(request.outputs), announce, progress)
+    with _prepared(request, limit, count, begin, restart=restart) as (
+        pair,
+        statistics,
+        store,
+        sinks,
+    ):
+        work = Work(pair, statistics, store, tuple(request.outputs), announce, progress)
         plan = work.run(work.planned(limit, count, band_rows))
         begin("putting the output together")
         for sink in sinks:
@@ -158,8 +163,8 @@ def match(
 @contextmanager
 def _prepared(
     request: Request, limit: int, threads: int, begin: Callable[[str], object], *, restart: bool
-) -> Iterator[tuple[RasterPair, Survey, Store, list[Sink]]]:
-    """Open the pair and what is finished of it, try the outputs, and make the survey."""
+) -> Iterator[tuple[RasterPair, PairStatistics, Store, list[Sink]]]:
+    """Open the pair and what is finished of it, try the outputs, and make the statistics."""
     left, right, left_mask, right_mask = request.sources
     with ExitStack() as stack:
         pair = stack.enter_context(
@@ -180,15 +185,15 @@ def _prepared(
         sinks = _sinks(request, pair)
         for sink in sinks:
             sink.rehearse()
-        found = store.survey(partial(_surveyed, request, pair, threads, begin))
+        found = store.pair_statistics(partial(_gathered, request, pair, threads, begin))
         yield pair, found, store, sinks
 
 
-def _surveyed(
+def _gathered(
     request: Request, pair: RasterPair, threads: int, begin: Callable[[str], object]
-) -> Survey:
+) -> PairStatistics:
     begin("looking at the whole pair")
-    return survey(
+    return pair_statistics(
         pair.reader(),
         pair.size,
         num_disparities=request.num_disparities,

@@ -21,7 +21,7 @@ from phasestereo._extras import require
 from phasestereo.io.files import flush, suffix
 from phasestereo.io.geotiff import TILE, placed, point_tag, storage, unplaced_allowed
 from phasestereo.io.windows import open_raster
-from phasestereo.outofcore.sizes import tell_bytes
+from phasestereo.outofcore.sizes import format_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -138,7 +138,7 @@ class Sink:
             reason = getattr(error, "strerror", None) or error.__cause__ or error
             raise OSError(
                 getattr(error, "errno", None) or errno.EIO,
-                f"cannot be written ({reason}); it may take {tell_bytes(size)}",
+                f"cannot be written ({reason}); it may take {format_bytes(size)}",
                 str(self.path),
             ) from error
 

@@ -31,7 +31,7 @@ def as_bytes(size: int | str, name: str) -> int:
     return count
 
 
-def tell_bytes(count: int) -> str:
+def format_bytes(count: int) -> str:
     """Return a number of bytes in words, rounded up in the last digit: what is said is enough."""
     for unit, size in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
         if count >= size:

@@ -25,7 +25,7 @@ from phasestereo import bands
 from phasestereo._extras import require
 from phasestereo.io.files import flush
 from phasestereo.outofcore.sinks import place_of
-from phasestereo.outofcore.sizes import tell_bytes
+from phasestereo.outofcore.sizes import format_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from phasestereo.bands import Survey
+    from phasestereo.bands import PairStatistics
 
     Arrays = Mapping[str, NDArray[Any]]
     Rows = tuple[int, int]
@@ -44,7 +44,7 @@ _RUN, _LOCK, _DRAFT = "run.json", "lock", "draft.npz"
 _KEPT = re.compile(r"(.+)-([0-9a-f]{32})\.npz")
 _BLOCK = re.compile(r"rows(\d{8})-(\d{8})")
 _TORN = re.compile(r"\.[0-9a-f]{16}\.part")  # as `phasestereo.io.files.replacing` calls a draft
-_SURVEY = "survey"
+_STATISTICS = "statistics"
 
 
 class Store:
@@ -122,12 +122,12 @@ class Store:
         bands = [(0, 0), *self.bands(), (height, height)]
         return [(above, below) for (_, above), (below, _) in pairwise(bands) if above < below]
 
-    def survey(self, make: Callable[[], Survey]) -> Survey:
-        """Return the survey of the pair; it is made once."""
-        if _SURVEY in self._files:
-            return self._whole(_SURVEY, bands.load)
+    def pair_statistics(self, make: Callable[[], PairStatistics]) -> PairStatistics:
+        """Return the statistics of the pair; they are gathered once."""
+        if _STATISTICS in self._files:
+            return self._whole(_STATISTICS, bands.load)
         found = make()
-        with self._published(_SURVEY, 0) as draft:
+        with self._published(_STATISTICS, 0) as draft:
             found.save(draft)
         return found
 
@@ -172,7 +172,7 @@ class Store:
         except OSError as error:
             with suppress(OSError):
                 draft.unlink(missing_ok=True)
-            need = f" ({tell_bytes(size)} are needed)" if size else ""
+            need = f" ({format_bytes(size)} are needed)" if size else ""
             told = f"{error.strerror or error}{need}"
             raise OSError(error.errno, told, str(self.folder / name)) from error
         self._files[name] = path
@@ -280,7 +280,7 @@ def _is_ours(file: Path) -> bool:
     kept = _KEPT.fullmatch(file.name)
     if kept is None:
         return file.name in (_RUN, _DRAFT) or bool(_TORN.fullmatch(file.name))
-    return kept[1] == _SURVEY or bool(_BLOCK.fullmatch(kept[1]))
+    return kept[1] == _STATISTICS or bool(_BLOCK.fullmatch(kept[1]))
 
 
 def _is_block(file: Path) -> bool:

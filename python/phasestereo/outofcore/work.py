@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from phasestereo.bands import Survey
+    from phasestereo.bands import PairStatistics
     from phasestereo.io.windows import RasterPair
     from phasestereo.matching import Progress
     from phasestereo.outofcore.request import Request
@@ -39,7 +39,7 @@ class Work:
 
     Parameters
     ----------
-    pair, survey
+    pair, statistics
         What is matched, and what is known of the whole of it.
     store
         What of it is finished.
@@ -50,7 +50,7 @@ class Work:
     """
 
     pair: RasterPair
-    survey: Survey
+    statistics: PairStatistics
     store: Store
     layers: tuple[str, ...]
     announce: Callable[[Plan], object] | None
@@ -60,13 +60,13 @@ class Work:
         """Return how to match what is left to do; see `planning.fit`."""
         size = self.pair.size
         rows, threads, memory = planning.fit(
-            self.survey, self.pair, limit, threads=threads, rows=rows
+            self.statistics, self.pair, limit, threads=threads, rows=rows
         )
         gaps = self.store.gaps(size[0])
         pixels = _rows(gaps) * size[1]
         return Plan(
             size=size,
-            num_disparities=self.survey.num_disparities,
+            num_disparities=self.statistics.num_disparities,
             rows=rows,
             threads=threads,
             memory=memory,
@@ -81,12 +81,12 @@ class Work:
         rows, workers = plan.size[0], _core.Workers(plan.threads)
         gaps = self.store.gaps(rows)
         done = rows - _rows(gaps)
-        self._tell(done, rows)
+        self._report_progress(done, rows)
         for band in _bands(gaps, plan.rows):
             started = perf_counter()
             self._match(band, workers, self._within(rows, done, band))
             done += _rows([band])
-            self._tell(done, rows)
+            self._report_progress(done, rows)
             if not plan.by_band and done < rows:
                 pace = (perf_counter() - started) / _rows([band])
                 plan = replace(plan, seconds=pace * (rows - done), by_band=True)
@@ -113,7 +113,7 @@ class Work:
             flags += self.store.load(band, "flag_counts")
         return Report(
             plan=plan,
-            survey=self.survey,
+            statistics=self.statistics,
             files=request.outputs,
             estimated=estimated / (plan.size[0] * plan.size[1]),
             flags=dict(zip(Flag, flags.tolist(), strict=True)),
@@ -128,7 +128,7 @@ class Work:
         """Match a band, and keep it."""
         started = perf_counter()
         read = self.pair.reader()
-        found = match_rows(read, self.survey, *band, threads=workers, progress=within)
+        found = match_rows(read, self.statistics, *band, threads=workers, progress=within)
         block = self._block(found)
         block["seconds"] = np.array(perf_counter() - started)
         self.store.save(band, block)
@@ -152,21 +152,21 @@ class Work:
         first, start = (height - rows) // 2, (width - across) // 2
         left, right, *masks = self.pair.reader((start, start + across))(first, first + rows)
         settings = replace(
-            self.survey.settings, compensate_blur=False, despike=False, denoise=False
+            self.statistics.settings, compensate_blur=False, despike=False, denoise=False
         )
         started = perf_counter()
         match(
             left,
             right,
-            num_disparities=min(self.survey.num_disparities, across),
+            num_disparities=min(self.statistics.num_disparities, across),
             settings=settings,
             threads=threads,
             left_mask=masks[0],
             right_mask=masks[1],
             noise=1.0 if settings.noise_threshold > 0 else None,
         )
-        share = self.survey.num_disparities / min(self.survey.num_disparities, across)
-        with_halo = 1 + 2 * halo(self.survey.settings, self.survey.equalisation) / band
+        share = self.statistics.num_disparities / min(self.statistics.num_disparities, across)
+        with_halo = 1 + 2 * halo(self.statistics.settings, self.statistics.blur_compensation) / band
         return (perf_counter() - started) / (rows * across) * share * with_halo
 
     def _within(self, every: int, done: int, band: tuple[int, int]) -> Progress | None:
@@ -176,7 +176,7 @@ class Work:
         rows = _rows([band])
 
         def progress(part: int, parts: int) -> None:
-            self._tell(done + min(rows - 1, rows * part // max(parts, 1)), every)
+            self._report_progress(done + min(rows - 1, rows * part // max(parts, 1)), every)
 
         return progress
 
@@ -184,7 +184,7 @@ class Work:
         if self.announce is not None:
             self.announce(plan)
 
-    def _tell(self, done: int, rows: int) -> None:
+    def _report_progress(self, done: int, rows: int) -> None:
         if self.progress is not None:
             self.progress(done, rows)
 

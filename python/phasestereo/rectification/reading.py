@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from phasestereo.rectification.cameras import Cameras
     from phasestereo.rectification.record import Rectification
 
-Told: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Mapping[str, Any]"
+CalibrationSource: TypeAlias = (
+    "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Mapping[str, Any]"
+)
 
 _PAIRS = (
     ("cam0/sensor.yaml", "cam1/sensor.yaml"),
@@ -36,7 +38,7 @@ _SIZES = "imageSize", "image_size", "img_size", "resolution"
 _SIDES = "image_width", "image_height"
 
 
-def read_calibration(told: Told) -> Cameras | Rectification:
+def read_calibration(told: CalibrationSource) -> Cameras | Rectification:
     """Return the camera pair of a calibration, or a rectification that was saved.
 
     Parameters

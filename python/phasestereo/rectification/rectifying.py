@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from phasestereo._images import Picture, Pixels
-    from phasestereo.rectification.reading import Told
+    from phasestereo.rectification.reading import CalibrationSource
     from phasestereo.rectification.record import Interpolation, Method
 
     Masks = tuple[ArrayLike | None, ArrayLike | None]
@@ -32,7 +32,7 @@ _OFF = 1.0  # rows: more than a calibration that fits leaves
 def rectify(
     left: Picture,
     right: Picture,
-    calibration: Told | Rectification | Cameras | None = None,
+    calibration: CalibrationSource | Rectification | Cameras | None = None,
     *,
     alpha: float | None = None,
     interpolation: Interpolation | None = None,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from phasestereo._images import Picture
     from phasestereo.rectification.cameras import Matrix
-    from phasestereo.rectification.reading import Told
+    from phasestereo.rectification.reading import CalibrationSource
 
 AUTO = "auto"
 
@@ -24,7 +24,7 @@ class Rectifier:
 
     Parameters
     ----------
-    told
+    calibration
         What `rectify` takes as a calibration, or `Cameras`; "auto": the first pair whose images
         tell enough.
     masks
@@ -38,14 +38,14 @@ class Rectifier:
 
     def __init__(
         self,
-        told: Told | Rectification | Cameras,
+        calibration: CalibrationSource | Rectification | Cameras,
         masks: tuple[ArrayLike | None, ArrayLike | None],
     ) -> None:
-        self._told: Cameras | Rectification | None = None
-        if isinstance(told, Rectification | Cameras):
-            self._told = told
-        elif told != AUTO:
-            self._told = read_calibration(told)
+        self._calibration: Cameras | Rectification | None = None
+        if isinstance(calibration, Rectification | Cameras):
+            self._calibration = calibration
+        elif calibration != AUTO:
+            self._calibration = read_calibration(calibration)
         self._masks = masks
         self._found: Rectification | None = None
 
@@ -60,7 +60,7 @@ class Rectifier:
         if self._found is not None:
             return self._found.apply(left, right)
         self._found = rectify(
-            left, right, self._told, left_mask=self._masks[0], right_mask=self._masks[1]
+            left, right, self._calibration, left_mask=self._masks[0], right_mask=self._masks[1]
         )
         return self._found.left, self._found.right
 

@@ -1,4 +1,4 @@
-"""What evens out one-sided blur: the versions of both images in which pixels are compared."""
+"""Blur compensation: what both images are convolved with before their pixels are compared."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ Noise: TypeAlias = float | tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Equalisation:
-    """Several versions of both images of a pair, and which of them each pixel is compared in.
+class BlurCompensation:
+    """What evens out the blur that one image of a pair alone has, area by area.
 
     A blur that one image alone has is evened out by blurring the other one alike. Where the blur
     differs over the image, so does what evens it out: each pixel of the left image is of a class,
@@ -83,22 +83,24 @@ class Equalisation:
         _core.check_versions(self)
 
 
-def as_equalisation(equalisation: Equalisation | None) -> Equalisation | None:
+def as_blur_compensation(blur_compensation: BlurCompensation | None) -> BlurCompensation | None:
     """Return it, or say that it is of the wrong type.
 
     Raises
     ------
     TypeError
-        If it is no equalisation.
+        If it is no `BlurCompensation`.
     """
-    if equalisation is not None and not isinstance(equalisation, Equalisation):
-        kind = type(equalisation).__name__
-        raise TypeError(f"equalisation: got {kind}; accepts Equalisation or None")
-    return equalisation
+    if blur_compensation is not None and not isinstance(blur_compensation, BlurCompensation):
+        kind = type(blur_compensation).__name__
+        raise TypeError(f"blur_compensation: got {kind}; accepts BlurCompensation or None")
+    return blur_compensation
 
 
-def as_versions(noise: Noise | None, equalisation: Equalisation | None) -> Equalisation | None:
-    """Return the versions of the images that a call tells, if any: those of its noise, too.
+def compensation_of(
+    noise: Noise | None, blur_compensation: BlurCompensation | None
+) -> BlurCompensation | None:
+    """Return the compensation that a call asks for, if any; of its noise alone, too.
 
     Raises
     ------
@@ -107,12 +109,14 @@ def as_versions(noise: Noise | None, equalisation: Equalisation | None) -> Equal
     ValueError
         If both are given, or the noise is out of range.
     """
-    told = as_noise(noise, equalisation)
-    return equalisation if told is None else Equalisation(noise=told)
+    alone = as_noise(noise, blur_compensation)
+    return blur_compensation if alone is None else BlurCompensation(noise=alone)
 
 
-def as_noise(noise: Noise | None, equalisation: Equalisation | None) -> tuple[float, float] | None:
-    """Return the noise of both images, if a call tells it.
+def as_noise(
+    noise: Noise | None, blur_compensation: BlurCompensation | None
+) -> tuple[float, float] | None:
+    """Return the noise of both images, if a call gives it.
 
     Raises
     ------
@@ -121,8 +125,10 @@ def as_noise(noise: Noise | None, equalisation: Equalisation | None) -> tuple[fl
     ValueError
         If both are given.
     """
-    if as_equalisation(equalisation) is not None and noise is not None:
-        raise ValueError(f"noise: got {noise!r} beside equalisation, which tells it; accepts None")
+    if as_blur_compensation(blur_compensation) is not None and noise is not None:
+        raise ValueError(
+            f"noise: got {noise!r} beside blur_compensation, which holds it; accepts None"
+        )
     return None if noise is None else _as_pair(noise)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import as_estimate
-from phasestereo.rig.compensation import Equalisation
+from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.search_range import SearchRange
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ Matched: TypeAlias = (
 )
 """What a match gives: disparities, flags, confidence, seconds of its stages."""
 
-Told: TypeAlias = "tuple[tuple[float, float] | None, Equalisation | None, Field | None, bool]"
+Known: TypeAlias = "tuple[tuple[float, float] | None, BlurCompensation | None, Field | None, bool]"
 """What the core is told: noise, versions, the field of the rows, whether the right image is to be
 inverted."""
 
@@ -54,7 +54,7 @@ class Estimates:
     search: SearchRange
     alignment: Alignment | None
     blur: BlurEstimate | None
-    equalisation: Equalisation | None
+    blur_compensation: BlurCompensation | None
     seconds: float
 
 
@@ -62,13 +62,13 @@ def as_estimates(
     found: Found,
     settings: Settings,
     search: tuple[int, int | None],
-    equalisation: Equalisation | None,
+    blur_compensation: BlurCompensation | None,
 ) -> Estimates:
     """Return what the core has found out, beside what a call told it."""
     disparities, confidence, inverted, span, offsets, field, blur, suited, seconds = found
     if suited is not None:
         (noise, impulses, smoothing), kernels, labels, tile, (neighborhood, window) = suited
-        equalisation = Equalisation(
+        blur_compensation = BlurCompensation(
             noise=noise,
             kernels=kernels,
             labels=labels,
@@ -80,12 +80,12 @@ def as_estimates(
     return Estimates(
         settings=settings,
         search=replace(
-            _search(disparities, confidence, span, is_told=search[1] is not None),
+            _search(disparities, confidence, span, is_given=search[1] is not None),
             inverted=inverted,
         ),
         alignment=_alignment(offsets, field),
         blur=None if blur is None else as_estimate(blur),
-        equalisation=equalisation,
+        blur_compensation=blur_compensation,
         seconds=seconds,
     )
 
@@ -95,14 +95,14 @@ def _search(
     confidence: float | None,
     span: tuple[int, int, float, float, bool, bool] | None,
     *,
-    is_told: bool,
+    is_given: bool,
 ) -> SearchRange:
     sure = math.nan if confidence is None else confidence
     if span is None:
-        return SearchRange(*disparities, "told" if is_told else "default", sure)
+        return SearchRange(*disparities, "given" if is_given else "default", sure)
     _, _, low, high, swapped, mixed = span
     return SearchRange(
-        *disparities, "told" if is_told else "found", sure, low, high, swapped, mixed
+        *disparities, "given" if is_given else "found", sure, low, high, swapped, mixed
     )
 
 

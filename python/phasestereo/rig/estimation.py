@@ -116,7 +116,7 @@ def _response(
         settings=PRESETS["fast"],
         threads=None,
         progress=None,
-        told=(None, None),
+        given=(None, None),
     ).disparity
     rows, cols = (
         np.minimum(np.arange(length) // factor, tiles - 1)

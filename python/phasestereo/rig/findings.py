@@ -167,7 +167,7 @@ def _match(search: SearchRange, summary: Summary, *, evened: bool) -> Iterator[F
     at_low = summary.at_low if search.min_disparity != 0 else 0.0  # where nothing lies behind
     severity = _severity(max(at_low, summary.at_high), _AT_END)
     beyond = max(search.min_disparity - search.low, search.high - last)  # NaN: nothing is known
-    is_short = search.origin == "told" and beyond > _BEYOND * search.num_disparities
+    is_short = search.origin == "given" and beyond > _BEYOND * search.num_disparities
     if severity != "ok" or is_short:
         known = "" if math.isnan(search.low) else f": there seem to be {round(search.low)} to "
         known += "" if math.isnan(search.low) else f"{round(search.high)} px"

@@ -17,14 +17,14 @@ class SearchRange:
         The disparities [min_disparity, min_disparity + num_disparities), with a margin if they were
         found.
     origin
-        "told" by the caller; "found" in the images; "default", a third of the width, where these
+        "given" by the caller; "found" in the images; "default", a third of the width, where these
         tell nothing.
     confidence
         Mean confidence, 0 to 1, of a rough match of small copies over these disparities; NaN if
         there was none.
     low, high
         Ends of what was found, pixels; NaN if they were not looked for. They are where the range
-        was not told, or what was told matches badly.
+        was not given, or matches badly as given.
     swapped
         Whether every part of the scene has a clearly negative disparity, as when the left image
         is given as the right one. (A rig whose cameras squint so that all of the scene lies behind
@@ -38,7 +38,7 @@ class SearchRange:
 
     min_disparity: int
     num_disparities: int
-    origin: Literal["told", "found", "default"] = "told"
+    origin: Literal["given", "found", "default"] = "given"
     confidence: float = math.nan
     low: float = math.nan
     high: float = math.nan

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from phasestereo._images import as_mask, as_pixels, as_rgb8
+from phasestereo._numbers import as_number
 from phasestereo.result import Result
-from phasestereo.views.triangulation import as_map, check_calibration, limit, triangulated
+from phasestereo.views.triangulation import as_map, check_calibration, triangulated
 
 if TYPE_CHECKING:
     from typing import Any
@@ -85,14 +86,14 @@ def surface_mesh(
     depth = calibration.depth(values)
     wanted = np.isfinite(depth)
     if max_depth is not None:
-        wanted &= depth <= limit("max_depth", max_depth)
+        wanted &= depth <= as_number("max_depth", max_depth, positive=True)
     valid = as_mask(mask, values.shape, "mask")
     if valid is not None:
         wanted &= valid
     points, wanted = triangulated(depth, wanted, calibration)
     if image is None and isinstance(disparity, Result) and disparity.pair is not None:
         image = disparity.pair[0]
-    faces = _faces(values, wanted, limit("max_step", max_step))
+    faces = _faces(values, wanted, as_number("max_step", max_step, positive=True))
     rows, cols = np.nonzero(wanted)
     pixels = np.stack([cols, rows], axis=1).astype(np.float32)
     return Mesh(points, faces, pixels, None if image is None else _picture(image, values.shape))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.result import tell_flags
+from phasestereo.result import describe_flags
 from phasestereo.views.picture import (
     CONFIDENCE_COLOURS,
     NEUTRAL,
@@ -129,8 +129,8 @@ def _words(result: Result) -> Iterable[str]:
     yield f"<b>phasestereo.Result</b> {escape(', '.join(told))}"
     yield from (f"<b>{one.severity}</b>: {escape(one.sentence)}" for one in result.findings)
     if share:
-        yield f"No estimate, gray: {share:.1%}, flagged {tell_flags(result.flags * missing)}"
-    yield f"All flags: {tell_flags(result.flags)}"
+        yield f"No estimate, gray: {share:.1%}, flagged {describe_flags(result.flags * missing)}"
+    yield f"All flags: {describe_flags(result.flags)}"
 
 
 def _known(disparity: NDArray[np.float32]) -> NDArray[np.float32]:

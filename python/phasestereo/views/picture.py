@@ -7,14 +7,13 @@ state knows of.
 
 from __future__ import annotations
 
-from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from phasestereo._extras import require
 from phasestereo._images import as_pixels, on_screen, screen_range
-from phasestereo._numbers import as_integer
+from phasestereo._numbers import as_integer, as_number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -193,7 +192,7 @@ def error_map(
         As `error_picture`.
     """
     found, wanted = as_map("estimate", estimate), as_map("truth", truth, like=np.shape(estimate))
-    if _number("worst", worst) <= GOOD:
+    if as_number("worst", worst) <= GOOD:
         raise ValueError(f"worst: got {worst:g}; accepts more than {GOOD:g} pixel")
     scored = np.isfinite(wanted)
     if mask is not None:
@@ -326,8 +325,8 @@ def limits(
     """Return the disparities at the ends of the colours: the given ones, else robust ones."""
     robust = np.percentile(known, _ROBUST) if known.size else (0.0, 1.0)
     ends = (
-        float(robust[0]) if low is None else _number("low", low),
-        float(robust[1]) if high is None else _number("high", high),
+        float(robust[0]) if low is None else as_number("low", low),
+        float(robust[1]) if high is None else as_number("high", high),
     )
     if ends[0] > ends[1]:
         raise ValueError(f"low: got {ends[0]:g}; accepts at most high, which is {ends[1]:g}")
@@ -377,14 +376,6 @@ def _mask(values: ArrayLike, *, like: tuple[int, ...]) -> Mask:
     if array.shape != like:
         raise ValueError(f"mask: got shape {array.shape}; accepts that of the estimate, {like}")
     return array
-
-
-def _number(name: str, value: object) -> float:
-    if not isinstance(value, Real) or isinstance(value, bool):
-        raise TypeError(f"{name}: got {type(value).__name__}; accepts a number")
-    if not np.isfinite(float(value)):
-        raise ValueError(f"{name}: got {value}; accepts finite numbers")
-    return float(value)
 
 
 def _common_size(pictures: Sequence[Picture], titles: Sequence[str]) -> tuple[int, int]:

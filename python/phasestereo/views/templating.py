@@ -17,7 +17,7 @@ from phasestereo._extras import require
 __all__ = ["data_uri", "render_page"]
 
 
-def render_page(template: str, *, package: str | Path = "phasestereo", **context: Any) -> str:
+def render_page(template: str, *, package: str | Path = "phasestereo.views", **context: Any) -> str:
     """Render a template.
 
     Parameters

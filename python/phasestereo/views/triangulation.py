@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from phasestereo._images import as_array, as_mask, as_pixels, as_rgb8
+from phasestereo._numbers import as_number
 from phasestereo.result import Result
 
 if TYPE_CHECKING:
@@ -116,7 +115,7 @@ def point_cloud(
     depth = calibration.depth(values)
     wanted = np.isfinite(depth)
     if max_depth is not None:
-        wanted &= depth <= limit("max_depth", max_depth)  # false for NaN
+        wanted &= depth <= as_number("max_depth", max_depth, positive=True)  # false for NaN
     valid = as_mask(mask, values.shape, "mask")
     if valid is not None:
         wanted &= valid
@@ -170,16 +169,6 @@ def _colours(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     if pixels.shape[:2] != shape:
         raise ValueError(f"image: got {pixels.shape[:2]} pixels; accepts the map's {shape}")
     return as_rgb8(pixels)
-
-
-def limit(name: str, value: object) -> float:
-    """Return an argument that is a positive, finite number, or refuse it."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name}: got {type(value).__name__}; accepts a number")
-    number = float(value)
-    if not (math.isfinite(number) and number > 0):
-        raise ValueError(f"{name}: got {value}; accepts a positive, finite number")
-    return number
 
 
 def _check_rows(name: str, rows: object, dtype: type) -> None:

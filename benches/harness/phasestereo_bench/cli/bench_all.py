@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter, validators
 
 from phasestereo.cli.errors import CommandError, refusals
-from phasestereo.cli.terminal import progress_bar, tell
+from phasestereo.cli.terminal import progress_bar, say
 from phasestereo_bench.cli.bench_middlebury import rivals
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
 from phasestereo_bench.cli.stores import put_aside
@@ -87,7 +87,7 @@ def tables(
         export(output, export_to or output / "results.json")
         if not quick:
             _fill(readme, output)
-    tell(f"records and numbers: {output}")
+    say(f"records and numbers: {output}")
     if failed:
         raise CommandError(f"{len(failed)} cells failed, the first of them: {failed[0]['error']}")
 
@@ -96,10 +96,10 @@ def _time(data: Path, output: Path, rounds: int, *, fresh: bool) -> None:
     """Run `bench speed`, whose pair that is rendered is kept beside the records."""
     store = output / "speed.jsonl"
     if fresh and store.exists():
-        tell(f"renamed {store} to {put_aside(store)}")
+        say(f"renamed {store} to {put_aside(store)}")
     pairs, left_out = find_pairs(data, cache=output, names=())
     for line in left_out:
-        tell(line)
+        say(line)
     with progress_bar("Speed") as progress:
         run_speed(pairs, store, rounds=rounds, progress=progress)
 
@@ -113,4 +113,4 @@ def _fill(documents: tuple[Path, ...], output: Path) -> None:
         if mine:
             fill_places(document, mine)
         for name in sorted(there - texts.keys()):
-            tell(f"{document}: there are no records for {name}; its table stays as it is")
+            say(f"{document}: there are no records for {name}; its table stays as it is")

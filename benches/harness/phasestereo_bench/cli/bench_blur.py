@@ -10,7 +10,7 @@ from cyclopts import Group, Parameter, validators
 from rich.console import Console
 
 from phasestereo.cli.errors import CommandError, refusals
-from phasestereo.cli.terminal import printable, tell
+from phasestereo.cli.terminal import printable, say
 from phasestereo_bench.blur import BlurResults, blur_jobs
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
 from phasestereo_bench.cli.bench_scenes import Choice
@@ -66,7 +66,7 @@ def blur(
         scenes, left_out = choice.select(folders, _SUITE)
         jobs = blur_jobs(scenes, every=every)
         if left_out:
-            tell(left_out)
+            say(left_out)
         prepare(output, jobs, cells="trials", fresh=fresh)
         records = run_cells(jobs, output, workers=workers, title="Estimating", cells="trials")
     failed = [record for record in records if record["status"] != "ok"]

@@ -12,7 +12,7 @@ from cyclopts import Group, Parameter, validators
 from rich.console import Console
 
 from phasestereo.cli.errors import CommandError, refusals
-from phasestereo.cli.terminal import printable, tell
+from phasestereo.cli.terminal import printable, say
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
 from phasestereo_bench.cli.bench_scenes import Choice
@@ -94,7 +94,7 @@ def middlebury(
             scenes, methods, degradation or None, suite=suite, sides=side or None
         )
         if left_out:
-            tell(left_out)
+            say(left_out)
         prepare(output, jobs, cells="cells", fresh=fresh)
         records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
@@ -113,7 +113,7 @@ def rivals(hitnet: Path | None, others: Sequence[str] = ()) -> list[str]:
     specs = [f"hitnet:{hitnet.resolve()}"] if hitnet is not None else []
     there, missing = present([*specs, *others])
     for sentence in missing:
-        tell(sentence)
+        say(sentence)
     return there
 
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from phasestereo.cli.errors import refusals
-from phasestereo.cli.terminal import printable, progress_bar, tell
+from phasestereo.cli.terminal import printable, progress_bar, say
 from phasestereo_bench.paper import Finding, findings, load_pairs, run_study, write_study
 
 
@@ -53,7 +53,7 @@ def paper(
         try:
             study = run_study(pairs, store, quick=quick, workers=workers, watch=progress_bar)
         except KeyboardInterrupt:
-            tell(f"{store} keeps what is done; the same command goes on")
+            say(f"{store} keeps what is done; the same command goes on")
             raise
         page = write_study(study, store, output)[-1]
     console = Console(highlight=False)

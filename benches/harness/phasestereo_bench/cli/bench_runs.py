@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from phasestereo.cli.terminal import progress_bar, tell
+from phasestereo.cli.terminal import progress_bar, say
 from phasestereo_bench.cli.stores import put_aside
 from phasestereo_bench.environment import describe_environment
 from phasestereo_bench.runner import Job, finished, run
@@ -21,13 +21,13 @@ def prepare(output: Path, jobs: Sequence[Job], *, cells: str, fresh: bool) -> No
         return
     kept = finished(jobs, read_store(output))
     if fresh:
-        tell(f"renamed {output} to {put_aside(output)}")
+        say(f"renamed {output} to {put_aside(output)}")
     elif kept:
         here = describe_environment()["id"]
         foreign = sum(record["environment"] != here for record in kept)
         reason = f", {foreign} of them from other versions or machines" if foreign else ""
         told = f"{len(kept)} of {len(jobs)} {cells} are in {output} already{reason}"
-        tell(f"{told}; --fresh reruns them")
+        say(f"{told}; --fresh reruns them")
 
 
 def run_cells(
@@ -39,5 +39,5 @@ def run_cells(
             return run(jobs, output, workers=workers, progress=progress)
     except KeyboardInterrupt:
         done = len(finished(jobs, read_store(output))) if output.exists() else 0
-        tell(f"{done} of {len(jobs)} {cells} are in {output}; the same command does the others")
+        say(f"{done} of {len(jobs)} {cells} are in {output}; the same command does the others")
         raise

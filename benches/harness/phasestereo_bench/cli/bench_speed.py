@@ -11,7 +11,7 @@ from rich.console import Console
 
 from phasestereo._extras import require
 from phasestereo.cli.errors import CommandError, refusals
-from phasestereo.cli.terminal import printable, progress_bar, tell
+from phasestereo.cli.terminal import printable, progress_bar, say
 from phasestereo_bench.cli.bench_tables import speed_screen
 from phasestereo_bench.cli.stores import put_aside
 from phasestereo_bench.runner import finished
@@ -75,17 +75,17 @@ def speed(
             with progress_bar("Matching") as progress:
                 records = run_speed(there, output, rounds=rounds, progress=progress)
         except KeyboardInterrupt:
-            tell(f"{output} keeps what is done; the same command goes on")
+            say(f"{output} keeps what is done; the same command goes on")
             raise
         _show(output, records)
 
 
 def _load(data: Path | None, cache: Path, names: tuple[str, ...]) -> list[GrayPair]:
     if "rendered" in (names or PAIRS) and not is_rendered(cache):
-        tell(f"rendering a pair into {cache} for this and later runs, about a minute")
+        say(f"rendering a pair into {cache} for this and later runs, about a minute")
     there, left_out = find_pairs(data, cache=cache, names=names)
     for line in left_out:
-        tell(line)
+        say(line)
     if not there:
         raise ValueError("there is no pair to match")
     return there
@@ -96,12 +96,12 @@ def _prepare(output: Path, pairs: list[GrayPair], rounds: int, *, fresh: bool) -
     if not output.exists():
         return
     if fresh:
-        tell(f"renamed {output} to {put_aside(output)}")
+        say(f"renamed {output} to {put_aside(output)}")
         return
     jobs = speed_jobs(pairs, rounds=rounds)
     kept = finished(jobs, read_store(output))
     if kept:
-        tell(f"{len(kept)} of {len(jobs)} are in {output} already; --fresh measures them again")
+        say(f"{len(kept)} of {len(jobs)} are in {output} already; --fresh measures them again")
 
 
 def _show(output: Path, records: list[dict[str, Any]]) -> None:

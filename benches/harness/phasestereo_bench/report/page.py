@@ -14,7 +14,7 @@ from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.markdown import markdown_table, markdown_text
 from phasestereo_bench.report.origin import commands, explain, origin
 from phasestereo_bench.report.plots import RIVAL, draw_duel, draw_means, leader, save_plot
-from phasestereo_bench.report.results import is_told
+from phasestereo_bench.report.results import is_given
 from phasestereo_bench.report.sharp import sharp_tables
 from phasestereo_bench.report.tables import (
     blurs,
@@ -186,8 +186,8 @@ def _verdict(results: Results, metric: str) -> str:
     ranked = sorted(values, key=lambda method: METRICS[metric].rank(values[method]))
     unit = METRICS[metric].unit
     texts = {m: f"{m} {METRICS[metric].format(values[m])} {unit}".strip() for m in ranked}
-    told = [texts[method] for method in ranked if is_told(method)]
-    others = [texts[method] for method in ranked if not is_told(method)]
+    told = [texts[method] for method in ranked if is_given(method)]
+    others = [texts[method] for method in ranked if not is_given(method)]
     parts = [", ".join(others), *([f"told the blur: {', '.join(told)}"] if told else [])]
     title = f"{METRICS[metric].title}, {_span(results)} of {scenes} scenes"
     return f"{title[0].upper()}{title[1:]}: {'; '.join(filter(None, parts))}."

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from phasestereo.io.files import replacing
 from phasestereo_bench.methods import TRUE_BLUR
 from phasestereo_bench.report.cells import METRICS
-from phasestereo_bench.report.results import is_told
+from phasestereo_bench.report.results import is_given
 from phasestereo_bench.report.tables import groups, means, overall, place_names, scene_count
 
 if TYPE_CHECKING:
@@ -67,13 +67,13 @@ def styles(results: Results, metric: str) -> dict[str, Style]:
     others = dict.fromkeys(stem for stem in (*known, *stems.values()) if stem not in ours)
     looks = dict(zip(ours, zip(cycle(_OURS), cycle(_OUR_MARKS), strict=False), strict=False))
     looks |= dict(zip(others, zip(cycle(_OTHERS), cycle(_OTHER_MARKS), strict=False), strict=False))
-    return {method: Style(*looks[stem], is_told(method)) for method, stem in stems.items()}
+    return {method: Style(*looks[stem], is_given(method)) for method, stem in stems.items()}
 
 
 def leader(results: Results, metric: str, methods: Collection[str]) -> str | None:
     """Return the best over all blurs of those methods which were told nothing; None without any."""
     values = overall(results, metric).values
-    running = [method for method in methods if method in values and not is_told(method)]
+    running = [method for method in methods if method in values and not is_given(method)]
     return min(running, key=lambda m: METRICS[metric].rank(values[m]), default=None)
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Environments = Mapping[str, Mapping[str, Any]]
     Natural = list[tuple[int, str]]
 
-__all__ = ["Results", "is_told", "read_results"]
+__all__ = ["Results", "is_given", "read_results"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +108,7 @@ class Results:
         }
 
 
-def is_told(method: str) -> bool:
+def is_given(method: str) -> bool:
     """Tell by its name whether a method was told the blur."""
     return method.endswith(TRUE_BLUR)
 
@@ -230,7 +230,7 @@ def _told(
 
 
 def _rank(cell: Cell) -> tuple[bool, int, Natural]:
-    return is_told(cell.method), _family(cell), _natural(cell.method)
+    return is_given(cell.method), _family(cell), _natural(cell.method)
 
 
 def _family(cell: Cell) -> int:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.report.cells import METRICS
-from phasestereo_bench.report.results import is_told
+from phasestereo_bench.report.results import is_given
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -276,7 +276,7 @@ def figures(
 ) -> tuple[Entry, ...]:
     """Return the figures of methods; the best is marked where several compete."""
     texts = {method: metric.format(value) for method, value in values.items()}
-    rivals = [method for method in values if not is_told(method)]
+    rivals = [method for method in values if not is_given(method)]
     ranked = sorted(rivals, key=lambda method: metric.rank(values[method]))
     best = texts[ranked[0]] if len(ranked) > 1 else None
     return tuple(

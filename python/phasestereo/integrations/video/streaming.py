@@ -36,10 +36,10 @@ if TYPE_CHECKING:
     from phasestereo.integrations.video.sources import Place
     from phasestereo.rectification import Rectification
     from phasestereo.rectification.cameras import Cameras
-    from phasestereo.rectification.reading import Told
+    from phasestereo.rectification.reading import CalibrationSource
     from phasestereo.rectification.streams import Rectifier
     from phasestereo.result import Result
-    from phasestereo.rig.compensation import Equalisation, Noise
+    from phasestereo.rig.compensation import BlurCompensation, Noise
     from phasestereo.settings import Settings
 
     _Taken = tuple[Capture[Pair], Pair | Exception]
@@ -112,7 +112,7 @@ def stream(
     num_disparities: int | None = None,
     min_disparity: int = 0,
     layout: Layout | None = None,
-    rectify: Told | Rectification | Cameras | None = None,
+    rectify: CalibrationSource | Rectification | Cameras | None = None,
     start: int = 0,
     stop: int | None = None,
     every: int = 1,
@@ -125,7 +125,7 @@ def stream(
     left_mask: ArrayLike | None = None,
     right_mask: ArrayLike | None = None,
     noise: Noise | None = None,
-    equalisation: Equalisation | None = None,
+    blur_compensation: BlurCompensation | None = None,
     **overrides: Any,
 ) -> Stream:
     """Match every frame of a video, a folder of images, or a pair of cameras.
@@ -170,7 +170,7 @@ def stream(
         it becomes a warning of the logger ``phasestereo``.
     num_disparities, min_disparity, preset, settings, threads, left_mask, right_mask, noise
         As `match` takes them; masks and noise hold for every frame.
-    equalisation, **overrides
+    blur_compensation, **overrides
         Likewise.
 
     Returns
@@ -223,7 +223,7 @@ def stream(
         "left_mask": left_mask,
         "right_mask": right_mask,
         "noise": noise,
-        "equalisation": equalisation,
+        "blur_compensation": blur_compensation,
     }
     _try(matcher, given, width=None)
     rectifier = None if rectify is None else _rectifier(rectify, (left_mask, right_mask))
@@ -440,7 +440,8 @@ class _Work:
 
 
 def _rectifier(
-    told: Told | Rectification | Cameras, masks: tuple[ArrayLike | None, ArrayLike | None]
+    told: CalibrationSource | Rectification | Cameras,
+    masks: tuple[ArrayLike | None, ArrayLike | None],
 ) -> Rectifier:
     home = import_module("phasestereo.rectification.streams")  # it takes a while
     rectifier: Rectifier = home.Rectifier(told, masks)

@@ -68,7 +68,7 @@ class BlurTold:
     figures: list[tuple[str, str]]
 
 
-def blur_told(blur: BlurEstimate, size: tuple[int, int]) -> BlurTold:
+def blur_facts(blur: BlurEstimate, size: tuple[int, int]) -> BlurTold:
     """Tell what was found out about the blur of a pair of images with so many rows and columns."""
     areas = [
         Area(_words(kind), share, _colour(kind, number), _psf_uri(kind))

@@ -103,7 +103,7 @@ def write_pair_page(
     _check_geometry(size, calibration, max_depth)
     scene = scene_of(result.disparity, calibration, step=shown.step, max_depth=max_depth)
     search = None if num_disparities is None else (min_disparity, num_disparities)
-    page = render_page("pair.html.j2", title=str(title), **_told(shown, scene, search))
+    page = render_page("pair.html.j2", title=str(title), **_context(shown, scene, search))
     with replacing(path) as file:
         file.write(page.encode())
 
@@ -166,7 +166,7 @@ def _step(size: tuple[int, ...]) -> int:
     return step
 
 
-def _told(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[str, Any]:
+def _context(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[str, Any]:
     """Return all that the template refers to."""
     result, truth = shown.result, shown.truth
     scored = None if truth is None else facts.scored_pixels(truth, shown.mask)
@@ -209,7 +209,7 @@ def _told(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[s
         "preset": facts.preset_of(result.settings),
         "timings": facts.timing_rows(result.timings),
         "versions": facts.versions(),
-        "blur": None if result.blur is None else facts.blur_told(result.blur, (rows, cols)),
+        "blur": None if result.blur is None else facts.blur_facts(result.blur, (rows, cols)),
         "arrays": layers.arrays_of(result, truth, scored, shown.step, coding),
         "page": {
             "cols": -(-cols // shown.step),

@@ -146,14 +146,14 @@ class Show:
         """Return everything that is shown, once it is newer than a version, or after some time."""
         with self._changed:
             self._changed.wait_for(lambda: self.closed or self._version > version, seconds)
-            return self._told()
+            return self._state()
 
     def wait_closed(self, seconds: float) -> bool:
         """Wait to be closed; tell whether it is."""
         with self._changed:
             return self._changed.wait_for(lambda: self.closed, seconds)
 
-    def _told(self) -> dict[str, Any]:
+    def _state(self) -> dict[str, Any]:
         fault = self._failure
         is_news = monotonic() - fault.at < _FORGET
         found = () if self._diagnosis is None else self._diagnosis.findings
@@ -162,17 +162,17 @@ class Show:
             "version": self._version,
             "closed": self.closed,
             "ended": self._ended,
-            "frame": self._frame_told(),
+            "frame": self._frame_state(),
             "failed": self._failed,
             "failure": {"text": fault.text, "times": fault.times} if is_news else None,
             "notes": list(self._notes.values()),
             "findings": _worst_first((*grave, *found)),
-            "settings": self._settings_told(),
+            "settings": self._settings_state(),
             "unit": self._unit,
             "metric": self._calibration is not None,
         }
 
-    def _frame_told(self) -> dict[str, Any] | None:
+    def _frame_state(self) -> dict[str, Any] | None:
         if self.frame is None:
             return None
         rows, cols = self.frame.result.disparity.shape
@@ -196,7 +196,7 @@ class Show:
             return 0, self.num_disparities or 1
         return search.min_disparity, search.min_disparity + search.num_disparities
 
-    def _settings_told(self) -> dict[str, float]:
+    def _settings_state(self) -> dict[str, float]:
         return {
             "p1": self.settings.p1,
             "p2": self.settings.p2,
@@ -232,7 +232,7 @@ class Show:
             self._set(wanted)
 
     def _set(self, wanted: Mapping[str, Any]) -> None:
-        values = {**self._settings_told(), **wanted}
+        values = {**self._settings_state(), **wanted}
         settings = replace(
             self.settings,
             p1=float(values["p1"]),
@@ -311,10 +311,10 @@ class Show:
 
 def _worst_first(found: Iterable[Finding]) -> list[list[str]]:
     """Return topics, severities and sentences, each sentence once."""
-    told: dict[str, list[str]] = {}
+    asked: dict[str, list[str]] = {}
     for one in sorted(found, key=lambda one: -_ORDER.index(one.severity)):
-        told.setdefault(one.sentence, [one.topic, one.severity, one.sentence])
-    return list(told.values())
+        asked.setdefault(one.sentence, [one.topic, one.severity, one.sentence])
+    return list(asked.values())
 
 
 def _number(value: float) -> float | None:

@@ -11,7 +11,7 @@ import pytest
 
 import oracle
 import phasestereo as ps
-from phasestereo.rig.compensation import Equalisation
+from phasestereo.rig.compensation import BlurCompensation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,9 +39,9 @@ def moved(image: NDArray[Any], kernel: NDArray[np.float64] | None) -> NDArray[An
     return oracle.convolve(image.astype(np.float64), kernel).astype(image.dtype)
 
 
-def equalisation(**fields: Any) -> Equalisation:
+def blur_compensation(**fields: Any) -> BlurCompensation:
     known: dict[str, Any] = {"noise": (1.5, 4.0), "kernels": MOVES, "labels": LABELS, "tile": 13}
-    return Equalisation(**(known | fields))
+    return BlurCompensation(**(known | fields))
 
 
 def costs_by_class(left: NDArray[Any], right: NDArray[Any], **options: Any) -> NDArray[np.uint16]:
@@ -57,7 +57,9 @@ def costs_by_class(left: NDArray[Any], right: NDArray[Any], **options: Any) -> N
 @pytest.mark.parametrize("noise_threshold", [0.0, 1.0])
 def test_each_pixel_is_compared_in_its_versions(dtype: type[np.generic], weak: float) -> None:
     pair = LEFT.astype(dtype), RIGHT.astype(dtype)
-    found = ps.cost_volume(*pair, **SEARCH, noise_threshold=weak, equalisation=equalisation())
+    found = ps.cost_volume(
+        *pair, **SEARCH, noise_threshold=weak, blur_compensation=blur_compensation()
+    )
     expected = costs_by_class(*pair, noise_threshold=weak, noise=(1.5, 4.0))
     np.testing.assert_array_equal(found, expected)
     assert (found != ps.cost_volume(*pair, **SEARCH, noise_threshold=weak, noise=(1.5, 4.0))).any()
@@ -72,7 +74,7 @@ def test_the_rest_of_a_match_is_as_ever(optimizer: Any, precision: Any) -> None:
         **SEARCH,
         preset="paper",
         noise_threshold=1.0,
-        equalisation=equalisation(),
+        blur_compensation=blur_compensation(),
         optimizer=optimizer,
         precision=precision,
     )
@@ -98,8 +100,8 @@ def test_blurred_versions_are_those_of_a_blurred_image(name: str) -> None:
         np.uint8
     )
     blurred = oracle.convolve(scene.astype(np.float64), kernel)
-    known = Equalisation(noise=(0.0, 0.0), kernels=[(kernel, kernel)])
-    volume = ps.cost_volume(scene, scene, num_disparities=4, equalisation=known)
+    known = BlurCompensation(noise=(0.0, 0.0), kernels=[(kernel, kernel)])
+    volume = ps.cost_volume(scene, scene, num_disparities=4, blur_compensation=known)
     expected = ps.cost_volume(blurred, blurred, num_disparities=4)
     # A few components lie within rounding of a boundary; 14 bits each on either side.
     assert np.abs(volume.astype(int) - expected).mean() < 0.14
@@ -109,22 +111,24 @@ def test_blurred_versions_are_those_of_a_blurred_image(name: str) -> None:
 
 def test_what_a_mask_covers_spreads_nowhere() -> None:
     kernels = [(None, np.full((5, 5), 0.04)), (np.full((1, 9), 1 / 9), None), (None, None)]
-    known = equalisation(kernels=kernels)
+    known = blur_compensation(kernels=kernels)
     masks: dict[str, Any] = {"left_mask": LEFT_MASK, "right_mask": RIGHT_MASK}
-    expected = ps.match(LEFT, RIGHT, **SEARCH, **masks, equalisation=known)
+    expected = ps.match(LEFT, RIGHT, **SEARCH, **masks, blur_compensation=known)
     left = np.where(LEFT_MASK, LEFT, 255 - LEFT)
     right = np.where(RIGHT_MASK, RIGHT, 255 - RIGHT)
-    found = ps.match(left, right, **SEARCH, **masks, equalisation=known)
+    found = ps.match(left, right, **SEARCH, **masks, blur_compensation=known)
     for field in ("disparity", "flags", "confidence"):
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
 
 def test_threads_and_matchers_change_nothing() -> None:
     left, right = np.tile(LEFT, (4, 1)), np.tile(RIGHT, (4, 1))
-    expected = ps.match(left, right, **SEARCH, equalisation=equalisation(), threads=1).disparity
+    expected = ps.match(
+        left, right, **SEARCH, blur_compensation=blur_compensation(), threads=1
+    ).disparity
     for threads in (2, 3, 8):
         matcher = ps.Matcher(threads=threads)
-        found = matcher.match(left, right, **SEARCH, equalisation=equalisation())
+        found = matcher.match(left, right, **SEARCH, blur_compensation=blur_compensation())
         np.testing.assert_array_equal(found.disparity, expected)
         plain = matcher.match(left, right, **SEARCH)
         np.testing.assert_array_equal(
@@ -133,8 +137,8 @@ def test_threads_and_matchers_change_nothing() -> None:
 
 
 def test_noise_alone_is_one_class_of_images_as_they_are() -> None:
-    alone = Equalisation(noise=(2.0, 2.0))
-    for known in ({"noise": 2.0}, {"noise": (2.0, 2.0)}, {"equalisation": alone}):
+    alone = BlurCompensation(noise=(2.0, 2.0))
+    for known in ({"noise": 2.0}, {"noise": (2.0, 2.0)}, {"blur_compensation": alone}):
         found = ps.Matcher(noise_threshold=1.0, denoise=False).match(LEFT, RIGHT, **SEARCH, **known)
         expected = ps.match(LEFT, RIGHT, **SEARCH, noise_threshold=1.0, denoise=False, noise=2.0)
         np.testing.assert_array_equal(found.disparity, expected.disparity)
@@ -155,7 +159,7 @@ def test_a_weak_level_needs_the_noise() -> None:
 
 def test_arrays_are_copied_and_travel() -> None:
     labels, kernel = LABELS.copy(), one_tap(0, 1)
-    known = Equalisation(noise=(1, 2), kernels=[(None, kernel)] * 3, labels=labels, tile=5)
+    known = BlurCompensation(noise=(1, 2), kernels=[(None, kernel)] * 3, labels=labels, tile=5)
     labels[:] = 9
     kernel[:] = 0
     copy = pickle.loads(pickle.dumps(known))  # noqa: S301  # our own bytes
@@ -206,13 +210,15 @@ def test_what_makes_no_sense_is_refused_by_name(
     error: type[Exception], message: str, fields: dict[str, Any]
 ) -> None:
     with pytest.raises(error, match=f"^{message}"):
-        equalisation(**fields)
+        blur_compensation(**fields)
 
 
 def test_matches_refuse_what_does_not_go_together() -> None:
-    with pytest.raises(TypeError, match="^equalisation: got dict; accepts Equalisation"):
-        ps.match(LEFT, RIGHT, **SEARCH, equalisation={})  # type: ignore[arg-type]  # the point
-    with pytest.raises(ValueError, match="^noise: got 1.0 beside equalisation"):
-        ps.match(LEFT, RIGHT, **SEARCH, noise=1.0, equalisation=equalisation())
-    with pytest.raises(ValueError, match="^equalisation: got .*; accepts cost='phase'"):
-        ps.match(LEFT, RIGHT, **SEARCH, preset="paper", cost="sad", equalisation=equalisation())
+    with pytest.raises(TypeError, match="^blur_compensation: got dict; accepts BlurCompensation"):
+        ps.match(LEFT, RIGHT, **SEARCH, blur_compensation={})  # type: ignore[arg-type]  # the point
+    with pytest.raises(ValueError, match="^noise: got 1.0 beside blur_compensation"):
+        ps.match(LEFT, RIGHT, **SEARCH, noise=1.0, blur_compensation=blur_compensation())
+    with pytest.raises(ValueError, match=": got .*; accepts cost='phase'"):
+        ps.match(
+            LEFT, RIGHT, **SEARCH, preset="paper", cost="sad", blur_compensation=blur_compensation()
+        )

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 import phasestereo as ps
 from phasestereo import _core
 from phasestereo.bands import halo, match_rows, working_memory
+from test_pair_statistics import ERRORS, WRONG_ROWS, Reading, gathered, scene
 from test_process import run, run_forking
-from test_surveying import ERRORS, WRONG_ROWS, Reading, scene, surveyed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -71,12 +71,12 @@ class Case:
     def __init__(self, name: str) -> None:
         options, dtype, masked, soft = CASES[name]
         self.read = scene(AREAS if soft else SIZE, dtype, masked=masked, soft=soft)
-        self.survey = surveyed(self.read, **options)
+        self.statistics = gathered(self.read, **options)
         self.whole = self.read.matched(**{"num_disparities": 16} | options)
 
     def check(self, first: int, last: int, read: Any = None, **options: Any) -> None:
         """Match some rows, and check that they are those of the whole."""
-        found = match_rows(read or self.read, self.survey, first, last, **options)
+        found = match_rows(read or self.read, self.statistics, first, last, **options)
         assert_rows(found, self.whole, first, last)
 
 
@@ -144,7 +144,7 @@ def test_all_rows_are_the_whole() -> None:
 
 def test_bands_match_with_a_survey_that_was_pickled() -> None:
     known = case("fast areas")
-    told = pickle.loads(pickle.dumps(known.survey))  # noqa: S301 - our own bytes
+    told = pickle.loads(pickle.dumps(known.statistics))  # noqa: S301 - our own bytes
     assert_rows(match_rows(known.read, told, 140, 190), known.whole, 140, 190)
 
 
@@ -164,7 +164,7 @@ def test_colors_and_strides_of_any_kind_match() -> None:
     plain = scene(SIZE)
     color = np.stack([plain.images[0], plain.images[0] // 2, plain.images[0]], -1)
     read = Reading(color, plain.images[1][..., None])
-    told = surveyed(read, preset="paper")
+    told = gathered(read, preset="paper")
     whole = read.matched(num_disparities=16, preset="paper")
     doubled = [np.repeat(image, 2, axis=1) for image in read.images]
 
@@ -184,11 +184,11 @@ def test_colors_and_strides_of_any_kind_match() -> None:
 )
 def test_no_more_rows_are_read_than_the_halo(name: str) -> None:
     known = case(name)
-    around = halo(known.survey.settings, known.survey.equalisation)
+    around = halo(known.statistics.settings, known.statistics.blur_compensation)
     height = known.read.size[0]
     for first, last in [(0, 1), (120, 121), (140, 200), (height - 1, height)]:
         known.read.asked.clear()
-        match_rows(known.read, known.survey, first, last)
+        match_rows(known.read, known.statistics, first, last)
         expected = max(0, first - around), min(height, last + around)
         assert known.read.asked[0] == expected
         assert len(known.read.asked) <= 1 + (known.read.masks[0] is not None)
@@ -219,7 +219,7 @@ def test_the_halo_is_what_the_stages_reach() -> None:
     for options, more in reaches:
         assert halo(replace(plain, **options)) == 3 + more, options
     kernel = np.full((9, 3), 1 / 27)
-    versions = ps.Equalisation(noise=(0, 0), kernels=[(None, kernel), (kernel.T, None)])
+    versions = ps.BlurCompensation(noise=(0, 0), kernels=[(None, kernel), (kernel.T, None)])
     assert halo(plain, versions) == 3 + 4
     assert halo(replace(paper, cost="sad", window=1, optimizer="wta", confidence=False)) == 1
 
@@ -229,7 +229,7 @@ def test_the_halo_is_what_the_stages_reach() -> None:
 
 def test_working_memory_grows_with_what_it_should() -> None:
     for name in ("robust", "fast areas", "paper"):
-        told = case(name).survey
+        told = case(name).statistics
         base = working_memory(told, 100, threads=1, itemsize=1)
         assert base > 0
         assert working_memory(told, 200, threads=1, itemsize=1) > base
@@ -254,7 +254,7 @@ noise = np.random.default_rng(0).integers(0, 256, (64, cols + 4), np.uint8).asty
 def read(first, last):
     some = noise[np.arange(first, last) % 64]
     return some[:, 4:], some[:, :-4], None, None
-told = ps.survey(read, (3 * rows, cols), num_disparities=count, threads=1, **options)
+told = ps.pair_statistics(read, (3 * rows, cols), num_disparities=count, threads=1, **options)
 workers = _core.Workers(2)
 match_rows(read, told, 0, 1, threads=1)
 ctypes.CDLL("libc.so.6").malloc_trim(0)
@@ -298,7 +298,7 @@ def test_errors_of_the_reader_come_out_as_they_are(name: str, error: BaseExcepti
     read.error = error
     read.failing = lambda *_: True
     with pytest.raises(type(error)) as raised:
-        match_rows(read, known.survey, 20, 90)
+        match_rows(read, known.statistics, 20, 90)
     assert raised.value is error
     read.failing = lambda *_: False
     known.check(20, 90, read)
@@ -310,7 +310,7 @@ def test_a_second_read_may_fail_too() -> None:
     read = Reading(left, right, known.read.masks)
     read.failing = lambda *_: len(read.asked) == 2
     with pytest.raises(LookupError, match="torn"):
-        match_rows(read, known.survey, 0, 300)
+        match_rows(read, known.statistics, 0, 300)
     assert len(read.asked) == 2
     known.check(0, 300, read)
 
@@ -322,7 +322,7 @@ def test_what_progress_raises_comes_out() -> None:
         raise InterruptedError("enough")
 
     with pytest.raises(InterruptedError, match="enough"):
-        match_rows(known.read, known.survey, 40, 200, threads=workers, progress=stop)
+        match_rows(known.read, known.statistics, 40, 200, threads=workers, progress=stop)
     calls: list[tuple[int, int]] = []
     known.check(40, 200, threads=workers, progress=lambda *rows: calls.append(rows))
     assert calls
@@ -336,18 +336,18 @@ def test_wrong_rows_are_refused(
 ) -> None:
     known = case(name)
     with pytest.raises(error, match=message):
-        match_rows(lambda *rows: change(known.read(*rows)), known.survey, 3, 4)
+        match_rows(lambda *rows: change(known.read(*rows)), known.statistics, 3, 4)
 
 
 def test_rows_of_another_type_than_surveyed_are_refused() -> None:
     known, other = case("fast"), scene(SIZE, "uint16")
     with pytest.raises(TypeError, match="^read: got uint16 for the rows .*, uint8"):
-        match_rows(other, known.survey, 20, 30)
+        match_rows(other, known.statistics, 20, 30)
 
 
 def test_pixels_that_are_no_numbers_are_refused_where_they_are() -> None:
     read = scene(SIZE, "float32")
-    told = surveyed(read, preset="fast")
+    told = gathered(read, preset="fast")
     whole = read.matched(num_disparities=16, preset="fast")
     read.images[0][200, 7] = np.nan
     assert_rows(match_rows(read, told, 0, 100), whole, 0, 100)
@@ -367,16 +367,16 @@ def test_pixels_that_are_no_numbers_are_refused_where_they_are() -> None:
 def test_rows_that_there_are_not_are_refused(name: str, ends: Any, error: type[Exception]) -> None:
     known = case(name)
     known.read.asked.clear()
-    with pytest.raises(error, match="^first, last: got"):
-        match_rows(known.read, known.survey, *ends)
+    with pytest.raises(error, match="^(first|last): got"):
+        match_rows(known.read, known.statistics, *ends)
     assert known.read.asked == []
 
 
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"survey": "robust"}, TypeError, "^survey: got str"),
-        ({"survey": None}, TypeError, "^survey: got NoneType"),
+        ({"statistics": "robust"}, TypeError, "^statistics: got str"),
+        ({"statistics": None}, TypeError, "^statistics: got NoneType"),
         ({"read": 3}, TypeError, "^read: got int"),
         ({"threads": 0}, ValueError, "^threads: got 0"),
         ({"threads": 1.0}, TypeError, "^threads: got float"),
@@ -390,7 +390,7 @@ def test_wrong_arguments_are_refused(
 ) -> None:
     for name in ("robust", "fast"):
         known = case(name)
-        arguments: dict[str, Any] = {"read": known.read, "survey": known.survey} | options
+        arguments: dict[str, Any] = {"read": known.read, "statistics": known.statistics} | options
         with pytest.raises(error, match=message):
             match_rows(**arguments, first=0, last=9)
 
@@ -398,7 +398,7 @@ def test_wrong_arguments_are_refused(
 def test_a_halo_is_of_settings() -> None:
     with pytest.raises(TypeError, match="^settings: got str"):
         halo("robust")  # type: ignore[arg-type] # that is the point
-    with pytest.raises(TypeError, match="^equalisation: got int"):
+    with pytest.raises(TypeError, match="^blur_compensation: got int"):
         halo(ps.Settings(), 3)  # type: ignore[arg-type] # that is the point
 
 
@@ -429,7 +429,7 @@ def test_bands_match_in_a_forked_child() -> None:
     finished = run_forking("""
 pair = np.random.default_rng(0).integers(0, 256, (2, 200, 90), np.uint8)
 read = lambda first, last: (pair[0][first:last], pair[1][first:last], None, None)
-told = ps.survey(read, (200, 90), num_disparities=8)
+told = ps.pair_statistics(read, (200, 90), num_disparities=8)
 expected = ps.match(*pair, num_disparities=8).disparity[60:]
 workers = ps._core.Workers(3)
 ps.match_rows(read, told, 0, 60, threads=workers)

@@ -1,4 +1,4 @@
-"""Files that claim to hold a survey: one that is none is refused, whatever it holds."""
+"""Files that claim to hold statistics: one that is none is refused, whatever it holds."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ def read(first: int, last: int) -> tuple[Any, Any, None, None]:
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """Return a file that holds a survey."""
-    bands.survey(read, SIZE, num_disparities=8).save(tmp_path / "survey.npz")
-    return tmp_path / "survey.npz"
+    """Return a file that holds statistics."""
+    bands.pair_statistics(read, SIZE, num_disparities=8).save(tmp_path / "statistics.npz")
+    return tmp_path / "statistics.npz"
 
 
 @pytest.mark.parametrize("name", ["num_disparities", "min_disparity"])
 def test_what_is_no_integer_is_refused(name: str) -> None:
     given: Any = {"num_disparities": 8} | {name: 8.0}
     with pytest.raises(TypeError, match=f"^{name}: got float; accepts an integer"):
-        bands.survey(read, SIZE, **given)
+        bands.pair_statistics(read, SIZE, **given)
 
 
 @pytest.mark.parametrize("change", [
@@ -49,7 +49,7 @@ def test_a_survey_with_a_wrong_value_is_refused(path: Path, change: dict[str, An
         arrays = dict(file)
     told = json.loads(str(arrays["told"])) | change
     np.savez(path, **arrays | {"told": np.array(json.dumps(told))})
-    with pytest.raises(ValueError, match=r"survey.npz: "):
+    with pytest.raises(ValueError, match=r"statistics.npz: "):
         bands.load(path)
 
 
@@ -71,7 +71,7 @@ def raw_archive() -> bytes:
 ])  # fmt: skip
 def test_a_file_that_is_no_survey_is_refused(path: Path, content: bytes) -> None:
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"survey.npz: "):
+    with pytest.raises(ValueError, match=r"statistics.npz: "):
         bands.load(path)
 
 
@@ -87,5 +87,5 @@ def test_a_survey_that_is_damaged_anywhere_is_refused_or_whole(path: Path) -> No
 
 def test_a_truncated_survey_is_refused(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ValueError, match=r"survey.npz: "):
+    with pytest.raises(ValueError, match=r"statistics.npz: "):
         bands.load(path)

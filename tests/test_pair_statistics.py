@@ -98,9 +98,9 @@ def scene(
     return Reading(pair[0], pair[1], (left_mask, right_mask))
 
 
-def surveyed(read: Reading, **options: Any) -> ps.Survey:
-    """Survey a pair with 16 disparities unless told otherwise."""
-    return ps.survey(read, read.size, **{"num_disparities": 16} | options)
+def gathered(read: Reading, **options: Any) -> ps.PairStatistics:
+    """PairStatistics a pair with 16 disparities unless told otherwise."""
+    return ps.pair_statistics(read, read.size, **{"num_disparities": 16} | options)
 
 
 def assert_same(ours: Any, theirs: Any) -> None:
@@ -124,24 +124,24 @@ def assert_same(ours: Any, theirs: Any) -> None:
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_a_survey_knows_what_a_match_finds_out(dtype: str, masked: bool) -> None:  # noqa: FBT001 - a parameter
     read = scene((200, 150), dtype, soft=slice(0, None), masked=masked)
-    told, result = surveyed(read), read.matched(num_disparities=16)
+    told, result = gathered(read), read.matched(num_disparities=16)
     assert result.blur is not None
     assert result.blur.blur.side == "left"
     assert_same(told.blur, replace(result.blur, glance=None))
     assert told.settings == result.settings
     assert (told.size, told.dtype) == ((200, 150), dtype)
     assert (told.min_disparity, told.num_disparities) == (0, 16)
-    assert told.equalisation is not None
+    assert told.blur_compensation is not None
     assert (told.ranges is None) == (dtype in ("uint8", "uint16"))
 
 
 def test_areas_of_blur_are_found() -> None:
     read = scene((420, 130), soft=slice(180, None))
-    told = surveyed(read)
+    told = gathered(read)
     assert told.blur is not None
     assert len(told.blur.blurs) == 2
-    assert told.equalisation is not None
-    assert_same(told.equalisation.labels, told.blur.labels)
+    assert told.blur_compensation is not None
+    assert_same(told.blur_compensation.labels, told.blur.labels)
     whole = read.matched(num_disparities=16).blur
     assert whole is not None
     assert_same(told.blur, replace(whole, glance=None))
@@ -149,13 +149,13 @@ def test_areas_of_blur_are_found() -> None:
 
 def test_what_is_told_is_not_looked_for() -> None:
     read = scene()
-    versions = ps.Equalisation(noise=(1.0, 2.0))
-    assert surveyed(read, equalisation=versions).equalisation is versions
-    told = surveyed(read, noise=(1.0, 3.0), compensate_blur=False).equalisation
+    versions = ps.BlurCompensation(noise=(1.0, 2.0))
+    assert gathered(read, blur_compensation=versions).blur_compensation is versions
+    told = gathered(read, noise=(1.0, 3.0), compensate_blur=False).blur_compensation
     assert told is not None
     assert told.noise == (1.0, 3.0)
     read.asked.clear()
-    assert surveyed(read, noise=1.0, preset="fast", adaptive_p2=0).blur is None
+    assert gathered(read, noise=1.0, preset="fast", adaptive_p2=0).blur is None
     assert read.asked == [(0, 1)]
 
 
@@ -182,7 +182,7 @@ PLAIN = {"preset": "fast", "adaptive_p2": 0}
 )
 def test_no_more_is_read_than_needed(options: dict[str, Any], dtype: str, passes: int) -> None:
     read = scene(dtype=dtype)
-    surveyed(read, **options)
+    gathered(read, **options)
     assert read.asked == [(0, 1)] + passes * [(0, SIZE[0])]
 
 
@@ -190,7 +190,7 @@ def test_large_pairs_are_read_some_rows_at_a_time() -> None:
     image = RNG.integers(0, 4, (130, 1), np.uint8) + np.zeros((1, 70_000), np.uint8)
     image[:, ::3] += 9
     read = Reading(image, image)
-    told = surveyed(read, preset="paper")
+    told = gathered(read, preset="paper")
     assert read.asked == [(0, 1), (0, 59), (59, 118), (118, 130)]
     jumps = np.abs(np.diff(image.astype(int), axis=1))
     assert told.roughness == (jumps.sum(), jumps.size)
@@ -198,7 +198,7 @@ def test_large_pairs_are_read_some_rows_at_a_time() -> None:
 
 def test_ranges_are_those_of_all_but_outliers() -> None:
     image = RNG.random((150, 130)).astype(np.float32)
-    told = surveyed(Reading(image, image * 2), preset="fast")
+    told = gathered(Reading(image, image * 2), preset="fast")
     assert told.ranges is not None
     inner = np.sort(image.astype(np.float64).ravel())[[19, -20]]
     np.testing.assert_allclose(told.ranges[0], 1000 * inner, rtol=1e-12)
@@ -208,19 +208,19 @@ def test_ranges_are_those_of_all_but_outliers() -> None:
 # Kept
 
 
-def kept() -> list[ps.Survey]:
-    """Return surveys of all kinds."""
-    areas = surveyed(scene((420, 130), "float32", soft=slice(180, None), masked=True))
+def kept() -> list[ps.PairStatistics]:
+    """Return statistics of all kinds."""
+    areas = gathered(scene((420, 130), "float32", soft=slice(180, None), masked=True))
     kernel = np.full((3, 5), 1 / 15)
-    versions = ps.Equalisation(
+    versions = ps.BlurCompensation(
         noise=(0.1, 0.7),
         kernels=[(None, kernel), (kernel.T, None), (None, None)],
         labels=RNG.integers(0, 3, (4, 5)).astype(np.uint8),
         tile=40,
     )
-    given_versions = surveyed(scene(), equalisation=versions, min_disparity=-7)
-    plain = surveyed(scene(), preset="fast")
-    others = surveyed(
+    given_versions = gathered(scene(), blur_compensation=versions, min_disparity=-7)
+    plain = gathered(scene(), preset="fast")
+    others = gathered(
         scene(), preset="paper", p1=1.0, p2=2.5, intensity_range=(3.0, 99.5), cost="sad"
     )
     assert areas.blur is not None
@@ -239,9 +239,9 @@ def test_surveys_come_back_from_files_and_pickles(tmp_path: Path) -> None:
 
 def test_bands_match_alike_with_a_survey_that_comes_from_a_file(tmp_path: Path) -> None:
     read = scene((420, 130), "float32", soft=slice(180, None), masked=True)
-    told = surveyed(read)
-    told.save(tmp_path / "survey")
-    found = bands.match_rows(read, bands.load(tmp_path / "survey"), 0, 420)
+    told = gathered(read)
+    told.save(tmp_path / "statistics")
+    found = bands.match_rows(read, bands.load(tmp_path / "statistics"), 0, 420)
     expected = read.matched(num_disparities=16)
     assert_same(
         (found.disparity, found.flags, found.confidence),
@@ -255,9 +255,9 @@ def test_numbers_of_numpy_can_be_saved(tmp_path: Path) -> None:
         "window": np.int16(5), "p1": np.float32(0.1), "p2": np.float64(2.0),
     }  # fmt: skip
     read = scene()
-    told = ps.survey(read, (np.int64(150), np.int64(130)), **options)  # type: ignore[arg-type] # they do
-    told.save(tmp_path / "survey")
-    loaded = bands.load(tmp_path / "survey")
+    told = ps.pair_statistics(read, (np.int64(150), np.int64(130)), **options)  # type: ignore[arg-type] # they do
+    told.save(tmp_path / "statistics")
+    loaded = bands.load(tmp_path / "statistics")
     assert loaded.settings == told.settings
     assert (loaded.size, loaded.num_disparities, loaded.min_disparity) == ((150, 130), 16, -2)
 
@@ -265,7 +265,7 @@ def test_numbers_of_numpy_can_be_saved(tmp_path: Path) -> None:
 def test_a_survey_is_written_whole_or_not_at_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, told = tmp_path / "survey", surveyed(scene(), preset="fast")
+    path, told = tmp_path / "statistics", gathered(scene(), preset="fast")
     told.save(path)
     before = path.read_bytes()
 
@@ -279,7 +279,7 @@ def test_a_survey_is_written_whole_or_not_at_all(
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
     with pytest.raises(OSError, match="folder"):
-        told.save(tmp_path / "missing" / "survey")
+        told.save(tmp_path / "missing" / "statistics")
 
 
 def test_a_file_that_is_missing_or_a_folder_is_an_os_error(tmp_path: Path) -> None:
@@ -289,14 +289,14 @@ def test_a_file_that_is_missing_or_a_folder_is_an_os_error(tmp_path: Path) -> No
 
 
 def refused_file(path: Path) -> None:
-    """Check that no survey comes of a file, and that the message names it."""
+    """Check that no statistics comes of a file, and that the message names it."""
     with pytest.raises(ValueError, match=path.name):
         bands.load(path)
 
 
 def test_what_is_no_survey_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "survey"
-    surveyed(scene((200, 150), soft=slice(0, None))).save(path)
+    path = tmp_path / "statistics"
+    gathered(scene((200, 150), soft=slice(0, None))).save(path)
     whole = path.read_bytes()
     parts = [whole[:length] for length in (0, 1, 10, len(whole) // 2, len(whole) - 1)]
     for content in (*parts, b"\x80\x04K\x01.", b"%PDF", bytes(1000), b"PK\x03\x04" + bytes(99)):
@@ -336,9 +336,9 @@ def _written(path: Path, content: bytes) -> Path:
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a survey in a file."""
-    path = tmp_path_factory.mktemp("saved") / "survey"
-    surveyed(scene((200, 150), soft=slice(0, None))).save(path)
+    """Return statistics in a file."""
+    path = tmp_path_factory.mktemp("saved") / "statistics"
+    gathered(scene((200, 150), soft=slice(0, None))).save(path)
     return path
 
 
@@ -375,7 +375,7 @@ def test_damage_is_told_or_does_no_harm(saved: Path, place: float, byte: int) ->
         ({"widow": 5}, TypeError, "^widow: no such setting"),
         ({"settings": 3}, TypeError, "^settings: got int"),
         ({"noise": -1.0}, ValueError, "^noise: got -1"),
-        ({"equalisation": 3}, TypeError, "^equalisation: got int"),
+        ({"blur_compensation": 3}, TypeError, "^blur_compensation: got int"),
         ({"size": 5}, TypeError, "^size: got 5"),
         ({"size": (150,)}, TypeError, "^size: got"),
         ({"size": (150, 130, 1)}, TypeError, "^size: got"),
@@ -395,12 +395,12 @@ def test_a_survey_refuses_what_a_match_refuses(
         "read": scene(), "size": SIZE, "num_disparities": 16, "preset": preset
     }  # fmt: skip
     with pytest.raises(error, match=message):
-        ps.survey(**defaults | options)
+        ps.pair_statistics(**defaults | options)
 
 
 def test_a_preset_that_there_is_not_is_refused() -> None:
     with pytest.raises(ValueError, match="^preset: got 'slow'"):
-        surveyed(scene(), preset="slow")
+        gathered(scene(), preset="slow")
 
 
 def changed(index: int, value: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -448,7 +448,7 @@ def test_wrong_rows_are_refused(
         return read(first, last) if is_late and is_first else change(read(first, last))
 
     with pytest.raises(error, match=message):
-        ps.survey(wrong, SIZE, num_disparities=16)
+        ps.pair_statistics(wrong, SIZE, num_disparities=16)
 
 
 def test_rows_of_another_type_than_the_first_are_refused() -> None:
@@ -461,7 +461,7 @@ def test_rows_of_another_type_than_the_first_are_refused() -> None:
 
     message = "^read: got uint16 for the rows 0 to 150; accepts that of others, uint8"
     with pytest.raises(TypeError, match=message):
-        ps.survey(wrong, SIZE, num_disparities=16)
+        ps.pair_statistics(wrong, SIZE, num_disparities=16)
 
 
 @pytest.mark.parametrize("row", [0, 149])
@@ -469,9 +469,9 @@ def test_pixels_that_are_no_numbers_are_refused_unless_masked(row: int) -> None:
     read = scene(dtype="float32")
     read.images[0][row, 3] = np.nan
     with pytest.raises(ValueError, match="^left: got nan|^left: got NaN"):
-        surveyed(read)
+        gathered(read)
     read.masks = (~np.isnan(read.images[0]), None)
-    surveyed(read)
+    gathered(read)
 
 
 ERRORS = [LookupError("torn"), OSError(5, "unreadable"), KeyboardInterrupt(), SystemExit(3)]
@@ -481,17 +481,17 @@ ERRORS = [LookupError("torn"), OSError(5, "unreadable"), KeyboardInterrupt(), Sy
 @pytest.mark.parametrize("dtype", ["uint8", "float32"])
 def test_what_a_reader_raises_comes_out_as_it_is(error: BaseException, dtype: str) -> None:
     whole = scene((200, 150), dtype)
-    surveyed(whole)
+    gathered(whole)
     assert len(whole.asked) > 2
     for number in range(len(whole.asked)):
         read = scene((200, 150), dtype)
         read.error = error
         read.failing = lambda *_: len(read.asked) == number + 1  # noqa: B023 - called in this turn
         with pytest.raises(type(error)) as raised:
-            surveyed(read)
+            gathered(read)
         assert raised.value is error
         assert len(read.asked) == number + 1
-    surveyed(whole)
+    gathered(whole)
 
 
 def test_what_a_reader_raises_comes_out_in_any_thread() -> None:
@@ -501,7 +501,7 @@ def test_what_a_reader_raises_comes_out_in_any_thread() -> None:
         read = scene()
         read.failing = lambda _first, last: last > 1
         try:
-            surveyed(read)
+            gathered(read)
         except LookupError as error:
             seen.append(error)
 
@@ -515,11 +515,11 @@ def test_what_a_reader_raises_comes_out_in_any_thread() -> None:
 
 def test_surveys_at_the_same_time_do_not_disturb_one_another() -> None:
     reads = [scene((160, 100), dtype) for dtype in DTYPES]
-    expected = [surveyed(read) for read in reads]
+    expected = [gathered(read) for read in reads]
     found: list[Any] = [None] * 12
 
     def work(turn: int) -> None:
-        found[turn] = surveyed(scene((160, 100), DTYPES[turn % 4]), threads=1 + turn % 3)
+        found[turn] = gathered(scene((160, 100), DTYPES[turn % 4]), threads=1 + turn % 3)
 
     threads = [threading.Thread(target=work, args=[turn]) for turn in range(12)]
     for thread in threads:
@@ -541,7 +541,7 @@ def read(first, last):
         time.sleep(0.2)
     return (image.repeat(last - first, 0),) * 2 + (None, None)
 try:
-    ps.survey(read, (100000, 70000), num_disparities=4, preset="paper")
+    ps.pair_statistics(read, (100000, 70000), num_disparities=4, preset="paper")
 except KeyboardInterrupt:
     print("stopped")
 """)
@@ -557,7 +557,7 @@ pair = np.random.default_rng(0).integers(0, 256, (2, 100, 90), np.uint8)
 def read(first, last):
     ps.match(*pair, num_disparities=4)
     return pair[0][first:last], pair[1][first:last], None, None
-told = ps.survey(read, (100, 90), num_disparities=8)
+told = ps.pair_statistics(read, (100, 90), num_disparities=8)
 ps.match_rows(read, told, 0, 100)
 """)
     assert finished.returncode == 0, finished.stderr
@@ -569,7 +569,7 @@ def test_a_forked_child_surveys() -> None:
 pair = np.random.default_rng(0).integers(0, 256, (2, 100, 90), np.uint8)
 read = lambda first, last: (pair[0][first:last], pair[1][first:last], None, None)
 def work():
-    told = ps.survey(read, (100, 90), num_disparities=8)
+    told = ps.pair_statistics(read, (100, 90), num_disparities=8)
     return ps.match_rows(read, told, 0, 100).disparity
 expected = work()
 def same():
