@@ -22,7 +22,7 @@ use crate::descriptor::{Code, Codes, describe};
 use crate::error::{Error, Result};
 use crate::image::convolution::Kernel;
 use crate::image::intensity::{Gray, LEVEL_CEILING, LEVEL_STEPS, level_planes};
-use crate::image::normalization::{DEVIATION_CEILING, DEVIATION_STEPS, normalise};
+use crate::image::normalization::{DEVIATION_CEILING, DEVIATION_STEPS, normalize};
 use crate::image::plane::Plane;
 use crate::image::view::{Mask, View};
 use crate::pipeline::control::Control;
@@ -61,7 +61,7 @@ pub fn steps_of(cost: CostKind) -> u16 {
     match cost {
         CostKind::Phase => 1,
         CostKind::Sad => LEVEL_STEPS,
-        CostKind::NormalisedSad => DEVIATION_STEPS,
+        CostKind::NormalizedSad => DEVIATION_STEPS,
     }
 }
 
@@ -95,10 +95,10 @@ impl<'a> Costs<'a> {
                 let channels = level_planes(views, settings.intensity_range, control)?;
                 absolute_differences(channels, candidates, LEVEL_CEILING)?
             }
-            CostKind::NormalisedSad => {
+            CostKind::NormalizedSad => {
                 let [left, right] = level_planes(views, settings.intensity_range, control)?;
                 let normalised = |side: Vec<Plane<u16>>| -> Result<Vec<_>> {
-                    side.iter().map(|plane| normalise(plane, settings.window, control)).collect()
+                    side.iter().map(|plane| normalize(plane, settings.window, control)).collect()
                 };
                 let channels = [normalised(left)?, normalised(right)?];
                 absolute_differences(channels, candidates, DEVIATION_CEILING)?
@@ -125,7 +125,7 @@ impl<'a> Costs<'a> {
         Plane::by_bands((rows, self.cols * count), 1, |y, volume| {
             control.checkpoint()?;
             let mut costs = Memory::default();
-            costs.room(self.cols * self.chunks())?;
+            costs.resize(self.cols * self.chunks())?;
             level.run(Write { costs: self, y, out: &mut costs });
             for (volume, costs) in
                 volume.chunks_exact_mut(count).zip(costs.as_flattened().chunks_exact(padded))

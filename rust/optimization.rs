@@ -251,7 +251,7 @@ impl Search<'_> {
         let (runs, cols) = (self.runs(), self.size.1);
         let seen = if is_vertical { self.seen(&rows) } else { rows.clone() };
         let Workspace { aggregator, costs, horizontal, vertical, evidence, .. } = workspace;
-        costs.iter_mut().try_for_each(|costs| costs.room(seen.len() * PANEL * runs))?;
+        costs.iter_mut().try_for_each(|costs| costs.resize(seen.len() * PANEL * runs))?;
         horizontal.begin(rows.len(), PANEL, runs)?;
         vertical.begin(rows.len(), runs)?;
         let terrain = Terrain { penalties: Penalties::new(self.steps), edges: self.edges };
@@ -299,7 +299,7 @@ impl Search<'_> {
         workspace: &mut Workspace<T>,
     ) -> Result<()> {
         let Workspace { aggregator, costs: [costs, _], evidence, .. } = workspace;
-        costs.room(rows.len() * PANEL * self.runs())?;
+        costs.resize(rows.len() * PANEL * self.runs())?;
         for columns in self.panels() {
             self.control.checkpoint()?;
             let totals = &mut costs[..rows.len() * columns.len() * self.runs()];
@@ -319,7 +319,7 @@ impl Search<'_> {
     ) -> Result<()> {
         let Workspace { aggregator, costs: [costs, _], ordered, evidence, .. } = workspace;
         let width = self.size.1 * self.runs();
-        costs.room(ORDERED_ROWS.min(rows.len()) * width)?;
+        costs.resize(ORDERED_ROWS.min(rows.len()) * width)?;
         for first in rows.clone().step_by(ORDERED_ROWS) {
             self.control.checkpoint()?;
             let some = first..(first + ORDERED_ROWS).min(rows.end);

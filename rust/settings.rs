@@ -34,7 +34,7 @@ pub enum CostKind {
     /// Sum over the channels of absolute differences; unit: gray levels, 255 over the intensity range.
     Sad,
     /// The same on channels normalised by local mean and deviation; unit: standard deviations.
-    NormalisedSad,
+    NormalizedSad,
 }
 
 /// Window under the local Fourier transform.
@@ -72,7 +72,7 @@ pub enum Precision {
 
 /// What costs are called.
 pub const COSTS: [(&str, CostKind); 3] =
-    [("phase", CostKind::Phase), ("sad", CostKind::Sad), ("nsad", CostKind::NormalisedSad)];
+    [("phase", CostKind::Phase), ("sad", CostKind::Sad), ("nsad", CostKind::NormalizedSad)];
 /// What tapers are called.
 pub const TAPERS: [(&str, Taper); 3] =
     [("uniform", Taper::Uniform), ("gaussian", Taper::Gaussian), ("hann", Taper::Hann)];

@@ -169,11 +169,11 @@ impl<V: Value> Aggregator<V> {
     ) -> Result<()> {
         let chunks = costs.chunks();
         let around = window.reach().min(1) * (block.columns.len() + 2 * window.reach());
-        self.boxes.room(around * window.side * chunks)?;
+        self.boxes.resize(around * window.side * chunks)?;
         self.costs.begin(window, &block.columns, chunks)?;
         if costs.has_votes() {
             self.votes.begin(Window { dropped: 0, ..window }, &block.columns, chunks)?;
-            self.counts.room((block.columns.len() + 2 * window.reach()) * chunks)?;
+            self.counts.resize((block.columns.len() + 2 * window.reach()) * chunks)?;
         }
         level.run(Aggregate { aggregator: self, costs, window, block, out });
         Ok(())
@@ -325,8 +325,8 @@ impl<V: Value> BoxSums<V> {
         self.around = columns.start.saturating_sub(margin)..(columns.end + margin).min(window.cols);
         (self.window, self.chunks, self.center) = (window, chunks, None);
         let width = self.around.len() * chunks;
-        self.rows.room((window.side + 1) * width)?;
-        self.columns.room(width)
+        self.rows.resize((window.side + 1) * width)?;
+        self.columns.resize(width)
     }
 
     /// Moves the window to a row, the next one unless it is the first.
@@ -425,7 +425,7 @@ pub fn aggregate(
         control.checkpoint()?;
         let (mut aggregator, mut lanes) = (Aggregator::<u32>::default(), Memory::default());
         let rows = index * ROWS..((index + 1) * ROWS).min(rows);
-        lanes.room(rows.len() * cols * costs.chunks())?;
+        lanes.resize(rows.len() * cols * costs.chunks())?;
         aggregator.aggregate(
             &costs,
             window,

@@ -29,7 +29,7 @@ const TANGENTS: [f64; 7] = [
 /// A quadrant's sectors begin where the quotient of its coordinates, correctly rounded, reaches a tangent:
 /// that depends on their ratio alone, so scaling an image changes nothing.
 #[derive(Debug, Clone)]
-pub struct Quantiser {
+pub struct Quantizer {
     /// The power `k` of the spectrum.
     power: usize,
     /// Bits of each code: half the number of levels.
@@ -38,14 +38,14 @@ pub struct Quantiser {
     weak: Option<f64>,
 }
 
-impl Quantiser {
+impl Quantizer {
     /// Sectors and codes for `b` bits of the phase of `F^k`.
     pub fn new(settings: &Settings) -> Self {
         let code_length = 1 << (settings.bits - 1);
         Self { power: settings.power, code_length, weak: None }
     }
 
-    /// The quantiser that calls parts of `F` weak up to `threshold`, a whole number, and those of `F^2` up to its
+    /// The quantizer that calls parts of `F` weak up to `threshold`, a whole number, and those of `F^2` up to its
     /// square; for `b` = 2.
     pub fn with_weak_level(self, threshold: f64) -> Self {
         debug_assert!(self.code_length == 2 && threshold >= 0.0);
@@ -258,8 +258,8 @@ mod tests {
     use crate::math;
     use crate::settings::presets::Preset;
 
-    fn quantiser(power: usize, bits: usize) -> Quantiser {
-        Quantiser::new(&Settings { power, bits, ..Preset::Paper.settings() })
+    fn quantizer(power: usize, bits: usize) -> Quantizer {
+        Quantizer::new(&Settings { power, bits, ..Preset::Paper.settings() })
     }
 
     #[test]
@@ -284,7 +284,7 @@ mod tests {
     #[test]
     fn sectors_follow_the_argument() {
         for (power, bits) in [1, 2].into_iter().flat_map(|k| (1..=4).map(move |b| (k, b))) {
-            let (quantiser, half) = (quantiser(power, bits), 1i64 << (bits - 1));
+            let (quantizer, half) = (quantizer(power, bits), 1i64 << (bits - 1));
             for step in 0..720 {
                 // Boundaries lie at multiples of 11.25 degrees, none of which this meets.
                 let angle = (0.5 * f64::from(step) + 0.1).to_radians();
@@ -292,7 +292,7 @@ mod tests {
                 let turned = angle * power as f64 / std::f64::consts::PI;
                 let level = ((half as f64 * turned).floor() as i64).rem_euclid(2 * half);
                 let expected = johnson(level as usize, half as usize);
-                assert_eq!(quantiser.code(re, im), expected, "k = {power}, b = {bits}, {step}");
+                assert_eq!(quantizer.code(re, im), expected, "k = {power}, b = {bits}, {step}");
             }
         }
     }
@@ -303,7 +303,7 @@ mod tests {
             let sectors = power << bits;
             let code = |boundary: usize, off: f64| {
                 let angle = std::f64::consts::TAU * boundary as f64 / sectors as f64 + off;
-                quantiser(power, bits)
+                quantizer(power, bits)
                     .code((math::cos(angle) * 1e12) as i64, (math::sin(angle) * 1e12) as i64)
             };
             for boundary in 0..sectors {
@@ -320,36 +320,36 @@ mod tests {
 
     #[test]
     fn rows_of_either_arithmetic_hold_the_codes_of_their_components() {
-        fn row<T: Lane>(quantiser: &Quantiser, components: &[(i32, i32)]) -> Vec<u64> {
+        fn row<T: Lane>(quantizer: &Quantizer, components: &[(i32, i32)]) -> Vec<u64> {
             let re: Vec<T> = components.iter().map(|(re, _)| T::from(*re)).collect();
             let im: Vec<T> = components.iter().map(|(_, im)| T::from(*im)).collect();
             let mut words = vec![T::Word::default(); components.len()];
-            quantiser.add(&re, &im, 3, &mut words);
+            quantizer.add(&re, &im, 3, &mut words);
             words.into_iter().map(|word| word.into() >> 3).collect()
         }
         let near = (-9..=9).flat_map(|re| (-9..=9).map(move |im| (re, im)));
         let far = near.clone().map(|(re, im)| (re * 150_000_001, im * 150_000_000));
         let components: Vec<_> = near.chain(far).collect();
         for (power, bits) in [1, 2].into_iter().flat_map(|k| (1..=4).map(move |b| (k, b))) {
-            let quantiser = quantiser(power, bits);
-            let code = |(re, im): &(i32, i32)| quantiser.code((*re).into(), (*im).into());
+            let quantizer = quantizer(power, bits);
+            let code = |(re, im): &(i32, i32)| quantizer.code((*re).into(), (*im).into());
             let expected: Vec<_> = components.iter().map(code).collect();
-            assert_eq!(row::<i32>(&quantiser, &components), expected, "k = {power}, b = {bits}");
-            assert_eq!(row::<f64>(&quantiser, &components), expected, "k = {power}, b = {bits}");
+            assert_eq!(row::<i32>(&quantizer, &components), expected, "k = {power}, b = {bits}");
+            assert_eq!(row::<f64>(&quantizer, &components), expected, "k = {power}, b = {bits}");
         }
         for (power, threshold) in
             [1, 2].into_iter().flat_map(|k| [0.0, 4.0, 450_000_000.0, 1e12].map(|t| (k, t)))
         {
-            let quantiser = quantiser(power, 2).with_weak_level(threshold);
-            let code = |(re, im): &(i32, i32)| quantiser.code((*re).into(), (*im).into());
+            let quantizer = quantizer(power, 2).with_weak_level(threshold);
+            let code = |(re, im): &(i32, i32)| quantizer.code((*re).into(), (*im).into());
             let expected: Vec<_> = components.iter().map(code).collect();
             assert_eq!(
-                row::<i32>(&quantiser, &components),
+                row::<i32>(&quantizer, &components),
                 expected,
                 "k = {power}, t = {threshold}"
             );
             assert_eq!(
-                row::<f64>(&quantiser, &components),
+                row::<f64>(&quantizer, &components),
                 expected,
                 "k = {power}, t = {threshold}"
             );
@@ -373,9 +373,9 @@ mod tests {
             places.flat_map(|(re, im)| [(re, im), (re * 9973, im * 10_007)]).collect();
         for (power, threshold) in [1, 2].into_iter().flat_map(|k| [0, 1, 3, 29_919].map(|t| (k, t)))
         {
-            let quantiser = quantiser(power, 2).with_weak_level(threshold.into());
+            let quantizer = quantizer(power, 2).with_weak_level(threshold.into());
             for &(re, im) in &places {
-                let code = quantiser.code(re.into(), im.into());
+                let code = quantizer.code(re.into(), im.into());
                 let [a, b] = levels(power, re, im, threshold);
                 let bits = [a < 0, b < 0, a > 0, b > 0].map(u64::from);
                 let expected = (0..).zip(bits).map(|(place, bit)| bit << place).sum::<u64>();
@@ -386,11 +386,11 @@ mod tests {
 
     #[test]
     fn opposite_signs_differ_in_two_bits_and_weak_parts_from_clear_ones_in_one() {
-        let quantiser = quantiser(1, 2).with_weak_level(2.0);
+        let quantizer = quantizer(1, 2).with_weak_level(2.0);
         let parts: Vec<_> =
             [-3, 0, 3].into_iter().flat_map(|re| [-3, 0, 3].map(|im| (re, im))).collect();
         for (a, b) in parts.iter().flat_map(|a| parts.iter().map(move |b| (a, b))) {
-            let apart = (quantiser.code(a.0, a.1) ^ quantiser.code(b.0, b.1)).count_ones();
+            let apart = (quantizer.code(a.0, a.1) ^ quantizer.code(b.0, b.1)).count_ones();
             assert_eq!(
                 u64::from(apart),
                 (a.0.abs_diff(b.0) + a.1.abs_diff(b.1)) / 3,
@@ -409,12 +409,12 @@ mod tests {
 
     #[test]
     fn ties_are_those_of_floor_on_half_open_arguments() {
-        let level = |re, im| quantiser(1, 2).code(re, im);
+        let level = |re, im| quantizer(1, 2).code(re, im);
         assert_eq!(level(0, 0), johnson(0, 2), "zero");
         assert_eq!(level(5, 0), johnson(0, 2), "positive real axis");
         assert_eq!(level(0, 5), johnson(1, 2), "positive imaginary axis");
         assert_eq!(level(-5, 0), johnson(2, 2), "negative real axis: level -2");
         assert_eq!(level(0, -5), johnson(3, 2), "negative imaginary axis: level -1");
-        assert_eq!(quantiser(1, 3).code(5, 5), johnson(1, 4), "the diagonal is exact");
+        assert_eq!(quantizer(1, 3).code(5, 5), johnson(1, 4), "the diagonal is exact");
     }
 }

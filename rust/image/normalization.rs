@@ -35,7 +35,7 @@ impl Moments {
 ///
 /// One gray level of deviation is added in quadrature, so that flat areas do not turn noise into signal.
 /// The one division and square root per pixel are those of IEEE 754, alike on every machine.
-pub fn normalise(plane: &Plane<u16>, window: usize, control: &Control) -> Result<Plane<u16>> {
+pub fn normalize(plane: &Plane<u16>, window: usize, control: &Control) -> Result<Plane<u16>> {
     let size = (plane.rows(), plane.cols());
     Plane::by_bands(size, BAND_ROWS, |first, band| {
         normalise_band(plane, window, first, control, band)

@@ -33,11 +33,11 @@ impl Evidence {
     /// Begins a band; unless it is weighed, the chosen candidates are all that is known of it.
     pub fn begin(&mut self, rows: usize, cols: usize, is_weighed: bool) -> Result<()> {
         self.cols = cols;
-        self.chosen.room(rows * cols)?;
+        self.chosen.resize(rows * cols)?;
         let weighed = if is_weighed { rows * cols } else { 0 };
-        self.own.room(weighed)?;
-        self.elsewhere.room(weighed)?;
-        self.offset.room(weighed)
+        self.own.resize(weighed)?;
+        self.elsewhere.resize(weighed)?;
+        self.offset.resize(weighed)
     }
 
     /// Writes which candidates were chosen for neighboring pixels of a row, from column `first` on.

@@ -39,10 +39,10 @@ impl Ordered {
     ) -> Result<&[u16]> {
         let runs = candidates.div_ceil(LANES);
         let cols = costs.len() / runs;
-        self.totals.room(candidates)?;
+        self.totals.resize(candidates)?;
         self.totals.fill(0);
-        self.origins.room(cols * candidates)?;
-        self.chosen.room(cols)?;
+        self.origins.resize(cols * candidates)?;
+        self.chosen.resize(cols)?;
 
         let pixels = costs.chunks_exact(runs).zip(self.origins.chunks_exact_mut(candidates));
         for (costs, origins) in pixels {

@@ -10,7 +10,7 @@ use crate::image::normalization::{DEVIATION_CEILING, DEVIATION_STEPS};
 use crate::image::texture::Texture;
 use crate::optimization::selection::PIXELS;
 use crate::optimization::{BAND, LOOK_ROWS, ORDERED_ROWS, PANEL, Steps};
-use crate::pipeline::halo::Reach;
+use crate::pipeline::halo::Halo;
 use crate::pipeline::matcher::Width;
 use crate::refinement::synthesis;
 use crate::rig::alignment::Alignment;
@@ -56,7 +56,7 @@ pub struct Demand<'a> {
 impl Demand<'_> {
     /// The bytes that so many rows take, with those around them that they depend on.
     pub fn bytes(&self, rows: usize) -> u64 {
-        let reach = Reach::new(self.settings, self.versions, self.alignment);
+        let reach = Halo::new(self.settings, self.versions, self.alignment);
         let read = rows + 2 * (reach.rows() + reach.masked);
         let map = (rows + 2 * reach.map) * self.cols;
         // Both images and their masks, twice; the right one once more, or twice, if it is straightened.
@@ -84,7 +84,7 @@ impl Demand<'_> {
                 (length.div_ceil(8), right, 2 * word + GRAY)
             }
             CostKind::Sad => (2 * channels, 1, 4 * channels),
-            CostKind::NormalisedSad => (2 * channels, 1, 6 * channels + 8),
+            CostKind::NormalizedSad => (2 * channels, 1, 6 * channels + 8),
         };
         (bytes * (self.cols + right * unrolled) + valid, passing * self.cols)
     }
@@ -128,7 +128,7 @@ impl Demand<'_> {
         let (ceiling, steps) = match self.settings.cost {
             CostKind::Phase => (self.settings.code_length() as u16, 1),
             CostKind::Sad => (LEVEL_CEILING * channels, LEVEL_STEPS),
-            CostKind::NormalisedSad => (DEVIATION_CEILING * channels, DEVIATION_STEPS),
+            CostKind::NormalizedSad => (DEVIATION_CEILING * channels, DEVIATION_STEPS),
         };
         let window = Window::new((BAND, self.cols), self.candidates, self.settings, ceiling);
         (window, Steps::new(self.settings, window, steps))

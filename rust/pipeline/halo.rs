@@ -18,7 +18,7 @@ use crate::settings::{CostKind, Optimizer, Settings};
 
 /// Rows on either side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Reach {
+pub struct Halo {
     /// Rows of the images around one that is described and summed over windows.
     pub description: usize,
     /// Rows of the images around one whose disparities are chosen.
@@ -29,7 +29,7 @@ pub struct Reach {
     pub masked: usize,
 }
 
-impl Reach {
+impl Halo {
     /// That of checked settings, for images that are compared in these versions, the right one straightened.
     pub fn new(
         settings: &Settings,
@@ -40,7 +40,7 @@ impl Reach {
         let description = match settings.cost {
             CostKind::Phase => settings.largest_neighborhood() / 2 + versions.map_or(0, described),
             CostKind::Sad => 0,
-            CostKind::NormalisedSad => settings.window / 2,
+            CostKind::NormalizedSad => settings.window / 2,
         };
         // The rest of the band that a row lies in, and what its paths see beyond.
         let paths = match settings.optimizer {

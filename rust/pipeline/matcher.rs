@@ -21,7 +21,7 @@ use crate::optimization::evidence::Evidence;
 use crate::optimization::selection::Selection;
 use crate::optimization::{Search, Steps, Windowed, Workspace};
 use crate::pipeline::control::Control;
-use crate::pipeline::halo::Reach;
+use crate::pipeline::halo::Halo;
 use crate::pipeline::map::{Band, Map};
 use crate::pipeline::platform::{Instant, Pool};
 use crate::pipeline::section::Section;
@@ -266,7 +266,7 @@ impl Matcher {
         settings.check()?;
         section.check(pair)?;
         // What was chosen for rows around these counts when they are refined.
-        let around = section.widened(Reach::new(settings, pair.versions(), None).map, pair);
+        let around = section.widened(Halo::new(settings, pair.versions(), None).map, pair);
         let wanted = section.rows.start - around.start..section.rows.end - around.start;
         let widened = Section { rows: around, ..section.clone() };
         let found = self.run_alone(pair, &widened, settings, how, control)?;

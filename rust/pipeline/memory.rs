@@ -23,7 +23,7 @@ impl<T> Default for Memory<T> {
 
 impl<T: Clone + Default> Memory<T> {
     /// Asks for `count` values; an error, not an abort, when the memory cannot be had.
-    pub fn room(&mut self, count: usize) -> Result<()> {
+    pub fn resize(&mut self, count: usize) -> Result<()> {
         let needed = count.saturating_add(LINE);
         if let Some(missing) = needed.checked_sub(self.values.len()) {
             self.values
@@ -64,7 +64,7 @@ mod tests {
         let mut memory = Memory::<u16>::default();
         assert!(memory.is_empty());
         for count in [3, 1000, 0, 70] {
-            memory.room(count).expect("memory");
+            memory.resize(count).expect("memory");
             assert_eq!(memory.len(), count);
             assert_eq!(memory.as_ptr().align_offset(LINE), 0);
             memory.fill(7);
@@ -74,7 +74,7 @@ mod tests {
 
     #[test]
     fn too_much_is_an_error() {
-        let refused = Memory::<u64>::default().room(usize::MAX / 2);
+        let refused = Memory::<u64>::default().resize(usize::MAX / 2);
         assert!(matches!(refused, Err(Error::OutOfMemory { .. })));
     }
 }

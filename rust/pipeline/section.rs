@@ -1,7 +1,7 @@
 //! Rows of a pair that are matched by themselves.
 //!
 //! Nothing that a match works out depends on which other rows are wanted. So rows come out as those of the whole pair if
-//! the part at hand has all that they depend on: [`crate::pipeline::halo::Reach::rows`] on either side, as far as there are any.
+//! the part at hand has all that they depend on: [`crate::pipeline::halo::Halo::rows`] on either side, as far as there are any.
 
 use std::ops::Range;
 

@@ -229,11 +229,11 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
 
 /// What Python tells of a pair before it is looked at: noise, versions, the field of the rows, and whether the right image
 /// is to be inverted.
-pub type ToldOfPair<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>, bool);
+pub type KnownOfPair<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>, bool);
 
 /// What a call tells of a pair: its noise, or the versions in which its pixels are compared, and the field of its rows.
 pub fn read_known(
-    (noise, versions, field, is_inverted): &ToldOfPair<'_>,
+    (noise, versions, field, is_inverted): &KnownOfPair<'_>,
     size: (usize, usize),
     search: Search,
 ) -> PyResult<Known> {
@@ -254,7 +254,7 @@ pub fn read_known(
 }
 
 /// What `phasestereo.surveying.Survey` tells of a whole pair.
-pub struct Told<'py> {
+pub struct Statistics<'py> {
     pub settings: Settings,
     pub versions: Option<Versions>,
     pub alignment: Option<Alignment>,
@@ -264,7 +264,7 @@ pub struct Told<'py> {
     pub roughness: Option<Roughness>,
 }
 
-impl<'py> Told<'py> {
+impl<'py> Statistics<'py> {
     /// The fields, checked.
     pub fn read(survey: &Bound<'py, PyAny>) -> PyResult<Self> {
         let settings = read_settings(&survey.getattr("settings")?)?;

@@ -43,9 +43,9 @@ impl Checker {
     /// occlusions this tells 67 % of the flagged pixels rightly; whether the owner is the nearer one, 47 %.
     pub fn check(&mut self, choices: Choices, most: u16, flags: &mut [u16]) -> Result<()> {
         let cols = choices.chosen.len();
-        self.columns.room(cols)?;
-        self.owners.room(cols)?;
-        self.consistent.room(cols + 2)?;
+        self.columns.resize(cols)?;
+        self.owners.resize(cols)?;
+        self.consistent.resize(cols + 2)?;
         self.find_columns(choices, flags);
         self.claim(choices.costs);
         self.consistent.fill(false);

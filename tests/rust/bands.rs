@@ -17,7 +17,7 @@ use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::image::view::{Mask, View};
 use phasestereo::internals::optimization::BAND;
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::pipeline::halo::Reach;
+use phasestereo::internals::pipeline::halo::Halo;
 use phasestereo::internals::pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
 use phasestereo::internals::pipeline::section::Section;
 use phasestereo::internals::pipeline::source::{ranges, roughness, widened};
@@ -52,8 +52,8 @@ impl Job {
         Self { pair, settings, ranges: found, roughness: rough.expect("all rows") }
     }
 
-    fn reach(&self) -> Reach {
-        Reach::new(&self.settings, self.pair.versions(), None)
+    fn reach(&self) -> Halo {
+        Halo::new(&self.settings, self.pair.versions(), None)
     }
 
     fn whole(&self, (matcher, how): (&Matcher, Execution)) -> Seen {
@@ -342,7 +342,7 @@ fn ways_to_reach() -> Vec<(Settings, Option<Versions>)> {
         (Settings { window: 9, shiftable: false, ..phase }, None),
         (Settings { window: 1, ..phase }, Some(two_versions())),
         (Settings { cost: CostKind::Sad, window: 5, ..phase }, None),
-        (Settings { cost: CostKind::NormalisedSad, window: 5, ..phase }, None),
+        (Settings { cost: CostKind::NormalizedSad, window: 5, ..phase }, None),
         (Settings { shiftable: false, ..several }, None),
         (Settings { window: 1, adaptive_p2: 1.0, ..several }, Some(two_versions())),
         (Settings { cost: CostKind::Sad, window: 1, ..several }, None),
@@ -474,7 +474,7 @@ fn refinement_needs_its_reach_and_no_more() {
         // What several stages reach together is not always needed, and what speckles and edges reach is told by
         // other maps.
         let is_one = settings.speckle_size == 0 && !settings.guided_median;
-        let reach = Reach::new(&settings, None, None).map;
+        let reach = Halo::new(&settings, None, None).map;
         let mut is_tight = reach == 0;
         for seed in 0..400 {
             let percent = [0, 3, 20, 60, 97][seed as usize % 5];
@@ -496,7 +496,7 @@ fn refinement_needs_its_reach_and_no_more() {
 #[test]
 fn edges_are_drawn_to_jumps_as_far_as_they_reach() {
     let settings = Settings { guided_median: true, ..nothing() };
-    let reach = Reach::new(&settings, None, None).map;
+    let reach = Halo::new(&settings, None, None).map;
     for cut in [60, 61, 75] {
         let calm = |y: usize, x: usize| (hash(6, y, x) % 4) as f32 / 4.0;
         let step = |y: usize| if y + 1 >= cut + reach { 5.0 } else { 0.0 };
@@ -514,7 +514,7 @@ fn edges_are_drawn_to_jumps_as_far_as_they_reach() {
 #[test]
 fn speckles_are_as_large_as_they_reach() {
     let settings = Settings { speckle_size: 20, fill: false, ..nothing() };
-    let reach = Reach::new(&settings, None, None).map;
+    let reach = Halo::new(&settings, None, None).map;
     let column = |length: usize| Map {
         disparity: Plane::from_fn(150, 24, |y, x| {
             if x == 7 && (60..60 + length).contains(&y) { 9.0 } else { 1.0 }

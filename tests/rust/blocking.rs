@@ -33,7 +33,7 @@ proptest! {
     #![proptest_config(random(256))]
 
     #[test]
-    fn jumps_are_those_of_the_twin(
+    fn jumps_are_those_of_the_reference(
         rows in 1usize..=40,
         cols in 1usize..=40,
         seed: u64,

@@ -77,7 +77,7 @@ fn ceilings_and_steps_are_those_of_the_unit() {
     assert_eq!(scale(CostKind::Phase, 2), Ok((14, 1)), "bits");
     assert_eq!(scale(CostKind::Phase, 3), Ok((28, 1)), "bits");
     assert_eq!(scale(CostKind::Sad, 2), Ok((3 * 3 * 255 * 16, 16)), "sixteenths of gray levels");
-    assert_eq!(scale(CostKind::NormalisedSad, 2), Ok((3 * 32 * 256, 256)), "256ths of deviations");
+    assert_eq!(scale(CostKind::NormalizedSad, 2), Ok((3 * 32 * 256, 256)), "256ths of deviations");
 }
 
 #[test]
@@ -101,7 +101,7 @@ fn codes_of_one_to_eight_bytes_fill_any_lanes() {
 
 #[test]
 fn any_number_of_candidates_at_any_offset_is_within_reach() {
-    for (cost, rows, count) in [CostKind::Phase, CostKind::Sad, CostKind::NormalisedSad]
+    for (cost, rows, count) in [CostKind::Phase, CostKind::Sad, CostKind::NormalizedSad]
         .into_iter()
         .flat_map(|cost| COUNTS.into_iter().map(move |count| (cost, 1 + count % 3, count)))
     {
@@ -167,7 +167,7 @@ proptest! {
         left in views(3, 7, 0),
         right in views(3, 7, 0),
         min in -6i64..6,
-        cost in prop::sample::select(vec![CostKind::Sad, CostKind::NormalisedSad]),
+        cost in prop::sample::select(vec![CostKind::Sad, CostKind::NormalizedSad]),
     ) {
         let candidates = Candidates::new(min, 4, 7).expect("in reach");
         let settings = Settings { cost, window: 5, ..Preset::Paper.settings() };

@@ -31,7 +31,7 @@ proptest! {
     #![proptest_config(random(256))]
 
     #[test]
-    fn maps_are_filled_like_by_the_twin(map in maps()) {
+    fn maps_are_filled_like_by_the_reference(map in maps()) {
         let ((fast, fast_flags), (naive, naive_flags)) =
             (filled(&map), reference::fill(&map.disparity, &map.flags));
         prop_assert_eq!(bits(&fast), bits(&naive));
@@ -115,15 +115,15 @@ fn empty_rows_look_up_to_the_reach() {
     assert!(of(second + REACH + 2, third));
     assert!(of(third + REACH, third));
     assert!(stays(third + REACH + 1));
-    let twin = reference::fill(&map.disparity, &map.flags);
-    assert_eq!((bits(&disparity), flags), (bits(&twin.0), twin.1));
+    let reference = reference::fill(&map.disparity, &map.flags);
+    assert_eq!((bits(&disparity), flags), (bits(&reference.0), reference.1));
 }
 
 proptest! {
     #![proptest_config(random(40))]
 
     #[test]
-    fn tall_maps_are_filled_like_by_the_twin(rows in 1usize..=300, seed in any::<u64>(), rare in 1u64..=100) {
+    fn tall_maps_are_filled_like_by_the_reference(rows in 1usize..=300, seed in any::<u64>(), rare in 1u64..=100) {
         let map = tall(rows, |y| hash(seed, y, 0).is_multiple_of(rare));
         let ((fast, fast_flags), (naive, naive_flags)) =
             (filled(&map), reference::fill(&map.disparity, &map.flags));

@@ -20,7 +20,7 @@ proptest! {
     #![proptest_config(random(256))]
 
     #[test]
-    fn maps_are_guided_like_by_the_twin(
+    fn maps_are_guided_like_by_the_reference(
         map in maps(),
         largest in select(vec![0, 1, 3, 255, 1 << 25]),
         seed: u64,

@@ -30,7 +30,7 @@ proptest! {
     #![proptest_config(random(512))]
 
     #[test]
-    fn they_are_repaired_like_by_the_twin(
+    fn they_are_repaired_like_by_the_reference(
         plane in grays(40),
         height in select(vec![0, 1, 20, 20_000, 1 << 24, i32::MAX]),
     ) {
@@ -38,7 +38,7 @@ proptest! {
     }
 
     #[test]
-    fn they_are_counted_like_by_the_twin(
+    fn they_are_counted_like_by_the_reference(
         rows in 1usize..=30,
         cols in 1usize..=40,
         seed: u64,

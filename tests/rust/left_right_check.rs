@@ -31,7 +31,7 @@ proptest! {
     #![proptest_config(random(512))]
 
     #[test]
-    fn rows_are_checked_like_the_twin(
+    fn rows_are_checked_like_the_reference(
         cols in prop_oneof![3 => 1usize..=12, 1 => 13usize..=90],
         (min, count) in (-9i64..=9, 1i64..=12),
         (most, largest) in (select(vec![0u16, 1, 2, 300]), select(vec![1u64, 3, u64::from(u32::MAX)])),

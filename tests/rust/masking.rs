@@ -59,7 +59,7 @@ proptest! {
     #![proptest_config(random(40))]
 
     #[test]
-    fn tall_images_are_filled_like_by_the_twin(rows in 1usize..=600, seed in any::<u64>(), rare in 1u64..=200) {
+    fn tall_images_are_filled_like_by_the_reference(rows in 1usize..=600, seed in any::<u64>(), rare in 1u64..=200) {
         let (gray, mask) = tall(rows, |y| hash(seed, y, 0).is_multiple_of(rare));
         prop_assert_eq!(filled(&gray, &mask), reference::fill_masked(&gray, &mask));
     }

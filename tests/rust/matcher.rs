@@ -1,5 +1,5 @@
 //! Whole matches: any way to cut up the work, any integers, any memory used before, against the chain of the
-//! naive twins.
+//! reference implementations.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -195,7 +195,7 @@ fn settings_of_every_width() -> Vec<(Settings, usize)> {
     let cheap = (0.05, 0.1);
     let dear = (LARGEST_PENALTY, LARGEST_PENALTY);
     let sad = Settings { cost: CostKind::Sad, ..phase };
-    let normalised = Settings { cost: CostKind::NormalisedSad, ..byte };
+    let normalised = Settings { cost: CostKind::NormalizedSad, ..byte };
     let by = |optimizer, (p1, p2), settings: &Settings| Settings {
         optimizer,
         p1,

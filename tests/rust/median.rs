@@ -27,7 +27,7 @@ proptest! {
     #![proptest_config(random(256))]
 
     #[test]
-    fn maps_are_smoothed_like_by_the_twin(map in maps()) {
+    fn maps_are_smoothed_like_by_the_reference(map in maps()) {
         prop_assert_eq!(bits(&smoothed(&map.disparity)), bits(&reference::smooth(&map.disparity)));
     }
 

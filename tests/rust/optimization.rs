@@ -26,7 +26,7 @@ use phasestereo::internals::value::{LANES, Value};
 use proptest::prelude::*;
 use proptest::sample::select;
 
-/// Values of a volume that the twin has time for.
+/// Values of a volume that the reference implementation has time for.
 const AFFORDABLE: usize = 40_000;
 
 /// Costs and how they are searched.
@@ -128,7 +128,7 @@ impl Volume {
         Ok(found)
     }
 
-    /// Holds all integers that are wide enough to the twin, at every level.
+    /// Holds all integers that are wide enough to the reference implementation, at every level.
     fn check(&self, workspaces: &mut Workspaces) {
         let Workspaces { bytes, words, widest } = workspaces;
         let expected = self.expected();
@@ -227,7 +227,7 @@ proptest! {
     #![proptest_config(random(300))]
 
     #[test]
-    fn every_pixel_is_as_by_the_twin(volume in volumes()) {
+    fn every_pixel_is_as_by_the_reference(volume in volumes()) {
         volume.check(&mut Workspaces::default());
     }
 }
@@ -258,7 +258,7 @@ proptest! {
 
     /// Gray values from one to the largest, in patches and singly.
     #[test]
-    fn edges_are_found_like_by_the_twin(
+    fn edges_are_found_like_by_the_reference(
         (rows, cols, seed) in (1usize..=70, 1usize..=70, any::<u64>()),
         largest in select(vec![0, 1, 5, 255, LARGEST_REACH]),
         threshold in prop_oneof![0.001..3.0f64, Just(1.0), Just(LARGEST_EDGES)],

@@ -19,7 +19,7 @@ proptest! {
     #![proptest_config(random(256))]
 
     #[test]
-    fn outlines_are_drawn_like_by_the_twin(
+    fn outlines_are_drawn_like_by_the_reference(
         map in maps(),
         largest in select(vec![0, 1, 3, 255, 1 << 25]),
         far in select(vec![1.0, 1.0, 900.0, 16_384.0]),

@@ -1,4 +1,4 @@
-//! The naive twin of every stage: the same signature, written so that it can be checked by reading.
+//! The reference implementation of every stage: the same signature, written so that it can be checked by reading.
 //!
 //! Slow on purpose. The tests hold the fast stages to these, bit for bit.
 
@@ -8,7 +8,7 @@ use std::ops::Range;
 use phasestereo::internals::cost::aggregation::Window;
 use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::descriptor::basis::{Basis, Component};
-use phasestereo::internals::descriptor::quantizer::Quantiser;
+use phasestereo::internals::descriptor::quantizer::Quantizer;
 use phasestereo::internals::image::convolution::{GUARD, Kernel, SHIFT, Weights};
 use phasestereo::internals::image::impulses::mirrored;
 use phasestereo::internals::image::intensity::LEVEL_STEPS;
@@ -32,7 +32,7 @@ use phasestereo::internals::refinement::subpixel;
 use phasestereo::internals::refinement::synthesis::{self, BESIDE, softness};
 use phasestereo::internals::settings::Settings;
 
-/// Twin of [`phasestereo::internals::image::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
+/// Reference implementation of [`phasestereo::internals::image::masking::fill_masked`]: for every masked pixel the whole row is searched, then, for
 /// rows without a valid pixel, the whole column of rows.
 pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     let (rows, cols) = (plane.rows(), plane.cols());
@@ -48,8 +48,8 @@ pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     })
 }
 
-/// Twin of [`phasestereo::internals::image::normalization::normalise`]: mean and variance of each window by themselves.
-pub fn normalise(plane: &Plane<u16>, window: usize) -> Plane<u16> {
+/// Reference implementation of [`phasestereo::internals::image::normalization::normalize`]: mean and variance of each window by themselves.
+pub fn normalize(plane: &Plane<u16>, window: usize) -> Plane<u16> {
     let (radius, count) = ((window / 2) as isize, (window * window) as i64);
     Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
         let (mut sum, mut squares) = (0i64, 0i64);
@@ -66,7 +66,7 @@ pub fn normalise(plane: &Plane<u16>, window: usize) -> Plane<u16> {
     })
 }
 
-/// Twin of [`phasestereo::internals::image::convolution::convolve`]: every sum by itself, one whole pass after the other.
+/// Reference implementation of [`phasestereo::internals::image::convolution::convolve`]: every sum by itself, one whole pass after the other.
 pub fn convolve(gray: &Plane<i32>, kernel: &Kernel, fraction: u32) -> Plane<i32> {
     let pass = |values: &Plane<i32>, weights: &Plane<i32>, dropped: u32| {
         let unit = 1 << dropped;
@@ -94,7 +94,7 @@ fn weighted_sum(values: &Plane<i32>, weights: &Plane<i32>, y: usize, x: usize) -
     sum
 }
 
-/// Twin of [`phasestereo::internals::image::impulses::repaired`]: the neighbors of every pixel are sorted.
+/// Reference implementation of [`phasestereo::internals::image::impulses::repaired`]: the neighbors of every pixel are sorted.
 pub fn repair(plane: &Plane<i32>, height: i32) -> Plane<i32> {
     Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
         let (pixel, sorted) = (plane.row(y)[x], sorted_neighbors(plane, y, x));
@@ -105,7 +105,7 @@ pub fn repair(plane: &Plane<i32>, height: i32) -> Plane<i32> {
     })
 }
 
-/// Twin of [`phasestereo::internals::image::impulses::doubtless`], for all rows.
+/// Reference implementation of [`phasestereo::internals::image::impulses::doubtless`], for all rows.
 pub fn doubtless(plane: &Plane<i32>, height: i32) -> u64 {
     let places = (0..plane.rows()).flat_map(|y| (0..plane.cols()).map(move |x| (y, x)));
     let is_doubtless = |(y, x): &(usize, usize)| {
@@ -127,7 +127,7 @@ fn sorted_neighbors(plane: &Plane<i32>, y: usize, x: usize) -> Vec<i32> {
     values
 }
 
-/// Twin of [`phasestereo::internals::image::blocking::Extra::jump`]: phase by phase, differences clipped to `clip` half steps.
+/// Reference implementation of [`phasestereo::internals::image::blocking::Extra::jump`]: phase by phase, differences clipped to `clip` half steps.
 pub fn jump(plane: &Plane<i32>, clip: i32) -> f64 {
     let turned = Plane::from_fn(plane.cols(), plane.rows(), |y, x| plane.row(x)[y]);
     let along = |plane: &Plane<i32>| {
@@ -152,7 +152,7 @@ pub fn jump(plane: &Plane<i32>, clip: i32) -> f64 {
     along(plane).min(along(&turned)) / 2.0
 }
 
-/// Twin of [`phasestereo::internals::image::smoothing::smooth`]: every window by itself; sums over the rows of a column first.
+/// Reference implementation of [`phasestereo::internals::image::smoothing::smooth`]: every window by itself; sums over the rows of a column first.
 pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, scale: f64) -> Plane<i32> {
     let (rows, cols) = (plane.rows(), plane.cols());
     let mean = |values: &dyn Fn(usize, usize) -> f64, y: usize, x: usize| {
@@ -180,7 +180,7 @@ pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, scale: f64) -> Plane<i32>
     })
 }
 
-/// Twin of [`phasestereo::internals::descriptor::describe`]: every component by its double sum. Parts of components up to
+/// Reference implementation of [`phasestereo::internals::descriptor::describe`]: every component by its double sum. Parts of components up to
 /// `threshold` are weak, if there is a weak level; with two sizes, those of the larger one.
 pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane<u64> {
     if settings.sizes == 1 {
@@ -203,9 +203,9 @@ fn components(
     threshold: f64,
     counts: impl Fn(&Component) -> bool,
 ) -> Plane<u64> {
-    let (basis, mut quantiser) = (Basis::new(settings), Quantiser::new(settings));
+    let (basis, mut quantizer) = (Basis::new(settings), Quantizer::new(settings));
     if settings.has_weak() {
-        quantiser = quantiser.with_weak_level(threshold);
+        quantizer = quantizer.with_weak_level(threshold);
     }
     let radius = basis.radius() as isize;
     let tap = |f: isize, j: isize| {
@@ -227,13 +227,13 @@ fn components(
                 re += (a * c - b * d) * i64::from(pixel);
                 im += (a * d + b * c) * i64::from(pixel);
             }
-            code |= quantiser.code(re, im) << (c * quantiser.code_length());
+            code |= quantizer.code(re, im) << (c * quantizer.code_length());
         }
         code
     })
 }
 
-/// Twin of [`phasestereo::internals::cost::Costs::write`] for phase codes: every bit compared by itself, over the whole
+/// Reference implementation of [`phasestereo::internals::cost::Costs::write`] for phase codes: every bit compared by itself, over the whole
 /// image.
 pub fn phase_costs(left: &Plane<u64>, right: &Plane<u64>, candidates: Candidates) -> Plane<u16> {
     let (rows, cols, count) = (left.rows(), left.cols(), candidates.count());
@@ -244,7 +244,7 @@ pub fn phase_costs(left: &Plane<u64>, right: &Plane<u64>, candidates: Candidates
     })
 }
 
-/// Twin of [`phasestereo::internals::cost::Costs::write`] for absolute differences.
+/// Reference implementation of [`phasestereo::internals::cost::Costs::write`] for absolute differences.
 pub fn absolute_differences(
     left: &[Plane<u16>],
     right: &[Plane<u16>],
@@ -258,7 +258,7 @@ pub fn absolute_differences(
     })
 }
 
-/// Twin of [`phasestereo::internals::cost::aggregation::Aggregator`]: each window summed by itself, over the whole image.
+/// Reference implementation of [`phasestereo::internals::cost::aggregation::Aggregator`]: each window summed by itself, over the whole image.
 pub fn aggregate(costs: &Plane<u16>, votes: &Plane<u16>, window: Window) -> Plane<u32> {
     let count = window.candidates;
     let boxes = Plane::from_fn(window.rows, window.cols * count, |y, place| {
@@ -290,7 +290,7 @@ fn box_sum(volume: &Plane<u16>, window: Window, y: usize, x: usize, k: usize) ->
     (-radius..=radius).map(column_sum).sum()
 }
 
-/// Twin of [`phasestereo::internals::optimization::ordered::Ordered`]: every origin of every state is tried.
+/// Reference implementation of [`phasestereo::internals::optimization::ordered::Ordered`]: every origin of every state is tried.
 pub fn in_order(costs: &[u32], candidates: usize, steps: Steps) -> Vec<u16> {
     let mut totals = vec![0u64; candidates];
     let mut origins: Vec<Vec<usize>> = Vec::new();
@@ -330,7 +330,7 @@ fn least<T: Ord + Copy>(values: &[T]) -> usize {
     best
 }
 
-/// Twin of [`phasestereo::internals::optimization::edges::Edges`]: each pixel and neighbor by itself. In the lowest bits of a pixel is the jump from
+/// Reference implementation of [`phasestereo::internals::optimization::edges::Edges`]: each pixel and neighbor by itself. In the lowest bits of a pixel is the jump from
 /// above, then that from the left.
 pub fn edges(gray: &Plane<i32>, threshold: f64) -> Plane<u8> {
     let (rows, cols) = (gray.rows(), gray.cols());
@@ -349,7 +349,7 @@ pub fn edges(gray: &Plane<i32>, threshold: f64) -> Plane<u8> {
     })
 }
 
-/// Twin of the sums of [`phasestereo::internals::optimization`] that decide by paths along the rows alone: half of what both come to,
+/// Reference implementation of the sums of [`phasestereo::internals::optimization`] that decide by paths along the rows alone: half of what both come to,
 /// rounded up, for every candidate of every pixel. `edges` are those of [`edges`](fn@edges).
 pub fn scanline_optimization(
     costs: &Plane<u32>,
@@ -371,7 +371,7 @@ pub fn scanline_optimization(
     })
 }
 
-/// Twin of what decides in [`phasestereo::internals::optimization`] by four paths: the mean of those along the rows and, through each band
+/// Reference implementation of what decides in [`phasestereo::internals::optimization`] by four paths: the mean of those along the rows and, through each band
 /// and some rows around it, those from above and below.
 pub fn semi_global(
     costs: &Plane<u32>,
@@ -472,7 +472,7 @@ pub struct Found {
     pub offset: f32,
 }
 
-/// Twin of [`phasestereo::internals::optimization::selection`]: of one pixel, by what all paths come to and by its own costs.
+/// Reference implementation of [`phasestereo::internals::optimization::selection`]: of one pixel, by what all paths come to and by its own costs.
 pub fn select(sums: &[u64], costs: &[u32]) -> Found {
     let evidence =
         |(&sum, &cost): (&u64, &u32)| subpixel::evidence(capped(sum), capped(cost.into()));
@@ -505,7 +505,7 @@ fn capped(cost: u64) -> u32 {
     cost.min(u64::from(NONE - 1)) as u32
 }
 
-/// Twin of [`phasestereo::internals::refinement::subpixel::offset`]: the tip of a V, moved away from the candidate.
+/// Reference implementation of [`phasestereo::internals::refinement::subpixel::offset`]: the tip of a V, moved away from the candidate.
 pub fn offset(below: u32, own: u32, above: u32) -> f64 {
     let [below, own, above] = [below, own, above].map(f64::from);
     let slope = (below - own).max(above - own).max(1.0);
@@ -513,7 +513,7 @@ pub fn offset(below: u32, own: u32, above: u32) -> f64 {
     tip * (1.0 + 0.6 * (1.0 - 2.0 * tip.abs()))
 }
 
-/// Twin of [`phasestereo::internals::refinement::subpixel::smooth`]: every pair of neighbours asked for by itself.
+/// Reference implementation of [`phasestereo::internals::refinement::subpixel::smooth`]: every pair of neighbours asked for by itself.
 pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
     let (rows, cols, reach) = (disparity.rows(), disparity.cols(), subpixel::REACH as isize);
     let at = |y: usize, x: usize, dy: isize, dx: isize| {
@@ -538,7 +538,7 @@ pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-/// Twin of [`Scene::confidences`]: each pixel asks those around it.
+/// Reference implementation of [`Scene::confidences`]: each pixel asks those around it.
 pub fn confidences(scene: Scene) -> Plane<f32> {
     let (rows, cols) = (scene.disparity.rows(), scene.disparity.cols());
     let (gray, similar) = (&scene.texture.gray, similar(scene.texture.roughness));
@@ -570,7 +570,7 @@ pub fn confidences(scene: Scene) -> Plane<f32> {
     })
 }
 
-/// Twin of [`phasestereo::internals::refinement::left_right_check::Checker`]: for every pixel all others of the row are asked.
+/// Reference implementation of [`phasestereo::internals::refinement::left_right_check::Checker`]: for every pixel all others of the row are asked.
 pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
     let Choices { chosen, costs, candidates } = choices;
     let cols = chosen.len();
@@ -597,7 +597,7 @@ pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
     (0..cols).map(|x| flags[x] | reason(x)).collect()
 }
 
-/// Twin of [`phasestereo::internals::refinement::speckles::flag_speckles`]: each region is walked from each of its pixels, until it is too large.
+/// Reference implementation of [`phasestereo::internals::refinement::speckles::flag_speckles`]: each region is walked from each of its pixels, until it is too large.
 pub fn flag_speckles(
     disparity: &Plane<f32>,
     flags: &Plane<u16>,
@@ -635,7 +635,7 @@ fn trusted(disparity: &Plane<f32>, flags: &Plane<u16>, y: usize, x: usize) -> Op
     (flags.row(y)[x] & flag::UNTRUSTED == 0 && !value.is_nan()).then_some(value)
 }
 
-/// Twin of [`phasestereo::internals::refinement::filling::fill`]: each pixel looks for its neighbours by itself. Disparity and flags.
+/// Reference implementation of [`phasestereo::internals::refinement::filling::fill`]: each pixel looks for its neighbours by itself. Disparity and flags.
 pub fn fill(disparity: &Plane<f32>, flags: &Plane<u16>) -> (Plane<f32>, Plane<u16>) {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let trusted = |y, x| trusted(disparity, flags, y, x);
@@ -663,7 +663,7 @@ pub fn fill(disparity: &Plane<f32>, flags: &Plane<u16>) -> (Plane<f32>, Plane<u1
     (filled, flags)
 }
 
-/// Twin of [`phasestereo::internals::refinement::median::smooth`]: the nine values sorted.
+/// Reference implementation of [`phasestereo::internals::refinement::median::smooth`]: the nine values sorted.
 pub fn smooth(disparity: &Plane<f32>) -> Plane<f32> {
     let near = |at: usize, length: usize| {
         [-1, 0, 1].map(|step| (at as isize + step).clamp(0, length as isize - 1) as usize)
@@ -679,7 +679,7 @@ pub fn smooth(disparity: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-/// Twin of [`phasestereo::internals::refinement::guided_median::guide`]: the like values sorted.
+/// Reference implementation of [`phasestereo::internals::refinement::guided_median::guide`]: the like values sorted.
 pub fn guide(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let differences = (0..rows).flat_map(|y| gray.row(y).windows(2));
@@ -731,7 +731,7 @@ pub struct Soft<'a> {
     pub left: (f64, i64),
 }
 
-/// Twin of [`phasestereo::internals::refinement::synthesis::Scene::redraw`]: all of the image under all kernels, by each of the three maps.
+/// Reference implementation of [`phasestereo::internals::refinement::synthesis::Scene::redraw`]: all of the image under all kernels, by each of the three maps.
 pub fn synthesize(disparity: &Plane<f32>, soft: Soft) -> Plane<f32> {
     let maps = [disparity.clone(), rival(disparity, false), rival(disparity, true)];
     let side_of = |class: usize| softness(&soft.kernels[class]).map(|(side, _)| side);
@@ -844,7 +844,7 @@ fn windows(values: &Plane<u32>) -> Plane<u32> {
     })
 }
 
-/// Twin of [`phasestereo::internals::refinement::outlines::draw`]: the weighted values sorted.
+/// Reference implementation of [`phasestereo::internals::refinement::outlines::draw`]: the weighted values sorted.
 pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, roughness: Roughness) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let scale = outlines::scale(roughness);

@@ -23,7 +23,7 @@ proptest! {
     #![proptest_config(random(256))]
 
     #[test]
-    fn images_are_smoothed_like_by_the_twin(
+    fn images_are_smoothed_like_by_the_reference(
         values in grays(80),
         deviation in prop_oneof![
             4 => 1e-3..1e8f64,

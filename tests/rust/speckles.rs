@@ -35,7 +35,7 @@ proptest! {
     #![proptest_config(random(256))]
 
     #[test]
-    fn speckles_are_those_of_the_twin(
+    fn speckles_are_those_of_the_reference(
         map in maps(),
         size in select(vec![0, 1, 2, 5, 20, 100]),
         range in select(vec![0.0, 0.25, 1.0, 2.0, f32::INFINITY]),

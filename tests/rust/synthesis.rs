@@ -1,4 +1,4 @@
-//! Maps by which a soft image can best be made again, against the naive twin.
+//! Maps by which a soft image can best be made again, against the reference implementation.
 
 use crate::common::maps::{Map, bits, drawn};
 use crate::common::naive::synthesized;
@@ -46,7 +46,7 @@ proptest! {
     #![proptest_config(random(40))]
 
     #[test]
-    fn maps_are_redrawn_like_by_the_twin((pair, map) in scenes(), settings in weak_descriptors()) {
+    fn maps_are_redrawn_like_by_the_reference((pair, map) in scenes(), settings in weak_descriptors()) {
         let settings = Settings { synthesis: true, ..settings };
         prop_assume!(is_asked_for(&settings, pair.versions()));
         prop_assert_eq!(

@@ -77,9 +77,9 @@ impl Bins {
             let is_low = (LOWEST..LOW).contains(&mean_frequency(cell));
             bins.low[index] = if is_low { 1.0 } else { 0.0 };
         }
-        normalise(&mut bins.weights);
-        normalise(&mut bins.low);
-        bins.directions.iter_mut().for_each(|weights| normalise(weights));
+        normalize(&mut bins.weights);
+        normalize(&mut bins.low);
+        bins.directions.iter_mut().for_each(|weights| normalize(weights));
         let above = |place: &usize| wave(*place).1 > 0 && frequency(*place) > HIGH;
         for place in (0..SIDE * SIDE / 2).filter(above) {
             bins.sectors[sector(place, SECTORS)].push(place as u16);
@@ -152,7 +152,7 @@ fn sector(place: usize, count: usize) -> usize {
     (turns * count as f64).round().rem_euclid(count as f64) as usize
 }
 
-fn normalise(values: &mut [f32]) {
+fn normalize(values: &mut [f32]) {
     let sum: f32 = values.iter().sum();
     for value in values {
         *value /= sum;

@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn any_fit_is_that_of_the_naive_twin_at_every_level() {
+    fn any_fit_is_that_of_the_naive_reference_at_every_level() {
         let noise = [0.7, 0.3];
         for (seed, entry) in bank().iter().enumerate().step_by(7) {
             let powers = powers(seed as u32, &entry.response, 0.4, noise);
@@ -371,7 +371,7 @@ mod tests {
         }
     }
 
-    /// Twin of the fit of a blur to the powers of two blocks, `[blurred, sharp]` like the noise; `weights` are those
+    /// Reference implementation of the fit of a blur to the powers of two blocks, `[blurred, sharp]` like the noise; `weights` are those
     /// of all bins and those by which gains are found. Returns loss and gain.
     fn blur_fit(
         [blurred, sharp]: [Vec<f64>; 2],

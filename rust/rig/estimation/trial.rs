@@ -10,7 +10,7 @@ use std::ops::Range;
 use super::Estimates;
 use super::compensation::Compensation;
 use crate::error::Result;
-use crate::pipeline::halo::Reach;
+use crate::pipeline::halo::Halo;
 use crate::pipeline::matcher::Disparity;
 use crate::pipeline::section::Section;
 use crate::pipeline::source::widened;
@@ -50,7 +50,7 @@ pub fn confirms(
     let suited = found.compensation.as_ref();
     let versions = told.cloned().or(suited.map(Compensation::versions).transpose()?);
     let settings = tried(suited.map_or(settings, |found| &found.settings).clone());
-    let described = Reach::new(&settings, versions.as_ref(), None).description;
+    let described = Halo::new(&settings, versions.as_ref(), None).description;
     let mut scores = [Score::default(); 2];
     for band in bands(rows.size().0) {
         let inner = widened(&band, described, rows.size().0);

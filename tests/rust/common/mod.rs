@@ -164,7 +164,7 @@ pub fn settings() -> impl Strategy<Value = Settings> {
     let cost = prop_oneof![
         3 => Just(CostKind::Phase),
         1 => Just(CostKind::Sad),
-        1 => Just(CostKind::NormalisedSad)
+        1 => Just(CostKind::NormalizedSad)
     ];
     let radius = prop_oneof![6 => 0usize..=5, 1 => 6usize..=31];
     let precision = select(vec![Precision::Full, Precision::Byte]);
@@ -337,7 +337,7 @@ pub fn eight_votes() -> [View; 2] {
     ]
 }
 
-/// The gray values of a view, its impulses repaired by the naive twin.
+/// The gray values of a view, its impulses repaired by the reference implementation.
 pub fn gray(view: &View) -> Plane<i32> {
     let plain = View { impulses: 0.0, ..view.clone() };
     let gray = Gray::new(&plain, Level::best(), &Control::default()).expect("not cancelled");

@@ -1,4 +1,4 @@
-//! A whole match by the naive twins: what every fast one must give, bit for bit.
+//! A whole match by the reference implementations: what every fast one must give, bit for bit.
 
 use crate::reference;
 use crate::reference::Found;
@@ -75,7 +75,7 @@ pub fn costs(
     } else {
         let [left, right] = level_pair(views, settings.intensity_range).map(|channels| {
             let normalised = |plane: &Plane<u16>| match settings.cost {
-                CostKind::NormalisedSad => reference::normalise(plane, settings.window),
+                CostKind::NormalizedSad => reference::normalize(plane, settings.window),
                 _ => plane.clone(),
             };
             channels.iter().map(normalised).collect::<Vec<_>>()
