@@ -21,7 +21,7 @@ glibc=2.28
 host_packages="rustc-web libllvm22 libstd-rust-web-dev libstd-rust-web-1.96 qemu-user-static"
 arm_packages="libstd-rust-web-dev libstd-rust-web-1.96 libc6 libgcc-s1 libstdc++6 zlib1g libexpat1 libffi8 libssl3
     libbz2-1.0 liblzma5 libuuid1 libpython3.11-minimal libpython3.11-stdlib python3.11-minimal"
-test_files="test_platforms.py test_settings.py test_descriptor.py"
+test_files="test_platforms.py test_settings.py test_descriptor.py test_cost.py test_aggregation.py"
 
 # A configuration with lists, cache and sources of its own: apt neither reads nor writes the machine's.
 configure_apt() {
