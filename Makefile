@@ -8,7 +8,7 @@ C_LIBRARY := target/c/release/libphasestereo.so
 RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs')
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test fuzz soak lint format bench tables bench-core docs wheel c web hooks clean
+.PHONY: help demo test test-arm64 fuzz soak lint format bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -19,6 +19,9 @@ demo: $(VENV)/harness ## Render a pair, spoil one image, match it, print the sco
 test: $(VENV)/counterparts c ## Run all the tests (PHASESTEREO_DATA: the folder of real pairs, default ../shared)
 	cargo test --locked --features c,internals
 	$(BIN)/python -m pytest
+
+test-arm64: $(VENV)/ready ## Test the core and its wheel on an emulated aarch64 (ARGS=rust, wheel or python: one part)
+	PYTHON=$(CURDIR)/$(BIN)/python tests/arm64.sh $(ARGS)
 
 fuzz: $(VENV)/counterparts ## Tests by new random examples, mutated files, strange arrays (ARGS="--seconds 7200"; 5 minutes)
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile explore
