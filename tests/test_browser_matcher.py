@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from browser import Browser
 
-    Image = NDArray[np.uint8]
+    Image = NDArray[Any]
     Pair = tuple[Image, Image]
 
 WEB = ROOT / "web"
@@ -148,6 +148,7 @@ def test_a_real_pair_is_matched_over_the_range_that_is_found(page: Page, data: P
     found = page.match(pair)
     _same(found, expected)
     span = found["found"]["range"]
+    assert expected.search is not None
     assert (span["minDisparity"], span["numDisparities"], span["origin"]) == (
         expected.search.min_disparity,
         expected.search.num_disparities,
@@ -158,6 +159,7 @@ def test_a_real_pair_is_matched_over_the_range_that_is_found(page: Page, data: P
 def test_what_is_found_is_what_python_finds(page: Page, rendered: Pair) -> None:
     expected = ps.match(*rendered, num_disparities=48)
     found = page.call("check", rendered, numDisparities=48)["value"]
+    assert expected.search is not None
     assert expected.blur is not None
     kinds = [
         {name: blur[name] for name in ("side", "kind", "size", "angle", "share")}

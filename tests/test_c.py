@@ -18,10 +18,13 @@ from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     Image = NDArray[Any]
     Pair = tuple[Image, Image]
+    Change = Callable[[Image], Image]
 
 LIBRARY = ROOT / "target" / "c" / "release" / "libphasestereo.so"
 INTERFACE = ROOT / "rust" / "c"
@@ -147,6 +150,7 @@ def test_what_is_found_is_what_python_finds(program: Program, pair: Pair) -> Non
     expected = ps.match(*pair)
     said = program.same(pair, expected, preset="robust", disparities=0)
     search, blur, alignment = expected.search, expected.blur, expected.alignment
+    assert search is not None
     assert search.origin == "found"
     assert said["range"] == [str(search.min_disparity), str(search.num_disparities), "1"]
     assert blur is not None
@@ -163,31 +167,38 @@ def test_settings_are_read_from_text(program: Program, pair: Pair) -> None:
     program.same(pair, expected, preset="settings")
 
 
+def _changed(pair: Pair, change: Change) -> Pair:
+    left, right = (np.ascontiguousarray(change(image)) for image in pair)
+    return left, right
+
+
 @pytest.mark.parametrize(
-    "kind", ["gray", "rgba", "bgr", "bgra", "16 bits", "upside down", "padded"]
+    ("channels", "order"),
+    [(RGBA, [0, 1, 2, 0]), (BGR, [2, 1, 0]), (BGRA, [2, 1, 0, 0])],
+    ids=["rgba", "bgr", "bgra"],
 )
-def test_images_are_taken_in_any_layout(program: Program, pair: Pair, kind: str) -> None:
-    options: dict[str, Any] = {}
-    images = told = pair
-    if kind == "gray":
-        images = told = tuple(np.ascontiguousarray(image[:, :, 1]) for image in pair)
-        options["channels"] = GRAY
-    elif kind in {"rgba", "bgra"}:
-        order = [0, 1, 2, 0] if kind == "rgba" else [2, 1, 0, 0]
-        images = tuple(np.ascontiguousarray(image[:, :, order]) for image in pair)
-        options["channels"] = RGBA if kind == "rgba" else BGRA
-    elif kind == "bgr":
-        images = tuple(np.ascontiguousarray(image[:, :, ::-1]) for image in pair)
-        options["channels"] = BGR
-    elif kind == "16 bits":
-        images = told = tuple(image.astype(np.uint16) * 257 for image in pair)
-    elif kind == "upside down":
-        images = tuple(np.ascontiguousarray(image[::-1]) for image in pair)
-        options["stride"] = -pair[0][0].nbytes
-    else:
-        images = tuple(np.pad(image, ((0, 0), (0, 7), (0, 0))) for image in pair)
-        options["size"] = pair[0].shape[:2]
-    program.same(images, ps.match(*told, preset="fast", num_disparities=48), **options)
+def test_channels_are_taken_in_any_order(
+    program: Program, pair: Pair, channels: int, order: list[int]
+) -> None:
+    given = _changed(pair, lambda image: image[:, :, order])
+    expected = ps.match(*pair, preset="fast", num_disparities=48)
+    program.same(given, expected, channels=channels)
+
+
+def test_gray_and_16_bits_are_those_of_python(program: Program, pair: Pair) -> None:
+    gray = _changed(pair, lambda image: image[:, :, 1])
+    wide = _changed(pair, lambda image: image.astype(np.uint16) * 257)
+    for given, channels in ((gray, GRAY), (wide, RGB)):
+        expected = ps.match(*given, preset="fast", num_disparities=48)
+        program.same(given, expected, channels=channels)
+
+
+def test_rows_lie_any_number_of_bytes_apart(program: Program, pair: Pair) -> None:
+    expected = ps.match(*pair, preset="fast", num_disparities=48)
+    upside_down = _changed(pair, lambda image: image[::-1])
+    program.same(upside_down, expected, stride=-pair[0][0].nbytes)
+    padded = _changed(pair, lambda image: np.pad(image, ((0, 0), (0, 7), (0, 0))))
+    program.same(padded, expected, size=pair[0].shape[:2])
 
 
 @pytest.mark.parametrize(
