@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 import phasestereo
-from phasestereo import findings
+from phasestereo.result import Flag, Result
+from phasestereo.rig import findings
+from phasestereo.settings import Settings
 from phasestereo.views.page import facts, layers
 from phasestereo.views.templating import render_page
-from phasestereo.result import Flag, Result
-from phasestereo.settings import Settings
 
 WEB = Path(__file__).resolve().parent.parent / "web"
 SCRIPTS = "data", "stage", "viewer", "readout", "scene"
@@ -31,7 +31,7 @@ CORE = "phasestereo.wasm"
 
 def contents() -> dict[str, bytes]:
     """Return the files of the page by name."""
-    templates = resources.files("phasestereo") / "templates"
+    templates = resources.files("phasestereo.views") / "templates"
     viewer = "\n".join((templates / f"pair.{part}.js").read_text("utf-8") for part in SCRIPTS)
     page = {
         "index.html": _index(),
