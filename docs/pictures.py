@@ -53,12 +53,6 @@ def gray(values: ArrayLike, low: float = 0.0, high: float = 1.0) -> Picture:
     return (255 * np.clip(np.nan_to_num(share), 0, 1)).astype(np.uint8)
 
 
-def relief(disparity: NDArray[np.float32]) -> Picture:
-    """Return a disparity map as a surface that is lit from the left."""
-    slope = np.gradient(np.asarray(disparity, np.float64), axis=1)
-    return gray(np.tanh(2 * slope), -1, 1)
-
-
 def seen(cloud: PointCloud, degrees: float, *, focal: float, size: tuple[int, int]) -> Picture:
     """Return a coloured cloud as a camera sees it that has gone round its middle."""
     turn, (rows, cols) = np.radians(degrees), size
