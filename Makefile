@@ -4,9 +4,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 CORE := python/phasestereo/_core.abi3.so
+C_LIBRARY := target/c/release/libphasestereo.so
+RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs')
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test fuzz soak lint format bench tables bench-core docs wheel hooks clean
+.PHONY: help demo test test-arm64 fuzz soak lint format bench tables bench-core docs wheel c web hooks clean
 
 help: ## List the commands
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 18
@@ -14,9 +16,12 @@ help: ## List the commands
 demo: $(VENV)/harness ## Render a pair, spoil one image, match it, print the score, write pictures and a report
 	$(BIN)/phasestereo demo --output demo
 
-test: $(VENV)/counterparts ## Run all the tests (PHASESTEREO_DATA: the folder of real pairs, default ../shared)
-	cargo test --locked
+test: $(VENV)/counterparts c ## Run all the tests (PHASESTEREO_DATA: the folder of real pairs, default ../shared)
+	cargo test --locked --features c,internals
 	$(BIN)/python -m pytest
+
+test-arm64: $(VENV)/ready ## Test the core and its wheel on an emulated aarch64 (ARGS=rust, wheel or python: one part)
+	PYTHON=$(CURDIR)/$(BIN)/python tests/arm64.sh $(ARGS)
 
 fuzz: $(VENV)/counterparts ## Tests by new random examples, mutated files, strange arrays (ARGS="--seconds 7200"; 5 minutes)
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile explore
@@ -27,7 +32,7 @@ soak: $(CORE) ## Stream pairs with faults through one Matcher (make soak ARGS="-
 
 lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code
 	cargo fmt --check
-	cargo clippy --locked --all-targets --features python -- --deny warnings
+	cargo clippy --locked --all-targets --features python,c,internals -- --deny warnings
 	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --quiet
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
@@ -47,19 +52,24 @@ tables: $(VENV)/counterparts ## Make every table of the documentation, in half a
 		--readme README.md docs/*.md $(ARGS)
 
 bench-core: ## Time each stage of the core (make bench-core ARGS=optimization: one of them)
-	cargo bench --locked -- $(ARGS)
+	cargo bench --locked --features internals -- $(ARGS)
 
-docs: $(VENV)/counterparts ## Build the documentation, and the pictures in it, into site/
+docs: $(VENV)/counterparts web/phasestereo.wasm ## Build the documentation, and the pictures in it, into site/
 	$(BIN)/mkdocs build --strict
 
 wheel: $(VENV)/ready ## Build a wheel into dist/
 	$(BIN)/maturin build --release --locked --out dist
 
+c: $(C_LIBRARY) ## Build the C libraries into target/c/release/ (header: rust/c/phasestereo.h)
+
+web: $(VENV)/counterparts web/phasestereo.wasm ## Build the core for browsers, and the page "try it" with it into web/dist/
+	$(BIN)/python docs/try_page.py web/dist
+
 hooks: ## Check every push as CI would
 	git config core.hooksPath .githooks
 
 clean: ## Remove all that was built
-	rm -rf $(VENV) target dist site demo speed tables $(CORE)
+	rm -rf $(VENV) target dist site demo speed tables $(CORE) web/phasestereo.wasm web/dist
 
 # Debian's Python comes without ensurepip unless python3-venv is installed; virtualenv needs neither.
 $(VENV)/ready: pyproject.toml
@@ -75,8 +85,16 @@ $(VENV)/counterparts: $(VENV)/harness
 	$(BIN)/pip install --quiet --group counterparts
 	touch $@
 
-$(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs)
+$(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs rust/*/*/*.rs)
 	$(BIN)/pip install --quiet --no-build-isolation --editable .
+	touch $@
+
+$(C_LIBRARY): $(RUST)
+	cargo rustc --release --locked --lib --features c --crate-type cdylib,staticlib --target-dir target/c
+	touch $@
+
+web/phasestereo.wasm: $(RUST) web/build.sh web/toolchain.sh
+	web/build.sh
 	touch $@
 
 $(VENV)/harness: $(CORE) benches/harness/pyproject.toml

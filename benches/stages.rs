@@ -6,18 +6,18 @@
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use ndarray::Array3;
-use phasestereo::aggregation::Window;
-use phasestereo::candidates::Candidates;
-use phasestereo::control::Control;
-use phasestereo::cost::Costs;
-use phasestereo::matcher::{Matcher, on_threads};
-use phasestereo::plane::Plane;
-use phasestereo::presets::Preset;
-use phasestereo::refinement::flag;
-use phasestereo::settings::{CostKind, Optimizer, Settings};
-use phasestereo::simd::Level;
-use phasestereo::texture::Texture;
-use phasestereo::view::{Image, View};
+use phasestereo::internals::cost::Costs;
+use phasestereo::internals::cost::aggregation::Window;
+use phasestereo::internals::cost::candidates::Candidates;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::texture::Texture;
+use phasestereo::internals::image::view::{Image, View};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{Matcher, on_threads};
+use phasestereo::internals::refinement::flag;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{CostKind, Optimizer, Settings};
+use phasestereo::internals::simd::Level;
 
 /// Rows of the images; those of a band.
 const ROWS: usize = 64;
@@ -167,9 +167,9 @@ mod descriptor {
         Bencher, COLS, Control, Image, ItemsCount, Preset, ROWS, Settings, View, noise, on_threads,
     };
     use ndarray::Array3;
-    use phasestereo::descriptor::describe as describe_gray;
-    use phasestereo::intensity::Gray;
-    use phasestereo::simd::Level;
+    use phasestereo::internals::descriptor::describe as describe_gray;
+    use phasestereo::internals::image::intensity::Gray;
+    use phasestereo::internals::simd::Level;
 
     /// The image and the settings of one bench, by name.
     type Case = (&'static str, fn() -> Image, Settings);
@@ -237,10 +237,11 @@ mod descriptor {
 mod convolution {
     use super::{Bencher, Control, Image, ItemsCount, View, noise, on_threads};
     use ndarray::Array3;
-    use phasestereo::convolution::{Kernel, convolve as convolve_gray};
-    use phasestereo::intensity::Gray;
-    use phasestereo::plane::Plane;
-    use phasestereo::simd::Level;
+    use phasestereo::internals::image::convolution::{Kernel, convolve as convolve_gray};
+    use phasestereo::internals::image::intensity::Gray;
+    use phasestereo::internals::image::plane::Plane;
+    use phasestereo::internals::math;
+    use phasestereo::internals::simd::Level;
 
     const ROWS: usize = 497;
     const COLS: usize = 741;
@@ -265,12 +266,12 @@ mod convolution {
     }
 
     fn disk(radius: f64) -> Kernel {
-        shares(radius.ceil() as usize, |y, x| y.hypot(x) <= radius)
+        shares(radius.ceil() as usize, |y, x| math::hypot(y, x) <= radius)
     }
 
     /// A path of some pixels, one wide, at 30 degrees.
     fn motion(length: f64) -> Kernel {
-        let (sine, cosine) = std::f64::consts::FRAC_PI_6.sin_cos();
+        let (sine, cosine) = math::sin_cos(std::f64::consts::FRAC_PI_6);
         shares((length / 2.0).ceil() as usize, |y, x| {
             (x * cosine + y * sine).abs() <= length / 2.0 && (y * cosine - x * sine).abs() <= 0.5
         })
@@ -278,7 +279,7 @@ mod convolution {
 
     fn gaussian(sigma: f64) -> Kernel {
         let reach = (4.0 * sigma) as i32;
-        let profile = (-reach..=reach).map(|j| (-0.5 * (f64::from(j) / sigma).powi(2)).exp());
+        let profile = (-reach..=reach).map(|j| math::exp(-0.5 * (f64::from(j) / sigma).powi(2)));
         let total: f64 = profile.clone().sum();
         let profile: Vec<f64> = profile.map(|tap| tap / total).collect();
         Kernel::separable(&profile, &profile).expect("a legal kernel")
@@ -328,9 +329,9 @@ mod convolution {
 /// Codes or gray values -> costs of all candidates, a panel of one row after another into the same few kilobytes.
 mod cost {
     use super::{Bencher, COLS, Case, CostKind, Costs, Preset, ROWS, Settings, cases, with_costs};
-    use phasestereo::optimization::PANEL;
-    use phasestereo::simd::Kernel;
-    use phasestereo::value::{LANES, Lanes, Value};
+    use phasestereo::internals::optimization::PANEL;
+    use phasestereo::internals::simd::Kernel;
+    use phasestereo::internals::value::{LANES, Lanes, Value};
 
     struct Write<'a, V> {
         costs: &'a Costs<'a>,
@@ -391,9 +392,9 @@ mod cost {
 /// Panels of sums over windows, and the costs as they are needed: of the codes of `fast`, `robust` and `paper`.
 mod aggregation {
     use super::{Bencher, COLS, Case, Preset, ROWS, Settings, cases, fast, robust, with_costs};
-    use phasestereo::aggregation::{Aggregator, Block};
-    use phasestereo::optimization::PANEL;
-    use phasestereo::value::{LANES, Value};
+    use phasestereo::internals::cost::aggregation::{Aggregator, Block};
+    use phasestereo::internals::optimization::PANEL;
+    use phasestereo::internals::value::{LANES, Value};
 
     fn aggregate<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
         with_costs(case, settings, |costs, window| {
@@ -429,11 +430,13 @@ mod aggregation {
 /// The search of a band, from aggregated costs to chosen candidates. Every panel has the same costs.
 mod optimization {
     use super::{Bencher, COLS, Case, Control, Optimizer, Texture, cases, noise};
-    use phasestereo::aggregation::{Aggregator, Block};
-    use phasestereo::edges::Edges;
-    use phasestereo::error::Result;
-    use phasestereo::optimization::{BAND, LOOK_ROWS, PANEL, Search, Source, Steps, Workspace};
-    use phasestereo::value::{LANES, Lanes, Value};
+    use phasestereo::internals::cost::aggregation::{Aggregator, Block};
+    use phasestereo::internals::error::Result;
+    use phasestereo::internals::optimization::edges::Edges;
+    use phasestereo::internals::optimization::{
+        BAND, LOOK_ROWS, PANEL, Search, Source, Steps, Workspace,
+    };
+    use phasestereo::internals::value::{LANES, Lanes, Value};
 
     /// Rows that the paths of a band see.
     const ROWS: usize = BAND + 2 * LOOK_ROWS;
@@ -500,8 +503,8 @@ mod optimization {
 
 mod consistency {
     use super::{Bencher, COLS, Map, ROWS};
-    use phasestereo::candidates::Candidates;
-    use phasestereo::consistency::{Checker, Choices};
+    use phasestereo::internals::cost::candidates::Candidates;
+    use phasestereo::internals::refinement::left_right_check::{Checker, Choices};
 
     #[divan::bench]
     fn check(bencher: Bencher) {
@@ -522,7 +525,7 @@ mod consistency {
 
 mod speckles {
     use super::{At, Bencher, Control, Map, every};
-    use phasestereo::speckles::flag_speckles;
+    use phasestereo::internals::refinement::speckles::flag_speckles;
 
     #[divan::bench(args = every())]
     fn flag(bencher: Bencher, At(level): &At) {
@@ -538,7 +541,12 @@ mod filling {
     #[divan::bench(args = every())]
     fn fill(bencher: Bencher, At(level): &At) {
         Map::bench(bencher, |Map { disparity, flags, .. }, _| {
-            phasestereo::filling::fill(disparity, flags, *level, &Control::default())
+            phasestereo::internals::refinement::filling::fill(
+                disparity,
+                flags,
+                *level,
+                &Control::default(),
+            )
         });
     }
 }
@@ -549,7 +557,13 @@ mod guided {
     #[divan::bench(args = every())]
     fn guide(bencher: Bencher, At(level): &At) {
         Map::bench(bencher, |Map { disparity, texture, .. }, out| {
-            phasestereo::guided::guide(disparity, texture, out, *level, &Control::default())
+            phasestereo::internals::refinement::guided_median::guide(
+                disparity,
+                texture,
+                out,
+                *level,
+                &Control::default(),
+            )
         });
     }
 }
@@ -560,7 +574,13 @@ mod outlines {
     #[divan::bench(args = every())]
     fn draw(bencher: Bencher, At(level): &At) {
         Map::bench(bencher, |Map { disparity, texture, .. }, out| {
-            phasestereo::outlines::draw(disparity, texture, out, *level, &Control::default())
+            phasestereo::internals::refinement::outlines::draw(
+                disparity,
+                texture,
+                out,
+                *level,
+                &Control::default(),
+            )
         });
     }
 }
@@ -570,9 +590,9 @@ mod synthesis {
         At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, Preset, ROWS, Settings, every,
         noise, views,
     };
-    use phasestereo::convolution::Kernel;
-    use phasestereo::synthesis::Scene;
-    use phasestereo::versions::Versions;
+    use phasestereo::internals::image::convolution::Kernel;
+    use phasestereo::internals::refinement::synthesis::Scene;
+    use phasestereo::internals::rig::versions::Versions;
 
     /// A map of patches, and a soft image (0: left, 1: right).
     fn redraw(bencher: Bencher, At(level): &At, side: usize) {
@@ -623,7 +643,12 @@ mod median {
     #[divan::bench(args = every())]
     fn smooth(bencher: Bencher, At(level): &At) {
         Map::bench(bencher, |Map { disparity, .. }, out| {
-            phasestereo::median::smooth(disparity, out, *level, &Control::default())
+            phasestereo::internals::refinement::median::smooth(
+                disparity,
+                out,
+                *level,
+                &Control::default(),
+            )
         });
     }
 }
@@ -634,14 +659,19 @@ mod subpixel {
     #[divan::bench(args = every())]
     fn smooth(bencher: Bencher, At(level): &At) {
         Map::bench(bencher, |Map { disparity, .. }, out| {
-            phasestereo::subpixel::smooth(disparity, out, *level, &Control::default())
+            phasestereo::internals::refinement::subpixel::smooth(
+                disparity,
+                out,
+                *level,
+                &Control::default(),
+            )
         });
     }
 }
 
 mod confidence {
     use super::{At, Bencher, Control, Map, every};
-    use phasestereo::confidence::Scene;
+    use phasestereo::internals::refinement::confidence::Scene;
 
     #[divan::bench(args = every())]
     fn confidences(bencher: Bencher, At(level): &At) {
@@ -656,9 +686,9 @@ mod matcher {
     use super::{
         Bencher, Case, Control, Matcher, Plane, Preset, Settings, cases, fast, noise, robust, views,
     };
-    use phasestereo::convolution::Kernel;
-    use phasestereo::matcher::{Execution, Pair};
-    use phasestereo::versions::Versions;
+    use phasestereo::internals::image::convolution::Kernel;
+    use phasestereo::internals::pipeline::matcher::{Execution, Pair};
+    use phasestereo::internals::rig::versions::Versions;
 
     fn weak() -> Settings {
         Settings { noise_threshold: 1.0, p1: 6.0, p2: 32.0, ..fast() }
@@ -722,8 +752,8 @@ mod matcher {
 mod machine {
     use super::{At, Bencher, every, noise};
     use divan::counter::{BytesCount, ItemsCount};
-    use phasestereo::plane::Plane;
-    use phasestereo::simd::Kernel;
+    use phasestereo::internals::image::plane::Plane;
+    use phasestereo::internals::simd::Kernel;
 
     /// Bytes of one operand: three of them are at home in any first-level cache.
     const FEW: usize = 8 << 10;

@@ -8,11 +8,20 @@ from __future__ import annotations
 
 import base64
 import io
+from functools import cache
 from html import escape
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
+
+import phasestereo as ps
+from phasestereo.views.page import write_pair_page
+from phasestereo.views.picture import colorize, error_picture
+from phasestereo_bench.demo import Demo, run_demo
+from phasestereo_bench.demo.methods import ROBUST, SGBM
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -44,12 +53,6 @@ def gray(values: ArrayLike, low: float = 0.0, high: float = 1.0) -> Picture:
     return (255 * np.clip(np.nan_to_num(share), 0, 1)).astype(np.uint8)
 
 
-def relief(disparity: NDArray[np.float32]) -> Picture:
-    """Return a disparity map as a surface that is lit from the left."""
-    slope = np.gradient(np.asarray(disparity, np.float64), axis=1)
-    return gray(np.tanh(2 * slope), -1, 1)
-
-
 def seen(cloud: PointCloud, degrees: float, *, focal: float, size: tuple[int, int]) -> Picture:
     """Return a coloured cloud as a camera sees it that has gone round its middle."""
     turn, (rows, cols) = np.radians(degrees), size
@@ -67,6 +70,49 @@ def seen(cloud: PointCloud, degrees: float, *, focal: float, size: tuple[int, in
         inside = (i >= 0) & (i < rows) & (j >= 0) & (j < cols)
         picture[i[inside], j[inside]] = cloud.colors[order][inside]
     return picture
+
+
+@cache
+def demo() -> Demo:
+    """Return the demo that ``phasestereo demo`` shows."""
+    return run_demo()
+
+
+def rivals() -> str:
+    """Return the maps of the demo's degraded pair by this package and by StereoSGBM, as HTML."""
+    pair = demo().pair
+    low, high = float(pair.truth.min()), float(pair.truth.max())
+    maps = {"left: out of focus, dim, noisy": demo().degraded}
+    errors = {"right": pair.right}
+    for outcome in demo().outcomes:
+        if outcome.method in (ROBUST, SGBM):
+            name = "robust" if outcome.method is ROBUST else "StereoSGBM"
+            found = outcome.degraded.disparity
+            maps[f"{name}: {outcome.degraded.bad:.1f} % wrong"] = colorize(
+                found, low=low, high=high
+            )
+            wrong = error_picture(found, pair.truth, pair.masks["nonocc"])
+            errors[f"errors of {name}; white is right"] = wrong
+    return row(maps | errors)
+
+
+def live_page() -> str:
+    """Return the report page of the demo's degraded pair."""
+    pair, left = demo().pair, demo().degraded
+    result = ps.match(left, pair.right, num_disparities=pair.num_disparities)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "pair.html"
+        write_pair_page(
+            path,
+            left,
+            pair.right,
+            result,
+            truth=pair.truth,
+            mask=pair.masks["nonocc"],
+            calibration=pair.calibration,
+            title="A pair whose left image is out of focus",
+        )
+        return path.read_text(encoding="utf-8")
 
 
 def drawn(figure: Figure) -> Picture:

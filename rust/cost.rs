@@ -10,23 +10,27 @@
 //!         cost[x][k] = distance(left[x], unrolled[cols - 1 - x + k])
 //! ```
 
+pub mod aggregation;
+pub mod candidates;
+pub mod votes;
+
 use std::ops::Range;
 
-use crate::candidates::Candidates;
-use crate::control::Control;
-use crate::convolution::Kernel;
+use crate::cost::candidates::Candidates;
+use crate::cost::votes::Votes;
 use crate::descriptor::{Code, Codes, describe};
 use crate::error::{Error, Result};
-use crate::intensity::{Gray, LEVEL_CEILING, LEVEL_STEPS, level_planes};
-use crate::memory::Memory;
-use crate::normalisation::{DEVIATION_CEILING, DEVIATION_STEPS, normalise};
-use crate::plane::Plane;
+use crate::image::convolution::Kernel;
+use crate::image::intensity::{Gray, LEVEL_CEILING, LEVEL_STEPS, level_planes};
+use crate::image::normalization::{DEVIATION_CEILING, DEVIATION_STEPS, normalize};
+use crate::image::plane::Plane;
+use crate::image::view::{Mask, View};
+use crate::pipeline::control::Control;
+use crate::pipeline::memory::Memory;
+use crate::rig::versions::{self, Labels, Versions};
 use crate::settings::{CostKind, Settings};
 use crate::simd::{self, Level};
 use crate::value::{LANES, Lanes, Value};
-use crate::versions::{self, Labels, Versions};
-use crate::view::{Mask, View};
-use crate::votes::Votes;
 
 /// Rows that are unrolled together.
 const ROWS: usize = 32;
@@ -57,7 +61,7 @@ pub fn steps_of(cost: CostKind) -> u16 {
     match cost {
         CostKind::Phase => 1,
         CostKind::Sad => LEVEL_STEPS,
-        CostKind::NormalisedSad => DEVIATION_STEPS,
+        CostKind::NormalizedSad => DEVIATION_STEPS,
     }
 }
 
@@ -91,10 +95,10 @@ impl<'a> Costs<'a> {
                 let channels = level_planes(views, settings.intensity_range, control)?;
                 absolute_differences(channels, candidates, LEVEL_CEILING)?
             }
-            CostKind::NormalisedSad => {
+            CostKind::NormalizedSad => {
                 let [left, right] = level_planes(views, settings.intensity_range, control)?;
                 let normalised = |side: Vec<Plane<u16>>| -> Result<Vec<_>> {
-                    side.iter().map(|plane| normalise(plane, settings.window, control)).collect()
+                    side.iter().map(|plane| normalize(plane, settings.window, control)).collect()
                 };
                 let channels = [normalised(left)?, normalised(right)?];
                 absolute_differences(channels, candidates, DEVIATION_CEILING)?
@@ -121,7 +125,7 @@ impl<'a> Costs<'a> {
         Plane::by_bands((rows, self.cols * count), 1, |y, volume| {
             control.checkpoint()?;
             let mut costs = Memory::default();
-            costs.room(self.cols * self.chunks())?;
+            costs.resize(self.cols * self.chunks())?;
             level.run(Write { costs: self, y, out: &mut costs });
             for (volume, costs) in
                 volume.chunks_exact_mut(count).zip(costs.as_flattened().chunks_exact(padded))

@@ -1,15 +1,19 @@
 //! An image -> packed phase codes (paper, section 2.1).
 
-use crate::basis::{Basis, Component};
-use crate::control::Control;
+pub mod basis;
+pub mod quantizer;
+pub mod spectrum;
+
+use crate::descriptor::basis::{Basis, Component};
+use crate::descriptor::quantizer::Quantizer;
+use crate::descriptor::spectrum::{Lane, Spectrum, Word, padded, segments};
 use crate::error::{Error, Result};
-use crate::intensity::Gray;
-use crate::plane::{Plane, reflect, zeroed};
-use crate::quantiser::Quantiser;
+use crate::image::intensity::Gray;
+use crate::image::plane::{Plane, reflect, zeroed};
+use crate::pipeline::control::Control;
+use crate::rig::versions::check_noise;
 use crate::settings::Settings;
 use crate::simd::{Kernel, Level};
-use crate::spectrum::{Lane, Spectrum, Word, padded, segments};
-use crate::versions::check_noise;
 
 /// Rows that one task describes: it reads `L - 1` further ones. 16 and 64 are as fast to a few percent.
 const BAND_ROWS: usize = 32;
@@ -62,6 +66,7 @@ impl Codes {
     }
 
     /// The same codes in the widest words.
+    #[cfg(any(test, feature = "internals"))]
     pub fn widened(self) -> Plane<u64> {
         match self {
             Self::U16(codes) => codes.map(|&code| code.into()),
@@ -121,16 +126,16 @@ pub fn describe_as<C: Code>(
 /// One size of neighbourhoods, and which bits of the codes are its own.
 struct Layer {
     basis: Basis,
-    quantiser: Quantiser,
+    quantizer: Quantizer,
     /// The lowest bit of each component, by index; `None`: it does not count.
     bits: Vec<Option<usize>>,
 }
 
 impl Layer {
     /// Of the components that count, from bit `first` on.
-    fn new(settings: &Settings, quantiser: Quantiser, first: usize, axes_alone: bool) -> Self {
+    fn new(settings: &Settings, quantizer: Quantizer, first: usize, axes_alone: bool) -> Self {
         let basis = Basis::new(settings);
-        let (mut next, length) = (first, quantiser.code_length());
+        let (mut next, length) = (first, quantizer.code_length());
         let place = |component: Component| {
             let counts = !axes_alone || component.u + component.v.unsigned_abs() == 1;
             let bit = counts.then_some(next);
@@ -138,21 +143,21 @@ impl Layer {
             bit
         };
         let bits = basis.components().into_iter().map(place).collect();
-        Self { basis, quantiser, bits }
+        Self { basis, quantizer, bits }
     }
 }
 
 /// The sizes of neighbourhoods that codes describe: the larger one, if there are two, in the lowest bits, where no
 /// component's lie in two halves of a word.
 fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<Layer>> {
-    let weak = |settings: &Settings| -> Result<Quantiser> {
-        let quantiser = Quantiser::new(settings);
+    let weak = |settings: &Settings| -> Result<Quantizer> {
+        let quantizer = Quantizer::new(settings);
         if !settings.has_weak() {
-            return Ok(quantiser);
+            return Ok(quantizer);
         }
         let threshold =
             weak_threshold(gray, &Basis::new(settings), settings.noise_threshold, noise)?;
-        Ok(quantiser.with_weak_level(threshold))
+        Ok(quantizer.with_weak_level(threshold))
     };
     if !settings.has_larger() {
         return Ok(vec![Layer::new(settings, weak(settings)?, 0, false)]);
@@ -164,8 +169,8 @@ fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<La
         ..settings.clone()
     };
     let larger = Layer::new(&larger, weak(&larger)?, 0, true);
-    let first = settings.larger_components() * larger.quantiser.code_length();
-    Ok(vec![larger, Layer::new(settings, Quantiser::new(settings), first, false)])
+    let first = settings.larger_components() * larger.quantizer.code_length();
+    Ok(vec![larger, Layer::new(settings, Quantizer::new(settings), first, false)])
 }
 
 /// The magnitude up to which parts of components of `gray` are weak, a whole number.
@@ -242,14 +247,14 @@ impl<T: Lane> Kernel for Transform<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { spectrum, surroundings, layer: Layer { quantiser, bits, .. }, words } = self;
+        let Self { spectrum, surroundings, layer: Layer { quantizer, bits, .. }, words } = self;
         spectrum.centre_on(surroundings);
         for columns in segments(words[0].len()) {
             for frequency in spectrum.frequencies() {
                 for (c, re, im) in spectrum.components(frequency, columns.clone()) {
                     let Some(shift) = bits[c] else { continue };
                     let words = &mut words[shift / 32][columns.clone()];
-                    quantiser.add(re, im, shift % 32, words);
+                    quantizer.add(re, im, shift % 32, words);
                 }
             }
         }

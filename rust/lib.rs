@@ -1,109 +1,161 @@
-//! Dense stereo matching on quantised local phase.
+//! Dense stereo matching on quantized local phase, which blur and contrast leave alone.
 //!
-//! The story of one disparity map, each step a module, in the order in which the data flows:
+//! A match is one call. The settings are those of a preset, of [`Preset::Robust`] by default, which finds out by itself
+//! what the pair lacks: which disparities there are, how the rows of the images correspond, which image is blurred, where
+//! and by what, and how much noise there is.
 //!
-//! 1. Two rectified images of any type ([`view`]) become integer planes ([`intensity`]); masked pixels take
-//!    the values of their neighbours ([`masking`]). Blur can be added to them ([`convolution`]), to each part of
-//!    an image another one ([`versions`]).
-//! 2. Around every pixel a local Fourier transform ([`basis`], [`spectrum`]) is taken, of which only the
-//!    phase is kept, coarsely ([`quantiser`]): symmetric blur and contrast leave it alone. The levels are
-//!    packed into one word per pixel ([`descriptor`]).
-//! 3. A pixel and a candidate ([`candidates`]) in the other image cost as many bits as differ ([`cost`]);
-//!    or, for comparison, what their intensities or local contrasts ([`normalisation`]) differ by.
-//! 4. Costs are summed over a window, of which the best of five positions counts ([`aggregation`]).
-//! 5. The sum of the totals of a few paths chooses a candidate for every pixel, or dynamic programming along the row
-//!    does ([`optimization`]); paths jump more easily at edges of the image ([`edges`]).
-//! 6. What was chosen becomes a disparity with its flags ([`refinement`]), between candidates where their costs
-//!    tell ([`subpixel`]).
-//! 7. Of a whole map, pixels that cannot be right are told: those whose match belongs to another pixel
-//!    ([`consistency`]) and small regions that stand out ([`speckles`]). They are filled from the pixels beside
-//!    them ([`filling`]), edges in depth are drawn to those of the image ([`guided`]), what is still alone
-//!    gives way to its neighbours ([`median`]). Where one image is blurred it is made again by the map, by which jumps are
-//!    put right ([`synthesis`], [`outlines`]). Every disparity is given a confidence ([`confidence`]).
+//! ```
+//! use phasestereo::{Image, Pair, Settings, View, match_pair};
 //!
-//! Before all that, [`estimation`] may find out what nobody told: which disparities there are, and how the rows of the
-//! images lie to one another, by which the right one is straightened ([`alignment`]). [`blur`] finds out from spectra which image is the softer one, where, and by which
-//! point-spread function ([`psf`]), so that the other one can be given the same; and whether there are impulses, which are
-//! repaired ([`impulses`]), how much noise, and what compression has left of its blocks ([`blocking`]), both of which
-//! are smoothed away ([`smoothing`]).
+//! // Rows x columns x channels: texture, 5 columns further left in the right image.
+//! let texture = |shift: usize| {
+//!     let gray = |(y, x, _)| ((x + shift) * 89 % 251) as u8 ^ (y * 37 % 256) as u8;
+//!     View::from(Image::U8(ndarray::Array3::from_shape_fn((80, 120, 1), gray)))
+//! };
+//! let pair = Pair::new(texture(0), texture(5), 0, 16)?;
 //!
-//! From 3 on, everything is worked out on panels of columns in bands of rows, the candidates of a pixel in neighboring
-//! lanes, in integers as narrow as the settings allow ([`value`]), in memory that is used again ([`memory`]), by loops
-//! that are compiled for every instruction set ([`simd`]).
+//! let (found, estimates) = match_pair(pair, &Settings::default(), 1)?;
 //!
-//! [`matcher`] runs these bands on threads, under the eyes of [`control`], and writes a [`map`]. All arithmetic is that of integers
-//! (the descriptor's may be carried out in floats that hold them exactly): the result is the same to the bit
-//! for any number of threads, any part of a pair and any instructions, and equal to that of
-//! [`reference`](mod@reference), which does the same in the most obvious way.
+//! assert!((found.disparity.row(40)[60] - 5.0).abs() < 0.5);
+//! assert!(estimates.alignment.is_none(), "its rows correspond");
+//! # Ok::<(), phasestereo::Error>(())
+//! ```
 //!
-//! So a [`section`] of a pair that is larger than memory comes out as it does in the whole, given as many rows around it
-//! as it depends on ([`reach`]), in memory that is known before ([`footprint`]). What is the same for all sections is
-//! found out before from the [`source`] of the pair: rows, range and blur, the range of floats, and how rough the
-//! [`texture`] of the left image is. What a map says of itself as a whole is its [`summary`].
+//! # The story of one disparity map
+//!
+//! Each folder is a stage, in the order in which the data flows:
+//!
+//! 1. `image`: two rectified images of any type become integer planes; masked pixels take the values of their neighbors.
+//!    Impulses are repaired, noise and what compression has left of its blocks are smoothed away, blur is added.
+//! 2. `descriptor`: around every pixel a local Fourier transform is taken, of which only the phase is kept, coarsely:
+//!    symmetric blur and contrast leave it alone. The levels are packed into one word per pixel.
+//! 3. `cost`: a pixel and a candidate in the other image cost as many bits as differ; or, for comparison, what their
+//!    intensities or local contrasts differ by. Costs are summed over a window, of which the best of five positions counts.
+//! 4. `optimization`: the sum of the totals of a few paths chooses a candidate for every pixel, or dynamic programming
+//!    along the row does; paths jump more easily at edges of the image.
+//! 5. `refinement`: what was chosen becomes a disparity between the candidates. Those that cannot be right are flagged by
+//!    the left-right check and as speckles, and filled from the pixels beside them. Edges in depth are drawn to those of
+//!    the image; where one image is blurred it is made again by the map, by which jumps are put right. Every disparity is
+//!    given a confidence.
+//!
+//! Before all that, `rig` may find out what nobody told, and compensates for it. `pipeline` runs bands of rows on threads,
+//! and knows which rows a part of a pair depends on (its halo), how much memory it takes, and what must be known of a whole
+//! pair of which only parts are at hand.
+//!
+//! Costs and totals are integers as narrow as the settings allow (`value`), the candidates of a pixel in neighboring lanes,
+//! in loops that are compiled for every instruction set (`simd`, the only unsafe code but that of the C interface). All
+//! arithmetic is that of integers (the descriptor's may be carried out in floats that hold them exactly): the result is the
+//! same to the bit for any number of threads, any part of a pair and any instructions, and equal to that of a reference
+//! implementation, which does the same in the most obvious way (`tests/rust/reference.rs`).
 //!
 //! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
 
-pub mod error;
-pub mod memory;
-pub mod plane;
-pub mod value;
+#![cfg_attr(
+    not(feature = "python"),
+    allow(
+        dead_code,
+        reason = "single stages, parts of a pair and the memory model are for the Python face, with which lints are run"
+    )
+)]
 
-pub mod candidates;
-pub mod presets;
-pub mod settings;
+mod error;
+mod math;
+mod settings;
+mod simd;
+mod value;
 
-pub mod blocking;
-pub mod convolution;
-pub mod impulses;
-pub mod intensity;
-pub mod masking;
-pub mod normalisation;
-pub mod smoothing;
-pub mod texture;
-pub mod versions;
-pub mod view;
+mod cost;
+mod descriptor;
+mod image;
+mod optimization;
+mod pipeline;
+mod refinement;
+mod rig;
 
-pub mod basis;
-pub mod descriptor;
-pub mod quantiser;
-pub mod spectrum;
-
-pub mod aggregation;
-pub mod confidence;
-pub mod cost;
-pub mod edges;
-pub mod evidence;
-pub mod optimization;
-pub mod refinement;
-pub mod subpixel;
-pub mod votes;
-
-pub mod consistency;
-pub mod filling;
-pub mod guided;
-pub mod jumps;
-pub mod median;
-pub mod outlines;
-pub mod speckles;
-pub mod synthesis;
-
-pub mod alignment;
-pub mod blur;
-pub mod estimation;
-pub mod psf;
-
-pub mod control;
-pub mod map;
-pub mod matcher;
-pub mod simd;
-
-pub mod footprint;
-pub mod reach;
-pub mod section;
-pub mod source;
-pub mod summary;
-
-pub mod reference;
-
+#[cfg(feature = "c")]
+mod c;
 #[cfg(feature = "python")]
 mod python;
+
+pub use error::{Error, Result};
+pub use image::plane::Plane;
+pub use image::view::{Image, Mask, View};
+pub use pipeline::control::Control;
+pub use pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
+pub use refinement::flag;
+pub use rig::estimation::{Estimates, Known, Means, Prepared, prepare};
+pub use settings::presets::Preset;
+pub use settings::{CostKind, Optimizer, Precision, Settings, Taper};
+pub use simd::Level;
+
+/// Matches a pair on so many threads, started for it: its disparity map, and what was found out of the pair.
+///
+/// The disparities of the pair are searched, and all else is found that the settings ask for. [`prepare`] and
+/// [`Matcher::run`] are the two steps of it: for disparities to be found, for pairs of which something is known, and for
+/// one pair after another on the same threads.
+pub fn match_pair(
+    pair: Pair,
+    settings: &Settings,
+    threads: usize,
+) -> Result<(Disparity, Estimates)> {
+    let (matcher, control) = (Matcher::new(threads)?, Control::default());
+    let how = Execution { threads, level: Level::best() };
+    let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
+    let means = Means { matcher: &matcher, how, control: &control };
+    let Prepared { pair, settings, found } = prepare(pair, known, settings, means)?;
+    Ok((matcher.run(&pair, &settings, how, &control)?, found))
+}
+
+/// All stages, for tests and benches.
+#[cfg(feature = "internals")]
+#[doc(hidden)]
+pub mod internals {
+    /// See the crate.
+    pub mod error {
+        pub use crate::error::*;
+    }
+    /// See the crate.
+    pub mod math {
+        pub use crate::math::*;
+    }
+    /// See the crate.
+    pub mod settings {
+        pub use crate::settings::*;
+    }
+    /// See the crate.
+    pub mod simd {
+        pub use crate::simd::*;
+    }
+    /// See the crate.
+    pub mod value {
+        pub use crate::value::*;
+    }
+    /// See the crate.
+    pub mod cost {
+        pub use crate::cost::*;
+    }
+    /// See the crate.
+    pub mod descriptor {
+        pub use crate::descriptor::*;
+    }
+    /// See the crate.
+    pub mod image {
+        pub use crate::image::*;
+    }
+    /// See the crate.
+    pub mod optimization {
+        pub use crate::optimization::*;
+    }
+    /// See the crate.
+    pub mod pipeline {
+        pub use crate::pipeline::*;
+    }
+    /// See the crate.
+    pub mod refinement {
+        pub use crate::refinement::*;
+    }
+    /// See the crate.
+    pub mod rig {
+        pub use crate::rig::*;
+    }
+}

@@ -20,6 +20,8 @@
 //! Means of bad-1.0 (%) over 13 sharp scenes, Gauss 2 and disk 3: eight whole paths 5.5, 15.3, 12.8; four whole ones
 //! 5.5, 15.1, 12.7; as here 5.6, 15.1, 12.7; three from above and the row alone 5.8, 15.4, 13.0.
 
+pub mod edges;
+pub mod evidence;
 pub mod ordered;
 pub mod paths;
 pub mod selection;
@@ -28,14 +30,14 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::aggregation::{Aggregator, Block, Window};
-use crate::control::Control;
 use crate::cost::Costs;
-use crate::edges::Edges;
+use crate::cost::aggregation::{Aggregator, Block, Window};
 use crate::error::{Error, Result};
-use crate::evidence::Evidence;
-use crate::memory::Memory;
-use crate::plane::Plane;
+use crate::image::plane::Plane;
+use crate::optimization::edges::Edges;
+use crate::optimization::evidence::Evidence;
+use crate::pipeline::control::Control;
+use crate::pipeline::memory::Memory;
 use crate::settings::{Optimizer, Settings};
 use crate::simd::{Kernel, Level};
 use crate::value::{LANES, Lanes, Value};
@@ -249,7 +251,7 @@ impl Search<'_> {
         let (runs, cols) = (self.runs(), self.size.1);
         let seen = if is_vertical { self.seen(&rows) } else { rows.clone() };
         let Workspace { aggregator, costs, horizontal, vertical, evidence, .. } = workspace;
-        costs.iter_mut().try_for_each(|costs| costs.room(seen.len() * PANEL * runs))?;
+        costs.iter_mut().try_for_each(|costs| costs.resize(seen.len() * PANEL * runs))?;
         horizontal.begin(rows.len(), PANEL, runs)?;
         vertical.begin(rows.len(), runs)?;
         let terrain = Terrain { penalties: Penalties::new(self.steps), edges: self.edges };
@@ -297,7 +299,7 @@ impl Search<'_> {
         workspace: &mut Workspace<T>,
     ) -> Result<()> {
         let Workspace { aggregator, costs: [costs, _], evidence, .. } = workspace;
-        costs.room(rows.len() * PANEL * self.runs())?;
+        costs.resize(rows.len() * PANEL * self.runs())?;
         for columns in self.panels() {
             self.control.checkpoint()?;
             let totals = &mut costs[..rows.len() * columns.len() * self.runs()];
@@ -317,7 +319,7 @@ impl Search<'_> {
     ) -> Result<()> {
         let Workspace { aggregator, costs: [costs, _], ordered, evidence, .. } = workspace;
         let width = self.size.1 * self.runs();
-        costs.room(ORDERED_ROWS.min(rows.len()) * width)?;
+        costs.resize(ORDERED_ROWS.min(rows.len()) * width)?;
         for first in rows.clone().step_by(ORDERED_ROWS) {
             self.control.checkpoint()?;
             let some = first..(first + ORDERED_ROWS).min(rows.end);

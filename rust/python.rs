@@ -18,35 +18,35 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use self::arguments::{
-    Both, Told, ToldOfPair, candidates_of, read_images, read_known, read_noise, read_pair,
+    Both, KnownOfPair, Statistics, candidates_of, read_images, read_known, read_noise, read_pair,
     read_search, read_settings, read_versions, read_view, read_volume, write_settings,
 };
-use self::found::{Field, Found, Seen, read_field, read_glance, tell_found};
+use self::found::{Field, Found, Seen, found_to_py, read_field, read_glance};
 use self::reader::{Ranges, Reader};
 use self::supervisor::supervised;
 use self::workers::{Pool, Workers};
-use crate::aggregation::{Window, aggregate};
-use crate::blur;
-use crate::candidates::Candidates;
 use crate::cost::Costs;
+use crate::cost::aggregation::{Window, aggregate};
+use crate::cost::candidates::Candidates;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
-use crate::estimation::compensation::{LARGER, MUCH_LARGER};
-use crate::estimation::overview::LEAST_SIZE;
-use crate::estimation::{Known, Means, Prepared, prepare, prepare_by_rows};
-use crate::footprint::Demand;
-use crate::intensity::Gray;
-use crate::matcher::{Disparity, Execution, on_threads};
+use crate::image::intensity::Gray;
+use crate::image::plane::Plane;
+use crate::image::texture::Roughness;
 use crate::optimization::{BAND, Steps, optimize};
-use crate::plane::Plane;
-use crate::presets::Preset;
-use crate::reach::Reach;
+use crate::pipeline::footprint::Demand;
+use crate::pipeline::halo::Halo;
+use crate::pipeline::matcher::{Disparity, Execution, on_threads};
+use crate::pipeline::section::Section;
+use crate::pipeline::source;
+use crate::pipeline::summary::Summary;
 use crate::refinement::flag;
-use crate::section::Section;
+use crate::rig::blur;
+use crate::rig::estimation::compensation::{LARGER, MUCH_LARGER};
+use crate::rig::estimation::overview::LEAST_SIZE;
+use crate::rig::estimation::{Known, Means, Prepared, prepare, prepare_by_rows};
+use crate::settings::presets::Preset;
 use crate::simd::Level;
-use crate::source;
-use crate::summary::Summary;
-use crate::texture::Roughness;
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -75,8 +75,8 @@ mod _core {
     #[pymodule_export]
     use super::{
         Workers, aggregate_volume, blur_is_as_before, check_settings, check_versions, cost_volume,
-        descriptor, estimate_pair, estimate_pair_by_rows, find_ranges, find_roughness, match_pair,
-        match_rows, optimize_volume, preset, reach, simd_level, summarize, working_memory,
+        descriptor, estimate_pair, estimate_pair_by_rows, find_ranges, find_roughness, halo,
+        match_pair, match_rows, optimize_volume, preset, simd_level, summarize, working_memory,
     };
 
     #[pymodule_init]
@@ -154,7 +154,7 @@ fn match_pair<'py>(
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-    told: ToldOfPair<'py>,
+    told: KnownOfPair<'py>,
 ) -> PyResult<(Matched<'py>, Found<'py>)> {
     let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
     let pair = read_images(&images, &masks, search)?;
@@ -166,10 +166,10 @@ fn match_pair<'py>(
         let Prepared { pair, settings, found } = prepare(pair, known, &settings, means)?;
         Ok((matcher.run(&pair, &settings, how, control)?, found))
     })?;
-    Ok((tell_disparity(py, map)?, tell_found(py, found)?))
+    Ok((disparity_to_py(py, map)?, found_to_py(py, found)?))
 }
 
-fn tell_disparity(py: Python<'_>, found: Disparity) -> PyResult<Matched<'_>> {
+fn disparity_to_py(py: Python<'_>, found: Disparity) -> PyResult<Matched<'_>> {
     let Disparity { disparity, flags, confidence, timings: found } = found;
     let timings = PyDict::new(py);
     timings.set_item("description", found.description.as_secs_f64())?;
@@ -198,7 +198,7 @@ fn estimate_pair<'py>(
         let means = Means { matcher, how, control };
         Ok(prepare(pair, known, &settings, means)?.found)
     })?;
-    tell_found(py, found)
+    found_to_py(py, found)
 }
 
 /// Whether blur is as it was at a glance before.
@@ -231,7 +231,7 @@ fn estimate_pair_by_rows<'py>(
     settings: &Bound<'py, PyAny>,
     ranges: Option<Ranges>,
     threads: &Bound<'py, PyAny>,
-    told: ToldOfPair<'py>,
+    told: KnownOfPair<'py>,
 ) -> PyResult<Found<'py>> {
     let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
     let known = read_known(&told, size, search)?;
@@ -242,7 +242,7 @@ fn estimate_pair_by_rows<'py>(
         let means = Means { matcher, how, control };
         prepare_by_rows(&*source, known, &settings, means)
     });
-    tell_found(py, found.map_err(|failure| reader.reason(failure))?)
+    found_to_py(py, found.map_err(|failure| reader.reason(failure))?)
 }
 
 /// Where the pixels lie of images of floats that are read by rows.
@@ -283,15 +283,15 @@ fn find_roughness(
 
 /// How many rows of the images on either side a disparity depends on, and how many more next to masked rows.
 #[pyfunction]
-fn reach(
+fn halo(
     settings: &Bound<'_, PyAny>,
     versions: &Bound<'_, PyAny>,
     alignment: Option<Field>,
 ) -> PyResult<(usize, usize)> {
     let (settings, versions) = (read_settings(settings)?, read_versions(versions)?);
     let field = read_field(alignment)?;
-    let reach = Reach::new(&settings, versions.as_ref(), field.as_ref());
-    Ok((reach.rows(), reach.masked))
+    let halo = Halo::new(&settings, versions.as_ref(), field.as_ref());
+    Ok((halo.rows(), halo.masked))
 }
 
 /// The bytes that `match_rows` takes at most, of so many rows; of images whose pixels take so many bytes.
@@ -302,7 +302,7 @@ fn working_memory(
     threads: usize,
     itemsize: usize,
 ) -> PyResult<u64> {
-    let told = Told::read(survey)?;
+    let told = Statistics::read(survey)?;
     let (_, cols): (usize, usize) = survey.getattr("size")?.extract()?;
     let candidates: usize = told.disparities.1.extract()?;
     let demand = Demand {
@@ -329,7 +329,7 @@ fn match_rows<'py>(
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Matched<'py>> {
-    let told = Told::read(survey)?;
+    let told = Statistics::read(survey)?;
     let pair = read_pair(&images, &masks, &told.disparities)?
         .with_versions(told.versions.map(|versions| versions.from_row(first)))
         .with_ranges(told.ranges);
@@ -342,7 +342,7 @@ fn match_rows<'py>(
     };
     let (settings, pool) = (told.settings, Pool::of(threads)?);
     let how = Execution { threads: pool.threads(), level: Level::best() };
-    let chosen = section.widened(Reach::new(&settings, pair.versions(), None).map, &pair);
+    let chosen = section.widened(Halo::new(&settings, pair.versions(), None).map, &pair);
     let found = supervised(py, &pool, chosen.len(), progress, move |matcher, control| {
         let pair = match &field {
             Some(field) => pair.straightened(field, how.level, control)?,
@@ -350,7 +350,7 @@ fn match_rows<'py>(
         };
         matcher.run_rows(&pair, &section, &settings, how, control)
     })?;
-    tell_disparity(py, found)
+    disparity_to_py(py, found)
 }
 
 /// Shares with an estimate, flagged, at the least and at the largest disparity; mean confidence.

@@ -1,23 +1,30 @@
 //! Chosen candidates -> what the caller gets: disparities, flags that say why, and confidence.
 
-use crate::candidates::Candidates;
-use crate::confidence::{self, Scene};
-use crate::consistency::{Checker, Choices};
-use crate::control::Control;
+pub mod confidence;
+pub mod filling;
+pub mod guided_median;
+pub mod jumps;
+pub mod left_right_check;
+pub mod median;
+pub mod outlines;
+pub mod speckles;
+pub mod subpixel;
+pub mod synthesis;
+
+use crate::cost::candidates::Candidates;
+use crate::cost::votes::Votes;
 use crate::error::Result;
-use crate::evidence::{EvidenceRow, NONE};
-use crate::filling::fill;
-use crate::guided::guide;
-use crate::median;
-use crate::outlines;
-use crate::plane::Plane;
+use crate::image::plane::Plane;
+use crate::image::texture::Texture;
+use crate::optimization::evidence::{EvidenceRow, NONE};
+use crate::pipeline::control::Control;
+use crate::refinement::confidence::Scene;
+use crate::refinement::filling::fill;
+use crate::refinement::guided_median::guide;
+use crate::refinement::left_right_check::{Checker, Choices};
+use crate::refinement::speckles::flag_speckles;
 use crate::settings::Settings;
 use crate::simd::Level;
-use crate::speckles::flag_speckles;
-use crate::subpixel;
-use crate::synthesis;
-use crate::texture::Texture;
-use crate::votes::Votes;
 
 /// Why an estimate is missing or not to be trusted; bits of the flags.
 pub mod flag {

@@ -1,5 +1,7 @@
 //! Every knob of the matcher: meaning, unit, range and default, checked once.
 
+pub mod presets;
+
 use crate::error::{Error, Result};
 
 /// Largest neighbourhood and largest aggregation window, pixels.
@@ -32,7 +34,7 @@ pub enum CostKind {
     /// Sum over the channels of absolute differences; unit: gray levels, 255 over the intensity range.
     Sad,
     /// The same on channels normalised by local mean and deviation; unit: standard deviations.
-    NormalisedSad,
+    NormalizedSad,
 }
 
 /// Window under the local Fourier transform.
@@ -67,6 +69,23 @@ pub enum Precision {
     /// To so many bits of the sums over columns that the sum over the window fits a byte.
     Byte,
 }
+
+/// What costs are called.
+pub const COSTS: [(&str, CostKind); 3] =
+    [("phase", CostKind::Phase), ("sad", CostKind::Sad), ("nsad", CostKind::NormalizedSad)];
+/// What tapers are called.
+pub const TAPERS: [(&str, Taper); 3] =
+    [("uniform", Taper::Uniform), ("gaussian", Taper::Gaussian), ("hann", Taper::Hann)];
+/// What precisions are called.
+pub const PRECISIONS: [(&str, Precision); 2] =
+    [("full", Precision::Full), ("byte", Precision::Byte)];
+/// What optimizers are called.
+pub const OPTIMIZERS: [(&str, Optimizer); 4] = [
+    ("dp", Optimizer::DynamicProgramming),
+    ("so", Optimizer::ScanlineOptimization),
+    ("wta", Optimizer::WinnerTakesAll),
+    ("sgm", Optimizer::SemiGlobal),
+];
 
 /// All settings of a match; the defaults are those of [`Preset::Robust`].
 #[derive(Debug, Clone, PartialEq)]
@@ -334,7 +353,7 @@ fn between(argument: &'static str, value: usize, least: usize, most: usize) -> R
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::presets::Preset;
+    use crate::settings::presets::Preset;
 
     fn refused(change: impl FnOnce(&mut Settings)) -> String {
         let mut settings = Preset::Paper.settings();

@@ -7,8 +7,13 @@ before it is committed.
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 import tempfile
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 from time import sleep
 from typing import TYPE_CHECKING
 
@@ -25,7 +30,8 @@ from phasestereo_bench.rendering import render_pair
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
+ROOT = Path(__file__).resolve().parent.parent
+IMAGES = ROOT / "docs" / "images"
 
 
 def write_page(path: Path) -> None:
@@ -102,6 +108,24 @@ def take_live_page(browser: Browser) -> None:
         show.close()
 
 
+def take_try_page(browser: Browser, folder: Path) -> None:
+    """Take the page "try it", an image out of focus; needs what ``make web`` builds."""
+    program = [sys.executable, str(ROOT / "docs" / "try_page.py"), str(folder)]
+    subprocess.run(program, check=True)  # noqa: S603  # our own
+    handler = partial(SimpleHTTPRequestHandler, directory=str(folder))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}/index.html"
+        browser.visit(address, width=1440, height=900)
+        done = "document.documentElement.dataset.matched === 'robust'"
+        browser.wait(done)
+        browser.run("setMix(0.6); element('defocus').value = 4")
+        browser.run("element('defocus').dispatchEvent(new Event('input'))")
+        browser.wait(done)
+        save(browser, "try-page")
+        server.shutdown()
+
+
 def main() -> None:
     """Take all pictures."""
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
@@ -118,6 +142,7 @@ def main() -> None:
             arrange(browser)
             save(browser, name)
         take_live_page(browser)
+        take_try_page(browser, Path(folder) / "web")
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ __all__ = [
     "match_rows",
     "optimize_volume",
     "preset",
-    "reach",
+    "halo",
     "simd_level",
     "summarize",
     "working_memory",
@@ -96,7 +96,7 @@ def find_roughness(
     ranges: _Ranges | None,
     impulses: float,
 ) -> tuple[int, int]: ...
-def reach(
+def halo(
     settings: Settings, versions: BlurCompensation | None, alignment: Field | None
 ) -> tuple[int, int]: ...
 def working_memory(survey: PairStatistics, rows: int, threads: int, itemsize: int) -> int: ...

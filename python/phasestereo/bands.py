@@ -261,7 +261,7 @@ def halo(
     if not isinstance(settings, Settings):
         raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings")
     field = alignment.field if alignment is not None and alignment.applied else None
-    around, _ = _core.reach(settings, as_blur_compensation(blur_compensation), field)
+    around, _ = _core.halo(settings, as_blur_compensation(blur_compensation), field)
     return around
 
 
@@ -308,7 +308,7 @@ def match_rows(
     rows = Checked(read, statistics.size, statistics.dtype)
     as_integer("first", first, least=0, most=statistics.size[0] - 1)
     as_integer("last", last, least=first + 1, most=statistics.size[0])
-    around, masked = _core.reach(
+    around, masked = _core.halo(
         statistics.settings, statistics.blur_compensation, statistics.field
     )
     top, bottom = _widened(first, last, around, statistics)

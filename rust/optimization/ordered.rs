@@ -14,8 +14,8 @@
 //! this is one candidate after another, in integers that hold any sum.
 
 use crate::error::Result;
-use crate::memory::Memory;
 use crate::optimization::Steps;
+use crate::pipeline::memory::Memory;
 use crate::value::{LANES, Lanes, Value};
 
 /// Chooses candidates along one row after another; its memory is used again.
@@ -39,10 +39,10 @@ impl Ordered {
     ) -> Result<&[u16]> {
         let runs = candidates.div_ceil(LANES);
         let cols = costs.len() / runs;
-        self.totals.room(candidates)?;
+        self.totals.resize(candidates)?;
         self.totals.fill(0);
-        self.origins.room(cols * candidates)?;
-        self.chosen.room(cols)?;
+        self.origins.resize(cols * candidates)?;
+        self.chosen.resize(cols)?;
 
         let pixels = costs.chunks_exact(runs).zip(self.origins.chunks_exact_mut(candidates));
         for (costs, origins) in pixels {

@@ -16,13 +16,13 @@
 use std::mem::swap;
 use std::ops::Range;
 
-use crate::aggregation::Block;
-use crate::edges::{Edges, Neighbor};
+use crate::cost::aggregation::Block;
 use crate::error::Result;
-use crate::evidence::Evidence;
-use crate::memory::Memory;
 use crate::optimization::Steps;
+use crate::optimization::edges::{Edges, Neighbor};
+use crate::optimization::evidence::Evidence;
 use crate::optimization::selection::{Minimum, PIXELS, Selection};
+use crate::pipeline::memory::Memory;
 use crate::simd::Kernel;
 use crate::value::{LANES, Lanes, Value, least_lane};
 
@@ -82,7 +82,7 @@ impl<T: Value> Paths<T> {
     /// Begins paths of pixels with so many runs of candidates: with nothing behind them.
     fn begin(&mut self, runs: usize) -> Result<()> {
         for totals in [&mut self.before, &mut self.here] {
-            totals.room(PIXELS * span(runs))?;
+            totals.resize(PIXELS * span(runs))?;
             totals.fill(T::FAR);
         }
         self.restart(runs);
@@ -209,11 +209,11 @@ pub struct Horizontal<T> {
 impl<T: Value> Horizontal<T> {
     /// Begins a band of so many rows.
     pub fn begin(&mut self, rows: usize, panel: usize, runs: usize) -> Result<()> {
-        self.left.room(rows * runs * LANES)?;
+        self.left.resize(rows * runs * LANES)?;
         self.left.fill(T::default());
-        self.least.room(rows)?;
+        self.least.resize(rows)?;
         self.least.fill(T::default());
-        self.means.room(rows * panel * runs)?;
+        self.means.resize(rows * panel * runs)?;
         self.paths.begin(runs)
     }
 
@@ -422,8 +422,8 @@ impl<T: Value> Vertical<T> {
     /// Begins a band of so many rows.
     pub fn begin(&mut self, rows: usize, runs: usize) -> Result<()> {
         self.paths.begin(runs)?;
-        self.below.room(rows * PIXELS * runs)?;
-        self.sums.room(PIXELS * runs)
+        self.below.resize(rows * PIXELS * runs)?;
+        self.sums.resize(PIXELS * runs)
     }
 }
 

@@ -11,8 +11,8 @@
 //! asked at the end. A few pixels go through one step after another, each step a small loop of its own: that is what
 //! the compiler turns into vector instructions.
 
-use crate::evidence::{Evidence, EvidenceRow, NONE};
-use crate::subpixel::{self, evidence};
+use crate::optimization::evidence::{Evidence, EvidenceRow, NONE};
+use crate::refinement::subpixel::{self, evidence};
 use crate::value::{LANES, Lanes, Value, least_lane};
 
 /// Pixels that are selected for together.

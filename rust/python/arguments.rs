@@ -1,7 +1,5 @@
 //! What Python hands over -> what the core takes, or an exception that names the argument.
 
-use std::{env, thread};
-
 use ndarray::{Array3, Dimension};
 use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
@@ -11,34 +9,23 @@ use pyo3::types::{PyBool, PyDict};
 use super::found::{Field, read_field};
 use super::internal;
 use super::reader::as_ranges;
-use crate::alignment::Alignment;
-use crate::candidates::Candidates;
-use crate::convolution::Kernel;
+use crate::cost::candidates::Candidates;
 use crate::error::Error;
-use crate::estimation::Known;
-use crate::intensity;
-use crate::matcher::{MOST_THREADS, Pair};
-use crate::plane::{Plane, zeroed};
-use crate::settings::{CostKind, MOST_DISPARITIES, Optimizer, Precision, Settings, Taper};
-use crate::texture::{Roughness, Texture};
-use crate::versions::{Versions, check_noise};
-use crate::view::{Image, Mask, View};
+use crate::image::convolution::Kernel;
+use crate::image::intensity;
+use crate::image::plane::{Plane, zeroed};
+use crate::image::texture::{Roughness, Texture};
+use crate::image::view::{Image, Mask, View};
+use crate::pipeline::matcher::{Pair, usable_threads};
+use crate::rig::alignment::Alignment;
+use crate::rig::estimation::Known;
+use crate::rig::versions::{Versions, check_noise};
+use crate::settings::{COSTS, MOST_DISPARITIES, OPTIMIZERS, PRECISIONS, Settings, TAPERS};
 
 /// Something of the left and the same of the right image, or any other two things.
 pub type Both<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 const KERNELS: &str = "pairs (left, right) of 2-D arrays of float32, or None";
-const COSTS: [(&str, CostKind); 3] =
-    [("phase", CostKind::Phase), ("sad", CostKind::Sad), ("nsad", CostKind::NormalisedSad)];
-const TAPERS: [(&str, Taper); 3] =
-    [("uniform", Taper::Uniform), ("gaussian", Taper::Gaussian), ("hann", Taper::Hann)];
-const PRECISIONS: [(&str, Precision); 2] = [("full", Precision::Full), ("byte", Precision::Byte)];
-const OPTIMIZERS: [(&str, Optimizer); 4] = [
-    ("dp", Optimizer::DynamicProgramming),
-    ("so", Optimizer::ScanlineOptimization),
-    ("wta", Optimizer::WinnerTakesAll),
-    ("sgm", Optimizer::SemiGlobal),
-];
 
 /// Least disparity and number of disparities, or `None`: they are to be found.
 pub type Search = Option<(i64, i64)>;
@@ -242,11 +229,11 @@ pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
 
 /// What Python tells of a pair before it is looked at: noise, versions, the field of the rows, and whether the right image
 /// is to be inverted.
-pub type ToldOfPair<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>, bool);
+pub type KnownOfPair<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>, bool);
 
 /// What a call tells of a pair: its noise, or the versions in which its pixels are compared, and the field of its rows.
 pub fn read_known(
-    (noise, versions, field, is_inverted): &ToldOfPair<'_>,
+    (noise, versions, field, is_inverted): &KnownOfPair<'_>,
     size: (usize, usize),
     search: Search,
 ) -> PyResult<Known> {
@@ -267,7 +254,7 @@ pub fn read_known(
 }
 
 /// What `phasestereo.surveying.Survey` tells of a whole pair.
-pub struct Told<'py> {
+pub struct Statistics<'py> {
     pub settings: Settings,
     pub versions: Option<Versions>,
     pub alignment: Option<Alignment>,
@@ -277,7 +264,7 @@ pub struct Told<'py> {
     pub roughness: Option<Roughness>,
 }
 
-impl<'py> Told<'py> {
+impl<'py> Statistics<'py> {
     /// The fields, checked.
     pub fn read(survey: &Bound<'py, PyAny>) -> PyResult<Self> {
         let settings = read_settings(&survey.getattr("settings")?)?;
@@ -350,12 +337,7 @@ fn read_kernel(kernel: &Bound<'_, PyAny>) -> PyResult<Option<Kernel>> {
 
 /// A number of threads; None: what `RAYON_NUM_THREADS` says, or as many as the process may use.
 pub fn read_threads(threads: &Bound<'_, PyAny>) -> PyResult<usize> {
-    if !threads.is_none() {
-        return natural(threads, "threads");
-    }
-    let told = env::var("RAYON_NUM_THREADS").ok().and_then(|told| told.parse().ok());
-    let usable = || thread::available_parallelism().map_or(1, Into::into);
-    Ok(told.filter(|&told| told > 0).unwrap_or_else(usable).min(MOST_THREADS))
+    if threads.is_none() { Ok(usable_threads()) } else { natural(threads, "threads") }
 }
 
 fn choice<T: Copy>(

@@ -4,15 +4,15 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
 use super::{internal, wrap};
-use crate::alignment::{Alignment, TERMS};
-use crate::blur::{self, Glance, Place, Side};
 use crate::error::Result;
-use crate::estimation::Estimates;
-use crate::estimation::compensation::Compensation;
-use crate::estimation::range::SearchRange;
-use crate::estimation::rows::Offsets;
-use crate::plane::Plane;
-use crate::psf::{Family, Taps};
+use crate::image::plane::Plane;
+use crate::rig::alignment::{Alignment, TERMS};
+use crate::rig::blur::{self, Glance, Place, Side};
+use crate::rig::estimation::Estimates;
+use crate::rig::estimation::compensation::Compensation;
+use crate::rig::estimation::range::SearchRange;
+use crate::rig::estimation::rows::Offsets;
+use crate::rig::psf::{Family, Taps};
 
 /// Softer image (0 none, 1 left, 2 right), kind, size, angle and kernel of a blur.
 type Kind<'py> = (u8, &'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
@@ -56,34 +56,34 @@ pub type Found<'py> = (
     f64,
 );
 
-pub fn tell_found(py: Python<'_>, found: Estimates) -> PyResult<Found<'_>> {
+pub fn found_to_py(py: Python<'_>, found: Estimates) -> PyResult<Found<'_>> {
     let Estimates { candidates, confidence, is_inverted, range, .. } = found;
     let Estimates { offsets, alignment, blur, compensation, time, .. } = found;
-    let blur = blur.map(|blur| tell_estimate(py, blur)).transpose()?;
-    let compensation = compensation.map(|found| tell_compensation(py, found)).transpose()?;
+    let blur = blur.map(|blur| estimate_to_py(py, blur)).transpose()?;
+    let compensation = compensation.map(|found| compensation_to_py(py, found)).transpose()?;
     Ok((
         (candidates.min() as i64, candidates.count() as i64),
         confidence,
         is_inverted,
-        range.as_ref().map(tell_range),
-        offsets.as_ref().map(tell_offsets),
-        alignment.as_ref().map(tell_field),
+        range.as_ref().map(range_to_py),
+        offsets.as_ref().map(offsets_to_py),
+        alignment.as_ref().map(field_to_py),
         blur,
         compensation,
         time.as_secs_f64(),
     ))
 }
 
-fn tell_range(range: &SearchRange) -> Range {
+fn range_to_py(range: &SearchRange) -> Range {
     let SearchRange { min, count, low, high, swapped, mixed } = *range;
     (min, count, low, high, swapped, mixed)
 }
 
-fn tell_offsets(found: &Offsets) -> Measured {
-    (tell_field(&found.field), found.error, found.blocks, found.spread)
+fn offsets_to_py(found: &Offsets) -> Measured {
+    (field_to_py(&found.field), found.error, found.blocks, found.spread)
 }
 
-fn tell_field(field: &Alignment) -> Field {
+fn field_to_py(field: &Alignment) -> Field {
     (*field.coefficients(), field.size(), 0)
 }
 
@@ -94,7 +94,7 @@ pub fn read_field(field: Option<Field>) -> Result<Option<Alignment>> {
     field.transpose()
 }
 
-fn tell_compensation(py: Python<'_>, found: Compensation) -> PyResult<Compensated<'_>> {
+fn compensation_to_py(py: Python<'_>, found: Compensation) -> PyResult<Compensated<'_>> {
     let sides = (found.settings.neighborhood, found.settings.window);
     let kernel = |taps: Option<Plane<f32>>| taps.map(|taps| wrap(py, taps)).transpose();
     let kernels =
@@ -104,16 +104,16 @@ fn tell_compensation(py: Python<'_>, found: Compensation) -> PyResult<Compensate
     Ok((both, kernels?, wrap(py, found.labels)?, found.tile, sides))
 }
 
-fn tell_estimate(py: Python<'_>, told: blur::Estimate) -> PyResult<Estimated<'_>> {
-    let blurs: PyResult<_> = told.blurs.iter().map(|blur| tell_blur(py, blur)).collect();
+fn estimate_to_py(py: Python<'_>, told: blur::Estimate) -> PyResult<Estimated<'_>> {
+    let blurs: PyResult<_> = told.blurs.iter().map(|blur| blur_to_py(py, blur)).collect();
     let (rows, cols, labels) = told.labels;
     let labels = wrap(py, Plane::from_vec(rows, cols, labels)?)?;
     let both = [told.noise, told.impulses, told.coding].map(|[left, right]| (left, right));
-    let glance = tell_glance(py, told.glance)?;
+    let glance = glance_to_py(py, told.glance)?;
     Ok((blurs?, labels, told.tile, told.certainty, told.gain, both, glance))
 }
 
-fn tell_blur<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Kind<'py>> {
+fn blur_to_py<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Kind<'py>> {
     let kernel = |taps: &Taps| {
         let kernel = Plane::from_vec(taps.side(), taps.side(), taps.values.clone())?;
         wrap(py, kernel)
@@ -151,7 +151,7 @@ pub fn read_glance((places, excess): Seen) -> PyResult<Glance> {
     Ok(Glance { places, excess: excess.to_vec().map_err(internal)? })
 }
 
-fn tell_glance(py: Python<'_>, Glance { places, excess }: Glance) -> PyResult<Seen<'_>> {
+fn glance_to_py(py: Python<'_>, Glance { places, excess }: Glance) -> PyResult<Seen<'_>> {
     let corners = |place: &Place| [place.top, place.left, place.right_top, place.right];
     let values = places.iter().flat_map(corners).map(|value| value as u32).collect();
     Ok((wrap(py, Plane::from_vec(places.len(), 4, values)?)?, excess.into_pyarray(py)))

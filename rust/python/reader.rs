@@ -6,11 +6,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use pyo3::prelude::*;
 
 use super::arguments::{Both, Search, read_images};
-use crate::candidates::Candidates;
+use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
-use crate::intensity;
-use crate::matcher::Pair;
-use crate::source::Source;
+use crate::image::intensity;
+use crate::pipeline::matcher::Pair;
+use crate::pipeline::source::Source;
 
 /// A callable `read(first, last)` that returns ((left, right), masks) of these rows, as [`read_pair`] takes them.
 pub struct Reader {

@@ -8,9 +8,9 @@ use pyo3::prelude::*;
 
 use super::internal;
 use super::workers::Pool;
-use crate::control::Control;
 use crate::error::Result;
-use crate::matcher::Matcher;
+use crate::pipeline::control::Control;
+use crate::pipeline::matcher::Matcher;
 
 /// How often a running call looks for Ctrl-C and reports its progress.
 const TICK: Duration = Duration::from_millis(50);

@@ -12,9 +12,9 @@ use std::{mem, process};
 use pyo3::prelude::*;
 
 use super::arguments::read_threads;
-use crate::control::Control;
 use crate::error::Result;
-use crate::matcher::Matcher;
+use crate::pipeline::control::Control;
+use crate::pipeline::matcher::Matcher;
 
 /// Most calls at work at once in one pool; others wait for their turn. Each holds the codes of a pair; and a
 /// thread that waits for others takes up the next call meanwhile, on top of its own on one stack.

@@ -39,7 +39,7 @@ HARNESS = {
     "demo": "Show what one image out of focus does to stereo matching.\n\n"
     "Renders a pair with its true disparities, degrades the left image (defocus, contrast, noise), "
     "and matches the sharp and the degraded pair by phase codes, SAD and normalised SAD, and by "
-    "OpenCV's StereoSGBM if that is installed. Takes a few seconds.",
+    "OpenCV's StereoSGBM. Takes a few seconds.",
     "bench": "Score matchers, and repeat the paper's experiments.",
 }
 """The commands of ``phasestereo-bench``, and their help: listing them imports none of it."""

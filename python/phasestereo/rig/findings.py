@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     Severity = Literal["ok", "note", "warning"]
 
-__all__ = ["Finding", "MatchWarning", "of", "of_result", "spread", "untrusted", "warn"]
+__all__ = ["LEVELS", "Finding", "MatchWarning", "of", "of_result", "spread", "untrusted", "warn"]
 
 # From where on something is noted, and from where on it is warned of. Pairs as they come are below
 # the first: rows of Middlebury's are off by up to 0.26 pixels rms, medians of their gray levels
@@ -54,6 +54,20 @@ _FLAGGED = 0.25, 0.35  # of the pixels
 _AT_END = 0.01, 0.02  # of the pixels
 _BEYOND = 0.2  # of the range
 
+
+LEVELS = {
+    "rows": _ROWS,
+    "errors": _ERRORS,
+    "part": _PART,
+    "part_errors": _PART_ERRORS,
+    "contrast": _CONTRAST,
+    "blur": _BLUR,
+    "blur_share": _BLUR_SHARE,
+    "sure": _SURE,
+    "noise": _NOISE,
+    "saturated": _SATURATED,
+}
+"""Those of pairs by what they are of: the page that matches in a browser goes by them, too."""
 
 _NOTHING = (
     "hardly anything in one image is found in the other: these are no pair, or far from rectified"

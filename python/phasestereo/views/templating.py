@@ -17,7 +17,7 @@ from phasestereo._extras import require
 __all__ = ["data_uri", "render_page"]
 
 
-def render_page(template: str, *, package: str = "phasestereo.views", **context: Any) -> str:
+def render_page(template: str, *, package: str | Path = "phasestereo.views", **context: Any) -> str:
     """Render a template.
 
     Parameters
@@ -25,7 +25,8 @@ def render_page(template: str, *, package: str = "phasestereo.views", **context:
     template
         Name of its file in the folder ``templates`` of the package.
     package
-        The package it belongs to. Templates of this one are there for those of any other.
+        The package it belongs to, or the folder it lies in itself. Templates of this package are
+        there for those of any other.
     **context
         What the template refers to, all of which must be given. Text is escaped; the filter
         ``embedded`` turns the path of an image into the image itself, as `data_uri` does; the
@@ -44,10 +45,9 @@ def render_page(template: str, *, package: str = "phasestereo.views", **context:
         If an image cannot be read.
     """
     jinja2 = require("jinja2", extra="report")
+    own = jinja2.FileSystemLoader if isinstance(package, Path) else jinja2.PackageLoader
     environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader(
-            [jinja2.PackageLoader(package), jinja2.PackageLoader("phasestereo.views")]
-        ),
+        loader=jinja2.ChoiceLoader([own(package), jinja2.PackageLoader("phasestereo.views")]),
         undefined=jinja2.StrictUndefined,
         autoescape=True,
         trim_blocks=True,

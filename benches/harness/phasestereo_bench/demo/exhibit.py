@@ -15,7 +15,7 @@ from phasestereo.settings import PRESETS
 from phasestereo.views.picture import colorize, disparity_picture, error_picture, panel
 from phasestereo.views.templating import render_page
 from phasestereo_bench.demo import trials
-from phasestereo_bench.demo.methods import NEIGHBORHOOD, NSAD, ROBUST, SAD, SGBM, WINDOW
+from phasestereo_bench.demo.methods import NEIGHBORHOOD, NSAD, ROBUST, SGBM, WINDOW
 
 if TYPE_CHECKING:
     import os
@@ -57,10 +57,6 @@ def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
     for name, picture in _pictures(demo).items():
         written.append(target / f"{name}.png")
         write_image(written[-1], picture)
-    optional = [f"{stem}_{SGBM.key}" for stem in ("disparity", "error")]
-    earlier = {target / f"{name}.{ending}" for name in optional for ending in ("pfm", "png")}
-    for path in earlier.difference(written):
-        path.unlink(missing_ok=True)
     written.append(target / "report.html")
     with replacing(written[-1]) as file:
         file.write(_page(demo, target).encode())
@@ -90,7 +86,7 @@ def _pictures(demo: Demo) -> dict[str, Picture]:
 def _overview(demo: Demo) -> Picture:
     """Return the whole story in one picture."""
     pair, truth = demo.pair, cast("Map", demo.pair.truth)
-    shown = [outcome for outcome in demo.outcomes if outcome.method in (ROBUST, SAD, NSAD)]
+    shown = [outcome for outcome in demo.outcomes if outcome.method in (ROBUST, SGBM, NSAD)]
     found = [outcome.degraded.disparity for outcome in shown]
     pictures = [demo.degraded, pair.right, colorize(truth, **_ends(truth))]
     pictures += [colorize(disparity, **_ends(truth)) for disparity in found]

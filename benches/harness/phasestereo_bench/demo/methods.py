@@ -81,4 +81,4 @@ SAD = Method("sad", "SAD", replace(_PAPER, cost="sad", window=WINDOW, p1=10, p2=
 NSAD = Method("nsad", "normalised SAD", replace(_PAPER, cost="nsad", window=WINDOW, p1=1, p2=1))
 SGBM = Method("sgbm", "StereoSGBM (OpenCV)", None)
 
-METHODS: tuple[Method, ...] = (ROBUST, PHASE, SMALL, SAD, NSAD)
+METHODS: tuple[Method, ...] = (ROBUST, PHASE, SMALL, SAD, NSAD, SGBM)

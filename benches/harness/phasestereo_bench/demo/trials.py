@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, cast
 
 from phasestereo.metrics import bad_pixels
 from phasestereo_bench.degradation import Degradation, disk_psf
-from phasestereo_bench.demo.methods import METHODS, SGBM
+from phasestereo_bench.demo.methods import METHODS
 from phasestereo_bench.rendering import render_pair
 
 if TYPE_CHECKING:
@@ -70,23 +69,22 @@ def run_demo(
     Returns
     -------
     Demo
-        With `METHODS`, and OpenCV's StereoSGBM where that is installed.
+        With the outcomes of all `METHODS`.
 
     Raises
     ------
     TypeError, ValueError
         As `phasestereo_bench.rendering.render_pair`.
     """
-    methods = METHODS if find_spec("cv2") is None else (*METHODS, SGBM)
     pair = render_pair(seed, height=height, width=width, num_disparities=num_disparities)
     degraded = degradation(seed)(pair.left)
-    attempts = [(method, left) for method in methods for left in (pair.left, degraded)]
+    attempts = [(method, left) for method in METHODS for left in (pair.left, degraded)]
     trials: list[Trial] = []
     for method, left in attempts:
         trials.append(_attempt(method, left, pair))
         if progress is not None:
             progress(len(trials), len(attempts))
-    outcomes = tuple(map(Outcome, methods, trials[::2], trials[1::2]))
+    outcomes = tuple(map(Outcome, METHODS, trials[::2], trials[1::2]))
     return Demo(seed, pair, degraded, outcomes)
 
 

@@ -3,16 +3,6 @@
 const SPACE = { left: 46, right: 12, top: 26, bottom: 40 }; // screen pixels around the axes
 const SVG = "http://www.w3.org/2000/svg";
 
-// Draw when it comes near: what is further down may never be looked at.
-function whenNear(place, draw) {
-  new IntersectionObserver(async ([entry], observer) => {
-    if (!entry.isIntersecting) return;
-    observer.disconnect();
-    await draw();
-    place.dataset.drawn = "yes";
-  }, { rootMargin: "300px" }).observe(place);
-}
-
 function drawn(tag, attributes, text = "") {
   const node = document.createElementNS(SVG, tag);
   for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
@@ -178,5 +168,3 @@ function makeCharts() {
     whenNear(place, () => figure(place, CHARTS[key](told)));
   }
 }
-
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => stage.refresh());

@@ -1,4 +1,4 @@
-// What the page holds: numbers, maps and pictures, unpacked once.
+// What the viewer shows: a description, maps and pictures. Whoever starts it fills them in.
 
 const page = JSON.parse(document.getElementById("page").textContent);
 const maps = {}; // typed arrays by name, row by row
@@ -14,42 +14,8 @@ function made(tag, properties = {}, ...children) {
 
 const bytesOf = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
-// An array as `packed` wrote it: differences of neighbours, first all first bytes, then all second.
-async function unpacked(text, Numbers) {
-  const packed = new Blob([bytesOf(text)]).stream();
-  const plain = packed.pipeThrough(new DecompressionStream("deflate"));
-  const planes = new Uint8Array(await new Response(plain).arrayBuffer());
-  const size = Numbers.BYTES_PER_ELEMENT;
-  const count = planes.length / size;
-  const bytes = new Uint8Array(planes.length);
-  for (let plane = 0; plane < size; plane++) {
-    const from = plane * count;
-    for (let at = 0, to = plane; at < count; at++, to += size) bytes[to] = planes[from + at];
-  }
-  const numbers = new Numbers(bytes.buffer);
-  for (let at = 1; at < count; at++) numbers[at] += numbers[at - 1]; // and wraps, as it did there
-  return numbers;
-}
-
-// Disparities from their codes; the last code stands for none.
-function decoded(codes) {
-  const [low, step] = page.scene.coding;
-  return Float32Array.from(codes, (code) => (code === 0xffff ? NaN : low + code * step));
-}
-
-async function loadMaps() {
-  const types = {
-    disparity: Uint16Array, confidence: Uint8Array, truth: Uint16Array, flags: Uint16Array, scored: Uint8Array,
-  };
-  for (const [name, Numbers] of Object.entries(types)) {
-    const holder = element(`array-${name}`);
-    if (holder) maps[name] = await unpacked(holder.textContent, Numbers);
-  }
-  maps.codes = maps.disparity;
-  for (const name of ["disparity", "truth"]) if (maps[name]) maps[name] = decoded(maps[name]);
-  if (maps.confidence) maps.confidence = Float32Array.from(maps.confidence, (code) => code / 255);
-  if (maps.truth) maps.error = maps.disparity.map((found, at) => errorOf(found, at));
-}
+const numberOf = (value, places, unit = "") =>
+  `${value.toFixed(places).replace("-", "\u2212")}${unit && ` ${unit}`}`;
 
 // Infinite where an estimate is missing that counts, NaN where nothing counts.
 function errorOf(found, at) {
@@ -57,14 +23,12 @@ function errorOf(found, at) {
   return Number.isFinite(found) ? Math.abs(found - maps.truth[at]) : Infinity;
 }
 
-async function loadPicture(side) {
-  const image = element(`picture-${side}`);
-  await image.decode();
-  const canvas = made("canvas", { width: page.cols, height: page.rows });
-  const context = canvas.getContext("2d", { willReadFrequently: true });
-  context.drawImage(image, 0, 0, page.cols, page.rows);
-  pictures[side] = { canvas, bytes: context.getImageData(0, 0, page.cols, page.rows).data };
+// Draw when it comes near: what is further down may never be looked at.
+function whenNear(place, draw) {
+  new IntersectionObserver(async ([entry], observer) => {
+    if (!entry.isIntersecting) return;
+    observer.disconnect();
+    await draw();
+    place.dataset.drawn = "yes";
+  }, { rootMargin: "300px" }).observe(place);
 }
-
-const numberOf = (value, places, unit = "") =>
-  `${value.toFixed(places).replace("-", "\u2212")}${unit && ` ${unit}`}`;

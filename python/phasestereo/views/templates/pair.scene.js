@@ -66,8 +66,8 @@ class Cloud {
     for (const name of ["cols", "lens", "depths", "coding", "eye", "turn", "shape"]) {
       this.places[name] = this.gl.getUniformLocation(this.program, name);
     }
-    this.near = pointsSeen();
-    this.upload(0, maps.codes, (place) => this.gl.vertexAttribIPointer(place, 1, this.gl.UNSIGNED_SHORT, 0, 0));
+    this.codes = this.gl.createBuffer();
+    this.renew();
     this.reset();
     this.follow();
     new ResizeObserver(() => this.refresh()).observe(canvas);
@@ -87,12 +87,14 @@ class Cloud {
     return program;
   }
 
-  upload(place, data, describe) {
+  // Take the disparities as they are now.
+  renew() {
     const { gl } = this;
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
-    gl.enableVertexAttribArray(place);
-    describe(place);
+    this.near = pointsSeen();
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.codes);
+    gl.bufferData(gl.ARRAY_BUFFER, maps.codes, gl.STATIC_DRAW);
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_SHORT, 0, 0);
   }
 
   // Colour the points, and choose which are seen; return how many.
@@ -283,31 +285,49 @@ function pointsSeen() {
   });
 }
 
+let cloud = null; // once it has come near
+
 function makeScene() {
   const place = element("cloud");
   if (!place) return;
-  for (const [key, { label }] of Object.entries(TINTS)) {
-    if (key === "picture" || maps[key]) element("tint").append(made("option", { value: key, textContent: label }));
-  }
+  offerTints();
   whenNear(place, () => {
-    const cloud = new Cloud(place);
+    cloud = new Cloud(place);
     if (!cloud.gl) {
       element("cloud-told").textContent = "This browser has no WebGL 2.";
       return;
     }
-    const draw = () => {
-      const count = cloud.colour(TINTS[element("tint").value], element("trusted").checked);
-      element("cloud-told").textContent = `${count.toLocaleString("en")} points`;
-      return count;
-    };
-    if (!draw()) {
+    if (!drawCloud()) {
       element("trusted").checked = false;
-      draw();
+      drawCloud();
     }
-    for (const id of ["tint", "trusted"]) element(id).addEventListener("change", draw);
+    for (const id of ["tint", "trusted"]) element(id).addEventListener("change", drawCloud);
     element("dot").addEventListener("input", () => cloud.refresh());
     element("home").addEventListener("click", () => cloud.reset());
   });
+}
+
+// The colours that there are maps for; the one that is chosen stays.
+function offerTints() {
+  const chosen = element("tint").value;
+  const there = Object.entries(TINTS).filter(([key]) => key === "picture" || maps[key]);
+  element("tint").replaceChildren(...there.map(([value, { label }]) => made("option", { value, textContent: label })));
+  if (there.some(([key]) => key === chosen)) element("tint").value = chosen;
+}
+
+// Draw the points in the colour that is chosen; return how many.
+function drawCloud() {
+  const count = cloud.colour(TINTS[element("tint").value], element("trusted").checked);
+  element("cloud-told").textContent = `${count.toLocaleString("en")} points`;
+  return count;
+}
+
+// Show the maps as they are now, if the points are shown at all.
+function renewScene() {
+  offerTints();
+  if (!cloud?.gl) return;
+  cloud.renew();
+  drawCloud();
 }
 
 function showPixel(at) {

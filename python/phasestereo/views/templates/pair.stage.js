@@ -10,6 +10,13 @@ class Stage {
     this.grab = () => null; // of a pointer that goes down: what moves with it, in place of the image
     this.follow();
     new ResizeObserver(() => this.resize()).observe(canvas);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.refresh());
+  }
+
+  // Show images of another size, whole.
+  fit(cols, rows) {
+    if (cols === this.cols && rows === this.rows) return;
+    Object.assign(this, { cols, rows, zoom: 1, x: cols / 2, y: rows / 2 });
   }
 
   // Screen pixels (CSS) per image pixel.

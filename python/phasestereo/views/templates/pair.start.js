@@ -12,8 +12,7 @@ async function startViewer() {
   bindReadout();
   element("picture-left").hidden = true;
   stage.draw = drawStage;
-  tell({ x: Math.floor(page.cols / 2), y: Math.floor(page.rows / 2) });
-  choose("disparity");
+  renew();
 }
 
 // Words are seen before maps are unpacked, which keeps a browser busy. A page in the background

@@ -13,6 +13,7 @@ for (const layer of page.layers) layer.table = bytesOf(layer.lookup);
 const state = { view: "disparity", mix: 1, how: "wipe", timer: 0, pixel: null, held: false, only: 0 };
 const shown = {}; // canvases by view, painted when first seen
 const viewOf = (key) => views.find((view) => view.key === key);
+const isThere = (key) => Boolean(pictures[key] ?? maps[key]);
 
 // Colour of a value of a layer of numbers.
 function colourOf(layer, value) {
@@ -202,8 +203,22 @@ function bindTabs() {
       flicker(false);
       choose(input.value);
     });
-    drawSmall(input.parentElement.querySelector("canvas"), input.value);
   }
+}
+
+// Show the maps and pictures as they are now, which may be others than before: the same layer, and
+// the same pixel, if they are still there.
+function renew() {
+  for (const key of Object.keys(shown)) delete shown[key];
+  stage.fit(page.cols, page.rows);
+  for (const input of document.querySelectorAll("#tabs input")) {
+    input.parentElement.hidden = !isThere(input.value);
+    if (isThere(input.value)) drawSmall(input.parentElement.querySelector("canvas"), input.value);
+  }
+  delete element("scale").dataset.view;
+  choose(isThere(state.view) ? state.view : "disparity");
+  const { x, y } = state.pixel ?? {};
+  tell(inside(x, y) ? state.pixel : { x: page.cols >> 1, y: page.rows >> 1 });
 }
 
 // As much of a layer as fills a small canvas.
@@ -211,6 +226,7 @@ function drawSmall(small, key) {
   const step = Math.max(1, Math.floor(Math.min(page.cols / small.width, page.rows / small.height) / 2));
   const canvas = pictures[key]?.canvas ?? painted(viewOf(key), step);
   const context = small.getContext("2d");
+  context.setTransform(1, 0, 0, 1, 0, 0);
   const scale = Math.max(small.width / page.cols, small.height / page.rows);
   context.imageSmoothingQuality = "high";
   context.imageSmoothingEnabled = scale < 1;
@@ -249,7 +265,7 @@ function pressed(event) {
   const view = views[Number(event.key) - 1];
   const key = event.key.toLowerCase(); // also with Caps Lock
   const onStage = event.target === stage.canvas;
-  if (view) { flicker(false); choose(view.key); }
+  if (view && isThere(view.key)) { flicker(false); choose(view.key); }
   else if (key === "f") flicker(!state.timer);
   else if (event.key === "+" || event.key === "=") stage.zoomBy(2, middle());
   else if (event.key === "-") stage.zoomBy(0.5, middle());

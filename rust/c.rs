@@ -1,0 +1,379 @@
+//! The C interface: `rust/c/phasestereo.h` is made of it, and says what each function takes.
+//!
+//! Images are copied in and maps are copied out, so that no call keeps a pointer of its caller's. No panic leaves a
+//! call: it becomes an error, as everything does that goes wrong, whose text the calling thread can ask for.
+
+#![allow(unsafe_code, reason = "what C hands over are pointers, which only unsafe code can read")]
+
+mod found;
+#[cfg(test)]
+mod header;
+mod images;
+mod text;
+#[cfg(target_family = "wasm")]
+mod web;
+
+use std::any::Any;
+use std::cell::RefCell;
+use std::ffi::{CStr, CString, c_char};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ptr;
+
+pub use self::found::Found;
+pub use self::images::{Image, Map};
+use crate::cost::candidates::Candidates;
+use crate::error::{Error, Result};
+use crate::pipeline::control::Control;
+use crate::pipeline::footprint::Demand;
+use crate::pipeline::matcher::{self, Execution, Pair, usable_threads};
+use crate::rig::estimation::{Known, Means, Prepared, prepare};
+use crate::settings::Settings;
+use crate::settings::presets::Preset;
+use crate::simd::Level;
+
+thread_local! {
+    /// What the last call on this thread that failed says.
+    static ERROR: RefCell<CString> = RefCell::default();
+}
+
+/// Settings, threads and working memory; any number of threads may use one at the same time.
+#[derive(Debug)]
+pub struct Matcher {
+    core: matcher::Matcher,
+    settings: Settings,
+    threads: usize,
+}
+
+/// A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the class `Settings`
+/// of the Python package; values are written as there, "none" and "true" or "false" in small letters, pairs as "0, 4095".
+#[derive(Debug)]
+#[repr(C)]
+pub struct Setting {
+    /// Its name, as "median".
+    pub name: *const c_char,
+    /// Its value, as "3".
+    pub value: *const c_char,
+}
+
+/// How a call ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(C)]
+pub enum Status {
+    /// All is done.
+    Ok = 0,
+    /// An argument is not acceptable: `phasestereo_error` names it, what it got and what it accepts.
+    InvalidArgument = 1,
+    /// The working memory could not be had.
+    OutOfMemory = 2,
+    /// The system refused to start the threads.
+    Threads = 3,
+    /// A fault of the library, which should be reported.
+    Internal = 4,
+}
+
+/// The version of the library, as "0.1.0".
+#[unsafe(no_mangle)]
+pub extern "C" fn phasestereo_version() -> *const c_char {
+    const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "\0");
+    VERSION.as_ptr().cast()
+}
+
+/// What the last call on this thread that failed says; empty if none has. It is valid until the next call that fails.
+#[unsafe(no_mangle)]
+pub extern "C" fn phasestereo_error() -> *const c_char {
+    ERROR.with_borrow(|message| message.as_ptr())
+}
+
+/// Makes a matcher with the settings of a preset, "robust", "fast" or "paper" (NULL: "robust"), but for those that are
+/// listed; `threads` is 1 to 1024, or 0: as many as the process may use. NULL if it fails: see `phasestereo_error`.
+///
+/// # Safety
+///
+/// Texts end with a zero; `settings` are `count` of them, or NULL where `count` is 0.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_new(
+    preset: *const c_char,
+    settings: *const Setting,
+    count: usize,
+    threads: u32,
+) -> *mut Matcher {
+    let made = guarded(|| {
+        // SAFETY: as the caller promises.
+        let (preset, listed) = unsafe { (text(preset, "preset")?, list(settings, count)?) };
+        let mut settings = Preset::named(preset.unwrap_or(Preset::Robust.name()))?.settings();
+
+        for Setting { name, value } in listed {
+            // SAFETY: as the caller promises.
+            let (name, value) = unsafe { (text(*name, "name")?, text(*value, "value")?) };
+            let (name, value) = (name.unwrap_or_default(), value.unwrap_or_default());
+            text::set(&mut settings, name, value)?;
+        }
+        settings.check()?;
+
+        let threads = if threads == 0 { usable_threads() } else { threads as usize };
+        Ok(Matcher { core: matcher::Matcher::new(threads)?, settings, threads })
+    });
+    made.map_or(ptr::null_mut(), |matcher| Box::into_raw(Box::new(matcher)))
+}
+
+/// Ends a matcher, its threads, and frees its memory. NULL is left alone.
+///
+/// # Safety
+///
+/// The matcher is one of `phasestereo_new`, no call is using it, and none will.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_free(matcher: *mut Matcher) {
+    if !matcher.is_null() {
+        // SAFETY: as the caller promises.
+        let matcher = unsafe { Box::from_raw(matcher) };
+        // A panic while threads end says nothing that could be acted on.
+        let _ = guarded(move || {
+            drop(matcher);
+            Ok(())
+        });
+    }
+}
+
+/// The number of threads of a matcher; 0 of NULL.
+///
+/// # Safety
+///
+/// The matcher is one of `phasestereo_new`, or NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_threads(matcher: *const Matcher) -> u32 {
+    // SAFETY: as the caller promises.
+    unsafe { matcher.as_ref() }.map_or(0, |matcher| matcher.threads as u32)
+}
+
+/// The bytes that the match of images takes at most whose pixels, all channels together, take `pixel_bytes` each; 0 if an
+/// argument is not acceptable. Where blur is compensated for, codes of the right image are kept once more for each kind of
+/// it: these, and the images and maps of the caller, are not in it.
+///
+/// # Safety
+///
+/// The matcher is one of `phasestereo_new`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_memory(
+    matcher: *const Matcher,
+    width: u32,
+    height: u32,
+    pixel_bytes: u32,
+    num_disparities: u32,
+) -> u64 {
+    let bytes = guarded(|| {
+        // SAFETY: as the caller promises.
+        let matcher = unsafe { reference(matcher, "matcher")? };
+        let candidates = Candidates::new(0, num_disparities.into(), width as usize)?;
+        if !(1..=8).contains(&pixel_bytes) {
+            return Err(Error::value("pixel_bytes", pixel_bytes, "an integer from 1 to 8"));
+        }
+
+        let demand = Demand {
+            settings: &matcher.settings,
+            versions: None,
+            alignment: None,
+            cols: width as usize,
+            candidates: candidates.count(),
+            pixel: pixel_bytes as usize,
+            threads: matcher.threads,
+        };
+        Ok(demand.bytes(height as usize))
+    });
+    bytes.unwrap_or(0)
+}
+
+/// Matches a rectified pair of images of one size and number of bits. The disparities [`min_disparity`, `min_disparity` +
+/// `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 they are found, and `min_disparity` is 0.
+/// Left pixel (x, y) corresponds to right pixel (x - d, y). What was found out of the pair is written to `found`, unless
+/// that is NULL. If it fails, nothing is written.
+///
+/// # Safety
+///
+/// Pointers are to what their types say; the planes of `map` have rows of as many values as the images have columns, and
+/// as many rows.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_match(
+    matcher: *const Matcher,
+    left: *const Image,
+    right: *const Image,
+    min_disparity: i32,
+    num_disparities: i32,
+    map: *const Map,
+    found: *mut Found,
+) -> Status {
+    status(|| {
+        // SAFETY: as the caller promises.
+        let (matcher, map) = unsafe { (reference(matcher, "matcher")?, reference(map, "map")?) };
+        // SAFETY: as above.
+        let (pair, known) = unsafe { read_pair([left, right], min_disparity, num_disparities)? };
+        let is_told = known.candidates.is_some();
+
+        let (result, estimates) = matcher.run(|means| {
+            let Prepared { pair, settings, found } =
+                prepare(pair, known, &matcher.settings, means)?;
+            let result = matcher.core.run(&pair, &settings, means.how, means.control)?;
+            Ok((result, found))
+        })?;
+
+        // SAFETY: as above.
+        unsafe {
+            map.write(&result);
+            write(found, &Found::new(&estimates, is_told));
+        }
+        Ok(())
+    })
+}
+
+/// Finds out of a pair what a match with these settings would find out: the disparities, if they are not told, how rows
+/// correspond, blur, noise. The arguments are those of `phasestereo_match`.
+///
+/// # Safety
+///
+/// Pointers are to what their types say.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn phasestereo_check(
+    matcher: *const Matcher,
+    left: *const Image,
+    right: *const Image,
+    min_disparity: i32,
+    num_disparities: i32,
+    found: *mut Found,
+) -> Status {
+    status(|| {
+        // SAFETY: as the caller promises.
+        let matcher = unsafe { reference(matcher, "matcher")? };
+        // SAFETY: as above.
+        let (pair, known) = unsafe { read_pair([left, right], min_disparity, num_disparities)? };
+        let is_told = known.candidates.is_some();
+
+        let prepared = matcher.run(|means| prepare(pair, known, &matcher.settings, means))?;
+        // SAFETY: as above.
+        unsafe { write(found, &Found::new(&prepared.found, is_told)) };
+        Ok(())
+    })
+}
+
+impl Matcher {
+    /// Has the threads do some work, all of it: on the thread that calls, rayon would start another pool.
+    fn run<T: Send>(&self, work: impl FnOnce(Means) -> Result<T> + Send) -> Result<T> {
+        let (control, how) =
+            (Control::default(), Execution { threads: self.threads, level: Level::best() });
+        let means = Means { matcher: &self.core, how, control: &control };
+        self.core.install(|| work(means))
+    }
+}
+
+/// Both images, and the disparities that are told.
+///
+/// # Safety
+///
+/// The images are what their fields say, or NULL.
+unsafe fn read_pair(
+    [left, right]: [*const Image; 2],
+    min_disparity: i32,
+    num_disparities: i32,
+) -> Result<(Pair, Known)> {
+    let is_told = num_disparities != 0;
+    if !is_told && min_disparity != 0 {
+        let accepts = "0 where num_disparities is 0, which has the whole range found";
+        return Err(Error::value("min_disparity", min_disparity, accepts));
+    }
+
+    // SAFETY: as the caller promises.
+    let [left, right] = unsafe {
+        [reference(left, "left")?.view("left")?, reference(right, "right")?.view("right")?]
+    };
+    let count = if is_told { num_disparities.into() } else { 1 };
+    let pair = Pair::new(left, right, min_disparity.into(), count)?;
+    let candidates = is_told.then(|| pair.candidates());
+    Ok((pair, Known { candidates, ..Known::default() }))
+}
+
+/// What a pointer is to.
+///
+/// # Safety
+///
+/// The pointer is to a value that outlives `'a`, or NULL.
+unsafe fn reference<'a, T>(pointer: *const T, argument: &'static str) -> Result<&'a T> {
+    // SAFETY: as the caller promises.
+    unsafe { pointer.as_ref() }.ok_or_else(|| Error::value(argument, "NULL", "a pointer"))
+}
+
+/// So many values; none where there are none, whatever the pointer.
+///
+/// # Safety
+///
+/// The pointer is to so many values that outlive `'a`, or NULL.
+unsafe fn list<'a>(settings: *const Setting, count: usize) -> Result<&'a [Setting]> {
+    if count == 0 {
+        return Ok(&[]);
+    }
+    // SAFETY: as the caller promises.
+    unsafe {
+        reference(settings, "settings")?;
+        Ok(std::slice::from_raw_parts(settings, count))
+    }
+}
+
+/// A text; `None` of NULL.
+///
+/// # Safety
+///
+/// The pointer is to a text that ends with a zero and outlives `'a`, or NULL.
+unsafe fn text<'a>(pointer: *const c_char, argument: &'static str) -> Result<Option<&'a str>> {
+    if pointer.is_null() {
+        return Ok(None);
+    }
+    // SAFETY: as the caller promises.
+    let text = unsafe { CStr::from_ptr(pointer) };
+    let refused = |_| Error::value(argument, format!("{text:?}"), "text in UTF-8");
+    text.to_str().map(Some).map_err(refused)
+}
+
+/// Writes what was found, if anyone asks.
+///
+/// # Safety
+///
+/// The pointer is to a place for it, or NULL.
+unsafe fn write(place: *mut Found, found: &Found) {
+    if !place.is_null() {
+        // SAFETY: as the caller promises.
+        unsafe { place.write(*found) };
+    }
+}
+
+fn status(work: impl FnOnce() -> Result<()>) -> Status {
+    guarded(work).err().unwrap_or(Status::Ok)
+}
+
+/// Does the work of a call; what goes wrong, panics too, is kept for `phasestereo_error`.
+fn guarded<T>(work: impl FnOnce() -> Result<T>) -> std::result::Result<T, Status> {
+    let (status, message) = match catch_unwind(AssertUnwindSafe(work)) {
+        Ok(Ok(done)) => return Ok(done),
+        Ok(Err(error)) => (Status::of(&error), error.to_string()),
+        Err(panic) => {
+            (Status::Internal, format!("internal error, please report it: {}", said(&*panic)))
+        }
+    };
+
+    // A zero within it would end the text.
+    let message = CString::new(message.replace('\0', " ")).unwrap_or_default();
+    ERROR.set(message);
+    Err(status)
+}
+
+fn said(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<&str>().copied();
+    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("a panic")
+}
+
+impl Status {
+    fn of(error: &Error) -> Self {
+        match error {
+            Error::Value { .. } => Self::InvalidArgument,
+            Error::OutOfMemory { .. } => Self::OutOfMemory,
+            Error::Threads(_) => Self::Threads,
+            Error::Cancelled => Self::Internal,
+        }
+    }
+}

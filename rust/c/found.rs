@@ -1,0 +1,188 @@
+//! What was found out of a pair, as C has it.
+
+use crate::rig::alignment::TERMS;
+use crate::rig::blur::{self, Side};
+use crate::rig::estimation::Estimates;
+use crate::rig::psf::Family;
+
+/// Most kinds of blur in one image.
+pub const PHASESTEREO_MOST_BLURS: usize = 8;
+const _: () = assert!(PHASESTEREO_MOST_BLURS == crate::rig::blur::regions::MOST);
+/// Coefficients of the field of vertical offsets.
+pub const PHASESTEREO_TERMS: usize = 8;
+const _: () = assert!(PHASESTEREO_TERMS == TERMS);
+
+/// Neither image: both are alike.
+pub const PHASESTEREO_NEITHER: u32 = 0;
+/// The left image.
+pub const PHASESTEREO_LEFT: u32 = 1;
+/// The right image.
+pub const PHASESTEREO_RIGHT: u32 = 2;
+
+/// No blur.
+pub const PHASESTEREO_NO_BLUR: u32 = 0;
+/// A Gaussian; its size is the standard deviation.
+pub const PHASESTEREO_GAUSSIAN: u32 = 1;
+/// Defocus; its size is the radius.
+pub const PHASESTEREO_DISK: u32 = 2;
+/// A straight motion; its size is the length.
+pub const PHASESTEREO_MOTION: u32 = 3;
+/// Defocus of a lens whose middle is covered; its size is the outer radius.
+pub const PHASESTEREO_ANNULUS: u32 = 4;
+/// None of these families; its size is the root mean square radius.
+pub const PHASESTEREO_OTHER: u32 = 5;
+
+/// The disparities were told by the caller.
+pub const PHASESTEREO_TOLD: u32 = 0;
+/// The disparities were found in the images.
+pub const PHASESTEREO_FOUND: u32 = 1;
+/// The images tell nothing of the disparities: they are a third of the width.
+pub const PHASESTEREO_DEFAULT: u32 = 2;
+
+/// A kind of relative blur: what one image lacks to be like the other.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(C)]
+pub struct Blur {
+    /// Its size, pixels.
+    pub size: f64,
+    /// Direction of a motion, degrees in [0, 180): 0 is along x, 90 along y.
+    pub angle: f64,
+    /// The share of the image that has it.
+    pub share: f64,
+    /// The softer image: `PHASESTEREO_NEITHER`, `PHASESTEREO_LEFT` or `PHASESTEREO_RIGHT`.
+    pub side: u32,
+    /// Its family: `PHASESTEREO_NO_BLUR`, `PHASESTEREO_GAUSSIAN` and so on
+    pub kind: u32,
+}
+
+/// What was found out of a pair. What was not looked for, or could not be seen, is NaN, or 0 of a count.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+pub struct Found {
+    /// Mean confidence, 0 to 1, of a rough match of small copies.
+    pub confidence: f64,
+    /// Least disparity that was seen, pixels.
+    pub low: f64,
+    /// Largest disparity that was seen, pixels.
+    pub high: f64,
+    /// The field of vertical offsets v: what is at row y of the left image is at y + v of the right one. With X and Y from
+    /// -1 to 1 over the columns of the right and the rows of the left image, and `R2 = X^2 + Y^2`, it is
+    /// `c0 + c1 X + c2 Y + c3 X Y + c4 X^2 + c5 Y^2 + c6 Y R2 + c7 X R2`, in pixels.
+    pub rows: [f64; PHASESTEREO_TERMS],
+    /// Root mean square of v over the image, pixels.
+    pub rows_rms: f64,
+    /// Its standard error, pixels.
+    pub rows_error: f64,
+    /// Robust standard deviation of the blocks from it, pixels.
+    pub rows_spread: f64,
+    /// From 0 to 1: how much better the first of `blurs` explains its part of the images than its contrary.
+    pub certainty: f64,
+    /// Contrast of the left image relative to the right one.
+    pub contrast: f64,
+    /// Standard deviations of the noise, left and right, in units of the pixels.
+    pub noise: [f64; 2],
+    /// By how much hot, dead and stuck pixels stand out at least, left and right; 0: there are none.
+    pub impulses: [f64; 2],
+    /// What compression in blocks has lost, left and right: the standard deviation of a noise that would do as much harm.
+    pub coding: [f64; 2],
+    /// The kinds of blur, that of the largest area first.
+    pub blurs: [Blur; PHASESTEREO_MOST_BLURS],
+    /// How many kinds of blur there are; 0: blur was not looked for.
+    pub num_blurs: u32,
+    /// Blocks of the images that agree with the field; 0: there is none.
+    pub rows_blocks: u32,
+    /// 1: the right image was straightened by the field.
+    pub rows_applied: u32,
+    /// Smallest disparity that is searched.
+    pub min_disparity: i32,
+    /// Number of disparities that are searched.
+    pub num_disparities: i32,
+    /// Where these are from: `PHASESTEREO_TOLD`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
+    pub origin: u32,
+    /// 1: every part of the scene has a clearly negative disparity, as where left and right are swapped.
+    pub swapped: u32,
+    /// 1: disparities of both signs are clearly there.
+    pub mixed: u32,
+    /// 1: the images match once one of them is inverted, and not before.
+    pub inverted: u32,
+}
+
+impl Found {
+    /// What was found; `is_told`: the disparities were not looked for.
+    pub fn new(found: &Estimates, is_told: bool) -> Self {
+        let (range, offsets, blur) = (&found.range, &found.offsets, &found.blur);
+        let of_range = |value: fn(&_) -> f64| range.as_ref().map_or(f64::NAN, value);
+        let of_rows = |value: fn(&_) -> f64| offsets.as_ref().map_or(f64::NAN, value);
+        let of_blur = |value: fn(&_) -> f64| blur.as_ref().map_or(f64::NAN, value);
+        let of_both =
+            |value: fn(&blur::Estimate) -> [f64; 2]| blur.as_ref().map_or([f64::NAN; 2], value);
+
+        Self {
+            confidence: found.confidence.unwrap_or(f64::NAN),
+            low: of_range(|range: &crate::rig::estimation::range::SearchRange| range.low),
+            high: of_range(|range| range.high),
+            rows: offsets.as_ref().map_or([f64::NAN; TERMS], |rows| *rows.field.coefficients()),
+            rows_rms: of_rows(|rows: &crate::rig::estimation::rows::Offsets| rows.field.rms()),
+            rows_error: of_rows(|rows| rows.error),
+            rows_spread: of_rows(|rows| rows.spread),
+            certainty: of_blur(|blur: &blur::Estimate| blur.certainty.into()),
+            contrast: of_blur(|blur| blur.gain),
+            noise: of_both(|blur| blur.noise),
+            impulses: of_both(|blur| blur.impulses),
+            coding: of_both(|blur| blur.coding),
+            blurs: blur.as_ref().map_or([Blur::default(); PHASESTEREO_MOST_BLURS], blurs),
+            num_blurs: blur.as_ref().map_or(0, |blur| blur.blurs.len() as u32),
+            rows_blocks: offsets.as_ref().map_or(0, |rows| rows.blocks as u32),
+            rows_applied: found.alignment.is_some().into(),
+            min_disparity: found.candidates.min() as i32,
+            num_disparities: found.candidates.count() as i32,
+            origin: match range {
+                _ if is_told => PHASESTEREO_TOLD,
+                Some(_) => PHASESTEREO_FOUND,
+                None => PHASESTEREO_DEFAULT,
+            },
+            swapped: range.as_ref().is_some_and(|range| range.swapped).into(),
+            mixed: range.as_ref().is_some_and(|range| range.mixed).into(),
+            inverted: found.is_inverted.into(),
+        }
+    }
+}
+
+fn blurs(found: &blur::Estimate) -> [Blur; PHASESTEREO_MOST_BLURS] {
+    let (_, _, labels) = &found.labels;
+    let share = |index: usize| {
+        let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();
+        tiles as f64 / labels.len() as f64
+    };
+
+    let mut blurs = [Blur::default(); PHASESTEREO_MOST_BLURS];
+    for (index, (blur, kind)) in blurs.iter_mut().zip(&found.blurs).enumerate() {
+        *blur = Blur { share: share(index), ..Blur::new(kind) };
+    }
+    blurs
+}
+
+impl Blur {
+    fn new(blur: &blur::Blur) -> Self {
+        let (kind, size, angle) = match (blur.psf, &blur.taps) {
+            (Some(psf), _) => (kind(psf.family), psf.size, psf.angle),
+            (None, Some(taps)) => (PHASESTEREO_OTHER, taps.radius(), 0.0),
+            (None, None) => (PHASESTEREO_NO_BLUR, 0.0, 0.0),
+        };
+        let softer = match blur.side {
+            None => PHASESTEREO_NEITHER,
+            Some(Side::Left) => PHASESTEREO_LEFT,
+            Some(Side::Right) => PHASESTEREO_RIGHT,
+        };
+        Self { size, angle, share: 0.0, side: softer, kind }
+    }
+}
+
+fn kind(family: Family) -> u32 {
+    match family {
+        Family::Gaussian => PHASESTEREO_GAUSSIAN,
+        Family::Disk => PHASESTEREO_DISK,
+        Family::Motion => PHASESTEREO_MOTION,
+        Family::Annulus => PHASESTEREO_ANNULUS,
+    }
+}

@@ -1,0 +1,118 @@
+//! Settings by their names, as text.
+
+use crate::error::{Error, Result};
+use crate::settings::{
+    COSTS, CostKind, OPTIMIZERS, Optimizer, PRECISIONS, Precision, Settings, TAPERS, Taper,
+};
+
+/// A type of settings that can be read from text.
+trait Readable: Sized {
+    /// What the text says; an error that names the setting.
+    fn read(name: &'static str, text: &str) -> Result<Self>;
+}
+
+macro_rules! fields {
+    ($($name:ident),* $(,)?) => {
+        /// Sets the field of that name, which [`Settings::check`] has to look at afterwards.
+        pub fn set(settings: &mut Settings, name: &str, text: &str) -> Result<()> {
+            match name {
+                $(stringify!($name) => {
+                    settings.$name = Readable::read(stringify!($name), text.trim())?;
+                })*
+                _ => {
+                    let names = [$(stringify!($name)),*].join(", ");
+                    return Err(Error::value("settings", format!("'{name}'"), names));
+                }
+            }
+            Ok(())
+        }
+    };
+}
+
+fields!(
+    cost,
+    neighborhood,
+    taper,
+    frequencies,
+    power,
+    bits,
+    noise_threshold,
+    sizes,
+    window,
+    shiftable,
+    precision,
+    optimizer,
+    p1,
+    p2,
+    adaptive_p2,
+    compensate_blur,
+    despike,
+    denoise,
+    align_rows,
+    intensity_range,
+    subpixel,
+    lr_check,
+    uniqueness,
+    speckle_size,
+    speckle_range,
+    synthesis,
+    guided_median,
+    median,
+    fill,
+    confidence,
+    min_confidence,
+);
+
+macro_rules! choices {
+    ($($kind:ty: $choices:ident),*) => {
+        $(impl Readable for $kind {
+            fn read(name: &'static str, text: &str) -> Result<Self> {
+                let found = $choices.iter().find(|(word, _)| *word == text);
+                let words = || $choices.map(|(word, _)| word).join(", ");
+                found
+                    .map(|(_, choice)| *choice)
+                    .ok_or_else(|| Error::value(name, format!("'{text}'"), words()))
+            }
+        })*
+    };
+}
+
+choices!(CostKind: COSTS, Taper: TAPERS, Precision: PRECISIONS, Optimizer: OPTIMIZERS);
+
+impl Readable for usize {
+    fn read(name: &'static str, text: &str) -> Result<Self> {
+        let accepts = "an integer that is not negative";
+        text.parse().map_err(|_| Error::value(name, format!("'{text}'"), accepts))
+    }
+}
+
+impl Readable for f64 {
+    fn read(name: &'static str, text: &str) -> Result<Self> {
+        text.parse().map_err(|_| Error::value(name, format!("'{text}'"), "a number"))
+    }
+}
+
+impl Readable for bool {
+    fn read(name: &'static str, text: &str) -> Result<Self> {
+        text.parse().map_err(|_| Error::value(name, format!("'{text}'"), "true or false"))
+    }
+}
+
+impl<T: Readable> Readable for (T, T) {
+    fn read(name: &'static str, text: &str) -> Result<Self> {
+        let Some((first, second)) = text.split_once(',') else {
+            return Err(Error::value(
+                name,
+                format!("'{text}'"),
+                "a pair with a comma, as \"1, 2\"",
+            ));
+        };
+        Ok((T::read(name, first.trim())?, T::read(name, second.trim())?))
+    }
+}
+
+impl<T: Readable> Readable for Option<T> {
+    fn read(name: &'static str, text: &str) -> Result<Self> {
+        if text == "none" { Ok(None) } else { T::read(name, text).map(Some) }
+    }
+}

@@ -1,0 +1,12 @@
+//! Images: what callers hand over, and what is done to pixels before they are described.
+
+pub mod blocking;
+pub mod convolution;
+pub mod impulses;
+pub mod intensity;
+pub mod masking;
+pub mod normalization;
+pub mod plane;
+pub mod smoothing;
+pub mod texture;
+pub mod view;

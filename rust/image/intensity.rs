@@ -1,0 +1,386 @@
+//! Pixels of any type -> integers on one scale: gray values for the phase codes, channel planes for SAD.
+//!
+//! Everything after this module is exact, so that results do not depend on how the work is cut into bands.
+//! Gray values of integer images are exact, too, those of colour images being `299 R + 587 G + 114 B`
+//! thousandths: scaling an image by a factor then scales every spectral component by it, and no code changes.
+
+use crate::error::Result;
+use crate::image::convolution::{Kernel as Blur, convolve};
+use crate::image::impulses;
+use crate::image::masking::fill_masked;
+use crate::image::plane::{Plane, zeroed};
+use crate::image::smoothing::smooth;
+use crate::image::view::{Image, View};
+use crate::pipeline::control::Control;
+use crate::simd::{Kernel, Level};
+use crate::value::nearest;
+
+/// Steps into which the intensity range of a float image is cut: `2^21` to `2^22`, finer than 16 bits.
+const FLOAT_STEPS_LOG2: i32 = 21;
+/// Gray values of float images are clamped this many steps from black: four ranges.
+const FLOAT_REACH: f64 = (1 << 24) as f64;
+/// Share of the pixels left out at either end of a float image's robust range.
+const OUTLIERS: f64 = 0.001;
+/// Pixels that are enough to find that range; of larger images a sample is taken.
+const MOST_SAMPLES: usize = 1 << 16;
+
+/// Largest magnitude of a gray value: sums of products with it are exact in double precision.
+pub const LARGEST_REACH: u32 = 1 << 25;
+/// Steps into which a blurred image cuts one of the image itself, at most.
+const FINER_LOG2: u32 = 4;
+/// Largest magnitude of smoothed values, unless the image has larger ones: what is convolved later stays in 32 bits.
+const NARROW_REACH: u32 = 1 << 17;
+/// Largest magnitudes of gray values of bytes, without and with color ...
+const REACH_OF_BYTES: [u32; 2] = [128, 128_000];
+/// ... and of these when they are smoothed, sixteenths of a gray level: then the sums under a code of two sizes have 32 bits.
+const SMOOTHED_BYTES: u32 = 128 << FINER_LOG2;
+
+/// Fixed-point steps per gray level of a channel plane, where black to white is 255 gray levels.
+pub const LEVEL_STEPS: u16 = 16;
+/// Black to white in steps of a channel plane.
+const LEVEL_RANGE: f64 = 255.0 * LEVEL_STEPS as f64;
+/// Black in a channel plane: float images may be darker than their robust range's end.
+const LEVEL_BLACK: f64 = LEVEL_RANGE;
+/// Largest value of a channel plane.
+pub const LEVEL_CEILING: u16 = 3 * 255 * LEVEL_STEPS;
+
+/// Black and white, in thousandths of the pixels' unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
+    /// Black.
+    pub black: f64,
+    /// White.
+    pub white: f64,
+}
+
+impl Range {
+    /// From black to white.
+    pub fn width(self) -> f64 {
+        self.white - self.black
+    }
+
+    /// The smallest range that has both.
+    pub fn union(self, other: Self) -> Self {
+        Self { black: self.black.min(other.black), white: self.white.max(other.white) }
+    }
+}
+
+/// That of an image without a valid pixel.
+pub const NOWHERE: Range = Range { black: 0.0, white: 0.0 };
+
+/// The gray values under the phase codes, centred about zero; each image may have a scale of its own, since
+/// codes compare directions, not lengths.
+#[derive(Debug)]
+pub struct Gray<'a> {
+    source: Source<'a>,
+    size: (usize, usize),
+    reach: u32,
+    /// Steps per unit of the pixels: the product of two, since one of them may be beyond any float.
+    unit: [f64; 2],
+}
+
+#[derive(Debug)]
+enum Source<'a> {
+    /// Converted a row at a time, when it is needed.
+    Image(&'a Image, Scale),
+    /// What is not that simple, or comes from elsewhere.
+    Plane(Plane<i32>),
+}
+
+impl<'a> Gray<'a> {
+    /// The gray values of a checked view; masked pixels take the values of valid neighbours, and impulses are repaired.
+    pub fn new(view: &'a View, level: Level, control: &Control) -> Result<Self> {
+        let (rows, cols, channels) = view.image.shape();
+        let scale = match view.image.white() {
+            Some(white) => Scale::Exact { middle: (i32::from(white) + 1) / 2 },
+            None => Scale::Steps(Steps::new(float_range(view, control)?)),
+        };
+        let reach = match scale {
+            Scale::Exact { middle } if channels == 3 => 1000 * middle as u32,
+            Scale::Exact { middle } => middle as u32,
+            Scale::Steps(_) => FLOAT_REACH as u32,
+        };
+        let unit = match scale {
+            Scale::Exact { .. } if channels == 3 => [1000.0, 1.0],
+            Scale::Exact { .. } => [1.0, 1.0],
+            Scale::Steps(Steps { factors: [a, b], .. }) => [1000.0 * a, b],
+        };
+        let gray =
+            Self { source: Source::Image(&view.image, scale), size: (rows, cols), reach, unit };
+        if view.mask.is_none() && view.impulses == 0.0 {
+            return Ok(gray);
+        }
+        let mut plane = filled(gray.plane(level, control)?, view, control)?;
+        if view.impulses > 0.0 {
+            let height = gray.steps(view.impulses) as i32;
+            plane = impulses::repaired(&plane, height, level, control)?;
+        }
+        Ok(Self { source: Source::Plane(plane), ..gray })
+    }
+
+    /// All gray values.
+    pub fn plane(&self, level: Level, control: &Control) -> Result<Plane<i32>> {
+        Plane::by_bands(self.size, 1, |y, row| {
+            control.checkpoint()?;
+            self.write_row(y, level, row)
+        })
+    }
+
+    /// A plane whose values are of magnitude up to `reach`, at most [`LARGEST_REACH`], one step to a unit.
+    pub fn within(reach: u32, plane: Plane<i32>) -> Self {
+        debug_assert!(reach <= LARGEST_REACH);
+        let size = (plane.rows(), plane.cols());
+        Self { size, source: Source::Plane(plane), reach, unit: [1.0, 1.0] }
+    }
+
+    /// The same image under a kernel, in steps as much finer as there is room for, to be described by itself.
+    /// Masked pixels have taken the values of valid neighbours before, and so spread nothing of their own.
+    pub fn convolved(
+        &self,
+        kernel: &Blur,
+        level: Level,
+        control: &Control,
+    ) -> Result<Gray<'static>> {
+        let fits = |bits: &u32| self.reach << bits <= LARGEST_REACH;
+        let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
+        Ok(self.scaled(self.reach << bits, convolve(self, kernel, bits, level, control)?))
+    }
+
+    /// The same image without its noise, of which [`smooth`] takes away what is up to so many units of the pixels or so.
+    pub fn smoothed(
+        &self,
+        deviation: f64,
+        level: Level,
+        control: &Control,
+    ) -> Result<Gray<'static>> {
+        let fits = |bits: &u32| self.reach << bits <= NARROW_REACH;
+        let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
+        let is_of_bytes = REACH_OF_BYTES.contains(&self.reach);
+        let reach = if is_of_bytes { SMOOTHED_BYTES } else { self.reach << bits };
+        let scale = f64::from(reach) / f64::from(self.reach);
+        let plane = smooth(self, self.steps(deviation), scale, level, control)?;
+        Ok(self.scaled(reach, plane))
+    }
+
+    /// What was made of these gray values in other steps, of which the largest magnitude tells how many.
+    fn scaled(&self, reach: u32, plane: Plane<i32>) -> Gray<'static> {
+        let [unit, rest] = self.unit;
+        let unit = [unit * (f64::from(reach) / f64::from(self.reach)), rest];
+        Gray { unit, ..Gray::within(reach, plane) }
+    }
+
+    /// Other gray values of the same scale.
+    pub fn like(&self, plane: Plane<i32>) -> Gray<'static> {
+        Gray { unit: self.unit, ..Gray::within(self.reach, plane) }
+    }
+
+    /// How many steps of this image one of another is.
+    pub fn steps_to(&self, other: &Self) -> f64 {
+        let [a, b] = [0, 1].map(|i| self.unit[i] / other.unit[i]);
+        a * b
+    }
+
+    /// Rows and columns.
+    pub fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    /// The largest magnitude there can be.
+    pub fn reach(&self) -> u32 {
+        self.reach
+    }
+
+    /// How many steps a difference in intensity comes to.
+    pub fn steps(&self, difference: f64) -> f64 {
+        difference * self.unit[0] * self.unit[1]
+    }
+
+    /// Writes row `y`.
+    pub fn write_row(&self, y: usize, level: Level, gray: &mut [i32]) -> Result<()> {
+        match &self.source {
+            Source::Plane(plane) => gray.copy_from_slice(plane.row(y)),
+            Source::Image(image, Scale::Exact { middle }) => {
+                image.write_centred(y, *middle, level, gray);
+            }
+            Source::Image(image, Scale::Steps(steps)) => {
+                let mut luminance = zeroed(gray.len())?;
+                image.write_luminance(y, &mut luminance);
+                level.run(ToSteps { luminance: &luminance, steps: *steps, gray });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// How gray values become integers.
+#[derive(Debug, Clone, Copy)]
+enum Scale {
+    /// Integer images, about the middle of their type's range.
+    Exact { middle: i32 },
+    /// Float images.
+    Steps(Steps),
+}
+
+/// Steps of a power of two above black: scaling an image by one changes nothing.
+#[derive(Debug, Clone, Copy)]
+struct Steps {
+    black: f64,
+    /// Steps per unit: the product of two, since the power alone may overflow.
+    factors: [f64; 2],
+}
+
+impl Steps {
+    fn new(range: Range) -> Self {
+        let exponent = FLOAT_STEPS_LOG2 - floor_log2(range.width());
+        let half = exponent / 2;
+        Self { black: range.black, factors: [half, exponent - half].map(|power| 2f64.powi(power)) }
+    }
+
+    #[inline(always)]
+    fn gray(self, value: f64) -> i32 {
+        let steps = (value - self.black) * self.factors[0] * self.factors[1];
+        nearest(steps.clamp(-FLOAT_REACH, FLOAT_REACH))
+    }
+}
+
+struct ToSteps<'a> {
+    luminance: &'a [f64],
+    steps: Steps,
+    gray: &'a mut [i32],
+}
+
+impl Kernel for ToSteps<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (gray, value) in self.gray.iter_mut().zip(self.luminance) {
+            *gray = self.steps.gray(*value);
+        }
+    }
+}
+
+/// The channel planes of a pair, for SAD: three where both images have colour, else gray.
+pub fn level_planes(
+    [left, right]: [&View; 2],
+    told: Option<(f64, f64)>,
+    control: &Control,
+) -> Result<[Vec<Plane<u16>>; 2]> {
+    let range = match told.or(left.image.white().map(|white| (0.0, f64::from(white)))) {
+        Some((black, white)) => Range { black: 1000.0 * black, white: 1000.0 * white },
+        None => float_range(left, control)?.union(float_range(right, control)?),
+    };
+    let as_gray = left.image.shape().2 != 3 || right.image.shape().2 != 3;
+    Ok([levels(left, range, as_gray, control)?, levels(right, range, as_gray, control)?])
+}
+
+/// Channel planes in steps of `1 / LEVEL_STEPS` gray levels above `LEVEL_BLACK`.
+fn levels(view: &View, range: Range, as_gray: bool, control: &Control) -> Result<Vec<Plane<u16>>> {
+    let (rows, cols, channels) = view.image.shape();
+    // A pair of constant images has no width; any other will do then.
+    let step = if range.width() > 0.0 { range.width() / LEVEL_RANGE } else { 1.0 };
+    let level = |v: f64| ((v - range.black) / step).round() + LEVEL_BLACK;
+    let write = |c: usize, y: usize, values: &mut [f64]| {
+        if as_gray {
+            view.image.write_luminance(y, values);
+        } else {
+            view.image.write_channel(c, y, values);
+        }
+    };
+    let plane = |c: usize| {
+        let plane = Plane::by_rows((rows, cols), control, |y, row: &mut [u16]| {
+            let mut values = vec![0.0; cols];
+            write(c, y, &mut values);
+            for (row, value) in row.iter_mut().zip(values) {
+                *row = level(value).clamp(0.0, f64::from(LEVEL_CEILING)) as u16;
+            }
+        })?;
+        filled(plane, view, control)
+    };
+    (0..if as_gray { 1 } else { channels }).map(plane).collect()
+}
+
+/// Where the valid pixels of a float image lie: what the view tells, or else what is found of it.
+pub fn float_range(view: &View, control: &Control) -> Result<Range> {
+    if let Some(range) = view.range {
+        return Ok(range);
+    }
+    let (rows, cols, _) = view.image.shape();
+    let mut sample = Sample::new((rows, cols));
+    sample.add(view, 0, control)?;
+    match sample.range() {
+        Some(range) => Ok(range),
+        None => Ok(full_range(view, control)?.unwrap_or(NOWHERE)),
+    }
+}
+
+/// Some of the valid pixels of a float image: where they lie, but for the outliers at either end, is the range of the
+/// image. It is an even sample, since a large image has more pixels than its range needs.
+#[derive(Debug)]
+pub struct Sample {
+    cols: usize,
+    stride: usize,
+    values: Vec<f64>,
+}
+
+impl Sample {
+    /// Of an image of so many rows and columns, of which nothing was seen yet.
+    pub fn new((rows, cols): (usize, usize)) -> Self {
+        Self { cols, stride: (rows * cols).div_ceil(MOST_SAMPLES), values: vec![] }
+    }
+
+    /// Adds what is of a view that begins at row `first` of the image.
+    pub fn add(&mut self, view: &View, first: usize, control: &Control) -> Result<()> {
+        for y in 0..view.image.shape().0 {
+            control.checkpoint()?;
+            let start = (first + y) * self.cols;
+            let skipped = start.next_multiple_of(self.stride) - start;
+            let sampled = (skipped..self.cols).step_by(self.stride);
+            let valid = sampled.filter(|x| view.is_valid(y, *x));
+            self.values.extend(valid.map(|x| view.image.luminance(y, x)));
+        }
+        Ok(())
+    }
+
+    /// The range; `None` if all are of one value, or there are none: then it is that of every pixel.
+    pub fn range(mut self) -> Option<Range> {
+        let last = self.values.len().checked_sub(1)?;
+        let outliers = (OUTLIERS * last as f64) as usize;
+        let mut ranked = |rank: usize| *self.values.select_nth_unstable_by(rank, f64::total_cmp).1;
+        let range = Range { black: ranked(outliers), white: ranked(last - outliers) };
+        (range.width() > 0.0).then_some(range)
+    }
+}
+
+/// Where all valid pixels lie; `None` if there are none.
+pub fn full_range(view: &View, control: &Control) -> Result<Option<Range>> {
+    let (rows, cols, _) = view.image.shape();
+    let mut range: Option<Range> = None;
+    for y in 0..rows {
+        control.checkpoint()?;
+        let valid = (0..cols).filter(|x| view.is_valid(y, *x));
+        let values = valid.map(|x| view.image.luminance(y, x));
+        range = values
+            .map(|value| Range { black: value, white: value })
+            .chain(range)
+            .reduce(Range::union);
+    }
+    Ok(range)
+}
+
+/// `plane` with the masked pixels replaced by valid neighbours.
+fn filled<T: Copy + Default>(
+    mut plane: Plane<T>,
+    view: &View,
+    control: &Control,
+) -> Result<Plane<T>> {
+    if let Some(mask) = &view.mask {
+        fill_masked(&mut plane, mask, control)?;
+    }
+    Ok(plane)
+}
+
+/// The exponent of the leading bit; 0 for zero, so that a constant image has some scale.
+fn floor_log2(value: f64) -> i32 {
+    if value == 0.0 { 0 } else { ((value.to_bits() >> 52) & 0x7ff) as i32 - 1023 }
+}

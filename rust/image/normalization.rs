@@ -1,0 +1,106 @@
+//! Channel planes -> local contrast: each pixel less the mean of the window around it, over its standard
+//! deviation there. What normalised SAD compares.
+
+use std::ops::Range;
+
+use crate::error::Result;
+use crate::image::intensity::LEVEL_STEPS;
+use crate::image::plane::{Plane, reflect};
+use crate::pipeline::control::Control;
+
+/// Fixed-point steps per standard deviation.
+pub const DEVIATION_STEPS: u16 = 256;
+/// Normalised values are clamped to this many deviations; only windows beyond 16 px can reach it.
+const DEVIATION_REACH: f64 = 16.0;
+/// Largest value of a normalised plane.
+pub const DEVIATION_CEILING: u16 = 2 * 16 * DEVIATION_STEPS;
+/// Rows that one task normalises; each task warms up over `window - 1` further rows.
+const BAND_ROWS: usize = 128;
+
+/// Sums of the values and of their squares: exact, so that they may slide.
+#[derive(Debug, Clone, Copy, Default)]
+struct Moments {
+    sum: i64,
+    squares: i64,
+}
+
+impl Moments {
+    fn add(&mut self, other: Self, sign: i64) {
+        self.sum += sign * other.sum;
+        self.squares += sign * other.squares;
+    }
+}
+
+/// Normalises a plane over `window x window` pixels, continued by reflection.
+///
+/// One gray level of deviation is added in quadrature, so that flat areas do not turn noise into signal.
+/// The one division and square root per pixel are those of IEEE 754, alike on every machine.
+pub fn normalize(plane: &Plane<u16>, window: usize, control: &Control) -> Result<Plane<u16>> {
+    let size = (plane.rows(), plane.cols());
+    Plane::by_bands(size, BAND_ROWS, |first, band| {
+        normalise_band(plane, window, first, control, band)
+    })
+}
+
+fn normalise_band(
+    plane: &Plane<u16>,
+    window: usize,
+    first: usize,
+    control: &Control,
+    band: &mut [u16],
+) -> Result<()> {
+    let cols = plane.cols();
+    let places = first..first + band.len() / cols;
+    let add_row = |y: usize, sign: i64, columns: &mut Vec<Moments>| {
+        for (column, &value) in columns.iter_mut().zip(plane.row(y)) {
+            let value = i64::from(value);
+            column.add(Moments { sum: value, squares: value * value }, sign);
+        }
+    };
+    let columns = vec![Moments::default(); cols];
+    slide(window, places, plane.rows(), columns, add_row, |y, columns| {
+        control.checkpoint()?;
+        normalise_row(plane.row(y), columns, window, &mut band[(y - first) * cols..][..cols])
+    })
+}
+
+fn normalise_row(row: &[u16], columns: &[Moments], window: usize, out: &mut [u16]) -> Result<()> {
+    let count = (window * window) as i64;
+    let one_gray_level = (count * i64::from(LEVEL_STEPS)).pow(2);
+    let add = |x: usize, sign: i64, sum: &mut Moments| sum.add(columns[x], sign);
+    slide(
+        window,
+        0..row.len(),
+        row.len(),
+        Moments::default(),
+        add,
+        |x, Moments { sum, squares }| {
+            let variance = count * squares - sum * sum + one_gray_level;
+            let deviations = (count * i64::from(row[x]) - sum) as f64 / (variance as f64).sqrt();
+            let clamped = deviations.clamp(-DEVIATION_REACH, DEVIATION_REACH) + DEVIATION_REACH;
+            out[x] = (clamped * f64::from(DEVIATION_STEPS)).round() as u16;
+            Ok(())
+        },
+    )
+}
+
+/// Slides a window over `places` of `0..length`, continued by reflection: calls `add` with the sign of
+/// what enters or leaves the sum, then `write` for each place.
+fn slide<S>(
+    window: usize,
+    places: Range<usize>,
+    length: usize,
+    mut sum: S,
+    add: impl Fn(usize, i64, &mut S),
+    mut write: impl FnMut(usize, &S) -> Result<()>,
+) -> Result<()> {
+    let radius = (window / 2) as isize;
+    let first = places.start as isize;
+    (first - radius..first + radius).for_each(|place| add(reflect(place, length), 1, &mut sum));
+    for centre in places {
+        add(reflect(centre as isize + radius, length), 1, &mut sum);
+        write(centre, &sum)?;
+        add(reflect(centre as isize - radius, length), -1, &mut sum);
+    }
+    Ok(())
+}

@@ -1,0 +1,96 @@
+//! The gray values of the left image, for the stages that look at them: how much they differ from one pixel to the
+//! next is what they measure differences by, so that neither contrast nor the unit of gray values matters.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use crate::error::Result;
+use crate::image::intensity::Gray;
+use crate::image::plane::Plane;
+use crate::image::view::View;
+use crate::pipeline::control::Control;
+use crate::settings::Settings;
+use crate::simd::Level;
+
+/// Gray values, and how rough the image is that they are of.
+#[derive(Debug, Clone)]
+pub struct Texture {
+    /// Gray values, in any unit, below 2^30.
+    pub gray: Plane<i32>,
+    /// That of the whole image, if this is a part of one.
+    pub roughness: Roughness,
+}
+
+/// How much horizontal neighbours differ.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Roughness {
+    /// The sum of the differences.
+    pub sum: u64,
+    /// How many there are.
+    pub pairs: u64,
+}
+
+impl Roughness {
+    /// That of some rows.
+    pub fn of(rows: &[i32], cols: usize) -> Self {
+        let row = |row: &[i32]| -> u64 {
+            let pairs = row.iter().zip(&row[1..]);
+            pairs.map(|(a, b)| u64::from(a.abs_diff(*b))).sum()
+        };
+        let pairs = rows.len() / cols * (cols - 1);
+        Self { sum: rows.par_chunks(cols).map(row).sum(), pairs: pairs as u64 }
+    }
+
+    /// That of both.
+    pub fn and(self, other: Self) -> Self {
+        Self { sum: self.sum + other.sum, pairs: self.pairs + other.pairs }
+    }
+
+    /// The mean difference; 0 where there are no neighbours.
+    pub fn mean(self) -> f64 {
+        self.sum as f64 / self.pairs.max(1) as f64
+    }
+
+    /// The same, rounded up.
+    pub fn ceiling(self) -> u64 {
+        self.sum.div_ceil(self.pairs.max(1))
+    }
+}
+
+impl Texture {
+    /// That of a whole image.
+    pub fn new(gray: Plane<i32>) -> Self {
+        let roughness = Roughness::of(gray.as_slice(), gray.cols());
+        Self { gray, roughness }
+    }
+
+    /// That of some rows.
+    pub fn of_rows(self, rows: Range<usize>) -> Self {
+        Self { gray: self.gray.of_rows(rows), ..self }
+    }
+
+    /// Whether the settings need any.
+    pub fn is_needed(settings: &Settings) -> bool {
+        let is_compared = settings.guided_median || settings.synthesis;
+        settings.adaptive_p2 > 0.0 || is_compared || settings.needs_confidence()
+    }
+
+    /// That of a view, if the settings need it; `known` is the roughness of the image that it is a part of.
+    pub fn of_view(
+        view: &View,
+        settings: &Settings,
+        known: Option<Roughness>,
+        level: Level,
+        control: &Control,
+    ) -> Result<Option<Self>> {
+        if !Self::is_needed(settings) {
+            return Ok(None);
+        }
+        let gray = Gray::new(view, level, control)?.plane(level, control)?;
+        Ok(Some(match known {
+            Some(roughness) => Self { gray, roughness },
+            None => Self::new(gray),
+        }))
+    }
+}

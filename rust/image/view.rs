@@ -1,0 +1,241 @@
+//! One camera's part of a pair: its pixels, of any type, and which of them are valid.
+
+use std::ops;
+
+use ndarray::{Array3, ArrayView1, ArrayView2, ArrayView3, Axis, s};
+
+use crate::error::{Error, Result};
+use crate::image::intensity::{NOWHERE, Range};
+use crate::image::plane::Plane;
+use crate::settings::LARGEST_PIXEL;
+use crate::simd::{Kernel, Level};
+
+/// An image of `rows x cols x channels` (1 or 3 channels) as it came from the caller.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Image {
+    /// 8 bits a channel.
+    U8(Array3<u8>),
+    /// 16 bits a channel.
+    U16(Array3<u16>),
+    /// Single precision.
+    F32(Array3<f32>),
+    /// Double precision.
+    F64(Array3<f64>),
+}
+
+/// Which pixels are valid.
+pub type Mask = Plane<bool>;
+
+/// One camera's part of a pair.
+#[derive(Debug, Clone, PartialEq)]
+pub struct View {
+    /// Its pixels.
+    pub image: Image,
+    /// Its valid pixels; `None`: all.
+    pub mask: Option<Mask>,
+    /// Where the pixels lie of the whole image, of floats, of which this is a part; `None`: it is the whole.
+    pub range: Option<Range>,
+    /// By how much impulses stand out at least, in units of the pixels; 0: there are none, see [`crate::image::impulses`].
+    pub impulses: f64,
+}
+
+impl Image {
+    /// Rows, columns and channels.
+    pub fn shape(&self) -> (usize, usize, usize) {
+        match self {
+            Self::U8(pixels) => pixels.dim(),
+            Self::U16(pixels) => pixels.dim(),
+            Self::F32(pixels) => pixels.dim(),
+            Self::F64(pixels) => pixels.dim(),
+        }
+    }
+
+    /// Largest value of an integer type; floats have none.
+    pub fn white(&self) -> Option<u16> {
+        match self {
+            Self::U8(_) => Some(u8::MAX.into()),
+            Self::U16(_) => Some(u16::MAX),
+            Self::F32(_) | Self::F64(_) => None,
+        }
+    }
+
+    /// Writes the gray values of row `y` of an integer image less `middle`, exactly; those of colour
+    /// images, `299 R + 587 G + 114 B`, in thousandths.
+    pub fn write_centred(&self, y: usize, middle: i32, level: Level, row: &mut [i32]) {
+        match self {
+            Self::U8(pixels) => write_centred(row_of(pixels, y), middle, level, row),
+            Self::U16(pixels) => write_centred(row_of(pixels, y), middle, level, row),
+            Self::F32(_) | Self::F64(_) => unreachable!("floats have no middle"),
+        }
+    }
+
+    /// Writes the luminance of row `y` in thousandths of the pixels' unit: `299 R + 587 G + 114 B`, exact
+    /// for integers.
+    pub fn write_luminance(&self, y: usize, row: &mut [f64]) {
+        match self {
+            Self::U8(pixels) => write_luminance(row_of(pixels, y), f64::from, row),
+            Self::U16(pixels) => write_luminance(row_of(pixels, y), f64::from, row),
+            Self::F32(pixels) => write_luminance(row_of(pixels, y), f64::from, row),
+            Self::F64(pixels) => write_luminance(row_of(pixels, y), |value| value, row),
+        }
+    }
+
+    /// The luminance of one pixel in thousandths of the pixels' unit.
+    pub fn luminance(&self, y: usize, x: usize) -> f64 {
+        match self {
+            Self::U8(pixels) => luminance(pixels.slice(s![y, x, ..]), f64::from),
+            Self::U16(pixels) => luminance(pixels.slice(s![y, x, ..]), f64::from),
+            Self::F32(pixels) => luminance(pixels.slice(s![y, x, ..]), f64::from),
+            Self::F64(pixels) => luminance(pixels.slice(s![y, x, ..]), |value| value),
+        }
+    }
+
+    /// Writes channel `c` of row `y` in thousandths of the pixels' unit.
+    pub fn write_channel(&self, c: usize, y: usize, row: &mut [f64]) {
+        match self {
+            Self::U8(pixels) => write_channel(row_of(pixels, y), c, f64::from, row),
+            Self::U16(pixels) => write_channel(row_of(pixels, y), c, f64::from, row),
+            Self::F32(pixels) => write_channel(row_of(pixels, y), c, f64::from, row),
+            Self::F64(pixels) => write_channel(row_of(pixels, y), c, |value| value, row),
+        }
+    }
+}
+
+impl View {
+    /// The negative: what is white is black. That of floats is about the middle of their range, which is to be known.
+    pub fn inverted(&self) -> Self {
+        let Range { black, white } = self.range.unwrap_or(NOWHERE);
+        // In thousandths.
+        let sum = (black + white) / 1000.0;
+        let image = match &self.image {
+            Image::U8(pixels) => Image::U8(pixels.mapv(|value| u8::MAX - value)),
+            Image::U16(pixels) => Image::U16(pixels.mapv(|value| u16::MAX - value)),
+            Image::F32(pixels) => Image::F32(pixels.mapv(|value| (sum - f64::from(value)) as f32)),
+            Image::F64(pixels) => Image::F64(pixels.mapv(|value| sum - value)),
+        };
+        Self { image, mask: self.mask.clone(), ..*self }
+    }
+
+    /// Some rows.
+    pub fn of_rows(&self, rows: ops::Range<usize>) -> Self {
+        let part = s![rows.clone(), .., ..];
+        let image = match &self.image {
+            Image::U8(pixels) => Image::U8(pixels.slice(part).to_owned()),
+            Image::U16(pixels) => Image::U16(pixels.slice(part).to_owned()),
+            Image::F32(pixels) => Image::F32(pixels.slice(part).to_owned()),
+            Image::F64(pixels) => Image::F64(pixels.slice(part).to_owned()),
+        };
+        let mask = self.mask.as_ref();
+        let mask = mask.map(|mask| {
+            Plane::from_fn(rows.len(), mask.cols(), |y, x| mask.row(rows.start + y)[x])
+        });
+        Self { image, mask, range: self.range, impulses: self.impulses }
+    }
+
+    /// Whether the mask, if there is one, calls the pixel valid.
+    pub fn is_valid(&self, y: usize, x: usize) -> bool {
+        self.mask.as_ref().is_none_or(|mask| mask.row(y)[x])
+    }
+
+    /// Refuses pixels that are NaN, infinite or absurdly large, unless the mask covers them.
+    pub fn check(&self, argument: &'static str) -> Result<()> {
+        let valid = |y: usize, x: usize| self.is_valid(y, x);
+        let fault = match &self.image {
+            Image::F32(pixels) => first_fault(pixels.view(), f64::from, valid),
+            Image::F64(pixels) => first_fault(pixels.view(), |value| value, valid),
+            Image::U8(_) | Image::U16(_) => None,
+        };
+        let Some((y, x, value)) = fault else { return Ok(()) };
+        let got = format!("{value:e} at row {y}, column {x}");
+        let accepts = format!(
+            "finite pixels of magnitude up to {LARGEST_PIXEL:e}, and anything where a mask is False \
+             (match takes left_mask and right_mask)"
+        );
+        Err(Error::value(argument, got, accepts))
+    }
+}
+
+fn row_of<T>(pixels: &Array3<T>, y: usize) -> ArrayView2<'_, T> {
+    pixels.index_axis(Axis(0), y)
+}
+
+fn write_centred<T>(pixels: ArrayView2<T>, middle: i32, level: Level, row: &mut [i32])
+where
+    T: Copy + Into<i32>,
+{
+    let pixels = pixels.as_standard_layout();
+    let values = pixels.as_slice().unwrap_or_default();
+    level.run(Centred { values, in_colour: pixels.ncols() == 3, middle, row });
+}
+
+struct Centred<'a, T> {
+    values: &'a [T],
+    in_colour: bool,
+    middle: i32,
+    row: &'a mut [i32],
+}
+
+impl<T: Copy + Into<i32>> Kernel for Centred<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        if self.in_colour {
+            for (gray, pixel) in self.row.iter_mut().zip(self.values.as_chunks().0) {
+                let [r, g, b] = pixel.map(T::into);
+                *gray = 299 * r + 587 * g + 114 * b - 1000 * self.middle;
+            }
+        } else {
+            for (gray, value) in self.row.iter_mut().zip(self.values) {
+                *gray = (*value).into() - self.middle;
+            }
+        }
+    }
+}
+
+fn write_luminance<T: Copy>(pixels: ArrayView2<T>, widen: impl Fn(T) -> f64, row: &mut [f64]) {
+    if pixels.ncols() != 3 {
+        return write_channel(pixels, 0, widen, row);
+    }
+    let pixels = pixels.as_standard_layout();
+    for (value, pixel) in row.iter_mut().zip(pixels.as_slice().unwrap_or_default().as_chunks().0) {
+        *value = weighted(pixel.map(&widen));
+    }
+}
+
+fn luminance<T: Copy>(pixel: ArrayView1<T>, widen: impl Fn(T) -> f64) -> f64 {
+    if pixel.len() == 3 {
+        weighted([0, 1, 2].map(|c| widen(pixel[c])))
+    } else {
+        1000.0 * widen(pixel[0])
+    }
+}
+
+fn weighted([r, g, b]: [f64; 3]) -> f64 {
+    299.0 * r + 587.0 * g + 114.0 * b
+}
+
+fn write_channel<T: Copy>(
+    pixels: ArrayView2<T>,
+    c: usize,
+    widen: impl Fn(T) -> f64,
+    row: &mut [f64],
+) {
+    for (value, pixel) in row.iter_mut().zip(pixels.column(c)) {
+        *value = 1000.0 * widen(*pixel);
+    }
+}
+
+fn first_fault<T: Copy>(
+    pixels: ArrayView3<T>,
+    widen: impl Fn(T) -> f64,
+    valid: impl Fn(usize, usize) -> bool,
+) -> Option<(usize, usize, f64)> {
+    let is_fault = |value: f64| value.is_nan() || value.abs() > LARGEST_PIXEL;
+    // Nearly every image is free of faults, and a plain sweep over the values is quick to say so.
+    if !pixels.iter().any(|&value| is_fault(widen(value))) {
+        return None;
+    }
+    let values = pixels.indexed_iter().map(|((y, x, _), &value)| (y, x, widen(value)));
+    values.into_iter().find(|&(y, x, value)| is_fault(value) && valid(y, x))
+}

@@ -1,0 +1,112 @@
+//! Where the gray values of the left image jump from one pixel to the next: disparities may jump there, too, so P2 is
+//! lower (adaptive P2; Hirschmüller, PAMI 2008, section 2.2).
+
+use crate::error::Result;
+use crate::image::plane::Plane;
+use crate::image::texture::Texture;
+use crate::pipeline::control::Control;
+use crate::settings::Settings;
+use crate::simd::{Kernel, Level};
+
+/// Rows that are classified together.
+const ROWS: usize = 32;
+
+/// Neighbors of a pixel that come before it row by row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Neighbor {
+    /// Above.
+    Above,
+    /// To the left.
+    Left,
+}
+
+impl Neighbor {
+    /// How large the jump from this neighbor is: 0 none, 1 small, 2 large.
+    #[inline(always)]
+    pub fn jump(self, edges: u8) -> usize {
+        usize::from(edges >> (2 * self as u8) & 3)
+    }
+}
+
+/// The jumps from both neighbors, two bits each, of every pixel; below the last row at hand they are as in that one.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Edges(Plane<u8>);
+
+impl Edges {
+    /// Calls a jump small that is larger than the mean difference of horizontal neighbors times `threshold`,
+    /// in whole steps, and large where it is larger than thrice that. So neither contrast nor the unit of gray
+    /// values matters.
+    pub fn new(texture: &Texture, threshold: f64, level: Level, control: &Control) -> Result<Self> {
+        let gray = &texture.gray;
+        let (rows, cols) = (gray.rows(), gray.cols());
+        // Gray values are below 2^26, so that a difference is, and its product with any threshold clamped.
+        let small = (threshold * texture.roughness.mean()) as u32;
+        let classes = Plane::by_bands((rows, cols), ROWS, |first, band| {
+            control.checkpoint()?;
+            for (y, edges) in (first..).zip(band.chunks_mut(cols)) {
+                let above = gray.row(y.saturating_sub(1));
+                level.run(Classify { here: gray.row(y), above, small, edges });
+            }
+            Ok(())
+        })?;
+        Ok(Self(classes))
+    }
+
+    /// Those of an image at hand, if the settings ask for them; else there are none in any row of so many columns.
+    pub fn asked_for(
+        texture: Option<&Texture>,
+        settings: &Settings,
+        cols: usize,
+        level: Level,
+        control: &Control,
+    ) -> Result<Self> {
+        match texture {
+            Some(texture) if settings.adaptive_p2 > 0.0 => {
+                Self::new(texture, settings.adaptive_p2, level, control)
+            }
+            _ => Self::nowhere(cols),
+        }
+    }
+
+    /// No jumps in any row of so many columns.
+    pub fn nowhere(cols: usize) -> Result<Self> {
+        Ok(Self(Plane::new(1, cols)?))
+    }
+
+    /// The jumps of row `y`.
+    #[inline(always)]
+    pub fn row(&self, y: usize) -> &[u8] {
+        self.0.row(y.min(self.0.rows() - 1))
+    }
+}
+
+/// The jumps of a row; the first row is its own neighbor above.
+struct Classify<'a> {
+    here: &'a [i32],
+    above: &'a [i32],
+    small: u32,
+    edges: &'a mut [u8],
+}
+
+impl Kernel for Classify<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { here, above, small, edges } = self;
+        let last = here.len() - 1;
+        edges.fill(0);
+        mark(edges, here, above, small, Neighbor::Above);
+        mark(&mut edges[1..], &here[1..], &here[..last], small, Neighbor::Left);
+    }
+}
+
+#[inline(always)]
+fn mark(edges: &mut [u8], here: &[i32], there: &[i32], small: u32, neighbor: Neighbor) {
+    let large = small.saturating_mul(3);
+    for ((edges, a), b) in edges.iter_mut().zip(here).zip(there) {
+        let difference = a.abs_diff(*b);
+        let jump = u8::from(difference > small) + u8::from(difference > large);
+        *edges |= jump << (2 * neighbor as u8);
+    }
+}

@@ -1,0 +1,12 @@
+//! From a pair to its disparity map: bands of rows on threads, what a part of a pair must know of the whole, memory.
+
+pub mod control;
+pub mod footprint;
+pub mod halo;
+pub mod map;
+pub mod matcher;
+pub mod memory;
+pub mod platform;
+pub mod section;
+pub mod source;
+pub mod summary;

@@ -1,0 +1,465 @@
+//! The order of the stages; bands of rows on threads. No arithmetic of its own.
+
+use std::any::Any;
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+use std::{env, thread};
+
+use rayon::prelude::*;
+
+use crate::cost::Costs;
+use crate::cost::aggregation::Window;
+use crate::cost::candidates::Candidates;
+use crate::error::{Error, Result};
+use crate::image::intensity;
+use crate::image::plane::Plane;
+use crate::image::texture::Texture;
+use crate::image::view::View;
+use crate::optimization::edges::Edges;
+use crate::optimization::evidence::Evidence;
+use crate::optimization::selection::Selection;
+use crate::optimization::{Search, Steps, Windowed, Workspace};
+use crate::pipeline::control::Control;
+use crate::pipeline::halo::Halo;
+use crate::pipeline::map::{Band, Map};
+use crate::pipeline::platform::{Instant, Pool};
+use crate::pipeline::section::Section;
+use crate::refinement::left_right_check::Checker;
+use crate::refinement::synthesis;
+use crate::refinement::{Draft, Judge};
+use crate::rig::alignment::Alignment;
+use crate::rig::alignment::straighten::straightened;
+use crate::rig::versions::Versions;
+use crate::settings::{Optimizer, Settings};
+use crate::simd::Level;
+use crate::value::{LANES, Value};
+
+/// Most threads that one match may ask for.
+pub const MOST_THREADS: usize = 1024;
+
+/// What is matched, and how far to search.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pair {
+    left: View,
+    right: View,
+    candidates: Candidates,
+    versions: Option<Versions>,
+}
+
+/// How the work is cut up; the result does not depend on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Execution {
+    /// Number of threads.
+    pub threads: usize,
+    /// Instructions to use.
+    pub level: Level,
+}
+
+/// A disparity map and what is known about it, as seen from the left image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Disparity {
+    /// Disparity, pixels; NaN where there is none.
+    pub disparity: Plane<f32>,
+    /// Bits of [`crate::refinement::flag`].
+    pub flags: Plane<u16>,
+    /// From 0 to 1; `None`: not worked out.
+    pub confidence: Option<Plane<f32>>,
+    /// Wall-clock time of each stage.
+    pub timings: Timings,
+}
+
+/// Wall-clock time of each stage.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Timings {
+    /// Images to codes (or to whatever else the cost compares).
+    pub description: Duration,
+    /// Codes to disparities.
+    pub matching: Duration,
+    /// Disparities to those that are filled and smoothed, with confidences.
+    pub refinement: Duration,
+}
+
+impl Pair {
+    /// A pair that can be matched: of one size and type, with proper pixels and a reachable range.
+    pub fn new(left: View, right: View, min_disparity: i64, num_disparities: i64) -> Result<Self> {
+        left.check("left")?;
+        right.check("right")?;
+        let (rows, cols, _) = left.image.shape();
+        let (right_rows, right_cols, _) = right.image.shape();
+        if (rows, cols) != (right_rows, right_cols) {
+            let got = format!("{right_rows} x {right_cols} pixels");
+            return Err(Error::value("right", got, format!("the size of left, {rows} x {cols}")));
+        }
+        if std::mem::discriminant(&left.image) != std::mem::discriminant(&right.image) {
+            return Err(Error::value("right", "pixels of another type", "the type of left"));
+        }
+        let candidates = Candidates::new(min_disparity, num_disparities, cols)?;
+        Ok(Self { left, right, candidates, versions: None })
+    }
+
+    /// The pair with the versions in which its pixels are compared; impulses are those that these know of.
+    pub fn with_versions(self, versions: impl Into<Option<Versions>>) -> Self {
+        let versions = versions.into();
+        let impulses = versions.as_ref().map_or([0.0; 2], Versions::impulses);
+        Self { versions, ..self }.with_impulses(impulses)
+    }
+
+    /// The pair with impulses in both images that stand out by so much at least; 0: there are none.
+    pub fn with_impulses(mut self, [left, right]: [f64; 2]) -> Self {
+        (self.left.impulses, self.right.impulses) = (left, right);
+        self
+    }
+
+    /// The pair as a part of one whose left and right pixels, if they are floats, lie in these ranges.
+    pub fn with_ranges(mut self, ranges: [Option<intensity::Range>; 2]) -> Self {
+        let [left, right] = ranges;
+        (self.left.range, self.right.range) = (left, right);
+        self
+    }
+
+    /// The pair to be searched over other disparities.
+    pub fn searched(self, candidates: Candidates) -> Self {
+        Self { candidates, ..self }
+    }
+
+    /// The pair with the negative of its right image.
+    pub fn inverted(&self) -> Self {
+        Self { right: self.right.inverted(), ..self.clone() }
+    }
+
+    /// The pair with the rows of its right image where the left one has them.
+    pub fn straightened(
+        &self,
+        alignment: &Alignment,
+        level: Level,
+        control: &Control,
+    ) -> Result<Self> {
+        let right = straightened(&self.right, alignment, level, control)?;
+        Ok(Self { right, ..self.clone() })
+    }
+
+    /// Some rows of the images; of floats, the ranges should be known.
+    pub fn of_rows(&self, rows: Range<usize>) -> Self {
+        let [left, right] = [&self.left, &self.right].map(|view| view.of_rows(rows.clone()));
+        let versions = self.versions.clone().map(|versions| versions.below(rows.start));
+        Self { left, right, versions, ..self.clone() }
+    }
+
+    /// The pair with the ranges of its floats worked out, so that any part of it is a part of the whole.
+    pub fn with_own_ranges(self, control: &Control) -> Result<Self> {
+        let range = |view: &View| match view.image.white() {
+            Some(_) => Ok(None),
+            None => intensity::float_range(view, control).map(Some),
+        };
+        let ranges = [range(&self.left)?, range(&self.right)?];
+        Ok(self.with_ranges(ranges))
+    }
+
+    /// Left and right view.
+    pub fn views(&self) -> [&View; 2] {
+        [&self.left, &self.right]
+    }
+
+    /// The disparities to search.
+    pub fn candidates(&self) -> Candidates {
+        self.candidates
+    }
+
+    /// The versions in which the pixels are compared; `None`: as they are.
+    pub fn versions(&self) -> Option<&Versions> {
+        self.versions.as_ref()
+    }
+
+    /// Rows and columns of either image.
+    pub fn size(&self) -> (usize, usize) {
+        let (rows, cols, _) = self.left.image.shape();
+        (rows, cols)
+    }
+}
+
+/// Matches pairs, one after another or several at a time; threads and memory are used again.
+#[derive(Debug)]
+pub struct Matcher {
+    pool: Pool,
+    /// Memory that no band is being matched in.
+    spare: Mutex<Vec<Box<dyn Any + Send>>>,
+}
+
+/// What was chosen for some rows.
+struct Choice {
+    /// The map, to be refined.
+    map: Map,
+    /// The left image, if the settings need it.
+    texture: Option<Texture>,
+    /// Wall-clock time of each stage so far.
+    timings: Timings,
+}
+
+/// All that the bands of a match have in common.
+struct Job<'a> {
+    costs: &'a Costs<'a>,
+    window: Window,
+    search: Search<'a>,
+    settings: &'a Settings,
+}
+
+/// Runs `work` on so many threads, started for it and ended after it.
+pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T> {
+    Ok(thread_pool(threads)?.install(work))
+}
+
+/// So many threads as the environment variable `RAYON_NUM_THREADS` says, or else as the process may use.
+pub fn usable_threads() -> usize {
+    let told = env::var("RAYON_NUM_THREADS").ok().and_then(|told| told.parse().ok());
+    let usable = || thread::available_parallelism().map_or(1, Into::into);
+    told.filter(|&told| told > 0).unwrap_or_else(usable).min(MOST_THREADS)
+}
+
+fn thread_pool(threads: usize) -> Result<Pool> {
+    if !(1..=MOST_THREADS).contains(&threads) {
+        return Err(Error::value(
+            "threads",
+            threads,
+            format!("an integer from 1 to {MOST_THREADS}"),
+        ));
+    }
+    Pool::new(threads)
+}
+
+impl Matcher {
+    /// A matcher with so many threads.
+    pub fn new(threads: usize) -> Result<Self> {
+        Ok(Self { pool: thread_pool(threads)?, spare: Mutex::default() })
+    }
+
+    /// Has the threads do some work, and does not wait for it, which must not panic.
+    pub fn spawn(&self, work: impl FnOnce() + Send + 'static) {
+        self.pool.spawn(work);
+    }
+
+    /// Has the threads do some work, and waits for it.
+    pub fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        self.pool.install(work)
+    }
+
+    /// Matches a pair.
+    pub fn run(
+        &self,
+        pair: &Pair,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        self.run_rows(pair, &Section::whole(pair), settings, how, control)
+    }
+
+    /// Matches some rows of a pair: to the bit as in the whole, if all is at hand that they depend on, see [`Section`].
+    pub fn run_rows(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        settings.check()?;
+        section.check(pair)?;
+        // What was chosen for rows around these counts when they are refined.
+        let around = section.widened(Halo::new(settings, pair.versions(), None).map, pair);
+        let wanted = section.rows.start - around.start..section.rows.end - around.start;
+        let widened = Section { rows: around, ..section.clone() };
+        let found = self.run_alone(pair, &widened, settings, how, control)?;
+        Ok(found.of_rows(wanted))
+    }
+
+    /// Matches some rows of a pair whose map is refined as if there were no others.
+    pub fn run_alone(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Disparity> {
+        settings.check()?;
+        section.check(pair)?;
+        self.pool.install(|| {
+            let choice = self.choose(pair, section, settings, how, control)?;
+            choice.refined(pair, section.rows.clone(), settings, how.level, control)
+        })
+    }
+
+    fn choose(
+        &self,
+        pair: &Pair,
+        section: &Section,
+        settings: &Settings,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Choice> {
+        let started = Instant::now();
+        let (views, candidates, level) = (pair.views(), pair.candidates, how.level);
+        let costs = Costs::new(views, candidates, settings, pair.versions(), level, control)?;
+        let (description, described) = (started.elapsed(), Instant::now());
+        let texture = Texture::of_view(&pair.left, settings, section.roughness, level, control)?;
+        let edges = Edges::asked_for(texture.as_ref(), settings, pair.size().1, level, control)?;
+        let mut map = Map::new((section.rows.len(), pair.size().1), settings.needs_confidence())?;
+        let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
+        let search = Search {
+            size: pair.size(),
+            first: section.first,
+            candidates: candidates.count(),
+            optimizer: settings.optimizer,
+            steps: Steps::new(settings, window, costs.steps()),
+            edges: &edges,
+            weighs: settings.needs_evidence(),
+            level,
+            control,
+        };
+        let job = Job { costs: &costs, window, search, settings };
+        let bands = map.bands(search.bands(section.rows.clone()));
+        match Width::new(settings, window, job.search.steps, costs.has_votes()) {
+            Width::Bytes => self.match_bands::<u8>(bands, &job),
+            Width::Words => self.match_bands::<u16>(bands, &job),
+            Width::Widest => self.match_bands::<u32>(bands, &job),
+        }?;
+        let matching = described.elapsed();
+        let timings = Timings { description, matching, refinement: Duration::ZERO };
+        Ok(Choice { map, texture, timings })
+    }
+
+    /// Matches bands, each by itself: cost -> aggregation -> optimization -> what is to be said of each pixel.
+    fn match_bands<T: Value>(&self, bands: Vec<Band>, job: &Job) -> Result<()> {
+        bands.into_par_iter().with_max_len(1).try_for_each(|mut band| {
+            let mut workspace: Box<Workspace<T>> = self.memory();
+            let (costs, window, level) = (job.costs, job.window, job.search.level);
+            let source = Windowed { costs, window, level };
+            let evidence = job.search.run(band.rows(), &source, &mut workspace)?;
+            job.write(&mut band, evidence)?;
+            job.search.control.finish_rows(band.rows().len());
+            self.keep(workspace);
+            Ok(())
+        })
+    }
+
+    /// Memory to work in: used before, if there is any of this kind.
+    #[expect(clippy::unnecessary_box_returns, reason = "the box is what is kept")]
+    fn memory<M: Default + Send + 'static>(&self) -> Box<M> {
+        let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = spare.iter().rposition(|memory| memory.is::<M>());
+        let found = found.map(|index| spare.swap_remove(index));
+        found.and_then(|memory| memory.downcast().ok()).unwrap_or_default()
+    }
+
+    /// Keeps memory to be used again.
+    fn keep(&self, memory: Box<dyn Any + Send>) {
+        self.spare.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
+    }
+}
+
+impl Job<'_> {
+    /// Writes what was found of a band into the map.
+    fn write(&self, band: &mut Band, evidence: &Evidence) -> Result<()> {
+        let (judge, mut checker) = (self.judge(), Checker::default());
+        for (row, y) in band.rows().enumerate() {
+            judge.write(y, evidence.row(row), &mut checker, band.row(row))?;
+        }
+        Ok(())
+    }
+
+    fn judge(&self) -> Judge<'_> {
+        Judge {
+            candidates: self.costs.candidates(),
+            cols: self.window.cols,
+            votes: self.costs.votes(),
+            subpixel: self.settings.subpixel,
+            consistency: self.settings.lr_check.map(|most| most as u16),
+            uniqueness: self.settings.uniqueness as u64,
+            unit: self.window.unit(self.costs.steps()) as f32,
+        }
+    }
+}
+
+impl Choice {
+    /// Tells what cannot be right, fills it, smooths. The map is of these rows of the pair.
+    fn refined(
+        self,
+        pair: &Pair,
+        rows: Range<usize>,
+        settings: &Settings,
+        level: Level,
+        control: &Control,
+    ) -> Result<Disparity> {
+        let started = Instant::now();
+        let (views, versions) = (pair.views(), pair.versions());
+        let scene = synthesis::Scene::new(views, versions, rows.clone(), settings, level, control)?;
+        let texture = self.texture.map(|texture| texture.of_rows(rows));
+        let Map { disparity, mut flags, votes } = self.map;
+        let draft = Draft {
+            disparity,
+            flags: &mut flags,
+            votes: votes.as_ref(),
+            texture: texture.as_ref(),
+            scene: scene.as_ref(),
+        };
+        let (disparity, confidence) = draft.refine(settings, level, control)?;
+        let confidence = confidence.filter(|_| settings.confidence);
+        let timings = Timings { refinement: started.elapsed(), ..self.timings };
+        Ok(Disparity { disparity, flags, confidence, timings })
+    }
+}
+
+impl Disparity {
+    /// That of some rows.
+    fn of_rows(self, rows: Range<usize>) -> Self {
+        Self {
+            disparity: self.disparity.of_rows(rows.clone()),
+            flags: self.flags.of_rows(rows.clone()),
+            confidence: self.confidence.map(|confidence| confidence.of_rows(rows)),
+            timings: self.timings,
+        }
+    }
+}
+
+/// The integers of costs and totals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Width {
+    /// Of 8 bits.
+    Bytes,
+    /// Of 16 bits.
+    Words,
+    /// Of 32 bits.
+    Widest,
+}
+
+impl Width {
+    /// The narrowest integers that hold every sum, every total of a path and every run of candidates.
+    pub fn new(settings: &Settings, window: Window, steps: Steps, has_votes: bool) -> Self {
+        let largest_cost = window.largest_value(has_votes);
+        let largest_total = match settings.optimizer {
+            Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
+                steps.largest_total(window.largest_sum())
+            }
+            Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
+        };
+        let (largest, runs) =
+            (largest_cost.max(largest_total), window.candidates.div_ceil(LANES) as u64);
+        if largest <= u8::LARGEST_TOTAL && runs <= Selection::<u8>::MOST_RUNS {
+            Self::Bytes
+        } else if largest <= u16::LARGEST_TOTAL {
+            Self::Words
+        } else {
+            Self::Widest
+        }
+    }
+
+    /// Bytes of one of them.
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::Bytes => 1,
+            Self::Words => 2,
+            Self::Widest => 4,
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! Memory that is used again and again, from the start of a cache line on.
+
+use std::ops::{Deref, DerefMut};
+
+use crate::error::{Error, Result};
+
+/// Bytes of a cache line: a register's worth that starts with one never spans two.
+const LINE: usize = 64;
+
+/// So many values as were last asked for; what they are after that is of no meaning.
+#[derive(Debug)]
+pub struct Memory<T> {
+    values: Vec<T>,
+    start: usize,
+    count: usize,
+}
+
+impl<T> Default for Memory<T> {
+    fn default() -> Self {
+        Self { values: vec![], start: 0, count: 0 }
+    }
+}
+
+impl<T: Clone + Default> Memory<T> {
+    /// Asks for `count` values; an error, not an abort, when the memory cannot be had.
+    pub fn resize(&mut self, count: usize) -> Result<()> {
+        let needed = count.saturating_add(LINE);
+        if let Some(missing) = needed.checked_sub(self.values.len()) {
+            self.values
+                .try_reserve_exact(missing)
+                .map_err(|_| Error::OutOfMemory { bytes: needed.saturating_mul(size_of::<T>()) })?;
+            self.values.resize(needed, T::default());
+        }
+        // Types larger than their alignment may never meet a line's start: then anywhere is as good.
+        let start = self.values.as_ptr().align_offset(LINE);
+        self.start = if start < LINE { start } else { 0 };
+        self.count = count;
+        Ok(())
+    }
+}
+
+impl<T> Deref for Memory<T> {
+    type Target = [T];
+
+    #[inline(always)]
+    fn deref(&self) -> &[T] {
+        &self.values[self.start..][..self.count]
+    }
+}
+
+impl<T> DerefMut for Memory<T> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut [T] {
+        &mut self.values[self.start..][..self.count]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_starts_with_a_cache_line_and_does_not_shrink() {
+        let mut memory = Memory::<u16>::default();
+        assert!(memory.is_empty());
+        for count in [3, 1000, 0, 70] {
+            memory.resize(count).expect("memory");
+            assert_eq!(memory.len(), count);
+            assert_eq!(memory.as_ptr().align_offset(LINE), 0);
+            memory.fill(7);
+        }
+        assert!(memory.values.len() >= 1000);
+    }
+
+    #[test]
+    fn too_much_is_an_error() {
+        let refused = Memory::<u64>::default().resize(usize::MAX / 2);
+        assert!(matches!(refused, Err(Error::OutOfMemory { .. })));
+    }
+}

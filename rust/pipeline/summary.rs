@@ -1,0 +1,96 @@
+//! What a disparity map says about itself as a whole: whether the match is to be trusted.
+
+use crate::cost::candidates::Candidates;
+use crate::refinement::flag;
+
+/// Shares of the pixels of a map, and their mean confidence.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Summary {
+    /// Share with an estimate.
+    pub estimated: f64,
+    /// Share that fails the left-right check or is a speckle.
+    pub flagged: f64,
+    /// Share with an estimate of its own at the least disparity that was searched.
+    pub at_low: f64,
+    /// The same at the largest one.
+    pub at_high: f64,
+    /// Mean confidence; NaN if none was worked out.
+    pub confidence: f64,
+}
+
+/// What is counted.
+#[derive(Clone, Copy, Default)]
+struct Counts {
+    estimated: u64,
+    flagged: u64,
+    at_low: u64,
+    at_high: u64,
+    /// In units of 2^-20.
+    confidence: u64,
+}
+
+/// Flags of pixels whose match belongs to another one, or that stand out.
+const FLAGGED: u16 = flag::OCCLUDED | flag::MISMATCHED | flag::SPECKLE;
+/// Flags of pixels whose disparity is not that of a match within the image.
+const FOREIGN: u16 = flag::OUTSIDE | flag::FILLED;
+/// Steps of a confidence.
+const STEPS: f32 = (1 << 20) as f32;
+
+impl Summary {
+    /// That of a map whose disparities were searched among these.
+    pub fn new(
+        disparity: &[f32],
+        flags: &[u16],
+        confidence: Option<&[f32]>,
+        candidates: Candidates,
+    ) -> Self {
+        let ends = [0, candidates.count() - 1].map(|k| candidates.disparity(k) as f32);
+        let counts = Counts::new(disparity, flags, confidence, ends);
+        let share = |count: u64| count as f64 / flags.len().max(1) as f64;
+        Self {
+            estimated: share(counts.estimated),
+            flagged: share(counts.flagged),
+            at_low: share(counts.at_low),
+            at_high: share(counts.at_high),
+            confidence: confidence
+                .map_or(f64::NAN, |_| share(counts.confidence) / f64::from(STEPS)),
+        }
+    }
+}
+
+impl Counts {
+    fn new(disparity: &[f32], flags: &[u16], confidence: Option<&[f32]>, ends: [f32; 2]) -> Self {
+        let mut counts = Self::default();
+        for (disparity, flags) in disparity.iter().zip(flags) {
+            let is_own = flags & FOREIGN == 0;
+            counts.estimated += u64::from(!disparity.is_nan());
+            counts.flagged += u64::from(flags & FLAGGED != 0);
+            counts.at_low += u64::from(is_own & (*disparity < ends[0] + 0.5));
+            counts.at_high += u64::from(is_own & (*disparity > ends[1] - 0.5));
+        }
+        for confidence in confidence.unwrap_or_default() {
+            counts.confidence += u64::from((confidence * STEPS) as u32);
+        }
+        counts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_are_those_of_all_pixels() {
+        let candidates = Candidates::new(2, 4, 100).expect("legal");
+        let disparity = [f32::NAN, 2.0, 2.4, 3.0, 5.0, 4.6, 5.0, 2.0];
+        let filled = flag::OCCLUDED | flag::FILLED;
+        let flags = [flag::MASKED, 0, flag::SPECKLE, 0, 0, 0, flag::OUTSIDE, filled];
+        let confidence = [0.0, 1.0, 0.5, 0.5, 1.0, 1.0, 0.0, 0.0];
+        let found = Summary::new(&disparity, &flags, Some(&confidence), candidates);
+        assert_eq!(
+            (found.estimated, found.flagged, found.at_low, found.at_high, found.confidence),
+            (7.0 / 8.0, 2.0 / 8.0, 2.0 / 8.0, 2.0 / 8.0, 0.5)
+        );
+        assert!(Summary::new(&disparity, &flags, None, candidates).confidence.is_nan());
+    }
+}

@@ -1,0 +1,429 @@
+//! Analysis by synthesis: where one image is blurred, near jumps of the map, the disparities that explain it best.
+//!
+//! Under a blur, costs tell of a jump only that it is somewhere within the kernel, and windows draw it to the wider side:
+//! near surfaces come out too large. But given a map the soft image can be made again, from the sharp one under the kernel
+//! that was found; where the jumps are wrong, it comes out unlike the one there is.
+//!
+//! ```text
+//! for map in the one at hand, and that with its near surfaces eroded, dilated by RADIUS:
+//!     seen:     each pixel of the soft view shows that of the sharp image which the map says
+//!     synthetic = seen under the kernel of its area
+//!     distance  = Hamming distance of the codes of synthetic and of the soft image
+//!     unlike    = sum of distance over the window of WINDOW pixels about it
+//! each pixel takes the disparity of the map with the least unlike
+//! ```
+//!
+//! If the left image is the soft one, all that is in its view. If the right one is, the map is first seen from there, the
+//! nearer of two disparities first, and what its pixels come to is read where those of the left image lie by the smallest
+//! and by the largest of their disparities, so that all maps are judged at the same places.
+//!
+//! Only codes are compared: neither contrast nor offset matters. All is worked out in integers, of bands of rows.
+
+mod view;
+
+use std::array::from_fn;
+use std::ops::Range;
+
+use crate::error::Result;
+use crate::image::convolution::Kernel as Blur;
+use crate::image::intensity::Gray;
+use crate::image::plane::{Plane, parts, zeroed};
+use crate::image::view::View;
+use crate::pipeline::control::Control;
+use crate::refinement::median::{NONE, disparity as disparity_of, key};
+use crate::refinement::outlines;
+use crate::rig::versions::{self, Versions};
+use crate::settings::{CostKind, Settings};
+use crate::simd::{Kernel, Level};
+
+/// Pixels by which near surfaces are eroded and dilated, in each direction of a square. Wrong pixels of four scenes whose
+/// left image has a Gaussian of 2 or 4, a disk of 6 or motion of 15 pixels, outlines drawn, from 23.1 %: 2: 22.0;
+/// 3: 21.7; 4: 21.5; 2 and 4, which takes two thirds longer: 21.4; 1, 2, 3, 4 and 6, twice: 20.8.
+pub const RADIUS: usize = 4;
+/// Side of the window that maps are compared over. As above, of radii 2 and 4: 11: 21.5; 15: 21.5; 19: 21.6.
+pub const WINDOW: usize = 15;
+/// Disparities that differ by no more count as the same, pixels: slopes are left alone. As above, with which bad-0.5:
+/// 0: 21.2, 38.0; 0.5: 21.3, 37.6; 1: 21.5, 37.5.
+pub const SAME: f32 = 0.5;
+/// Columns on either side of a gap in the right view by which what the images show is made equally bright. Of a soft
+/// right image with its contrast lowered to 0.6: 22.2 % wrong without, 22.0 with it; else it makes no difference.
+pub const BESIDE: usize = 16;
+
+/// Rows of a band: those about it that its windows and kernels reach are worked out again.
+const BAND: usize = 128;
+/// Pixels that a window reaches in each direction.
+const REACH: usize = WINDOW / 2;
+/// Columns of which the extremes are found at a time.
+const LANES: usize = 32;
+
+/// A pair as it was described, rows of it that a map is of, and the blur of one image in the areas of the other.
+#[derive(Debug)]
+pub struct Scene<'a> {
+    views: [&'a View; 2],
+    versions: &'a Versions,
+    settings: &'a Settings,
+    /// The rows of the pair that the map is of.
+    rows: Range<usize>,
+    /// Of both images, the scale of the gray values, and these.
+    scales: [Gray<'a>; 2],
+    grays: [Plane<i32>; 2],
+}
+
+/// The side of the image that is soft where one alone is (0: left, 1: right), and what it is blurred by.
+pub fn softness(kernels: &[Option<Blur>; 2]) -> Option<(usize, &Blur)> {
+    match kernels {
+        [None, Some(blur)] => Some((0, blur)),
+        [Some(blur), None] => Some((1, blur)),
+        _ => None,
+    }
+}
+
+/// Whether there is anything to be synthesized.
+pub fn is_asked_for(settings: &Settings, versions: Option<&Versions>) -> bool {
+    let is_soft =
+        |versions: &Versions| versions.classes().any(|kernels| softness(kernels).is_some());
+    settings.synthesis && settings.cost == CostKind::Phase && versions.is_some_and(is_soft)
+}
+
+/// Rows on either side of a pixel that what it takes depends on.
+pub fn reach(settings: &Settings, versions: &Versions) -> usize {
+    RADIUS + around(settings, versions)[0] + outlines::NEAR.max(outlines::REACH) + 1
+}
+
+/// Bytes that a band of so many columns is worked out in, at most: its maps, and gray values, codes and sums of both views.
+pub fn memory(settings: &Settings, versions: &Versions, cols: usize) -> usize {
+    let [above, beside] = around(settings, versions);
+    (BAND + 2 * above) * (cols + 2 * beside) * 64
+}
+
+/// Rows and columns on either side of a pixel that its window, the codes there and the kernels under these reach.
+fn around(settings: &Settings, versions: &Versions) -> [usize; 2] {
+    let radii = versions.every_kernel().map(Blur::radii);
+    let largest = radii.fold((0, 0), |most, radii| (most.0.max(radii.0), most.1.max(radii.1)));
+    [largest.0, largest.1].map(|radius| REACH + settings.largest_neighborhood() / 2 + radius)
+}
+
+impl<'a> Scene<'a> {
+    /// That of the rows of a map, if there is anything to be synthesized.
+    pub fn new(
+        views: [&'a View; 2],
+        versions: Option<&'a Versions>,
+        rows: Range<usize>,
+        settings: &'a Settings,
+        level: Level,
+        control: &Control,
+    ) -> Result<Option<Self>> {
+        let Some(versions) = versions.filter(|versions| is_asked_for(settings, Some(versions)))
+        else {
+            return Ok(None);
+        };
+        let scale = |side| versions::gray(views[side], Some(versions), side, level, control);
+        let scales = [scale(0)?, scale(1)?];
+        let plane = |side: usize| -> Result<_> {
+            Ok(scales[side].plane(level, control)?.of_rows(rows.clone()))
+        };
+        let grays = [plane(0)?, plane(1)?];
+        Ok(Some(Self { views, versions, settings, rows, scales, grays }))
+    }
+
+    /// The map with the disparities that explain the soft image best.
+    pub fn redraw(
+        &self,
+        disparity: &Plane<f32>,
+        redrawn: &mut Plane<f32>,
+        level: Level,
+        control: &Control,
+    ) -> Result<()> {
+        let cols = disparity.cols();
+        redrawn.write_bands(BAND, |first, out| {
+            control.checkpoint()?;
+            out.copy_from_slice(&disparity.as_slice()[first * cols..][..out.len()]);
+            let rows = first..first + out.len() / cols;
+            let band = Band::new(self, disparity, rows, level, control)?;
+            band.passes()?.into_iter().try_for_each(|pass| band.judge(&pass, out))
+        })
+    }
+
+    /// Whether the pixels of row `y` of the map and side are valid; `None`: all.
+    fn valid(&self, side: usize, y: usize) -> Option<&[bool]> {
+        self.views[side].mask.as_ref().map(|mask| mask.row(self.rows.start + y))
+    }
+
+    /// The gray values of a rectangle of one side.
+    fn part(&self, side: usize, rows: &Range<usize>, columns: &Range<usize>) -> Result<Plane<i32>> {
+        let mut part = Plane::new(rows.len(), columns.len())?;
+        for (row, y) in rows.clone().enumerate() {
+            part.row_mut(row).copy_from_slice(&self.grays[side].row(y)[columns.clone()]);
+        }
+        Ok(part)
+    }
+}
+
+/// The maps that are compared: rows of them about a band.
+struct Band<'a> {
+    scene: &'a Scene<'a>,
+    level: Level,
+    control: &'a Control,
+    /// The rows of the band.
+    rows: Range<usize>,
+    /// Those that they depend on.
+    seen: Range<usize>,
+    /// Disparities of the rows that are seen, of the map at hand and of the others: there, those that are not the same.
+    maps: [Plane<f32>; MAPS],
+    /// Columns of the band in which not all maps say the same.
+    columns: Range<usize>,
+}
+
+/// The map at hand, eroded, dilated.
+const MAPS: usize = 3;
+
+/// Classes of pixels that are judged together.
+struct Pass<'a> {
+    /// The soft side.
+    side: usize,
+    /// Class and kernel.
+    blurs: Vec<(usize, &'a Blur)>,
+}
+
+impl<'a> Band<'a> {
+    fn new(
+        scene: &'a Scene<'a>,
+        disparity: &Plane<f32>,
+        rows: Range<usize>,
+        level: Level,
+        control: &'a Control,
+    ) -> Result<Self> {
+        let by = around(scene.settings, scene.versions)[0];
+        let seen = rows.start.saturating_sub(by)..(rows.end + by).min(disparity.rows());
+        let maps = rivals(disparity, &seen, level)?;
+        let columns = differing(&maps, rows.start - seen.start..rows.end - seen.start);
+        Ok(Self { scene, level, control, rows, seen, maps, columns })
+    }
+
+    /// What is to be judged: pixels of a soft left image together, since they lie in one view; else each class.
+    fn passes(&self) -> Result<Vec<Pass<'a>>> {
+        if self.columns.is_empty() {
+            return Ok(vec![]);
+        }
+        let (mut left, mut passes) = (vec![], vec![]);
+        for class in self.classes()? {
+            match softness(self.scene.versions.kernels(class)) {
+                Some((0, blur)) => left.push((class, blur)),
+                Some((side, blur)) => passes.push(Pass { side, blurs: vec![(class, blur)] }),
+                None => {}
+            }
+        }
+        if !left.is_empty() {
+            passes.push(Pass { side: 0, blurs: left });
+        }
+        Ok(passes)
+    }
+
+    /// The classes that occur in the windows of the band.
+    fn classes(&self) -> Result<Vec<usize>> {
+        let mut classes = vec![];
+        let mut labels = zeroed(self.columns.len())?;
+        for y in self.within(REACH) {
+            self.labels(y, self.columns.clone(), &mut labels);
+            for &class in &labels {
+                if !classes.contains(&usize::from(class)) {
+                    classes.push(class.into());
+                }
+            }
+        }
+        classes.sort_unstable();
+        Ok(classes)
+    }
+
+    /// The classes of some columns of a row.
+    fn labels(&self, y: usize, columns: Range<usize>, labels: &mut [u8]) {
+        self.scene.versions.write_classes(self.scene.rows.start + y, columns.start, labels);
+    }
+
+    /// The rows of the band and so many around it.
+    fn within(&self, by: usize) -> Range<usize> {
+        self.rows.start.saturating_sub(by)..(self.rows.end + by).min(self.seen.end)
+    }
+
+    /// Has the pixels of a pass take the disparities of the map that explains them best.
+    fn judge(&self, pass: &Pass, out: &mut [f32]) -> Result<()> {
+        let cols = self.maps[0].cols();
+        let view = view::View::new(self, pass)?;
+        let mut best = view.unlike(0)?;
+        let (mut labels, mut judged) = (zeroed(self.columns.len())?, zeroed(self.columns.len())?);
+        for map in 1..MAPS {
+            let sums = view.unlike(map)?;
+            for (row, y) in self.rows.clone().enumerate() {
+                self.labels(y, self.columns.clone(), &mut labels);
+                self.level.run(Judged { labels: &labels, blurs: &pass.blurs, out: &mut judged });
+                self.level.run(Select {
+                    sums: sums.row(row),
+                    judged: &judged,
+                    disparity: &self.maps[map].row(y - self.seen.start)[self.columns.clone()],
+                    best: best.row_mut(row),
+                    out: &mut out[row * cols..][self.columns.clone()],
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Rows of a map, and of it eroded and dilated: there, disparities that are the same as those at hand are these.
+fn rivals(disparity: &Plane<f32>, rows: &Range<usize>, level: Level) -> Result<[Plane<f32>; MAPS]> {
+    let cols = disparity.cols();
+    let new = || Plane::<f32>::new(rows.len(), cols);
+    let [mut own, mut eroded, mut dilated] = [new()?, new()?, new()?];
+    let mut columns = [zeroed(cols)?, zeroed(cols)?];
+    for (row, y) in rows.clone().enumerate() {
+        own.row_mut(row).copy_from_slice(disparity.row(y));
+        let about = from_fn(|k| disparity.row_or_nothing((y + k) as isize - RADIUS as isize));
+        let [least, largest] = &mut columns;
+        level.run(Down { rows: about, least, largest });
+        let (eroded, dilated) = (eroded.row_mut(row), dilated.row_mut(row));
+        level.run(Extremes { least, largest, own: disparity.row(y), eroded, dilated });
+    }
+    Ok([own, eroded, dilated])
+}
+
+/// Rows about one.
+const SIDE: usize = 2 * RADIUS + 1;
+
+/// Keys of the extremes of each column of some rows; nothing beyond the image.
+struct Down<'a> {
+    rows: [&'a [f32]; SIDE],
+    least: &'a mut [i32],
+    largest: &'a mut [i32],
+}
+
+impl Kernel for Down<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let n = self.least.len();
+        let (least, largest) = (&mut self.least[..n], &mut self.largest[..n]);
+        least.fill(i32::MAX);
+        largest.fill(NONE);
+        for row in self.rows.into_iter().filter(|row| !row.is_empty()) {
+            let row = &row[..n];
+            for x in 0..n {
+                let key = key(row[x]);
+                least[x] = least[x].min(if key == NONE { i32::MAX } else { key });
+                largest[x] = largest[x].max(key);
+            }
+        }
+    }
+}
+
+/// One row of the map eroded and dilated, from the extremes of its columns.
+struct Extremes<'a> {
+    least: &'a [i32],
+    largest: &'a [i32],
+    own: &'a [f32],
+    eroded: &'a mut [f32],
+    dilated: &'a mut [f32],
+}
+
+/// Columns about those that are worked out at a time.
+const SPAN: usize = LANES + 2 * RADIUS;
+
+impl Kernel for Extremes<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let mut room = [[0; SPAN]; 2];
+        let outs = self.eroded.chunks_mut(LANES).zip(self.dilated.chunks_mut(LANES));
+        for (index, (eroded, dilated)) in outs.enumerate() {
+            let (x, count) = (index * LANES, eroded.len());
+            let first = x as isize - RADIUS as isize;
+            let near = |row: &[i32], x: isize| row[x.clamp(0, row.len() as isize - 1) as usize];
+            let [low, high] = parts([self.least, self.largest], first, &mut room, near);
+            let (low, high) = (&low[..SPAN], &high[..SPAN]);
+            let (mut least, mut largest) = ([i32::MAX; LANES], [NONE; LANES]);
+            for away in 0..SIDE {
+                let (low, high) = (&low[away..][..LANES], &high[away..][..LANES]);
+                for j in 0..LANES {
+                    least[j] = least[j].min(low[j]);
+                    largest[j] = largest[j].max(high[j]);
+                }
+            }
+            let mut own = [f32::NAN; LANES];
+            own[..count].copy_from_slice(&self.own[x..][..count]);
+            let (mut down, mut up) = ([0.0; LANES], [0.0; LANES]);
+            for j in 0..LANES {
+                down[j] = unlike(disparity_of(least[j]), own[j]);
+                up[j] = unlike(disparity_of(largest[j]), own[j]);
+            }
+            eroded.copy_from_slice(&down[..count]);
+            dilated.copy_from_slice(&up[..count]);
+        }
+    }
+}
+
+/// A disparity, or that at hand if there is none or it is the same.
+#[inline(always)]
+fn unlike(disparity: f32, own: f32) -> f32 {
+    if (disparity - own).abs() > SAME { disparity } else { own }
+}
+
+/// The columns, from the first to the last, in which maps differ in some rows.
+fn differing([own, eroded, dilated]: &[Plane<f32>; MAPS], rows: Range<usize>) -> Range<usize> {
+    let (mut first, mut end) = (usize::MAX, 0);
+    for y in rows {
+        let (own, eroded, dilated) = (own.row(y), eroded.row(y), dilated.row(y));
+        // NaN differs from nothing: all maps have it.
+        let differs = |x: &usize| eroded[*x] < own[*x] || dilated[*x] > own[*x];
+        let before = first.min(own.len());
+        first = first.min((0..before).find(differs).unwrap_or(first));
+        end = end.max((end..own.len()).rev().find(differs).map_or(end, |x| x + 1));
+    }
+    first.min(end)..end
+}
+
+/// Which pixels of a row are of the classes of a pass: bytes that are not 0.
+struct Judged<'a> {
+    labels: &'a [u8],
+    blurs: &'a [(usize, &'a Blur)],
+    out: &'a mut [u8],
+}
+
+impl Kernel for Judged<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.out.fill(0);
+        for (class, _) in self.blurs {
+            for (out, label) in self.out.iter_mut().zip(self.labels) {
+                *out |= u8::from(usize::from(*label) == *class);
+            }
+        }
+    }
+}
+
+/// The disparities of a row by a map, where this is less unlike what there is than those before.
+struct Select<'a> {
+    sums: &'a [u16],
+    judged: &'a [u8],
+    disparity: &'a [f32],
+    best: &'a mut [u16],
+    out: &'a mut [f32],
+}
+
+impl Kernel for Select<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let n = self.out.len();
+        let (sums, judged, disparity) = (&self.sums[..n], &self.judged[..n], &self.disparity[..n]);
+        let (best, out) = (&mut self.best[..n], &mut self.out[..n]);
+        for x in 0..n {
+            let is_better = (sums[x] < best[x]) & (judged[x] != 0);
+            out[x] = if is_better { disparity[x] } else { out[x] };
+            best[x] = if is_better { sums[x] } else { best[x] };
+        }
+    }
+}

@@ -1,0 +1,7 @@
+//! What the pair lacks (blur, rows, range, noise): how it is estimated, and how it is compensated for.
+
+pub mod alignment;
+pub mod blur;
+pub mod estimation;
+pub mod psf;
+pub mod versions;

@@ -1,0 +1,180 @@
+//! How the rows of the right image lie to those of the left one, and the right image resampled so that they correspond.
+//!
+//! A pair that is rectified nearly, but not quite, shows a point of left row `y` at `y + v` in the right image. The field
+//! `v(x, y)`, of the column `x` in the right image and the row `y` of the left one, is smooth: a shift, a turn and a
+//! difference in focal length make it linear; keystone and what is left of lens distortion add terms up to the third
+//! degree. It does not depend on depth as long as the baseline is level. The straightened right image is
+//!
+//! ```text
+//! straightened(x, y) = right(x, y + v(x, y))
+//! ```
+//!
+//! How the field is found is told by [`crate::rig::estimation`].
+
+pub mod straighten;
+
+use crate::error::{Error, Result};
+use crate::image::impulses;
+
+/// Terms of the field.
+pub const TERMS: usize = 8;
+/// Terms of a linear field.
+pub const LINEAR: usize = 3;
+/// Places along each axis at which a field is looked at as a whole.
+const SAMPLES: usize = 20;
+/// Largest vertical offset there can be, pixels.
+pub const LARGEST_OFFSET: f64 = 16_384.0;
+
+/// A field of vertical offsets over an image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alignment {
+    coefficients: [f64; TERMS],
+    size: (usize, usize),
+    /// The row and the column of the image with the field that the pair at hand begins with.
+    first: (usize, usize),
+}
+
+impl Alignment {
+    /// The field with these coefficients of [`terms`], pixels, over an image of so many rows and columns.
+    pub fn new(coefficients: [f64; TERMS], size: (usize, usize)) -> Result<Self> {
+        let field = Self { coefficients, size, first: (0, 0) };
+        let most: f64 = coefficients.iter().map(|value| value.abs()).sum();
+        // The range also turns NaN away.
+        if !(0.0..=LARGEST_OFFSET).contains(&most) {
+            let accepts = format!("finite coefficients of sum up to {LARGEST_OFFSET}");
+            return Err(Error::value("alignment", format!("{coefficients:?}"), accepts));
+        }
+        Ok(field)
+    }
+
+    /// The same for a pair that begins with row `first` of the one with the field.
+    pub fn from_row(self, first: usize) -> Self {
+        Self { first: (first, self.first.1), ..self }
+    }
+
+    /// The same for a pair that begins with column `first` of the one with the field.
+    pub fn from_column(self, first: usize) -> Self {
+        Self { first: (self.first.0, first), ..self }
+    }
+
+    /// The coefficients of [`terms`], pixels.
+    pub fn coefficients(&self) -> &[f64; TERMS] {
+        &self.coefficients
+    }
+
+    /// Rows and columns of the image with the field.
+    pub fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    /// The offset of right column `x` at left row `y` of the pair at hand, pixels: positive where the right image shows
+    /// things lower.
+    pub fn at(&self, x: f64, y: f64) -> f64 {
+        self.along(y).at(x)
+    }
+
+    /// The offsets along left row `y` of the pair at hand.
+    pub fn along(&self, y: f64) -> Along {
+        let (rows, cols) = self.size;
+        let y = (y + self.first.0 as f64 + 0.5) / (rows as f64 / 2.0) - 1.0;
+        let [shift, slope_x, slope_y, twist, bend_x, bend_y, radial_y, radial_x] =
+            self.coefficients;
+        let powers = [
+            shift + y * (slope_y + y * (bend_y + y * radial_y)),
+            slope_x + y * (twist + y * radial_x),
+            bend_x + y * radial_y,
+            radial_x,
+        ];
+        Along { powers, half: cols as f64 / 2.0, first: self.first.1 as f64 }
+    }
+
+    /// The offset at a place from -1 to 1 along both axes.
+    fn at_fraction(&self, x: f64, y: f64) -> f64 {
+        self.coefficients.iter().zip(terms(x, y)).map(|(factor, term)| factor * term).sum()
+    }
+
+    /// Root mean square of the offsets over the image, pixels.
+    pub fn rms(&self) -> f64 {
+        let squares: f64 = places().map(|(x, y)| self.at_fraction(x, y).powi(2)).sum();
+        (squares / (SAMPLES * SAMPLES) as f64).sqrt()
+    }
+
+    /// No offset is larger, pixels.
+    pub fn bound(&self) -> f64 {
+        // No term is larger than 1, but for those of the third degree.
+        let [.., y3, x3] = self.coefficients;
+        self.coefficients.iter().map(|value| value.abs()).sum::<f64>() + y3.abs() + x3.abs()
+    }
+
+    /// The rows of the right image around one that its straightened row depends on; masked ones take the values of others.
+    pub fn reach(&self) -> usize {
+        self.bound().ceil() as usize + straighten::TAPS / 2 + straighten::TAPS + impulses::REACH
+    }
+}
+
+/// The offsets along a row: a polynomial of the column.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Along {
+    /// Factors of the powers of the column, counted from -1 to 1.
+    powers: [f64; 4],
+    /// Half of the columns.
+    half: f64,
+    /// The first column.
+    first: f64,
+}
+
+impl Along {
+    /// That of right column `x`, pixels.
+    #[inline(always)]
+    pub fn at(self, x: f64) -> f64 {
+        let x = (x + self.first + 0.5) / self.half - 1.0;
+        let [constant, linear, square, cube] = self.powers;
+        constant + x * (linear + x * (square + x * cube))
+    }
+}
+
+/// The terms of a field at a place from -1 to 1 along both axes: shift, the two slopes, then those of keystone (`x y`,
+/// `x^2`, `y^2`) and of distortion (`y r^2`, `x r^2`).
+pub fn terms(x: f64, y: f64) -> [f64; TERMS] {
+    let square = x * x + y * y;
+    [1.0, x, y, x * y, x * x, y * y, y * square, x * square]
+}
+
+/// Places all over an image, from -1 to 1 along both axes.
+pub fn places() -> impl Iterator<Item = (f64, f64)> {
+    let place = |index: usize| 2.0 * (index as f64 + 0.5) / SAMPLES as f64 - 1.0;
+    (0..SAMPLES * SAMPLES).map(move |i| (place(i % SAMPLES), place(i / SAMPLES)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_field_is_linear_about_the_center() {
+        let field = Alignment::new([1.0, 2.0, -3.0, 0.0, 0.0, 0.0, 0.0, 0.0], (100, 200));
+        let field = field.expect("legal");
+        assert!((field.at(99.5, 49.5) - 1.0).abs() < 1e-12);
+        assert!((field.at(199.5, 49.5) - 3.0).abs() < 1e-12);
+        assert!((field.at(99.5, 99.5) + 2.0).abs() < 1e-12);
+        assert!((field.rms() - (1.0f64 + 13.0 / 3.0 * 0.9975).sqrt()).abs() < 1e-3);
+        assert!(field.bound() >= 6.0);
+        let field = Alignment::new([1.0, -2.0, 3.0, 0.5, 0.25, -1.5, 0.75, 2.5], (100, 200));
+        let field = field.expect("legal");
+        let (x, y) = (31.0, 77.0);
+        let exact = field.at_fraction((x + 0.5) / 100.0 - 1.0, (y + 0.5) / 50.0 - 1.0);
+        assert!((field.at(x, y) - exact).abs() < 1e-12);
+        assert!((field.clone().from_row(30).at(5.0, 7.0) - field.at(5.0, 37.0)).abs() < 1e-12);
+        assert!((field.clone().from_column(30).at(5.0, 7.0) - field.at(35.0, 7.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_no_field_is_refused() {
+        for value in [f64::NAN, f64::INFINITY, 1e6] {
+            let mut coefficients = [0.0; TERMS];
+            coefficients[3] = value;
+            let refused = Alignment::new(coefficients, (10, 10)).expect_err("must be refused");
+            assert!(refused.to_string().starts_with("alignment: got"));
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! The blurs that are told apart: which image is the softer one, and by which point-spread function.
+
+use std::sync::OnceLock;
+
+use super::fit::Response;
+use super::spectrum::response;
+use crate::rig::psf::{Family, Psf};
+use crate::simd::Level;
+
+/// Which image is the softer one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// The left one.
+    Left,
+    /// The right one.
+    Right,
+}
+
+/// A point-spread function with what it leaves of the power in every bin.
+#[derive(Debug, Clone)]
+pub struct Entry {
+    /// The function.
+    pub psf: Psf,
+    /// Its response.
+    pub response: Response,
+}
+
+const SIGMAS: [f64; 7] = [1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.0];
+const RADII: [f64; 7] = [2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
+const LENGTHS: [f64; 9] = [5.0, 7.0, 9.0, 11.0, 13.0, 15.0, 18.0, 21.0, 25.0];
+/// Degrees between the directions of motions.
+const TURN: u8 = 15;
+/// Outer radii of annuli, and the shares of them that are covered.
+const OUTER: [f64; 6] = [3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
+const INNER: [f64; 2] = [0.5, 0.75];
+
+impl Entry {
+    /// The entry of a function.
+    pub fn new(psf: Psf, level: Level) -> Self {
+        Self { psf, response: response(&psf.taps(), level) }
+    }
+}
+
+/// A coarse choice from all families: finer than this, `refine` goes by itself.
+pub fn bank() -> &'static [Entry] {
+    static BANK: OnceLock<Vec<Entry>> = OnceLock::new();
+    BANK.get_or_init(|| {
+        let round = |family: Family, sizes: &'static [f64]| {
+            sizes.iter().map(move |size| Psf::round(family, *size))
+        };
+        let motions = LENGTHS.iter().flat_map(|length| {
+            let angles = (0..180u8).step_by(TURN.into());
+            angles.map(move |angle| Psf::motion(*length, f64::from(angle)))
+        });
+        let annuli =
+            OUTER.iter().flat_map(|radius| INNER.map(|inner| Psf::annulus(*radius, inner)));
+        let rounds = round(Family::Gaussian, &SIGMAS).chain(round(Family::Disk, &RADII));
+        let all = rounds.chain(motions).chain(annuli);
+        all.map(|psf| Entry::new(psf, Level::best())).collect()
+    })
+}
+
+/// A few of all these: what is better explained by one of the others is so by one of them, if less.
+pub fn probes() -> impl Iterator<Item = &'static Entry> {
+    bank().iter().filter(|Entry { psf, .. }| match psf.family {
+        Family::Gaussian => false,
+        Family::Disk => [2.0, 4.0, 8.0].contains(&psf.size),
+        Family::Motion => [5.0, 9.0, 15.0].contains(&psf.size) && psf.angle % 30.0 == 0.0,
+        Family::Annulus => [4.0, 6.0].contains(&psf.size),
+    })
+}
+
+impl Side {
+    /// Its index: 0 left, 1 right.
+    pub fn index(self) -> usize {
+        self as usize
+    }
+}

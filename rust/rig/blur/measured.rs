@@ -1,0 +1,202 @@
+//! A kernel that no family knows, measured from what both images show.
+
+use super::bank::Side;
+use super::bins::SIDE;
+use super::rough::{Rough, Shades};
+use super::spectrum::{Cross, Place, kernel};
+use crate::error::Result;
+use crate::image::plane::Plane;
+use crate::pipeline::control::Control;
+use crate::rig::psf::Taps;
+use crate::simd::Level;
+
+/// Taps on either side of the centre: of larger kernels blocks see too little.
+const REACH: usize = 15;
+/// Taps below this share of the largest are noise.
+const LEAST_TAP: f32 = 0.08;
+/// Share of the mean power of the sharp image that is added to every power, against division by nothing.
+const REGULAR: f32 = 1e-3;
+
+/// Adds what blocks of the left image have in common with the right one as seen from the left.
+pub fn look(
+    shades: &[Shades; 2],
+    rough: &Rough,
+    places: &[Place],
+    sums: &mut Cross,
+    level: Level,
+    control: &Control,
+) -> Result<()> {
+    let seen = warped(&shades[1].plane, rough, control)?;
+    let there = |place: &Place| Place { right_top: place.top, right: place.left, ..*place };
+    let places: Vec<Place> = places.iter().map(there).collect();
+    sums.add_all([&shades[0].plane, &seen], &places, level, control)
+}
+
+/// The kernel that turns the sharp image into the soft one, by least squares over what was looked at: the sum of
+/// cross-spectra over that of powers.
+///
+/// `None` if there is nothing to see it by.
+pub fn measured(sums: &Cross, side: Side, level: Level) -> Option<Taps> {
+    let sharp = &sums.powers[1 - side.index()];
+    let regular = sharp.iter().sum::<f32>() / sharp.len() as f32 * REGULAR;
+    let over = |product: &[f32], sign: f32| -> Vec<f32> {
+        let quotient = |(product, power): (&f32, &f32)| {
+            sign * product / (power + regular).max(f32::MIN_POSITIVE)
+        };
+        product.iter().zip(sharp).map(quotient).collect()
+    };
+    let sign = if side == Side::Left { 1.0 } else { -1.0 };
+    let [re, im] = &sums.product;
+    cleaned(&kernel(&[over(re, 1.0), over(im, sign)], level))
+}
+
+/// The right image as seen from the left one.
+fn warped(right: &Plane<f32>, rough: &Rough, control: &Control) -> Result<Plane<f32>> {
+    let last = right.cols() as isize - 1;
+    Plane::by_rows((right.rows(), right.cols()), control, |y, row: &mut [f32]| {
+        for (x, value) in row.iter_mut().enumerate() {
+            let from = (x as isize - rough.at(y, x).round() as isize).clamp(0, last) as usize;
+            let below = y as isize + rough.rows_at(y, from);
+            *value = right.row(below.clamp(0, right.rows() as isize - 1) as usize)[from];
+        }
+    })
+}
+
+/// What is a point-spread function of it: positive taps that hang together about the largest.
+fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
+    let (corner, side) = (SIDE / 2 - REACH, 2 * REACH + 1);
+    let inner = Plane::from_fn(side, side, |y, x| kernel.row(corner + y)[corner + x]);
+    let taps = inner.as_slice();
+    let start = (0..taps.len()).max_by(|a, b| taps[*a].total_cmp(&taps[*b]))?;
+    let floor = taps[start] * LEAST_TAP;
+    if floor <= 0.0 {
+        return None;
+    }
+    let mut values = vec![0.0; side * side];
+    let mut open = vec![start];
+    while let Some(place) = open.pop() {
+        let tap = taps[place];
+        if tap < floor || values[place] != 0.0 {
+            continue;
+        }
+        values[place] = f64::from(tap);
+        let (y, x) = (place / side, place % side);
+        for row in y.saturating_sub(1)..(y + 2).min(side) {
+            open.extend((x.saturating_sub(1)..(x + 2).min(side)).map(|col| row * side + col));
+        }
+    }
+    Some(Taps::new(REACH, values))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::plane::reflect;
+    use crate::image::view::{Image, View};
+    use crate::pipeline::matcher::{Execution, Matcher, Pair};
+    use crate::rig::blur::rough::{Known, Scale};
+    use crate::rig::psf::path;
+
+    /// An image of squares of a few sizes.
+    fn scene(y: usize, x: usize) -> f32 {
+        let shade = |y: usize, x: usize, salt: u64| {
+            let mut bits = (y as u64) << 32 | x as u64 | salt << 60;
+            for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
+                bits = (bits ^ bits >> 29).wrapping_add(0x9e37_79b9).wrapping_mul(factor);
+            }
+            (bits >> 56) as f32
+        };
+        shade(y / 9, x / 9, 1) + 0.7 * shade(y / 4, x / 4, 2) + 0.5 * shade(y, x, 3)
+    }
+
+    fn convolved(image: &Plane<f32>, taps: &Taps) -> Plane<f32> {
+        Plane::from_fn(image.rows(), image.cols(), |y, x| {
+            let tap = |(dy, dx, value): (isize, isize, f64)| {
+                let row = image.row(reflect(y as isize - dy, image.rows()));
+                row[reflect(x as isize - dx, image.cols())] * value as f32
+            };
+            taps.places().map(tap).sum()
+        })
+    }
+
+    /// A hook, unlike its mirror images.
+    fn hook() -> Taps {
+        let down = (0..90).map(|i| (f64::from(i) / 15.0 - 4.0, -1.0));
+        let along = (0..60).map(|i| (2.0, f64::from(i) / 15.0 - 1.0));
+        path(down.chain(along))
+    }
+
+    /// Normalised correlation of two kernels of any reach.
+    fn likeness(a: &Taps, b: &Taps) -> f64 {
+        let product = |a: &Taps, b: &Taps| -> f64 {
+            let at = |dy: isize, dx: isize| {
+                b.places().find(|tap| (tap.0, tap.1) == (dy, dx)).map_or(0.0, |tap| tap.2)
+            };
+            a.places().map(|(dy, dx, value)| value * at(dy, dx)).sum()
+        };
+        product(a, b) / (product(a, a) * product(b, b)).sqrt()
+    }
+
+    #[test]
+    fn a_kernel_of_no_family_is_found_on_either_side() {
+        let (control, level) = (Control::default(), Level::best());
+        let how = Execution { threads: 1, level };
+        let matcher = Matcher::new(1).expect("a thread");
+        let scale = Scale { factor: 2, neighborhood: 9 };
+        let sharp = Plane::from_fn(150, 200, scene);
+        let soft = convolved(&sharp, &hook());
+        for side in [Side::Left, Side::Right] {
+            let shots = if side == Side::Left { [&soft, &sharp] } else { [&sharp, &soft] };
+            let view = |plane: &Plane<f32>| {
+                let pixels =
+                    ndarray::Array3::from_shape_vec((150, 200, 1), plane.as_slice().into());
+                View {
+                    image: Image::F32(pixels.expect("the right length")),
+                    mask: None,
+                    range: None,
+                    impulses: 0.0,
+                }
+            };
+            let pair = Pair::new(view(shots[0]), view(shots[1]), 0, 8).expect("a legal pair");
+            let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
+            let known = Known { candidates: pair.candidates(), alignment: None };
+            let rough =
+                Rough::new(&shades, known, scale, &matcher, how, &control).expect("a match");
+            let corner = |i: usize| Place {
+                top: i / 4 * 40,
+                left: i % 4 * 40,
+                right_top: i / 4 * 40,
+                right: i % 4 * 40,
+            };
+            let places: Vec<Place> = (0..12).map(corner).collect();
+            let mut sums = Cross::default();
+            look(&shades, &rough, &places, &mut sums, level, &control).expect("not cancelled");
+            let found = measured(&sums, side, level).expect("there is contrast");
+            let mirrored = Taps::new(hook().reach, hook().values.into_iter().rev().collect());
+            let (alike, unlike) = (likeness(&found, &hook()), likeness(&found, &mirrored));
+            assert!(alike > 0.9 && unlike < 0.7, "{side:?}: {alike} {unlike}");
+        }
+    }
+
+    #[test]
+    fn only_what_hangs_together_about_the_largest_tap_is_kept() {
+        let mut kernel = Plane::from_fn(SIDE, SIDE, |_, _| 0.01);
+        let centre = SIDE / 2;
+        for (dy, dx, tap) in [(0, 0, 1.0), (1, 1, 0.5), (2, 2, 0.25), (0, 6, 0.9), (0, 1, -0.7)] {
+            kernel.row_mut(centre + dy)[centre + dx] = tap;
+        }
+        let taps = cleaned(&kernel).expect("there is a largest tap");
+        let kept: Vec<_> = taps.places().filter(|tap| tap.2 != 0.0).collect();
+        let expected = [(0, 0, 1.0 / 1.75), (1, 1, 0.5 / 1.75), (2, 2, 0.25 / 1.75)];
+        assert_eq!(kept.len(), 3);
+        for ((y, x, tap), (dy, dx, value)) in kept.into_iter().zip(expected) {
+            assert!((y, x) == (dy, dx) && (tap - value).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn of_nothing_there_is_no_kernel() {
+        assert_eq!(cleaned(&Plane::from_fn(SIDE, SIDE, |_, _| 0.0)), None);
+        assert_eq!(cleaned(&Plane::from_fn(SIDE, SIDE, |_, _| -1.0)), None);
+    }
+}

@@ -1,0 +1,355 @@
+//! What both images show in common, roughly: planes of gray values, disparities at a fraction of the size, and
+//! blocks that lie on the same things.
+
+use super::bins::SIDE;
+use super::spectrum::Place;
+use crate::cost::candidates::Candidates;
+use crate::error::Result;
+use crate::image::intensity::{Gray, Range};
+use crate::image::plane::Plane;
+use crate::image::view::{Image, View};
+use crate::pipeline::control::Control;
+use crate::pipeline::matcher::{Execution, Matcher, Pair};
+use crate::rig::alignment::Alignment;
+use crate::settings::presets::Preset;
+use crate::settings::{Optimizer, Precision, Settings};
+use crate::simd::Level;
+use crate::value::nearest;
+
+/// Gray values lie within this many of zero, whatever the type of the image.
+const REACH: f64 = 128.0;
+/// Side of the area about a block's centre whose median disparity is the block's, pixels.
+const CORE: usize = SIDE / 2;
+/// Of a block at most one pixel in so many may be masked.
+const MASKED_SHARE: usize = 10;
+/// Steps of a row at which a reduced image is sampled.
+const RAISED_STEPS: isize = 64;
+
+/// Gray values of an image.
+#[derive(Debug)]
+pub struct Shades {
+    /// Centred about the middle of the image's range.
+    pub plane: Plane<f32>,
+}
+
+/// How many shades make one unit of the pixels of a view.
+pub fn shades_per_unit(view: &View, level: Level, control: &Control) -> Result<f64> {
+    let gray = Gray::new(view, level, control)?;
+    Ok(gray.steps(1.0) * scale(&gray))
+}
+
+/// How many shades a step of gray values is.
+fn scale(gray: &Gray) -> f64 {
+    REACH / f64::from(gray.reach())
+}
+
+impl Shades {
+    /// Those of a view; masked pixels take the values of valid neighbours.
+    pub fn new(view: &View, how: Execution, control: &Control) -> Result<Self> {
+        let gray = Gray::new(view, how.level, control)?;
+        let scale = scale(&gray) as f32;
+        let plane = Plane::by_bands(gray.size(), 1, |y, row| {
+            control.checkpoint()?;
+            let mut steps = vec![0; row.len()];
+            gray.write_row(y, how.level, &mut steps)?;
+            row.iter_mut().zip(steps).for_each(|(to, from)| *to = from as f32 * scale);
+            Ok(())
+        })?;
+        Ok(Self { plane })
+    }
+
+    /// Whether the block with this corner shows anything: what is of one value tells nothing about blur.
+    pub fn has_contrast(&self, top: usize, left: usize) -> bool {
+        let mut values = (top..top + SIDE).flat_map(|y| &self.plane.row(y)[left..left + SIDE]);
+        let first = values.next().map(|value| value.to_bits());
+        values.any(|value| Some(value.to_bits()) != first)
+    }
+}
+
+/// Means over squares of `factor` pixels; what is left over at the far ends is left out.
+pub fn reduced(plane: &Plane<f32>, factor: usize, control: &Control) -> Result<Plane<f32>> {
+    let size = (plane.rows() / factor, plane.cols() / factor);
+    let share = 1.0 / (factor * factor) as f32;
+    Plane::by_rows(size, control, |y, row: &mut [f32]| {
+        for below in 0..factor {
+            let source = plane.row(y * factor + below).chunks_exact(factor);
+            row.iter_mut().zip(source).for_each(|(sum, part)| {
+                *sum += part.iter().sum::<f32>();
+            });
+        }
+        for sum in row {
+            *sum *= share;
+        }
+    })
+}
+
+/// How roughly a pair is matched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Scale {
+    /// By what it is reduced.
+    pub factor: usize,
+    /// Side of the neighbourhoods that codes describe, then.
+    pub neighborhood: usize,
+}
+
+/// What is known of where the right image shows what the left one does.
+#[derive(Debug, Clone)]
+pub struct Known {
+    /// The disparities to search.
+    pub candidates: Candidates,
+    /// How the rows of the pair at hand correspond; `None`: each to its own.
+    pub alignment: Option<Alignment>,
+}
+
+/// Disparities at a fraction of the size.
+#[derive(Debug)]
+pub struct Rough {
+    disparity: Plane<f32>,
+    factor: usize,
+    alignment: Option<Alignment>,
+}
+
+/// The right image, reduced by a factor, with its rows where the left one has them; between rows linearly.
+pub fn raised(
+    right: &Plane<f32>,
+    alignment: &Alignment,
+    factor: usize,
+    control: &Control,
+) -> Result<Plane<f32>> {
+    let center = |at: usize| (at as f64 + 0.5) * factor as f64 - 0.5;
+    let last = right.rows() as isize - 1;
+    Plane::by_rows((right.rows(), right.cols()), control, |y, row: &mut [f32]| {
+        let along = alignment.along(center(y));
+        for (x, value) in row.iter_mut().enumerate() {
+            // In whole steps, so that it makes no difference where a part of the image begins.
+            let offset =
+                nearest(along.at(center(x)) * RAISED_STEPS as f64 / factor as f64) as isize;
+            let above = y as isize + offset.div_euclid(RAISED_STEPS);
+            let share = offset.rem_euclid(RAISED_STEPS) as f32 / RAISED_STEPS as f32;
+            let [upper, lower] =
+                [above, above + 1].map(|y| right.row(y.clamp(0, last) as usize)[x]);
+            *value = upper + share * (lower - upper);
+        }
+    })
+}
+
+impl Rough {
+    /// Matches the pair, reduced by a factor, on neighbourhoods of a certain side: the blur shrinks with the
+    /// images, and larger neighbourhoods see past what is left of it.
+    pub fn new(
+        shades: &[Shades; 2],
+        known: Known,
+        Scale { factor, neighborhood }: Scale,
+        matcher: &Matcher,
+        how: Execution,
+        control: &Control,
+    ) -> Result<Self> {
+        let Known { candidates, alignment } = known;
+        let left = as_view(reduced(&shades[0].plane, factor, control)?);
+        let right = reduced(&shades[1].plane, factor, control)?;
+        let right = as_view(match &alignment {
+            Some(alignment) => raised(&right, alignment, factor, control)?,
+            None => right,
+        });
+        let (low, high) = (candidates.min(), candidates.disparity(candidates.count() - 1));
+        let low = low.div_euclid(factor as isize) as i64;
+        let width = left.image.shape().1 as i64;
+        let count = (high.div_euclid(factor as isize) as i64 + 2 - low).min(width);
+        let low = low.clamp(1 - width - (count - 1), width - 1);
+        let pair = Pair::new(left, right, low, count)?;
+        let settings = Settings {
+            neighborhood,
+            frequencies: (1, 1),
+            precision: Precision::Byte,
+            optimizer: Optimizer::ScanlineOptimization,
+            shiftable: false,
+            p1: 3.0,
+            p2: 16.0,
+            confidence: false,
+            ..Preset::Paper.settings()
+        };
+        // Rows of the reduced pair are not rows of the result: its progress is counted apart.
+        let map = matcher.run(&pair, &settings, how, &control.aside())?;
+        Ok(Self { disparity: map.disparity, factor, alignment })
+    }
+
+    /// How many rows lower the right image shows at column `x` what is in row `y` of the left one.
+    pub fn rows_at(&self, y: usize, x: usize) -> isize {
+        let offset = |alignment: &Alignment| alignment.at(x as f64, y as f64).round() as isize;
+        self.alignment.as_ref().map_or(0, offset)
+    }
+
+    /// The disparity at a pixel of the whole image, between those of the nearest four of the reduced one.
+    pub fn at(&self, y: usize, x: usize) -> f32 {
+        let place = |at: usize, length: usize| {
+            let exact = (at as f32 + 0.5) / self.factor as f32 - 0.5;
+            let exact = exact.clamp(0.0, (length - 1) as f32);
+            let first = (exact as usize).min(length.saturating_sub(2));
+            (first, (first + 1).min(length - 1), exact - first as f32)
+        };
+        let (top, bottom, down) = place(y, self.disparity.rows());
+        let (left, right, along) = place(x, self.disparity.cols());
+        let row = |y: usize| {
+            let row = self.disparity.row(y);
+            row[left] + along * (row[right] - row[left])
+        };
+        (row(top) + down * (row(bottom) - row(top))) * self.factor as f32
+    }
+
+    /// The median about the centre of a left block.
+    fn of_block(&self, top: usize, left: usize) -> f32 {
+        let span = |corner: usize, length: usize| {
+            let first = ((corner + (SIDE - CORE) / 2) / self.factor).min(length - 1);
+            first..(first + CORE / self.factor).min(length)
+        };
+        let cols = span(left, self.disparity.cols());
+        let rows = span(top, self.disparity.rows());
+        let mut values: Vec<f32> =
+            rows.flat_map(|y| self.disparity.row(y)[cols.clone()].iter().copied()).collect();
+        let middle = values.len() / 2;
+        *values.select_nth_unstable_by(middle, f32::total_cmp).1 * self.factor as f32
+    }
+
+    /// The pair of blocks whose left one has this corner; `None` where the right one would not be inside its
+    /// image, or too much of either is masked.
+    pub fn place(&self, pair: &Pair, top: usize, left: usize) -> Option<Place> {
+        let right = left as isize - self.of_block(top, left).round() as isize;
+        let right = usize::try_from(right).ok().filter(|x| x + SIDE <= pair.size().1)?;
+        let below = self.rows_at(top + SIDE / 2, right + SIDE / 2);
+        let right_top = top.checked_add_signed(below).filter(|y| y + SIDE <= pair.size().0)?;
+        let place = Place { top, left, right_top, right };
+        let [left_view, right_view] = pair.views();
+        (is_valid(left_view, top, left) && is_valid(right_view, right_top, right)).then_some(place)
+    }
+}
+
+fn is_valid(view: &View, top: usize, left: usize) -> bool {
+    let Some(mask) = &view.mask else { return true };
+    let rows = (top..top + SIDE).map(|y| &mask.row(y)[left..left + SIDE]);
+    let masked = rows.flatten().filter(|valid| !**valid).count();
+    masked * MASKED_SHARE <= SIDE * SIDE
+}
+
+pub fn as_view(plane: Plane<f32>) -> View {
+    let shape = (plane.rows(), plane.cols(), 1);
+    let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
+    // The plane has as many values as its shape says.
+    let range = Range { black: -1000.0 * REACH, white: 1000.0 * REACH };
+    View {
+        image: Image::F32(pixels.unwrap_or_default()),
+        mask: None,
+        range: Some(range),
+        impulses: 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::view::Mask;
+    use crate::simd::Level;
+
+    const SHIFT: usize = 12;
+
+    fn texture(y: usize, x: usize) -> u8 {
+        let mut bits = (y as u64) << 32 | x as u64;
+        for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
+            bits = (bits ^ bits >> 29).wrapping_add(0x9e37_79b9).wrapping_mul(factor);
+        }
+        (bits >> 56) as u8
+    }
+
+    /// Squares of 3 pixels, everywhere at one disparity.
+    fn pair(masks: [Option<Mask>; 2]) -> Pair {
+        let view = |from: usize, mask| {
+            let pixel = |(y, x, _)| texture(y / 3, (x + from) / 3);
+            View {
+                image: Image::U8(ndarray::Array3::from_shape_fn((130, 200, 1), pixel)),
+                mask,
+                range: None,
+                impulses: 0.0,
+            }
+        };
+        let [left, right] = masks;
+        Pair::new(view(0, left), view(SHIFT, right), 0, 40).expect("a legal pair")
+    }
+
+    fn rough(pair: &Pair, factor: usize) -> Rough {
+        let how = Execution { threads: 1, level: Level::best() };
+        let control = Control::default();
+        let matcher = Matcher::new(1).expect("a thread");
+        let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
+        let known = Known { candidates: pair.candidates(), alignment: None };
+        Rough::new(&shades, known, Scale { factor, neighborhood: 9 }, &matcher, how, &control)
+            .expect("a match")
+    }
+
+    #[test]
+    fn blocks_lie_on_the_same_things() {
+        let pair = pair([None, None]);
+        for factor in [2, 4] {
+            let place = rough(&pair, factor).place(&pair, 20, 70);
+            assert_eq!(place, Some(Place { top: 20, left: 70, right_top: 20, right: 70 - SHIFT }));
+        }
+    }
+
+    #[test]
+    fn blocks_lie_inside_both_images() {
+        let pair = pair([None, None]);
+        let rough = rough(&pair, 4);
+        assert_eq!(rough.place(&pair, 0, SHIFT - 8).map(|place| place.right), None);
+        assert!(rough.place(&pair, 130 - SIDE, 200 - SIDE).is_some());
+    }
+
+    #[test]
+    fn blocks_that_are_masked_in_either_image_are_left_out() {
+        let masked =
+            |share: usize| Some(Mask::from_fn(130, 200, |y, x| (31 * y + x) % 100 >= share));
+        for masks in [[masked(13), None], [None, masked(13)]] {
+            let pair = pair(masks);
+            assert_eq!(rough(&pair, 4).place(&pair, 20, 70), None);
+        }
+        let pair = pair([masked(5), masked(5)]);
+        assert!(rough(&pair, 4).place(&pair, 20, 70).is_some());
+    }
+
+    #[test]
+    fn between_pixels_disparities_are_interpolated_and_beyond_them_kept() {
+        let rough = Rough {
+            disparity: Plane::from_fn(2, 3, |y, x| (x + 10 * y) as f32),
+            factor: 4,
+            alignment: None,
+        };
+        for (place, expected) in [((0, 0), 0.0), ((1, 3), 1.5), ((3, 5), 18.5), ((7, 11), 48.0)] {
+            assert!((rough.at(place.0, place.1) - expected).abs() < 1e-4, "{place:?}");
+        }
+    }
+
+    #[test]
+    fn one_value_all_over_is_no_contrast() {
+        let shades = |odd: usize| Shades {
+            plane: Plane::from_fn(80, 80, |y, x| if y * 80 + x == odd { 1.0 } else { 7.0 }),
+        };
+        assert!(shades(79 * 80).has_contrast(16, 0), "the last row of the block");
+        assert!(!shades(79 * 80).has_contrast(15, 0), "the row below it");
+        assert!(shades(0).has_contrast(0, 0) && !shades(0).has_contrast(0, 1));
+    }
+
+    #[test]
+    fn shades_are_in_one_range_whatever_the_type() {
+        let how = Execution { threads: 1, level: Level::best() };
+        let bytes = ndarray::Array3::from_shape_fn((9, 11, 1), |(y, x, _)| texture(y, x));
+        let images = [
+            (Image::U16(bytes.mapv(|value| u16::from(value) * 256)), 1.0 / 256.0),
+            (Image::U8(bytes), 1.0),
+        ];
+        let planes = images.map(|(image, unit)| {
+            let (view, control) =
+                (View { image, mask: None, range: None, impulses: 0.0 }, Control::default());
+            let found = shades_per_unit(&view, how.level, &control).expect("memory");
+            assert!((found / unit - 1.0).abs() < 1e-9);
+            Shades::new(&view, how, &control).expect("memory").plane
+        });
+        assert_eq!(planes[0], planes[1]);
+    }
+}

@@ -1,0 +1,300 @@
+//! Blocks of the left image found again in the right one, in both directions, to parts of a pixel.
+//!
+//! A block of the left image is correlated with those of the right one about where it should be, from there on with those
+//! about the best of nine, until the best is the middle one. A paraboloid through the nine correlations tells parts of a pixel.
+//!
+//! ```text
+//! c(dx, dy) = sum l(x, y) r(x + dx, y + dy) / sqrt(sum l^2 sum r^2)     both less their means, after a 5 x 5 binomial
+//! (dx, dy) += offset of the largest c of the nine, while that is not the middle
+//! ```
+//!
+//! Its curvature along y, where x is free to follow, is what fixes `dy`: there is none along a vertical edge.
+
+use std::array::from_fn;
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
+use crate::error::Result;
+use crate::image::plane::Plane;
+use crate::pipeline::control::Control;
+use crate::rig::blur::parts::{Look, Means, Part, Rows};
+use crate::rig::blur::rough::reduced;
+use crate::simd::{Kernel, Level};
+
+/// Side of a block, pixels of the copy it is looked for in.
+pub const BLOCK: usize = 24;
+/// Pixels by which a block may be from where it should be.
+const ROOM: usize = 4;
+/// Side of what surrounds it in the right image.
+const AREA: usize = BLOCK + 2 * ROOM;
+/// Pixels that a binomial takes on either side.
+const SMOOTH: usize = 2;
+/// Blocks that correlate less are not the same.
+const LEAST_CORRELATION: f32 = 0.5;
+/// Of a block at most one pixel in so many may be masked.
+const MASKED_SHARE: usize = 10;
+
+/// Where a block should be: its center in the left image, and from there to that in the right one, pixels of the images.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seed {
+    /// Column of the center.
+    pub x: f64,
+    /// Row of the center.
+    pub y: f64,
+    /// Columns to the right one's.
+    pub dx: f64,
+    /// Rows to the right one's.
+    pub dy: f64,
+}
+
+/// Where a block is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Track {
+    /// Its place in both images.
+    pub place: Seed,
+    /// How well the correlation fixes `dy`: the inverse of its variance, of arbitrary scale.
+    pub weight: f64,
+}
+
+/// What surrounds a place of an image, smoothed, without its mean.
+struct Patch<const SIDE: usize> {
+    values: Vec<[f32; SIDE]>,
+}
+
+/// Looks for every block about where it should be, in copies of the images that are reduced by a factor; leaves out what is
+/// not found. The seeds are in the order of their rows.
+pub fn follow(rows: Rows, seeds: &[Seed], factor: usize, means: Means) -> Result<Vec<Track>> {
+    let around = BLOCK / 2 + ROOM + SMOOTH + 1;
+    let top = |seed: &Seed| (in_copy(seed.y, factor) - around as isize).max(0) as usize * factor;
+    let mut tops: Vec<usize> = seeds.iter().map(top).collect();
+    tops.dedup();
+    let largest = seeds.iter().fold(0.0f64, |most, seed| most.max(seed.dy.abs()));
+    let margin = largest.ceil() as usize + crate::rig::blur::parts::MARGIN;
+    let look = Look { tops: &tops, rows: 2 * around * factor, margin, unit: factor };
+    let mut found = vec![];
+    rows.look(look, means, |part, looked| {
+        let wanted = &tops[looked];
+        let first = seeds.partition_point(|seed| top(seed) < wanted[0]);
+        let end = seeds.partition_point(|seed| top(seed) <= wanted[wanted.len() - 1]);
+        let planes = copies(part, factor, means.control)?;
+        let here = |seed: &Seed| {
+            let copies = [&*planes[0], &*planes[1]];
+            track(copies, part, seed, factor, means.how.level)
+        };
+        let tracks: Vec<Option<Track>> = seeds[first..end].par_iter().map(here).collect();
+        found.extend(tracks.into_iter().flatten());
+        Ok(())
+    })?;
+    Ok(found)
+}
+
+/// The copies of a part, reduced by a factor.
+fn copies<'a>(
+    part: &'a Part,
+    factor: usize,
+    control: &Control,
+) -> Result<[Cow<'a, Plane<f32>>; 2]> {
+    let copy = |side: usize| -> Result<Cow<'a, Plane<f32>>> {
+        let plane = &part.shades[side].plane;
+        if factor == 1 {
+            return Ok(Cow::Borrowed(plane));
+        }
+        Ok(Cow::Owned(reduced(plane, factor, control)?))
+    };
+    Ok([copy(0)?, copy(1)?])
+}
+
+/// The pixel of a copy that lies at a place of the image.
+fn in_copy(place: f64, factor: usize) -> isize {
+    ((place + 0.5) / factor as f64).floor() as isize
+}
+
+fn track(
+    images: [&Plane<f32>; 2],
+    part: &Part,
+    seed: &Seed,
+    factor: usize,
+    level: Level,
+) -> Option<Track> {
+    let above = (part.first / factor) as isize;
+    let (x, y) = (in_copy(seed.x, factor), in_copy(seed.y, factor) - above);
+    let there = [seed.dx, seed.dy].map(|by| (by / factor as f64).round() as isize);
+    let (right_x, right_y) = (x + there[0], y + there[1]);
+    let is_valid =
+        is_valid(part, (x, y), factor, 0) && is_valid(part, (right_x, right_y), factor, 1);
+    if !is_valid {
+        return None;
+    }
+    let block = level.run(Cut::<BLOCK> { image: images[0], x, y })?;
+    let area = level.run(Cut::<AREA> { image: images[1], x: right_x, y: right_y })?;
+    let (offset, weight) = level.run(Climb { block: &block, area: &area })?;
+    // The center of a block of an even side lies between pixels.
+    let place = |at: isize| factor as f64 * at as f64 - 0.5;
+    let [dx, dy] = [0, 1].map(|axis| factor as f64 * (there[axis] as f64 + offset[axis]));
+    let place = Seed { x: place(x), y: place(y + above), dx, dy };
+    Some(Track { place, weight })
+}
+
+/// Whether most of a block is valid.
+fn is_valid(part: &Part, (x, y): (isize, isize), factor: usize, side: usize) -> bool {
+    let Some(mask) = &part.pair.views()[side].mask else { return true };
+    let span = |at: isize, length: usize| {
+        let half = (BLOCK / 2) as isize;
+        let end = |at: isize| (at * factor as isize).clamp(0, length as isize) as usize;
+        end(at - half)..end(at + half)
+    };
+    let (rows, cols) = (span(y, mask.rows()), span(x, mask.cols()));
+    let total = rows.len() * cols.len();
+    let masked = rows.flat_map(|y| &mask.row(y)[cols.clone()]).filter(|valid| !**valid).count();
+    masked * MASKED_SHARE <= total
+}
+
+/// Cuts out what surrounds a place; `None` where that is not all inside the image, or of one value.
+struct Cut<'a, const SIDE: usize> {
+    image: &'a Plane<f32>,
+    x: isize,
+    y: isize,
+}
+
+impl<const SIDE: usize> Kernel for Cut<'_, SIDE> {
+    type Output = Option<Patch<SIDE>>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self { image, x, y } = self;
+        let corner = |at: isize| usize::try_from(at - (SIDE / 2 + SMOOTH) as isize).ok();
+        let (left, top) = (corner(x)?, corner(y)?);
+        let side = SIDE + 2 * SMOOTH;
+        if left + side > image.cols() || top + side > image.rows() {
+            return None;
+        }
+        let mut along = vec![[0.0f32; SIDE]; side];
+        for (row, out) in along.iter_mut().enumerate() {
+            let pixels = &image.row(top + row)[left..left + side];
+            for (at, out) in out.iter_mut().enumerate() {
+                *out = binomial(from_fn(|tap| pixels[at + tap]));
+            }
+        }
+        let mut values = vec![[0.0f32; SIDE]; SIDE];
+        let mut sums = [0.0f32; SIDE];
+        for (row, out) in values.iter_mut().enumerate() {
+            let rows: [&[f32; SIDE]; 2 * SMOOTH + 1] = from_fn(|tap| &along[row + tap]);
+            for at in 0..SIDE {
+                out[at] = binomial(from_fn(|tap| rows[tap][at]));
+                sums[at] += out[at];
+            }
+        }
+        let mean = total(sums) / (SIDE * SIDE) as f32;
+        for row in &mut values {
+            for value in row {
+                *value -= mean;
+            }
+        }
+        Some(Patch { values })
+    }
+}
+
+/// The mean of five values whose weights are a binomial.
+#[inline(always)]
+fn binomial(values: [f32; 2 * SMOOTH + 1]) -> f32 {
+    0.0625 * (values[0] + values[4]) + 0.25 * (values[1] + values[3]) + 0.375 * values[2]
+}
+
+/// Climbs to the largest correlation.
+struct Climb<'a> {
+    block: &'a Patch<BLOCK>,
+    area: &'a Patch<AREA>,
+}
+
+impl Kernel for Climb<'_> {
+    type Output = Option<([f64; 2], f64)>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self { block, area } = self;
+        let mut squares = [0.0f32; BLOCK];
+        for row in &block.values {
+            for at in 0..BLOCK {
+                squares[at] += row[at] * row[at];
+            }
+        }
+        let energy = total(squares);
+        let mut known = [[f32::NAN; 2 * ROOM + 1]; 2 * ROOM + 1];
+        let (mut x, mut y) = (ROOM, ROOM);
+        loop {
+            let mut nine = [0.0; 9];
+            for (index, value) in nine.iter_mut().enumerate() {
+                let (x, y) = (x + index % 3 - 1, y + index / 3 - 1);
+                if known[y][x].is_nan() {
+                    known[y][x] = correlation(block, area, energy, x, y);
+                }
+                *value = known[y][x];
+            }
+            let best = (0..9).fold(4, |best, at| if nine[at] > nine[best] { at } else { best });
+            if best == 4 {
+                return peak(nine, [x as f64 - ROOM as f64, y as f64 - ROOM as f64]);
+            }
+            (x, y) = (x + best % 3 - 1, y + best / 3 - 1);
+            let inside = 1..2 * ROOM;
+            if !inside.contains(&x) || !inside.contains(&y) {
+                return None;
+            }
+        }
+    }
+}
+
+/// The sum of a multiple of eight lanes: eight at a time, then halves, so that it takes few steps.
+#[inline(always)]
+fn total<const COUNT: usize>(lanes: [f32; COUNT]) -> f32 {
+    let mut eight = [0.0f32; 8];
+    for first in (0..COUNT).step_by(8) {
+        for lane in 0..8 {
+            eight[lane] += lanes[first + lane];
+        }
+    }
+    let mut four = [0.0f32; 4];
+    for lane in 0..4 {
+        four[lane] = eight[lane] + eight[lane + 4];
+    }
+    (four[0] + four[2]) + (four[1] + four[3])
+}
+
+/// The normalised correlation of a block with the one of an area that begins at `(x, y)`.
+#[inline(always)]
+fn correlation(block: &Patch<BLOCK>, area: &Patch<AREA>, energy: f32, x: usize, y: usize) -> f32 {
+    let (mut products, mut squares, mut sums) = ([0.0f32; BLOCK], [0.0f32; BLOCK], [0.0f32; BLOCK]);
+    for row in 0..BLOCK {
+        let (left, right) = (&block.values[row], &area.values[y + row][x..x + BLOCK]);
+        for at in 0..BLOCK {
+            products[at] += left[at] * right[at];
+            squares[at] += right[at] * right[at];
+            sums[at] += right[at];
+        }
+    }
+    let (product, square, sum) = (total(products), total(squares), total(sums));
+    let norm = energy * (square - sum * sum / (BLOCK * BLOCK) as f32);
+    if norm > f32::MIN_POSITIVE { product / norm.sqrt() } else { 0.0 }
+}
+
+/// Where the paraboloid through nine correlations has its maximum, and how well it fixes the row.
+fn peak(nine: [f32; 9], at: [f64; 2]) -> Option<([f64; 2], f64)> {
+    let [above, middle, below] =
+        [0, 3, 6].map(|row| [0, 1, 2].map(|col| f64::from(nine[row + col])));
+    let best = middle[1];
+    let (slope_x, slope_y) = ((middle[2] - middle[0]) / 2.0, (below[1] - above[1]) / 2.0);
+    let bend_x = middle[2] + middle[0] - 2.0 * best;
+    let bend_y = below[1] + above[1] - 2.0 * best;
+    let twist = (below[2] - below[0] - above[2] + above[0]) / 4.0;
+    let determinant = bend_x * bend_y - twist * twist;
+    if nine[4] <= LEAST_CORRELATION || bend_x >= 0.0 || bend_y >= 0.0 || determinant <= 0.0 {
+        return None;
+    }
+    let x = (twist * slope_y - bend_y * slope_x) / determinant;
+    let y = (twist * slope_x - bend_x * slope_y) / determinant;
+    if x.abs() >= 1.0 || y.abs() >= 1.0 {
+        return None;
+    }
+    let sharpness = -determinant / bend_x;
+    Some(([at[0] + x, at[1] + y], sharpness / (1.02 - best)))
+}

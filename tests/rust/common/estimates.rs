@@ -1,0 +1,41 @@
+//! What is found out of a pair before it is matched.
+
+use phasestereo::internals::error::Result;
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair};
+use phasestereo::internals::pipeline::source::Source;
+use phasestereo::internals::rig::blur::Estimate;
+use phasestereo::internals::rig::estimation::{Known, Means, prepare, prepare_by_rows};
+use phasestereo::internals::settings::Settings;
+use phasestereo::internals::settings::presets::Preset;
+
+/// Settings that ask for noise and blur alone.
+pub fn of_blur() -> Settings {
+    Settings { compensate_blur: true, ..Preset::Paper.settings() }
+}
+
+/// Noise and blur of a pair whose disparities are known.
+pub fn estimate(
+    pair: &Pair,
+    matcher: &Matcher,
+    how: Execution,
+    control: &Control,
+) -> Result<Estimate> {
+    let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
+    let means = Means { matcher, how, control };
+    let found = prepare(pair.clone(), known, &of_blur(), means)?.found;
+    Ok(found.blur.expect("it was asked for"))
+}
+
+/// The same of a pair that is read.
+pub fn estimate_by_rows(
+    source: &dyn Source,
+    matcher: &Matcher,
+    how: Execution,
+    control: &Control,
+) -> Result<Estimate> {
+    let known = Known { candidates: Some(source.candidates()), ..Known::default() };
+    let means = Means { matcher, how, control };
+    let found = prepare_by_rows(source, known, &of_blur(), means)?;
+    Ok(found.blur.expect("it was asked for"))
+}

@@ -1,0 +1,260 @@
+//! Rows and ranges: what is injected is found and mended, the same at every level, for any threads, and of a pair that is
+//! read a few rows at a time.
+
+use crate::common::parts::Slow;
+use crate::common::{hash, levels};
+use ndarray::Array3;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::{Image, Mask, View};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair};
+use phasestereo::internals::pipeline::source::ranges;
+use phasestereo::internals::rig::alignment::Alignment;
+use phasestereo::internals::rig::alignment::straighten::straightened;
+use phasestereo::internals::rig::estimation::{Estimates, Known, Means, prepare, prepare_by_rows};
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::settings::{Optimizer, Settings};
+use phasestereo::internals::simd::Level;
+
+/// Rows and columns of the scenes.
+const SIZE: (usize, usize) = (260, 330);
+/// Disparity of the left half of a scene, and of its right half.
+const DEPTHS: [usize; 2] = [9, 21];
+
+/// Squares of many sizes, at a place between pixels too.
+fn texture(y: f64, x: f64) -> f64 {
+    let shade = |side: f64, salt: u64| {
+        let (row, col) = (y / side, x / side);
+        let corner = |dy: usize, dx: usize| {
+            let (row, col) = (row.floor() as i64 + 4096, col.floor() as i64 + 4096);
+            (hash(salt, row as usize + dy, col as usize + dx) % 256) as f64
+        };
+        let (down, across) = (row - row.floor(), col - col.floor());
+        let along = |dy| corner(dy, 0) + across * (corner(dy, 1) - corner(dy, 0));
+        along(0) + down * (along(1) - along(0))
+    };
+    [(13.0, 0.35), (7.0, 0.3), (4.0, 0.35)]
+        .iter()
+        .map(|(side, part)| part * shade(*side, *side as u64))
+        .sum()
+}
+
+/// The disparity that the right image shows at a column.
+fn depth(x: f64) -> f64 {
+    DEPTHS[usize::from(x > SIZE.1 as f64 / 2.0)] as f64
+}
+
+/// Both images of a scene; the right one shows what is in row `y` of the left one at `y + field(x, y)`.
+fn shots(field: &Alignment) -> [Plane<f64>; 2] {
+    let left = Plane::from_fn(SIZE.0, SIZE.1, |y, x| texture(y as f64, x as f64 - depth(x as f64)));
+    let right = Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
+        // The row of the left image that is seen here: the field is smooth.
+        let mut row = y as f64;
+        for _ in 0..8 {
+            row = y as f64 - field.at(x as f64, row);
+        }
+        texture(row, x as f64)
+    });
+    [left, right]
+}
+
+fn bytes(plane: &Plane<f64>) -> Image {
+    let pixels = Array3::from_shape_fn((plane.rows(), plane.cols(), 1), |(y, x, _)| {
+        plane.row(y)[x].round().clamp(0.0, 255.0) as u8
+    });
+    Image::U8(pixels)
+}
+
+fn floats(plane: &Plane<f64>) -> Image {
+    let shape = (plane.rows(), plane.cols(), 3);
+    Image::F32(Array3::from_shape_fn(shape, |(y, x, _)| plane.row(y)[x] as f32))
+}
+
+fn pair_of(shots: &[Plane<f64>; 2], image: impl Fn(&Plane<f64>) -> Image) -> Pair {
+    let view = |plane| View { image: image(plane), mask: None, range: None, impulses: 0.0 };
+    Pair::new(view(&shots[0]), view(&shots[1]), 0, 48).expect("a legal pair")
+}
+
+fn field(coefficients: &[f64]) -> Alignment {
+    let mut all = [0.0; 8];
+    all[..coefficients.len()].copy_from_slice(coefficients);
+    Alignment::new(all, SIZE).expect("legal")
+}
+
+/// Settings that ask for rows, and for noise and blur.
+fn settings() -> Settings {
+    Settings {
+        neighborhood: 3,
+        frequencies: (1, 1),
+        noise_threshold: 0.5,
+        window: 5,
+        shiftable: false,
+        optimizer: Optimizer::SemiGlobal,
+        p1: 5.0,
+        p2: 20.0,
+        adaptive_p2: 1.0,
+        compensate_blur: true,
+        align_rows: true,
+        lr_check: Some(1),
+        ..Preset::Paper.settings()
+    }
+}
+
+fn found(pair: &Pair, is_told: bool, threads: usize, level: Level) -> Estimates {
+    let (matcher, control) = (Matcher::new(threads).expect("threads"), Control::default());
+    let means = Means { matcher: &matcher, how: Execution { threads, level }, control: &control };
+    let known = Known { candidates: is_told.then(|| pair.candidates()), ..Known::default() };
+    prepare(pair.clone(), known, &settings(), means).expect("it runs").found
+}
+
+fn found_by_rows(pair: &Pair, is_told: bool, most: usize) -> Estimates {
+    let (matcher, control) = (Matcher::new(2).expect("threads"), Control::default());
+    let how = Execution { threads: 2, level: Level::best() };
+    let means = Means { matcher: &matcher, how, control: &control };
+    let known = Known { candidates: is_told.then(|| pair.candidates()), ..Known::default() };
+    let whole = Slow::new(pair, most);
+    let pair = match pair.views()[0].image {
+        Image::F32(_) => {
+            let known = ranges(&whole, &control).expect("all rows").map(Some);
+            pair.clone().with_ranges(known)
+        }
+        _ => pair.clone(),
+    };
+    prepare_by_rows(&Slow::new(&pair, most), known, &settings(), means).expect("it runs")
+}
+
+fn assert_same(found: &Estimates, expected: &Estimates, what: &str) {
+    let parts = |found: &Estimates| {
+        let Estimates { candidates, range, offsets, alignment, blur, compensation, .. } = found;
+        let blur = blur.clone();
+        (*candidates, *range, offsets.clone(), alignment.clone(), blur, compensation.clone())
+    };
+    assert_eq!(parts(found), parts(expected), "{what}");
+}
+
+#[test]
+fn rows_that_do_not_correspond_are_found_and_straightened() {
+    let injected: [&[f64]; 6] = [
+        &[0.6],
+        &[-7.3],
+        &[1.0, 2.5, -0.8],
+        &[0.0, -4.0],
+        &[0.2, 0.0, 3.0],
+        &[0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 1.5, 0.0],
+    ];
+    for coefficients in injected {
+        let exact = field(coefficients);
+        let pair = pair_of(&shots(&exact), bytes);
+        let found = found(&pair, true, 1, Level::best());
+        let measured = found.offsets.expect("there is texture").field;
+        let coefficients = measured.coefficients().iter().zip(exact.coefficients());
+        let mut rest = [0.0; 8];
+        rest.iter_mut().zip(coefficients).for_each(|(rest, (a, b))| *rest = a - b);
+        let rest = Alignment::new(rest, SIZE).expect("legal").rms();
+        assert!(rest < 0.06, "{exact:?}: off by {rest}");
+        assert_eq!(found.alignment, Some(measured), "it helps");
+    }
+}
+
+#[test]
+fn what_is_aligned_is_left_alone() {
+    let pair = pair_of(&shots(&field(&[])), bytes);
+    let found = found(&pair, true, 1, Level::best());
+    let offsets = found.offsets.expect("there is texture");
+    assert!(offsets.field.rms() < 0.05 && found.alignment.is_none(), "{offsets:?}");
+}
+
+#[test]
+fn a_range_that_is_not_told_holds_the_disparities() {
+    for coefficients in [&[][..], &[3.0], &[0.0, 3.0]] {
+        let pair = pair_of(&shots(&field(coefficients)), bytes);
+        let found = found(&pair, false, 1, Level::best());
+        let range = found.range.expect("there is texture");
+        assert!(!range.swapped && !range.mixed);
+        assert_eq!(found.candidates.min(), 0);
+        assert!((24..=36).contains(&found.candidates.count()), "{range:?}");
+        let [left, right] = pair.views();
+        let swapped = Pair::new(right.clone(), left.clone(), 0, 48).expect("legal");
+        let found = self::found(&swapped, false, 1, Level::best());
+        assert!(found.range.expect("there is texture").swapped);
+        assert!(found.candidates.min() <= -21);
+    }
+}
+
+#[test]
+fn estimates_depend_on_nothing_but_the_images() {
+    let pair = pair_of(&shots(&field(&[1.5, 1.0, -0.5])), bytes);
+    for is_told in [true, false] {
+        let expected = found(&pair, is_told, 1, Level::best());
+        assert!(expected.alignment.is_some());
+        for level in levels() {
+            for threads in [1, 3] {
+                let found = found(&pair, is_told, threads, level);
+                assert_same(&found, &expected, level.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn pairs_that_are_read_give_what_whole_ones_do() {
+    let shots = shots(&field(&[1.5, 1.0, -0.5]));
+    let masked = |pair: &Pair| {
+        let [left, right] = pair.views().map(|view| {
+            let is_valid = |y: usize, x: usize| !((90..130).contains(&y) && x < 120 + y);
+            View { mask: Some(Mask::from_fn(SIZE.0, SIZE.1, is_valid)), ..view.clone() }
+        });
+        Pair::new(left, right, 0, 48).expect("legal")
+    };
+    let plain = [pair_of(&shots, bytes), pair_of(&shots, floats)];
+    for pair in [plain[0].clone(), masked(&plain[0]), plain[1].clone(), masked(&plain[1])] {
+        for is_told in [true, false] {
+            let expected = found(&pair, is_told, 1, Level::best());
+            for most in [1, 70, 131, 10_000] {
+                let found = found_by_rows(&pair, is_told, most);
+                assert_same(&found, &expected, &format!("{most} rows at a time"));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_negative_is_found_by_rows_as_in_memory_and_may_be_known() {
+    let pair = pair_of(&shots(&field(&[0.0; 8])), bytes).inverted();
+    let expected = found(&pair, false, 2, Level::best());
+    assert!(expected.is_inverted);
+    let by_rows = found_by_rows(&pair, false, 50);
+    assert_same(&by_rows, &expected, "by rows");
+    assert!(by_rows.is_inverted);
+
+    let (matcher, control) = (Matcher::new(2).expect("threads"), Control::default());
+    let how = Execution { threads: 2, level: Level::best() };
+    let means = Means { matcher: &matcher, how, control: &control };
+    let known = || Known { is_inverted: true, ..Known::default() };
+    let prepared = prepare(pair.clone(), known(), &settings(), means).expect("it runs");
+    assert_same(&prepared.found, &expected, "known");
+    assert_eq!(prepared.pair.views()[1].image, pair.inverted().views()[1].image);
+    let slow = Slow::new(&pair, 50);
+    let by_rows = prepare_by_rows(&slow, known(), &settings(), means).expect("it runs");
+    assert_same(&by_rows, &expected, "known, by rows");
+}
+
+#[test]
+fn a_part_is_straightened_as_the_whole() {
+    let exact = field(&[2.2, 1.7, -3.1, 0.4, 0.0, -0.3, 0.8, 0.2]);
+    let pair = pair_of(&shots(&exact), floats);
+    let right = View {
+        mask: Some(Mask::from_fn(SIZE.0, SIZE.1, |y, x| !hash(3, y / 3, x / 5).is_multiple_of(9))),
+        ..pair.views()[1].clone()
+    };
+    let control = Control::default();
+    let whole = straightened(&right, &exact, Level::best(), &control).expect("memory");
+    for (first, end) in [(0, 40), (100, 150), (200, SIZE.0)] {
+        let (top, bottom) =
+            (first.max(exact.reach()) - exact.reach(), (end + exact.reach()).min(SIZE.0));
+        let part = right.of_rows(top..bottom);
+        let part = straightened(&part, &exact.clone().from_row(top), Level::best(), &control)
+            .expect("memory");
+        assert_eq!(part.of_rows(first - top..end - top), whole.of_rows(first..end));
+    }
+}

@@ -1,0 +1,29 @@
+//! The tests of the core, in one binary: as twenty of them they took four times as long to compile.
+
+mod aggregation;
+mod bands;
+mod blocking;
+mod blur;
+mod common;
+mod confidence;
+mod convolution;
+mod cost;
+mod descriptor;
+mod estimation;
+mod filling;
+mod guided_median;
+mod impulses;
+mod intensity;
+mod left_right_check;
+mod masking;
+mod matcher;
+mod median;
+mod normalization;
+mod optimization;
+mod outlines;
+mod reference;
+mod smoothing;
+mod source;
+mod speckles;
+mod subpixel;
+mod synthesis;

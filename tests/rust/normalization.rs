@@ -1,0 +1,25 @@
+//! Local contrast: sliding sums in bands against each window summed by itself.
+
+use crate::common::{noise, random, volumes};
+use crate::reference;
+use phasestereo::internals::image::normalization::normalize;
+use phasestereo::internals::pipeline::control::Control;
+use proptest::prelude::*;
+
+proptest! {
+    #![proptest_config(random(256))]
+
+    #[test]
+    fn normalisation_equals_its_definition(plane in volumes(7, 6, 1, 12_240), radius in 0usize..=9) {
+        let window = 2 * radius + 1;
+        let expected = reference::normalize(&plane, window);
+        prop_assert_eq!(normalize(&plane, window, &Control::default()), Ok(expected));
+    }
+}
+
+#[test]
+fn bands_leave_no_seam() {
+    let plane = noise(300, 5).map(|&value| value as u16);
+    let expected = reference::normalize(&plane, 9);
+    assert_eq!(normalize(&plane, 9, &Control::default()), Ok(expected));
+}

@@ -1,0 +1,205 @@
+"""The core as WebAssembly in a browser: the same maps, to the bit, and what it says of faults."""
+
+from __future__ import annotations
+
+import base64
+import threading
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import phasestereo as ps
+from conftest import ON_CI, ROOT
+from phasestereo.io import read_image
+from phasestereo_bench.degradation import Degradation, disk_psf
+from phasestereo_bench.rendering import render_pair
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from browser import Browser
+
+    Image = NDArray[Any]
+    Pair = tuple[Image, Image]
+
+WEB = ROOT / "web"
+
+# Has the page do one thing with the matcher, and keep what comes of it where Python can see it.
+_CALL = """
+const [task, images, options] = arguments;
+window.outcome = null;
+const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+const image = ([width, height, text]) =>
+    ({ width, height, data: new Uint8ClampedArray(bytes(text).buffer) });
+const text = (array) => {
+    const values = new Uint8Array(array.buffer);
+    let characters = "";
+    for (let i = 0; i < values.length; i += 8192)
+        characters += String.fromCharCode(...values.subarray(i, i + 8192));
+    return btoa(characters);
+};
+window.matcher[task](...images.map(image), options).then((value) => {
+    for (const name of ["disparity", "flags", "confidence"])
+        if (value[name]) value[name] = text(value[name]);
+    window.outcome = { value };
+}, (error) => { window.outcome = { error: error.message }; });
+"""
+
+
+class _Quiet(SimpleHTTPRequestHandler):
+    """Says nothing of what is asked for."""
+
+    def log_message(self, format: str, *_: object) -> None:  # noqa: A002 - the name of the base class
+        """Say nothing."""
+
+
+class Page:
+    """A page that has the matcher."""
+
+    def __init__(self, browser: Browser) -> None:
+        self.browser = browser
+
+    def call(self, task: str, pair: Pair, **options: Any) -> dict[str, Any]:
+        """Return what comes of a call: ``value`` or ``error``."""
+        self.browser.run(_CALL, task, [_sent(image) for image in pair], options)
+        self.browser.wait("window.outcome !== null")
+        outcome: dict[str, Any] = self.browser.run("return window.outcome")
+        return outcome
+
+    def match(self, pair: Pair, **options: Any) -> dict[str, Any]:
+        """Return a map, its planes as arrays."""
+        result: dict[str, Any] = self.call("match", pair, **options)["value"]
+        size = result["height"], result["width"]
+        for name, kind in (("disparity", "<f4"), ("flags", "<u2"), ("confidence", "<f4")):
+            if result[name] is not None:
+                result[name] = np.frombuffer(base64.b64decode(result[name]), kind).reshape(size)
+        return result
+
+
+def _sent(image: Image) -> tuple[int, int, str]:
+    """Return an image as RGBA, as a page has it."""
+    height, width = image.shape[:2]
+    rgba = np.full((height, width, 4), 255, np.uint8)
+    rgba[:, :, :3] = image.reshape(height, width, -1)
+    return width, height, base64.b64encode(rgba.tobytes()).decode()
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """Return where the files of the page are served; skip visibly where they are not built."""
+    if not (WEB / "phasestereo.wasm").is_file():
+        message = "no web/phasestereo.wasm: make web"
+        if ON_CI:
+            pytest.fail(message)
+        pytest.skip(message)
+    handler = partial(_Quiet, directory=str(WEB))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, address: str) -> Page:
+    """Return a page whose matcher is ready."""
+    browser.visit(f"{address}/matcher.js")
+    browser.run(
+        "import(arguments[0]).then((module) => module.createMatcher())"
+        ".then((matcher) => { window.matcher = matcher; })",
+        f"{address}/matcher.js",
+    )
+    browser.wait("window.matcher !== undefined")
+    return Page(browser)
+
+
+@pytest.fixture(scope="module")
+def rendered() -> Pair:
+    """Return a rendered pair whose left image is out of focus."""
+    pair = render_pair(3, height=240, width=320, num_disparities=48)
+    return Degradation(disk_psf(3.0), noise=1.0)(pair.left), pair.right
+
+
+def _same(found: dict[str, Any], expected: ps.Result) -> None:
+    np.testing.assert_array_equal(found["disparity"], expected.disparity)
+    np.testing.assert_array_equal(found["flags"], expected.flags)
+    if expected.confidence is None:
+        assert found["confidence"] is None
+    else:
+        np.testing.assert_array_equal(found["confidence"], expected.confidence)
+
+
+@pytest.mark.parametrize("preset", ["robust", "fast", "paper"])
+def test_maps_are_those_of_python_to_the_bit(page: Page, rendered: Pair, preset: str) -> None:
+    found = page.match(rendered, preset=preset, numDisparities=48)
+    _same(found, ps.match(*rendered, preset=preset, num_disparities=48))
+    assert found["milliseconds"] > 0
+
+
+def test_a_real_pair_is_matched_over_the_range_that_is_found(page: Page, data: Path) -> None:
+    folder = data / "middlebury" / "scenes2003" / "cones"
+    pair = read_image(folder / "im2.png"), read_image(folder / "im6.png")
+    expected = ps.match(*pair)
+    found = page.match(pair)
+    _same(found, expected)
+    span = found["found"]["range"]
+    assert expected.search is not None
+    assert (span["minDisparity"], span["numDisparities"], span["origin"]) == (
+        expected.search.min_disparity,
+        expected.search.num_disparities,
+        "found",
+    )
+
+
+def test_what_is_found_is_what_python_finds(page: Page, rendered: Pair) -> None:
+    expected = ps.match(*rendered, num_disparities=48)
+    found = page.call("check", rendered, numDisparities=48)["value"]
+    assert expected.search is not None
+    assert expected.blur is not None
+    kinds = [
+        {name: blur[name] for name in ("side", "kind", "size", "angle", "share")}
+        for blur in found["blur"]
+    ]
+    assert kinds == expected.blur.as_dicts()
+    assert kinds[0]["side"] == "left"
+    assert kinds[0]["kind"] == "disk"
+    for name in ("certainty", "contrast", "noise", "impulses", "coding"):
+        assert found[name] == pytest.approx(getattr(expected.blur, name), rel=1e-6)
+    assert expected.alignment is not None
+    assert tuple(found["rows"]["coefficients"]) == expected.alignment.coefficients
+    for name in ("error", "blocks", "spread", "applied"):
+        assert found["rows"][name] == getattr(expected.alignment, name)
+    assert found["range"]["confidence"] == expected.search.confidence
+    assert (found["range"]["origin"], found["inverted"]) == ("told", False)
+
+
+def test_faults_are_told_and_the_next_call_works(page: Page, rendered: Pair) -> None:
+    left, right = rendered
+    small = right[:100]
+    for pair, options, message in (
+        ((left, small), {}, "right: got 100 x 320 pixels; accepts the size of left, 240 x 320"),
+        (rendered, {"preset": "best"}, "preset: got 'best'; accepts 'robust', 'paper', 'fast'"),
+        (rendered, {"numDisparities": 321}, "num_disparities: got 321; accepts an integer"),
+        (rendered, {"minDisparity": 1}, "min_disparity: got 1; accepts 0 where num_disparities"),
+    ):
+        outcome = page.call("match", pair, **options)
+        assert outcome["error"].startswith(message)
+    _same(
+        page.match(rendered, preset="fast", numDisparities=48),
+        ps.match(*rendered, preset="fast", num_disparities=48),
+    )
+
+
+def test_a_module_that_is_not_there_is_told(page: Page, address: str) -> None:
+    page.browser.run(
+        "import(arguments[0]).then((module) => module.createMatcher({ wasm: 'nothing.wasm' }))"
+        ".catch((error) => { window.refused = error.message; })",
+        f"{address}/matcher.js",
+    )
+    page.browser.wait("window.refused !== undefined")
+    assert "nothing.wasm: 404" in page.browser.run("return window.refused")

@@ -1,0 +1,24 @@
+#!/bin/sh
+# Builds web/phasestereo.wasm: the C interface as WebAssembly with 128-bit SIMD. With the Rust that is installed, if it has
+# the standard library of the target (`rustup target add wasm32-unknown-unknown`); else, on Debian, with a Rust that is
+# downloaded into target/.
+set -eu
+cd "$(dirname "$0")/.."
+
+target=wasm32-unknown-unknown
+folder=$PWD/target/wasm-toolchain
+rebuild=
+
+if [ ! -d "$(rustc --print target-libdir --target $target)" ]; then
+    [ -d "$folder" ] || web/toolchain.sh "$folder"
+    export PATH="$folder/usr/bin:$PATH" RUSTC="$folder/usr/bin/rustc"
+    export LD_LIBRARY_PATH="$folder/usr/lib/x86_64-linux-gnu:$folder/usr/lib/llvm-19/lib"
+    export CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_LINKER=wasm-ld-19
+    # Debian has the sources of the standard library alone, which are built by what is not stable yet.
+    export RUSTC_BOOTSTRAP=1
+    rebuild=-Zbuild-std=std,panic_abort
+fi
+
+export CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS="-C target-feature=+simd128 -C strip=symbols"
+cargo build --release --locked --lib --features c --target $target --target-dir target/wasm $rebuild
+cp target/wasm/$target/release/phasestereo.wasm web/phasestereo.wasm

@@ -1,0 +1,258 @@
+// The page: which pair it is, what sliders do to it, and when it is matched: with `fast` while a slider moves, with
+// `robust` once it rests. One match at a time; what was asked for in the meantime is the latest.
+
+import { sentences } from "./findings.js";
+import { createMatcher } from "./matcher.js";
+import { readPair } from "./photographs.js";
+import { NUM_DISPARITIES, renderPair, SCENES } from "./render.js";
+import { forgetWanted, sharesOf, showPair, showResult } from "./results.js";
+import { movedPoint, NOTHING, pointBefore, spoiled } from "./spoil.js";
+
+const REST = 300; // milliseconds after the last move of a slider
+const NOISE = 1; // gray levels, of rendered pairs; photographs have their own
+const SEEDS = { left: 1, right: 2 }; // of this noise
+const OWN = "own"; // what the user's pair is called in the list
+
+const pair = { left: null, right: null, plain: null, truth: null, noise: 0, told: "", range: null, isNew: true };
+const asked = { ...NOTHING };
+let next = null; // the preset to match with next
+let timer = 0;
+let busy = false;
+let matcher = null;
+
+const root = document.documentElement;
+
+// What is matched: the pair as the sliders have it now.
+function spoiledPair() {
+  const side = element("side-left").checked ? "left" : "right";
+  const worse = spoiled(pair[side], asked, pair.noise, SEEDS[side]);
+  return { ...pair.plain, [side]: worse, truth: pair.truth && movedTruth(side), range: pair.range };
+}
+
+// The disparities of a pair of which one image is turned and shifted.
+function movedTruth(side) {
+  if (!asked.turn && !asked.rows) return pair.truth;
+  const { width, height } = pair.left;
+  return Float32Array.from(pair.truth, (_, at) => {
+    const [x, y] = [at % width, Math.floor(at / width)];
+    const [fromX, fromY] = side === "left" ? pointBefore(x, y, pair.left, asked) : [x, y];
+    const [column, row] = [Math.round(fromX), Math.round(fromY)];
+    if (column < 0 || row < 0 || column >= width || row >= height) return NaN;
+    const matchX = fromX - pair.truth[row * width + column];
+    return x - (side === "left" ? matchX : movedPoint(matchX, fromY, pair.left, asked)[0]);
+  });
+}
+
+// Match with `fast` at once, and with `robust` when nothing has changed for a while.
+function changed() {
+  delete root.dataset.matched;
+  clearTimeout(timer);
+  timer = setTimeout(() => ask("robust"), REST);
+  ask("fast");
+}
+
+function ask(preset) {
+  next = preset;
+  if (!busy && matcher) work();
+}
+
+async function work() {
+  busy = true;
+  while (next) {
+    const preset = next;
+    next = null;
+    try {
+      await matched(preset);
+      trouble("");
+    } catch (error) {
+      trouble(`Not matched: ${error.message}`);
+    }
+  }
+  busy = false;
+}
+
+async function matched(preset) {
+  const { left, right, truth, range } = spoiledPair();
+  const isLast = preset === "robust";
+  if (isLast) {
+    const found = await matcher.check(left, right);
+    tellFindings(sentences({ ...found, size: left }, { left, right }, page.levels));
+    if (next) return; // it has changed since
+  }
+  const result = await matcher.match(left, right, { preset, ...(range ?? { numDisparities: 0 }) });
+  startViewer();
+  showPair(left, right);
+  showResult(result, truth, isLast);
+  tellFigures(result, truth, preset);
+  if (!isLast || next) return;
+  keepRange(result.found);
+  if (pair.isNew && cloud?.gl) cloud.reset(); // its points are elsewhere
+  pair.isNew = false;
+  startScene();
+  root.dataset.matched = preset;
+}
+
+// What was searched is searched again, so that `fast` need not look for it.
+function keepRange({ range: { minDisparity, numDisparities, origin } }) {
+  if (origin === "found") pair.range = { minDisparity, numDisparities };
+}
+
+// The viewer has nothing to tell before the first result, and the points before the first of `robust`.
+let startViewer = () => {
+  startViewer = () => {};
+  bindTabs();
+  bindControls();
+  bindReadout();
+};
+
+let startScene = () => {
+  startScene = () => {};
+  makeScene();
+};
+
+function trouble(text) {
+  element("trouble").textContent = text;
+  element("trouble").hidden = !text;
+  if (text) root.dataset.matched = "no";
+}
+
+function tellFindings(found) {
+  element("findings").replaceChildren(...found.map(({ severity, sentence }) =>
+    made("li", { className: severity }, made("b", { textContent: severity }), ` ${sentence}`)));
+}
+
+function tellFigures(result, truth, preset) {
+  const { trusted, wrong } = sharesOf(result, truth);
+  element("trusted-told").textContent = `${(100 * trusted).toFixed(1)} %`;
+  element("wrong-told").textContent = wrong === null ? "" : `${(100 * wrong).toFixed(1)} %`;
+  element("wrong-told").parentElement.hidden = wrong === null;
+  element("time-told").textContent = `${Math.max(1, Math.round(result.milliseconds))} ms`;
+  element("preset-told").textContent = `with ${preset}`;
+}
+
+// The pair
+
+function takeScene(name) {
+  const rendered = renderPair(name);
+  const range = { minDisparity: 0, numDisparities: NUM_DISPARITIES };
+  take({ ...rendered, noise: NOISE, range, told: "Rendered here: the truth is known." });
+}
+
+async function takeFiles(files) {
+  try {
+    const read = await readPair(files);
+    if (![...element("pair").options].some(({ value }) => value === OWN)) {
+      element("pair").append(made("option", { value: OWN, textContent: "Your photographs" }));
+    }
+    element("pair").value = OWN;
+    element("pair").querySelector(`[value=${OWN}]`).pair = read;
+    takeOwn(read);
+  } catch (error) {
+    trouble(error.message);
+  }
+}
+
+const takeOwn = (read) => take({ ...read, truth: null, noise: 0, range: null });
+
+function take(taken) {
+  Object.assign(pair, taken, { isNew: true });
+  takePlain();
+  element("told").textContent = pair.told;
+  trouble("");
+  setSliders(NOTHING);
+}
+
+// The images as a good camera takes them.
+function takePlain() {
+  const [left, right] = ["left", "right"].map((side) => spoiled(pair[side], NOTHING, pair.noise, SEEDS[side]));
+  pair.plain = { left, right };
+}
+
+function exchange() {
+  [pair.left, pair.right] = [pair.right, pair.left];
+  takePlain();
+  pair.truth = null; // it is the left image's
+  pair.range = null;
+  pair.isNew = true;
+  changed();
+}
+
+// Controls
+
+function setSliders(values) {
+  for (const [name, value] of Object.entries(values)) {
+    element(name).value = value;
+    tellSlider(name);
+  }
+  changed();
+}
+
+function tellSlider(name) {
+  const { value, dataset } = element(name);
+  asked[name] = Number(value);
+  const text = `${numberOf(asked[name], asked[name] % 1 ? 2 : 0)}${dataset.unit}`;
+  element(`${name}-told`).textContent = text;
+  element(name).setAttribute("aria-valuetext", text);
+}
+
+function bindPage() {
+  for (const [name, { label }] of Object.entries(SCENES)) {
+    element("pair").append(made("option", { value: name, textContent: label }));
+  }
+  element("pair").addEventListener("change", ({ target }) => {
+    const [chosen] = target.selectedOptions;
+    if (chosen.pair) takeOwn(chosen.pair);
+    else takeScene(chosen.value);
+  });
+  element("files").addEventListener("change", ({ target }) => {
+    if (target.files.length) takeFiles(target.files);
+    target.value = ""; // so that the same files can be chosen again
+  });
+  for (const name of Object.keys(NOTHING)) {
+    element(name).addEventListener("input", () => { tellSlider(name); changed(); });
+  }
+  for (const side of document.querySelectorAll("input[name=side]")) side.addEventListener("change", changed);
+  element("exchange").addEventListener("click", exchange);
+  element("reset").addEventListener("click", () => setSliders(NOTHING));
+  element("tabs").addEventListener("change", forgetWanted);
+  bindDrop();
+}
+
+// Files may be dropped anywhere on the page.
+function bindDrop() {
+  addEventListener("dragover", (event) => {
+    event.preventDefault();
+    root.classList.add("over");
+  });
+  addEventListener("dragleave", (event) => root.classList.toggle("over", event.relatedTarget !== null));
+  addEventListener("drop", (event) => {
+    event.preventDefault();
+    root.classList.remove("over");
+    takeFiles(event.dataTransfer.files);
+  });
+}
+
+// The left image, until there are disparities.
+function showFirst() {
+  const { left, right } = pair.plain;
+  showPair(left, right);
+  stage.fit(left.width, left.height);
+  stage.draw = (context) => (maps.disparity ? drawStage(context) : context.drawImage(pictures.left.canvas, 0, 0));
+  stage.refresh();
+}
+
+async function start() {
+  bindPage();
+  const loading = createMatcher({ wasm: "phasestereo.wasm" }); // on a thread of its own, while this one renders
+  takeScene(element("pair").value);
+  showFirst();
+  try {
+    matcher = await loading;
+  } catch (error) {
+    trouble(`The matcher could not be loaded: ${error.message}`);
+    return;
+  }
+  if (next) work();
+}
+
+start();

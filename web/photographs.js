@@ -1,0 +1,58 @@
+// Photographs of the user's own: two files, or one with both views side by side. They are read here and go nowhere.
+
+const MOST_PIXELS = 500_000; // of an image: larger ones are made smaller, so that a match takes seconds at most
+const LEAST_RATIO = 1.2; // width by height from which on one file is taken for two views side by side
+
+// The pair in some files: {left, right, told}, `told` in words. Throws an Error that says what is wrong.
+export async function readPair(files) {
+  const pictures = [...files];
+  if (pictures.length !== 1 && pictures.length !== 2) {
+    throw new Error(`files: got ${pictures.length}; accepts two images, or one with both views side by side`);
+  }
+  const bitmaps = await Promise.all(inOrder(pictures).map(opened));
+  return bitmaps.length === 2 ? pairOfTwo(bitmaps) : pairOfOne(bitmaps[0], pictures[0].name);
+}
+
+// The left image first, as far as names tell: left.png before right.png, im0 before im1, img_1 before img_2.
+function inOrder(files) {
+  return files.sort((a, b) => a.name.localeCompare(b.name, "en", { numeric: true }));
+}
+
+async function opened(file) {
+  try {
+    return await createImageBitmap(file);
+  } catch {
+    throw new Error(`${file.name}: is no image that this browser reads; accepts PNG, JPEG, WebP and others`);
+  }
+}
+
+function pairOfTwo([left, right]) {
+  if (left.width !== right.width || left.height !== right.height) {
+    throw new Error(`images: got ${sizeOf(left)} and ${sizeOf(right)} pixels; accepts two of one size`);
+  }
+  return pairOf([left, right], [0, 0], left.width, left.height);
+}
+
+function pairOfOne(both, name) {
+  if (both.width < LEAST_RATIO * both.height) {
+    throw new Error(`${name}: got ${sizeOf(both)} pixels, too narrow for two views side by side; accepts two images then`);
+  }
+  const width = Math.floor(both.width / 2);
+  return pairOf([both, both], [0, both.width - width], width, both.height);
+}
+
+const sizeOf = ({ width, height }) => `${width} \u00d7 ${height}`;
+
+function pairOf(bitmaps, starts, width, height) {
+  const scale = Math.min(1, Math.sqrt(MOST_PIXELS / (width * height)));
+  const [cols, rows] = [width, height].map((length) => Math.max(1, Math.round(length * scale)));
+  const [left, right] = bitmaps.map((bitmap, n) => {
+    const canvas = Object.assign(document.createElement("canvas"), { width: cols, height: rows });
+    const context = canvas.getContext("2d");
+    context.imageSmoothingQuality = "high";
+    context.drawImage(bitmap, starts[n], 0, width, height, 0, 0, cols, rows);
+    return context.getImageData(0, 0, cols, rows);
+  });
+  const told = `${sizeOf({ width, height })} pixels${scale < 1 ? `, matched at ${cols} \u00d7 ${rows}` : ""}.`;
+  return { left, right, told };
+}

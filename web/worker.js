@@ -1,0 +1,219 @@
+// Loads the core's WebAssembly and works off what matcher.js asks for, one call after another.
+
+// Layouts of the C interface's structs, see rust/c/phasestereo.h; pointers take four bytes.
+const IMAGE = 24;
+const MAP = 24;
+const FOUND = 472;
+const BLUR = 32;
+const RGBA = 2;
+
+const STATUS_OK = 0;
+const ORIGINS = ["told", "found", "default"];
+const SIDES = ["none", "left", "right"];
+const KINDS = ["none", "gaussian", "disk", "motion", "annulus", "other"];
+
+// Of the pair to warm up with: enough for the browser to compile what is hot with all optimizations.
+const WARM_UP = { width: 160, height: 120, numDisparities: 32, shift: 5, rounds: 3 };
+
+let module = null; // compiled
+let core = null; // what its instance exports
+let matchers = new Map(); // by preset
+
+const tasks = { load, check, match };
+
+onmessage = async ({ data: { id, task, options } }) => {
+  try {
+    const value = await tasks[task](options);
+    const sent = [value?.disparity, value?.flags, value?.confidence];
+    postMessage({ id, value }, sent.filter(Boolean).map((array) => array.buffer));
+  } catch (error) {
+    // What traps leaves the memory in disorder: the next call gets a new instance.
+    if (error instanceof WebAssembly.RuntimeError) core = null;
+    postMessage({ id, error: error.message });
+  }
+};
+
+async function load({ wasm }) {
+  const response = await fetch(wasm);
+  if (!response.ok) throw new Error(`${wasm}: ${response.status} ${response.statusText}`);
+  module = await WebAssembly.compile(await response.arrayBuffer());
+
+  const [left, right] = [0, WARM_UP.shift].map(texture);
+  for (let round = 0; round < WARM_UP.rounds; round++) {
+    for (const preset of ["fast", "robust"]) {
+      await match({ left, right, preset, numDisparities: WARM_UP.numDisparities, minDisparity: 0 });
+    }
+  }
+}
+
+/** An image of noise, so many pixels to the left. */
+function texture(shift) {
+  const { width, height } = WARM_UP;
+  const data = new Uint8ClampedArray(4 * width * height);
+  for (let pixel = 0; pixel < width * height; pixel++) {
+    const x = (pixel % width) + shift;
+    const hash = Math.imul(x + 1031 * Math.floor(pixel / width), 2654435761) >>> 24;
+    data.fill(hash, 4 * pixel, 4 * pixel + 3);
+  }
+  return { width, height, data };
+}
+
+async function check({ left, right, minDisparity, numDisparities }) {
+  await start();
+  return borrowed(({ image, memory }) => {
+    const [first, second, found] = [image(left, "left"), image(right, "right"), memory(FOUND)];
+    const matcher = matcherOf("robust");
+    refuse(core.phasestereo_check(matcher, first, second, minDisparity, numDisparities, found));
+    return readFound(found);
+  });
+}
+
+async function match({ left, right, preset, minDisparity, numDisparities }) {
+  await start();
+  return borrowed(({ image, memory }) => {
+    const { width, height } = left;
+    const [first, second, found] = [image(left, "left"), image(right, "right"), memory(FOUND)];
+    const planes = [4, 2, 4].map((bytes) => ({ start: memory(bytes * width * height), bytes }));
+    const map = memory(MAP);
+    const fields = planes.flatMap(({ start, bytes }) => [start, bytes * width]);
+    new Uint32Array(core.memory.buffer, map, fields.length).set(fields);
+
+    const matcher = matcherOf(preset);
+    const started = performance.now();
+    const status = core.phasestereo_match(
+      matcher, first, second, minDisparity, numDisparities, map, found,
+    );
+    const milliseconds = performance.now() - started;
+    refuse(status);
+
+    const [disparity, flags, confidence] = planes.map(({ start }, index) => {
+      const kind = [Float32Array, Uint16Array, Float32Array][index];
+      return new kind(core.memory.buffer, start, width * height).slice();
+    });
+    return {
+      width,
+      height,
+      disparity,
+      flags,
+      confidence: Number.isNaN(confidence[0]) ? null : confidence,
+      found: readFound(found),
+      milliseconds,
+    };
+  });
+}
+
+async function start() {
+  if (core === null) {
+    core = (await WebAssembly.instantiate(module, {})).exports;
+    matchers = new Map();
+  }
+}
+
+/** The matcher with the settings of a preset, kept with its memory. */
+function matcherOf(preset) {
+  if (!matchers.has(preset)) {
+    const matcher = borrowed(({ text }) => core.phasestereo_new(text(preset), 0, 0, 1));
+    if (matcher === 0) throw new Error(readError());
+    matchers.set(preset, matcher);
+  }
+  return matchers.get(preset);
+}
+
+/** Does some work with memory of the core's, which is given back after it. */
+function borrowed(work) {
+  const taken = [];
+  const memory = (bytes) => {
+    const start = core.phasestereo_allocate(bytes);
+    if (start === 0) throw new Error(`out of memory: ${bytes} bytes could not be had`);
+    taken.push([start, bytes]);
+    return start;
+  };
+  try {
+    return work({
+      memory,
+      image: (image, name) => writeImage(memory, image, name),
+      text: (text) => writeText(memory, text),
+    });
+  } finally {
+    for (const [start, bytes] of taken) core.phasestereo_release(start, bytes);
+  }
+}
+
+function writeImage(memory, { width, height, data }, name) {
+  if (data.length !== 4 * width * height) {
+    const accepts = `RGBA of ${width} x ${height} pixels`;
+    throw new Error(`${name}: got ${data.length} values; accepts ${accepts}`);
+  }
+  const pixels = memory(data.length);
+  const image = memory(IMAGE);
+  new Uint8Array(core.memory.buffer, pixels, data.length).set(data);
+  const fields = [pixels, 4 * width, width, height, RGBA, 8];
+  new Uint32Array(core.memory.buffer, image, fields.length).set(fields);
+  return image;
+}
+
+function writeText(memory, text) {
+  const bytes = new TextEncoder().encode(`${text}\0`);
+  const start = memory(bytes.length);
+  new Uint8Array(core.memory.buffer, start, bytes.length).set(bytes);
+  return start;
+}
+
+function refuse(status) {
+  if (status !== STATUS_OK) throw new Error(readError());
+}
+
+function readError() {
+  const start = core.phasestereo_error();
+  const bytes = new Uint8Array(core.memory.buffer, start);
+  return new TextDecoder().decode(bytes.slice(0, bytes.indexOf(0)));
+}
+
+/** What was found, as matcher.js tells it. */
+function readFound(start) {
+  const view = new DataView(core.memory.buffer, start, FOUND);
+  const number = (offset) => {
+    const value = view.getFloat64(offset, true);
+    return Number.isNaN(value) ? null : value;
+  };
+  const both = (offset) => (number(offset) === null ? null : [number(offset), number(offset + 8)]);
+  const count = (offset) => view.getInt32(offset, true);
+  const blur = (index) => {
+    const offset = 176 + BLUR * index;
+    return {
+      size: number(offset),
+      angle: number(offset + 8),
+      share: number(offset + 16),
+      side: SIDES[count(offset + 24)],
+      kind: KINDS[count(offset + 28)],
+    };
+  };
+  const rows = {
+    coefficients: Array.from({ length: 8 }, (_, term) => number(24 + 8 * term)),
+    rms: number(88),
+    error: number(96),
+    spread: number(104),
+    blocks: count(436),
+    applied: count(440) === 1,
+  };
+  return {
+    range: {
+      minDisparity: count(444),
+      numDisparities: count(448),
+      origin: ORIGINS[count(452)],
+      confidence: number(0),
+      low: number(8),
+      high: number(16),
+      swapped: count(456) === 1,
+      mixed: count(460) === 1,
+    },
+    rows: rows.blocks > 0 ? rows : null,
+    blur: Array.from({ length: count(432) }, (_, index) => blur(index)),
+    certainty: number(112),
+    contrast: number(120),
+    noise: both(128),
+    impulses: both(144),
+    coding: both(160),
+    inverted: count(464) === 1,
+  };
+}
