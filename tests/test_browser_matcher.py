@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import ON_CI, ROOT
+from conftest import ROOT
 from phasestereo.io import read_image
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
