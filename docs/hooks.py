@@ -47,7 +47,7 @@ def on_page_markdown(markdown: str, **_: object) -> str:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the documents of the folder above, with their links, the live report page, and the page "try it"."""
+    """Add the documents of the folder above, the live report page, and the page "try it"."""
     for name in ROOT_PAGES:
         text = (Path(config.docs_dir).parent / name).read_text(encoding="utf-8")
         page = re.sub(r"\]\(docs/", "](", text)

@@ -218,7 +218,7 @@ def test_matches_refuse_what_does_not_go_together() -> None:
         ps.match(LEFT, RIGHT, **SEARCH, blur_compensation={})  # type: ignore[arg-type]  # the point
     with pytest.raises(ValueError, match="^noise: got 1.0 beside blur_compensation"):
         ps.match(LEFT, RIGHT, **SEARCH, noise=1.0, blur_compensation=blur_compensation())
-    with pytest.raises(ValueError, match=": got .*; accepts cost='phase'"):
+    with pytest.raises(ValueError, match="^blur_compensation: got .*; accepts cost='phase'"):
         ps.match(
             LEFT, RIGHT, **SEARCH, preset="paper", cost="sad", blur_compensation=blur_compensation()
         )

@@ -88,11 +88,6 @@ class PairStatistics:
     roughness: tuple[int, int] | None = None
 
     @property
-    def equalisation(self) -> BlurCompensation | None:
-        """What the core reads `blur_compensation` by."""
-        return self.blur_compensation
-
-    @property
     def field(self) -> Field | None:
         """The field that the right image is straightened by, as the core takes it."""
         if self.alignment is None or not self.alignment.applied:
@@ -308,9 +303,7 @@ def match_rows(
     rows = Checked(read, statistics.size, statistics.dtype)
     as_integer("first", first, least=0, most=statistics.size[0] - 1)
     as_integer("last", last, least=first + 1, most=statistics.size[0])
-    around, masked = _core.halo(
-        statistics.settings, statistics.blur_compensation, statistics.field
-    )
+    around, masked = _core.halo(statistics.settings, statistics.blur_compensation, statistics.field)
     top, bottom = _widened(first, last, around, statistics)
     images, masks = rows(top, bottom)
     if any(mask is not None and not mask.any(axis=1).all() for mask in masks):

@@ -280,9 +280,7 @@ def _check_settings(statistics: PairStatistics, asked: Settings, types: tuple[st
 
 def _halo(statistics: PairStatistics, *, masked: bool) -> int:
     """Return how many rows above and below a band `match_rows` may ask for."""
-    around, copied = _core.halo(
-        statistics.settings, statistics.blur_compensation, statistics.field
-    )
+    around, copied = _core.halo(statistics.settings, statistics.blur_compensation, statistics.field)
     return around + (copied if masked else 0)
 
 
