@@ -132,9 +132,9 @@ def synthesize(
         for index, (left, right) in enumerate(kernels):
             own = classes == index
             if left is None and right is not None:
-                in_left[own] = distances(images, one, right, "left", L=L, noise_threshold=weak)[own]
+                in_left[own] = distances(images, one, right, "left", L=L, weak=weak)[own]
             elif left is not None and right is None:
-                seen = windows(distances(images, one, left, "right", L=L, noise_threshold=weak))
+                seen = windows(distances(images, one, left, "right", L=L, weak=weak))
                 read = sum(np.take_along_axis(seen, place, axis=1) for place in places)
                 sums[own] = np.asarray(read)[own]
         judged = np.isin(

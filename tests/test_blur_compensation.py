@@ -54,7 +54,7 @@ def costs_by_class(left: NDArray[Any], right: NDArray[Any], **options: Any) -> N
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
-@pytest.mark.parametrize("noise_threshold", [0.0, 1.0])
+@pytest.mark.parametrize("weak", [0.0, 1.0])
 def test_each_pixel_is_compared_in_its_versions(dtype: type[np.generic], weak: float) -> None:
     pair = LEFT.astype(dtype), RIGHT.astype(dtype)
     found = ps.cost_volume(

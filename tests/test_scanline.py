@@ -86,7 +86,7 @@ def test_penalties_that_are_no_integers_are_refused(name: str, value: object) ->
 @pytest.mark.parametrize("name", ["p1", "p2"])
 @pytest.mark.parametrize("value", [-1, 2**40 + 1, 10**30])
 def test_penalties_out_of_range_are_refused(name: str, value: int) -> None:
-    penalties = {"p1": 1, "p2": 1, name: value}
+    penalties: dict[str, Any] = {"p1": 1, "p2": 1, name: value}
     with pytest.raises(ValueError, match=f"^{name}: got .*; accepts "):
         ps.optimize(np.zeros((1, 1, 1), np.uint32), **penalties)
 

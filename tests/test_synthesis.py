@@ -94,7 +94,7 @@ def test_a_map_is_redrawn_as_the_oracle_says(side: str) -> None:
         kernels,
         oracle.class_map(versions.labels, versions.tile, SIZE),
         L=5,
-        noise_threshold=(
+        weak=(
             oracle.weak_threshold(NOISE[0], WEAK, 5),
             oracle.weak_threshold(NOISE[1], WEAK, 5),
         ),
