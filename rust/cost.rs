@@ -84,7 +84,11 @@ impl<'a> Costs<'a> {
         control: &Control,
     ) -> Result<Self> {
         if settings.cost != CostKind::Phase && versions.is_some_and(Versions::has_kernels) {
-            return Err(Error::value("equalisation", "kernels for another cost", "cost='phase'"));
+            return Err(Error::value(
+                "blur_compensation",
+                "kernels for another cost",
+                "cost='phase'",
+            ));
         }
         let (compared, ceiling) = match settings.cost {
             CostKind::Phase => {

@@ -94,7 +94,7 @@ def decoded_parts(codes: NDArray[Any], components: int) -> NDArray[np.int64]:
 
 
 @pytest.mark.parametrize("taper", ["uniform", "gaussian", "hann"])
-@pytest.mark.parametrize("noise_threshold", [0.3, 2.0, 100.0])
+@pytest.mark.parametrize("weak", [0.3, 2.0, 100.0])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("family", [(7, 1, 1, 1), (9, 2, 1, 2)])
 def test_weak_parts_follow_the_formulas(
@@ -128,7 +128,7 @@ def test_weak_parts_follow_the_formulas(
     assert weak == 100 or {-1, 0, 1} == set(np.unique(expected))
 
 
-@pytest.mark.parametrize("noise_threshold", [0.0, 0.7])
+@pytest.mark.parametrize("weak", [0.0, 0.7])
 def test_two_sizes_are_both_of_them(weak: float) -> None:
     image = np.random.default_rng(8).integers(0, 256, (15, 22, 3), np.uint8)
     options: dict[str, Any] = {"noise_threshold": weak, "noise": 20.0}

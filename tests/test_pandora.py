@@ -206,14 +206,14 @@ def test_masked_pixels_of_the_right_image_are_no_candidates(rendered: Pair) -> N
 
 
 @pytest.mark.parametrize("compensate_blur", [False, True])
-def test_images_without_any_data_have_no_costs(rendered: Pair, *, equalise: bool) -> None:
+def test_images_without_any_data_have_no_costs(rendered: Pair, *, compensate_blur: bool) -> None:
     left = gray(rendered.left)
     nothing = dataset(np.full_like(left, np.nan), (0, 10), np.full(left.shape, NO_DATA))
     found = volume(
         dataset(left, (-10, 0)),
         nothing,
         window_size=3,
-        compensate_blur=equalise,
+        compensate_blur=compensate_blur,
         noise_threshold=0.5,
     )
     assert np.isnan(found).all()

@@ -183,12 +183,12 @@ def test_less_is_kept_and_it_is_better_the_more_confidence_is_asked_for(data: Pa
 
 @pytest.mark.parametrize("lr_check", [None, 1])
 @pytest.mark.parametrize("size", [1, 30, 400])
-def test_speckles_are_those_of_opencv(data: Path, consistency: int | None, size: int) -> None:
+def test_speckles_are_those_of_opencv(data: Path, lr_check: int | None, size: int) -> None:
     cv2 = pytest.importorskip("cv2")
     pair = find_scene(data / "middlebury", "tsukuba").load()
     paper = ps.Settings.preset("paper")
     settings = replace(
-        paper, window=3, optimizer="wta", confidence=False, fill=False, lr_check=consistency
+        paper, window=3, optimizer="wta", confidence=False, fill=False, lr_check=lr_check
     )
     options: dict[str, Any] = {"num_disparities": 16, "settings": settings}
     draft = ps.match(pair.left, pair.right, **options)

@@ -88,11 +88,6 @@ class PairStatistics:
     roughness: tuple[int, int] | None = None
 
     @property
-    def equalisation(self) -> BlurCompensation | None:
-        """What the core reads `blur_compensation` by."""
-        return self.blur_compensation
-
-    @property
     def field(self) -> Field | None:
         """The field that the right image is straightened by, as the core takes it."""
         if self.alignment is None or not self.alignment.applied:

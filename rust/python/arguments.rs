@@ -253,7 +253,7 @@ pub fn read_known(
     Ok(Known { candidates, noise, versions, alignment, is_inverted })
 }
 
-/// What `phasestereo.surveying.Survey` tells of a whole pair.
+/// What `phasestereo.PairStatistics` tells of a whole pair.
 pub struct Statistics<'py> {
     pub settings: Settings,
     pub versions: Option<Versions>,
@@ -275,7 +275,7 @@ impl<'py> Statistics<'py> {
         }
         Ok(Self {
             settings,
-            versions: read_versions(&survey.getattr("equalisation")?)?,
+            versions: read_versions(&survey.getattr("blur_compensation")?)?,
             alignment: read_field(survey.getattr("field")?.extract()?)?,
             is_inverted: survey.getattr("is_inverted")?.extract()?,
             disparities: (survey.getattr("min_disparity")?, survey.getattr("num_disparities")?),
@@ -293,7 +293,7 @@ pub fn read_noise(noise: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
     Ok(Some(check_noise(number(noise, "noise")?)?))
 }
 
-/// The fields of `phasestereo.equalisation.Equalisation`, checked; or None.
+/// The fields of `phasestereo.BlurCompensation`, checked; or None.
 pub fn read_versions(versions: &Bound<'_, PyAny>) -> PyResult<Option<Versions>> {
     if versions.is_none() {
         return Ok(None);

@@ -28,7 +28,7 @@ type Estimated<'py> =
 /// Kernel of the left and of the right image.
 type Kernels<'py> = (Option<Bound<'py, PyArray2<f32>>>, Option<Bound<'py, PyArray2<f32>>>);
 
-/// Noise, impulses and smoothing, kernels, labels and tile of an equalisation; neighborhood and window that suit it.
+/// Noise, impulses and smoothing, kernels, labels and tile of a blur compensation; neighborhood and window that suit it.
 type Compensated<'py> =
     ([(f64, f64); 3], Vec<Kernels<'py>>, Bound<'py, PyArray2<u8>>, usize, (usize, usize));
 

@@ -464,7 +464,7 @@ fn kernels_are_for_phase_codes() {
     let refused = Matcher::new(how.threads)
         .and_then(|matcher| matcher.run(&pair, &settings, how, &Control::default()))
         .expect_err("refused");
-    assert!(refused.to_string().starts_with("equalisation: got"), "{refused}");
+    assert!(refused.to_string().starts_with("blur_compensation: got"), "{refused}");
 }
 
 /// A near patch in front of a surface: some of the latter is hidden on the right, and there is noise.
@@ -482,7 +482,7 @@ fn layered(rows: usize, cols: usize) -> [View; 2] {
 }
 
 /// The same in three classes, by tiles that fit into nothing.
-fn equalised(job: Job) -> Job {
+fn compensated(job: Job) -> Job {
     let labels = Plane::from_fn(4, 7, |y, x| (hash(2, y, x) % 3) as u8);
     let kernels = vec![[None, None], [Some(moving(1)), None], [None, Some(moving(-2))]];
     let versions = Versions::new([0.5, 1.5], kernels, labels, 11).expect("legal versions");
@@ -497,7 +497,7 @@ fn robust_jobs() -> Vec<Job> {
         [views.clone(), with_masks(views, 85)].map(|views| (views, count))
     });
     let jobs = pairs.map(|(views, count)| Job::new(views, -count / 4, count, robust()));
-    jobs.flat_map(|job| [job.clone(), equalised(job)]).collect()
+    jobs.flat_map(|job| [job.clone(), compensated(job)]).collect()
 }
 
 #[test]
@@ -508,7 +508,7 @@ fn matches_by_default_are_those_of_the_naive_chain() {
 /// Wide enough for several panels, and high enough for several bands.
 #[test]
 fn matches_by_default_are_the_same_however_they_are_worked_out() {
-    let wide = |views| equalised(Job::new(views, -2, 12, robust()));
+    let wide = |views| compensated(Job::new(views, -2, 12, robust()));
     let views = layered(150, 200);
     let jobs = robust_jobs().into_iter().chain([wide(views.clone()), wide(with_masks(views, 90))]);
     let known: Vec<_> = jobs.map(|job| (job.run(how(1, levels()[0])), job)).collect();
