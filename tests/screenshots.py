@@ -57,14 +57,6 @@ def viewer(browser: Browser) -> None:
     browser.run("setMix(0.55); hold({ x: 330, y: 250 }); scrollTo(0, 0)")
 
 
-def errors(browser: Browser) -> None:
-    """Show the errors, faded over the left image."""
-    browser.run(
-        "document.querySelector('input[value=fade]').click(); choose('error'); setMix(0.8);"
-        "hold({ x: 455, y: 200 }); document.querySelector('.viewer').scrollIntoView()"
-    )
-
-
 def cloud(browser: Browser) -> None:
     """Show the points in space."""
     browser.run("document.getElementById('space').scrollIntoView()")
@@ -80,7 +72,6 @@ def figures(browser: Browser) -> None:
 
 SHOTS: dict[str, tuple[Callable[[Browser], None], bool]] = {
     "report-page": (viewer, False),
-    "report-page-error": (errors, True),
     "report-page-points": (cloud, False),
     "report-page-charts": (figures, True),
 }
