@@ -196,7 +196,7 @@ mod descriptor {
             ("weak", bytes, Settings { noise_threshold: 1.0, ..Preset::Paper.settings() }),
             ("fast", bytes, super::fast()),
             ("fast, weak", bytes, Settings { noise_threshold: 1.0, ..super::fast() }),
-            ("colour", || Image::U8(pixels(3, |value| value as u8)), of_size(7)),
+            ("color", || Image::U8(pixels(3, |value| value as u8)), of_size(7)),
             ("u16", || Image::U16(pixels(1, |value| value as u16)), of_size(7)),
             ("f32", || Image::F32(pixels(1, |value| value as f32)), of_size(7)),
         ]
@@ -250,7 +250,7 @@ mod convolution {
     /// Samples of a pixel in each direction.
     const SAMPLES: usize = 8;
 
-    /// The kernel whose taps are the shares of each pixel that are `inside`, by offsets from the centre.
+    /// The kernel whose taps are the shares of each pixel that are `inside`, by offsets from the center.
     fn shares(radius: usize, inside: impl Fn(f64, f64) -> bool) -> Kernel {
         let side = 2 * radius + 1;
         let offset = |pixel: usize, sample: usize| {

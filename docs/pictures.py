@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     Picture = NDArray[np.uint8]
 
-QUALITY = 88  # of 100; with colours at full resolution, so that maps keep their edges
+QUALITY = 88  # of 100; with colors at full resolution, so that maps keep their edges
 _SHARP = 200  # dots per inch: screens of two dots a pixel show them all
 
 
@@ -54,7 +54,7 @@ def gray(values: ArrayLike, low: float = 0.0, high: float = 1.0) -> Picture:
 
 
 def seen(cloud: PointCloud, degrees: float, *, focal: float, size: tuple[int, int]) -> Picture:
-    """Return a coloured cloud as a camera sees it that has gone round its middle."""
+    """Return a colored cloud as a camera sees it that has gone round its middle."""
     turn, (rows, cols) = np.radians(degrees), size
     picture = np.full((rows, cols, 3), 24, np.uint8)
     if cloud.colors is None:

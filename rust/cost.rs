@@ -101,10 +101,10 @@ impl<'a> Costs<'a> {
             }
             CostKind::NormalizedSad => {
                 let [left, right] = level_planes(views, settings.intensity_range, control)?;
-                let normalised = |side: Vec<Plane<u16>>| -> Result<Vec<_>> {
+                let normalized = |side: Vec<Plane<u16>>| -> Result<Vec<_>> {
                     side.iter().map(|plane| normalize(plane, settings.window, control)).collect()
                 };
-                let channels = [normalised(left)?, normalised(right)?];
+                let channels = [normalized(left)?, normalized(right)?];
                 absolute_differences(channels, candidates, DEVIATION_CEILING)?
             }
         };

@@ -123,7 +123,7 @@ pub fn describe_as<C: Code>(
     })
 }
 
-/// One size of neighbourhoods, and which bits of the codes are its own.
+/// One size of neighborhoods, and which bits of the codes are its own.
 struct Layer {
     basis: Basis,
     quantizer: Quantizer,
@@ -147,7 +147,7 @@ impl Layer {
     }
 }
 
-/// The sizes of neighbourhoods that codes describe: the larger one, if there are two, in the lowest bits, where no
+/// The sizes of neighborhoods that codes describe: the larger one, if there are two, in the lowest bits, where no
 /// component's lie in two halves of a word.
 fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<Layer>> {
     let weak = |settings: &Settings| -> Result<Quantizer> {
@@ -248,7 +248,7 @@ impl<T: Lane> Kernel for Transform<'_, T> {
     #[inline(always)]
     fn run(self) {
         let Self { spectrum, surroundings, layer: Layer { quantizer, bits, .. }, words } = self;
-        spectrum.centre_on(surroundings);
+        spectrum.center_on(surroundings);
         for columns in segments(words[0].len()) {
             for frequency in spectrum.frequencies() {
                 for (c, re, im) in spectrum.components(frequency, columns.clone()) {

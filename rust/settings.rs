@@ -4,9 +4,9 @@ pub mod presets;
 
 use crate::error::{Error, Result};
 
-/// Largest neighbourhood and largest aggregation window, pixels.
+/// Largest neighborhood and largest aggregation window, pixels.
 pub const LARGEST_WINDOW: usize = 63;
-/// Pixels by which the larger of two neighbourhoods is larger.
+/// Pixels by which the larger of two neighborhoods is larger.
 pub const LARGER: usize = 2;
 /// Largest frequency index of the descriptor.
 pub const HIGHEST_FREQUENCY: usize = 4;
@@ -17,7 +17,7 @@ pub const LARGEST_WEAK: f64 = 100.0;
 /// Largest penalty, in units of the cost: beyond the cost of any pixel it changes nothing.
 pub const LARGEST_PENALTY: f64 = 65_535.0;
 
-/// Most mean differences of neighbours above which gray values may be said to jump.
+/// Most mean differences of neighbors above which gray values may be said to jump.
 pub const LARGEST_EDGES: f64 = 1000.0;
 
 /// All of a cost, in percent.
@@ -33,18 +33,18 @@ pub enum CostKind {
     Phase,
     /// Sum over the channels of absolute differences; unit: gray levels, 255 over the intensity range.
     Sad,
-    /// The same on channels normalised by local mean and deviation; unit: standard deviations.
+    /// The same on channels normalized by local mean and deviation; unit: standard deviations.
     NormalizedSad,
 }
 
 /// Window under the local Fourier transform.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Taper {
-    /// Every pixel of the neighbourhood counts the same: the transform of the paper.
+    /// Every pixel of the neighborhood counts the same: the transform of the paper.
     Uniform,
     /// Gaussian of standard deviation `(L - 1) / 4`.
     Gaussian,
-    /// Raised cosine that would reach zero one pixel outside the neighbourhood.
+    /// Raised cosine that would reach zero one pixel outside the neighborhood.
     Hann,
 }
 
@@ -93,7 +93,7 @@ pub const OPTIMIZERS: [(&str, Optimizer); 4] = [
 pub struct Settings {
     /// What two pixels are compared by.
     pub cost: CostKind,
-    /// Side `L` of the square neighbourhood which a code describes, pixels; odd, 3 to 63.
+    /// Side `L` of the square neighborhood which a code describes, pixels; odd, 3 to 63.
     pub neighborhood: usize,
     /// Window under the local Fourier transform.
     pub taper: Taper,
@@ -101,18 +101,18 @@ pub struct Settings {
     pub frequencies: (usize, usize),
     /// Power `k` of the spectrum, 1 or 2; 2 makes codes blind to the sign flips of a blur.
     pub power: usize,
-    /// Bits `b` of the phase, 1 to 4: it is quantised to `2^b` levels.
+    /// Bits `b` of the phase, 1 to 4: it is quantized to `2^b` levels.
     pub bits: usize,
     /// Components whose magnitude is up to so many standard deviations of what the noise of the image makes of
     /// them count as weak, a level of its own between the two signs; 0 to 100, 0: there is no such level. It
     /// needs `bits` = 2, that is signs, and phase codes, which it makes twice as long.
     pub noise_threshold: f64,
-    /// Sizes of neighbourhoods that a code describes, 1 or 2. With 2 there is one more, two pixels larger, of which only the
+    /// Sizes of neighborhoods that a code describes, 1 or 2. With 2 there is one more, two pixels larger, of which only the
     /// components `(1, 0)` and `(0, 1)` count; these alone have a weak level then.
     pub sizes: usize,
     /// Side of the square aggregation window, pixels; odd, 1 to 63.
     pub window: usize,
-    /// Whether the best of five shifted windows counts, or the centred one alone.
+    /// Whether the best of five shifted windows counts, or the centered one alone.
     pub shiftable: bool,
     /// How exactly aggregated costs are worked out.
     pub precision: Precision,
@@ -150,7 +150,7 @@ pub struct Settings {
     pub uniqueness: usize,
     /// Most pixels of a region that is taken for a speckle; 0: none is.
     pub speckle_size: usize,
-    /// Pixels by which the disparities of neighbours in one region differ at most, 0 to 16384.
+    /// Pixels by which the disparities of neighbors in one region differ at most, 0 to 16384.
     pub speckle_range: f64,
     /// Whether, near jumps, disparities are taken by which the blurred image of a pair can best be made again.
     pub synthesis: bool,
@@ -213,18 +213,18 @@ impl Settings {
         self.noise_threshold > 0.0
     }
 
-    /// Number of components of the larger neighbourhood, if there is one.
+    /// Number of components of the larger neighborhood, if there is one.
     pub fn larger_components(&self) -> usize {
         let (r, s) = self.frequencies;
         if self.has_larger() { r.min(1) + s.min(1) } else { 0 }
     }
 
-    /// Whether codes describe two sizes of neighbourhoods.
+    /// Whether codes describe two sizes of neighborhoods.
     pub fn has_larger(&self) -> bool {
         self.sizes == 2
     }
 
-    /// Side of the largest neighbourhood that a code describes.
+    /// Side of the largest neighborhood that a code describes.
     pub fn largest_neighborhood(&self) -> usize {
         self.neighborhood + if self.has_larger() { LARGER } else { 0 }
     }

@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 /// The environment variable that lowers the level.
 pub const OVERRIDE: &str = "PHASESTEREO_SIMD";
 
-/// A loop over arrays that the compiler vectorises with whatever instructions the level has.
+/// A loop over arrays that the compiler vectorizes with whatever instructions the level has.
 ///
 /// `run`, and all that it calls, must be `#[inline(always)]`: what is not inlined into the level's own
 /// function is compiled for the baseline.

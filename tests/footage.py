@@ -30,14 +30,14 @@ def shift(index: int) -> int:
     return 3 + index % 8
 
 
-def pair(index: int, *, colour: bool = True) -> tuple[Image, Image]:
+def pair(index: int, *, color: bool = True) -> tuple[Image, Image]:
     """Return a pair of the scene, which moves on and comes nearer."""
     noise = np.random.default_rng(0).normal(size=(ROWS, COLS + 64, 3))
     smooth = ndimage.gaussian_filter(noise, (0.8, 0.8, 0))
     scene = (128 + 150 * smooth).clip(0, 255).astype(np.uint8)
     left = scene[:, 2 * index : 2 * index + COLS]
     right = scene[:, 2 * index + shift(index) : 2 * index + shift(index) + COLS]
-    return (left, right) if colour else (left[:, :, 1], right[:, :, 1])
+    return (left, right) if color else (left[:, :, 1], right[:, :, 1])
 
 
 def side_by_side(count: int) -> list[Image]:

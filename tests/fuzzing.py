@@ -175,18 +175,18 @@ def make_corpus(folder: Path) -> list[Path]:
     samples = np.random.default_rng(0)
     gray = samples.integers(0, 256, (19, 21), np.uint8)
     wide, real = gray.astype(np.uint16) * 257, gray.astype(np.float32) / np.float32(7)
-    colour = samples.integers(0, 256, (19, 21, 3), np.uint8)
+    color = samples.integers(0, 256, (19, 21, 3), np.uint8)
     for ending in ("png", "jpg", "bmp", "pgm", "tif", "npy"):
         write_image(folder / f"gray.{ending}", gray)
     for ending in ("png", "jpg", "bmp", "ppm", "tif", "npy"):
-        write_image(folder / f"colour.{ending}", colour)
+        write_image(folder / f"color.{ending}", color)
     for ending in ("png", "pgm", "tif", "npy"):
         write_image(folder / f"wide.{ending}", wide)
     for ending in ("tif", "npy", "pfm"):
         write_image(folder / f"real.{ending}", real)
-    write_image(folder / "alpha.png", np.dstack([colour, gray]))
-    _by_pillow(folder, gray, colour)
-    _by_tifffile(folder, gray, colour, real)
+    write_image(folder / "alpha.png", np.dstack([color, gray]))
+    _by_pillow(folder, gray, color)
+    _by_tifffile(folder, gray, color, real)
     place = ps.io.Georeference(crs="EPSG:32631", transform=(0.5, 0, 500000, 0, -0.5, 4800000))
     write_geotiff(folder / "placed.tif", gray, like=place, tags={"A": "b"})
     write_geotiff(folder / "masked.tif", np.where(real > 3, real, np.nan), like=place)
@@ -196,30 +196,30 @@ def make_corpus(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path != array)
 
 
-def _by_pillow(folder: Path, gray: Any, colour: Any) -> None:
+def _by_pillow(folder: Path, gray: Any, color: Any) -> None:
     from PIL import Image  # noqa: PLC0415
 
-    Image.fromarray(colour).quantize(17).save(folder / "palette.png")
+    Image.fromarray(color).quantize(17).save(folder / "palette.png")
     Image.fromarray(gray > 99).save(folder / "bits.png")
     Image.fromarray(gray > 99).save(folder / "bits.pbm")
     exif = b"Exif\0\0II*\0"
-    Image.fromarray(colour).save(folder / "progressive.jpg", progressive=True, exif=exif)
+    Image.fromarray(color).save(folder / "progressive.jpg", progressive=True, exif=exif)
     Image.fromarray(gray).save(folder / "packed.tif", compression="packbits")
     Image.fromarray(gray).save(folder / "lzw.tif", compression="tiff_lzw")
-    views = Image.fromarray(colour), Image.fromarray(colour[::-1])
+    views = Image.fromarray(color), Image.fromarray(color[::-1])
     views[0].save(folder / "views.mpo", save_all=True, append_images=[views[1]])
     (folder / "plain.pgm").write_text("P2\n3 2\n255\n0 1 2\n3 4 255\n", "ascii")
 
 
-def _by_tifffile(folder: Path, gray: Any, colour: Any, real: Any) -> None:
+def _by_tifffile(folder: Path, gray: Any, color: Any, real: Any) -> None:
     import tifffile  # noqa: PLC0415
 
     with tifffile.TiffWriter(folder / "overview.tif", bigtiff=True) as writer:
         writer.write(gray, tile=(16, 16), compression="zlib", predictor=True)
         writer.write(gray[::2, ::2], subfiletype=1)
-    tifffile.imwrite(folder / "strips.tif", colour, rowsperstrip=3, compression="zlib")
+    tifffile.imwrite(folder / "strips.tif", color, rowsperstrip=3, compression="zlib")
     tifffile.imwrite(folder / "big.tif", real, byteorder=">", description="a description" * 9)
-    planes = np.moveaxis(colour, 2, 0)
+    planes = np.moveaxis(color, 2, 0)
     tifffile.imwrite(folder / "planes.tif", planes, planarconfig="separate", photometric="rgb")
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # --- images ---
 
 
-def colour_channels(image: NDArray[Any]) -> NDArray[Any]:
+def color_channels(image: NDArray[Any]) -> NDArray[Any]:
     """Return the image as (H, W, C) without its alpha channel (the last one of two or four)."""
     channels = image[:, :, np.newaxis] if image.ndim == 2 else image
     return channels[:, :, :-1] if channels.shape[2] in {2, 4} else channels
@@ -38,7 +38,7 @@ def colour_channels(image: NDArray[Any]) -> NDArray[Any]:
 
 def to_gray(image: NDArray[Any]) -> Floats:
     """Return 0.299 R + 0.587 G + 0.114 B, unrounded; a gray image passes, alpha is ignored."""
-    channels = colour_channels(image).astype(np.float64)
+    channels = color_channels(image).astype(np.float64)
     if channels.shape[2] == 1:
         return channels[:, :, 0]
     red, green, blue = channels[:, :, 0], channels[:, :, 1], channels[:, :, 2]
@@ -64,13 +64,13 @@ def fill_masked(image: NDArray[Any], mask: Bools) -> NDArray[Any]:
 
 
 def convolve(image: Floats, kernel: Floats) -> Floats:
-    """Return the sum of kernel(i, j) image(x - i, y - j), i and j from the kernel's centre.
+    """Return the sum of kernel(i, j) image(x - i, y - j), i and j from the kernel's center.
 
     The image continues by reflection.
     """
     rows, cols = kernel.shape[0] // 2, kernel.shape[1] // 2
     total = np.zeros_like(image, dtype=np.float64)
-    for dx, dy, values in neighbours(image, max(rows, cols), "symmetric"):
+    for dx, dy, values in neighbors(image, max(rows, cols), "symmetric"):
         if abs(dy) <= rows and abs(dx) <= cols:
             total += kernel[rows - dy, cols - dx] * values
     return total
@@ -84,7 +84,7 @@ def class_map(labels: NDArray[np.uint8], tile: int, shape: tuple[int, int]) -> I
     return classes
 
 
-def neighbours(
+def neighbors(
     values: NDArray[Any], half: int, mode: Literal["symmetric", "edge"]
 ) -> Iterator[tuple[int, int, NDArray[Any]]]:
     """Yield dx, dy and the values at (x + dx, y + dy) of every (x, y), over |dx|, |dy| <= half.
@@ -136,10 +136,10 @@ def filter_1d(index: int, L: int, taper: Taper) -> Complexes:
 
 
 def spectrum(gray: Floats, L: int, r: int, s: int, taper: Taper = "uniform") -> Complexes:
-    """Return F(u, v) of the L x L neighbourhood of every pixel, (H, W, D); see eq. 3.
+    """Return F(u, v) of the L x L neighborhood of every pixel, (H, W, D); see eq. 3.
 
     F(u, v) = sum over (dx, dy) of A(x + dx, y + dy) f_u(dx) f_v(dy), under the uniform taper the
-    discrete Fourier transform with its origin at the centre pixel. The image continues by
+    discrete Fourier transform with its origin at the center pixel. The image continues by
     reflection. What can only be the rounding of a zero becomes zero, so that ties are decided by
     rule and not by the last bit.
     """
@@ -149,7 +149,7 @@ def spectrum(gray: Floats, L: int, r: int, s: int, taper: Taper = "uniform") -> 
     wanted = frequencies(r, s)
     F = np.zeros((*gray.shape, len(wanted)), dtype=np.complex128)
     along = {index: filter_1d(index, L, taper) for index in range(-s, max(r, s) + 1)}
-    for dx, dy, values in neighbours(gray, half, "symmetric"):
+    for dx, dy, values in neighbors(gray, half, "symmetric"):
         for component, (u, v) in enumerate(wanted):
             F[:, :, component] += values * (along[u][dx + half] * along[v][dy + half])
     rounding = 1e-13 * L * L * np.abs(gray).max()
@@ -250,20 +250,20 @@ def weak_costs(
 def sad_costs(
     left: NDArray[np.uint8], right: NDArray[np.uint8], min_disparity: int, num_disparities: int
 ) -> Ints:
-    """Return |left x - right (x - d)| summed over the colour channels, (H, W, N)."""
-    a, b = colour_channels(left).astype(np.int64), colour_channels(right).astype(np.int64)
+    """Return |left x - right (x - d)| summed over the color channels, (H, W, N)."""
+    a, b = color_channels(left).astype(np.int64), color_channels(right).astype(np.int64)
     columns = right_columns(a.shape[1], min_disparity, num_disparities)
     return np.stack([np.abs(a - b[:, x]).sum(axis=2) for x in columns.T], axis=-1)
 
 
-def normalise(image: NDArray[Any], window: int) -> Floats:
+def normalize(image: NDArray[Any], window: int) -> Floats:
     """Return (I - mean) / sqrt(var + 1) per channel, over the window around each pixel, (H, W, C).
 
     Population variance; the image continues by reflection.
     """
-    channels = colour_channels(image).astype(np.float64)
+    channels = color_channels(image).astype(np.float64)
     half = (window - 1) // 2
-    around = [values for _, _, values in neighbours(channels, half, "symmetric")]
+    around = [values for _, _, values in neighbors(channels, half, "symmetric")]
     mean = sum(around) / window**2
     variance = sum((values - mean) ** 2 for values in around) / window**2
     return np.asarray((channels - mean) / np.sqrt(variance + 1), dtype=np.float64)
@@ -276,8 +276,8 @@ def nsad_costs(
     min_disparity: int,
     num_disparities: int,
 ) -> Floats:
-    """Return |left x - right (x - d)| of the normalised images, summed over channels, (H, W, N)."""
-    a, b = normalise(left, window), normalise(right, window)
+    """Return |left x - right (x - d)| of the normalized images, summed over channels, (H, W, N)."""
+    a, b = normalize(left, window), normalize(right, window)
     columns = right_columns(a.shape[1], min_disparity, num_disparities)
     return np.stack([np.abs(a - b[:, x]).sum(axis=2) for x in columns.T], axis=-1)
 
@@ -315,7 +315,7 @@ def box_sum(values: NDArray[Any], window: int, dropped: int = 0) -> NDArray[Any]
     columns = [
         np.zeros(values.shape, dtype=np.result_type(values, np.int64)) for _ in range(window)
     ]
-    for dx, _, shifted in neighbours(values, half, "edge"):
+    for dx, _, shifted in neighbors(values, half, "edge"):
         columns[half + dx] += shifted
     kept = [column >> dropped if dropped else column for column in columns]
     return np.sum(kept, axis=0, dtype=kept[0].dtype)
@@ -345,7 +345,7 @@ def aggregate(
 ) -> NDArray[Any]:
     """Return the least of the five box sums which the pixel anchors (section 2.3), (H, W, N).
 
-    Centred at (0, 0), (+-h, 0), (0, +-h), h = (window - 1) / 2, each centre clamped into the image.
+    Centered at (0, 0), (+-h, 0), (0, +-h), h = (window - 1) / 2, each center clamped to the image.
     Not shiftable: the one at (0, 0) alone. With votes, and integer costs with their ceiling (the
     largest cost of one vote), the sums are those of `full_box_sum`. Dropped are the lowest bits of
     the sums of columns.
@@ -369,7 +369,7 @@ def aggregate(
     return least
 
 
-# --- optimisation ---
+# --- optimization ---
 
 
 def winner_takes_all(aggregated: NDArray[Any]) -> Ints:
@@ -427,7 +427,7 @@ LOOK_ROWS, LOOK_COLUMNS = 16, 16
 
 
 def mean_step(gray: NDArray[Any]) -> float:
-    """Return the mean difference of horizontal neighbours; 0 where there are none."""
+    """Return the mean difference of horizontal neighbors; 0 where there are none."""
     steps = np.abs(np.diff(gray, axis=1))
     return float(steps.mean()) if steps.size else 0.0
 
@@ -435,12 +435,12 @@ def mean_step(gray: NDArray[Any]) -> float:
 def far_penalties(gray: Ints, near: int, far: int, edges: float, ahead: tuple[int, int]) -> Ints:
     """Return what a jump of a path costs to each pixel from the one (dx, dy) ahead of it, (H, W).
 
-    Where the gray value differs by more than `adaptive_p2` times the mean difference of neighbours,
+    Where the gray value differs by more than `adaptive_p2` times the mean difference of neighbors,
     in whole steps of gray, half of it, by more than thrice that a third; not less than near.
     """
     dx, dy = ahead
     step = int(edges * mean_step(gray))
-    there = next(v for x, y, v in neighbours(gray, 1, "edge") if (x, y) == (dx, dy))
+    there = next(v for x, y, v in neighbors(gray, 1, "edge") if (x, y) == (dx, dy))
     jump = np.abs(gray - there)
     parts = np.select([(edges == 0) | (jump <= step), jump <= 3 * step], [1, 2], 3)
     penalties: Ints = np.maximum(far // parts, near)
@@ -565,10 +565,10 @@ def match_phase(
 # --- what is done to images before they are described ---
 
 
-def beyond_neighbours(gray: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return how far each pixel lies beyond its eight neighbours, their spread, and their median.
+def beyond_neighbors(gray: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return how far each pixel lies beyond its eight neighbors, their spread, and their median.
 
-    The largest and the smallest neighbour are left out; the image continues as c b | a b c | b a.
+    The largest and the smallest neighbor are left out; the image continues as c b | a b c | b a.
     """
     padded = np.pad(gray, 1, mode="reflect")
     height, width = gray.shape
@@ -578,15 +578,15 @@ def beyond_neighbours(gray: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def without_impulses(gray: Floats, height: float) -> Floats:
-    """Return gray values in which those give way to a median that lie far beyond neighbours."""
-    beyond, spread, median = beyond_neighbours(gray)
+    """Return gray values in which those give way to a median that lie far beyond neighbors."""
+    beyond, spread, median = beyond_neighbors(gray)
     repaired: Floats = np.where(beyond > spread + height, median, gray)
     return repaired
 
 
 def has_impulses(gray: Floats, level: float) -> bool:
-    """Tell whether more pixels than those of clean images lie beyond doubt beyond neighbours."""
-    beyond, spread, _ = beyond_neighbours(gray)
+    """Tell whether more pixels than those of clean images lie beyond doubt beyond neighbors."""
+    beyond, spread, _ = beyond_neighbors(gray)
     return bool(np.mean(beyond > 3 * spread + 40 * level) > 4e-5)
 
 
@@ -606,7 +606,7 @@ def guided_filter(gray: Floats, deviation: float) -> Floats:
     """Return the image filtered by itself over 5 x 5 pixels (He, Sun & Tang, eq. 5, 6 and 8)."""
 
     def mean(values: Floats) -> Floats:
-        each = np.stack([each for _, _, each in neighbours(values, 2, "symmetric")])
+        each = np.stack([each for _, _, each in neighbors(values, 2, "symmetric")])
         means: Floats = each.mean(axis=0)
         return means
 

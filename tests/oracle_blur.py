@@ -283,7 +283,7 @@ FLAT = np.ones((1, 1))
 
 @dataclass
 class Grid:
-    """Tiles, and what the blocks about their centres have to say: powers (tiles, 2, bins)."""
+    """Tiles, and what the blocks about their centers have to say: powers (tiles, 2, bins)."""
 
     shape: tuple[int, int]
     places: list[Block | None]
@@ -401,7 +401,7 @@ def steadied(losses: Floats, shape: tuple[int, int]) -> Floats:
 
 
 def labels(losses: Floats, shape: tuple[int, int]) -> NDArray[np.intp]:
-    """Return the choice of every tile after up to eight rounds of listening to its neighbours."""
+    """Return the choice of every tile after up to eight rounds of listening to its neighbors."""
     known = np.where(np.isfinite(losses), losses, 0)
     now = losses.argmin(1)
     for _ in range(8):
@@ -532,7 +532,7 @@ def measured(scene: Scene, places: Sequence[Block | None], side: Side) -> Floats
 
 
 def kernel(half: NDArray[np.complex128]) -> Floats:
-    """Return the kernel, centred, whose spectrum this half plane and its mirror image are."""
+    """Return the kernel, centered, whose spectrum this half plane and its mirror image are."""
     whole = np.zeros((SIDE, SIDE), complex)
     for ky, kx in np.ndindex(*half.shape):
         whole[-ky % SIDE, -kx % SIDE] = half[ky, kx].conj()

@@ -154,7 +154,7 @@ def trusted(disparity: Map, flags: Ints) -> Bools:
 
 
 def regions(disparity: Map, counts: Bools, step: float) -> Iterator[list[Pixel]]:
-    """Yield the pixels that hang together by neighbours (of four) that differ by `step` at most."""
+    """Yield the pixels that hang together by neighbors (of four) that differ by `step` at most."""
     left = {(int(y), int(x)) for y, x in np.argwhere(counts)}
     while left:
         region = [left.pop()]
@@ -222,7 +222,7 @@ def guide(disparity: Map, gray: Ints) -> Map:
     """Return the map with medians of like pixels near jumps, of two middle ones the smaller.
 
     Of 9 x 9 pixels every second row and column counts, and of these the pixels whose gray values
-    differ by the mean difference of neighbours, rounded up, at most.
+    differ by the mean difference of neighbors, rounded up, at most.
     """
     guided = disparity.copy()
     alike = np.ceil(oracle.mean_step(gray))
@@ -247,7 +247,7 @@ def median(disparity: Map) -> Map:
 
     What is unknown stays so.
     """
-    nine = [values for _, _, values in oracle.neighbours(disparity, 1, "edge")]
+    nine = [values for _, _, values in oracle.neighbors(disparity, 1, "edge")]
     known = [np.where(np.isnan(values), disparity, values) for values in nine]
     medians = np.sort(known, axis=0)[4]
     return np.where(np.isnan(disparity), disparity, medians)
@@ -281,7 +281,7 @@ def confidence(disparity: Map, voices: Floats, gray: Ints, agree: float = 1.0) -
     """Return s^3 / (s^3 + 0.01), s being the share of the votes around that support a disparity.
 
     Of 9 x 9 pixels every second row and column votes, for disparities up to `agree` from its own;
-    it counts half where the gray value differs by twice the mean difference of neighbours.
+    it counts half where the gray value differs by twice the mean difference of neighbors.
     """
     half = max(2 * oracle.mean_step(gray), 1) ** 2
     weight, support = np.zeros(disparity.shape), np.zeros(disparity.shape)

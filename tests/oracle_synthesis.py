@@ -149,7 +149,7 @@ def synthesize(
 def outline(disparity: Map, gray: Floats) -> Map:
     """Return the map with weighted medians of 7 x 7 pixels, three apart, within 8 px of jumps.
 
-    Weights fall linearly to 0 at a gray value off by 16 mean differences of neighbours, and as a
+    Weights fall linearly to 0 at a gray value off by 16 mean differences of neighbors, and as a
     Gaussian of 6 pixels with the distance; they are rounded down to 255ths, disparities are counted
     in eighths of a pixel from the pixel's own.
     """

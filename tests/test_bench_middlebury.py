@@ -150,7 +150,7 @@ PUBLISHED = {
     },
     ("venus", "mixed"): {"opencv:sgbm": 20.7, "7": 29.3, "21": 12.9},
 }
-"""Rows of the suite: bad-1.0 in %; StereoSGBM, and `paper` by its neighbourhood."""
+"""Rows of the suite: bad-1.0 in %; StereoSGBM, and `paper` by its neighborhood."""
 
 
 def test_figures_are_the_published_ones(data: Path) -> None:

@@ -207,8 +207,8 @@ def test_a_program_takes_files_and_writes_one(tmp_path: Path) -> None:
 
 
 def test_programs_that_fail_say_why(tmp_path: Path) -> None:
-    line = f"{sys.executable} -c \"raise SystemExit('no licence')\" {{left}} {{right}} {{output}}"
-    with pytest.raises(ValueError, match="exit code 1: no licence"):
+    line = f"{sys.executable} -c \"raise SystemExit('no license')\" {{left}} {{right}} {{output}}"
+    with pytest.raises(ValueError, match="exit code 1: no license"):
         method(f"program:{line}").match(LEFT, RIGHT, 16)
     with pytest.raises(ValueError, match=r"without \{right\} and \{output\}"):
         method("program:mine {left}")

@@ -552,18 +552,18 @@ def test_plots_show_every_method(small: Results, written: list[Path]) -> None:
         assert ET.parse(folder / f"{name}.svg").getroot().tag.endswith("svg")  # noqa: S314 - our own
     drawn = (folder / "means.svg").read_text("utf-8").lower()
     for style in styles(small, "v2.nonocc").values():
-        assert style.colour in drawn
+        assert style.color in drawn
 
 
 def test_ours_stands_out(tmp_path: Path) -> None:
     records = [record(f"paper:window={size}", 50.0 - size) for size in (5, 7, 9)]
     records += [record("opencv:sgbm", 1.0), record("paper:window=7+true-blur", 1.0)]
     looks = styles(read_results([store(tmp_path / "a", records)]), "v2.nonocc")
-    assert looks["paper:window=9"].colour == "#0b66c3"
-    assert len({look.colour for look in looks.values()}) == 4
+    assert looks["paper:window=9"].color == "#0b66c3"
+    assert len({look.color for look in looks.values()}) == 4
     plain, told = looks["paper:window=7"], looks["paper:window=7+true-blur"]
-    assert (plain.colour, plain.mark, plain.hollow, told.hollow) == (
-        told.colour,
+    assert (plain.color, plain.mark, plain.hollow, told.hollow) == (
+        told.color,
         told.mark,
         False,
         True,

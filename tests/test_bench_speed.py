@@ -279,19 +279,19 @@ def test_what_is_not_there_is_left_out(tmp_path: Path, name: str) -> None:
         assert reason in left_out[0]
 
 
-def test_colours_become_gray(tmp_path: Path) -> None:
+def test_colors_become_gray(tmp_path: Path) -> None:
     folder = tmp_path / "large" / "chess_1920x1080"
     folder.mkdir(parents=True)
-    colours = np.random.default_rng(0).integers(0, 256, (20, 300, 3), dtype=np.uint8)
-    io.write_image(folder / "left.png", colours)
-    io.write_image(folder / "right.png", colours[..., 0])
+    colors = np.random.default_rng(0).integers(0, 256, (20, 300, 3), dtype=np.uint8)
+    io.write_image(folder / "left.png", colors)
+    io.write_image(folder / "right.png", colors[..., 0])
     (found,), left_out = bench.find_pairs(tmp_path, cache=tmp_path, names=["chess"])
     assert left_out == []
     assert (found.name, found.num_disparities) == ("chess", 256)
     assert found.evaluations == 20 * 300 * 256
-    np.testing.assert_array_equal(found.left, cv2.cvtColor(colours, cv2.COLOR_RGB2GRAY))
-    np.testing.assert_array_equal(found.right, colours[..., 0])
-    io.write_image(folder / "right.png", colours[:10])
+    np.testing.assert_array_equal(found.left, cv2.cvtColor(colors, cv2.COLOR_RGB2GRAY))
+    np.testing.assert_array_equal(found.right, colors[..., 0])
+    io.write_image(folder / "right.png", colors[:10])
     assert "differ in size" in bench.find_pairs(tmp_path, cache=tmp_path, names=["chess"])[1][0]
 
 

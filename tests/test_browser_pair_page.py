@@ -105,8 +105,8 @@ def look_at(browser: Browser, layer: str) -> None:
 
 
 def on_stage(browser: Browser, x: int, y: int) -> tuple[int, ...]:
-    """Return the colour of a pixel of the images on the stage, marks left out."""
-    colour = browser.run(
+    """Return the color of a pixel of the images on the stage, marks left out."""
+    color = browser.run(
         """
         const [x, y] = arguments;
         const pixel = state.pixel;
@@ -120,7 +120,7 @@ def on_stage(browser: Browser, x: int, y: int) -> tuple[int, ...]:
         x,
         y,
     )
-    return tuple(colour)
+    return tuple(color)
 
 
 def hover(browser: Browser, x: float, y: float, *, clicked: bool = False) -> None:
@@ -190,7 +190,7 @@ def test_nothing_jumps_while_it_loads(browser: Browser, page: Path) -> None:
     assert browser.run("return window.shift") < 0.02
 
 
-def test_layers_have_their_colours(opened: Browser) -> None:
+def test_layers_have_their_colors(opened: Browser) -> None:
     result = made_up()
     left, right = images()
     known = truth_of(result)
@@ -233,10 +233,10 @@ def test_flicker_shows_left_and_right_in_turn(opened: Browser) -> None:
     for side, image in (("right", right), ("left", left), ("right", right)):
         opened.wait(f"state.view === '{side}'")
         if opened.run("return state.view") == side:
-            colour = opened.run("flicker(false); return null") or on_stage(opened, 24, 18)
+            color = opened.run("flicker(false); return null") or on_stage(opened, 24, 18)
             shown = opened.run("return state.view")
             wanted = {"left": left, "right": right}[shown]
-            assert colour == tuple(wanted[18, 24])
+            assert color == tuple(wanted[18, 24])
             opened.run("flicker(true)")
         assert image is not None
     click(opened, "#flicker")
@@ -458,8 +458,8 @@ def test_points_are_drawn_and_turn(opened: Browser) -> None:
     draw_all(opened)
     opened.run("document.getElementById('cloud').scrollIntoView({block: 'center'})")
     first = settled(opened)
-    coloured = (np.ptp(first.astype(int), axis=2) > 60).mean()
-    assert coloured > 0.01  # the points have the colours of the noise they come from
+    colored = (np.ptp(first.astype(int), axis=2) > 60).mean()
+    assert colored > 0.01  # the points have the colors of the noise they come from
     actions = counterpart("selenium.webdriver").ActionChains(opened.driver, duration=100)
     cloud = opened.driver.find_element("css selector", "#cloud")
     actions.move_to_element(cloud).click_and_hold().move_by_offset(120, 40).release().perform()
@@ -580,7 +580,7 @@ VARIANTS: dict[str, Variant] = {
     "no truth": (LEFT, RIGHT, made_up(), {}),
     "no blur, no confidence": (LEFT, RIGHT, replace(made_up(), blur=None, confidence=None), TRUTH),
     "no estimate": (LEFT, RIGHT, nothing_found(), TRUTH),
-    "gray and colour": (LEFT[:, :, 0], RIGHT, made_up(), {}),
+    "gray and color": (LEFT[:, :, 0], RIGHT, made_up(), {}),
     "16 bits": (*LEVELS, made_up(), {}),
     "floats": (*FLOATS, made_up(), {}),
     "a hostile title": (LEFT, RIGHT, made_up(), HOSTILE),

@@ -108,7 +108,7 @@ def test_search_masks_and_settings_arrive(run: Callable[..., Run]) -> None:
 
 
 @pytest.mark.usefixtures("folder")
-def test_colour_image_shows_the_map(run: Callable[..., Run]) -> None:
+def test_color_image_shows_the_map(run: Callable[..., Run]) -> None:
     code, _, _ = match(run, "--color", "out.png", "-o", "out.npy", "--no-fill")
     assert code == 0
     shown = io.read_image("out.png")
@@ -214,7 +214,7 @@ def test_every_setting_has_an_option_with_help(run: Callable[..., Run]) -> None:
     words = " ".join(out.replace("│", " ").split())
     for field in fields(ps.Settings):
         assert f"--{field.name.replace('_', '-')} " in words
-    assert "odd, 3 to 63" in words  # as the class says of the neighbourhood
+    assert "odd, 3 to 63" in words  # as the class says of the neighborhood
     assert "Default: by the preset." in words
     for default in ('"dp"', '"sgm"', "(6, 24)", "(2, 1)"):
         assert f"Default {default}" not in words, "the preset in force may be another"

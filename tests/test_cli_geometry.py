@@ -65,7 +65,7 @@ def match(run: Callable[..., Run]) -> Callable[[str], Run]:
 
 
 @pytest.mark.parametrize(("geometry", "scale"), GEOMETRIES.items())
-def test_points_come_out_in_colour(match: Callable[[str], Run], geometry: str, scale: int) -> None:
+def test_points_come_out_in_color(match: Callable[[str], Run], geometry: str, scale: int) -> None:
     trimesh = counterpart("trimesh")
     code, out, err = match(f"--ply out.ply -o out.npy {geometry}")
     assert (code, err) == (0, "")

@@ -59,7 +59,7 @@ def pictures(path: str) -> list[tuple[float, Any]]:
 
 
 def luma_error(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
-    """Return how much the brightness of two pictures differs; a video halves their colours."""
+    """Return how much the brightness of two pictures differs; a video halves their colors."""
     return float(abs((one.astype(float) - other) @ (0.299, 0.587, 0.114)).mean())
 
 
@@ -79,8 +79,8 @@ def test_video_shows_the_left_image_beside_the_disparities(run: Callable[..., Ru
         left, right = pair(index)
         assert luma_error(shown[:, :COLS], left) < 3
         wanted = ps.match(left, right, num_disparities=COUNT, preset="fast").disparity
-        colours = colorize(wanted, low=0, high=COUNT)
-        assert luma_error(shown[:, COLS:], colours) < 8
+        colors = colorize(wanted, low=0, high=COUNT)
+        assert luma_error(shown[:, COLS:], colors) < 8
         there, bgr = capture.read()
         assert there
         assert abs(bgr[:, :, ::-1].astype(int) - shown).mean() < 5

@@ -1,4 +1,4 @@
-"""Cost volumes, held to the oracle: eq. 6 by its definition, SAD and normalised SAD by theirs."""
+"""Cost volumes, held to the oracle: eq. 6 by its definition, SAD and normalized SAD by theirs."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_sad_is_in_sixteenths_of_gray_levels(
 
 
 @pytest.mark.parametrize("window", [3, 9, 21])
-def test_normalised_sad_is_in_256ths_of_deviations(window: int) -> None:
+def test_normalized_sad_is_in_256ths_of_deviations(window: int) -> None:
     rng = np.random.default_rng(1)
     left, right = rng.integers(0, 256, (2, 12, 15, 3), np.uint8)
     volume = ps.cost_volume(left, right, num_disparities=5, cost="nsad", window=window)

@@ -42,7 +42,7 @@ ROBUST: dict[str, Any] = {"num_disparities": COUNT}
 
 
 def views(dtype: Any = np.uint8, height: int = HEIGHT) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return a colour pair of noise, of which a part is nearer than the rest."""
+    """Return a color pair of noise, of which a part is nearer than the rest."""
     noise = np.random.default_rng(3).integers(0, 256, (height, WIDTH + 30, 3), dtype=np.uint8)
     left, right = noise[:, 30:], noise[:, 26:-4].copy()
     right[height // 3 : height // 2, 10:50] = left[height // 3 : height // 2, 22:62]
@@ -111,7 +111,7 @@ def test_bands_together_are_the_whole(options: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32, np.float64])
-@pytest.mark.parametrize("gray", [False, True], ids=["colour", "gray"])
+@pytest.mark.parametrize("gray", [False, True], ids=["color", "gray"])
 def test_images_of_every_type(dtype: Any, gray: bool) -> None:  # noqa: FBT001 -- a parameter of a test
     left, right = views(dtype)
     if gray:

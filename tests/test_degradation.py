@@ -53,7 +53,7 @@ def direct(image: Plane, psf: Plane) -> Plane:
 
 
 @pytest.mark.parametrize("psf", KERNELS, ids=lambda psf: str(psf.shape[0]))
-def test_kernels_are_square_odd_normalised_and_point_symmetric(psf: Plane) -> None:
+def test_kernels_are_square_odd_normalized_and_point_symmetric(psf: Plane) -> None:
     assert psf.dtype == np.float64
     assert psf.shape[0] == psf.shape[1]
     assert psf.shape[0] % 2 == 1
@@ -81,7 +81,7 @@ def test_gaussian_has_its_ratios_and_ends_at_four_sigma() -> None:
 
 
 def test_disk_taps_are_the_share_of_their_samples_inside() -> None:
-    # Radius 1 covers the middle pixel whole, about half of each neighbour, and the corners' tips.
+    # Radius 1 covers the middle pixel whole, about half of each neighbor, and the corners' tips.
     psf = dg.disk_psf(1)
     edge = sum(
         (0.5 + (i + 0.5) / 8) ** 2 + ((j + 0.5) / 8 - 0.5) ** 2 <= 1
@@ -177,14 +177,14 @@ def test_values_are_clipped_to_the_type() -> None:
     np.testing.assert_array_equal(dg.linear(image, gain=2, offset=-20), [[0, 180, 255]])
 
 
-def test_quantise_rounds_to_nearest_and_ties_to_even() -> None:
+def test_quantize_rounds_to_nearest_and_ties_to_even() -> None:
     values = np.array([-3.0, 0.5, 1.5, 1.6, 254.4, 1e9, np.inf])
-    np.testing.assert_array_equal(dg.quantise(values, np.uint8), [0, 0, 2, 2, 254, 255, 255])
+    np.testing.assert_array_equal(dg.quantize(values, np.uint8), [0, 0, 2, 2, 254, 255, 255])
     with pytest.raises(ValueError, match="NaN"):
-        dg.quantise(np.array([np.nan]), np.uint8)
+        dg.quantize(np.array([np.nan]), np.uint8)
     wrong: Any = np.int32
     with pytest.raises(TypeError, match="dtype"):
-        dg.quantise(values, wrong)
+        dg.quantize(values, wrong)
 
 
 def test_noise_is_the_generators_and_comes_after_rounding() -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Taper = Literal["uniform", "gaussian", "hann"]
 
 # How far a component was found to be from the exact one at most, per unit of gray summed over its
-# neighbourhood: the integer tables are rounded to steps of L / 4000, but the errors of many pixels
+# neighborhood: the integer tables are rounded to steps of L / 4000, but the errors of many pixels
 # cancel, so that the sum is closer.
 TABLE_ERROR = 2.0**-11
 
@@ -201,7 +201,7 @@ def test_every_type_keeps_its_precision(dtype: type[np.generic]) -> None:
     assert_like_oracle(image, (7, 2, 1, 1, 2))
 
 
-def test_the_largest_neighbourhood_is_no_exception() -> None:
+def test_the_largest_neighborhood_is_no_exception() -> None:
     image = np.random.default_rng(6).integers(0, 65536, (9, 70), np.uint16)
     assert_like_oracle(image, (63, 4, 4, 1, 1))
 

@@ -63,14 +63,14 @@ def names(folder: Path) -> list[str]:
 
 def save(path: Path, planes: NDArray[Any], **profile: Any) -> Path:
     """Write bands (count, H, W) by rasterio alone."""
-    mask, colours = profile.pop("mask", None), profile.pop("colours", None)
+    mask, colors = profile.pop("mask", None), profile.pop("colors", None)
     count, height, width = planes.shape
     profile = {"crs": "EPSG:32631", "transform": rasterio.Affine(*PLACE.transform)} | profile
     size = {"count": count, "height": height, "width": width, "dtype": planes.dtype.name}
     with rasterio.open(path, "w", driver="GTiff", **size, **profile) as file:
         file.write(planes)
-        if colours is not None:
-            file.colorinterp = [rasterio.enums.ColorInterp[name] for name in colours]
+        if colors is not None:
+            file.colorinterp = [rasterio.enums.ColorInterp[name] for name in colors]
         if mask is not None:
             file.write_mask(mask)
     return path
@@ -118,10 +118,10 @@ def test_bands_have_names_and_one_type_that_holds_all(tmp_path: Path) -> None:
     )
 
 
-def test_bands_by_name_are_no_colours(tmp_path: Path) -> None:
+def test_bands_by_name_are_no_colors(tmp_path: Path) -> None:
     bands = {name: np.zeros((20, 30), np.uint8) for name in "abcd"}  # d: not transparent everywhere
     write_geotiff(tmp_path / "out.tif", bands)
-    with pytest.raises(ValueError, match=r"4 \(1 a, 2 b, 3 c, 4 d\) and no colours"):
+    with pytest.raises(ValueError, match=r"4 \(1 a, 2 b, 3 c, 4 d\) and no colors"):
         read_geotiff(tmp_path / "out.tif")
     assert read_geotiff(tmp_path / "out.tif", bands=[1]).mask is None
 
@@ -202,10 +202,10 @@ def test_no_data_is_masked_in_gray(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.image, plane[0])
 
 
-def test_a_colour_is_no_data_where_all_its_bands_are(tmp_path: Path) -> None:
+def test_a_color_is_no_data_where_all_its_bands_are(tmp_path: Path) -> None:
     planes = noise((3, 20, 30), "uint8") | 1
     planes[:, 3:6] = 0
-    planes[1, 10:12] = 0  # a colour without green
+    planes[1, 10:12] = 0  # a color without green
     found = read_geotiff(save(tmp_path / "a.tif", planes, nodata=0, photometric="rgb"))
     assert found.mask is not None
     assert np.flatnonzero(~found.mask.all(axis=1)).tolist() == [3, 4, 5]
@@ -270,8 +270,8 @@ def test_no_data_may_be_what_float32_does_not_hold(
 ) -> None:
     plane = noise((3, 20, 30), dtype)
     plane[:, 4:7] = nodata
-    for planes, colours in ((plane[:1], None), (plane, ["red", "green", "blue"])):
-        found = read_geotiff(save(tmp_path / "a.tif", planes, nodata=nodata, colours=colours))
+    for planes, colors in ((plane[:1], None), (plane, ["red", "green", "blue"])):
+        found = read_geotiff(save(tmp_path / "a.tif", planes, nodata=nodata, colors=colors))
         assert found.mask is not None
         assert np.flatnonzero(~found.mask.all(axis=1)).tolist() == [4, 5, 6]
         kept = np.squeeze(np.moveaxis(planes, 0, 2))[found.mask]
@@ -297,10 +297,10 @@ def test_int16_with_no_data_can_be_matched(tmp_path: Path) -> None:
 def test_a_palette_is_looked_up(tmp_path: Path) -> None:
     plane = noise((1, 20, 30), "uint8") % 4
     save(tmp_path / "a.tif", plane, photometric="palette")
-    colours = {0: (9, 8, 7, 255), 1: (255, 0, 0, 255), 2: (0, 255, 0, 255), 3: (0, 0, 255, 255)}
+    colors = {0: (9, 8, 7, 255), 1: (255, 0, 0, 255), 2: (0, 255, 0, 255), 3: (0, 0, 255, 255)}
     with rasterio.open(tmp_path / "a.tif", "r+") as file:
-        file.write_colormap(1, colours)
-    expected = np.array([colour[:3] for colour in colours.values()], np.uint8)[plane[0]]
+        file.write_colormap(1, colors)
+    expected = np.array([color[:3] for color in colors.values()], np.uint8)[plane[0]]
     np.testing.assert_array_equal(read_geotiff(tmp_path / "a.tif").image, expected)
 
 
@@ -316,9 +316,9 @@ def test_bands_are_chosen(tmp_path: Path) -> None:
         read_geotiff(tmp_path / "a.tif", bands=[6])
 
 
-def test_colours_are_told_by_the_file_not_by_their_order(tmp_path: Path) -> None:
+def test_colors_are_told_by_the_file_not_by_their_order(tmp_path: Path) -> None:
     planes = noise((4, 20, 30), "uint16")
-    save(tmp_path / "a.tif", planes, colours=["blue", "green", "red", "undefined"])
+    save(tmp_path / "a.tif", planes, colors=["blue", "green", "red", "undefined"])
     found = read_geotiff(tmp_path / "a.tif").image
     np.testing.assert_array_equal(found, np.moveaxis(planes[[2, 1, 0]], 0, 2))
 

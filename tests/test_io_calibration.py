@@ -177,7 +177,7 @@ def test_other_matrices_are_no_q(q: Any, error: type[Exception], message: str) -
         Calibration.from_q(q, **SIZE)
 
 
-def test_two_equal_cameras_look_through_the_centre() -> None:
+def test_two_equal_cameras_look_through_the_center() -> None:
     rig = Calibration.from_focal(500, 0.12, **SIZE)
     assert rig.cam0 == rig.cam1 == ((500, 0, 319.5), (0, 500, 239.5), (0, 0, 1))
     assert (rig.doffs, rig.baseline, rig.ndisp) == (0, 0.12, None)

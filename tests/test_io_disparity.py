@@ -122,8 +122,8 @@ def test_unknown_suffixes_of_maps_are_refused(tmp_path: Path) -> None:
 def test_images_that_are_no_maps_are_refused(tmp_path: Path) -> None:
     write_image(tmp_path / "gray.png", np.ones((3, 4), np.uint8))
     write_image(tmp_path / "codes.npy", np.ones((3, 4), np.uint16))
-    write_image(tmp_path / "colour.pfm", floats((3, 4, 3)))
-    for name in ("gray.png", "codes.npy", "colour.pfm"):
+    write_image(tmp_path / "color.pfm", floats((3, 4, 3)))
+    for name in ("gray.png", "codes.npy", "color.pfm"):
         with pytest.raises(ValueError, match=rf"{name}: a disparity map"):
             read_disparity(tmp_path / name)
 

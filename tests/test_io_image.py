@@ -145,26 +145,26 @@ def test_opencv_reads_what_was_written(tmp_path: Path, suffix: str) -> None:
     np.testing.assert_array_equal(theirs, image)
 
 
-def png_16_bit(samples: NDArray[np.uint16], colour_type: int) -> bytes:
+def png_16_bit(samples: NDArray[np.uint16], color_type: int) -> bytes:
     """Encode 16-bit samples by hand: one IDAT, no filter."""
     height, width = samples.shape[:2]
     rows = samples.astype(">u2").reshape(height, -1)
     coded = zlib.compress(b"".join(b"\0" + row.tobytes() for row in rows))
-    header = struct.pack(">IIBBBBB", width, height, 16, colour_type, 0, 0, 0)
+    header = struct.pack(">IIBBBBB", width, height, 16, color_type, 0, 0, 0)
     return (
         b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", coded) + chunk(b"IEND", b"")
     )
 
 
-def test_16_bit_colour_png_keeps_its_low_bytes(tmp_path: Path) -> None:
+def test_16_bit_color_png_keeps_its_low_bytes(tmp_path: Path) -> None:
     image = noise((6, 5, 3), "uint16")
-    (tmp_path / "wide.png").write_bytes(png_16_bit(image, colour_type=2))
+    (tmp_path / "wide.png").write_bytes(png_16_bit(image, color_type=2))
     np.testing.assert_array_equal(read_image(tmp_path / "wide.png"), image)
 
 
 def test_16_bit_gray_png_with_alpha_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "la.png"
-    path.write_bytes(png_16_bit(noise((6, 5, 2), "uint16"), colour_type=4))
+    path.write_bytes(png_16_bit(noise((6, 5, 2), "uint16"), color_type=4))
     with pytest.raises(ValueError, match=r"la\.png: 16-bit samples .* cannot be read exactly"):
         read_image(path)
 
@@ -214,16 +214,16 @@ def test_plain_text_netpbm_that_would_be_rescaled_is_refused(tmp_path: Path, tex
 
 def test_palettes_bits_and_alpha_are_expanded(tmp_path: Path) -> None:
     pil = pytest.importorskip("PIL.Image")
-    colours = pil.fromarray(np.array([[0, 1, 2]], np.uint8), mode="P")
-    colours.putpalette([9, 8, 7, 255, 0, 0, 0, 0, 255])
-    grays = colours.copy()
+    colors = pil.fromarray(np.array([[0, 1, 2]], np.uint8), mode="P")
+    colors.putpalette([9, 8, 7, 255, 0, 0, 0, 0, 255])
+    grays = colors.copy()
     grays.putpalette([0, 0, 0, 128, 128, 128, 255, 255, 255])
     bilevel = pil.fromarray(np.array([[True, False, True]]))
     gray_alpha = pil.fromarray(np.array([[[5, 200]]], np.uint8), mode="LA")
     for suffix in (".png", ".tif", ".bmp"):
-        colours.save(tmp_path / f"colours{suffix}")
+        colors.save(tmp_path / f"colors{suffix}")
         expected = [[[9, 8, 7], [255, 0, 0], [0, 0, 255]]]
-        np.testing.assert_array_equal(read_image(tmp_path / f"colours{suffix}"), expected)
+        np.testing.assert_array_equal(read_image(tmp_path / f"colors{suffix}"), expected)
         grays.save(tmp_path / f"grays{suffix}")
         np.testing.assert_array_equal(read_image(tmp_path / f"grays{suffix}"), [[0, 128, 255]])
         bilevel.save(tmp_path / f"bilevel{suffix}")
@@ -232,7 +232,7 @@ def test_palettes_bits_and_alpha_are_expanded(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_image(tmp_path / "la.png"), [[[5, 5, 5, 200]]])
 
 
-def test_other_kinds_of_colour_are_refused(tmp_path: Path) -> None:
+def test_other_kinds_of_color_are_refused(tmp_path: Path) -> None:
     pil = pytest.importorskip("PIL.Image")
     for name in ("cmyk.jpg", "cmyk.tif"):
         pil.new("CMYK", (4, 4)).save(tmp_path / name)

@@ -14,17 +14,17 @@ from phasestereo import PointCloud
 from phasestereo.io import write_ply
 
 
-def cloud(*, coloured: bool, count: int = 1000) -> PointCloud:
+def cloud(*, colored: bool, count: int = 1000) -> PointCloud:
     random = np.random.default_rng(0)
     points = random.normal(0, 1000, (count, 3)).astype(np.float32)
-    colors = random.integers(0, 256, (count, 3), dtype=np.uint8) if coloured else None
+    colors = random.integers(0, 256, (count, 3), dtype=np.uint8) if colored else None
     return PointCloud(points, colors)
 
 
-@pytest.mark.parametrize("coloured", [False, True])
-def test_trimesh_reads_it(tmp_path: Path, *, coloured: bool) -> None:
+@pytest.mark.parametrize("colored", [False, True])
+def test_trimesh_reads_it(tmp_path: Path, *, colored: bool) -> None:
     trimesh = counterpart("trimesh")
-    written = cloud(coloured=coloured)
+    written = cloud(colored=colored)
     write_ply(tmp_path / "cloud.ply", written)
     read = trimesh.load(tmp_path / "cloud.ply")
     np.testing.assert_array_equal(read.vertices.astype(np.float32), written.points)
@@ -32,16 +32,16 @@ def test_trimesh_reads_it(tmp_path: Path, *, coloured: bool) -> None:
         np.testing.assert_array_equal(np.asarray(read.colors)[:, :3], written.colors)
 
 
-@pytest.mark.parametrize("coloured", [False, True])
+@pytest.mark.parametrize("colored", [False, True])
 @pytest.mark.parametrize("count", [0, 1, 1000])
-def test_plyfile_reads_it(tmp_path: Path, *, coloured: bool, count: int) -> None:
+def test_plyfile_reads_it(tmp_path: Path, *, colored: bool, count: int) -> None:
     plyfile = counterpart("plyfile")
-    written = cloud(coloured=coloured, count=count)
+    written = cloud(colored=colored, count=count)
     write_ply(tmp_path / "cloud.ply", written)
     read = plyfile.PlyData.read(tmp_path / "cloud.ply", mmap=False)
     assert (read.text, read.byte_order, len(read.elements)) == (False, "<", 1)
     vertices = read["vertex"].data
-    columns = ["x", "y", "z", *(["red", "green", "blue"] if coloured else [])]
+    columns = ["x", "y", "z", *(["red", "green", "blue"] if colored else [])]
     assert list(vertices.dtype.names) == columns
     assert [vertices.dtype[name].str for name in columns] == ["<f4"] * 3 + ["|u1"] * (
         len(columns) - 3
@@ -71,10 +71,10 @@ def test_it_is_written_byte_by_byte_as_the_format_says(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "given", "error", "message"),
     [
-        ("cloud.pcd", cloud(coloured=True), ValueError, r"path .* \.ply, got '\.pcd'"),
-        ("cloud", cloud(coloured=True), ValueError, "path"),
+        ("cloud.pcd", cloud(colored=True), ValueError, r"path .* \.ply, got '\.pcd'"),
+        ("cloud", cloud(colored=True), ValueError, "path"),
         ("cloud.ply", np.zeros((4, 3)), TypeError, "cloud must be a PointCloud, got ndarray"),
-        ("none/cloud.ply", cloud(coloured=True), FileNotFoundError, "no such folder"),
+        ("none/cloud.ply", cloud(colored=True), FileNotFoundError, "no such folder"),
     ],
 )
 def test_refusals_leave_nothing(
@@ -89,7 +89,7 @@ def test_what_was_there_stays_until_the_new_one_is_complete(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "cloud.ply"
-    write_ply(path, cloud(coloured=True))
+    write_ply(path, cloud(colored=True))
     before = path.read_bytes()
 
     def fail(*_: object) -> None:
@@ -97,6 +97,6 @@ def test_what_was_there_stays_until_the_new_one_is_complete(
 
     monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises(OSError, match="No space"):
-        write_ply(path, cloud(coloured=False))
+        write_ply(path, cloud(colored=False))
     assert path.read_bytes() == before
     assert os.listdir(tmp_path) == ["cloud.ply"]  # noqa: PTH208 - names, hidden ones too

@@ -353,11 +353,11 @@ def test_type_layout_and_byte_order_change_nothing(cost: str) -> None:
         np.testing.assert_array_equal(ps.match(*variant, **options).disparity, expected)
 
 
-def test_gray_and_colour_may_meet() -> None:
+def test_gray_and_color_may_meet() -> None:
     left, right = noise_pair(12, 20, 2)
     expected = ps.match(left, right, num_disparities=5).disparity
-    colour = np.repeat(left[:, :, None], 3, axis=2)
-    found = ps.match(colour, right[:, :, None], num_disparities=5).disparity
+    color = np.repeat(left[:, :, None], 3, axis=2)
+    found = ps.match(color, right[:, :, None], num_disparities=5).disparity
     np.testing.assert_array_equal(found, expected)
 
 
@@ -404,19 +404,19 @@ def test_results_tell_about_themselves_and_travel() -> None:
     assert result.flags.dtype == np.uint16
     assert set(result.timings) == {"estimation", "description", "matching", "refinement"}
     assert "20x10, 100.0% estimated" in repr(result)
-    travelled = pickle.loads(pickle.dumps(result))  # noqa: S301  # our own bytes
+    traveled = pickle.loads(pickle.dumps(result))  # noqa: S301  # our own bytes
     for field in ("disparity", "flags", "confidence"):
-        np.testing.assert_array_equal(getattr(travelled, field), getattr(result, field))
-    assert travelled.settings == result.settings
-    assert travelled.timings == result.timings
+        np.testing.assert_array_equal(getattr(traveled, field), getattr(result, field))
+    assert traveled.settings == result.settings
+    assert traveled.timings == result.timings
 
 
 @pytest.mark.parametrize("reused", [False, True])
 def test_results_refer_to_the_images_as_given(*, reused: bool) -> None:
     left, right = noise_pair(10, 20, 2)
     match = ps.Matcher().match if reused else ps.match
-    colour, single = np.repeat(left[:, :, None], 4, axis=2), right[:, :, None]
-    for images in ((left, right), (colour, single)):
+    color, single = np.repeat(left[:, :, None], 4, axis=2), right[:, :, None]
+    for images in ((left, right), (color, single)):
         pair = match(*images, num_disparities=4).pair
         assert pair is not None
         assert pair[0] is images[0]

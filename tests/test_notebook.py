@@ -101,7 +101,7 @@ def result() -> ps.Result:
     return made
 
 
-def test_the_map_has_the_colours_of_its_disparities(result: ps.Result) -> None:
+def test_the_map_has_the_colors_of_its_disparities(result: ps.Result) -> None:
     picture = shown(result).picture("Disparity map, 120 by 90 pixels: blue is")
     np.testing.assert_array_equal(picture, colorize(result.disparity))
     assert (picture[10:20, 30:50] == NEUTRAL).all()
@@ -121,7 +121,7 @@ def test_words_tell_size_share_reasons_time_and_blur(result: ps.Result) -> None:
     assert f"blur: {matched.blur}, " in shown(matched).text
 
 
-def test_the_histogram_stands_on_the_colours_of_the_map(result: ps.Result) -> None:
+def test_the_histogram_stands_on_the_colors_of_the_map(result: ps.Result) -> None:
     steps = np.array([[3, 3, 3, 4, 6, 6]] * 2, np.float32)
     whole = replace(result, disparity=steps, flags=np.zeros(steps.shape, np.uint16))
     block = shown(whole)
@@ -231,7 +231,7 @@ def test_it_needs_nothing_from_elsewhere_and_survives_sanitizers(result: ps.Resu
     assert set(block.tags) <= {"div", "b", "figure", "figcaption", "img", "span"}
     assert all(image["src"].startswith("data:image/") for image in block.images)
     assert all(image["alt"] for image in block.images)
-    assert not re.search(r"https?:|url\(|[^-]color:|background", html), "colours are the page's"
+    assert not re.search(r"https?:|url\(|[^-]color:|background", html), "colors are the page's"
 
 
 def test_text_is_escaped(result: ps.Result) -> None:

@@ -49,7 +49,7 @@ SAMPLE: dict[str, Any] = {
 
 @pytest.fixture(scope="module")
 def pair() -> Pair:
-    """Return a rendered pair, in colour."""
+    """Return a rendered pair, in color."""
     return render_pair(0, height=180, width=260, num_disparities=COUNT)
 
 
@@ -141,7 +141,7 @@ def test_maps_are_sixteenths_of_what_match_finds(pair: Pair) -> None:
     np.testing.assert_array_equal(again, disparity)
 
 
-def test_colours_are_in_the_order_of_opencv() -> None:
+def test_colors_are_in_the_order_of_opencv() -> None:
     """What can be seen is in the red channel; the blue one says something else."""
     texture = noise_pair(40, 90, 5)
     other = noise_pair(40, 90, 11, seed=1)
@@ -448,8 +448,8 @@ def test_the_flow_of_the_sample(pair: Pair, tmp_path: Path) -> None:
     )
     points = cv2.reprojectImageTo3D(disparity, q)
     mask = disparity > disparity.min()
-    colours = cv2.cvtColor(left, cv2.COLOR_BGR2RGB)[mask]
-    write_ply(tmp_path / "out.ply", points[mask], colours)
+    colors = cv2.cvtColor(left, cv2.COLOR_BGR2RGB)[mask]
+    write_ply(tmp_path / "out.ply", points[mask], colors)
     cloud = counterpart("plyfile").PlyData.read(tmp_path / "out.ply")["vertex"]
     assert 0.6 * mask.size < len(cloud) == mask.sum() < mask.size
     assert pair.truth is not None
@@ -459,16 +459,16 @@ def test_the_flow_of_the_sample(pair: Pair, tmp_path: Path) -> None:
     np.testing.assert_array_equal(cloud["red"], pair.left[:, :, 0][mask])
 
 
-def write_ply(path: Path, points: np.ndarray, colours: np.ndarray) -> None:
+def write_ply(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
     """Write a cloud as OpenCV's sample does."""
     header = "ply\nformat ascii 1.0\nelement vertex {}\n{}{}end_header\n".format(
         len(points),
         "".join(f"property float {axis}\n" for axis in "xyz"),
-        "".join(f"property uchar {colour}\n" for colour in ("red", "green", "blue")),
+        "".join(f"property uchar {color}\n" for color in ("red", "green", "blue")),
     )
     with path.open("wb") as file:
         file.write(header.encode())
-        np.savetxt(file, np.hstack([points, colours]), fmt="%f %f %f %d %d %d ")
+        np.savetxt(file, np.hstack([points, colors]), fmt="%f %f %f %d %d %d ")
 
 
 # --- the right image and the WLS filter ---

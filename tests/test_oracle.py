@@ -32,7 +32,7 @@ def one_row(*rows: list[int]) -> NDArray[np.int64]:
 # --- images ---
 
 
-def test_gray_weighs_the_colours_and_is_not_rounded() -> None:
+def test_gray_weighs_the_colors_and_is_not_rounded() -> None:
     rgb = np.array([[[10, 20, 30]]], dtype=np.uint8)
     assert oracle.to_gray(rgb)[0, 0] == pytest.approx(2.99 + 11.74 + 3.42)
     rgba = np.array([[[10, 20, 30, 77]]], dtype=np.uint8)
@@ -63,26 +63,26 @@ def test_a_masked_row_between_two_valid_ones_takes_the_upper() -> None:
     assert oracle.fill_masked(np.array([[1], [9], [2]]), mask).tolist() == [[1], [1], [2]]
 
 
-def test_an_image_without_a_valid_pixel_fills_with_zero_and_colour_is_filled_whole() -> None:
-    colour = np.arange(6).reshape(1, 2, 3) + 1
-    assert not oracle.fill_masked(colour, np.zeros((1, 2), dtype=bool)).any()
-    filled = oracle.fill_masked(colour, np.array([[False, True]]))
+def test_an_image_without_a_valid_pixel_fills_with_zero_and_color_is_filled_whole() -> None:
+    color = np.arange(6).reshape(1, 2, 3) + 1
+    assert not oracle.fill_masked(color, np.zeros((1, 2), dtype=bool)).any()
+    filled = oracle.fill_masked(color, np.array([[False, True]]))
     assert filled.tolist() == [[[4, 5, 6], [4, 5, 6]]]
 
 
 @pytest.mark.parametrize("width", [1, 2, 3, 5])
-def test_neighbours_reflect_as_often_as_needed(width: int) -> None:
+def test_neighbors_reflect_as_often_as_needed(width: int) -> None:
     """``d c b a | a b c d`` has the period 2 W and is its own mirror image."""
     row = np.arange(width)[np.newaxis]
-    for dx, _, values in oracle.neighbours(row, 6, "symmetric"):
+    for dx, _, values in oracle.neighbors(row, 6, "symmetric"):
         for x in range(width):
             position = (x + dx) % (2 * width)
             assert values[0, x] == min(position, 2 * width - 1 - position)
 
 
-def test_neighbours_repeat_the_edge() -> None:
+def test_neighbors_repeat_the_edge() -> None:
     column = np.array([[5], [6], [7]])
-    found = {dy: values[:, 0].tolist() for _, dy, values in oracle.neighbours(column, 2, "edge")}
+    found = {dy: values[:, 0].tolist() for _, dy, values in oracle.neighbors(column, 2, "edge")}
     assert found == {-2: [5, 5, 5], -1: [5, 5, 6], 0: [5, 6, 7], 1: [6, 7, 7], 2: [7, 7, 7]}
 
 
@@ -113,14 +113,14 @@ def test_spectrum_of_an_impulse(pixel: tuple[int, int], expected: list[complex])
 
 
 def test_spectrum_continues_by_reflection() -> None:
-    """At the corner of [[1, 0], [0, 0]] the 3 x 3 neighbourhood is [[1, 1, 0], [1, 1, 0], 0]."""
+    """At the corner of [[1, 0], [0, 0]] the 3 x 3 neighborhood is [[1, 1, 0], [1, 1, 0], 0]."""
     spectra = oracle.spectrum(impulse(2, 2, 0, 0), 3, 1, 1)
     back = 1 + THIRD.conjugate()  # dx = 0 and dx = -1
     np.testing.assert_allclose(spectra[0, 0], [2 * back, back * (1 + THIRD), 2 * back, back**2])
 
 
 @pytest.mark.parametrize(("length", "r", "s"), [(3, 1, 1), (5, 2, 1), (7, 3, 2), (9, 1, 4)])
-def test_spectrum_is_the_fourier_transform_with_the_centre_as_origin(
+def test_spectrum_is_the_fourier_transform_with_the_center_as_origin(
     length: int, r: int, s: int
 ) -> None:
     gray = np.random.default_rng(0).uniform(0, 255, (4, 3))
@@ -156,9 +156,9 @@ def test_gaussian_filters_by_hand() -> None:
 def test_tapered_spectrum_is_separable() -> None:
     spectra = oracle.spectrum(impulse(5, 5, 2, 2), 3, 1, 1, "hann")
     side = 0.5 * (THIRD - 0.25)
-    at_centre = [1 * 0.75, 0.75**2, 0.75, 0.75**2]
+    at_center = [1 * 0.75, 0.75**2, 0.75, 0.75**2]
     one_left = [0.5 * 0.75, side * 0.75, side, side * 0.75]
-    np.testing.assert_allclose(spectra[2, 2], at_centre)
+    np.testing.assert_allclose(spectra[2, 2], at_center)
     np.testing.assert_allclose(spectra[2, 1], one_left)
 
 
@@ -269,9 +269,9 @@ def test_boundary_distance_by_hand() -> None:
     st.sampled_from([1, 2, 3, 4]),
 )
 def test_the_level_holds_within_the_boundary_distance(
-    centre: complex, direction: float, k: int, b: int
+    center: complex, direction: float, k: int, b: int
 ) -> None:
-    spectra = np.array([centre])
+    spectra = np.array([center])
     moved = spectra + 0.999 * oracle.boundary_distance(spectra, k, b) * np.exp(1j * direction)
     if oracle.boundary_distance(spectra, k, b)[0] > 1e-9:
         assert oracle.levels(moved, k, b) == oracle.levels(spectra, k, b)
@@ -327,11 +327,11 @@ def test_sad_costs_ignore_alpha() -> None:
 
 
 def test_nsad_costs_by_hand() -> None:
-    """[0, 3, 6] has the neighbourhoods (0, 0, 3), (0, 3, 6), (3, 6, 6): variances 2, 6, 2."""
+    """[0, 3, 6] has the neighborhoods (0, 0, 3), (0, 3, 6), (3, 6, 6): variances 2, 6, 2."""
     left = np.array([[0, 3, 6]], dtype=np.uint8)
     flat = np.full((1, 3), 9, dtype=np.uint8)
     n = 1 / np.sqrt(3)
-    np.testing.assert_allclose(oracle.normalise(left, 3)[0, :, 0], [-n, 0, n], atol=1e-15)
+    np.testing.assert_allclose(oracle.normalize(left, 3)[0, :, 0], [-n, 0, n], atol=1e-15)
     np.testing.assert_allclose(
         oracle.nsad_costs(left, flat, 3, 0, 2), [[[n, n], [0, 0], [n, n]]], atol=1e-15
     )
@@ -340,10 +340,10 @@ def test_nsad_costs_by_hand() -> None:
     )
 
 
-def test_normalising_continues_by_reflection() -> None:
+def test_normalizing_continues_by_reflection() -> None:
     """Under a window of 5 the first of [0, 5, 10] sees 5, 0, 0, 5, 10: mean 4, variance 14."""
     row = np.array([[0, 5, 10]], dtype=np.uint8)
-    assert oracle.normalise(row, 5)[0, 0, 0] == pytest.approx(-4 / np.sqrt(15))
+    assert oracle.normalize(row, 5)[0, 0, 0] == pytest.approx(-4 / np.sqrt(15))
 
 
 # --- aggregation ---
@@ -367,8 +367,8 @@ def test_shiftable_windows_take_the_least_of_five() -> None:
     assert turned[::-1, ::-1].tolist() == shifted.tolist()
 
 
-def test_window_centres_are_clamped_into_the_image() -> None:
-    """The sums are 100, 150, 200, 250; a centre left of the image would have found 0."""
+def test_window_centers_are_clamped_into_the_image() -> None:
+    """The sums are 100, 150, 200, 250; a center left of the image would have found 0."""
     costs = one_row([0], [10], [10], [10])
     assert oracle.aggregate(costs, 5, shiftable=True)[0, :, 0].tolist() == [100, 100, 100, 150]
 
@@ -441,7 +441,7 @@ def test_votes_want_the_ceiling() -> None:
         oracle.aggregate(NINE, 3, shiftable=True, votes=NINE > 0)
 
 
-# --- optimisation ---
+# --- optimization ---
 
 
 def test_winner_takes_the_smallest_candidate_of_equals() -> None:

@@ -23,7 +23,7 @@ import phasestereo as ps
 from conftest import ROOT, counterpart
 from phasestereo._extras import require
 from phasestereo.integrations import opencv
-from phasestereo.integrations import xarray as labelled
+from phasestereo.integrations import xarray as labeled
 from phasestereo.io import read_image, write_geotiff
 from phasestereo.views.picture import colorize
 from phasestereo.views.templating import render_page
@@ -346,7 +346,7 @@ def _read(name: str) -> Callable[[Path], object]:
     return read
 
 
-def _colour(_: Path) -> object:
+def _color(_: Path) -> object:
     return colorize(np.ones((8, 8), np.float32))
 
 
@@ -369,13 +369,13 @@ def _filter(_: Path) -> object:
 
 
 def _label(_: Path) -> object:
-    return labelled.as_dataset(ps.match(*np.zeros((2, 40, 60), np.uint8), num_disparities=8))
+    return labeled.as_dataset(ps.match(*np.zeros((2, 40, 60), np.uint8), num_disparities=8))
 
 
 CALLS = [
     ("PIL", "io", _read("a.png")),
     ("tifffile", "io", _read("a.tif")),
-    ("matplotlib", "plot", _colour),
+    ("matplotlib", "plot", _color),
     ("matplotlib", "plot", lambda _: ps.views.plot.disparity(np.ones((8, 8), np.float32))),
     ("jinja2", "report", _page),
     ("cv2", "opencv", _filter),

@@ -223,9 +223,9 @@ def test_what_is_not_finite_is_black() -> None:
     assert on_screen(image, (0.0, 100.0)).tolist() == [[0, 255, 0, 0, 0]]
 
 
-def test_every_flag_has_a_colour_of_its_own() -> None:
+def test_every_flag_has_a_color_of_its_own() -> None:
     assert set(FLAGS) == set(ps.Flag)
-    assert len({colour for colour, _ in FLAGS.values()}) == len(ps.Flag)
+    assert len({color for color, _ in FLAGS.values()}) == len(ps.Flag)
 
 
 def test_flags_have_their_shares() -> None:

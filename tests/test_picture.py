@@ -1,4 +1,4 @@
-"""Pictures: what each colour means, and that nothing global is touched."""
+"""Pictures: what each color means, and that nothing global is touched."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ def contains(whole: Picture, part: Picture) -> bool:
     return bool((windows == part.transpose(2, 0, 1)).all(axis=(2, 3, 4)).any())
 
 
-def test_colours_run_from_blue_to_red() -> None:
-    colours = colorize(RAMP, low=0, high=60)
-    assert colours.dtype == np.uint8
-    assert colours.shape == (1, 61, 3)
-    far, near = colours[0, 5].astype(int), colours[0, 55].astype(int)
+def test_colors_run_from_blue_to_red() -> None:
+    colors = colorize(RAMP, low=0, high=60)
+    assert colors.dtype == np.uint8
+    assert colors.shape == (1, 61, 3)
+    far, near = colors[0, 5].astype(int), colors[0, 55].astype(int)
     assert far[2] > far[0]
     assert near[0] > near[2]
-    assert len(np.unique(colours[0], axis=0)) == 61
+    assert len(np.unique(colors[0], axis=0)) == 61
 
 
-def test_missing_estimates_have_a_colour_of_their_own() -> None:
+def test_missing_estimates_have_a_color_of_their_own() -> None:
     disparity = np.array([[1.0, np.nan, np.inf, -np.inf, 2.0]])
-    colours = colorize(disparity)
-    assert [tuple(colour) for colour in colours[0, 1:4]] == [NEUTRAL] * 3
+    colors = colorize(disparity)
+    assert [tuple(color) for color in colors[0, 1:4]] == [NEUTRAL] * 3
     steps = colorize(np.linspace(0, 1, 4096).reshape(1, -1), low=0, high=1).astype(int)
     assert np.abs(steps - NEUTRAL).max(axis=2).min() > 40
 
@@ -59,10 +59,10 @@ def test_outliers_do_not_move_the_limits() -> None:
     assert np.delete(difference.reshape(-1, 3), 0, axis=0).max() <= 8
 
 
-def test_values_beyond_the_limits_have_the_colours_at_the_ends() -> None:
-    colours = colorize(np.array([[-5.0, 0.0, 9.0, 99.0]]), low=0, high=9)[0]
-    assert tuple(colours[0]) == tuple(colours[1])
-    assert tuple(colours[2]) == tuple(colours[3])
+def test_values_beyond_the_limits_have_the_colors_at_the_ends() -> None:
+    colors = colorize(np.array([[-5.0, 0.0, 9.0, 99.0]]), low=0, high=9)[0]
+    assert tuple(colors[0]) == tuple(colors[1])
+    assert tuple(colors[2]) == tuple(colors[3])
 
 
 @pytest.mark.parametrize("value", [7.0, 0.0, -3.0])
@@ -73,11 +73,11 @@ def test_one_value_everywhere_and_none_at_all(value: float) -> None:
 
 def test_errors_are_white_up_to_one_pixel_and_darken_from_there() -> None:
     estimate = np.array([[10.0, 11.0, 11.1, 13.0, 14.0, 50.0, 9.0, 8.9]])
-    colours = error_picture(estimate, np.full_like(estimate, 10.0))[0]
-    assert [tuple(colour) == WHITE for colour in colours] == [
+    colors = error_picture(estimate, np.full_like(estimate, 10.0))[0]
+    assert [tuple(color) == WHITE for color in colors] == [
         *(True, True, False, False, False, False, True, False)
     ]
-    light = colours.astype(int).sum(axis=1)
+    light = colors.astype(int).sum(axis=1)
     assert light[2] > light[3] > light[4] == light[5]
 
 
@@ -85,9 +85,9 @@ def test_missing_estimates_are_the_worst_and_unscored_pixels_are_gray() -> None:
     estimate = np.array([[np.nan, 99.0, 10.0, 99.0]])
     truth = np.array([[10.0, 10.0, np.nan, 10.0]])
     mask = np.array([[True, True, True, False]])
-    colours = [tuple(colour) for colour in error_picture(estimate, truth, mask)[0]]
-    assert colours[0] == colours[1] != UNSCORED
-    assert colours[2] == colours[3] == UNSCORED
+    colors = [tuple(color) for color in error_picture(estimate, truth, mask)[0]]
+    assert colors[0] == colors[1] != UNSCORED
+    assert colors[2] == colors[3] == UNSCORED
 
 
 def test_disparity_picture_holds_the_map_at_its_own_size() -> None:

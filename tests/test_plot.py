@@ -1,4 +1,4 @@
-"""Maps on matplotlib's axes: their data, limits, colours and legends, and whose axes they take."""
+"""Maps on matplotlib's axes: their data, limits, colors and legends, and whose axes they take."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def result() -> ps.Result:
 
 
 def pixels(image: AxesImage) -> NDArray[np.uint8]:
-    """Return the colours of an image's data."""
+    """Return the colors of an image's data."""
     drawn: NDArray[np.uint8] = image.to_rgba(image.get_array(), bytes=True)  # type: ignore[arg-type]  # matplotlib's annotations want no masked array, its code does
     return drawn[:, :, :3]
 
@@ -71,7 +71,7 @@ def labels(axes: Axes) -> list[str]:
     return [text.get_text() for text in legend.get_texts()]
 
 
-def test_a_disparity_map_has_its_data_limits_and_colours(axes: Axes) -> None:
+def test_a_disparity_map_has_its_data_limits_and_colors(axes: Axes) -> None:
     image = plot.disparity(MAP, axes, low=10, high=50)
     assert image.axes is axes
     data: Any = image.get_array()
@@ -82,7 +82,7 @@ def test_a_disparity_map_has_its_data_limits_and_colours(axes: Axes) -> None:
     assert tuple(pixels(image)[2, 5]) == tuple(pixels(image)[3, 6]) == NEUTRAL
 
 
-def test_a_drawn_map_is_the_picture_of_the_same_colours(axes: Axes) -> None:
+def test_a_drawn_map_is_the_picture_of_the_same_colors(axes: Axes) -> None:
     """As it comes from the renderer, one pixel each."""
     figure: Any = axes.figure
     figure.set_size_inches(0.3, 0.2)
@@ -151,12 +151,12 @@ def test_flags_are_named_with_their_shares(axes: Axes) -> None:
     assert len(set(shown)) == 4
 
 
-def test_every_flag_has_its_own_colour(axes: Axes) -> None:
+def test_every_flag_has_its_own_color(axes: Axes) -> None:
     image = plot.flags(np.array([[0, *ps.Flag]]), axes)
     assert len(np.unique(pixels(image)[0], axis=0)) == len(ps.Flag) + 1
 
 
-def test_errors_have_the_colours_of_their_picture(axes: Axes) -> None:
+def test_errors_have_the_colors_of_their_picture(axes: Axes) -> None:
     estimate = np.array([[10.0, 11.0, 11.1, 13.0, 14.0, 50.0, np.nan, 9.0, 12.0, 12.0]])
     truth = np.where(np.arange(10) == 8, np.nan, np.full((1, 10), 10.0))
     mask = np.arange(10)[np.newaxis] != 9
@@ -179,15 +179,15 @@ def test_errors_are_white_up_to_one_pixel_whatever_the_worst(axes: Axes, worst: 
     assert tuple(pixels(image)[0, 1]) != (255, 255, 255)
 
 
-def test_a_histogram_counts_every_estimate_in_its_colour(axes: Axes) -> None:
+def test_a_histogram_counts_every_estimate_in_its_color(axes: Axes) -> None:
     whole = np.array([[3.0, 3.0, 5.0, np.nan, 4.0, 3.0]])
     assert plot.histogram(whole, axes, low=3, high=5) is axes
     bars: Any = axes.patches
     assert [bar.get_height() for bar in bars] == [3, 1, 1]
     assert [bar.get_x() + bar.get_width() / 2 for bar in bars] == [3, 4, 5]
     wanted = colorize(np.array([[3.0, 4.0, 5.0]]), low=3, high=5)[0]
-    for bar, colour in zip(bars, wanted, strict=True):
-        np.testing.assert_allclose(np.array(bar.get_facecolor()[:3]) * 255, colour, atol=1)
+    for bar, color in zip(bars, wanted, strict=True):
+        np.testing.assert_allclose(np.array(bar.get_facecolor()[:3]) * 255, color, atol=1)
     assert axes.get_xlabel() == "disparity, pixels"
 
 

@@ -169,7 +169,7 @@ def test_writing_into_an_image_during_its_match_is_safe() -> None:
 MEMORY_CASES = {
     "disparities": "ps.match(wide, wide, num_disparities=16384, optimizer='dp', threads=1)",
     "masks": "ps.match(wide, wide, num_disparities=8192, left_mask=wide == 0, optimizer='dp')",
-    "neighbourhood": "ps.descriptor(long, neighborhood=63, frequencies=(4, 4), bits=1, threads=1)",
+    "neighborhood": "ps.descriptor(long, neighborhood=63, frequencies=(4, 4), bits=1, threads=1)",
     "image": "ps.match(broad, broad, num_disparities=1, preset='paper', threads=1)",
     "estimation": "ps.match(vast, vast, num_disparities=1, threads=1)",
     "volume": "ps.cost_volume(tall, tall, num_disparities=512, threads=1)",

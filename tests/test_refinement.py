@@ -183,7 +183,7 @@ SETTINGS = st.builds(
     low=st.integers(-3, 2),
     wanted=SETTINGS,
     masked=st.booleans(),
-    coloured=st.booleans(),
+    colored=st.booleans(),
 )
 def test_matches_equal_the_oracle(
     seed: int,
@@ -192,11 +192,11 @@ def test_matches_equal_the_oracle(
     wanted: ps.Settings,
     *,
     masked: bool,
-    coloured: bool,
+    colored: bool,
 ) -> None:
     number = min(6, shape[1])
     low = min(max(low, 2 - shape[1] - number), shape[1] - 1)
-    pair = two_surfaces(seed, (*shape, 3) if coloured else shape)
+    pair = two_surfaces(seed, (*shape, 3) if colored else shape)
     masks = random_masks(seed, shape) if masked else None
     assert_equals_the_oracle(pair, wanted, (low, number), masks)
 

@@ -108,8 +108,8 @@ def test_images_are_well_exposed_and_not_white_noise(pair: Pair) -> None:
         assert 70 < image.mean() < 150
         assert ((image == 0) | (image == 255)).mean() < 0.02
         gray = image.mean(axis=2)
-        neighbours = np.corrcoef(gray[:, 1:].ravel(), gray[:, :-1].ravel())[0, 1]
-        assert 0.8 < neighbours < 0.99
+        neighbors = np.corrcoef(gray[:, 1:].ravel(), gray[:, :-1].ravel())[0, 1]
+        assert 0.8 < neighbors < 0.99
 
 
 def test_warping_by_the_truth_gives_the_left_image_where_both_see_it(pair: Pair) -> None:
@@ -167,13 +167,13 @@ def facing(camera: Camera, depth: float, columns: list[float], rows: list[float]
     cos, sin = float(np.cos(camera.pitch)), float(np.sin(camera.pitch))
     down = depth * (np.array(rows) - (camera.height - 1) / 2) / camera.focal
     middle = float(down.mean())
-    centre = (
+    center = (
         float(x.mean()),
         camera.eye - middle * cos - depth * sin,
         depth * cos - middle * sin,
     )
     up = (0.0, -cos, -sin)
-    return Patch(centre, (1.0, 0.0, 0.0), up, float(np.ptp(x)) / 2, float(np.ptp(down)) / 2)
+    return Patch(center, (1.0, 0.0, 0.0), up, float(np.ptp(x)) / 2, float(np.ptp(down)) / 2)
 
 
 def test_mask_and_truth_of_a_card_before_a_wall_by_hand() -> None:
@@ -293,7 +293,7 @@ def test_look_up_mixes_levels_by_spacing_and_interpolates() -> None:
     tile = np.arange(32 * 32, dtype=np.float32).reshape(32, 32, 1)
     texture = Texture.of(tile, 32.0)
     u, v = np.array([5.5, 6.0, 6.0]), np.array([7.5, 7.5, 8.0])
-    # Texel centres are at halves; the second level's texel (3, 4) is the mean of four.
+    # Texel centers are at halves; the second level's texel (3, 4) is the mean of four.
     spacing = np.array([1.0, 1.0, 2.5])
     coarse = texture.levels[1][3:5, 2:4, 0]
     expected = [7 * 32 + 5, 7 * 32 + 5.5, coarse[0, 0] * 0.25 + coarse[0, 1] * 0.25]

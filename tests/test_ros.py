@@ -40,13 +40,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def pair(index: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return a colour pair of one disparity."""
+    """Return a color pair of one disparity."""
     scene = np.random.default_rng(index).integers(0, 256, (ROWS, COLS + 9, 3), np.uint8)
     return scene[:, : -3 - index], scene[:, 3 + index :][:, : COLS + 6 - index]
 
 
 def cut(index: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return a colour pair of the usual size."""
+    """Return a color pair of the usual size."""
     left, right = pair(index)
     return left[:, :COLS], right[:, :COLS]
 
@@ -110,11 +110,11 @@ def test_encodings_are_read_exactly(
 
 @pytest.mark.parametrize("order", ["rggb", "bggr", "gbrg", "grbg"])
 @pytest.mark.parametrize("bits", [8, 16])
-def test_bayer_patterns_become_colours(order: str, bits: int) -> None:
-    colour = {"r": 200, "g": 120, "b": 40}
+def test_bayer_patterns_become_colors(order: str, bits: int) -> None:
+    color = {"r": 200, "g": 120, "b": 40}
     raw = np.zeros((8, 8), f"u{bits // 8}")
     for place, letter in enumerate(order):
-        raw[place // 2 :: 2, place % 2 :: 2] = colour[letter]
+        raw[place // 2 :: 2, place % 2 :: 2] = color[letter]
     found = decode_image(robots.image(ROS2, START, raw, f"bayer_{order}{bits}"))
     np.testing.assert_array_equal(found[2:-2, 2:-2], np.full((4, 4, 3), [200, 120, 40]))
 
@@ -220,9 +220,9 @@ def check_points(cloud: Any, depth: Any, index: int) -> None:
     geometry = Calibration.from_focal(FOCAL, BASELINE, width=COLS, height=ROWS, doffs=2.0)
     expected = ps.point_cloud(result, geometry)
     np.testing.assert_allclose(points[:, :3], expected.points, rtol=1e-5, atol=1e-6)
-    colours = cloud.data.reshape(-1, 16)[:, 12:15]
+    colors = cloud.data.reshape(-1, 16)[:, 12:15]
     assert expected.colors is not None
-    np.testing.assert_array_equal(colours[:, ::-1], expected.colors)
+    np.testing.assert_array_equal(colors[:, ::-1], expected.colors)
 
 
 def test_what_has_no_estimate_is_below_the_range(run: Callable[..., Run], tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def test_lossy_video() -> None:
 
 def test_folders_of_images() -> None:
     for index in range(3):
-        for view, image in zip(("left", "right"), pair(index, colour=index > 0), strict=True):
+        for view, image in zip(("left", "right"), pair(index, color=index > 0), strict=True):
             Path(view).mkdir(exist_ok=True)
             io.write_image(f"{view}/{index}.png", image)
     frames = ps.stream("left", "right", **FAST)

@@ -1,4 +1,4 @@
-"""Points in space: what OpenCV makes of the same disparities, in colour, and nothing else."""
+"""Points in space: what OpenCV makes of the same disparities, in color, and nothing else."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def test_a_result_is_taken_as_it_is() -> None:
         (np.array([[0, 7, 255]], ">u2"), [0, 7, 255]),
     ],
 )
-def test_images_of_any_type_give_colours(image: NDArray[Any], expected: list[int]) -> None:
+def test_images_of_any_type_give_colors(image: NDArray[Any], expected: list[int]) -> None:
     rig = Calibration.from_focal(10, 1, width=3, height=1)
     for form in (image, image[:, :, None], np.repeat(image[:, :, None], 3, axis=2)):
         cloud = ps.point_cloud(np.ones((1, 3)), rig, image=form)
@@ -145,7 +145,7 @@ def test_images_of_any_type_give_colours(image: NDArray[Any], expected: list[int
         np.testing.assert_array_equal(cloud.colors, np.repeat(expected, 3).reshape(3, 3))
 
 
-def test_colours_keep_their_channels_apart() -> None:
+def test_colors_keep_their_channels_apart() -> None:
     rig = Calibration.from_focal(10, 1, width=2, height=1)
     image = np.array([[[1, 2, 3], [4, 5, 600]]], np.uint16)
     cloud = ps.point_cloud(np.ones((1, 2)), rig, image=image)
@@ -206,7 +206,7 @@ def test_clouds_are_what_they_say(
 def test_clouds_tell_their_size() -> None:
     cloud = ps.point_cloud(ONE, RIG, image=ONE)
     span = "14220 to 14220"
-    assert repr(cloud) == f"<PointCloud {ROWS * COLS} points, depth {span}, coloured>"
+    assert repr(cloud) == f"<PointCloud {ROWS * COLS} points, depth {span}, colored>"
     assert repr(ps.point_cloud(np.nan * ONE, RIG)) == "<PointCloud 0 points>"
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(cloud)).points, cloud.points)  # noqa: S301 - our own
 

@@ -99,11 +99,11 @@ def test_gray_stays_gray_and_deep_pixels_stay_deep() -> None:
     shallow = (deep >> 8).astype(np.uint8)
     film(Path("gray.mkv"), [shallow], codec="ffv1", pixels="gray", form="gray")
     np.testing.assert_array_equal(outcomes(open_video("gray.mkv")), [shallow])
-    colour = side_by_side(1)
-    film(Path("ten.mkv"), colour, codec="ffv1", pixels="yuv444p10le")
+    color = side_by_side(1)
+    film(Path("ten.mkv"), color, codec="ffv1", pixels="yuv444p10le")
     (found,) = outcomes(open_video("ten.mkv"))
     assert found.dtype == np.uint16
-    np.testing.assert_allclose(found / 257.0, colour[0], atol=4)
+    np.testing.assert_allclose(found / 257.0, color[0], atol=4)
 
 
 @pytest.mark.parametrize("turns", [1, 2, 3])
@@ -349,7 +349,7 @@ def frame(disparity: NDArray[np.float32], left: NDArray[Any]) -> Frame:
     return Frame(0, None, left, left, Result(disparity, flags, None, Settings(), {}))
 
 
-def test_picture_is_the_left_image_beside_the_colours() -> None:
+def test_picture_is_the_left_image_beside_the_colors() -> None:
     disparity = np.random.default_rng(0).uniform(-2, 30, (20, 30)).astype(np.float32)
     disparity[3, 4] = np.nan
     left = np.random.default_rng(1).integers(0, 256, (20, 30, 3), np.uint8)
@@ -357,10 +357,10 @@ def test_picture_is_the_left_image_beside_the_colours() -> None:
     np.testing.assert_array_equal(picture[:, :30], left)
     assert tuple(picture[3, 34]) == NEUTRAL
     expected = colorize(disparity, low=0, high=24).astype(int)
-    assert abs(picture[:, 30:] - expected).max() <= 10  # one step of the colours at most
+    assert abs(picture[:, 30:] - expected).max() <= 10  # one step of the colors at most
 
 
-def test_gray_and_deep_images_are_shown_beside_the_colours() -> None:
+def test_gray_and_deep_images_are_shown_beside_the_colors() -> None:
     gray = np.arange(256, dtype=np.uint8).reshape(16, 16)
     disparity = np.zeros((16, 16), np.float32)
     for image in (gray, gray.astype(np.uint16) * 257):
@@ -368,7 +368,7 @@ def test_gray_and_deep_images_are_shown_beside_the_colours() -> None:
         np.testing.assert_array_equal(picture[:, :16], np.dstack([gray] * 3))
 
 
-def test_colours_need_a_range() -> None:
+def test_colors_need_a_range() -> None:
     with pytest.raises(ValueError, match="^low: got 4; accepts less than high"):
         FramePicture(4, 4)
     with pytest.raises(ValueError, match="^low: got 0 and high inf; accepts finite"):

@@ -150,9 +150,9 @@ def test_pictures_are_those_of_the_frame(server: Server, show: Show) -> None:
     show.add(given)
     left = decode_raster(io.BytesIO(ask(server, "left.jpg").body)).astype(int)
     assert np.abs(left - LEFT).mean() < 12
-    colours = decode_raster(io.BytesIO(ask(server, "disparity.png").body))
+    colors = decode_raster(io.BytesIO(ask(server, "disparity.png").body))
     expected = ps.integrations.video.FramePicture(0, COUNT)(given)[:, COLS:]
-    np.testing.assert_array_equal(colours, expected)
+    np.testing.assert_array_equal(colors, expected)
     assert decode_raster(io.BytesIO(ask(server, "scale.png").body)).shape == (1, 256, 3)
 
 

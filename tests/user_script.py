@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import phasestereo as ps
 from phasestereo.integrations import opencv
-from phasestereo.integrations import xarray as labelled
+from phasestereo.integrations import xarray as labeled
 from phasestereo.io import (
     GeoImage,
     Georeference,
@@ -171,16 +171,16 @@ def in_time(film: Path) -> int:
 
 
 def on_the_ground(folder: Path) -> xarray.Dataset:
-    """Match georeferenced images, and labelled ones."""
+    """Match georeferenced images, and labeled ones."""
     place = Georeference(crs="EPSG:32631", transform=(0.5, 0, 500000, 0, -0.5, 4800000))
     left, right = read_geotiff_pair(folder / "left.tif", folder / "right.tif")
     one: GeoImage = read_geotiff(folder / "left.tif", bands=[3, 2, 1])
     result = ps.match(left.image, right.image, left_mask=left.mask, num_disparities=64)
     write_geotiff(folder / "disparity.tif", result.disparity, like=left)
     write_geotiff(folder / "all.tif", {"disparity": result.disparity}, like=place)
-    use(one.georeference.crs, labelled.as_dataset(result))
+    use(one.georeference.crs, labeled.as_dataset(result))
     arrays = (xarray.DataArray(view.image, dims=("y", "x")) for view in (left, right))
-    return labelled.match(*arrays, num_disparities=64, window=7)
+    return labeled.match(*arrays, num_disparities=64, window=7)
 
 
 def beyond_memory(

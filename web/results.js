@@ -93,7 +93,7 @@ function fillScene(width, height) {
   const step = Math.max(FINEST, (high - low) / LEVELS);
   Object.assign(page.scene, {
     focal: [width, width],
-    centre: [(width - 1) / 2, (height - 1) / 2],
+    center: [(width - 1) / 2, (height - 1) / 2],
     scale: width,
     doffs: 0,
     coding: [low, step],

@@ -1,4 +1,4 @@
-"""Dense stereo matching on quantised local phase: fast, and robust to blur and contrast.
+"""Dense stereo matching on quantized local phase: fast, and robust to blur and contrast.
 
     import phasestereo as ps
 
@@ -120,7 +120,7 @@ else:
 
 if _core.DEBUG_BUILD:
     warnings.warn(
-        "phasestereo was built without optimisation and is many times slower than it should be; "
+        "phasestereo was built without optimization and is many times slower than it should be; "
         "build it with `maturin develop --release`",
         RuntimeWarning,
         stacklevel=2,

@@ -56,8 +56,8 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
         )
     if pixels.size == 0:
         raise ValueError(f"{name}: got shape {np.shape(image)}; accepts at least one pixel")
-    colours = pixels[:, :, :3]
-    native: Pixels = np.require(colours, colours.dtype.newbyteorder("="), ["C", "ALIGNED"])
+    colors = pixels[:, :, :3]
+    native: Pixels = np.require(colors, colors.dtype.newbyteorder("="), ["C", "ALIGNED"])
     return native
 
 

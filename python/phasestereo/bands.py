@@ -1,7 +1,7 @@
 """Bands of rows of a pair, matched by themselves, in any order: they fit to the bit.
 
 Some things are the same for all parts, or parts would not fit together: the relative blur and the
-map of it, the noise, the range in which the pixels of float images lie, how much neighbouring gray
+map of it, the noise, the range in which the pixels of float images lie, how much neighboring gray
 values differ. `pair_statistics` gathers them, a few rows at a time.
 
 All else that lies between images and disparities reaches only so far up and down (`halo`): a band
@@ -71,7 +71,7 @@ class PairStatistics:
         Where the pixels of the left and of the right image lie, if they are floats: (black, white)
         in thousandths of their unit, but for 0.1 % at either end. None: not needed.
     roughness
-        By how much horizontal neighbours of the left image differ: the sum, in steps of gray
+        By how much horizontal neighbors of the left image differ: the sum, in steps of gray
         values, and of how many pairs. None: not needed.
     """
 

@@ -77,7 +77,7 @@ def match(
         raises ends the match.
     noise
         Standard deviation of the noise of both images, or a pair of them (left, right), in units
-        of their pixels; of gray values where they have colour. It matters with ``noise_threshold >
+        of their pixels; of gray values where they have color. It matters with ``noise_threshold >
         0``; None: it is estimated then.
     blur_compensation
         How the blur of the images is evened out before pixels are compared, see

@@ -31,10 +31,10 @@ class Settings:
         What two pixels are compared by: ``"phase"``, the Hamming distance of their phase codes
         (unit: bits; eq. 7); ``"sad"``, the sum over the channels of absolute differences (unit:
         gray levels, of which the intensity range has 255; gray where either image is);
-        ``"nsad"``, the same after every channel has been normalised by the mean and the standard
+        ``"nsad"``, the same after every channel has been normalized by the mean and the standard
         deviation in the window around the pixel (unit: standard deviations). Default ``"phase"``.
     neighborhood
-        Side L of the square neighbourhood which a code describes, in pixels; odd, 3 to 63.
+        Side L of the square neighborhood which a code describes, in pixels; odd, 3 to 63.
         Larger ones resist blur better and fatten the foreground more. Default 3.
     taper
         Window under the local Fourier transform: ``"uniform"`` as in the paper, ``"gaussian"``
@@ -47,7 +47,7 @@ class Settings:
         Power k of the spectrum (eq. 3): 1, or 2, which makes the codes blind to the sign flips
         of a symmetric blur beyond its first zero, and less discriminative. Default 1.
     bits
-        Bits b of the phase, 1 to 4: it is quantised to 2^b levels (eq. 3). A pixel's code takes
+        Bits b of the phase, 1 to 4: it is quantized to 2^b levels (eq. 3). A pixel's code takes
         (r (2 s + 1) + s) 2^(b - 1) bits, at most 64. Default 2.
     noise_threshold
         Real and imaginary parts of the spectrum whose magnitude is up to so many standard
@@ -57,17 +57,17 @@ class Settings:
         ``bits=2`` and ``cost="phase"``, and the noise, which `match` is told. 0: there is no such
         level. Default 0.5.
     sizes
-        Sizes of neighbourhoods that a code describes, 1 or 2. With 2 the bits of `neighborhood` are
+        Sizes of neighborhoods that a code describes, 1 or 2. With 2 the bits of `neighborhood` are
         joined by those of one that is two pixels larger, of which only the components (0, 1) and
-        (1, 0) count; these alone have the weak level. Small neighbourhoods keep details, larger
+        (1, 0) count; these alone have the weak level. Small neighborhoods keep details, larger
         ones stand noise, compression and softness. It needs a `neighborhood` of 61 at most, and
         without a weak level takes (r (2 s + 1) + s + 2) 2^(b - 1) bits. Default 2.
     window
         Side of the square aggregation window, in pixels; odd, 1 to 63; it may be larger than the
         image. Default 5.
     shiftable
-        Whether the best of five windows counts, which the pixel anchors at the centre, top,
-        bottom, left and right (section 2.3), or the centred one alone. Default False.
+        Whether the best of five windows counts, which the pixel anchors at the center, top,
+        bottom, left and right (section 2.3), or the centered one alone. Default False.
     precision
         How exactly aggregated costs are worked out: ``"full"``, exactly; ``"byte"``, to so many
         bits that each fits a byte, which is nearly twice as fast: from the sum of each column of
@@ -106,10 +106,10 @@ class Settings:
     compensate_blur
         Whether the relative blur of the two images is estimated (`phasestereo.estimate_blur`) and
         the sharper one is given it, area by area, before they are compared; for ``cost="phase"``.
-        What is left of a blur is described by larger neighbourhoods: where any is found,
+        What is left of a blur is described by larger neighborhoods: where any is found,
         `neighborhood` and `window` are two pixels larger than said (`neighborhood` four, where all
         of it is Gaussian, of 2.25 pixels or more), 61 and 63 at most; with ``sizes=2`` both
-        neighbourhoods grow. Default True.
+        neighborhoods grow. Default True.
     align_rows
         Whether it is estimated how the rows of the images correspond: a smooth field of vertical
         offsets (shift, turn, focal length, keystone, distortion). Where it is significant, the
@@ -148,7 +148,7 @@ class Settings:
         Regions of up to so many pixels that stand out from all around are flagged; 0: none is
         (OpenCV's ``speckleWindowSize``). Default 100.
     speckle_range
-        Neighbouring pixels whose disparities differ by no more, in pixels, are in one region; 0 to
+        Neighboring pixels whose disparities differ by no more, in pixels, are in one region; 0 to
         16384 (OpenCV's ``speckleRange``). Default 1.
     synthesis
         Whether, where one image alone is blurred, the disparities near jumps are taken from the map

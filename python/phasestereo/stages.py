@@ -35,7 +35,7 @@ def descriptor(
     noise: float | None = None,
     **overrides: Any,
 ) -> NDArray[np.uint16] | NDArray[np.uint32] | NDArray[np.uint64]:
-    """Describe every pixel by the quantised phases of its neighbourhood's Fourier transform.
+    """Describe every pixel by the quantized phases of its neighborhood's Fourier transform.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def descriptor(
         Number of threads; None: as many as the process may use.
     noise
         Standard deviation of the noise of the image, in units of its pixels; of its gray values
-        where it has colour. Needed with ``noise_threshold > 0``, else without effect.
+        where it has color. Needed with ``noise_threshold > 0``, else without effect.
     **overrides
         Fields of `Settings` by name.
 
@@ -63,7 +63,7 @@ def descriptor(
         that the number of bits in which two codes differ is the similarity measure of eq. 6.
         With ``noise_threshold > 0`` 4 bits each: whether the real part is clearly negative, the
         imaginary part too; whether the real part is clearly positive, the imaginary part too. With
-        ``sizes=2`` the components (0, 1) and (1, 0) of the larger neighbourhood, with the weak
+        ``sizes=2`` the components (0, 1) and (1, 0) of the larger neighborhood, with the weak
         level if there is one, come first, then all of the smaller one, without it.
 
     Raises
@@ -144,9 +144,9 @@ def aggregate(costs: ArrayLike, *, window: int = 9, shiftable: bool = True) -> N
         Side of the square window, odd, 1 to 63. Costs continue beyond the image by repeating its
         edge.
     shiftable
-        Whether the least of five sums counts, centred on the pixel and half a window above, below,
-        left and right of it, each centre clamped into the image (Pedone & Heikkilä 2008, section
-        2.3); or the centred one alone.
+        Whether the least of five sums counts, centered on the pixel and half a window above, below,
+        left and right of it, each center clamped into the image (Pedone & Heikkilä 2008, section
+        2.3); or the centered one alone.
 
     Returns
     -------

@@ -82,7 +82,7 @@ impl Window {
         }
     }
 
-    /// Pixels from the window's centre to its side.
+    /// Pixels from the window's center to its side.
     pub fn radius(&self) -> usize {
         self.side / 2
     }

@@ -1,7 +1,7 @@
 //! Integer tables of the local Fourier transform.
 //!
 //! The descriptor is *defined* on these integers, rounding included. Tables of non-zero frequencies sum
-//! to zero exactly, so a constant added to an image changes nothing, not even on ties. All are centred at
+//! to zero exactly, so a constant added to an image changes nothing, not even on ties. All are centered at
 //! the pixel: their real part is even and their imaginary part odd, so one half tells the whole.
 
 use std::f64::consts::TAU;
@@ -25,12 +25,12 @@ pub struct Component {
     pub v: isize,
 }
 
-/// The taps `even[|j|] + i sgn(j) odd[|j|]`, `j` pixels from the centre.
+/// The taps `even[|j|] + i sgn(j) odd[|j|]`, `j` pixels from the center.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Filter {
-    /// Real parts, from the centre outwards.
+    /// Real parts, from the center outwards.
     pub even: Vec<i32>,
-    /// Imaginary parts on the side of rising coordinates, from the centre (0) outwards.
+    /// Imaginary parts on the side of rising coordinates, from the center (0) outwards.
     pub odd: Vec<i32>,
 }
 
@@ -51,7 +51,7 @@ impl Basis {
         Self { size, frequencies: (r, s), filters }
     }
 
-    /// Pixels from the centre of the neighbourhood to its side.
+    /// Pixels from the center of the neighborhood to its side.
     pub fn radius(&self) -> usize {
         self.size / 2
     }
@@ -99,7 +99,7 @@ impl Filter {
     }
 }
 
-/// Even, as the centre of a table that sums to zero must be.
+/// Even, as the center of a table that sums to zero must be.
 fn amplitude(size: usize, is_coarse: bool) -> usize {
     let total = if is_coarse { COARSE_AMPLITUDE_TIMES_SIZE } else { AMPLITUDE_TIMES_SIZE };
     total / size / 2 * 2
@@ -124,7 +124,7 @@ fn filter(taper: Taper, size: usize, scale: usize, f: usize) -> Filter {
     }
 }
 
-/// The window's weight `j` pixels from its centre, where it is 1.
+/// The window's weight `j` pixels from its center, where it is 1.
 fn weight(taper: Taper, size: usize, j: usize) -> f64 {
     let offset = j as f64;
     match taper {
@@ -138,11 +138,11 @@ fn rounded(exact: &[f64]) -> Vec<i32> {
     exact.iter().map(|value| value.round() as i32).collect()
 }
 
-/// Rounds one half of a symmetric filter, its centre first, so that the whole filter sums to zero: the
+/// Rounds one half of a symmetric filter, its center first, so that the whole filter sums to zero: the
 /// taps that rounding had moved furthest to the wrong side are moved back by one.
 fn rounded_to_zero_sum(exact: &[f64]) -> Vec<i32> {
     let mut rounded = rounded(exact);
-    // The centre counts once and all others twice: only an even centre can be balanced.
+    // The center counts once and all others twice: only an even center can be balanced.
     if rounded[0] % 2 != 0 {
         rounded[0] += if exact[0] > f64::from(rounded[0]) { 1 } else { -1 };
     }
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_fall_from_the_amplitude_at_the_centre() {
+    fn windows_fall_from_the_amplitude_at_the_center() {
         for (taper, size, is_coarse, basis) in every_basis() {
             let window = &basis.filters[0].even;
             assert_eq!(window[0] as usize, amplitude(size, is_coarse));

@@ -1,4 +1,4 @@
-//! A spectral component -> the bits of its quantised phase (paper, eq. 3).
+//! A spectral component -> the bits of its quantized phase (paper, eq. 3).
 //!
 //! Levels lie on a circle. Each is written in a Johnson code (a circular thermometer), whose Hamming
 //! distance *is* the distance around the circle (eq. 4), for any number of bits. Each bit tells on which side
@@ -93,7 +93,7 @@ impl Quantizer {
         johnson(sector % levels, self.code_length)
     }
 
-    /// Adds the codes of one component of neighbouring pixels to their words, `shift` bits up, where there
+    /// Adds the codes of one component of neighboring pixels to their words, `shift` bits up, where there
     /// are zeros.
     #[inline(always)]
     pub fn add<T: Lane>(&self, re: &[T], im: &[T], shift: usize, words: &mut [T::Word]) {

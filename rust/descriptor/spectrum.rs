@@ -1,7 +1,7 @@
 //! Pixels -> spectral components of one row.
 //!
 //! Separable: down the columns first, for every `v`; then along the row, for every `(u, v)`. As filters are
-//! even or odd, the two pixels at one distance from the centre are added or subtracted first and share one
+//! even or odd, the two pixels at one distance from the center are added or subtracted first and share one
 //! multiplication. No row needs another one's sums, so the work can be cut anywhere.
 
 use std::array::from_fn;
@@ -20,7 +20,7 @@ const LANES: usize = 16;
 /// Pairs of taps that are applied in one sweep over a row: more would not find registers.
 const SWEEP: usize = 4;
 
-/// Bits of neighbouring codes.
+/// Bits of neighboring codes.
 pub trait Word:
     Copy + Default + From<bool> + Into<u64> + BitOr<Output = Self> + Shl<usize, Output = Self>
 {
@@ -103,7 +103,7 @@ impl Lane for f64 {
     }
 }
 
-/// The even and the odd part of a filter, from the centre outwards; or what they make of a row.
+/// The even and the odd part of a filter, from the center outwards; or what they make of a row.
 #[derive(Debug)]
 struct Parts<T> {
     even: Vec<T>,
@@ -121,7 +121,7 @@ impl<T: Lane> Parts<T> {
     }
 }
 
-/// A component of neighbouring pixels: its index, its real and its imaginary parts.
+/// A component of neighboring pixels: its index, its real and its imaginary parts.
 pub type Components<'a, T> = (usize, &'a [T], &'a [T]);
 
 /// The transform of one row after the other.
@@ -158,7 +158,7 @@ impl<T: Lane> Spectrum<T> {
 
     /// Takes in a row and its surroundings: `L` rows of [`Self::width`], one after the other.
     #[inline(always)]
-    pub fn centre_on(&mut self, surroundings: &[i32]) {
+    pub fn center_on(&mut self, surroundings: &[i32]) {
         let step = self.width();
         let place = (surroundings.len() / step / 2 * step, step);
         for (v, (columns, filter)) in self.columns.iter_mut().zip(&self.filters).enumerate() {
@@ -225,22 +225,22 @@ fn to_sum_and_difference<T: Lane>(a: &mut [T], b: &mut [T]) {
     }
 }
 
-/// Where in the data the centre of a filter is laid first, how far apart its taps lie there, and which of
-/// the pairs around the centre comes first.
+/// Where in the data the center of a filter is laid first, how far apart its taps lie there, and which of
+/// the pairs around the center comes first.
 #[derive(Debug, Clone, Copy)]
 struct Pairs {
-    centre: usize,
+    center: usize,
     step: usize,
     nearest: usize,
 }
 
 impl Pairs {
-    /// The rows on either side of the centre.
+    /// The rows on either side of the center.
     #[inline(always)]
     fn rows<P, const K: usize>(self, data: &[P], length: usize) -> ([&[P]; K], [&[P]; K]) {
         let away = |k: usize| (self.nearest + k) * self.step;
-        let before = from_fn(|k| &data[self.centre - away(k)..][..length]);
-        (before, from_fn(|k| &data[self.centre + away(k)..][..length]))
+        let before = from_fn(|k| &data[self.center - away(k)..][..length]);
+        (before, from_fn(|k| &data[self.center + away(k)..][..length]))
     }
 }
 
@@ -250,12 +250,12 @@ fn apply<P: Lane, T: Lane + From<P>>(
     filter: &Parts<T>,
     both: bool,
     data: &[P],
-    (centre, step): (usize, usize),
+    (center, step): (usize, usize),
     [even, odd]: [&mut [T]; 2],
 ) {
     let radius = filter.even.len() - 1;
     for nearest in (1..=radius).step_by(SWEEP) {
-        let (pairs, out) = (Pairs { centre, step, nearest }, [&mut *even, &mut *odd]);
+        let (pairs, out) = (Pairs { center, step, nearest }, [&mut *even, &mut *odd]);
         match radius + 1 - nearest {
             1 => sweep::<P, T, 1>(filter, both, data, pairs, out),
             2 => sweep::<P, T, 2>(filter, both, data, pairs, out),
@@ -265,7 +265,7 @@ fn apply<P: Lane, T: Lane + From<P>>(
     }
 }
 
-/// Adds what `K` pairs contribute; the first sweep starts with the centre.
+/// Adds what `K` pairs contribute; the first sweep starts with the center.
 #[inline(always)]
 fn sweep<P: Lane, T: Lane + From<P>, const K: usize>(
     filter: &Parts<T>,
@@ -277,20 +277,20 @@ fn sweep<P: Lane, T: Lane + From<P>, const K: usize>(
     let evens: [T; K] = from_fn(|k| filter.even[pairs.nearest + k]);
     let odds: [T; K] = from_fn(|k| filter.odd[pairs.nearest + k]);
     let middle = filter.even[0];
-    let centre = |value: P| middle.times(lane(value));
+    let center = |value: P| middle.times(lane(value));
     match (pairs.nearest, both) {
-        (1, false) => add_even(even, data, pairs, evens, |_, value| centre(value)),
+        (1, false) => add_even(even, data, pairs, evens, |_, value| center(value)),
         (_, false) => add_even(even, data, pairs, evens, |sum, _| sum),
         (1, true) => {
             add_both(even, odd, data, pairs, (evens, odds), |_, value| {
-                (centre(value), T::default())
+                (center(value), T::default())
             });
         }
         (_, true) => add_both(even, odd, data, pairs, (evens, odds), |sums, _| sums),
     }
 }
 
-/// The even part. Outputs and input are arguments of their own, not fields: only so does the vectoriser
+/// The even part. Outputs and input are arguments of their own, not fields: only so does the vectorizer
 /// know that they do not overlap.
 #[inline(always)]
 fn add_even<P: Lane, T: Lane + From<P>, const K: usize>(
@@ -302,9 +302,9 @@ fn add_even<P: Lane, T: Lane + From<P>, const K: usize>(
 ) {
     let n = even.len();
     let (before, after) = pairs.rows::<P, K>(data, n);
-    let centre = &data[pairs.centre..][..n];
+    let center = &data[pairs.center..][..n];
     for i in 0..n {
-        let mut sum = start(even[i], centre[i]);
+        let mut sum = start(even[i], center[i]);
         for k in 0..K {
             sum = sum.plus(evens[k].times(lane(after[k][i].plus(before[k][i]))));
         }
@@ -325,9 +325,9 @@ fn add_both<P: Lane, T: Lane + From<P>, const K: usize>(
     let n = even.len();
     let odd = &mut odd[..n];
     let (before, after) = pairs.rows::<P, K>(data, n);
-    let centre = &data[pairs.centre..][..n];
+    let center = &data[pairs.center..][..n];
     for i in 0..n {
-        let (mut e, mut o) = start((even[i], odd[i]), centre[i]);
+        let (mut e, mut o) = start((even[i], odd[i]), center[i]);
         for k in 0..K {
             e = e.plus(evens[k].times(lane(after[k][i].plus(before[k][i]))));
             o = o.plus(odds[k].times(lane(after[k][i].minus(before[k][i]))));

@@ -40,7 +40,7 @@ const BLOCK: usize = 32;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Kernel(Weights);
 
-/// The weights of a kernel, by offset from their centre: sides are odd, and no larger than need be.
+/// The weights of a kernel, by offset from their center: sides are odd, and no larger than need be.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Weights {
     /// All of them.
@@ -63,7 +63,7 @@ impl Kernel {
         let taps = taps.map(|tap| tap / total);
         match factors(&taps) {
             Some([column, row]) => Ok(Self::of_factors(&column, &row)),
-            None => Ok(Self(Weights::All(trimmed(&quantised(&taps))))),
+            None => Ok(Self(Weights::All(trimmed(&quantized(&taps))))),
         }
     }
 
@@ -77,7 +77,7 @@ impl Kernel {
 
     /// A factor that changes nothing is left out.
     fn of_factors(column: &Plane<f64>, row: &Plane<f64>) -> Self {
-        let [column, row] = [column, row].map(|taps| trimmed(&quantised(taps)));
+        let [column, row] = [column, row].map(|taps| trimmed(&quantized(taps)));
         Self(match [column.rows(), row.cols()] {
             [1, _] => Weights::All(row),
             [_, 1] => Weights::All(column),
@@ -170,9 +170,9 @@ fn factors(taps: &Plane<f64>) -> Option<[Plane<f64>; 2]> {
 
 /// Taps of sum 1 as weights of sum `2^SHIFT`: rounded down, and those with the largest remainders up.
 ///
-/// Ties are broken from the centre outwards, opposite taps one after the other: a disk, whose taps are all
+/// Ties are broken from the center outwards, opposite taps one after the other: a disk, whose taps are all
 /// alike, must not be shifted by what is left over.
-fn quantised(taps: &Plane<f64>) -> Plane<i32> {
+fn quantized(taps: &Plane<f64>) -> Plane<i32> {
     let exact = taps.map(|tap| tap * f64::from(1 << SHIFT));
     let mut weights = exact.map(|tap| *tap as i32);
     let missing = (1 << SHIFT) - weights.as_slice().iter().sum::<i32>();
@@ -193,12 +193,12 @@ fn quantised(taps: &Plane<f64>) -> Plane<i32> {
 
 /// The same kernel without the outer rows and columns in which there is nothing.
 fn trimmed(weights: &Plane<i32>) -> Plane<i32> {
-    let centre = [weights.rows() / 2, weights.cols() / 2];
+    let center = [weights.rows() / 2, weights.cols() / 2];
     let used = taps(weights).fold([0, 0], |[down, across], (y, x, _)| {
-        [down.max(y.abs_diff(centre[0])), across.max(x.abs_diff(centre[1]))]
+        [down.max(y.abs_diff(center[0])), across.max(x.abs_diff(center[1]))]
     });
     let (rows, cols) = (2 * used[0] + 1, 2 * used[1] + 1);
-    let at = |y: usize, x: usize| weights.row(y + centre[0] - used[0])[x + centre[1] - used[1]];
+    let at = |y: usize, x: usize| weights.row(y + center[0] - used[0])[x + center[1] - used[1]];
     Plane::from_fn(rows, cols, at)
 }
 
@@ -247,7 +247,7 @@ impl Pass {
     fn new(weights: &Plane<i32>, (had, kept): (u32, u32), image_cols: usize, reach: u32) -> Self {
         let (rows, cols) = (weights.rows(), weights.cols());
         let width = image_cols.next_multiple_of(BLOCK) + cols - 1;
-        // True convolution: what lies to the right of the centre weighs the pixel to its left.
+        // True convolution: what lies to the right of the center weighs the pixel to its left.
         let tap = |(y, x, weight)| Tap { offset: (rows - 1 - y) * width + cols - 1 - x, weight };
         let shift = SHIFT + had - kept;
         let largest = (u64::from(reach) << SHIFT) + (1 << (shift - 1));

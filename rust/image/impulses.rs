@@ -106,7 +106,7 @@ impl Kernel for Repair<'_> {
     }
 }
 
-/// Outputs and inputs are arguments of their own: only so does the vectoriser know that they do not overlap.
+/// Outputs and inputs are arguments of their own: only so does the vectorizer know that they do not overlap.
 #[inline(always)]
 fn repair([above, own, below]: [&[i32]; 3], height: i32, out: &mut [i32]) {
     let n = out.len();

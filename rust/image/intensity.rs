@@ -1,7 +1,7 @@
 //! Pixels of any type -> integers on one scale: gray values for the phase codes, channel planes for SAD.
 //!
 //! Everything after this module is exact, so that results do not depend on how the work is cut into bands.
-//! Gray values of integer images are exact, too, those of colour images being `299 R + 587 G + 114 B`
+//! Gray values of integer images are exact, too, those of color images being `299 R + 587 G + 114 B`
 //! thousandths: scaling an image by a factor then scales every spectral component by it, and no code changes.
 
 use crate::error::Result;
@@ -68,7 +68,7 @@ impl Range {
 /// That of an image without a valid pixel.
 pub const NOWHERE: Range = Range { black: 0.0, white: 0.0 };
 
-/// The gray values under the phase codes, centred about zero; each image may have a scale of its own, since
+/// The gray values under the phase codes, centered about zero; each image may have a scale of its own, since
 /// codes compare directions, not lengths.
 #[derive(Debug)]
 pub struct Gray<'a> {
@@ -88,7 +88,7 @@ enum Source<'a> {
 }
 
 impl<'a> Gray<'a> {
-    /// The gray values of a checked view; masked pixels take the values of valid neighbours, and impulses are repaired.
+    /// The gray values of a checked view; masked pixels take the values of valid neighbors, and impulses are repaired.
     pub fn new(view: &'a View, level: Level, control: &Control) -> Result<Self> {
         let (rows, cols, channels) = view.image.shape();
         let scale = match view.image.white() {
@@ -134,7 +134,7 @@ impl<'a> Gray<'a> {
     }
 
     /// The same image under a kernel, in steps as much finer as there is room for, to be described by itself.
-    /// Masked pixels have taken the values of valid neighbours before, and so spread nothing of their own.
+    /// Masked pixels have taken the values of valid neighbors before, and so spread nothing of their own.
     pub fn convolved(
         &self,
         kernel: &Blur,
@@ -200,7 +200,7 @@ impl<'a> Gray<'a> {
         match &self.source {
             Source::Plane(plane) => gray.copy_from_slice(plane.row(y)),
             Source::Image(image, Scale::Exact { middle }) => {
-                image.write_centred(y, *middle, level, gray);
+                image.write_centered(y, *middle, level, gray);
             }
             Source::Image(image, Scale::Steps(steps)) => {
                 let mut luminance = zeroed(gray.len())?;
@@ -260,7 +260,7 @@ impl Kernel for ToSteps<'_> {
     }
 }
 
-/// The channel planes of a pair, for SAD: three where both images have colour, else gray.
+/// The channel planes of a pair, for SAD: three where both images have color, else gray.
 pub fn level_planes(
     [left, right]: [&View; 2],
     told: Option<(f64, f64)>,
@@ -368,7 +368,7 @@ pub fn full_range(view: &View, control: &Control) -> Result<Option<Range>> {
     Ok(range)
 }
 
-/// `plane` with the masked pixels replaced by valid neighbours.
+/// `plane` with the masked pixels replaced by valid neighbors.
 fn filled<T: Copy + Default>(
     mut plane: Plane<T>,
     view: &View,

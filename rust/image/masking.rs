@@ -1,4 +1,4 @@
-//! Masked pixels take the values of valid neighbours, so that what they hold has no effect on anything.
+//! Masked pixels take the values of valid neighbors, so that what they hold has no effect on anything.
 
 use crate::error::Result;
 use crate::image::convolution::LARGEST_KERNEL;

@@ -1,5 +1,5 @@
 //! Channel planes -> local contrast: each pixel less the mean of the window around it, over its standard
-//! deviation there. What normalised SAD compares.
+//! deviation there. What normalized SAD compares.
 
 use std::ops::Range;
 
@@ -10,11 +10,11 @@ use crate::pipeline::control::Control;
 
 /// Fixed-point steps per standard deviation.
 pub const DEVIATION_STEPS: u16 = 256;
-/// Normalised values are clamped to this many deviations; only windows beyond 16 px can reach it.
+/// Normalized values are clamped to this many deviations; only windows beyond 16 px can reach it.
 const DEVIATION_REACH: f64 = 16.0;
-/// Largest value of a normalised plane.
+/// Largest value of a normalized plane.
 pub const DEVIATION_CEILING: u16 = 2 * 16 * DEVIATION_STEPS;
-/// Rows that one task normalises; each task warms up over `window - 1` further rows.
+/// Rows that one task normalizes; each task warms up over `window - 1` further rows.
 const BAND_ROWS: usize = 128;
 
 /// Sums of the values and of their squares: exact, so that they may slide.
@@ -31,18 +31,18 @@ impl Moments {
     }
 }
 
-/// Normalises a plane over `window x window` pixels, continued by reflection.
+/// Normalizes a plane over `window x window` pixels, continued by reflection.
 ///
 /// One gray level of deviation is added in quadrature, so that flat areas do not turn noise into signal.
 /// The one division and square root per pixel are those of IEEE 754, alike on every machine.
 pub fn normalize(plane: &Plane<u16>, window: usize, control: &Control) -> Result<Plane<u16>> {
     let size = (plane.rows(), plane.cols());
     Plane::by_bands(size, BAND_ROWS, |first, band| {
-        normalise_band(plane, window, first, control, band)
+        normalize_band(plane, window, first, control, band)
     })
 }
 
-fn normalise_band(
+fn normalize_band(
     plane: &Plane<u16>,
     window: usize,
     first: usize,
@@ -60,11 +60,11 @@ fn normalise_band(
     let columns = vec![Moments::default(); cols];
     slide(window, places, plane.rows(), columns, add_row, |y, columns| {
         control.checkpoint()?;
-        normalise_row(plane.row(y), columns, window, &mut band[(y - first) * cols..][..cols])
+        normalize_row(plane.row(y), columns, window, &mut band[(y - first) * cols..][..cols])
     })
 }
 
-fn normalise_row(row: &[u16], columns: &[Moments], window: usize, out: &mut [u16]) -> Result<()> {
+fn normalize_row(row: &[u16], columns: &[Moments], window: usize, out: &mut [u16]) -> Result<()> {
     let count = (window * window) as i64;
     let one_gray_level = (count * i64::from(LEVEL_STEPS)).pow(2);
     let add = |x: usize, sign: i64, sum: &mut Moments| sum.add(columns[x], sign);
@@ -97,10 +97,10 @@ fn slide<S>(
     let radius = (window / 2) as isize;
     let first = places.start as isize;
     (first - radius..first + radius).for_each(|place| add(reflect(place, length), 1, &mut sum));
-    for centre in places {
-        add(reflect(centre as isize + radius, length), 1, &mut sum);
-        write(centre, &sum)?;
-        add(reflect(centre as isize - radius, length), -1, &mut sum);
+    for center in places {
+        add(reflect(center as isize + radius, length), 1, &mut sum);
+        write(center, &sum)?;
+        add(reflect(center as isize - radius, length), -1, &mut sum);
     }
     Ok(())
 }

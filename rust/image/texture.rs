@@ -22,7 +22,7 @@ pub struct Texture {
     pub roughness: Roughness,
 }
 
-/// How much horizontal neighbours differ.
+/// How much horizontal neighbors differ.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Roughness {
     /// The sum of the differences.
@@ -47,7 +47,7 @@ impl Roughness {
         Self { sum: self.sum + other.sum, pairs: self.pairs + other.pairs }
     }
 
-    /// The mean difference; 0 where there are no neighbours.
+    /// The mean difference; 0 where there are no neighbors.
     pub fn mean(self) -> f64 {
         self.sum as f64 / self.pairs.max(1) as f64
     }

@@ -59,12 +59,12 @@ impl Image {
         }
     }
 
-    /// Writes the gray values of row `y` of an integer image less `middle`, exactly; those of colour
+    /// Writes the gray values of row `y` of an integer image less `middle`, exactly; those of color
     /// images, `299 R + 587 G + 114 B`, in thousandths.
-    pub fn write_centred(&self, y: usize, middle: i32, level: Level, row: &mut [i32]) {
+    pub fn write_centered(&self, y: usize, middle: i32, level: Level, row: &mut [i32]) {
         match self {
-            Self::U8(pixels) => write_centred(row_of(pixels, y), middle, level, row),
-            Self::U16(pixels) => write_centred(row_of(pixels, y), middle, level, row),
+            Self::U8(pixels) => write_centered(row_of(pixels, y), middle, level, row),
+            Self::U16(pixels) => write_centered(row_of(pixels, y), middle, level, row),
             Self::F32(_) | Self::F64(_) => unreachable!("floats have no middle"),
         }
     }
@@ -159,28 +159,28 @@ fn row_of<T>(pixels: &Array3<T>, y: usize) -> ArrayView2<'_, T> {
     pixels.index_axis(Axis(0), y)
 }
 
-fn write_centred<T>(pixels: ArrayView2<T>, middle: i32, level: Level, row: &mut [i32])
+fn write_centered<T>(pixels: ArrayView2<T>, middle: i32, level: Level, row: &mut [i32])
 where
     T: Copy + Into<i32>,
 {
     let pixels = pixels.as_standard_layout();
     let values = pixels.as_slice().unwrap_or_default();
-    level.run(Centred { values, in_colour: pixels.ncols() == 3, middle, row });
+    level.run(Centered { values, in_color: pixels.ncols() == 3, middle, row });
 }
 
-struct Centred<'a, T> {
+struct Centered<'a, T> {
     values: &'a [T],
-    in_colour: bool,
+    in_color: bool,
     middle: i32,
     row: &'a mut [i32],
 }
 
-impl<T: Copy + Into<i32>> Kernel for Centred<'_, T> {
+impl<T: Copy + Into<i32>> Kernel for Centered<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        if self.in_colour {
+        if self.in_color {
             for (gray, pixel) in self.row.iter_mut().zip(self.values.as_chunks().0) {
                 let [r, g, b] = pixel.map(T::into);
                 *gray = 299 * r + 587 * g + 114 * b - 1000 * self.middle;

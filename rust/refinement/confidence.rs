@@ -34,7 +34,7 @@ pub const STEP: usize = 2;
 const _: () = assert!(RADIUS.is_multiple_of(STEP), "a pixel has a vote for itself");
 /// Disparities agree that differ by no more, pixels. As above: 0.5: 0.928, 0.848; 1: 0.940, 0.860; 2: 0.938, 0.860.
 pub const TOLERANCE: f32 = 1.0;
-/// A vote counts half where the gray value differs by so many times the mean difference of horizontal neighbours: so
+/// A vote counts half where the gray value differs by so many times the mean difference of horizontal neighbors: so
 /// neither contrast nor the unit of gray values matters. As above: 1: 0.940, 0.858; 2: 0.940, 0.860; 4: 0.938, 0.861;
 /// whatever the gray value: 0.927, 0.857.
 pub const SIMILAR: f64 = 2.0;

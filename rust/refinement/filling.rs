@@ -1,7 +1,7 @@
 //! Disparities for pixels whose own are not trusted: the background beside them.
 //!
 //! A pixel that the right image does not see belongs to the farther one of the surfaces beside it, and for
-//! wrong matches nothing did clearly better: not the nearer neighbour, that of the more similar gray value, or one on
+//! wrong matches nothing did clearly better: not the nearer neighbor, that of the more similar gray value, or one on
 //! the same side of the largest step of gray values.
 
 use rayon::prelude::*;

@@ -26,13 +26,13 @@ pub const STRIDE: usize = 2;
 /// Pixels of a window in a row, and in all.
 const SIDE: usize = 2 * REACH / STRIDE + 1;
 const PLACES: usize = SIDE * SIDE;
-/// Columns that the windows of neighbouring pixels reach.
+/// Columns that the windows of neighboring pixels reach.
 const SPAN: usize = LANES + 2 * REACH;
 /// Rows of a band: of those about it, jumps are looked for again.
 const BAND: usize = 32;
 
 /// The map with the median of like pixels near jumps (of two in the middle the smaller disparity, which is that
-/// of the background). Like are pixels whose gray values differ by no more than those of neighbours in the
+/// of the background). Like are pixels whose gray values differ by no more than those of neighbors in the
 /// image do on average, which is the same for any contrast.
 pub fn guide(
     disparity: &Plane<f32>,
@@ -65,7 +65,7 @@ pub fn guide(
     })
 }
 
-/// The mean difference of horizontal neighbours, rounded up.
+/// The mean difference of horizontal neighbors, rounded up.
 pub fn likeness(roughness: Roughness) -> i32 {
     roughness.ceiling() as i32
 }
@@ -103,22 +103,22 @@ impl Kernel for Guide<'_> {
             let keys = keys_of(parts(self.disparity, first, &mut room, |_, _| f32::NAN));
             let grays = parts(self.gray, first, &mut gray_room, |_, _| 0);
             let median = median25(like(&keys, grays, self.tolerance));
-            let centre = lanes(&keys[SIDE / 2], REACH);
+            let center = lanes(&keys[SIDE / 2], REACH);
             let mut guided = [0.0; LANES];
             for j in 0..LANES {
-                let is_guided = (near[j] != 0) & (centre[j] != NONE);
-                guided[j] = disparity_of(if is_guided { median[j] } else { centre[j] });
+                let is_guided = (near[j] != 0) & (center[j] != NONE);
+                guided[j] = disparity_of(if is_guided { median[j] } else { center[j] });
             }
             out.copy_from_slice(&guided[..out.len()]);
         }
     }
 }
 
-/// The keys in the windows of neighbouring pixels; in place of those that do not count in turn one below and
+/// The keys in the windows of neighboring pixels; in place of those that do not count in turn one below and
 /// one above all, so that what is in the middle stays there.
 #[inline(always)]
 fn like(keys: &[[i32; SPAN]; SIDE], grays: [&[i32]; SIDE], tolerance: i32) -> [Lanes; PLACES] {
-    let centre = lanes(grays[SIDE / 2], REACH);
+    let center = lanes(grays[SIDE / 2], REACH);
     let mut far = [i32::MIN; LANES];
     let mut kept = [[NONE; LANES]; PLACES];
     for (place, kept) in kept.iter_mut().enumerate() {
@@ -126,7 +126,7 @@ fn like(keys: &[[i32; SPAN]; SIDE], grays: [&[i32]; SIDE], tolerance: i32) -> [L
         let key = lanes(&keys[place / SIDE], column);
         let gray = lanes(grays[place / SIDE], column);
         for j in 0..LANES {
-            let is_other = ((gray[j] - centre[j]).abs() > tolerance) | (key[j] == NONE);
+            let is_other = ((gray[j] - center[j]).abs() > tolerance) | (key[j] == NONE);
             // All bits or none.
             let other = -i32::from(is_other);
             kept[j] = key[j] & !other | far[j] & other;

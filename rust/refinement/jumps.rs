@@ -4,7 +4,7 @@
 use crate::image::plane::parts;
 use crate::simd::Kernel;
 
-/// Neighbouring disparities further apart than this are a jump, pixels.
+/// Neighboring disparities further apart than this are a jump, pixels.
 pub const JUMP: f32 = 1.0;
 
 /// Pixels side by side.
@@ -14,7 +14,7 @@ const MOST_REACH: usize = 8;
 /// Columns that may jump within reach of those side by side.
 const AROUND: usize = LANES + 2 * MOST_REACH;
 
-/// Which pixels of a row are within reach of one, in that row, that differs from its right or lower neighbour by a
+/// Which pixels of a row are within reach of one, in that row, that differs from its right or lower neighbor by a
 /// jump: bytes that are not 0.
 pub struct Mark<'a, const REACH: usize> {
     /// Disparities of the row.

@@ -1,4 +1,4 @@
-//! Medians of a map's neighbouring disparities, many pixels side by side.
+//! Medians of a map's neighboring disparities, many pixels side by side.
 //!
 //! Disparities are compared as integers of the same order: that is one instruction wherever there are lanes.
 //! Loops over lanes are spelt out here: closures of such size are no longer inlined, and what is not inlined
@@ -19,12 +19,12 @@ pub const REACH: usize = 1;
 /// Columns about some pixels that their medians are of.
 const SPAN: usize = LANES + 2 * REACH;
 
-/// A number for each of some neighbouring pixels.
+/// A number for each of some neighboring pixels.
 pub type Lanes = [i32; LANES];
 
 /// The median of 3 x 3 disparities about each pixel; beyond the border the map is continued by its last values.
 ///
-/// Neighbours without a disparity count as the pixel itself; where there is none, none is made up.
+/// Neighbors without a disparity count as the pixel itself; where there is none, none is made up.
 pub fn smooth(
     disparity: &Plane<f32>,
     smoothed: &mut Plane<f32>,
@@ -73,18 +73,18 @@ impl Kernel for Smooth<'_> {
             let first = (index * LANES) as isize - REACH as isize;
             let nearest = |row: &[f32], x: isize| row[x.clamp(0, row.len() as isize - 1) as usize];
             let rows: [[i32; SPAN]; 3] = keys_of(parts(self.rows, first, &mut room, nearest));
-            let centre = lanes(&rows[1], REACH);
+            let center = lanes(&rows[1], REACH);
             let mut keys = [[NONE; LANES]; 9];
             for (place, keys) in keys.iter_mut().enumerate() {
                 *keys = lanes(&rows[place / 3], place % 3);
                 for j in 0..LANES {
-                    keys[j] = if keys[j] == NONE { centre[j] } else { keys[j] };
+                    keys[j] = if keys[j] == NONE { center[j] } else { keys[j] };
                 }
             }
             let median = median9(keys);
             let mut smoothed = [0.0; LANES];
             for j in 0..LANES {
-                smoothed[j] = disparity(if centre[j] == NONE { NONE } else { median[j] });
+                smoothed[j] = disparity(if center[j] == NONE { NONE } else { median[j] });
             }
             out.copy_from_slice(&smoothed[..out.len()]);
         }

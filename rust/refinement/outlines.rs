@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! for pixels within NEAR of a jump:
-//!     weight of those about = max(0, 1 - difference of gray values / (LIKENESS * mean difference of neighbours))
+//!     weight of those about = max(0, 1 - difference of gray values / (LIKENESS * mean difference of neighbors))
 //!                           * Gaussian of the distance
 //!     disparity = the least one that half of the weight is not above
 //! ```
@@ -35,7 +35,7 @@ pub const REACH: usize = STEPS * STRIDE;
 /// Pixels from a jump, up, down, left and right, within which there may be change. 7: 21.4 % wrong, as above; 10 and
 /// 14: 21.3.
 pub const NEAR: usize = 8;
-/// Gray values that differ by so many times the mean difference of horizontal neighbours have nothing in common.
+/// Gray values that differ by so many times the mean difference of horizontal neighbors have nothing in common.
 /// From 12 to 24 it makes no difference.
 pub const LIKENESS: f64 = 16.0;
 /// Steps of the disparities to the pixel.
@@ -79,7 +79,7 @@ pub fn draw(
             if let Some(y) = (first + row).checked_sub(REACH).filter(|y| *y < rows) {
                 let (disparity, gray) = (disparity.row(y), texture.gray.row(y));
                 let (grays, steps) = (grays.row_mut(row), steps.row_mut(row));
-                level.run(Quantise { disparity, gray, scale, grays, steps });
+                level.run(Quantize { disparity, gray, scale, grays, steps });
             } else {
                 grays.row_mut(row).fill(NOTHING);
             }
@@ -111,7 +111,7 @@ pub fn scale(roughness: Roughness) -> f32 {
 }
 
 /// Gray values and disparities of a row in steps; those without a disparity do not count.
-struct Quantise<'a> {
+struct Quantize<'a> {
     disparity: &'a [f32],
     gray: &'a [i32],
     scale: f32,
@@ -119,7 +119,7 @@ struct Quantise<'a> {
     steps: &'a mut [i32],
 }
 
-impl Kernel for Quantise<'_> {
+impl Kernel for Quantize<'_> {
     type Output = ();
 
     #[inline(always)]

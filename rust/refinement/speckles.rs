@@ -62,7 +62,7 @@ struct Map<'a> {
     level: Level,
 }
 
-/// The columns of neighbouring pixels of a row that hang together.
+/// The columns of neighboring pixels of a row that hang together.
 #[derive(Debug, Clone, Copy)]
 struct Run {
     start: u32,

@@ -1,4 +1,4 @@
-//! Costs about the chosen candidate -> where between candidates the match lies; neighbours' disparities -> a
+//! Costs about the chosen candidate -> where between candidates the match lies; neighbors' disparities -> a
 //! smoother surface.
 //!
 //! What the costs of three candidates tell about the place between them depends on the shape of their valley.
@@ -16,7 +16,7 @@ use crate::simd::{Kernel, Level};
 
 /// How many times over the costs of the pixel itself count beside each path's total.
 ///
-/// Penalties for a change by one draw totals of paths to the whole disparities of the neighbours; the costs
+/// Penalties for a change by one draw totals of paths to the whole disparities of the neighbors; the costs
 /// themselves know nothing of these, but more of noise. Of five rendered pairs, eight paths, root mean square of
 /// the errors up to 1 in pixels and largest deviation of the histogram of fractions in %; of twelve real scenes,
 /// bad-0.5 and bad-1.0 on non-occluded pixels in %, all after a median over 3 x 3 and [`smooth`]: 0: 0.152, 33,
@@ -33,7 +33,7 @@ const STEEPER: f32 = 0.6;
 /// Rows and columns that surfaces are smoothed over to either side. Root mean square, bad-0.5 and bad-1.0 as for
 /// `OWN_SHARE`: not at all: 0.153, 12.6, 6.3; 2: 0.139, 12.1, 6.1; 3: 0.139, 11.9, 6.0; 4: 0.141, 11.7, 6.0.
 pub const REACH: usize = 3;
-/// Pixels of disparity by which neighbours on one surface differ at most.
+/// Pixels of disparity by which neighbors on one surface differ at most.
 const SAME_SURFACE: f32 = 1.0;
 
 /// Rows that a pixel is smoothed with, its own in the middle.
@@ -55,7 +55,7 @@ pub fn evidence(total: u32, cost: u32) -> u32 {
 ///
 /// Only what the costs differ by counts, and only in proportion. Equal costs beside the candidate say 0; where one
 /// of these is less than the candidate's own, the match lies half-way to it. A candidate at either end of the range
-/// has but one neighbour: its match is to be taken as it is.
+/// has but one neighbor: its match is to be taken as it is.
 #[inline(always)]
 pub fn offset(below: u32, own: u32, above: u32) -> f32 {
     let lean = below as i32 - above as i32;

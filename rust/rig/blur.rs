@@ -52,7 +52,7 @@ use crate::rig::psf::{Psf, Taps};
 use crate::simd::Level;
 
 /// The match by which a kernel is measured: means of bad-1.0 over 12 scenes with an arc of 15 px and 270 degrees after
-/// one such kernel, by factor and neighbourhood: 4, 9: 22.7 %; 2, 9: 18.1 %; 2, 15: 18.5 %; true kernel: 17.6.
+/// one such kernel, by factor and neighborhood: 4, 9: 22.7 %; 2, 9: 18.1 %; 2, 15: 18.5 %; true kernel: 17.6.
 const ROUGH: Scale = Scale { factor: 2, neighborhood: 9 };
 /// Blocks that are enough to see whether there is blur.
 const ENOUGH_BLOCKS: usize = 110;
@@ -120,7 +120,7 @@ pub struct Estimate {
     pub glance: Glance,
 }
 
-/// A grid of tiles, and the blocks about their centres.
+/// A grid of tiles, and the blocks about their centers.
 struct Grid {
     /// Side of a tile, pixels.
     step: usize,

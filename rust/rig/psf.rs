@@ -32,7 +32,7 @@ pub struct Psf {
 /// A square kernel of odd side whose taps have the sum 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Taps {
-    /// Taps on either side of the centre.
+    /// Taps on either side of the center.
     pub reach: usize,
     /// Row after row.
     pub values: Vec<f64>,
@@ -70,7 +70,7 @@ impl Psf {
         }
     }
 
-    /// Root mean square distance from the centre along one axis, averaged over the directions, pixels: what makes sizes of
+    /// Root mean square distance from the center along one axis, averaged over the directions, pixels: what makes sizes of
     /// different families comparable.
     pub fn spread(&self) -> f64 {
         match self.family {
@@ -98,7 +98,7 @@ impl Taps {
         2 * self.reach + 1
     }
 
-    /// The taps as (dy, dx, value) relative to the centre.
+    /// The taps as (dy, dx, value) relative to the center.
     pub fn places(&self) -> impl Iterator<Item = (isize, isize, f64)> + '_ {
         let (side, reach) = (self.side(), self.reach as isize);
         self.values.iter().enumerate().map(move |(i, value)| {
@@ -168,7 +168,7 @@ pub fn path(samples: impl Iterator<Item = (f64, f64)>) -> Taps {
     let samples: Vec<_> = samples.collect();
     let farthest = samples.iter().map(|(y, x)| y.abs().max(x.abs())).fold(0.0, f64::max);
     let reach = farthest.ceil() as usize;
-    // One more for the far neighbours of the ends, which have no weight.
+    // One more for the far neighbors of the ends, which have no weight.
     let (side, wide) = (2 * reach + 1, 2 * reach + 2);
     let mut values = vec![0.0; wide * wide];
     for (y, x) in samples {
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn taps_have_the_sum_one_and_are_symmetric_about_the_centre() {
+    fn taps_have_the_sum_one_and_are_symmetric_about_the_center() {
         for psf in psfs() {
             let taps = psf.taps();
             assert!((taps.values.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{psf:?}");
@@ -241,8 +241,8 @@ mod tests {
             Psf::annulus(0.01, 0.5),
         ] {
             let taps = psf.taps();
-            let centre = taps.values[taps.values.len() / 2];
-            assert!((centre - 1.0).abs() < 1e-12, "{psf:?} {taps:?}");
+            let center = taps.values[taps.values.len() / 2];
+            assert!((center - 1.0).abs() < 1e-12, "{psf:?} {taps:?}");
         }
     }
 

@@ -25,7 +25,7 @@ pub struct Versions {
     kernels: Vec<[Option<Kernel>; 2]>,
     labels: Plane<u8>,
     tile: usize,
-    /// The row of the labelled image that the pair begins with.
+    /// The row of the labeled image that the pair begins with.
     first: usize,
 }
 
@@ -91,7 +91,7 @@ impl Versions {
         Self::new(noise, vec![[None, None]], Plane::from_fn(1, 1, |_, _| 0), 1)
     }
 
-    /// The same for a pair that begins with row `first` of the one that is labelled.
+    /// The same for a pair that begins with row `first` of the one that is labeled.
     pub fn from_row(self, first: usize) -> Self {
         Self { first, ..self }
     }
@@ -147,7 +147,7 @@ impl Versions {
         ((y + self.first) / self.tile).min(self.labels.rows() - 1)
     }
 
-    /// Writes the classes of some neighbouring pixels of row `y` of the left image, from column `first` on.
+    /// Writes the classes of some neighboring pixels of row `y` of the left image, from column `first` on.
     pub fn write_classes(&self, y: usize, first: usize, classes: &mut [u8]) {
         let row = self.labels.row(self.row_of_labels(y));
         let mut x = first;

@@ -30,7 +30,7 @@ use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 
-/// What a match may cost: pixels x candidates x sides of window and neighbourhood.
+/// What a match may cost: pixels x candidates x sides of window and neighborhood.
 const AFFORDABLE: usize = 1 << 22;
 
 /// A pair to be matched in parts, and what is known of the whole of it.
@@ -324,7 +324,7 @@ fn tall_pairs_in_the_default_way_are_the_whole() {
     }
 }
 
-/// Windows and neighbourhoods of several sizes, in all ways to choose; and what is chosen, looked at from further away.
+/// Windows and neighborhoods of several sizes, in all ways to choose; and what is chosen, looked at from further away.
 fn ways_to_reach() -> Vec<(Settings, Option<Versions>)> {
     let alone = Optimizer::WinnerTakesAll;
     let phase = Settings { optimizer: alone, neighborhood: 3, window: 3, ..nothing() };
@@ -535,7 +535,7 @@ fn rows_that_copy_others_need_those() {
     let matcher = Matcher::new(1).expect("a thread");
     let on = (&matcher, how(1, Level::best()));
     let settings = Settings { neighborhood: 9, window: 1, ..nothing() };
-    // Neighbourhoods of row 66 end at row 62, which copies row 58: no row that is nearer to it is valid.
+    // Neighborhoods of row 66 end at row 62, which copies row 58: no row that is nearer to it is valid.
     let valid = |y: usize| y >= 66 || (50..=58).contains(&y);
     let [left, right] = [5, 6].map(|seed| View {
         mask: Some(Mask::from_fn(160, 60, |y, _| valid(y))),

@@ -202,8 +202,8 @@ fn the_type_and_the_scale_of_the_pixels_change_next_to_nothing() {
         }),
         Box::new(|plane| {
             let gray = array(plane, |value| value as u8);
-            let colours = (plane.rows(), plane.cols(), 3);
-            let image = Image::U8(Array3::from_shape_fn(colours, |(y, x, _)| gray[(y, x, 0)]));
+            let colors = (plane.rows(), plane.cols(), 3);
+            let image = Image::U8(Array3::from_shape_fn(colors, |(y, x, _)| gray[(y, x, 0)]));
             View { image, mask: None, range: None, impulses: 0.0 }
         }),
     ];

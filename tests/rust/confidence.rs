@@ -125,7 +125,7 @@ fn a_difference_counts_by_what_is_usual() {
     let similar = |gray: &Plane<i32>| similar(Roughness::of(gray.as_slice(), gray.cols()));
     assert_eq!(similar(&ramp), 400.0, "twice 10, squared");
     assert_eq!(similar(&ramp.map(|_| 3)), 1.0, "at least one step");
-    assert_eq!(similar(&Plane::from_fn(4, 1, |y, _| y as i32)), 1.0, "no neighbours");
+    assert_eq!(similar(&Plane::from_fn(4, 1, |y, _| y as i32)), 1.0, "no neighbors");
 }
 
 #[test]
@@ -152,7 +152,7 @@ fn the_surface_of_the_same_gray_value_counts_most() {
 }
 
 #[test]
-fn missing_neighbours_speak_neither_for_nor_against() {
+fn missing_neighbors_speak_neither_for_nor_against() {
     let mut planes = Planes::flat((9, 9), 0.4);
     let all = planes.confidences().row(4)[4];
     for y in 0..4 {

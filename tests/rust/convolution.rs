@@ -176,7 +176,7 @@ fn threads_leave_no_seam() {
 }
 
 #[test]
-fn pixels_of_an_image_are_centred_first() {
+fn pixels_of_an_image_are_centerd_first() {
     let view = view(9, 40, |y, x| hash(3, y, x) as u8);
     let (level, control, kernel) = (Level::best(), Control::default(), scattered(5, 3, 70));
     let gray = Gray::new(&view, level, &control).expect("not cancelled");
@@ -185,7 +185,7 @@ fn pixels_of_an_image_are_centred_first() {
 }
 
 #[test]
-fn outer_products_are_recognised_and_nothing_else() {
+fn outer_products_are_recognized_and_nothing_else() {
     let gaussian = |y: usize, x: usize| {
         let squares = (y as f64 - 12.0).powi(2) + (x as f64 - 12.0).powi(2);
         // As it comes from files and from Python: in single precision.

@@ -55,7 +55,7 @@ fn unlike(rows: usize, cols: usize, is_masked: bool) -> [View; 2] {
 
 #[test]
 fn ceilings_and_steps_are_those_of_the_unit() {
-    let colour = View {
+    let color = View {
         image: Image::U8(ndarray::Array3::zeros((1, 1, 3))),
         mask: None,
         range: None,
@@ -65,7 +65,7 @@ fn ceilings_and_steps_are_those_of_the_unit() {
     let scale = |cost, bits| {
         let settings = Settings { cost, bits, ..Preset::Paper.settings() };
         let costs = Costs::new(
-            [&colour, &colour],
+            [&color, &color],
             candidates,
             &settings,
             None,

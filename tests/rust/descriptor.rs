@@ -72,7 +72,7 @@ fn rows_of_any_length_equal_their_definition() {
 }
 
 #[test]
-fn the_largest_neighbourhood_holds_the_brightest_image() {
+fn the_largest_neighborhood_holds_the_brightest_image() {
     let extremes = Plane::from_fn(3, 70, |_, x| if x % 3 == 0 { 32_767_500 } else { -32_767_500 });
     for taper in [Taper::Uniform, Taper::Gaussian, Taper::Hann] {
         let settings = Settings {

@@ -40,7 +40,7 @@ proptest! {
 }
 
 #[test]
-fn the_background_fills_gaps_and_the_only_neighbour_the_ends() {
+fn the_background_fills_gaps_and_the_only_neighbor_the_ends() {
     let (occluded, outside) = (flag::OCCLUDED, flag::OUTSIDE);
     let flags = [outside, 0, occluded, flag::SPECKLE, 0, flag::LOW_CONFIDENCE];
     let (values, told) = filled_row(&[9.0, 2.0, 9.0, 1.0, 5.0, 7.0], &flags);

@@ -69,6 +69,6 @@ fn differences_of_the_largest_grays_are_counted() {
     let gray = Plane::from_fn(2, 3, |_, x| if x == 1 { 1 << 25 } else { -(1 << 25) });
     let of = |gray: &Plane<i32>| likeness(Roughness::of(gray.as_slice(), gray.cols()));
     assert_eq!(of(&gray), 1 << 26);
-    assert_eq!(of(&Plane::from_fn(3, 1, |y, _| y as i32)), 0, "no neighbours");
+    assert_eq!(of(&Plane::from_fn(3, 1, |y, _| y as i32)), 0, "no neighbors");
     assert_eq!(of(&Plane::from_fn(1, 4, |_, x| i32::from(x == 3))), 1, "rounded up");
 }

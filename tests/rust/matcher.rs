@@ -195,7 +195,7 @@ fn settings_of_every_width() -> Vec<(Settings, usize)> {
     let cheap = (0.05, 0.1);
     let dear = (LARGEST_PENALTY, LARGEST_PENALTY);
     let sad = Settings { cost: CostKind::Sad, ..phase };
-    let normalised = Settings { cost: CostKind::NormalizedSad, ..byte };
+    let normalized = Settings { cost: CostKind::NormalizedSad, ..byte };
     let by = |optimizer, (p1, p2), settings: &Settings| Settings {
         optimizer,
         p1,
@@ -216,11 +216,11 @@ fn settings_of_every_width() -> Vec<(Settings, usize)> {
         (phase.clone(), 2),
         (of(1, &sad), 2),
         (of(1, &by(WinnerTakesAll, cheap, &Settings { precision: Precision::Byte, ..sad })), 2),
-        (of(3, &by(SemiGlobal, cheap, &normalised)), 2),
+        (of(3, &by(SemiGlobal, cheap, &normalized)), 2),
         (of(3, &by(ScanlineOptimization, dear, &phase)), 4),
         (of(3, &several), 4),
         (of(7, &by(WinnerTakesAll, cheap, &sad)), 4),
-        (of(9, &Settings { precision: Precision::Full, ..normalised }), 4),
+        (of(9, &Settings { precision: Precision::Full, ..normalized }), 4),
         (of(63, &by(ScanlineOptimization, dear, &sad)), 4),
         (of(63, &by(SemiGlobal, dear, &sad)), 4),
     ]

@@ -10,7 +10,7 @@ proptest! {
     #![proptest_config(random(256))]
 
     #[test]
-    fn normalisation_equals_its_definition(plane in volumes(7, 6, 1, 12_240), radius in 0usize..=9) {
+    fn normalization_equals_its_definition(plane in volumes(7, 6, 1, 12_240), radius in 0usize..=9) {
         let window = 2 * radius + 1;
         let expected = reference::normalize(&plane, window);
         prop_assert_eq!(normalize(&plane, window, &Control::default()), Ok(expected));

@@ -274,8 +274,8 @@ pub fn aggregate(costs: &Plane<u16>, votes: &Plane<u16>, window: Window) -> Plan
         let (x, k) = (place / count, place % count);
         let (top, bottom) = (y.saturating_sub(radius), (y + radius).min(window.rows - 1));
         let (left, right) = (x.saturating_sub(radius), (x + radius).min(window.cols - 1));
-        let centres = [(y, x), (top, x), (bottom, x), (y, left), (y, right)];
-        centres.map(|(y, x)| boxes.row(y)[x * count + k]).into_iter().fold(u32::MAX, u32::min)
+        let centers = [(y, x), (top, x), (bottom, x), (y, left), (y, right)];
+        centers.map(|(y, x)| boxes.row(y)[x * count + k]).into_iter().fold(u32::MAX, u32::min)
     })
 }
 
@@ -513,7 +513,7 @@ pub fn offset(below: u32, own: u32, above: u32) -> f64 {
     tip * (1.0 + 0.6 * (1.0 - 2.0 * tip.abs()))
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::subpixel::smooth`]: every pair of neighbours asked for by itself.
+/// Reference implementation of [`phasestereo::internals::refinement::subpixel::smooth`]: every pair of neighbors asked for by itself.
 pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
     let (rows, cols, reach) = (disparity.rows(), disparity.cols(), subpixel::REACH as isize);
     let at = |y: usize, x: usize, dy: isize, dx: isize| {
@@ -635,7 +635,7 @@ fn trusted(disparity: &Plane<f32>, flags: &Plane<u16>, y: usize, x: usize) -> Op
     (flags.row(y)[x] & flag::UNTRUSTED == 0 && !value.is_nan()).then_some(value)
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::filling::fill`]: each pixel looks for its neighbours by itself. Disparity and flags.
+/// Reference implementation of [`phasestereo::internals::refinement::filling::fill`]: each pixel looks for its neighbors by itself. Disparity and flags.
 pub fn fill(disparity: &Plane<f32>, flags: &Plane<u16>) -> (Plane<f32>, Plane<u16>) {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let trusted = |y, x| trusted(disparity, flags, y, x);
@@ -669,13 +669,13 @@ pub fn smooth(disparity: &Plane<f32>) -> Plane<f32> {
         [-1, 0, 1].map(|step| (at as isize + step).clamp(0, length as isize - 1) as usize)
     };
     Plane::from_fn(disparity.rows(), disparity.cols(), |y, x| {
-        let centre = disparity.row(y)[x];
+        let center = disparity.row(y)[x];
         let rows = near(y, disparity.rows()).map(|row| disparity.row(row));
         let window = rows.map(|row| near(x, disparity.cols()).map(|col| row[col]));
         let mut values = window.as_flattened().to_vec();
-        values.iter_mut().filter(|value| value.is_nan()).for_each(|value| *value = centre);
+        values.iter_mut().filter(|value| value.is_nan()).for_each(|value| *value = center);
         values.sort_by(f32::total_cmp);
-        if centre.is_nan() { centre } else { values[4] }
+        if center.is_nan() { center } else { values[4] }
     })
 }
 
@@ -686,10 +686,9 @@ pub fn guide(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
     let sum: i64 = differences.map(|pair| (i64::from(pair[0]) - i64::from(pair[1])).abs()).sum();
     let tolerance = (sum as f64 / (rows * (cols - 1)).max(1) as f64).ceil() as i64;
     let is_jump = |y: usize, x: usize| {
-        let neighbours =
-            [(y + 1, x), (y, x + 1)].into_iter().filter(|&(v, u)| v < rows && u < cols);
+        let neighbors = [(y + 1, x), (y, x + 1)].into_iter().filter(|&(v, u)| v < rows && u < cols);
         let step = |(v, u): (usize, usize)| disparity.row(v)[u] - disparity.row(y)[x];
-        neighbours.map(step).any(|step| step.abs() > JUMP)
+        neighbors.map(step).any(|step| step.abs() > JUMP)
     };
     let window = |at: usize, length: usize| {
         at.saturating_sub(guided_median::REACH)..(at + guided_median::REACH + 1).min(length)

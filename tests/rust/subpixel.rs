@@ -52,7 +52,7 @@ proptest! {
     }
 
     #[test]
-    fn the_cheaper_a_neighbour_the_nearer_the_match(
+    fn the_cheaper_a_neighbor_the_nearer_the_match(
         (below, own, above) in costs(),
         less in 1u32..1000,
     ) {
@@ -99,7 +99,7 @@ fn offsets_by_hand() {
     assert_eq!(offset(5, 5, 9), -0.5);
     assert_eq!(offset(7, 5, 9), -0.325, "a quarter, and 0.6 of the half of it more");
     assert_eq!(offset(5, 5, 5), 0.0, "nothing to tell by");
-    assert_eq!(offset(2, 5, 9), -0.5, "the neighbour is better");
+    assert_eq!(offset(2, 5, 9), -0.5, "the neighbor is better");
     assert_eq!(offset(2, 9, 3), -0.5, "both are");
     assert_eq!(offset(i32::MAX as u32, 0, 0), 0.5);
     assert_eq!(offset(0, i32::MAX as u32, 0), 0.0);
@@ -113,7 +113,7 @@ fn the_costs_count_twice() {
 }
 
 #[test]
-fn only_neighbours_within_a_pixel_on_either_side_count() {
+fn only_neighbors_within_a_pixel_on_either_side_count() {
     // Of thirty-fifths of a power of two, sevenths and fifths are exact.
     let own = 35.0 / 64.0;
     let mut row = Plane::from_fn(1, 9, |_, x| if x == 4 { own } else { 0.0 });
@@ -130,11 +130,11 @@ fn only_neighbours_within_a_pixel_on_either_side_count() {
 #[test]
 fn the_reach_is_a_square() {
     let size = 4 * REACH + 1;
-    let centre = 2 * REACH;
-    let spot = Plane::from_fn(size, size, |y, x| f32::from(u8::from((y, x) == (centre, centre))));
+    let center = 2 * REACH;
+    let spot = Plane::from_fn(size, size, |y, x| f32::from(u8::from((y, x) == (center, center))));
     let found = smoothed(&spot);
     for (y, x) in (0..size).flat_map(|y| (0..size).map(move |x| (y, x))) {
-        let is_reached = y.abs_diff(centre) <= REACH && x.abs_diff(centre) <= REACH;
+        let is_reached = y.abs_diff(center) <= REACH && x.abs_diff(center) <= REACH;
         assert_eq!(found.row(y)[x] > 0.0, is_reached, "{y} {x}");
     }
 }

@@ -116,7 +116,7 @@ def usual_side(suite: str) -> str:
 
 @lru_cache(_KEPT)
 def load(scene: Scene) -> Pair:
-    """Load a scene; neighbouring jobs share it, so it must not be changed."""
+    """Load a scene; neighboring jobs share it, so it must not be changed."""
     return scene.load()
 
 

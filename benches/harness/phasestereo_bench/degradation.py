@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Level = TypeVar("Level", np.uint8, np.uint16)
 
-MAX_REACH = 1024  # taps on either side of a kernel's centre: more than any lens, less than memory
+MAX_REACH = 1024  # taps on either side of a kernel's center: more than any lens, less than memory
 DISK_SAMPLES = 8  # sub-samples of a pixel in each direction
 MOTION_SAMPLES = 16  # samples of the path per pixel of its length
 # A tap costs the direct sum 0.9 ns a pixel; the transform takes 45 ns a pixel for most kernels.
@@ -119,7 +119,7 @@ def motion_psf(length: float, angle: float = 0.0) -> Kernel:
     # Rounded so that right angles are exact: cos(90 degrees) is 6e-17 in floating point.
     x, y = np.round(path * np.cos(radians), 12), np.round(path * np.sin(radians), 12)
     left, top = np.floor(x).astype(int), np.floor(y).astype(int)
-    psf = np.zeros((2 * reach + 2, 2 * reach + 2))  # one more for the far neighbours of the end
+    psf = np.zeros((2 * reach + 2, 2 * reach + 2))  # one more for the far neighbors of the end
     for row, weight_y in ((top, 1 - (y - top)), (top + 1, y - top)):
         for col, weight_x in ((left, 1 - (x - left)), (left + 1, x - left)):
             np.add.at(psf, (row + reach, col + reach), weight_y * weight_x)
@@ -168,7 +168,7 @@ def _convolve_plane(plane: NDArray[np.float64], kernel: Kernel) -> NDArray[np.fl
     return blurred[up : up + plane.shape[0], across : across + plane.shape[1]]
 
 
-def quantise(values: NDArray[np.float64], dtype: type[Level] | np.dtype[Level]) -> NDArray[Level]:
+def quantize(values: NDArray[np.float64], dtype: type[Level] | np.dtype[Level]) -> NDArray[Level]:
     """Round to the nearest level (ties to even) and clip to the range of uint8 or uint16.
 
     Raises
@@ -276,11 +276,11 @@ class Degradation:
         values = image.astype(np.float64) if self.psf is None else convolve(image, self.psf)
         if self.gamma != 1:  # the clip removes what the transform leaves below zero
             values = top * (np.clip(values, 0, None) / top) ** self.gamma
-        degraded = quantise(self.gain * values + self.offset, image.dtype)
+        degraded = quantize(self.gain * values + self.offset, image.dtype)
         if self.noise == 0:
             return degraded
         grain = np.random.default_rng(self.seed).normal(0.0, self.noise, image.shape)
-        return quantise(degraded + grain, image.dtype)
+        return quantize(degraded + grain, image.dtype)
 
 
 def areas(
@@ -397,13 +397,13 @@ def _kernel(name: str, values: ArrayLike) -> Kernel:
 
 
 def _trimmed(kernel: Kernel) -> Kernel:
-    """Drop the zeros all around, keeping the centre: a motion along x is one row."""
+    """Drop the zeros all around, keeping the center: a motion along x is one row."""
     rows, cols = (np.flatnonzero(kernel.any(axis=axis)) for axis in (1, 0))
     if rows.size == 0:
         return np.zeros((1, 1))
-    centre_y, centre_x = kernel.shape[0] // 2, kernel.shape[1] // 2
-    up, across = np.abs(rows - centre_y).max(), np.abs(cols - centre_x).max()
-    return kernel[centre_y - up : centre_y + up + 1, centre_x - across : centre_x + across + 1]
+    center_y, center_x = kernel.shape[0] // 2, kernel.shape[1] // 2
+    up, across = np.abs(rows - center_y).max(), np.abs(cols - center_x).max()
+    return kernel[center_y - up : center_y + up + 1, center_x - across : center_x + across + 1]
 
 
 def _check_levels(image: object) -> None:

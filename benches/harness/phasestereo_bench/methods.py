@@ -44,7 +44,7 @@ TRUE_BLUR = "+true-blur"
 
 # Penalties are the best on 12 sharp Middlebury pairs, in gray levels and standard deviations; means
 # of bad-1.0 in %:  SAD            5: 21.4   10: 20.3   15: 20.1   20: 20.2
-#                  normalised SAD .3: 14.0   .5: 13.5  .75: 13.5    1: 13.8
+#                  normalized SAD .3: 14.0   .5: 13.5  .75: 13.5    1: 13.8
 BASELINES: Mapping[str, Settings] = {
     "sad": replace(PRESETS["paper"], cost="sad", p1=15, p2=15),
     "nsad": replace(PRESETS["paper"], cost="nsad", p1=0.5, p2=0.5),

@@ -38,7 +38,7 @@ COMMANDS = "phasestereo.commands"
 HARNESS = {
     "demo": "Show what one image out of focus does to stereo matching.\n\n"
     "Renders a pair with its true disparities, degrades the left image (defocus, contrast, noise), "
-    "and matches the sharp and the degraded pair by phase codes, SAD and normalised SAD, and by "
+    "and matches the sharp and the degraded pair by phase codes, SAD and normalized SAD, and by "
     "OpenCV's StereoSGBM. Takes a few seconds.",
     "bench": "Score matchers, and repeat the paper's experiments.",
 }

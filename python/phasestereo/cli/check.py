@@ -46,7 +46,7 @@ def check(
     Parameters
     ----------
     left
-        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour. Or,
+        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color. Or,
         without RIGHT, a stereo photograph that holds both views.
     right
         Right image, of the same size and type.
@@ -110,7 +110,7 @@ def _picture(estimate: BlurEstimate | None, image: NDArray[Any]) -> NDArray[np.u
 
 
 def _tints(blurs: Sequence[Blur]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a colour and how much of it to mix in, for each blur."""
+    """Return a color and how much of it to mix in, for each blur."""
     color = np.array([_TINTS.get(blur.side, _NO_TINT) for blur in blurs])
     strength = np.array([0.0 if blur.side == "none" else spread(blur) for blur in blurs])
     weight = _WEIGHT * strength / max(float(strength.max()), np.finfo(float).tiny)

@@ -39,9 +39,9 @@ class Geometry:
     doffs
         Difference of the principal points, right - left, in pixels. Default 0.
     cx
-        Column of the principal point. Default: that of the image's centre.
+        Column of the principal point. Default: that of the image's center.
     cy
-        Row of the principal point. Default: that of the image's centre.
+        Row of the principal point. Default: that of the image's center.
     unit
         The unit of the baseline, needed for ``--depth FILE.png``, which holds mm.
     max_depth
@@ -176,7 +176,7 @@ class Rig:
     max_depth: float | None
 
     def points(self, disparity: Map, image: NDArray[Any]) -> PointCloud:
-        """Return the points of a disparity map in the colours of the image."""
+        """Return the points of a disparity map in the colors of the image."""
         return point_cloud(disparity, self.calibration, image=image, max_depth=self.max_depth)
 
     def surface(self, disparity: Map, image: NDArray[Any]) -> Mesh:

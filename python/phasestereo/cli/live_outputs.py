@@ -45,7 +45,7 @@ class LiveOutputs:
     Parameters
     ----------
     output
-        Video file, .mp4, .mov or .mkv: the left images beside the disparities in colour, the same
+        Video file, .mp4, .mov or .mkv: the left images beside the disparities in color, the same
         from the smallest to the largest disparity searched in all frames. Of a recording also a
         recording, .mcap, .db3 or .bag: disparities, depths and points as messages.
     frames
@@ -54,7 +54,7 @@ class LiveOutputs:
     rerun
         Recording for the viewer rerun, .rrd: images and disparities; needs the extra ``rerun``.
     calib
-        Middlebury's calib.txt, for coloured points in --rerun and depths on the page.
+        Middlebury's calib.txt, for colored points in --rerun and depths on the page.
     rate
         Frames a second of the video, where the source does not tell when they were taken; without
         it, 25.

@@ -77,7 +77,7 @@ def match(
     Parameters
     ----------
     left
-        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or colour. Or,
+        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color. Or,
         without RIGHT, a stereo photograph that holds both views.
     right
         Right image, of the same size and type.

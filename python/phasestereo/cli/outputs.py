@@ -38,10 +38,10 @@ class Outputs:
         File for the disparities in pixels: .pfm, .npy, .tif (which keeps the georeference of the
         left image), or .png as KITTI has it (16 bits, 256 d).
     color
-        Image file for the disparities in colour, beside a scale in pixels; pixels without an
+        Image file for the disparities in color, beside a scale in pixels; pixels without an
         estimate are gray. Needs the extra ``plot``.
     ply
-        File for the points in space, in the colours of the left image: .ply, binary; X to the
+        File for the points in space, in the colors of the left image: .ply, binary; X to the
         right, Y down, Z forward, in the unit of the baseline. Needs a geometry.
     mesh
         File for the surface, with the left image on it: .glb (glTF 2.0), which stands upright in

@@ -37,7 +37,7 @@ def log_frame(
 
     On the timelines ``frame`` (its number) and ``time`` (seconds, if it has a time) there will be
     images at ``entity/left`` and ``entity/right``, the disparities in pixels at
-    ``entity/disparity``, and with a calibration coloured points at ``entity/points``.
+    ``entity/disparity``, and with a calibration colored points at ``entity/points``.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def log_frame(
     entity
         Path under which it is logged.
     low, high
-        Disparities at the ends of the colours; None: those of each frame.
+        Disparities at the ends of the colors; None: those of each frame.
     calibration
         The geometry of the rig, for images of this size.
     recording

@@ -1,4 +1,4 @@
-"""Matches of labelled arrays: xarray in, xarray out, with the coordinates of the left image.
+"""Matches of labeled arrays: xarray in, xarray out, with the coordinates of the left image.
 
 Dimensions go by name, whatever their order. xarray (extra ``geo`` or ``dask``) is imported when it
 is first needed.
@@ -53,7 +53,7 @@ def match(
     right_mask: DataArray | ArrayLike | None = None,
     **options: Any,
 ) -> Dataset:
-    """Match a rectified stereo pair of labelled arrays.
+    """Match a rectified stereo pair of labeled arrays.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def match(
     num_disparities, min_disparity
         The disparities to search, in pixels, as `phasestereo.match` takes them.
     left_mask, right_mask
-        bool, True = valid: a labelled array with the rows and columns of its image, in any order,
+        bool, True = valid: a labeled array with the rows and columns of its image, in any order,
         or a plain one (H, W). They mask more than "no data" does, never less.
     **options
         Further arguments of `phasestereo.match`.
@@ -201,15 +201,15 @@ def _ordered(image: DataArray, name: str, xarray: Any) -> DataArray:
     """Return a view of an image with its rows first, its columns second, its bands last."""
     if not isinstance(image, xarray.DataArray):
         raise TypeError(f"{name}: got {type(image).__name__}; accepts an xarray.DataArray")
-    labelled = cast("DataArray", image)
-    rows = [dim for dim in labelled.dims if dim in ROWS]
-    columns = [dim for dim in labelled.dims if dim in COLUMNS]
-    if len(rows) != 1 or len(columns) != 1 or labelled.ndim > 3:
+    labeled = cast("DataArray", image)
+    rows = [dim for dim in labeled.dims if dim in ROWS]
+    columns = [dim for dim in labeled.dims if dim in COLUMNS]
+    if len(rows) != 1 or len(columns) != 1 or labeled.ndim > 3:
         raise ValueError(
-            f"{name}: got dimensions {labelled.dims}; accepts rows ({', '.join(ROWS)}), columns "
+            f"{name}: got dimensions {labeled.dims}; accepts rows ({', '.join(ROWS)}), columns "
             f"({', '.join(COLUMNS)}) and at most one more, of bands"
         )
-    return labelled.transpose(rows[0], columns[0], ...)
+    return labeled.transpose(rows[0], columns[0], ...)
 
 
 def _check_rows(left: DataArray, right: DataArray) -> None:
@@ -264,10 +264,10 @@ def _as_mask(
     mask: DataArray | ArrayLike | None, view: DataArray, name: str, xarray: Any
 ) -> Mask | None:
     if isinstance(mask, xarray.DataArray):
-        labelled = cast("DataArray", mask)
-        if set(labelled.dims) != set(view.dims[:2]):
-            raise ValueError(f"{name}: got dimensions {labelled.dims}; accepts {view.dims[:2]}")
-        mask = labelled.transpose(*view.dims[:2]).to_numpy()
+        labeled = cast("DataArray", mask)
+        if set(labeled.dims) != set(view.dims[:2]):
+            raise ValueError(f"{name}: got dimensions {labeled.dims}; accepts {view.dims[:2]}")
+        mask = labeled.transpose(*view.dims[:2]).to_numpy()
     return as_mask(mask, view.shape, name)
 
 

@@ -111,8 +111,8 @@ class Calibration:
         doffs
             Difference of the principal points in x, right - left, pixels.
         cx, cy
-            Principal point of the left camera, pixels, the centre of the first pixel being (0, 0).
-            None: the centre of the image.
+            Principal point of the left camera, pixels, the center of the first pixel being (0, 0).
+            None: the center of the image.
 
         Raises
         ------

@@ -121,7 +121,7 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
     -------
     GeoImage
         Samples as they are stored: uint8, uint16, float32; those of other real types as float32
-        (int16 is exact in it). Masked are pixels of the file's "no data" value (of colour images
+        (int16 is exact in it). Masked are pixels of the file's "no data" value (of color images
         those that have it in all bands), those that its mask or alpha leaves out, and NaN.
 
     Raises
@@ -327,19 +327,19 @@ def as_bands(bands: Sequence[int]) -> list[int]:
 
 
 def choose_bands(file: Any, chosen: list[int] | None) -> list[int]:
-    """Return the bands to read: the chosen ones, or those that the colours of the file name."""
+    """Return the bands to read: the chosen ones, or those that the colors of the file name."""
     if chosen is not None:
         if not set(chosen) <= set(file.indexes):
             raise ValueError(f"bands: got {chosen}; accepts 1 to {file.count}")
         return chosen
-    colours = {kind.name: band for band, kind in zip(file.indexes, file.colorinterp, strict=True)}
-    if {"red", "green", "blue"} <= colours.keys():
-        return [colours["red"], colours["green"], colours["blue"]]
-    others = [band for band in file.indexes if band != colours.get("alpha")]
+    colors = {kind.name: band for band, kind in zip(file.indexes, file.colorinterp, strict=True)}
+    if {"red", "green", "blue"} <= colors.keys():
+        return [colors["red"], colors["green"], colors["blue"]]
+    others = [band for band in file.indexes if band != colors.get("alpha")]
     if len(others) == 1:
         return others
     names = ", ".join(f"{band} {file.descriptions[band - 1] or ''}".strip() for band in others)
-    raise ValueError(f"bands: the file has {len(others)} ({names}) and no colours; choose 1 or 3")
+    raise ValueError(f"bands: the file has {len(others)} ({names}) and no colors; choose 1 or 3")
 
 
 def read_valid(file: Any, indexes: list[int], samples: NDArray[Any], *, window: Any = None) -> Mask:
@@ -370,8 +370,8 @@ def as_image(file: Any, indexes: list[int], samples: NDArray[Any], valid: Mask) 
     plane: NDArray[Any] = samples[0]
     if file.colorinterp[indexes[0] - 1].name == "palette" and plane.dtype == np.uint8:
         entries = file.colormap(indexes[0])
-        colours = np.array([entries.get(index, (0, 0, 0))[:3] for index in range(256)], np.uint8)
-        return look_up(colours, plane)
+        colors = np.array([entries.get(index, (0, 0, 0))[:3] for index in range(256)], np.uint8)
+        return look_up(colors, plane)
     return as_samples(plane, valid)
 
 
@@ -396,7 +396,7 @@ def _layers(
     if isinstance(image, Mapping):
         names = list(image)
         planes = _stacked({name: _native(band) for name, band in image.items()})
-        options["photometric"] = "minisblack"  # else GDAL takes bytes for colours, a 4th for alpha
+        options["photometric"] = "minisblack"  # else GDAL takes bytes for colors, a 4th for alpha
     else:
         names, whole = [], _native(image)
         if not channels(whole.shape):

@@ -18,7 +18,7 @@ _BRANDS = b"heic", b"heix", b"heim", b"heis", b"mif1", b"msf1"
 
 
 def decode_heif(file: BinaryIO) -> NDArray[Any]:
-    """Decode the only picture of a file: uint8, or uint16 from more bits, gray or colour.
+    """Decode the only picture of a file: uint8, or uint16 from more bits, gray or color.
 
     Samples of 10 or 12 bits become the high bits of 16. Turns and mirrorings that the file asks for
     are done, since they belong to the picture there.

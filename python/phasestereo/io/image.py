@@ -86,8 +86,8 @@ def read_image(path: StrPath) -> Pixels:
 
     Notes
     -----
-    Samples are not interpreted: 10-bit values in a 16-bit file stay below 1024, and colour
-    profiles, gamma, PNG's transparent colour and the orientation tag of a JPEG are ignored. HEIF of
+    Samples are not interpreted: 10-bit values in a 16-bit file stay below 1024, and color
+    profiles, gamma, PNG's transparent color and the orientation tag of a JPEG are ignored. HEIF of
     more than 8 bits comes as the high bits of 16, and turned as the file says. TIFF
     is read uncompressed or with deflate or PackBits, and with LZW when the package ``imagecodecs``
     is installed; `read_geotiff` reads further compressions.

@@ -1,7 +1,7 @@
 """PFM, the portable float map: float32 samples behind a three-line header, bottom row first.
 
 Own code because no reader at hand is exact on the files that stereo data sets come in. Pillow 13
-has no colour PFM, no scale of more than ten characters, and does not notice trailing data.
+has no color PFM, no scale of more than ten characters, and does not notice trailing data.
 OpenCV 5 divides by the scale, so Middlebury's ground truth (scale -0.003922) comes out 255 times
 too large. imageio 2.38 returns integers, with 0 for inf.
 """
@@ -93,9 +93,9 @@ def _parse_header(head: bytes) -> tuple[tuple[int, ...], str, int]:
         raise ValueError(f"the PFM size must not be zero, got {int(width)} x {int(height)}")
     if not _SCALE.fullmatch(scale) or float(scale) == 0 or math.isinf(float(scale)):
         raise ValueError(f"the PFM scale must be a finite number other than zero, got {scale!r}")
-    colour = (3,) if magic == b"PF" else ()
+    color = (3,) if magic == b"PF" else ()
     byte_order = "<" if float(scale) < 0 else ">"
-    return (int(height), int(width), *colour), byte_order, match.end()
+    return (int(height), int(width), *color), byte_order, match.end()
 
 
 def write_pfm(path: StrPath, array: NDArray[np.float32]) -> None:

@@ -24,11 +24,11 @@ def channels(shape: tuple[int, ...]) -> int:
     return 0
 
 
-def look_up(colours: NDArray[np.uint8], samples: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Replace each index by its colour; a palette of grays, (N, 3) as any, makes a gray image."""
-    if (colours == colours[:, :1]).all():
-        return colours[:, 0][samples]
-    return colours[samples]
+def look_up(colors: NDArray[np.uint8], samples: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Replace each index by its color; a palette of grays, (N, 3) as any, makes a gray image."""
+    if (colors == colors[:, :1]).all():
+        return colors[:, 0][samples]
+    return colors[samples]
 
 
 def expand_bits(samples: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -27,7 +27,7 @@ def write_ply(path: StrPath, cloud: PointCloud) -> None:
     path
         The file, ``.ply``; an existing one is replaced, and only once the new one is complete.
     cloud
-        The points; each becomes a vertex of float x, y, z and, if there are colours, uchar red,
+        The points; each becomes a vertex of float x, y, z and, if there are colors, uchar red,
         green, blue. Coordinates are written to the bit.
 
     Raises

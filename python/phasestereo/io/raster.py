@@ -1,6 +1,6 @@
 """PNG, PBM/PGM/PPM, JPEG, WebP and BMP through Pillow, no sample losing anything on the way.
 
-Two habits of Pillow are worked around. It narrows 16-bit colour to 8 bits without a word, and it
+Two habits of Pillow are worked around. It narrows 16-bit color to 8 bits without a word, and it
 rescales Netpbm samples whose maximum is not 255 or 65535, which would change the disparities coded
 in them; its low-level decoders do neither, so they are told what to unpack. And ``Image.open``
 warns of images above 89 megapixels and refuses them above 179, by a global limit; the class of the
@@ -35,7 +35,7 @@ RASTER_MAGICS = tuple(_OPENERS)
 
 # Netpbm's samples of two bytes, by Pillow's name for those of one.
 _WIDE = {"L": "I;16B", "RGB": "RGB;16B"}
-# Big-endian 16-bit colour as Pillow unpacks it, into the high bytes -> what unpacks the low bytes.
+# Big-endian 16-bit color as Pillow unpacks it, into the high bytes -> what unpacks the low bytes.
 _LOW_BYTES = {"RGB;16B": "RGB;16L", "RGBA;16B": "RGBA;16L"}
 
 
@@ -111,7 +111,7 @@ def _open(file: BinaryIO, frames: int = 1) -> Any:
 
 
 def _exact_tiles(image: Any) -> list[_Tile]:
-    """Say what Pillow is to decode: one tile, or two for the high and the low bytes of colours."""
+    """Say what Pillow is to decode: one tile, or two for the high and the low bytes of colors."""
     if not image.tile:
         raise ValueError("the file has a header but no samples")
     tile = _Tile(*image.tile[0])

@@ -69,7 +69,7 @@ def decode_tiff(file: BinaryIO) -> NDArray[Any]:
     ------
     ValueError
         If there are several pages, parts of the page are missing, it is larger than may be or
-        unpacks to more than it needs, or its colours are not gray, RGB or a palette.
+        unpacks to more than it needs, or its colors are not gray, RGB or a palette.
     """
     tifffile = require("tifffile", extra="io")
     _check_bounds(file)
@@ -143,8 +143,8 @@ def _check_complete(page: Any) -> None:
 def _apply_photometric(samples: NDArray[Any], page: Any, photometric: Any) -> NDArray[Any]:
     """Turn what the samples stand for into gray levels or RGB; a bit becomes 0 or 255."""
     if page.photometric == photometric.PALETTE and samples.dtype == np.uint8:
-        colours = page.colormap.T >> 8  # a palette holds 8-bit levels as 16 bits
-        return look_up(colours.astype(np.uint8), samples)
+        colors = page.colormap.T >> 8  # a palette holds 8-bit levels as 16 bits
+        return look_up(colors.astype(np.uint8), samples)
     if page.photometric == photometric.MINISWHITE and samples.dtype.kind in "bu":
         samples = ~samples
     elif page.photometric not in (photometric.MINISBLACK, photometric.RGB):

@@ -196,7 +196,7 @@ def open_raster(
     Raster
         Samples and masks are those of `read_geotiff`. Of Zarr arrays, and of ``.npy``, NaN is "no
         data"; of Zarr arrays also what equals their attribute ``_FillValue``, ``missing_value`` or
-        ``nodata`` (of colours, in all bands). A chunk of a Zarr array that is not there is its fill
+        ``nodata`` (of colors, in all bands). A chunk of a Zarr array that is not there is its fill
         value, as Zarr has it.
 
     Raises

@@ -4,7 +4,7 @@ Thirteen numbers, each with what it usually is::
 
     focal length, and the ratio of both       around 0.85 widths, within a third or so
     radial distortion k1, k2; difference in k1
-    principal points                          the centre, within 1.5 % of the width
+    principal points                          the center, within 1.5 % of the width
     rotations: yaw and roll of both cameras, pitch of one against the other
 
 The pitch that both share moves all rows alike: it is left at 0. Small numbers that the images

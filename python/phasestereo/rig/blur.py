@@ -101,7 +101,7 @@ class BlurEstimate:
         Contrast of the left image relative to the right one, as the spectra have it.
     noise
         Standard deviations of the noise of the left and of the right image, in the unit of their
-        pixels (of the gray values 0.299 R + 0.587 G + 0.114 B of colour images). Texture that is as
+        pixels (of the gray values 0.299 R + 0.587 G + 0.114 B of color images). Texture that is as
         fine as noise counts as such.
     gain, gamma
         How intensities correspond, as fractions of their range: left = gain * right ** gamma. NaN

@@ -36,11 +36,11 @@ class BlurCompensation:
     ----------
     noise
         Standard deviations of the noise of the left and of the right image, in units of their
-        pixels; those of gray values where the images have colour. Read with ``noise_threshold > 0``
+        pixels; those of gray values where the images have color. Read with ``noise_threshold > 0``
         alone; a kernel does not change them.
     kernels
         For each class, at most 16, a pair (left, right): what the images are convolved with, a 2-D
-        array of float32 or float64 with odd sides up to 129 whose centre is the pixel itself, its
+        array of float32 or float64 with odd sides up to 129 whose center is the pixel itself, its
         taps finite, not negative and of sum 1 within 0.001, by which they are divided; or None
         where an image stays as it is. Taps are rounded to steps of 2^-14. The image continues by
         reflection (d c b a | a b c d); masked pixels take the value of the nearest valid one of

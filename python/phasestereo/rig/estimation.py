@@ -67,7 +67,7 @@ def estimate_blur(
         blurred = gain * |H|^2 * (sharp - its noise) + noise
 
     is fitted for the responses H of Gaussians up to 8 px, disks and annuli up to 14 px and motions
-    up to 31 px; the fewest kinds that explain all blocks are kept, and neighbouring tiles agree
+    up to 31 px; the fewest kinds that explain all blocks are kept, and neighboring tiles agree
     unless the evidence says otherwise. Where no family explains the spectra well, the kernel is
     measured: by least squares between the images, one warped onto the other after a match at half
     their size.

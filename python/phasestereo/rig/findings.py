@@ -32,7 +32,7 @@ __all__ = ["LEVELS", "Finding", "MatchWarning", "of", "of_result", "spread", "un
 _ROWS = 0.3, 0.75  # pixels, rms over the image
 _ERRORS = 4.0, 5.0  # times the standard error, which the same must be
 _PART_ERRORS = 3.0
-_PART = 0.25, 0.5  # pixels at the centre, and at the border: parts worth telling
+_PART = 0.25, 0.5  # pixels at the center, and at the border: parts worth telling
 _CONTRAST = 0.12, 0.35  # logarithm of the ratio of gray levels
 _GAMMA = 0.13, 0.37  # logarithm
 _BLUR = 0.3, 0.7  # pixels, root mean square along an axis
@@ -283,8 +283,8 @@ def _rows(diagnosis: Diagnosis) -> Finding:
 def _parts(found: Alignment) -> Iterator[str]:
     """Name the parts of a misalignment that are seen."""
     rows, cols = found.size
-    centre, border = (max(part, _PART_ERRORS * found.error) for part in _PART)
-    if abs(found.vertical) >= centre:
+    center, border = (max(part, _PART_ERRORS * found.error) for part in _PART)
+    if abs(found.vertical) >= center:
         where = "lower" if found.vertical > 0 else "higher"
         yield f"shows things {abs(found.vertical):.1f} px {where} than the left one"
     if abs(found.slope_x) * cols / 2 >= border:

@@ -28,7 +28,7 @@ def reduction(size: tuple[int, ...], width: int) -> int:
 def reduced(image: Plane, factor: int) -> Plane:
     """Return an image made smaller by a whole factor: means of factor x factor pixels.
 
-    Pixel (x, y) of it has its centre at ``factor * (x + 1/2) - 1/2`` of the image; what does not
+    Pixel (x, y) of it has its center at ``factor * (x + 1/2) - 1/2`` of the image; what does not
     fill a pixel at the right and the lower border is left out.
     """
     if factor == 1:

@@ -1,8 +1,8 @@
 """Results as notebooks show them: blocks of HTML, which need nothing beside them.
 
 Here belongs what they say, and how they stay small and readable anywhere: all text takes the
-colours of the page, light or dark, all style is inline, since notebooks that are not trusted have
-no other, and all pictures are shrunk first. Their colours are those of `phasestereo.views.picture`.
+colors of the page, light or dark, all style is inline, since notebooks that are not trusted have
+no other, and all pictures are shrunk first. Their colors are those of `phasestereo.views.picture`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _THUMBNAIL = 144, 144  # three of them are as wide as a map
 _LEAST = 144  # pixels that a small picture is enlarged to
 _SCALE_WIDTH = 456
 _SAMPLES = 2**20  # disparities that tell how all are distributed
-_BARS, _GAP, _STRIP = 72, 4, 12  # rows of the histogram, and of the colours below it
+_BARS, _GAP, _STRIP = 72, 4, 12  # rows of the histogram, and of the colors below it
 _PHOTOGRAPH_QUALITY = 85  # of a JPEG
 
 _BLOCK = "max-width:980px;line-height:1.4;"
@@ -67,7 +67,7 @@ def html(result: Result) -> str:
     Returns
     -------
     str
-        Less than 1 MB, whatever the size of the images: the map in colour with a histogram along
+        Less than 1 MB, whatever the size of the images: the map in color with a histogram along
         its scale, the pair, if the result knows it, confidences, if there are any, and what there
         is to say in words. Without matplotlib it is the words, and how to install it.
     """
@@ -170,14 +170,14 @@ def _confidence(confidence: NDArray[np.float32]) -> str:
 
 
 def _scale(known: NDArray[np.float32], ends: Ends) -> str:
-    """Draw the histogram of the disparities, the colour of each, and numbers below."""
+    """Draw the histogram of the disparities, the color of each, and numbers below."""
     counts, edges = distribution(known)
-    colours = colorize((edges[np.newaxis, 1:] + edges[:-1]) / 2, low=ends[0], high=ends[1])
+    colors = colorize((edges[np.newaxis, 1:] + edges[:-1]) / 2, low=ends[0], high=ends[1])
     picture = np.full((_BARS + _GAP + _STRIP, len(counts), 3), NEUTRAL, np.uint8)
     heights = np.ceil(_BARS * counts / counts.max())
     bars = np.arange(_BARS, 0, -1)[:, np.newaxis] <= heights
-    picture[:_BARS] = np.where(bars[:, :, np.newaxis], colours, picture[:_BARS])
-    picture[-_STRIP:] = colours
+    picture[:_BARS] = np.where(bars[:, :, np.newaxis], colors, picture[:_BARS])
+    picture[-_STRIP:] = colors
     low, middle, high = (float(part) for part in np.percentile(known, (0, 50, 100)))
     alt = f"Histogram of disparities from {low:.1f} to {high:.1f} pixels, median {middle:.1f}"
     ticks = "".join(
@@ -197,7 +197,7 @@ def _ticks(low: float, high: float) -> Iterable[tuple[float, str]]:
 
 
 def _thumbnails(pair: tuple[NDArray[Any], NDArray[Any]]) -> list[Picture]:
-    """Return both images small, in colours that compare."""
+    """Return both images small, in colors that compare."""
     steps = [max(1, min(image.shape[:2]) // (4 * max(_THUMBNAIL))) for image in pair]
     pictures = viewable(*(image[::step, ::step] for image, step in zip(pair, steps, strict=True)))
     thumbnails = []

@@ -1,7 +1,7 @@
-"""Pictures to look at: disparities and errors in colour, and several of them side by side.
+"""Pictures to look at: disparities and errors in color, and several of them side by side.
 
 Here is what turns arrays into RGB images; nothing is read, written or shown. matplotlib (the extra
-``plot``) supplies the colours, the axes and the text, through figures of its own that no global
+``plot``) supplies the colors, the axes and the text, through figures of its own that no global
 state knows of.
 """
 
@@ -44,18 +44,18 @@ __all__ = [
 ]
 
 DISPARITY_COLOURS, CONFIDENCE_COLOURS, ERROR_COLOURS = "turbo", "viridis", "YlOrRd"
-"""Names of matplotlib's maps of colours."""
+"""Names of matplotlib's maps of colors."""
 
 NEUTRAL = (112, 112, 112)
-"""Colour of pixels without an estimate: turbo, whose colours are vivid, has none near it."""
+"""Color of pixels without an estimate: turbo, whose colors are vivid, has none near it."""
 
 UNSCORED = (190, 190, 190)
-"""Colour of pixels that do not count; those of errors are white, and yellow to dark red."""
+"""Color of pixels that do not count; those of errors are white, and yellow to dark red."""
 
 GOOD = 1.0
 """Largest error in pixels that is not bad."""
 
-_ROBUST = (1.0, 99.0)  # percentiles: a few outliers must not take the colours from the rest
+_ROBUST = (1.0, 99.0)  # percentiles: a few outliers must not take the colors from the rest
 _BINS = 96
 _PAPER = "#f4f4f4"  # not white, from which a picture of no errors would not stand out
 _DPI = 100
@@ -64,14 +64,14 @@ _DPI = 100
 def colorize(
     disparity: ArrayLike, *, low: float | None = None, high: float | None = None
 ) -> Picture:
-    """Colour a disparity map: far is blue, near is red, no estimate is gray (`NEUTRAL`).
+    """Color a disparity map: far is blue, near is red, no estimate is gray (`NEUTRAL`).
 
     Parameters
     ----------
     disparity
         Float (H, W), pixels; NaN or infinite = no estimate.
     low, high
-        Disparities at the ends of the colours; beyond them the colours stay. None: the 1st and the
+        Disparities at the ends of the colors; beyond them the colors stay. None: the 1st and the
         99th percentile of the estimates.
 
     Returns
@@ -90,13 +90,13 @@ def colorize(
     """
     values = as_map("disparity", disparity)
     known = np.isfinite(values)
-    return _coloured(values, known, limits(values[known], low, high), DISPARITY_COLOURS, NEUTRAL)
+    return _colored(values, known, limits(values[known], low, high), DISPARITY_COLOURS, NEUTRAL)
 
 
 def disparity_picture(
     disparity: ArrayLike, *, title: str = "", low: float | None = None, high: float | None = None
 ) -> Picture:
-    """Draw a disparity map as `colorize` does, under a title and beside a bar of the colours.
+    """Draw a disparity map as `colorize` does, under a title and beside a bar of the colors.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def disparity_picture(
 def error_picture(
     estimate: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None, *, worst: float = 4.0
 ) -> Picture:
-    """Colour the error of a disparity map: white is right, yellow to dark red is wrong.
+    """Color the error of a disparity map: white is right, yellow to dark red is wrong.
 
     Errors up to 1 pixel, which are not bad, are white. Gray pixels (`UNSCORED`) do not count.
 
@@ -147,7 +147,7 @@ def error_picture(
     mask
         Pixels that count, bool (H, W); None: all whose truth is known.
     worst
-        Error in pixels from which on the colour is the darkest, more than 1.
+        Error in pixels from which on the color is the darkest, more than 1.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def error_picture(
     """
     error = error_map(estimate, truth, mask, worst=worst)
     scored = ~np.isnan(error)
-    picture = _coloured(error, scored, (0.0, float(worst)), ERROR_COLOURS, UNSCORED)
+    picture = _colored(error, scored, (0.0, float(worst)), ERROR_COLOURS, UNSCORED)
     picture[scored & (error <= GOOD)] = 255
     return picture
 
@@ -173,7 +173,7 @@ def error_picture(
 def error_map(
     estimate: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None, *, worst: float
 ) -> Map:
-    """Return what `error_picture` colours: errors in pixels, float64 (H, W).
+    """Return what `error_picture` colors: errors in pixels, float64 (H, W).
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def distribution(values: NDArray[np.floating]) -> tuple[NDArray[np.intp], Map]:
     Returns
     -------
     counts, edges
-        Counts of n bins, and their n + 1 edges. Values that are whole are at the bins' centres: if
+        Counts of n bins, and their n + 1 edges. Values that are whole are at the bins' centers: if
         there are few enough, each has its own.
     """
     low, high = float(values.min()), float(values.max())
@@ -305,15 +305,15 @@ def panel(
     return _drawn(figure)
 
 
-def _coloured(
-    values: Map, shown: Mask, ends: Ends, colours: str, elsewhere: tuple[int, int, int]
+def _colored(
+    values: Map, shown: Mask, ends: Ends, colors: str, elsewhere: tuple[int, int, int]
 ) -> Picture:
-    """Look up the colour of each shown value; the others get their own colour."""
+    """Look up the color of each shown value; the others get their own color."""
     low, high = ends
     share = np.divide(
         values - low, high - low, out=np.zeros_like(values), where=shown & (high > low)
     )
-    lookup = require("matplotlib", extra="plot").colormaps[colours]
+    lookup = require("matplotlib", extra="plot").colormaps[colors]
     picture: Picture = lookup(share, bytes=True)[:, :, :3].copy()
     picture[~shown] = elsewhere
     return picture
@@ -322,7 +322,7 @@ def _coloured(
 def limits(
     known: NDArray[np.floating], low: float | None = None, high: float | None = None
 ) -> Ends:
-    """Return the disparities at the ends of the colours: the given ones, else robust ones."""
+    """Return the disparities at the ends of the colors: the given ones, else robust ones."""
     robust = np.percentile(known, _ROBUST) if known.size else (0.0, 1.0)
     ends = (
         float(robust[0]) if low is None else as_number("low", low),

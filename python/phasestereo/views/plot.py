@@ -2,7 +2,7 @@
 
 Every function takes what it draws first, and the axes second: without any, the current ones of
 pyplot. It draws in the coordinates of pixels, leaves titles to the caller, and returns the image it
-added, or the axes. matplotlib comes with the extra ``plot``; the colours are those of
+added, or the axes. matplotlib comes with the extra ``plot``; the colors are those of
 `phasestereo.views.picture`.
 """
 
@@ -85,11 +85,11 @@ def disparity(
     ax
         Where to; None: the current axes of pyplot.
     low, high
-        Disparities at the ends of the colours. None: the 1st and the 99th percentile.
+        Disparities at the ends of the colors. None: the 1st and the 99th percentile.
     colorbar
         Whether to draw a scale in pixels beside it.
     cmap
-        Name of a map of colours of matplotlib.
+        Name of a map of colors of matplotlib.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def disparity(
     values = _disparities(result)
     known = values[np.isfinite(values)]
     ends = limits(known, low, high)
-    image = _draw(ax, values, ends, _colours(cmap, bad=NEUTRAL))
+    image = _draw(ax, values, ends, _colors(cmap, bad=NEUTRAL))
     if colorbar:
         _bar(image, "disparity, pixels", extend=_extent(known, ends))
     return image
@@ -145,7 +145,7 @@ def confidence(result: Disparities, ax: Axes | None = None, *, colorbar: bool = 
             "confidence=True"
         )
     values = as_map("confidence", given)
-    image = _draw(ax, values, (0.0, 1.0), _colours(CONFIDENCE_COLOURS, bad=NEUTRAL))
+    image = _draw(ax, values, (0.0, 1.0), _colors(CONFIDENCE_COLOURS, bad=NEUTRAL))
     if colorbar:
         _bar(image, "confidence")
     return image
@@ -164,7 +164,7 @@ def flags(result: Result | ArrayLike, ax: Axes | None = None, *, legend: bool = 
     ax
         As for `disparity`.
     legend
-        Whether to name the colours beside it, with the share of the pixels that each has.
+        Whether to name the colors beside it, with the share of the pixels that each has.
 
     Returns
     -------
@@ -183,8 +183,8 @@ def flags(result: Result | ArrayLike, ax: Axes | None = None, *, legend: bool = 
     """
     categories = _categories(result.flags if isinstance(result, Result) else result)
     names = ["none", *(flag.words for flag in Flag)]
-    colours = [_UNFLAGGED, *_category_colours(len(Flag))]
-    return _draw_categories(ax, categories, names, colours, legend=legend)
+    colors = [_UNFLAGGED, *_category_colors(len(Flag))]
+    return _draw_categories(ax, categories, names, colors, legend=legend)
 
 
 def error(
@@ -212,7 +212,7 @@ def error(
     mask
         Pixels that count, bool (H, W); None: all whose truth is known.
     worst
-        Error in pixels from which on the colour is the darkest, more than 1.
+        Error in pixels from which on the color is the darkest, more than 1.
 
     Returns
     -------
@@ -229,7 +229,7 @@ def error(
         If matplotlib is not installed.
     """
     values = error_map(_disparities(estimate), truth, mask, worst=worst)
-    image = _draw(ax, values, (0.0, float(worst)), _error_colours(worst))
+    image = _draw(ax, values, (0.0, float(worst)), _error_colors(worst))
     if colorbar:
         _bar(image, "error, pixels", extend=_extent(values[~np.isnan(values)], (0.0, worst)))
     return image
@@ -243,7 +243,7 @@ def histogram(
     high: float | None = None,
     cmap: str = DISPARITY_COLOURS,
 ) -> Axes:
-    """Draw how often which disparity occurs, each in its colour of the map.
+    """Draw how often which disparity occurs, each in its color of the map.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def histogram(
     Returns
     -------
     Axes
-        The axes, with one bar a bin. Whole disparities are at the bars' centres.
+        The axes, with one bar a bin. Whole disparities are at the bars' centers.
 
     Raises
     ------
@@ -270,8 +270,8 @@ def histogram(
         return axes
     counts, edges = distribution(known)
     norm = require("matplotlib.colors", extra="plot").Normalize(*ends)
-    colours = _colours(cmap, bad=NEUTRAL)(norm((edges[:-1] + edges[1:]) / 2))
-    axes.bar(edges[:-1], counts, np.diff(edges), align="edge", color=colours)
+    colors = _colors(cmap, bad=NEUTRAL)(norm((edges[:-1] + edges[1:]) / 2))
+    axes.bar(edges[:-1], counts, np.diff(edges), align="edge", color=colors)
     axes.set_facecolor(_fraction(NEUTRAL))  # the ends of turbo are dark, its middle is light
     axes.set_xlim(float(edges[0]), float(edges[-1]))
     return axes
@@ -366,8 +366,8 @@ def blur(
     if isinstance(estimate, Result):
         rows, cols = estimate.disparity.shape
         labels = found.label_map((rows, cols))
-    colours = _category_colours(len(found.blurs))
-    image = _draw_categories(ax, labels, [str(one) for one in found.blurs], colours, legend=legend)
+    colors = _category_colors(len(found.blurs))
+    image = _draw_categories(ax, labels, [str(one) for one in found.blurs], colors, legend=legend)
     image.set_extent((-0.5, cols - 0.5, rows - 0.5, -0.5))
     return image
 
@@ -442,19 +442,19 @@ def _draw_categories(
     ax: Axes | None,
     categories: NDArray[np.integer],
     names: Sequence[str],
-    colours: Sequence[Any],
+    colors: Sequence[Any],
     *,
     legend: bool,
 ) -> AxesImage:
     """Draw a map of what is one of several things; those that occur are named."""
-    cmap = require("matplotlib.colors", extra="plot").ListedColormap(colours)
-    image = _draw(ax, categories, (-0.5, len(colours) - 0.5), cmap)
+    cmap = require("matplotlib.colors", extra="plot").ListedColormap(colors)
+    image = _draw(ax, categories, (-0.5, len(colors) - 0.5), cmap)
     if legend:
         patch = require("matplotlib.patches", extra="plot").Patch
         shares = np.bincount(categories.ravel(), minlength=len(names)) / categories.size
         handles = [
-            patch(facecolor=colour, edgecolor="black", label=f"{name}, {share:.1%}")
-            for name, colour, share in zip(names, colours, shares, strict=True)
+            patch(facecolor=color, edgecolor="black", label=f"{name}, {share:.1%}")
+            for name, color, share in zip(names, colors, shares, strict=True)
             if share
         ]
         image.axes.legend(handles=handles, **_LEGEND)
@@ -468,32 +468,32 @@ def _bar(image: AxesImage, label: str, *, extend: str = "neither") -> None:
 
 
 def _extent(known: NDArray[np.float64], ends: tuple[float, float]) -> str:
-    """Tell at which ends of the colours there is more."""
+    """Tell at which ends of the colors there is more."""
     beyond = bool((known < ends[0]).any()), bool((known > ends[1]).any())
     names = {(True, True): "both", (True, False): "min", (False, True): "max"}
     return names.get(beyond, "neither")
 
 
-def _colours(name: str, *, bad: tuple[int, int, int]) -> Any:
-    colours = require("matplotlib", extra="plot").colormaps[name]
-    return colours.with_extremes(bad=_fraction(bad))
+def _colors(name: str, *, bad: tuple[int, int, int]) -> Any:
+    colors = require("matplotlib", extra="plot").colormaps[name]
+    return colors.with_extremes(bad=_fraction(bad))
 
 
-def _error_colours(worst: float) -> Any:
-    """Return the colours from 0 to the worst error, white as far as nothing is bad."""
-    shades = _colours(ERROR_COLOURS, bad=UNSCORED)(np.linspace(0, 1, _SHADES))
+def _error_colors(worst: float) -> Any:
+    """Return the colors from 0 to the worst error, white as far as nothing is bad."""
+    shades = _colors(ERROR_COLOURS, bad=UNSCORED)(np.linspace(0, 1, _SHADES))
     shades[: int(_SHADES * GOOD / worst) + 1] = 1
     listed = require("matplotlib.colors", extra="plot").ListedColormap(shades)
     return listed.with_extremes(bad=_fraction(UNSCORED))
 
 
-def _category_colours(count: int) -> list[Any]:
-    colours = require("matplotlib", extra="plot").colormaps[_CATEGORIES].colors
-    return [colours[number % len(colours)] for number in range(count)]
+def _category_colors(count: int) -> list[Any]:
+    colors = require("matplotlib", extra="plot").colormaps[_CATEGORIES].colors
+    return [colors[number % len(colors)] for number in range(count)]
 
 
-def _fraction(colour: tuple[int, int, int]) -> tuple[float, float, float]:
-    red, green, blue = (part / 255 for part in colour)
+def _fraction(color: tuple[int, int, int]) -> tuple[float, float, float]:
+    red, green, blue = (part / 255 for part in color)
     return red, green, blue
 
 

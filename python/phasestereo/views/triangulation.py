@@ -28,7 +28,7 @@ class PointCloud:
     points
         float32 (N, 3), finite: X, Y, Z in the unit of the baseline.
     colors
-        uint8 (N, 3), RGB; None: the points have no colours.
+        uint8 (N, 3), RGB; None: the points have no colors.
 
     Raises
     ------
@@ -61,7 +61,7 @@ class PointCloud:
         """Tell the number of points and how far away they are: arrays would tell nothing."""
         depth = self.points[:, 2]
         span = f", depth {depth.min():.5g} to {depth.max():.5g}" if len(self) else ""
-        return f"<PointCloud {len(self)} points{span}{'' if self.colors is None else ', coloured'}>"
+        return f"<PointCloud {len(self)} points{span}{'' if self.colors is None else ', colored'}>"
 
 
 def point_cloud(
@@ -81,10 +81,10 @@ def point_cloud(
     calibration
         The geometry of the pair, of the map's size.
     image
-        What the colours are taken from: (H, W) gray, (H, W, 3) RGB or (H, W, 4) RGBA, as `match`
+        What the colors are taken from: (H, W) gray, (H, W, 3) RGB or (H, W, 4) RGBA, as `match`
         takes it. uint8 stays as it is; uint16 is shifted down from as many bits as the image uses;
         floats are stretched to what they span, but for 0.1 % of the pixels at either end. None:
-        the left image of the result's pair; there are no colours where that is not known.
+        the left image of the result's pair; there are no colors where that is not known.
     mask
         bool (H, W), True = wanted; None: all are. ``result.flags == 0`` leaves out everything that
         was filled in or is not to be trusted.
@@ -122,7 +122,7 @@ def point_cloud(
     points, wanted = triangulated(depth, wanted, calibration)
     if image is None and isinstance(disparity, Result) and disparity.pair is not None:
         image = disparity.pair[0]
-    return PointCloud(points, None if image is None else _colours(image, values.shape)[wanted])
+    return PointCloud(points, None if image is None else _colors(image, values.shape)[wanted])
 
 
 def triangulated(
@@ -164,7 +164,7 @@ def check_calibration(calibration: Calibration, shape: tuple[int, ...]) -> None:
     calibration.check_size(shape)
 
 
-def _colours(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def _colors(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     pixels = as_pixels(image, "image")
     if pixels.shape[:2] != shape:
         raise ValueError(f"image: got {pixels.shape[:2]} pixels; accepts the map's {shape}")

@@ -9,7 +9,7 @@ use crate::math;
 
 /// Side of a block whose spectrum is taken, pixels.
 pub const SIDE: usize = 64;
-/// Values are grouped by so many, so that loops over them are vectorised.
+/// Values are grouped by so many, so that loops over them are vectorized.
 pub const LANES: usize = 16;
 /// Such a group.
 pub type Lanes = [f32; LANES];

@@ -240,7 +240,7 @@ fn logarithms(values: Lanes) -> Lanes {
 }
 
 /// The natural logarithm of a positive number, to 4e-5: this one is the same on every machine, and the loops
-/// around it are vectorised.
+/// around it are vectorized.
 #[inline(always)]
 fn ln(value: f32) -> f32 {
     let bits = value.max(f32::MIN_POSITIVE).to_bits() as i32;

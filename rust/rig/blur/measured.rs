@@ -10,7 +10,7 @@ use crate::pipeline::control::Control;
 use crate::rig::psf::Taps;
 use crate::simd::Level;
 
-/// Taps on either side of the centre: of larger kernels blocks see too little.
+/// Taps on either side of the center: of larger kernels blocks see too little.
 const REACH: usize = 15;
 /// Taps below this share of the largest are noise.
 const LEAST_TAP: f32 = 0.08;
@@ -126,7 +126,7 @@ mod tests {
         path(down.chain(along))
     }
 
-    /// Normalised correlation of two kernels of any reach.
+    /// Normalized correlation of two kernels of any reach.
     fn likeness(a: &Taps, b: &Taps) -> f64 {
         let product = |a: &Taps, b: &Taps| -> f64 {
             let at = |dy: isize, dx: isize| {
@@ -181,9 +181,9 @@ mod tests {
     #[test]
     fn only_what_hangs_together_about_the_largest_tap_is_kept() {
         let mut kernel = Plane::from_fn(SIDE, SIDE, |_, _| 0.01);
-        let centre = SIDE / 2;
+        let center = SIDE / 2;
         for (dy, dx, tap) in [(0, 0, 1.0), (1, 1, 0.5), (2, 2, 0.25), (0, 6, 0.9), (0, 1, -0.7)] {
-            kernel.row_mut(centre + dy)[centre + dx] = tap;
+            kernel.row_mut(center + dy)[center + dx] = tap;
         }
         let taps = cleaned(&kernel).expect("there is a largest tap");
         let kept: Vec<_> = taps.places().filter(|tap| tap.2 != 0.0).collect();

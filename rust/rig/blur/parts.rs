@@ -11,8 +11,8 @@ use crate::pipeline::control::Control;
 use crate::pipeline::matcher::{Execution, Matcher, Pair};
 use crate::pipeline::source::{Source, widened};
 
-/// Rows above and below a block that its rough disparities depend on: windows and neighbourhoods of the rough match, and
-/// Rows above and below a block that its rough disparities depend on: windows and neighbourhoods of the rough match, and
+/// Rows above and below a block that its rough disparities depend on: windows and neighborhoods of the rough match, and
+/// Rows above and below a block that its rough disparities depend on: windows and neighborhoods of the rough match, and
 /// rows that masked ones copy; and one by which impulses are told.
 pub const MARGIN: usize = 97;
 /// The match that tells which blocks show the same.

@@ -59,7 +59,7 @@ fn descend(seed: Found, judge: &impl Fn(Psf) -> Found) -> Found {
     let mut found = seed;
     for halving in 0..HALVINGS {
         let (grow, turn) = (STEP / f64::from(1 << halving), TURN / f64::from(1 << halving));
-        while let Some(better) = best(neighbours(found.entry.psf, grow, turn).map(judge))
+        while let Some(better) = best(neighbors(found.entry.psf, grow, turn).map(judge))
             .filter(|other| other.fit.loss < found.fit.loss)
         {
             found = better;
@@ -68,7 +68,7 @@ fn descend(seed: Found, judge: &impl Fn(Psf) -> Found) -> Found {
     found
 }
 
-fn neighbours(psf: Psf, grow: f64, turn: f64) -> impl Iterator<Item = Psf> {
+fn neighbors(psf: Psf, grow: f64, turn: f64) -> impl Iterator<Item = Psf> {
     let sizes = [1.0 - grow, 1.0 + grow].map(|factor| Psf { size: psf.size * factor, ..psf });
     let angles = [turn, -turn].map(|by| Psf { angle: (psf.angle + by).rem_euclid(180.0), ..psf });
     let holes = [grow, -grow].map(|by| Psf { inner: psf.inner + by / 2.0, ..psf });

@@ -21,10 +21,10 @@ const MARGIN: f32 = 0.06;
 const WORTH: f32 = 0.01;
 /// Most choices.
 pub const MOST: usize = 8;
-/// What a neighbouring tile of another choice costs, nepers; diagonal ones half. Mean bad-1.0 of the `mixed`
+/// What a neighboring tile of another choice costs, nepers; diagonal ones half. Mean bad-1.0 of the `mixed`
 /// areas over 12 scenes: 0.15: 16.2 %, 0.3: 16.2 %.
 const BOUNDARY: f32 = 0.15;
-/// Rounds in which tiles look at their neighbours.
+/// Rounds in which tiles look at their neighbors.
 const ROUNDS: usize = 8;
 
 impl Losses {
@@ -106,7 +106,7 @@ impl Losses {
         rows.flat_map(move |y| (x.saturating_sub(1)..(x + 2).min(cols)).map(move |x| y * cols + x))
     }
 
-    /// The choice of every tile: what explains it, and agrees with its neighbours unless the evidence says
+    /// The choice of every tile: what explains it, and agrees with its neighbors unless the evidence says
     /// otherwise (iterated conditional modes of a Potts model; Besag 1986).
     pub fn labels(&self) -> Vec<u8> {
         let mut labels: Vec<u8> =

@@ -18,7 +18,7 @@ use crate::value::nearest;
 
 /// Gray values lie within this many of zero, whatever the type of the image.
 const REACH: f64 = 128.0;
-/// Side of the area about a block's centre whose median disparity is the block's, pixels.
+/// Side of the area about a block's center whose median disparity is the block's, pixels.
 const CORE: usize = SIDE / 2;
 /// Of a block at most one pixel in so many may be masked.
 const MASKED_SHARE: usize = 10;
@@ -28,7 +28,7 @@ const RAISED_STEPS: isize = 64;
 /// Gray values of an image.
 #[derive(Debug)]
 pub struct Shades {
-    /// Centred about the middle of the image's range.
+    /// Centered about the middle of the image's range.
     pub plane: Plane<f32>,
 }
 
@@ -44,7 +44,7 @@ fn scale(gray: &Gray) -> f64 {
 }
 
 impl Shades {
-    /// Those of a view; masked pixels take the values of valid neighbours.
+    /// Those of a view; masked pixels take the values of valid neighbors.
     pub fn new(view: &View, how: Execution, control: &Control) -> Result<Self> {
         let gray = Gray::new(view, how.level, control)?;
         let scale = scale(&gray) as f32;
@@ -88,7 +88,7 @@ pub fn reduced(plane: &Plane<f32>, factor: usize, control: &Control) -> Result<P
 pub struct Scale {
     /// By what it is reduced.
     pub factor: usize,
-    /// Side of the neighbourhoods that codes describe, then.
+    /// Side of the neighborhoods that codes describe, then.
     pub neighborhood: usize,
 }
 
@@ -134,8 +134,8 @@ pub fn raised(
 }
 
 impl Rough {
-    /// Matches the pair, reduced by a factor, on neighbourhoods of a certain side: the blur shrinks with the
-    /// images, and larger neighbourhoods see past what is left of it.
+    /// Matches the pair, reduced by a factor, on neighborhoods of a certain side: the blur shrinks with the
+    /// images, and larger neighborhoods see past what is left of it.
     pub fn new(
         shades: &[Shades; 2],
         known: Known,
@@ -196,7 +196,7 @@ impl Rough {
         (row(top) + down * (row(bottom) - row(top))) * self.factor as f32
     }
 
-    /// The median about the centre of a left block.
+    /// The median about the center of a left block.
     fn of_block(&self, top: usize, left: usize) -> f32 {
         let span = |corner: usize, length: usize| {
             let first = ((corner + (SIDE - CORE) / 2) / self.factor).min(length - 1);

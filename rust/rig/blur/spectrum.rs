@@ -229,7 +229,7 @@ fn smeared(powers: &[f32]) -> Vec<f32> {
     (0..SIDE).flat_map(along_x).collect()
 }
 
-/// The kernel, centred, that has these coefficients: the lower half of a spectrum, real and imaginary parts.
+/// The kernel, centered, that has these coefficients: the lower half of a spectrum, real and imaginary parts.
 pub fn kernel([re, im]: &[Vec<f32>; 2], level: Level) -> Plane<f32> {
     let mut work = Work::new();
     let block = [work.block.re.as_flattened_mut(), work.block.im.as_flattened_mut()];
@@ -244,10 +244,10 @@ pub fn kernel([re, im]: &[Vec<f32>; 2], level: Level) -> Plane<f32> {
     work.transform(Kind::Complex, level);
     let values = work.block.re.as_flattened();
     let scale = 1.0 / (SIDE * SIDE) as f32;
-    let centre = SIDE / 2;
+    let center = SIDE / 2;
     Plane::from_fn(SIDE, SIDE, |y, x| {
-        let (y, x) = ((y + centre) % SIDE, (x + centre) % SIDE);
-        values[y / centre * HALF + x * centre + y % centre] * scale
+        let (y, x) = ((y + center) % SIDE, (x + center) % SIDE);
+        values[y / center * HALF + x * center + y % center] * scale
     })
 }
 

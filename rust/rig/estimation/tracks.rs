@@ -260,7 +260,7 @@ fn total<const COUNT: usize>(lanes: [f32; COUNT]) -> f32 {
     (four[0] + four[2]) + (four[1] + four[3])
 }
 
-/// The normalised correlation of a block with the one of an area that begins at `(x, y)`.
+/// The normalized correlation of a block with the one of an area that begins at `(x, y)`.
 #[inline(always)]
 fn correlation(block: &Patch<BLOCK>, area: &Patch<AREA>, energy: f32, x: usize, y: usize) -> f32 {
     let (mut products, mut squares, mut sums) = ([0.0f32; BLOCK], [0.0f32; BLOCK], [0.0f32; BLOCK]);

@@ -74,11 +74,11 @@ pub fn costs(
         phase_costs(views, candidates, settings, versions.unwrap_or(&untold))
     } else {
         let [left, right] = level_pair(views, settings.intensity_range).map(|channels| {
-            let normalised = |plane: &Plane<u16>| match settings.cost {
+            let normalized = |plane: &Plane<u16>| match settings.cost {
                 CostKind::NormalizedSad => reference::normalize(plane, settings.window),
                 _ => plane.clone(),
             };
-            channels.iter().map(normalised).collect::<Vec<_>>()
+            channels.iter().map(normalized).collect::<Vec<_>>()
         });
         reference::absolute_differences(&left, &right, candidates)
     };

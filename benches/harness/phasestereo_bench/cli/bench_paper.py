@@ -25,7 +25,7 @@ def paper(
     """Run the experiments of the paper, and put its claims beside what comes out.
 
     Matches Cones and Tsukuba, the left image being blurred by a growing motion, Gaussian, or
-    mixture of degradations, by phase codes, SAD and normalised SAD. Writes the numbers, Figures 2
+    mixture of degradations, by phase codes, SAD and normalized SAD. Writes the numbers, Figures 2
     and 3, and a page of tables with a verdict on every claim (paper.md). Takes a minute or two; a
     run that was interrupted goes on where it stopped when the same command is given again. For
     example:

@@ -109,7 +109,7 @@ def _title(outcome: Outcome) -> str:
 
 
 def _ends(truth: Map) -> dict[str, float]:
-    """Return the limits of the colours, the same for all maps."""
+    """Return the limits of the colors, the same for all maps."""
     return {"low": float(truth.min()), "high": float(truth.max())}
 
 

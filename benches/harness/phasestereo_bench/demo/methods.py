@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     Image = NDArray[np.uint8]
     Map = NDArray[np.float32]
 
-# As large as the disk, as in the paper. Wider ones help normalised SAD against the blur and cost
+# As large as the disk, as in the paper. Wider ones help normalized SAD against the blur and cost
 # everyone outlines; means over seeds 0 to 4, left image degraded, at 7, 9, 11 and 13 pixels:
-# normalised SAD 43.6, 32.0, 30.1 and 30.8 % wrong, phase codes 16.5, 18.0, 20.1 and 22.6 %.
+# normalized SAD 43.6, 32.0, 30.1 and 30.8 % wrong, phase codes 16.5, 18.0, 20.1 and 22.6 %.
 WINDOW = 7
 
 # The paper's equation 9 asks for twice the disk's diameter. Left image degraded, L = 11, 13, 15 and
@@ -69,7 +69,7 @@ ROBUST = Method("robust", "robust (finds the blur itself)", PRESETS["robust"], "
 # levels and standard deviations. Means, % wrong:
 #   phase codes      2: 14.4   4: 13.4   6: 13.0   8: 12.9   12: 13.6  (6 is better with blur)
 #   SAD              2: 4.7    5: 4.2   10: 4.0   15: 4.2    20: 4.6
-#   normalised SAD  .5: 6.5   .75: 6.3   1: 6.3  1.5: 6.4     2: 6.7   (1 is better with blur)
+#   normalized SAD  .5: 6.5   .75: 6.3   1: 6.3  1.5: 6.4     2: 6.7   (1 is better with blur)
 PHASE = Method(
     "phase",
     f"phase codes, L = {NEIGHBORHOOD}",
@@ -78,7 +78,7 @@ PHASE = Method(
 # What one would take if both images were sharp: outlines are crisper, and blur does more harm.
 SMALL = Method("phase7", "phase codes, L = 7", replace(_PAPER, window=WINDOW, p1=6, p2=6))
 SAD = Method("sad", "SAD", replace(_PAPER, cost="sad", window=WINDOW, p1=10, p2=10))
-NSAD = Method("nsad", "normalised SAD", replace(_PAPER, cost="nsad", window=WINDOW, p1=1, p2=1))
+NSAD = Method("nsad", "normalized SAD", replace(_PAPER, cost="nsad", window=WINDOW, p1=1, p2=1))
 SGBM = Method("sgbm", "StereoSGBM (OpenCV)", None)
 
 METHODS: tuple[Method, ...] = (ROBUST, PHASE, SMALL, SAD, NSAD, SGBM)

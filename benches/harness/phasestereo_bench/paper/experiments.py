@@ -5,8 +5,8 @@ Two protocols set the methods up, both without a look at any blurred pair:
 - "fixed": every method has the settings of its grid that are the best on the sharp pair, and keeps
   them at all levels;
 - "tied": the window has the size of the point-spread function, as in the paper, and the side L of
-  the neighbourhood follows from it by a rule; the penalty is the best on the sharp pair for the
-  smallest of these windows and neighbourhoods, and kept at all levels.
+  the neighborhood follows from it by a rule; the penalty is the best on the sharp pair for the
+  smallest of these windows and neighborhoods, and kept at all levels.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Blur:
         along x, and a disk of that diameter. Motion of 1 and a Gaussian of 0 change nothing.
     recipe
         ``"paper"``: motion is a box of `amount` pixels and there is no noise. ``"suite"``: as the
-        one-sided-blur suite has it, motion of n being a path of n - 1 pixels between the centres
+        one-sided-blur suite has it, motion of n being a path of n - 1 pixels between the centers
         of pixels, a disk's radius (n - 1) / 2, and noise of 1 gray level being added.
     """
 
@@ -129,7 +129,7 @@ SHARP = Blur("gauss", 0)
 
 
 class Grid(NamedTuple):
-    """Values to choose from: windows and neighbourhoods in pixels."""
+    """Values to choose from: windows and neighborhoods in pixels."""
 
     windows: tuple[int, ...] = (5, 7, 9, 11)
     neighborhoods: tuple[int, ...] = (7, 11, 15, 21)
@@ -188,13 +188,13 @@ def recoded(settings: Settings, bits: int) -> Settings:
 
 
 SMALLEST = 7
-"""The smallest window and neighbourhood of the protocol "tied", pixels."""
+"""The smallest window and neighborhood of the protocol "tied", pixels."""
 
 FULL_GRID, QUICK_GRID = Grid(), Grid((SMALLEST,), (SMALLEST,))
 
 PHASE = Method("phase", "phase codes", "bits", (0.5, 1, 2, 4))
 SAD = Method("sad", "SAD", "gray levels", (5, 10, 15, 20, 30))
-NSAD = Method("nsad", "normalised SAD", "standard deviations", (0.25, 0.5, 1, 2))
+NSAD = Method("nsad", "normalized SAD", "standard deviations", (0.25, 0.5, 1, 2))
 
 METHODS = (PHASE, SAD, NSAD)
 
@@ -278,7 +278,7 @@ class Experiment:
         return odd(max(SMALLEST, self.size(level)))
 
     def neighborhood(self, level: float, rule: str) -> int:
-        """Return the neighbourhood's side by a rule."""
+        """Return the neighborhood's side by a rule."""
         return odd(max(SMALLEST, RULES[rule](level)))
 
     def series(self, protocol: str) -> list[Series]:

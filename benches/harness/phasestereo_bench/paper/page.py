@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = ["write_study"]
 
-_RIVALS = {SAD.name: "black", NSAD.name: "gray"}  # in every panel; others take the usual colours
+_RIVALS = {SAD.name: "black", NSAD.name: "gray"}  # in every panel; others take the usual colors
 
 _INTRODUCTION = """
 Pedone & Heikkilä blur the left image of a stereo pair, and compare phase codes with sums of

@@ -244,7 +244,7 @@ class Choice(NamedTuple):
     fixed, fixed_bad
         The best settings of all.
     penalty, penalty_bad
-        The best penalty for the smallest window and neighbourhood.
+        The best penalty for the smallest window and neighborhood.
     """
 
     fixed: Settings

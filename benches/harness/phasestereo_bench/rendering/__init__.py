@@ -44,9 +44,9 @@ def render_pair(
     Returns
     -------
     Pair
-        uint8 RGB images with Gaussian noise of 1 gray level; the truth at the pixel centres of
+        uint8 RGB images with Gaussian noise of 1 gray level; the truth at the pixel centers of
         either view; the calibration, with depths in mm; masks ``nonocc`` (the surface point at the
-        left pixel's centre is the front-most in the right view too, and inside it), ``all`` (every
+        left pixel's center is the front-most in the right view too, and inside it), ``all`` (every
         pixel) and ``disc`` (those of ``nonocc`` within 4 px of a jump of more than 2 px).
 
     Raises

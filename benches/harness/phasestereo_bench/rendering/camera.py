@@ -68,7 +68,7 @@ class Camera:
         return self.near_disparity * self.near
 
     def rays(self, x: Array, y: Array, side: int) -> Rays:
-        """Rays through columns x and rows y (px, pixel centres being whole) of a view."""
+        """Rays through columns x and rows y (px, pixel centers being whole) of a view."""
         across = (x - (self.width - 1) / 2) / self.focal
         down = (y - (self.height - 1) / 2) / self.focal
         cos, sin = math.cos(self.pitch), math.sin(self.pitch)
@@ -89,7 +89,7 @@ class Camera:
         )
 
     def bands(self, rays_per_pixel: int = 1) -> Iterator[tuple[slice, Array, Array]]:
-        """Bands of rows: the slice, columns (1, W) and rows (n, 1) of the pixel centres."""
+        """Bands of rows: the slice, columns (1, W) and rows (n, 1) of the pixel centers."""
         columns = np.arange(self.width, dtype=np.float64)[None]
         step = max(1, RAYS_IN_BAND // (self.width * rays_per_pixel))
         for start in range(0, self.height, step):

@@ -61,7 +61,7 @@ def cast(
 
 
 def disparities(shapes: Sequence[Shape], camera: Camera, side: int) -> Disparity:
-    """Disparities at the pixel centres of a view."""
+    """Disparities at the pixel centers of a view."""
     bounds = windows(shapes, camera, side)
     disparity = np.empty((camera.height, camera.width))
     for band, columns, rows in camera.bands():
@@ -71,7 +71,7 @@ def disparities(shapes: Sequence[Shape], camera: Camera, side: int) -> Disparity
 
 
 def visible_in_both(shapes: Sequence[Shape], camera: Camera, truth: Disparity) -> Mask:
-    """Whether the point seen at each left pixel's centre is the front-most in the right view."""
+    """Whether the point seen at each left pixel's center is the front-most in the right view."""
     bounds = windows(shapes, camera, RIGHT, slack=(truth.min(), truth.max()))
     visible = np.empty(truth.shape, dtype=bool)
     for band, columns, rows in camera.bands():
@@ -83,7 +83,7 @@ def visible_in_both(shapes: Sequence[Shape], camera: Camera, truth: Disparity) -
 
 
 def near_jumps(truth: Disparity) -> Mask:
-    """Pixels within `DISC_REACH` of a jump between neighbours of more than `DISC_JUMP`."""
+    """Pixels within `DISC_REACH` of a jump between neighbors of more than `DISC_JUMP`."""
     from scipy import ndimage  # noqa: PLC0415  # slow to import, and most of the harness does without
 
     jumps = np.zeros(truth.shape, dtype=bool)

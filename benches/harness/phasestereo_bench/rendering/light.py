@@ -96,12 +96,12 @@ def photograph(
     """Take one view: light through a lens that darkens the corners, film-like tones, noise."""
     bounds = windows(scene.shapes, camera, side)
     picture = np.empty((camera.height, camera.width, 3), dtype=np.uint8)
-    centre_x, centre_y = (camera.width - 1) / 2, (camera.height - 1) / 2
+    center_x, center_y = (camera.width - 1) / 2, (camera.height - 1) / 2
     dx, dy = LATTICE.T[:, :, None, None]
     for band, columns, rows in camera.bands(len(LATTICE)):
         x, y = (columns + dx).astype(np.float32), (rows + dy).astype(np.float32)
         light = _radiance(scene, camera, camera.rays(x, y, side), bounds, band.start).mean(axis=0)
-        corner = ((columns - centre_x) ** 2 + (rows - centre_y) ** 2) / (centre_x**2 + centre_y**2)
+        corner = ((columns - center_x) ** 2 + (rows - center_y) ** 2) / (center_x**2 + center_y**2)
         light *= (exposure * (1 - VIGNETTE * corner))[..., None].astype(np.float32)
         tones = 255 * (1 - np.exp(-light)) ** (1 / GAMMA)
         tones += rng.normal(0.0, SENSOR_NOISE, tones.shape)
@@ -127,10 +127,10 @@ def light_falling_on(patch: Patch, occluders: Sequence[Shape]) -> Lightmap:
     along = ((np.arange(n, dtype=np.float32)[:, None] + 0.5) / n * 2 - 1) * patch.half_height
     x, y, z = (
         c + across * a + along * b
-        for c, a, b in zip(patch.centre, patch.right, patch.up, strict=True)
+        for c, a, b in zip(patch.center, patch.right, patch.up, strict=True)
     )
     light = np.zeros((n, n), dtype=np.float32)
-    hulls = np.array([np.resize(shape.corners(), (8, 3)) for shape in occluders]) - patch.centre
+    hulls = np.array([np.resize(shape.corners(), (8, 3)) for shape in occluders]) - patch.center
     for weight, direction in _lights():
         slant = _dot(direction, patch.normal)
         if slant > 0:
@@ -164,7 +164,7 @@ def _dot(a: Vector, b: Vector) -> float:
 def _shadows(
     patch: Patch, hulls: Array, direction: Vector
 ) -> Iterator[tuple[int, tuple[slice, slice]]]:
-    """Bound the shadows of convex hulls (k, 8, 3) around the patch's centre on its light map."""
+    """Bound the shadows of convex hulls (k, 8, 3) around the patch's center on its light map."""
     rise = hulls @ np.array(patch.normal) / _dot(direction, patch.normal)
     feet = hulls - rise[..., None] * np.array(direction)
     spans = []
@@ -208,12 +208,12 @@ def _shade(scene: Scene, surface: Surface, point: Points, spacing: Array) -> NDA
     """Light (n, 3) that points of a surface send back."""
     chart = surface.shape.chart(*point)
     u, v = chart.u + surface.shift[0], chart.v + surface.shift[1]
-    colours = look_up(surface.texture, u, v, spacing)
+    colors = look_up(surface.texture, u, v, spacing)
     # Turned by the 3-4-5 triangle, lest its period and the texture's own fall together.
     fine = look_up(scene.detail, 0.8 * u + 0.6 * v, 0.8 * v - 0.6 * u, spacing)[:, 0]
     light = _illumination(surface, chart, point[1])
-    colours *= (light * (1 + surface.texture.relief * fine))[:, None]
-    return colours
+    colors *= (light * (1 + surface.texture.relief * fine))[:, None]
+    return colors
 
 
 def _illumination(surface: Surface, chart: Chart, height: Array) -> Array:

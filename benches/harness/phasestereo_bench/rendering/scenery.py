@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
     from phasestereo_bench.rendering.camera import Camera
     from phasestereo_bench.rendering.shapes import Shape
-    from phasestereo_bench.rendering.textures import Colour
+    from phasestereo_bench.rendering.textures import Color
 
     Builder = Callable[[Spot], Iterator[Surface]]
 
-BRICK: Colour = (154, 88, 68)
-PLASTER: Colour = (204, 192, 168)
-HAZE: Colour = (96, 128, 84)
+BRICK: Color = (154, 88, 68)
+PLASTER: Color = (204, 192, 168)
+HAZE: Color = (96, 128, 84)
 MIN_TEXELS, MAX_TEXELS = 256, 2048
 DETAIL = 0.6  # px: texels of the finest detail at depth 1
 
@@ -76,7 +76,7 @@ def _floor(rng: np.random.Generator, studio: Studio) -> tuple[Patch, Texture]:
 
 def _walls(rng: np.random.Generator, studio: Studio) -> Iterator[tuple[Patch, Texture]]:
     """Two walls that meet at the back, one of them low enough to look over."""
-    wood, green = (colours[int(rng.integers(len(colours)))] for colours in (WOODS, GREENS))
+    wood, green = (colors[int(rng.integers(len(colors)))] for colors in (WOODS, GREENS))
     kinds = [
         (partial(studio.bricks, BRICK, courses=20, per_course=7), 2.0, 0.07),
         (partial(studio.foliage, green, leaves=2600, length=0.06), 2.6, 0.07),

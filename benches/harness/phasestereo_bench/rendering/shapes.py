@@ -53,12 +53,12 @@ def _first(square: Array, half: Array, root: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """A flat piece: centre + u * right + v * up, the axes orthonormal, facing right x up.
+    """A flat piece: center + u * right + v * up, the axes orthonormal, facing right x up.
 
     `outline` is "rectangle", "ellipse" or "leaf", which is pointed at both ends of u.
     """
 
-    centre: Vector
+    center: Vector
     right: Vector
     up: Vector
     half_width: float
@@ -74,7 +74,7 @@ class Patch:
     def hit(self, rays: Rays) -> Array:
         """See `Shape.hit`."""
         nx, ny, nz = self.normal
-        ox, oy, oz = (c - o for c, o in zip(self.centre, rays.origin, strict=True))
+        ox, oy, oz = (c - o for c, o in zip(self.center, rays.origin, strict=True))
         depth = (nx * ox + ny * oy + nz * oz) / ((ny * rays.y + nz * rays.z) + nx * rays.x)
         u, v, _ = self.chart(*rays.at(depth))
         a, b = u / self.half_width, v / self.half_height
@@ -88,7 +88,7 @@ class Patch:
 
     def chart(self, x: Array, y: Array, z: Array) -> Chart:
         """See `Shape.chart`."""
-        x, y, z = (p - c for p, c in zip((x, y, z), self.centre, strict=True))
+        x, y, z = (p - c for p, c in zip((x, y, z), self.center, strict=True))
         u, v = (e[0] * x + e[1] * y + e[2] * z for e in (self.right, self.up))
         return Chart(u, v, self.normal)
 
@@ -96,20 +96,20 @@ class Patch:
         """See `Shape.corners`."""
         across = self.half_width * np.array(self.right)
         along = self.half_height * np.array(self.up)
-        return np.array([self.centre + i * across + j * along for i in (-1, 1) for j in (-1, 1)])
+        return np.array([self.center + i * across + j * along for i in (-1, 1) for j in (-1, 1)])
 
 
 @dataclass(frozen=True, slots=True)
 class Ellipsoid:
     """An ellipsoid with its axes along the world's."""
 
-    centre: Vector
+    center: Vector
     radii: Vector
 
     def hit(self, rays: Rays) -> Array:
         """See `Shape.hit`."""
         qx, qy, qz = (
-            (o - c) / r for o, c, r in zip(rays.origin, self.centre, self.radii, strict=True)
+            (o - c) / r for o, c, r in zip(rays.origin, self.center, self.radii, strict=True)
         )
         x, y, z = (d / r for d, r in zip((rays.x, rays.y, rays.z), self.radii, strict=True))
         square = (y * y + z * z) + x * x
@@ -119,7 +119,7 @@ class Ellipsoid:
 
     def chart(self, x: Array, y: Array, z: Array) -> Chart:
         """See `Shape.chart`; u, v keep their length along lines from the point facing -z."""
-        x, y, z = ((p - c) / r for p, c, r in zip((x, y, z), self.centre, self.radii, strict=True))
+        x, y, z = ((p - c) / r for p, c, r in zip((x, y, z), self.center, self.radii, strict=True))
         across = np.hypot(x, y)
         spread = np.arctan2(across, -z) / np.maximum(across, 1e-6)
         u, v = self.radii[0] * x * spread, self.radii[1] * y * spread
@@ -130,12 +130,12 @@ class Ellipsoid:
     def corners(self) -> NDArray[np.float64]:
         """See `Shape.corners`."""
         signs = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-        return np.array(self.centre) + signs * self.radii
+        return np.array(self.center) + signs * self.radii
 
 
 @dataclass(frozen=True, slots=True)
 class Frustum:
-    """The side of an upright cylinder or cone; `foot` is the centre of its lower rim."""
+    """The side of an upright cylinder or cone; `foot` is the center of its lower rim."""
 
     foot: Vector
     height: float

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
     Array = NDArray[Any]
     Tile = NDArray[np.float32]
-    Colour = tuple[int, int, int]  # sRGB, 0-255, as in any paint program
+    Color = tuple[int, int, int]  # sRGB, 0-255, as in any paint program
 
-WOODS: list[Colour] = [(168, 122, 78), (124, 84, 54), (150, 136, 118)]
-STONES: list[Colour] = [(150, 142, 130), (118, 116, 116), (168, 150, 122), (96, 92, 92)]
-GREENS: list[Colour] = [(92, 122, 58), (112, 134, 70), (84, 112, 76), (134, 142, 80)]
+WOODS: list[Color] = [(168, 122, 78), (124, 84, 54), (150, 136, 118)]
+STONES: list[Color] = [(150, 142, 130), (118, 116, 116), (168, 150, 122), (96, 92, 92)]
+GREENS: list[Color] = [(92, 122, 58), (112, 134, 70), (84, 112, 76), (134, 142, 80)]
 COARSEST = 16  # texels of the last level
 
 
@@ -46,7 +46,7 @@ class Texture:
 
 
 def look_up(texture: Texture, u: Array, v: Array, spacing: Array) -> Tile:
-    """Colours (k, channels) at surface coordinates, of the level about as coarse as the rays.
+    """Colors (k, channels) at surface coordinates, of the level about as coarse as the rays.
 
     The spacing of the rays depends on depth alone, and a point has the same depth in both views:
     so both see the same level of it.
@@ -56,11 +56,11 @@ def look_up(texture: Texture, u: Array, v: Array, spacing: Array) -> Tile:
     first, last = int(level.min()), int(level.max())
     if first == last:
         return _bilinear(texture, first, u, v)
-    colours = np.empty((u.size, texture.levels[0].shape[2]), dtype=np.float32)
+    colors = np.empty((u.size, texture.levels[0].shape[2]), dtype=np.float32)
     for number in range(first, last + 1):
         chosen = np.flatnonzero(level == number)
-        colours[chosen] = _bilinear(texture, number, u[chosen], v[chosen])
-    return colours
+        colors[chosen] = _bilinear(texture, number, u[chosen], v[chosen])
+    return colors
 
 
 def _bilinear(texture: Texture, level: int, u: Array, v: Array) -> Tile:
@@ -81,9 +81,9 @@ def _bilinear(texture: Texture, level: int, u: Array, v: Array) -> Tile:
     return upper
 
 
-def linear(colour: Colour) -> Tile:
-    """Convert an sRGB colour to linear light."""
-    light: Tile = (np.array(colour, dtype=np.float32) / np.float32(255)) ** np.float32(2.2)
+def linear(color: Color) -> Tile:
+    """Convert an sRGB color to linear light."""
+    light: Tile = (np.array(color, dtype=np.float32) / np.float32(255)) ** np.float32(2.2)
     return light
 
 
@@ -127,11 +127,11 @@ class Studio:
         steps = np.arange(self.n, dtype=np.float32) / self.n
         return steps[:, None] + wobble * self.noise(2), steps[None] + wobble * self.noise(2)
 
-    def plain(self, colour: Colour, *, tone: float, hue: float = 0.03) -> Tile:
-        """Make one uneven colour: plaster, glaze, earth or stone by the strength of its tone."""
-        return tinted(colour, tone * self.noise(), hue * self.noise(2))
+    def plain(self, color: Color, *, tone: float, hue: float = 0.03) -> Tile:
+        """Make one uneven color: plaster, glaze, earth or stone by the strength of its tone."""
+        return tinted(color, tone * self.noise(), hue * self.noise(2))
 
-    def bricks(self, colour: Colour, *, courses: int, per_course: int) -> Tile:
+    def bricks(self, color: Color, *, courses: int, per_course: int) -> Tile:
         """Lay bricks in stretcher bond; courses must be even, for the tile to repeat."""
         y, x = self._grid(0.0008)
         row = np.floor(y * courses)
@@ -143,11 +143,11 @@ class Studio:
         brick = np.clip((gap - 0.004 * self.n) / (0.004 * self.n), 0, 1)[..., None]
         row, col = row.astype(int) % courses, col.astype(int) % per_course
         tones, hues = (self.rng.normal(0, s, (courses, per_course)) for s in (0.28, 0.12))
-        face = tinted(colour, tones[row, col] + 0.3 * self.noise(), hues[row, col])
+        face = tinted(color, tones[row, col] + 0.3 * self.noise(), hues[row, col])
         mortar = tinted((176, 168, 155), 0.3 * self.noise(1))
         return blend(mortar, face, brick)
 
-    def planks(self, colour: Colour, *, count: int, joints: bool = True) -> Tile:
+    def planks(self, color: Color, *, count: int, joints: bool = True) -> Tile:
         """Lay boards along x, with grain and gaps, and two joints a tile in each."""
         y, x = self._grid(0.0006)
         board = np.floor(y * count)
@@ -164,19 +164,19 @@ class Studio:
         grain: Tile = self._grain[rows, columns]
         tones = self.rng.normal(0, 0.16, (count, 2))[board, piece]
         rings = 0.12 * np.sin(9 * grain + 12 * np.pi * y)
-        face = tinted(colour, tones + 0.3 * grain + rings + 0.12 * self.noise(), 0.08 * grain)
+        face = tinted(color, tones + 0.3 * grain + rings + 0.12 * self.noise(), 0.08 * grain)
         face *= seam[..., None]
         return face
 
-    def cobbles(self, colours: Sequence[Colour], *, across: int, dome: float) -> Tile:
+    def cobbles(self, colors: Sequence[Color], *, across: int, dome: float) -> Tile:
         """Lay stones of many tones with dark gaps: pebbles (domes) or crazy paving (flat)."""
         y, x = self._grid(0.1 / across)
         nearest, second, cell = self._cells(y * across, x * across, across)
         gap = np.clip((second - nearest) / 0.12 - 0.3, 0, 1)
         tones = self.rng.normal(0, 0.3, across * across)[cell]
-        kinds = self.rng.integers(len(colours), size=across * across)[cell]
+        kinds = self.rng.integers(len(colors), size=across * across)[cell]
         relief = np.exp(tones + 0.17 * self.noise() - dome * nearest**2) * (0.15 + 0.85 * gap)
-        palette = np.array([linear(colour) for colour in colours])
+        palette = np.array([linear(color) for color in colors])
         return palette[kinds] * relief[..., None].astype(np.float32)
 
     def _cells(self, y: Array, x: Array, across: int) -> tuple[Array, Array, NDArray[np.intp]]:
@@ -200,21 +200,21 @@ class Studio:
                 nearest = np.minimum(nearest, distance)
         return np.sqrt(nearest), np.sqrt(second), numbers[cell]
 
-    def foliage(self, colour: Colour, *, leaves: int, length: float) -> Tile:
+    def foliage(self, color: Color, *, leaves: int, length: float) -> Tile:
         """Paste leaves over leaves from the dark ground up; length is a share of the tile."""
         n, reach = self.n, max(2, int(length * self.n / 2))
-        tile = tinted(colour, 0.3 * self.noise() - 2.2)
-        stamps = [self._stamp(colour, reach) for _ in range(32)]
+        tile = tinted(color, 0.3 * self.noise() - 2.2)
+        stamps = [self._stamp(color, reach) for _ in range(32)]
         for k in range(leaves):
             top, left = (n * self.rng.uniform(size=2)).astype(int)
-            rows, cols, colours = stamps[int(self.rng.integers(len(stamps)))]
+            rows, cols, colors = stamps[int(self.rng.integers(len(stamps)))]
             tone = np.float32(np.exp(self.rng.normal(0.9 * k / leaves - 0.9, 0.22)))
-            tile[(rows + top) % n, (cols + left) % n] = colours * tone
+            tile[(rows + top) % n, (cols + left) % n] = colors * tone
         tile *= np.exp(0.15 * self.noise())[..., None]
         return tile
 
-    def _stamp(self, colour: Colour, reach: int) -> tuple[Array, Array, Tile]:
-        """One leaf, turned: rows, columns and colours of its texels; bright on one side."""
+    def _stamp(self, color: Color, reach: int) -> tuple[Array, Array, Tile]:
+        """One leaf, turned: rows, columns and colors of its texels; bright on one side."""
         turn = self.rng.uniform(0, 2 * np.pi)
         square = np.arange(-reach, reach + 1, dtype=np.float32) / reach
         along = np.cos(turn) * square[None] + np.sin(turn) * square[:, None]
@@ -222,18 +222,18 @@ class Studio:
         rows, cols = np.nonzero(abs(aside) < 0.42 * (1 - along**2))
         tone = 0.5 * np.exp(-((aside / 0.06) ** 2)) + 0.25 * along + 0.5 * aside
         hue = np.full(rows.size, self.rng.normal(0, 0.15))
-        return rows, cols, tinted(colour, tone[rows, cols], hue)
+        return rows, cols, tinted(color, tone[rows, cols], hue)
 
-    def leaf(self, colour: Colour, *, tone: float) -> Tile:
+    def leaf(self, color: Color, *, tone: float) -> Tile:
         """Draw a leaf along x from its shaded foot: pale veins in the middle and at the sides."""
         y, x = self._grid(0.004)
         v, u = y - 0.5, x - 0.5
         ribs = abs((14 * (u - 0.7 * abs(v))) % 1 - 0.5)
         veins = 0.45 * np.exp(-((v / 0.015) ** 2)) + 0.4 * np.clip(0.12 - ribs, 0, 1) / 0.12
         shade = tone + 0.9 * np.clip(u, -0.5, 0.2)
-        return tinted(colour, veins + shade + 0.22 * self.noise(), 0.1 * self.noise(2))
+        return tinted(color, veins + shade + 0.22 * self.noise(), 0.1 * self.noise(2))
 
-    def print(self, paper: Colour, inks: Sequence[Colour]) -> Tile:
+    def print(self, paper: Color, inks: Sequence[Color]) -> Tile:
         """Print a cover: a title, a picture of hills under a sun, and lines of type."""
         n, rng = self.n, self.rng
         first, second, third = (inks[k] for k in rng.permutation(len(inks))[:3])
@@ -246,20 +246,20 @@ class Studio:
         self._type(tile[high + int(0.05 * n) : int(0.93 * n), int(0.1 * n) :], third, lines=6)
         return tile
 
-    def _hills(self, sky: Colour, sun: Colour, land: Colour) -> Tile:
-        """Draw a landscape in a few colours: ranges of hills, each darker than the one behind."""
+    def _hills(self, sky: Color, sun: Color, land: Color) -> Tile:
+        """Draw a landscape in a few colors: ranges of hills, each darker than the one behind."""
         y, x = self._grid(0.0)
         tile = tinted(sky, 0.2 * self.noise() + 0.8 * y)
-        centre = self.rng.uniform(0.3, 0.7)
+        center = self.rng.uniform(0.3, 0.7)
         radius = 0.09
-        tile[np.hypot(y - 0.36, x - centre) < radius] = linear(sun)
+        tile[np.hypot(y - 0.36, x - center) < radius] = linear(sun)
         for k in range(3):
             ridge = 0.4 + 0.1 * k + 0.035 * self.noise(2)[self.n // 2]
             ground = y > ridge[None]
             tile[ground] = tinted(land, 0.35 * self.noise() + 0.3 - 0.5 * k)[ground]
         return tile
 
-    def _type(self, area: Tile, ink: Colour, *, lines: int) -> None:
+    def _type(self, area: Tile, ink: Color, *, lines: int) -> None:
         """Set lines of letters, random marks of 3x5 squares, with spaces between the words."""
         lines = min(lines, area.shape[0] // 7)
         size = area.shape[0] // (7 * lines)
@@ -271,9 +271,9 @@ class Studio:
         area[: block.shape[0], : block.shape[1]][block] = linear(ink)
 
 
-def tinted(colour: Colour, tone: Array, hue: Array | None = None) -> Tile:
-    """Spread a colour over a field of log brightness and, warm against cold, of hue."""
-    red, green, blue = linear(colour)
+def tinted(color: Color, tone: Array, hue: Array | None = None) -> Tile:
+    """Spread a color over a field of log brightness and, warm against cold, of hue."""
+    red, green, blue = linear(color)
     bright = np.exp(tone).astype(np.float32, copy=False)
     warm = np.float32(1) if hue is None else np.exp(hue).astype(np.float32, copy=False)
     return np.stack([red * bright * warm, green * bright, blue * bright / warm], axis=-1)

@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from phasestereo_bench.rendering.shapes import Shape, Vector
-    from phasestereo_bench.rendering.textures import Colour, Studio
+    from phasestereo_bench.rendering.textures import Color, Studio
 
-PAPERS: list[Colour] = [
+PAPERS: list[Color] = [
     (226, 216, 192),
     (52, 78, 112),
     (150, 44, 40),
     (206, 172, 84),
     (60, 98, 84),
 ]
-INKS: list[Colour] = [
+INKS: list[Color] = [
     (30, 30, 36),
     (184, 64, 50),
     (48, 84, 130),
@@ -35,10 +35,10 @@ INKS: list[Colour] = [
     (236, 230, 214),
     (74, 116, 82),
 ]
-CLAY: Colour = (180, 106, 76)
-EARTH: Colour = (62, 48, 38)
-GLAZES: list[Colour] = [(206, 204, 192), (92, 128, 150), (190, 168, 112)]
-FRUITS: list[Colour] = [(214, 134, 52), (170, 54, 44), (150, 164, 70)]
+CLAY: Color = (180, 106, 76)
+EARTH: Color = (62, 48, 38)
+GLAZES: list[Color] = [(206, 204, 192), (92, 128, 150), (190, 168, 112)]
+FRUITS: list[Color] = [(214, 134, 52), (170, 54, 44), (150, 164, 70)]
 
 EAST: Vector = (1.0, 0.0, 0.0)
 TOWARDS: Vector = (0.0, 0.0, -1.0)  # the cameras
@@ -129,8 +129,8 @@ class Workshop:
         yield self._cut(Frustum((spot.x, 0.0, spot.z), spot.height, radius, radius), label)
         yield self._cut(disc((spot.x, spot.height, spot.z), radius), self._glaze)
 
-    def _some(self, colours: Sequence[Colour], count: int) -> list[Colour]:
-        return [colours[k] for k in self.rng.permutation(len(colours))[:count]]
+    def _some(self, colors: Sequence[Color], count: int) -> list[Color]:
+        return [colors[k] for k in self.rng.permutation(len(colors))[:count]]
 
     def _pick(self, textures: Sequence[Texture]) -> Texture:
         return textures[int(self.rng.integers(len(textures)))]
@@ -176,20 +176,20 @@ class Workshop:
         along = np.array([flat * math.cos(turn), math.sin(rise), flat * math.sin(turn)])
         aside = np.cross(along, rng.normal(size=3))
         aside /= np.linalg.norm(aside)
-        centre = foot + along * length * (0.5 + rng.uniform(0, 0.25))
-        x, y, z = ((float(a), float(b), float(c)) for a, b, c in (centre, along, aside))
+        center = foot + along * length * (0.5 + rng.uniform(0, 0.25))
+        x, y, z = ((float(a), float(b), float(c)) for a, b, c in (center, along, aside))
         return Patch(x, y, z, length / 2, length * float(rng.uniform(0.1, 0.16)), "leaf")
 
 
-def upright(centre: Vector, yaw: float, half_width: float, half_height: float) -> Patch:
+def upright(center: Vector, yaw: float, half_width: float, half_height: float) -> Patch:
     """Stand a rectangle up, facing the cameras and turned by yaw; v runs down, as in print."""
     right = (math.cos(yaw), 0.0, math.sin(yaw))
-    return Patch(centre, right, (0.0, -1.0, 0.0), half_width, half_height)
+    return Patch(center, right, (0.0, -1.0, 0.0), half_width, half_height)
 
 
-def disc(centre: Vector, radius: float) -> Patch:
+def disc(center: Vector, radius: float) -> Patch:
     """Lay a round lid."""
-    return Patch(centre, EAST, TOWARDS, radius, radius, "ellipse")
+    return Patch(center, EAST, TOWARDS, radius, radius, "ellipse")
 
 
 def beside(spot: Spot, k: int, distance: float) -> tuple[float, float]:

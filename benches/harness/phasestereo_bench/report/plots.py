@@ -1,6 +1,6 @@
 """Plots: the means of all methods at one glance, and two methods against each other by scene.
 
-Every method keeps its colour and its mark in all plots: phase codes are blue, what was told the
+Every method keeps its color and its mark in all plots: phase codes are blue, what was told the
 blur is hollow. Figures are matplotlib's own objects, which no global state knows of.
 """
 
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 __all__ = ["RIVAL", "Style", "draw_duel", "draw_means", "leader", "save_plot", "styles"]
 
-# Okabe and Ito's colours, which the colour-blind can tell apart; the blues are ours alone.
+# Okabe and Ito's colors, which the color-blind can tell apart; the blues are ours alone.
 _OURS = ("#0b66c3", "#56b4e9", "#0a2f66", "#7d9bd1")
 _OTHERS = ("#d55e00", "#e69f00", "#009e73", "#cc79a7", "#777777", "#a6761d", "#000000")
-_OUR_MARKS, _OTHER_MARKS = "os^Dh", "vPX<>*"  # as many as have no divisor in common with colours
+_OUR_MARKS, _OTHER_MARKS = "os^Dh", "vPX<>*"  # as many as have no divisor in common with colors
 RIVAL = "opencv:sgbm"
 """The method to compare ours with, if it is there."""
 
@@ -37,7 +37,7 @@ _DPI = 200
 class Style(NamedTuple):
     """How a method is drawn."""
 
-    colour: str
+    color: str
     mark: str
     hollow: bool
 
@@ -47,8 +47,8 @@ class Style(NamedTuple):
             "marker": self.mark,
             "markersize": 0.8 * size if self.hollow else size,
             "markeredgewidth": 0.2 * size if self.hollow else 0.08 * size,
-            "markeredgecolor": self.colour if self.hollow else "white",
-            "markerfacecolor": "none" if self.hollow else self.colour,
+            "markeredgecolor": self.color if self.hollow else "white",
+            "markerfacecolor": "none" if self.hollow else self.color,
             "linestyle": "none",
             "zorder": 3,
         }
@@ -57,13 +57,13 @@ class Style(NamedTuple):
 def styles(results: Results, metric: str) -> dict[str, Style]:
     """Return how each method is drawn.
 
-    Our best one has the colour that stands out. What was told the blur is drawn as the method
+    Our best one has the color that stands out. What was told the blur is drawn as the method
     itself, but hollow.
     """
     stems = {method: method.removesuffix(TRUE_BLUR) for method in results.methods}
     best = leader(results, metric, results.ours)
     ours = dict.fromkeys(stems[method] for method in (best, *results.ours) if method is not None)
-    known = [RIVAL] if RIVAL in stems.values() else []  # so that its colour is always the same
+    known = [RIVAL] if RIVAL in stems.values() else []  # so that its color is always the same
     others = dict.fromkeys(stem for stem in (*known, *stems.values()) if stem not in ours)
     looks = dict(zip(ours, zip(cycle(_OURS), cycle(_OUR_MARKS), strict=False), strict=False))
     looks |= dict(zip(others, zip(cycle(_OTHERS), cycle(_OTHER_MARKS), strict=False), strict=False))
@@ -162,14 +162,14 @@ def _draw_pairs(
     values: Sequence[Mapping[Any, float]],
     looks: Sequence[Style],
 ) -> None:
-    """Draw the first method against the second; the line between takes the better one's colour."""
+    """Draw the first method against the second; the line between takes the better one's color."""
     names = place_names(results.places)
     for line, place in enumerate(results.places):
         found = [row.get(place) for row in values]
         pairs = [(v, look) for v, look in zip(found, looks, strict=True) if v is not None]
         if len(pairs) == len(looks):
             _, winner = min(pairs, key=lambda pair: METRICS[metric].rank(pair[0]))
-            panel.plot([v for v, _ in pairs], [line, line], color=winner.colour, lw=2, alpha=0.45)
+            panel.plot([v for v, _ in pairs], [line, line], color=winner.color, lw=2, alpha=0.45)
         for value, look in pairs:
             panel.plot([value], [line], **look.marker(6.5))
     _rule(panel, [names[place] for place in results.places])

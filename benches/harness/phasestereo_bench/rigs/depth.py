@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phasestereo_bench.degradation import convolve, disk_psf, quantise
+from phasestereo_bench.degradation import convolve, disk_psf, quantize
 from phasestereo_bench.rigs.fault import SEEDS
 from phasestereo_bench.rigs.optics import BLURRED_NOISE
 from phasestereo_bench.rigs.sensor import noise
@@ -59,7 +59,7 @@ class DepthOfField:
         focused = {side: far} | ({_other(side): near} if self.opposite else {})
         for name, focus in focused.items():
             radii = self.radius / max(near - far, 1e-6)
-            soft = quantise(_layered(images[name], maps[name], focus, radii), np.uint8)
+            soft = quantize(_layered(images[name], maps[name], focus, radii), np.uint8)
             images[name] = noise(soft, SEEDS[name], sigma=BLURRED_NOISE)
         return replace(pair, left=images["left"], right=images["right"])
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import ndimage
 
-from phasestereo_bench.degradation import quantise
+from phasestereo_bench.degradation import quantize
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,7 +67,7 @@ class Misaligned:
         size = pair.right.shape[:2]
         rows, cols = size
         y, x = np.mgrid[0:rows, 0:cols].astype(np.float64)
-        right = quantise(_sampled(pair.right, *self._came_from(x, y, sign)), np.uint8)
+        right = quantize(_sampled(pair.right, *self._came_from(x, y, sign)), np.uint8)
         if pair.truth is None:
             return replace(pair, right=right)
         at_x, at_y = self.moved(x - pair.truth, y, size, sign)

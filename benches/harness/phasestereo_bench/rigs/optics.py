@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phasestereo_bench.degradation import DISK_SAMPLES, convolve, disk_psf, motion_psf, quantise
+from phasestereo_bench.degradation import DISK_SAMPLES, convolve, disk_psf, motion_psf, quantize
 from phasestereo_bench.rigs.sensor import noise
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def annulus_psf(outer: float, inner: float) -> Plane:
 
 def blurred(image: Image, seed: int, *, psf: Plane) -> Image:
     """Convolve and round, then add noise of 1 gray level."""
-    return noise(quantise(convolve(image, psf), np.uint8), seed, sigma=BLURRED_NOISE)
+    return noise(quantize(convolve(image, psf), np.uint8), seed, sigma=BLURRED_NOISE)
 
 
 def disk(image: Image, seed: int, *, radius: float) -> Image:
@@ -74,7 +74,7 @@ def vignette(image: Image, _seed: int) -> Image:
     rows, cols = image.shape[:2]
     y, x = np.mgrid[0:rows, 0:cols]
     square = ((x - cols / 2) ** 2 + (y - rows / 2) ** 2) / ((cols / 2) ** 2 + (rows / 2) ** 2)
-    return quantise(image * _like(1 - VIGNETTE * square, image), np.uint8)
+    return quantize(image * _like(1 - VIGNETTE * square, image), np.uint8)
 
 
 def dirt(image: Image, seed: int) -> Image:
@@ -83,7 +83,7 @@ def dirt(image: Image, seed: int) -> Image:
     for distance in _spots(image.shape, rng, count=12, radius=14.0):
         cover = _like(np.clip(1.5 - distance, 0, 1), image)
         spoiled += cover * (DIRT + rng.uniform(-15, 15) - spoiled)
-    return quantise(spoiled, np.uint8)
+    return quantize(spoiled, np.uint8)
 
 
 def rain(image: Image, seed: int) -> Image:
@@ -92,7 +92,7 @@ def rain(image: Image, seed: int) -> Image:
     behind = convolve(image, disk_psf(DROP_BLUR))
     for distance in _spots(image.shape, rng, count=40, radius=18.0):
         spoiled += _like(np.clip(1.5 - distance, 0, 1), image) * (behind - spoiled)
-    return quantise(spoiled, np.uint8)
+    return quantize(spoiled, np.uint8)
 
 
 def haze(image: Image, seed: int) -> Image:
@@ -100,7 +100,7 @@ def haze(image: Image, seed: int) -> Image:
     rng, spoiled = np.random.default_rng(seed), image.astype(np.float64)
     for distance in _spots(image.shape, rng, count=3, radius=120.0):
         spoiled += _like(0.75 * np.exp(-(distance**2)), image) * (HAZE - spoiled)
-    return quantise(spoiled, np.uint8)
+    return quantize(spoiled, np.uint8)
 
 
 def _spots(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import PIL.Image
 
-from phasestereo_bench.degradation import quantise
+from phasestereo_bench.degradation import quantize
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,20 +27,20 @@ COLUMN_STEP = 40  # px from one dead column to the next; the first is at half of
 def noise(image: Image, seed: int, *, sigma: float) -> Image:
     """Add Gaussian noise of so many gray levels, independent for every pixel and channel."""
     grain = np.random.default_rng(seed).normal(0.0, sigma, image.shape)
-    return quantise(image + grain, np.uint8)
+    return quantize(image + grain, np.uint8)
 
 
 def photons(image: Image, seed: int, *, white: float) -> Image:
     """Count photons, `white` of them at level 255, and add the noise of reading them out."""
     rng = np.random.default_rng(seed)
     counted = rng.poisson(image / 255 * white) * (255 / white)
-    return quantise(counted + rng.normal(0.0, READ_NOISE, image.shape), np.uint8)
+    return quantize(counted + rng.normal(0.0, READ_NOISE, image.shape), np.uint8)
 
 
 def bits(image: Image, _seed: int, *, count: int) -> Image:
     """Keep so many bits of eight, each level becoming the middle of those that share its bits."""
     step = 2 ** (8 - count)
-    return quantise(image // step * step + (step - 1) / 2, np.uint8)
+    return quantize(image // step * step + (step - 1) / 2, np.uint8)
 
 
 def hot(image: Image, seed: int, *, share: float) -> Image:
@@ -72,7 +72,7 @@ def jpeg(image: Image, _seed: int, *, quality: int) -> Image:
 def clipped(image: Image, _seed: int, *, share: float) -> Image:
     """Expose longer, until this share of all levels is at or above white."""
     white = float(np.quantile(image, 1 - share))
-    return quantise(image.astype(np.float64) * (255 / max(white, 1.0)), np.uint8)
+    return quantize(image.astype(np.float64) * (255 / max(white, 1.0)), np.uint8)
 
 
 def inverted(image: Image, _seed: int) -> Image:
@@ -82,4 +82,4 @@ def inverted(image: Image, _seed: int) -> Image:
 
 def scaled(image: Image, _seed: int, *, gain: float = 1.0, gamma: float = 1.0) -> Image:
     """Change exposure and tone curve: 255 gain (I / 255)^gamma."""
-    return quantise(255 * gain * (image / 255) ** gamma, np.uint8)
+    return quantize(255 * gain * (image / 255) ** gamma, np.uint8)

@@ -19,7 +19,7 @@ NO_CHECK = 1_000_000
 # as they are: 3.9 (15.5).
 #   as below              4.0 (11.1)      radius 2            4.3 (11.4)
 #   weight 2000           4.4 (11.3)      weight 8000         5.0 (11.8)
-#   colour 1.0            3.8 (11.9), with 4 times the mean error: divisions by next to 0
+#   color 1.0            3.8 (11.9), with 4 times the mean error: divisions by next to 0
 RADIUS, WEIGHT, COLOUR = 1, 500.0, 1.5
 """The filter's depth discontinuity radius, lambda and sigma."""
 

@@ -118,11 +118,11 @@ class Parameters:
         self._set("speckleWindowSize", speckleWindowSize)
 
     def getSpeckleRange(self) -> int:
-        """Return by how much neighbours of one region differ at most."""
+        """Return by how much neighbors of one region differ at most."""
         return self._values["speckleRange"]
 
     def setSpeckleRange(self, speckleRange: int) -> None:
-        """Set by how many pixels neighbours of a region differ at most; less than 0: no regions."""
+        """Set by how many pixels neighbors of a region differ at most; less than 0: no regions."""
         self._set("speckleRange", speckleRange)
 
     def getBlockSize(self) -> int:

@@ -199,7 +199,7 @@ def _pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
 
 
 def _rgb(image: ArrayLike, name: str) -> NDArray[Any]:
-    """Return an image with its colours in the order that the rest of this package has."""
+    """Return an image with its colors in the order that the rest of this package has."""
     if image is None:
         raise TypeError(
             f"{name}: got None, which is what cv2.imread returns for a file that it cannot read"

@@ -140,7 +140,7 @@ def point_cloud2(
     calibration
         The geometry of the pair.
     left
-        The left image, for the colours.
+        The left image, for the colors.
     """
     (fx, _, cx), (_, fy, cy), _ = calibration.cam0
     rows, cols = depth.shape

@@ -32,7 +32,7 @@ _SUFFIXES = (
     ".pfm",
     ".npy",
 )
-# How data sets and recorders name the folders of both views; in KITTI colour comes before gray.
+# How data sets and recorders name the folders of both views; in KITTI color comes before gray.
 _VIEWS = (
     ("left", "right"),
     ("image_left", "image_right"),

@@ -1,4 +1,4 @@
-"""Frames as pictures to look at, all of a video in the same colours."""
+"""Frames as pictures to look at, all of a video in the same colors."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
 
     from phasestereo.integrations.video.streaming import Frame
 
-_STEPS = 256  # of the colours: one more stands for no estimate
+_STEPS = 256  # of the colors: one more stands for no estimate
 
 
 class FramePicture:
-    """Puts the disparities of a frame, in colour, beside its left image.
+    """Puts the disparities of a frame, in color, beside its left image.
 
-    The colours are those of `phasestereo.views.picture.colorize`, looked up in a table. They mean
+    The colors are those of `phasestereo.views.picture.colorize`, looked up in a table. They mean
     the same in every picture, so that a video does not flicker.
 
     Parameters
     ----------
     low, high
-        Disparities at the ends of the colours; beyond them the colours stay.
+        Disparities at the ends of the colors; beyond them the colors stay.
 
     Raises
     ------
@@ -45,16 +45,16 @@ class FramePicture:
         self._low, self._scale = low, (_STEPS - 1) / (high - low)
         ramp = np.linspace(low, high, _STEPS)[np.newaxis]
         none = np.array([NEUTRAL], np.uint8)
-        self._colours = np.concatenate([colorize(ramp, low=low, high=high)[0], none])
+        self._colors = np.concatenate([colorize(ramp, low=low, high=high)[0], none])
 
     def __call__(self, frame: Frame) -> NDArray[np.uint8]:
         """Return the picture: uint8 (H, 2 W, 3), RGB."""
         left = as_rgb8(as_pixels(frame.left, "left"))
-        return np.concatenate([left, self.coloured(frame.result.disparity)], axis=1)
+        return np.concatenate([left, self.colored(frame.result.disparity)], axis=1)
 
-    def coloured(self, disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Return disparities (H, W) in colour: uint8 (H, W, 3), RGB."""
+    def colored(self, disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """Return disparities (H, W) in color: uint8 (H, W, 3), RGB."""
         steps = np.rint((disparity - np.float32(self._low)) * np.float32(self._scale))
         steps = np.where(np.isnan(steps), _STEPS, np.clip(steps, 0, _STEPS - 1))
-        coloured: NDArray[np.uint8] = self._colours[steps.astype(np.intp)]
-        return coloured
+        colored: NDArray[np.uint8] = self._colors[steps.astype(np.intp)]
+        return colored

@@ -30,7 +30,7 @@ def packed(array: NDArray[Any]) -> str:
     """Return an array of unsigned integers as text, exact and small.
 
     The difference of each to the one before is kept, which wraps. First bytes come first, then all
-    second ones, little-endian: neighbours are alike, which makes zlib find more; then base64.
+    second ones, little-endian: neighbors are alike, which makes zlib find more; then base64.
     """
     flat = np.ascontiguousarray(array).ravel()
     steps = np.diff(flat, prepend=flat.dtype.type(0))

@@ -54,7 +54,7 @@ class Area:
 
     words: str
     share: float
-    colour: str
+    color: str
     psf: str | None
 
 
@@ -71,7 +71,7 @@ class BlurTold:
 def blur_facts(blur: BlurEstimate, size: tuple[int, int]) -> BlurTold:
     """Tell what was found out about the blur of a pair of images with so many rows and columns."""
     areas = [
-        Area(_words(kind), share, _colour(kind, number), _psf_uri(kind))
+        Area(_words(kind), share, _color(kind, number), _psf_uri(kind))
         for number, (kind, share) in enumerate(zip(blur.blurs, blur.areas(), strict=True))
     ]
     figures = [
@@ -83,7 +83,7 @@ def blur_facts(blur: BlurEstimate, size: tuple[int, int]) -> BlurTold:
     return BlurTold(_verdict(blur), areas, _map_uri(blur, areas, size), figures)
 
 
-def _colour(kind: Blur, number: int) -> str:
+def _color(kind: Blur, number: int) -> str:
     return _ALIKE if kind.side == "none" else _AREAS[number % len(_AREAS)]
 
 
@@ -112,8 +112,8 @@ def _psf_uri(kind: Blur) -> str | None:
 
 
 def _map_uri(blur: BlurEstimate, areas: list[Area], size: tuple[int, int]) -> str:
-    """Draw every pixel in the colour of the area that its tile belongs to."""
-    table = np.array([[int(a.colour[i : i + 2], 16) for i in (1, 3, 5)] for a in areas], np.uint8)
+    """Draw every pixel in the color of the area that its tile belongs to."""
+    table = np.array([[int(a.color[i : i + 2], 16) for i in (1, 3, 5)] for a in areas], np.uint8)
     return picture_uri(table[blur.label_map(size)])
 
 

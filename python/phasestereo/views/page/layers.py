@@ -1,4 +1,4 @@
-"""What can be looked at pixel by pixel: each layer with its colours, its scale and its values."""
+"""What can be looked at pixel by pixel: each layer with its colors, its scale and its values."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 __all__ = ["FLAGS", "Kind", "Layer", "arrays_of", "flag_kinds", "layers_of", "views"]
 
-_WORST = 4.0  # error in pixels from which on the colour is the darkest
+_WORST = 4.0  # error in pixels from which on the color is the darkest
 
-# Colours that people with any colour vision tell apart (after Okabe and Ito), and what to say.
+# Colors that people with any color vision tell apart (after Okabe and Ito), and what to say.
 FLAGS = {
     Flag.MASKED: ("#5a5a5a", "the left pixel is masked"),
     Flag.NO_CANDIDATE: ("#2b2b2b", "nothing valid to compare it with"),
@@ -59,13 +59,13 @@ class Layer:
     unit
         Of its values; "" if they have none.
     low, high
-        Values at the ends of the colours; beyond them the colours stay.
+        Values at the ends of the colors; beyond them the colors stay.
     lookup
-        256 RGB colours from low to high, 3 bytes each, by base64.
+        256 RGB colors from low to high, 3 bytes each, by base64.
     places
         Decimal places of its values.
     hint
-        What the colours mean.
+        What the colors mean.
     missing
         What gray pixels are.
     """
@@ -89,7 +89,7 @@ class Kind:
     name: str
     pixels: int
     share: float
-    colour: str
+    color: str
     meaning: str
 
 
@@ -97,15 +97,15 @@ def layers_of(result: Result, truth: Map | None) -> list[Layer]:
     """Return the layers of numbers that there are for a result, in the order of their buttons."""
     ends = _robust_ends(result.disparity if truth is None else truth, result.disparity)
     near = "near is red, far is blue"
-    depth = colours(DISPARITY_COLOURS)
+    depth = colors(DISPARITY_COLOURS)
     found = [Layer("disparity", "Disparity", "px", *ends, depth, 2, near, "no estimate")]
     if result.confidence is not None:
         sure = "about the probability that the disparity is within 1 px"
-        lookup = colours(CONFIDENCE_COLOURS)
+        lookup = colors(CONFIDENCE_COLOURS)
         found.append(Layer("confidence", "Confidence", "", 0, 1, lookup, 2, sure, "no estimate"))
     if truth is not None:
         wrong = f"|disparity - truth|: up to {GOOD:g} px is white"
-        lookup = colours(ERROR_COLOURS, white=GOOD / _WORST)
+        lookup = colors(ERROR_COLOURS, white=GOOD / _WORST)
         found.append(Layer("error", "Error", "px", 0, _WORST, lookup, 2, wrong, "not scored"))
         found.append(Layer("truth", "Truth", "px", *ends, depth, 2, near, "unknown"))
     return found
@@ -115,14 +115,14 @@ def flag_kinds(flags: NDArray[np.uint16]) -> list[Kind]:
     """Return every flag that a pixel has, reasons before the fillings they led to."""
     counts = count_flags(flags)
     return [
-        Kind(flag.value, flag.words, counts[flag], counts[flag] / flags.size, colour, meaning)
-        for flag, (colour, meaning) in FLAGS.items()
+        Kind(flag.value, flag.words, counts[flag], counts[flag] / flags.size, color, meaning)
+        for flag, (color, meaning) in FLAGS.items()
         if counts[flag]
     ]
 
 
-def colours(name: str, *, white: float = 0.0) -> str:
-    """Return 256 colours of a map of matplotlib's, of which a first share may be white."""
+def colors(name: str, *, white: float = 0.0) -> str:
+    """Return 256 colors of a map of matplotlib's, of which a first share may be white."""
     lookup = require("matplotlib", extra="report").colormaps[name]
     table = lookup(np.arange(256), bytes=True)[:, :3].copy()
     table[: round(white * 255) + 1 if white else 0] = 255
@@ -162,7 +162,7 @@ def _bytes(shares: Map) -> NDArray[np.uint8]:
 
 
 def _robust_ends(*maps: Map) -> tuple[float, float]:
-    """Return ends of the colours: of the first map that has any value."""
+    """Return ends of the colors: of the first map that has any value."""
     for values in maps:
         known = values[np.isfinite(values)]
         if known.size:

@@ -51,7 +51,7 @@ class Scene:
         (focal, _, x), (_, vertical, y), _ = self.geometry.cam0
         return {
             "focal": [focal, vertical],
-            "centre": [x, y],
+            "center": [x, y],
             "scale": focal * self.geometry.baseline,  # depth = scale / (disparity + doffs)
             "doffs": self.geometry.doffs,
             "limit": self.limit,

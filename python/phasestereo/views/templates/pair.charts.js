@@ -1,4 +1,4 @@
-// The charts: SVG of this page's own, in its colours.
+// The charts: SVG of this page's own, in its colors.
 
 const SPACE = { left: 46, right: 12, top: 26, bottom: 40 }; // screen pixels around the axes
 const SVG = "http://www.w3.org/2000/svg";
@@ -77,16 +77,16 @@ function legendOf(names, width) {
 
 const pathOf = (points) => points.map(([x, y], place) => `${place ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("");
 
-function barsOf(edges, shares, at, colour) {
+function barsOf(edges, shares, at, color) {
   return shares.map((share, place) => drawn("rect", {
-    x: at.x(edges[place]), y: at.y(share), fill: colour(place),
+    x: at.x(edges[place]), y: at.y(share), fill: color(place),
     width: Math.max(0.5, at.x(edges[place + 1]) - at.x(edges[place]) + 0.3), height: Math.max(0, at.bottom - at.y(share)),
   }));
 }
 
 const binOf = (edges, value) => Math.min(edges.length - 2, Math.max(0, edges.findIndex((edge) => edge > value) - 1));
 const topOf = (...rows) => 1.05 * Math.max(1e-9, ...rows.flat());
-const layerColour = (layer, value) => `rgb(${[...colourOf(layer, value)].join(" ")})`;
+const layerColor = (layer, value) => `rgb(${[...colorOf(layer, value)].join(" ")})`;
 const middleAt = (edges, place) => (edges[place] + edges[place + 1]) / 2;
 
 function disparityChart({ edges, found, wanted }) {
@@ -101,7 +101,7 @@ function disparityChart({ edges, found, wanted }) {
       return `${middleAt(edges, place).toFixed(2)} px: ${found ? `${found[place].toFixed(2)} %` : "none"}${truth}`;
     },
     paint: (at) => [
-      ...(found ? barsOf(edges, found, at, (place) => layerColour(layer, middleAt(edges, place))) : []),
+      ...(found ? barsOf(edges, found, at, (place) => layerColor(layer, middleAt(edges, place))) : []),
       ...(wanted ? [drawn("path", {
         class: "line text",
         d: pathOf(wanted.flatMap((share, place) => [[at.x(edges[place]), at.y(share)], [at.x(edges[place + 1]), at.y(share)]])),
@@ -154,7 +154,7 @@ function confidenceChart({ edges, shares }) {
     x: { label: "confidence", low: 0, high: 1 },
     y: { label: "% of pixels", high: topOf(shares) },
     say: (value) => `${middleAt(edges, binOf(edges, value)).toFixed(2)}: ${shares[binOf(edges, value)].toFixed(2)} %`,
-    paint: (at) => barsOf(edges, shares, at, (place) => layerColour(layer, middleAt(edges, place))),
+    paint: (at) => barsOf(edges, shares, at, (place) => layerColor(layer, middleAt(edges, place))),
   };
 }
 

@@ -1,6 +1,6 @@
 // Maps and pictures that the page itself holds, unpacked once.
 
-// An array as `packed` wrote it: differences of neighbours, first all first bytes, then all second.
+// An array as `packed` wrote it: differences of neighbors, first all first bytes, then all second.
 async function unpacked(text, Numbers) {
   const packed = new Blob([bytesOf(text)]).stream();
   const plain = packed.pipeThrough(new DecompressionStream("deflate"));

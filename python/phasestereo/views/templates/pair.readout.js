@@ -96,7 +96,7 @@ function bindReadout() {
   });
 }
 
-// The scale below the stage: a bar of colours, or the flags to pick out.
+// The scale below the stage: a bar of colors, or the flags to pick out.
 function showScale(view) {
   const scale = element("scale");
   if (scale.dataset.view === view.key) return;
@@ -111,7 +111,7 @@ function barOf(layer) {
     return `rgb(${layer.table.subarray(at, at + 3).join(" ")})`;
   });
   if (layer.key === "error") stops.splice(0, stops.length, ...hardStops(layer));
-  const bar = made("div", { className: "colours" }, made("i", { id: "needle" }));
+  const bar = made("div", { className: "colors" }, made("i", { id: "needle" }));
   bar.style.background = `linear-gradient(90deg, ${stops})`;
   const ticks = made("div", { className: "ticks" });
   const places = Math.max(0, Math.ceil(1 - Math.log10(layer.high - layer.low)));
@@ -127,13 +127,13 @@ function barOf(layer) {
   return [bar, ticks, words];
 }
 
-// All 256 colours, each as wide as it is: a gradient would blur where white ends.
+// All 256 colors, each as wide as it is: a gradient would blur where white ends.
 const hardStops = ({ table }) => Array.from({ length: 256 }, (_, n) =>
   `rgb(${table.subarray(3 * n, 3 * n + 3).join(" ")}) ${n / 2.56}% ${(n + 1) / 2.56}%`);
 
-function chip(colour, text) {
+function chip(color, text) {
   const box = made("i", {});
-  box.style.background = `rgb(${[...colour].join(" ")})`;
+  box.style.background = `rgb(${[...color].join(" ")})`;
   return made("span", { className: "key" }, box, text);
 }
 
@@ -141,12 +141,12 @@ function legend() {
   const held = made("div", { className: "flags" });
   for (const kind of page.flags) {
     const button = made("button", { type: "button", title: `${kind.meaning}; ${kind.pixels} pixels. Press to pick it out.` },
-      ...chip(hex(kind.colour), `${kind.name} ${(100 * kind.share).toFixed(1)} %`).childNodes);
+      ...chip(hex(kind.color), `${kind.name} ${(100 * kind.share).toFixed(1)} %`).childNodes);
     button.setAttribute("aria-pressed", String(state.only === kind.bit));
     button.addEventListener("click", () => pick(state.only === kind.bit ? 0 : kind.bit));
     held.append(button);
   }
-  const rest = page.flags.length ? "Press a flag to pick it out; pixels with several have the colour of the first." : "No pixel has a flag.";
+  const rest = page.flags.length ? "Press a flag to pick it out; pixels with several have the color of the first." : "No pixel has a flag.";
   return [held, made("p", { className: "note" }, rest, chip(UNFLAGGED, "nothing held against it"))];
 }
 

@@ -1,24 +1,24 @@
 // The points in three dimensions, by WebGL: every pixel with a depth, to turn around, and each a
 // way back to its pixel. What the graphics card gets of a point are its disparity, 16 bits, and a
-// colour; its place follows from its number and the geometry.
+// color; its place follows from its number and the geometry.
 
 const depthOf = (disparity) => page.scene.scale / (disparity + page.scene.doffs);
 
 // Left camera's coordinates of a pixel: x to the right, y down, z ahead.
 function pointOf(at) {
-  const { focal, centre } = page.scene;
+  const { focal, center } = page.scene;
   const z = depthOf(maps.disparity[at]);
-  const x = (at % page.cols) * page.step - centre[0];
-  const y = Math.floor(at / page.cols) * page.step - centre[1];
+  const x = (at % page.cols) * page.step - center[0];
+  const y = Math.floor(at / page.cols) * page.step - center[1];
   return [(x * z) / focal[0], (y * z) / focal[1], z];
 }
 
 const TINTS = {
   picture: { label: "left image", of: (at) => pictures.left.bytes.subarray(4 * at, 4 * at + 3) },
-  disparity: { label: "disparity", of: (at) => colourOf(viewOf("disparity"), maps.disparity[at]) },
-  confidence: { label: "confidence", of: (at) => colourOf(viewOf("confidence"), maps.confidence[at]) },
-  error: { label: "error", of: (at) => colourOf(viewOf("error"), maps.error[at]) },
-  flags: { label: "flags", of: (at) => flagColour(maps.flags[at]) },
+  disparity: { label: "disparity", of: (at) => colorOf(viewOf("disparity"), maps.disparity[at]) },
+  confidence: { label: "confidence", of: (at) => colorOf(viewOf("confidence"), maps.confidence[at]) },
+  error: { label: "error", of: (at) => colorOf(viewOf("error"), maps.error[at]) },
+  flags: { label: "flags", of: (at) => flagColor(maps.flags[at]) },
 };
 
 const VERTEX = `#version 300 es
@@ -27,13 +27,13 @@ precision highp int;
 layout(location = 0) in uint code;
 layout(location = 1) in vec4 tint; // its alpha: whether it is seen
 uniform int cols;
-uniform vec4 lens; // focal lengths, centre
+uniform vec4 lens; // focal lengths, center
 uniform vec4 depths; // step between pixels, scale, doffs, size of a point as far away as it is deep
 uniform vec2 coding; // disparity of code 0, step between codes
 uniform vec3 eye;
 uniform mat3 turn; // to the right, down, ahead
 uniform vec4 shape; // stretch of x and y, near, far
-out vec3 colour;
+out vec3 color;
 void main() {
   gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
   gl_PointSize = 1.0;
@@ -45,13 +45,13 @@ void main() {
   float deep = (seen.z * (far + near) - 2.0 * far * near) / (far - near);
   gl_Position = vec4(seen.x * shape.x, -seen.y * shape.y, deep, seen.z);
   gl_PointSize = clamp(depths.w * z / max(seen.z, near), 1.0, 40.0);
-  colour = tint.rgb;
+  color = tint.rgb;
 }`;
 const FRAGMENT = `#version 300 es
 precision mediump float;
-in vec3 colour;
+in vec3 color;
 out vec4 shown;
-void main() { shown = vec4(colour, 1.0); }`;
+void main() { shown = vec4(color, 1.0); }`;
 
 const BACK = 1.15; // how far the eye is behind what it looks at, in its depth
 const FRAME = 1.25; // room around the image, as the left camera sees it
@@ -97,8 +97,8 @@ class Cloud {
     gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_SHORT, 0, 0);
   }
 
-  // Colour the points, and choose which are seen; return how many.
-  colour(tint, trusted) {
+  // Color the points, and choose which are seen; return how many.
+  color(tint, trusted) {
     const bytes = new Uint8Array(4 * this.near.length);
     let count = 0;
     for (let at = 0; at < this.near.length; at++) {
@@ -125,9 +125,9 @@ class Cloud {
     const every = Math.max(1, Math.floor(this.near.length / 20000));
     for (let at = 0; at < this.near.length; at += every) if (this.near[at]) some.push(maps.disparity[at]);
     const z = depthOf(some.sort((a, b) => a - b)[some.length >> 1] ?? maps.disparity.find((value, at) => this.near[at]));
-    const { focal, centre } = page.scene;
-    const x = (((page.cols * page.step) / 2 - centre[0]) * z) / focal[0];
-    const y = (((page.rows * page.step) / 2 - centre[1]) * z) / focal[1];
+    const { focal, center } = page.scene;
+    const x = (((page.cols * page.step) / 2 - center[0]) * z) / focal[0];
+    const y = (((page.rows * page.step) / 2 - center[1]) * z) / focal[1];
     this.image = [(page.cols * page.step) / (2 * focal[0]), (page.rows * page.step) / (2 * focal[1])];
     Object.assign(this, { target: [x, y, z], yaw: -0.22, pitch: 0.16, distance: BACK * z });
     this.refresh();
@@ -173,9 +173,9 @@ class Cloud {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.useProgram(this.program);
     const { eye, right, down, ahead } = this.view;
-    const { focal, centre, scale, doffs, coding } = page.scene;
+    const { focal, center, scale, doffs, coding } = page.scene;
     gl.uniform1i(places.cols, page.cols);
-    gl.uniform4f(places.lens, ...focal, ...centre);
+    gl.uniform4f(places.lens, ...focal, ...center);
     const { sight } = this;
     const dot = (Number(element("dot").value) * (page.step / focal[0]) * canvas.height) / (2 * sight);
     gl.uniform4f(places.depths, page.step, scale, doffs, dot);
@@ -307,7 +307,7 @@ function makeScene() {
   });
 }
 
-// The colours that there are maps for; the one that is chosen stays.
+// The colors that there are maps for; the one that is chosen stays.
 function offerTints() {
   const chosen = element("tint").value;
   const there = Object.entries(TINTS).filter(([key]) => key === "picture" || maps[key]);
@@ -315,9 +315,9 @@ function offerTints() {
   if (there.some(([key]) => key === chosen)) element("tint").value = chosen;
 }
 
-// Draw the points in the colour that is chosen; return how many.
+// Draw the points in the color that is chosen; return how many.
 function drawCloud() {
-  const count = cloud.colour(TINTS[element("tint").value], element("trusted").checked);
+  const count = cloud.color(TINTS[element("tint").value], element("trusted").checked);
   element("cloud-told").textContent = `${count.toLocaleString("en")} points`;
   return count;
 }

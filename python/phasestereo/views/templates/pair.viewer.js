@@ -5,7 +5,7 @@ const NOT_SCORED = [190, 190, 190];
 const HANDLE = 14; // screen pixels
 const UNFLAGGED = [236, 235, 230];
 
-const hex = (colour) => [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+const hex = (color) => [1, 3, 5].map((at) => parseInt(color.slice(at, at + 2), 16));
 
 const views = page.views.map(([key, label]) => page.layers.find((layer) => layer.key === key) ?? { key, label });
 for (const layer of page.layers) layer.table = bytesOf(layer.lookup);
@@ -15,8 +15,8 @@ const shown = {}; // canvases by view, painted when first seen
 const viewOf = (key) => views.find((view) => view.key === key);
 const isThere = (key) => Boolean(pictures[key] ?? maps[key]);
 
-// Colour of a value of a layer of numbers.
-function colourOf(layer, value) {
+// Color of a value of a layer of numbers.
+function colorOf(layer, value) {
   if (Number.isNaN(value)) return layer.key === "error" ? NOT_SCORED : NO_ESTIMATE;
   if (!Number.isFinite(value)) return NO_ESTIMATE;
   const share = (value - layer.low) / (layer.high - layer.low);
@@ -24,10 +24,10 @@ function colourOf(layer, value) {
   return layer.table.subarray(place, place + 3);
 }
 
-// Colour of a pixel's flags: that of the first reason, or of the one that is picked out.
-function flagColour(flags) {
+// Color of a pixel's flags: that of the first reason, or of the one that is picked out.
+function flagColor(flags) {
   const kind = page.flags.find(({ bit }) => flags & bit && (!state.only || state.only === bit));
-  return kind ? (kind.rgb ??= hex(kind.colour)) : UNFLAGGED;
+  return kind ? (kind.rgb ??= hex(kind.color)) : UNFLAGGED;
 }
 
 function canvasOf(key) {
@@ -35,17 +35,17 @@ function canvasOf(key) {
   return (shown[key] ??= painted(viewOf(key)));
 }
 
-// A layer in its colours, every step-th pixel of every step-th row.
+// A layer in its colors, every step-th pixel of every step-th row.
 function painted(view, step = 1) {
   const [cols, rows] = [Math.ceil(page.cols / step), Math.ceil(page.rows / step)];
   const canvas = made("canvas", { width: cols, height: rows });
   const context = canvas.getContext("2d");
   const image = context.createImageData(cols, rows);
-  const colours = new Uint32Array(image.data.buffer);
+  const colors = new Uint32Array(image.data.buffer);
   const values = maps[view.key];
-  const colour = view.table ? coloursOf(view) : rememberedOf(flagColour);
+  const color = view.table ? colorsOf(view) : rememberedOf(flagColor);
   for (let y = 0, to = 0; y < page.rows; y += step) {
-    for (let x = 0; x < page.cols; x += step) colours[to++] = colour(values[y * page.cols + x]);
+    for (let x = 0; x < page.cols; x += step) colors[to++] = color(values[y * page.cols + x]);
   }
   context.putImageData(image, 0, 0);
   return canvas;
@@ -53,18 +53,18 @@ function painted(view, step = 1) {
 
 const word = ([red, green, blue]) => ((255 << 24) | (blue << 16) | (green << 8) | red) >>> 0;
 
-// Colours as `colourOf` has them, in one number each.
-function coloursOf(layer) {
+// Colors as `colorOf` has them, in one number each.
+function colorsOf(layer) {
   const words = Uint32Array.from({ length: 256 }, (_, n) => word(layer.table.subarray(3 * n, 3 * n + 3)));
   const scale = 256 / (layer.high - layer.low);
   return (value) => (Number.isFinite(value)
-    ? words[Math.min(255, Math.max(0, Math.floor((value - layer.low) * scale)))] : word(colourOf(layer, value)));
+    ? words[Math.min(255, Math.max(0, Math.floor((value - layer.low) * scale)))] : word(colorOf(layer, value)));
 }
 
-function rememberedOf(colour) {
+function rememberedOf(color) {
   const known = new Map();
   return (value) => {
-    if (!known.has(value)) known.set(value, word(colour(value)));
+    if (!known.has(value)) known.set(value, word(color(value)));
     return known.get(value);
   };
 }
@@ -159,9 +159,9 @@ function drawMarks(context) {
   drawBox(context, match, y, "#ffd33d");
 }
 
-function drawBox(context, x, y, colour) {
+function drawBox(context, x, y, color) {
   const room = Math.max(0, 9 / stage.scale - 1) / 2; // at least nine screen pixels wide
-  for (const [style, width] of [["rgb(0 0 0 / .75)", 3.5], [colour, 1.5]]) {
+  for (const [style, width] of [["rgb(0 0 0 / .75)", 3.5], [color, 1.5]]) {
     context.strokeStyle = style;
     context.lineWidth = width / stage.scale;
     context.strokeRect(x - room, y - room, 1 + 2 * room, 1 + 2 * room);

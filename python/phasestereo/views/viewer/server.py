@@ -153,15 +153,15 @@ class _Answers:
         return self._drawn("JPEG", lambda frame: as_rgb8(as_pixels(frame.left, "left")))
 
     def _disparity(self, _: dict[str, str]) -> bytes:
-        return self._drawn("PNG", lambda frame: self._colours().coloured(frame.result.disparity))
+        return self._drawn("PNG", lambda frame: self._colors().colored(frame.result.disparity))
 
     def _scale(self, _: dict[str, str]) -> bytes:
         low, high = self._show.ends()
         ramp = np.linspace(low, high, 256, dtype=np.float32)[np.newaxis]
-        return _encoded(self._colours().coloured(ramp), "PNG")
+        return _encoded(self._colors().colored(ramp), "PNG")
 
-    def _colours(self) -> FramePicture:
-        """Return what colours disparities; the table is made anew where the range is another."""
+    def _colors(self) -> FramePicture:
+        """Return what colors disparities; the table is made anew where the range is another."""
         ends = self._show.ends()
         if self._picture is None or self._picture[0] != ends:
             self._picture = ends, FramePicture(*ends)

@@ -190,7 +190,7 @@ class Show:
         }
 
     def ends(self) -> tuple[int, int]:
-        """Return the disparities at the ends of the colours: those searched."""
+        """Return the disparities at the ends of the colors: those searched."""
         search = None if self.frame is None else self.frame.result.search
         if search is None:
             return 0, self.num_disparities or 1

@@ -11,7 +11,7 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
-from phasestereo.integrations import xarray as labelled
+from phasestereo.integrations import xarray as labeled
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.rendering import render_pair
 
@@ -55,7 +55,7 @@ def views(rendered: Pair, **attrs: Any) -> list[Any]:
 
 def test_it_is_the_match_of_the_arrays(rendered: Pair) -> None:
     left, right = views(rendered)
-    found = labelled.match(left, right, num_disparities=COUNT)
+    found = labeled.match(left, right, num_disparities=COUNT)
     plain = ps.match(gray(rendered.left), gray(rendered.right), num_disparities=COUNT)
     assert found["disparity"].dims == ("y", "x")
     np.testing.assert_array_equal(found["disparity"], plain.disparity)
@@ -67,7 +67,7 @@ def test_it_is_the_match_of_the_arrays(rendered: Pair) -> None:
 def test_coordinates_are_those_of_the_left_image(rendered: Pair) -> None:
     left, right = views(rendered)
     right = right.assign_coords(x=right.x + 33)
-    found = labelled.match(left, right, num_disparities=COUNT)
+    found = labeled.match(left, right, num_disparities=COUNT)
     for name in ("y", "x", "spatial_ref"):
         xarray.testing.assert_identical(found.coords[name], left.coords[name].drop_vars("band",
                                         errors="ignore"))  # fmt: skip
@@ -83,7 +83,7 @@ def test_the_order_of_dimensions_does_not_matter(
         xarray.DataArray(image, dims=("y", "x", "band")).transpose(*dims)
         for image in (rendered.left, rendered.right)
     ]
-    found = labelled.match(*pair, num_disparities=COUNT, preset="fast")
+    found = labeled.match(*pair, num_disparities=COUNT, preset="fast")
     plain = ps.match(rendered.left, rendered.right, num_disparities=COUNT, preset="fast")
     assert found["disparity"].dims == ("y", "x")
     np.testing.assert_array_equal(found["disparity"], plain.disparity)
@@ -93,11 +93,11 @@ def test_the_order_of_dimensions_does_not_matter(
 @pytest.mark.parametrize("dims", [("row", "col"), ("lat", "lon"), ("latitude", "longitude")])
 def test_rows_and_columns_have_several_names(rendered: Pair, dims: tuple[str, str]) -> None:
     pair = [xarray.DataArray(gray(image), dims=dims) for image in (rendered.left, rendered.right)]
-    assert labelled.match(*pair, num_disparities=COUNT)["disparity"].dims == dims
+    assert labeled.match(*pair, num_disparities=COUNT)["disparity"].dims == dims
 
 
 def test_flags_are_explained_as_cf_has_it(rendered: Pair) -> None:
-    flags = labelled.match(*views(rendered), num_disparities=COUNT)["flags"]
+    flags = labeled.match(*views(rendered), num_disparities=COUNT)["flags"]
     meanings = flags.attrs["flag_meanings"].split()
     assert flags.attrs["flag_masks"].dtype == flags.dtype == np.uint16
     assert dict(zip(meanings, flags.attrs["flag_masks"].tolist(), strict=True)) == {
@@ -106,7 +106,7 @@ def test_flags_are_explained_as_cf_has_it(rendered: Pair) -> None:
 
 
 def test_attributes_tell_what_was_done(rendered: Pair) -> None:
-    found = labelled.match(
+    found = labeled.match(
         *views(rendered), num_disparities=COUNT, min_disparity=-2, preset="paper", window=7
     )
     assert json.loads(found.attrs["settings"])["window"] == 7
@@ -114,7 +114,7 @@ def test_attributes_tell_what_was_done(rendered: Pair) -> None:
     assert found.attrs["source"] == f"phasestereo {ps.__version__}"
     assert "blur" not in found.attrs
     assert found["disparity"].attrs["units"] == "pixel"
-    assert labelled.match(*views(rendered), num_disparities=COUNT).attrs["blur"]
+    assert labeled.match(*views(rendered), num_disparities=COUNT).attrs["blur"]
 
 
 def masked_alike(rendered: Pair, found: Any, left_mask: NDArray[np.bool_]) -> None:
@@ -133,7 +133,7 @@ def test_no_data_is_masked(rendered: Pair, name: str, where: str) -> None:
     left, right = left.astype(np.int16), right.astype(np.int16)
     left[0, 20:30, 40:50] = -32768
     getattr(left, where)[name] = -32768
-    found = labelled.match(left, right, num_disparities=COUNT, preset="paper")
+    found = labeled.match(left, right, num_disparities=COUNT, preset="paper")
     masked_alike(rendered, found, left[0].to_numpy() != -32768)
 
 
@@ -145,7 +145,7 @@ def test_no_data_may_be_what_float32_does_not_hold(
 ) -> None:
     left, right = (view.astype(dtype) for view in views(rendered, nodata=nodata))
     left[0, 20:30, 40:50] = nodata
-    found = labelled.match(left, right, num_disparities=COUNT, preset="paper")
+    found = labeled.match(left, right, num_disparities=COUNT, preset="paper")
     masked_alike(rendered, found, left[0].to_numpy() != nodata)
 
 
@@ -153,7 +153,7 @@ def test_no_data_may_be_what_float32_does_not_hold(
 def test_the_no_data_of_packed_pixels_is_none_of_unpacked_ones(rendered: Pair, name: str) -> None:
     left, right = (view.astype(np.float32) for view in views(rendered))
     left.encoding = {"_FillValue": int(left[0, 30, 50]), name: 2}
-    found = labelled.match(left, right, num_disparities=COUNT, preset="paper")
+    found = labeled.match(left, right, num_disparities=COUNT, preset="paper")
     masked_alike(rendered, found, np.ones(left.shape[1:], np.bool_))
 
 
@@ -161,7 +161,7 @@ def test_nan_is_masked(rendered: Pair) -> None:
     left, right = views(rendered)
     left, right = left.astype(np.float64), right.astype(np.float64)
     left[0, 20:30, 40:50] = np.nan
-    found = labelled.match(left, right, num_disparities=COUNT, preset="paper")
+    found = labeled.match(left, right, num_disparities=COUNT, preset="paper")
     masked_alike(rendered, found, ~np.isnan(left[0].to_numpy()))
 
 
@@ -172,11 +172,11 @@ def test_given_masks_add_to_no_data(rendered: Pair) -> None:
     mask = xarray.ones_like(left[0], dtype=np.bool_)
     mask[5:9] = False
     expected = (left[0].to_numpy() != 255) & mask.to_numpy()
-    found = labelled.match(
+    found = labeled.match(
         left, right, num_disparities=COUNT, preset="paper", left_mask=mask.transpose("x", "y")
     )
     masked_alike(rendered, found, expected)
-    plain = labelled.match(
+    plain = labeled.match(
         left, right, num_disparities=COUNT, preset="paper", left_mask=mask.to_numpy()
     )
     xarray.testing.assert_identical(found, plain)
@@ -186,7 +186,7 @@ def test_masks_of_the_right_image_count(rendered: Pair) -> None:
     left, right = views(rendered)
     right[0, :, 60:] = 255
     right.attrs["_FillValue"] = 255
-    found = labelled.match(left, right, num_disparities=COUNT, preset="paper")
+    found = labeled.match(left, right, num_disparities=COUNT, preset="paper")
     plain = ps.match(
         gray(rendered.left), right[0].to_numpy(), num_disparities=COUNT, preset="paper",
         right_mask=right[0].to_numpy() != 255,
@@ -199,8 +199,8 @@ def test_chunked_arrays_are_computed(rendered: Pair) -> None:
     left, right = views(rendered)
     chunked = [image.chunk({"y": 20, "x": 33}) for image in (left, right)]
     assert all(image.chunks for image in chunked)
-    found = labelled.match(*chunked, num_disparities=COUNT)
-    xarray.testing.assert_identical(found, labelled.match(left, right, num_disparities=COUNT))
+    found = labeled.match(*chunked, num_disparities=COUNT)
+    xarray.testing.assert_identical(found, labeled.match(left, right, num_disparities=COUNT))
     assert isinstance(found["disparity"].data, np.ndarray)
 
 
@@ -208,7 +208,7 @@ def test_chunked_masks_are_computed(rendered: Pair) -> None:
     counterpart("dask.array")
     left, right = views(rendered)
     mask = (left[0] > 20).chunk({"y": 20})
-    found = labelled.match(left, right, num_disparities=COUNT, left_mask=mask, preset="paper")
+    found = labeled.match(left, right, num_disparities=COUNT, left_mask=mask, preset="paper")
     masked_alike(rendered, found, left[0].to_numpy() > 20)
 
 
@@ -217,7 +217,7 @@ def test_netcdf_and_dictionaries_hold_it_all(rendered: Pair, tmp_path: Path) -> 
     left, right = views(rendered)
     left[0, :10] = 255
     left.attrs["nodata"] = 255
-    found = labelled.match(left, right, num_disparities=COUNT)
+    found = labeled.match(left, right, num_disparities=COUNT)
     found.to_netcdf(tmp_path / "a.nc", engine="scipy")
     with xarray.open_dataset(tmp_path / "a.nc", engine="scipy") as stored:
         for name in found.data_vars:
@@ -233,7 +233,7 @@ def test_what_rasterio_reads_keeps_its_coordinates(rendered: Pair, tmp_path: Pat
     counterpart("rasterio")
     place = ps.io.Georeference(crs="EPSG:32631", transform=(0.5, 0, 500000, 0, -0.5, 4800000))
     ps.io.write_geotiff(tmp_path / "left.tif", gray(rendered.left), like=place)
-    found = labelled.match(*views(rendered), num_disparities=COUNT)
+    found = labeled.match(*views(rendered), num_disparities=COUNT)
     left = ps.io.read_geotiff(tmp_path / "left.tif")
     ps.io.write_geotiff(tmp_path / "out.tif", found["disparity"].to_numpy(), like=left)
     stored = ps.io.read_geotiff(tmp_path / "out.tif")
@@ -241,25 +241,25 @@ def test_what_rasterio_reads_keeps_its_coordinates(rendered: Pair, tmp_path: Pat
     assert stored.georeference.crs.to_epsg() == 32631
 
 
-def test_results_can_be_labelled_by_themselves(rendered: Pair) -> None:
+def test_results_can_be_labeled_by_themselves(rendered: Pair) -> None:
     result = ps.match(rendered.left, rendered.right, num_disparities=COUNT)
-    assert labelled.as_dataset(result)["disparity"].dims == ("y", "x")
-    assert set(labelled.as_dataset(result, like=views(rendered)[0]).coords) == {
+    assert labeled.as_dataset(result)["disparity"].dims == ("y", "x")
+    assert set(labeled.as_dataset(result, like=views(rendered)[0]).coords) == {
         "y", "x", "spatial_ref"
     }  # fmt: skip
     with pytest.raises(ValueError, match=r"like: got \(9, 9\) pixels.*\(70, 110\)"):
-        labelled.as_dataset(result, like=xarray.DataArray(np.zeros((9, 9)), dims=("y", "x")))
+        labeled.as_dataset(result, like=xarray.DataArray(np.zeros((9, 9)), dims=("y", "x")))
     with pytest.raises(TypeError, match="result: got ndarray; accepts a phasestereo.Result"):
-        labelled.as_dataset(result.disparity)  # type: ignore[arg-type]  # the wrong type it is
+        labeled.as_dataset(result.disparity)  # type: ignore[arg-type]  # the wrong type it is
 
 
 def test_rows_must_correspond(rendered: Pair) -> None:
     left, right = views(rendered)
     with pytest.raises(ValueError, match="right: got coordinates 'y' up to 0.5 from"):
-        labelled.match(left, right.assign_coords(y=right.y + 0.5), num_disparities=COUNT)
+        labeled.match(left, right.assign_coords(y=right.y + 0.5), num_disparities=COUNT)
     rounded = right.assign_coords(y=right.y + 1e-5)
-    labelled.match(left, rounded, num_disparities=COUNT, preset="fast")
-    labelled.match(left, right.drop_vars("y"), num_disparities=COUNT, preset="fast")
+    labeled.match(left, rounded, num_disparities=COUNT, preset="fast")
+    labeled.match(left, right.drop_vars("y"), num_disparities=COUNT, preset="fast")
 
 
 @pytest.mark.parametrize(
@@ -275,37 +275,37 @@ def test_rows_must_correspond(rendered: Pair) -> None:
 def test_dimensions_that_tell_nothing_are_refused(dims: tuple[str, ...], message: str) -> None:
     image = xarray.DataArray(np.zeros((8,) * len(dims), np.uint8), dims=dims)
     with pytest.raises(ValueError, match=message):
-        labelled.match(image, image, num_disparities=4)
+        labeled.match(image, image, num_disparities=4)
 
 
 def test_wrong_arguments_are_named(rendered: Pair) -> None:
     left, right = views(rendered)
     with pytest.raises(TypeError, match="left: got ndarray; accepts an xarray.DataArray"):
-        labelled.match(gray(rendered.left), right, num_disparities=COUNT)  # type: ignore[arg-type] # wrong on purpose
+        labeled.match(gray(rendered.left), right, num_disparities=COUNT)  # type: ignore[arg-type] # wrong on purpose
     with pytest.raises(TypeError, match="right: got Dataset"):
-        labelled.match(left, right.to_dataset(name="a"), num_disparities=COUNT)
+        labeled.match(left, right.to_dataset(name="a"), num_disparities=COUNT)
     with pytest.raises(ValueError, match=r"right: got \(70, 100\) pixels"):
-        labelled.match(left, right[:, :, :100], num_disparities=COUNT)
+        labeled.match(left, right[:, :, :100], num_disparities=COUNT)
     with pytest.raises(ValueError, match="left: got samples of type complex64"):
-        labelled.match(left.astype("complex64"), right, num_disparities=COUNT)
+        labeled.match(left.astype("complex64"), right, num_disparities=COUNT)
     with pytest.raises(ValueError, match=r"left_mask: got dimensions \('y',\)"):
-        labelled.match(left, right, num_disparities=COUNT, left_mask=left[0, :, 0] > 0)
+        labeled.match(left, right, num_disparities=COUNT, left_mask=left[0, :, 0] > 0)
     with pytest.raises(TypeError, match="right_mask: got dtype uint8"):
-        labelled.match(left, right, num_disparities=COUNT, right_mask=right[0])
+        labeled.match(left, right, num_disparities=COUNT, right_mask=right[0])
     with pytest.raises(ValueError, match="num_disparities"):
-        labelled.match(left, right, num_disparities=0)
+        labeled.match(left, right, num_disparities=0)
     with pytest.raises(ValueError, match="left: got shape .*at least one pixel"):
-        labelled.match(left[:, :0], right[:, :0], num_disparities=COUNT)
+        labeled.match(left[:, :0], right[:, :0], num_disparities=COUNT)
     two = [xarray.concat([image, image], "band") for image in (left, right)]
     with pytest.raises(ValueError, match=r"left: got shape \(70, 110, 2\)"):
-        labelled.match(*two, num_disparities=COUNT)
+        labeled.match(*two, num_disparities=COUNT)
 
 
 def test_without_xarray_the_cure_is_named(rendered: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
     left, right = views(rendered)
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(ImportError, match=r"pip install 'phasestereo\[geo\]'"):
-        labelled.match(left, right, num_disparities=COUNT)
+        labeled.match(left, right, num_disparities=COUNT)
 
 
 def test_real_pairs_come_out_with_their_coordinates(data: Path) -> None:
@@ -314,7 +314,7 @@ def test_real_pairs_come_out_with_their_coordinates(data: Path) -> None:
         xarray.DataArray(image, dims=("y", "x", "band")[: image.ndim])
         for image in (pair.left, pair.right)
     ]
-    found = labelled.match(*images, num_disparities=pair.num_disparities)
+    found = labeled.match(*images, num_disparities=pair.num_disparities)
     assert pair.truth is not None
     error = np.abs(found["disparity"].to_numpy() - pair.truth)[pair.masks["nonocc"]]
     assert (error > 1).mean() < 0.08
