@@ -476,7 +476,8 @@ fn add_differences<V: Value>(left: u16, right: &[Lanes<u16>], out: &mut [Lanes<V
 fn mask_out<V: Value>(left: u8, right: &[Lanes<u8>], out: &mut [Lanes<V>]) {
     for (out, right) in out.iter_mut().zip(right) {
         for j in 0..LANES {
-            out[j] = if left & right[j] == 1 { out[j] } else { V::default() };
+            // A product: the compiler makes choices lane by lane.
+            out[j] = V::truncated(out[j].widened() * u64::from(left & right[j]));
         }
     }
 }
