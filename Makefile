@@ -16,9 +16,11 @@ help: ## List the commands
 demo: $(VENV)/harness ## Render a pair, spoil one image, match it, print the score, write pictures and a report
 	$(BIN)/phasestereo demo --output demo
 
-test: $(VENV)/counterparts c ## Run all the tests (PHASESTEREO_DATA: the folder of real pairs, default ../shared)
-	cargo test --locked --features c,internals
-	$(BIN)/python -m pytest
+test: $(VENV)/counterparts c ## Build and run all the tests on every core, about 9 minutes on two (PHASESTEREO_DATA: the real pairs, default ../shared)
+	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib --features c,internals
+	cargo test --locked --test rust --features c,internals
+	cargo test --locked --doc
+	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 test-arm64: $(VENV)/ready ## Test the core and its wheel on an emulated aarch64 (ARGS=rust, wheel or python: one part)
 	PYTHON=$(CURDIR)/$(BIN)/python tests/arm64.sh $(ARGS)
@@ -30,7 +32,7 @@ fuzz: $(VENV)/counterparts ## Tests by new random examples, mutated files, stran
 soak: $(CORE) ## Stream pairs with faults through one Matcher (make soak ARGS="--seconds 3600"; 5 minutes)
 	$(BIN)/python benches/soak.py $(ARGS)
 
-lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code
+lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code, about 2 minutes on two cores
 	cargo fmt --check
 	cargo clippy --locked --all-targets --features python,c,internals -- --deny warnings
 	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --quiet
