@@ -235,7 +235,7 @@ def _array(folder: Path, gray: Any) -> Path:
 
 
 def _words(folder: Path, gray: Any) -> None:
-    (folder / "a.seed").write_bytes(b"\5" * 32)
+    (folder / "a.seed").write_bytes(b"\x15" * 32)
     (folder / "a.calib").write_text(CALIB, "ascii")
     q = np.array([[1, 0, 0, -20], [0, 1, 0, -15], [0, 0, 0, 100], [0, 0, 1 / 60, 2 / 60]])
     np.save(folder / "q.npy", q)

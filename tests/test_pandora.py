@@ -280,7 +280,7 @@ def test_defaults_are_filled_in_and_can_be_saved() -> None:
         ({"frequencies": [3, 1], "neighborhood": 5}, ValueError, "frequencies"),
         ({"bits": "two"}, TypeError, "bits"),
         ({"compensate_blur": 1.5}, TypeError, "compensate_blur"),
-        ({"neighborhood": 7}, Exception, "neighborhood"),
+        ({"neighbourhood": 7}, Exception, "neighbourhood"),
         ({"subpix": 3}, Exception, "subpix"),
     ],
 )

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from numbers import Integral, Real
 
+_PRINTED_BITS = 64
+
 
 def as_integer(
     name: str, value: object, *, least: int | None = None, most: int | None = None
@@ -32,7 +34,9 @@ def as_integer(
     number = int(value)
     if least is not None and (number < least or (most is not None and number > most)):
         end = "or more" if most is None else f"to {most}"
-        raise ValueError(f"{name}: got {number}; accepts {least} {end}")
+        # A huge one is not printed: Python may refuse to.
+        got = number if number.bit_length() <= _PRINTED_BITS else "a huge integer"
+        raise ValueError(f"{name}: got {got}; accepts {least} {end}")
     return number
 
 
