@@ -16,10 +16,10 @@ help: ## List the commands
 demo: $(VENV)/harness ## Render a pair, spoil one image, match it, print the score, write pictures and a report
 	$(BIN)/phasestereo demo --output demo
 
-test: $(VENV)/counterparts c ## Build and run all the tests on every core, about 9 minutes on two (PHASESTEREO_DATA: the real pairs, default ../shared)
+test: $(VENV)/counterparts ## Build and run all the tests on every core, about 9 minutes on two (PHASESTEREO_DATA: the real pairs, default ../shared)
 	CARGO_PROFILE_TEST_OPT_LEVEL=0 cargo test --locked --lib --features c,internals
 	cargo test --locked --test rust --features c,internals
-	cargo test --locked --doc
+	cargo test --locked --doc --features c,internals
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 test-arm64: $(VENV)/ready ## Test the core and its wheel on an emulated aarch64 (ARGS=rust, wheel or python: one part)
@@ -35,7 +35,8 @@ soak: $(CORE) ## Stream pairs with faults through one Matcher (make soak ARGS="-
 lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code, about 2 minutes on two cores
 	cargo fmt --check
 	cargo clippy --locked --all-targets --features python,c,internals -- --deny warnings
-	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --quiet
+	cargo clippy --locked --features python,c -- --deny warnings # without the face of the tests dead code is seen
+	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps --document-private-items --quiet
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/mypy

@@ -219,7 +219,7 @@ mod descriptor {
         let (_, image, settings) =
             cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
         let (level, control) = (level.expect("of this machine"), Control::default());
-        let view = View { image: image(), mask: None, range: None, impulses: 0.0 };
+        let view = View::from(image());
         let work = || {
             describe_gray(
                 &Gray::new(&view, level, &control)?,
@@ -317,7 +317,7 @@ mod convolution {
         let (level, control) = (level.expect("of this machine"), Control::default());
         let pixels = noise(ROWS, COLS, |value| value as u8).into_vec();
         let pixels = Array3::from_shape_vec((ROWS, COLS, 1), pixels).expect("as many values");
-        let view = View { image: Image::U8(pixels), mask: None, range: None, impulses: 0.0 };
+        let view = View::from(Image::U8(pixels));
         let bytes = Gray::new(&view, level, &control).expect("memory");
         let wide = noise(ROWS, COLS, |value| (value << 8) as i32 - (1 << 23));
         let gray = if reach == 128 { bytes } else { Gray::within(reach, wide) };

@@ -331,10 +331,10 @@ fn match_rows<'py>(
 ) -> PyResult<Matched<'py>> {
     let told = Statistics::read(survey)?;
     let pair = read_pair(&images, &masks, &told.disparities)?
-        .with_versions(told.versions.map(|versions| versions.from_row(first)))
+        .with_versions(told.versions.map(|versions| versions.starting_at_row(first)))
         .with_ranges(told.ranges);
     let pair = if told.is_inverted { pair.inverted() } else { pair };
-    let field = told.alignment.map(|field| field.from_row(first));
+    let field = told.alignment.map(|field| field.starting_at_row(first));
     let section = Section {
         rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
         roughness: told.roughness,

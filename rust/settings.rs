@@ -87,7 +87,7 @@ pub const OPTIMIZERS: [(&str, Optimizer); 4] = [
     ("sgm", Optimizer::SemiGlobal),
 ];
 
-/// All settings of a match; the defaults are those of [`Preset::Robust`].
+/// All settings of a match; the defaults are those of [`presets::Preset::Robust`].
 #[derive(Debug, Clone, PartialEq)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a choice of its own, made by name")]
 pub struct Settings {

@@ -83,7 +83,7 @@ impl Isa {
 }
 
 impl Level {
-    /// The level to use: the highest that the machine has, or the one that [`OVERRIDE`] names, or the
+    /// The level to use: the highest that the machine has, or the one that the environment variable `PHASESTEREO_SIMD` names, or the
     /// highest below that. Read once; an unknown name counts for nothing.
     pub fn best() -> Self {
         static BEST: OnceLock<Level> = OnceLock::new();

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Pair = tuple[Image, Image]
     Change = Callable[[Image], Image]
 
-LIBRARY = ROOT / "target" / "c" / "release" / "libphasestereo.so"
+LIBRARY = ROOT / "target" / "debug" / "deps" / "libphasestereo.so"  # of the Rust tests
 INTERFACE = ROOT / "rust" / "c"
 STRICT = "-Wall", "-Wextra", "-Wpedantic", "-Werror"
 GRAY, RGB, RGBA, BGR, BGRA = range(5)
@@ -106,7 +106,7 @@ def _needed(path: Path | str | None, message: str) -> str:
 
 @pytest.fixture(scope="module")
 def library() -> str:
-    return _needed(LIBRARY, f"no {LIBRARY.relative_to(ROOT)}: make c")
+    return _needed(LIBRARY, f"no {LIBRARY.relative_to(ROOT)}: make test")
 
 
 @pytest.fixture(scope="module")

@@ -112,7 +112,7 @@ impl Image {
             16 => view::Image::U16(unsafe { self.copied(layout, u16::from_ne_bytes) }?),
             bits => return refused(format!("{bits} bits a channel"), "8 or 16"),
         };
-        Ok(View { image, mask: None, range: None, impulses: 0.0 })
+        Ok(View::from(image))
     }
 
     fn layout(&self) -> Option<Layout> {

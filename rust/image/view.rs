@@ -35,7 +35,7 @@ pub struct View {
     pub mask: Option<Mask>,
     /// Where the pixels lie of the whole image, of floats, of which this is a part; `None`: it is the whole.
     pub range: Option<Range>,
-    /// By how much impulses stand out at least, in units of the pixels; 0: there are none, see [`crate::image::impulses`].
+    /// By how much impulses stand out at least, in units of the pixels; 0: there are none.
     pub impulses: f64,
 }
 
@@ -98,6 +98,13 @@ impl Image {
             Self::F32(pixels) => write_channel(row_of(pixels, y), c, f64::from, row),
             Self::F64(pixels) => write_channel(row_of(pixels, y), c, |value| value, row),
         }
+    }
+}
+
+impl From<Image> for View {
+    /// A whole image that is valid everywhere.
+    fn from(image: Image) -> Self {
+        Self { image, mask: None, range: None, impulses: 0.0 }
     }
 }
 

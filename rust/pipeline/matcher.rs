@@ -254,7 +254,7 @@ impl Matcher {
         self.run_rows(pair, &Section::whole(pair), settings, how, control)
     }
 
-    /// Matches some rows of a pair: to the bit as in the whole, if all is at hand that they depend on, see [`Section`].
+    /// Matches some rows of a pair: to the bit as in the whole, if all is at hand that they depend on.
     pub fn run_rows(
         &self,
         pair: &Pair,

@@ -89,7 +89,7 @@ fn field_to_py(field: &Alignment) -> Field {
 
 pub fn read_field(field: Option<Field>) -> Result<Option<Alignment>> {
     let field = field.map(|(coefficients, size, first)| {
-        Ok(Alignment::new(coefficients, size)?.from_column(first))
+        Ok(Alignment::new(coefficients, size)?.starting_at_column(first))
     });
     field.transpose()
 }

@@ -48,12 +48,12 @@ impl Alignment {
     }
 
     /// The same for a pair that begins with row `first` of the one with the field.
-    pub fn from_row(self, first: usize) -> Self {
+    pub fn starting_at_row(self, first: usize) -> Self {
         Self { first: (first, self.first.1), ..self }
     }
 
     /// The same for a pair that begins with column `first` of the one with the field.
-    pub fn from_column(self, first: usize) -> Self {
+    pub fn starting_at_column(self, first: usize) -> Self {
         Self { first: (self.first.0, first), ..self }
     }
 
@@ -164,8 +164,12 @@ mod tests {
         let (x, y) = (31.0, 77.0);
         let exact = field.at_fraction((x + 0.5) / 100.0 - 1.0, (y + 0.5) / 50.0 - 1.0);
         assert!((field.at(x, y) - exact).abs() < 1e-12);
-        assert!((field.clone().from_row(30).at(5.0, 7.0) - field.at(5.0, 37.0)).abs() < 1e-12);
-        assert!((field.clone().from_column(30).at(5.0, 7.0) - field.at(35.0, 7.0)).abs() < 1e-12);
+        assert!(
+            (field.clone().starting_at_row(30).at(5.0, 7.0) - field.at(5.0, 37.0)).abs() < 1e-12
+        );
+        assert!(
+            (field.clone().starting_at_column(30).at(5.0, 7.0) - field.at(35.0, 7.0)).abs() < 1e-12
+        );
     }
 
     #[test]

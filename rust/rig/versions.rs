@@ -92,7 +92,7 @@ impl Versions {
     }
 
     /// The same for a pair that begins with row `first` of the one that is labeled.
-    pub fn from_row(self, first: usize) -> Self {
+    pub fn starting_at_row(self, first: usize) -> Self {
         Self { first, ..self }
     }
 

@@ -587,7 +587,7 @@ fn rows_that_the_pair_has_not_are_refused() {
 fn parts_are_of_the_classes_of_the_whole() {
     let whole = two_versions();
     for first in [0, 1, 39, 40, 41, 79, 80, 81, 119, 120, 1000] {
-        let part = two_versions().from_row(first);
+        let part = two_versions().starting_at_row(first);
         for (y, x) in [(0, 0), (1, 39), (38, 40), (39, 90), (40, 0), (80, 0), (500, 500)] {
             assert_eq!(part.class(y, x), whole.class(first + y, x), "{first}: {y}, {x}");
         }

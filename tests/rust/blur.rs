@@ -188,23 +188,23 @@ fn the_type_and_the_scale_of_the_pixels_change_next_to_nothing() {
     let views: [Shot; 6] = [
         Box::new(|plane| {
             let image = Image::U16(array(plane, |value| 257 * value as u16));
-            View { image, mask: None, range: None, impulses: 0.0 }
+            View::from(image)
         }),
         Box::new(|plane| {
             let image = Image::U16(array(plane, |value| value as u16));
-            View { image, mask: None, range: None, impulses: 0.0 }
+            View::from(image)
         }),
         Box::new(|plane| floats(&plane.map(|value| value * 1e-6))),
         Box::new(|plane| floats(&plane.map(|value| value * 1e6 - 1e7))),
         Box::new(|plane| {
             let image = Image::F64(array(plane, |value| f64::from(value) * 1e30));
-            View { image, mask: None, range: None, impulses: 0.0 }
+            View::from(image)
         }),
         Box::new(|plane| {
             let gray = array(plane, |value| value as u8);
             let colors = (plane.rows(), plane.cols(), 3);
             let image = Image::U8(Array3::from_shape_fn(colors, |(y, x, _)| gray[(y, x, 0)]));
-            View { image, mask: None, range: None, impulses: 0.0 }
+            View::from(image)
         }),
     ];
     for view in views {

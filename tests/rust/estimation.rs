@@ -71,7 +71,7 @@ fn floats(plane: &Plane<f64>) -> Image {
 }
 
 fn pair_of(shots: &[Plane<f64>; 2], image: impl Fn(&Plane<f64>) -> Image) -> Pair {
-    let view = |plane| View { image: image(plane), mask: None, range: None, impulses: 0.0 };
+    let view = |plane| View::from(image(plane));
     Pair::new(view(&shots[0]), view(&shots[1]), 0, 48).expect("a legal pair")
 }
 
@@ -253,8 +253,9 @@ fn a_part_is_straightened_as_the_whole() {
         let (top, bottom) =
             (first.max(exact.reach()) - exact.reach(), (end + exact.reach()).min(SIZE.0));
         let part = right.of_rows(top..bottom);
-        let part = straightened(&part, &exact.clone().from_row(top), Level::best(), &control)
-            .expect("memory");
+        let part =
+            straightened(&part, &exact.clone().starting_at_row(top), Level::best(), &control)
+                .expect("memory");
         assert_eq!(part.of_rows(first - top..end - top), whole.of_rows(first..end));
     }
 }

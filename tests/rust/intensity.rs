@@ -11,7 +11,7 @@ use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 
 fn view(image: Image) -> View {
-    View { image, mask: None, range: None, impulses: 0.0 }
+    View::from(image)
 }
 
 fn bytes(rows: usize, cols: usize, channels: usize) -> impl Strategy<Value = Array3<u8>> {

@@ -77,7 +77,7 @@ fn view(plane: &Plane<f32>, kind: usize) -> View {
         2 => Image::F32(array(plane, |value| 1e-3 * value - 7.0)),
         _ => Image::F64(array(plane, |value| 1e6 * f64::from(value))),
     };
-    View { image, mask: None, range: None, impulses: 0.0 }
+    View::from(image)
 }
 
 fn pair([left, right]: [View; 2]) -> Pair {

@@ -299,7 +299,7 @@ mod tests {
 
     fn view(rows: usize, cols: usize, value: impl Fn(usize, usize) -> f64) -> View {
         let pixels = Array3::from_shape_fn((rows, cols, 1), |(y, x, _)| value(y, x));
-        View { image: Image::F64(pixels), mask: None, range: None, impulses: 0.0 }
+        View::from(Image::F64(pixels))
     }
 
     fn values(view: &View) -> &Array3<f64> {

@@ -383,12 +383,12 @@ mod tests {
         let signal = |power: f64, noise: f64| (power - noise).max(0.02 * power);
         let quotient = |bin: usize| {
             let there = response[bin] * signal(sharp[bin], noise[1]);
-            (signal(blurred[bin], noise[0]) / there).ln()
+            math::ln(signal(blurred[bin], noise[0]) / there)
         };
         let log_gain: f64 = bins.clone().map(|bin| low[bin] * quotient(bin)).sum();
-        let gain = log_gain.clamp(-20.0, 20.0).exp();
+        let gain = math::exp(log_gain.clamp(-20.0, 20.0));
         let there = |bin: usize| gain * response[bin] * signal(sharp[bin], noise[1]);
-        let residual = |bin: usize| (blurred[bin] / (there(bin) + noise[0])).ln();
+        let residual = |bin: usize| math::ln(blurred[bin] / (there(bin) + noise[0]));
         let trust = |bin: usize| weights[bin] * there(bin) / (there(bin) + noise[0]);
         let pull: f64 = bins.clone().map(|bin| trust(bin) * residual(bin).clamp(-2.0, 2.0)).sum();
         let trusted: f64 = bins.clone().map(trust).sum();
@@ -396,6 +396,6 @@ mod tests {
         let left =
             |bin: usize| (residual(bin) - trust(bin) / weights[bin].max(1e-300) * correction).abs();
         let loss = bins.map(|bin| weights[bin] * left(bin).min(2.0)).sum();
-        (loss, gain * correction.exp())
+        (loss, gain * math::exp(correction))
     }
 }

@@ -129,7 +129,7 @@ impl<'a> Part<'a> {
         scale: Scale,
         Means { matcher, how, control }: Means,
     ) -> Result<Rough> {
-        let alignment = known.alignment.clone().map(|field| field.from_row(self.first));
+        let alignment = known.alignment.clone().map(|field| field.starting_at_row(self.first));
         let known = Known { alignment, ..*known };
         Rough::new(&self.shades, known, scale, matcher, how, control)
     }

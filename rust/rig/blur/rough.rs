@@ -344,8 +344,7 @@ mod tests {
             (Image::U8(bytes), 1.0),
         ];
         let planes = images.map(|(image, unit)| {
-            let (view, control) =
-                (View { image, mask: None, range: None, impulses: 0.0 }, Control::default());
+            let (view, control) = (View::from(image), Control::default());
             let found = shades_per_unit(&view, how.level, &control).expect("memory");
             assert!((found / unit - 1.0).abs() < 1e-9);
             Shades::new(&view, how, &control).expect("memory").plane

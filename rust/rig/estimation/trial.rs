@@ -55,9 +55,9 @@ pub fn confirms(
     for band in bands(rows.size().0) {
         let inner = widened(&band, described, rows.size().0);
         let outer = widened(&inner, field.reach(), rows.size().0);
-        let versions = versions.clone().map(|all| all.from_row(outer.start));
+        let versions = versions.clone().map(|all| all.starting_at_row(outer.start));
         let pair = rows.pair(outer.clone())?.searched(found.candidates).with_versions(versions);
-        let field = field.clone().from_row(outer.start);
+        let field = field.clone().starting_at_row(outer.start);
         let straightened = pair.straightened(&field, how.level, control)?;
         let wanted = band.start - inner.start..band.end - inner.start;
         for (pair, score) in [pair, straightened].into_iter().zip(&mut scores) {

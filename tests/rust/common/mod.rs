@@ -303,7 +303,7 @@ pub fn affordable(side: usize, places: usize) -> usize {
 /// A gray view of bytes without a mask.
 pub fn view(rows: usize, cols: usize, pixel: impl Fn(usize, usize) -> u8) -> View {
     let pixels = Array3::from_shape_fn((rows, cols, 1), |(y, x, _)| pixel(y, x));
-    View { image: Image::U8(pixels), mask: None, range: None, impulses: 0.0 }
+    View::from(Image::U8(pixels))
 }
 
 /// A number without any pattern for each place, the same in every run.

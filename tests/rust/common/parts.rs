@@ -64,7 +64,7 @@ pub fn part(pair: &Pair, rows: &Range<usize>) -> Pair {
 
 /// The same with these ranges, in the versions of the whole.
 pub fn known_part(pair: &Pair, rows: &Range<usize>, ranges: [intensity::Range; 2]) -> Pair {
-    let versions = pair.versions().cloned().map(|versions| versions.from_row(rows.start));
+    let versions = pair.versions().cloned().map(|versions| versions.starting_at_row(rows.start));
     part(pair, rows).with_versions(versions).with_ranges(ranges.map(Some))
 }
 
