@@ -330,7 +330,7 @@ mod convolution {
 mod cost {
     use super::{Bencher, COLS, Case, CostKind, Costs, Preset, ROWS, Settings, cases, with_costs};
     use phasestereo::internals::optimization::PANEL;
-    use phasestereo::internals::simd::Kernel;
+    use phasestereo::internals::simd::Loop;
     use phasestereo::internals::value::{LANES, Lanes, Value};
 
     struct Write<'a, V> {
@@ -338,7 +338,7 @@ mod cost {
         out: &'a mut [Lanes<V>],
     }
 
-    impl<V: Value> Kernel for Write<'_, V> {
+    impl<V: Value> Loop for Write<'_, V> {
         type Output = ();
 
         #[inline(always)]
@@ -753,7 +753,7 @@ mod machine {
     use super::{At, Bencher, every, noise};
     use divan::counter::{BytesCount, ItemsCount};
     use phasestereo::internals::image::plane::Plane;
-    use phasestereo::internals::simd::Kernel;
+    use phasestereo::internals::simd::Loop;
 
     /// Bytes of one operand: three of them are at home in any first-level cache.
     const FEW: usize = 8 << 10;
@@ -786,7 +786,7 @@ mod machine {
 
     struct Through<'a, S>([&'a [u8]; 2], &'a mut [u8], S);
 
-    impl<S: Step> Kernel for Through<'_, S> {
+    impl<S: Step> Loop for Through<'_, S> {
         type Output = ();
 
         #[inline(always)]

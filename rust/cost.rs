@@ -402,7 +402,7 @@ struct Write<'a> {
     out: &'a mut [Lanes<u16>],
 }
 
-impl simd::Kernel for Write<'_> {
+impl simd::Loop for Write<'_> {
     type Output = ();
 
     #[inline(always)]

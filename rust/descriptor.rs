@@ -13,7 +13,7 @@ use crate::image::plane::{Plane, reflect, zeroed};
 use crate::pipeline::control::Control;
 use crate::rig::versions::check_noise;
 use crate::settings::Settings;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Rows that one task describes: it reads `L - 1` further ones. 16 and 64 are as fast to a few percent.
 const BAND_ROWS: usize = 32;
@@ -242,7 +242,7 @@ struct Transform<'a, T: Lane> {
     words: &'a mut [Vec<T::Word>; 2],
 }
 
-impl<T: Lane> Kernel for Transform<'_, T> {
+impl<T: Lane> Loop for Transform<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -266,7 +266,7 @@ struct Narrow<'a, W, C> {
     codes: &'a mut [C],
 }
 
-impl<W: Word, C: Code> Kernel for Narrow<'_, W, C> {
+impl<W: Word, C: Code> Loop for Narrow<'_, W, C> {
     type Output = ();
 
     #[inline(always)]

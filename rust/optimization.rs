@@ -39,7 +39,7 @@ use crate::optimization::evidence::Evidence;
 use crate::pipeline::control::Control;
 use crate::pipeline::memory::Memory;
 use crate::settings::{Optimizer, Settings};
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 use crate::value::{LANES, Lanes, Value};
 
 use self::ordered::Ordered;
@@ -345,7 +345,7 @@ struct Select<'a, T> {
     evidence: &'a mut Evidence,
 }
 
-impl<T: Value> Kernel for Select<'_, T> {
+impl<T: Value> Loop for Select<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -382,7 +382,7 @@ struct Weigh<'a, T> {
     evidence: &'a mut Evidence,
 }
 
-impl<T: Value> Kernel for Weigh<'_, T> {
+impl<T: Value> Loop for Weigh<'_, T> {
     type Output = ();
 
     #[inline(always)]

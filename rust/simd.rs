@@ -1,6 +1,6 @@
-//! Instruction-set levels: the kernels, written once in plain Rust, compiled for each of them.
+//! Instruction-set levels: the loops of all kernels, written once in plain Rust, compiled for each of them.
 //!
-//! This is the one file with unsafe code, and with anything that names an architecture.
+//! This is the one file with unsafe code, but for the C interface, and with anything that names an architecture.
 
 #![allow(
     unsafe_code,
@@ -16,8 +16,8 @@ pub const OVERRIDE: &str = "PHASESTEREO_SIMD";
 ///
 /// `run`, and all that it calls, must be `#[inline(always)]`: what is not inlined into the level's own
 /// function is compiled for the baseline.
-pub trait Kernel {
-    /// What the kernel returns.
+pub trait Loop {
+    /// What it returns.
     type Output;
     /// Does the work.
     fn run(self) -> Self::Output;
@@ -110,7 +110,7 @@ impl Level {
 
     /// Runs a kernel, compiled for this level.
     #[inline]
-    pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
+    pub fn run<K: Loop>(self, kernel: K) -> K::Output {
         match self.0 {
             Isa::Baseline => kernel.run(),
             // SAFETY: a `Level` of these is only made where `is_here` has found every feature.
@@ -128,21 +128,21 @@ impl Level {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn avx2<K: Kernel>(kernel: K) -> K::Output {
+fn avx2<K: Loop>(kernel: K) -> K::Output {
     kernel.run()
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 #[target_feature(enable = "avx512f,avx512bw,avx512cd,avx512dq,avx512vl")]
-fn avx512<K: Kernel>(kernel: K) -> K::Output {
+fn avx512<K: Loop>(kernel: K) -> K::Output {
     kernel.run()
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 #[target_feature(enable = "avx512f,avx512bw,avx512cd,avx512dq,avx512vl,avx512bitalg")]
-fn avx512_bitalg<K: Kernel>(kernel: K) -> K::Output {
+fn avx512_bitalg<K: Loop>(kernel: K) -> K::Output {
     kernel.run()
 }
 
@@ -164,7 +164,7 @@ mod tests {
     #[test]
     fn every_level_runs_the_same_code() {
         struct Sum<'a>(&'a [u8]);
-        impl Kernel for Sum<'_> {
+        impl Loop for Sum<'_> {
             type Output = u32;
             #[inline(always)]
             fn run(self) -> u32 {

@@ -26,7 +26,7 @@ use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
 use crate::pipeline::memory::Memory;
 use crate::settings::{Precision, Settings};
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 use crate::value::{LANES, Lanes, Value};
 
 /// What is summed, and how.
@@ -265,7 +265,7 @@ impl<V: Value> Aggregate<'_, V> {
     }
 }
 
-impl<V: Value> Kernel for Aggregate<'_, V> {
+impl<V: Value> Loop for Aggregate<'_, V> {
     type Output = ();
 
     #[inline(always)]

@@ -16,7 +16,7 @@ use std::ops::Range;
 
 use crate::error::Result;
 use crate::image::plane::{Plane, zeroed};
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Side of a block, pixels.
 const SIDE: usize = 8;
@@ -109,7 +109,7 @@ struct Differences<'a> {
     found: &'a mut [i32],
 }
 
-impl Kernel for Differences<'_> {
+impl Loop for Differences<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -293,7 +293,7 @@ struct Sums<'a> {
     out: &'a mut [i32],
 }
 
-impl simd::Kernel for Sums<'_> {
+impl simd::Loop for Sums<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -15,7 +15,7 @@
 use crate::error::Result;
 use crate::image::plane::{Plane, zeroed};
 use crate::pipeline::control::Control;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Rows above and below a pixel that count.
 pub const REACH: usize = 1;
@@ -97,7 +97,7 @@ struct Repair<'a> {
     out: &'a mut [i32],
 }
 
-impl Kernel for Repair<'_> {
+impl Loop for Repair<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -123,7 +123,7 @@ struct Doubtless<'a> {
     found: &'a mut [u32],
 }
 
-impl Kernel for Doubtless<'_> {
+impl Loop for Doubtless<'_> {
     type Output = ();
 
     #[inline(always)]

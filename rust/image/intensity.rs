@@ -12,7 +12,7 @@ use crate::image::plane::{Plane, zeroed};
 use crate::image::smoothing::smooth;
 use crate::image::view::{Image, View};
 use crate::pipeline::control::Control;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 use crate::value::nearest;
 
 /// Steps into which the intensity range of a float image is cut: `2^21` to `2^22`, finer than 16 bits.
@@ -249,7 +249,7 @@ struct ToSteps<'a> {
     gray: &'a mut [i32],
 }
 
-impl Kernel for ToSteps<'_> {
+impl Loop for ToSteps<'_> {
     type Output = ();
 
     #[inline(always)]

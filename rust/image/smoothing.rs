@@ -18,7 +18,7 @@ use crate::error::Result;
 use crate::image::intensity::Gray;
 use crate::image::plane::{Plane, reflect, zeroed};
 use crate::pipeline::control::Control;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 use crate::value::nearest;
 
 /// Pixels from the center of a window to its side.
@@ -129,7 +129,7 @@ struct Windows<'a> {
     out: [&'a mut [f64]; 2],
 }
 
-impl Kernel for Windows<'_> {
+impl Loop for Windows<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -152,7 +152,7 @@ struct Smooth<'a> {
     out: &'a mut [i32],
 }
 
-impl Kernel for Smooth<'_> {
+impl Loop for Smooth<'_> {
     type Output = ();
 
     #[inline(always)]

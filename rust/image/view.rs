@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::image::intensity::{NOWHERE, Range};
 use crate::image::plane::Plane;
 use crate::settings::LARGEST_PIXEL;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// An image of `rows x cols x channels` (1 or 3 channels) as it came from the caller.
 #[derive(Debug, Clone, PartialEq)]
@@ -182,7 +182,7 @@ struct Centered<'a, T> {
     row: &'a mut [i32],
 }
 
-impl<T: Copy + Into<i32>> Kernel for Centered<'_, T> {
+impl<T: Copy + Into<i32>> Loop for Centered<'_, T> {
     type Output = ();
 
     #[inline(always)]

@@ -6,7 +6,7 @@ use crate::image::plane::Plane;
 use crate::image::texture::Texture;
 use crate::pipeline::control::Control;
 use crate::settings::Settings;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Rows that are classified together.
 const ROWS: usize = 32;
@@ -88,7 +88,7 @@ struct Classify<'a> {
     edges: &'a mut [u8],
 }
 
-impl Kernel for Classify<'_> {
+impl Loop for Classify<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -23,7 +23,7 @@ use crate::optimization::edges::{Edges, Neighbor};
 use crate::optimization::evidence::Evidence;
 use crate::optimization::selection::{Minimum, PIXELS, Selection};
 use crate::pipeline::memory::Memory;
-use crate::simd::Kernel;
+use crate::simd::Loop;
 use crate::value::{LANES, Lanes, Value, least_lane};
 
 /// Rows whose horizontal paths are extended in turn.
@@ -276,7 +276,7 @@ pub struct Across<'a, T> {
     pub start: usize,
 }
 
-impl<T: Value> Kernel for Across<'_, T> {
+impl<T: Value> Loop for Across<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -444,7 +444,7 @@ pub struct UpAndDown<'a, T: Value> {
     pub evidence: &'a mut Evidence,
 }
 
-impl<T: Value> Kernel for UpAndDown<'_, T> {
+impl<T: Value> Loop for UpAndDown<'_, T> {
     type Output = ();
 
     #[inline(always)]

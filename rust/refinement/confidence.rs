@@ -19,7 +19,7 @@ use crate::image::plane::{Plane, zeroed};
 use crate::image::texture::{Roughness, Texture};
 use crate::pipeline::control::Control;
 use crate::refinement::Margin;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// How far ahead of all others the best candidate of a pixel with half a vote is, in units of the mean cost (bits, for
 /// phase codes of 16 bits). Area under the ROC curve of visible pixels, over 13 sharp and 32 degraded pairs: 1: 0.937,
@@ -133,7 +133,7 @@ struct Support<'a> {
     sums: &'a mut [f32],
 }
 
-impl Kernel for Support<'_> {
+impl Loop for Support<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -11,7 +11,7 @@ use crate::image::masking::nearest;
 use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
 use crate::refinement::flag;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Rows without a trusted pixel take what another one has that is so many rows away at most. Such rows are rare, and
 /// of what is further away they know nothing.
@@ -86,7 +86,7 @@ pub(crate) struct Trusted<'a> {
     pub(crate) row: &'a mut [f32],
 }
 
-impl Kernel for Trusted<'_> {
+impl Loop for Trusted<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -105,7 +105,7 @@ struct Fill<'a> {
     flags: &'a mut [u16],
 }
 
-impl Kernel for Fill<'_> {
+impl Loop for Fill<'_> {
     type Output = ();
 
     #[inline(always)]

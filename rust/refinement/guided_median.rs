@@ -14,7 +14,7 @@ use crate::refinement::jumps::Mark;
 use crate::refinement::median::{
     LANES, Lanes, NONE, disparity as disparity_of, keys_of, lanes, median25,
 };
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Pixels that a window reaches in each direction.
 pub const REACH: usize = 4;
@@ -79,7 +79,7 @@ struct Guide<'a> {
     out: &'a mut [f32],
 }
 
-impl Kernel for Guide<'_> {
+impl Loop for Guide<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -2,7 +2,7 @@
 //! [`outlines`](crate::refinement::outlines).
 
 use crate::image::plane::parts;
-use crate::simd::Kernel;
+use crate::simd::Loop;
 
 /// Neighboring disparities further apart than this are a jump, pixels.
 pub const JUMP: f32 = 1.0;
@@ -25,7 +25,7 @@ pub struct Mark<'a, const REACH: usize> {
     pub jumps: &'a mut [u8],
 }
 
-impl<const REACH: usize> Kernel for Mark<'_, REACH> {
+impl<const REACH: usize> Loop for Mark<'_, REACH> {
     type Output = ();
 
     #[inline(always)]

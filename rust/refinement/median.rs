@@ -7,7 +7,7 @@
 use crate::error::Result;
 use crate::image::plane::{Plane, parts};
 use crate::pipeline::control::Control;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Pixels whose medians are found at once.
 pub const LANES: usize = 32;
@@ -63,7 +63,7 @@ struct Smooth<'a> {
     smoothed: &'a mut [f32],
 }
 
-impl Kernel for Smooth<'_> {
+impl Loop for Smooth<'_> {
     type Output = ();
 
     #[inline(always)]

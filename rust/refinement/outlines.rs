@@ -24,7 +24,7 @@ use crate::image::plane::{Plane, parts, zeroed};
 use crate::image::texture::{Roughness, Texture};
 use crate::pipeline::control::Control;
 use crate::refinement::jumps::Mark;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Every so many-th row and column counts.
 pub const STRIDE: usize = 3;
@@ -119,7 +119,7 @@ struct Quantize<'a> {
     steps: &'a mut [i32],
 }
 
-impl Kernel for Quantize<'_> {
+impl Loop for Quantize<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -140,7 +140,7 @@ struct Or<'a> {
     near: &'a mut [u8],
 }
 
-impl Kernel for Or<'_> {
+impl Loop for Or<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -160,7 +160,7 @@ struct Draw<'a> {
     out: &'a mut [f32],
 }
 
-impl Kernel for Draw<'_> {
+impl Loop for Draw<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -11,7 +11,7 @@ use crate::image::plane::{Plane, reserve};
 use crate::pipeline::control::Control;
 use crate::refinement::filling::Trusted;
 use crate::refinement::flag;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Rows of a band: enough that uniting bands is little work, few enough that there are bands for all threads.
 const BAND: usize = 32;
@@ -266,7 +266,7 @@ struct Cut<'a> {
     breaks: &'a mut [u8],
 }
 
-impl Kernel for Cut<'_> {
+impl Loop for Cut<'_> {
     type Output = ();
 
     #[inline(always)]

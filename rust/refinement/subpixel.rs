@@ -12,7 +12,7 @@ use std::array::from_fn;
 use crate::error::Result;
 use crate::image::plane::{Plane, parts};
 use crate::pipeline::control::Control;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// How many times over the costs of the pixel itself count beside each path's total.
 ///
@@ -91,7 +91,7 @@ struct Smooth<'a> {
     smoothed: &'a mut [f32],
 }
 
-impl Kernel for Smooth<'_> {
+impl Loop for Smooth<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -34,7 +34,7 @@ use crate::refinement::median::{NONE, disparity as disparity_of, key};
 use crate::refinement::outlines;
 use crate::rig::versions::{self, Versions};
 use crate::settings::{CostKind, Settings};
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Pixels by which near surfaces are eroded and dilated, in each direction of a square. Wrong pixels of four scenes whose
 /// left image has a Gaussian of 2 or 4, a disk of 6 or motion of 15 pixels, outlines drawn, from 23.1 %: 2: 22.0;
@@ -296,7 +296,7 @@ struct Down<'a> {
     largest: &'a mut [i32],
 }
 
-impl Kernel for Down<'_> {
+impl Loop for Down<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -328,7 +328,7 @@ struct Extremes<'a> {
 /// Columns about those that are worked out at a time.
 const SPAN: usize = LANES + 2 * RADIUS;
 
-impl Kernel for Extremes<'_> {
+impl Loop for Extremes<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -389,7 +389,7 @@ struct Judged<'a> {
     out: &'a mut [u8],
 }
 
-impl Kernel for Judged<'_> {
+impl Loop for Judged<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -412,7 +412,7 @@ struct Select<'a> {
     out: &'a mut [f32],
 }
 
-impl Kernel for Select<'_> {
+impl Loop for Select<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -35,7 +35,7 @@ pub use self::bank::Side;
 use self::bank::bank;
 use self::bins::{SIDE, bins};
 use self::defects::Defects;
-use self::fit::{Evidence, Fit, Response};
+use self::fit::{BlurEvidence, Fit, Response};
 pub use self::glance::Glance;
 use self::measured::{look, measured};
 use self::parts::{Means, Part, ROUGHEST, Rows, blocks};
@@ -295,7 +295,7 @@ impl<'a> Scene<'a> {
         let powers = grid.together(tiles);
         let none = Kind::none(&powers, noise, self.level());
         let Some(side) = side else { return Ok(none) };
-        let [left, right] = Evidence::of_both(&powers, noise, self.level());
+        let [left, right] = BlurEvidence::of_both(&powers, noise, self.level());
         let evidence = if side == Side::Left { left } else { right };
         let found = refine(&evidence, self.level());
         if found.entry.psf.spread() < LEAST_SPREAD && found.fit.loss <= DOUBTFUL {
@@ -319,7 +319,7 @@ impl<'a> Scene<'a> {
         &self,
         grid: &Grid,
         tiles: &[usize],
-        evidence: &Evidence,
+        evidence: &BlurEvidence,
         family: Kind,
     ) -> Result<Kind> {
         let Some(side) = family.blur.side else { return Ok(family) };

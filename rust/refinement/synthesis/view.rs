@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::image::convolution::Kernel as Blur;
 use crate::image::intensity::Gray;
 use crate::image::plane::{Plane, parts, zeroed};
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// The soft view of a band, for the classes of a pass.
 pub(super) struct View<'a> {
@@ -269,7 +269,7 @@ struct Whole<'a> {
     whole: &'a mut [i32],
 }
 
-impl Kernel for Whole<'_> {
+impl Loop for Whole<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -310,7 +310,7 @@ struct Distances<'a, C> {
     bits: &'a mut [u8],
 }
 
-impl<C: Code> Kernel for Distances<'_, C> {
+impl<C: Code> Loop for Distances<'_, C> {
     type Output = ();
 
     #[inline(always)]
@@ -329,7 +329,7 @@ struct Move<'a> {
     sums: &'a mut [u16],
 }
 
-impl Kernel for Move<'_> {
+impl Loop for Move<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -360,7 +360,7 @@ const LANES: usize = 64;
 /// Columns that they are of.
 const SPAN: usize = LANES + WINDOW - 1;
 
-impl Kernel for Across<'_> {
+impl Loop for Across<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -25,7 +25,7 @@ use crate::image::plane::{Plane, zeroed};
 use crate::image::view::{Image, View};
 use crate::math;
 use crate::pipeline::control::Control;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 use crate::value::nearest;
 
 /// Pixels that a resampled one is a mean of.
@@ -124,7 +124,7 @@ struct Offsets<'a> {
     offsets: &'a mut [i32],
 }
 
-impl Kernel for Offsets<'_> {
+impl Loop for Offsets<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -212,7 +212,7 @@ struct Resample<'a, T> {
     out: &'a mut [T],
 }
 
-impl<T: Sample> Kernel for Resample<'_, T> {
+impl<T: Sample> Loop for Resample<'_, T> {
     type Output = ();
 
     #[inline(always)]

@@ -3,7 +3,7 @@
 use super::bins::{LANES, Lanes, bins, total};
 use super::spectrum::Powers;
 use crate::math;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Residuals beyond this, in nepers, count for no more: blocks need not show the same altogether.
 const LARGEST_RESIDUAL: f32 = 2.0;
@@ -25,7 +25,7 @@ pub struct Response {
 
 /// What the spectra of two blocks, one of which may be blurrier, have to say.
 #[derive(Debug, Clone)]
-pub struct Evidence {
+pub struct BlurEvidence {
     /// Logarithms of the blurrier one's power.
     blurred: Vec<Lanes>,
     /// The sharper one's power without its noise.
@@ -74,7 +74,7 @@ impl Fit {
     }
 }
 
-impl Evidence {
+impl BlurEvidence {
     /// That for a blur of the left image and for one of the right image, given the powers of the noise of both.
     pub fn of_both(powers: &Powers, noise: [f32; 2], level: Level) -> [Self; 2] {
         level.run(Signals { powers, noise })
@@ -101,16 +101,16 @@ struct Signals<'a> {
     noise: [f32; 2],
 }
 
-impl Kernel for Signals<'_> {
-    type Output = [Evidence; 2];
+impl Loop for Signals<'_> {
+    type Output = [BlurEvidence; 2];
 
     #[inline(always)]
-    fn run(self) -> [Evidence; 2] {
+    fn run(self) -> [BlurEvidence; 2] {
         let Self { powers, noise } = self;
         let [left, right] = &powers.binned;
         let (left, right) = (left.as_chunks::<LANES>().0, right.as_chunks::<LANES>().0);
         let room = || Vec::with_capacity(left.len());
-        let evidence = |noise| Evidence { blurred: room(), sharp: room(), noise, low: 0.0 };
+        let evidence = |noise| BlurEvidence { blurred: room(), sharp: room(), noise, low: 0.0 };
         let (mut for_left, mut for_right) = (evidence(noise[0]), evidence(noise[1]));
         let mut low = [0.0; LANES];
         for ((left, right), weights) in
@@ -134,11 +134,11 @@ impl Kernel for Signals<'_> {
 
 /// A response to be fitted.
 struct Model<'a> {
-    evidence: &'a Evidence,
+    evidence: &'a BlurEvidence,
     response: &'a Response,
 }
 
-impl Kernel for Model<'_> {
+impl Loop for Model<'_> {
     type Output = Fit;
 
     #[inline(always)]
@@ -149,11 +149,11 @@ impl Kernel for Model<'_> {
 
 /// Responses to be fitted one after another: what is set up for each of them takes as long as a third of a fit.
 struct Models<'e, R> {
-    evidence: &'e Evidence,
+    evidence: &'e BlurEvidence,
     responses: R,
 }
 
-impl<'r, R: Iterator<Item = &'r Response>> Kernel for Models<'_, R> {
+impl<'r, R: Iterator<Item = &'r Response>> Loop for Models<'_, R> {
     type Output = Vec<f32>;
 
     #[inline(always)]
@@ -172,7 +172,7 @@ type Residuals = [(Lanes, Lanes); MOST_BINS / LANES];
 const NO_RESIDUALS: Residuals = [([0.0; LANES], [0.0; LANES]); MOST_BINS / LANES];
 
 #[inline(always)]
-fn fitted(evidence: &Evidence, response: &Response, residuals: &mut Residuals) -> Fit {
+fn fitted(evidence: &BlurEvidence, response: &Response, residuals: &mut Residuals) -> Fit {
     let log_gain = (evidence.low - response.low).clamp(-LARGEST_GAIN, LARGEST_GAIN);
     let (gain, noise) = (math::exp(f64::from(log_gain)) as f32, evidence.noise);
     let (responses, _) = response.values.as_chunks::<LANES>();
@@ -300,7 +300,7 @@ mod tests {
     fn a_blur_explains_what_it_has_made() {
         for entry in bank().iter().step_by(11) {
             let powers = powers(1, &entry.response, 3.7, [0.4, 0.2]);
-            let fit = Evidence::of_both(&powers, [0.4, 0.2], Level::best())[0]
+            let fit = BlurEvidence::of_both(&powers, [0.4, 0.2], Level::best())[0]
                 .fit(&entry.response, Level::best());
             assert!(fit.loss < 0.02, "{:?}: {fit:?}", entry.psf);
             assert!(math::ln(f64::from(fit.gain()) / 3.7).abs() < 0.05, "{:?}: {fit:?}", entry.psf);
@@ -315,7 +315,7 @@ mod tests {
             let others: Vec<&Response> =
                 bank().iter().step_by(13).map(|other| &other.response).collect();
             for side in 0..2 {
-                let of = |level| Evidence::of_both(&powers, noise, level)[side].clone();
+                let of = |level| BlurEvidence::of_both(&powers, noise, level)[side].clone();
                 let evidence = of(Level::best());
                 let fits: Vec<Fit> =
                     others.iter().map(|other| evidence.fit(other, Level::best())).collect();
@@ -357,7 +357,7 @@ mod tests {
     }
 
     fn lacks(powers: &Powers) -> [f32; 2] {
-        let evidence = Evidence::of_both(powers, [0.3; 2], Level::best());
+        let evidence = BlurEvidence::of_both(powers, [0.3; 2], Level::best());
         evidence.map(|evidence| evidence.fit(&Response::flat(), Level::best()).lack)
     }
 
@@ -365,7 +365,7 @@ mod tests {
     fn powers_of_nothing_are_explained_by_no_number_that_is_none() {
         let nothing = vec![0.0; bins().count()];
         let powers = Powers { binned: [nothing.clone(), nothing], least_high: [0.0; 2] };
-        for evidence in Evidence::of_both(&powers, [0.0; 2], Level::best()) {
+        for evidence in BlurEvidence::of_both(&powers, [0.0; 2], Level::best()) {
             let fit = evidence.fit(&bank()[0].response, Level::best());
             assert!(fit.loss.is_finite() && fit.gain().is_finite());
         }

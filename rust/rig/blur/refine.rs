@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use super::bank::{Entry, bank};
-use super::fit::{Evidence, Fit};
+use super::fit::{BlurEvidence, Fit};
 use crate::rig::psf::{Family, Psf};
 use crate::simd::Level;
 
@@ -32,7 +32,7 @@ pub struct Found {
 }
 
 /// The blur of any family that explains the evidence best.
-pub fn refine(evidence: &Evidence, level: Level) -> Found {
+pub fn refine(evidence: &BlurEvidence, level: Level) -> Found {
     let judge = |entry: Entry| {
         let fit = evidence.fit(&entry.response, level);
         Found { entry, fit }
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     /// What blocks have to say whose blur is known.
-    fn evidence(psf: Psf) -> Evidence {
+    fn evidence(psf: Psf) -> BlurEvidence {
         let noise = 0.05;
         let scene = (0..bins().count()).map(|bin| 400.0 / (1.0 + bin as f32));
         let response = Entry::new(psf, Level::best()).response;
@@ -110,7 +110,7 @@ mod tests {
             scene.clone().zip(response.values()).map(|(power, left)| power * left + noise);
         let binned = [blurred.collect(), scene.map(|power| power + noise).collect()];
         let powers = Powers { binned, least_high: [0.0; 2] };
-        let [evidence, _] = Evidence::of_both(&powers, [noise; 2], Level::best());
+        let [evidence, _] = BlurEvidence::of_both(&powers, [noise; 2], Level::best());
         evidence
     }
 

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use rayon::prelude::*;
 
 use super::bank::{Entry, Side, bank, probes};
-use super::fit::{Evidence, Fit, Response};
+use super::fit::{BlurEvidence, Fit, Response};
 use super::regions::first;
 use super::spectrum::Powers;
 use crate::rig::psf::Family;
@@ -63,7 +63,7 @@ pub fn flat() -> &'static Response {
 /// What a pair of blocks has to say.
 pub struct Blocks {
     /// For a blur of the left one and for one of the right one.
-    pub evidence: [Evidence; 2],
+    pub evidence: [BlurEvidence; 2],
     /// How no blur explains either.
     unblurred: [Fit; 2],
 }
@@ -71,7 +71,7 @@ pub struct Blocks {
 impl Blocks {
     /// Those of these powers, given the powers of the noise of both images.
     pub fn new(powers: &Powers, noise: [f32; 2], level: Level) -> Self {
-        let evidence = Evidence::of_both(powers, noise, level);
+        let evidence = BlurEvidence::of_both(powers, noise, level);
         let unblurred = evidence.each_ref().map(|evidence| evidence.fit(flat(), level));
         Self { evidence, unblurred }
     }

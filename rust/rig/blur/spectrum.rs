@@ -12,7 +12,7 @@ use crate::image::plane::Plane;
 use crate::math;
 use crate::pipeline::control::Control;
 use crate::rig::psf::Taps;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// A place in both images: the corner of a left block, and of the right one that shows the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,7 +72,7 @@ struct Windowed<'a> {
     block: &'a mut Block,
 }
 
-impl Kernel for Windowed<'_> {
+impl Loop for Windowed<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -103,7 +103,7 @@ impl Kernel for Windowed<'_> {
 /// Replaces the real parts of a block by powers.
 struct Norms<'a>(&'a mut Block);
 
-impl Kernel for Norms<'_> {
+impl Loop for Norms<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 
 use super::bins::{LANES, Lanes, SIDE};
 use crate::math;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Coefficients of half a spectrum: those of a real block mirror each other.
 pub const HALF: usize = SIDE * SIDE / 2;
@@ -63,7 +63,7 @@ struct Transform<'a> {
     kind: Kind,
 }
 
-impl Kernel for Transform<'_> {
+impl Loop for Transform<'_> {
     type Output = ();
 
     #[inline(always)]

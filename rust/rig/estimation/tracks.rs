@@ -20,7 +20,7 @@ use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
 use crate::rig::blur::parts::{Look, Means, Part, Rows};
 use crate::rig::blur::rough::reduced;
-use crate::simd::{Kernel, Level};
+use crate::simd::{Level, Loop};
 
 /// Side of a block, pixels of the copy it is looked for in.
 pub const BLOCK: usize = 24;
@@ -157,7 +157,7 @@ struct Cut<'a, const SIDE: usize> {
     y: isize,
 }
 
-impl<const SIDE: usize> Kernel for Cut<'_, SIDE> {
+impl<const SIDE: usize> Loop for Cut<'_, SIDE> {
     type Output = Option<Patch<SIDE>>;
 
     #[inline(always)]
@@ -207,7 +207,7 @@ struct Climb<'a> {
     area: &'a Patch<AREA>,
 }
 
-impl Kernel for Climb<'_> {
+impl Loop for Climb<'_> {
     type Output = Option<([f64; 2], f64)>;
 
     #[inline(always)]
