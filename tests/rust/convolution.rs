@@ -176,7 +176,7 @@ fn threads_leave_no_seam() {
 }
 
 #[test]
-fn pixels_of_an_image_are_centerd_first() {
+fn pixels_of_an_image_are_centered_first() {
     let view = view(9, 40, |y, x| hash(3, y, x) as u8);
     let (level, control, kernel) = (Level::best(), Control::default(), scattered(5, 3, 70));
     let gray = Gray::new(&view, level, &control).expect("not cancelled");
