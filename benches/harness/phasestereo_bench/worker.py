@@ -12,7 +12,7 @@ import traceback
 from collections.abc import Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any
 
@@ -55,6 +55,8 @@ class Worker:
     @classmethod
     def start(cls) -> Worker:
         """Start a process; it says when it is ready."""
+        if os.name == "posix":
+            resource_tracker.ensure_running()  # the thread that starts it would hear Ctrl-C again
         context = get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(theirs,))
