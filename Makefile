@@ -32,7 +32,7 @@ fuzz: $(VENV)/counterparts ## Tests by new random examples, mutated files, stran
 soak: $(CORE) ## Stream pairs with faults through one Matcher (make soak ARGS="--seconds 3600"; 5 minutes)
 	$(BIN)/python benches/soak.py $(ARGS)
 
-lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code, about 2 minutes on two cores
+lint: $(VENV)/counterparts ## Check formats, lints, types, stubs and the documentation of the code, about a minute
 	cargo fmt --check
 	cargo clippy --locked --all-targets --features python,c,internals -- --deny warnings
 	cargo clippy --locked --features python,c -- --deny warnings # without the face of the tests dead code is seen

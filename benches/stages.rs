@@ -592,7 +592,7 @@ mod synthesis {
     };
     use phasestereo::internals::image::convolution::Kernel;
     use phasestereo::internals::refinement::synthesis::Scene;
-    use phasestereo::internals::rig::versions::Versions;
+    use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 
     /// A map of patches, and a soft image (0: left, 1: right).
     fn redraw(bencher: Bencher, At(level): &At, side: usize) {
@@ -600,7 +600,8 @@ mod synthesis {
         let kernel = Kernel::new(&Plane::from_fn(9, 9, |_, _| 1.0 / 81.0)).expect("legal");
         let kernels = if side == 0 { [None, Some(kernel)] } else { [Some(kernel), None] };
         let labels = Plane::from_fn(1, 1, |_, _| 0);
-        let versions = Versions::new([1.0; 2], vec![kernels], labels, 1).expect("legal");
+        let compensation =
+            BlurCompensation::new([1.0; 2], vec![kernels], labels, 1).expect("legal");
         let settings = Settings {
             neighborhood: 5,
             frequencies: (1, 1),
@@ -612,7 +613,7 @@ mod synthesis {
         let map = Plane::from_fn(ROWS, COLS, |y, x| patches.row(y / 16)[x / 16]);
         let scene = Scene::new(
             [&views[0], &views[1]],
-            Some(&versions),
+            Some(&compensation),
             0..ROWS,
             &settings,
             *level,
@@ -688,31 +689,36 @@ mod matcher {
     };
     use phasestereo::internals::image::convolution::Kernel;
     use phasestereo::internals::pipeline::matcher::{Execution, Pair};
-    use phasestereo::internals::rig::versions::Versions;
+    use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 
     fn weak() -> Settings {
         Settings { noise_threshold: 1.0, p1: 6.0, p2: 32.0, ..fast() }
     }
 
     /// So many versions of the right image, moved by some pixels each.
-    fn versions(count: usize) -> Versions {
+    fn blur_compensation(count: usize) -> BlurCompensation {
         let moving = |class: usize| {
             let taps = Plane::from_fn(1, 9, |_, x| if x == 4 + class { 1.0 } else { 0.0 });
             Kernel::new(&taps).expect("a legal kernel")
         };
         let kernels = (0..count).map(|class| [None, (class > 0).then(|| moving(class))]).collect();
         let labels = noise(4, 16, |value| (value as usize % count) as u8);
-        Versions::new([1.5; 2], kernels, labels, 40).expect("legal versions")
+        BlurCompensation::new([1.5; 2], kernels, labels, 40).expect("legal compensation")
     }
 
     fn whole(bencher: Bencher, case: Case, settings: &Settings) {
         whole_of(bencher, case, settings, None);
     }
 
-    fn whole_of(bencher: Bencher, case: Case, settings: &Settings, versions: Option<Versions>) {
+    fn whole_of(
+        bencher: Bencher,
+        case: Case,
+        settings: &Settings,
+        compensation: Option<BlurCompensation>,
+    ) {
         let [left, right] = views();
         let pair = Pair::new(left, right, 0, case.candidates as i64).expect("a legal pair");
-        let pair = pair.with_versions(versions);
+        let pair = pair.with_blur_compensation(compensation);
         let how = Execution { threads: 1, level: case.level };
         let matcher = Matcher::new(1).expect("a thread starts");
         bencher
@@ -727,18 +733,18 @@ mod matcher {
 
     #[divan::bench(args = cases(), sample_count = 10)]
     fn like_fast_with_a_weak_level(bencher: Bencher, case: Case) {
-        whole_of(bencher, case, &weak(), Some(versions(1)));
+        whole_of(bencher, case, &weak(), Some(blur_compensation(1)));
     }
 
     /// In tiles that a panel has several of.
     #[divan::bench(args = cases(), sample_count = 10)]
     fn in_four_classes(bencher: Bencher, case: Case) {
-        whole_of(bencher, case, &weak(), Some(versions(4)));
+        whole_of(bencher, case, &weak(), Some(blur_compensation(4)));
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]
     fn like_robust(bencher: Bencher, case: Case) {
-        whole_of(bencher, case, &robust(), Some(versions(1)));
+        whole_of(bencher, case, &robust(), Some(blur_compensation(1)));
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]

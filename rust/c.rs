@@ -26,7 +26,7 @@ use crate::error::{Error, Result};
 use crate::pipeline::control::Control;
 use crate::pipeline::footprint::Demand;
 use crate::pipeline::matcher::{self, Execution, Pair, usable_threads};
-use crate::rig::estimation::{Known, Means, Prepared, prepare};
+use crate::rig::estimation::{Known, Means, prepare, prepare_and_match};
 use crate::settings::Settings;
 use crate::settings::presets::Preset;
 use crate::simd::Level;
@@ -170,7 +170,7 @@ pub unsafe extern "C" fn phasestereo_memory(
 
         let demand = Demand {
             settings: &matcher.settings,
-            versions: None,
+            compensation: None,
             alignment: None,
             cols: width as usize,
             candidates: candidates.count(),
@@ -206,25 +206,21 @@ pub unsafe extern "C" fn phasestereo_match(
         let (matcher, map) = unsafe { (reference(matcher, "matcher")?, reference(map, "map")?) };
         // SAFETY: as above.
         let (pair, known) = unsafe { read_pair([left, right], min_disparity, num_disparities)? };
-        let is_told = known.candidates.is_some();
+        let is_given = known.candidates.is_some();
 
-        let (result, estimates) = matcher.run(|means| {
-            let Prepared { pair, settings, found } =
-                prepare(pair, known, &matcher.settings, means)?;
-            let result = matcher.core.run(&pair, &settings, means.how, means.control)?;
-            Ok((result, found))
-        })?;
+        let (result, estimates) =
+            matcher.run(|means| prepare_and_match(pair, known, &matcher.settings, means))?;
 
         // SAFETY: as above.
         unsafe {
             map.write(&result);
-            write(found, &Found::new(&estimates, is_told));
+            write(found, &Found::new(&estimates, is_given));
         }
         Ok(())
     })
 }
 
-/// Finds out of a pair what a match with these settings would find out: the disparities, if they are not told, how rows
+/// Finds out of a pair what a match with these settings would find out: the disparities, if they are not given, how rows
 /// correspond, blur, noise. The arguments are those of `phasestereo_match`.
 ///
 /// # Safety
@@ -244,11 +240,11 @@ pub unsafe extern "C" fn phasestereo_check(
         let matcher = unsafe { reference(matcher, "matcher")? };
         // SAFETY: as above.
         let (pair, known) = unsafe { read_pair([left, right], min_disparity, num_disparities)? };
-        let is_told = known.candidates.is_some();
+        let is_given = known.candidates.is_some();
 
         let prepared = matcher.run(|means| prepare(pair, known, &matcher.settings, means))?;
         // SAFETY: as above.
-        unsafe { write(found, &Found::new(&prepared.found, is_told)) };
+        unsafe { write(found, &Found::new(&prepared.found, is_given)) };
         Ok(())
     })
 }
@@ -263,7 +259,7 @@ impl Matcher {
     }
 }
 
-/// Both images, and the disparities that are told.
+/// Both images, and the disparities, if they are given.
 ///
 /// # Safety
 ///
@@ -273,8 +269,8 @@ unsafe fn read_pair(
     min_disparity: i32,
     num_disparities: i32,
 ) -> Result<(Pair, Known)> {
-    let is_told = num_disparities != 0;
-    if !is_told && min_disparity != 0 {
+    let is_given = num_disparities != 0;
+    if !is_given && min_disparity != 0 {
         let accepts = "0 where num_disparities is 0, which has the whole range found";
         return Err(Error::value("min_disparity", min_disparity, accepts));
     }
@@ -283,9 +279,9 @@ unsafe fn read_pair(
     let [left, right] = unsafe {
         [reference(left, "left")?.view("left")?, reference(right, "right")?.view("right")?]
     };
-    let count = if is_told { num_disparities.into() } else { 1 };
+    let count = if is_given { num_disparities.into() } else { 1 };
     let pair = Pair::new(left, right, min_disparity.into(), count)?;
-    let candidates = is_told.then(|| pair.candidates());
+    let candidates = is_given.then(|| pair.candidates());
     Ok((pair, Known { candidates, ..Known::default() }))
 }
 

@@ -27,7 +27,7 @@ use crate::image::plane::Plane;
 use crate::image::view::{Mask, View};
 use crate::pipeline::control::Control;
 use crate::pipeline::memory::Memory;
-use crate::rig::versions::{self, Labels, Versions};
+use crate::rig::blur_compensation::{self, BlurCompensation, Labels};
 use crate::settings::{CostKind, Settings};
 use crate::simd::{self, Level};
 use crate::value::{LANES, Lanes, Value};
@@ -79,11 +79,13 @@ impl<'a> Costs<'a> {
         views: [&'a View; 2],
         candidates: Candidates,
         settings: &Settings,
-        versions: Option<&Versions>,
+        compensation: Option<&BlurCompensation>,
         level: Level,
         control: &Control,
     ) -> Result<Self> {
-        if settings.cost != CostKind::Phase && versions.is_some_and(Versions::has_kernels) {
+        if settings.cost != CostKind::Phase
+            && compensation.is_some_and(BlurCompensation::has_kernels)
+        {
             return Err(Error::value(
                 "blur_compensation",
                 "kernels for another cost",
@@ -92,7 +94,8 @@ impl<'a> Costs<'a> {
         }
         let (compared, ceiling) = match settings.cost {
             CostKind::Phase => {
-                let codes = PairCodes::new(views, candidates, settings, versions, level, control)?;
+                let codes =
+                    PairCodes::new(views, candidates, settings, compensation, level, control)?;
                 (Compared::Codes(codes), settings.code_length() as u16)
             }
             CostKind::Sad => {
@@ -276,15 +279,16 @@ impl PairCodes {
         views: [&View; 2],
         candidates: Candidates,
         settings: &Settings,
-        versions: Option<&Versions>,
+        compensation: Option<&BlurCompensation>,
         level: Level,
         control: &Control,
     ) -> Result<Self> {
         let (rows, cols, _) = views[0].image.shape();
         let count = usize::from(settings.code_length() as u16).div_ceil(8);
-        let gray = |side: usize| versions::gray(views[side], versions, side, level, control);
+        let gray =
+            |side: usize| blur_compensation::gray(views[side], compensation, side, level, control);
         let codes = |gray: &Gray, side: usize, kernel: Option<&Kernel>| {
-            let noise = versions.map(|versions| versions.noise()[side]);
+            let noise = compensation.map(|compensation| compensation.noise()[side]);
             match kernel {
                 None => describe(gray, settings, noise, level, control),
                 Some(kernel) => {
@@ -296,11 +300,11 @@ impl PairCodes {
         let unrolled = |gray: &Gray, kernel: Option<&Kernel>| {
             bytes(&codes(gray, 1, kernel)?, count, Some(candidates))
         };
-        let Some(versions) = versions else {
+        let Some(compensation) = compensation else {
             let left = bytes(&codes(&gray(0)?, 0, None)?, count, None)?;
             return Ok(Self { left, rights: vec![unrolled(&gray(1)?, None)?], labels: None });
         };
-        let (kernels, labels) = versions.of_side(0, (rows, cols))?;
+        let (kernels, labels) = compensation.of_side(0, (rows, cols))?;
         let of_left = gray(0)?;
         let mut left = codes(&of_left, 0, kernels[0])?;
         for (label, kernel) in (1..).zip(&kernels[1..]) {
@@ -308,7 +312,7 @@ impl PairCodes {
         }
         drop(of_left);
         let left = bytes(&left, count, None)?;
-        let (kernels, labels) = versions.of_side(1, (rows, cols))?;
+        let (kernels, labels) = compensation.of_side(1, (rows, cols))?;
         let of_right = gray(1)?;
         let rights: Vec<_> =
             kernels.iter().map(|k| unrolled(&of_right, *k)).collect::<Result<_>>()?;

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::image::intensity::Gray;
 use crate::image::plane::{Plane, reflect, zeroed};
 use crate::pipeline::control::Control;
-use crate::rig::versions::check_noise;
+use crate::rig::blur_compensation::check_noise;
 use crate::settings::Settings;
 use crate::simd::{Level, Loop};
 

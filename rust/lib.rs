@@ -83,16 +83,16 @@ pub use image::view::{Image, Mask, View};
 pub use pipeline::control::Control;
 pub use pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
 pub use refinement::flag;
-pub use rig::estimation::{Estimates, Known, Means, Prepared, prepare};
+pub use rig::estimation::{Estimates, Known, Means, Prepared, prepare, prepare_and_match};
 pub use settings::presets::Preset;
 pub use settings::{CostKind, Optimizer, Precision, Settings, Taper};
 pub use simd::Level;
 
 /// Matches a pair on so many threads, started for it: its disparity map, and what was found out of the pair.
 ///
-/// The disparities of the pair are searched, and all else is found that the settings ask for. [`prepare`] and
-/// [`Matcher::run`] are the two steps of it: for disparities to be found, for pairs of which something is known, and for
-/// one pair after another on the same threads.
+/// The disparities of the pair are searched, and all else is found that the settings ask for. [`prepare_and_match`] is
+/// for disparities to be found, for pairs of which something is known, and for one pair after another on the same threads;
+/// [`prepare`] and [`Matcher::run`] are its two steps.
 pub fn match_pair(
     pair: Pair,
     settings: &Settings,
@@ -102,8 +102,7 @@ pub fn match_pair(
     let how = Execution { threads, level: Level::best() };
     let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
     let means = Means { matcher: &matcher, how, control: &control };
-    let Prepared { pair, settings, found } = prepare(pair, known, settings, means)?;
-    Ok((matcher.run(&pair, &settings, how, &control)?, found))
+    prepare_and_match(pair, known, settings, means)
 }
 
 /// All stages, for tests and benches.

@@ -18,8 +18,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use self::arguments::{
-    Both, KnownOfPair, Statistics, candidates_of, read_images, read_known, read_noise, read_pair,
-    read_search, read_settings, read_versions, read_view, read_volume, write_settings,
+    Both, KnownOfPair, Statistics, candidates_of, read_blur_compensation, read_images, read_known,
+    read_noise, read_pair, read_preset, read_search, read_settings, read_view, read_volume,
+    write_settings,
 };
 use self::found::{Field, Found, Seen, found_to_py, read_field, read_glance};
 use self::reader::{Ranges, Reader};
@@ -44,7 +45,7 @@ use crate::refinement::flag;
 use crate::rig::blur;
 use crate::rig::estimation::compensation::{LARGER, MUCH_LARGER};
 use crate::rig::estimation::overview::LEAST_SIZE;
-use crate::rig::estimation::{Known, Means, Prepared, prepare, prepare_by_rows};
+use crate::rig::estimation::{Known, Means, prepare, prepare_and_match, prepare_by_rows};
 use crate::settings::presets::Preset;
 use crate::simd::Level;
 
@@ -74,9 +75,10 @@ mod _core {
 
     #[pymodule_export]
     use super::{
-        Workers, aggregate_volume, blur_is_as_before, check_settings, check_versions, cost_volume,
-        descriptor, estimate_pair, estimate_pair_by_rows, find_ranges, find_roughness, halo,
-        match_pair, match_rows, optimize_volume, preset, simd_level, summarize, working_memory,
+        Workers, aggregate_volume, blur_is_as_before, check_blur_compensation, check_settings,
+        cost_volume, descriptor, estimate_pair, estimate_pair_by_rows, find_ranges, find_roughness,
+        halo, match_pair, match_rows, optimize_volume, preset, simd_level, summarize,
+        working_memory,
     };
 
     #[pymodule_init]
@@ -126,14 +128,15 @@ fn check_settings(settings: &Bound<'_, PyAny>) -> PyResult<()> {
     read_settings(settings).map(drop)
 }
 
+/// The settings of a preset, by name.
 #[pyfunction]
-fn preset<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyDict>> {
-    write_settings(py, &Preset::named(name)?.settings())
+fn preset<'py>(py: Python<'py>, name: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+    write_settings(py, &read_preset(name)?.settings())
 }
 
 #[pyfunction]
-fn check_versions(versions: &Bound<'_, PyAny>) -> PyResult<()> {
-    read_versions(versions).map(drop)
+fn check_blur_compensation(compensation: &Bound<'_, PyAny>) -> PyResult<()> {
+    read_blur_compensation(compensation).map(drop)
 }
 
 /// Disparity, flags, confidence if it was worked out, and timings of a pair.
@@ -154,17 +157,16 @@ fn match_pair<'py>(
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-    told: KnownOfPair<'py>,
+    known: KnownOfPair<'py>,
 ) -> PyResult<(Matched<'py>, Found<'py>)> {
     let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
     let pair = read_images(&images, &masks, search)?;
-    let known = read_known(&told, pair.size(), search)?;
+    let known = read_known(&known, pair.size(), search)?;
     let (pool, rows) = (Pool::of(threads)?, pair.size().0);
     let how = Execution { threads: pool.threads(), level: Level::best() };
     let (map, found) = supervised(py, &pool, rows, progress, move |matcher, control| {
         let means = Means { matcher, how, control };
-        let Prepared { pair, settings, found } = prepare(pair, known, &settings, means)?;
-        Ok((matcher.run(&pair, &settings, how, control)?, found))
+        prepare_and_match(pair, known, &settings, means)
     })?;
     Ok((disparity_to_py(py, map)?, found_to_py(py, found)?))
 }
@@ -231,10 +233,10 @@ fn estimate_pair_by_rows<'py>(
     settings: &Bound<'py, PyAny>,
     ranges: Option<Ranges>,
     threads: &Bound<'py, PyAny>,
-    told: KnownOfPair<'py>,
+    known: KnownOfPair<'py>,
 ) -> PyResult<Found<'py>> {
     let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
-    let known = read_known(&told, size, search)?;
+    let known = read_known(&known, size, search)?;
     let (reader, pool) = (Reader::new(read, size, search, ranges)?, Pool::of(threads)?);
     let how = Execution { threads: pool.threads(), level: Level::best() };
     let source = Arc::clone(&reader);
@@ -285,30 +287,31 @@ fn find_roughness(
 #[pyfunction]
 fn halo(
     settings: &Bound<'_, PyAny>,
-    versions: &Bound<'_, PyAny>,
+    compensation: &Bound<'_, PyAny>,
     alignment: Option<Field>,
 ) -> PyResult<(usize, usize)> {
-    let (settings, versions) = (read_settings(settings)?, read_versions(versions)?);
+    let (settings, compensation) =
+        (read_settings(settings)?, read_blur_compensation(compensation)?);
     let field = read_field(alignment)?;
-    let halo = Halo::new(&settings, versions.as_ref(), field.as_ref());
+    let halo = Halo::new(&settings, compensation.as_ref(), field.as_ref());
     Ok((halo.rows(), halo.masked))
 }
 
 /// The bytes that `match_rows` takes at most, of so many rows; of images whose pixels take so many bytes.
 #[pyfunction]
 fn working_memory(
-    survey: &Bound<'_, PyAny>,
+    statistics: &Bound<'_, PyAny>,
     rows: usize,
     threads: usize,
     itemsize: usize,
 ) -> PyResult<u64> {
-    let told = Statistics::read(survey)?;
-    let (_, cols): (usize, usize) = survey.getattr("size")?.extract()?;
-    let candidates: usize = told.disparities.1.extract()?;
+    let whole = Statistics::read(statistics)?;
+    let (_, cols): (usize, usize) = statistics.getattr("size")?.extract()?;
+    let candidates: usize = whole.disparities.1.extract()?;
     let demand = Demand {
-        settings: &told.settings,
-        versions: told.versions.as_ref(),
-        alignment: told.alignment.as_ref(),
+        settings: &whole.settings,
+        compensation: whole.compensation.as_ref(),
+        alignment: whole.alignment.as_ref(),
         cols,
         candidates,
         pixel: itemsize,
@@ -323,26 +326,28 @@ fn match_rows<'py>(
     py: Python<'py>,
     images: Both<'py>,
     masks: Both<'py>,
-    survey: &Bound<'py, PyAny>,
+    statistics: &Bound<'py, PyAny>,
     first: usize,
     rows: (usize, usize),
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Matched<'py>> {
-    let told = Statistics::read(survey)?;
-    let pair = read_pair(&images, &masks, &told.disparities)?
-        .with_versions(told.versions.map(|versions| versions.starting_at_row(first)))
-        .with_ranges(told.ranges);
-    let pair = if told.is_inverted { pair.inverted() } else { pair };
-    let field = told.alignment.map(|field| field.starting_at_row(first));
+    let whole = Statistics::read(statistics)?;
+    let pair = read_pair(&images, &masks, &whole.disparities)?
+        .with_blur_compensation(
+            whole.compensation.map(|compensation| compensation.starting_at_row(first)),
+        )
+        .with_ranges(whole.ranges);
+    let pair = if whole.is_inverted { pair.inverted() } else { pair };
+    let field = whole.alignment.map(|field| field.starting_at_row(first));
     let section = Section {
         rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
-        roughness: told.roughness,
+        roughness: whole.roughness,
         first,
     };
-    let (settings, pool) = (told.settings, Pool::of(threads)?);
+    let (settings, pool) = (whole.settings, Pool::of(threads)?);
     let how = Execution { threads: pool.threads(), level: Level::best() };
-    let chosen = section.widened(Halo::new(&settings, pair.versions(), None).map, &pair);
+    let chosen = section.widened(Halo::new(&settings, pair.blur_compensation(), None).map, &pair);
     let found = supervised(py, &pool, chosen.len(), progress, move |matcher, control| {
         let pair = match &field {
             Some(field) => pair.straightened(field, how.level, control)?,
@@ -412,17 +417,18 @@ fn cost_volume<'py>(
     disparities: Both<'py>,
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
-    versions: &Bound<'py, PyAny>,
+    compensation: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray3<u16>>> {
     let settings = read_settings(settings)?;
     let none = py.None().into_bound(py);
     let pair = read_pair(&images, &(none.clone(), none), &disparities)?;
-    let pair = pair.with_versions(read_versions(versions)?);
+    let pair = pair.with_blur_compensation(read_blur_compensation(compensation)?);
     let ((rows, cols), count) = (pair.size(), pair.candidates().count());
     let costs = supervised(py, &Pool::of(threads)?, rows, None, move |_, control| {
         let level = Level::best();
         let (views, candidates) = (pair.views(), pair.candidates());
-        let costs = Costs::new(views, candidates, &settings, pair.versions(), level, control)?;
+        let costs =
+            Costs::new(views, candidates, &settings, pair.blur_compensation(), level, control)?;
         costs.volume(rows, level, control)
     })?;
     let array = Array3::from_shape_vec((rows, cols, count), costs.into_vec());

@@ -2,6 +2,6 @@
 
 pub mod alignment;
 pub mod blur;
+pub mod blur_compensation;
 pub mod estimation;
 pub mod psf;
-pub mod versions;

@@ -87,6 +87,48 @@ pub const OPTIMIZERS: [(&str, Optimizer); 4] = [
     ("sgm", Optimizer::SemiGlobal),
 ];
 
+/// Hands the names of all settings to a macro, which does something with each: every face of the core reads them so.
+#[cfg(any(feature = "python", feature = "c"))]
+macro_rules! with_every_setting {
+    ($then:ident) => {
+        $then! {
+            cost,
+            neighborhood,
+            taper,
+            frequencies,
+            power,
+            bits,
+            noise_threshold,
+            sizes,
+            window,
+            shiftable,
+            precision,
+            optimizer,
+            p1,
+            p2,
+            adaptive_p2,
+            compensate_blur,
+            despike,
+            denoise,
+            align_rows,
+            intensity_range,
+            subpixel,
+            lr_check,
+            uniqueness,
+            speckle_size,
+            speckle_range,
+            synthesis,
+            guided_median,
+            median,
+            fill,
+            confidence,
+            min_confidence,
+        }
+    };
+}
+#[cfg(any(feature = "python", feature = "c"))]
+pub(crate) use with_every_setting;
+
 /// All settings of a match; the defaults are those of [`presets::Preset::Robust`].
 #[derive(Debug, Clone, PartialEq)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a choice of its own, made by name")]

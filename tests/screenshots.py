@@ -10,10 +10,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from threading import Thread
 from time import sleep
 from typing import TYPE_CHECKING
 
@@ -21,7 +18,7 @@ from PIL import Image
 from selenium import webdriver
 
 import phasestereo as ps
-from browser import Browser, running
+from browser import Browser, running, serving
 from phasestereo.views.page import write_pair_page
 from phasestereo.views.viewer import Server, Show
 from phasestereo_bench.degradation import Degradation, disk_psf
@@ -103,18 +100,14 @@ def take_try_page(browser: Browser, folder: Path) -> None:
     """Take the page "try it", an image out of focus; needs what ``make web`` builds."""
     program = [sys.executable, str(ROOT / "docs" / "try_page.py"), str(folder)]
     subprocess.run(program, check=True)  # noqa: S603  # our own
-    handler = partial(SimpleHTTPRequestHandler, directory=str(folder))
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        Thread(target=server.serve_forever, daemon=True).start()
-        address = f"http://127.0.0.1:{server.server_port}/index.html"
-        browser.visit(address, width=1440, height=900)
+    with serving(folder) as address:
+        browser.visit(f"{address}/index.html", width=1440, height=900)
         done = "document.documentElement.dataset.matched === 'robust'"
         browser.wait(done)
         browser.run("setMix(0.6); element('defocus').value = 4")
         browser.run("element('defocus').dispatchEvent(new Event('input'))")
         browser.wait(done)
         save(browser, "try-page")
-        server.shutdown()
 
 
 def main() -> None:

@@ -31,6 +31,6 @@ async function match({ width, height, data }, right, options) {
   const flags = new Uint16Array(width * height);
   flags[0] = 2;
   const confidence = options.preset === "robust" ? new Float32Array(width * height).fill(0.75) : null;
-  const range = { ...found.range, origin: options.numDisparities ? "told" : "found" };
+  const range = { ...found.range, origin: options.numDisparities ? "given" : "found" };
   return { width, height, disparity, flags, confidence, found: { ...found, range }, milliseconds: 12.3 };
 }

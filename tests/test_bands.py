@@ -142,7 +142,7 @@ def test_all_rows_are_the_whole() -> None:
         case(name).check(0, case(name).read.size[0])
 
 
-def test_bands_match_with_a_survey_that_was_pickled() -> None:
+def test_bands_match_with_statistics_that_was_pickled() -> None:
     known = case("fast areas")
     told = pickle.loads(pickle.dumps(known.statistics))  # noqa: S301 - our own bytes
     assert_rows(match_rows(known.read, told, 140, 190), known.whole, 140, 190)
@@ -339,7 +339,7 @@ def test_wrong_rows_are_refused(
         match_rows(lambda *rows: change(known.read(*rows)), known.statistics, 3, 4)
 
 
-def test_rows_of_another_type_than_surveyed_are_refused() -> None:
+def test_rows_of_another_type_than_measured_are_refused() -> None:
     known, other = case("fast"), scene(SIZE, "uint16")
     with pytest.raises(TypeError, match="^read: got uint16 for the rows .*, uint8"):
         match_rows(other, known.statistics, 20, 30)

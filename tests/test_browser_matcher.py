@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import base64
-import threading
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 import phasestereo as ps
+from browser import serving
 from conftest import ROOT
 from phasestereo.io import read_image
 from phasestereo_bench.degradation import Degradation, disk_psf
@@ -52,13 +50,6 @@ window.matcher[task](...images.map(image), options).then((value) => {
 """
 
 
-class _Quiet(SimpleHTTPRequestHandler):
-    """Says nothing of what is asked for."""
-
-    def log_message(self, format: str, *_: object) -> None:  # noqa: A002 - the name of the base class
-        """Say nothing."""
-
-
 class Page:
     """A page that has the matcher."""
 
@@ -95,11 +86,8 @@ def address() -> Iterator[str]:
     """Return where the files of the page are served; skip visibly where they are not built."""
     if not (WEB / "phasestereo.wasm").is_file():
         pytest.skip("no web/phasestereo.wasm: make web")
-    handler = partial(_Quiet, directory=str(WEB))
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}"
-        server.shutdown()
+    with serving(WEB) as address:
+        yield address
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +160,7 @@ def test_what_is_found_is_what_python_finds(page: Page, rendered: Pair) -> None:
     for name in ("error", "blocks", "spread", "applied"):
         assert found["rows"][name] == getattr(expected.alignment, name)
     assert found["range"]["confidence"] == expected.search.confidence
-    assert (found["range"]["origin"], found["inverted"]) == ("told", False)
+    assert (found["range"]["origin"], found["inverted"]) == ("given", False)
 
 
 def test_faults_are_told_and_the_next_call_works(page: Page, rendered: Pair) -> None:

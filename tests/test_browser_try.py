@@ -7,13 +7,11 @@ import shutil
 import subprocess
 import sys
 import zlib
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
-from threading import Thread
 from typing import TYPE_CHECKING
 
 import pytest
 
+from browser import serving
 from conftest import counterpart
 from documentation import ROOT
 
@@ -32,13 +30,6 @@ SLIDERS = ("defocus", "shake", "dim", "turn", "rows")
 MOST_BYTES = 1_000_000  # compressed
 
 
-class Quiet(SimpleHTTPRequestHandler):
-    """Serves files without a word."""
-
-    def log_message(self, *_: object) -> None:
-        pass
-
-
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the page twice: with the core, if it is there, and with a stand-in."""
@@ -53,10 +44,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def site(built: Path) -> Iterator[str]:
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(built))) as server:
-        Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}"
-        server.shutdown()
+    with serving(built) as address:
+        yield address
 
 
 def matched(browser: Browser) -> None:

@@ -298,7 +298,7 @@ def test_a_graph_is_small_and_named_after_what_it_is_made_of() -> None:
     assert found.name != lazily.match(tall, tall + 1, band_rows=1024, **FAST, window=5).name
 
 
-def test_a_pair_is_surveyed_by_windows_at_the_call() -> None:
+def test_a_pair_is_measured_by_windows_at_the_call() -> None:
     left, right = Watched(LEFT), Watched(RIGHT)
     pair = [da.from_array(each, chunks=(50, -1, -1)) for each in (left, right)]
     lazily.match(*pair, **ROBUST)
@@ -307,7 +307,7 @@ def test_a_pair_is_surveyed_by_windows_at_the_call() -> None:
     assert max(last - first for first, last in left.read) <= 50
 
 
-def test_a_survey_that_is_given_is_not_made_again() -> None:
+def test_statistics_that_is_given_is_not_made_again() -> None:
     def read(first: int, last: int, /) -> Any:
         return LEFT[first:last], RIGHT[first:last], None, None
 
@@ -384,7 +384,7 @@ def test_wrong_arguments(error: type[Exception], message: str, changes: dict[str
         lazily.maps(**(proper | changes))
 
 
-def test_a_survey_of_something_else() -> None:
+def test_statistics_of_something_else() -> None:
     def read(first: int, last: int, /) -> Any:
         return LEFT[first:last], RIGHT[first:last], None, None
 
@@ -400,7 +400,7 @@ def test_a_survey_of_something_else() -> None:
 
 
 @pytest.mark.parametrize("first", [FAST, ROBUST], ids=["plain", "evened"])
-def test_a_survey_with_other_settings(first: dict[str, Any]) -> None:
+def test_statistics_with_other_settings(first: dict[str, Any]) -> None:
     def read(first: int, last: int, /) -> Any:
         return LEFT[first:last], RIGHT[first:last], None, None
 

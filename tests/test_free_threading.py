@@ -88,7 +88,7 @@ def test_arrays_may_change_while_others_match_them() -> None:
     run_all([match, match, change])
 
 
-def test_matchers_and_surveys_are_made_and_dropped_by_many_threads() -> None:
+def test_matchers_and_statistics_are_made_and_dropped_by_many_threads() -> None:
     def make() -> None:
         for number in range(ROUNDS // 2):
             matcher = ps.Matcher(preset=("fast", "robust")[number % 2], threads=1 + number % 2)

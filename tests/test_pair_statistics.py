@@ -122,7 +122,7 @@ def assert_same(ours: Any, theirs: Any) -> None:
 
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize("dtype", DTYPES)
-def test_a_survey_knows_what_a_match_finds_out(dtype: str, masked: bool) -> None:  # noqa: FBT001 - a parameter
+def test_statistics_knows_what_a_match_finds_out(dtype: str, masked: bool) -> None:  # noqa: FBT001 - a parameter
     read = scene((200, 150), dtype, soft=slice(0, None), masked=masked)
     told, result = gathered(read), read.matched(num_disparities=16)
     assert result.blur is not None
@@ -228,7 +228,7 @@ def kept() -> list[ps.PairStatistics]:
     return [areas, given_versions, plain, others]
 
 
-def test_surveys_come_back_from_files_and_pickles(tmp_path: Path) -> None:
+def test_statistics_come_back_from_files_and_pickles(tmp_path: Path) -> None:
     for number, told in enumerate(kept()):
         for path in (tmp_path / f"{number}.npz", str(tmp_path / f"{number} of no suffix")):
             told.save(path)
@@ -237,7 +237,7 @@ def test_surveys_come_back_from_files_and_pickles(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 8
 
 
-def test_bands_match_alike_with_a_survey_that_comes_from_a_file(tmp_path: Path) -> None:
+def test_bands_match_alike_with_statistics_that_comes_from_a_file(tmp_path: Path) -> None:
     read = scene((420, 130), "float32", soft=slice(180, None), masked=True)
     told = gathered(read)
     told.save(tmp_path / "statistics")
@@ -262,7 +262,7 @@ def test_numbers_of_numpy_can_be_saved(tmp_path: Path) -> None:
     assert (loaded.size, loaded.num_disparities, loaded.min_disparity) == ((150, 130), 16, -2)
 
 
-def test_a_survey_is_written_whole_or_not_at_all(
+def test_statistics_is_written_whole_or_not_at_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, told = tmp_path / "statistics", gathered(scene(), preset="fast")
@@ -294,7 +294,7 @@ def refused_file(path: Path) -> None:
         bands.load(path)
 
 
-def test_what_is_no_survey_is_refused(tmp_path: Path) -> None:
+def test_what_is_no_statistics_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "statistics"
     gathered(scene((200, 150), soft=slice(0, None))).save(path)
     whole = path.read_bytes()
@@ -388,7 +388,7 @@ def test_damage_is_told_or_does_no_harm(saved: Path, place: float, byte: int) ->
     ],
     ids=str,
 )
-def test_a_survey_refuses_what_a_match_refuses(
+def test_statistics_refuses_what_a_match_refuses(
     preset: str, options: dict[str, Any], error: type[Exception], message: str
 ) -> None:
     defaults: dict[str, Any] = {
@@ -513,7 +513,7 @@ def test_what_a_reader_raises_comes_out_in_any_thread() -> None:
     assert [str(error) for error in seen] == 8 * ["torn"]
 
 
-def test_surveys_at_the_same_time_do_not_disturb_one_another() -> None:
+def test_statistics_at_the_same_time_do_not_disturb_one_another() -> None:
     reads = [scene((160, 100), dtype) for dtype in DTYPES]
     expected = [gathered(read) for read in reads]
     found: list[Any] = [None] * 12
@@ -530,7 +530,7 @@ def test_surveys_at_the_same_time_do_not_disturb_one_another() -> None:
         assert_same(found[turn], expected[turn % 4])
 
 
-def test_a_survey_can_be_interrupted_while_it_reads() -> None:
+def test_statistics_can_be_interrupted_while_it_reads() -> None:
     finished = run("""
 import _thread, threading, time
 import numpy as np, phasestereo as ps
@@ -564,7 +564,7 @@ ps.match_rows(read, told, 0, 100)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-def test_a_forked_child_surveys() -> None:
+def test_a_forked_child_measures_statistics() -> None:
     finished = run_forking("""
 pair = np.random.default_rng(0).integers(0, 256, (2, 100, 90), np.uint8)
 read = lambda first, last: (pair[0][first:last], pair[1][first:last], None, None)

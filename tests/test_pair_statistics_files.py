@@ -44,7 +44,7 @@ def test_what_is_no_integer_is_refused(name: str) -> None:
     {"roughness": [-1, 5]}, {"roughness": [10**40, 1]}, {"roughness": ["a", 1]},
     {"classes": 10**9}, {"classes": "1"}, {"blur": 5}, {"blurs": [{"a": 1}]},
 ])  # fmt: skip
-def test_a_survey_with_a_wrong_value_is_refused(path: Path, change: dict[str, Any]) -> None:
+def test_statistics_with_a_wrong_value_is_refused(path: Path, change: dict[str, Any]) -> None:
     with np.load(path) as file:
         arrays = dict(file)
     told = json.loads(str(arrays["told"])) | change
@@ -69,13 +69,13 @@ def raw_archive() -> bytes:
 @pytest.mark.parametrize("content", [
     b"", b"PK\x03\x04" + bytes(100), archive("[1]"), archive("[" * 100_000), raw_archive(),
 ])  # fmt: skip
-def test_a_file_that_is_no_survey_is_refused(path: Path, content: bytes) -> None:
+def test_a_file_that_is_no_statistics_is_refused(path: Path, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"statistics.npz: "):
         bands.load(path)
 
 
-def test_a_survey_that_is_damaged_anywhere_is_refused_or_whole(path: Path) -> None:
+def test_statistics_that_is_damaged_anywhere_is_refused_or_whole(path: Path) -> None:
     content = path.read_bytes()
     for place in range(0, len(content), 3):
         damaged = bytearray(content)

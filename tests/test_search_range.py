@@ -87,7 +87,7 @@ def test_disparities_around_zero_accuse_nobody(shift: int) -> None:
     assert (search.swapped, search.mixed) == (False, False)
 
 
-def test_squinting_cameras_are_not_called_swapped() -> None:
+def test_toed_in_cameras_are_not_called_swapped() -> None:
     far, near = noise(0, (80, 200)), noise(1, (80, 200))
     left, right = far[:, 10:-10].copy(), far[:, :-20].copy()  # disparity -10 ...
     left[20:60, 60:120] = near[20:60, 60:120]

@@ -48,7 +48,7 @@ function rangeOf({ range, inverted }) {
   const told = [finding("range", "ok", `disparities are ${ends}`)];
   if (inverted) told.push(finding("contrast", "warning", "what is bright in one image is dark in the other: its negative is matched"));
   if (range.swapped) told.push(finding("swap", "warning", `left and right seem to be swapped, all disparities are negative (${ends}): exchange them`));
-  else if (range.mixed) told.push(finding("swap", "note", `disparities of both signs (${ends}): the cameras squint, or the images are cropped`));
+  else if (range.mixed) told.push(finding("swap", "note", `disparities of both signs (${ends}): the cameras are toed in, or the images are cropped`));
   else told.push(finding("swap", "ok", "left and right are in their places"));
   return told;
 }

@@ -36,7 +36,7 @@ class Matcher {
    * @param {ImageData} right - the same, of the same size.
    * @param {{numDisparities?: number, minDisparity?: number}} options - as `match` takes them.
    * @returns {Promise<Found>}
-   *   - range: minDisparity, numDisparities, origin ("told", "found", "default"), confidence of a rough match (0 to 1),
+   *   - range: minDisparity, numDisparities, origin ("given", "found", "default"), confidence of a rough match (0 to 1),
    *     low, high (what was seen, pixels), swapped, mixed
    *   - rows: null or coefficients (8) of the field of vertical offsets, rms, error, spread (pixels), blocks, applied
    *   - blur: list, largest area first, of side ("none", "left", "right": the softer one), kind ("none", "gaussian", "disk",

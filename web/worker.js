@@ -8,7 +8,7 @@ const BLUR = 32;
 const RGBA = 2;
 
 const STATUS_OK = 0;
-const ORIGINS = ["told", "found", "default"];
+const ORIGINS = ["given", "found", "default"];
 const SIDES = ["none", "left", "right"];
 const KINDS = ["none", "gaussian", "disk", "motion", "annulus", "other"];
 

@@ -26,8 +26,8 @@ __all__ = [
     "__version__",
     "aggregate_volume",
     "blur_is_as_before",
+    "check_blur_compensation",
     "check_settings",
-    "check_versions",
     "cost_volume",
     "descriptor",
     "estimate_pair",
@@ -69,7 +69,7 @@ def blur_is_as_before(
     threads: int | Workers | None,
 ) -> bool: ...
 def check_settings(settings: Settings) -> None: ...
-def check_versions(versions: BlurCompensation | None) -> None: ...
+def check_blur_compensation(compensation: BlurCompensation | None) -> None: ...
 def estimate_pair(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
@@ -84,7 +84,7 @@ def estimate_pair_by_rows(
     settings: Settings,
     ranges: _Ranges | None,
     threads: int | Workers | None,
-    told: Known,
+    known: Known,
 ) -> Found: ...
 def find_ranges(
     read: Checked, size: tuple[int, int], disparities: tuple[int, int | None]
@@ -97,13 +97,13 @@ def find_roughness(
     impulses: float,
 ) -> tuple[int, int]: ...
 def halo(
-    settings: Settings, versions: BlurCompensation | None, alignment: Field | None
+    settings: Settings, compensation: BlurCompensation | None, alignment: Field | None
 ) -> tuple[int, int]: ...
-def working_memory(survey: PairStatistics, rows: int, threads: int, itemsize: int) -> int: ...
+def working_memory(statistics: PairStatistics, rows: int, threads: int, itemsize: int) -> int: ...
 def match_rows(
     images: tuple[Pixels, Pixels],
     masks: tuple[NDArray[np.bool_] | None, NDArray[np.bool_] | None],
-    survey: PairStatistics,
+    statistics: PairStatistics,
     first: int,
     rows: tuple[int, int],
     threads: int | Workers | None,
@@ -116,7 +116,7 @@ def match_pair(
     settings: Settings,
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
-    told: Known,
+    known: Known,
 ) -> tuple[Matched, Found]: ...
 def descriptor(
     image: Pixels,
@@ -130,7 +130,7 @@ def cost_volume(
     disparities: tuple[int, int],
     settings: Settings,
     threads: int | None,
-    versions: BlurCompensation | None,
+    compensation: BlurCompensation | None,
 ) -> NDArray[np.uint16]: ...
 def aggregate_volume(costs: NDArray[np.uint16], settings: Settings) -> NDArray[np.uint32]: ...
 def optimize_volume(

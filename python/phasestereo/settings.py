@@ -225,15 +225,11 @@ class Settings:
         ValueError
             If there is no such preset.
         """
-        if not isinstance(name, str):
-            raise TypeError(f"preset: got {type(name).__name__}; accepts a string")
-        if name not in PRESETS:
-            raise ValueError(f"preset: got {name!r}; accepts {', '.join(map(repr, PRESETS))}")
-        return PRESETS[name]
+        return Settings(**_core.preset(name))
 
 
 PRESETS: Mapping[str, Settings] = MappingProxyType(
-    {name: Settings(**_core.preset(name)) for name in _core.PRESETS}
+    {name: Settings.preset(name) for name in _core.PRESETS}
 )
 """The named settings. ``"robust"``: finds by itself which image is blurred and how, evens that out,
 repairs impulses, smooths noise and compression away, describes two sizes of neighborhoods, does not

@@ -32,8 +32,8 @@ pub const PHASESTEREO_ANNULUS: u32 = 4;
 /// None of these families; its size is the root mean square radius.
 pub const PHASESTEREO_OTHER: u32 = 5;
 
-/// The disparities were told by the caller.
-pub const PHASESTEREO_TOLD: u32 = 0;
+/// The disparities were given by the caller.
+pub const PHASESTEREO_GIVEN: u32 = 0;
 /// The disparities were found in the images.
 pub const PHASESTEREO_FOUND: u32 = 1;
 /// The images tell nothing of the disparities: they are a third of the width.
@@ -97,7 +97,7 @@ pub struct Found {
     pub min_disparity: i32,
     /// Number of disparities that are searched.
     pub num_disparities: i32,
-    /// Where these are from: `PHASESTEREO_TOLD`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
+    /// Where these are from: `PHASESTEREO_GIVEN`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
     pub origin: u32,
     /// 1: every part of the scene has a clearly negative disparity, as where left and right are swapped.
     pub swapped: u32,
@@ -108,8 +108,8 @@ pub struct Found {
 }
 
 impl Found {
-    /// What was found; `is_told`: the disparities were not looked for.
-    pub fn new(found: &Estimates, is_told: bool) -> Self {
+    /// What was found; `is_given`: the disparities were not looked for.
+    pub fn new(found: &Estimates, is_given: bool) -> Self {
         let (range, offsets, blur) = (&found.range, &found.offsets, &found.blur);
         let of_range = |value: fn(&_) -> f64| range.as_ref().map_or(f64::NAN, value);
         let of_rows = |value: fn(&_) -> f64| offsets.as_ref().map_or(f64::NAN, value);
@@ -137,7 +137,7 @@ impl Found {
             min_disparity: found.candidates.min() as i32,
             num_disparities: found.candidates.count() as i32,
             origin: match range {
-                _ if is_told => PHASESTEREO_TOLD,
+                _ if is_given => PHASESTEREO_GIVEN,
                 Some(_) => PHASESTEREO_FOUND,
                 None => PHASESTEREO_DEFAULT,
             },

@@ -67,9 +67,9 @@
 #define PHASESTEREO_OTHER 5
 
 /**
- * The disparities were told by the caller.
+ * The disparities were given by the caller.
  */
-#define PHASESTEREO_TOLD 0
+#define PHASESTEREO_GIVEN 0
 
 /**
  * The disparities were found in the images.
@@ -357,7 +357,7 @@ typedef struct phasestereo_found {
    */
   int32_t num_disparities;
   /**
-   * Where these are from: `PHASESTEREO_TOLD`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
+   * Where these are from: `PHASESTEREO_GIVEN`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
    */
   uint32_t origin;
   /**
@@ -444,7 +444,7 @@ enum phasestereo_status phasestereo_match(const struct phasestereo_matcher *matc
                                           struct phasestereo_found *found);
 
 /**
- * Finds out of a pair what a match with these settings would find out: the disparities, if they are not told, how rows
+ * Finds out of a pair what a match with these settings would find out: the disparities, if they are not given, how rows
  * correspond, blur, noise. The arguments are those of `phasestereo_match`.
  *
  * Pointers are to what their types say.

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::settings::{
     COSTS, CostKind, OPTIMIZERS, Optimizer, PRECISIONS, Precision, Settings, TAPERS, Taper,
+    with_every_setting,
 };
 
 /// A type of settings that can be read from text.
@@ -11,7 +12,7 @@ trait Readable: Sized {
     fn read(name: &'static str, text: &str) -> Result<Self>;
 }
 
-macro_rules! fields {
+macro_rules! set_by_name {
     ($($name:ident),* $(,)?) => {
         /// Sets the field of that name, which [`Settings::check`] has to look at afterwards.
         pub fn set(settings: &mut Settings, name: &str, text: &str) -> Result<()> {
@@ -29,39 +30,7 @@ macro_rules! fields {
     };
 }
 
-fields!(
-    cost,
-    neighborhood,
-    taper,
-    frequencies,
-    power,
-    bits,
-    noise_threshold,
-    sizes,
-    window,
-    shiftable,
-    precision,
-    optimizer,
-    p1,
-    p2,
-    adaptive_p2,
-    compensate_blur,
-    despike,
-    denoise,
-    align_rows,
-    intensity_range,
-    subpixel,
-    lr_check,
-    uniqueness,
-    speckle_size,
-    speckle_range,
-    synthesis,
-    guided_median,
-    median,
-    fill,
-    confidence,
-    min_confidence,
-);
+with_every_setting!(set_by_name);
 
 macro_rules! choices {
     ($($kind:ty: $choices:ident),*) => {

@@ -14,7 +14,7 @@ use crate::pipeline::halo::Halo;
 use crate::pipeline::matcher::Width;
 use crate::refinement::synthesis;
 use crate::rig::alignment::Alignment;
-use crate::rig::versions::Versions;
+use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::{CostKind, Optimizer, Settings};
 use crate::value::LANES;
 
@@ -39,8 +39,8 @@ const SYNTHESIZED: usize = 28;
 pub struct Demand<'a> {
     /// Checked settings.
     pub settings: &'a Settings,
-    /// The versions in which pixels are compared.
-    pub versions: Option<&'a Versions>,
+    /// How blur is evened out before pixels are compared.
+    pub compensation: Option<&'a BlurCompensation>,
     /// The field that the right image is straightened by.
     pub alignment: Option<&'a Alignment>,
     /// Columns of the images.
@@ -56,7 +56,7 @@ pub struct Demand<'a> {
 impl Demand<'_> {
     /// The bytes that so many rows take, with those around them that they depend on.
     pub fn bytes(&self, rows: usize) -> u64 {
-        let reach = Halo::new(self.settings, self.versions, self.alignment);
+        let reach = Halo::new(self.settings, self.compensation, self.alignment);
         let read = rows + 2 * (reach.rows() + reach.masked);
         let map = (rows + 2 * reach.map) * self.cols;
         // Both images and their masks, twice; the right one once more, or twice, if it is straightened.
@@ -79,7 +79,7 @@ impl Demand<'_> {
         let (bytes, right, passing) = match self.settings.cost {
             CostKind::Phase => {
                 let length = self.settings.code_length();
-                let right = 1 + self.versions.map_or(0, |all| all.every_kernel().count());
+                let right = 1 + self.compensation.map_or(0, |all| all.every_kernel().count());
                 let word = length.next_power_of_two().max(16) / 8;
                 (length.div_ceil(8), right, 2 * word + GRAY)
             }
@@ -90,13 +90,14 @@ impl Demand<'_> {
     }
 
     fn synthesizes(&self) -> bool {
-        synthesis::is_asked_for(self.settings, self.versions)
+        synthesis::is_asked_for(self.settings, self.compensation)
     }
 
     /// Bytes that one thread synthesizes in.
     fn view(&self) -> usize {
-        let versions = self.versions.filter(|_| self.synthesizes());
-        versions.map_or(0, |versions| synthesis::memory(self.settings, versions, self.cols))
+        let compensation = self.compensation.filter(|_| self.synthesizes());
+        compensation
+            .map_or(0, |compensation| synthesis::memory(self.settings, compensation, self.cols))
     }
 
     /// Bytes that one thread searches in.

@@ -13,7 +13,7 @@ use crate::refinement::median;
 use crate::refinement::subpixel;
 use crate::refinement::synthesis;
 use crate::rig::alignment::Alignment;
-use crate::rig::versions::Versions;
+use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::{CostKind, Optimizer, Settings};
 
 /// Rows on either side.
@@ -30,15 +30,17 @@ pub struct Halo {
 }
 
 impl Halo {
-    /// That of checked settings, for images that are compared in these versions, the right one straightened.
+    /// That of checked settings, for images whose blur is evened out so, the right one straightened.
     pub fn new(
         settings: &Settings,
-        versions: Option<&Versions>,
+        compensation: Option<&BlurCompensation>,
         alignment: Option<&Alignment>,
     ) -> Self {
         let window = Window::new((1, 1), 1, settings, 0).margin();
         let description = match settings.cost {
-            CostKind::Phase => settings.largest_neighborhood() / 2 + versions.map_or(0, described),
+            CostKind::Phase => {
+                settings.largest_neighborhood() / 2 + compensation.map_or(0, described)
+            }
             CostKind::Sad => 0,
             CostKind::NormalizedSad => settings.window / 2,
         };
@@ -49,9 +51,14 @@ impl Halo {
         };
         // Gray values are compared with those of the row above.
         let description = window + description;
-        let beside = versions.map_or(0, repaired) + alignment.map_or(0, Alignment::reach);
+        let beside = compensation.map_or(0, repaired) + alignment.map_or(0, Alignment::reach);
         let images = (description + paths).max(1) + beside;
-        Self { description, images, map: refinement(settings, versions), masked: masking::REACH }
+        Self {
+            description,
+            images,
+            map: refinement(settings, compensation),
+            masked: masking::REACH,
+        }
     }
 
     /// Rows of the images around one whose disparities are refined.
@@ -62,9 +69,10 @@ impl Halo {
 
 /// How far the stages look that follow one another. A region that is no larger than a speckle has no more rows than
 /// pixels.
-fn refinement(settings: &Settings, versions: Option<&Versions>) -> usize {
-    let asked = versions.filter(|versions| synthesis::is_asked_for(settings, Some(versions)));
-    let synthesis = asked.map_or(0, |versions| synthesis::reach(settings, versions));
+fn refinement(settings: &Settings, compensation: Option<&BlurCompensation>) -> usize {
+    let asked =
+        compensation.filter(|compensation| synthesis::is_asked_for(settings, Some(compensation)));
+    let synthesis = asked.map_or(0, |compensation| synthesis::reach(settings, compensation));
     let stages = [
         (settings.speckle_size > 0, settings.speckle_size),
         (settings.has_checks(), filling::REACH),
@@ -79,16 +87,16 @@ fn refinement(settings: &Settings, versions: Option<&Versions>) -> usize {
 }
 
 /// Rows on either side of one of gray values that are smoothed and blurred.
-fn described(versions: &Versions) -> usize {
-    largest_radius(versions) + if versions.smooths() { smoothing::REACH } else { 0 }
+fn described(compensation: &BlurCompensation) -> usize {
+    largest_radius(compensation) + if compensation.smooths() { smoothing::REACH } else { 0 }
 }
 
 /// Rows on either side of one whose impulses are repaired.
-fn repaired(versions: &Versions) -> usize {
-    if versions.repairs() { impulses::REACH } else { 0 }
+fn repaired(compensation: &BlurCompensation) -> usize {
+    if compensation.repairs() { impulses::REACH } else { 0 }
 }
 
 /// Rows on either side of the largest kernel.
-fn largest_radius(versions: &Versions) -> usize {
-    versions.every_kernel().map(|kernel| kernel.radii().0).max().unwrap_or(0)
+fn largest_radius(compensation: &BlurCompensation) -> usize {
+    compensation.every_kernel().map(|kernel| kernel.radii().0).max().unwrap_or(0)
 }

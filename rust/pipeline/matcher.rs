@@ -30,7 +30,7 @@ use crate::refinement::synthesis;
 use crate::refinement::{Draft, Judge};
 use crate::rig::alignment::Alignment;
 use crate::rig::alignment::straighten::straightened;
-use crate::rig::versions::Versions;
+use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::{Optimizer, Settings};
 use crate::simd::Level;
 use crate::value::{LANES, Value};
@@ -44,7 +44,7 @@ pub struct Pair {
     left: View,
     right: View,
     candidates: Candidates,
-    versions: Option<Versions>,
+    compensation: Option<BlurCompensation>,
 }
 
 /// How the work is cut up; the result does not depend on it.
@@ -95,14 +95,14 @@ impl Pair {
             return Err(Error::value("right", "pixels of another type", "the type of left"));
         }
         let candidates = Candidates::new(min_disparity, num_disparities, cols)?;
-        Ok(Self { left, right, candidates, versions: None })
+        Ok(Self { left, right, candidates, compensation: None })
     }
 
-    /// The pair with the versions in which its pixels are compared; impulses are those that these know of.
-    pub fn with_versions(self, versions: impl Into<Option<Versions>>) -> Self {
-        let versions = versions.into();
-        let impulses = versions.as_ref().map_or([0.0; 2], Versions::impulses);
-        Self { versions, ..self }.with_impulses(impulses)
+    /// The pair with how blur is evened out before its pixels are compared; impulses are those that these know of.
+    pub fn with_blur_compensation(self, compensation: impl Into<Option<BlurCompensation>>) -> Self {
+        let compensation = compensation.into();
+        let impulses = compensation.as_ref().map_or([0.0; 2], BlurCompensation::impulses);
+        Self { compensation, ..self }.with_impulses(impulses)
     }
 
     /// The pair with impulses in both images that stand out by so much at least; 0: there are none.
@@ -142,8 +142,9 @@ impl Pair {
     /// Some rows of the images; of floats, the ranges should be known.
     pub fn of_rows(&self, rows: Range<usize>) -> Self {
         let [left, right] = [&self.left, &self.right].map(|view| view.of_rows(rows.clone()));
-        let versions = self.versions.clone().map(|versions| versions.below(rows.start));
-        Self { left, right, versions, ..self.clone() }
+        let compensation =
+            self.compensation.clone().map(|compensation| compensation.below(rows.start));
+        Self { left, right, compensation, ..self.clone() }
     }
 
     /// The pair with the ranges of its floats worked out, so that any part of it is a part of the whole.
@@ -166,9 +167,9 @@ impl Pair {
         self.candidates
     }
 
-    /// The versions in which the pixels are compared; `None`: as they are.
-    pub fn versions(&self) -> Option<&Versions> {
-        self.versions.as_ref()
+    /// How blur is evened out before pixels are compared; `None`: as they are.
+    pub fn blur_compensation(&self) -> Option<&BlurCompensation> {
+        self.compensation.as_ref()
     }
 
     /// Rows and columns of either image.
@@ -266,7 +267,7 @@ impl Matcher {
         settings.check()?;
         section.check(pair)?;
         // What was chosen for rows around these counts when they are refined.
-        let around = section.widened(Halo::new(settings, pair.versions(), None).map, pair);
+        let around = section.widened(Halo::new(settings, pair.blur_compensation(), None).map, pair);
         let wanted = section.rows.start - around.start..section.rows.end - around.start;
         let widened = Section { rows: around, ..section.clone() };
         let found = self.run_alone(pair, &widened, settings, how, control)?;
@@ -300,7 +301,8 @@ impl Matcher {
     ) -> Result<Choice> {
         let started = Instant::now();
         let (views, candidates, level) = (pair.views(), pair.candidates, how.level);
-        let costs = Costs::new(views, candidates, settings, pair.versions(), level, control)?;
+        let costs =
+            Costs::new(views, candidates, settings, pair.blur_compensation(), level, control)?;
         let (description, described) = (started.elapsed(), Instant::now());
         let texture = Texture::of_view(&pair.left, settings, section.roughness, level, control)?;
         let edges = Edges::asked_for(texture.as_ref(), settings, pair.size().1, level, control)?;
@@ -392,8 +394,9 @@ impl Choice {
         control: &Control,
     ) -> Result<Disparity> {
         let started = Instant::now();
-        let (views, versions) = (pair.views(), pair.versions());
-        let scene = synthesis::Scene::new(views, versions, rows.clone(), settings, level, control)?;
+        let (views, compensation) = (pair.views(), pair.blur_compensation());
+        let scene =
+            synthesis::Scene::new(views, compensation, rows.clone(), settings, level, control)?;
         let texture = self.texture.map(|texture| texture.of_rows(rows));
         let Map { disparity, mut flags, votes } = self.map;
         let draft = Draft {

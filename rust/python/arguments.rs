@@ -18,9 +18,13 @@ use crate::image::texture::{Roughness, Texture};
 use crate::image::view::{Image, Mask, View};
 use crate::pipeline::matcher::{Pair, usable_threads};
 use crate::rig::alignment::Alignment;
+use crate::rig::blur_compensation::{BlurCompensation, check_noise};
 use crate::rig::estimation::Known;
-use crate::rig::versions::{Versions, check_noise};
-use crate::settings::{COSTS, MOST_DISPARITIES, OPTIMIZERS, PRECISIONS, Settings, TAPERS};
+use crate::settings::presets::Preset;
+use crate::settings::{
+    COSTS, CostKind, MOST_DISPARITIES, OPTIMIZERS, Optimizer, PRECISIONS, Precision, Settings,
+    TAPERS, Taper, with_every_setting,
+};
 
 /// Something of the left and the same of the right image, or any other two things.
 pub type Both<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
@@ -43,7 +47,7 @@ pub fn read_search((min, count): &Both<'_>) -> PyResult<Search> {
     Ok(None)
 }
 
-/// The disparities of a pair, if they are told.
+/// The disparities of a pair, unless they are to be found.
 pub fn candidates_of(pair: &Pair, search: Search) -> Option<Candidates> {
     search.map(|_| pair.candidates())
 }
@@ -51,8 +55,8 @@ pub fn candidates_of(pair: &Pair, search: Search) -> Option<Candidates> {
 /// Both images, their masks, and (`min_disparity`, `num_disparities`).
 pub fn read_pair(images: &Both<'_>, masks: &Both<'_>, disparities: &Both<'_>) -> PyResult<Pair> {
     let (min, count) = disparities;
-    let told = (integer(min, "min_disparity")?, integer(count, "num_disparities")?);
-    read_images(images, masks, Some(told))
+    let search = (integer(min, "min_disparity")?, integer(count, "num_disparities")?);
+    read_images(images, masks, Some(search))
 }
 
 /// Both images and their masks, to be searched over these disparities; over one, as long as they are to be found.
@@ -137,103 +141,110 @@ pub fn read_volume<T: Element + Copy + Default>(
     Ok((plane, (rows, cols, count)))
 }
 
-/// Settings as the fields of `phasestereo.Settings`, by name: what [`read_settings`] reads.
-pub fn write_settings<'py>(py: Python<'py>, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
-    let fields = PyDict::new(py);
-    fields.set_item("cost", name_of(settings.cost, &COSTS))?;
-    fields.set_item("neighborhood", settings.neighborhood)?;
-    fields.set_item("taper", name_of(settings.taper, &TAPERS))?;
-    fields.set_item("frequencies", settings.frequencies)?;
-    fields.set_item("power", settings.power)?;
-    fields.set_item("bits", settings.bits)?;
-    fields.set_item("noise_threshold", settings.noise_threshold)?;
-    fields.set_item("sizes", settings.sizes)?;
-    fields.set_item("window", settings.window)?;
-    fields.set_item("shiftable", settings.shiftable)?;
-    fields.set_item("precision", name_of(settings.precision, &PRECISIONS))?;
-    fields.set_item("optimizer", name_of(settings.optimizer, &OPTIMIZERS))?;
-    fields.set_item("p1", settings.p1)?;
-    fields.set_item("p2", settings.p2)?;
-    fields.set_item("adaptive_p2", settings.adaptive_p2)?;
-    fields.set_item("compensate_blur", settings.compensate_blur)?;
-    fields.set_item("despike", settings.despike)?;
-    fields.set_item("denoise", settings.denoise)?;
-    fields.set_item("align_rows", settings.align_rows)?;
-    fields.set_item("intensity_range", settings.intensity_range)?;
-    fields.set_item("subpixel", settings.subpixel)?;
-    fields.set_item("lr_check", settings.lr_check)?;
-    fields.set_item("uniqueness", settings.uniqueness)?;
-    fields.set_item("speckle_size", settings.speckle_size)?;
-    fields.set_item("speckle_range", settings.speckle_range)?;
-    fields.set_item("synthesis", settings.synthesis)?;
-    fields.set_item("guided_median", settings.guided_median)?;
-    fields.set_item("median", settings.median)?;
-    fields.set_item("fill", settings.fill)?;
-    fields.set_item("confidence", settings.confidence)?;
-    fields.set_item("min_confidence", settings.min_confidence)?;
-    Ok(fields)
-}
+macro_rules! settings_by_name {
+    ($($name:ident),* $(,)?) => {
+        /// Settings as the fields of `phasestereo.Settings`, by name: what [`read_settings`] reads.
+        pub fn write_settings<'py>(
+            py: Python<'py>,
+            settings: &Settings,
+        ) -> PyResult<Bound<'py, PyDict>> {
+            let fields = PyDict::new(py);
+            $(fields.set_item(stringify!($name), settings.$name.to_py())?;)*
+            Ok(fields)
+        }
 
-/// The fields of `phasestereo.Settings`, checked.
-pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
-    let field = |name: &str| settings.getattr(name);
-    let settings = Settings {
-        cost: choice(&field("cost")?, "cost", &COSTS)?,
-        neighborhood: natural(&field("neighborhood")?, "neighborhood")?,
-        taper: choice(&field("taper")?, "taper", &TAPERS)?,
-        frequencies: {
-            let (r, s) = both(&field("frequencies")?, "frequencies", "a pair of integers (r, s)")?;
-            (natural(&r, "frequencies")?, natural(&s, "frequencies")?)
-        },
-        power: natural(&field("power")?, "power")?,
-        bits: natural(&field("bits")?, "bits")?,
-        noise_threshold: number(&field("noise_threshold")?, "noise_threshold")?,
-        sizes: natural(&field("sizes")?, "sizes")?,
-        window: natural(&field("window")?, "window")?,
-        shiftable: boolean(&field("shiftable")?, "shiftable")?,
-        precision: choice(&field("precision")?, "precision", &PRECISIONS)?,
-        optimizer: choice(&field("optimizer")?, "optimizer", &OPTIMIZERS)?,
-        p1: number(&field("p1")?, "p1")?,
-        p2: number(&field("p2")?, "p2")?,
-        adaptive_p2: number(&field("adaptive_p2")?, "adaptive_p2")?,
-        compensate_blur: boolean(&field("compensate_blur")?, "compensate_blur")?,
-        despike: boolean(&field("despike")?, "despike")?,
-        denoise: boolean(&field("denoise")?, "denoise")?,
-        align_rows: boolean(&field("align_rows")?, "align_rows")?,
-        intensity_range: match field("intensity_range")? {
-            range if range.is_none() => None,
-            range => {
-                let (black, white) =
-                    both(&range, "intensity_range", "a pair of numbers (black, white) or None")?;
-                Some((number(&black, "intensity_range")?, number(&white, "intensity_range")?))
-            }
-        },
-        subpixel: boolean(&field("subpixel")?, "subpixel")?,
-        lr_check: match field("lr_check")? {
-            most if most.is_none() => None,
-            most => Some(natural(&most, "lr_check")?),
-        },
-        uniqueness: natural(&field("uniqueness")?, "uniqueness")?,
-        speckle_size: natural(&field("speckle_size")?, "speckle_size")?,
-        speckle_range: number(&field("speckle_range")?, "speckle_range")?,
-        synthesis: boolean(&field("synthesis")?, "synthesis")?,
-        guided_median: boolean(&field("guided_median")?, "guided_median")?,
-        median: natural(&field("median")?, "median")?,
-        fill: boolean(&field("fill")?, "fill")?,
-        confidence: boolean(&field("confidence")?, "confidence")?,
-        min_confidence: number(&field("min_confidence")?, "min_confidence")?,
+        /// The fields of `phasestereo.Settings`, checked.
+        pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
+            let settings = Settings {
+                $($name: Setting::from_py(&settings.getattr(stringify!($name))?, stringify!($name))?),*
+            };
+            settings.check()?;
+            Ok(settings)
+        }
     };
-    settings.check()?;
-    Ok(settings)
 }
 
-/// What Python tells of a pair before it is looked at: noise, versions, the field of the rows, and whether the right image
+with_every_setting!(settings_by_name);
+
+/// A type of settings.
+trait Setting: Sized {
+    /// What it is in Python.
+    type Python;
+
+    /// What Python hands over; an exception that names the setting.
+    fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self>;
+
+    /// What Python takes.
+    fn to_py(&self) -> Self::Python;
+}
+
+macro_rules! plain_settings {
+    ($($kind:ty: $read:ident),*) => {
+        $(impl Setting for $kind {
+            type Python = Self;
+
+            fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
+                $read(value, name)
+            }
+
+            fn to_py(&self) -> Self {
+                *self
+            }
+        })*
+    };
+}
+
+plain_settings!(
+    usize: natural,
+    f64: number,
+    bool: boolean,
+    (usize, usize): frequencies,
+    Option<(f64, f64)>: intensities,
+    Option<usize>: natural_or_none
+);
+
+macro_rules! choices {
+    ($($kind:ty: $choices:ident),*) => {
+        $(impl Setting for $kind {
+            type Python = Option<&'static str>;
+
+            fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
+                choice(value, name, &$choices)
+            }
+
+            fn to_py(&self) -> Self::Python {
+                $choices.iter().find(|(_, choice)| choice == self).map(|(name, _)| *name)
+            }
+        })*
+    };
+}
+
+choices!(CostKind: COSTS, Taper: TAPERS, Precision: PRECISIONS, Optimizer: OPTIMIZERS);
+
+fn frequencies(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<(usize, usize)> {
+    let (r, s) = both(value, name, "a pair of integers (r, s)")?;
+    Ok((natural(&r, name)?, natural(&s, name)?))
+}
+
+fn intensities(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Option<(f64, f64)>> {
+    if value.is_none() {
+        return Ok(None);
+    }
+    let (black, white) = both(value, name, "a pair of numbers (black, white) or None")?;
+    Ok(Some((number(&black, name)?, number(&white, name)?)))
+}
+
+fn natural_or_none(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Option<usize>> {
+    if value.is_none() { Ok(None) } else { natural(value, name).map(Some) }
+}
+
+/// What Python tells of a pair before it is looked at: noise, how blur is evened out, the field of the rows, and whether the right image
 /// is to be inverted.
 pub type KnownOfPair<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>, bool);
 
-/// What a call tells of a pair: its noise, or the versions in which its pixels are compared, and the field of its rows.
+/// What a call tells of a pair: its noise, or how its blur is evened out, and the field of its rows.
 pub fn read_known(
-    (noise, versions, field, is_inverted): &KnownOfPair<'_>,
+    (noise, compensation, field, is_inverted): &KnownOfPair<'_>,
     size: (usize, usize),
     search: Search,
 ) -> PyResult<Known> {
@@ -249,14 +260,14 @@ pub fn read_known(
         return Err(Error::value("alignment", "that of images of another size", accepts).into());
     }
     let candidates = search.map(|(min, count)| Candidates::new(min, count, size.1)).transpose()?;
-    let (versions, is_inverted) = (read_versions(versions)?, *is_inverted);
-    Ok(Known { candidates, noise, versions, alignment, is_inverted })
+    let (compensation, is_inverted) = (read_blur_compensation(compensation)?, *is_inverted);
+    Ok(Known { candidates, noise, compensation, alignment, is_inverted })
 }
 
-/// What `phasestereo.PairStatistics` tells of a whole pair.
+/// The fields of `phasestereo.PairStatistics`: what is known of a whole pair.
 pub struct Statistics<'py> {
     pub settings: Settings,
-    pub versions: Option<Versions>,
+    pub compensation: Option<BlurCompensation>,
     pub alignment: Option<Alignment>,
     pub is_inverted: bool,
     pub disparities: Both<'py>,
@@ -266,20 +277,23 @@ pub struct Statistics<'py> {
 
 impl<'py> Statistics<'py> {
     /// The fields, checked.
-    pub fn read(survey: &Bound<'py, PyAny>) -> PyResult<Self> {
-        let settings = read_settings(&survey.getattr("settings")?)?;
-        let roughness: Option<(u64, u64)> = survey.getattr("roughness")?.extract()?;
+    pub fn read(statistics: &Bound<'py, PyAny>) -> PyResult<Self> {
+        let settings = read_settings(&statistics.getattr("settings")?)?;
+        let roughness: Option<(u64, u64)> = statistics.getattr("roughness")?.extract()?;
         if roughness.is_none() && Texture::is_needed(&settings) {
             let accepts = "that of the whole left image, with these settings";
             return Err(Error::value("roughness", "None", accepts).into());
         }
         Ok(Self {
             settings,
-            versions: read_versions(&survey.getattr("blur_compensation")?)?,
-            alignment: read_field(survey.getattr("field")?.extract()?)?,
-            is_inverted: survey.getattr("is_inverted")?.extract()?,
-            disparities: (survey.getattr("min_disparity")?, survey.getattr("num_disparities")?),
-            ranges: as_ranges(survey.getattr("ranges")?.extract()?),
+            compensation: read_blur_compensation(&statistics.getattr("blur_compensation")?)?,
+            alignment: read_field(statistics.getattr("field")?.extract()?)?,
+            is_inverted: statistics.getattr("is_inverted")?.extract()?,
+            disparities: (
+                statistics.getattr("min_disparity")?,
+                statistics.getattr("num_disparities")?,
+            ),
+            ranges: as_ranges(statistics.getattr("ranges")?.extract()?),
             roughness: roughness.map(|(sum, pairs)| Roughness { sum, pairs }),
         })
     }
@@ -294,11 +308,13 @@ pub fn read_noise(noise: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
 }
 
 /// The fields of `phasestereo.BlurCompensation`, checked; or None.
-pub fn read_versions(versions: &Bound<'_, PyAny>) -> PyResult<Option<Versions>> {
-    if versions.is_none() {
+pub fn read_blur_compensation(
+    compensation: &Bound<'_, PyAny>,
+) -> PyResult<Option<BlurCompensation>> {
+    if compensation.is_none() {
         return Ok(None);
     }
-    let field = |name: &str| versions.getattr(name);
+    let field = |name: &str| compensation.getattr(name);
     let (left, right) = both(&field("noise")?, "noise", "a pair of numbers (left, right)")?;
     let mut kernels = vec![];
     let listed = field("kernels")?;
@@ -313,13 +329,14 @@ pub fn read_versions(versions: &Bound<'_, PyAny>) -> PyResult<Option<Versions>> 
     let (rows, cols) = labels.dims().into_pattern();
     let labels = Plane::from_vec(rows, cols, values(labels)?)?;
     let noise = [number(&left, "noise")?, number(&right, "noise")?];
-    let versions = Versions::new(noise, kernels, labels, natural(&field("tile")?, "tile")?)?;
+    let compensation =
+        BlurCompensation::new(noise, kernels, labels, natural(&field("tile")?, "tile")?)?;
     let deviations = |name: &'static str| -> PyResult<[f64; 2]> {
         let (left, right) = both(&field(name)?, name, "a pair of numbers (left, right)")?;
         Ok([number(&left, name)?, number(&right, name)?])
     };
-    let versions = versions.with_impulses(deviations("impulses")?)?;
-    Ok(Some(versions.with_smoothing(deviations("smoothing")?)?))
+    let compensation = compensation.with_impulses(deviations("impulses")?)?;
+    Ok(Some(compensation.with_smoothing(deviations("smoothing")?)?))
 }
 
 fn read_kernel(kernel: &Bound<'_, PyAny>) -> PyResult<Option<Kernel>> {
@@ -333,6 +350,14 @@ fn read_kernel(kernel: &Bound<'_, PyAny>) -> PyResult<Option<Kernel>> {
     let taps = values(taps)?.into_iter().map(f64::from).collect();
     let kernel = Plane::from_vec(rows, cols, taps).and_then(|taps| Kernel::new(&taps));
     Ok(Some(kernel.map_err(|error| error.of("kernels"))?))
+}
+
+/// The preset of a name.
+pub fn read_preset(name: &Bound<'_, PyAny>) -> PyResult<Preset> {
+    let Ok(word) = name.extract::<String>() else {
+        return Err(wrong_type(name, "preset", "a string"));
+    };
+    Ok(Preset::named(&word)?)
 }
 
 /// A number of threads; None: what `RAYON_NUM_THREADS` says, or as many as the process may use.
@@ -352,10 +377,6 @@ fn choice<T: Copy>(
     let names =
         || choices.iter().map(|(name, _)| format!("'{name}'")).collect::<Vec<_>>().join(", ");
     found.ok_or_else(|| Error::value(name, format!("'{word}'"), names()).into())
-}
-
-fn name_of<T: PartialEq>(value: T, choices: &[(&'static str, T)]) -> Option<&'static str> {
-    choices.iter().find(|(_, choice)| *choice == value).map(|(name, _)| *name)
 }
 
 fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<i64> {

@@ -104,13 +104,13 @@ fn compensation_to_py(py: Python<'_>, found: Compensation) -> PyResult<Compensat
     Ok((both, kernels?, wrap(py, found.labels)?, found.tile, sides))
 }
 
-fn estimate_to_py(py: Python<'_>, told: blur::Estimate) -> PyResult<Estimated<'_>> {
-    let blurs: PyResult<_> = told.blurs.iter().map(|blur| blur_to_py(py, blur)).collect();
-    let (rows, cols, labels) = told.labels;
+fn estimate_to_py(py: Python<'_>, found: blur::Estimate) -> PyResult<Estimated<'_>> {
+    let blurs: PyResult<_> = found.blurs.iter().map(|blur| blur_to_py(py, blur)).collect();
+    let (rows, cols, labels) = found.labels;
     let labels = wrap(py, Plane::from_vec(rows, cols, labels)?)?;
-    let both = [told.noise, told.impulses, told.coding].map(|[left, right]| (left, right));
-    let glance = glance_to_py(py, told.glance)?;
-    Ok((blurs?, labels, told.tile, told.certainty, told.gain, both, glance))
+    let both = [found.noise, found.impulses, found.coding].map(|[left, right]| (left, right));
+    let glance = glance_to_py(py, found.glance)?;
+    Ok((blurs?, labels, found.tile, found.certainty, found.gain, both, glance))
 }
 
 fn blur_to_py<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Kind<'py>> {

@@ -32,7 +32,7 @@ use crate::image::view::View;
 use crate::pipeline::control::Control;
 use crate::refinement::median::{NONE, disparity as disparity_of, key};
 use crate::refinement::outlines;
-use crate::rig::versions::{self, Versions};
+use crate::rig::blur_compensation::{self, BlurCompensation};
 use crate::settings::{CostKind, Settings};
 use crate::simd::{Level, Loop};
 
@@ -60,7 +60,7 @@ const LANES: usize = 32;
 #[derive(Debug)]
 pub struct Scene<'a> {
     views: [&'a View; 2],
-    versions: &'a Versions,
+    compensation: &'a BlurCompensation,
     settings: &'a Settings,
     /// The rows of the pair that the map is of.
     rows: Range<usize>,
@@ -79,26 +79,27 @@ pub fn softness(kernels: &[Option<Blur>; 2]) -> Option<(usize, &Blur)> {
 }
 
 /// Whether there is anything to be synthesized.
-pub fn is_asked_for(settings: &Settings, versions: Option<&Versions>) -> bool {
-    let is_soft =
-        |versions: &Versions| versions.classes().any(|kernels| softness(kernels).is_some());
-    settings.synthesis && settings.cost == CostKind::Phase && versions.is_some_and(is_soft)
+pub fn is_asked_for(settings: &Settings, compensation: Option<&BlurCompensation>) -> bool {
+    let is_soft = |compensation: &BlurCompensation| {
+        compensation.classes().any(|kernels| softness(kernels).is_some())
+    };
+    settings.synthesis && settings.cost == CostKind::Phase && compensation.is_some_and(is_soft)
 }
 
 /// Rows on either side of a pixel that what it takes depends on.
-pub fn reach(settings: &Settings, versions: &Versions) -> usize {
-    RADIUS + around(settings, versions)[0] + outlines::NEAR.max(outlines::REACH) + 1
+pub fn reach(settings: &Settings, compensation: &BlurCompensation) -> usize {
+    RADIUS + around(settings, compensation)[0] + outlines::NEAR.max(outlines::REACH) + 1
 }
 
 /// Bytes that a band of so many columns is worked out in, at most: its maps, and gray values, codes and sums of both views.
-pub fn memory(settings: &Settings, versions: &Versions, cols: usize) -> usize {
-    let [above, beside] = around(settings, versions);
+pub fn memory(settings: &Settings, compensation: &BlurCompensation, cols: usize) -> usize {
+    let [above, beside] = around(settings, compensation);
     (BAND + 2 * above) * (cols + 2 * beside) * 64
 }
 
 /// Rows and columns on either side of a pixel that its window, the codes there and the kernels under these reach.
-fn around(settings: &Settings, versions: &Versions) -> [usize; 2] {
-    let radii = versions.every_kernel().map(Blur::radii);
+fn around(settings: &Settings, compensation: &BlurCompensation) -> [usize; 2] {
+    let radii = compensation.every_kernel().map(Blur::radii);
     let largest = radii.fold((0, 0), |most, radii| (most.0.max(radii.0), most.1.max(radii.1)));
     [largest.0, largest.1].map(|radius| REACH + settings.largest_neighborhood() / 2 + radius)
 }
@@ -107,23 +108,25 @@ impl<'a> Scene<'a> {
     /// That of the rows of a map, if there is anything to be synthesized.
     pub fn new(
         views: [&'a View; 2],
-        versions: Option<&'a Versions>,
+        compensation: Option<&'a BlurCompensation>,
         rows: Range<usize>,
         settings: &'a Settings,
         level: Level,
         control: &Control,
     ) -> Result<Option<Self>> {
-        let Some(versions) = versions.filter(|versions| is_asked_for(settings, Some(versions)))
+        let Some(compensation) =
+            compensation.filter(|compensation| is_asked_for(settings, Some(compensation)))
         else {
             return Ok(None);
         };
-        let scale = |side| versions::gray(views[side], Some(versions), side, level, control);
+        let scale =
+            |side| blur_compensation::gray(views[side], Some(compensation), side, level, control);
         let scales = [scale(0)?, scale(1)?];
         let plane = |side: usize| -> Result<_> {
             Ok(scales[side].plane(level, control)?.of_rows(rows.clone()))
         };
         let grays = [plane(0)?, plane(1)?];
-        Ok(Some(Self { views, versions, settings, rows, scales, grays }))
+        Ok(Some(Self { views, compensation, settings, rows, scales, grays }))
     }
 
     /// The map with the disparities that explain the soft image best.
@@ -193,7 +196,7 @@ impl<'a> Band<'a> {
         level: Level,
         control: &'a Control,
     ) -> Result<Self> {
-        let by = around(scene.settings, scene.versions)[0];
+        let by = around(scene.settings, scene.compensation)[0];
         let seen = rows.start.saturating_sub(by)..(rows.end + by).min(disparity.rows());
         let maps = rivals(disparity, &seen, level)?;
         let columns = differing(&maps, rows.start - seen.start..rows.end - seen.start);
@@ -207,7 +210,7 @@ impl<'a> Band<'a> {
         }
         let (mut left, mut passes) = (vec![], vec![]);
         for class in self.classes()? {
-            match softness(self.scene.versions.kernels(class)) {
+            match softness(self.scene.compensation.kernels(class)) {
                 Some((0, blur)) => left.push((class, blur)),
                 Some((side, blur)) => passes.push(Pass { side, blurs: vec![(class, blur)] }),
                 None => {}
@@ -237,7 +240,7 @@ impl<'a> Band<'a> {
 
     /// The classes of some columns of a row.
     fn labels(&self, y: usize, columns: Range<usize>, labels: &mut [u8]) {
-        self.scene.versions.write_classes(self.scene.rows.start + y, columns.start, labels);
+        self.scene.compensation.write_classes(self.scene.rows.start + y, columns.start, labels);
     }
 
     /// The rows of the band and so many around it.

@@ -32,7 +32,7 @@ use self::range::SearchRange;
 use self::rows::Offsets;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
-use crate::pipeline::matcher::Pair;
+use crate::pipeline::matcher::{Disparity, Pair};
 use crate::pipeline::platform::Instant;
 use crate::pipeline::source::Source;
 use crate::rig::alignment::Alignment;
@@ -41,7 +41,7 @@ use crate::rig::blur::defects::{Defects, Repaired};
 pub use crate::rig::blur::parts::Means;
 use crate::rig::blur::parts::{Part, Rows};
 use crate::rig::blur::rough;
-use crate::rig::versions::Versions;
+use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::Settings;
 
 /// Share of the width that is searched where nothing tells the range.
@@ -50,8 +50,8 @@ const DEFAULT_SHARE: usize = 3;
 /// What is to be found out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Asked<'a> {
-    /// The versions in which pixels are compared, if they are told.
-    versions: Option<&'a Versions>,
+    /// How blur is evened out before pixels are compared, if they are told.
+    compensation: Option<&'a BlurCompensation>,
     /// The disparities, which are told already; `None`: they are to be found.
     pub candidates: Option<Candidates>,
     /// Standard deviations of the noise, which are told already.
@@ -69,8 +69,8 @@ pub struct Known {
     pub candidates: Option<Candidates>,
     /// Standard deviations of the noise.
     pub noise: Option<[f64; 2]>,
-    /// The versions in which pixels are compared: there is nothing to be found of blur and noise then.
-    pub versions: Option<Versions>,
+    /// How blur is evened out before pixels are compared: there is nothing to be found of blur and noise then.
+    pub compensation: Option<BlurCompensation>,
     /// The field of the rows: there is nothing to be found of it then.
     pub alignment: Option<Alignment>,
     /// Whether the images match once one of them is inverted.
@@ -104,7 +104,7 @@ pub struct Estimates {
 /// A pair with all that a match needs.
 #[derive(Debug)]
 pub struct Prepared {
-    /// The pair, straightened and with the versions in which its pixels are compared.
+    /// The pair, straightened and with how blur is evened out.
     pub pair: Pair,
     /// The settings that suit it.
     pub settings: Settings,
@@ -135,17 +135,28 @@ pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> R
     } else {
         Estimates::nothing(pair.candidates(), &known)
     };
-    let versions = match (&found.compensation, known.versions) {
-        (_, Some(versions)) => Some(versions),
-        (Some(compensation), None) => Some(compensation.versions()?),
-        (None, None) => known.noise.map(Versions::of_noise).transpose()?,
+    let compensation = match (&found.compensation, known.compensation) {
+        (_, Some(compensation)) => Some(compensation),
+        (Some(compensation), None) => Some(compensation.blur_compensation()?),
+        (None, None) => known.noise.map(BlurCompensation::of_noise).transpose()?,
     };
-    let mut pair = pair.searched(found.candidates).with_versions(versions);
+    let mut pair = pair.searched(found.candidates).with_blur_compensation(compensation);
     if let Some(field) = &found.alignment {
         pair = means.matcher.install(|| pair.straightened(field, how.level, control))?;
     }
     let suited = found.compensation.as_ref().map(|found| found.settings.clone());
     Ok(Prepared { pair, settings: suited.unwrap_or_else(|| settings.clone()), found })
+}
+
+/// Finds out of a pair what the settings ask for and nobody told, and matches it.
+pub fn prepare_and_match(
+    pair: Pair,
+    known: Known,
+    settings: &Settings,
+    means: Means,
+) -> Result<(Disparity, Estimates)> {
+    let Prepared { pair, settings, found } = prepare(pair, known, settings, means)?;
+    Ok((means.matcher.run(&pair, &settings, means.how, means.control)?, found))
 }
 
 /// Finds out the same of a pair that is read a part at a time, to the bit.
@@ -224,11 +235,11 @@ impl Known {
     fn asked(&self, settings: &Settings) -> Asked<'_> {
         let needs_noise = settings.has_weak() && self.noise.is_none();
         Asked {
-            versions: self.versions.as_ref(),
+            compensation: self.compensation.as_ref(),
             candidates: self.candidates,
             noise: self.noise,
             rows: settings.align_rows && self.alignment.is_none(),
-            blur: self.versions.is_none()
+            blur: self.compensation.is_none()
                 && (settings.compensate_blur
                     || settings.despike
                     || settings.denoise
@@ -312,7 +323,7 @@ fn estimate(
     let blur = asked.blur.then(|| blur::estimate(rows, sample, known, means)).transpose()?;
     let blur = blur.map(|found| found.with(defects));
     let compensation = match (&blur, asked.noise) {
-        _ if asked.versions.is_some() => None,
+        _ if asked.compensation.is_some() => None,
         (Some(blur), noise) => Some(Compensation::new(blur, noise, settings)?),
         (None, Some(noise)) => Some(Compensation::of_noise(noise, settings)?),
         (None, None) => None,
@@ -328,7 +339,7 @@ fn estimate(
         compensation,
         time: Duration::ZERO,
     };
-    if !trial::confirms(rows, &found, asked.versions, settings, means)? {
+    if !trial::confirms(rows, &found, asked.compensation, settings, means)? {
         found.alignment = None;
     }
     Ok(found)

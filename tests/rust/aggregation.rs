@@ -13,7 +13,7 @@ use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::View;
 use phasestereo::internals::optimization::PANEL;
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::rig::versions::Versions;
+use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{LARGEST_WINDOW, Precision, Settings};
 use phasestereo::internals::simd::Level;
@@ -203,7 +203,7 @@ impl Election {
     fn check(&self) {
         let views = [&self.views[0], &self.views[1]];
         let (settings, control) = (&self.settings, Control::default());
-        let noise = Versions::of_noise([2.0; 2]).expect("legal noise");
+        let noise = BlurCompensation::of_noise([2.0; 2]).expect("legal noise");
         let noise = Some(&noise);
         let costs = Costs::new(views, self.candidates, settings, noise, levels()[0], &control)
             .expect("not cancelled");

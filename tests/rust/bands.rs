@@ -6,8 +6,8 @@ use crate::common::maps;
 use crate::common::naive::Seen;
 use crate::common::parts::{Slow, known_part, rows_of};
 use crate::common::{
-    OPTIMIZERS, affordable, hash, levels, mask, noises, random, robust, settings, versions, view,
-    views,
+    OPTIMIZERS, affordable, blur_compensation, hash, levels, mask, noises, random, robust,
+    settings, view, views,
 };
 use phasestereo::internals::error::Error;
 use phasestereo::internals::image::convolution::Kernel;
@@ -23,7 +23,7 @@ use phasestereo::internals::pipeline::section::Section;
 use phasestereo::internals::pipeline::source::{ranges, roughness, widened};
 use phasestereo::internals::refinement::filling;
 use phasestereo::internals::refinement::{Draft, flag};
-use phasestereo::internals::rig::versions::Versions;
+use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{CostKind, LARGEST_PENALTY, Optimizer, Precision, Settings};
 use phasestereo::internals::simd::Level;
@@ -53,7 +53,7 @@ impl Job {
     }
 
     fn reach(&self) -> Halo {
-        Halo::new(&self.settings, self.pair.versions(), None)
+        Halo::new(&self.settings, self.pair.blur_compensation(), None)
     }
 
     fn whole(&self, (matcher, how): (&Matcher, Execution)) -> Seen {
@@ -120,9 +120,9 @@ fn without_full_masks(pair: Pair) -> Pair {
         let mask = view.mask.clone().filter(|mask| mask.as_slice().contains(&false));
         View { mask, ..view.clone() }
     });
-    let (candidates, versions) = (pair.candidates(), pair.versions().cloned());
+    let (candidates, compensation) = (pair.candidates(), pair.blur_compensation().cloned());
     let parted = Pair::new(left, right, candidates.min() as i64, candidates.count() as i64);
-    parted.expect("a legal pair").with_versions(versions)
+    parted.expect("a legal pair").with_blur_compensation(compensation)
 }
 
 fn how(threads: usize, level: Level) -> Execution {
@@ -180,8 +180,8 @@ fn pairs() -> impl Strategy<Value = Pair> {
     )
 }
 
-fn noise_alone(noise: [f64; 2]) -> Versions {
-    Versions::of_noise(noise).expect("legal noise")
+fn noise_alone(noise: [f64; 2]) -> BlurCompensation {
+    BlurCompensation::of_noise(noise).expect("legal noise")
 }
 
 /// Settings of which nothing is refined, so that parts are as small as can be.
@@ -212,7 +212,7 @@ fn ways() -> impl Strategy<Value = Settings> {
 }
 
 fn jobs() -> impl Strategy<Value = Job> {
-    let known = prop_oneof![1 => noises().prop_map(noise_alone), 2 => versions()];
+    let known = prop_oneof![1 => noises().prop_map(noise_alone), 2 => blur_compensation()];
     (pairs(), ways(), known).prop_map(|(pair, mut settings, known)| {
         let (rows, cols) = pair.size();
         let places = AFFORDABLE / (rows * cols * pair.candidates().count());
@@ -222,7 +222,7 @@ fn jobs() -> impl Strategy<Value = Job> {
         settings.neighborhood = affordable(settings.neighborhood, places).max(least);
         let is_phase = settings.cost == CostKind::Phase;
         let known = if is_phase { known } else { noise_alone(known.noise()) };
-        Job::new(pair.with_versions(known), settings)
+        Job::new(pair.with_blur_compensation(known), settings)
     })
 }
 
@@ -294,18 +294,18 @@ fn parts_are_matched_in_any_integers() {
 }
 
 /// Several kernels, of as many rows above and below as the largest, in tiles of several classes.
-fn two_versions() -> Versions {
+fn two_versions() -> BlurCompensation {
     let taps = |side: usize| Plane::from_fn(side, side, |_, _| 1.0 / (side * side) as f64);
     let kernel = |side| Some(Kernel::new(&taps(side)).expect("a legal kernel"));
     let labels = Plane::from_fn(3, 2, |y, x| ((y + x) % 2) as u8);
     let kernels = vec![[None, kernel(7)], [kernel(3), None]];
-    Versions::new([1.0; 2], kernels, labels, 40).expect("legal versions")
+    BlurCompensation::new([1.0; 2], kernels, labels, 40).expect("legal compensation")
 }
 
 /// The same of images with impulses, which are smoothed.
-fn cleaned_versions() -> Versions {
-    let versions = two_versions().with_impulses([5.0, 0.5]).expect("legal heights");
-    versions.with_smoothing([90.0, 70.0]).expect("legal deviations")
+fn cleaned_versions() -> BlurCompensation {
+    let compensation = two_versions().with_impulses([5.0, 0.5]).expect("legal heights");
+    compensation.with_smoothing([90.0, 70.0]).expect("legal deviations")
 }
 
 #[test]
@@ -315,7 +315,7 @@ fn tall_pairs_in_the_default_way_are_the_whole() {
     let pair = Pair::new(left, right, 0, 16).expect("a legal pair");
     let matcher = Matcher::new(2).expect("threads");
     for known in [two_versions(), cleaned_versions()] {
-        let job = Job::new(pair.clone().with_versions(known), robust());
+        let job = Job::new(pair.clone().with_blur_compensation(known), robust());
         for level in levels() {
             let on = (&matcher, how(1, level));
             let found = job.by_parts(&[0, 1, 63, 128, 330, 599, 600], on);
@@ -325,7 +325,7 @@ fn tall_pairs_in_the_default_way_are_the_whole() {
 }
 
 /// Windows and neighborhoods of several sizes, in all ways to choose; and what is chosen, looked at from further away.
-fn ways_to_reach() -> Vec<(Settings, Option<Versions>)> {
+fn ways_to_reach() -> Vec<(Settings, Option<BlurCompensation>)> {
     let alone = Optimizer::WinnerTakesAll;
     let phase = Settings { optimizer: alone, neighborhood: 3, window: 3, ..nothing() };
     let phase = Settings { frequencies: (1, 1), ..phase };
@@ -370,7 +370,7 @@ fn no_less_than_the_reach_would_do() {
             let [left, right] =
                 [seed, !seed].map(|seed| view(280, 60, |y, x| spoilt(hash(seed, y, x))));
             let pair = Pair::new(left, right, 0, 30).expect("a legal pair");
-            let job = Job::new(pair.with_versions(known.clone()), settings.clone());
+            let job = Job::new(pair.with_blur_compensation(known.clone()), settings.clone());
             let reach = job.reach();
             // The last row of a band reaches furthest up, the first of the next one furthest down.
             for (y, is_above) in [(2 * BAND - 1 + reach.map, true), (2 * BAND - reach.map, false)] {

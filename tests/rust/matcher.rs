@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use crate::common::naive::{self, Seen};
 use crate::common::{
-    OPTIMIZERS, affordable, eight_votes, hash, levels, mask, noises, random, refinements, robust,
-    settings, versions, view, views,
+    OPTIMIZERS, affordable, blur_compensation, eight_votes, hash, levels, mask, noises, random,
+    refinements, robust, settings, view, views,
 };
 use phasestereo::internals::cost::votes::Votes;
 use phasestereo::internals::error::Error;
@@ -19,7 +19,7 @@ use phasestereo::internals::optimization::PANEL;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Execution, Matcher, Pair, on_threads};
 use phasestereo::internals::refinement::flag;
-use phasestereo::internals::rig::versions::Versions;
+use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{CostKind, LARGEST_PENALTY, Optimizer, Precision, Settings};
 use phasestereo::internals::simd::Level;
@@ -43,7 +43,7 @@ impl Job {
         let pair = Pair::new(left, right, min, count).expect("a legal pair");
         // Weak components are told by the noise.
         let known = settings.has_weak().then(|| noise_alone([1.0; 2]));
-        Self { pair: pair.with_versions(known), settings }
+        Self { pair: pair.with_blur_compensation(known), settings }
     }
 
     fn run(&self, how: Execution) -> Seen {
@@ -132,7 +132,7 @@ fn pairs() -> impl Strategy<Value = Pair> {
 }
 
 fn jobs() -> impl Strategy<Value = Job> {
-    let known = prop_oneof![1 => noises().prop_map(noise_alone), 1 => versions()];
+    let known = prop_oneof![1 => noises().prop_map(noise_alone), 1 => blur_compensation()];
     (pairs(), settings(), known).prop_map(|(pair, mut settings, known)| {
         let (rows, cols) = pair.size();
         let places = AFFORDABLE / (rows * cols * pair.candidates().count());
@@ -143,12 +143,12 @@ fn jobs() -> impl Strategy<Value = Job> {
         settings.neighborhood = affordable(settings.neighborhood, places).max(least);
         let is_phase = settings.cost == CostKind::Phase;
         let known = if is_phase { known } else { noise_alone(known.noise()) };
-        Job { pair: pair.with_versions(known), settings }
+        Job { pair: pair.with_blur_compensation(known), settings }
     })
 }
 
-fn noise_alone(noise: [f64; 2]) -> Versions {
-    Versions::of_noise(noise).expect("legal noise")
+fn noise_alone(noise: [f64; 2]) -> BlurCompensation {
+    BlurCompensation::of_noise(noise).expect("legal noise")
 }
 
 proptest! {
@@ -413,11 +413,12 @@ fn in_classes(count: usize, size: (usize, usize), tile: usize) -> Job {
     let kernels = (0..count as isize).map(|class| [None, Some(moving(-class))]).collect();
     let tiles = (size.0.div_ceil(tile), size.1.div_ceil(tile));
     let labels = Plane::from_fn(tiles.0, tiles.1, |y, x| (hash(5, y, x) % count as u64) as u8);
-    let versions = Versions::new([0.5, 0.5], kernels, labels, tile).expect("legal versions");
+    let compensation =
+        BlurCompensation::new([0.5, 0.5], kernels, labels, tile).expect("legal compensation");
     let settings = Settings { noise_threshold: 1.0, confidence: false, ..Preset::Paper.settings() };
     let settings = Settings { neighborhood: 5, frequencies: (1, 1), window: 1, ..settings };
     let Job { pair, settings } = Job::new(shifted(size.0, size.1, 1), 0, 20, settings);
-    Job { pair: pair.with_versions(versions), settings }
+    Job { pair: pair.with_blur_compensation(compensation), settings }
 }
 
 #[test]
@@ -431,11 +432,11 @@ fn every_number_of_classes_in_tiles_of_any_size() {
 fn each_class_is_compared_in_its_own_version() {
     let job = in_classes(4, (64, 96), 32);
     let seen = job.run(how(1, Level::best()));
-    let versions = job.pair.versions().expect("classes");
+    let compensation = job.pair.blur_compensation().expect("classes");
     // Within a tile, beyond the reach of the windows and of the left border.
     for (y, x) in (8..56).flat_map(|y| (40..90).map(move |x| (y, x))) {
         let is_inner = |place: usize| (8..24).contains(&(place % 32));
-        let expected = 1.0 + versions.class(y, x) as f32;
+        let expected = 1.0 + compensation.class(y, x) as f32;
         let found = f32::from_bits(seen.disparity[y * 96 + x]);
         assert!(
             !is_inner(y) || !is_inner(x) || (found - expected).abs() < 0.1,
@@ -447,11 +448,14 @@ fn each_class_is_compared_in_its_own_version() {
 #[test]
 fn classes_that_change_nothing_change_nothing() {
     let job = in_classes(1, (40, 50), 16);
-    let known = job.pair.versions().expect("noise").noise();
+    let known = job.pair.blur_compensation().expect("noise").noise();
     let labels = Plane::from_fn(3, 4, |y, x| (hash(1, y, x) % 3) as u8);
-    let same = Versions::new(known, vec![[None, Some(moving(0))]; 3], labels, 16).expect("legal");
-    let alike = Job { pair: job.pair.clone().with_versions(same), settings: job.settings.clone() };
-    let plain = Job { pair: job.pair.with_versions(noise_alone(known)), settings: job.settings };
+    let same =
+        BlurCompensation::new(known, vec![[None, Some(moving(0))]; 3], labels, 16).expect("legal");
+    let alike =
+        Job { pair: job.pair.clone().with_blur_compensation(same), settings: job.settings.clone() };
+    let plain =
+        Job { pair: job.pair.with_blur_compensation(noise_alone(known)), settings: job.settings };
     let how = how(1, Level::best());
     assert!(alike.run(how) == plain.run(how));
 }
@@ -485,8 +489,9 @@ fn layered(rows: usize, cols: usize) -> [View; 2] {
 fn compensated(job: Job) -> Job {
     let labels = Plane::from_fn(4, 7, |y, x| (hash(2, y, x) % 3) as u8);
     let kernels = vec![[None, None], [Some(moving(1)), None], [None, Some(moving(-2))]];
-    let versions = Versions::new([0.5, 1.5], kernels, labels, 11).expect("legal versions");
-    Job { pair: job.pair.with_versions(versions), ..job }
+    let compensation =
+        BlurCompensation::new([0.5, 1.5], kernels, labels, 11).expect("legal compensation");
+    Job { pair: job.pair.with_blur_compensation(compensation), ..job }
 }
 
 /// Matches like those by default, of pairs large and tiny, with and without masks, in one version and in several.
@@ -537,7 +542,7 @@ proptest! {
         let Settings { shiftable, precision, optimizer, p1, p2, adaptive_p2, .. } = robust();
         let settings = Settings { neighborhood, frequencies, noise_threshold, window, ..refinement };
         let settings = Settings { shiftable, precision, optimizer, p1, p2, adaptive_p2, ..settings };
-        let job = Job { pair: pair.with_versions(noise_alone([1.0; 2])), settings };
+        let job = Job { pair: pair.with_blur_compensation(noise_alone([1.0; 2])), settings };
         prop_assert!(job.run(how) == job.expected(), "{}", job);
     }
 }

@@ -2,26 +2,27 @@
 
 use crate::common::maps::{Map, bits, drawn};
 use crate::common::naive::synthesized;
-use crate::common::{hash, random, robust, versions, view, views, weak_descriptors};
+use crate::common::{blur_compensation, hash, random, robust, view, views, weak_descriptors};
 use phasestereo::internals::image::convolution::Kernel;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::View;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::Pair;
 use phasestereo::internals::refinement::synthesis::{Scene, is_asked_for};
-use phasestereo::internals::rig::versions::Versions;
+use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::Settings;
 use proptest::prelude::*;
 
-fn pair([left, right]: [View; 2], versions: Versions) -> Pair {
-    Pair::new(left, right, 0, 1).expect("a legal pair").with_versions(versions)
+fn pair([left, right]: [View; 2], compensation: BlurCompensation) -> Pair {
+    Pair::new(left, right, 0, 1).expect("a legal pair").with_blur_compensation(compensation)
 }
 
 fn redrawn(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> Plane<f32> {
     let (control, rows) = (Control::default(), pair.size().0);
     drawn(disparity, |out, level| {
-        let (views, versions) = (pair.views(), pair.versions());
-        let Some(scene) = Scene::new(views, versions, 0..rows, settings, level, &control)? else {
+        let (views, compensation) = (pair.views(), pair.blur_compensation());
+        let Some(scene) = Scene::new(views, compensation, 0..rows, settings, level, &control)?
+        else {
             out.as_mut_slice().copy_from_slice(disparity.as_slice());
             return Ok(());
         };
@@ -34,10 +35,10 @@ fn scenes() -> impl Strategy<Value = (Pair, Map)> {
     let rows = prop_oneof![4 => 1usize..=24, 1 => 120usize..=140];
     let size = (rows, 1usize..=40, 0u8..=3);
     let of = |(rows, cols, kind)| (views(rows, cols, kind), views(rows, cols, kind));
-    (size, versions(), any::<u64>()).prop_flat_map(move |(size, versions, seed)| {
+    (size, blur_compensation(), any::<u64>()).prop_flat_map(move |(size, compensation, seed)| {
         of(size).prop_map(move |(left, right)| {
             let map = Map::random((size.0, size.1), seed % 20, seed);
-            (pair([left, right], versions.clone()), map)
+            (pair([left, right], compensation.clone()), map)
         })
     })
 }
@@ -48,7 +49,7 @@ proptest! {
     #[test]
     fn maps_are_redrawn_like_by_the_reference((pair, map) in scenes(), settings in weak_descriptors()) {
         let settings = Settings { synthesis: true, ..settings };
-        prop_assume!(is_asked_for(&settings, pair.versions()));
+        prop_assume!(is_asked_for(&settings, pair.blur_compensation()));
         prop_assert_eq!(
             bits(&redrawn(&map.disparity, &pair, &settings)),
             bits(&synthesized(&map.disparity, &pair, &settings))
@@ -94,7 +95,7 @@ fn soft_pair(side: usize) -> Pair {
     let kernel = Kernel::new(&Plane::from_fn(7, 7, |_, _| 1.0 / 49.0)).expect("legal");
     let kernels = if side == 0 { [None, Some(kernel)] } else { [Some(kernel), None] };
     let labels = Plane::from_fn(1, 1, |_, _| 0);
-    pair(views, Versions::new([1.0; 2], vec![kernels], labels, 1).expect("legal"))
+    pair(views, BlurCompensation::new([1.0; 2], vec![kernels], labels, 1).expect("legal"))
 }
 
 #[test]
@@ -121,10 +122,10 @@ fn fat_surfaces_become_as_large_as_they_are() {
 
 #[test]
 fn only_one_sided_kernels_ask_for_it() {
-    let asks = |versions, settings: &Settings| is_asked_for(settings, Some(&versions));
-    let noise = Versions::of_noise([1.0; 2]).expect("legal");
+    let asks = |compensation, settings: &Settings| is_asked_for(settings, Some(&compensation));
+    let noise = BlurCompensation::of_noise([1.0; 2]).expect("legal");
     assert!(!asks(noise, &robust()));
-    let soft = soft_pair(0).versions().expect("kernels").clone();
+    let soft = soft_pair(0).blur_compensation().expect("kernels").clone();
     assert!(asks(soft.clone(), &robust()));
     assert!(!asks(soft, &Settings { synthesis: false, ..robust() }));
     assert!(!is_asked_for(&robust(), None));

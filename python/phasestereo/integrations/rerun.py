@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["log_failure", "log_frame", "saving"]
 
-_COLOURS = "turbo"  # as in phasestereo.views.picture
+_COLORS = "turbo"  # as in phasestereo.views.picture
 
 
 def log_frame(
@@ -64,7 +64,7 @@ def log_frame(
     rerun = require("rerun", extra="rerun")
     ends = None if low is None else (low, high)
     disparity = rerun.DepthImage(
-        frame.result.disparity, meter=1.0, colormap=_COLOURS, depth_range=ends
+        frame.result.disparity, meter=1.0, colormap=_COLORS, depth_range=ends
     )
     logged = {
         "left": rerun.Image(frame.left),

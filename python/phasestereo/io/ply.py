@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from phasestereo.io.files import StrPath
 
 _POSITION = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
-_COLOUR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+_COLOR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
 _NAMES = {"<f4": "float", "u1": "uchar"}
 
 
@@ -54,12 +54,12 @@ def write_ply(path: StrPath, cloud: PointCloud) -> None:
 
 
 def _vertices(cloud: PointCloud) -> NDArray[Any]:
-    columns = _POSITION + ([] if cloud.colors is None else _COLOUR)
+    columns = _POSITION + ([] if cloud.colors is None else _COLOR)
     vertices = np.empty(len(cloud), dtype=columns)
     for axis, (name, _) in enumerate(_POSITION):
         vertices[name] = cloud.points[:, axis]
     if cloud.colors is not None:
-        for channel, (name, _) in enumerate(_COLOUR):
+        for channel, (name, _) in enumerate(_COLOR):
             vertices[name] = cloud.colors[:, channel]
     return vertices
 

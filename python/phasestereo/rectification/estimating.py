@@ -244,5 +244,5 @@ def _sentences(best: _Tried, pairs: int) -> Iterator[str]:
     if np.mean(disparity < 0) >= _NEARLY_ALL and np.median(disparity) <= -_CLEARLY:
         yield (
             "left and right seem to be swapped, since all disparities are negative: exchange the "
-            "images (cameras that squint give the same)"
+            "images (toed-in cameras give the same)"
         )

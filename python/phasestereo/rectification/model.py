@@ -102,7 +102,7 @@ class Model:
         """Return the shifts that leave things where they were, at the median of these matches.
 
         Rows are moved alike. Columns are moved each by themselves: what moves all disparities, as
-        cameras that squint do, is hardly told by rows, so disparities stay about as they are.
+        toed-in cameras do, is hardly known from rows, so disparities stay about as they are.
         """
         (left, right), rectified = matches, self.rectified(matches)
         columns = [

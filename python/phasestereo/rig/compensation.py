@@ -80,7 +80,7 @@ class BlurCompensation:
         """Copy the arrays and check every field, in the core, which owns the ranges."""
         object.__setattr__(self, "kernels", _as_kernels(self.kernels))
         object.__setattr__(self, "labels", _as_labels(self.labels))
-        _core.check_versions(self)
+        _core.check_blur_compensation(self)
 
 
 def as_blur_compensation(blur_compensation: BlurCompensation | None) -> BlurCompensation | None:

@@ -223,7 +223,7 @@ def _swapped(ends: str) -> Finding:
         "swap",
         "warning",
         f"left and right seem to be swapped, since all disparities are negative ({ends}): "
-        "exchange the images (cameras that squint, so that all of the scene is behind the "
+        "exchange the images (cameras so toed in that all of the scene is behind the "
         "point they look at, give the same: then search negative disparities)",
     )
 
@@ -246,8 +246,8 @@ def _search(diagnosis: Diagnosis) -> Iterator[Finding]:
         yield Finding(
             "swap",
             "note",
-            f"disparities of both signs ({ends}): the cameras squint, or the images are cropped; "
-            "search from a negative disparity on",
+            f"disparities of both signs ({ends}): the cameras are toed in, or the images are "
+            "cropped; search from a negative disparity on",
         )
     else:
         yield Finding("swap", "ok", "left and right are in their places")

@@ -27,10 +27,10 @@ class SearchRange:
         was not given, or matches badly as given.
     swapped
         Whether every part of the scene has a clearly negative disparity, as when the left image
-        is given as the right one. (A rig whose cameras squint so that all of the scene lies behind
-        the point at which they look gives the same.)
+        is given as the right one. (Cameras so toed in that all of the scene lies behind the point
+        at which they look give the same.)
     mixed
-        Whether disparities of both signs are clearly there, as with squinting cameras.
+        Whether disparities of both signs are clearly there, as with toed-in cameras.
     inverted
         Whether the images match once one of them is inverted, and not before: what is bright in one
         is dark in the other. With ``compensate_blur``, the negative of the right one is matched.

@@ -17,7 +17,7 @@ import numpy as np
 from phasestereo._extras import require
 from phasestereo.result import describe_flags
 from phasestereo.views.picture import (
-    CONFIDENCE_COLOURS,
+    CONFIDENCE_COLORS,
     NEUTRAL,
     colorize,
     distribution,
@@ -164,7 +164,7 @@ def _beside(result: Result, known: NDArray[np.float32]) -> Iterable[str]:
 
 
 def _confidence(confidence: NDArray[np.float32]) -> str:
-    lookup = require("matplotlib", extra="plot").colormaps[CONFIDENCE_COLOURS]
+    lookup = require("matplotlib", extra="plot").colormaps[CONFIDENCE_COLORS]
     picture = lookup(_shrunk(confidence, _THUMBNAIL), bytes=True)[:, :, :3]
     return _image(picture, "Map of confidences from 0, dark, to 1, bright")
 

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     Ends = tuple[float, float]
 
 __all__ = [
-    "CONFIDENCE_COLOURS",
-    "DISPARITY_COLOURS",
-    "ERROR_COLOURS",
+    "CONFIDENCE_COLORS",
+    "DISPARITY_COLORS",
+    "ERROR_COLORS",
     "GOOD",
     "NEUTRAL",
     "UNSCORED",
@@ -43,7 +43,7 @@ __all__ = [
     "viewable",
 ]
 
-DISPARITY_COLOURS, CONFIDENCE_COLOURS, ERROR_COLOURS = "turbo", "viridis", "YlOrRd"
+DISPARITY_COLORS, CONFIDENCE_COLORS, ERROR_COLORS = "turbo", "viridis", "YlOrRd"
 """Names of matplotlib's maps of colors."""
 
 NEUTRAL = (112, 112, 112)
@@ -90,7 +90,7 @@ def colorize(
     """
     values = as_map("disparity", disparity)
     known = np.isfinite(values)
-    return _colored(values, known, limits(values[known], low, high), DISPARITY_COLOURS, NEUTRAL)
+    return _colored(values, known, limits(values[known], low, high), DISPARITY_COLORS, NEUTRAL)
 
 
 def disparity_picture(
@@ -126,7 +126,7 @@ def disparity_picture(
     figure.text(margin / width, 1 - 0.5 * margin / height, title, va="center", size=_points(text))
     box = (margin + cols + text) / width, margin / height, text / width, rows / height
     normalize = require("matplotlib.colors", extra="plot").Normalize(low, high)
-    mappable = require("matplotlib.cm", extra="plot").ScalarMappable(normalize, DISPARITY_COLOURS)
+    mappable = require("matplotlib.cm", extra="plot").ScalarMappable(normalize, DISPARITY_COLORS)
     bar = figure.colorbar(mappable, cax=figure.add_axes(box))
     bar.set_label("disparity, pixels", size=_points(text))
     bar.ax.tick_params(labelsize=_points(text))
@@ -165,7 +165,7 @@ def error_picture(
     """
     error = error_map(estimate, truth, mask, worst=worst)
     scored = ~np.isnan(error)
-    picture = _colored(error, scored, (0.0, float(worst)), ERROR_COLOURS, UNSCORED)
+    picture = _colored(error, scored, (0.0, float(worst)), ERROR_COLORS, UNSCORED)
     picture[scored & (error <= GOOD)] = 255
     return picture
 

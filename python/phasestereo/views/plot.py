@@ -16,9 +16,9 @@ from phasestereo._extras import require
 from phasestereo.result import Flag, Result
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.views.picture import (
-    CONFIDENCE_COLOURS,
-    DISPARITY_COLOURS,
-    ERROR_COLOURS,
+    CONFIDENCE_COLORS,
+    DISPARITY_COLORS,
+    ERROR_COLORS,
     GOOD,
     NEUTRAL,
     UNSCORED,
@@ -64,7 +64,7 @@ _LEGEND: dict[str, Any] = {  # below, and not on the numbers along the axis
     "frameon": False,
 }
 _LINES = 9  # across a pair
-_LINE_COLOUR = "#ffd400"
+_LINE_COLOR = "#ffd400"
 
 
 def disparity(
@@ -74,7 +74,7 @@ def disparity(
     low: float | None = None,
     high: float | None = None,
     colorbar: bool = True,
-    cmap: str = DISPARITY_COLOURS,
+    cmap: str = DISPARITY_COLORS,
 ) -> AxesImage:
     """Draw a disparity map: far is blue, near is red, no estimate is gray.
 
@@ -145,7 +145,7 @@ def confidence(result: Disparities, ax: Axes | None = None, *, colorbar: bool = 
             "confidence=True"
         )
     values = as_map("confidence", given)
-    image = _draw(ax, values, (0.0, 1.0), _colors(CONFIDENCE_COLOURS, bad=NEUTRAL))
+    image = _draw(ax, values, (0.0, 1.0), _colors(CONFIDENCE_COLORS, bad=NEUTRAL))
     if colorbar:
         _bar(image, "confidence")
     return image
@@ -241,7 +241,7 @@ def histogram(
     *,
     low: float | None = None,
     high: float | None = None,
-    cmap: str = DISPARITY_COLOURS,
+    cmap: str = DISPARITY_COLORS,
 ) -> Axes:
     """Draw how often which disparity occurs, each in its color of the map.
 
@@ -320,7 +320,7 @@ def pair(
         return _axes(ax).imshow(np.dstack([red, cyan, cyan]))
     image = _axes(ax).imshow(np.hstack([left, right]))
     for y in np.linspace(0, left.shape[0] - 1, _LINES + 2)[1:-1]:
-        image.axes.axhline(y, color=_LINE_COLOUR, linewidth=0.8)
+        image.axes.axhline(y, color=_LINE_COLOR, linewidth=0.8)
     return image
 
 
@@ -481,7 +481,7 @@ def _colors(name: str, *, bad: tuple[int, int, int]) -> Any:
 
 def _error_colors(worst: float) -> Any:
     """Return the colors from 0 to the worst error, white as far as nothing is bad."""
-    shades = _colors(ERROR_COLOURS, bad=UNSCORED)(np.linspace(0, 1, _SHADES))
+    shades = _colors(ERROR_COLORS, bad=UNSCORED)(np.linspace(0, 1, _SHADES))
     shades[: int(_SHADES * GOOD / worst) + 1] = 1
     listed = require("matplotlib.colors", extra="plot").ListedColormap(shades)
     return listed.with_extremes(bad=_fraction(UNSCORED))

@@ -29,7 +29,7 @@ impl<'a> View<'a> {
     /// Looks where to look.
     pub(super) fn new(band: &'a Band, pass: &'a Pass) -> Result<Self> {
         let scene = band.scene;
-        let (cols, by) = (band.maps[0].cols(), around(scene.settings, scene.versions)[1]);
+        let (cols, by) = (band.maps[0].cols(), around(scene.settings, scene.compensation)[1]);
         let places = (pass.side == 1).then(|| band.places()).transpose()?;
         let columns = match &places {
             None => band.columns.clone(),
@@ -110,7 +110,7 @@ impl<'a> View<'a> {
             ..(self.columns.end + REACH).min(self.around.end);
         let (above, left) =
             (REACH - (band.rows.start - rows.start), REACH - (self.columns.start - columns.start));
-        let is_partial = pass.side == 0 && band.scene.versions.is_mixed();
+        let is_partial = pass.side == 0 && band.scene.compensation.is_mixed();
         let (mut labels, mut bits) = (zeroed(columns.len())?, zeroed(columns.len())?);
         for (index, (class, blur)) in pass.blurs.iter().enumerate() {
             let is_last = index + 1 == pass.blurs.len();
@@ -143,7 +143,7 @@ impl Band<'_> {
     /// The codes of gray values of one side, perhaps under a kernel.
     fn codes(&self, side: usize, gray: Plane<i32>, blur: Option<&Blur>) -> Result<Codes> {
         let Self { scene, level, control, .. } = *self;
-        let noise = Some(scene.versions.noise()[side]);
+        let noise = Some(scene.compensation.noise()[side]);
         let gray: Gray = scene.scales[side].like(gray);
         match blur {
             None => describe(&gray, scene.settings, noise, level, control),

@@ -4,8 +4,8 @@ use crate::error::Result;
 use crate::image::convolution::Kernel;
 use crate::image::plane::Plane;
 use crate::rig::blur::{Blur, Estimate, Side};
+use crate::rig::blur_compensation::BlurCompensation;
 use crate::rig::psf::Family;
-use crate::rig::versions::Versions;
 use crate::settings::{LARGEST_PIXEL, LARGEST_WINDOW, Settings};
 
 /// Pixels by which neighborhoods and windows are larger where there is blur: what is left of it is described by larger ones.
@@ -85,15 +85,16 @@ impl Compensation {
     }
 
     /// The versions of both images in which pixels are compared.
-    pub fn versions(&self) -> Result<Versions> {
+    pub fn blur_compensation(&self) -> Result<BlurCompensation> {
         let kernel = |taps: &Option<Plane<f32>>| {
             let kernel = |taps: &Plane<f32>| Kernel::new(&taps.map(|tap| f64::from(*tap)));
             taps.as_ref().map(kernel).transpose()
         };
         let both = |[left, right]: &Taps| Ok([kernel(left)?, kernel(right)?]);
         let kernels = self.kernels.iter().map(both).collect::<Result<_>>()?;
-        let versions = Versions::new(self.noise, kernels, self.labels.clone(), self.tile)?;
-        versions.with_impulses(self.impulses)?.with_smoothing(self.smoothing)
+        let compensation =
+            BlurCompensation::new(self.noise, kernels, self.labels.clone(), self.tile)?;
+        compensation.with_impulses(self.impulses)?.with_smoothing(self.smoothing)
     }
 }
 

@@ -35,7 +35,7 @@ pub struct SearchRange {
     /// Whether every part of the scene has a clearly negative disparity, as when the images are in the places of each
     /// other.
     pub swapped: bool,
-    /// Whether disparities of both signs are clearly there, as with squinting cameras.
+    /// Whether disparities of both signs are clearly there, as with toed-in cameras.
     pub mixed: bool,
 }
 

@@ -16,7 +16,7 @@ use crate::pipeline::section::Section;
 use crate::pipeline::source::widened;
 use crate::refinement::flag;
 use crate::rig::blur::parts::{Means, Rows};
-use crate::rig::versions::Versions;
+use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::{Optimizer, Settings};
 
 /// Bands that are tried, and rows of each.
@@ -37,26 +37,29 @@ struct Score {
     pixels: f64,
 }
 
-/// Whether bands are matched better with the field that was found, in the versions that are told, or else suit.
+/// Whether bands are matched better with the field that was found, with the blur evened out as is given, or else as suits.
 pub fn confirms(
     rows: Rows,
     found: &Estimates,
-    told: Option<&Versions>,
+    told: Option<&BlurCompensation>,
     settings: &Settings,
     means: Means,
 ) -> Result<bool> {
     let Some(field) = &found.alignment else { return Ok(false) };
     let Means { matcher, how, control } = means;
     let suited = found.compensation.as_ref();
-    let versions = told.cloned().or(suited.map(Compensation::versions).transpose()?);
+    let compensation = told.cloned().or(suited.map(Compensation::blur_compensation).transpose()?);
     let settings = tried(suited.map_or(settings, |found| &found.settings).clone());
-    let described = Halo::new(&settings, versions.as_ref(), None).description;
+    let described = Halo::new(&settings, compensation.as_ref(), None).description;
     let mut scores = [Score::default(); 2];
     for band in bands(rows.size().0) {
         let inner = widened(&band, described, rows.size().0);
         let outer = widened(&inner, field.reach(), rows.size().0);
-        let versions = versions.clone().map(|all| all.starting_at_row(outer.start));
-        let pair = rows.pair(outer.clone())?.searched(found.candidates).with_versions(versions);
+        let compensation = compensation.clone().map(|all| all.starting_at_row(outer.start));
+        let pair = rows
+            .pair(outer.clone())?
+            .searched(found.candidates)
+            .with_blur_compensation(compensation);
         let field = field.clone().starting_at_row(outer.start);
         let straightened = pair.straightened(&field, how.level, control)?;
         let wanted = band.start - inner.start..band.end - inner.start;

@@ -12,7 +12,7 @@ use phasestereo::internals::image::intensity::{Gray, level_planes};
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, Mask, View};
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::rig::versions::{MOST_CLASSES, Versions};
+use phasestereo::internals::rig::blur_compensation::{BlurCompensation, MOST_CLASSES};
 use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{
     CostKind, LARGEST_EDGES, LARGEST_PENALTY, LARGEST_WEAK, MOST_DISPARITIES, MOST_UNIQUENESS,
@@ -130,7 +130,7 @@ pub fn kernels() -> impl Strategy<Value = Option<Kernel>> {
 }
 
 /// Classes of any kernels in tiles of any size.
-pub fn versions() -> impl Strategy<Value = Versions> {
+pub fn blur_compensation() -> impl Strategy<Value = BlurCompensation> {
     let kernels = prop::collection::vec((kernels(), kernels()), 1..=MOST_CLASSES);
     let labels = (1usize..=5, 1usize..=5).prop_flat_map(|(rows, cols)| {
         (Just((rows, cols)), prop::collection::vec(any::<prop::sample::Index>(), rows * cols))
@@ -141,9 +141,10 @@ pub fn versions() -> impl Strategy<Value = Versions> {
         let labels = labels.iter().map(|label| label.index(kernels.len()) as u8).collect();
         let labels = Plane::from_vec(size.0, size.1, labels).expect("the right length");
         let kernels = kernels.into_iter().map(|(left, right)| [left, right]).collect();
-        let versions = Versions::new(noise, kernels, labels, tile).expect("legal versions");
-        let versions = versions.with_impulses(impulses).expect("legal heights");
-        versions.with_smoothing(smoothing).expect("legal deviations")
+        let compensation =
+            BlurCompensation::new(noise, kernels, labels, tile).expect("legal compensation");
+        let compensation = compensation.with_impulses(impulses).expect("legal heights");
+        compensation.with_smoothing(smoothing).expect("legal deviations")
     })
 }
 

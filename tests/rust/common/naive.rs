@@ -19,8 +19,8 @@ use phasestereo::internals::refinement::confidence::{Scene, vote};
 use phasestereo::internals::refinement::left_right_check::Choices;
 use phasestereo::internals::refinement::synthesis::is_asked_for;
 use phasestereo::internals::refinement::{Margin, flag};
-use phasestereo::internals::rig::versions::{
-    self, {MOST_CLASSES, Versions},
+use phasestereo::internals::rig::blur_compensation::{
+    self, {BlurCompensation, MOST_CLASSES},
 };
 use phasestereo::internals::settings::{CostKind, Optimizer, Settings};
 
@@ -54,9 +54,15 @@ pub fn scale(pair: &Pair, settings: &Settings) -> (Window, Steps) {
 /// Window of a match, and steps to the unit of its costs.
 fn window(pair: &Pair, settings: &Settings) -> (Window, u16) {
     let (candidates, control) = (pair.candidates(), Control::default());
-    let costs =
-        Costs::new(pair.views(), candidates, settings, pair.versions(), levels()[0], &control)
-            .expect("not cancelled");
+    let costs = Costs::new(
+        pair.views(),
+        candidates,
+        settings,
+        pair.blur_compensation(),
+        levels()[0],
+        &control,
+    )
+    .expect("not cancelled");
     let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
     (window, costs.steps())
 }
@@ -66,12 +72,12 @@ pub fn costs(
     views: [&View; 2],
     candidates: Candidates,
     settings: &Settings,
-    versions: Option<&Versions>,
+    compensation: Option<&BlurCompensation>,
 ) -> Plane<u16> {
     let votes = votes(views, candidates);
     let costs = if settings.cost == CostKind::Phase {
-        let untold = Versions::of_noise([0.0; 2]).expect("legal noise");
-        phase_costs(views, candidates, settings, versions.unwrap_or(&untold))
+        let untold = BlurCompensation::of_noise([0.0; 2]).expect("legal noise");
+        phase_costs(views, candidates, settings, compensation.unwrap_or(&untold))
     } else {
         let [left, right] = level_pair(views, settings.intensity_range).map(|channels| {
             let normalized = |plane: &Plane<u16>| match settings.cost {
@@ -90,17 +96,17 @@ fn phase_costs(
     views: [&View; 2],
     candidates: Candidates,
     settings: &Settings,
-    versions: &Versions,
+    compensation: &BlurCompensation,
 ) -> Plane<u16> {
     let (rows, cols, _) = views[0].image.shape();
     let count = candidates.count();
-    let classes = Plane::from_fn(rows, cols, |y, x| versions.class(y, x));
+    let classes = Plane::from_fn(rows, cols, |y, x| compensation.class(y, x));
     let of_class = |class: usize| {
         classes.as_slice().contains(&class).then(|| {
             let [left, right] = [0, 1].map(|side| {
-                let kernel = versions.kernels(class)[side].as_ref();
-                let smoothing = versions.smoothing()[side];
-                codes(views[side], smoothing, kernel, settings, versions.noise()[side])
+                let kernel = compensation.kernels(class)[side].as_ref();
+                let smoothing = compensation.smoothing()[side];
+                codes(views[side], smoothing, kernel, settings, compensation.noise()[side])
             });
             reference::phase_costs(&left, &right, candidates)
         })
@@ -220,7 +226,7 @@ fn found(pair: &Pair, settings: &Settings) -> Plane<Found> {
     let candidates = pair.candidates();
     let (window, steps) = scale(pair, settings);
     let votes = votes(pair.views(), candidates);
-    let costs = costs(pair.views(), candidates, settings, pair.versions());
+    let costs = costs(pair.views(), candidates, settings, pair.blur_compensation());
     let costs = reference::aggregate(&costs, &votes, window);
     let gray = gray(pair.views()[0]);
     let edges = (settings.adaptive_p2 > 0.0).then(|| reference::edges(&gray, settings.adaptive_p2));
@@ -326,7 +332,7 @@ fn refined(
     if settings.median > 0 {
         disparity = reference::smooth(&disparity);
     }
-    if is_asked_for(settings, pair.versions()) {
+    if is_asked_for(settings, pair.blur_compensation()) {
         disparity = synthesized(&disparity, pair, settings);
         disparity = reference::outline(&disparity, &texture.gray, texture.roughness);
     }
@@ -339,17 +345,18 @@ fn refined(
 /// The map by which the soft image of a pair can best be made again.
 pub fn synthesized(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> Plane<f32> {
     let (views, (rows, cols)) = (pair.views(), pair.size());
-    let versions = pair.versions().expect("kernels");
+    let compensation = pair.blur_compensation().expect("kernels");
     let (level, control) = (levels()[0], Control::default());
     let scales = [0, 1].map(|side| {
-        versions::gray(views[side], Some(versions), side, level, &control).expect("memory")
+        blur_compensation::gray(views[side], Some(compensation), side, level, &control)
+            .expect("memory")
     });
     let grays = scales.each_ref().map(plane);
     let valid = views.map(|view| Plane::from_fn(rows, cols, |y, x| view.is_valid(y, x)));
-    let classes = Plane::from_fn(rows, cols, |y, x| versions.class(y, x));
-    let kernels: Vec<_> = versions.classes().cloned().collect();
+    let classes = Plane::from_fn(rows, cols, |y, x| compensation.class(y, x));
+    let kernels: Vec<_> = compensation.classes().cloned().collect();
     let codes = |side: usize, gray: &Plane<i32>, kernel: Option<&Kernel>| {
-        codes_of(&scales[side], gray, kernel, settings, versions.noise()[side])
+        codes_of(&scales[side], gray, kernel, settings, compensation.noise()[side])
     };
     let units = scales.each_ref().map(|gray| gray.steps(1.0));
     let soft = reference::Soft {

@@ -55,17 +55,20 @@ impl Source for Slow {
     }
 }
 
-/// Some rows of a pair, without its versions; ranges stay as they are.
+/// Some rows of a pair, without its blur compensation; ranges stay as they are.
 pub fn part(pair: &Pair, rows: &Range<usize>) -> Pair {
     let [left, right] = pair.views().map(|view| view_of(view, rows));
     let (candidates, count) = (pair.candidates(), pair.candidates().count());
     Pair::new(left, right, candidates.min() as i64, count as i64).expect("a legal part")
 }
 
-/// The same with these ranges, in the versions of the whole.
+/// The same with these ranges, with the blur compensation of the whole.
 pub fn known_part(pair: &Pair, rows: &Range<usize>, ranges: [intensity::Range; 2]) -> Pair {
-    let versions = pair.versions().cloned().map(|versions| versions.starting_at_row(rows.start));
-    part(pair, rows).with_versions(versions).with_ranges(ranges.map(Some))
+    let compensation = pair
+        .blur_compensation()
+        .cloned()
+        .map(|compensation| compensation.starting_at_row(rows.start));
+    part(pair, rows).with_blur_compensation(compensation).with_ranges(ranges.map(Some))
 }
 
 fn view_of(view: &View, rows: &Range<usize>) -> View {

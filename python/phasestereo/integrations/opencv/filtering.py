@@ -20,7 +20,7 @@ NO_CHECK = 1_000_000
 #   as below              4.0 (11.1)      radius 2            4.3 (11.4)
 #   weight 2000           4.4 (11.3)      weight 8000         5.0 (11.8)
 #   color 1.0            3.8 (11.9), with 4 times the mean error: divisions by next to 0
-RADIUS, WEIGHT, COLOUR = 1, 500.0, 1.5
+RADIUS, WEIGHT, COLOR = 1, 500.0, 1.5
 """The filter's depth discontinuity radius, lambda and sigma."""
 
 
@@ -96,7 +96,7 @@ def createDisparityWLSFilter(matcher_left: StereoPhase) -> Any:
     wls = ximgproc.createDisparityWLSFilterGeneric(use_confidence=True)
     wls.setDepthDiscontinuityRadius(RADIUS)
     wls.setLambda(WEIGHT)
-    wls.setSigmaColor(COLOUR)
+    wls.setSigmaColor(COLOR)
     matcher_left.setDisp12MaxDiff(NO_CHECK)
     matcher_left.setSpeckleWindowSize(0)
     matcher_left.setUniquenessRatio(0)

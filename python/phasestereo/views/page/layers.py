@@ -12,9 +12,9 @@ from phasestereo._extras import require
 from phasestereo.result import Flag, count_flags
 from phasestereo.views.page.embedding import packed
 from phasestereo.views.picture import (
-    CONFIDENCE_COLOURS,
-    DISPARITY_COLOURS,
-    ERROR_COLOURS,
+    CONFIDENCE_COLORS,
+    DISPARITY_COLORS,
+    ERROR_COLORS,
     GOOD,
     limits,
 )
@@ -97,15 +97,15 @@ def layers_of(result: Result, truth: Map | None) -> list[Layer]:
     """Return the layers of numbers that there are for a result, in the order of their buttons."""
     ends = _robust_ends(result.disparity if truth is None else truth, result.disparity)
     near = "near is red, far is blue"
-    depth = colors(DISPARITY_COLOURS)
+    depth = colors(DISPARITY_COLORS)
     found = [Layer("disparity", "Disparity", "px", *ends, depth, 2, near, "no estimate")]
     if result.confidence is not None:
         sure = "about the probability that the disparity is within 1 px"
-        lookup = colors(CONFIDENCE_COLOURS)
+        lookup = colors(CONFIDENCE_COLORS)
         found.append(Layer("confidence", "Confidence", "", 0, 1, lookup, 2, sure, "no estimate"))
     if truth is not None:
         wrong = f"|disparity - truth|: up to {GOOD:g} px is white"
-        lookup = colors(ERROR_COLOURS, white=GOOD / _WORST)
+        lookup = colors(ERROR_COLORS, white=GOOD / _WORST)
         found.append(Layer("error", "Error", "px", 0, _WORST, lookup, 2, wrong, "not scored"))
         found.append(Layer("truth", "Truth", "px", *ends, depth, 2, near, "unknown"))
     return found

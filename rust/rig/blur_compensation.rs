@@ -18,7 +18,7 @@ pub const MOST_CLASSES: usize = 16;
 
 /// The classes of the pixels of a pair, and the noise of its images.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Versions {
+pub struct BlurCompensation {
     noise: [f64; 2],
     impulses: [f64; 2],
     smoothing: [f64; 2],
@@ -39,7 +39,7 @@ pub struct Labels {
     above: usize,
 }
 
-impl Versions {
+impl BlurCompensation {
     /// `noise` holds the standard deviations of the noise of the left and of the right image, in units of the
     /// pixels; `kernels`, for each class, what these are blurred by (`None`: they stay as they are). Pixel
     /// `(x, y)` is of the class `labels[y / tile][x / tile]`, beyond the last tile of that one's.
@@ -215,13 +215,13 @@ impl Labels {
 /// The gray values of one side of a pair as they are described, or convolved: smoothed, if that is asked.
 pub fn gray<'a>(
     view: &'a View,
-    versions: Option<&Versions>,
+    compensation: Option<&BlurCompensation>,
     side: usize,
     level: Level,
     control: &Control,
 ) -> Result<Gray<'a>> {
     let gray = Gray::new(view, level, control)?;
-    match versions.map_or(0.0, |versions| versions.smoothing[side]) {
+    match compensation.map_or(0.0, |compensation| compensation.smoothing[side]) {
         0.0 => Ok(gray),
         deviation => gray.smoothed(deviation, level, control),
     }
@@ -264,14 +264,14 @@ mod tests {
         ];
         // The last row and the last column of tiles lie beyond the image.
         let labels = labels(3, 3, &[2, 1, 3, 0, 2, 3, 3, 3, 3]);
-        let versions = Versions::new([0.0; 2], kernels, labels, 2).expect("legal");
-        let (left, of_left) = versions.of_side(0, (3, 4)).expect("memory");
+        let compensation = BlurCompensation::new([0.0; 2], kernels, labels, 2).expect("legal");
+        let (left, of_left) = compensation.of_side(0, (3, 4)).expect("memory");
         assert_eq!(left, [Some(&kernel(1)), None]);
         assert_eq!(
             [0, 1, 2].map(|y| of_left.row(y).to_vec()),
             [[0, 0, 1, 1], [0, 0, 1, 1], [0; 4]]
         );
-        let (right, of_right) = versions.of_side(1, (3, 4)).expect("memory");
+        let (right, of_right) = compensation.of_side(1, (3, 4)).expect("memory");
         assert_eq!(right, [Some(&kernel(3)), Some(&kernel(2)), None]);
         assert_eq!([1, 2].map(|y| of_right.row(y).to_vec()), [[0, 0, 1, 1], [2, 2, 0, 0]]);
     }
@@ -279,20 +279,21 @@ mod tests {
     #[test]
     fn pixels_beyond_the_last_tile_are_of_its_class() {
         let kernels = vec![[None, None]; 3];
-        let versions = Versions::new([0.0; 2], kernels, labels(1, 2, &[1, 2]), 3).expect("legal");
+        let compensation =
+            BlurCompensation::new([0.0; 2], kernels, labels(1, 2, &[1, 2]), 3).expect("legal");
         assert_eq!(
-            [(0, 2), (9, 2), (0, 3), (9, 9)].map(|(y, x)| versions.class(y, x)),
+            [(0, 2), (9, 2), (0, 3), (9, 9)].map(|(y, x)| compensation.class(y, x)),
             [1, 1, 2, 2]
         );
-        let (_, all) = versions.of_side(0, (10, 10)).expect("memory");
+        let (_, all) = compensation.of_side(0, (10, 10)).expect("memory");
         assert_eq!((all.row(9), all.rows.rows()), (&[0; 10][..], 1), "alike: one version");
     }
 
     #[test]
     fn what_makes_no_sense_is_refused_by_name() {
         let refused = |noise, count, plane, tile| {
-            let versions = Versions::new(noise, vec![[None, None]; count], plane, tile);
-            versions.expect_err("must be refused").to_string()
+            let compensation = BlurCompensation::new(noise, vec![[None, None]; count], plane, tile);
+            compensation.expect_err("must be refused").to_string()
         };
         let one = || labels(1, 1, &[0]);
         for noise in [-1.0, f64::NAN, f64::INFINITY] {
