@@ -19,7 +19,7 @@ from phasestereo_bench.datasets import find_scene, find_scenes
 from phasestereo_bench.report import METRICS, fill_document, read_results, write_report
 from phasestereo_bench.report.cells import Place
 from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
-from phasestereo_bench.report.origin import commands, explain, origin
+from phasestereo_bench.report.origin import commands, explain, made_with, origin
 from phasestereo_bench.report.plots import styles
 from phasestereo_bench.report.sharp import explain_v3, sharp_tables, v2_table, v3_table
 from phasestereo_bench.report.tables import (
@@ -343,6 +343,17 @@ def test_environments(tmp_path: Path) -> None:
     assert [row[1].text for row in cost_table(told).rows] == ["e1", "e2"]
     assert "commit 0123456789ab-dirty" in origin(told)
     assert "versions that are not known" in origin(told)
+
+
+def test_environments_that_differ_in_the_commit_alone_are_named_once() -> None:
+    known = {"versions": {"phasestereo": "0.1.0", "numpy": "2.4"}, "cpu": "A", "date": "2026-11-22"}
+    commits = (None, "428e2ebb75ed0000", "678a4e3fb8100000-dirty")
+    assert made_with({**known, "commit": commit} for commit in commits) == (
+        "Made with phasestereo 0.1.0 (commits unknown, 428e2ebb75ed, 678a4e3fb810-dirty), "
+        "NumPy 2.4 on A, 2026-11-22."
+    )
+    alone = made_with([{**known, "commit": None}])
+    assert alone == "Made with phasestereo 0.1.0, NumPy 2.4 on A, 2026-11-22."
 
 
 # What is read

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from itertools import starmap
 from typing import TYPE_CHECKING, Any
 
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
@@ -21,6 +22,7 @@ __all__ = ["commands", "explain", "made_with", "origin"]
 _COMMIT = 12  # characters of it in running text
 _VARIANT = re.compile(r"(?P<scene>.+) \((?P<left>\S+) (?P<right>\S+)\)")
 _STORE = "results.jsonl"
+_COMMITS = "<commits>"  # where the commits of an environment are to stand
 
 
 def explain(results: Results, metric: str) -> str:
@@ -39,8 +41,12 @@ def origin(results: Results) -> str:
 
 
 def made_with(environments: Iterable[Mapping[str, Any]]) -> str:
-    """Say which environments these are."""
-    return "Made with " + "; ".join(map(_environment, environments)) + "."
+    """Say which environments these are; those that differ in the commit alone are named once."""
+    commits: dict[str, list[str]] = {}
+    for known in environments:
+        commits.setdefault(_environment(known), []).append(_commit(known))
+
+    return "Made with " + "; ".join(starmap(_with_commits, commits.items())) + "."
 
 
 def commands(results: Results, metric: str) -> list[str]:
@@ -85,12 +91,32 @@ def _line(arguments: Sequence[str]) -> str:
 
 
 def _environment(known: Mapping[str, Any]) -> str:
-    versions, (commit, dash, state) = known.get("versions"), str(known.get("commit")).partition("-")
+    """Return an environment in words, with a mark where its commits are to stand."""
+    versions = known.get("versions")
     if not isinstance(versions, dict):
         return "versions that are not known"
-    names = {"phasestereo": "phasestereo", "opencv": "OpenCV", "numpy": "NumPy", "python": "Python"}
-    parts = {name: f"{title} {versions.get(name)}" for name, title in names.items()}
-    if known.get("commit"):
-        parts["phasestereo"] += f" (commit {commit[:_COMMIT]}{dash}{state})"
-    made = ", ".join(part for name, part in parts.items() if versions.get(name))
-    return f"{made} on {known.get('cpu')}, {known.get('date')}"
+
+    names = {
+        "phasestereo": f"phasestereo {{version}}{_COMMITS}",
+        "opencv": "OpenCV {version}",
+        "numpy": "NumPy {version}",
+        "python": "Python {version}",
+    }
+    made = [
+        words.format(version=versions[name]) for name, words in names.items() if versions.get(name)
+    ]
+    return f"{', '.join(made)} on {known.get('cpu')}, {known.get('date')}"
+
+
+def _commit(known: Mapping[str, Any]) -> str:
+    commit, dash, state = str(known.get("commit") or "unknown").partition("-")
+    return f"{commit[:_COMMIT]}{dash}{state}"
+
+
+def _with_commits(environment: str, commits: Sequence[str]) -> str:
+    """Put the commits where an environment has the mark; nothing where none is known."""
+    if set(commits) == {"unknown"}:
+        return environment.replace(_COMMITS, "")
+
+    plural = "s" if len(commits) > 1 else ""
+    return environment.replace(_COMMITS, f" (commit{plural} {', '.join(commits)})")
