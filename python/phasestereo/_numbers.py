@@ -32,9 +32,10 @@ def as_integer(
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
     number = int(value)
+
     if least is not None and (number < least or (most is not None and number > most)):
         end = "or more" if most is None else f"to {most}"
-        # A huge one is not printed: Python may refuse to.
+        # Python may refuse to print a huge one: `sys.set_int_max_str_digits`.
         got = number if number.bit_length() <= _PRINTED_BITS else "a huge integer"
         raise ValueError(f"{name}: got {got}; accepts {least} {end}")
     return number

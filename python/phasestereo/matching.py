@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from phasestereo import _core
 from phasestereo._images import as_array, as_mask, as_pair, opened
 from phasestereo.result import Result, Summary
+from phasestereo.rig.alignment import applied_field
 from phasestereo.rig.compensation import BlurCompensation, Noise, as_noise
 from phasestereo.rig.estimates import Known, as_estimates
 from phasestereo.rig.findings import warn
@@ -125,14 +126,11 @@ def match(
     confidences. Pairs that do not fit into memory: `phasestereo.outofcore`, `match_rows`. Nothing
     but that is kept, nor are any threads: to match one pair after another, `Matcher` keeps them.
     """
-    chosen = resolve(preset, settings, overrides)
-    search = min_disparity, num_disparities
-    masks = left_mask, right_mask
     result = match_silently(
         (left, right),
-        masks,
-        search,
-        settings=chosen,
+        (left_mask, right_mask),
+        (min_disparity, num_disparities),
+        settings=resolve(preset, settings, overrides),
         threads=threads,
         progress=progress,
         given=(noise, blur_compensation),
@@ -214,12 +212,10 @@ class Matcher:
             ``result.blur.reused`` is True. What a glance does not see is told by the notes of
             `phasestereo.stream`. None: all is estimated anew, if need be.
         """
-        search = min_disparity, num_disparities
-        masks = left_mask, right_mask
         result = match_silently(
             (left, right),
-            masks,
-            search,
+            (left_mask, right_mask),
+            (min_disparity, num_disparities),
             settings=self._settings,
             threads=self._workers,
             progress=progress,
@@ -252,21 +248,27 @@ def match_silently(
     """Match as `match` and `Matcher.match` do, without a warning."""
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
+
     arrays = as_array(opened(images[0]), "left"), as_array(opened(images[1]), "right")
     pair = as_pair(*arrays)
     size = pair[0].shape
     valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
+
     known: Known = as_noise(*given), given[1], None, False
+
+    # What was estimated for an earlier pair is taken over where a glance finds the same blur.
     if before is not None and _is_as_before(before, pair, valid, threads):
-        matched, found = _again(before, pair, valid, search, (threads, progress))
+        matched, found = _match_again(before, pair, valid, search, (threads, progress))
     else:
         matched, estimated = _core.match_pair(
             pair, valid, search, settings, threads, progress, known
         )
         found = as_estimates(estimated, settings, search, given[1])
+
     disparity, flags, confidence, stages = matched
     timings = {"estimation": found.seconds} if found.seconds else {}
     searched = found.search.min_disparity, found.search.num_disparities
+
     return Result(
         disparity,
         flags,
@@ -288,28 +290,31 @@ def _is_as_before(
     masks: tuple[Mask | None, Mask | None],
     threads: int | _core.Workers | None,
 ) -> bool:
-    """Tell whether what was found out of an earlier pair holds for this one, at a glance."""
+    """Return whether what was estimated for an earlier pair holds for this one, at a glance."""
     if before.blur is None or before.blur.glance is None:
         return False
+
     return _core.blur_is_as_before(pair, masks, before.blur.glance, before.blur.impulses, threads)
 
 
-def _again(
+def _match_again(
     before: Result,
     pair: tuple[Pixels, Pixels],
     masks: tuple[Mask | None, Mask | None],
     search: Search,
     how: tuple[int | _core.Workers | None, Progress | None],
 ) -> tuple[Matched, Estimates]:
-    """Match with what was found out of an earlier pair."""
+    """Match with what was estimated for an earlier pair."""
     if search[1] is None and before.search is not None:
         search = before.search.min_disparity, before.search.num_disparities
+
     alignment, compensation = before.alignment, before.blur_compensation
-    field = alignment.field if alignment is not None and alignment.applied else None
+    # The field of the earlier pair is given, so the core must not estimate another one.
     asked = replace(before.settings, align_rows=False)
     inverted = before.search is not None and before.search.inverted and asked.compensate_blur
-    known: Known = None, compensation, field, inverted
+    known: Known = None, compensation, applied_field(alignment), inverted
     matched, estimated = _core.match_pair(pair, masks, search, asked, *how, known)
+
     same = as_estimates(estimated, before.settings, search, compensation)
     blur = None if before.blur is None else replace(before.blur, reused=True)
     kept = before.search or same.search

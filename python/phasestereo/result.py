@@ -66,13 +66,13 @@ def describe_flags(flags: NDArray[np.uint16]) -> str:
 
 def format_counts(counts: Mapping[Flag, int], pixels: int) -> str:
     """Return the share of so many pixels under each flag that occurs, in words."""
-    told = [f"{flag.words} {count / pixels:.1%}" for flag, count in counts.items() if count]
-    return ", ".join(told) or "none"
+    shares = [f"{flag.words} {count / pixels:.1%}" for flag, count in counts.items() if count]
+    return ", ".join(shares) or "none"
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What a disparity map says about itself as a whole.
+    """What is known of a disparity map as a whole.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ class Result:
         return found
 
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
-        """Tell how to make another one without the pair, which would be most of a pickle."""
+        """Return how to make another one without the pair, which would be most of a pickle."""
         kept = {f.name: None if f.name == "pair" else getattr(self, f.name) for f in fields(self)}
         return type(self), tuple(kept.values())
 
@@ -163,7 +163,7 @@ class Result:
         return replace(self)
 
     def __repr__(self) -> str:
-        """Tell the size, the share of estimates and the time: arrays would tell nothing."""
+        """Show the size, the share of estimates and the time: arrays would say nothing."""
         rows, cols = self.disparity.shape
         estimated = (self.disparity == self.disparity).mean()  # NaN is unequal to itself
         seconds = sum(self.timings.values())

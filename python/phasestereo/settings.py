@@ -260,10 +260,12 @@ def resolve(
         raise TypeError(
             f"preset: got {preset!r} beside settings; accepts one of the two: preset or settings"
         )
+
     names = [field.name for field in fields(Settings)]
     unknown = [name for name in overrides if name not in names]
     if unknown:
         raise TypeError(f"{unknown[0]}: no such setting; accepts {', '.join(names)}")
+
     if settings is None:
         settings = Settings.preset(PRESET if preset is None else preset)
     return replace(settings, **overrides)
