@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import sys
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +17,7 @@ import phasestereo as ps
 from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf, suite
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -289,6 +292,46 @@ def test_by_default_a_third_of_the_width_is_searched() -> None:
     told = [ps.estimate_blur(*images, **kwargs) for kwargs in ({}, {"num_disparities": third})]
     assert told[0].noise == told[1].noise
     assert told[0].blur.size == told[1].blur.size
+
+
+def crossings(call: Callable[[], ps.Result]) -> tuple[list[str], ps.Result]:
+    """Return the functions of the core that Python calls meanwhile, and the result."""
+    seen: list[str] = []
+
+    def note(_: object, event: str, function: object) -> None:
+        if event == "c_call" and getattr(function, "__module__", None) == "phasestereo._core":
+            seen.append(getattr(function, "__name__", ""))
+
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        result = call()
+    finally:
+        sys.setprofile(before)
+    return seen, result
+
+
+@pytest.mark.parametrize("psf", [None, disk_psf(3)], ids=["sharp", "blurred"])
+def test_a_default_match_is_one_call_of_the_core(psf: NDArray[np.float64] | None) -> None:
+    left, right = shots(psf)
+    seen, result = crossings(lambda: ps.match(left, right))
+    assert seen == ["match_pair"]
+    assert result.blur is not None
+    assert bool(result.blur.blurs) is (psf is not None)
+
+    matcher = ps.Matcher()
+    assert crossings(lambda: matcher.match(left, right, num_disparities=48))[0] == ["match_pair"]
+
+
+def test_what_the_core_found_passes_its_own_checks() -> None:
+    result = ps.match(*shots(disk_psf(3)))
+    compensation = result.blur_compensation
+    assert compensation is not None
+    assert replace(compensation) is not compensation  # checked, as one that a caller makes is
+    assert replace(result.settings) == result.settings
+    assert result.settings.neighborhood > ps.Settings().neighborhood
+    with pytest.raises(ValueError, match="read-only"):
+        compensation.labels[0, 0] = 1
 
 
 def test_the_number_of_threads_changes_nothing() -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass, fields, replace
+from itertools import chain
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import as_estimate
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.search_range import SearchRange
+from phasestereo.settings import Settings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,9 +19,10 @@ if TYPE_CHECKING:
 
     from phasestereo.rig.alignment import Field
     from phasestereo.rig.blur import BlurEstimate, Estimated
-    from phasestereo.settings import Settings
 
     _Taps: TypeAlias = NDArray[np.float32] | None
+
+_Checked = TypeVar("_Checked", Settings, BlurCompensation)
 
 Found: TypeAlias = tuple[
     tuple[int, int],
@@ -40,6 +43,9 @@ Matched: TypeAlias = (
     "tuple[NDArray[np.float32], NDArray[np.uint16], NDArray[np.float32] | None, dict[str, float]]"
 )
 """What a match gives: disparities, flags, confidence, seconds of its stages."""
+
+Summarized: TypeAlias = tuple[float, float, float, float, float]
+"""What a map says about itself: the fields of `phasestereo.Summary`."""
 
 Known: TypeAlias = "tuple[tuple[float, float] | None, BlurCompensation | None, Field | None, bool]"
 """What the core is told: noise, versions, the field of the rows, whether the right image is to be
@@ -68,15 +74,23 @@ def as_estimates(
     disparities, confidence, inverted, span, offsets, field, blur, suited, seconds = found
     if suited is not None:
         (noise, impulses, smoothing), kernels, labels, tile, (neighborhood, window) = suited
-        blur_compensation = BlurCompensation(
+        for array in (labels, *chain.from_iterable(kernels)):
+            if array is not None:
+                array.flags.writeable = False
+
+        blur_compensation = _from_core(
+            BlurCompensation,
             noise=noise,
-            kernels=kernels,
+            kernels=tuple(kernels),
             labels=labels,
             tile=tile,
             impulses=impulses,
             smoothing=smoothing,
         )
-        settings = replace(settings, neighborhood=neighborhood, window=window)
+        same = {field.name: getattr(settings, field.name) for field in fields(settings)}
+        suits = {"neighborhood": neighborhood, "window": window}
+        settings = _from_core(Settings, **(same | suits))
+
     return Estimates(
         settings=settings,
         search=replace(
@@ -88,6 +102,14 @@ def as_estimates(
         blur_compensation=blur_compensation,
         seconds=seconds,
     )
+
+
+def _from_core(kind: type[_Checked], **values: object) -> _Checked:
+    """Return a frozen dataclass of what the core found, which the core need not check again."""
+    made = object.__new__(kind)
+    for name, value in values.items():
+        object.__setattr__(made, name, value)
+    return made
 
 
 def _search(
