@@ -133,7 +133,7 @@ impl<'a> Costs<'a> {
             control.checkpoint()?;
             let mut costs = Memory::default();
             costs.resize(self.cols * self.chunks())?;
-            level.run(Write { costs: self, y, out: &mut costs });
+            level.run(WriteRow { costs: self, y, out: &mut costs });
             for (volume, costs) in
                 volume.chunks_exact_mut(count).zip(costs.as_flattened().chunks_exact(padded))
             {
@@ -400,13 +400,13 @@ fn absolute_differences<'a>(
 }
 
 /// All costs of a row.
-struct Write<'a> {
+struct WriteRow<'a> {
     costs: &'a Costs<'a>,
     y: usize,
     out: &'a mut [Lanes<u16>],
 }
 
-impl simd::Loop for Write<'_> {
+impl simd::Loop for WriteRow<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -4,7 +4,7 @@
 //!
 //! The cost volume never exists. An image is cut into bands of [`BAND`] rows, a band into panels of [`PANEL`] columns;
 //! what is worked on at a time stays in the second-level cache. Paths from the left go through whole rows. Those from the
-//! right begin [`LOOK_COLUMNS`] columns right of each panel, those from above and below [`LOOK_ROWS`] rows outside each
+//! right begin [`LOOKAHEAD_COLUMNS`] columns right of each panel, those from above and below [`LOOKAHEAD_ROWS`] rows outside each
 //! band: so no band depends on another one, whoever works on it and when. Bands and panels begin at multiples of their
 //! sizes, whatever is matched by whom, so the result depends on nothing else:
 //!
@@ -12,9 +12,9 @@
 //! for band in bands:                                       # on any thread, in any order
 //!     for panel in panels, from the left:
 //!         costs of the panel after this one                # aggregation
-//!         paths from the right, then from the left         # paths::Across; their mean is kept
+//!         paths from the right, then from the left         # paths::HorizontalPass; their mean is kept
 //!         paths from below, then from above; the sum of
-//!             all four decides                             # paths::UpAndDown, selection
+//!             all four decides                             # paths::VerticalPass, selection
 //! ```
 //!
 //! Means of bad-1.0 (%) over 13 sharp scenes, Gauss 2 and disk 3: eight whole paths 5.5, 15.3, 12.8; four whole ones
@@ -31,7 +31,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::cost::Costs;
-use crate::cost::aggregation::{Aggregator, Block, Window};
+use crate::cost::aggregation::{Aggregator, PixelBlock, Window};
 use crate::error::{Error, Result};
 use crate::image::plane::Plane;
 use crate::optimization::edges::Edges;
@@ -43,38 +43,40 @@ use crate::simd::{Level, Loop};
 use crate::value::{LANES, Lanes, Value};
 
 use self::ordered::Ordered;
-use self::paths::{Across, Horizontal, Panel, Penalties, Terrain, UpAndDown, Vertical};
+use self::paths::{
+    AdaptivePenalties, Horizontal, HorizontalPass, Panel, Smoothness, Vertical, VerticalPass,
+};
 use self::selection::{Minimum, PIXELS, Selection};
 
 /// Rows of a band.
 pub const BAND: usize = 64;
 /// Rows above and below a band from where its vertical paths come.
-pub const LOOK_ROWS: usize = 16;
+pub const LOOKAHEAD_ROWS: usize = 16;
 /// Columns of a panel.
 pub const PANEL: usize = 64;
 /// Columns right of a panel from where its paths from the right come.
-pub const LOOK_COLUMNS: usize = 16;
+pub const LOOKAHEAD_COLUMNS: usize = 16;
 
 /// Rows whose costs are at hand together for dynamic programming along each.
 pub const ORDERED_ROWS: usize = 16;
 
 /// The largest penalty: more than any cost of a window, so that a path is free to jump only where that is of use.
-pub const LARGEST_STEP: u64 = 1 << 28;
+pub const LARGEST_SUMMED_PENALTY: u64 = 1 << 28;
 
 /// P1 and P2 in steps of the aggregated costs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Steps {
+pub struct Penalties {
     /// For a disparity that differs by one; under the ordering constraint for one that is larger by one.
     pub p1: u64,
     /// For any other change; under the ordering constraint for any smaller disparity.
     pub p2: u64,
 }
 
-impl Steps {
+impl Penalties {
     /// The penalties of checked settings against costs summed over a window, `steps` to the unit.
     pub fn new(settings: &Settings, window: Window, steps: u16) -> Self {
         let unit = window.unit(steps);
-        let rounded = |value: f64| ((value * unit).round() as u64).min(LARGEST_STEP);
+        let rounded = |value: f64| ((value * unit).round() as u64).min(LARGEST_SUMMED_PENALTY);
         Self { p1: rounded(settings.p1), p2: rounded(settings.p2) }
     }
 
@@ -86,7 +88,7 @@ impl Steps {
 
 /// How the best candidates of an image are searched for.
 #[derive(Debug, Clone, Copy)]
-pub struct Search<'a> {
+pub struct CandidateSearch<'a> {
     /// Rows and columns of the image.
     pub size: (usize, usize),
     /// The row of the whole image that it begins with: bands are those of the whole.
@@ -96,7 +98,7 @@ pub struct Search<'a> {
     /// How costs become disparities.
     pub optimizer: Optimizer,
     /// P1 and P2.
-    pub steps: Steps,
+    pub penalties: Penalties,
     /// Where P2 is lower.
     pub edges: &'a Edges,
     /// Whether more than the chosen candidates is to be known.
@@ -108,19 +110,19 @@ pub struct Search<'a> {
 }
 
 /// Where aggregated costs come from.
-pub trait Source<T>: Sync {
+pub trait CostSource<T>: Sync {
     /// Writes those of a block, row by row, all candidates of one pixel after another.
     fn write(
         &self,
         aggregator: &mut Aggregator<T>,
-        block: Block,
+        block: PixelBlock,
         out: &mut [Lanes<T>],
     ) -> Result<()>;
 }
 
 /// The aggregated costs of a pair.
 #[derive(Clone, Copy)]
-pub struct Windowed<'a> {
+pub struct AggregatedCosts<'a> {
     /// What pixels cost.
     pub costs: &'a Costs<'a>,
     /// What is summed.
@@ -129,11 +131,11 @@ pub struct Windowed<'a> {
     pub level: Level,
 }
 
-impl<T: Value> Source<T> for Windowed<'_> {
+impl<T: Value> CostSource<T> for AggregatedCosts<'_> {
     fn write(
         &self,
         aggregator: &mut Aggregator<T>,
-        block: Block,
+        block: PixelBlock,
         out: &mut [Lanes<T>],
     ) -> Result<()> {
         aggregator.aggregate(self.costs, self.window, block, self.level, out)
@@ -142,15 +144,15 @@ impl<T: Value> Source<T> for Windowed<'_> {
 
 /// Costs that are known already: rows of `columns x candidates`.
 #[derive(Debug, Clone, Copy)]
-pub struct Known<'a> {
+pub struct CostVolume<'a> {
     /// The costs.
     pub volume: &'a Plane<u32>,
     /// How many there are for each pixel.
     pub candidates: usize,
 }
 
-impl<T: Value> Source<T> for Known<'_> {
-    fn write(&self, _: &mut Aggregator<T>, block: Block, out: &mut [Lanes<T>]) -> Result<()> {
+impl<T: Value> CostSource<T> for CostVolume<'_> {
+    fn write(&self, _: &mut Aggregator<T>, block: PixelBlock, out: &mut [Lanes<T>]) -> Result<()> {
         let runs = self.candidates.div_ceil(LANES);
         let mut pixels = out.chunks_exact_mut(runs);
         for y in block.rows {
@@ -191,7 +193,7 @@ impl<T: Value> Default for Workspace<T> {
     }
 }
 
-impl Search<'_> {
+impl CandidateSearch<'_> {
     /// The bands that some rows of the image lie in, each as far as it is wanted.
     pub fn bands(&self, rows: Range<usize>) -> impl Iterator<Item = Range<usize>> + use<> {
         let (first, mut start) = (self.first, rows.start);
@@ -209,10 +211,10 @@ impl Search<'_> {
     }
 
     /// Searches some rows of one band; what is found is of these rows, from the first one on.
-    pub fn run<'w, T: Value>(
+    pub fn choose<'w, T: Value>(
         &self,
         rows: Range<usize>,
-        source: &impl Source<T>,
+        source: &impl CostSource<T>,
         workspace: &'w mut Workspace<T>,
     ) -> Result<&'w Evidence> {
         let is_weighed = self.weighs || self.optimizer == Optimizer::SemiGlobal;
@@ -236,15 +238,15 @@ impl Search<'_> {
     /// The rows whose costs vertical paths of a band see that has these rows.
     fn seen(&self, rows: &Range<usize>) -> Range<usize> {
         let band = (rows.start + self.first) / BAND * BAND;
-        let start = band.saturating_sub(LOOK_ROWS + self.first);
-        let end = (band + BAND + LOOK_ROWS - self.first).min(self.size.0);
+        let start = band.saturating_sub(LOOKAHEAD_ROWS + self.first);
+        let end = (band + BAND + LOOKAHEAD_ROWS - self.first).min(self.size.0);
         start..end
     }
 
     fn along_paths<T: Value>(
         &self,
         rows: Range<usize>,
-        source: &impl Source<T>,
+        source: &impl CostSource<T>,
         workspace: &mut Workspace<T>,
     ) -> Result<()> {
         let is_vertical = self.optimizer == Optimizer::SemiGlobal;
@@ -254,11 +256,12 @@ impl Search<'_> {
         costs.iter_mut().try_for_each(|costs| costs.resize(seen.len() * PANEL * runs))?;
         horizontal.begin(rows.len(), PANEL, runs)?;
         vertical.begin(rows.len(), runs)?;
-        let terrain = Terrain { penalties: Penalties::new(self.steps), edges: self.edges };
+        let smoothness =
+            Smoothness { penalties: AdaptivePenalties::new(self.penalties), edges: self.edges };
 
         let [here, next] = costs;
         let mut load = |columns: Range<usize>, costs: &mut Memory<Lanes<T>>| {
-            let block = Block { rows: seen.clone(), columns };
+            let block = PixelBlock { rows: seen.clone(), columns };
             let places = seen.len() * block.columns.len() * runs;
             source.write(aggregator, block, &mut costs[..places])
         };
@@ -270,21 +273,28 @@ impl Search<'_> {
                 load(beyond.clone(), next)?;
             }
             let panel = Panel {
-                block: Block { rows: rows.clone(), columns },
+                block: PixelBlock { rows: rows.clone(), columns },
                 seen: seen.clone(),
                 costs: here,
                 beyond: (next, beyond.len()),
                 runs,
             };
-            let start = (beyond.start + LOOK_COLUMNS).min(cols);
-            self.level.run(Across { horizontal, panel: &panel, terrain, start });
+            let start = (beyond.start + LOOKAHEAD_COLUMNS).min(cols);
+            self.level.run(HorizontalPass { horizontal, panel: &panel, smoothness, start });
             let (candidates, panel, totals) = (self.candidates, &panel, horizontal.means());
             if is_vertical {
                 let means = totals;
-                self.level.run(UpAndDown { vertical, panel, means, terrain, candidates, evidence });
+                self.level.run(VerticalPass {
+                    vertical,
+                    panel,
+                    means,
+                    smoothness,
+                    candidates,
+                    evidence,
+                });
             } else {
                 let (block, costs) = (&panel.block, Some(panel.costs));
-                self.level.run(Select { search: self, block, totals, costs, evidence });
+                self.level.run(SelectPixels { search: self, block, totals, costs, evidence });
             }
             std::mem::swap(here, next);
         }
@@ -295,7 +305,7 @@ impl Search<'_> {
     fn singly<T: Value>(
         &self,
         rows: Range<usize>,
-        source: &impl Source<T>,
+        source: &impl CostSource<T>,
         workspace: &mut Workspace<T>,
     ) -> Result<()> {
         let Workspace { aggregator, costs: [costs, _], evidence, .. } = workspace;
@@ -303,9 +313,9 @@ impl Search<'_> {
         for columns in self.panels() {
             self.control.checkpoint()?;
             let totals = &mut costs[..rows.len() * columns.len() * self.runs()];
-            let block = &Block { rows: rows.clone(), columns };
+            let block = &PixelBlock { rows: rows.clone(), columns };
             source.write(aggregator, block.clone(), totals)?;
-            self.level.run(Select { search: self, block, totals, costs: None, evidence });
+            self.level.run(SelectPixels { search: self, block, totals, costs: None, evidence });
         }
         Ok(())
     }
@@ -314,7 +324,7 @@ impl Search<'_> {
     fn in_order<T: Value>(
         &self,
         rows: Range<usize>,
-        source: &impl Source<T>,
+        source: &impl CostSource<T>,
         workspace: &mut Workspace<T>,
     ) -> Result<()> {
         let Workspace { aggregator, costs: [costs, _], ordered, evidence, .. } = workspace;
@@ -323,13 +333,13 @@ impl Search<'_> {
         for first in rows.clone().step_by(ORDERED_ROWS) {
             self.control.checkpoint()?;
             let some = first..(first + ORDERED_ROWS).min(rows.end);
-            let block = Block { rows: some.clone(), columns: 0..self.size.1 };
+            let block = PixelBlock { rows: some.clone(), columns: 0..self.size.1 };
             source.write(aggregator, block, &mut costs[..some.len() * width])?;
             for (y, costs) in some.zip(costs.chunks_exact_mut(width)) {
                 self.control.checkpoint()?;
-                let chosen = ordered.choose(costs, self.candidates, self.steps)?;
+                let chosen = ordered.choose(costs, self.candidates, self.penalties)?;
                 let row = y - rows.start;
-                self.level.run(Weigh { search: self, row, chosen, costs, evidence });
+                self.level.run(WeighRow { search: self, row, chosen, costs, evidence });
             }
         }
         Ok(())
@@ -337,20 +347,20 @@ impl Search<'_> {
 }
 
 /// The best candidates of a block by totals of paths, which are lost, or by costs alone.
-struct Select<'a, T> {
-    search: &'a Search<'a>,
-    block: &'a Block,
+struct SelectPixels<'a, T> {
+    search: &'a CandidateSearch<'a>,
+    block: &'a PixelBlock,
     totals: &'a mut [Lanes<T>],
     costs: Option<&'a [Lanes<T>]>,
     evidence: &'a mut Evidence,
 }
 
-impl<T: Value> Loop for Select<'_, T> {
+impl<T: Value> Loop for SelectPixels<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let Self { search, block: Block { rows, columns }, totals, costs, evidence } = self;
+        let Self { search, block: PixelBlock { rows, columns }, totals, costs, evidence } = self;
         let (runs, mut selection) = (search.runs(), Selection::default());
         for row in 0..rows.len() {
             for first in columns.clone().step_by(PIXELS) {
@@ -374,15 +384,15 @@ impl<T: Value> Loop for Select<'_, T> {
 }
 
 /// What there is to know of the candidates chosen for a row, by the costs, which are lost.
-struct Weigh<'a, T> {
-    search: &'a Search<'a>,
+struct WeighRow<'a, T> {
+    search: &'a CandidateSearch<'a>,
     row: usize,
     chosen: &'a [u16],
     costs: &'a mut [Lanes<T>],
     evidence: &'a mut Evidence,
 }
 
-impl<T: Value> Loop for Weigh<'_, T> {
+impl<T: Value> Loop for WeighRow<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -409,24 +419,38 @@ pub fn optimize(
     volume: &Plane<u32>,
     candidates: usize,
     optimizer: Optimizer,
-    steps: Steps,
+    penalties: Penalties,
     level: Level,
     control: &Control,
 ) -> Result<Plane<u16>> {
     let size @ (rows, cols) = (volume.rows(), volume.cols() / candidates);
-    if let Some(cost) = volume.as_slice().iter().find(|cost| u64::from(**cost) > LARGEST_STEP) {
-        return Err(Error::value("costs", cost, format!("costs up to {LARGEST_STEP}")));
+    if let Some(cost) =
+        volume.as_slice().iter().find(|cost| u64::from(**cost) > LARGEST_SUMMED_PENALTY)
+    {
+        return Err(Error::value("costs", cost, format!("costs up to {LARGEST_SUMMED_PENALTY}")));
     }
-    let steps = Steps { p1: steps.p1.min(LARGEST_STEP), p2: steps.p2.min(LARGEST_STEP) };
+    let penalties = Penalties {
+        p1: penalties.p1.min(LARGEST_SUMMED_PENALTY),
+        p2: penalties.p2.min(LARGEST_SUMMED_PENALTY),
+    };
     let (edges, weighs) = (&Edges::nowhere(cols)?, false);
-    let search =
-        Search { size, first: 0, candidates, optimizer, steps, edges, weighs, level, control };
+    let search = CandidateSearch {
+        size,
+        first: 0,
+        candidates,
+        optimizer,
+        penalties,
+        edges,
+        weighs,
+        level,
+        control,
+    };
     let mut chosen = Plane::new(rows, cols)?;
     let bands = chosen.as_mut_slice().par_chunks_mut(BAND * cols).enumerate();
     bands.try_for_each(|(band, chosen)| {
         let rows = band * BAND..((band + 1) * BAND).min(rows);
         let mut workspace = Workspace::<u32>::default();
-        let evidence = search.run(rows, &Known { volume, candidates }, &mut workspace)?;
+        let evidence = search.choose(rows, &CostVolume { volume, candidates }, &mut workspace)?;
         for (row, chosen) in chosen.chunks_exact_mut(cols).enumerate() {
             chosen.copy_from_slice(evidence.row(row).chosen);
         }

@@ -18,7 +18,7 @@ use crate::image::plane::Plane;
 use crate::image::texture::Texture;
 use crate::optimization::evidence::{EvidenceRow, NONE};
 use crate::pipeline::control::Control;
-use crate::refinement::confidence::Scene;
+use crate::refinement::confidence::VotedMap;
 use crate::refinement::filling::fill;
 use crate::refinement::guided_median::guide;
 use crate::refinement::left_right_check::{Checker, Choices};
@@ -166,7 +166,7 @@ pub struct Draft<'a> {
     /// The left image, if the settings need it.
     pub texture: Option<&'a Texture>,
     /// The pair, if one of its images is to be synthesized.
-    pub scene: Option<&'a synthesis::Scene<'a>>,
+    pub scene: Option<&'a synthesis::BlurredPair<'a>>,
 }
 
 impl Draft<'_> {
@@ -208,7 +208,7 @@ impl Draft<'_> {
         }
         let confidences = match (votes, texture) {
             (Some(votes), Some(texture)) => {
-                let scene = Scene { disparity: &disparity, votes, texture };
+                let scene = VotedMap { disparity: &disparity, votes, texture };
                 let mut confidences = taken(&mut spare, &disparity)?;
                 scene.confidences(&mut confidences, level, control)?;
                 Some(confidences)

@@ -138,7 +138,7 @@ impl Window {
 
 /// Pixels whose costs are aggregated together.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Block {
+pub struct PixelBlock {
     /// Rows of the images.
     pub rows: Range<usize>,
     /// Columns of the left image.
@@ -163,7 +163,7 @@ impl<V: Value> Aggregator<V> {
         &mut self,
         costs: &Costs,
         window: Window,
-        block: Block,
+        block: PixelBlock,
         level: Level,
         out: &mut [Lanes<V>],
     ) -> Result<()> {
@@ -207,7 +207,7 @@ struct Aggregate<'a, V> {
     aggregator: &'a mut Aggregator<V>,
     costs: &'a Costs<'a>,
     window: Window,
-    block: Block,
+    block: PixelBlock,
     out: &'a mut [Lanes<V>],
 }
 
@@ -230,7 +230,7 @@ impl<V: Value> Aggregate<'_, V> {
     fn shifted(self) {
         let Self { aggregator, costs, window, block, out } = self;
         let Aggregator { costs: of_costs, votes, boxes, counts } = aggregator;
-        let (chunks, reach, Block { rows, columns }) = (costs.chunks(), window.reach(), block);
+        let (chunks, reach, PixelBlock { rows, columns }) = (costs.chunks(), window.reach(), block);
         let around = columns.start.saturating_sub(reach)..(columns.end + reach).min(window.cols);
         let width = around.len() * chunks;
         let last = window.rows - 1;
@@ -429,7 +429,7 @@ pub fn aggregate(
         aggregator.aggregate(
             &costs,
             window,
-            Block { rows, columns: 0..cols },
+            PixelBlock { rows, columns: 0..cols },
             level,
             &mut lanes,
         )?;

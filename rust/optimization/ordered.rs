@@ -14,7 +14,7 @@
 //! this is one candidate after another, in integers that hold any sum.
 
 use crate::error::Result;
-use crate::optimization::Steps;
+use crate::optimization::Penalties;
 use crate::pipeline::memory::Memory;
 use crate::value::{LANES, Lanes, Value};
 
@@ -35,7 +35,7 @@ impl Ordered {
         &mut self,
         costs: &[Lanes<V>],
         candidates: usize,
-        steps: Steps,
+        penalties: Penalties,
     ) -> Result<&[u16]> {
         let runs = candidates.div_ceil(LANES);
         let cols = costs.len() / runs;
@@ -46,7 +46,7 @@ impl Ordered {
 
         let pixels = costs.chunks_exact(runs).zip(self.origins.chunks_exact_mut(candidates));
         for (costs, origins) in pixels {
-            extend(&mut self.totals, &costs.as_flattened()[..candidates], origins, steps);
+            extend(&mut self.totals, &costs.as_flattened()[..candidates], origins, penalties);
         }
 
         let mut index = first_least(&self.totals);
@@ -60,12 +60,12 @@ impl Ordered {
 }
 
 /// Extends the best ways by a pixel, from the largest candidate down.
-fn extend<V: Value>(totals: &mut [u64], costs: &[V], origins: &mut [u16], steps: Steps) {
-    let (mut least, mut of_least) = (u64::MAX - steps.p2, 0);
+fn extend<V: Value>(totals: &mut [u64], costs: &[V], origins: &mut [u16], penalties: Penalties) {
+    let (mut least, mut of_least) = (u64::MAX - penalties.p2, 0);
     for k in (0..totals.len()).rev() {
         let stayed = totals[k];
-        let rose = if k > 0 { totals[k - 1] + steps.p1 } else { u64::MAX };
-        let dropped = least + steps.p2;
+        let rose = if k > 0 { totals[k - 1] + penalties.p1 } else { u64::MAX };
+        let dropped = least + penalties.p2;
         let best = stayed.min(rose).min(dropped);
 
         origins[k] = if best == stayed {

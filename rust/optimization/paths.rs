@@ -16,9 +16,9 @@
 use std::mem::swap;
 use std::ops::Range;
 
-use crate::cost::aggregation::Block;
+use crate::cost::aggregation::PixelBlock;
 use crate::error::Result;
-use crate::optimization::Steps;
+use crate::optimization::Penalties;
 use crate::optimization::edges::{Edges, Neighbor};
 use crate::optimization::evidence::Evidence;
 use crate::optimization::selection::{Minimum, PIXELS, Selection};
@@ -31,29 +31,29 @@ const ROWS: usize = 4;
 
 /// P1, and P2 by the jump of the gray values: the whole penalty, half, and a third of it, but not less than P1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Penalties<T> {
+pub struct AdaptivePenalties<T> {
     p1: T,
     p2: [T; 4],
 }
 
-impl<T: Value> Penalties<T> {
+impl<T: Value> AdaptivePenalties<T> {
     /// The penalties in an integer that holds them.
-    pub fn new(steps: Steps) -> Self {
-        let p2 = [1, 2, 3, 3].map(|part| T::truncated((steps.p2 / part).max(steps.p1)));
-        Self { p1: T::truncated(steps.p1), p2 }
+    pub fn new(penalties: Penalties) -> Self {
+        let p2 = [1, 2, 3, 3].map(|part| T::truncated((penalties.p2 / part).max(penalties.p1)));
+        Self { p1: T::truncated(penalties.p1), p2 }
     }
 }
 
 /// What paths go through: the penalties, and where P2 is lower.
 #[derive(Debug, Clone, Copy)]
-pub struct Terrain<'a, T> {
+pub struct Smoothness<'a, T> {
     /// P1 and P2.
-    pub penalties: Penalties<T>,
+    pub penalties: AdaptivePenalties<T>,
     /// Jumps of the gray values.
     pub edges: &'a Edges,
 }
 
-impl<T: Value> Terrain<'_, T> {
+impl<T: Value> Smoothness<'_, T> {
     /// P1, and P2 after a jump of the gray values.
     #[inline(always)]
     fn after(&self, jump: usize) -> [T; 2] {
@@ -100,9 +100,9 @@ impl<T: Value> Paths<T> {
 
     /// Where the paths have come to and where they are extended to.
     #[inline(always)]
-    fn parts(&mut self) -> Parts<'_, T> {
+    fn step(&mut self) -> PathStep<'_, T> {
         let Self { before, here, minima, least } = self;
-        Parts { before, here, minima, least }
+        PathStep { before, here, minima, least }
     }
 
     /// The first paths have come to the pixel that they were extended by.
@@ -115,15 +115,15 @@ impl<T: Value> Paths<T> {
     }
 }
 
-/// The parts of [`Paths`].
-struct Parts<'a, T> {
+/// The step of [`Paths`].
+struct PathStep<'a, T> {
     before: &'a [T],
     here: &'a mut [T],
     minima: &'a mut [Lanes<T>; PIXELS],
     least: &'a [T; PIXELS],
 }
 
-impl<T: Value> Parts<'_, T> {
+impl<T: Value> PathStep<'_, T> {
     /// Extends a path by a pixel of these costs; to be done with each, then [`Paths::arrive`].
     #[inline(always)]
     fn extend(
@@ -166,17 +166,17 @@ trait Sink<T> {
 }
 
 /// Nobody wants them.
-struct Nowhere;
+struct Discard;
 
-impl<T> Sink<T> for Nowhere {
+impl<T> Sink<T> for Discard {
     #[inline(always)]
     fn take(&mut self, _: usize, _: Lanes<T>) {}
 }
 
 /// Writes them.
-struct Write<'a, T>(&'a mut [Lanes<T>]);
+struct StoreTotals<'a, T>(&'a mut [Lanes<T>]);
 
-impl<T: Value> Sink<T> for Write<'_, T> {
+impl<T: Value> Sink<T> for StoreTotals<'_, T> {
     #[inline(always)]
     fn take(&mut self, run: usize, totals: Lanes<T>) {
         self.0[run] = totals;
@@ -184,9 +184,9 @@ impl<T: Value> Sink<T> for Write<'_, T> {
 }
 
 /// Writes the mean of them and of those that are there, rounded up.
-struct Mean<'a, T>(&'a mut [Lanes<T>]);
+struct AverageTotals<'a, T>(&'a mut [Lanes<T>]);
 
-impl<T: Value> Sink<T> for Mean<'_, T> {
+impl<T: Value> Sink<T> for AverageTotals<'_, T> {
     #[inline(always)]
     fn take(&mut self, run: usize, totals: Lanes<T>) {
         for (mean, total) in self.0[run].iter_mut().zip(totals) {
@@ -227,7 +227,7 @@ impl<T: Value> Horizontal<T> {
 #[derive(Debug, Clone)]
 pub struct Panel<'a, T> {
     /// The pixels of the band that are in it.
-    pub block: Block,
+    pub block: PixelBlock,
     /// The rows whose costs are at hand, those of the band among them.
     pub seen: Range<usize>,
     /// The costs of all these rows.
@@ -257,7 +257,7 @@ fn costs_of<'a, T>(
     columns: &Range<usize>,
     runs: usize,
 ) -> &'a [Lanes<T>] {
-    let Block { columns: all, .. } = &panel.block;
+    let PixelBlock { columns: all, .. } = &panel.block;
     let costs = row_of(panel.costs, y - panel.seen.start, all.len() * runs);
     &costs[(columns.start - all.start) * runs..][..columns.len() * runs]
 }
@@ -265,18 +265,18 @@ fn costs_of<'a, T>(
 /// The paths along the rows through a panel: those from the right begin so many columns beyond it, those from the left
 /// go on.
 #[derive(Debug)]
-pub struct Across<'a, T> {
+pub struct HorizontalPass<'a, T> {
     /// Where paths are kept.
     pub horizontal: &'a mut Horizontal<T>,
     /// The panel.
     pub panel: &'a Panel<'a, T>,
     /// What paths go through.
-    pub terrain: Terrain<'a, T>,
+    pub smoothness: Smoothness<'a, T>,
     /// The columns from where paths from the right come.
     pub start: usize,
 }
 
-impl<T: Value> Loop for Across<'_, T> {
+impl<T: Value> Loop for HorizontalPass<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -291,7 +291,7 @@ impl<T: Value> Loop for Across<'_, T> {
     }
 }
 
-impl<T: Value> Across<'_, T> {
+impl<T: Value> HorizontalPass<'_, T> {
     #[inline(always)]
     fn through(&mut self, runs: usize) {
         let rows = self.panel.block.rows.clone();
@@ -305,14 +305,15 @@ impl<T: Value> Across<'_, T> {
     /// Paths from the right, which go left, along a few rows.
     #[inline(always)]
     fn leftward(&mut self, rows: Range<usize>, runs: usize) {
-        let Self { horizontal: Horizontal { paths, means, .. }, panel, terrain, start } = self;
-        let (Block { rows: all, columns }, (beyond, width_beyond)) = (&panel.block, panel.beyond);
+        let Self { horizontal: Horizontal { paths, means, .. }, panel, smoothness, start } = self;
+        let (PixelBlock { rows: all, columns }, (beyond, width_beyond)) =
+            (&panel.block, panel.beyond);
         let width = columns.len() * runs;
-        let mut near = Rows::of(panel.costs, rows.clone(), panel.seen.start, width);
-        let far = Rows::of(beyond, rows.clone(), panel.seen.start, width_beyond * runs);
+        let mut near = PathRows::of(panel.costs, rows.clone(), panel.seen.start, width);
+        let far = PathRows::of(beyond, rows.clone(), panel.seen.start, width_beyond * runs);
         for (edges, y) in near.edges.iter_mut().zip(rows.clone()) {
             // From the column on that a path comes to a pixel from: `edges[x + 1]` is between `x` and `x + 1`.
-            *edges = &terrain.edges.row(y)[columns.start + 1..*start];
+            *edges = &smoothness.edges.row(y)[columns.start + 1..*start];
         }
         let mut means = rows_mut(means, rows.start - all.start, width);
         // Before its first pixel all totals of a path are 0, whatever the penalties.
@@ -323,22 +324,22 @@ impl<T: Value> Across<'_, T> {
         paths.restart(runs);
         for x in (columns.end..*start).rev() {
             let place = (x - columns.end) * runs;
-            let mut parts = paths.parts();
+            let mut step = paths.step();
             for path in 0..rows.len() {
-                let penalties = terrain.after(jump(near.edges[path], x));
+                let penalties = smoothness.after(jump(near.edges[path], x));
                 let costs = &far.costs[path][place..place + runs];
-                parts.extend(path, penalties, costs, runs, &mut Nowhere);
+                step.extend(path, penalties, costs, runs, &mut Discard);
             }
             paths.arrive(ROWS);
         }
         for x in columns.clone().rev() {
             let place = (x - columns.start) * runs;
-            let mut parts = paths.parts();
+            let mut step = paths.step();
             for (path, means) in means.iter_mut().enumerate().take(rows.len()) {
-                let penalties = terrain.after(jump(near.edges[path], x));
+                let penalties = smoothness.after(jump(near.edges[path], x));
                 let costs = &near.costs[path][place..place + runs];
-                let mut sink = Write(&mut means[place..place + runs]);
-                parts.extend(path, penalties, costs, runs, &mut sink);
+                let mut sink = StoreTotals(&mut means[place..place + runs]);
+                step.extend(path, penalties, costs, runs, &mut sink);
             }
             paths.arrive(ROWS);
         }
@@ -347,26 +348,26 @@ impl<T: Value> Across<'_, T> {
     /// Paths from the left, which go right, along a few rows, from where they were at the end of the panel before.
     #[inline(always)]
     fn rightward(&mut self, rows: Range<usize>, runs: usize) {
-        let Self { horizontal, panel, terrain, .. } = self;
+        let Self { horizontal, panel, smoothness, .. } = self;
         let Horizontal { paths, left, least, means } = &mut **horizontal;
-        let Block { rows: all, columns } = &panel.block;
+        let PixelBlock { rows: all, columns } = &panel.block;
         let width = columns.len() * runs;
-        let mut near = Rows::of(panel.costs, rows.clone(), panel.seen.start, width);
+        let mut near = PathRows::of(panel.costs, rows.clone(), panel.seen.start, width);
         let mut means = rows_mut(means, rows.start - all.start, width);
         for (path, y) in rows.clone().enumerate() {
-            near.edges[path] = &terrain.edges.row(y)[columns.clone()];
+            near.edges[path] = &smoothness.edges.row(y)[columns.clone()];
             let totals = &mut paths.before[path * span(runs) + LANES..][..runs * LANES];
             totals.copy_from_slice(row_of(left, y - all.start, runs * LANES));
             paths.least[path] = least[y - all.start];
         }
         for x in 0..columns.len() {
             let places = x * runs..(x + 1) * runs;
-            let mut parts = paths.parts();
+            let mut step = paths.step();
             for (path, means) in means.iter_mut().enumerate().take(rows.len()) {
-                let penalties = terrain.after(Neighbor::Left.jump(near.edges[path][x]));
+                let penalties = smoothness.after(Neighbor::Left.jump(near.edges[path][x]));
                 let costs = &near.costs[path][places.clone()];
-                let mut sink = Mean(&mut means[places.clone()]);
-                parts.extend(path, penalties, costs, runs, &mut sink);
+                let mut sink = AverageTotals(&mut means[places.clone()]);
+                step.extend(path, penalties, costs, runs, &mut sink);
             }
             paths.arrive(ROWS);
         }
@@ -379,12 +380,12 @@ impl<T: Value> Across<'_, T> {
 }
 
 /// Costs and jumps along the rows of a few paths.
-struct Rows<'a, T> {
+struct PathRows<'a, T> {
     costs: [&'a [Lanes<T>]; ROWS],
     edges: [&'a [u8]; ROWS],
 }
 
-impl<'a, T> Rows<'a, T> {
+impl<'a, T> PathRows<'a, T> {
     /// Those of some rows of values that begin with row `first`.
     #[inline(always)]
     fn of(costs: &'a [Lanes<T>], rows: Range<usize>, first: usize, width: usize) -> Self {
@@ -429,7 +430,7 @@ impl<T: Value> Vertical<T> {
 
 /// The paths from row to row through a panel, each from the first or last row that is seen.
 #[derive(Debug)]
-pub struct UpAndDown<'a, T: Value> {
+pub struct VerticalPass<'a, T: Value> {
     /// Where paths are kept.
     pub vertical: &'a mut Vertical<T>,
     /// The panel.
@@ -437,14 +438,14 @@ pub struct UpAndDown<'a, T: Value> {
     /// Half the sums of the totals of the paths along the rows.
     pub means: &'a [Lanes<T>],
     /// What paths go through.
-    pub terrain: Terrain<'a, T>,
+    pub smoothness: Smoothness<'a, T>,
     /// How many candidates there are.
     pub candidates: usize,
     /// What is found of the rows of the band.
     pub evidence: &'a mut Evidence,
 }
 
-impl<T: Value> Loop for UpAndDown<'_, T> {
+impl<T: Value> Loop for VerticalPass<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -459,7 +460,7 @@ impl<T: Value> Loop for UpAndDown<'_, T> {
     }
 }
 
-impl<T: Value> UpAndDown<'_, T> {
+impl<T: Value> VerticalPass<'_, T> {
     #[inline(always)]
     fn through(&mut self, runs: usize) {
         let Range { start, end } = self.panel.block.columns;
@@ -481,21 +482,22 @@ impl<T: Value> UpAndDown<'_, T> {
         self.vertical.paths.restart(runs);
         for y in (rows.start..=last).rev() {
             // Before its first pixel all totals of a path are 0, whatever the penalties.
-            let edges = &self.terrain.edges.row((y + 1).min(last))[columns.clone()];
-            let (terrain, Vertical { paths, below, .. }) = (self.terrain, &mut *self.vertical);
+            let edges = &self.smoothness.edges.row((y + 1).min(last))[columns.clone()];
+            let (smoothness, Vertical { paths, below, .. }) =
+                (self.smoothness, &mut *self.vertical);
             let costs = costs_of(self.panel, y, &columns, runs);
-            let mut parts = paths.parts();
+            let mut step = paths.step();
             if y < rows.end {
                 let below = row_of_mut(below, y - rows.start, PIXELS * runs);
                 for (path, edges) in edges.iter().enumerate() {
-                    let penalties = terrain.after(Neighbor::Above.jump(*edges));
-                    let mut sink = Write(row_of_mut(below, path, runs));
-                    parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
+                    let penalties = smoothness.after(Neighbor::Above.jump(*edges));
+                    let mut sink = StoreTotals(row_of_mut(below, path, runs));
+                    step.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
                 }
             } else {
                 for (path, edges) in edges.iter().enumerate() {
-                    let penalties = terrain.after(Neighbor::Above.jump(*edges));
-                    parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut Nowhere);
+                    let penalties = smoothness.after(Neighbor::Above.jump(*edges));
+                    step.extend(path, penalties, row_of(costs, path, runs), runs, &mut Discard);
                 }
             }
             paths.arrive(PIXELS);
@@ -505,14 +507,14 @@ impl<T: Value> UpAndDown<'_, T> {
     /// Paths from above through some columns, to the first row of the band.
     #[inline(always)]
     fn come_down(&mut self, columns: Range<usize>, runs: usize) {
-        let Self { vertical: Vertical { paths, .. }, panel, terrain, .. } = self;
+        let Self { vertical: Vertical { paths, .. }, panel, smoothness, .. } = self;
         paths.restart(runs);
         for y in panel.seen.start..panel.block.rows.start {
             let costs = costs_of(panel, y, &columns, runs);
-            let mut parts = paths.parts();
-            for (path, edges) in terrain.edges.row(y)[columns.clone()].iter().enumerate() {
-                let penalties = terrain.after(Neighbor::Above.jump(*edges));
-                parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut Nowhere);
+            let mut step = paths.step();
+            for (path, edges) in smoothness.edges.row(y)[columns.clone()].iter().enumerate() {
+                let penalties = smoothness.after(Neighbor::Above.jump(*edges));
+                step.extend(path, penalties, row_of(costs, path, runs), runs, &mut Discard);
             }
             paths.arrive(PIXELS);
         }
@@ -521,23 +523,23 @@ impl<T: Value> UpAndDown<'_, T> {
     /// Paths from above through a row of the band: with them all totals of its pixels are known.
     #[inline(always)]
     fn down(&mut self, y: usize, columns: Range<usize>, runs: usize) {
-        let Self { vertical, panel, terrain, means, .. } = self;
+        let Self { vertical, panel, smoothness, means, .. } = self;
         let Vertical { paths, below, sums, selection } = &mut **vertical;
         let (all, row) = (&panel.block.columns, y - panel.block.rows.start);
         let costs = costs_of(panel, y, &columns, runs);
         let means = &row_of(means, row, all.len() * runs)[(columns.start - all.start) * runs..];
         let below = row_of(below, row, PIXELS * runs);
         let sums = &mut sums[..PIXELS * runs];
-        let mut parts = paths.parts();
-        for (path, edges) in terrain.edges.row(y)[columns].iter().enumerate() {
-            let penalties = terrain.after(Neighbor::Above.jump(*edges));
-            let mut sink = Sum {
+        let mut step = paths.step();
+        for (path, edges) in smoothness.edges.row(y)[columns].iter().enumerate() {
+            let penalties = smoothness.after(Neighbor::Above.jump(*edges));
+            let mut sink = AverageAll {
                 means: row_of(means, path, runs),
                 below: row_of(below, path, runs),
                 sums: row_of_mut(sums, path, runs),
                 minimum: Minimum::of([T::FAR; LANES]),
             };
-            parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
+            step.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
             selection.take(path, sink.minimum);
         }
         paths.arrive(PIXELS);
@@ -556,14 +558,14 @@ impl<T: Value> UpAndDown<'_, T> {
 }
 
 /// Writes the mean of the totals of all paths: of the mean of those along the row, and that of those from above and below.
-struct Sum<'a, T> {
+struct AverageAll<'a, T> {
     means: &'a [Lanes<T>],
     below: &'a [Lanes<T>],
     sums: &'a mut [Lanes<T>],
     minimum: Minimum<T>,
 }
 
-impl<T: Value> Sink<T> for Sum<'_, T> {
+impl<T: Value> Sink<T> for AverageAll<'_, T> {
     #[inline(always)]
     fn take(&mut self, run: usize, totals: Lanes<T>) {
         let (means, below) = (&self.means[run], &self.below[run]);

@@ -65,7 +65,7 @@ pub fn confidence(support: f32) -> f32 {
 
 /// What is known of all pixels; planes of one size.
 #[derive(Debug, Clone, Copy)]
-pub struct Scene<'a> {
+pub struct VotedMap<'a> {
     /// Disparities, pixels; NaN where there is none.
     pub disparity: &'a Plane<f32>,
     /// Votes for them, from 0 to 1.
@@ -74,7 +74,7 @@ pub struct Scene<'a> {
     pub texture: &'a Texture,
 }
 
-impl Scene<'_> {
+impl VotedMap<'_> {
     /// The confidence of every disparity; 0 where there is none.
     pub fn confidences(&self, out: &mut Plane<f32>, level: Level, control: &Control) -> Result<()> {
         let cols = self.disparity.cols();
@@ -90,8 +90,8 @@ impl Scene<'_> {
     }
 
     #[inline(always)]
-    fn row(&self, y: usize) -> Row<'_> {
-        Row {
+    fn row(&self, y: usize) -> PixelRow<'_> {
+        PixelRow {
             disparity: self.disparity.row(y),
             votes: self.votes.row(y),
             gray: self.texture.gray.row(y),
@@ -107,13 +107,13 @@ pub fn similar(roughness: Roughness) -> f32 {
 
 /// A row of a scene, or a part of it.
 #[derive(Clone, Copy)]
-struct Row<'a> {
+struct PixelRow<'a> {
     disparity: &'a [f32],
     votes: &'a [f32],
     gray: &'a [i32],
 }
 
-impl Row<'_> {
+impl PixelRow<'_> {
     #[inline(always)]
     fn part(&self, first: usize, count: usize) -> Self {
         Self {
@@ -126,7 +126,7 @@ impl Row<'_> {
 
 /// Confidences of row `y`, written over `sums`.
 struct Support<'a> {
-    scene: Scene<'a>,
+    scene: VotedMap<'a>,
     y: usize,
     similar: f32,
     weights: &'a mut [f32],
@@ -174,7 +174,7 @@ fn places(y: usize, rows: usize) -> impl Iterator<Item = usize> {
 
 /// Adds the votes of one of the pixels around each. One without a disparity has none, neither for nor against.
 #[inline(always)]
-fn add([here, there]: [Row; 2], similar: f32, weights: &mut [f32], sums: &mut [f32]) {
+fn add([here, there]: [PixelRow; 2], similar: f32, weights: &mut [f32], sums: &mut [f32]) {
     let ours = here.disparity.iter().zip(here.gray);
     let theirs = there.disparity.iter().zip(there.gray).zip(there.votes);
     let totals = weights.iter_mut().zip(sums);

@@ -12,7 +12,7 @@ use crate::image::texture::{Roughness, Texture};
 use crate::pipeline::control::Control;
 use crate::refinement::jumps::Mark;
 use crate::refinement::median::{
-    LANES, Lanes, NONE, disparity as disparity_of, keys_of, lanes, median25,
+    KeyLanes, LANES, NONE, disparity as disparity_of, keys_of, lanes, median25,
 };
 use crate::simd::{Level, Loop};
 
@@ -117,7 +117,7 @@ impl Loop for Guide<'_> {
 /// The keys in the windows of neighboring pixels; in place of those that do not count in turn one below and
 /// one above all, so that what is in the middle stays there.
 #[inline(always)]
-fn like(keys: &[[i32; SPAN]; SIDE], grays: [&[i32]; SIDE], tolerance: i32) -> [Lanes; PLACES] {
+fn like(keys: &[[i32; SPAN]; SIDE], grays: [&[i32]; SIDE], tolerance: i32) -> [KeyLanes; PLACES] {
     let center = lanes(grays[SIDE / 2], REACH);
     let mut far = [i32::MIN; LANES];
     let mut kept = [[NONE; LANES]; PLACES];

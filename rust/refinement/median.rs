@@ -20,7 +20,7 @@ pub const REACH: usize = 1;
 const SPAN: usize = LANES + 2 * REACH;
 
 /// A number for each of some neighboring pixels.
-pub type Lanes = [i32; LANES];
+pub type KeyLanes = [i32; LANES];
 
 /// The median of 3 x 3 disparities about each pixel; beyond the border the map is continued by its last values.
 ///
@@ -34,7 +34,7 @@ pub fn smooth(
     smoothed.write_bands(1, |y, smoothed| {
         control.checkpoint()?;
         let rows = [y.saturating_sub(1), y, (y + 1).min(disparity.rows() - 1)];
-        level.run(Smooth { rows: rows.map(|y| disparity.row(y)), smoothed });
+        level.run(MedianRow { rows: rows.map(|y| disparity.row(y)), smoothed });
         Ok(())
     })
 }
@@ -58,12 +58,12 @@ fn flipped(bits: i32) -> i32 {
 }
 
 /// One row, from those above, at and below it.
-struct Smooth<'a> {
+struct MedianRow<'a> {
     rows: [&'a [f32]; 3],
     smoothed: &'a mut [f32],
 }
 
-impl Loop for Smooth<'_> {
+impl Loop for MedianRow<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -108,7 +108,7 @@ pub fn keys_of<const ROWS: usize, const COUNT: usize>(
 
 /// The lanes of a row from `x` on.
 #[inline(always)]
-pub fn lanes(row: &[i32], x: usize) -> Lanes {
+pub fn lanes(row: &[i32], x: usize) -> KeyLanes {
     row[x..].first_chunk().copied().unwrap_or([0; LANES])
 }
 
@@ -129,21 +129,21 @@ macro_rules! put_aside {
 
 /// The medians of 9 values.
 #[inline(always)]
-pub fn median9(mut values: [Lanes; 9]) -> Lanes {
+pub fn median9(mut values: [KeyLanes; 9]) -> KeyLanes {
     put_aside!(values, 4: 0 1 2 3);
     values[4]
 }
 
 /// The medians of 25 values.
 #[inline(always)]
-pub fn median25(mut values: [Lanes; 25]) -> Lanes {
+pub fn median25(mut values: [KeyLanes; 25]) -> KeyLanes {
     put_aside!(values, 12: 0 1 2 3 4 5 6 7 8 9 10 11);
     values[12]
 }
 
 /// Of `COUNT` values from the `first` on, brings the least to the front and the largest to the end.
 #[inline(always)]
-fn put_apart<const COUNT: usize>(values: &mut [Lanes], first: usize) {
+fn put_apart<const COUNT: usize>(values: &mut [KeyLanes], first: usize) {
     let values = &mut values[first..][..COUNT];
     let (last, half) = (COUNT - 1, COUNT.div_ceil(2));
     for i in 0..COUNT / 2 {
@@ -158,7 +158,7 @@ fn put_apart<const COUNT: usize>(values: &mut [Lanes], first: usize) {
 }
 
 #[inline(always)]
-fn order(values: &mut [Lanes], lower: usize, upper: usize) {
+fn order(values: &mut [KeyLanes], lower: usize, upper: usize) {
     let (a, b) = (values[lower], values[upper]);
     for j in 0..LANES {
         (values[lower][j], values[upper][j]) = (a[j].min(b[j]), a[j].max(b[j]));

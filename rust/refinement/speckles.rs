@@ -32,7 +32,7 @@ pub fn flag_speckles(
     if u32::try_from(count).is_err() {
         return Err(Error::value("left", format!("{count} pixels"), "fewer than 2^32 pixels"));
     }
-    let (bands, regions) = Map { disparity, flags, range, level }.find(control)?;
+    let (bands, regions) = TrustedMap { disparity, flags, range, level }.find(control)?;
     let first_runs = bands.iter().scan(0, |next, band| {
         let first = *next;
         *next += band.runs.len();
@@ -55,7 +55,7 @@ pub fn flag_speckles(
 }
 
 /// What is searched for regions.
-struct Map<'a> {
+struct TrustedMap<'a> {
     disparity: &'a Plane<f32>,
     flags: &'a Plane<u16>,
     range: f32,
@@ -71,7 +71,7 @@ struct Run {
 
 /// The runs of some rows, from left to right, and how they hang together.
 #[derive(Debug, Default)]
-struct Band {
+struct RunBand {
     runs: Vec<Run>,
     /// The first run of each row, and where those of the last row end.
     rows: Vec<usize>,
@@ -87,22 +87,22 @@ struct Forest {
 
 /// The trusted disparities of a row, NaN for others, and which of them do not hang together with that to their left.
 #[derive(Debug)]
-struct Row {
+struct TrustedRow {
     values: Vec<f32>,
     /// Bytes that are 0 or 1, and zeros up to a multiple of [`LOOK`].
     breaks: Vec<u8>,
 }
 
-impl Map<'_> {
+impl TrustedMap<'_> {
     /// The runs of all bands, and one forest of all of them.
-    fn find(&self, control: &Control) -> Result<(Vec<Band>, Forest)> {
+    fn find(&self, control: &Control) -> Result<(Vec<RunBand>, Forest)> {
         let rows = self.disparity.rows();
         let tops: Vec<usize> = (0..rows).step_by(BAND).collect();
         let bands = tops.par_iter().map(|&top| {
             control.checkpoint()?;
             self.band(top, (top + BAND).min(rows))
         });
-        let mut bands: Vec<Band> = bands.collect::<Result<_>>()?;
+        let mut bands: Vec<RunBand> = bands.collect::<Result<_>>()?;
         let mut regions = Forest::default();
         for index in 0..bands.len() {
             let first = regions.parents.len();
@@ -118,9 +118,9 @@ impl Map<'_> {
     }
 
     /// The runs of the rows from `top` to `bottom`.
-    fn band(&self, top: usize, bottom: usize) -> Result<Band> {
-        let mut band = Band { rows: vec![0], ..Band::default() };
-        let mut above: Option<Row> = None;
+    fn band(&self, top: usize, bottom: usize) -> Result<RunBand> {
+        let mut band = RunBand { rows: vec![0], ..RunBand::default() };
+        let mut above: Option<TrustedRow> = None;
         for y in top..bottom {
             let here = self.row(y);
             band.add(&here)?;
@@ -134,21 +134,21 @@ impl Map<'_> {
         Ok(band)
     }
 
-    fn row(&self, y: usize) -> Row {
+    fn row(&self, y: usize) -> TrustedRow {
         let (disparity, flags) = (self.disparity.row(y), self.flags.row(y));
-        let mut row = Row {
+        let mut row = TrustedRow {
             values: vec![0.0; disparity.len()],
             breaks: vec![0; disparity.len().next_multiple_of(LOOK)],
         };
-        let Row { values, breaks } = &mut row;
-        self.level.run(Cut { disparity, flags, range: self.range, values, breaks });
+        let TrustedRow { values, breaks } = &mut row;
+        self.level.run(FindBreaks { disparity, flags, range: self.range, values, breaks });
         row
     }
 
     /// Unites the runs of a row, numbered from the second of `firsts` on, with those above that they touch.
     fn unite(
         &self,
-        [above, here]: [&Row; 2],
+        [above, here]: [&TrustedRow; 2],
         [upper, lower]: [&[Run]; 2],
         firsts: [usize; 2],
         regions: &mut Forest,
@@ -169,9 +169,9 @@ impl Map<'_> {
     }
 }
 
-impl Band {
+impl RunBand {
     /// Adds the runs of the next row, each a region of its own.
-    fn add(&mut self, row: &Row) -> Result<()> {
+    fn add(&mut self, row: &TrustedRow) -> Result<()> {
         let most = row.values.len();
         reserve(&mut self.runs, most)?;
         let mut start = None;
@@ -258,7 +258,7 @@ impl Forest {
 }
 
 /// A row of disparities and flags -> what is trusted of it, and where that does not hang together.
-struct Cut<'a> {
+struct FindBreaks<'a> {
     disparity: &'a [f32],
     flags: &'a [u16],
     range: f32,
@@ -266,7 +266,7 @@ struct Cut<'a> {
     breaks: &'a mut [u8],
 }
 
-impl Loop for Cut<'_> {
+impl Loop for FindBreaks<'_> {
     type Output = ();
 
     #[inline(always)]

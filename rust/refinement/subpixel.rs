@@ -80,18 +80,18 @@ pub fn smooth(
         control.checkpoint()?;
         let first = y as isize - REACH as isize;
         let rows = from_fn(|dy| disparity.row_or_nothing(first + dy as isize));
-        level.run(Smooth { rows, smoothed });
+        level.run(MeanRow { rows, smoothed });
         Ok(())
     })
 }
 
 /// One row, to be smoothed with those about it.
-struct Smooth<'a> {
+struct MeanRow<'a> {
     rows: [&'a [f32]; SIDE],
     smoothed: &'a mut [f32],
 }
 
-impl Loop for Smooth<'_> {
+impl Loop for MeanRow<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -5,7 +5,7 @@ use crate::common::{
     volumes, widths,
 };
 use crate::reference;
-use phasestereo::internals::cost::aggregation::{Aggregator, Block, Window, aggregate};
+use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock, Window, aggregate};
 use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::cost::{Costs, steps_of};
 use phasestereo::internals::error::Error;
@@ -187,7 +187,7 @@ impl Election {
             let columns = x..(x + wide).min(window.cols);
             let runs = rows.len() * columns.len() * costs.chunks();
             let mut out = vec![[V::truncated(77); LANES]; runs];
-            let block = Block { rows: rows.clone(), columns: columns.clone() };
+            let block = PixelBlock { rows: rows.clone(), columns: columns.clone() };
             aggregator.aggregate(costs, window, block, level, &mut out).expect("memory");
             let mut pixels = out.chunks_exact(costs.chunks()).map(<[_]>::as_flattened);
             for (y, x) in rows.flat_map(|y| columns.clone().map(move |x| (y, x))) {

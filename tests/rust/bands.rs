@@ -38,7 +38,7 @@ const AFFORDABLE: usize = 1 << 22;
 struct Job {
     pair: Pair,
     settings: Settings,
-    ranges: [intensity::Range; 2],
+    ranges: [intensity::IntensityRange; 2],
     roughness: Roughness,
 }
 

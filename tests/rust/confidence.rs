@@ -10,7 +10,7 @@ use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::refinement::Margin;
-use phasestereo::internals::refinement::confidence::{RADIUS, Scene, confidence, similar, vote};
+use phasestereo::internals::refinement::confidence::{RADIUS, VotedMap, confidence, similar, vote};
 use proptest::prelude::*;
 
 /// Planes that a scene is of.
@@ -22,8 +22,8 @@ struct Planes {
 }
 
 impl Planes {
-    fn scene(&self) -> Scene<'_> {
-        Scene { disparity: &self.disparity, votes: &self.votes, texture: &self.texture }
+    fn scene(&self) -> VotedMap<'_> {
+        VotedMap { disparity: &self.disparity, votes: &self.votes, texture: &self.texture }
     }
 
     /// Those of every level, which are the same.

@@ -71,12 +71,12 @@ impl Job {
 
     /// Bytes of the integers that are wide enough for the costs and the totals of this match.
     fn bytes(&self) -> usize {
-        let (window, steps) = naive::scale(&self.pair, &self.settings);
+        let (window, penalties) = naive::scale(&self.pair, &self.settings);
         let is_masked = Votes::new(self.pair.views(), self.pair.candidates()).is_some();
         let total = match self.settings.optimizer {
             Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
             Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
-                steps.largest_total(window.largest_sum())
+                penalties.largest_total(window.largest_sum())
             }
         };
         let largest = total.max(window.largest_value(is_masked));
