@@ -352,7 +352,7 @@ mod cost {
 
     fn write<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
         with_costs(case, settings, |costs, _| {
-            let mut out = vec![[V::default(); LANES]; PANEL * costs.chunks()];
+            let mut out = vec![[V::default(); LANES]; PANEL * costs.runs()];
             bencher.counter(case.evaluations()).bench_local(|| {
                 case.level.run(Write { costs, out: divan::black_box(&mut out[..]) });
             });
@@ -399,7 +399,7 @@ mod aggregation {
     fn aggregate<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
         with_costs(case, settings, |costs, window| {
             assert!(window.largest_value(false) <= V::LARGEST_TOTAL);
-            let mut out = vec![[V::default(); LANES]; ROWS * PANEL * costs.chunks()];
+            let mut out = vec![[V::default(); LANES]; ROWS * PANEL * costs.runs()];
             let mut aggregator = Aggregator::<V>::default();
             bencher.counter(case.evaluations()).bench_local(|| {
                 for start in (0..COLS).step_by(PANEL) {

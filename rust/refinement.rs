@@ -12,7 +12,7 @@ pub mod subpixel;
 pub mod synthesis;
 
 use crate::cost::candidates::Candidates;
-use crate::cost::votes::Votes;
+use crate::cost::validity::Validity;
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::image::texture::Texture;
@@ -70,7 +70,7 @@ pub struct Judge<'a> {
     /// Columns of the image.
     pub cols: usize,
     /// Which (pixel, candidate) pairs are valid; `None`: all.
-    pub votes: Option<&'a Votes<'a>>,
+    pub validity: Option<&'a Validity<'a>>,
     /// Whether estimates lie between candidates.
     pub subpixel: bool,
     /// Pixels by which the disparities of two left pixels with one match may differ; `None`: by whatever.
@@ -141,12 +141,12 @@ impl Judge<'_> {
     pub fn flags(&self, y: usize, x: usize, chosen: usize) -> u16 {
         let is_outside = self.candidates.is_outside(x, chosen, self.cols);
         let outside = if is_outside { flag::OUTSIDE } else { 0 };
-        let Some(votes) = self.votes else { return outside };
-        if votes.is_masked(y, x) {
+        let Some(validity) = self.validity else { return outside };
+        if validity.is_masked(y, x) {
             flag::MASKED
-        } else if !(0..self.candidates.count()).any(|k| votes.has(y, x, k)) {
+        } else if !(0..self.candidates.count()).any(|k| validity.is_valid(y, x, k)) {
             flag::NO_CANDIDATE
-        } else if votes.has(y, x, chosen) {
+        } else if validity.is_valid(y, x, chosen) {
             outside
         } else {
             outside | flag::MATCH_MASKED

@@ -114,7 +114,7 @@ impl Demand<'_> {
         };
         let is_whole = self.settings.optimizer == Optimizer::DynamicProgramming;
         let cols = if is_whole { self.cols } else { PANEL };
-        let around = cols + 2 * window.margin();
+        let around = cols + 2 * window.halo();
         // Costs and votes of the rows of a window and of the one that has left it, their sums, and sums of windows.
         let summed = 2 * (window.side + 2) * around + (window.side + 1) * around;
         let lanes = panels * rows * cols * runs + totals + summed * runs;

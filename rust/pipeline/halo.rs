@@ -36,7 +36,7 @@ impl Halo {
         compensation: Option<&BlurCompensation>,
         alignment: Option<&Alignment>,
     ) -> Self {
-        let window = Window::new((1, 1), 1, settings, 0).margin();
+        let window = Window::new((1, 1), 1, settings, 0).halo();
         let description = match settings.cost {
             CostKind::Phase => {
                 settings.largest_neighborhood() / 2 + compensation.map_or(0, described)

@@ -321,7 +321,7 @@ impl Matcher {
         };
         let job = Job { costs: &costs, window, search, settings };
         let bands = map.bands(search.bands(section.rows.clone()));
-        match Width::new(settings, window, job.search.penalties, costs.has_votes()) {
+        match Width::new(settings, window, job.search.penalties, costs.has_masks()) {
             Width::Bytes => self.match_bands::<u8>(bands, &job),
             Width::Words => self.match_bands::<u16>(bands, &job),
             Width::Widest => self.match_bands::<u32>(bands, &job),
@@ -374,7 +374,7 @@ impl Job<'_> {
         Judge {
             candidates: self.costs.candidates(),
             cols: self.window.cols,
-            votes: self.costs.votes(),
+            validity: self.costs.validity(),
             subpixel: self.settings.subpixel,
             consistency: self.settings.lr_check.map(|most| most as u16),
             uniqueness: self.settings.uniqueness as u64,

@@ -266,7 +266,7 @@ pub fn aggregate(costs: &Plane<u16>, votes: &Plane<u16>, window: Window) -> Plan
     let boxes = Plane::from_fn(window.rows, window.cols * count, |y, place| {
         let (x, k) = (place / count, place % count);
         let votes = box_sum(votes, Window { dropped: 0, ..window }, y, x, k);
-        window.share(box_sum(costs, window, y, x, k), votes) as u32
+        window.scaled(box_sum(costs, window, y, x, k), votes) as u32
     });
     if !window.shiftable {
         return boxes;
