@@ -395,7 +395,7 @@ impl Choice {
     ) -> Result<Disparity> {
         let started = Instant::now();
         let (views, compensation) = (pair.views(), pair.blur_compensation());
-        let scene = synthesis::BlurredPair::new(
+        let blurred_pair = synthesis::BlurredPair::new(
             views,
             compensation,
             rows.clone(),
@@ -410,7 +410,7 @@ impl Choice {
             flags: &mut flags,
             votes: votes.as_ref(),
             texture: texture.as_ref(),
-            scene: scene.as_ref(),
+            blurred_pair: blurred_pair.as_ref(),
         };
         let (disparity, confidence) = draft.refine(settings, level, control)?;
         let confidence = confidence.filter(|_| settings.confidence);

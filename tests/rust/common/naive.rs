@@ -18,7 +18,7 @@ use phasestereo::internals::pipeline::matcher::{Disparity, Pair};
 use phasestereo::internals::refinement::confidence::{VotedMap, vote};
 use phasestereo::internals::refinement::left_right_check::Choices;
 use phasestereo::internals::refinement::synthesis::is_asked_for;
-use phasestereo::internals::refinement::{Margin, flag};
+use phasestereo::internals::refinement::{CostMargin, flag};
 use phasestereo::internals::rig::blur_compensation::{
     self, {BlurCompensation, MOST_CLASSES},
 };
@@ -199,7 +199,7 @@ pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
     let unit = unit(pair, settings);
     let votes = found.map(|found| {
         let elsewhere = (found.elsewhere != NONE).then_some(found.elsewhere.into());
-        vote(Margin { own: found.own.into(), elsewhere }, unit)
+        vote(CostMargin { own: found.own.into(), elsewhere }, unit)
     });
     let (disparity, mut flags) = refined(pair, draft, &texture, settings);
     let confidences = reference::confidences(VotedMap {
