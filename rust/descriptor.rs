@@ -118,7 +118,7 @@ pub fn describe_as<C: Code>(
     let gain = layers.iter().map(|layer| layer.basis.gain()).max().unwrap_or(0);
     let fits = i32::try_from(gain * u64::from(gray.reach())).is_ok();
     Plane::by_bands(gray.size(), BAND_ROWS, |first, codes| {
-        let band = Band { gray, first, layers: &layers, level, control };
+        let band = DescribedBand { gray, first, layers: &layers, level, control };
         if fits { band.describe::<i32, C>(codes) } else { band.describe::<f64, C>(codes) }
     })
 }
@@ -184,7 +184,7 @@ fn weak_threshold(gray: &Gray, basis: &Basis, weak: f64, noise: Option<f64>) -> 
 }
 
 /// Rows that one task describes.
-struct Band<'a> {
+struct DescribedBand<'a> {
     gray: &'a Gray<'a>,
     first: usize,
     layers: &'a [Layer],
@@ -192,7 +192,7 @@ struct Band<'a> {
     control: &'a Control,
 }
 
-impl Band<'_> {
+impl DescribedBand<'_> {
     fn describe<T: Lane, C: Code>(&self, codes: &mut [C]) -> Result<()> {
         let cols = self.gray.size().1;
         let rows = codes.len() / cols;
@@ -212,9 +212,9 @@ impl Band<'_> {
                 let width = spectrum.width();
                 let surroundings = &pixels[y * width..][..(2 * layer.basis.radius() + 1) * width];
                 let words = &mut words;
-                self.level.run(Transform { spectrum, surroundings, layer, words });
+                self.level.run(TransformRow { spectrum, surroundings, layer, words });
             }
-            self.level.run(Narrow { words: [&words[0], &words[1]], codes });
+            self.level.run(NarrowRow { words: [&words[0], &words[1]], codes });
         }
         Ok(())
     }
@@ -235,14 +235,14 @@ impl Band<'_> {
 }
 
 /// A row of pixels and its surroundings -> one size's bits of the codes, in two halves of 32 bits, or all in the first.
-struct Transform<'a, T: Lane> {
+struct TransformRow<'a, T: Lane> {
     spectrum: &'a mut Spectrum<T>,
     surroundings: &'a [i32],
     layer: &'a Layer,
     words: &'a mut [Vec<T::Word>; 2],
 }
 
-impl<T: Lane> Loop for Transform<'_, T> {
+impl<T: Lane> Loop for TransformRow<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -261,12 +261,12 @@ impl<T: Lane> Loop for Transform<'_, T> {
     }
 }
 
-struct Narrow<'a, W, C> {
+struct NarrowRow<'a, W, C> {
     words: [&'a [W]; 2],
     codes: &'a mut [C],
 }
 
-impl<W: Word, C: Code> Loop for Narrow<'_, W, C> {
+impl<W: Word, C: Code> Loop for NarrowRow<'_, W, C> {
     type Output = ();
 
     #[inline(always)]

@@ -33,7 +33,7 @@ use crate::error::Error;
 use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
 use crate::image::texture::Roughness;
-use crate::optimization::{BAND, Steps, optimize};
+use crate::optimization::{BAND, Penalties, optimize};
 use crate::pipeline::footprint::Demand;
 use crate::pipeline::halo::Halo;
 use crate::pipeline::matcher::{Disparity, Execution, on_threads};
@@ -440,9 +440,9 @@ fn optimize_volume<'py>(
 ) -> PyResult<Bound<'py, PyArray2<u16>>> {
     let settings = read_settings(settings)?;
     let (costs, (rows, _, count)) = read_volume(costs, "costs")?;
-    let steps = Steps { p1, p2 };
+    let penalties = Penalties { p1, p2 };
     let chosen = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
-        optimize(&costs, count, settings.optimizer, steps, Level::best(), control)
+        optimize(&costs, count, settings.optimizer, penalties, Level::best(), control)
     })?;
     wrap(py, chosen)
 }

@@ -163,8 +163,8 @@ mod tests {
 
     #[test]
     fn every_level_runs_the_same_code() {
-        struct Sum<'a>(&'a [u8]);
-        impl Loop for Sum<'_> {
+        struct ByteSum<'a>(&'a [u8]);
+        impl Loop for ByteSum<'_> {
             type Output = u32;
             #[inline(always)]
             fn run(self) -> u32 {
@@ -175,7 +175,7 @@ mod tests {
         let expected: u32 = values.iter().map(|value| u32::from(*value)).sum();
         for (name, level) in Level::all() {
             match level {
-                Some(level) => assert_eq!(level.run(Sum(&values)), expected, "{name}"),
+                Some(level) => assert_eq!(level.run(ByteSum(&values)), expected, "{name}"),
                 None => println!("{name}: not run, this machine does not have it"),
             }
         }

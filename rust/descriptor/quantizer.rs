@@ -169,12 +169,12 @@ fn add_each<T: Lane>(
     im: &[T],
     shift: usize,
     words: &mut [T::Word],
-    code: impl Fn(Place<T>) -> T::Word,
+    code: impl Fn(PhasePosition<T>) -> T::Word,
 ) {
     let n = words.len();
     let (re, im) = (&re[..n], &im[..n]);
     for i in 0..n {
-        words[i] = words[i] | code(Place::new(re[i], im[i])) << shift;
+        words[i] = words[i] | code(PhasePosition::new(re[i], im[i])) << shift;
     }
 }
 
@@ -182,7 +182,7 @@ fn add_each<T: Lane>(
 ///
 /// To a half plane belongs that half of its border which opens it counter-clockwise, and never zero.
 #[derive(Debug, Clone, Copy)]
-struct Place<T> {
+struct PhasePosition<T> {
     /// Left of the imaginary axis.
     left: bool,
     /// Below the real axis.
@@ -191,7 +191,7 @@ struct Place<T> {
     turned: (T, T),
 }
 
-impl<T: Lane> Place<T> {
+impl<T: Lane> PhasePosition<T> {
     #[inline(always)]
     fn new(re: T, im: T) -> Self {
         let zero = T::default();

@@ -105,12 +105,12 @@ impl Lane for f64 {
 
 /// The even and the odd part of a filter, from the center outwards; or what they make of a row.
 #[derive(Debug)]
-struct Parts<T> {
+struct EvenOdd<T> {
     even: Vec<T>,
     odd: Vec<T>,
 }
 
-impl<T: Lane> Parts<T> {
+impl<T: Lane> EvenOdd<T> {
     fn new(width: usize) -> Result<Self> {
         Ok(Self { even: zeroed(width)?, odd: zeroed(width)? })
     }
@@ -130,11 +130,11 @@ pub struct Spectrum<T> {
     /// Highest frequency indices.
     highest: (usize, usize),
     /// By frequency index.
-    filters: Vec<Parts<T>>,
+    filters: Vec<EvenOdd<T>>,
     /// The row under the filters along y, by `v`.
-    columns: Vec<Parts<T>>,
+    columns: Vec<EvenOdd<T>>,
     /// The even and the odd part of these, for one `v`, under the filter along x for one `u`.
-    crossed: [Parts<T>; 2],
+    crossed: [EvenOdd<T>; 2],
 }
 
 impl<T: Lane> Spectrum<T> {
@@ -143,11 +143,11 @@ impl<T: Lane> Spectrum<T> {
         let width = padded(padded(cols) + 2 * basis.radius());
         Ok(Self {
             highest: basis.frequencies(),
-            filters: basis.filters().iter().map(Parts::lanes).collect(),
+            filters: basis.filters().iter().map(EvenOdd::lanes).collect(),
             columns: (0..=basis.frequencies().1)
-                .map(|_| Parts::new(width))
+                .map(|_| EvenOdd::new(width))
                 .collect::<Result<_>>()?,
-            crossed: [Parts::new(SEGMENT)?, Parts::new(SEGMENT)?],
+            crossed: [EvenOdd::new(SEGMENT)?, EvenOdd::new(SEGMENT)?],
         })
     }
 
@@ -181,7 +181,7 @@ impl<T: Lane> Spectrum<T> {
         columns: Range<usize>,
     ) -> impl Iterator<Item = Components<'_, T>> {
         // Even and odd parts, along x and then along y.
-        let [Parts { even: ee, odd: oe }, Parts { even: eo, odd: oo }] = &mut self.crossed;
+        let [EvenOdd { even: ee, odd: oe }, EvenOdd { even: eo, odd: oo }] = &mut self.crossed;
         let [ee, oe, eo, oo] = [ee, oe, eo, oo].map(|row| &mut row[..columns.len()]);
         let (filter, down) = (&self.filters[u], &self.columns[v]);
         let place = (columns.start + filter.even.len() - 1, 1);
@@ -247,7 +247,7 @@ impl Pairs {
 /// Lays a filter on a row of places, one beside the other: both of its parts, or the even one alone.
 #[inline(always)]
 fn apply<P: Lane, T: Lane + From<P>>(
-    filter: &Parts<T>,
+    filter: &EvenOdd<T>,
     both: bool,
     data: &[P],
     (center, step): (usize, usize),
@@ -268,7 +268,7 @@ fn apply<P: Lane, T: Lane + From<P>>(
 /// Adds what `K` pairs contribute; the first sweep starts with the center.
 #[inline(always)]
 fn sweep<P: Lane, T: Lane + From<P>, const K: usize>(
-    filter: &Parts<T>,
+    filter: &EvenOdd<T>,
     both: bool,
     data: &[P],
     pairs: Pairs,

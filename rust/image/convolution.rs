@@ -210,7 +210,7 @@ fn taps(weights: &Plane<i32>) -> impl Iterator<Item = (usize, usize, i32)> {
 
 /// One sweep of a kernel over rows that lie one after the other, each with what continues it.
 #[derive(Debug)]
-struct Pass {
+struct KernelPass {
     /// Rows needed above and below, columns on the left and at least as many on the right.
     radii: (usize, usize),
     /// Values from the start of a row to that of the next.
@@ -230,19 +230,19 @@ struct Tap {
 }
 
 /// The passes of a kernel over an image.
-fn passes(kernel: &Kernel, fraction: u32, gray: &Gray) -> (Pass, Option<Pass>) {
+fn passes(kernel: &Kernel, fraction: u32, gray: &Gray) -> (KernelPass, Option<KernelPass>) {
     let (cols, reach) = (gray.size().1, gray.reach());
     match &kernel.0 {
-        Weights::All(weights) => (Pass::new(weights, (0, fraction), cols, reach), None),
+        Weights::All(weights) => (KernelPass::new(weights, (0, fraction), cols, reach), None),
         Weights::Factors { column, row } => {
             let between = fraction + GUARD;
-            let second = Pass::new(row, (between, fraction), cols, reach << between);
-            (Pass::new(column, (0, between), cols, reach), Some(second))
+            let second = KernelPass::new(row, (between, fraction), cols, reach << between);
+            (KernelPass::new(column, (0, between), cols, reach), Some(second))
         }
     }
 }
 
-impl Pass {
+impl KernelPass {
     /// Over values of `had` bits after the point and magnitude up to `reach`, so that `kept` are left.
     fn new(weights: &Plane<i32>, (had, kept): (u32, u32), image_cols: usize, reach: u32) -> Self {
         let (rows, cols) = (weights.rows(), weights.cols());
@@ -288,7 +288,7 @@ impl Pass {
 
 /// Rows from the first under the kernel on -> one row of rounded sums.
 struct Sums<'a> {
-    pass: &'a Pass,
+    pass: &'a KernelPass,
     pixels: &'a [i32],
     out: &'a mut [i32],
 }
@@ -298,7 +298,7 @@ impl simd::Loop for Sums<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { pass: Pass { taps, shift, is_narrow, .. }, pixels, out } = self;
+        let Self { pass: KernelPass { taps, shift, is_narrow, .. }, pixels, out } = self;
         if *is_narrow {
             write_sums::<i32>(taps, *shift, pixels, out);
         } else {
@@ -308,7 +308,7 @@ impl simd::Loop for Sums<'_> {
 }
 
 #[inline(always)]
-fn write_sums<S: Sum>(taps: &[Tap], shift: u32, pixels: &[i32], out: &mut [i32]) {
+fn write_sums<S: Accumulator>(taps: &[Tap], shift: u32, pixels: &[i32], out: &mut [i32]) {
     for (start, out) in (0..).step_by(BLOCK).zip(out.chunks_mut(BLOCK)) {
         let sums = sums::<S>(taps, shift, &pixels[start..]);
         out.copy_from_slice(&sums[..out.len()]);
@@ -317,7 +317,7 @@ fn write_sums<S: Sum>(taps: &[Tap], shift: u32, pixels: &[i32], out: &mut [i32])
 
 /// The rounded sums of a block. Values are copied first: only so are the sums known not to overlap them.
 #[inline(always)]
-fn sums<S: Sum>(taps: &[Tap], shift: u32, pixels: &[i32]) -> [i32; BLOCK] {
+fn sums<S: Accumulator>(taps: &[Tap], shift: u32, pixels: &[i32]) -> [i32; BLOCK] {
     let mut sums = [S::half(shift); BLOCK];
     for tap in taps {
         let pixels = &pixels[tap.offset..][..BLOCK];
@@ -328,7 +328,7 @@ fn sums<S: Sum>(taps: &[Tap], shift: u32, pixels: &[i32]) -> [i32; BLOCK] {
 }
 
 /// A number in which weighted sums are exact.
-trait Sum: Copy {
+trait Accumulator: Copy {
     /// What is added so that rounding down is rounding to the nearest.
     fn half(shift: u32) -> Self;
     /// The sum with one pixel more.
@@ -337,7 +337,7 @@ trait Sum: Copy {
     fn without(self, shift: u32) -> i32;
 }
 
-impl Sum for i32 {
+impl Accumulator for i32 {
     #[inline(always)]
     fn half(shift: u32) -> Self {
         1 << (shift - 1)
@@ -354,7 +354,7 @@ impl Sum for i32 {
     }
 }
 
-impl Sum for i64 {
+impl Accumulator for i64 {
     #[inline(always)]
     fn half(shift: u32) -> Self {
         1 << (shift - 1)

@@ -46,14 +46,14 @@ pub const LEVEL_CEILING: u16 = 3 * 255 * LEVEL_STEPS;
 
 /// Black and white, in thousandths of the pixels' unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Range {
+pub struct IntensityRange {
     /// Black.
     pub black: f64,
     /// White.
     pub white: f64,
 }
 
-impl Range {
+impl IntensityRange {
     /// From black to white.
     pub fn width(self) -> f64 {
         self.white - self.black
@@ -66,13 +66,13 @@ impl Range {
 }
 
 /// That of an image without a valid pixel.
-pub const NOWHERE: Range = Range { black: 0.0, white: 0.0 };
+pub const NOWHERE: IntensityRange = IntensityRange { black: 0.0, white: 0.0 };
 
 /// The gray values under the phase codes, centered about zero; each image may have a scale of its own, since
 /// codes compare directions, not lengths.
 #[derive(Debug)]
 pub struct Gray<'a> {
-    source: Source<'a>,
+    source: Pixels<'a>,
     size: (usize, usize),
     reach: u32,
     /// Steps per unit of the pixels: the product of two, since one of them may be beyond any float.
@@ -80,9 +80,9 @@ pub struct Gray<'a> {
 }
 
 #[derive(Debug)]
-enum Source<'a> {
+enum Pixels<'a> {
     /// Converted a row at a time, when it is needed.
-    Image(&'a Image, Scale),
+    Image(&'a Image, Quantization),
     /// What is not that simple, or comes from elsewhere.
     Plane(Plane<i32>),
 }
@@ -92,21 +92,21 @@ impl<'a> Gray<'a> {
     pub fn new(view: &'a View, level: Level, control: &Control) -> Result<Self> {
         let (rows, cols, channels) = view.image.shape();
         let scale = match view.image.white() {
-            Some(white) => Scale::Exact { middle: (i32::from(white) + 1) / 2 },
-            None => Scale::Steps(Steps::new(float_range(view, control)?)),
+            Some(white) => Quantization::Exact { middle: (i32::from(white) + 1) / 2 },
+            None => Quantization::Float(FloatSteps::new(float_range(view, control)?)),
         };
         let reach = match scale {
-            Scale::Exact { middle } if channels == 3 => 1000 * middle as u32,
-            Scale::Exact { middle } => middle as u32,
-            Scale::Steps(_) => FLOAT_REACH as u32,
+            Quantization::Exact { middle } if channels == 3 => 1000 * middle as u32,
+            Quantization::Exact { middle } => middle as u32,
+            Quantization::Float(_) => FLOAT_REACH as u32,
         };
         let unit = match scale {
-            Scale::Exact { .. } if channels == 3 => [1000.0, 1.0],
-            Scale::Exact { .. } => [1.0, 1.0],
-            Scale::Steps(Steps { factors: [a, b], .. }) => [1000.0 * a, b],
+            Quantization::Exact { .. } if channels == 3 => [1000.0, 1.0],
+            Quantization::Exact { .. } => [1.0, 1.0],
+            Quantization::Float(FloatSteps { factors: [a, b], .. }) => [1000.0 * a, b],
         };
         let gray =
-            Self { source: Source::Image(&view.image, scale), size: (rows, cols), reach, unit };
+            Self { source: Pixels::Image(&view.image, scale), size: (rows, cols), reach, unit };
         if view.mask.is_none() && view.impulses == 0.0 {
             return Ok(gray);
         }
@@ -115,7 +115,7 @@ impl<'a> Gray<'a> {
             let height = gray.steps(view.impulses) as i32;
             plane = impulses::repaired(&plane, height, level, control)?;
         }
-        Ok(Self { source: Source::Plane(plane), ..gray })
+        Ok(Self { source: Pixels::Plane(plane), ..gray })
     }
 
     /// All gray values.
@@ -130,7 +130,7 @@ impl<'a> Gray<'a> {
     pub fn within(reach: u32, plane: Plane<i32>) -> Self {
         debug_assert!(reach <= LARGEST_REACH);
         let size = (plane.rows(), plane.cols());
-        Self { size, source: Source::Plane(plane), reach, unit: [1.0, 1.0] }
+        Self { size, source: Pixels::Plane(plane), reach, unit: [1.0, 1.0] }
     }
 
     /// The same image under a kernel, in steps as much finer as there is room for, to be described by itself.
@@ -198,11 +198,11 @@ impl<'a> Gray<'a> {
     /// Writes row `y`.
     pub fn write_row(&self, y: usize, level: Level, gray: &mut [i32]) -> Result<()> {
         match &self.source {
-            Source::Plane(plane) => gray.copy_from_slice(plane.row(y)),
-            Source::Image(image, Scale::Exact { middle }) => {
+            Pixels::Plane(plane) => gray.copy_from_slice(plane.row(y)),
+            Pixels::Image(image, Quantization::Exact { middle }) => {
                 image.write_centered(y, *middle, level, gray);
             }
-            Source::Image(image, Scale::Steps(steps)) => {
+            Pixels::Image(image, Quantization::Float(steps)) => {
                 let mut luminance = zeroed(gray.len())?;
                 image.write_luminance(y, &mut luminance);
                 level.run(ToSteps { luminance: &luminance, steps: *steps, gray });
@@ -214,23 +214,23 @@ impl<'a> Gray<'a> {
 
 /// How gray values become integers.
 #[derive(Debug, Clone, Copy)]
-enum Scale {
+enum Quantization {
     /// Integer images, about the middle of their type's range.
     Exact { middle: i32 },
     /// Float images.
-    Steps(Steps),
+    Float(FloatSteps),
 }
 
 /// Steps of a power of two above black: scaling an image by one changes nothing.
 #[derive(Debug, Clone, Copy)]
-struct Steps {
+struct FloatSteps {
     black: f64,
     /// Steps per unit: the product of two, since the power alone may overflow.
     factors: [f64; 2],
 }
 
-impl Steps {
-    fn new(range: Range) -> Self {
+impl FloatSteps {
+    fn new(range: IntensityRange) -> Self {
         let exponent = FLOAT_STEPS_LOG2 - floor_log2(range.width());
         let half = exponent / 2;
         Self { black: range.black, factors: [half, exponent - half].map(|power| 2f64.powi(power)) }
@@ -245,7 +245,7 @@ impl Steps {
 
 struct ToSteps<'a> {
     luminance: &'a [f64],
-    steps: Steps,
+    steps: FloatSteps,
     gray: &'a mut [i32],
 }
 
@@ -267,7 +267,7 @@ pub fn level_planes(
     control: &Control,
 ) -> Result<[Vec<Plane<u16>>; 2]> {
     let range = match told.or(left.image.white().map(|white| (0.0, f64::from(white)))) {
-        Some((black, white)) => Range { black: 1000.0 * black, white: 1000.0 * white },
+        Some((black, white)) => IntensityRange { black: 1000.0 * black, white: 1000.0 * white },
         None => float_range(left, control)?.union(float_range(right, control)?),
     };
     let as_gray = left.image.shape().2 != 3 || right.image.shape().2 != 3;
@@ -275,7 +275,12 @@ pub fn level_planes(
 }
 
 /// Channel planes in steps of `1 / LEVEL_STEPS` gray levels above `LEVEL_BLACK`.
-fn levels(view: &View, range: Range, as_gray: bool, control: &Control) -> Result<Vec<Plane<u16>>> {
+fn levels(
+    view: &View,
+    range: IntensityRange,
+    as_gray: bool,
+    control: &Control,
+) -> Result<Vec<Plane<u16>>> {
     let (rows, cols, channels) = view.image.shape();
     // A pair of constant images has no width; any other will do then.
     let step = if range.width() > 0.0 { range.width() / LEVEL_RANGE } else { 1.0 };
@@ -301,12 +306,12 @@ fn levels(view: &View, range: Range, as_gray: bool, control: &Control) -> Result
 }
 
 /// Where the valid pixels of a float image lie: what the view tells, or else what is found of it.
-pub fn float_range(view: &View, control: &Control) -> Result<Range> {
+pub fn float_range(view: &View, control: &Control) -> Result<IntensityRange> {
     if let Some(range) = view.range {
         return Ok(range);
     }
     let (rows, cols, _) = view.image.shape();
-    let mut sample = Sample::new((rows, cols));
+    let mut sample = RangeSample::new((rows, cols));
     sample.add(view, 0, control)?;
     match sample.range() {
         Some(range) => Ok(range),
@@ -317,13 +322,13 @@ pub fn float_range(view: &View, control: &Control) -> Result<Range> {
 /// Some of the valid pixels of a float image: where they lie, but for the outliers at either end, is the range of the
 /// image. It is an even sample, since a large image has more pixels than its range needs.
 #[derive(Debug)]
-pub struct Sample {
+pub struct RangeSample {
     cols: usize,
     stride: usize,
     values: Vec<f64>,
 }
 
-impl Sample {
+impl RangeSample {
     /// Of an image of so many rows and columns, of which nothing was seen yet.
     pub fn new((rows, cols): (usize, usize)) -> Self {
         Self { cols, stride: (rows * cols).div_ceil(MOST_SAMPLES), values: vec![] }
@@ -343,27 +348,27 @@ impl Sample {
     }
 
     /// The range; `None` if all are of one value, or there are none: then it is that of every pixel.
-    pub fn range(mut self) -> Option<Range> {
+    pub fn range(mut self) -> Option<IntensityRange> {
         let last = self.values.len().checked_sub(1)?;
         let outliers = (OUTLIERS * last as f64) as usize;
         let mut ranked = |rank: usize| *self.values.select_nth_unstable_by(rank, f64::total_cmp).1;
-        let range = Range { black: ranked(outliers), white: ranked(last - outliers) };
+        let range = IntensityRange { black: ranked(outliers), white: ranked(last - outliers) };
         (range.width() > 0.0).then_some(range)
     }
 }
 
 /// Where all valid pixels lie; `None` if there are none.
-pub fn full_range(view: &View, control: &Control) -> Result<Option<Range>> {
+pub fn full_range(view: &View, control: &Control) -> Result<Option<IntensityRange>> {
     let (rows, cols, _) = view.image.shape();
-    let mut range: Option<Range> = None;
+    let mut range: Option<IntensityRange> = None;
     for y in 0..rows {
         control.checkpoint()?;
         let valid = (0..cols).filter(|x| view.is_valid(y, *x));
         let values = valid.map(|x| view.image.luminance(y, x));
         range = values
-            .map(|value| Range { black: value, white: value })
+            .map(|value| IntensityRange { black: value, white: value })
             .chain(range)
-            .reduce(Range::union);
+            .reduce(IntensityRange::union);
     }
     Ok(range)
 }

@@ -82,7 +82,7 @@ pub fn smooth(
             let own = (y as usize + RADIUS - windows.start) * width + RADIUS;
             let columns = [&mut sums[..], &mut squares];
             let values = &values[own..][..cols];
-            level.run(Smooth { values, of_shares, of_drawn, columns, scale, out });
+            level.run(FilterRow { values, of_shares, of_drawn, columns, scale, out });
         }
         Ok(())
     })
@@ -143,7 +143,7 @@ impl Loop for Windows<'_> {
 }
 
 /// Rows of shares -> a row of smoothed values.
-struct Smooth<'a> {
+struct FilterRow<'a> {
     values: &'a [f64],
     of_shares: [&'a [f64]; SIDE],
     of_drawn: [&'a [f64]; SIDE],
@@ -152,7 +152,7 @@ struct Smooth<'a> {
     out: &'a mut [i32],
 }
 
-impl Loop for Smooth<'_> {
+impl Loop for FilterRow<'_> {
     type Output = ();
 
     #[inline(always)]

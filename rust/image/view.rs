@@ -5,7 +5,7 @@ use std::ops;
 use ndarray::{Array3, ArrayView1, ArrayView2, ArrayView3, Axis, s};
 
 use crate::error::{Error, Result};
-use crate::image::intensity::{NOWHERE, Range};
+use crate::image::intensity::{IntensityRange, NOWHERE};
 use crate::image::plane::Plane;
 use crate::settings::LARGEST_PIXEL;
 use crate::simd::{Level, Loop};
@@ -34,7 +34,7 @@ pub struct View {
     /// Its valid pixels; `None`: all.
     pub mask: Option<Mask>,
     /// Where the pixels lie of the whole image, of floats, of which this is a part; `None`: it is the whole.
-    pub range: Option<Range>,
+    pub range: Option<IntensityRange>,
     /// By how much impulses stand out at least, in units of the pixels; 0: there are none.
     pub impulses: f64,
 }
@@ -111,7 +111,7 @@ impl From<Image> for View {
 impl View {
     /// The negative: what is white is black. That of floats is about the middle of their range, which is to be known.
     pub fn inverted(&self) -> Self {
-        let Range { black, white } = self.range.unwrap_or(NOWHERE);
+        let IntensityRange { black, white } = self.range.unwrap_or(NOWHERE);
         // In thousandths.
         let sum = (black + white) / 1000.0;
         let image = match &self.image {

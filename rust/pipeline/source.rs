@@ -6,7 +6,7 @@ use std::ops::Range;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::impulses;
-use crate::image::intensity::{self, Gray, NOWHERE, Sample, full_range};
+use crate::image::intensity::{self, Gray, NOWHERE, RangeSample, full_range};
 use crate::image::masking;
 use crate::image::texture::Roughness;
 use crate::image::view::Mask;
@@ -46,15 +46,15 @@ pub fn widened(rows: &Range<usize>, by: usize, height: usize) -> Range<usize> {
 }
 
 /// Where the pixels of both images lie; of images of floats.
-pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::Range; 2]> {
-    let mut samples = [Sample::new(source.size()), Sample::new(source.size())];
+pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::IntensityRange; 2]> {
+    let mut samples = [RangeSample::new(source.size()), RangeSample::new(source.size())];
     for rows in bands(source) {
         let pair = source.rows(rows.clone())?;
         for (view, sample) in pair.views().into_iter().zip(&mut samples) {
             sample.add(view, rows.start, control)?;
         }
     }
-    let [left, right] = samples.map(Sample::range);
+    let [left, right] = samples.map(RangeSample::range);
     if let (Some(left), Some(right)) = (left, right) {
         return Ok([left, right]);
     }
@@ -63,7 +63,7 @@ pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::Rang
         let pair = source.rows(rows)?;
         for (view, range) in pair.views().into_iter().zip(&mut all) {
             let here = full_range(view, control)?;
-            *range = here.into_iter().chain(*range).reduce(intensity::Range::union);
+            *range = here.into_iter().chain(*range).reduce(intensity::IntensityRange::union);
         }
     }
     let [all_left, all_right] = all.map(|range| range.unwrap_or(NOWHERE));

@@ -18,7 +18,7 @@ pub struct Reader {
     size: (usize, usize),
     search: Search,
     candidates: Candidates,
-    ranges: [Option<intensity::Range>; 2],
+    ranges: [Option<intensity::IntensityRange>; 2],
     /// What was raised by it.
     raised: Mutex<Option<PyErr>>,
 }
@@ -76,7 +76,7 @@ impl Source for Reader {
 }
 
 /// Black and white as images have them.
-pub fn as_ranges(told: Option<Ranges>) -> [Option<intensity::Range>; 2] {
-    let range = |(black, white)| Some(intensity::Range { black, white });
+pub fn as_ranges(told: Option<Ranges>) -> [Option<intensity::IntensityRange>; 2] {
+    let range = |(black, white)| Some(intensity::IntensityRange { black, white });
     told.map_or([None; 2], |(left, right)| [range(left), range(right)])
 }

@@ -186,11 +186,11 @@ impl Loop for Draw<'_> {
     }
 }
 
-type Lanes<T> = [T; LANES];
+type PixelLanes<T> = [T; LANES];
 
 /// By how many steps the disparities in the windows are larger than the pixel's own.
 #[inline(always)]
-fn away(steps: [&[i32]; SIDE]) -> [Lanes<i16>; PLACES] {
+fn away(steps: [&[i32]; SIDE]) -> [PixelLanes<i16>; PLACES] {
     let mut away = [[0; LANES]; PLACES];
     let own = &steps[STEPS][REACH..][..LANES];
     for (place, away) in away.iter_mut().enumerate() {
@@ -204,7 +204,7 @@ fn away(steps: [&[i32]; SIDE]) -> [Lanes<i16>; PLACES] {
 }
 
 #[inline(always)]
-fn weights(grays: [&[i16]; SIDE]) -> [Lanes<u16>; PLACES] {
+fn weights(grays: [&[i16]; SIDE]) -> [PixelLanes<u16>; PLACES] {
     let mut weights = [[0; LANES]; PLACES];
     let own = &grays[STEPS][REACH..][..LANES];
     for (place, weights) in weights.iter_mut().enumerate() {
@@ -221,7 +221,10 @@ fn weights(grays: [&[i16]; SIDE]) -> [Lanes<u16>; PLACES] {
 
 /// The least of the values that half of the weight is not above; 0 where there is no weight.
 #[inline(always)]
-fn median(values: &[Lanes<i16>; PLACES], weights: &[Lanes<u16>; PLACES]) -> Lanes<i16> {
+fn median(
+    values: &[PixelLanes<i16>; PLACES],
+    weights: &[PixelLanes<u16>; PLACES],
+) -> PixelLanes<i16> {
     let (mut low, mut high, mut total) = ([0; LANES], [0; LANES], [0; LANES]);
     for place in 0..PLACES {
         widen(&values[place], &weights[place], [&mut low, &mut high]);
@@ -250,7 +253,11 @@ fn median(values: &[Lanes<i16>; PLACES], weights: &[Lanes<u16>; PLACES]) -> Lane
 
 /// Lowers and raises the ends to values that have any weight.
 #[inline(always)]
-fn widen(values: &Lanes<i16>, weights: &Lanes<u16>, [low, high]: [&mut Lanes<i16>; 2]) {
+fn widen(
+    values: &PixelLanes<i16>,
+    weights: &PixelLanes<u16>,
+    [low, high]: [&mut PixelLanes<i16>; 2],
+) {
     for j in 0..LANES {
         let mask = i16::from(weights[j] != 0).wrapping_neg();
         let value = values[j] & mask;
@@ -261,7 +268,12 @@ fn widen(values: &Lanes<i16>, weights: &Lanes<u16>, [low, high]: [&mut Lanes<i16
 
 /// Adds the weights of values that are not above others: by masks, since a choice would keep pixels apart.
 #[inline(always)]
-fn add_where(values: &Lanes<i16>, most: &Lanes<i16>, weights: &Lanes<u16>, sums: &mut Lanes<u16>) {
+fn add_where(
+    values: &PixelLanes<i16>,
+    most: &PixelLanes<i16>,
+    weights: &PixelLanes<u16>,
+    sums: &mut PixelLanes<u16>,
+) {
     for j in 0..LANES {
         let mask = u16::from(values[j] <= most[j]).wrapping_neg();
         sums[j] += weights[j] & mask;

@@ -58,7 +58,7 @@ const LANES: usize = 32;
 
 /// A pair as it was described, rows of it that a map is of, and the blur of one image in the areas of the other.
 #[derive(Debug)]
-pub struct Scene<'a> {
+pub struct BlurredPair<'a> {
     views: [&'a View; 2],
     compensation: &'a BlurCompensation,
     settings: &'a Settings,
@@ -104,7 +104,7 @@ fn around(settings: &Settings, compensation: &BlurCompensation) -> [usize; 2] {
     [largest.0, largest.1].map(|radius| REACH + settings.largest_neighborhood() / 2 + radius)
 }
 
-impl<'a> Scene<'a> {
+impl<'a> BlurredPair<'a> {
     /// That of the rows of a map, if there is anything to be synthesized.
     pub fn new(
         views: [&'a View; 2],
@@ -142,7 +142,7 @@ impl<'a> Scene<'a> {
             control.checkpoint()?;
             out.copy_from_slice(&disparity.as_slice()[first * cols..][..out.len()]);
             let rows = first..first + out.len() / cols;
-            let band = Band::new(self, disparity, rows, level, control)?;
+            let band = RivalMaps::new(self, disparity, rows, level, control)?;
             band.passes()?.into_iter().try_for_each(|pass| band.judge(&pass, out))
         })
     }
@@ -163,8 +163,8 @@ impl<'a> Scene<'a> {
 }
 
 /// The maps that are compared: rows of them about a band.
-struct Band<'a> {
-    scene: &'a Scene<'a>,
+struct RivalMaps<'a> {
+    scene: &'a BlurredPair<'a>,
     level: Level,
     control: &'a Control,
     /// The rows of the band.
@@ -181,16 +181,16 @@ struct Band<'a> {
 const MAPS: usize = 3;
 
 /// Classes of pixels that are judged together.
-struct Pass<'a> {
+struct ClassGroup<'a> {
     /// The soft side.
     side: usize,
     /// Class and kernel.
     blurs: Vec<(usize, &'a Blur)>,
 }
 
-impl<'a> Band<'a> {
+impl<'a> RivalMaps<'a> {
     fn new(
-        scene: &'a Scene<'a>,
+        scene: &'a BlurredPair<'a>,
         disparity: &Plane<f32>,
         rows: Range<usize>,
         level: Level,
@@ -204,7 +204,7 @@ impl<'a> Band<'a> {
     }
 
     /// What is to be judged: pixels of a soft left image together, since they lie in one view; else each class.
-    fn passes(&self) -> Result<Vec<Pass<'a>>> {
+    fn passes(&self) -> Result<Vec<ClassGroup<'a>>> {
         if self.columns.is_empty() {
             return Ok(vec![]);
         }
@@ -212,12 +212,12 @@ impl<'a> Band<'a> {
         for class in self.classes()? {
             match softness(self.scene.compensation.kernels(class)) {
                 Some((0, blur)) => left.push((class, blur)),
-                Some((side, blur)) => passes.push(Pass { side, blurs: vec![(class, blur)] }),
+                Some((side, blur)) => passes.push(ClassGroup { side, blurs: vec![(class, blur)] }),
                 None => {}
             }
         }
         if !left.is_empty() {
-            passes.push(Pass { side: 0, blurs: left });
+            passes.push(ClassGroup { side: 0, blurs: left });
         }
         Ok(passes)
     }
@@ -249,9 +249,9 @@ impl<'a> Band<'a> {
     }
 
     /// Has the pixels of a pass take the disparities of the map that explains them best.
-    fn judge(&self, pass: &Pass, out: &mut [f32]) -> Result<()> {
+    fn judge(&self, pass: &ClassGroup, out: &mut [f32]) -> Result<()> {
         let cols = self.maps[0].cols();
-        let view = view::View::new(self, pass)?;
+        let view = view::SoftView::new(self, pass)?;
         let mut best = view.unlike(0)?;
         let (mut labels, mut judged) = (zeroed(self.columns.len())?, zeroed(self.columns.len())?);
         for map in 1..MAPS {
@@ -259,7 +259,7 @@ impl<'a> Band<'a> {
             for (row, y) in self.rows.clone().enumerate() {
                 self.labels(y, self.columns.clone(), &mut labels);
                 self.level.run(Judged { labels: &labels, blurs: &pass.blurs, out: &mut judged });
-                self.level.run(Select {
+                self.level.run(TakeBetter {
                     sums: sums.row(row),
                     judged: &judged,
                     disparity: &self.maps[map].row(y - self.seen.start)[self.columns.clone()],
@@ -407,7 +407,7 @@ impl Loop for Judged<'_> {
 }
 
 /// The disparities of a row by a map, where this is less unlike what there is than those before.
-struct Select<'a> {
+struct TakeBetter<'a> {
     sums: &'a [u16],
     judged: &'a [u8],
     disparity: &'a [f32],
@@ -415,7 +415,7 @@ struct Select<'a> {
     out: &'a mut [f32],
 }
 
-impl Loop for Select<'_> {
+impl Loop for TakeBetter<'_> {
     type Output = ();
 
     #[inline(always)]

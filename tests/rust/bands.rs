@@ -38,7 +38,7 @@ const AFFORDABLE: usize = 1 << 22;
 struct Job {
     pair: Pair,
     settings: Settings,
-    ranges: [intensity::Range; 2],
+    ranges: [intensity::IntensityRange; 2],
     roughness: Roughness,
 }
 
@@ -448,7 +448,7 @@ impl Map {
             flags: &mut flags,
             votes: settings.needs_confidence().then_some(&votes),
             texture: Some(&self.texture.clone().of_rows(read.clone())),
-            scene: None,
+            blurred_pair: None,
         };
         let found = draft.refine(settings, Level::best(), &Control::default());
         let (disparity, confidence) = found.expect("memory");

@@ -9,8 +9,8 @@ use phasestereo::internals::error::Error;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::refinement::Margin;
-use phasestereo::internals::refinement::confidence::{RADIUS, Scene, confidence, similar, vote};
+use phasestereo::internals::refinement::CostMargin;
+use phasestereo::internals::refinement::confidence::{RADIUS, VotedMap, confidence, similar, vote};
 use proptest::prelude::*;
 
 /// Planes that a scene is of.
@@ -22,8 +22,8 @@ struct Planes {
 }
 
 impl Planes {
-    fn scene(&self) -> Scene<'_> {
-        Scene { disparity: &self.disparity, votes: &self.votes, texture: &self.texture }
+    fn scene(&self) -> VotedMap<'_> {
+        VotedMap { disparity: &self.disparity, votes: &self.votes, texture: &self.texture }
     }
 
     /// Those of every level, which are the same.
@@ -95,7 +95,7 @@ proptest! {
         let unit = f32::from(unit);
         let margin = |ahead: u64| {
             let own = u64::from(own);
-            Margin { own, elsewhere: Some(own + ahead) }
+            CostMargin { own, elsewhere: Some(own + ahead) }
         };
         let ahead = u64::from(ahead);
         let [less, more] = [ahead, 2 * ahead + 1].map(|ahead| vote(margin(ahead), unit));
@@ -105,7 +105,7 @@ proptest! {
 
 #[test]
 fn half_a_vote_is_four_units_ahead() {
-    let margin = |own, elsewhere| Margin { own, elsewhere };
+    let margin = |own, elsewhere| CostMargin { own, elsewhere };
     assert_eq!(vote(margin(100, Some(900)), 200.0), 0.5);
     assert_eq!(vote(margin(0, Some(0)), 200.0), 0.0);
     assert_eq!(vote(margin(100, None), 200.0), 0.0, "there is nothing to be ahead of");

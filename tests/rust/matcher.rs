@@ -9,7 +9,7 @@ use crate::common::{
     OPTIMIZERS, affordable, blur_compensation, eight_votes, hash, levels, mask, noises, random,
     refinements, robust, settings, view, views,
 };
-use phasestereo::internals::cost::votes::Votes;
+use phasestereo::internals::cost::validity::Validity;
 use phasestereo::internals::error::Error;
 use phasestereo::internals::image::convolution::Kernel;
 use phasestereo::internals::image::plane::Plane;
@@ -71,12 +71,12 @@ impl Job {
 
     /// Bytes of the integers that are wide enough for the costs and the totals of this match.
     fn bytes(&self) -> usize {
-        let (window, steps) = naive::scale(&self.pair, &self.settings);
-        let is_masked = Votes::new(self.pair.views(), self.pair.candidates()).is_some();
+        let (window, penalties) = naive::scale(&self.pair, &self.settings);
+        let is_masked = Validity::new(self.pair.views(), self.pair.candidates()).is_some();
         let total = match self.settings.optimizer {
             Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
             Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
-                steps.largest_total(window.largest_sum())
+                penalties.largest_total(window.largest_sum())
             }
         };
         let largest = total.max(window.largest_value(is_masked));
@@ -701,5 +701,5 @@ fn images_of_two_sizes_or_types_are_refused() {
 #[test]
 fn without_masks_nobody_is_asked_to_vote() {
     let pair = Job::new(shifted(4, 9, 1), 0, 3, Preset::Paper.settings()).pair;
-    assert!(Votes::new(pair.views(), pair.candidates()).is_none());
+    assert!(Validity::new(pair.views(), pair.candidates()).is_none());
 }

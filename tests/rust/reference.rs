@@ -18,9 +18,11 @@ use phasestereo::internals::image::plane::{Plane, reflect};
 use phasestereo::internals::image::texture::Roughness;
 use phasestereo::internals::image::view::Mask;
 use phasestereo::internals::optimization::evidence::NONE;
-use phasestereo::internals::optimization::{BAND, LOOK_COLUMNS, LOOK_ROWS, PANEL, Steps};
+use phasestereo::internals::optimization::{
+    BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL, Penalties,
+};
 use phasestereo::internals::refinement::confidence::{
-    RADIUS, STEP, Scene, TOLERANCE, confidence, similar,
+    RADIUS, STEP, TOLERANCE, VotedMap, confidence, similar,
 };
 use phasestereo::internals::refinement::filling;
 use phasestereo::internals::refinement::flag;
@@ -264,7 +266,7 @@ pub fn aggregate(costs: &Plane<u16>, votes: &Plane<u16>, window: Window) -> Plan
     let boxes = Plane::from_fn(window.rows, window.cols * count, |y, place| {
         let (x, k) = (place / count, place % count);
         let votes = box_sum(votes, Window { dropped: 0, ..window }, y, x, k);
-        window.share(box_sum(costs, window, y, x, k), votes) as u32
+        window.scaled(box_sum(costs, window, y, x, k), votes) as u32
     });
     if !window.shiftable {
         return boxes;
@@ -291,7 +293,7 @@ fn box_sum(volume: &Plane<u16>, window: Window, y: usize, x: usize, k: usize) ->
 }
 
 /// Reference implementation of [`phasestereo::internals::optimization::ordered::Ordered`]: every origin of every state is tried.
-pub fn in_order(costs: &[u32], candidates: usize, steps: Steps) -> Vec<u16> {
+pub fn in_order(costs: &[u32], candidates: usize, penalties: Penalties) -> Vec<u16> {
     let mut totals = vec![0u64; candidates];
     let mut origins: Vec<Vec<usize>> = Vec::new();
     for costs in costs.chunks(candidates) {
@@ -300,8 +302,8 @@ pub fn in_order(costs: &[u32], candidates: usize, steps: Steps) -> Vec<u16> {
                 // Of equal ones the first counts.
                 let from = |from: usize, penalty: u64| (totals[from] + penalty, from);
                 let stayed = std::iter::once(from(to, 0));
-                let rose = to.checked_sub(1).map(|smaller| from(smaller, steps.p1));
-                let dropped = (to + 1..candidates).map(|larger| from(larger, steps.p2));
+                let rose = to.checked_sub(1).map(|smaller| from(smaller, penalties.p1));
+                let dropped = (to + 1..candidates).map(|larger| from(larger, penalties.p2));
                 let ways = stayed.chain(rose).chain(dropped);
                 ways.min_by_key(|(total, _)| *total).unwrap_or((u64::MAX, to))
             })
@@ -354,14 +356,14 @@ pub fn edges(gray: &Plane<i32>, threshold: f64) -> Plane<u8> {
 pub fn scanline_optimization(
     costs: &Plane<u32>,
     candidates: usize,
-    steps: Steps,
+    penalties: Penalties,
     edges: Option<&Plane<u8>>,
 ) -> Plane<u64> {
-    let image = Image { costs, candidates, steps, edges };
+    let image = Image { costs, candidates, penalties, edges };
     let (rows, cols) = (0..costs.rows(), costs.cols() / candidates);
     let left = image.totals((0, 1), rows.clone(), 0..cols);
     let right = |first: usize| {
-        let end = ((first + PANEL).min(cols) + LOOK_COLUMNS).min(cols);
+        let end = ((first + PANEL).min(cols) + LOOKAHEAD_COLUMNS).min(cols);
         image.totals((0, -1), rows.clone(), first..end)
     };
     let right: Vec<_> = (0..cols).step_by(PANEL).map(right).collect();
@@ -376,14 +378,14 @@ pub fn scanline_optimization(
 pub fn semi_global(
     costs: &Plane<u32>,
     candidates: usize,
-    steps: Steps,
+    penalties: Penalties,
     edges: Option<&Plane<u8>>,
 ) -> Plane<u64> {
-    let image = Image { costs, candidates, steps, edges };
+    let image = Image { costs, candidates, penalties, edges };
     let (rows, cols) = (costs.rows(), costs.cols() / candidates);
-    let along = scanline_optimization(costs, candidates, steps, edges);
+    let along = scanline_optimization(costs, candidates, penalties, edges);
     let across = |first: usize| {
-        let seen = first.saturating_sub(LOOK_ROWS)..(first + BAND + LOOK_ROWS).min(rows);
+        let seen = first.saturating_sub(LOOKAHEAD_ROWS)..(first + BAND + LOOKAHEAD_ROWS).min(rows);
         [1, -1].map(|dy| image.totals((dy, 0), seen.clone(), 0..cols))
     };
     let across: Vec<_> = (0..rows).step_by(BAND).map(across).collect();
@@ -398,7 +400,7 @@ pub fn semi_global(
 struct Image<'a> {
     costs: &'a Plane<u32>,
     candidates: usize,
-    steps: Steps,
+    penalties: Penalties,
     edges: Option<&'a Plane<u8>>,
 }
 
@@ -439,7 +441,8 @@ impl Image<'_> {
         let least = before[least(before)];
         let way = |k: usize| {
             let beside = [k.checked_sub(1), Some(k + 1)].into_iter().flatten();
-            let changed = beside.filter_map(|k| before.get(k)).map(|total| total + self.steps.p1);
+            let changed =
+                beside.filter_map(|k| before.get(k)).map(|total| total + self.penalties.p1);
             changed.chain([before[k], least + p2]).fold(u64::MAX, u64::min) - least
         };
         (0..before.len()).map(way).collect()
@@ -450,7 +453,7 @@ impl Image<'_> {
         let (before, after) = (a.min(b), a.max(b));
         let neighbor = usize::from(before.0 == after.0);
         let jump = self.edges.map_or(0, |edges| edges.row(after.0)[after.1] >> (2 * neighbor) & 3);
-        (self.steps.p2 / u64::from(1 + jump)).max(self.steps.p1)
+        (self.penalties.p2 / u64::from(1 + jump)).max(self.penalties.p1)
     }
 }
 
@@ -538,8 +541,8 @@ pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-/// Reference implementation of [`Scene::confidences`]: each pixel asks those around it.
-pub fn confidences(scene: Scene) -> Plane<f32> {
+/// Reference implementation of [`VotedMap::confidences`]: each pixel asks those around it.
+pub fn confidences(scene: VotedMap) -> Plane<f32> {
     let (rows, cols) = (scene.disparity.rows(), scene.disparity.cols());
     let (gray, similar) = (&scene.texture.gray, similar(scene.texture.roughness));
     let around = |here: usize, length: usize| {
@@ -730,7 +733,7 @@ pub struct Soft<'a> {
     pub left: (f64, i64),
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::synthesis::Scene::redraw`]: all of the image under all kernels, by each of the three maps.
+/// Reference implementation of [`phasestereo::internals::refinement::synthesis::BlurredPair::redraw`]: all of the image under all kernels, by each of the three maps.
 pub fn synthesize(disparity: &Plane<f32>, soft: Soft) -> Plane<f32> {
     let maps = [disparity.clone(), rival(disparity, false), rival(disparity, true)];
     let side_of = |class: usize| softness(&soft.kernels[class]).map(|(side, _)| side);

@@ -5,7 +5,7 @@ use crate::common::parts::Slow;
 use crate::common::{hash, levels, mask, random};
 use ndarray::Array3;
 use phasestereo::internals::error::{Error, Result};
-use phasestereo::internals::image::intensity::{Gray, Range};
+use phasestereo::internals::image::intensity::{Gray, IntensityRange};
 use phasestereo::internals::image::masking;
 use phasestereo::internals::image::plane::{Plane, reflect};
 use phasestereo::internals::image::texture::{Roughness, Texture};
@@ -285,7 +285,7 @@ fn noise(rows: usize, cols: usize, kind: usize, percent: Option<u64>, seed: u64)
 }
 
 /// Black and white of a float image by the book: of all its valid pixels, or every so many-th of a large one.
-fn range_of(view: &View) -> Range {
+fn range_of(view: &View) -> IntensityRange {
     let (rows, cols, _) = view.image.shape();
     let stride = (rows * cols).div_ceil(1 << 16);
     let of_every = |stride: usize| {
@@ -300,12 +300,12 @@ fn range_of(view: &View) -> Range {
         let outliers = last / 1000;
         let (black, white) = (sample[outliers], sample[last - outliers]);
         if black < white {
-            return Range { black, white };
+            return IntensityRange { black, white };
         }
     }
     match &of_every(1)[..] {
-        [] => Range { black: 0.0, white: 0.0 },
-        all => Range { black: all[0], white: all[all.len() - 1] },
+        [] => IntensityRange { black: 0.0, white: 0.0 },
+        all => IntensityRange { black: all[0], white: all[all.len() - 1] },
     }
 }
 

@@ -8,7 +8,7 @@ use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::View;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::Pair;
-use phasestereo::internals::refinement::synthesis::{Scene, is_asked_for};
+use phasestereo::internals::refinement::synthesis::{BlurredPair, is_asked_for};
 use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::Settings;
 use proptest::prelude::*;
@@ -21,7 +21,8 @@ fn redrawn(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> Plane<f3
     let (control, rows) = (Control::default(), pair.size().0);
     drawn(disparity, |out, level| {
         let (views, compensation) = (pair.views(), pair.blur_compensation());
-        let Some(scene) = Scene::new(views, compensation, 0..rows, settings, level, &control)?
+        let Some(scene) =
+            BlurredPair::new(views, compensation, 0..rows, settings, level, &control)?
         else {
             out.as_mut_slice().copy_from_slice(disparity.as_slice());
             return Ok(());

@@ -3,7 +3,7 @@
 use std::mem::replace;
 use std::ops::Range;
 
-use super::{BESIDE, Band, Pass, REACH, WINDOW, around};
+use super::{BESIDE, ClassGroup, REACH, RivalMaps, WINDOW, around};
 use crate::descriptor::{Code, Codes, describe};
 use crate::error::Result;
 use crate::image::convolution::Kernel as Blur;
@@ -12,9 +12,9 @@ use crate::image::plane::{Plane, parts, zeroed};
 use crate::simd::{Level, Loop};
 
 /// The soft view of a band, for the classes of a pass.
-pub(super) struct View<'a> {
-    band: &'a Band<'a>,
-    pass: &'a Pass<'a>,
+pub(super) struct SoftView<'a> {
+    band: &'a RivalMaps<'a>,
+    pass: &'a ClassGroup<'a>,
     /// Columns of the view that are looked at.
     columns: Range<usize>,
     /// Those, and all that they depend on.
@@ -25,9 +25,9 @@ pub(super) struct View<'a> {
     places: Option<[Plane<u32>; 2]>,
 }
 
-impl<'a> View<'a> {
+impl<'a> SoftView<'a> {
     /// Looks where to look.
-    pub(super) fn new(band: &'a Band, pass: &'a Pass) -> Result<Self> {
+    pub(super) fn new(band: &'a RivalMaps, pass: &'a ClassGroup) -> Result<Self> {
         let scene = band.scene;
         let (cols, by) = (band.maps[0].cols(), around(scene.settings, scene.compensation)[1]);
         let places = (pass.side == 1).then(|| band.places()).transpose()?;
@@ -57,7 +57,7 @@ impl<'a> View<'a> {
             let leaves = y.checked_sub(1).map(|y| distances.row(y));
             let enters = distances.row(y + WINDOW - 1);
             band.level.run(Move { enters, leaves, sums: &mut column_sums });
-            band.level.run(Across { columns: &column_sums, sums: sums.row_mut(y) });
+            band.level.run(WindowSums { columns: &column_sums, sums: sums.row_mut(y) });
         }
         self.read(sums)
     }
@@ -139,7 +139,7 @@ impl<'a> View<'a> {
     }
 }
 
-impl Band<'_> {
+impl RivalMaps<'_> {
     /// The codes of gray values of one side, perhaps under a kernel.
     fn codes(&self, side: usize, gray: Plane<i32>, blur: Option<&Blur>) -> Result<Codes> {
         let Self { scene, level, control, .. } = *self;
@@ -350,7 +350,7 @@ impl Loop for Move<'_> {
 }
 
 /// Sums of windows: each of [`WINDOW`] sums of columns from its own on.
-struct Across<'a> {
+struct WindowSums<'a> {
     columns: &'a [u16],
     sums: &'a mut [u16],
 }
@@ -360,7 +360,7 @@ const LANES: usize = 64;
 /// Columns that they are of.
 const SPAN: usize = LANES + WINDOW - 1;
 
-impl Loop for Across<'_> {
+impl Loop for WindowSums<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -5,7 +5,7 @@ use super::bins::SIDE;
 use super::spectrum::Place;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
-use crate::image::intensity::{Gray, Range};
+use crate::image::intensity::{Gray, IntensityRange};
 use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
 use crate::pipeline::control::Control;
@@ -234,7 +234,7 @@ pub fn as_view(plane: Plane<f32>) -> View {
     let shape = (plane.rows(), plane.cols(), 1);
     let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
     // The plane has as many values as its shape says.
-    let range = Range { black: -1000.0 * REACH, white: 1000.0 * REACH };
+    let range = IntensityRange { black: -1000.0 * REACH, white: 1000.0 * REACH };
     View {
         image: Image::F32(pixels.unwrap_or_default()),
         mask: None,

@@ -11,14 +11,14 @@ use phasestereo::internals::image::intensity::Gray;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::Texture;
 use phasestereo::internals::image::view::View;
-use phasestereo::internals::optimization::Steps;
+use phasestereo::internals::optimization::Penalties;
 use phasestereo::internals::optimization::evidence::NONE;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Disparity, Pair};
-use phasestereo::internals::refinement::confidence::{Scene, vote};
+use phasestereo::internals::refinement::confidence::{VotedMap, vote};
 use phasestereo::internals::refinement::left_right_check::Choices;
 use phasestereo::internals::refinement::synthesis::is_asked_for;
-use phasestereo::internals::refinement::{Margin, flag};
+use phasestereo::internals::refinement::{CostMargin, flag};
 use phasestereo::internals::rig::blur_compensation::{
     self, {BlurCompensation, MOST_CLASSES},
 };
@@ -46,9 +46,9 @@ impl Seen {
 }
 
 /// Window and penalties of a match.
-pub fn scale(pair: &Pair, settings: &Settings) -> (Window, Steps) {
+pub fn scale(pair: &Pair, settings: &Settings) -> (Window, Penalties) {
     let (window, steps) = window(pair, settings);
-    (window, Steps::new(settings, window, steps))
+    (window, Penalties::new(settings, window, steps))
 }
 
 /// Window of a match, and steps to the unit of its costs.
@@ -199,11 +199,14 @@ pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
     let unit = unit(pair, settings);
     let votes = found.map(|found| {
         let elsewhere = (found.elsewhere != NONE).then_some(found.elsewhere.into());
-        vote(Margin { own: found.own.into(), elsewhere }, unit)
+        vote(CostMargin { own: found.own.into(), elsewhere }, unit)
     });
     let (disparity, mut flags) = refined(pair, draft, &texture, settings);
-    let confidences =
-        reference::confidences(Scene { disparity: &disparity, votes: &votes, texture: &texture });
+    let confidences = reference::confidences(VotedMap {
+        disparity: &disparity,
+        votes: &votes,
+        texture: &texture,
+    });
     let mut disparity = disparity.into_vec();
     for (place, disparity) in disparity.iter_mut().enumerate() {
         let flags = &mut flags.as_mut_slice()[place];
@@ -224,13 +227,13 @@ pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
 /// What is known of the candidate chosen for each pixel.
 fn found(pair: &Pair, settings: &Settings) -> Plane<Found> {
     let candidates = pair.candidates();
-    let (window, steps) = scale(pair, settings);
+    let (window, penalties) = scale(pair, settings);
     let votes = votes(pair.views(), candidates);
     let costs = costs(pair.views(), candidates, settings, pair.blur_compensation());
     let costs = reference::aggregate(&costs, &votes, window);
     let gray = gray(pair.views()[0]);
     let edges = (settings.adaptive_p2 > 0.0).then(|| reference::edges(&gray, settings.adaptive_p2));
-    optimized(&costs, candidates.count(), settings.optimizer, steps, edges.as_ref())
+    optimized(&costs, candidates.count(), settings.optimizer, penalties, edges.as_ref())
 }
 
 /// What is found by aggregated costs; `adaptive_p2` are those of [`reference::edges`].
@@ -238,7 +241,7 @@ pub fn optimized(
     costs: &Plane<u32>,
     candidates: usize,
     optimizer: Optimizer,
-    steps: Steps,
+    penalties: Penalties,
     edges: Option<&Plane<u8>>,
 ) -> Plane<Found> {
     let (rows, cols) = (costs.rows(), costs.cols() / candidates);
@@ -250,18 +253,18 @@ pub fn optimized(
     };
     match optimizer {
         Optimizer::DynamicProgramming => {
-            let row = |y| reference::in_order(costs.row(y), candidates, steps);
+            let row = |y| reference::in_order(costs.row(y), candidates, penalties);
             let chosen: Vec<_> = (0..rows).map(row).collect();
             Plane::from_fn(rows, cols, |y, x| {
                 reference::margin(chosen[y][x], &costs.row(y)[of_pixel(x)])
             })
         }
         Optimizer::ScanlineOptimization => {
-            by_sums(&reference::scanline_optimization(costs, candidates, steps, edges), costs)
+            by_sums(&reference::scanline_optimization(costs, candidates, penalties, edges), costs)
         }
         Optimizer::WinnerTakesAll => by_sums(&costs.map(|&cost| cost.into()), &costs.map(|_| 0)),
         Optimizer::SemiGlobal => {
-            by_sums(&reference::semi_global(costs, candidates, steps, edges), costs)
+            by_sums(&reference::semi_global(costs, candidates, penalties, edges), costs)
         }
     }
 }

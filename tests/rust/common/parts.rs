@@ -63,7 +63,11 @@ pub fn part(pair: &Pair, rows: &Range<usize>) -> Pair {
 }
 
 /// The same with these ranges, with the blur compensation of the whole.
-pub fn known_part(pair: &Pair, rows: &Range<usize>, ranges: [intensity::Range; 2]) -> Pair {
+pub fn known_part(
+    pair: &Pair,
+    rows: &Range<usize>,
+    ranges: [intensity::IntensityRange; 2],
+) -> Pair {
     let compensation = pair
         .blur_compensation()
         .cloned()
