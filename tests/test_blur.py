@@ -317,7 +317,7 @@ def test_a_default_match_is_one_call_of_the_core(psf: NDArray[np.float64] | None
     seen, result = crossings(lambda: ps.match(left, right))
     assert seen == ["match_pair"]
     assert result.blur is not None
-    assert bool(result.blur.blurs) is (psf is not None)
+    assert (result.blur.blur.kind == "none") is (psf is None)
 
     matcher = ps.Matcher()
     assert crossings(lambda: matcher.match(left, right, num_disparities=48))[0] == ["match_pair"]
