@@ -733,7 +733,7 @@ mod matcher {
         let matcher = Matcher::new(1).expect("a thread starts");
         bencher
             .counter(case.evaluations())
-            .bench_local(|| matcher.run(&pair, settings, how, &Control::default()));
+            .bench_local(|| matcher.match_pair(&pair, settings, how, &Control::default()));
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]

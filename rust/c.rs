@@ -244,7 +244,7 @@ pub unsafe extern "C" fn phasestereo_check(
 
         let prepared = matcher.run(|means| prepare(pair, known, &matcher.settings, means))?;
         // SAFETY: as above.
-        unsafe { write(found, &Found::new(&prepared.found, is_given)) };
+        unsafe { write(found, &Found::new(&prepared.estimates, is_given)) };
         Ok(())
     })
 }

@@ -90,9 +90,9 @@ pub use simd::Level;
 
 /// Matches a pair on so many threads, started for it: its disparity map, and what was found out of the pair.
 ///
-/// The disparities of the pair are searched, and all else is found that the settings ask for. [`prepare_and_match`] is
-/// for disparities to be found, for pairs of which something is known, and for one pair after another on the same threads;
-/// [`prepare`] and [`Matcher::run`] are its two steps.
+/// The disparities of the pair are searched, and all else is found that the settings ask for. [`prepare_and_match`]
+/// is for disparities to be found, for pairs of which something is known, and for one pair after another on the same
+/// threads; [`prepare`] and [`Matcher::match_pair`] are its two steps.
 pub fn match_pair(
     pair: Pair,
     settings: &Settings,

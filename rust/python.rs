@@ -42,7 +42,7 @@ use crate::pipeline::source;
 use crate::pipeline::summary::Summary;
 use crate::refinement::flag;
 use crate::rig::blur;
-use crate::rig::estimation::compensation::{LARGER, MUCH_LARGER};
+use crate::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use crate::rig::estimation::overview::LEAST_SIZE;
 use crate::rig::estimation::{Known, Means, prepare, prepare_and_match, prepare_by_rows};
 use crate::settings::presets::Preset;
@@ -205,7 +205,7 @@ fn estimate_pair<'py>(
     let how = Execution { threads: pool.threads(), level: Level::best() };
     let found = supervised(py, &pool, rows, None, move |matcher, control| {
         let means = Means { matcher, how, control };
-        Ok(prepare(pair, known, &settings, means)?.found)
+        Ok(prepare(pair, known, &settings, means)?.estimates)
     })?;
     found_to_py(py, found)
 }
@@ -360,7 +360,7 @@ fn match_rows<'py>(
             Some(field) => pair.straightened(field, how.level, control)?,
             None => pair,
         };
-        matcher.run_rows(&pair, &section, &settings, how, control)
+        matcher.match_rows(&pair, &section, &settings, how, control)
     })?;
     disparity_to_py(py, found)
 }

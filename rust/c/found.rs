@@ -122,7 +122,7 @@ impl Found {
             low: of_range(|range: &crate::rig::estimation::range::SearchRange| range.low),
             high: of_range(|range| range.high),
             rows: offsets.as_ref().map_or([f64::NAN; TERMS], |rows| *rows.field.coefficients()),
-            rows_rms: of_rows(|rows: &crate::rig::estimation::rows::Offsets| rows.field.rms()),
+            rows_rms: of_rows(|rows: &crate::rig::estimation::rows::RowOffsets| rows.field.rms()),
             rows_error: of_rows(|rows| rows.error),
             rows_spread: of_rows(|rows| rows.spread),
             certainty: of_blur(|blur: &blur::Estimate| blur.certainty.into()),

@@ -7,11 +7,11 @@ use super::{internal, wrap};
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::rig::alignment::{Alignment, TERMS};
-use crate::rig::blur::{self, Glance, Place, Side};
+use crate::rig::blur::{self, BlockPlace, Glance, Side};
 use crate::rig::estimation::Estimates;
-use crate::rig::estimation::compensation::Compensation;
+use crate::rig::estimation::compensation_plan::CompensationPlan;
 use crate::rig::estimation::range::SearchRange;
-use crate::rig::estimation::rows::Offsets;
+use crate::rig::estimation::rows::RowOffsets;
 use crate::rig::psf::{Family, Taps};
 
 /// Softer image (0 none, 1 left, 2 right), kind, size, angle and kernel of a blur.
@@ -79,7 +79,7 @@ fn range_to_py(range: &SearchRange) -> Range {
     (min, count, low, high, swapped, mixed)
 }
 
-fn offsets_to_py(found: &Offsets) -> Measured {
+fn offsets_to_py(found: &RowOffsets) -> Measured {
     (field_to_py(&found.field), found.error, found.blocks, found.spread)
 }
 
@@ -94,7 +94,7 @@ pub fn read_field(field: Option<Field>) -> Result<Option<Alignment>> {
     field.transpose()
 }
 
-fn compensation_to_py(py: Python<'_>, found: Compensation) -> PyResult<Compensated<'_>> {
+fn compensation_to_py(py: Python<'_>, found: CompensationPlan) -> PyResult<Compensated<'_>> {
     let sides = (found.settings.neighborhood, found.settings.window);
     let kernel = |taps: Option<Plane<f32>>| taps.map(|taps| wrap(py, taps)).transpose();
     let kernels =
@@ -145,14 +145,14 @@ pub fn read_glance((places, excess): Seen) -> PyResult<Glance> {
     let (places, _) = places.as_chunks();
     let place = |corners: &[u32; 4]| {
         let [top, left, right_top, right] = corners.map(|value| value as usize);
-        Place { top, left, right_top, right }
+        BlockPlace { top, left, right_top, right }
     };
     let places = places.iter().map(place).collect();
     Ok(Glance { places, excess: excess.to_vec().map_err(internal)? })
 }
 
 fn glance_to_py(py: Python<'_>, Glance { places, excess }: Glance) -> PyResult<Seen<'_>> {
-    let corners = |place: &Place| [place.top, place.left, place.right_top, place.right];
+    let corners = |place: &BlockPlace| [place.top, place.left, place.right_top, place.right];
     let values = places.iter().flat_map(corners).map(|value| value as u32).collect();
     Ok((wrap(py, Plane::from_vec(places.len(), 4, values)?)?, excess.into_pyarray(py)))
 }

@@ -74,7 +74,7 @@ impl Alignment {
     }
 
     /// The offsets along left row `y` of the pair at hand.
-    pub fn along(&self, y: f64) -> Along {
+    pub fn along(&self, y: f64) -> RowPolynomial {
         let (rows, cols) = self.size;
         let y = (y + self.first.0 as f64 + 0.5) / (rows as f64 / 2.0) - 1.0;
         let [shift, slope_x, slope_y, twist, bend_x, bend_y, radial_y, radial_x] =
@@ -85,7 +85,7 @@ impl Alignment {
             bend_x + y * radial_y,
             radial_x,
         ];
-        Along { powers, half: cols as f64 / 2.0, first: self.first.1 as f64 }
+        RowPolynomial { powers, half: cols as f64 / 2.0, first: self.first.1 as f64 }
     }
 
     /// The offset at a place from -1 to 1 along both axes.
@@ -107,14 +107,14 @@ impl Alignment {
     }
 
     /// The rows of the right image around one that its straightened row depends on; masked ones take the values of others.
-    pub fn reach(&self) -> usize {
+    pub fn halo(&self) -> usize {
         self.bound().ceil() as usize + straighten::TAPS / 2 + straighten::TAPS + impulses::REACH
     }
 }
 
 /// The offsets along a row: a polynomial of the column.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Along {
+pub struct RowPolynomial {
     /// Factors of the powers of the column, counted from -1 to 1.
     powers: [f64; 4],
     /// Half of the columns.
@@ -123,7 +123,7 @@ pub struct Along {
     first: f64,
 }
 
-impl Along {
+impl RowPolynomial {
     /// That of right column `x`, pixels.
     #[inline(always)]
     pub fn at(self, x: f64) -> f64 {

@@ -57,7 +57,7 @@ impl Job {
     }
 
     fn whole(&self, (matcher, how): (&Matcher, Execution)) -> Seen {
-        let found = matcher.run(&self.pair, &self.settings, how, &Control::default());
+        let found = matcher.match_pair(&self.pair, &self.settings, how, &Control::default());
         Seen::of(found.expect("a legal match"))
     }
 
@@ -85,7 +85,7 @@ impl Job {
             roughness: Some(self.roughness),
         };
         let pair = without_full_masks(known_part(&self.pair, read, self.ranges));
-        let found = matcher.run_rows(&pair, &section, &self.settings, how, &Control::default());
+        let found = matcher.match_rows(&pair, &section, &self.settings, how, &Control::default());
         Seen::of(found.expect("a legal part"))
     }
 
@@ -562,7 +562,7 @@ fn rows_that_the_pair_has_not_are_refused() {
     let run = |optimizer, rows| {
         let settings = Settings { optimizer, ..Preset::Paper.settings() };
         let section = Section { rows, ..Section::whole(&whole) };
-        matcher.run_rows(&whole, &section, &settings, how(1, Level::best()), &control)
+        matcher.match_rows(&whole, &section, &settings, how(1, Level::best()), &control)
     };
     for optimizer in OPTIMIZERS {
         #[expect(clippy::reversed_empty_ranges, reason = "that is the point")]

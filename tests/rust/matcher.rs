@@ -52,7 +52,8 @@ impl Job {
 
     fn run_with(&self, matcher: &Matcher, how: Execution) -> Seen {
         let control = Control::default();
-        let map = matcher.run(&self.pair, &self.settings, how, &control).expect("a legal match");
+        let map =
+            matcher.match_pair(&self.pair, &self.settings, how, &control).expect("a legal match");
         assert_eq!(control.rows_done(), self.pair.size().0);
         Seen::of(map)
     }
@@ -466,7 +467,7 @@ fn kernels_are_for_phase_codes() {
     let settings = Settings { cost: CostKind::Sad, noise_threshold: 0.0, ..settings };
     let how = how(1, Level::best());
     let refused = Matcher::new(how.threads)
-        .and_then(|matcher| matcher.run(&pair, &settings, how, &Control::default()))
+        .and_then(|matcher| matcher.match_pair(&pair, &settings, how, &Control::default()))
         .expect_err("refused");
     assert!(refused.to_string().starts_with("blur_compensation: got"), "{refused}");
 }
@@ -640,7 +641,10 @@ fn a_cancelled_match_stops_and_the_matcher_goes_on() {
     let matcher = Matcher::new(2).expect("threads start");
     let cancelled = Control::default();
     cancelled.cancel();
-    assert_eq!(matcher.run(&job.pair, &job.settings, how, &cancelled), Err(Error::Cancelled));
+    assert_eq!(
+        matcher.match_pair(&job.pair, &job.settings, how, &cancelled),
+        Err(Error::Cancelled)
+    );
     // In the midst of it, after some rows: on a fast machine all may be done by then.
     for rows in [1, 20, 100] {
         let control = Arc::new(Control::default());
@@ -651,7 +655,7 @@ fn a_cancelled_match_stops_and_the_matcher_goes_on() {
             }
             watched.cancel();
         });
-        match matcher.run(&job.pair, &job.settings, how, &control) {
+        match matcher.match_pair(&job.pair, &job.settings, how, &control) {
             Ok(map) => assert!(Seen::of(map) == expected),
             Err(error) => assert_eq!(error, Error::Cancelled),
         }
@@ -675,7 +679,7 @@ fn settings_out_of_range_are_refused() {
     let settings = Settings { window: 65, ..Preset::Paper.settings() };
     let how = how(1, Level::best());
     let refused = Matcher::new(how.threads)
-        .and_then(|matcher| matcher.run(&job.pair, &settings, how, &Control::default()))
+        .and_then(|matcher| matcher.match_pair(&job.pair, &settings, how, &Control::default()))
         .expect_err("refused");
     assert!(refused.to_string().starts_with("window: got 65"), "{refused}");
 }

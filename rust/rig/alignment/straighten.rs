@@ -18,7 +18,7 @@ use std::sync::OnceLock;
 
 use ndarray::Array3;
 
-use super::{Alignment, Along};
+use super::{Alignment, RowPolynomial};
 use crate::error::Result;
 use crate::image::intensity::{Gray, IntensityRange};
 use crate::image::plane::{Plane, zeroed};
@@ -115,16 +115,16 @@ fn straightened_mask(
 /// Where the pixels of row `y` come from: steps below the row itself.
 fn offsets(alignment: &Alignment, y: usize, cols: usize, level: Level) -> Result<Vec<i32>> {
     let mut offsets = zeroed(cols)?;
-    level.run(Offsets { along: alignment.along(y as f64), offsets: &mut offsets });
+    level.run(WriteOffsets { along: alignment.along(y as f64), offsets: &mut offsets });
     Ok(offsets)
 }
 
-struct Offsets<'a> {
-    along: Along,
+struct WriteOffsets<'a> {
+    along: RowPolynomial,
     offsets: &'a mut [i32],
 }
 
-impl Loop for Offsets<'_> {
+impl Loop for WriteOffsets<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -136,14 +136,14 @@ impl Loop for Offsets<'_> {
 }
 
 /// A pixel that can be resampled.
-trait Sample: Copy + Default + Send + Sync {
+trait ResampledPixel: Copy + Default + Send + Sync {
     /// Writes the weighted means of pixels of eight rows.
     fn write_means(rows: &[&[Self]; TAPS], weights: &[i32; TAPS], out: &mut [Self]);
 }
 
-macro_rules! integer_sample {
+macro_rules! integer_pixel {
     ($pixel:ty) => {
-        impl Sample for $pixel {
+        impl ResampledPixel for $pixel {
             #[inline(always)]
             fn write_means(rows: &[&[Self]; TAPS], weights: &[i32; TAPS], out: &mut [Self]) {
                 let rows = rows.map(|row| &row[..out.len()]);
@@ -159,9 +159,9 @@ macro_rules! integer_sample {
     };
 }
 
-macro_rules! float_sample {
+macro_rules! float_pixel {
     ($pixel:ty) => {
-        impl Sample for $pixel {
+        impl ResampledPixel for $pixel {
             #[inline(always)]
             fn write_means(rows: &[&[Self]; TAPS], weights: &[i32; TAPS], out: &mut [Self]) {
                 let rows = rows.map(|row| &row[..out.len()]);
@@ -177,12 +177,12 @@ macro_rules! float_sample {
     };
 }
 
-integer_sample!(u8);
-integer_sample!(u16);
-float_sample!(f32);
-float_sample!(f64);
+integer_pixel!(u8);
+integer_pixel!(u16);
+float_pixel!(f32);
+float_pixel!(f64);
 
-fn resampled<T: Sample>(
+fn resampled<T: ResampledPixel>(
     pixels: &Array3<T>,
     alignment: &Alignment,
     level: Level,
@@ -212,7 +212,7 @@ struct Resample<'a, T> {
     out: &'a mut [T],
 }
 
-impl<T: Sample> Loop for Resample<'_, T> {
+impl<T: ResampledPixel> Loop for Resample<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -265,7 +265,7 @@ fn without_masked(view: &View, control: &Control) -> Result<View> {
     Ok(View { image, mask: Some(mask.clone()), range: view.range, impulses: 0.0 })
 }
 
-fn filled<T: Sample>(
+fn filled<T: ResampledPixel>(
     pixels: &Array3<T>,
     mask: &Plane<bool>,
     control: &Control,

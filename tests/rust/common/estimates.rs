@@ -23,7 +23,7 @@ pub fn estimate(
 ) -> Result<Estimate> {
     let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
     let means = Means { matcher, how, control };
-    let found = prepare(pair.clone(), known, &of_blur(), means)?.found;
+    let found = prepare(pair.clone(), known, &of_blur(), means)?.estimates;
     Ok(found.blur.expect("it was asked for"))
 }
 
