@@ -1,4 +1,4 @@
-"""The range of disparities: it holds the truth, without much else; swapped pairs are told."""
+"""The range of disparities: it holds the truth, without much else; swapped pairs are recognized."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from phasestereo.rig.estimation import find_range
+from estimating import estimated
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
 
@@ -30,8 +30,8 @@ def gray(image: NDArray[np.uint8]) -> Plane:
 
 
 def found(left: Plane, right: Plane) -> SearchRange:
-    search = find_range(left, right)
-    assert search is not None
+    search = estimated(left, right).search
+    assert search.origin == "found"
     return search
 
 
@@ -107,5 +107,5 @@ def test_toed_in_cameras_are_not_called_swapped() -> None:
         (noise(0, (1, 1)), noise(0, (1, 1))),
     ],
 )
-def test_nothing_is_told_of_what_is_no_pair(pair: tuple[Plane, Plane]) -> None:
-    assert find_range(*pair) is None
+def test_nothing_is_found_in_what_is_no_pair(pair: tuple[Plane, Plane]) -> None:
+    assert estimated(*pair).search.origin == "default"

@@ -150,7 +150,7 @@ class Result:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What there is to say about the match as a whole, worst first; empty if all is well."""
-        found: tuple[Finding, ...] = import_module("phasestereo.rig.findings").of_result(self)
+        found: tuple[Finding, ...] = import_module("phasestereo.rig.findings").match_findings(self)
         return found
 
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:

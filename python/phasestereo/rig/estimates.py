@@ -1,4 +1,4 @@
-"""What the core finds out of a pair before it matches, as Python has it."""
+"""What the core estimates of a pair before it matches, as Python objects."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Found: TypeAlias = tuple[
     "tuple[int, int]] | None",
     float,
 ]
-"""What the core tells: disparities, confidence of a rough match, whether that takes an inverted
+"""What the core returns: disparities, confidence of a rough match, whether that takes an inverted
 image, range, offsets of rows, the field that is applied, blur, what suits it, seconds."""
 
 Matched: TypeAlias = (
@@ -48,13 +48,13 @@ Summarized: TypeAlias = tuple[float, float, float, float, float]
 """What a map says about itself: the fields of `phasestereo.Summary`."""
 
 Known: TypeAlias = "tuple[tuple[float, float] | None, BlurCompensation | None, Field | None, bool]"
-"""What the core is told: noise, versions, the field of the rows, whether the right image is to be
-inverted."""
+"""What the core is given: noise, the blur compensation, the field of
+the rows, whether the right image is to be inverted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimates:
-    """What was found out of a pair, and what suits it."""
+    """What was estimated of a pair, and the settings and the compensation that suit it."""
 
     settings: Settings
     search: SearchRange
@@ -70,8 +70,9 @@ def as_estimates(
     search: tuple[int, int | None],
     blur_compensation: BlurCompensation | None,
 ) -> Estimates:
-    """Return what the core has found out, beside what a call told it."""
+    """Return what the core has estimated, completed by what the caller gave."""
     disparities, confidence, inverted, span, offsets, field, blur, suited, seconds = found
+
     if suited is not None:
         (noise, impulses, smoothing), kernels, labels, tile, (neighborhood, window) = suited
         for array in (labels, *chain.from_iterable(kernels)):
@@ -122,6 +123,7 @@ def _search(
     sure = math.nan if confidence is None else confidence
     if span is None:
         return SearchRange(*disparities, "given" if is_given else "default", sure)
+
     _, _, low, high, swapped, mixed = span
     return SearchRange(
         *disparities, "given" if is_given else "found", sure, low, high, swapped, mixed
@@ -133,5 +135,6 @@ def _alignment(
 ) -> Alignment | None:
     if offsets is None:
         return None
+
     (coefficients, size, _), error, blocks, spread = offsets
     return Alignment(tuple(coefficients), error, blocks, spread, size, applied=field is not None)
