@@ -13,7 +13,7 @@ from conftest import ROOT, counterpart
 from phasestereo_bench.report.documents import MARKERS
 from phasestereo_bench.rigs import FAULTS
 from phasestereo_bench.tables.headline import COLUMNS, TITLES
-from phasestereo_bench.tables.plan import stages
+from phasestereo_bench.tables.plan import job_groups
 from test_bench_cases import plant
 
 if TYPE_CHECKING:
@@ -72,11 +72,11 @@ def test_one_command_makes_all_tables_and_the_same_again(tmp_path: Path, run: Ru
 def test_there_has_to_be_a_scene(tmp_path: Path) -> None:
     plant(tmp_path / "middlebury", "other")
     with pytest.raises(ValueError, match="there is none of"):
-        stages(tmp_path, [])
+        job_groups(tmp_path, [])
 
 
 def test_a_plan_has_all_that_there_is(data: Path) -> None:
-    there = {stage.name: stage for stage in stages(data, [])}
+    there = {stage.name: stage for stage in job_groups(data, [])}
     assert list(there) == [
         "one-sided-blur",
         "sharp",

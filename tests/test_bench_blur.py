@@ -72,7 +72,7 @@ def test_there_are_so_many_trials(scene: Scene) -> None:
 @pytest.mark.parametrize("side", ["left", "right", "both"])
 def test_images_are_blurred_as_told(scene: Scene, family: str, psf: Any, side: str) -> None:
     pair = scene.load()
-    views = bench.Trial(scene, family, 3.0, 40.0, side, 2.0).views(pair)
+    views = bench.BlurTrial(scene, family, 3.0, 40.0, side, 2.0).views(pair)
     for view, image, name, seed in zip(
         views, (pair.left, pair.right), ("left", "right"), (1, 2), strict=True
     ):
@@ -82,7 +82,7 @@ def test_images_are_blurred_as_told(scene: Scene, family: str, psf: Any, side: s
 
 def test_sharp_pairs_are_as_they_are(scene: Scene) -> None:
     pair = scene.load()
-    left, right = bench.Trial(scene, "none", 0.0, 0.0, "neither", 0.0).views(pair)
+    left, right = bench.BlurTrial(scene, "none", 0.0, 0.0, "neither", 0.0).views(pair)
     np.testing.assert_array_equal(left, pair.left)
     np.testing.assert_array_equal(right, pair.right)
 
@@ -96,7 +96,7 @@ def test_a_record_tells_what_was_found(scene: Scene, tmp_path: Path) -> None:
     assert (record["width"], record["height"]) == (170, 120)
     assert record["seconds"] > 0
     assert 0 < record["certainty"] <= 1
-    tried = bench.try_out(bench.Trial(scene, "disk", 4.0, 0.0, "right", 1.0))
+    tried = bench.try_out(bench.BlurTrial(scene, "disk", 4.0, 0.0, "right", 1.0))
     assert bench.verdict({"family": "disk", "size": 4, "angle": 0, "side": "right"} | tried).all
 
 

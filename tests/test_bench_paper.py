@@ -15,9 +15,9 @@ import pytest
 
 from phasestereo.settings import PRESETS
 from phasestereo_bench.degradation import suite
-from phasestereo_bench.paper import findings, load_pairs, run_study, write_study
+from phasestereo_bench.paper import judge_claims, load_pairs, run_study, write_study
 from phasestereo_bench.paper import study as studies
-from phasestereo_bench.paper.claims import CLAIMS, WAYS, Verdict, cases, lines
+from phasestereo_bench.paper.claims import CLAIMS, SETUPS, ClaimVerdict, cases, lines
 from phasestereo_bench.paper.experiments import (
     AREAS,
     BITS,
@@ -33,21 +33,29 @@ from phasestereo_bench.paper.experiments import (
     PROTOCOLS,
     SAD,
     SHARP,
-    Blur,
     Experiment,
     Grid,
+    PaperBlur,
     Series,
     box_psf,
     recoded,
 )
 from phasestereo_bench.paper.prototype import figures
-from phasestereo_bench.paper.study import SCENES, Cell, Reading, choose, curve, everyone, measure
+from phasestereo_bench.paper.study import (
+    SCENES,
+    PaperCell,
+    Reading,
+    choose,
+    curve,
+    measure,
+    tuning_tasks,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from phasestereo_bench.paper.claims import Case
+    from phasestereo_bench.paper.claims import ClaimCase
     from phasestereo_bench.paper.study import Study
 
 for module in ("PIL", "scipy", "matplotlib"):
@@ -100,28 +108,28 @@ def noise_image() -> np.ndarray:
 @pytest.mark.parametrize(
     ("blur", "row"),
     [
-        (Blur("gauss", 2, "suite"), "gauss 2"),
-        (Blur("motion x", 9, "suite"), "motion 9"),
-        (Blur("areas", 11, "suite"), "mixed"),
+        (PaperBlur("gauss", 2, "suite"), "gauss 2"),
+        (PaperBlur("motion x", 9, "suite"), "motion 9"),
+        (PaperBlur("areas", 11, "suite"), "mixed"),
     ],
 )
 def test_the_suites_recipe_is_that_of_the_suite(
-    blur: Blur, row: str, noise_image: np.ndarray
+    blur: PaperBlur, row: str, noise_image: np.ndarray
 ) -> None:
     np.testing.assert_array_equal(blur(noise_image), suite()[row](noise_image))
 
 
 def test_motion_smears_one_direction_without_noise(noise_image: np.ndarray) -> None:
     rows = np.repeat(noise_image[:, :1], 43, axis=1)  # constant along x
-    np.testing.assert_array_equal(Blur("motion x", 11)(rows), rows)
-    assert (Blur("motion y", 11)(rows) != rows).any()
-    smeared = Blur("motion x", 5)(noise_image)
+    np.testing.assert_array_equal(PaperBlur("motion x", 11)(rows), rows)
+    assert (PaperBlur("motion y", 11)(rows) != rows).any()
+    smeared = PaperBlur("motion x", 5)(noise_image)
     wanted = np.rint(noise_image[20, 18:23].mean(axis=0))
     np.testing.assert_array_equal(smeared[20, 20], wanted)
 
 
 def test_areas_alternate(noise_image: np.ndarray) -> None:
-    mixed = Blur("areas", 5)(noise_image)
+    mixed = PaperBlur("areas", 5)(noise_image)
     rows, columns = np.arange(5) * 41 // 4, np.arange(5) * 43 // 4
 
     def area(image: np.ndarray, i: int, j: int) -> np.ndarray:
@@ -129,7 +137,7 @@ def test_areas_alternate(noise_image: np.ndarray) -> None:
 
     dimmed = np.rint(0.6 * noise_image + 20)
     for i, j in np.ndindex(4, 4):
-        versions = [dimmed, Blur("motion x", 5)(noise_image), noise_image]
+        versions = [dimmed, PaperBlur("motion x", 5)(noise_image), noise_image]
         if (i + j) % 4 < 3:
             np.testing.assert_array_equal(area(mixed, i, j), area(versions[(i + j) % 4], i, j))
     assert area(mixed, 0, 3).std() < 0.4 * area(noise_image, 0, 3).std()  # out of focus
@@ -139,23 +147,23 @@ def test_areas_alternate(noise_image: np.ndarray) -> None:
 
 
 def test_all_grids_hold_what_the_tied_protocol_needs() -> None:
-    assert len(everyone()) == len(SCENES) * (len(METHODS) + 1)  # phase codes with k = 1 and 2
-    for whose in everyone():
-        measured = whose.cells(FULL_GRID)
+    assert len(tuning_tasks()) == len(SCENES) * (len(METHODS) + 1)  # phase codes with k = 1 and 2
+    for task in tuning_tasks():
+        measured = task.cells(FULL_GRID)
         assert len(measured) == len(set(measured))
         assert all(cell.blur == SHARP for cell in measured)
-        assert {Cell(whose.scene, SHARP, each) for each in whose.tied} <= set(measured)
+        assert {PaperCell(task.scene, SHARP, each) for each in task.tied} <= set(measured)
 
 
 def test_the_best_is_chosen_and_the_first_of_equals() -> None:
-    whose = next(each for each in everyone() if each.method is PHASE)
-    bad = dict.fromkeys(whose.cells(FULL_GRID), 10.0)
-    first = whose.method.candidates(FULL_GRID, whose.power)[0]
-    assert choose(whose, FULL_GRID, bad).fixed == first
-    best = PHASE.settings(window=11, neighborhood=15, penalty=2, power=whose.power)
-    tied = PHASE.settings(window=7, neighborhood=7, penalty=4, power=whose.power)
-    bad |= {Cell(whose.scene, SHARP, best): 5.0, Cell(whose.scene, SHARP, tied): 6.0}
-    choice = choose(whose, FULL_GRID, bad)
+    task = next(each for each in tuning_tasks() if each.method is PHASE)
+    bad = dict.fromkeys(task.cells(FULL_GRID), 10.0)
+    first = task.method.candidates(FULL_GRID, task.power)[0]
+    assert choose(task, FULL_GRID, bad).fixed == first
+    best = PHASE.settings(window=11, neighborhood=15, penalty=2, power=task.power)
+    tied = PHASE.settings(window=7, neighborhood=7, penalty=4, power=task.power)
+    bad |= {PaperCell(task.scene, SHARP, best): 5.0, PaperCell(task.scene, SHARP, tied): 6.0}
+    choice = choose(task, FULL_GRID, bad)
     assert (choice.fixed, choice.fixed_bad) == (best, 5.0)
     assert (choice.penalty, choice.penalty_bad) == (4, 6.0)
 
@@ -227,24 +235,24 @@ def winning(_: Experiment, __: str, series: Series, level: float) -> float:
     return 20 + level if series.method is PHASE else 21 + level + min(level, 6)
 
 
-def verdicts(readings: list[Reading], claim: int) -> list[Verdict]:
-    """Return what becomes of a claim, by its place among them, in every way."""
+def verdicts(readings: list[Reading], claim: int) -> list[ClaimVerdict]:
+    """Return what becomes of a claim, by its place among them, in every setup."""
     name = list(CLAIMS)[claim]
-    every = findings([*readings, *of_bits(lambda _: 10.0)] if claim < 2 else readings)
+    every = judge_claims([*readings, *of_bits(lambda _: 10.0)] if claim < 2 else readings)
     return [each.verdict for each in every if each.claim == name]
 
 
-def case_of(readings: list[Reading], experiment: Experiment, scene: str) -> Case:
-    """Return a case of the first way."""
-    found = cases(readings, WAYS[0])
+def case_of(readings: list[Reading], experiment: Experiment, scene: str) -> ClaimCase:
+    """Return a case of the first setup."""
+    found = cases(readings, SETUPS[0])
     return next(each for each in found if (each.experiment, each.scene) == (experiment, scene))
 
 
 def test_claims_are_reproduced_by_what_reproduces_them() -> None:
     readings = synthetic(winning)
-    assert len(cases(readings, WAYS[0])) == len(EXPERIMENTS) * len(SCENES)
-    assert verdicts(readings, 0) == [Verdict.YES] * 3
-    assert verdicts(readings, 1) == [Verdict.YES] * 3
+    assert len(cases(readings, SETUPS[0])) == len(EXPERIMENTS) * len(SCENES)
+    assert verdicts(readings, 0) == [ClaimVerdict.YES] * 3
+    assert verdicts(readings, 1) == [ClaimVerdict.YES] * 3
     case = case_of(readings, MOTION_X, "cones")
     assert next(iter(case.gains)) == 3  # 1 is no blur
     assert case.gains[3] == pytest.approx(4)
@@ -253,8 +261,8 @@ def test_claims_are_reproduced_by_what_reproduces_them() -> None:
 
 def test_claims_are_not_reproduced_by_what_does_not() -> None:
     readings = synthetic(lambda *where: 60 - winning(*where))
-    assert verdicts(readings, 0) == [Verdict.NO] * 3
-    assert verdicts(readings, 1) == [Verdict.NO] * 3
+    assert verdicts(readings, 0) == [ClaimVerdict.NO] * 3
+    assert verdicts(readings, 1) == [ClaimVerdict.NO] * 3
 
 
 def test_one_loss_is_reproduced_in_part() -> None:
@@ -262,19 +270,19 @@ def test_one_loss_is_reproduced_in_part() -> None:
         lost = (experiment, scene, level) == (AREAS, "cones", 3) and series.method is PHASE
         return 99 if lost else winning(experiment, scene, series, level)
 
-    assert verdicts(synthetic(almost), 0)[0] is Verdict.PARTLY
+    assert verdicts(synthetic(almost), 0)[0] is ClaimVerdict.PARTLY
 
 
 def test_small_gains_are_not_large_ones() -> None:
     readings = synthetic(lambda *where: 20.0 if where[2].method is PHASE else 24.9)
-    assert verdicts(readings, 0)[0] is Verdict.YES
-    assert verdicts(readings, 1)[0] is Verdict.NO
+    assert verdicts(readings, 0)[0] is ClaimVerdict.YES
+    assert verdicts(readings, 1)[0] is ClaimVerdict.NO
 
 
 def test_the_rival_is_the_papers_and_the_better_one_is_told_apart() -> None:
     values = {PHASE.cost: 20.0, SAD.cost: 10.0, NSAD.cost: 30.0}
     readings = synthetic(lambda *where: values[where[2].method.cost])
-    for case in cases(readings, WAYS[0]):
+    for case in cases(readings, SETUPS[0]):
         gain = 10 if case.experiment is AREAS else -10
         assert set(case.gains.values()) == {gain}
         assert set(case.over_best.values()) == {-10}
@@ -283,11 +291,11 @@ def test_the_rival_is_the_papers_and_the_better_one_is_told_apart() -> None:
 def test_a_line_is_flat_or_not() -> None:
     readings = synthetic(winning)
     flat = [*readings, *of_bits(lambda bits: 10 + 0.5 * bits)]
-    assert verdicts(flat, 2) == [Verdict.YES, Verdict.YES]
+    assert verdicts(flat, 2) == [ClaimVerdict.YES, ClaimVerdict.YES]
     uneven = of_bits(lambda bits: 13 if bits == 1 else 10)
     assert (len(lines(uneven)), lines(uneven)[0].spread) == (12, 3)
-    assert verdicts([*readings, *uneven], 2) == [Verdict.NO, Verdict.NO]
-    assert findings([*readings, *uneven])[-1].holds_at == "0 of 6 lines"
+    assert verdicts([*readings, *uneven], 2) == [ClaimVerdict.NO, ClaimVerdict.NO]
+    assert judge_claims([*readings, *uneven])[-1].holds_at == "0 of 6 lines"
 
 
 # A small run of it all.
@@ -369,7 +377,7 @@ def test_numbers_are_in_the_files(study: Study, folder: Path) -> None:
     assert all((row["neighborhood"] == "") == (row["method"] != "phase") for row in rows)
     with (folder / "claims.csv").open(newline="", encoding="utf-8") as file:
         told = [row["verdict"] for row in csv.DictReader(file)]
-    assert told == [each.verdict.value for each in findings(study.readings)]
+    assert told == [each.verdict.value for each in judge_claims(study.readings)]
     with (folder / "settings.csv").open(newline="", encoding="utf-8") as file:
         chosen = list(csv.DictReader(file))
     assert [(row["fixed: bad, %"], row["tied: bad, %"]) for row in chosen] == [
@@ -391,8 +399,8 @@ def test_page_has_a_verdict_on_every_claim_and_all_tables(study: Study, folder: 
     assert "quick trial" in page
     for quote in CLAIMS.values():
         assert quote in page
-    for claim, way, verdict, holds_at in findings(study.readings):
-        assert f"| {claim} | {way} | {verdict.value} | {holds_at} |" in page
+    for claim, setup, verdict, holds_at in judge_claims(study.readings):
+        assert f"| {claim} | {setup} | {verdict.value} | {holds_at} |" in page
     for figure, measured, as_suite in study.prototype:
         assert f"| {figure.published:.1f} | {measured:.1f} |" in page
         assert f" | {as_suite:.1f} | " in page
@@ -449,11 +457,11 @@ def test_a_failed_cell_is_told_and_the_others_kept(
     middlebury: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pairs = load_pairs(middlebury)
-    good = Cell("tsukuba", SHARP, SAD.settings(window=7, penalty=10))
+    good = PaperCell("tsukuba", SHARP, SAD.settings(window=7, penalty=10))
     bad = replace(good, scene="cones")
     whole = studies.score_cell
 
-    def score(folder: str, cell: Cell) -> object:
+    def score(folder: str, cell: PaperCell) -> object:
         if cell == bad:
             raise MemoryError("no room")
         return whole(folder, cell)
@@ -468,7 +476,7 @@ def test_a_failed_cell_is_told_and_the_others_kept(
 
 def test_another_pair_of_the_same_name_is_another_cell(middlebury: Path) -> None:
     pairs = load_pairs(middlebury)
-    cell = Cell("cones", SHARP, SAD.settings(window=7, penalty=10))
+    cell = PaperCell("cones", SHARP, SAD.settings(window=7, penalty=10))
     other = replace(pairs, digests={**pairs.digests, "cones": "0"})
     assert cell.job(pairs).key != cell.job(other).key
     assert cell.job(pairs).key == cell.job(load_pairs(middlebury)).key

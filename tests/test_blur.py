@@ -160,7 +160,7 @@ def trial(data: Path, name: str, blur: tuple[str, float, float], *, side: str, n
     from phasestereo_bench.datasets import find_scene  # noqa: PLC0415  # likewise
 
     family, size, angle = blur
-    tried = bench.Trial(find_scene(data / "middlebury", name), family, size, angle, side, noise)
+    tried = bench.BlurTrial(find_scene(data / "middlebury", name), family, size, angle, side, noise)
     key = {"family": family, "size": size, "angle": angle, "side": side}
     record = key | bench.try_out(tried)
     return bench.verdict(record), record

@@ -327,7 +327,7 @@ def test_without_a_calibration_nothing_tells_how_far_to_search_2014(
     if calibration is not None:
         put(folder, calib_txt=calibration)
     (scene,) = find_scenes(tmp_path)
-    with pytest.raises(ValueError, match=r"Pipes-perfect: calib.txt must tell ndisp"):
+    with pytest.raises(ValueError, match=r"Pipes-perfect: calib.txt must give ndisp"):
         scene.load()
 
 

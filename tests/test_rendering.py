@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from phasestereo_bench.datasets import Pair
-    from phasestereo_bench.rendering.light import Scene
+    from phasestereo_bench.rendering.light import Scenery
     from phasestereo_bench.rendering.shapes import Shape
 
 SIZE = {"height": 121, "width": 163, "num_disparities": 40}
@@ -43,7 +43,7 @@ def camera() -> Camera:
 
 
 @pytest.fixture(scope="module")
-def scene(camera: Camera) -> Scene:
+def scene(camera: Camera) -> Scenery:
     return furnish(np.random.default_rng(4), camera)
 
 
@@ -256,7 +256,7 @@ def test_ellipsoid_and_cone_are_met_on_their_surface(camera: Camera) -> None:
         np.testing.assert_allclose(level, 1, atol=1e-9)
 
 
-def test_views_differ_by_noise_of_one_level(scene: Scene, camera: Camera) -> None:
+def test_views_differ_by_noise_of_one_level(scene: Scenery, camera: Camera) -> None:
     exposure = exposure_of(scene, camera)
     first, second = (
         photograph(scene, camera, LEFT, exposure, np.random.default_rng(seed)).astype(float)

@@ -52,16 +52,20 @@ def commands(results: Results, metric: str) -> list[str]:
     shown = ["--suite", results.suite, "--side", results.side, "--metric", metric, "-o", "report"]
     if results.suite not in SUITES:
         return [_line(["report", *results.sources, *shown])]
+
     cells = [*results.cells.values(), *results.failures]
     methods = dict.fromkeys([*results.methods, *(cell.method for cell in results.failures)])
     options = ["--suite", results.suite, "--side", results.side, "--method", *methods]
+
     rows = {cell.degradation for cell in cells}
     if rows != set(SUITES[results.suite]):
         options += ["--degradation", *sorted(rows)]
+
     makers = [
         ["middlebury", "FOLDER", *options, *scenes, "-o", _STORE]
         for scenes in _scenes(results.suite, sorted({cell.place for cell in cells}))
     ]
+
     return [_line(command) for command in (*makers, ["report", _STORE, *shown])]
 
 
@@ -69,6 +73,7 @@ def _scenes(suite: str, places: Sequence[Place]) -> list[list[str]]:
     """Return the options that choose these scenes, one list for each choice of their images."""
     if {str(place) for place in places} == SUITE_SCENES.get(suite, frozenset()):
         return [[]]
+
     names: dict[tuple[str, ...], list[str]] = {}
     for place in places:
         variant = _VARIANT.fullmatch(str(place))
@@ -77,6 +82,7 @@ def _scenes(suite: str, places: Sequence[Place]) -> list[list[str]]:
         else:
             images = ("--left-image", variant["left"], "--right-image", variant["right"])
             names.setdefault(images, []).append(variant["scene"])
+
     return [["--scene", *scenes, *images] for images, scenes in names.items()]
 
 
@@ -88,9 +94,11 @@ def _environment(known: Mapping[str, Any]) -> str:
     versions, (commit, dash, state) = known.get("versions"), str(known.get("commit")).partition("-")
     if not isinstance(versions, dict):
         return "versions that are not known"
+
     names = {"phasestereo": "phasestereo", "opencv": "OpenCV", "numpy": "NumPy", "python": "Python"}
     parts = {name: f"{title} {versions.get(name)}" for name, title in names.items()}
     if known.get("commit"):
         parts["phasestereo"] += f" (commit {commit[:_COMMIT]}{dash}{state})"
+
     made = ", ".join(part for name, part in parts.items() if versions.get(name))
     return f"{made} on {known.get('cpu')}, {known.get('date')}"
