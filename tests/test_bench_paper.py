@@ -86,6 +86,7 @@ def test_tied_settings_hold_the_blur_and_are_valid() -> None:
                 replace(PRESETS["paper"], window=window, neighborhood=side, power=experiment.power)
                 assert side >= 7
                 assert experiment is GAUSS or side >= 2 * level
+
     assert [MOTION_X.neighborhood(15, rule) for rule in MOTION_X.rules] == [31, 45]
     assert MOTION_X.window(15) == 15
     assert GAUSS.window(4) == GAUSS.neighborhood(4, GAUSS.rules[0]) == 17
@@ -140,6 +141,7 @@ def test_areas_alternate(noise_image: np.ndarray) -> None:
         versions = [dimmed, PaperBlur("motion x", 5)(noise_image), noise_image]
         if (i + j) % 4 < 3:
             np.testing.assert_array_equal(area(mixed, i, j), area(versions[(i + j) % 4], i, j))
+
     assert area(mixed, 0, 3).std() < 0.4 * area(noise_image, 0, 3).std()  # out of focus
 
 
@@ -160,9 +162,11 @@ def test_the_best_is_chosen_and_the_first_of_equals() -> None:
     bad = dict.fromkeys(task.cells(FULL_GRID), 10.0)
     first = task.method.candidates(FULL_GRID, task.power)[0]
     assert choose(task, FULL_GRID, bad).fixed == first
+
     best = PHASE.settings(window=11, neighborhood=15, penalty=2, power=task.power)
     tied = PHASE.settings(window=7, neighborhood=7, penalty=4, power=task.power)
     bad |= {PaperCell(task.scene, SHARP, best): 5.0, PaperCell(task.scene, SHARP, tied): 6.0}
+
     choice = choose(task, FULL_GRID, bad)
     assert (choice.fixed, choice.fixed_bad) == (best, 5.0)
     assert (choice.penalty, choice.penalty_bad) == (4, 6.0)
@@ -250,9 +254,11 @@ def case_of(readings: list[Reading], experiment: Experiment, scene: str) -> Clai
 
 def test_claims_are_reproduced_by_what_reproduces_them() -> None:
     readings = synthetic(winning)
+
     assert len(cases(readings, SETUPS[0])) == len(EXPERIMENTS) * len(SCENES)
     assert verdicts(readings, 0) == [ClaimVerdict.YES] * 3
     assert verdicts(readings, 1) == [ClaimVerdict.YES] * 3
+
     case = case_of(readings, MOTION_X, "cones")
     assert next(iter(case.gains)) == 3  # 1 is no blur
     assert case.gains[3] == pytest.approx(4)
@@ -330,6 +336,7 @@ def test_resumption_measures_nothing_again(
 
     before = (folder / "results.jsonl").read_bytes()
     monkeypatch.setattr(studies, "score_cell", never)
+
     again = run_study(load_pairs(middlebury), folder / "results.jsonl", quick=True, workers=0)
     assert (folder / "results.jsonl").read_bytes() == before
     assert again.readings
@@ -371,13 +378,16 @@ def test_numbers_are_in_the_files(study: Study, folder: Path) -> None:
     for name in ("experiment1", "experiment2", "experiment3", "figure3"):
         with (folder / f"{name}.csv").open(newline="", encoding="utf-8") as file:
             rows += list(csv.DictReader(file))
+
     assert [float(row["nonocc"]) for row in rows] == [each.nonocc for each in study.readings]
     assert [float(row["level"]) for row in rows] == [each.level for each in study.readings]
     assert {row["rule"] for row in rows} == {"", "2n + 1", "3n", "4 sigma + 1"}
     assert all((row["neighborhood"] == "") == (row["method"] != "phase") for row in rows)
+
     with (folder / "claims.csv").open(newline="", encoding="utf-8") as file:
         told = [row["verdict"] for row in csv.DictReader(file)]
     assert told == [each.verdict.value for each in judge_claims(study.readings)]
+
     with (folder / "settings.csv").open(newline="", encoding="utf-8") as file:
         chosen = list(csv.DictReader(file))
     assert [(row["fixed: bad, %"], row["tied: bad, %"]) for row in chosen] == [
@@ -396,14 +406,19 @@ def test_figures_are_drawn(folder: Path) -> None:
 
 def test_page_has_a_verdict_on_every_claim_and_all_tables(study: Study, folder: Path) -> None:
     page = (folder / "paper.md").read_text("utf-8")
+
     assert "quick trial" in page
+
     for quote in CLAIMS.values():
         assert quote in page
+
     for claim, setup, verdict, holds_at in judge_claims(study.readings):
         assert f"| {claim} | {setup} | {verdict.value} | {holds_at} |" in page
+
     for figure, measured, as_suite in study.prototype:
         assert f"| {figure.published:.1f} | {measured:.1f} |" in page
         assert f" | {as_suite:.1f} | " in page
+
     for name in re.findall(r"\]\((\S+)\)", page):
         assert (folder / name).is_file()
 
@@ -430,8 +445,10 @@ def test_the_command_tells_the_verdicts(
 
     monkeypatch.setattr(bench_paper, "run_study", run)
     monkeypatch.setattr(bench_paper, "write_study", lambda *_: [tmp_path / "paper.md"])
+
     assert cli.run(["bench", "paper", str(middlebury), "-o", str(tmp_path), "--workers", "3"]) == 0
     assert (asked["workers"], asked["quick"]) == (3, False)
+
     out, err = capsys.readouterr()
     assert "better in all" in out
     assert str(tmp_path / "paper.md") in out.replace("\n", "")
@@ -467,8 +484,10 @@ def test_a_failed_cell_is_told_and_the_others_kept(
         return whole(folder, cell)
 
     monkeypatch.setattr(studies, "score_cell", score)
+
     with pytest.raises(RuntimeError, match=r"1 of 2 cells failed.*MemoryError: no room"):
         measure([good, bad, good], pairs, tmp_path / "results.jsonl", workers=0)
+
     lines = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]
     kept = [line["scene"] for line in lines if line.get("status") == "ok"]
     assert kept == ["tsukuba"]
@@ -495,15 +514,19 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int
 def test_refusals(middlebury: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, line = refusal(capsys, tmp_path / "nowhere")
     assert (code, "no such folder" in line) == (1, True)
+
     (tmp_path / "empty").mkdir()
     code, line = refusal(capsys, tmp_path / "empty")
     assert (code, "no Middlebury scene in" in line) == (1, True)
+
     code, line = refusal(capsys, middlebury / "scenes2003", "-o", tmp_path / "out")
     assert (code, "'scenes2001/tsukuba' is not a scene in" in line) == (1, True)
     assert not (tmp_path / "out").exists()
+
     (tmp_path / "file").touch()
     code, line = refusal(capsys, middlebury, "-o", tmp_path / "file")
     assert (code, "File exists" in line) == (1, True)
+
     code, line = refusal(capsys, middlebury, "-o", tmp_path / "out", "--workers", "-1")
     assert (code, "--workers: got -1" in line) == (2, True)
 

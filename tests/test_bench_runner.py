@@ -114,9 +114,11 @@ def store(tmp_path: Path) -> Path:
 def test_records_come_in_the_order_of_the_jobs(store: Path, workers: int) -> None:
     jobs = [job(f"{n}", square, number=n) for n in range(5)]
     records = run_jobs(jobs, store, workers=workers)
+
     assert [record["square"] for record in records] == [0, 1, 4, 9, 16]
     assert all(record["status"] == "ok" and record["kind"] == "test" for record in records)
     assert all(record["seconds"] >= 0 for record in records)
+
     lines = read_store(store)
     assert sorted(map(str, lines[1:])) == sorted(map(str, records))
     assert {record["environment"] for record in records} == {lines[0]["id"]}
@@ -125,10 +127,12 @@ def test_records_come_in_the_order_of_the_jobs(store: Path, workers: int) -> Non
 def test_one_line_per_environment(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run_jobs([job("a", square, number=1)], store, workers=0)
     run_jobs([job("b", square, number=1)], store, workers=0)
+
     elsewhere = {**describe_environment(), "id": "0123456789ab"}
     monkeypatch.setattr("phasestereo_bench.runner.describe_environment", lambda: elsewhere)
     record = run_jobs([job("c", square, number=1)], store, workers=0)[0]
     assert record["environment"] == "0123456789ab"
+
     kinds = [line["kind"] for line in read_store(store)]
     assert kinds == ["environment", "test", "test", "environment", "test"]
 
@@ -182,12 +186,15 @@ def test_a_process_that_dies_fails_its_cell(store: Path) -> None:
         job("left", leave, code=3),
         *(job(f"{n}", square, number=n) for n in range(3, 6)),
     ]
+
     records = run_jobs(jobs, store, workers=2)
+
     failed = {record["name"]: record["error"] for record in records if record["status"] != "ok"}
     assert failed == {
         "killed": "WorkerDied: the process was killed by SIGKILL",
         "left": "WorkerDied: the process ended with exit code 3",
     }
+
     assert [record["square"] for record in records if "square" in record] == [0, 1, 4, 9, 16, 25]
 
 
@@ -200,13 +207,16 @@ def test_finished_cells_are_kept_and_failed_ones_tried_again(
 ) -> None:
     trace, needed = tmp_path / "trace", tmp_path / "needed"
     jobs = [job("note", note, path=str(trace)), job("late", fail_unless, path=str(needed))]
+
     first = run_jobs(jobs, store, workers=workers)
     assert [record["status"] for record in first] == ["ok", "failed"]
+
     needed.touch()
     second = run_jobs([*jobs, job("new", square, number=2)], store, workers=workers)
     assert [record["status"] for record in second] == ["ok", "ok", "ok"]
     assert second[0] == first[0]
     assert trace.read_text() == "x"
+
     before = store.read_bytes()
     assert run_jobs(jobs, store, workers=workers) == second[:2]
     assert store.read_bytes() == before
@@ -233,9 +243,11 @@ def test_keys_of_another_shape_are_other_cells(store: Path) -> None:
 def test_a_torn_last_line_is_dropped_and_its_cell_run(store: Path, torn: str) -> None:
     jobs = [job(f"{n}", square, number=n) for n in range(3)]
     whole = run_jobs(jobs, store, workers=0)
+
     lines = store.read_text().splitlines(keepends=True)
     store.write_text("".join(lines[:-1]) + torn)
     assert len(read_store(store)) == 3
+
     again = run_jobs(jobs, store, workers=0)
     assert [record["square"] for record in again] == [record["square"] for record in whole]
     assert [line.get("square") for line in read_store(store)] == [None, 0, 1, 4]
@@ -273,9 +285,11 @@ def test_damage_within_a_file_is_reported(store: Path) -> None:
 def test_refusals(store: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="^workers: got -1"):
         run_jobs([], store, workers=-1)
+
     for wrong in (1.5, True, "2"):
         with pytest.raises(TypeError, match="^workers"):
             run_jobs([], store, workers=wrong)  # type: ignore[arg-type]  # that is the point
+
     with pytest.raises(OSError, match="missing"):
         run_jobs([], tmp_path / "missing" / "store", workers=0)
     assert not store.exists()
@@ -299,6 +313,7 @@ def test_what_progress_raises_ends_the_run(store: Path) -> None:
             raise StopAsyncIteration
 
     jobs = [job("quick", square, number=1), *(job(f"{n}", nap, seconds=600) for n in range(3))]
+
     with pytest.raises(StopAsyncIteration):
         run_jobs(jobs, store, workers=2, progress=stop)
     assert [line.get("name") for line in read_store(store)] == [None, "quick"]
@@ -375,10 +390,12 @@ def test_environment_names_what_matters() -> None:
     assert facts["kind"] == "environment"
     assert facts["id"] == describe_environment()["id"]
     assert len(facts["id"]) == 12
+
     assert facts["cpu"]
     assert facts["cores"] == usable_cpus() >= 1
     assert facts["versions"]["phasestereo"] == ps.__version__
     assert facts["versions"]["numpy"] == np.__version__
+
     assert facts["versions"]["python"] == sys.version.split()[0]
     assert (facts["versions"]["opencv"] is not None) == HAS_OPENCV
 
