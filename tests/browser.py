@@ -94,6 +94,7 @@ class Browser:
             for event in events
             if event["method"] == "Network.requestWillBeSent"
         ]
+
         return [url for url in urls if not url.startswith(("data:", "blob:"))]
 
     def picture(self, selector: str = "") -> NDArray[np.uint8]:
@@ -122,6 +123,7 @@ def running(webdriver: Any, program: str, service: str) -> Iterator[Browser]:
     for option in _OPTIONS:
         options.add_argument(option)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+
     driver = webdriver.Chrome(options, webdriver.ChromeService(service))
     try:
         yield Browser(driver)

@@ -70,10 +70,12 @@ def browser() -> Iterator[Browser]:
     webdriver = counterpart("selenium.webdriver")
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     programs = chromium, shutil.which("chromedriver")
+
     if programs[0] and programs[1]:
         with running(webdriver, programs[0], programs[1]) as opened:
             yield opened
         return
+
     message = "no browser: apt-get install chromium chromium-driver"
     if ON_CI:
         pytest.fail(message)

@@ -79,6 +79,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
     monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises(OSError, match="disk on fire"):
         WRITERS[name](tmp_path / name)
+
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_bytes() == b"old"
 
@@ -148,17 +149,21 @@ def test_the_limit_on_pixels_is_that_of_the_user(
     for path in images.values():
         write_image(path, np.zeros((5, 7), np.uint8))
     write_pfm(tmp_path / "a.pfm", np.zeros((5, 7), np.float32))
+
     every = [*images.values(), tmp_path / "a.pfm"]
     assert max_pixels() == 200_000_000
+
     monkeypatch.setenv("PHASESTEREO_MAX_PIXELS", "34")
     for path in every:
         with pytest.raises(ValueError, match=rf"{path.name}: .* 7 x 5 pixels; at most 34 are read"):
             read_image(path)
+
     set_max_pixels(35)
     try:
         assert [read_image(path).size for path in every] == [35] * len(every)
     finally:
         set_max_pixels(None)
+
     monkeypatch.setenv("PHASESTEREO_MAX_PIXELS", "many")
     with pytest.raises(ValueError, match="PHASESTEREO_MAX_PIXELS: got 'many'; accepts a number"):
         max_pixels()
@@ -180,15 +185,18 @@ def test_a_full_disk_is_told_with_the_file(tmp_path: Path, monkeypatch: pytest.M
 
 def test_a_library_does_not_write_into_the_terminal_of_others(tmp_path: Path) -> None:
     tifffile = pytest.importorskip("tifffile")
+
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((16, 16), np.uint8), description="x" * 5000)
     content = bytearray((tmp_path / "a.tif").read_bytes())
     place = content.index(struct.pack("<HH", 305, 2))  # the tag that names the software
     content[place + 2 : place + 4] = struct.pack("<H", 99)  # has a type that there is not
     (tmp_path / "a.tif").write_bytes(content)
+
     done = subprocess.run(  # noqa: S603  # our own interpreter on our own code
         [sys.executable, "-c", "import sys, phasestereo as ps; ps.io.read_image(sys.argv[1])",
          str(tmp_path / "a.tif")],
         env=os.environ | {"PYTHONPATH": str(ROOT / "python")},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
+
     assert (done.returncode, done.stderr) == (0, "")

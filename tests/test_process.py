@@ -98,10 +98,12 @@ def test_other_python_threads_run_during_a_match() -> None:
     pair = RNG.integers(0, 256, (2, 600, 800), np.uint8)
     match = threading.Thread(target=lambda: ps.match(*pair, num_disparities=256, threads=1))
     match.start()
+
     steps = 0
     while match.is_alive():
         time.sleep(0.001)
         steps += 1
+
     assert steps > 20, "the interpreter was held"
 
 
@@ -114,10 +116,12 @@ def test_many_matches_at_once_do_not_disturb_each_other() -> None:
         )
         for _ in range(8)
     ]
+
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
+
     assert len(found) == 8
     assert all((disparity == expected).all() for disparity in found)
 
@@ -196,6 +200,7 @@ try:
 except MemoryError:
     print("refused")
 """)
+
     assert (finished.returncode, finished.stdout.strip()) == (0, "refused"), finished.stderr
 
 

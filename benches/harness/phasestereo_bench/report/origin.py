@@ -58,16 +58,20 @@ def commands(results: Results, metric: str) -> list[str]:
     shown = ["--suite", results.suite, "--side", results.side, "--metric", metric, "-o", "report"]
     if results.suite not in SUITES:
         return [_line(["report", *results.sources, *shown])]
+
     cells = [*results.cells.values(), *results.failures]
     methods = dict.fromkeys([*results.methods, *(cell.method for cell in results.failures)])
     options = ["--suite", results.suite, "--side", results.side, "--method", *methods]
+
     rows = {cell.degradation for cell in cells}
     if rows != set(SUITES[results.suite]):
         options += ["--degradation", *sorted(rows)]
+
     makers = [
         ["middlebury", "FOLDER", *options, *scenes, "-o", _STORE]
         for scenes in _scenes(results.suite, sorted({cell.place for cell in cells}))
     ]
+
     return [_line(command) for command in (*makers, ["report", _STORE, *shown])]
 
 
@@ -75,6 +79,7 @@ def _scenes(suite: str, places: Sequence[Place]) -> list[list[str]]:
     """Return the options that choose these scenes, one list for each choice of their images."""
     if {str(place) for place in places} == SUITE_SCENES.get(suite, frozenset()):
         return [[]]
+
     names: dict[tuple[str, ...], list[str]] = {}
     for place in places:
         variant = _VARIANT.fullmatch(str(place))
@@ -83,6 +88,7 @@ def _scenes(suite: str, places: Sequence[Place]) -> list[list[str]]:
         else:
             images = ("--left-image", variant["left"], "--right-image", variant["right"])
             names.setdefault(images, []).append(variant["scene"])
+
     return [["--scene", *scenes, *images] for images, scenes in names.items()]
 
 
