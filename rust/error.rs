@@ -39,7 +39,7 @@ impl Error {
     }
 
     /// The same about another argument, of which the refused value is a part.
-    pub fn of(self, argument: &'static str) -> Self {
+    pub fn about(self, argument: &'static str) -> Self {
         match self {
             Self::Value { got, accepts, .. } => Self::Value { argument, got, accepts },
             other => other,
