@@ -91,7 +91,7 @@ pub fn roughness(
         }
         let gray = Gray::new(pair.views()[0], level, control)?.plane(level, control)?;
         let places = (rows.start - read.start) * cols..(rows.end - read.start) * cols;
-        found = found.and(Roughness::of(&gray.as_slice()[places], cols));
+        found = found.and(Roughness::of_rows(&gray.as_slice()[places], cols));
     }
     Ok(found)
 }
