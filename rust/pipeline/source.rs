@@ -99,7 +99,7 @@ pub fn roughness(
 
         let gray = Gray::new(pair.views()[0], level, control)?.plane(level, control)?;
         let places = (rows.start - read.start) * cols..(rows.end - read.start) * cols;
-        roughness = roughness.and(Roughness::of(&gray.as_slice()[places], cols));
+        roughness = roughness.and(Roughness::of_rows(&gray.as_slice()[places], cols));
     }
 
     Ok(roughness)

@@ -1,8 +1,8 @@
 //! Windows: sliding sums over lanes against each window summed by itself.
 
 use crate::common::{
-    COUNTS, affordable, eight_votes, hash, heights, levels, mask, naive, random, settings, view,
-    volumes, widths,
+    COUNTS, affordable, eight_valid_pairs, hash, heights, levels, mask, naive, random, settings,
+    view, volumes, widths,
 };
 use crate::reference;
 use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock, Window, aggregate};
@@ -208,9 +208,9 @@ impl Election {
         let costs = Costs::new(views, self.candidates, settings, noise, levels()[0], &control)
             .expect("not cancelled");
         let window = self.window(costs.ceiling());
-        let votes = naive::votes(views, self.candidates);
+        let validity = naive::validity(views, self.candidates);
         let naive = naive::costs(views, self.candidates, settings, noise);
-        let expected = reference::aggregate(&naive, &votes, window);
+        let expected = reference::aggregate(&naive, &validity, window);
         let largest = window.largest_value(costs.validity().is_some());
         for level in levels() {
             let told = format!("{window:?} {} {:?}", level.name(), self.block);
@@ -258,7 +258,7 @@ proptest! {
 #[test]
 fn few_votes_do_not_overflow_a_byte() {
     Election {
-        views: eight_votes(),
+        views: eight_valid_pairs(),
         candidates: Candidates::new(0, 4, 42).expect("in reach"),
         settings: Settings {
             frequencies: (3, 2),

@@ -122,7 +122,7 @@ fn half_of_the_disparities_with_the_support_of_a_fifth_are_right() {
 #[test]
 fn a_difference_counts_by_what_is_usual() {
     let ramp = Plane::from_fn(3, 5, |y, x| (10 * x + 1000 * y) as i32);
-    let similar = |gray: &Plane<i32>| similar(Roughness::of(gray.as_slice(), gray.cols()));
+    let similar = |gray: &Plane<i32>| similar(Roughness::of_rows(gray.as_slice(), gray.cols()));
     assert_eq!(similar(&ramp), 400.0, "twice 10, squared");
     assert_eq!(similar(&ramp.map(|_| 3)), 1.0, "at least one step");
     assert_eq!(similar(&Plane::from_fn(4, 1, |y, _| y as i32)), 1.0, "no neighbors");
