@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     Progress = Callable[[int, int], object]
     Search = tuple[int, int | None]
 
+MOST_DISPARITIES = 16384
+"""The most disparities that the core searches, however wide the images are."""
+
 
 def match(
     left: Picture,

@@ -12,7 +12,7 @@ from cyclopts import Group, Parameter, validators
 from rich.console import Console
 
 import phasestereo
-from phasestereo.batch import Record, Report, encryption, read_pairs, run
+from phasestereo.batch import BatchReport, Record, encryption, read_pairs, run
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.options import Count, Overrides
 from phasestereo.cli.terminal import printable, progress_bar, say
@@ -158,7 +158,7 @@ def _security(ca: Path | None, cert: Path | None, key: Path | None) -> Any:
     return encryption(ca, cert, key)
 
 
-def _show(report: Report, settings: Settings, *, as_json: bool) -> None:
+def _show(report: BatchReport, settings: Settings, *, as_json: bool) -> None:
     """Print what a run came to on standard output."""
     if as_json:
         told = _as_dict(report, settings)
@@ -174,7 +174,7 @@ def _show(report: Report, settings: Settings, *, as_json: bool) -> None:
     console.print(f"wrote {printable(report.manifest)}", markup=False)
 
 
-def _as_dict(report: Report, settings: Settings) -> dict[str, Any]:
+def _as_dict(report: BatchReport, settings: Settings) -> dict[str, Any]:
     return {
         "version": phasestereo.__version__,
         "settings": asdict(settings),

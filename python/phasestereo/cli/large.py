@@ -18,7 +18,7 @@ from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
 from phasestereo.cli.outputs import Outputs
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.terminal import printable, progress_bar
-from phasestereo.outofcore import Plan, Report, format_bytes
+from phasestereo.outofcore import MapReport, Plan, format_bytes
 from phasestereo.result import format_counts
 
 _WHOLE = ("color", "ply", "mesh", "depth", "report")
@@ -157,7 +157,7 @@ def format_duration(seconds: float) -> str:
     return f"{round(seconds / 3600)} h"
 
 
-def _show(report: Report, *, as_json: bool) -> None:
+def _show(report: MapReport, *, as_json: bool) -> None:
     if as_json:
         summary = {"version": phasestereo.__version__, **report.as_dict()}
         sys.stdout.write(json.dumps(summary, indent=2, allow_nan=False) + "\n")
@@ -167,7 +167,7 @@ def _show(report: Report, *, as_json: bool) -> None:
         console.print(printable(line), markup=False)
 
 
-def _lines(report: Report) -> list[str]:
+def _lines(report: MapReport) -> list[str]:
     (rows, cols), blur = report.plan.size, report.statistics.blur
     peak = "" if report.peak_memory is None else f", {format_bytes(report.peak_memory)} of memory"
     flags = format_counts(report.flags, rows * cols)

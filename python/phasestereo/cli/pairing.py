@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from numpy.typing import NDArray
 
+from phasestereo._images import join_masks
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refuse_picture
 from phasestereo.integrations.video.capture import Layout
 from phasestereo.io import read_pair
-from phasestereo.io.views import View, join, read_views
+from phasestereo.io.views import View, read_views
 
 if TYPE_CHECKING:
     from phasestereo.rectification import Rectification
@@ -68,7 +69,7 @@ class Pairing:
             As `phasestereo.rectify`.
         """
         left_mask, right_mask = (
-            join(mask, view.mask) for mask, view in zip(masks, views, strict=True)
+            join_masks(mask, view.mask) for mask, view in zip(masks, views, strict=True)
         )
         if not self.rectify:
             left, right = views
