@@ -13,7 +13,7 @@ from conftest import counterpart
 from phasestereo.io import Calibration
 from phasestereo.views.page import page as page_module
 from phasestereo.views.page import write_pair_page
-from phasestereo.views.page.scene import scene_of
+from phasestereo.views.page.scene import scene_points
 from phasestereo.views.picture import NEUTRAL, UNSCORED, colorize
 
 if TYPE_CHECKING:
@@ -465,7 +465,7 @@ def test_points_are_drawn_and_turn(opened: Browser) -> None:
     actions.move_to_element(cloud).click_and_hold().move_by_offset(120, 40).release().perform()
     turned = settled(opened)
     assert (np.abs(turned.astype(int) - first).max(axis=2) > 60).mean() > 0.01
-    scene = scene_of(made_up().disparity, CALIBRATION, step=1)
+    scene = scene_points(made_up().disparity, CALIBRATION, step=1)
     assert scene.shown > 1600
     unflagged = scene.shown - 1
     count = opened.driver.find_element("css selector", "#cloud-told").text

@@ -19,6 +19,7 @@ import phasestereo
 from phasestereo._images import join_masks
 from phasestereo.batch.manifest import DONE, FAILED, Record
 from phasestereo.io import write_geotiff, write_image
+from phasestereo.io.files import describe_error
 from phasestereo.io.maps import write_floats
 from phasestereo.io.mask import read_mask
 from phasestereo.io.views import read_views
@@ -121,7 +122,7 @@ def match_files(pair: PairFiles, order: Order, recipe: str) -> Record:
     except FullDiskError:
         raise
     except _EXPECTED as error:
-        record = blank(pair, recipe, _describe(error))
+        record = blank(pair, recipe, describe_error(error))
     except Exception as error:  # noqa: BLE001 -- one pair must not end the run of all others
         place = traceback.extract_tb(error.__traceback__)[-1]
         record = blank(pair, recipe, f"{error!r} in {place.filename}, line {place.lineno}")
@@ -217,9 +218,3 @@ def _identity(path: Path) -> list[Any]:
     except (OSError, ValueError):  # as of a path with a null byte
         return [str(path)]  # the worker will say what is wrong with it
     return [str(path), state.st_size, state.st_mtime_ns]
-
-
-def _describe(error: Exception) -> str:
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
-    return str(error) or type(error).__name__

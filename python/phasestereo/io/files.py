@@ -106,6 +106,13 @@ def is_of_the_system(error: Exception) -> bool:
     return isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)
 
 
+def describe_error(error: Exception) -> str:
+    """Return an error in a line: of the system, what it says of which file."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error) or type(error).__name__
+
+
 @contextmanager
 def replacing(path: StrPath, *, flush: bool = False) -> Iterator[BinaryIO]:
     """Open a draft in the file's folder; it takes the file's place when the block ends well.
