@@ -170,7 +170,7 @@ def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
 
 
 def _is_masked_array(value: object) -> bool:
-    """Tell masked arrays without importing `numpy.ma`.
+    """Recognize masked arrays without importing `numpy.ma`.
 
     An import during a match would hold its lock while another thread forks the process.
     """

@@ -131,7 +131,7 @@ class Cluster:
         distributed = require("distributed", extra="dask")
         self._client = client
         self._ended = distributed.as_completed(loop=client.loop)
-        # The exceptions that are told apart when a task ends.
+        # The exceptions by which the end of a task is judged.
         self._died = require("distributed.scheduler", extra="dask").KilledWorker
         self._cancelled = distributed.CancelledError
 
@@ -150,7 +150,7 @@ class Cluster:
         return max(1, sum(threads.values()))  # there is none while the last one is started again
 
     def submit(self, key: str, function: Callable[..., Any], *arguments: Any) -> None:
-        """Have a worker call a function; no two tasks have the same key."""
+        """Let a worker call a function; no two tasks have the same key."""
         self._ended.add(self._client.submit(function, *arguments, key=key, retries=0))
 
     def finished(self) -> list[tuple[str, Outcome]]:

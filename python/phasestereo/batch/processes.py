@@ -89,7 +89,7 @@ class Processes:
         return len(self._every)
 
     def submit(self, key: str, function: Callable[..., Any], *arguments: Any) -> None:
-        """Have a process call a function, as soon as one is free."""
+        """Let a process call a function, as soon as one is free."""
         self._waiting.append((key, function, arguments))
         self._hand_out()
 
@@ -219,7 +219,7 @@ class _Process:
 
 
 def _begin() -> None:
-    """Have this process end when the one that started it does, however that comes about.
+    """End this process when the one that started it ends, however that comes about.
 
     What all tasks need is imported before the first one, whose time it would take.
     """

@@ -69,7 +69,6 @@ def rectify(
     images_from
         More pairs of the same cameras, left and right in turn, for a better estimate without a
         calibration.
-        More pairs of the same cameras, left and right in turn, to tell more without a calibration.
     layout
         Where one file has both views: side-by-side, or top-bottom with the left view above.
     masks

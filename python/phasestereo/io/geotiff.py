@@ -168,7 +168,7 @@ def read_geotiff_pair(
     Raises
     ------
     OSError, TypeError, ValueError, ImportError
-        As `read_geotiff`; ValueError also if the images differ in size, or, where both tell them,
+        As `read_geotiff`; ValueError also if the images differ in size, or, where both have them,
         in their reference systems or pixel sizes.
     """
     pair = read_geotiff(left, bands=bands), read_geotiff(right, bands=bands)
@@ -184,7 +184,7 @@ def check_pair(
     Raises
     ------
     ValueError
-        If the images differ in size, or, where both tell them, in their reference systems or pixel
+        If the images differ in size, or, where both have them, in their reference systems or pixel
         sizes (by more than 0.1 %). Where they lie does not matter.
     """
     check_agreement(

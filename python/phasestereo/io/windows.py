@@ -247,7 +247,7 @@ def open_pair(
     ------
     OSError, TypeError, ValueError, ImportError
         As `open_raster`; TypeError also if the images differ in type, ValueError if they differ in
-        size, or, where both tell them, in reference systems or pixel sizes, or a mask differs in
+        size, or, where both have them, in reference systems or pixel sizes, or a mask differs in
         size or has no integers.
     """
     with ExitStack() as stack:

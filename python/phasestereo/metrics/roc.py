@@ -1,4 +1,4 @@
-"""How well a confidence tells right from wrong disparities.
+"""How well a confidence separates right from wrong disparities.
 
 Here belong numbers and curves computed from a confidence, an estimate, a truth and a mask, nothing
 else. Conventions are those of `phasestereo.metrics`: a pixel is scored where the mask is True and
@@ -64,7 +64,7 @@ def roc_area(
     threshold: float = 1.0,
     mask: Mask | None = None,
 ) -> float:
-    """Return the area under the ROC curve of a confidence that tells right from wrong pixels.
+    """Return the area under the ROC curve of a confidence that separates right from wrong pixels.
 
     It is the probability that of a right and a wrong pixel, drawn at random, the right one has the
     higher confidence, equal ones counting half: 1 for a perfect confidence, 0.5 for one that knows

@@ -212,7 +212,7 @@ def _gathered(
 
 
 def _sinks(request: Request, pair: RasterPair) -> list[Sink]:
-    # Runs may share some outputs; the first output has the lock, so its name tells drafts apart.
+    # Runs may share some outputs; the first output has the lock, so its name sets drafts apart.
     first = os.path.realpath(request.outputs["disparity"])
     run = hashlib.sha256(os.fsencode(first)).hexdigest()[:8]
 

@@ -36,7 +36,7 @@ _QUIET = 3.0  # gray levels: contrast that is not made larger
 _WINDOW = 21  # pixels around a corner
 _BACK = 0.25  # pixels from where a corner came, when it is followed back
 _UNLIKE = 25.0  # mean difference of what is around a corner, in levels of an evened image
-_NEAREST = 3  # features around a corner, to tell where it may be
+_NEAREST = 3  # features around a corner, by which its place is guessed
 
 
 def matched(left: Plane, right: Plane) -> Matches:

@@ -56,7 +56,7 @@ class Rectification:
     error
         By how much rows of the rectified pair do not correspond, root mean square, pixels: as
         measured on the pair with a calibration, and as it is expected of the whole image without.
-        None: too little is in both images to tell.
+        None: too little is in both images.
     sentences
         What was found, in plain words.
     """

@@ -299,8 +299,8 @@ def panel(
     text = _text_size(cols)
     gap, lines = text, -(-len(pictures) // columns)
     above = 3 * text if heading else gap
-    across, down = cols + gap, rows + 3 * text
-    width, height = columns * across + gap, above + lines * down
+    step_x, step_y = cols + gap, rows + 3 * text
+    width, height = columns * step_x + gap, above + lines * step_y
 
     figure = _figure(width, height)
     figure.text(
@@ -309,7 +309,7 @@ def panel(
 
     for number, (picture, title) in enumerate(zip(pictures, titles, strict=True)):
         line, column = divmod(number, columns)
-        x, y = gap + column * across, above + line * down  # of its top left corner, y down
+        x, y = gap + column * step_x, above + line * step_y  # of its top left corner, y down
         figure.figimage(picture, x, height - y - 2 * text - rows, origin="upper")
         figure.text(x / width, 1 - (y + text) / height, title, va="center", size=_points(text))
 
