@@ -201,7 +201,7 @@ CONTENTS: dict[str, tuple[Callable[[], bytes], tuple[str, ...]]] = {
     "empty.pgm": (lambda: b"P5\n14000 14000\n255\n", ("read_image",)),
     "large.pgm": (lambda: b"P5\n1000000000 1000000000\n255\n", ("read_image",)),
     "q.npz": (lambda: npz("Q", 2**28), ("read_q",)),
-    "statistics.npz": (lambda: npz("told", 2**28), ("load_statistics",)),
+    "statistics.npz": (lambda: npz("plain", 2**28), ("load_statistics",)),
     "rig.npz": (lambda: npz("K1", 2**30, copies=16), RIGS),
     "maps.npz": (lambda: many(300), RIGS),
     "aliases.yml": (billion_laughs, RIGS),

@@ -1086,7 +1086,8 @@ def test_a_manifest_keeps_pairs_of_other_lists(
 
 
 def test_processors_are_shared_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("phasestereo.batch.cluster._processors", lambda: 8)
+    workers = SimpleNamespace(Workers=lambda _: SimpleNamespace(count=8))
+    monkeypatch.setattr("phasestereo.batch.cluster._core", workers)
     assert share(None, None, 100) == (8, 1)
     assert share(None, None, 3) == (3, 2)
     assert share(2, None, 100) == (2, 4)

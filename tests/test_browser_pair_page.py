@@ -13,7 +13,7 @@ from conftest import counterpart
 from phasestereo.io import Calibration
 from phasestereo.views.page import page as page_module
 from phasestereo.views.page import write_pair_page
-from phasestereo.views.page.scene import scene_of
+from phasestereo.views.page.scene import scene_points
 from phasestereo.views.picture import NEUTRAL, UNSCORED, colorize
 
 if TYPE_CHECKING:
@@ -267,7 +267,7 @@ def test_flicker_shows_left_and_right_in_turn(opened: Browser) -> None:
 
 def test_flicker_takes_its_rate(opened: Browser) -> None:
     press(opened, "#rate", "\ue010")  # End
-    assert opened.driver.find_element("css selector", "#rate-told").text == "6 / s"
+    assert opened.driver.find_element("css selector", "#rate-shown").text == "6 / s"
     opened.run("window.swaps = 0; window.old = choose; choose = (key) => { swaps++; old(key); }")
     click(opened, "#flicker")
     opened.wait("window.swaps >= 5")
@@ -512,15 +512,16 @@ def test_points_are_drawn_and_turn(opened: Browser) -> None:
     turned = settled(opened)
     assert (np.abs(turned.astype(int) - first).max(axis=2) > 60).mean() > 0.01
 
-    scene = scene_of(made_up().disparity, CALIBRATION, step=1)
+    scene = scene_points(made_up().disparity, CALIBRATION, step=1)
     assert scene.shown > 1600
     unflagged = scene.shown - 1
-
-    count = opened.driver.find_element("css selector", "#cloud-told").text
+    count = opened.driver.find_element("css selector", "#cloud-shown").text
     assert count == f"{unflagged:,} points"
 
     click(opened, "#trusted")
-    opened.wait(f"document.getElementById('cloud-told').textContent === '{unflagged + 1:,} points'")
+    opened.wait(
+        f"document.getElementById('cloud-shown').textContent === '{unflagged + 1:,} points'"
+    )
 
 
 def settled(browser: Browser) -> NDArray[np.uint8]:
@@ -561,7 +562,7 @@ def test_charts_say_what_is_under_the_pointer(opened: Browser) -> None:
     chart = opened.driver.find_element("css selector", "#chart-errors")
     opened.run("arguments[0].scrollIntoView({block: 'center'})", chart)
     counterpart("selenium.webdriver").ActionChains(opened.driver).move_to_element(chart).perform()
-    told = opened.driver.find_element("css selector", "#chart-errors .told-here").text
+    told = opened.driver.find_element("css selector", "#chart-errors .shown-here").text
     assert "% are off by more than" in told
     assert opened.run("return document.querySelectorAll('#chart-disparities rect').length") == 120
 

@@ -117,7 +117,7 @@ def test_its_policy_lets_nothing_out(opened: Browser) -> None:
 def test_a_slider_matches_at_once_and_again_when_it_rests(opened: Browser) -> None:
     slider = opened.driver.find_element("css selector", "#dim")
     slider.send_keys(END)
-    assert text(opened, "dim-told") == "90 %"
+    assert text(opened, "dim-shown") == "90 %"
     assert slider.get_attribute("aria-valuetext") == "90 %"
     matched(opened)
 
@@ -133,8 +133,8 @@ def test_a_slider_matches_at_once_and_again_when_it_rests(opened: Browser) -> No
     assert "warning the right image shows things 2.5 px lower than the left one" in told
     assert "note noise of 1.0 gray levels in the left image, 8.2 in the right" in told
 
-    assert text(opened, "time-told") == "12 ms"
-    assert "with robust" in text(opened, "preset-told")
+    assert text(opened, "time-shown") == "12 ms"
+    assert "with robust" in text(opened, "preset-shown")
 
 
 def test_the_other_side_is_spoiled_and_all_goes_back(opened: Browser) -> None:
@@ -147,7 +147,7 @@ def test_the_other_side_is_spoiled_and_all_goes_back(opened: Browser) -> None:
 
     opened.driver.find_element("css selector", "#reset").click()
     matched(opened)
-    assert text(opened, "dim-told") == "0 %"
+    assert text(opened, "dim-shown") == "0 %"
     assert opened.run("return calls.at(-1).second") > call["second"]
 
     opened.driver.find_element("css selector", ".chip:has(#side-left)").click()
@@ -166,7 +166,7 @@ def test_the_viewer_is_the_report_pages(opened: Browser) -> None:
 
     opened.run("element('cloud').scrollIntoView()")
     opened.wait("element('cloud').dataset.drawn === 'yes'")
-    assert text(opened, "cloud-told") == f"{448 * 336 - 1:,} points"
+    assert text(opened, "cloud-shown") == f"{448 * 336 - 1:,} points"
     opened.run("scrollTo(0, 0)")
 
 
@@ -226,7 +226,7 @@ def test_two_images_are_dropped(opened: Browser) -> None:
     call = opened.run("return calls.at(-1)")
     assert (call["size"], call["first"], call["second"]) == ([120, 80], 128, 64)
     assert call["numDisparities"] == 0  # to be found
-    assert text(opened, "told") == "120 \N{MULTIPLICATION SIGN} 80 pixels."
+    assert text(opened, "pair-note") == "120 \N{MULTIPLICATION SIGN} 80 pixels."
     assert opened.run("return [page.cols, page.rows, stage.cols]") == [120, 80, 120]
     assert not opened.run("return isThere('truth')")
 
@@ -250,7 +250,9 @@ def test_one_image_is_dropped_with_both_views(opened: Browser) -> None:
 
     width, height = call["size"]
     assert 499_000 < width * height < 501_000
-    assert text(opened, "told").endswith(f"matched at {width} \N{MULTIPLICATION SIGN} {height}.")
+    assert text(opened, "pair-note").endswith(
+        f"matched at {width} \N{MULTIPLICATION SIGN} {height}."
+    )
 
 
 @pytest.mark.parametrize(
@@ -347,4 +349,4 @@ def test_the_core_matches_what_sliders_spoil(browser: Browser, site: str, core: 
 
 def wrong(browser: Browser) -> float:
     """Return the share of wrong pixels that the page tells, in percent."""
-    return float(text(browser, "wrong-told").removesuffix(" %"))
+    return float(text(browser, "wrong-shown").removesuffix(" %"))

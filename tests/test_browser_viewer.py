@@ -103,7 +103,7 @@ def test_sliders_set_what_is_matched_with(browser: Browser, server: Server, show
 
     slider = browser.driver.find_element("css selector", "#uniqueness")
     slider.send_keys("\ue014" * 3)
-    browser.wait("document.getElementById('uniqueness-told').textContent === '3'")
+    browser.wait("document.getElementById('uniqueness-shown').textContent === '3'")
 
     version = 0
     for version in range(50):

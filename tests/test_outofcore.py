@@ -57,7 +57,7 @@ def pair(
     return images
 
 
-def match(output: str = "out.npy", **options: Any) -> outofcore.Report:
+def match(output: str = "out.npy", **options: Any) -> outofcore.MapReport:
     given: dict[str, Any] = {"num_disparities": COUNT, "max_memory": MEMORY, "band_rows": 32}
     return outofcore.match("left.tif", "right.tif", output, **given | options)
 
@@ -503,8 +503,8 @@ def test_outputs_that_cannot_be_are_told_before_anything_is_matched() -> None:
     Path("folder.zarr").mkdir()
     Path("folder.zarr/diary.txt").touch()
 
-    for output in ("folder.npy", "folder.zarr"):
-        with pytest.raises(OSError, match=f"{output} exists and is not such a file"):
+    for output, kind in (("folder.npy", "a regular file"), ("folder.zarr", "a Zarr array")):
+        with pytest.raises(OSError, match=f"{output} exists and is not {kind}"):
             match(output)
 
     with pytest.raises(FileNotFoundError, match="no such folder"):

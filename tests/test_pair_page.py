@@ -24,7 +24,7 @@ from phasestereo.views.page import write_pair_page
 from phasestereo.views.page.embedding import coding_of
 from phasestereo.views.page.facts import blur_facts, charts
 from phasestereo.views.page.layers import FLAGS, flag_kinds
-from phasestereo.views.page.scene import scene_of
+from phasestereo.views.page.scene import scene_points
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -311,13 +311,13 @@ def test_points_lie_where_the_calibration_says() -> None:
     disparity[1] = np.nan
     disparity[2, :3] = 0.5  # far beyond the others
 
-    scene = scene_of(disparity, None, step=1)
+    scene = scene_points(disparity, None, step=1)
     assert scene.nominal
     assert (scene.geometry.focal, scene.total, scene.shown) == (20, 160, 157)
 
     assert scene.far == pytest.approx(3 / 160)
     assert scene.limit < scene.geometry.depth(0.5)
-    assert scene_of(disparity, None, step=1, max_depth=1e3).shown == 160
+    assert scene_points(disparity, None, step=1, max_depth=1e3).shown == 160
 
 
 def test_codes_hold_disparities_to_a_fine_step() -> None:

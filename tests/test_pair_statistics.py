@@ -331,21 +331,21 @@ def test_what_is_no_statistics_is_refused(tmp_path: Path) -> None:
         np.save(file, np.zeros(3))
     refused_file(path)
 
-    told = dict(np.load(_written(path, whole)))
-    text = str(told["told"])
+    whole_arrays = dict(np.load(_written(path, whole)))
+    text = str(whole_arrays["plain"])
 
     wrong: list[dict[str, Any]] = [
         {},
         {"other": np.zeros(3)},
-        told | {"told": np.array("[]")},
-        told | {"told": np.array("3")},
-        told | {"told": np.array("{")},
-        told | {"told": np.array(text.replace('"uint8"', '"uint8", "x": '))},
-        told | {"told": np.array(text.replace('"window"', '"widow"'))},
-        told | {"told": np.array(text.replace('"settings": {', '"settings": 3, "x": {'))},
-        told | {"labels": np.zeros(3)},
-        told | {"labels": np.full((2, 2), 200, np.uint8)},
-        {name: array for name, array in told.items() if name != "labels"},
+        whole_arrays | {"plain": np.array("[]")},
+        whole_arrays | {"plain": np.array("3")},
+        whole_arrays | {"plain": np.array("{")},
+        whole_arrays | {"plain": np.array(text.replace('"uint8"', '"uint8", "x": '))},
+        whole_arrays | {"plain": np.array(text.replace('"window"', '"widow"'))},
+        whole_arrays | {"plain": np.array(text.replace('"settings": {', '"settings": 3, "x": {'))},
+        whole_arrays | {"labels": np.zeros(3)},
+        whole_arrays | {"labels": np.full((2, 2), 200, np.uint8)},
+        {name: array for name, array in whole_arrays.items() if name != "labels"},
     ]
 
     for arrays in wrong:
@@ -354,7 +354,7 @@ def test_what_is_no_statistics_is_refused(tmp_path: Path) -> None:
         refused_file(path)
 
     with path.open("wb") as file:
-        np.savez(file, told=np.array([{"pickled": 1}], object))
+        np.savez(file, plain=np.array([{"pickled": 1}], object))
     refused_file(path)
 
 

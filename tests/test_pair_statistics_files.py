@@ -47,15 +47,15 @@ def test_what_is_no_integer_is_refused(name: str) -> None:
 def test_statistics_with_a_wrong_value_is_refused(path: Path, change: dict[str, Any]) -> None:
     with np.load(path) as file:
         arrays = dict(file)
-    told = json.loads(str(arrays["told"])) | change
-    np.savez(path, **arrays | {"told": np.array(json.dumps(told))})
+    told = json.loads(str(arrays["plain"])) | change
+    np.savez(path, **arrays | {"plain": np.array(json.dumps(told))})
     with pytest.raises(ValueError, match=r"statistics.npz: "):
         bands.load(path)
 
 
 def archive(content: str) -> bytes:
     file = io.BytesIO()
-    np.savez(file, told=np.array(content))
+    np.savez(file, plain=np.array(content))
     return file.getvalue()
 
 

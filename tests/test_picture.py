@@ -136,7 +136,7 @@ def test_colorize_refuses(arguments: dict[str, Any], error: type[Exception], mes
     ("arguments", "error", "message"),
     [
         ({"truth": np.zeros((1, 60))}, ValueError, "truth: got shape"),
-        ({"truth": RAMP, "mask": np.ones((1, 61))}, TypeError, "mask: got float64"),
+        ({"truth": RAMP, "mask": np.ones((1, 61))}, TypeError, "mask: got dtype float64"),
         ({"truth": RAMP, "mask": np.ones((1, 60), bool)}, ValueError, "mask: got shape"),
         ({"truth": RAMP, "worst": 1.0}, ValueError, "worst: got 1"),
         ({"truth": RAMP, "worst": True}, TypeError, "worst: got bool"),

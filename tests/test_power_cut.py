@@ -56,7 +56,7 @@ def whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
     return found
 
 
-def match(**options: Any) -> outofcore.Report:
+def match(**options: Any) -> outofcore.MapReport:
     given: dict[str, Any] = {"preset": "fast", "window": 5, "num_disparities": 12, "threads": 1}
     given |= {"max_memory": "8GB", "band_rows": 32, "flags_output": OUTPUTS[1]}
     return outofcore.match("left.npy", "right.npy", OUTPUTS[0], **given | options)

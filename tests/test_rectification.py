@@ -353,9 +353,7 @@ def test_a_calibration_of_another_size_is_refused(tmp_path: Path) -> None:
 def test_one_camera_is_no_pair(tmp_path: Path) -> None:
     rig = made_up()
     (tmp_path / "left.yaml").write_text(ros(rig["K1"], rig["D1"], np.eye(3), np.eye(3, 4)))
-    with pytest.raises(
-        ValueError, match=r"left\.yaml: tells of one camera; give the files of both"
-    ):
+    with pytest.raises(ValueError, match=r"left\.yaml: holds one camera; give the files of both"):
         rectified(tmp_path / "left.yaml")
 
 
@@ -473,10 +471,10 @@ def test_it_is_saved_loaded_and_pickled(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("change", [
-    {"told": np.array("[")}, {"told": np.array("{}")}, {"map1x": np.zeros((2, 2), np.float32)},
+    {"plain": np.array("[")}, {"plain": np.array("{}")}, {"map1x": np.zeros((2, 2), np.float32)},
     {"left_mask": np.zeros((2, 2), bool)}, {"right": np.zeros((1, 1), np.uint8)},
     {"Q": np.zeros(3)}, {"map2y": np.zeros((SIZE[1], SIZE[0]))}, {"left": np.array("a")},
-    {"told": np.array(json.dumps({"method": "magic", "interpolation": "linear", "error": None,
+    {"plain": np.array(json.dumps({"method": "magic", "interpolation": "linear", "error": None,
                                   "sentences": []}))},
 ])  # fmt: skip
 def test_a_saved_file_with_a_wrong_value_is_refused(tmp_path: Path, change: Any) -> None:

@@ -30,7 +30,7 @@ cv2 = counterpart("cv2")
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from phasestereo.integrations.video.capture import Capture, Source
+    from phasestereo.integrations.video.capture import Capture, CaptureSource
 
 
 @pytest.fixture(autouse=True)
@@ -47,7 +47,7 @@ def outcome(capture: Capture[Any]) -> Any:
         return str(error)
 
 
-def outcomes(source: Source[Any]) -> list[Any]:
+def outcomes(source: CaptureSource[Any]) -> list[Any]:
     """Return what the captures of a source hold; their numbers have no gap."""
     found = []
     for index, capture in enumerate(source.captures):

@@ -227,7 +227,7 @@ def test_findings_are_those_of_check_the_worst_first(show: Show) -> None:
 def test_settings_change_the_coming_frames(server: Server, show: Show) -> None:
     pairs = iter([(LEFT, RIGHT)] * 2)
     with ps.stream(pairs, num_disparities=COUNT, settings=FAST) as frames:
-        show.run_with(frames.change)
+        show.follow(frames.change)
 
         show.add(next(frames))
         wanted = {"p1": 1.5, "p2": 9, "uniqueness": 20, "speckle_size": 30, "fill": 0}
@@ -260,7 +260,7 @@ def test_settings_that_cannot_be_are_refused(
     server: Server, show: Show, wanted: Any, message: str
 ) -> None:
     with ps.stream(iter([(LEFT, RIGHT)] * 2), num_disparities=COUNT, settings=FAST) as frames:
-        show.run_with(frames.change)
+        show.follow(frames.change)
         show.add(next(frames))
 
         answer = ask(server, "settings", "POST", wanted)

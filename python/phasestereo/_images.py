@@ -145,6 +145,15 @@ def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray
     return np.ascontiguousarray(valid)
 
 
+def join_masks(
+    mask: NDArray[np.bool_] | None, other: NDArray[np.bool_] | None
+) -> NDArray[np.bool_] | None:
+    """Return what both masks leave valid; None: everything."""
+    if mask is None or other is None:
+        return other if mask is None else mask
+    return mask & other
+
+
 def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
     """Return an array-like as an array; if it is none, the message names the argument."""
     if _is_masked_array(value):
@@ -161,7 +170,7 @@ def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
 
 
 def _is_masked_array(value: object) -> bool:
-    """Tell masked arrays without importing `numpy.ma`.
+    """Recognize masked arrays without importing `numpy.ma`.
 
     An import during a match would hold its lock while another thread forks the process.
     """

@@ -1,9 +1,10 @@
-"""Numbers as arguments: refused by name if they are none, or out of range."""
+"""Numbers as arguments, refused by name if they are none or out of range; and for JSON."""
 
 from __future__ import annotations
 
 import math
 from numbers import Integral, Real
+from typing import Any
 
 _PRINTED_BITS = 64
 
@@ -74,3 +75,15 @@ def as_number(
         end = "" if least is None else f", {least:g} or more"
         raise ValueError(f"{name}: got {value}; accepts {kind}{end}")
     return number
+
+
+def as_json(value: Any) -> Any:
+    """Return nested records with None for numbers that JSON does not have, and no tuples."""
+    match value:
+        case dict():
+            return {name: as_json(inner) for name, inner in value.items()}
+        case list() | tuple():
+            return [as_json(inner) for inner in value]
+        case float() if not math.isfinite(value):
+            return None
+    return value

@@ -60,14 +60,14 @@ class PairStatistics:
         The settings that every part is matched with: with ``compensate_blur=True`` those that suit
         the blur that was found.
     blur_compensation
-        The versions in which pixels are compared, of the whole pair; it tells the noise, too. None:
+        The versions in which pixels are compared, of the whole pair; it has the noise, too. None:
         the images as they are.
     blur
         What was found out about blur and noise, if that was asked for.
     alignment
-        How the rows of the images correspond, if that was asked for and could be told.
+        How the rows of the images correspond, if that was asked for and could be estimated.
     search
-        The disparities to search, and whether they were told or found. None: they were told.
+        The disparities to search, and whether they were given or found. None: they were given.
     ranges
         Where the pixels of the left and of the right image lie, if they are floats: (black, white)
         in thousandths of their unit, but for 0.1 % at either end. None: not needed.

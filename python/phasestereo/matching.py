@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     Progress = Callable[[int, int], object]
     Search = tuple[int, int | None]
 
+MOST_DISPARITIES = 16384
+"""The most disparities that the core searches, however wide the images are."""
+
 
 def match(
     left: Picture,
@@ -57,7 +60,7 @@ def match(
     num_disparities
         Number of disparities to search, 1 to the images' width and at most 16384. None: the range
         is found from small copies of the images, up to 45 % of the width either way, and
-        `min_disparity` must be 0; where they tell nothing it is a third of the width.
+        `min_disparity` must be 0; where nothing is found it is a third of the width.
         ``result.search`` says which range, and why.
     min_disparity
         Smallest disparity; those in [min_disparity, min_disparity + num_disparities) are searched.
@@ -71,8 +74,8 @@ def match(
         says, or else as many as the process may use, shared by all matches of this process that
         run at the same time. The result does not depend on it.
     left_mask, right_mask
-        bool (H, W), True = valid. A masked pixel neither votes nor is estimated, and what it holds
-        (it may be NaN) has no effect. None: all are valid.
+        bool (H, W), True = valid. A masked pixel neither supports others nor is estimated, and
+        what it holds (it may be NaN) has no effect. None: all are valid.
     progress
         Called as ``progress(rows_done, rows)`` every now and then from the calling thread; what it
         raises ends the match.
@@ -208,8 +211,8 @@ class Matcher:
         before
             The result of an earlier pair of the same cameras. If this one's blur is as it was,
             which is seen at a glance, all that was estimated then is taken over: blur, noise and
-            contrast, the field of the rows, and the range of disparities unless it is told; and
-            ``result.blur.reused`` is True. What a glance does not see is told by the notes of
+            contrast, the field of the rows, and the range of disparities unless it is given; and
+            ``result.blur.reused`` is True. What a glance does not see is in the notes of
             `phasestereo.stream`. None: all is estimated anew, if need be.
         """
         result = match_silently(

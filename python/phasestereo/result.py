@@ -124,14 +124,14 @@ class Result:
         the disparities: references that keep them in memory, not copies, so a change of the images
         shows. None if it is not known, as in what comes out of a pickle.
     search
-        The disparities that were searched, and whether they were told or found. None if unknown.
+        The disparities that were searched, and whether they were given or found. None if unknown.
     alignment
         How the rows of the images correspond, and whether the right one was straightened, if that
-        was asked for and could be told.
+        was asked for and could be estimated.
     blur_compensation
         The versions in which pixels were compared, and the noise; None: the images as they are.
     summary
-        Shares of the pixels that tell whether the match as a whole is to be trusted. None where
+        Shares of the pixels that show whether the match as a whole is to be trusted. None where
         parts of a pair were matched.
     """
 

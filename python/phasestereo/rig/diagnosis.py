@@ -16,6 +16,7 @@ import numpy as np
 
 from phasestereo._core import LEAST_SIZE
 from phasestereo._images import opened_pair
+from phasestereo._numbers import as_json
 from phasestereo.rig import findings
 from phasestereo.rig.estimation import estimate_pair
 from phasestereo.rig.photometry import fractions, low_texture, saturation
@@ -130,7 +131,7 @@ class Diagnosis:
                 for name in ("vertical", "rotation", "scale", "rms", "error", "blocks")
             }
 
-        plain: dict[str, Any] = _plain(record)
+        plain: dict[str, Any] = as_json(record)
         return plain
 
 
@@ -211,15 +212,3 @@ def _fields(record: SearchRange | Contrast | None) -> dict[str, Any] | None:
 
 def _sides(values: Any) -> Mapping[str, Any] | None:
     return None if values is None else {"left": values[0], "right": values[1]}
-
-
-def _plain(value: Any) -> Any:
-    """Return nested records with numbers that JSON does not have as None."""
-    match value:
-        case dict():
-            return {name: _plain(inner) for name, inner in value.items()}
-        case list() | tuple():
-            return [_plain(inner) for inner in value]
-        case float() if not math.isfinite(value):
-            return None
-    return value
