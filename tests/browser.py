@@ -71,6 +71,10 @@ class Browser:
         """Run a script in the page; return what it returns."""
         return self.driver.execute_script(script, *arguments)
 
+    def text(self, element: str) -> str:
+        """Return the text of the element with this id."""
+        return str(self.run(f"return document.getElementById('{element}').textContent"))
+
     def wait(self, condition: str, seconds: float = 30.0) -> None:
         """Wait until an expression of the page is true."""
         until = monotonic() + seconds

@@ -442,7 +442,7 @@ def test_several_threads_may_match_bands_at_the_same_time() -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-def test_bands_match_in_a_forked_child() -> None:
+def test_statistics_and_bands_are_made_in_a_forked_child() -> None:
     finished = run_forking("""
 pair = np.random.default_rng(0).integers(0, 256, (2, 200, 90), np.uint8)
 read = lambda first, last: (pair[0][first:last], pair[1][first:last], None, None)
@@ -451,6 +451,7 @@ expected = ps.match(*pair, num_disparities=8).disparity[60:]
 workers = ps._core.Workers(3)
 ps.match_rows(read, told, 0, 60, threads=workers)
 def same():
+    told = ps.pair_statistics(read, (200, 90), num_disparities=8)
     found = ps.match_rows(read, told, 60, 200, threads=workers).disparity
     return np.array_equal(found, expected, equal_nan=True)
 """)

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from phasestereo_bench.datasets import Scene
 
-cli = pytest.importorskip("phasestereo.cli")
 for module in ("scipy", "PIL"):
     pytest.importorskip(module)
 
@@ -287,59 +286,45 @@ def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
 # The command
 
 
-@pytest.fixture
-def run(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., Run]:
-    """Return what runs ``bench`` in this process: exit code, standard output, error."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def run(*arguments: object) -> Run:
-        code = cli.run(["bench", *map(str, arguments)])
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return run
-
-
-def test_the_command_and_its_report(run: Callable[..., Run], tree: Path, tmp_path: Path) -> None:
+def test_the_command_and_its_report(
+    run_bench: Callable[..., Run], tree: Path, tmp_path: Path
+) -> None:
     command = "blur", tree, "--every", 40, "--workers", 0
 
-    code, out, err = run(*command)
+    code, out, err = run_bench(*command)
     assert (code, err) == (0, "")
     assert "none: as they are" in out
     assert "Records: blur.jsonl" in out
     assert len(read_store("blur.jsonl")) == 1 + 3
 
-    code, again, err = run(*command)
+    code, again, err = run_bench(*command)
     assert (code, again) == (0, out)
     assert err == "phasestereo: 3 of 3 trials are in blur.jsonl already; --fresh reruns them\n"
 
-    code, _, err = run(*command, "--fresh")
+    code, _, err = run_bench(*command, "--fresh")
     assert (code, err) == (0, "phasestereo: renamed blur.jsonl to blur.jsonl.bak\n")
 
     (tmp_path / "blur.md").write_text("<!-- bench:blur --><!-- /bench:blur -->\n")
-    code, out, err = run("report", "blur.jsonl", "--readme", "blur.md")
+    code, out, err = run_bench("report", "blur.jsonl", "--readme", "blur.md")
     assert (code, err) == (0, "")
     assert "none: as they are" in out
     assert "Wrote blur.md" in out
     assert "| none: as they are | 1 | 100 |" in (tmp_path / "blur.md").read_text()
 
-    code, _, err = run("report", "blur.jsonl", "--suite", "sharp")
+    code, _, err = run_bench("report", "blur.jsonl", "--suite", "sharp")
     assert code == 2
     assert "--suite: results of bench blur have no choice of it" in err
 
 
 def test_a_failure_is_recorded_and_told(
-    run: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
+    run_bench: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("no luck")
 
     monkeypatch.setattr("phasestereo_bench.blur.trials.estimate_blur", fail)
 
-    code, out, err = run("blur", tree, "--every", 40, "--workers", 0)
+    code, out, err = run_bench("blur", tree, "--every", 40, "--workers", 0)
     assert (code, out) == (1, "")
     told = "3 of 3 trials failed, the first of them none 0 on squares: RuntimeError: no luck"
     assert err == f"phasestereo: error: {told}\n"
@@ -357,8 +342,8 @@ def test_a_failure_is_recorded_and_told(
     ],
 )
 def test_commands_that_are_refused(
-    run: Callable[..., Run], arguments: tuple[str, ...], code: int, message: str
+    run_bench: Callable[..., Run], arguments: tuple[str, ...], code: int, message: str
 ) -> None:
-    told = run("blur", *arguments)
+    told = run_bench("blur", *arguments)
     assert (told[0], told[1]) == (code, "")
     assert message in told[2]

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from phasestereo_bench.datasets import Scene
 
-cli = pytest.importorskip("phasestereo.cli")
 for module in ("scipy", "PIL"):
     pytest.importorskip(module)
 
@@ -111,21 +110,6 @@ def tree(tmp_path: Path) -> Path:
 @pytest.fixture
 def scenes(tree: Path) -> list[Scene]:
     return find_scenes(tree)
-
-
-@pytest.fixture
-def run(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., Run]:
-    """Return what runs ``bench middlebury`` in this process: exit code, standard output, error."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> Run:
-        code = cli.run(["bench", "middlebury", *map(str, arguments)])
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return run
 
 
 # The published figures
@@ -375,9 +359,10 @@ def test_a_scene_without_truth_is_refused(tmp_path: Path) -> None:
 
 
 def test_command_prints_means_and_where_the_records_are(
-    run: Callable[..., Run], tree: Path
+    run_bench: Callable[..., Run], tree: Path
 ) -> None:
-    code, out, err = run(
+    code, out, err = run_bench(
+        "middlebury",
         *(tree, "--degradation", "gauss 2", "sharp", "--side", "left", "right"),
         *("--method", f"{HERE}:sparse", f"{HERE}:sparse+true-blur", "--workers", "0"),
     )
@@ -393,13 +378,13 @@ def test_command_prints_means_and_where_the_records_are(
     assert "phasestereo bench report results.jsonl" in out
 
 
-def test_command_goes_on_and_begins_anew(run: Callable[..., Run], tree: Path) -> None:
+def test_command_goes_on_and_begins_anew(run_bench: Callable[..., Run], tree: Path) -> None:
     command = tree, "--method", f"{HERE}:sparse", "--workers", "0", "-o", "a.jsonl"
 
-    assert run(*command, "--degradation", "sharp")[0] == 0
+    assert run_bench("middlebury", *command, "--degradation", "sharp")[0] == 0
     first = read_store("a.jsonl")
 
-    code, _, err = run(*command, "--degradation", "sharp", "mixed")
+    code, _, err = run_bench("middlebury", *command, "--degradation", "sharp", "mixed")
     assert code == 0
     assert "2 of 4 cells are in a.jsonl already; --fresh reruns them" in err
     assert read_store("a.jsonl")[:3] == first
@@ -409,7 +394,7 @@ def test_command_goes_on_and_begins_anew(run: Callable[..., Run], tree: Path) ->
 
     for aside in ("a.jsonl.bak", "a.jsonl.bak1"):
         before = read_store("a.jsonl")
-        code, _, err = run(*command, "--degradation", "sharp", "--fresh")
+        code, _, err = run_bench("middlebury", *command, "--degradation", "sharp", "--fresh")
         assert (code, err) == (0, f"phasestereo: renamed a.jsonl to {aside}\n")
         assert read_store(aside) == before
         assert len(read_store("a.jsonl")) == 3
@@ -418,18 +403,24 @@ def test_command_goes_on_and_begins_anew(run: Callable[..., Run], tree: Path) ->
 
 
 def test_command_tells_cells_of_other_versions(
-    run: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
+    run_bench: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     command = tree, "--degradation", "sharp", "--method", f"{HERE}:sparse", "--workers", "0"
-    run(*command)
+    run_bench("middlebury", *command)
     monkeypatch.setattr("phasestereo.__version__", "99")
-    assert "already, 2 of them from other versions or machines; --fresh" in run(*command)[2]
+    assert (
+        "already, 2 of them from other versions or machines; --fresh"
+        in run_bench("middlebury", *command)[2]
+    )
 
 
-def test_failed_cells_are_told_and_the_others_run(run: Callable[..., Run], tree: Path) -> None:
+def test_failed_cells_are_told_and_the_others_run(
+    run_bench: Callable[..., Run], tree: Path
+) -> None:
     methods = [f"{HERE}:{name}" for name in ("small", "integers", "nothing", "careless", "crash")]
 
-    code, out, err = run(
+    code, out, err = run_bench(
+        "middlebury",
         *(tree, "--scene", "one", "--degradation", "sharp", "--workers", "1"),
         *("--method", *methods, "paper"),
     )
@@ -453,14 +444,14 @@ def test_failed_cells_are_told_and_the_others_run(run: Callable[..., Run], tree:
     assert "* without the scenes" in out
 
 
-def test_command_takes_what_the_suite_is_of(run: Callable[..., Run], tree: Path) -> None:
+def test_command_takes_what_the_suite_is_of(run_bench: Callable[..., Run], tree: Path) -> None:
     plant(tree, "venus")
     plant(tree, "blind", truth=False)
 
     common = "--degradation", "sharp", "--method", f"{HERE}:sparse", "--workers", "0"
     assert "scenes2001/venus" in SUITE_SCENES["one-sided-blur"]
 
-    code, _, err = run(tree, *common)
+    code, _, err = run_bench("middlebury", tree, *common)
     assert code == 0
     assert err == (
         "phasestereo: left out, not of one-sided-blur; --scene takes any: "
@@ -470,11 +461,16 @@ def test_command_takes_what_the_suite_is_of(run: Callable[..., Run], tree: Path)
     assert _scenes("results.jsonl") == ["venus"]
 
     shutil.rmtree(tree / "scenes2001" / "venus")
-    code, _, err = run(tree, *common, "--suite", "sharp", "-o", "b.jsonl")
+    code, _, err = run_bench("middlebury", tree, *common, "--suite", "sharp", "-o", "b.jsonl")
     assert (code, err) == (0, "phasestereo: left out, without a known truth: scenes2001/blind\n")
     assert _scenes("b.jsonl") == ["one", "three"]
 
-    assert run(tree, *common, "-o", "c.jsonl", "--scene", "scenes2001/*e", "ONE")[0] == 0
+    assert (
+        run_bench("middlebury", tree, *common, "-o", "c.jsonl", "--scene", "scenes2001/*e", "ONE")[
+            0
+        ]
+        == 0
+    )
     assert _scenes("c.jsonl") == ["one", "three"]
 
 
@@ -482,7 +478,7 @@ def _scenes(store: str) -> list[str]:
     return sorted(record["scene"] for record in read_store(store)[1:])
 
 
-def test_command_takes_other_light(run: Callable[..., Run], tmp_path: Path) -> None:
+def test_command_takes_other_light(run_bench: Callable[..., Run], tmp_path: Path) -> None:
     folder = plant(tmp_path / "data", "x") / "scenes2001" / "x"
     art = tmp_path / "data" / "scenes2005" / "ThirdSize" / "Art"
 
@@ -495,14 +491,14 @@ def test_command_takes_other_light(run: Callable[..., Run], tmp_path: Path) -> N
 
     common = "--degradation", "sharp", "--method", f"{HERE}:sparse", "--workers", "0"
 
-    code, _, _ = run(art, *common, "--right-image", "Illum*/view5.png")
+    code, _, _ = run_bench("middlebury", art, *common, "--right-image", "Illum*/view5.png")
     assert code == 0
     assert _scenes("results.jsonl") == [
         "Art (view1.png Illum1/Exp0/view5.png)",
         "Art (view1.png Illum2/Exp1/view5.png)",
     ]
 
-    code, _, err = run(art, *common, "--left-image", "Illum9/view1.png")
+    code, _, err = run_bench("middlebury", art, *common, "--left-image", "Illum9/view1.png")
     assert code == 1
     assert "has no image 'Illum9/view1.png'; there is view1.png, Illum1/Exp0/view1.png" in err
 
@@ -536,14 +532,18 @@ def _convert(source: Path, target: Path) -> None:
 )
 @pytest.mark.usefixtures("tree")
 def test_command_refuses(
-    run: Callable[..., Run], tmp_path: Path, arguments: tuple[str, ...], code: int, message: str
+    run_bench: Callable[..., Run],
+    tmp_path: Path,
+    arguments: tuple[str, ...],
+    code: int,
+    message: str,
 ) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "taken.txt").write_text("my notes")
     plant(tmp_path / "blind", "blind", truth=False)
     before = sorted(tmp_path.rglob("*"))
 
-    got, out, err = run(*arguments)
+    got, out, err = run_bench("middlebury", *arguments)
     assert (got, out) == (code, "")
     assert err.startswith(f"phasestereo: error: {message}") or message in err
     assert err.count("\n") == 1

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from conftest import Run
     from phasestereo_bench.speed import GrayPair
 
 cv2 = pytest.importorskip("cv2")
-cli = pytest.importorskip("phasestereo.cli")
 
 RIVALS = ["opencv:bm", "opencv:bm-unchecked", "opencv:sgbm-3way"]
 WEIGHT = {"peak_bytes": 3_000_000, "result_bytes": 1_000_000}
@@ -501,32 +501,26 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, weightless: None) ->
     return tmp_path
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    code = cli.run(["bench", *map(str, arguments)])
-    out, err = capsys.readouterr()
-    return code, out, err
-
-
-def test_the_command_and_its_report(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_and_its_report(folder: Path, run_bench: Callable[..., Run]) -> None:
     command = ["speed", "-o", "out/speed.jsonl", "--rounds", 1]
-    code, out, err = run(capsys, *command)
+    code, out, err = run_bench(*command)
     assert code == 0, err
     assert "265 x 40" in out
     assert err.count("left out: ") == 4
     assert "Records: out/speed.jsonl" in out
 
-    code, again, err = run(capsys, *command, "--pairs", "rendered")
+    code, again, err = run_bench(*command, "--pairs", "rendered")
     assert (code, again) == (0, out)
     assert "2 of 2 are in out/speed.jsonl already" in err
 
     document = folder / "speed.md"
     document.write_text("<!-- bench:speed --><!-- /bench:speed -->\n")
-    code, out, err = run(capsys, "report", "out/speed.jsonl", "--readme", "speed.md")
+    code, out, err = run_bench("report", "out/speed.jsonl", "--readme", "speed.md")
     assert code == 0, err
     assert "265 x 40" in out
     assert "| rendered | 265 x 40 | 256 | 1 |" in document.read_text()
 
-    code, _, err = run(capsys, *command, "--pairs", "rendered", "--fresh")
+    code, _, err = run_bench(*command, "--pairs", "rendered", "--fresh")
     assert code == 0
     assert "renamed out/speed.jsonl to out/speed.jsonl.bak" in err
     assert len(read_store("out/speed.jsonl")) == len(read_store("out/speed.jsonl.bak")) == 3
@@ -542,24 +536,24 @@ def test_the_command_and_its_report(folder: Path, capsys: pytest.CaptureFixture[
     ],
 )
 def test_commands_that_are_refused(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, message: str
+    run_bench: Callable[..., Run], arguments: list[str], code: int, message: str
 ) -> None:
-    told = run(capsys, "speed", "-o", "out/speed.jsonl", *arguments)
+    told = run_bench("speed", "-o", "out/speed.jsonl", *arguments)
     assert told[0] == code
     assert message in told[2].splitlines()[-1]
 
 
 @pytest.mark.usefixtures("folder")
 def test_a_failure_is_recorded_and_told(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    run_bench: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:
         raise RuntimeError("no luck")
 
     monkeypatch.setattr(records, "time_all_threads", fail)
 
-    code, out, err = run(
-        capsys, "speed", "-o", "out/speed.jsonl", "--rounds", 1, "--pairs", "rendered"
+    code, out, err = run_bench(
+        "speed", "-o", "out/speed.jsonl", "--rounds", 1, "--pairs", "rendered"
     )
 
     assert code == 1
@@ -568,10 +562,8 @@ def test_a_failure_is_recorded_and_told(
     assert "265 x 40" in out
 
 
-def test_a_report_of_times_takes_no_choice(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_report_of_times_takes_no_choice(folder: Path, run_bench: Callable[..., Run]) -> None:
     stored(folder / "speed.jsonl", record())
-    code, _, err = run(capsys, "report", "speed.jsonl", "--suite", "sharp")
+    code, _, err = run_bench("report", "speed.jsonl", "--suite", "sharp")
     assert code == 2
     assert "--suite: results of bench speed have no choice of it" in err

@@ -74,10 +74,6 @@ def opened(browser: Browser, site: str) -> Browser:
     return browser
 
 
-def text(browser: Browser, element: str) -> str:
-    return str(browser.run(f"return document.getElementById('{element}').textContent"))
-
-
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1440])
 def test_it_fits_and_asks_nobody_else(browser: Browser, site: str, width: int, theme: str) -> None:
@@ -117,7 +113,7 @@ def test_its_policy_lets_nothing_out(opened: Browser) -> None:
 def test_a_slider_matches_at_once_and_again_when_it_rests(opened: Browser) -> None:
     slider = opened.driver.find_element("css selector", "#dim")
     slider.send_keys(END)
-    assert text(opened, "dim-shown") == "90 %"
+    assert opened.text("dim-told") == "90 %"
     assert slider.get_attribute("aria-valuetext") == "90 %"
     matched(opened)
 
@@ -127,14 +123,14 @@ def test_a_slider_matches_at_once_and_again_when_it_rests(opened: Browser) -> No
     assert all(call["numDisparities"] == 64 for call in calls if call["task"] == "match")
     assert calls[-1]["first"] < 0.3 * calls[-1]["second"]  # the left image is dim
 
-    told = text(opened, "findings")
+    told = opened.text("findings")
     assert "warning the left image is darker, its gray levels 0.1" in told
     assert "warning the left image is softer than the right by a disk of radius 3.0 px" in told
     assert "warning the right image shows things 2.5 px lower than the left one" in told
     assert "note noise of 1.0 gray levels in the left image, 8.2 in the right" in told
 
-    assert text(opened, "time-shown") == "12 ms"
-    assert "with robust" in text(opened, "preset-shown")
+    assert opened.text("time-told") == "12 ms"
+    assert "with robust" in opened.text("preset-told")
 
 
 def test_the_other_side_is_spoiled_and_all_goes_back(opened: Browser) -> None:
@@ -147,7 +143,7 @@ def test_the_other_side_is_spoiled_and_all_goes_back(opened: Browser) -> None:
 
     opened.driver.find_element("css selector", "#reset").click()
     matched(opened)
-    assert text(opened, "dim-shown") == "0 %"
+    assert opened.text("dim-told") == "0 %"
     assert opened.run("return calls.at(-1).second") > call["second"]
 
     opened.driver.find_element("css selector", ".chip:has(#side-left)").click()
@@ -156,9 +152,9 @@ def test_the_other_side_is_spoiled_and_all_goes_back(opened: Browser) -> None:
 def test_the_viewer_is_the_report_pages(opened: Browser) -> None:
     opened.driver.find_element("css selector", "#stage").send_keys("4", RIGHT)
     assert opened.run("return state.view") == "confidence"
-    assert text(opened, "value-confidence") == "0.75"
-    assert text(opened, "value-pixel") == "225, 168"
-    assert text(opened, "value-disparity") == "10.50 px"
+    assert opened.text("value-confidence") == "0.75"
+    assert opened.text("value-pixel") == "225, 168"
+    assert opened.text("value-disparity") == "10.50 px"
 
     opened.driver.find_element("css selector", "#turn").send_keys(RIGHT)
     matched(opened)  # `fast` has no confidence: it is shown again with `robust`
@@ -166,7 +162,7 @@ def test_the_viewer_is_the_report_pages(opened: Browser) -> None:
 
     opened.run("element('cloud').scrollIntoView()")
     opened.wait("element('cloud').dataset.drawn === 'yes'")
-    assert text(opened, "cloud-shown") == f"{448 * 336 - 1:,} points"
+    assert opened.text("cloud-told") == f"{448 * 336 - 1:,} points"
     opened.run("scrollTo(0, 0)")
 
 
@@ -226,7 +222,7 @@ def test_two_images_are_dropped(opened: Browser) -> None:
     call = opened.run("return calls.at(-1)")
     assert (call["size"], call["first"], call["second"]) == ([120, 80], 128, 64)
     assert call["numDisparities"] == 0  # to be found
-    assert text(opened, "pair-note") == "120 \N{MULTIPLICATION SIGN} 80 pixels."
+    assert opened.text("told") == "120 \N{MULTIPLICATION SIGN} 80 pixels."
     assert opened.run("return [page.cols, page.rows, stage.cols]") == [120, 80, 120]
     assert not opened.run("return isThere('truth')")
 
@@ -250,9 +246,7 @@ def test_one_image_is_dropped_with_both_views(opened: Browser) -> None:
 
     width, height = call["size"]
     assert 499_000 < width * height < 501_000
-    assert text(opened, "pair-note").endswith(
-        f"matched at {width} \N{MULTIPLICATION SIGN} {height}."
-    )
+    assert opened.text("told").endswith(f"matched at {width} \N{MULTIPLICATION SIGN} {height}.")
 
 
 @pytest.mark.parametrize(
@@ -268,7 +262,7 @@ def test_what_is_no_pair_is_refused(
 ) -> None:
     opened.run(DROP, files)
     opened.wait("!document.getElementById('trouble').hidden")
-    assert text(opened, "trouble").replace("\N{MULTIPLICATION SIGN}", "x").startswith(message)
+    assert opened.text("trouble").replace("\N{MULTIPLICATION SIGN}", "x").startswith(message)
 
 
 def test_an_error_of_the_matcher_is_told_and_goes(opened: Browser) -> None:
@@ -277,7 +271,7 @@ def test_an_error_of_the_matcher_is_told_and_goes(opened: Browser) -> None:
     slider = opened.driver.find_element("css selector", "#defocus")
     slider.send_keys(RIGHT)
     opened.wait("!document.getElementById('trouble').hidden")
-    assert text(opened, "trouble") == "Not matched: left: got 9 rows; accepts 16 or more"
+    assert opened.text("trouble") == "Not matched: left: got 9 rows; accepts 16 or more"
 
     opened.run("window.refusal = ''")
     slider.send_keys(RIGHT)
@@ -326,7 +320,7 @@ def test_the_core_matches_what_sliders_spoil(browser: Browser, site: str, core: 
     open_page(browser, f"{site}/{core.name}")
     assert browser.complaints() == []
     assert wrong(browser) < 5
-    assert "the images are equally sharp" in text(browser, "findings")
+    assert "the images are equally sharp" in browser.text("findings")
 
     browser.run(
         "setSlider = (name, value) => { element(name).value = value; "
@@ -337,16 +331,16 @@ def test_the_core_matches_what_sliders_spoil(browser: Browser, site: str, core: 
     matched(browser)
     assert wrong(browser) < 12
 
-    told = text(browser, "findings")
+    told = browser.text("findings")
     assert "the left image is softer than the right by a disk of radius" in told
     assert "the right image shows things 2.0 px higher than the left one" in told
 
     browser.run("setSlider('defocus', 0); setSlider('rows', 0); setSlider('turn', 1)")
     matched(browser)
     assert wrong(browser) < 12
-    assert "is rotated counter-clockwise by" in text(browser, "findings")
+    assert "is rotated counter-clockwise by" in browser.text("findings")
 
 
 def wrong(browser: Browser) -> float:
     """Return the share of wrong pixels that the page tells, in percent."""
-    return float(text(browser, "wrong-shown").removesuffix(" %"))
+    return float(browser.text("wrong-told").removesuffix(" %"))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import ON_CI, ROOT
+from conftest import ROOT, unavailable
 from phasestereo.io import write_image
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
@@ -105,11 +105,9 @@ def _run(*command: str | Path, check: bool = True) -> subprocess.CompletedProces
 
 def _needed(path: Path | str | None, message: str) -> str:
     """Return a program or file; without it, skip visibly, or fail where it must be there."""
-    if path is not None and Path(path).exists():
-        return str(path)
-    if ON_CI:
-        pytest.fail(message)
-    pytest.skip(message)
+    if path is None or not Path(path).exists():
+        unavailable(message)
+    return str(path)
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from phasestereo import __main__, io, metrics
+from phasestereo import io, metrics
 from phasestereo.views.picture import NEUTRAL, disparity_picture
 from phasestereo_bench.datasets import find_scene
 
@@ -203,19 +203,6 @@ def test_cones_through_the_command_line(
     assert pair.truth is not None
     official = metrics.bad_pixels(io.read_disparity(out), pair.truth, 1.0, pair.masks["nonocc"])
     assert official <= 7.6
-
-
-def test_motorcycle_through_the_command_line(data: Path, run: Callable[..., Run]) -> None:
-    scene = data / "middlebury/MiddEval3/trainingQ/Motorcycle"
-
-    images = scene / "im0.png", scene / "im1.png"
-    mask = "--truth-mask", scene / "mask0nocc.png", "--truth-mask-level", 255
-    code, said, _ = run(
-        "match", *images, "--num-disparities", 80, "--truth", scene / "disp0GT.pfm", *mask, "--json"
-    )
-
-    assert code == 0
-    assert json.loads(said)["metrics"]["bad-1.0"] <= 12.5
 
 
 # Help
@@ -412,18 +399,6 @@ def test_process_exit_codes_and_streams() -> None:
     assert json.loads(good.stdout)["files"] == {"output": "out.pfm"}
     assert process(*arguments, "-o", "none/out.pfm").returncode == FAILED
     assert process(*arguments).returncode == WRONG
-
-
-def test_missing_extra_is_named_with_its_cure(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, "cyclopts", None)
-    assert __main__.main() == 1
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("phasestereo: error: ")
-    assert err.endswith("pip install 'phasestereo[cli]'\n")
-    assert err.count("\n") == 1
 
 
 def test_reader_who_leaves_early_gets_no_traceback(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import logging
 import os
 import pickle
 import signal
-import sys
 import tempfile
 import time
 from typing import TYPE_CHECKING, Any
@@ -435,9 +434,3 @@ def test_what_a_task_finds_wrong_comes_out() -> None:
 
     with pytest.raises(ValueError, match=r"^left: got NaN at row "):
         lazily.match(lazy(left), lazy(right), statistics=given, **FAST).compute()
-
-
-def test_without_the_extra_it_says_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "dask.array", None)
-    with pytest.raises(ImportError, match=r"^dask.array is .* pip install 'phasestereo\[dask\]'$"):
-        lazily.match(LEFT, RIGHT, num_disparities=COUNT)

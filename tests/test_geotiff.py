@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -463,25 +462,3 @@ def test_what_cannot_be_written_leaves_no_file(
         write_geotiff(tmp_path / "a.tif", image, like=like)
     assert (tmp_path / "a.tif").read_bytes() == b"before"
     assert names(tmp_path) == ["a.tif"]
-
-
-def test_files_are_replaced_whole(tmp_path: Path) -> None:
-    for seed in (1, 2):
-        write_geotiff(tmp_path / "a.tif", noise((20, 30), "float32", seed), like=PLACE)
-    assert names(tmp_path) == ["a.tif"]  # nor is there anything beside it
-    np.testing.assert_array_equal(read_geotiff(tmp_path / "a.tif").image,
-                                  noise((20, 30), "float32", 2))  # fmt: skip
-
-
-def test_without_rasterio_the_cure_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "rasterio", None)
-    monkeypatch.setitem(sys.modules, "rasterio.io", None)
-
-    for work in (
-        lambda: read_geotiff(tmp_path / "a.tif"),
-        lambda: write_geotiff(tmp_path / "a.tif", noise((4, 5), "uint8")),
-    ):
-        with pytest.raises(ImportError, match=r"pip install 'phasestereo\[geo\]'"):
-            work()

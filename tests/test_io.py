@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, counterpart
+from phasestereo import PointCloud
 from phasestereo.io import (
     max_pixels,
     read_calibration,
@@ -24,8 +25,10 @@ from phasestereo.io import (
     read_truth,
     set_max_pixels,
     write_disparity,
+    write_geotiff,
     write_image,
     write_pfm,
+    write_ply,
 )
 
 if TYPE_CHECKING:
@@ -57,11 +60,19 @@ def test_files_of_anything_else_are_named(tmp_path: Path, reader: str, content: 
         READERS[reader](tmp_path / "other.pfm")
 
 
+def write_geo(path: Path) -> None:
+    """Write a GeoTIFF, which takes an extra."""
+    counterpart("rasterio")
+    write_geotiff(path, np.ones((2, 2), np.float32))
+
+
 WRITERS: dict[str, Callable[[Path], None]] = {
     "a.pfm": lambda path: write_pfm(path, np.ones((2, 2), np.float32)),
     "a.png": lambda path: write_image(path, np.ones((2, 2), np.uint8)),
     "a.tif": lambda path: write_disparity(path, np.ones((2, 2), np.float32)),
     "a.npy": lambda path: write_disparity(path, np.ones((2, 2), np.float32)),
+    "a.ply": lambda path: write_ply(path, PointCloud(np.ones((2, 3), np.float32), None)),
+    "geo.tif": write_geo,
 }
 
 
@@ -125,18 +136,6 @@ def test_new_files_have_ordinary_permissions(tmp_path: Path) -> None:
     write_pfm(tmp_path / "a.pfm", np.ones((2, 2), np.float32))
     (tmp_path / "b").write_bytes(b"")
     assert (tmp_path / "a.pfm").stat().st_mode == (tmp_path / "b").stat().st_mode
-
-
-@pytest.mark.parametrize(
-    ("module", "name"), [("PIL.PngImagePlugin", "a.png"), ("tifffile", "a.tif")]
-)
-def test_missing_extras_say_how_to_get_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, name: str
-) -> None:
-    write_image(tmp_path / name, np.ones((3, 4), np.uint8))
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(ImportError, match=r"pip install 'phasestereo\[io\]'"):
-        read_image(tmp_path / name)
 
 
 # What is read is bounded

@@ -16,16 +16,10 @@ from phasestereo.io import (
     write_disparity,
     write_image,
 )
+from test_io_pfm import floats
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from numpy.typing import NDArray
-
-
-def floats(shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return samples of both signs."""
-    return np.random.default_rng(0).normal(0, 100, shape).astype(np.float32)
 
 
 @pytest.mark.parametrize("suffix", [".pfm", ".npy", ".tif", ".TIFF"])

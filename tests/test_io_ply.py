@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -12,6 +11,9 @@ import pytest
 from conftest import counterpart
 from phasestereo import PointCloud
 from phasestereo.io import write_ply
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def cloud(*, colored: bool, count: int = 1000) -> PointCloud:
@@ -91,21 +93,3 @@ def test_refusals_leave_nothing(
     with pytest.raises(error, match=message):
         write_ply(tmp_path / name, given)
     assert os.listdir(tmp_path) == []  # noqa: PTH208 - names, hidden ones too
-
-
-def test_what_was_there_stays_until_the_new_one_is_complete(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "cloud.ply"
-    write_ply(path, cloud(colored=True))
-    before = path.read_bytes()
-
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", fail)
-
-    with pytest.raises(OSError, match="No space"):
-        write_ply(path, cloud(colored=False))
-    assert path.read_bytes() == before
-    assert os.listdir(tmp_path) == ["cloud.ply"]  # noqa: PTH208 - names, hidden ones too

@@ -412,15 +412,6 @@ def test_contrast_is_left_alone() -> None:
     assert np.abs(ps.match(dim, right, num_disparities=8).disparity - 3).max() < 0.4
 
 
-def test_threads_change_nothing() -> None:
-    left, right = noise_pair(90, 40, 5)
-    expected = ps.match(left, right, num_disparities=9, threads=1)
-    for threads in range(2, 9):
-        found = ps.match(left, right, num_disparities=9, threads=threads)
-        for field in ("disparity", "flags", "confidence"):
-            np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
-
-
 @pytest.mark.parametrize("fill", [True, False])
 def test_threads_change_nothing_however_columns_and_bands_are_shared(*, fill: bool) -> None:
     left, right = two_surfaces(1, (150, 700, 3))

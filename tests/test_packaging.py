@@ -22,11 +22,9 @@ from packaging.utils import canonicalize_name
 import phasestereo as ps
 from conftest import ROOT, counterpart
 from phasestereo._extras import require
-from phasestereo.integrations import opencv
 from phasestereo.integrations import xarray as labeled
-from phasestereo.io import read_image, write_geotiff
+from phasestereo.io import read_geotiff, read_image, write_geotiff
 from phasestereo.views.picture import colorize
-from phasestereo.views.templating import render_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -371,10 +369,6 @@ def _color(_: Path) -> object:
     return colorize(np.ones((8, 8), np.float32))
 
 
-def _page(_: Path) -> object:
-    return render_page("pair.html.j2")
-
-
 def _film(folder: Path) -> object:
     (folder / "video.mp4").touch()
     return ps.stream(folder / "video.mp4", num_disparities=16)
@@ -385,26 +379,25 @@ def _record(folder: Path) -> object:
         return recording
 
 
-def _filter(_: Path) -> object:
-    return opencv.createDisparityWLSFilter(opencv.StereoPhase_create())
-
-
 def _label(_: Path) -> object:
-    return labeled.as_dataset(ps.match(*np.zeros((2, 40, 60), np.uint8), num_disparities=8))
+    return labeled.as_dataset(ps.match(*PAIR, num_disparities=8))
+
+
+PAIR = np.zeros((2, 40, 60), np.uint8)
 
 
 CALLS = [
     ("PIL", "io", _read("a.png")),
     ("tifffile", "io", _read("a.tif")),
     ("matplotlib", "plot", _color),
-    ("matplotlib", "plot", lambda _: ps.views.plot.disparity(np.ones((8, 8), np.float32))),
-    ("jinja2", "report", _page),
-    ("cv2", "opencv", _filter),
     ("cv2", "live", lambda _: ps.stream(0, num_disparities=16)),
+    ("cv2", "rectify", lambda _: ps.rectify(PAIR[0], PAIR[1])),
     ("av", "live", _film),
     ("rerun", "rerun", _record),
     ("rasterio", "geo", lambda folder: write_geotiff(folder / "out.tif", np.ones((8, 8), "f4"))),
+    ("rasterio", "geo", lambda folder: read_geotiff(folder / "a.tif")),
     ("xarray", "geo", _label),
+    ("dask", "dask", lambda _: ps.integrations.dask.match(PAIR[0], PAIR[1], num_disparities=8)),
 ]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import threading
 from dataclasses import fields, replace
@@ -10,13 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings as hypothesis_settings
-from hypothesis import strategies as st
 
 import phasestereo as ps
 from phasestereo import bands
-from test_process import run, run_forking
+from test_process import run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -363,31 +359,6 @@ def _written(path: Path, content: bytes) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return statistics in a file."""
-    path = tmp_path_factory.mktemp("saved") / "statistics"
-    gathered(scene((200, 150), soft=slice(0, None))).save(path)
-    return path
-
-
-@given(place=st.floats(0, 1, exclude_max=True), byte=st.integers(0, 255))
-@hypothesis_settings(max_examples=150)
-def test_damage_is_told_or_does_no_harm(saved: Path, place: float, byte: int) -> None:
-    content = bytearray(saved.read_bytes())
-    content[int(place * len(content))] = byte
-
-    damaged = saved.with_name("damaged")
-    damaged.write_bytes(content)
-
-    try:
-        told = bands.load(damaged)
-    except ValueError as error:
-        assert "damaged" in str(error)  # noqa: PT017 - most are refused, not all
-    else:
-        assert_same(told, bands.load(saved))
-
-
 # Refusals
 
 
@@ -597,20 +568,5 @@ def read(first, last):
     return pair[0][first:last], pair[1][first:last], None, None
 told = ps.pair_statistics(read, (100, 90), num_disparities=8)
 ps.match_rows(read, told, 0, 100)
-""")
-    assert finished.returncode == 0, finished.stderr
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-def test_a_forked_child_measures_statistics() -> None:
-    finished = run_forking("""
-pair = np.random.default_rng(0).integers(0, 256, (2, 100, 90), np.uint8)
-read = lambda first, last: (pair[0][first:last], pair[1][first:last], None, None)
-def work():
-    told = ps.pair_statistics(read, (100, 90), num_disparities=8)
-    return ps.match_rows(read, told, 0, 100).disparity
-expected = work()
-def same():
-    return np.array_equal(work(), expected, equal_nan=True)
 """)
     assert finished.returncode == 0, finished.stderr

@@ -541,11 +541,3 @@ def test_a_stream_rectifies_its_frames() -> None:
 def test_a_stream_refuses_a_calibration_at_once(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         ps.stream(list(PAIR[np.newaxis]), num_disparities=8, rectify=tmp_path / "no.yml")
-
-
-def test_without_the_extra_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys  # noqa: PLC0415
-
-    monkeypatch.setitem(sys.modules, "cv2", None)
-    with pytest.raises(ImportError, match=r"pip install 'phasestereo\[rectify\]'"):
-        rectified(made_up())

@@ -13,6 +13,7 @@ from hypothesis.extra import numpy as npst
 
 from phasestereo import metrics
 from phasestereo.metrics import roc_area, sparsification
+from test_metrics import row
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,10 +23,6 @@ if TYPE_CHECKING:
     Map = npt.NDArray[np.float32]
 
 NAN, INF = math.nan, math.inf
-
-
-def row(*values: float) -> Map:
-    return np.array([values], dtype=np.float32)
 
 
 TRUTH = row(10, 10, 10, 10, 10, 10)

@@ -11,6 +11,7 @@ import phasestereo as ps
 from estimating import estimated
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
+from test_alignment import gray
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,11 +23,6 @@ if TYPE_CHECKING:
     Plane = NDArray[np.float32]
 
 SCENES = "tsukuba", "cones", "Playroom", "Aloe"
-
-
-def gray(image: NDArray[np.uint8]) -> Plane:
-    plane: Plane = image.mean(axis=2).astype(np.float32)
-    return plane
 
 
 def found(left: Plane, right: Plane) -> SearchRange:

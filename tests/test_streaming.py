@@ -271,14 +271,6 @@ def test_missing_files_are_refused_at_once() -> None:
         ps.stream("video.mkv", "none.mkv", **FAST)
 
 
-@pytest.mark.parametrize("module", ["av", "cv2"])
-def test_missing_extra_is_named(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, module, None)
-    source: Any = "video.mkv" if module == "av" else 0
-    with pytest.raises(ImportError, match=r"pip install 'phasestereo\[live\]'"):
-        ps.stream(source, **FAST)
-
-
 # Masks and settings
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -327,13 +326,6 @@ def test_wrong_arguments_are_named(rendered: Pair) -> None:
     two = [xarray.concat([image, image], "band") for image in (left, right)]
     with pytest.raises(ValueError, match=r"left: got shape \(70, 110, 2\)"):
         labeled.match(*two, num_disparities=COUNT)
-
-
-def test_without_xarray_the_cure_is_named(rendered: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
-    left, right = views(rendered)
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(ImportError, match=r"pip install 'phasestereo\[geo\]'"):
-        labeled.match(left, right, num_disparities=COUNT)
 
 
 def test_real_pairs_come_out_with_their_coordinates(data: Path) -> None:
