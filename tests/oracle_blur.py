@@ -463,6 +463,7 @@ class Kind:
     powers: Floats
     loss: float
     gain: float
+    other: Psf | None = None  # the blur of the other image, if it lacks something as well
 
 
 def unseen() -> Kind:
@@ -555,6 +556,57 @@ def radius(taps: Floats) -> float:
     return float(np.sqrt((taps * ((y - y_mean) ** 2 + (x - x_mean) ** 2)).sum()))
 
 
+# --- blurs of both images ---
+
+
+def two_sided(there: Grid, noise: tuple[float, float]) -> Kind | None:
+    """Return the blurs of both images, if they explain all blocks clearly better than one does."""
+    if there.told.sum() < 12:
+        return None
+
+    powers = np.mean([there.powers[tile] for tile in np.flatnonzero(there.told)], axis=0)
+    one_sided = losses_of(powers, noise, everything()).min()
+    if one_sided <= 0.3:
+        return None
+
+    def against(side: int, undone: Floats) -> tuple[Floats, Floats, tuple[float, float]]:
+        """Return the evidence for a blur of a side, that of the other side undone."""
+        sharp = powers[1 - side]
+        signal = np.maximum(sharp - noise[1 - side], 0.02 * sharp)
+        return powers[side], signal / np.maximum(undone, 1e-3), (noise[side], 0.0)
+
+    psfs, responses = bank()
+    pairs = [
+        (fit(*against(side, response), responses)[0], side, psf)
+        for psf, response in zip(psfs, responses, strict=True)
+        if psf[0] == "motion"
+        for side in (0, 1)
+    ]
+    losses, side, motion = min(pairs, key=lambda each: each[0].min())
+    best = psfs[int(losses.argmin())]
+    both = [best, motion] if side == 0 else [motion, best]
+
+    for _ in range(3):
+        for side in (0, 1):
+            both[side] = refined(*against(side, response(kernel_of(both[1 - side]))))[0]
+
+    fits = [
+        fit(
+            *against(side, response(kernel_of(both[1 - side]))),
+            response(kernel_of(both[side]))[None],
+        )
+        for side in (0, 1)
+    ]
+    if np.mean([loss[0] for loss, _ in fits]) > 0.7 * one_sided:
+        return None
+
+    softer = 0 if spread(both[0]) >= spread(both[1]) else 1
+    psf, (loss, gain) = both[softer], fits[softer]
+    name: Side = "left" if softer == 0 else "right"
+    numbers = float(loss[0]), float(gain[0])
+    return Kind(name, psf, kernel_of(psf), powers, *numbers, other=both[1 - softer])
+
+
 # --- a kernel that no family knows ---
 
 
@@ -644,9 +696,10 @@ def estimate(scene: Scene) -> Estimate:
 
     noise = noise_of(there)
     losses = losses_on(there, noise, everything())
-    choices = chosen(losses)
+    both = two_sided(there, noise)
+    choices = chosen(losses) if both is None else []
 
-    kinds: list[Kind] = []
+    kinds: list[Kind] = [] if both is None else [both]
 
     for number, choice in enumerate(choices):
         count = len(bank()[0])
