@@ -174,7 +174,7 @@ def test_blurs_of_both_images_are_as_the_oracle_has_them(
     for kernel, psf in ((own, blur.psf), (other, blur.other.psf)):
         assert kernel is not None
         assert psf is not None
-        np.testing.assert_allclose(kernel, psf, atol=1e-6)
+        np.testing.assert_allclose(np.asarray(kernel), psf, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", SCENES)
