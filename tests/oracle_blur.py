@@ -579,12 +579,11 @@ def two_sided(there: Grid, noise: tuple[float, float]) -> Kind | None:
     pairs = [
         (fit(*against(side, response), responses)[0], side, psf)
         for psf, response in zip(psfs, responses, strict=True)
-        if psf[0] == "motion"
         for side in (0, 1)
     ]
-    losses, side, motion = min(pairs, key=lambda each: each[0].min())
+    losses, side, known = min(pairs, key=lambda each: each[0].min())
     best = psfs[int(losses.argmin())]
-    both = [best, motion] if side == 0 else [motion, best]
+    both = [best, known] if side == 0 else [known, best]
 
     for _ in range(3):
         for side in (0, 1):
@@ -597,7 +596,8 @@ def two_sided(there: Grid, noise: tuple[float, float]) -> Kind | None:
         )
         for side in (0, 1)
     ]
-    if np.mean([loss[0] for loss, _ in fits]) > 0.7 * one_sided:
+    is_slight = min(map(spread, both)) < 0.6
+    if is_slight or np.mean([loss[0] for loss, _ in fits]) > 0.7 * one_sided:
         return None
 
     softer = 0 if spread(both[0]) >= spread(both[1]) else 1

@@ -234,7 +234,7 @@ def test_dict_is_json_and_holds_what_was_found(told: Callable[..., Diagnosis]) -
     assert said["alignment"]["vertical"] == pytest.approx(0, abs=0.05)
 
     assert said["blur"]["blurs"][0] == {
-        "side": "left", "kind": "motion", "size": 9.0, "angle": 45.0, "share": 0.25,
+        "side": "left", "kind": "motion", "size": 9.0, "angle": 45.0, "other": None, "share": 0.25,
     }  # fmt: skip
 
     assert said["blur"]["labels"] == [[0, 1], [1, 1]]
