@@ -435,8 +435,10 @@ mod tests {
         for value in [(0, 0), (5, 0), (0, 4), (4, 1)] {
             assert!(refused(|s| s.frequencies = value).starts_with("frequencies: got"));
         }
+
         assert!(refused(|s| s.power = 3).starts_with("power: got 3"));
         assert!(refused(|s| s.bits = 5).starts_with("bits: got 5"));
+
         for value in [-0.1, 100.1, f64::NAN, f64::INFINITY] {
             assert!(refused(|s| s.noise_threshold = value).starts_with("noise_threshold: got"));
         }
@@ -444,6 +446,7 @@ mod tests {
             assert!(refused(|s| s.p1 = value).starts_with("p1: got"));
             assert!(refused(|s| s.p2 = value).starts_with("p2: got"));
         }
+
         for value in [(1.0, 1.0), (0.0, f64::INFINITY), (f64::NAN, 1.0)] {
             assert!(refused(|s| s.intensity_range = Some(value)).starts_with("intensity_range"));
         }
@@ -454,11 +457,13 @@ mod tests {
         let weak =
             |bits, cost| Settings { noise_threshold: 1.0, bits, cost, ..Preset::Paper.settings() };
         assert_eq!(weak(2, CostKind::Phase).check(), Ok(()));
+
         assert_eq!(weak(2, CostKind::Phase).code_length(), 28);
         for (bits, cost) in [(1, CostKind::Phase), (3, CostKind::Phase), (2, CostKind::Sad)] {
             let refused = weak(bits, cost).check().expect_err("must be refused").to_string();
             assert!(refused.starts_with("noise_threshold: got 1 with bits"), "{refused}");
         }
+
         let refused = Settings { frequencies: (3, 2), ..weak(2, CostKind::Phase) }.check();
         let message = refused.expect_err("must be refused").to_string();
         assert!(message.contains("a weak level, which need 68 bits"), "{message}");
@@ -471,6 +476,7 @@ mod tests {
             s.frequencies = (4, 4);
             s.bits = 2;
         });
+
         for part in ["r = 4", "s = 4", "b = 2", "80 bits"] {
             assert!(message.contains(part), "{message}");
         }

@@ -100,7 +100,7 @@ pub struct Found {
     pub num_disparities: i32,
     /// Origin of the disparities: `PHASESTEREO_GIVEN`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
     pub origin: u32,
-    /// 1: nearly all disparities are clearly negative, as where left and right are swapped.
+    /// 1: nearly all disparities are negative, most of them clearly, as where left and right are swapped.
     pub swapped: u32,
     /// 1: many disparities of either sign are clearly not zero.
     pub mixed: u32,

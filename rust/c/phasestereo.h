@@ -363,7 +363,7 @@ typedef struct phasestereo_found {
    */
   uint32_t origin;
   /**
-   * 1: nearly all disparities are clearly negative, as where left and right are swapped.
+   * 1: nearly all disparities are negative, most of them clearly, as where left and right are swapped.
    */
   uint32_t swapped;
   /**

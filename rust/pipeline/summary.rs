@@ -92,11 +92,13 @@ mod tests {
         let filled = flag::OCCLUDED | flag::FILLED;
         let flags = [flag::MASKED, 0, flag::SPECKLE, 0, 0, 0, flag::OUTSIDE, filled];
         let confidence = [0.0, 1.0, 0.5, 0.5, 1.0, 1.0, 0.0, 0.0];
+
         let found = Summary::new(&disparity, &flags, Some(&confidence), candidates);
         assert_eq!(
             (found.estimated, found.flagged, found.at_low, found.at_high, found.confidence),
             (7.0 / 8.0, 2.0 / 8.0, 2.0 / 8.0, 2.0 / 8.0, 0.5)
         );
+
         assert!(Summary::new(&disparity, &flags, None, candidates).confidence.is_nan());
     }
 }

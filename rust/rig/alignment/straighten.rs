@@ -350,7 +350,9 @@ mod tests {
         let image = view(20, 5, |y, x| ((31 * y + 17 * x) % 23) as f64);
         let found =
             straightened(&image, &field(&[3.0], (20, 5)), Level::best(), &Control::default());
+
         let found = found.expect("memory");
+
         for (y, x) in (0..20).flat_map(|y| (0..5).map(move |x| (y, x))) {
             let moved = values(&image)[((y + 3).min(19), x, 0)];
             assert!((values(&found)[(y, x, 0)] - moved).abs() < 1e-12);
@@ -362,8 +364,10 @@ mod tests {
         let wave = |y: f64, x: f64| math::sin(0.5 * y + 0.1 * x);
         let image = view(60, 40, |y, x| wave(y as f64, x as f64));
         let field = field(&[0.4, 1.5, -0.7], (60, 40));
+
         let found =
             straightened(&image, &field, Level::best(), &Control::default()).expect("memory");
+
         for (y, x) in (10..50).flat_map(|y| (0..40).map(move |x| (y, x))) {
             let exact = wave(y as f64 + field.at(x as f64, y as f64), x as f64);
             assert!((values(&found)[(y, x, 0)] - exact).abs() < 0.01, "{y} {x}");
@@ -378,10 +382,12 @@ mod tests {
             (10..14).for_each(|y| pixels[(y, 2, 0)] = f64::NAN);
         }
         image.mask = Some(masked);
+
         let found =
             straightened(&image, &field(&[0.5], (30, 4)), Level::best(), &Control::default());
         let found = found.expect("memory");
         assert!(values(&found).iter().all(|value| value.is_finite()));
+
         let mask = found.mask.expect("there is one");
         for y in 0..30 {
             assert_eq!(mask.row(y)[2], !(9..13).contains(&y), "{y}");

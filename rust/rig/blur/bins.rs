@@ -188,8 +188,10 @@ mod tests {
             assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
             assert!(weights.iter().all(|weight| *weight >= 0.0));
         }
+
         let is_low: Vec<bool> = bins.low.iter().map(|weight| *weight > 0.0).collect();
         let first = is_low.iter().position(|low| *low).expect("some are low");
+
         assert!(is_low[first..].windows(2).all(|pair| pair[0] || !pair[1]), "by rising frequency");
     }
 
@@ -207,8 +209,10 @@ mod tests {
             let waves: Vec<_> = members.iter().map(|place| wave(usize::from(*place))).collect();
             let span = |of: &dyn Fn(&(isize, isize)) -> isize| {
                 let values = waves.iter().map(of);
+
                 values.clone().max().unwrap_or(0) - values.min().unwrap_or(0)
             };
+
             let lowest = waves.iter().map(|(x, y)| x.abs().max(*y)).min().unwrap_or(0);
             let most = if lowest < COARSE_FROM - 2 { 1 } else { 3 };
             assert!(span(&|wave| wave.0) <= most && span(&|wave| wave.1) <= most, "{waves:?}");
@@ -219,6 +223,7 @@ mod tests {
     fn pooled_is_the_mean_of_a_bin() {
         let bins = bins();
         let powers: Vec<f32> = (0..SIDE * SIDE / 2).map(|place| (place % 97) as f32).collect();
+
         for (members, mean) in bins.members.iter().zip(bins.pooled(&powers)) {
             let sum: f32 = members.iter().map(|place| powers[usize::from(*place)]).sum();
             let expected = if members.is_empty() { 1.0 } else { sum / members.len() as f32 };
@@ -233,6 +238,7 @@ mod tests {
             let powers: Vec<f32> = (0..SIDE * SIDE / 2).map(power).collect();
             assert!((bins().least_high(&powers) - 0.5).abs() < 1e-6);
         }
+
         let along_x = 30 * SIDE / 2 + 1;
         assert_eq!(wave(along_x), (30, 1));
         assert_eq!((sector(along_x, SECTORS), sector(30, SECTORS)), (0, SECTORS / 2));

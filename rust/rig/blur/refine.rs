@@ -115,11 +115,14 @@ mod tests {
     /// What blocks have to say whose blur is known.
     fn evidence(psf: Psf) -> BlurEvidence {
         let noise = 0.05;
+
         let scene = (0..bins().count()).map(|bin| 400.0 / (1.0 + bin as f32));
         let response = Entry::new(psf, Level::best()).response;
+
         let blurred =
             scene.clone().zip(response.values()).map(|(power, left)| power * left + noise);
         let binned = [blurred.collect(), scene.map(|power| power + noise).collect()];
+
         let powers = Powers { binned, least_high: [0.0; 2] };
         let [evidence, _] = BlurEvidence::of_both(&powers, [noise; 2], Level::best());
         evidence
@@ -138,6 +141,7 @@ mod tests {
             Psf::annulus(5.4, 0.62),
             Psf::annulus(7.3, 0.8),
         ];
+
         for psf in psfs {
             let found = refine(&evidence(psf), Level::best()).entry.psf;
             assert_eq!(found.family, psf.family, "{found:?}");

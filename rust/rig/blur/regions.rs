@@ -201,9 +201,12 @@ mod tests {
     #[test]
     fn what_explains_enough_tiles_better_is_chosen_too() {
         let mut tiles = [[0.1, 0.9, 1.8]; 40];
+
         assert_eq!(losses(8, &tiles).chosen(), [0]);
+
         tiles[3] = [1.5, 0.1, 1.8];
         assert_eq!(losses(8, &tiles).chosen(), [0, 1]);
+
         tiles[39] = [1.4, 1.4, 0.1];
         assert_eq!(losses(8, &tiles).chosen(), [0, 1, 2]);
     }
@@ -219,6 +222,7 @@ mod tests {
     fn tiles_that_tell_nothing_do_not_count() {
         let mut tiles = [UNTOLD; 40];
         assert!(losses(8, &tiles).chosen().is_empty());
+
         tiles[17] = [0.9, 0.1, 0.5];
         assert_eq!(losses(8, &tiles).chosen(), [1]);
     }
@@ -228,6 +232,7 @@ mod tests {
         let tile = |own: usize| -> [f32; 12] {
             std::array::from_fn(|choice| if choice == own { 0.0 } else { 2.0 })
         };
+
         let tiles: Vec<[f32; 12]> = (0..12).map(tile).collect();
         assert_eq!(losses(4, &tiles).chosen().len(), MOST);
     }
@@ -242,6 +247,7 @@ mod tests {
     fn of_several_choices_each_has_the_better_half_of_its_tiles() {
         let tiles =
             [[0.3, 0.9], [0.1, 0.9], [0.2, 0.9], [0.9, 0.4], [0.9, 0.2], [f32::INFINITY; 2]];
+
         let losses = losses(3, &tiles);
         assert_eq!(losses.best_members(0), [1, 2]);
         assert_eq!(losses.best_members(1), [4]);
@@ -252,6 +258,7 @@ mod tests {
         // Choice 1 is the best for all; then 2 and 3 each explain one half better.
         let mut tiles = [[2.0, 0.5, 0.1, 1.5]; 8];
         tiles[4..].fill([2.0, 0.5, 1.5, 0.2]);
+
         let losses = losses(4, &tiles);
         assert_eq!(losses.chosen(), [1, 2, 3]);
         assert!(losses.best_members(1).is_empty());
@@ -271,7 +278,9 @@ mod tests {
     fn specks_are_removed_unless_the_evidence_is_strong() {
         let mut tiles = [[0.1, 0.6]; 25];
         tiles[12] = [0.3, 0.1];
+
         assert_eq!(losses(5, &tiles).labels(), [0; 25], "a speck");
+
         tiles[12] = [1.8, 0.1];
         let labels = losses(5, &tiles).labels();
         assert_eq!((labels[12], labels.iter().sum::<u8>()), (1, 1), "clear evidence");
@@ -281,6 +290,7 @@ mod tests {
     fn areas_keep_their_boundary() {
         let mut tiles = [[0.1, 0.5]; 36];
         (0..36).filter(|tile| tile % 6 >= 3).for_each(|tile| tiles[tile] = [0.5, 0.1]);
+
         let expected: Vec<u8> = (0..36).map(|tile| u8::from(tile % 6 >= 3)).collect();
         assert_eq!(losses(6, &tiles).labels(), expected);
     }
