@@ -406,6 +406,7 @@ fn summarize(
     let candidates = Candidates::new(disparities.0, disparities.1, cols)?;
     let confidence = confidence.map(|confidence| confidence.as_slice()).transpose();
     let (disparity, flags) = (disparity.as_slice(), flags.as_slice());
+    // The core reads the planes as slices.
     let contiguous = |_| PyValueError::new_err("disparity, flags, confidence: accept C order");
 
     let found = Summary::new(

@@ -224,6 +224,7 @@ impl Settings {
         number_between("p2", self.p2, LARGEST_PENALTY)?;
         number_between("adaptive_p2", self.adaptive_p2, LARGEST_EDGES)?;
 
+        // These act on phase codes only.
         let of_codes = [
             ("compensate_blur", self.compensate_blur),
             ("despike", self.despike),

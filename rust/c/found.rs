@@ -112,6 +112,7 @@ impl Found {
     /// The estimates for C; `is_given`: the caller gave the disparities.
     pub fn new(found: &Estimates, is_given: bool) -> Self {
         let Estimates { range, offsets, blur, .. } = found;
+        // Numbers that were not estimated are NaN.
         let of_range = |value: fn(&_) -> f64| range.as_ref().map_or(f64::NAN, value);
         let of_rows = |value: fn(&_) -> f64| offsets.as_ref().map_or(f64::NAN, value);
         let of_blur = |value: fn(&_) -> f64| blur.as_ref().map_or(f64::NAN, value);

@@ -159,7 +159,7 @@ typedef enum phasestereo_status {
    */
   PHASESTEREO_STATUS_INVALID_ARGUMENT = 1,
   /**
-   * The working memory could not be had.
+   * The working memory could not be allocated.
    */
   PHASESTEREO_STATUS_OUT_OF_MEMORY = 2,
   /**

@@ -343,6 +343,7 @@ impl Matcher {
         let mut map =
             DraftMap::new((section.rows.len(), pair.size().1), settings.needs_confidence())?;
         let bands = map.bands(job.search.bands(section.rows.clone()));
+        // The narrower the integers, the more candidates fit a register.
         match Width::new(settings, window, job.search.steps, costs.has_votes()) {
             Width::Bytes => self.match_bands::<u8>(bands, &job),
             Width::Words => self.match_bands::<u16>(bands, &job),
@@ -473,6 +474,7 @@ impl Width {
     /// The narrowest integers that hold every sum, every total of a path and the number of every run of candidates.
     pub fn new(settings: &Settings, window: Window, steps: Steps, has_votes: bool) -> Self {
         let largest_cost = window.largest_value(has_votes);
+        // Only paths accumulate totals beyond the cost of a window.
         let largest_total = match settings.optimizer {
             Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
                 steps.largest_total(window.largest_sum())

@@ -60,6 +60,7 @@ impl Pool {
             return Self::new(threads);
         };
 
+        // A pool of the parent process, or of another number of threads, is replaced.
         let pool = shared.upgrade().filter(|pool| pool.is_ours() && pool.threads == threads);
         let pool = pool.map_or_else(|| Self::new(threads), Ok)?;
 

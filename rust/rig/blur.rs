@@ -291,6 +291,7 @@ impl<'a> BlurEstimation<'a> {
     /// Tiles of `step` pixels, and the blocks about the centers of those that are wanted, by row and column.
     fn grid(&self, step: usize, is_wanted: impl Fn((usize, usize)) -> bool) -> Result<Grid> {
         let (height, width) = self.size;
+        // The block about the center of a tile, moved inside the image.
         let corner = |tile: usize, length: usize| {
             (tile * step + step / 2).saturating_sub(SIDE / 2).min(length - SIDE)
         };
@@ -333,6 +334,7 @@ impl<'a> BlurEstimation<'a> {
 
         let [left, right] = BlurEvidence::of_both(&powers, noise, self.level());
         let evidence = if side == Side::Left { left } else { right };
+        // A blur of hardly any spread is none, unless no family explains the powers.
         let refined = refine(&evidence, self.level());
         if refined.entry.psf.spread() < LEAST_SPREAD && refined.fit.loss <= DOUBTFUL {
             return Ok(none);
@@ -346,6 +348,7 @@ impl<'a> BlurEstimation<'a> {
         let family =
             FittedBlur { blur, response: refined.entry.response, fit: refined.fit, powers };
 
+        // A measurement takes another match: only where the family is doubtful and there are enough blocks.
         let least = LEAST_BLOCKS.max(grid.powers.len() / LEAST_PART);
         if family.fit.loss <= DOUBTFUL || tiles.len() < least {
             return Ok(family);

@@ -160,6 +160,7 @@ impl BlurCompensation {
         let end = first + classes.len();
 
         while x < end {
+            // Tile after tile; the last one extends to the end.
             let tile = (x / self.tile).min(row.len() - 1);
             let next = if tile + 1 == row.len() { end } else { end.min((tile + 1) * self.tile) };
             classes[x - first..next - first].fill(row[tile]);

@@ -131,6 +131,7 @@ fn gaussian(sigma: f64) -> Taps {
         })
         .collect();
 
+    // A Gaussian is separable: the outer product of its profile.
     let rows = profile.iter().flat_map(|a| profile.iter().map(move |b| a * b));
     Taps::new(reach, rows.collect())
 }

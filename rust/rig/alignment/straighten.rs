@@ -232,6 +232,7 @@ impl<T: ResampledPixel> Loop for Resample<'_, T> {
         let (width, last) = (out.len(), rows as isize - 1);
 
         let mut end = 0;
+        // Each run is a weighted sum of eight contiguous pieces of rows, which the compiler vectorizes.
         for run in offsets.chunk_by(|a, b| a == b) {
             let start = end;
             end += run.len() * channels;
@@ -299,6 +300,7 @@ fn filled<T: ResampledPixel>(
     for y in 0..rows {
         control.checkpoint()?;
         for x in 0..cols {
+            // The row itself, then those above and below it, nearest first.
             let near = (0..TAPS).flat_map(|by| [y.checked_sub(by), Some(y + by)]).flatten();
             let Some(from) = near.filter(|row| *row < rows).find(|row| mask.row(*row)[x]) else {
                 continue;

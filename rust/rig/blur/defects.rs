@@ -180,6 +180,7 @@ fn counts(
         })
     };
 
+    // Counts are integers and sums of integers, so the order of the tasks does not matter.
     let starts: Vec<usize> = rows.clone().step_by(ROWS).collect();
     let found = starts.into_par_iter().map(of_rows);
     found.try_reduce(DefectCounts::default, |a, b| Ok(a.and(b)))

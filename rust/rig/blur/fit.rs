@@ -125,6 +125,7 @@ impl Loop for Signals<'_> {
             noise,
             low: 0.0,
         };
+        // Evidence for a blur of the left image takes the right one as the sharp one, and the other way round.
         let (mut for_left, mut for_right) = (evidence(noise[0]), evidence(noise[1]));
 
         let mut low = [0.0; FLOAT_LANES];

@@ -32,6 +32,7 @@ impl Glance {
             y * PARTS / rows * PARTS + x * PARTS / cols
         };
 
+        // Powers are summed over the blocks of a part before logarithms are taken: single blocks are noisy.
         let mut sums = vec![[vec![0.0; bins().count()], vec![0.0; bins().count()]]; PARTS * PARTS];
         for (place, powers) in places.iter().zip(powers) {
             for (sums, powers) in sums[part(place)].iter_mut().zip(&powers.binned) {

@@ -61,6 +61,7 @@ fn warped(right: &Plane<f32>, rough: &Rough, control: &Control) -> Result<Plane<
 
     Plane::by_rows((right.rows(), right.cols()), control, |y, row: &mut [f32]| {
         for (x, value) in row.iter_mut().enumerate() {
+            // The rough disparity gives the column, the field the row.
             let from = (x as isize - rough.at(y, x).round() as isize).clamp(0, last) as usize;
             let below = y as isize + rough.rows_at(y, from);
 

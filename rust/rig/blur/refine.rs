@@ -112,7 +112,7 @@ mod tests {
     use super::super::spectrum::Powers;
     use super::*;
 
-    /// What blocks have to say whose blur is known.
+    /// Evidence of blocks with a known blur.
     fn evidence(psf: Psf) -> BlurEvidence {
         let noise = 0.05;
 

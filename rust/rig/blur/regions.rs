@@ -62,6 +62,7 @@ impl Losses {
     fn next(&self, chosen: &[usize]) -> (usize, f32) {
         let mut worth = vec![0.0; self.choices];
         for losses in self.informative() {
+            // Differences up to the margin are chance.
             let so_far = chosen.iter().map(|choice| losses[*choice]).fold(f32::INFINITY, f32::min);
 
             for (worth, loss) in worth.iter_mut().zip(losses) {
@@ -138,6 +139,7 @@ impl Losses {
 
     /// The choice of least energy given those of the neighbors.
     fn agreed(&self, tile: usize, labels: &[u8]) -> u8 {
+        // A neighbor's choice lowers the energy of the same choice, which is the Potts model up to a constant.
         let mut energy: Vec<f32> =
             self.of(tile).iter().map(|loss| if loss.is_finite() { *loss } else { 0.0 }).collect();
 

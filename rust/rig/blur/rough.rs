@@ -196,6 +196,7 @@ impl Rough {
     /// The disparity at a pixel of the whole image, interpolated bilinearly.
     pub fn at(&self, y: usize, x: usize) -> f32 {
         let place = |at: usize, length: usize| {
+            // Pixel centers of both sizes; beyond the outermost ones, the disparity stays the same.
             let exact = (at as f32 + 0.5) / self.factor as f32 - 0.5;
             let exact = exact.clamp(0.0, (length - 1) as f32);
             let first = (exact as usize).min(length.saturating_sub(2));
@@ -232,6 +233,7 @@ impl Rough {
     /// The pair of blocks whose left one has this corner; `None` where the right one would leave its image, or too much
     /// of either is masked.
     pub fn place(&self, pair: &Pair, top: usize, left: usize) -> Option<BlockPlace> {
+        // The median disparity gives the column of the right block, then the field its row.
         let right = left as isize - self.of_block(top, left).round() as isize;
 
         let right = usize::try_from(right).ok().filter(|x| x + SIDE <= pair.size().1)?;

@@ -153,6 +153,7 @@ pub fn searched(all: &[Blocks], is_sample: &[bool], level: Level) -> Vec<Vec<f32
         .map(|(blocks, is_sample)| is_sample.then(|| blocks.losses(level)))
         .collect();
 
+    // What explains the sample best explains most of the others, too.
     let first = first(of_sample.iter().flatten().map(Vec::as_slice)).unwrap_or(0);
 
     let of_others = all.par_iter().zip(of_sample);

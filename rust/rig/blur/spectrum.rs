@@ -191,6 +191,7 @@ impl Cross {
 
     fn add_pair(&mut self, spectra: &ComplexBlock) {
         let (re, im) = (spectra.re.as_flattened(), spectra.im.as_flattened());
+        // Without the scale, a few blocks of strong contrast would decide.
         let norms: Vec<f32> = re.iter().zip(im).map(|(re, im)| re * re + im * im).collect();
         let scale = HALF as f32 / norms.iter().sum::<f32>().max(f32::MIN_POSITIVE);
 

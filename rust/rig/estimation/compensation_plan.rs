@@ -61,6 +61,7 @@ impl CompensationPlan {
             return Ok(plain);
         }
 
+        // The larger one of two sizes of neighborhoods has to stay within the limit, too.
         let (rows, cols, labels) = &found.labels;
         let largest = LARGEST_WINDOW - (settings.largest_neighborhood() - settings.neighborhood);
         let is_wide = found.blurs.iter().filter(|blur| blur.taps.is_some()).all(is_wide);

@@ -85,6 +85,7 @@ impl Overview {
             }
 
             let view = part.pair.views()[0];
+            // A reduced pixel is valid if at least half of its pixels are.
             let is_valid = |y: usize, x: usize| {
                 let area = (0..factor * factor).map(|i| (i / factor, i % factor));
                 let top = tops[y] - part.first;
@@ -201,6 +202,7 @@ impl Overview {
             None => right.clone(),
         };
 
+        // The span is cut to what the width of the copies allows.
         let width = left.cols() as i64;
         let count = (high - low + 1).clamp(1, left.cols() as isize) as i64;
         let low = (low as i64).clamp(1 - width - (count - 1), width - 1);
@@ -224,6 +226,7 @@ impl Overview {
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
         let map = matcher.match_pair(&pair, &settings, how, &control.aside())?;
 
+        // Uncertain and masked pixels are invalidated; the mean confidence is that of all valid ones.
         let mut disparity = map.disparity;
         let (mut sum, mut count) = (0.0, 0);
         for y in 0..disparity.rows() {

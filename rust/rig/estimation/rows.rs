@@ -1,7 +1,7 @@
 //! How the rows of a pair correspond: a smooth field of vertical offsets, fitted to blocks that were found in both
 //! images.
 //!
-//! Blocks lead astray where the images do not show the same, at jumps in depth above all. So the fit is by iteratively
+//! Blocks mislead where the images do not show the same, at jumps in depth above all. So the fit is by iteratively
 //! reweighted least squares, first of absolute deviations, then with Tukey's biweight. Blocks are followed from the
 //! reduced copies, which withstand blur and noise, to the whole images, which are exact; the fit with the least
 //! standard error is kept. The field is linear unless keystone and distortion explain much more.
@@ -335,6 +335,7 @@ impl Normal {
 
     /// The Cholesky factor; `None` where the equations do not determine all terms.
     fn factor(&self) -> Option<[[f64; TERMS]; TERMS]> {
+        // A pivot that is tiny beside the first one means that the points do not determine a term.
         let mut lower = [[0.0f64; TERMS]; TERMS];
         for row in 0..self.count {
             for col in 0..=row {

@@ -66,6 +66,7 @@ struct Patch<const SIDE: usize> {
 /// Searches every block about its expected place, in copies of the images that are reduced by a factor, and leaves out
 /// those that are not found. The seeds are in the order of their rows.
 pub fn follow(rows: PairRows, seeds: &[Seed], factor: usize, means: Means) -> Result<Vec<Track>> {
+    // Rows of the copy above and below the center that the correlation may read.
     let around = BLOCK / 2 + SEARCH + SMOOTH + 1;
     let top = |seed: &Seed| (in_copy(seed.y, factor) - around as isize).max(0) as usize * factor;
     let mut tops: Vec<usize> = seeds.iter().map(top).collect();
@@ -77,6 +78,7 @@ pub fn follow(rows: PairRows, seeds: &[Seed], factor: usize, means: Means) -> Re
 
     let mut found = vec![];
     rows.visit(strips, means, |part, visited| {
+        // Seeds are sorted by their top rows, so those of this part are a range.
         let wanted = &tops[visited];
         let first = seeds.partition_point(|seed| top(seed) < wanted[0]);
         let end = seeds.partition_point(|seed| top(seed) <= wanted[wanted.len() - 1]);
