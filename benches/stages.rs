@@ -352,12 +352,12 @@ mod cost {
     use phasestereo::internals::value::{LANES, Lanes, Value};
 
     /// Writes the costs of all panels of the image.
-    struct Write<'a, V> {
+    struct WriteCosts<'a, V> {
         costs: &'a Costs<'a>,
         out: &'a mut [Lanes<V>],
     }
 
-    impl<V: Value> Loop for Write<'_, V> {
+    impl<V: Value> Loop for WriteCosts<'_, V> {
         type Output = ();
 
         #[inline(always)]
@@ -373,7 +373,7 @@ mod cost {
         with_costs(case, settings, |costs, _| {
             let mut out = vec![[V::default(); LANES]; PANEL * costs.chunks()];
             bencher.counter(case.evaluations()).bench_local(|| {
-                case.level.run(Write { costs, out: divan::black_box(&mut out[..]) });
+                case.level.run(WriteCosts { costs, out: divan::black_box(&mut out[..]) });
             });
         });
     }
@@ -826,9 +826,9 @@ mod machine {
     }
 
     /// One pass over the operands.
-    struct Pass<'a, S>([&'a [u8]; 2], &'a mut [u8], S);
+    struct BytePass<'a, S>([&'a [u8]; 2], &'a mut [u8], S);
 
-    impl<S: Step> Loop for Pass<'_, S> {
+    impl<S: Step> Loop for BytePass<'_, S> {
         type Output = ();
 
         #[inline(always)]
@@ -847,7 +847,7 @@ mod machine {
         bencher.counter(ItemsCount::new(FEW * TIMES)).bench_local(|| {
             for _ in 0..TIMES {
                 let rows = divan::black_box([operands.row(0), operands.row(1)]);
-                level.run(Pass(rows, divan::black_box(&mut sums), step));
+                level.run(BytePass(rows, divan::black_box(&mut sums), step));
             }
         });
     }

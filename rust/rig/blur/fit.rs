@@ -181,7 +181,6 @@ impl<'r, R: Iterator<Item = &'r Response>> Loop for Models<'_, R> {
     fn run(self) -> Vec<f32> {
         let mut losses = Vec::with_capacity(self.responses.size_hint().0);
         let mut residuals = NO_RESIDUALS;
-
         for response in self.responses {
             losses.push(fitted(self.evidence, response, &mut residuals).loss);
         }
@@ -194,6 +193,7 @@ impl<'r, R: Iterator<Item = &'r Response>> Loop for Models<'_, R> {
 type Residuals = [(FloatLanes, FloatLanes); MOST_BINS / FLOAT_LANES];
 const NO_RESIDUALS: Residuals = [([0.0; FLOAT_LANES], [0.0; FLOAT_LANES]); MOST_BINS / FLOAT_LANES];
 
+/// One fit: a first gain, residuals with it, a correction of the gain, and the loss after that.
 #[inline(always)]
 fn fitted(evidence: &BlurEvidence, response: &Response, residuals: &mut Residuals) -> Fit {
     let log_gain = (evidence.low - response.low).clamp(-LARGEST_GAIN, LARGEST_GAIN);
@@ -220,6 +220,7 @@ fn fitted(evidence: &BlurEvidence, response: &Response, residuals: &mut Residual
         *kept = (residual, trust);
     }
 
+    // The weighted mean of the residuals, as far as the signal takes part in what is expected.
     let correction = (total(pull) / total(trusted).max(1e-9)).clamp(-1.0, 1.0);
 
     let mut loss = [0.0; FLOAT_LANES];

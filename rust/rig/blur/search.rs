@@ -83,7 +83,6 @@ impl Blocks {
     pub fn none(&self) -> Fit {
         let [mut left, right] = self.unblurred;
         left.loss = 0.5 * (left.loss + right.loss);
-
         left
     }
 

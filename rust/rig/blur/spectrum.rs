@@ -82,7 +82,6 @@ impl Loop for CutBlocks<'_> {
         let Self { images, place, window, block } = self;
         let corners = [(place.top, place.left), (place.right_top, place.right)];
         let parts = [&mut block.re, &mut block.im];
-        // Copies the pixels.
         for ((image, (top, left)), part) in images.into_iter().zip(corners).zip(parts) {
             for (y, row) in part.chunks_exact_mut(SIDE / FLOAT_LANES).enumerate() {
                 let pixels = &image.row(top + y)[left..left + SIDE];
@@ -96,9 +95,7 @@ impl Loop for CutBlocks<'_> {
                     weighted[lane] += values[lane] * weights[lane];
                 }
             }
-
             let mean = total(weighted) / window.sum;
-
             let values = part.as_flattened_mut().iter_mut();
             for (value, weight) in values.zip(window.values.as_flattened()) {
                 *value = (*value - mean) * weight;
@@ -116,7 +113,6 @@ impl Loop for Norms<'_> {
     #[inline(always)]
     fn run(self) {
         let ComplexBlock { re, im } = self.0;
-
         for (re, im) in re.as_flattened_mut().iter_mut().zip(im.as_flattened()) {
             *re = *re * *re + im * im;
         }
@@ -230,7 +226,7 @@ pub fn response(taps: &Taps, level: Level) -> Response {
 
 /// The first half of powers that are convolved with the power spectrum of the Hann window along both axes.
 fn smeared(powers: &[f32]) -> Vec<f32> {
-    // The coefficients of a Hann window are 1/2 and twice -1/4: their squares, of sum 1, are 2/3 and twice 1/6.
+    // The coefficients of a Hann window are 1/2 and twice -1/4: their squares, scaled to sum 1, are 2/3 and twice 1/6.
     let smear =
         |before: f32, here: f32, after: f32| here * (2.0 / 3.0) + (before + after) * (1.0 / 6.0);
 
