@@ -236,7 +236,7 @@ fn thread_pool(threads: usize) -> Result<ThreadPool> {
 }
 
 impl Matcher {
-    /// A matcher with so many threads, from 1 to [`MOST_THREADS`].
+    /// A matcher with so many threads, from 1 to 1024.
     pub fn new(threads: usize) -> Result<Self> {
         Ok(Self { pool: thread_pool(threads)?, spare: Mutex::default() })
     }
