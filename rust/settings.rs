@@ -454,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn a_weak_level_needs_two_bits_of_phase_and_twice_their_room() {
+    fn a_weak_level_needs_two_bits_of_phase_and_doubles_the_code() {
         let weak =
             |bits, cost| Settings { noise_threshold: 1.0, bits, cost, ..Preset::Paper.settings() };
         assert_eq!(weak(2, CostKind::Phase).check(), Ok(()));

@@ -110,8 +110,8 @@ pub struct Found {
 
 impl Found {
     /// The estimates for C; `is_given`: the caller gave the disparities.
-    pub fn new(found: &Estimates, is_given: bool) -> Self {
-        let Estimates { range, offsets, blur, .. } = found;
+    pub fn new(estimates: &Estimates, is_given: bool) -> Self {
+        let Estimates { range, offsets, blur, .. } = estimates;
         // Numbers that were not estimated are NaN.
         let of_range = |value: fn(&_) -> f64| range.as_ref().map_or(f64::NAN, value);
         let of_rows = |value: fn(&_) -> f64| offsets.as_ref().map_or(f64::NAN, value);
@@ -120,7 +120,7 @@ impl Found {
             |value: fn(&blur::Estimate) -> [f64; 2]| blur.as_ref().map_or([f64::NAN; 2], value);
 
         Self {
-            confidence: found.confidence.unwrap_or(f64::NAN),
+            confidence: estimates.confidence.unwrap_or(f64::NAN),
             low: of_range(|range: &crate::rig::estimation::range::SearchRange| range.low),
             high: of_range(|range| range.high),
             rows: offsets.as_ref().map_or([f64::NAN; TERMS], |rows| *rows.field.coefficients()),
@@ -135,9 +135,9 @@ impl Found {
             blurs: blur.as_ref().map_or([Blur::default(); PHASESTEREO_MOST_BLURS], blurs),
             num_blurs: blur.as_ref().map_or(0, |blur| blur.blurs.len() as u32),
             rows_blocks: offsets.as_ref().map_or(0, |rows| rows.blocks as u32),
-            rows_applied: found.alignment.is_some().into(),
-            min_disparity: found.candidates.min() as i32,
-            num_disparities: found.candidates.count() as i32,
+            rows_applied: estimates.alignment.is_some().into(),
+            min_disparity: estimates.candidates.min() as i32,
+            num_disparities: estimates.candidates.count() as i32,
             origin: match range {
                 _ if is_given => PHASESTEREO_GIVEN,
                 Some(_) => PHASESTEREO_FOUND,
@@ -145,21 +145,21 @@ impl Found {
             },
             swapped: range.as_ref().is_some_and(|range| range.swapped).into(),
             mixed: range.as_ref().is_some_and(|range| range.mixed).into(),
-            inverted: found.is_inverted.into(),
+            inverted: estimates.is_inverted.into(),
         }
     }
 }
 
 /// The kinds of blur with their shares of the image.
-fn blurs(found: &blur::Estimate) -> [Blur; PHASESTEREO_MOST_BLURS] {
-    let (_, _, labels) = &found.labels;
+fn blurs(estimate: &blur::Estimate) -> [Blur; PHASESTEREO_MOST_BLURS] {
+    let (_, _, labels) = &estimate.labels;
     let share = |index: usize| {
         let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();
         tiles as f64 / labels.len() as f64
     };
 
     let mut blurs = [Blur::default(); PHASESTEREO_MOST_BLURS];
-    for (index, (blur, kind)) in blurs.iter_mut().zip(&found.blurs).enumerate() {
+    for (index, (blur, kind)) in blurs.iter_mut().zip(&estimate.blurs).enumerate() {
         *blur = Blur { share: share(index), ..Blur::new(kind) };
     }
 

@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn too_much_is_an_error() {
+    fn too_large_a_buffer_is_an_error() {
         let refused = Memory::<u64>::default().resize(usize::MAX / 2);
         assert!(matches!(refused, Err(Error::OutOfMemory { .. })));
     }

@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_field_is_refused() {
+    fn illegal_fields_are_refused() {
         for value in [f64::NAN, f64::INFINITY, 1e6] {
             let mut coefficients = [0.0; TERMS];
             coefficients[3] = value;

@@ -639,7 +639,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kinds_are_numbered_by_area_and_those_of_none_left_out() {
+    fn kinds_are_numbered_by_area_and_those_without_tiles_left_out() {
         let map = RegionMap { rows: 1, cols: 6, labels: vec![3, 0, 0, 0, 3, 2], tile: 16 };
 
         let (map, order) = map.by_area(4);

@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_sense_is_refused_by_name() {
+    fn illegal_arguments_are_refused_by_name() {
         let refused = |noise, count, plane, tile| {
             let compensation = BlurCompensation::new(noise, vec![[None, None]; count], plane, tile);
             compensation.expect_err("must be refused").to_string()

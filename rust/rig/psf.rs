@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn the_least_of_every_family_is_none() {
+    fn the_smallest_of_every_family_is_no_blur() {
         for psf in [
             Psf::round(Family::Gaussian, 0.0),
             Psf::round(Family::Disk, 0.01),
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_may_be_anything_but_symmetric() {
+    fn a_path_need_not_be_symmetric() {
         let taps = path([(0.0, 0.0), (0.0, 1.0), (2.0, 1.5)].into_iter());
         assert_eq!(taps.reach, 2);
         let tap = |y: usize, x: usize| taps.values[y * taps.side() + x];

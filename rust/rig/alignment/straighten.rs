@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_rows_move_as_they_are() {
+    fn whole_offsets_copy_rows() {
         let image = view(20, 5, |y, x| ((31 * y + 17 * x) % 23) as f64);
         let found =
             straightened(&image, &field(&[3.0], (20, 5)), Level::best(), &Control::default());
@@ -377,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_masked_spreads_nothing() {
+    fn masked_pixels_do_not_spread() {
         let mut image = view(30, 4, |y, _| y as f64);
         let masked = Plane::from_fn(30, 4, |y, x| !(x == 2 && (10..14).contains(&y)));
         if let Image::F64(pixels) = &mut image.image {

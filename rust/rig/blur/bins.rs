@@ -182,7 +182,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_have_the_sum_one_and_only_low_bins_tell_gains() {
+    fn weights_have_the_sum_one_and_only_low_bins_count_for_the_gain() {
         let bins = bins();
         for weights in [&bins.weights, &bins.low].into_iter().chain(&bins.directions) {
             assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_looked_for_in_the_quietest_direction() {
+    fn noise_is_measured_in_the_quietest_direction() {
         for quiet in 0..SECTORS {
             let power = |place: usize| if sector(place, SECTORS) == quiet { 0.5 } else { 3.0 };
             let powers: Vec<f32> = (0..SIDE * SIDE / 2).map(power).collect();

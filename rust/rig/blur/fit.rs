@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn the_logarithm_is_one() {
+    fn the_logarithm_is_nearly_exact() {
         for power in -60..60 {
             let value = 1.37f32.powi(power);
             assert!((f64::from(ln(value)) - math::ln(f64::from(value))).abs() < 1e-4, "{value}");
@@ -331,12 +331,12 @@ mod tests {
     }
 
     #[test]
-    fn the_logarithm_of_nothing_is_finite() {
+    fn the_logarithm_of_zero_is_finite() {
         assert!((f64::from(ln(0.0)) - math::ln(f64::from(f32::MIN_POSITIVE))).abs() < 1e-3);
     }
 
     #[test]
-    fn there_is_room_for_all_bins() {
+    fn the_residuals_of_all_bins_fit() {
         assert!(bins().count() <= MOST_BINS);
     }
 
@@ -415,7 +415,7 @@ mod tests {
 
     #[test]
 
-    fn powers_of_nothing_are_explained_by_no_number_that_is_none() {
+    fn zero_powers_give_finite_fits() {
         let nothing = vec![0.0; bins().count()];
         let powers = Powers { binned: [nothing.clone(), nothing], least_high: [0.0; 2] };
 

@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_hangs_together_about_the_largest_tap_is_kept() {
+    fn only_taps_connected_to_the_largest_are_kept() {
         let mut kernel = Plane::from_fn(SIDE, SIDE, |_, _| 0.01);
 
         let center = SIDE / 2;
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn of_nothing_there_is_no_kernel() {
+    fn there_is_no_kernel_without_positive_taps() {
         assert_eq!(cleaned(&Plane::from_fn(SIDE, SIDE, |_, _| 0.0)), None);
         assert_eq!(cleaned(&Plane::from_fn(SIDE, SIDE, |_, _| -1.0)), None);
     }

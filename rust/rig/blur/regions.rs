@@ -181,7 +181,7 @@ fn least(values: &[f32]) -> usize {
 mod tests {
     use super::*;
 
-    const UNTOLD: [f32; 3] = [f32::INFINITY; 3];
+    const NO_EVIDENCE: [f32; 3] = [f32::INFINITY; 3];
 
     fn losses<const N: usize>(cols: usize, tiles: &[[f32; N]]) -> Losses {
         let rows = tiles.len() / cols;
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn what_explains_enough_tiles_better_is_chosen_too() {
+    fn a_choice_that_explains_enough_tiles_better_is_added() {
         let mut tiles = [[0.1, 0.9, 1.8]; 40];
 
         assert_eq!(losses(8, &tiles).chosen(), [0]);
@@ -214,15 +214,15 @@ mod tests {
     }
 
     #[test]
-    fn what_explains_tiles_a_little_better_by_chance_is_not() {
+    fn a_choice_that_is_a_little_better_by_chance_is_not_added() {
         let mut tiles = [[0.1, 0.9, 1.8]; 40];
         tiles[..20].fill([0.1, 0.05, 1.8]);
         assert_eq!(losses(8, &tiles).chosen(), [0]);
     }
 
     #[test]
-    fn tiles_that_tell_nothing_do_not_count() {
-        let mut tiles = [UNTOLD; 40];
+    fn tiles_without_evidence_do_not_count() {
+        let mut tiles = [NO_EVIDENCE; 40];
         assert!(losses(8, &tiles).chosen().is_empty());
 
         tiles[17] = [0.9, 0.1, 0.5];
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn there_are_so_many_choices_at_most() {
+    fn the_number_of_choices_is_limited() {
         let tile = |own: usize| -> [f32; 12] {
             std::array::from_fn(|choice| if choice == own { 0.0 } else { 2.0 })
         };
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_choice_has_all_tiles_that_tell_something() {
+    fn a_single_choice_has_all_tiles_with_evidence() {
         let tiles = [[0.5], [f32::INFINITY], [0.1], [0.3]];
         assert_eq!(losses(2, &tiles).best_members(0), [0, 2, 3]);
     }
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_chosen_first_may_be_left_without_tiles() {
+    fn the_first_choice_may_lose_all_tiles() {
         // Choice 1 is the best for all; then 2 and 3 each explain one half better.
         let mut tiles = [[2.0, 0.5, 0.1, 1.5]; 8];
         tiles[4..].fill([2.0, 0.5, 1.5, 0.2]);
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn tiles_on_a_boundary_take_over_from_those_that_are_explained() {
+    fn tiles_on_a_boundary_take_over_from_well_explained_ones() {
         let tiles =
             [[0.1, 0.9], [0.8, 0.7], [0.9, 0.05], [0.9, 0.2], [f32::INFINITY; 2], [0.9, 0.3]];
         let steadied = losses(6, &tiles).steadied();
@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn tiles_that_tell_nothing_are_of_the_kind_around_them() {
+    fn tiles_without_evidence_take_the_kind_around_them() {
         let mut tiles = [[0.9, 0.2]; 25];
         tiles[..3].fill([f32::INFINITY; 2]);
         assert_eq!(losses(5, &tiles).labels(), [1; 25]);

@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn blocks_lie_on_the_same_things() {
+    fn blocks_of_a_pair_show_the_same() {
         let pair = pair([None, None]);
         for factor in [2, 4] {
             let place = rough(&pair, factor).place(&pair, 20, 70);

@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn those_of_the_clearly_sharper_image_are_not_tried() {
+    fn blurs_of_the_clearly_sharper_image_are_not_tried() {
         let count = bank().len();
         let disk = bank().iter().position(|entry| entry.psf.family == Family::Disk);
 
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_sample_is_explained_by_is_tried_first_and_all_where_that_fails() {
+    fn the_best_of_the_sample_is_tried_first_and_all_where_it_fails() {
         let disk = bank().iter().position(|entry| entry.psf.family == Family::Disk);
         let disk = 1 + disk.expect("there are disks");
 

@@ -433,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn a_response_knows_directions() {
+    fn a_response_depends_on_the_direction() {
         let psf = |angle| Psf::motion(9.0, angle);
 
         let of = |psf: Psf| response(&psf.taps(), Level::best());

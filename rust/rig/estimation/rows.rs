@@ -411,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn a_field_is_found_beside_blocks_that_are_led_astray() {
+    fn a_field_is_found_in_spite_of_outliers() {
         let field = [1.5, -2.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0];
         let fit = robust(&points(&field, 5), LINEAR).expect("enough points");
         assert!((0..TERMS).all(|term| (fit.coefficients[term] - field[term]).abs() < 1e-6));
@@ -423,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn blocks_along_a_line_tell_no_field() {
+    fn blocks_along_a_line_determine_no_field() {
         let point = |index: usize| Point {
             terms: terms(index as f64 / 100.0 - 1.0, 0.5),
             value: 1.0,

@@ -137,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bands_lie_all_over_the_image() {
+    fn bands_are_spread_evenly() {
         assert!(bands(40).into_iter().eq(iter::once(0..40)));
         assert_eq!(bands(600), [88..112, 288..312, 488..512]);
     }
