@@ -371,7 +371,7 @@ mod cost {
 
     fn write<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
         with_costs(case, settings, |costs, _| {
-            let mut out = vec![[V::default(); LANES]; PANEL * costs.chunks()];
+            let mut out = vec![[V::default(); LANES]; PANEL * costs.runs()];
             bencher.counter(case.evaluations()).bench_local(|| {
                 case.level.run(WriteCosts { costs, out: divan::black_box(&mut out[..]) });
             });
@@ -411,7 +411,7 @@ mod cost {
 /// Sums over windows and the aggregated costs, panel by panel: of the codes of `fast`, `robust` and `paper`.
 mod aggregation {
     use super::{Bencher, COLS, Case, Preset, ROWS, Settings, cases, fast, robust, with_costs};
-    use phasestereo::internals::cost::aggregation::{Aggregator, Block};
+    use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock};
     use phasestereo::internals::optimization::PANEL;
     use phasestereo::internals::value::{LANES, Value};
 
@@ -419,12 +419,12 @@ mod aggregation {
         with_costs(case, settings, |costs, window| {
             assert!(window.largest_value(false) <= V::LARGEST_TOTAL);
 
-            let mut out = vec![[V::default(); LANES]; ROWS * PANEL * costs.chunks()];
+            let mut out = vec![[V::default(); LANES]; ROWS * PANEL * costs.runs()];
             let mut aggregator = Aggregator::<V>::default();
 
             bencher.counter(case.evaluations()).bench_local(|| {
                 for start in (0..COLS).step_by(PANEL) {
-                    let block = Block { rows: 0..ROWS, columns: start..start + PANEL };
+                    let block = PixelBlock { rows: 0..ROWS, columns: start..start + PANEL };
                     let out = divan::black_box(&mut out[..]);
                     aggregator.aggregate(costs, window, block, case.level, out).expect("memory");
                 }
@@ -451,22 +451,22 @@ mod aggregation {
 /// The search of a band, from aggregated costs to chosen candidates. All panels have the same costs.
 mod optimization {
     use super::{Bencher, COLS, Case, Control, Optimizer, Texture, cases, noise};
-    use phasestereo::internals::cost::aggregation::{Aggregator, Block};
+    use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock};
     use phasestereo::internals::error::Result;
     use phasestereo::internals::optimization::edges::Edges;
     use phasestereo::internals::optimization::{
-        BAND, LOOK_ROWS, PANEL, Search, Source, Steps, Workspace,
+        BAND, CandidateSearch, CostSource, LOOKAHEAD_ROWS, PANEL, Penalties, Workspace,
     };
     use phasestereo::internals::value::{LANES, Lanes, Value};
 
     /// Rows that the paths of a band see.
-    const ROWS: usize = BAND + 2 * LOOK_ROWS;
+    const ROWS: usize = BAND + 2 * LOOKAHEAD_ROWS;
 
     /// Costs that are only copied.
     struct Same<T>(Vec<Lanes<T>>);
 
-    impl<T: Value> Source<T> for Same<T> {
-        fn write(&self, _: &mut Aggregator<T>, _: Block, out: &mut [Lanes<T>]) -> Result<()> {
+    impl<T: Value> CostSource<T> for Same<T> {
+        fn write(&self, _: &mut Aggregator<T>, _: PixelBlock, out: &mut [Lanes<T>]) -> Result<()> {
             out.copy_from_slice(&self.0[..out.len()]);
             Ok(())
         }
@@ -488,15 +488,25 @@ mod optimization {
             Edges::nowhere(COLS)
         };
 
-        let (size, first) = ((ROWS, COLS), BAND - LOOK_ROWS);
-        let (steps, edges, weighs) = (Steps { p1: 10, p2: 50 }, &edges.expect("memory"), true);
-        let search =
-            Search { size, first, candidates, optimizer, steps, edges, weighs, level, control };
+        let (size, first) = ((ROWS, COLS), BAND - LOOKAHEAD_ROWS);
+        let (penalties, edges, weighs) =
+            (Penalties { p1: 10, p2: 50 }, &edges.expect("memory"), true);
+        let search = CandidateSearch {
+            size,
+            first,
+            candidates,
+            optimizer,
+            penalties,
+            edges,
+            weighs,
+            level,
+            control,
+        };
 
         let mut workspace = Workspace::<T>::default();
         bencher.counter(case.evaluations()).bench_local(|| {
-            let rows = LOOK_ROWS..LOOK_ROWS + BAND;
-            search.run(rows, &source, divan::black_box(&mut workspace)).is_ok()
+            let rows = LOOKAHEAD_ROWS..LOOKAHEAD_ROWS + BAND;
+            search.choose(rows, &source, divan::black_box(&mut workspace)).is_ok()
         });
     }
 
@@ -618,7 +628,7 @@ mod synthesis {
         noise, views,
     };
     use phasestereo::internals::image::convolution::Kernel;
-    use phasestereo::internals::refinement::synthesis::Scene;
+    use phasestereo::internals::refinement::synthesis::BlurredPair;
     use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 
     /// Synthesizes the soft image (0: left, 1: right) of a map of patches.
@@ -642,7 +652,7 @@ mod synthesis {
         let patches = noise(ROWS / 16, COLS / 16, |value| (value % 40) as f32);
         let map = Plane::from_fn(ROWS, COLS, |y, x| patches.row(y / 16)[x / 16]);
 
-        let scene = Scene::new(
+        let scene = BlurredPair::new(
             [&views[0], &views[1]],
             Some(&compensation),
             0..ROWS,
@@ -705,12 +715,12 @@ mod subpixel {
 
 mod confidence {
     use super::{At, Bencher, Control, SampleMap, every};
-    use phasestereo::internals::refinement::confidence::Scene;
+    use phasestereo::internals::refinement::confidence::VotedMap;
 
     #[divan::bench(args = every())]
     fn confidences(bencher: Bencher, At(level): &At) {
         SampleMap::bench(bencher, |SampleMap { disparity, votes, texture, .. }, out| {
-            Scene { disparity, votes, texture }.confidences(out, *level, &Control::default())
+            VotedMap { disparity, votes, texture }.confidences(out, *level, &Control::default())
         });
     }
 }

@@ -12,7 +12,7 @@ mod workers;
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
+use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -30,13 +30,12 @@ use self::supervisor::supervised;
 use self::workers::{Pool, Workers};
 use crate::cost::Costs;
 use crate::cost::aggregation::{Window, aggregate};
-use crate::cost::candidates::Candidates;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
 use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
 use crate::image::texture::Roughness;
-use crate::optimization::{BAND, Steps, optimize};
+use crate::optimization::{BAND, Penalties, optimize};
 use crate::pipeline::footprint::Demand;
 use crate::pipeline::halo::Halo;
 use crate::pipeline::matcher::{Disparity, Execution, on_threads};
@@ -79,8 +78,7 @@ mod _core {
     use super::{
         Workers, aggregate_volume, blur_is_as_before, check_blur_compensation, check_settings,
         cost_volume, descriptor, estimate_pair, estimate_pair_by_rows, find_ranges, find_roughness,
-        halo, match_pair, match_rows, optimize_volume, preset, simd_level, summarize,
-        working_memory,
+        halo, match_pair, match_rows, optimize_volume, preset, simd_level, working_memory,
     };
 
     #[pymodule_init]
@@ -150,6 +148,10 @@ type Matched<'py> = (
     Bound<'py, PyDict>,
 );
 
+/// Shares with an estimate, flagged, at the least and at the largest disparity; mean confidence.
+type Summarized = (f64, f64, f64, f64, f64);
+
+/// All of a default match: what the pair lacks is estimated, the map is found and summed up in one call.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 fn match_pair<'py>(
@@ -161,7 +163,7 @@ fn match_pair<'py>(
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
     known: KnownOfPair<'py>,
-) -> PyResult<(Matched<'py>, EstimatesTuple<'py>)> {
+) -> PyResult<(Matched<'py>, Summarized, EstimatesTuple<'py>)> {
     let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
@@ -170,12 +172,17 @@ fn match_pair<'py>(
     let pool = Pool::for_argument(threads)?;
     let rows = pair.size().0;
     let how = Execution { threads: pool.threads(), level: Level::best() };
-    let (map, estimates) = supervised(py, &pool, rows, progress, move |matcher, control| {
-        let means = Means { matcher, how, control };
-        prepare_and_match(pair, known, &settings, means)
-    })?;
+    let (map, summary, estimates) =
+        supervised(py, &pool, rows, progress, move |matcher, control| {
+            let means = Means { matcher, how, control };
+            let (map, found) = prepare_and_match(pair, known, &settings, means)?;
+            let summary = Summary::new(&map, found.candidates);
+            Ok((map, summary, found))
+        })?;
 
-    Ok((disparity_to_py(py, map)?, estimates_to_py(py, estimates)?))
+    let Summary { estimated, flagged, at_low, at_high, confidence } = summary;
+    let summarized = (estimated, flagged, at_low, at_high, confidence);
+    Ok((disparity_to_py(py, map)?, summarized, estimates_to_py(py, estimates)?))
 }
 
 fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
@@ -388,38 +395,6 @@ fn match_rows<'py>(
     disparity_to_py(py, found)
 }
 
-/// The shares of pixels with an estimate, flagged, at the least and at the largest disparity; mean confidence.
-#[pyfunction]
-fn summarize(
-    disparity: PyReadonlyArray2<'_, f32>,
-    flags: PyReadonlyArray2<'_, u16>,
-    confidence: Option<PyReadonlyArray2<'_, f32>>,
-    disparities: (i64, i64),
-) -> PyResult<(f64, f64, f64, f64, f64)> {
-    let (rows, cols) = disparity.as_array().dim();
-    let confidence = confidence.as_ref();
-    let is_like = |shape: (usize, usize)| shape == (rows, cols);
-    if !is_like(flags.as_array().dim()) || !confidence.is_none_or(|c| is_like(c.as_array().dim())) {
-        return Err(PyValueError::new_err("flags, confidence: accept the shape of disparity"));
-    }
-
-    let candidates = Candidates::new(disparities.0, disparities.1, cols)?;
-    let confidence = confidence.map(|confidence| confidence.as_slice()).transpose();
-    let (disparity, flags) = (disparity.as_slice(), flags.as_slice());
-    // The core reads the planes as slices.
-    let contiguous = |_| PyValueError::new_err("disparity, flags, confidence: accept C order");
-
-    let found = Summary::new(
-        disparity.map_err(contiguous)?,
-        flags.map_err(contiguous)?,
-        confidence.map_err(contiguous)?,
-        candidates,
-    );
-
-    let Summary { estimated, flagged, at_low, at_high, confidence } = found;
-    Ok((estimated, flagged, at_low, at_high, confidence))
-}
-
 #[pyfunction]
 fn descriptor<'py>(
     py: Python<'py>,
@@ -502,10 +477,10 @@ fn optimize_volume<'py>(
 ) -> PyResult<Bound<'py, PyArray2<u16>>> {
     let settings = read_settings(settings)?;
     let (costs, (rows, _, count)) = read_volume(costs, "costs")?;
-    let steps = Steps { p1, p2 };
+    let penalties = Penalties { p1, p2 };
 
     let chosen = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
-        optimize(&costs, count, settings.optimizer, steps, Level::best(), control)
+        optimize(&costs, count, settings.optimizer, penalties, Level::best(), control)
     })?;
 
     wrap(py, chosen)

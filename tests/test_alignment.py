@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from phasestereo.rig.estimation import measure_alignment
+from estimating import estimated
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
 from warping import moved
@@ -41,7 +41,7 @@ def texture(rows: int, cols: int) -> Plane:
 
 
 def measured(left: Plane, right: Plane) -> Alignment:
-    found = measure_alignment(left, right)
+    found = estimated(left, right).alignment
     assert found is not None
     return found
 
@@ -105,9 +105,12 @@ def test_one_sided_blur_does_not_hide_a_shift_nor_make_one(data: Path) -> None:
     defocus = degradation.Degradation(degradation.disk_psf(6), noise=1)
     for name in SCENES:
         left, right = views(data, name)
+
         soft = gray(defocus(left))
         found = measured(soft, gray(right))
+
         assert found.rms < max(0.3, 4 * found.error), name
+
         shifted = measured(soft, moved(gray(right), down=1))
         assert shifted.vertical - found.vertical == pytest.approx(1, abs=0.15), name
 
@@ -122,5 +125,5 @@ def test_one_sided_blur_does_not_hide_a_shift_nor_make_one(data: Path) -> None:
         (texture(120, 120), np.random.default_rng(1).normal(size=(120, 120)).astype(np.float32)),
     ],
 )
-def test_nothing_is_told_from_nothing(pair: tuple[Plane, Plane]) -> None:
-    assert measure_alignment(*pair) is None
+def test_nothing_is_found_in_nothing(pair: tuple[Plane, Plane]) -> None:
+    assert estimated(*pair).alignment is None

@@ -23,11 +23,11 @@ const SPREADS = {
 
 // [{topic, severity, sentence}], the worst first, of what the matcher found, with the `size` of the images, and of the images themselves.
 export function sentences(found, { left, right }, levels) {
-  const told = [
+  const all = [
     ...rangeOf(found), rowsOf(found, levels), ...blurOf(found, levels),
     contrastOf(left, right, levels), noiseOf(found, levels), saturationOf(left, right, levels),
   ];
-  return told.sort((one, other) => ORDER.indexOf(one.severity) - ORDER.indexOf(other.severity));
+  return all.sort((one, other) => ORDER.indexOf(one.severity) - ORDER.indexOf(other.severity));
 }
 
 function finding(topic, severity, sentence) {
@@ -45,12 +45,12 @@ function rangeOf({ range, inverted }) {
     return [finding("range", "warning", "hardly anything in one image is found in the other: these are no pair, or far from rectified")];
   }
   const ends = `${Math.round(range.low)} to ${Math.round(range.high)} px`;
-  const told = [finding("range", "ok", `disparities are ${ends}`)];
-  if (inverted) told.push(finding("contrast", "warning", "what is bright in one image is dark in the other: its negative is matched"));
-  if (range.swapped) told.push(finding("swap", "warning", `left and right seem to be swapped, all disparities are negative (${ends}): exchange them`));
-  else if (range.mixed) told.push(finding("swap", "note", `disparities of both signs (${ends}): the cameras are toed in, or the images are cropped`));
-  else told.push(finding("swap", "ok", "left and right are in their places"));
-  return told;
+  const findings = [finding("range", "ok", `disparities are ${ends}`)];
+  if (inverted) findings.push(finding("contrast", "warning", "what is bright in one image is dark in the other: its negative is matched"));
+  if (range.swapped) findings.push(finding("swap", "warning", `left and right seem to be swapped, all disparities are negative (${ends}): exchange them`));
+  else if (range.mixed) findings.push(finding("swap", "note", `disparities of both signs (${ends}): the cameras are toed in, or the images are cropped`));
+  else findings.push(finding("swap", "ok", "left and right are in their places"));
+  return findings;
 }
 
 function rowsOf({ rows, size }, levels) {

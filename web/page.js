@@ -13,7 +13,7 @@ const NOISE = 1; // gray levels, of rendered pairs; photographs have their own
 const SEEDS = { left: 1, right: 2 }; // of this noise
 const OWN = "own"; // what the user's pair is called in the list
 
-const pair = { left: null, right: null, plain: null, truth: null, noise: 0, told: "", range: null, isNew: true };
+const pair = { left: null, right: null, plain: null, truth: null, noise: 0, note: "", range: null, isNew: true };
 const asked = { ...NOTHING };
 let next = null; // the preset to match with next
 let timer = 0;
@@ -97,7 +97,7 @@ function keepRange({ range: { minDisparity, numDisparities, origin } }) {
   if (origin === "found") pair.range = { minDisparity, numDisparities };
 }
 
-// The viewer has nothing to tell before the first result, and the points before the first of `robust`.
+// The viewer has nothing to show before the first result, and the points before the first of `robust`.
 let startViewer = () => {
   startViewer = () => {};
   bindTabs();
@@ -123,11 +123,11 @@ function tellFindings(found) {
 
 function tellFigures(result, truth, preset) {
   const { trusted, wrong } = sharesOf(result, truth);
-  element("trusted-told").textContent = `${(100 * trusted).toFixed(1)} %`;
-  element("wrong-told").textContent = wrong === null ? "" : `${(100 * wrong).toFixed(1)} %`;
-  element("wrong-told").parentElement.hidden = wrong === null;
-  element("time-told").textContent = `${Math.max(1, Math.round(result.milliseconds))} ms`;
-  element("preset-told").textContent = `with ${preset}`;
+  element("trusted-shown").textContent = `${(100 * trusted).toFixed(1)} %`;
+  element("wrong-shown").textContent = wrong === null ? "" : `${(100 * wrong).toFixed(1)} %`;
+  element("wrong-shown").parentElement.hidden = wrong === null;
+  element("time-shown").textContent = `${Math.max(1, Math.round(result.milliseconds))} ms`;
+  element("preset-shown").textContent = `with ${preset}`;
 }
 
 // The pair
@@ -135,7 +135,7 @@ function tellFigures(result, truth, preset) {
 function takeScene(name) {
   const rendered = renderPair(name);
   const range = { minDisparity: 0, numDisparities: NUM_DISPARITIES };
-  take({ ...rendered, noise: NOISE, range, told: "Rendered here: the truth is known." });
+  take({ ...rendered, noise: NOISE, range, note: "Rendered here: the truth is known." });
 }
 
 async function takeFiles(files) {
@@ -157,7 +157,7 @@ const takeOwn = (read) => take({ ...read, truth: null, noise: 0, range: null });
 function take(taken) {
   Object.assign(pair, taken, { isNew: true });
   takePlain();
-  element("told").textContent = pair.told;
+  element("pair-note").textContent = pair.note;
   trouble("");
   setSliders(NOTHING);
 }
@@ -191,7 +191,7 @@ function tellSlider(name) {
   const { value, dataset } = element(name);
   asked[name] = Number(value);
   const text = `${numberOf(asked[name], asked[name] % 1 ? 2 : 0)}${dataset.unit}`;
-  element(`${name}-told`).textContent = text;
+  element(`${name}-shown`).textContent = text;
   element(name).setAttribute("aria-valuetext", text);
 }
 

@@ -3,7 +3,7 @@
 const MOST_PIXELS = 500_000; // of an image: larger ones are made smaller, so that a match takes seconds at most
 const LEAST_RATIO = 1.2; // width by height from which on one file is taken for two views side by side
 
-// The pair in some files: {left, right, told}, `told` in words. Throws an Error that says what is wrong.
+// The pair in some files: {left, right, note}, `note` in words. Throws an Error that says what is wrong.
 export async function readPair(files) {
   const pictures = [...files];
   if (pictures.length !== 1 && pictures.length !== 2) {
@@ -13,7 +13,7 @@ export async function readPair(files) {
   return bitmaps.length === 2 ? pairOfTwo(bitmaps) : pairOfOne(bitmaps[0], pictures[0].name);
 }
 
-// The left image first, as far as names tell: left.png before right.png, im0 before im1, img_1 before img_2.
+// The left image first, as far as names say: left.png before right.png, im0 before im1, img_1 before img_2.
 function inOrder(files) {
   return files.sort((a, b) => a.name.localeCompare(b.name, "en", { numeric: true }));
 }
@@ -53,6 +53,6 @@ function pairOf(bitmaps, starts, width, height) {
     context.drawImage(bitmap, starts[n], 0, width, height, 0, 0, cols, rows);
     return context.getImageData(0, 0, cols, rows);
   });
-  const told = `${sizeOf({ width, height })} pixels${scale < 1 ? `, matched at ${cols} \u00d7 ${rows}` : ""}.`;
-  return { left, right, told };
+  const note = `${sizeOf({ width, height })} pixels${scale < 1 ? `, matched at ${cols} \u00d7 ${rows}` : ""}.`;
+  return { left, right, note };
 }

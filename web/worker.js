@@ -169,7 +169,7 @@ function readError() {
   return new TextDecoder().decode(bytes.slice(0, bytes.indexOf(0)));
 }
 
-/** What was found, as matcher.js tells it. */
+/** What was found, as matcher.js returns it. */
 function readFound(start) {
   const view = new DataView(core.memory.buffer, start, FOUND);
   const number = (offset) => {

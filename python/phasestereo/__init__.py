@@ -107,9 +107,10 @@ else:
     }
 
     def __getattr__(name):
-        """Import what is first asked for: modules, as `ps.io`, and what has its home in others."""
+        """Import what is first asked for: modules, such as `ps.io`, and names of other modules."""
         if name in _ON_DEMAND:
             return import_module(f"{__name__}.{name}")
+
         if name in _HOMES:
             return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -33,6 +33,7 @@ def _start() -> int:
     except ImportError as error:
         sys.stderr.write(f"phasestereo: error: {error}\n")
         return 1
+
     code: int = import_module("phasestereo.cli").run(sys.argv[1:])
     return code
 

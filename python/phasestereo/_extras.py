@@ -1,4 +1,4 @@
-"""Optional dependencies: imported when first needed, and named with their cure when missing."""
+"""Optional dependencies: imported when first needed; an error says what installs them."""
 
 from __future__ import annotations
 

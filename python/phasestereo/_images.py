@@ -47,6 +47,7 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
     pixels = as_array(image, name)
     if pixels.dtype.kind + str(pixels.dtype.itemsize) not in ("u1", "u2", "f4", "f8"):
         raise TypeError(f"{name}: got dtype {pixels.dtype}; accepts {ACCEPTED}")
+
     if pixels.ndim == 2:
         pixels = pixels[:, :, np.newaxis]
     if pixels.ndim != 3 or pixels.shape[2] not in (1, 3, 4):
@@ -56,6 +57,7 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
         )
     if pixels.size == 0:
         raise ValueError(f"{name}: got shape {np.shape(image)}; accepts at least one pixel")
+
     colors = pixels[:, :, :3]
     native: Pixels = np.require(colors, colors.dtype.newbyteorder("="), ["C", "ALIGNED"])
     return native
@@ -83,12 +85,14 @@ def opened_pair(left: Picture, right: Picture) -> tuple[Pixels, Pixels]:
 def as_pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
     """Return both images of a pair as `as_pixels` does; they must agree in size and type."""
     pair = as_pixels(left, "left"), as_pixels(right, "right")
+
     if pair[0].dtype != pair[1].dtype:
         raise TypeError(f"right: got dtype {pair[1].dtype}; accepts that of left, {pair[0].dtype}")
     if pair[0].shape[:2] != pair[1].shape[:2]:
         raise ValueError(
             f"right: got {pair[1].shape[:2]} pixels; accepts the size of left, {pair[0].shape[:2]}"
         )
+
     return pair
 
 
@@ -106,6 +110,7 @@ def as_rgb8(pixels: Pixels) -> NDArray[np.uint8]:
         shown = pixels.astype(np.uint8, copy=False)
     else:
         shown = on_screen(pixels, screen_range([pixels]))
+
     return np.broadcast_to(shown, (*shown.shape[:2], 3))
 
 
@@ -130,18 +135,30 @@ def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray
     """Return a mask (True = valid) of the given size as a contiguous array, or None."""
     if mask is None:
         return None
+
     valid = as_array(mask, name)
     if valid.dtype != np.bool_:
         raise TypeError(f"{name}: got dtype {valid.dtype}; accepts bool (True = valid)")
     if valid.shape != size[:2]:
         raise ValueError(f"{name}: got shape {valid.shape}; accepts the image's {size[:2]}")
+
     return np.ascontiguousarray(valid)
+
+
+def join_masks(
+    mask: NDArray[np.bool_] | None, other: NDArray[np.bool_] | None
+) -> NDArray[np.bool_] | None:
+    """Return what both masks leave valid; None: everything."""
+    if mask is None or other is None:
+        return other if mask is None else mask
+    return mask & other
 
 
 def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
     """Return an array-like as an array; if it is none, the message names the argument."""
     if _is_masked_array(value):
         raise TypeError(f"{name}: got a masked array; accepts plain arrays, and masks apart")
+
     try:
         return np.asarray(value)
     except MemoryError:
@@ -153,7 +170,7 @@ def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
 
 
 def _is_masked_array(value: object) -> bool:
-    """Tell masked arrays without importing `numpy.ma`.
+    """Recognize masked arrays without importing `numpy.ma`.
 
     An import during a match would hold its lock while another thread forks the process.
     """

@@ -1,4 +1,4 @@
-"""Ctrl-C, kept out of what must not be half done, and of processes that are not to hear it."""
+"""Ctrl-C: postponed where something must not be half done, and blocked for other processes."""
 
 from __future__ import annotations
 
@@ -13,34 +13,37 @@ if TYPE_CHECKING:
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Let a block end before Ctrl-C is heard; an error that ends it goes first.
+    """Postpone Ctrl-C to the end of a block; an exception that ends the block comes first.
 
-    A mask would not do: the system hands a signal that one thread masks to another one, and Python
-    then has the main thread hear it.
+    A signal mask would not do: the system delivers a signal that one thread masks to another one,
+    and Python still runs the handler in the main thread.
     """
-    hear = signal.getsignal(signal.SIGINT)
-    if not callable(hear) or threading.current_thread() is not threading.main_thread():
-        yield  # nobody hears it, or not here
+    handler = signal.getsignal(signal.SIGINT)
+    if not callable(handler) or threading.current_thread() is not threading.main_thread():
+        yield  # nobody handles the signal, or another thread does
         return
-    came: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+
+    received: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: received.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, hear)
-    if came:
-        hear(came[0], None)
+        signal.signal(signal.SIGINT, handler)
+    if received:
+        handler(received[0], None)
 
 
 @contextmanager
 def unheard() -> Iterator[None]:
-    """Start threads and processes in a block which Ctrl-C does not reach, as long as they want.
+    """Block Ctrl-C for the threads and processes that are started in a block of code.
 
-    Systems without signal masks do not know that. This thread hears of it when the block ends.
+    They inherit the signal mask and may lift it. What arrives in this thread meanwhile is handled
+    when the block ends. Systems without signal masks (Windows) ignore this.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

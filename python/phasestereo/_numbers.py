@@ -1,9 +1,10 @@
-"""Numbers as arguments: refused by name if they are none, or out of range."""
+"""Numbers as arguments, refused by name if they are none or out of range; and for JSON."""
 
 from __future__ import annotations
 
 import math
 from numbers import Integral, Real
+from typing import Any
 
 _PRINTED_BITS = 64
 
@@ -32,9 +33,10 @@ def as_integer(
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise TypeError(f"{name}: got {type(value).__name__}; accepts an integer")
     number = int(value)
+
     if least is not None and (number < least or (most is not None and number > most)):
         end = "or more" if most is None else f"to {most}"
-        # A huge one is not printed: Python may refuse to.
+        # Python may refuse to print a huge one: `sys.set_int_max_str_digits`.
         got = number if number.bit_length() <= _PRINTED_BITS else "a huge integer"
         raise ValueError(f"{name}: got {got}; accepts {least} {end}")
     return number
@@ -73,3 +75,15 @@ def as_number(
         end = "" if least is None else f", {least:g} or more"
         raise ValueError(f"{name}: got {value}; accepts {kind}{end}")
     return number
+
+
+def as_json(value: Any) -> Any:
+    """Return nested records with None for numbers that JSON does not have, and no tuples."""
+    match value:
+        case dict():
+            return {name: as_json(inner) for name, inner in value.items()}
+        case list() | tuple():
+            return [as_json(inner) for inner in value]
+        case float() if not math.isfinite(value):
+            return None
+    return value

@@ -20,6 +20,7 @@ from phasestereo import _core
 from phasestereo._images import as_mask, as_pair
 from phasestereo._numbers import as_integer
 from phasestereo.result import Result
+from phasestereo.rig.alignment import applied_field
 from phasestereo.rig.compensation import BlurCompensation, as_blur_compensation, as_noise
 from phasestereo.rig.estimates import as_estimates
 from phasestereo.settings import Settings, resolve
@@ -59,14 +60,14 @@ class PairStatistics:
         The settings that every part is matched with: with ``compensate_blur=True`` those that suit
         the blur that was found.
     blur_compensation
-        The versions in which pixels are compared, of the whole pair; it tells the noise, too. None:
+        The versions in which pixels are compared, of the whole pair; it has the noise, too. None:
         the images as they are.
     blur
         What was found out about blur and noise, if that was asked for.
     alignment
-        How the rows of the images correspond, if that was asked for and could be told.
+        How the rows of the images correspond, if that was asked for and could be estimated.
     search
-        The disparities to search, and whether they were told or found. None: they were told.
+        The disparities to search, and whether they were given or found. None: they were given.
     ranges
         Where the pixels of the left and of the right image lie, if they are floats: (black, white)
         in thousandths of their unit, but for 0.1 % at either end. None: not needed.
@@ -90,9 +91,7 @@ class PairStatistics:
     @property
     def field(self) -> Field | None:
         """The field that the right image is straightened by, as the core takes it."""
-        if self.alignment is None or not self.alignment.applied:
-            return None
-        return self.alignment.field
+        return applied_field(self.alignment)
 
     @property
     def is_inverted(self) -> bool:
@@ -181,33 +180,41 @@ def pair_statistics(
     """
     asked = resolve(preset, settings, overrides)
     rows = Checked(read, as_size(size))
+
     (left, right), masks = rows(0, 1)
-    dtype, search = left.dtype, (min_disparity, num_disparities)
-    # Threads of its own: one of those that are shared would wait for a reader that matches.
-    workers = _core.Workers(threads)
+    dtype = left.dtype
+    search = min_disparity, num_disparities
     known = as_noise(noise, blur_compensation), blur_compensation, None, False
-    one = _core.estimate_pair(
-        (left, right), masks, search, replace(asked, align_rows=False), workers
-    )
-    del one  # The core owns the ranges of arguments, and refuses of one row what it would of all.
+
+    # Workers of its own: a shared one would wait for a reader that matches.
+    workers = _core.Workers(threads)
+    # The core owns the ranges of arguments: one row is refused for what all of them would be.
+    _core.estimate_pair((left, right), masks, search, replace(asked, align_rows=False), workers)
+
     ranges, roughness = None, None
     if dtype.kind == "f" and (asked.cost == "phase" or asked.intensity_range is None):
         ranges = _core.find_ranges(rows, rows.size, search)
+
     found = as_estimates(
         _core.estimate_pair_by_rows(rows, rows.size, search, asked, ranges, workers, known),
         asked,
         search,
         blur_compensation,
     )
+
     looks = asked.guided_median or asked.synthesis or asked.confidence
     if looks or asked.adaptive_p2 > 0 or asked.min_confidence > 0:
         impulses = found.blur_compensation.impulses[0] if found.blur_compensation else 0.0
         roughness = _core.find_roughness(rows, rows.size, search, ranges, impulses)
+
     compensation = found.blur_compensation
     if compensation is None and known[0] is not None:
         compensation = BlurCompensation(noise=known[0])
+
+    # No later pair is compared with the pair.
     # No later pair is compared with it.
     blur = None if found.blur is None else replace(found.blur, glance=None)
+
     return PairStatistics(
         size=rows.size,
         dtype=dtype.name,
@@ -255,7 +262,8 @@ def halo(
     """
     if not isinstance(settings, Settings):
         raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings")
-    field = alignment.field if alignment is not None and alignment.applied else None
+
+    field = applied_field(alignment)
     around, _ = _core.halo(settings, as_blur_compensation(blur_compensation), field)
     return around
 
@@ -300,16 +308,21 @@ def match_rows(
         )
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
+
     rows = Checked(read, statistics.size, statistics.dtype)
     as_integer("first", first, least=0, most=statistics.size[0] - 1)
     as_integer("last", last, least=first + 1, most=statistics.size[0])
+
     around, masked = _core.halo(statistics.settings, statistics.blur_compensation, statistics.field)
     top, bottom = _widened(first, last, around, statistics)
     images, masks = rows(top, bottom)
+
+    # Rows without a valid pixel copy others from farther away, so the halo must be wider.
     if any(mask is not None and not mask.any(axis=1).all() for mask in masks):
-        del images, masks  # or there would be two of them
+        del images, masks  # before they are read again, or memory would hold both
         top, bottom = _widened(top, bottom, masked, statistics)
         images, masks = rows(top, bottom)
+
     disparity, flags, confidence, timings = _core.match_rows(
         images, masks, statistics, top, (first, last), threads, progress
     )
@@ -354,7 +367,7 @@ def working_memory(statistics: PairStatistics, rows: int, *, threads: int, items
 
 
 class Checked:
-    """A reader whose rows are what they must be, as the core takes them."""
+    """A reader whose rows are checked, and in the form that the core takes."""
 
     def __init__(self, read: Reader, size: tuple[int, int], dtype: str | None = None) -> None:
         if not callable(read):
@@ -373,6 +386,7 @@ class Checked:
                 f"read: got {type(found).__name__}{many}; accepts a tuple of four, (left, right, "
                 "left_mask, right_mask)"
             )
+
         left, right, left_mask, right_mask = found
         pair = as_pair(left, right)
         size = last - first, self.size[1]
@@ -381,6 +395,7 @@ class Checked:
                 f"read: got {pair[0].shape[:2]} pixels for the rows {first} to {last}; "
                 f"accepts {size}"
             )
+
         name = pair[0].dtype.name
         if self._dtype not in (None, name):
             raise TypeError(
@@ -388,6 +403,7 @@ class Checked:
                 f"others, {self._dtype}"
             )
         self._dtype = name
+
         masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
         return pair, masks
 
@@ -396,5 +412,6 @@ def as_size(size: tuple[int, int]) -> tuple[int, int]:
     """Return numbers of rows and columns, or say by name why they are none."""
     if not isinstance(size, (tuple, list)) or len(size) != 2:
         raise TypeError(f"size: got {size!r}; accepts a pair (rows, columns)")
+
     rows, cols = size
     return as_integer("size", rows, least=1), as_integer("size", cols, least=1)

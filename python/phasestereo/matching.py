@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from phasestereo import _core
 from phasestereo._images import as_array, as_mask, as_pair, opened
 from phasestereo.result import Result, Summary
+from phasestereo.rig.alignment import applied_field
 from phasestereo.rig.compensation import BlurCompensation, Noise, as_noise
 from phasestereo.rig.estimates import Known, as_estimates
 from phasestereo.rig.findings import warn
@@ -21,11 +22,14 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Picture, Pixels
-    from phasestereo.rig.estimates import Estimates, Matched
+    from phasestereo.rig.estimates import Estimates, Matched, Summarized
 
     Mask = NDArray[np.bool_]
     Progress = Callable[[int, int], object]
     Search = tuple[int, int | None]
+
+MOST_DISPARITIES = 16384
+"""The most disparities that the core searches, however wide the images are."""
 
 
 def match(
@@ -56,7 +60,7 @@ def match(
     num_disparities
         Number of disparities to search, 1 to the images' width and at most 16384. None: the range
         is found from small copies of the images, up to 45 % of the width either way, and
-        `min_disparity` must be 0; where they tell nothing it is a third of the width.
+        `min_disparity` must be 0; where nothing is found it is a third of the width.
         ``result.search`` says which range, and why.
     min_disparity
         Smallest disparity; those in [min_disparity, min_disparity + num_disparities) are searched.
@@ -70,8 +74,8 @@ def match(
         says, or else as many as the process may use, shared by all matches of this process that
         run at the same time. The result does not depend on it.
     left_mask, right_mask
-        bool (H, W), True = valid. A masked pixel neither votes nor is estimated, and what it holds
-        (it may be NaN) has no effect. None: all are valid.
+        bool (H, W), True = valid. A masked pixel neither supports others nor is estimated, and
+        what it holds (it may be NaN) has no effect. None: all are valid.
     progress
         Called as ``progress(rows_done, rows)`` every now and then from the calling thread; what it
         raises ends the match.
@@ -125,14 +129,11 @@ def match(
     confidences. Pairs that do not fit into memory: `phasestereo.outofcore`, `match_rows`. Nothing
     but that is kept, nor are any threads: to match one pair after another, `Matcher` keeps them.
     """
-    chosen = resolve(preset, settings, overrides)
-    search = min_disparity, num_disparities
-    masks = left_mask, right_mask
     result = match_silently(
         (left, right),
-        masks,
-        search,
-        settings=chosen,
+        (left_mask, right_mask),
+        (min_disparity, num_disparities),
+        settings=resolve(preset, settings, overrides),
         threads=threads,
         progress=progress,
         given=(noise, blur_compensation),
@@ -210,16 +211,14 @@ class Matcher:
         before
             The result of an earlier pair of the same cameras. If this one's blur is as it was,
             which is seen at a glance, all that was estimated then is taken over: blur, noise and
-            contrast, the field of the rows, and the range of disparities unless it is told; and
-            ``result.blur.reused`` is True. What a glance does not see is told by the notes of
+            contrast, the field of the rows, and the range of disparities unless it is given; and
+            ``result.blur.reused`` is True. What a glance does not see is in the notes of
             `phasestereo.stream`. None: all is estimated anew, if need be.
         """
-        search = min_disparity, num_disparities
-        masks = left_mask, right_mask
         result = match_silently(
             (left, right),
-            masks,
-            search,
+            (left_mask, right_mask),
+            (min_disparity, num_disparities),
             settings=self._settings,
             threads=self._workers,
             progress=progress,
@@ -252,21 +251,26 @@ def match_silently(
     """Match as `match` and `Matcher.match` do, without a warning."""
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
+
     arrays = as_array(opened(images[0]), "left"), as_array(opened(images[1]), "right")
     pair = as_pair(*arrays)
     size = pair[0].shape
     valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
+
     known: Known = as_noise(*given), given[1], None, False
+
+    # What was estimated for an earlier pair is taken over where a glance finds the same blur.
     if before is not None and _is_as_before(before, pair, valid, threads):
-        matched, found = _again(before, pair, valid, search, (threads, progress))
+        matched, summary, found = _match_again(before, pair, valid, search, (threads, progress))
     else:
-        matched, estimated = _core.match_pair(
+        matched, summary, estimated = _core.match_pair(
             pair, valid, search, settings, threads, progress, known
         )
         found = as_estimates(estimated, settings, search, given[1])
+
     disparity, flags, confidence, stages = matched
     timings = {"estimation": found.seconds} if found.seconds else {}
-    searched = found.search.min_disparity, found.search.num_disparities
+
     return Result(
         disparity,
         flags,
@@ -277,7 +281,7 @@ def match_silently(
         blur=found.blur,
         alignment=found.alignment,
         blur_compensation=found.blur_compensation,
-        summary=Summary(*_core.summarize(disparity, flags, confidence, searched)),
+        summary=Summary(*summary),
         pair=arrays,
     )
 
@@ -288,29 +292,32 @@ def _is_as_before(
     masks: tuple[Mask | None, Mask | None],
     threads: int | _core.Workers | None,
 ) -> bool:
-    """Tell whether what was found out of an earlier pair holds for this one, at a glance."""
+    """Return whether what was estimated for an earlier pair holds for this one, at a glance."""
     if before.blur is None or before.blur.glance is None:
         return False
+
     return _core.blur_is_as_before(pair, masks, before.blur.glance, before.blur.impulses, threads)
 
 
-def _again(
+def _match_again(
     before: Result,
     pair: tuple[Pixels, Pixels],
     masks: tuple[Mask | None, Mask | None],
     search: Search,
     how: tuple[int | _core.Workers | None, Progress | None],
-) -> tuple[Matched, Estimates]:
-    """Match with what was found out of an earlier pair."""
+) -> tuple[Matched, Summarized, Estimates]:
+    """Match with what was estimated for an earlier pair."""
     if search[1] is None and before.search is not None:
         search = before.search.min_disparity, before.search.num_disparities
+
     alignment, compensation = before.alignment, before.blur_compensation
-    field = alignment.field if alignment is not None and alignment.applied else None
+    # The field of the earlier pair is given, so the core must not estimate another one.
     asked = replace(before.settings, align_rows=False)
     inverted = before.search is not None and before.search.inverted and asked.compensate_blur
-    known: Known = None, compensation, field, inverted
-    matched, estimated = _core.match_pair(pair, masks, search, asked, *how, known)
+    known: Known = None, compensation, applied_field(alignment), inverted
+    matched, summary, estimated = _core.match_pair(pair, masks, search, asked, *how, known)
+
     same = as_estimates(estimated, before.settings, search, compensation)
     blur = None if before.blur is None else replace(before.blur, reused=True)
     kept = before.search or same.search
-    return matched, replace(same, search=kept, blur=blur, alignment=alignment)
+    return matched, summary, replace(same, search=kept, blur=blur, alignment=alignment)

@@ -66,13 +66,13 @@ def describe_flags(flags: NDArray[np.uint16]) -> str:
 
 def format_counts(counts: Mapping[Flag, int], pixels: int) -> str:
     """Return the share of so many pixels under each flag that occurs, in words."""
-    told = [f"{flag.words} {count / pixels:.1%}" for flag, count in counts.items() if count]
-    return ", ".join(told) or "none"
+    shares = [f"{flag.words} {count / pixels:.1%}" for flag, count in counts.items() if count]
+    return ", ".join(shares) or "none"
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What a disparity map says about itself as a whole.
+    """What is known of a disparity map as a whole.
 
     Parameters
     ----------
@@ -124,14 +124,14 @@ class Result:
         the disparities: references that keep them in memory, not copies, so a change of the images
         shows. None if it is not known, as in what comes out of a pickle.
     search
-        The disparities that were searched, and whether they were told or found. None if unknown.
+        The disparities that were searched, and whether they were given or found. None if unknown.
     alignment
         How the rows of the images correspond, and whether the right one was straightened, if that
-        was asked for and could be told.
+        was asked for and could be estimated.
     blur_compensation
         The versions in which pixels were compared, and the noise; None: the images as they are.
     summary
-        Shares of the pixels that tell whether the match as a whole is to be trusted. None where
+        Shares of the pixels that show whether the match as a whole is to be trusted. None where
         parts of a pair were matched.
     """
 
@@ -150,11 +150,11 @@ class Result:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What there is to say about the match as a whole, worst first; empty if all is well."""
-        found: tuple[Finding, ...] = import_module("phasestereo.rig.findings").of_result(self)
+        found: tuple[Finding, ...] = import_module("phasestereo.rig.findings").match_findings(self)
         return found
 
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
-        """Tell how to make another one without the pair, which would be most of a pickle."""
+        """Return how to make another one without the pair, which would be most of a pickle."""
         kept = {f.name: None if f.name == "pair" else getattr(self, f.name) for f in fields(self)}
         return type(self), tuple(kept.values())
 
@@ -163,7 +163,7 @@ class Result:
         return replace(self)
 
     def __repr__(self) -> str:
-        """Tell the size, the share of estimates and the time: arrays would tell nothing."""
+        """Show the size, the share of estimates and the time: arrays would say nothing."""
         rows, cols = self.disparity.shape
         estimated = (self.disparity == self.disparity).mean()  # NaN is unequal to itself
         seconds = sum(self.timings.values())

@@ -54,8 +54,8 @@ class Settings:
         deviations of what the noise of the image makes of them count as weak, 0 to 100: where
         there is little texture their signs are noise. A weak part differs by one from a clear one,
         and clear ones of opposite signs by two; so a pixel's code takes twice the bits. It needs
-        ``bits=2`` and ``cost="phase"``, and the noise, which `match` is told. 0: there is no such
-        level. Default 0.5.
+        ``bits=2`` and ``cost="phase"``, and the noise, which `match` estimates unless it is given.
+        0: there is no such level. Default 0.5.
     sizes
         Sizes of neighborhoods that a code describes, 1 or 2. With 2 the bits of `neighborhood` are
         joined by those of one that is two pixels larger, of which only the components (0, 1) and
@@ -232,8 +232,8 @@ PRESETS: Mapping[str, Settings] = MappingProxyType(
     {name: Settings.preset(name) for name in _core.PRESETS}
 )
 """The named settings. ``"robust"``: finds by itself which image is blurred and how, evens that out,
-repairs impulses, smooths noise and compression away, describes two sizes of neighborhoods, does not
-let noise vote, searches along four paths, checks, fills and smooths. ``"paper"``: the
+repairs impulses, smooths noise and compression away, describes two sizes of neighborhoods, keeps
+noise out of the codes, searches along four paths, checks, fills and smooths. ``"paper"``: the
 method of the paper to the letter. ``"fast"``, for frame rates: short codes, costs in bytes, two
 paths along the row, a median, no confidence."""
 
@@ -260,10 +260,12 @@ def resolve(
         raise TypeError(
             f"preset: got {preset!r} beside settings; accepts one of the two: preset or settings"
         )
+
     names = [field.name for field in fields(Settings)]
     unknown = [name for name in overrides if name not in names]
     if unknown:
         raise TypeError(f"{unknown[0]}: no such setting; accepts {', '.join(names)}")
+
     if settings is None:
-        settings = Settings.preset(PRESET if preset is None else preset)
-    return replace(settings, **overrides)
+        settings = PRESETS[PRESET] if preset is None else Settings.preset(preset)
+    return replace(settings, **overrides) if overrides else settings

@@ -213,6 +213,7 @@ def optimize(
         as_integer(name, value, least=0, most=LARGEST_PENALTY)
         for name, value in (("p1", p1), ("p2", p2))
     )
+
     return _core.optimize_volume(volume, settings, near, far)
 
 
@@ -223,4 +224,5 @@ def as_volume(costs: ArrayLike, dtype: type[Unsigned]) -> NDArray[Unsigned]:
         raise TypeError(f"costs: got dtype {volume.dtype}; accepts {np.dtype(dtype)}")
     if volume.ndim != 3 or volume.size == 0:
         raise ValueError(f"costs: got shape {volume.shape}; accepts (H, W, D), none of them 0")
+
     return np.require(volume, dtype, ["C", "ALIGNED"])

@@ -9,7 +9,7 @@ use crate::image::intensity::{LEVEL_CEILING, LEVEL_STEPS};
 use crate::image::normalization::{DEVIATION_CEILING, DEVIATION_STEPS};
 use crate::image::texture::Texture;
 use crate::optimization::selection::PIXELS;
-use crate::optimization::{BAND, LOOK_ROWS, ORDERED_ROWS, PANEL, Steps};
+use crate::optimization::{BAND, LOOKAHEAD_ROWS, ORDERED_ROWS, PANEL, Penalties};
 use crate::pipeline::halo::Halo;
 use crate::pipeline::matcher::Width;
 use crate::refinement::synthesis;
@@ -109,11 +109,11 @@ impl Demand<'_> {
 
     /// Bytes that one thread searches in.
     fn workspace(&self) -> usize {
-        let (window, steps) = self.window();
+        let (window, penalties) = self.window();
         let runs = self.candidates.div_ceil(LANES);
         let (rows, panels, totals) = match self.settings.optimizer {
             Optimizer::SemiGlobal => {
-                (BAND + 2 * LOOK_ROWS, 2, (BAND * (1 + PANEL + PIXELS)) * runs)
+                (BAND + 2 * LOOKAHEAD_ROWS, 2, (BAND * (1 + PANEL + PIXELS)) * runs)
             }
             Optimizer::ScanlineOptimization => (BAND, 2, BAND * (1 + PANEL) * runs),
             Optimizer::WinnerTakesAll => (BAND, 1, 0),
@@ -123,21 +123,21 @@ impl Demand<'_> {
         // Dynamic programming works on whole rows, the other optimizers on panels of columns.
         let is_whole = self.settings.optimizer == Optimizer::DynamicProgramming;
         let cols = if is_whole { self.cols } else { PANEL };
-        let around = cols + 2 * window.margin();
+        let around = cols + 2 * window.halo();
 
         // Costs and votes of the rows of a window and of the one that has left it, their sums, and sums of windows.
         let summed = 2 * (window.side + 2) * around + (window.side + 1) * around;
 
         let lanes = panels * rows * cols * runs + totals + summed * runs;
 
-        let width = Width::new(self.settings, window, steps, true).bytes();
+        let width = Width::new(self.settings, window, penalties, true).bytes();
         let origins = if is_whole { 2 * self.cols * self.candidates } else { 0 };
 
         width * LANES * lanes + origins + BAND * self.cols * FOUND
     }
 
     /// The window whose costs are summed, and the penalties against its sums.
-    fn window(&self) -> (Window, Steps) {
+    fn window(&self) -> (Window, Penalties) {
         let channels = self.pixel.min(CHANNELS) as u16;
         let (ceiling, steps) = match self.settings.cost {
             CostKind::Phase => (self.settings.code_length() as u16, 1),
@@ -146,6 +146,6 @@ impl Demand<'_> {
         };
 
         let window = Window::new((BAND, self.cols), self.candidates, self.settings, ceiling);
-        (window, Steps::new(self.settings, window, steps))
+        (window, Penalties::new(self.settings, window, steps))
     }
 }

@@ -5,7 +5,7 @@ use crate::cost::aggregation::Window;
 use crate::image::impulses;
 use crate::image::masking;
 use crate::image::smoothing;
-use crate::optimization::{BAND, LOOK_ROWS};
+use crate::optimization::{BAND, LOOKAHEAD_ROWS};
 use crate::refinement::confidence;
 use crate::refinement::filling;
 use crate::refinement::guided_median;
@@ -36,7 +36,7 @@ impl Halo {
         compensation: Option<&BlurCompensation>,
         alignment: Option<&Alignment>,
     ) -> Self {
-        let window = Window::new((1, 1), 1, settings, 0).margin();
+        let window = Window::new((1, 1), 1, settings, 0).halo();
         let description = match settings.cost {
             CostKind::Phase => {
                 settings.largest_neighborhood() / 2 + compensation.map_or(0, described)
@@ -47,7 +47,7 @@ impl Halo {
 
         // The rows of a band are chosen together, and their vertical paths start some rows beyond the band.
         let paths = match settings.optimizer {
-            Optimizer::SemiGlobal => BAND - 1 + LOOK_ROWS,
+            Optimizer::SemiGlobal => BAND - 1 + LOOKAHEAD_ROWS,
             _ => 0,
         };
 

@@ -19,7 +19,7 @@ use crate::image::view::View;
 use crate::optimization::edges::Edges;
 use crate::optimization::evidence::Evidence;
 use crate::optimization::selection::Selection;
-use crate::optimization::{Search, Steps, Windowed, Workspace};
+use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Workspace};
 use crate::pipeline::control::Control;
 use crate::pipeline::halo::Halo;
 use crate::pipeline::map::{DraftMap, MapBand};
@@ -115,7 +115,7 @@ impl Pair {
     }
 
     /// The pair as a part of a larger one whose left and right pixels, if they are floats, lie in these ranges.
-    pub fn with_ranges(mut self, ranges: [Option<intensity::Range>; 2]) -> Self {
+    pub fn with_ranges(mut self, ranges: [Option<intensity::IntensityRange>; 2]) -> Self {
         let [left, right] = ranges;
         (self.left.range, self.right.range) = (left, right);
         self
@@ -206,7 +206,7 @@ struct Unrefined {
 struct Job<'a> {
     costs: &'a Costs<'a>,
     window: Window,
-    search: Search<'a>,
+    search: CandidateSearch<'a>,
     settings: &'a Settings,
 }
 
@@ -326,12 +326,12 @@ impl Matcher {
         let edges = Edges::asked_for(texture.as_ref(), settings, pair.size().1, level, control)?;
 
         let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
-        let search = Search {
+        let search = CandidateSearch {
             size: pair.size(),
             first: section.first,
             candidates: candidates.count(),
             optimizer: settings.optimizer,
-            steps: Steps::new(settings, window, costs.steps()),
+            penalties: Penalties::new(settings, window, costs.steps()),
             edges: &edges,
             weighs: settings.needs_evidence(),
             level,
@@ -344,7 +344,7 @@ impl Matcher {
             DraftMap::new((section.rows.len(), pair.size().1), settings.needs_confidence())?;
         let bands = map.bands(job.search.bands(section.rows.clone()));
         // The narrower the integers, the more candidates fit a register.
-        match Width::new(settings, window, job.search.steps, costs.has_votes()) {
+        match Width::new(settings, window, job.search.penalties, costs.has_masks()) {
             Width::Bytes => self.match_bands::<u8>(bands, &job),
             Width::Words => self.match_bands::<u16>(bands, &job),
             Width::Widest => self.match_bands::<u32>(bands, &job),
@@ -361,9 +361,9 @@ impl Matcher {
         bands.into_par_iter().with_max_len(1).try_for_each(|mut band| {
             let mut workspace: Box<Workspace<T>> = self.memory();
             let (costs, window, level) = (job.costs, job.window, job.search.level);
-            let source = Windowed { costs, window, level };
+            let source = AggregatedCosts { costs, window, level };
 
-            let evidence = job.search.run(band.rows(), &source, &mut workspace)?;
+            let evidence = job.search.choose(band.rows(), &source, &mut workspace)?;
             job.write(&mut band, evidence)?;
             job.search.control.finish_rows(band.rows().len());
 
@@ -405,7 +405,7 @@ impl Job<'_> {
         Judge {
             candidates: self.costs.candidates(),
             cols: self.window.cols,
-            votes: self.costs.votes(),
+            validity: self.costs.validity(),
             subpixel: self.settings.subpixel,
             consistency: self.settings.lr_check.map(|most| most as u16),
             uniqueness: self.settings.uniqueness as u64,
@@ -426,8 +426,14 @@ impl Unrefined {
     ) -> Result<Disparity> {
         let started = Instant::now();
         let (views, compensation) = (pair.views(), pair.blur_compensation());
-        let scene =
-            synthesis::Scene::new(views, compensation, rows.clone(), settings, level, control)?;
+        let blurred_pair = synthesis::BlurredPair::new(
+            views,
+            compensation,
+            rows.clone(),
+            settings,
+            level,
+            control,
+        )?;
         let texture = self.texture.map(|texture| texture.of_rows(rows));
 
         let DraftMap { disparity, mut flags, votes } = self.map;
@@ -436,7 +442,7 @@ impl Unrefined {
             flags: &mut flags,
             votes: votes.as_ref(),
             texture: texture.as_ref(),
-            scene: scene.as_ref(),
+            blurred_pair: blurred_pair.as_ref(),
         };
 
         let (disparity, confidence) = draft.refine(settings, level, control)?;
@@ -472,12 +478,12 @@ pub enum Width {
 
 impl Width {
     /// The narrowest integers that hold every sum, every total of a path and the number of every run of candidates.
-    pub fn new(settings: &Settings, window: Window, steps: Steps, has_votes: bool) -> Self {
+    pub fn new(settings: &Settings, window: Window, penalties: Penalties, has_votes: bool) -> Self {
         let largest_cost = window.largest_value(has_votes);
         // Only paths accumulate totals beyond the cost of a window.
         let largest_total = match settings.optimizer {
             Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
-                steps.largest_total(window.largest_sum())
+                penalties.largest_total(window.largest_sum())
             }
             Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
         };

@@ -6,7 +6,7 @@ use std::ops::Range;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::impulses;
-use crate::image::intensity::{self, Gray, NOWHERE, Sample, full_range};
+use crate::image::intensity::{self, Gray, NOWHERE, RangeSample, full_range};
 use crate::image::masking;
 use crate::image::texture::Roughness;
 use crate::image::view::Mask;
@@ -46,9 +46,9 @@ pub fn widened(rows: &Range<usize>, by: usize, height: usize) -> Range<usize> {
 }
 
 /// The ranges of the pixels of both images, which are floats.
-pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::Range; 2]> {
+pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::IntensityRange; 2]> {
     // Usually a sample of the pixels says enough.
-    let mut samples = [Sample::new(source.size()), Sample::new(source.size())];
+    let mut samples = [RangeSample::new(source.size()), RangeSample::new(source.size())];
     for rows in bands(source) {
         let pair = source.rows(rows.clone())?;
         for (view, sample) in pair.views().into_iter().zip(&mut samples) {
@@ -56,7 +56,7 @@ pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::Rang
         }
     }
 
-    let [left, right] = samples.map(Sample::range);
+    let [left, right] = samples.map(RangeSample::range);
     if let (Some(left), Some(right)) = (left, right) {
         return Ok([left, right]);
     }
@@ -67,7 +67,7 @@ pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::Rang
         let pair = source.rows(rows)?;
         for (view, range) in pair.views().into_iter().zip(&mut all) {
             let here = full_range(view, control)?;
-            *range = here.into_iter().chain(*range).reduce(intensity::Range::union);
+            *range = here.into_iter().chain(*range).reduce(intensity::IntensityRange::union);
         }
     }
 
@@ -99,7 +99,7 @@ pub fn roughness(
 
         let gray = Gray::new(pair.views()[0], level, control)?.plane(level, control)?;
         let places = (rows.start - read.start) * cols..(rows.end - read.start) * cols;
-        roughness = roughness.and(Roughness::of(&gray.as_slice()[places], cols));
+        roughness = roughness.and(Roughness::of_rows(&gray.as_slice()[places], cols));
     }
 
     Ok(roughness)

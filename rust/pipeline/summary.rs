@@ -1,6 +1,8 @@
 //! Statistics of a whole disparity map, which say whether to trust the match.
 
 use crate::cost::candidates::Candidates;
+use crate::image::plane::Plane;
+use crate::pipeline::matcher::Disparity;
 use crate::refinement::flag;
 
 /// Shares of the pixels of a map, and their mean confidence.
@@ -38,12 +40,10 @@ const STEPS: f32 = (1 << 20) as f32;
 
 impl Summary {
     /// The summary of a map whose disparities were searched among these candidates.
-    pub fn new(
-        disparity: &[f32],
-        flags: &[u16],
-        confidence: Option<&[f32]>,
-        candidates: Candidates,
-    ) -> Self {
+    pub fn new(map: &Disparity, candidates: Candidates) -> Self {
+        let (disparity, flags) = (map.disparity.as_slice(), map.flags.as_slice());
+        let confidence = map.confidence.as_ref().map(Plane::as_slice);
+
         let ends = [0, candidates.count() - 1].map(|k| candidates.disparity(k) as f32);
         let counts = PixelCounts::new(disparity, flags, confidence, ends);
         let share = |count: u64| count as f64 / flags.len().max(1) as f64;
@@ -84,6 +84,7 @@ impl PixelCounts {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline::matcher::Timings;
 
     #[test]
     fn shares_are_those_of_all_pixels() {
@@ -93,12 +94,21 @@ mod tests {
         let flags = [flag::MASKED, 0, flag::SPECKLE, 0, 0, 0, flag::OUTSIDE, filled];
         let confidence = [0.0, 1.0, 0.5, 0.5, 1.0, 1.0, 0.0, 0.0];
 
-        let found = Summary::new(&disparity, &flags, Some(&confidence), candidates);
+        let row = |values: &[f32]| Plane::from_vec(1, 8, values.to_vec()).expect("legal");
+        let map = Disparity {
+            disparity: row(&disparity),
+            flags: Plane::from_vec(1, 8, flags.to_vec()).expect("legal"),
+            confidence: Some(row(&confidence)),
+            timings: Timings::default(),
+        };
+
+        let found = Summary::new(&map, candidates);
         assert_eq!(
             (found.estimated, found.flagged, found.at_low, found.at_high, found.confidence),
             (7.0 / 8.0, 2.0 / 8.0, 2.0 / 8.0, 2.0 / 8.0, 0.5)
         );
 
-        assert!(Summary::new(&disparity, &flags, None, candidates).confidence.is_nan());
+        let without = Disparity { confidence: None, ..map };
+        assert!(Summary::new(&without, candidates).confidence.is_nan());
     }
 }

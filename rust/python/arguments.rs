@@ -295,7 +295,7 @@ pub struct Statistics<'py> {
     pub alignment: Option<Alignment>,
     pub is_inverted: bool,
     pub disparities: Both<'py>,
-    pub ranges: [Option<intensity::Range>; 2],
+    pub ranges: [Option<intensity::IntensityRange>; 2],
     pub roughness: Option<Roughness>,
 }
 

@@ -18,7 +18,7 @@ pub struct Reader {
     size: (usize, usize),
     search: Disparities,
     candidates: Candidates,
-    ranges: [Option<intensity::Range>; 2],
+    ranges: [Option<intensity::IntensityRange>; 2],
     /// The exception that the callable raised.
     raised: Mutex<Option<PyErr>>,
 }
@@ -82,7 +82,7 @@ impl Source for Reader {
 }
 
 /// The ranges of both images for the core.
-pub fn as_ranges(ranges: Option<Ranges>) -> [Option<intensity::Range>; 2] {
-    let range = |(black, white)| Some(intensity::Range { black, white });
+pub fn as_ranges(ranges: Option<Ranges>) -> [Option<intensity::IntensityRange>; 2] {
+    let range = |(black, white)| Some(intensity::IntensityRange { black, white });
     ranges.map_or([None; 2], |(left, right)| [range(left), range(right)])
 }

@@ -11,6 +11,6 @@ from __future__ import annotations
 from phasestereo.batch.cluster import encryption
 from phasestereo.batch.manifest import Record, read_manifest
 from phasestereo.batch.pairs import PairFiles, read_pairs
-from phasestereo.batch.running import Report, run
+from phasestereo.batch.running import BatchReport, run
 
-__all__ = ["PairFiles", "Record", "Report", "encryption", "read_manifest", "read_pairs", "run"]
+__all__ = ["BatchReport", "PairFiles", "Record", "encryption", "read_manifest", "read_pairs", "run"]

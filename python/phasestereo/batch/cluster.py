@@ -32,19 +32,16 @@ def share(workers: int | None, threads: int | None, pairs: int) -> tuple[int, in
     All processors are used, none twice: one process a processor, fewer if there are fewer pairs, or
     as many as are wanted; each with its part of the processors.
     """
-    processors = _processors()
+    processors = _core.Workers(None).count
+
     if workers is None:
         workers = max(1, min(pairs, processors // (threads or 1)))
+
     return workers, threads or max(1, processors // workers)
 
 
-def _processors() -> int:
-    """Return how many processors this process may use."""
-    return _core.Workers(None).count
-
-
 def encryption(ca: StrPath, cert: StrPath, key: StrPath) -> Any:
-    """Return what has a connection to a cluster encrypted, and both ends prove who they are.
+    """Return what encrypts a connection to a cluster and lets both ends prove who they are.
 
     Parameters
     ----------
@@ -101,7 +98,7 @@ def remote(address: str, security: Any = None) -> Iterator[Cluster]:
 
 @contextmanager
 def _without_logs() -> Iterator[None]:
-    """Keep Dask's client from telling at length, with tracebacks, of what is raised anyway."""
+    """Keep Dask's client from logging, with tracebacks, what is raised anyway."""
     logger = logging.getLogger("distributed.client")
     before, logger.disabled = logger.disabled, True
     try:
@@ -120,6 +117,7 @@ def _connected(address: str, security: Any) -> Any:
         refusal = ValueError(
             f"scheduler: got {address!r}; accepts an address such as tcp://host:8786: {error}"
         )
+
     # A client that has failed is closed when it is collected. If the thread of a later client
     # happens to do that, the two wait for each other.
     gc.collect()
@@ -131,7 +129,9 @@ class Cluster:
 
     def __init__(self, client: Any) -> None:
         distributed = require("distributed", extra="dask")
-        self._client, self._ended = client, distributed.as_completed(loop=client.loop)
+        self._client = client
+        self._ended = distributed.as_completed(loop=client.loop)
+        # The exceptions by which the end of a task is judged.
         self._died = require("distributed.scheduler", extra="dask").KilledWorker
         self._cancelled = distributed.CancelledError
 
@@ -150,7 +150,7 @@ class Cluster:
         return max(1, sum(threads.values()))  # there is none while the last one is started again
 
     def submit(self, key: str, function: Callable[..., Any], *arguments: Any) -> None:
-        """Have a worker call a function; no two tasks have the same key."""
+        """Let a worker call a function; no two tasks have the same key."""
         self._ended.add(self._client.submit(function, *arguments, key=key, retries=0))
 
     def finished(self) -> list[tuple[str, Outcome]]:
@@ -183,8 +183,8 @@ def _lost(error: Exception) -> ConnectionError:
 def _check_versions(client: Any) -> None:
     for address, found in client.run(version, on_error="return").items():
         if found != phasestereo.__version__:
-            told = f"({found!r})" if isinstance(found, Exception) else found
+            has = f"({found!r})" if isinstance(found, Exception) else found
             raise ValueError(
-                f"scheduler: worker {address} has phasestereo {told}; accepts "
+                f"scheduler: worker {address} has phasestereo {has}; accepts "
                 f"{phasestereo.__version__}, as here"
             )

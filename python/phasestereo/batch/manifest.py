@@ -139,23 +139,27 @@ class Manifest:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.path, self._log = folder / "manifest.jsonl", folder / "manifest.log"
+        self.path = folder / "manifest.jsonl"
+        self._log = folder / "manifest.log"
         self._apart = folder / "manifest.damaged"
+        self._file: BinaryIO | None = None  # the log, once something goes into it
+
         self.records, self.damaged = _read(self.path) if _is_there(self.path) else ({}, [])
         if self.damaged and not self.records:
             raise ValueError(f"{self.damaged[0].where}: {self.damaged[0].reason}")
+
         self._kept = 0  # damaged lines that are in the file apart
         if _is_there(self._log):
             records, damaged = _read(self._log, torn=True)
             self.records |= records
             self.damaged += damaged
-        self._file: BinaryIO | None = None
 
     def add(self, record: Record) -> None:
         """Keep a record; it is in a file when the call returns."""
         self.records[record.name] = record
         if self._file is None:
             self._file = self._log.open("ab", buffering=0)
+
         line = _line(record)
         if self._file.write(line) < len(line):  # the next one would continue a torn line
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._log))
@@ -164,13 +168,16 @@ class Manifest:
         """Write the whole manifest, these pairs first and in this order, and end the log."""
         known = self.records
         order = dict.fromkeys([*(name for name in names if name in known), *known])
+
         self._set_apart()
+
         try:
             with replacing(self.path, flush=True) as file:
                 file.writelines(_line(known[name]) for name in order)
         except OSError as error:
             reason = error.strerror or error
             raise OSError(f"{self.path} cannot be written: {reason}") from error
+
         self.close()
         self._log.unlink(missing_ok=True)
 
@@ -206,6 +213,7 @@ def _read(path: Path, *, torn: bool = False) -> tuple[dict[str, Record], list[Da
     records: dict[str, Record] = {}
     damaged: list[Damage] = []
     schema = _Schema()
+
     with decoding(path) as file:
         for number in range(1, _MOST + 1):
             line = file.readline(_LONGEST)
@@ -229,12 +237,14 @@ class _Schema:
     def __init__(self) -> None:
         msgspec: Any = require("msgspec", extra="batch")
         self._refused = msgspec.ValidationError, msgspec.DecodeError, RecursionError
+
         types = _types(msgspec.Meta)
-        told = [
+        members = [
             (name, types[name]) if default is MISSING else (name, types[name], default)
             for name, default in ((field.name, field.default) for field in fields(Record))
         ]
-        self._decoder = msgspec.json.Decoder(msgspec.defstruct("Line", told, kw_only=True))
+
+        self._decoder = msgspec.json.Decoder(msgspec.defstruct("Line", members, kw_only=True))
 
     def record(self, line: bytes) -> Record:
         """Return the record of a line.
@@ -248,6 +258,7 @@ class _Schema:
             found = self._decoder.decode(line)
         except self._refused as error:
             raise ValueError(str(error)) from error
+
         record = Record(**{name: getattr(found, name) for name in _NAMES})
         if record.state == DONE and not record.files:
             raise ValueError("Object is done without `files`")

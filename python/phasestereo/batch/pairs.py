@@ -92,8 +92,10 @@ def read_pairs(
     place = Path(source).absolute()
     search = num_disparities, min_disparity
     pairs = list(_of_folder(place, search) if place.is_dir() else _of_list(place, search))
+
     if not pairs:
         raise ValueError(f"{source}: there is no pair in it")
+
     try:
         check_names(pairs)
     except ValueError as error:
@@ -144,16 +146,17 @@ def _of_row(
     """Return the pair of one line; empty fields are as good as none."""
     if len(fields) != len(columns):
         raise ValueError(f"{where}: got {len(fields)} fields; accepts {len(columns)}, as above")
+
     row = {name: field.strip() for name, field in zip(columns, fields, strict=True)}
     given = {name: field for name, field in row.items() if field}
     for name in _NEEDED:
         if name not in given:
             raise ValueError(f"{where}: {name} is missing")
+
     files = {name: folder / given[name] for name in _COLUMNS if name in given and _is_file(name)}
-    count = _number(where, "num_disparities", given, search[0])
     return PairFiles(
         name=given.get("name", files["left"].stem),
-        num_disparities=count,
+        num_disparities=_number(where, "num_disparities", given, search[0]),
         min_disparity=_number(where, "min_disparity", given, search[1]) or 0,
         **files,
     )
@@ -176,6 +179,7 @@ def _of_folder(folder: Path, search: tuple[int | None, int]) -> Iterator[PairFil
         for scene in scenes:
             yield _of_scene(scene, search)
         return
+
     for left, right in paths_of_rig(folder):
         yield PairFiles(
             name=left.stem,
@@ -188,13 +192,12 @@ def _of_folder(folder: Path, search: tuple[int | None, int]) -> Iterator[PairFil
 
 def _of_scene(scene: Path, search: tuple[int | None, int]) -> PairFiles:
     calibration = scene / "calib.txt"
-    told = read_calibration(calibration).ndisp if calibration.is_file() else None
-    count = told or search[0]
+    known = read_calibration(calibration).ndisp if calibration.is_file() else None
     return PairFiles(
         name=scene.name,
         left=scene / "im0.png",
         right=scene / "im1.png",
-        num_disparities=count,
+        num_disparities=known or search[0],
         min_disparity=search[1],
     )
 
@@ -215,13 +218,15 @@ def check_names(pairs: Iterable[PairFiles]) -> None:
                 f"{_LONGEST} bytes, none of them a control character, that does not begin with a "
                 "dot"
             )
+
         key = pair.name.casefold()  # some file systems take both for one
         if key in known:
             raise ValueError(
                 f"got name {pair.name!r} for {pair.left} and for {known[key].left}; accepts each "
-                "once: tell names in a column of the list"
+                "once: give names in a column of the list"
             )
         known[key] = pair
+
     for name, pair in known.items():
         for layer in LAYERS:
             other = name.removesuffix(f".{layer}")

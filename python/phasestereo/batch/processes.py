@@ -56,6 +56,7 @@ def local(workers: int, seconds: float | None = None) -> Iterator[Processes]:
     """
     if os.name == "posix":
         resource_tracker.ensure_running()  # the thread that starts it would hear Ctrl-C again
+
     processes = Processes(seconds)
     try:
         processes.start(workers)
@@ -88,7 +89,7 @@ class Processes:
         return len(self._every)
 
     def submit(self, key: str, function: Callable[..., Any], *arguments: Any) -> None:
-        """Have a process call a function, as soon as one is free."""
+        """Let a process call a function, as soon as one is free."""
         self._waiting.append((key, function, arguments))
         self._hand_out()
 
@@ -101,6 +102,8 @@ class Processes:
             done, _ = wait(self._at_work, self._patience(), FIRST_COMPLETED)
             if done:
                 return [self._take_in(future) for future in done]
+
+            # None ended in time: a killed process ends its task, with an error.
             for task in self._at_work.values():
                 if task.age() >= self._limit():
                     task.late = True
@@ -146,8 +149,10 @@ class Processes:
         """Return what a task came to, and give its process, or one in its place, the next one."""
         task = self._at_work.pop(future)
         process = task.process
+
         if isinstance(future.exception(), BrokenProcessPool):
             process = self._in_place_of(process)
+
         self._idle.append(process)
         self._hand_out()
         return task.key, partial(_result, future, task, self._seconds)
@@ -214,12 +219,13 @@ class _Process:
 
 
 def _begin() -> None:
-    """Have this process end when the one that started it does, however that comes about.
+    """End this process when the one that started it ends, however that comes about.
 
     What all tasks need is imported before the first one, whose time it would take.
     """
     import_module("phasestereo.batch.work")
     parent = parent_process()
+
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
 

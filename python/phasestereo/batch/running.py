@@ -6,7 +6,7 @@ import secrets
 from collections import deque
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from phasestereo.io.files import StrPath
     from phasestereo.settings import Settings
 
-    Crew = Cluster | Processes
+    WorkerPool = Cluster | Processes
 
 _AHEAD = 2  # pairs under way for each that is at work, so that no worker waits for its next
 _LOCK = ".batch.lock"
@@ -39,7 +39,7 @@ _DRAFTS = "." + "[0-9a-f]" * 16 + ".part"  # as `phasestereo.io.files.replacing`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Report:
+class BatchReport:
     """What a run came to.
 
     Parameters
@@ -87,7 +87,7 @@ def run(
     progress: Callable[[int, int], object] | None = None,
     on_failure: Callable[[Record], object] | None = None,
     **overrides: Any,
-) -> Report:
+) -> BatchReport:
     """Match many pairs of files by many processes; those that have a result already are skipped.
 
     A pair is matched again if its last attempt failed, if a file of its result is missing or not
@@ -132,7 +132,7 @@ def run(
 
     Returns
     -------
-    Report
+    BatchReport
         What it came to. Pairs that failed are no error.
 
     Raises
@@ -157,6 +157,7 @@ def run(
     listed = list(pairs)
     check_names(listed)
     _check(suffix, tuple(layers), chosen)
+
     for name, value, least in (
         ("retries", retries, 0),
         ("workers", workers, 1),
@@ -166,12 +167,15 @@ def run(
             as_integer(name, value, least=least)
     if time_limit is not None:
         as_number("time_limit", time_limit, positive=True)
+
     if scheduler is not None and workers is not None:
         raise ValueError("workers: got a number beside a scheduler; accepts None: it has its own")
     if scheduler is None and security is not None:
         raise ValueError("security: got that without a scheduler; accepts None: nobody connects")
+
     target = Path(folder).absolute()
     target.mkdir(parents=True, exist_ok=True)
+
     count, each = share(workers, threads, len(listed)) if scheduler is None else (0, threads or 1)
     order = Order(
         settings=chosen,
@@ -181,6 +185,7 @@ def run(
         threads=each,
         seconds=time_limit,
     )
+
     with _alone(target):
         work = _Run(listed, order, retries, progress, on_failure)
         work.run(
@@ -198,8 +203,10 @@ def _alone(folder: Path) -> Iterator[None]:
         lock.acquire(timeout=0)
     except locks.Timeout as error:
         raise OSError(f"{folder}: another run is at work in this folder") from error
+
     with lock:
         lock.release()  # `with` has taken it once more
+
         for draft in folder.glob(_DRAFTS):
             draft.unlink(missing_ok=True)
         yield
@@ -232,22 +239,22 @@ class _Run:
         self._started = monotonic()
         self._token = secrets.token_hex(4)  # keys of tasks are not those of an earlier run
 
-    def run(self, connect: Callable[[], AbstractContextManager[Crew]]) -> None:
+    def run(self, connect: Callable[[], AbstractContextManager[WorkerPool]]) -> None:
         """Do what is to be done; workers are wanted only if there is anything."""
         self._manifest.save(pair.name for pair in self._pairs)
         try:
             jobs = self._missing()
             first = list(islice(jobs, 1))
             if first:
-                with connect() as crew:
-                    self._work(crew, _chained(first, jobs))
+                with connect() as pool:
+                    self._work(pool, chain(first, jobs))
         finally:
             self._manifest.save(pair.name for pair in self._pairs)
 
-    def report(self) -> Report:
+    def report(self) -> BatchReport:
         """Return what it came to."""
         records = [self._manifest.records[pair.name] for pair in self._pairs]
-        return Report(
+        return BatchReport(
             pairs=len(self._pairs),
             skipped=self._skipped,
             done=self._done,
@@ -270,43 +277,46 @@ class _Run:
     def _is_there(self, record: Record | None, recipe: str) -> bool:
         if record is None or record.state != DONE or record.recipe != recipe or not record.files:
             return False
+
         files = [(self._order.folder / name, size) for name, size in record.files.items()]
         return all(path.is_file() and path.stat().st_size == size for path, size in files)
 
-    def _work(self, crew: Crew, jobs: Iterator[_Job]) -> None:
+    def _work(self, pool: WorkerPool, jobs: Iterator[_Job]) -> None:
         """Try all once, then those again that failed, then one by one those whose worker died.
 
         When a worker of a cluster dies, all that it had been given come under suspicion: alone,
         each can but answer for itself.
         """
-        self._drain(crew, jobs)
+        self._drain(pool, jobs)
+
         while self._later:
             again, self._later = self._later, deque()
-            self._drain(crew, iter(again))
+            self._drain(pool, iter(again))
+
         while self._suspects:
-            self._drain(crew, iter([self._suspects.popleft()]))
+            self._drain(pool, iter([self._suspects.popleft()]))
             self._suspects += self._later
             self._later.clear()
 
-    def _drain(self, crew: Crew, jobs: Iterator[_Job]) -> None:
+    def _drain(self, pool: WorkerPool, jobs: Iterator[_Job]) -> None:
         """Do these jobs, a few under way at any time."""
         under_way: dict[str, _Job] = {}
-        self._submit(crew, jobs, under_way)
+        self._submit(pool, jobs, under_way)
         while under_way:
-            for key, outcome in crew.finished():
+            for key, outcome in pool.finished():
                 self._settle(under_way.pop(key), outcome)
-            self._submit(crew, jobs, under_way)
+            self._submit(pool, jobs, under_way)
 
-    def _submit(self, crew: Crew, jobs: Iterator[_Job], under_way: dict[str, _Job]) -> None:
-        free = _AHEAD * crew.slots() - len(under_way)
+    def _submit(self, pool: WorkerPool, jobs: Iterator[_Job], under_way: dict[str, _Job]) -> None:
+        free = _AHEAD * pool.slots() - len(under_way)
         for job in islice(jobs, max(0, free)):
             job.attempts += 1
             key = f"phasestereo-{self._token}-{job.attempts}-{job.pair.name}"
             under_way[key] = job
-            crew.submit(key, match_files, job.pair, self._order, job.recipe)
+            pool.submit(key, match_files, job.pair, self._order, job.recipe)
 
     def _settle(self, job: _Job, outcome: Callable[[], Record]) -> None:
-        """Take in how a job ended."""
+        """Queue a job again that failed, or record how it ended."""
         queue = self._later
         try:
             record = outcome()
@@ -322,6 +332,7 @@ class _Run:
             raise
         except Exception as error:  # noqa: BLE001 -- what a worker cannot load may raise anything
             record = blank(job.pair, job.recipe, f"the worker could not run it: {error!r}")
+
         if record.state != DONE and job.attempts <= self._retries:
             queue.append(job)
         else:
@@ -333,18 +344,15 @@ class _Run:
             self._done += 1
         else:
             self._failed += 1
+
             if self._on_failure is not None:
                 self._on_failure(record)
+
         self._report_progress()
 
     def _report_progress(self) -> None:
         if self._progress is not None:
             self._progress(self._skipped + self._done + self._failed, len(self._pairs))
-
-
-def _chained(first: list[_Job], rest: Iterator[_Job]) -> Iterator[_Job]:
-    yield from first
-    yield from rest
 
 
 def _check(suffix: str, layers: tuple[str, ...], settings: Settings) -> None:

@@ -1,4 +1,4 @@
-"""What a worker does for one pair: read, match, write, and tell what it came to."""
+"""What a worker does for one pair: read, match, write, and record what it came to."""
 
 from __future__ import annotations
 
@@ -16,11 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import phasestereo
+from phasestereo._images import join_masks
 from phasestereo.batch.manifest import DONE, FAILED, Record
 from phasestereo.io import write_geotiff, write_image
+from phasestereo.io.files import describe_error
 from phasestereo.io.maps import write_floats
 from phasestereo.io.mask import read_mask
-from phasestereo.io.views import join, read_views
+from phasestereo.io.views import read_views
 from phasestereo.matching import match_silently
 from phasestereo.rig.findings import untrusted
 
@@ -37,11 +39,11 @@ if TYPE_CHECKING:
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _EXPECTED = (OSError, ValueError, TypeError, MemoryError, RuntimeError, ImportError)
-"""What one says of in a line; of anything else, where it came from is to be known, too."""
+"""What one line says enough of; of anything else, where it came from is to be known, too."""
 
 
 class FullDiskError(OSError):
-    """There is no room for results: what is true of one pair is true of all that follow."""
+    """The disk is full: what is true of one pair is true of all that follow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +78,7 @@ class Order:
 
     def recipe(self, pair: PairFiles) -> str:
         """Return a digest of all that a result depends on; a file that is not there is one, too."""
-        told = {
+        parts = {
             "version": self.version,
             "settings": asdict(self.settings),
             "outputs": [self.suffix, *self.layers],
@@ -84,7 +86,7 @@ class Order:
             "masks": [pair.left_mask is not None, pair.right_mask is not None],
             "files": [_identity(path) for path in pair.files],
         }
-        return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:32]
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 
 
 def version() -> str:
@@ -107,12 +109,12 @@ def blank(pair: PairFiles, recipe: str, reason: str) -> Record:
 
 
 def match_files(pair: PairFiles, order: Order, recipe: str) -> Record:
-    """Match a pair and write its result; whatever goes wrong is told in the record.
+    """Match a pair and write its result; whatever goes wrong is said in the record.
 
     Raises
     ------
     FullDiskError
-        If there is no room for the result.
+        If there is no space for the result.
     """
     started = perf_counter()
     try:
@@ -120,10 +122,11 @@ def match_files(pair: PairFiles, order: Order, recipe: str) -> Record:
     except FullDiskError:
         raise
     except _EXPECTED as error:
-        record = blank(pair, recipe, _describe(error))
+        record = blank(pair, recipe, describe_error(error))
     except Exception as error:  # noqa: BLE001 -- one pair must not end the run of all others
         place = traceback.extract_tb(error.__traceback__)[-1]
         record = blank(pair, recipe, f"{error!r} in {place.filename}, line {place.lineno}")
+
     here = f"{socket.gethostname()}:{os.getpid()}"
     return replace(record, seconds=round(perf_counter() - started, 4), worker=here)
 
@@ -133,21 +136,28 @@ def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
         raise RuntimeError(
             f"the worker has phasestereo {phasestereo.__version__}; accepts {order.version}"
         )
+
     in_time = _clock(order.seconds)
+
     left, right = read_views(pair.left, pair.right)
     masks = read_mask(pair.left_mask), read_mask(pair.right_mask)
+
     result = match_silently(
         (left.image, right.image),
-        (join(masks[0], left.mask), join(masks[1], right.mask)),
+        (join_masks(masks[0], left.mask), join_masks(masks[1], right.mask)),
         (pair.min_disparity, pair.num_disparities),
         settings=order.settings,
         threads=order.threads,
         progress=in_time,
         given=(None, None),
     )
+
+    # Writing takes time, too, which a match that ended late does not have.
     in_time()
+
     rows, cols = result.disparity.shape
     searched = result.search
+
     return replace(
         blank(pair, recipe, ""),
         num_disparities=searched.num_disparities if searched else pair.num_disparities,
@@ -178,6 +188,7 @@ def _write(name: str, order: Order, result: Result, place: Georeference | None) 
     """Write the layers, the disparities last; return the lengths of the files."""
     layers = {f"{name}.{layer}.tif": getattr(result, layer) for layer in order.layers}
     layers[f"{name}{order.suffix}"] = result.disparity
+
     for file, values in layers.items():
         try:
             _save(order.folder / file, values, place)
@@ -188,6 +199,7 @@ def _write(name: str, order: Order, result: Result, place: Georeference | None) 
             if shutil.disk_usage(order.folder).free < values.nbytes:
                 raise FullDiskError(f"{message}: {os.strerror(errno.ENOSPC)}") from error
             raise OSError(message) from error
+
     return {file: (order.folder / file).stat().st_size for file in layers}
 
 
@@ -204,11 +216,5 @@ def _identity(path: Path) -> list[Any]:
     try:
         state = path.stat()
     except (OSError, ValueError):  # as of a path with a null byte
-        return [str(path)]  # the worker will tell what is wrong with it
+        return [str(path)]  # the worker will say what is wrong with it
     return [str(path), state.st_size, state.st_mtime_ns]
-
-
-def _describe(error: Exception) -> str:
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
-    return str(error) or type(error).__name__

@@ -2,20 +2,24 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import json
-import sys
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from cyclopts import Group, Parameter, validators
-from rich.console import Console
+from cyclopts import Group, Parameter
 
 import phasestereo
-from phasestereo.batch import Record, Report, encryption, read_pairs, run
+from phasestereo.batch import BatchReport, Record, encryption, read_pairs, run
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
-from phasestereo.cli.options import Count, Overrides
-from phasestereo.cli.terminal import printable, progress_bar, say
+from phasestereo.cli.options import (
+    AT_LEAST_ONE,
+    NOT_NEGATIVE,
+    POSITIVE,
+    REASONABLE,
+    Count,
+    Overrides,
+)
+from phasestereo.cli.terminal import print_json, print_lines, progress_bar, say
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
 
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "workers", "scheduler"}
@@ -28,14 +32,10 @@ _WORK = Group.create_ordered("Work")
 _SETTINGS = Group.create_ordered(
     "Expert settings", help="Each takes the place of the preset's. Two penalties are written 0.5,2."
 )
-_AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
-_POSITIVE = validators.Number(gt=0)
-_NOT_NEGATIVE = validators.Number(gte=0, lt=2**31)
-_REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
 _LISTED = 1000  # failures in the JSON: all are in the manifest
 
-_Count = Annotated[int | None, Parameter(group=_WORK, validator=_AT_LEAST_ONE)]
+_Count = Annotated[int | None, Parameter(group=_WORK, validator=AT_LEAST_ONE)]
 _File = Annotated[Path | None, Parameter(group=_WORK)]
 _Layers = tuple[Literal["flags", "confidence"], ...]
 
@@ -50,8 +50,8 @@ def batch(
         _Layers, Parameter(group=_OUTPUT, consume_multiple=True, show_default=False)
     ] = (),
     json: Annotated[bool, Parameter(negative=(), show_default=False, group=_OUTPUT)] = False,
-    num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)] = None,
-    min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
+    num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=AT_LEAST_ONE)] = None,
+    min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=REASONABLE)] = 0,
     preset: Annotated[str, Parameter(group=_SEARCH, help=_PRESET_HELP)] = PRESET,
     scheduler: Annotated[str | None, Parameter(group=_WORK)] = None,
     tls_ca: _File = None,
@@ -59,8 +59,8 @@ def batch(
     tls_key: _File = None,
     workers: _Count = None,
     threads: _Count = None,
-    retries: Annotated[int, Parameter(group=_WORK, validator=_NOT_NEGATIVE)] = 2,
-    time_limit: Annotated[float | None, Parameter(group=_WORK, validator=_POSITIVE)] = None,
+    retries: Annotated[int, Parameter(group=_WORK, validator=NOT_NEGATIVE)] = 2,
+    time_limit: Annotated[float | None, Parameter(group=_WORK, validator=POSITIVE)] = None,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
 ) -> None:
     """Match many pairs, on all processors of this machine or on a Dask cluster.
@@ -116,9 +116,11 @@ def batch(
     """
     if (tls_ca or tls_cert or tls_key) and scheduler is None:
         raise CommandError("--tls-ca: has no effect without --scheduler", WRONG_USAGE)
+
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
         pairs = read_pairs(source, num_disparities=num_disparities, min_disparity=min_disparity)
+
     with refusals(options=_OPTIONS), progress_bar("Matching") as progress:
         report = run(
             pairs,
@@ -135,12 +137,13 @@ def batch(
             progress=progress,
             on_failure=_show_failure,
         )
+
     for line in report.damaged:
         say(f"{line}; set apart, and its pair matched again")
     _show(report, settings, as_json=json)
     if report.failed:
         raise CommandError(
-            f"{len(report.failed)} of {report.pairs} pairs failed; {report.manifest} tells why, "
+            f"{len(report.failed)} of {report.pairs} pairs failed; {report.manifest} says why, "
             "and the same command tries them again"
         )
 
@@ -158,23 +161,21 @@ def _security(ca: Path | None, cert: Path | None, key: Path | None) -> Any:
     return encryption(ca, cert, key)
 
 
-def _show(report: Report, settings: Settings, *, as_json: bool) -> None:
+def _show(report: BatchReport, settings: Settings, *, as_json: bool) -> None:
     """Print what a run came to on standard output."""
     if as_json:
-        told = _as_dict(report, settings)
-        sys.stdout.write(json.dumps(told, indent=2, allow_nan=False) + "\n")
+        print_json(_as_dict(report, settings))
         return
-    console = Console(highlight=False, soft_wrap=True)
+
     rate = report.done / report.seconds if report.seconds else 0.0
-    console.print(
+    numbers = (
         f"{report.done} pairs matched, {report.skipped} there already, {len(report.failed)} failed,"
-        f" {report.seconds:.1f} s, {rate:.2f} pairs/s",
-        markup=False,
+        f" {report.seconds:.1f} s, {rate:.2f} pairs/s"
     )
-    console.print(f"wrote {printable(report.manifest)}", markup=False)
+    print_lines([numbers, f"wrote {report.manifest}"])
 
 
-def _as_dict(report: Report, settings: Settings) -> dict[str, Any]:
+def _as_dict(report: BatchReport, settings: Settings) -> dict[str, Any]:
     return {
         "version": phasestereo.__version__,
         "settings": asdict(settings),

@@ -2,8 +2,6 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,12 +11,12 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 
 import phasestereo
-from phasestereo.cli.errors import UNTRUSTED, WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.errors import UNTRUSTED, WRONG_USAGE, CommandError, refusals, refuse_taken
 from phasestereo.cli.pairing import read_both
+from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.integrations.video.capture import Layout
 from phasestereo.io import read_image, write_image
 from phasestereo.rig.blur import Blur, BlurEstimate
-from phasestereo.rig.diagnosis import Diagnosis
 from phasestereo.rig.diagnosis import check as check_pair
 from phasestereo.rig.findings import spread
 
@@ -70,10 +68,15 @@ def check(
         else:
             images = read_image(left), read_image(right)
         diagnosis = check_pair(*images)
+
     if blur_map is not None:
         with refusals():
             write_image(blur_map, _picture(diagnosis.blur, images[0]))
-    sys.stdout.write(_json(diagnosis) if as_json else f"{diagnosis}\n")
+
+    if as_json:
+        print_json({"version": phasestereo.__version__, **diagnosis.as_dict()})
+    else:
+        print_lines(str(diagnosis).splitlines())
     grave = [found.sentence for found in diagnosis.findings if found.severity == "warning"]
     if strict and grave:
         raise CommandError(grave[0], UNTRUSTED)
@@ -83,14 +86,7 @@ def _refuse_target(path: Path, sources: tuple[Path | None, ...]) -> None:
     """Refuse a file that is no PNG, or that is read."""
     if path.suffix.lower() != ".png":
         raise CommandError(f"--blur-map: got {path}; accepts a .png file", WRONG_USAGE)
-    taken = [source for source in sources if source and source.exists()]
-    if path.exists() and any(path.samefile(source) for source in taken):
-        raise CommandError(f"--blur-map: {path} is in use already", WRONG_USAGE)
-
-
-def _json(diagnosis: Diagnosis) -> str:
-    told: dict[str, Any] = {"version": phasestereo.__version__, **diagnosis.as_dict()}
-    return json.dumps(told, indent=2, allow_nan=False) + "\n"
+    refuse_taken("blur_map", path, sources)
 
 
 def _picture(estimate: BlurEstimate | None, image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -99,12 +95,9 @@ def _picture(estimate: BlurEstimate | None, image: NDArray[Any]) -> NDArray[np.u
     gray = (gray - gray.min()) / max(float(np.ptp(gray)), np.finfo(float).tiny)
     shown = np.repeat(gray[:, :, np.newaxis], 3, axis=2)
     if estimate is not None:
-        rows, cols = (
-            np.minimum(np.arange(size) // estimate.tile, tiles - 1)
-            for size, tiles in zip(gray.shape, estimate.labels.shape, strict=True)
-        )
         color, weight = _tints(estimate.blurs)
-        label = estimate.labels[np.ix_(rows, cols)]
+        rows, cols = gray.shape
+        label = estimate.label_map((rows, cols))
         shown += weight[label] * (color[label] - shown)
     return np.asarray(np.rint(255 * shown), np.uint8)
 

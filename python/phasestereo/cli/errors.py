@@ -1,15 +1,17 @@
-"""What a user can get wrong, told apart from what a programmer can."""
+"""What a user can get wrong, as distinguished from what a programmer can."""
 
 from __future__ import annotations
 
+import os
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from phasestereo.io.files import describe_error
 from phasestereo.io.image import is_picture
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterable, Iterator
 
 RUN_FAILED = 1
 WRONG_USAGE = 2
@@ -47,7 +49,7 @@ def refusals(*, options: Collection[str] = ()) -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError, TypeError, MemoryError, RuntimeError, ImportError) as error:
-        message = _describe(error)
+        message = describe_error(error)
         argument, colon, rest = message.partition(":")
         if argument in options:
             raise CommandError(option(argument) + colon + rest, WRONG_USAGE) from error
@@ -60,7 +62,7 @@ def option(argument: str) -> str:
 
 
 def refuse_picture(argument: str, path: str | Path) -> None:
-    """Refuse a picture where a calibration is wanted; what is no file at all is told by its reader.
+    """Refuse a picture where a calibration is wanted; its reader refuses what is no file at all.
 
     Raises
     ------
@@ -74,7 +76,20 @@ def refuse_picture(argument: str, path: str | Path) -> None:
         )
 
 
-def _describe(error: Exception) -> str:
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
-    return str(error) or type(error).__name__
+def refuse_taken(argument: str, path: Path, taken: Iterable[Path | None]) -> None:
+    """Refuse to write a file that is read, or that another option writes.
+
+    Raises
+    ------
+    CommandError
+        If it is one of these.
+    """
+    if any(_is_same(path, other) for other in taken if other):
+        raise CommandError(f"{option(argument)}: {path} is in use already", WRONG_USAGE)
+
+
+def _is_same(path: Path, other: Path) -> bool:
+    """Return whether two paths name one file; either may not exist yet."""
+    if path.exists() and other.exists():
+        return path.samefile(other)
+    return os.path.realpath(path) == os.path.realpath(other)

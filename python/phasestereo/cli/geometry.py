@@ -8,22 +8,22 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from cyclopts import Parameter, validators
+from cyclopts import Parameter
 from numpy.typing import NDArray
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture
+from phasestereo.cli.options import POSITIVE
 from phasestereo.io import Calibration, LengthUnit, read_calibration, read_q
 from phasestereo.views.meshing import Mesh, surface_mesh
 from phasestereo.views.triangulation import PointCloud, point_cloud
 
 Map = NDArray[np.float32]
 
-_POSITIVE = validators.Number(gt=0)
 _WITH_FOCAL = ("baseline", "doffs", "cx", "cy")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Geometry:
+class GeometryOptions:
     """What makes depths of disparities.
 
     Parameters
@@ -50,13 +50,13 @@ class Geometry:
 
     calib: Path | None = None
     q: Path | None = None
-    focal: Annotated[float | None, Parameter(validator=_POSITIVE)] = None
-    baseline: Annotated[float | None, Parameter(validator=_POSITIVE)] = None
+    focal: Annotated[float | None, Parameter(validator=POSITIVE)] = None
+    baseline: Annotated[float | None, Parameter(validator=POSITIVE)] = None
     doffs: float | None = None
     cx: float | None = None
     cy: float | None = None
     unit: LengthUnit | None = None
-    max_depth: Annotated[float | None, Parameter(validator=_POSITIVE)] = None
+    max_depth: Annotated[float | None, Parameter(validator=POSITIVE)] = None
 
     def check(self, *, wanted: bool) -> None:
         """Refuse options that are incomplete, exclude each other or have no effect.
@@ -68,21 +68,24 @@ class Geometry:
         """
         given = [field.name for field in fields(self) if getattr(self, field.name) is not None]
         sources = [name for name in ("calib", "q", "focal") if name in given]
+
         if given and not wanted:
             raise _wrong(given[0], "has no effect without --ply, --mesh, --depth or --report")
         if len(sources) > 1:
             raise _wrong(sources[1], f"got {option(sources[0])}, too; accepts one geometry")
+
         for name in given:
             if name in _WITH_FOCAL and "focal" not in sources:
                 raise _wrong(name, "has no effect without --focal")
         if "focal" in sources and self.baseline is None:
             raise _wrong("focal", "needs --baseline, the distance of the cameras")
+
         for name, path in (("calib", self.calib), ("q", self.q)):
             if path is not None:
                 refuse_picture(name, path)
 
     def bound(self) -> int | None:
-        """Return the number of disparities that calib.txt tells, if there is one that does.
+        """Return the number of disparities that calib.txt gives, if there is one that does.
 
         Raises
         ------
@@ -125,16 +128,19 @@ class Geometry:
             calibration = Calibration.from_q(known, width=size[1], height=size[0])
         if calibration is None:
             return None
+
         try:
             calibration.check_size(size)
         except ValueError as error:
             raise ValueError(f"{self.calib}: {error}") from error
+
         largest = sum(disparities) - 1
         if math.isnan(calibration.depth(largest)):
             raise ValueError(
                 f"no disparity up to {largest} has a depth with doffs = {calibration.doffs:g}: "
                 "what is nearer has larger disparities"
             )
+
         nearest = calibration.depth(largest + 1).item()
         if self.max_depth is not None and nearest > self.max_depth:
             raise _wrong(
@@ -142,6 +148,7 @@ class Geometry:
                 f"got {self.max_depth:g}; with disparities up to {largest} nothing is nearer than "
                 f"{nearest:g}: it is in the unit of the baseline",
             )
+
         unit = self.unit or (None if self.calib is None else "mm")
         return Rig(calibration, unit, self.max_depth)
 
@@ -154,6 +161,7 @@ class Geometry:
                 return Calibration.from_q(matrix, width=width, height=height)
             except ValueError as error:
                 raise ValueError(f"{self.q}: {error}") from error
+
         if self.focal is None or self.baseline is None:
             return None
         return Calibration.from_focal(
@@ -169,7 +177,7 @@ class Geometry:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """The camera pair, the unit of its baseline (None: not told), and the largest depth wanted."""
+    """The camera pair, the unit of its baseline (None: unknown), and the largest depth wanted."""
 
     calibration: Calibration
     unit: LengthUnit | None

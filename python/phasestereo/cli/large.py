@@ -2,23 +2,20 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import json
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
-from rich.console import Console
 
 import phasestereo
 from phasestereo import outofcore
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
 from phasestereo.cli.outputs import Outputs
 from phasestereo.cli.scoring import Scoring
-from phasestereo.cli.terminal import printable, progress_bar
-from phasestereo.outofcore import Plan, Report, format_bytes
+from phasestereo.cli.terminal import print_json, print_lines, progress_bar, say
+from phasestereo.outofcore import MapReport, Plan, format_bytes
 from phasestereo.result import format_counts
 
 _WHOLE = ("color", "ply", "mesh", "depth", "report")
@@ -52,7 +49,7 @@ class Large:
     restart: Annotated[bool, Parameter(negative=(), show_default=False)] = False
 
     def asked_for(self) -> bool:
-        """Tell whether the pair is to be matched that way; refuse options that have no effect."""
+        """Return whether to match that way; refuse options that have no effect."""
         if self.max_memory is not None:
             return True
         for name in self._given():
@@ -70,6 +67,7 @@ class Large:
                 "spare; accepts no such option beside it",
                 WRONG_USAGE,
             )
+
         if outputs.output is None:
             raise CommandError("--max-memory: needs --output, a file for the map", WRONG_USAGE)
         return outputs.output
@@ -117,10 +115,10 @@ def match_large(
     try:
         with refusals(options=options | _OPTIONS), progress_bar("Matching") as progress:
             report = outofcore.match(
-                left, right, output, **given, announce=_show_plan, progress=progress, stage=_say
+                left, right, output, **given, announce=_show_plan, progress=progress, stage=say
             )
     except KeyboardInterrupt:
-        _say("finished bands are kept: the same command goes on from there")
+        say("finished bands are kept: the same command goes on from there")
         raise
     _show(report, as_json=as_json)
 
@@ -129,22 +127,17 @@ def _show_plan(plan: Plan) -> None:
     """Say what a run takes, before it starts and again when its first band is there."""
     duration = format_duration(plan.seconds)
     if plan.by_band:
-        _say(f"by its first band, {duration} to go")
+        say(f"by its first band, {duration} to go")
         return
+
     rows, cols = plan.size
     bands = f"{plan.bands} band{'s' * (plan.bands != 1)}"
     threads = f"{plan.threads} thread{'s' * (plan.threads != 1)}"
     finished = f", {plan.finished} finished before" if plan.finished else ""
-    _say(
+    say(
         f"{cols} x {rows} pixels, {plan.num_disparities} disparities: {bands} of {plan.rows} "
         f"rows{finished}, {threads}, at most "
         f"{format_bytes(plan.memory)} of memory, about {duration}"
-    )
-
-
-def _say(line: str) -> None:
-    Console(stderr=True, highlight=False, soft_wrap=True).print(
-        printable(f"phasestereo: {line}"), markup=False
     )
 
 
@@ -157,18 +150,16 @@ def format_duration(seconds: float) -> str:
     return f"{round(seconds / 3600)} h"
 
 
-def _show(report: Report, *, as_json: bool) -> None:
+def _show(report: MapReport, *, as_json: bool) -> None:
     if as_json:
-        summary = {"version": phasestereo.__version__, **report.as_dict()}
-        sys.stdout.write(json.dumps(summary, indent=2, allow_nan=False) + "\n")
-        return
-    console = Console(highlight=False, soft_wrap=True)
-    for line in _lines(report):
-        console.print(printable(line), markup=False)
+        print_json({"version": phasestereo.__version__, **report.as_dict()})
+    else:
+        print_lines(_lines(report))
 
 
-def _lines(report: Report) -> list[str]:
-    (rows, cols), blur = report.plan.size, report.statistics.blur
+def _lines(report: MapReport) -> list[str]:
+    rows, cols = report.plan.size
+    blur = report.statistics.blur
     peak = "" if report.peak_memory is None else f", {format_bytes(report.peak_memory)} of memory"
     flags = format_counts(report.flags, rows * cols)
     return [

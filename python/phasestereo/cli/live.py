@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Group, Parameter, validators
+from cyclopts import Group, Parameter
 
 from phasestereo._interrupts import held_back
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
@@ -18,8 +18,8 @@ from phasestereo.cli.live_recordings import Messages, Topics
 from phasestereo.cli.live_show import ClosedError, Screen, Showing, Way
 from phasestereo.cli.live_show import opened as open_screen
 from phasestereo.cli.live_tally import Tally
-from phasestereo.cli.options import Count, Overrides
-from phasestereo.cli.pairing import AUTO, told
+from phasestereo.cli.options import AT_LEAST_ONE, NOT_NEGATIVE, REASONABLE, Count, Overrides
+from phasestereo.cli.pairing import AUTO, as_calibration
 from phasestereo.cli.terminal import say
 from phasestereo.cli.trust import unwarned
 from phasestereo.integrations.ros.recordings import Recording
@@ -43,9 +43,6 @@ _SEARCH = Group.create_ordered("Search")
 _RECORDING = Group.create_ordered("Recordings of robots")
 _OUTPUT = Group.create_ordered("Output")
 _SETTINGS = Group.create_ordered("Settings", help="Two penalties are written 0.5,2.")
-_AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
-_NOT_NEGATIVE = validators.Number(gte=0, lt=2**31)
-_REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
 _OUTPUTS, _TOPICS, _MESSAGES, _SHOWING = LiveOutputs(), Topics(), Messages(), Showing()
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}; fast for frame rates."
 _MORE = Parameter(group=_SOURCE, consume_multiple=True, show_default=False)
@@ -59,12 +56,12 @@ def live(
     cameras: Annotated[tuple[int, ...], _MORE] = (),
     layout: Annotated[Layout | None, Parameter(group=_SOURCE)] = None,
     rectify: Annotated[tuple[str, ...], Parameter(group=_SOURCE, show_default=False)] = (),
-    start: Annotated[int, Parameter(group=_SOURCE, validator=_NOT_NEGATIVE)] = 0,
-    stop: Annotated[int | None, Parameter(group=_SOURCE, validator=_NOT_NEGATIVE)] = None,
-    every: Annotated[int, Parameter(group=_SOURCE, validator=_AT_LEAST_ONE)] = 1,
-    reestimate: Annotated[int, Parameter(group=_SOURCE, validator=_AT_LEAST_ONE)] = REESTIMATE,
-    num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)] = None,
-    min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
+    start: Annotated[int, Parameter(group=_SOURCE, validator=NOT_NEGATIVE)] = 0,
+    stop: Annotated[int | None, Parameter(group=_SOURCE, validator=NOT_NEGATIVE)] = None,
+    every: Annotated[int, Parameter(group=_SOURCE, validator=AT_LEAST_ONE)] = 1,
+    reestimate: Annotated[int, Parameter(group=_SOURCE, validator=AT_LEAST_ONE)] = REESTIMATE,
+    num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=AT_LEAST_ONE)] = None,
+    min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=REASONABLE)] = 0,
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
     showing: Annotated[Showing, Parameter(name="*", group=_OUTPUT)] = _SHOWING,
@@ -126,15 +123,17 @@ def live(
         --noise-threshold.
     """
     places = _places(source, right, cameras)
-    calibration = told(rectify) if rectify else ()
+    calibration = as_calibration(rectify) if rectify else ()
     way = showing.way(alone=not outputs.asked_for())
     recorded = topics.check(places)
     if outputs.recording is not None and recorded is None:
         raise CommandError("--output: a recording is written of a recording", WRONG_USAGE)
+
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
     disparities = min_disparity, num_disparities
     outputs.check(_files(places), (min_disparity, num_disparities or 1), shown=way is not None)
+
     tally = Tally(disparities, settings)
     given: dict[str, Any] = {
         "layout": layout,
@@ -150,21 +149,24 @@ def live(
         "on_error": tally.fail,
         "patience": PATIENCE if way is None else None,  # who looks plugs it in again
     }
+
     by: Any = AUTO if calibration is None else calibration or None
+
     with ExitStack() as opened:
         recording = None if recorded is None else _opened(opened, topics, recorded)
         if recording is not None:
             places, by = (recording,), by or recording.cameras
+
         messages.check(
             wanted=outputs.recording is not None,
             known=bool(calibration) or (recording is not None and recording.q is not None),
         )
+
         with refusals(options=_OPTIONS):
             frames = opened.enter_context(closing(stream(*places, rectify=by, **given)))
-            screen = (
-                None
-                if way is None
-                else _screen(
+            screen = None
+            if way is not None:
+                screen = _screen(
                     opened,
                     way,
                     showing,
@@ -174,13 +176,14 @@ def live(
                     num_disparities=num_disparities,
                     paced=not (outputs.asked_for() or cameras),
                 )
-            )
+
         sink = None if recording is None else partial(messages.sink, recording, frames)
         try:
             with unwarned(), refusals(options=_OPTIONS):
                 _run(frames, outputs, tally, sink, screen)
         finally:
             tally.show(as_json=outputs.json)
+
     if tally.interrupted:
         raise KeyboardInterrupt
     if not tally.done and way is None:
@@ -211,6 +214,7 @@ def _run(
         screen.follow(frames)
         tally.listeners.append(screen.fail)
         tally.reports_news_alone = True
+
     try:
         with suppress(ClosedError), writing as writers, tally.shown(frames.length):
             for frame in frames:
@@ -252,6 +256,7 @@ def _write(frame: Frame, sinks: list[Sink], tally: Tally) -> None:
             write(frame)
         except (ValueError, TypeError) as error:
             errors.append(error)
+
     if errors:
         tally.fail(Failure(frame.index, frame.time, errors[0]))
     else:
@@ -264,9 +269,10 @@ def _places(source: str | None, right: str | None, cameras: tuple[int, ...]) -> 
         if source is not None:
             raise CommandError("--cameras: stands in place of SOURCE, not beside it", WRONG_USAGE)
         if len(cameras) > 2 or min(cameras) < 0:
-            told = " ".join(map(str, cameras))
-            raise CommandError(f"--cameras: got {told}; accepts one or two numbers", WRONG_USAGE)
+            got = " ".join(map(str, cameras))
+            raise CommandError(f"--cameras: got {got}; accepts one or two numbers", WRONG_USAGE)
         return cameras
+
     if source is None:
         raise CommandError("SOURCE is missing: a video, a folder, or --cameras 0 1", WRONG_USAGE)
     return (source,) if right is None else (source, right)

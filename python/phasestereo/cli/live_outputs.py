@@ -9,7 +9,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Annotated, Self
 
 import numpy as np
@@ -23,6 +22,7 @@ from phasestereo.cli.errors import (
     option,
     refusals,
     refuse_picture,
+    refuse_taken,
 )
 from phasestereo.cli.live_tally import Tally
 from phasestereo.integrations.rerun import log_failure, log_frame, saving
@@ -35,7 +35,7 @@ from phasestereo.io import read_calibration, write_disparity
 
 Sink = Callable[[Frame], object]
 
-_RATE = 25.0  # of sources that do not tell theirs
+_RATE = 25.0  # of sources whose own is unknown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +56,7 @@ class LiveOutputs:
     calib
         Middlebury's calib.txt, for colored points in --rerun and depths on the page.
     rate
-        Frames a second of the video, where the source does not tell when they were taken; without
+        Frames a second of the video, where the source does not say when they were taken; without
         it, 25.
     json
         Print one JSON object on standard output: settings, frames, failures, files.
@@ -70,7 +70,7 @@ class LiveOutputs:
     json: Annotated[bool, Parameter(negative=(), show_default=False)] = False
 
     def asked_for(self) -> bool:
-        """Tell whether anything is to come out."""
+        """Return whether anything is to come out."""
         return bool(self.output or self.frames or self.rerun or self.json)
 
     @property
@@ -94,10 +94,13 @@ class LiveOutputs:
             raise CommandError("--rate: has no effect without --output", WRONG_USAGE)
         if self.calib is not None:
             refuse_picture("calib", self.calib)
-        read = {os.path.realpath(source) for source in sources}
+
+        sources = list(sources)
         for name, path in (("output", self.output), ("rerun", self.rerun)):
-            if path is not None and os.path.realpath(path) in read:
-                raise CommandError(f"{option(name)}: {path} is in use already", WRONG_USAGE)
+            if path is not None:
+                refuse_taken(name, path, sources)
+
+        # Whatever is to be written is tried before anything is matched.
         with refusals():
             if self.recording is not None:
                 _checked("output", partial(RecordingWriter, self.recording))
@@ -108,7 +111,7 @@ class LiveOutputs:
                 require("rerun", extra="rerun")
                 _checked("rerun", partial(draft_of, self.rerun, (".rrd",), "recording"))
             if self.frames is not None:
-                _check_frames(self.frames, read, disparities)
+                _check_frames(self.frames, sources, disparities)
 
 
 class Writers:
@@ -119,10 +122,10 @@ class Writers:
     outputs
         What was asked for.
     tally
-        What keeps count; it learns which files there are, and what it is told of failures goes to
+        What keeps count; it learns which files there are, and the failures that it counts go to
         the recording, too.
     rate
-        Frames a second of the source, if it tells.
+        Frames a second of the source, if that is known.
     messages
         Makes the sink of a recording; None where none is written.
     """
@@ -135,13 +138,16 @@ class Writers:
         rate: float | None,
         messages: Callable[[ExitStack, Path], Sink] | None,
     ) -> None:
-        self._outputs, self._tally, self._messages = outputs, tally, messages
+        self._outputs = outputs
+        self._tally = tally
+        self._messages = messages
         self._rate = outputs.rate or rate or _RATE
         self._open = ExitStack()
         self.sinks: list[Sink] = []
 
     def __enter__(self) -> Self:
         """Open the files."""
+        # If one of them cannot be opened, those that are open are closed again.
         with ExitStack() as opened:
             recording = self._outputs.recording
             if recording is not None and self._messages is not None:
@@ -149,20 +155,18 @@ class Writers:
                 self._tally.files["output"] = str(recording)
             elif self._outputs.output is not None:
                 self._add_video(opened, self._outputs.output)
+
             if self._outputs.frames is not None:
                 self.sinks.append(partial(_write_frame, self._outputs.frames))
                 self._tally.files["frames"] = self._outputs.frames
+
             if self._outputs.rerun is not None:
                 self._add_recording(opened, self._outputs.rerun)
+
             self._open = opened.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Complete the files."""
         with held_back():
             self._open.close()
@@ -197,7 +201,7 @@ def _write_frame(pattern: str, frame: Frame) -> None:
     write_disparity(pattern % frame.index, frame.result.disparity)
 
 
-def _check_frames(pattern: str, read: set[str], disparities: tuple[int, int]) -> None:
+def _check_frames(pattern: str, sources: list[Path], disparities: tuple[int, int]) -> None:
     try:
         distinct = len({pattern % 0, pattern % 1, pattern % 11}) == 3
     except (TypeError, ValueError):
@@ -205,9 +209,11 @@ def _check_frames(pattern: str, read: set[str], disparities: tuple[int, int]) ->
     if not distinct:
         message = f"--frames: got {pattern}; accepts a name with one number, such as maps/%06d.pfm"
         raise CommandError(message, WRONG_USAGE)
+
     folder = Path(pattern % 0).parent
-    if os.path.realpath(folder) in read:
+    if os.path.realpath(folder) in {os.path.realpath(source) for source in sources}:
         raise CommandError(f"--frames: {folder} holds the images", WRONG_USAGE)
+
     folder.mkdir(parents=True, exist_ok=True)
     low, count = disparities
     extremes = np.array([[low, low + count - 1]], dtype=np.float32)

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter, validators
+from cyclopts import Parameter
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
+from phasestereo.cli.options import NOT_NEGATIVE
 from phasestereo.integrations.ros.bags import RecordingWriter, is_recording
 from phasestereo.integrations.ros.messages import DEPTHS, Depths
 from phasestereo.integrations.ros.output import GEOMETRIC, KINDS, FrameWriter, Kind
@@ -18,7 +19,6 @@ from phasestereo.integrations.ros.recordings import TOLERANCE, Recording, open_r
 from phasestereo.integrations.video.streaming import Frame, Stream
 from phasestereo.io import Calibration
 
-_NOT_NEGATIVE = validators.Number(gte=0, lt=2**31)
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
 
 
@@ -43,7 +43,7 @@ class Topics:
     left: str | None = None
     right: str | None = None
     camera_info: tuple[str, str] | None = None
-    tolerance: Annotated[float | None, Parameter(validator=_NOT_NEGATIVE)] = None
+    tolerance: Annotated[float | None, Parameter(validator=NOT_NEGATIVE)] = None
 
     def check(self, places: tuple[Any, ...]) -> Path | None:
         """Return the recording, if the source is one.
@@ -56,6 +56,7 @@ class Topics:
         path = None
         if len(places) == 1 and isinstance(places[0], str) and is_recording(places[0]):
             path = Path(places[0])
+
         for name in ("left", "right", "camera_info", "tolerance"):
             if path is None and getattr(self, name) is not None:
                 message = f"{option(name)}: has no effect without a recording (.mcap, .db3, .bag)"
@@ -107,6 +108,7 @@ class Messages:
             if getattr(self, name) and not wanted:
                 message = f"{option(name)}: has no effect without -o of a recording"
                 raise CommandError(message, WRONG_USAGE)
+
         for kind in self.messages:
             if kind in GEOMETRIC and not known:
                 message = f"--messages: {kind} needs camera_info, or --rectify with a calibration"

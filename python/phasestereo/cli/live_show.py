@@ -33,7 +33,7 @@ _LONGEST_PAUSE = 1.0  # seconds between frames of a file: recordings may have ga
 
 
 class ClosedError(Exception):
-    """Whoever looked has ended the run."""
+    """Whoever looked at the frames has ended the run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,8 +66,10 @@ class Showing:
         if self.show is not None and len(self.show) > 1:
             raise CommandError("--show: accepts page or window", WRONG_USAGE)
         way: Way | None = None if self.show is None and not alone else "page"
+
         if self.show:
             way = self.show[0]
+
         if self.save_to is not None and way != "page":
             raise CommandError("--save-to: has no effect without --show", WRONG_USAGE)
         if self.save_to is not None and not self.save_to.is_dir():
@@ -76,7 +78,7 @@ class Showing:
 
 
 class Screen:
-    """Where frames and failures are seen; what is told once is told on the terminal, too.
+    """Where frames and failures are seen; what stays to be said is on the terminal, too.
 
     Parameters
     ----------
@@ -89,8 +91,10 @@ class Screen:
     """
 
     def __init__(self, calibration: Calibration | None, unit: str, *, paced: bool) -> None:
-        self._calibration, self._unit, self._paced = calibration, unit, paced
-        self._start: float | None = None
+        self._calibration = calibration
+        self._unit = unit
+        self._paced = paced
+        self._start: float | None = None  # when the first frame was due
         self._is_first = True
         self.closed = False
 
@@ -102,6 +106,7 @@ class Screen:
         if self._is_first:
             self._is_first = False
             self._judge(frame, frames)
+
         if self._paced and frame.time is not None:
             self._wait(frame.time)
         self._draw(frame)
@@ -135,12 +140,15 @@ class Screen:
 
     def _judge(self, frame: Frame, frames: Stream) -> None:
         """Look at the calibration once, with the first frame."""
-        found, shape = frames.rectification, frame.result.disparity.shape
+        found = frames.rectification
         if found is not None and (found.error is None or found.error > _ROWS_OFF):
             self._note("; ".join(found.sentences))
+
+        shape = frame.result.disparity.shape
         known, unit = self._calibration, self._unit
         if known is None and frames.q is not None:
             known = Calibration.from_q(frames.q, width=shape[1], height=shape[0])
+
         if known is None:
             return
         try:
@@ -153,7 +161,9 @@ class Screen:
     def _wait(self, time: float) -> None:
         now = monotonic()
         self._start = now - time if self._start is None else self._start
+
         early = self._start + time - now
+        # Where the source has a gap, or matching is behind, the clock starts anew.
         if early > _LONGEST_PAUSE or early < -_LONGEST_PAUSE:
             self._start = now - time
         elif early > 0:
@@ -177,7 +187,7 @@ class PageScreen(Screen):
 
     def follow(self, frames: Stream) -> None:
         """Let the page change how the coming frames are matched."""
-        self._show.run_with(frames.change)
+        self._show.follow(frames.change)
 
     def stay(self) -> None:
         """Keep the page after the last frame, until it is closed or Ctrl-C."""
@@ -213,16 +223,18 @@ class WindowScreen(Screen):
         cv2 = require("cv2", extra="live")
         search = frame.result.search
         low, count = (0, 1) if search is None else (search.min_disparity, search.num_disparities)
+
         picture = FramePicture(low, low + count)(frame)
         cv2.imshow(_TITLE, picture[:, :, ::-1])
         self._listen()
 
-    def _fail(self, failure: Failure) -> None:  # noqa: ARG002 - the terminal tells it
+    def _fail(self, failure: Failure) -> None:  # noqa: ARG002 - the terminal says it
         self._listen()
 
     def _listen(self, milliseconds: int = 1) -> None:
         cv2 = require("cv2", extra="live")
         pressed = cv2.waitKey(milliseconds) & 0xFF
+
         is_gone = cv2.getWindowProperty(_TITLE, cv2.WND_PROP_VISIBLE) < 1
         self.closed = self.closed or pressed in _ENDS or is_gone
 
@@ -248,6 +260,7 @@ def opened(
     if way == "window" and _has_windows():
         stack.callback(require("cv2", extra="live").destroyAllWindows)
         return WindowScreen(**more)
+
     if way == "window":
         say("note: this OpenCV has no windows: the page is opened instead")
     show = Show(settings, num_disparities, folder or Path())
@@ -267,12 +280,13 @@ def _serve(stack: ExitStack, show: Show) -> None:
 
 
 def _has_windows() -> bool:
-    """Tell whether OpenCV can open a window: on Linux without a display Qt ends the process."""
+    """Return whether OpenCV can open a window: on Linux without a display Qt ends the process."""
     cv2 = require("cv2", extra="live")
     if sys.platform == "linux" and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):
         return False
+
     try:
         cv2.namedWindow(_TITLE, cv2.WINDOW_NORMAL)
     except cv2.error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -13,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
 import phasestereo
-from phasestereo.cli.terminal import printable
+from phasestereo.cli.terminal import print_json, print_lines, say
 from phasestereo.integrations.ros.pairing import UnpairedError
 
 if TYPE_CHECKING:
@@ -44,17 +43,22 @@ class Tally:
     """
 
     def __init__(self, disparities: tuple[int, int | None], settings: Settings) -> None:
-        self.disparities, self.settings = disparities, settings
-        self.done, self.failed, self.unpaired, self.interrupted = 0, 0, 0, False
+        self.disparities = disparities
+        self.settings = settings
+        self.done = 0
+        self.failed = 0
+        self.unpaired = 0
+        self.interrupted = False
         self.files: dict[str, str] = {}
         self.listeners: list[Callable[[Failure], object]] = []
         self.reports_news_alone = False
-        self._last = ""
+
+        self._last = ""  # what the last failure said
         self._failures: list[dict[str, Any]] = []
         self._topics: set[str] = set()
         self._size: tuple[int, ...] | None = None
-        self._start, self._seconds = monotonic(), 0.0
-        self._console = Console(stderr=True, highlight=False, soft_wrap=True)
+        self._start = monotonic()
+        self._seconds = 0.0
         self._changed: Callable[[], object] | None = None
 
     def report_news(self, frame: Frame) -> None:
@@ -62,8 +66,7 @@ class Tally:
         for found in frame.result.findings:
             if found.topic not in self._topics:
                 self._topics.add(found.topic)
-                line = f"phasestereo: frame {frame.index}: {found.severity}: {found.sentence}"
-                self._console.print(printable(line), markup=False)
+                say(f"frame {frame.index}: {found.severity}: {found.sentence}")
 
     def searched(self, frame: Frame) -> tuple[int, int]:
         """Return the first disparity that is searched and the one after the last.
@@ -74,6 +77,7 @@ class Tally:
         search = frame.result.search
         if count is None and search is not None:
             low, count = self.disparities = search.min_disparity, search.num_disparities
+
         return low, low + (count or 1)
 
     def count(self, frame: Frame) -> None:
@@ -90,10 +94,12 @@ class Tally:
         if len(self._failures) < _KEPT:
             said = {"frame": failure.index, "error": " ".join(str(failure.error).split())}
             self._failures.append(said)
-        line = " ".join(str(failure).split())
+
         if not self.reports_news_alone or str(failure.error) != self._last:
-            self._console.print(printable(f"phasestereo: skipped {line}"), markup=False)
+            say(f"skipped {' '.join(str(failure).split())}")
+
         self._last = str(failure.error)
+
         self._change()
         for listener in self.listeners:
             listener(failure)
@@ -102,10 +108,12 @@ class Tally:
     def shown(self, length: int | None) -> Iterator[None]:
         """Show the count on standard error while the block lasts, if that is a terminal."""
         self._start = monotonic()
+        console = Console(stderr=True, highlight=False, soft_wrap=True)
         columns = SpinnerColumn(), TextColumn("{task.description}"), BarColumn()
+
         try:
             with Progress(
-                *columns, console=self._console, transient=True, disable=not sys.stderr.isatty()
+                *columns, console=console, transient=True, disable=not sys.stderr.isatty()
             ) as bar:
                 task = bar.add_task(self._line(), total=length)
                 self._changed = lambda: bar.update(
@@ -119,15 +127,13 @@ class Tally:
     def show(self, *, as_json: bool) -> None:
         """Print what it came to on standard output."""
         if as_json:
-            sys.stdout.write(json.dumps(self.as_dict(), indent=2, allow_nan=False) + "\n")
+            print_json(self.as_dict())
             return
-        console = Console(highlight=False, soft_wrap=True)
+
         size = "" if self._size is None else f" of {self._size[1]} x {self._size[0]} pixels"
-        console.print(
-            f"{self._line()}{size}, {self.disparities[1] or 'no'} disparities", markup=False
-        )
-        for path in self.files.values() if self.done else ():
-            console.print(printable(f"wrote {path}"), markup=False)
+        line = f"{self._line()}{size}, {self.disparities[1] or 'no'} disparities"
+        files = self.files.values() if self.done else ()
+        print_lines([line, *(f"wrote {path}" for path in files)])
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it."""

@@ -6,17 +6,17 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Group, Parameter, validators
+from cyclopts import Group, Parameter
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
-from phasestereo.cli.geometry import Geometry
+from phasestereo.cli.geometry import GeometryOptions
 from phasestereo.cli.large import Large, match_large
-from phasestereo.cli.options import Bands, Count, Overrides
+from phasestereo.cli.options import AT_LEAST_ONE, REASONABLE, Bands, Count, Overrides
 from phasestereo.cli.outcome import Outcome, rehearsal
 from phasestereo.cli.outputs import Outputs
-from phasestereo.cli.pairing import OPTIONS, Pairing, names_of
+from phasestereo.cli.pairing import OPTIONS, Pairing, names_of, read_both
 from phasestereo.cli.scoring import Scoring
-from phasestereo.cli.summary import Summary, show
+from phasestereo.cli.summary import MatchSummary, show
 from phasestereo.cli.terminal import progress_bar
 from phasestereo.cli.trust import refuse_untrusted, show_findings, unwarned
 from phasestereo.io.mask import read_mask
@@ -36,9 +36,7 @@ _LARGE = Group.create_ordered("Pairs larger than memory")
 _SETTINGS = Group.create_ordered(
     "Expert settings", help="Each takes the place of the preset's. Two penalties are written 0.5,2."
 )
-_AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
-_REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
-_OUTPUTS, _NO_GEOMETRY, _SCORING, _ALL_AT_ONCE = Outputs(), Geometry(), Scoring(), Large()
+_OUTPUTS, _NO_GEOMETRY, _SCORING, _ALL_AT_ONCE = Outputs(), GeometryOptions(), Scoring(), Large()
 _AS_IT_IS = Pairing()
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
 
@@ -49,8 +47,8 @@ def match(
     /,
     *,
     pairing: Annotated[Pairing, Parameter(name="*", group=_PAIR)] = _AS_IT_IS,
-    num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=_AT_LEAST_ONE)] = None,
-    min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=_REASONABLE)] = 0,
+    num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=AT_LEAST_ONE)] = None,
+    min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=REASONABLE)] = 0,
     preset: Annotated[str, Parameter(group=_SEARCH, help=_PRESET_HELP)] = PRESET,
     left_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     right_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
@@ -59,7 +57,7 @@ def match(
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
     strict: Annotated[bool, Parameter(group=_SEARCH, negative=())] = False,
     outputs: Annotated[Outputs, Parameter(name="*", group=_OUTPUT)] = _OUTPUTS,
-    geometry: Annotated[Geometry, Parameter(name="*", group=_GEOMETRY)] = _NO_GEOMETRY,
+    geometry: Annotated[GeometryOptions, Parameter(name="*", group=_GEOMETRY)] = _NO_GEOMETRY,
     scoring: Annotated[Scoring, Parameter(name="*", group=_SCORE)] = _SCORING,
     large: Annotated[Large, Parameter(name="*", group=_LARGE)] = _ALL_AT_ONCE,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
@@ -107,8 +105,10 @@ def match(
             "nothing to do: give -o, --color, --ply, --mesh, --depth, --report, --truth or --json",
             WRONG_USAGE,
         )
+
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
+
     if large.asked_for():
         given = {
             "num_disparities": num_disparities,
@@ -129,19 +129,24 @@ def match(
         output = large.check(outputs, scoring)
         match_large((left, right), output, large, given, options=_OPTIONS, as_json=outputs.json)
         return
+
     sources = [left, right, left_mask, right_mask, *scoring.sources(), *pairing.sources()]
     sources += geometry.sources()
     with refusals(options=_OPTIONS):
         masks = read_mask(left_mask), read_mask(right_mask)
-        views, rectified = pairing.straight(pairing.read(left, right, bands), masks)
+        raw = read_both(left, right, layout=pairing.layout, bands=bands)
+        views, rectified = pairing.straight(raw, masks)
         images = views[0].image, views[1].image
         truth = scoring.read(images[0].shape[:2])
+
         num_disparities = num_disparities or geometry.bound()
         # As long as they are to be found, no more than one is sure to be searched.
         disparities = min_disparity, num_disparities or 1
         known = None if rectified is None else rectified.Q
         rig = geometry.read(images[0].shape[:2], disparities, known)
+
     outputs.check(sources, rehearsal(disparities, settings, rig))
+
     with refusals(options=_OPTIONS), unwarned(), progress_bar("Matching") as progress:
         result = match_pair(
             *images,
@@ -154,14 +159,18 @@ def match(
             progress=progress,
             noise=noise,
         )
+
     if result.search is not None:
         disparities = result.search.min_disparity, result.search.num_disparities
+
     show_findings(result.findings)
+
     with refusals():
         score = None if truth is None else truth.score(result.disparity)
         place, names = views[0].place, names_of(left, right)
         outcome = Outcome(images, result, disparities, truth, score, rig, place, names, rectified)
         written = outputs.write(outcome)
-    show(Summary(outcome, written), as_json=outputs.json)
+
+    show(MatchSummary(outcome, written), as_json=outputs.json)
     if strict:
         refuse_untrusted(result.findings)

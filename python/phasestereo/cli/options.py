@@ -15,7 +15,7 @@ from typing import (
     get_type_hints,
 )
 
-from cyclopts import Parameter
+from cyclopts import Parameter, validators
 
 from phasestereo.settings import Settings
 
@@ -42,11 +42,17 @@ def _count(_hint: Any, tokens: Sequence[Token]) -> int | None:
     word = tokens[0].value
     if word == "auto":
         return None
+
     try:
         return int(word)
     except ValueError:
         raise ValueError(f"got {word}; accepts a whole number, or auto") from None
 
+
+AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
+POSITIVE = validators.Number(gt=0)
+NOT_NEGATIVE = validators.Number(gte=0, lt=2**31)
+REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
 
 Count = Annotated[int | None, Parameter(converter=_count, n_tokens=1)]
 """A number of disparities, or ``auto``."""

@@ -65,6 +65,8 @@ def rehearsal(disparities: tuple[int, int], settings: Settings, rig: Rig | None 
     black = np.zeros(extremes.shape, dtype=np.uint8)
     flags = np.zeros(extremes.shape, dtype=np.uint16)
     confidence = np.ones_like(extremes) if settings.confidence else None
+
     result = Result(extremes, flags, confidence, settings, {"matching": 0.0})
+
     small = None if rig is None else rig.of_size(extremes.shape)
     return Outcome((black, black), result, disparities, rig=small)

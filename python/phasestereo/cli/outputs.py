@@ -11,7 +11,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refusals, refuse_taken
 from phasestereo.cli.geometry import Rig
 from phasestereo.cli.outcome import Outcome
 from phasestereo.io import (
@@ -66,11 +66,11 @@ class Outputs:
     json: Annotated[bool, Parameter(negative=(), show_default=False)] = False
 
     def asked_for(self) -> bool:
-        """Tell whether anything is to come out."""
+        """Return whether anything is to come out."""
         return bool(self._files() or self.json)
 
     def use_geometry(self) -> bool:
-        """Tell whether anything that is to come out depends on the geometry of the pair."""
+        """Return whether anything that is to come out depends on the geometry of the pair."""
         return bool(self.ply or self.mesh or self.depth or self.report)
 
     def check(self, sources: Iterable[Path | None], rehearsal: Outcome) -> None:
@@ -91,10 +91,9 @@ class Outputs:
         """
         taken = [source for source in sources if source]
         for name, path, write in self._files():
-            if any(_same(path, other) for other in taken):
-                raise CommandError(f"{option(name)}: {path} is in use already", WRONG_USAGE)
-            taken.append(path)
+            refuse_taken(name, path, taken)
             _rehearse(name, path, write, rehearsal)
+            taken.append(path)
 
     def write(self, outcome: Outcome) -> dict[str, str]:
         """Write what was asked for; return the paths by option."""
@@ -142,7 +141,8 @@ def _write_depth(path: Path, outcome: Outcome) -> None:
 
 
 def _write_report(path: Path, outcome: Outcome) -> None:
-    (low, count), truth, rig = outcome.disparities, outcome.truth, outcome.rig
+    low, count = outcome.disparities
+    truth, rig = outcome.truth, outcome.rig
     write_pair_page(
         path,
         *outcome.pair,
@@ -163,18 +163,12 @@ def _rig(outcome: Outcome) -> Rig:
     return outcome.rig
 
 
-def _same(path: Path, other: Path) -> bool:
-    """Tell whether two paths name one file; either may not exist yet."""
-    if path.exists() and other.exists():
-        return path.samefile(other)
-    return os.path.realpath(path) == os.path.realpath(other)
-
-
 def _rehearse(name: str, path: Path, write: Writer, rehearsal: Outcome) -> None:
-    """Write a draft beside the file and remove it: nothing else knows all that can go wrong."""
+    """Write a draft beside the file and remove it: only trying shows all that can go wrong."""
     target = Path(os.path.realpath(path))  # a symbolic link stays, the file it names is replaced
     if target.is_dir():
         raise CommandError(f"{option(name)}: {path} is a folder")
+
     draft = target.with_name(f".{secrets.token_hex(8)}{path.suffix}")
     with refusals():
         try:

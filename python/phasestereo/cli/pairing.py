@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from numpy.typing import NDArray
 
+from phasestereo._images import join_masks
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refuse_picture
 from phasestereo.integrations.video.capture import Layout
 from phasestereo.io import read_pair
-from phasestereo.io.views import View, join, read_views
+from phasestereo.io.views import View, read_views
 
 if TYPE_CHECKING:
     from phasestereo.rectification import Rectification
@@ -45,18 +46,6 @@ class Pairing:
     layout: Layout | None = None
     rectify: Annotated[tuple[str, ...], Parameter(show_default=False)] = ()
 
-    def read(self, left: Path, right: Path | None, bands: tuple[int, ...] | None = None) -> Views:
-        """Read both views.
-
-        Raises
-        ------
-        OSError, TypeError, ValueError, ImportError
-            As `read_views` and `read_pair`.
-        CommandError
-            If options do not go together.
-        """
-        return read_both(left, right, layout=self.layout, bands=bands)
-
     def straight(
         self, views: Views, masks: Masks = (None, None)
     ) -> "tuple[Views, Rectification | None]":
@@ -68,7 +57,7 @@ class Pairing:
             As `phasestereo.rectify`.
         """
         left_mask, right_mask = (
-            join(mask, view.mask) for mask, view in zip(masks, views, strict=True)
+            join_masks(mask, view.mask) for mask, view in zip(masks, views, strict=True)
         )
         if not self.rectify:
             left, right = views
@@ -76,10 +65,11 @@ class Pairing:
                 View(left.image, left_mask, left.place),
                 View(right.image, right_mask, right.place),
             ), None
+
         found: Rectification = import_module("phasestereo.rectification").rectify(
             views[0].image,
             views[1].image,
-            told(self.rectify),
+            as_calibration(self.rectify),
             left_mask=left_mask,
             right_mask=right_mask,
         )
@@ -90,8 +80,8 @@ class Pairing:
         return [] if self.rectify == (AUTO,) else [Path(name) for name in self.rectify]
 
 
-def told(names: Sequence[str]) -> Sequence[str] | None:
-    """Return the calibration that words of the command line mean; None: the images alone tell.
+def as_calibration(names: Sequence[str]) -> Sequence[str] | None:
+    """Return the calibration that words of the command line mean; None: from the images alone.
 
     Raises
     ------
@@ -123,8 +113,10 @@ def read_both(
         if layout is not None:
             raise CommandError("--layout: has no effect beside RIGHT", WRONG_USAGE)
         return read_views(left, right, bands)
+
     if bands is not None:
         raise CommandError("--bands: has no effect without RIGHT", WRONG_USAGE)
+
     images = read_pair(left, layout)
     return View(images[0]), View(images[1])
 

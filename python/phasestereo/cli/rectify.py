@@ -2,10 +2,8 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import json
-import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import Parameter, validators
@@ -14,12 +12,12 @@ import phasestereo
 from phasestereo.cli.errors import (
     WRONG_USAGE,
     CommandError,
-    option,
     refusals,
     refuse_picture,
+    refuse_taken,
 )
 from phasestereo.cli.pairing import read_both
-from phasestereo.cli.terminal import printable
+from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.integrations.video.capture import Layout
 from phasestereo.io import write_image
 from phasestereo.rectification import Rectification
@@ -66,10 +64,11 @@ def rectify(
         Files for the rectified images, left and right.
     calibration
         OpenCV's .yml, .xml or .npz; a folder of .npy; a pair of ROS's camera_info or of EuRoC's
-        sensor.yaml (left, right); Kalibr's camchain; a saved rectification. Without it, the images
-        alone tell.
+        sensor.yaml (left, right); Kalibr's camchain; a saved rectification. Without it, from the
+        images alone.
     images_from
-        More pairs of the same cameras, left and right in turn, to tell more without a calibration.
+        More pairs of the same cameras, left and right in turn, for a better estimate without a
+        calibration.
     layout
         Where one file has both views: side-by-side, or top-bottom with the left view above.
     masks
@@ -94,9 +93,11 @@ def rectify(
         raise CommandError("--images-from: has no effect beside --calibration", WRONG_USAGE)
     for path in calibration:
         refuse_picture("calibration", path)
+
     targets = _targets(output, masks, save)
     sources = [left, *([] if right is None else [right]), *calibration, *images_from]
     _check_targets(targets, sources)
+
     with refusals(options=_OPTIONS):
         views = read_both(left, right, layout=layout)
         others = zip(images_from[::2], images_from[1::2], strict=True)
@@ -110,10 +111,15 @@ def rectify(
             left_mask=views[0].mask,
             right_mask=views[1].mask,
         )
+
     with refusals():
         _write(found, output, masks, save)
+
     files = [str(path) for _, path in targets]
-    sys.stdout.write(_json(found, files) if as_json else _text(found, files))
+    if as_json:
+        print_json(_as_dict(found, files))
+    else:
+        print_lines([*found.sentences, *(f"wrote {path}" for path in files)])
 
 
 def _targets(
@@ -126,13 +132,12 @@ def _targets(
 
 def _check_targets(targets: list[tuple[str, Path]], sources: list[Path]) -> None:
     """Refuse files that are read, given twice, or of a format that does not hold them."""
-    taken = [source.resolve() for source in sources]
+    taken = list(sources)
     for name, path in targets:
-        if path.resolve() in taken:
-            raise CommandError(f"{option(name)}: {path} is in use already", WRONG_USAGE)
+        refuse_taken(name, path, taken)
         if name == "save" and path.suffix.lower() != ".npz":
             raise CommandError(f"--save: got {path}; accepts a .npz file", WRONG_USAGE)
-        taken.append(path.resolve())
+        taken.append(path)
 
 
 def _write(
@@ -149,9 +154,9 @@ def _write(
         found.save(save)
 
 
-def _json(found: Rectification, files: list[str]) -> str:
+def _as_dict(found: Rectification, files: list[str]) -> dict[str, Any]:
     rows, cols = found.left.shape[:2]
-    told = {
+    return {
         "version": phasestereo.__version__,
         "width": cols,
         "height": rows,
@@ -161,9 +166,3 @@ def _json(found: Rectification, files: list[str]) -> str:
         "inside": [float(mask.mean()) for mask in (found.left_mask, found.right_mask)],
         "files": files,
     }
-    return json.dumps(told, indent=2, allow_nan=False) + "\n"
-
-
-def _text(found: Rectification, files: list[str]) -> str:
-    lines = [*found.sentences, *(f"wrote {printable(path)}" for path in files)]
-    return "".join(f"{line}\n" for line in lines)

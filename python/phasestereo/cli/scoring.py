@@ -66,11 +66,14 @@ class Scoring:
         """
         if self.truth is None:
             return None
+
         truth = self._read_truth(self.truth)
         mask = read_mask(self.truth_mask, level=self.truth_mask_level or 1)
+
         for path, array in ((self.truth, truth), (self.truth_mask, mask)):
             if array is not None and array.shape != size:
                 raise ValueError(f"{path}: got {array.shape} pixels; accepts the images' {size}")
+
         bad_pixels(truth, truth, 0, mask)  # raises if there is nothing to score
         return Truth(truth, mask)
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
-import sys
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 import phasestereo
-from phasestereo.cli.terminal import printable
+from phasestereo._numbers import as_json as plain
+from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.metrics.scores import unit_of
 from phasestereo.result import count_flags, describe_flags
 
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Summary:
+class MatchSummary:
     """An outcome, and what has become of it.
 
     Parameters
@@ -52,7 +50,7 @@ class Summary:
             "num_disparities": disparities[1],
             "settings": asdict(result.settings),
             "timings": dict(result.timings),
-            "search": None if result.search is None else _plain(asdict(result.search)),
+            "search": None if result.search is None else asdict(result.search),
             "alignment": _alignment(result),
             "findings": [asdict(found) for found in result.findings],
             "blurs": None if result.blur is None else result.blur.as_dicts(),
@@ -61,12 +59,13 @@ class Summary:
             "flags": self.flags,
             "files": dict(self.files),
         }
+
         if self.outcome.rectified is not None:
             summary["rectification"] = self.outcome.rectified.as_dict()
         if self.outcome.score is not None:
-            metrics = self.outcome.score.as_dict().items()
-            summary["metrics"] = {k: v if math.isfinite(v) else None for k, v in metrics}
-        return summary
+            summary["metrics"] = self.outcome.score.as_dict()
+        record: dict[str, Any] = plain(summary)
+        return record
 
     @property
     def estimated(self) -> float:
@@ -86,12 +85,6 @@ class Summary:
         return {str(flag.name).lower(): count for flag, count in counts.items()}
 
 
-def _plain(told: dict[str, Any]) -> dict[str, Any]:
-    """Return numbers that JSON does not have as None."""
-    is_none = {k for k, v in told.items() if isinstance(v, float) and not math.isfinite(v)}
-    return {k: None if k in is_none else v for k, v in told.items()}
-
-
 def _alignment(result: Result) -> dict[str, Any] | None:
     if result.alignment is None:
         return None
@@ -99,19 +92,18 @@ def _alignment(result: Result) -> dict[str, Any] | None:
     return {name: getattr(result.alignment, name) for name in names}
 
 
-def show(summary: Summary, *, as_json: bool) -> None:
+def show(summary: MatchSummary, *, as_json: bool) -> None:
     """Print a summary on standard output."""
     if as_json:
-        sys.stdout.write(json.dumps(summary.as_dict(), indent=2, allow_nan=False) + "\n")
+        print_json(summary.as_dict())
         return
-    console = Console(highlight=False, soft_wrap=True)
-    for line in _lines(summary):
-        console.print(printable(line), markup=False)
+
+    print_lines(_lines(summary))
     if summary.outcome.score is not None:
-        console.print(_table(summary.outcome.score))
+        Console(highlight=False, soft_wrap=True).print(_table(summary.outcome.score))
 
 
-def _lines(summary: Summary) -> list[str]:
+def _lines(summary: MatchSummary) -> list[str]:
     result = summary.outcome.result
     rows, cols = result.disparity.shape
     seconds = sum(result.timings.values())
@@ -124,7 +116,7 @@ def _lines(summary: Summary) -> list[str]:
     ]
 
 
-def _range(summary: Summary) -> str:
+def _range(summary: MatchSummary) -> str:
     low, count = summary.outcome.disparities
     search = summary.outcome.result.search
     found = " (found)" if search is not None and search.origin == "found" else ""
@@ -134,6 +126,7 @@ def _range(summary: Summary) -> str:
 def _table(score: Score) -> Table:
     table = Table("metric", title="Against the truth", title_justify="left")
     table.add_column("value", justify="right")
+
     for name, value in score.as_dict().items():
         table.add_row(name, f"{value:,}" if name == "pixels" else f"{value:.2f} {unit_of(name):<2}")
     return table

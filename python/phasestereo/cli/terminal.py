@@ -1,7 +1,8 @@
-"""What a run shows on a terminal while it lasts."""
+"""What a run prints, and shows on a terminal while it lasts."""
 
 from __future__ import annotations
 
+import json
 import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
 
 def printable(text: object) -> str:
@@ -22,6 +23,16 @@ def printable(text: object) -> str:
         each if each.isprintable() else each.encode("unicode_escape").decode("ascii")
         for each in str(text)
     )
+
+
+def print_json(record: object) -> None:
+    """Print an object as JSON on standard output."""
+    sys.stdout.write(json.dumps(record, indent=2, allow_nan=False) + "\n")
+
+
+def print_lines(lines: Iterable[str]) -> None:
+    """Print lines on standard output."""
+    sys.stdout.writelines(f"{printable(line)}\n" for line in lines)
 
 
 def say(line: str) -> None:
@@ -41,6 +52,7 @@ def progress_bar(task: str) -> Iterator[Callable[[int, int], None] | None]:
     if not sys.stderr.isatty():
         yield None
         return
+
     columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn()
     with Progress(
         *columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def unwarned() -> Iterator[None]:
-    """Have matches in this block not warn: what they warn of is told as a finding."""
+    """Ignore the warnings of matches in this block: they are said as findings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatchWarning)
         yield

@@ -17,6 +17,7 @@ from phasestereo._extras import require
 from phasestereo._images import as_pair
 from phasestereo._numbers import as_integer
 from phasestereo.bands import match_rows, pair_statistics
+from phasestereo.matching import MOST_DISPARITIES
 from phasestereo.settings import resolve
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from phasestereo.rig.compensation import BlurCompensation, Noise
     from phasestereo.settings import Settings
 
-    Array: TypeAlias = Any  # dask.array.Array, whose package tells no types
+    Array: TypeAlias = Any  # dask.array.Array, whose package has no types
 
 __all__ = ["Maps", "maps", "match"]
 
@@ -34,7 +35,6 @@ _BAND_ROWS = 512
 """Rows of a band: enough that starting a task is nothing beside it."""
 _HALOS = 4
 """A band has at least so many times the rows of its halo: what is done twice stays little."""
-_WIDEST = 16384  # the most disparities there can be
 
 
 class Maps(NamedTuple):
@@ -145,6 +145,7 @@ def maps(
     """
     da = require("dask.array", extra="dask")
     _check_images(left, right, da)
+
     size = left.shape[:2]
     masks = _as_mask(left_mask, size, "left_mask"), _as_mask(right_mask, size, "right_mask")
     sides = _Sides(left, right, *masks)
@@ -153,10 +154,11 @@ def maps(
     if band_rows is not None:
         as_integer("band_rows", band_rows, least=1)
     if num_disparities is not None:
-        as_integer("num_disparities", num_disparities, least=1, most=min(size[1], _WIDEST))
+        as_integer("num_disparities", num_disparities, least=1, most=min(size[1], MOST_DISPARITIES))
+
     if statistics is None:
         statistics = pair_statistics(
-            _Windows(sides),
+            _LazyRows(sides),
             size,
             num_disparities=num_disparities,
             min_disparity=min_disparity,
@@ -167,6 +169,7 @@ def maps(
     else:
         _check_statistics(statistics, size, (min_disparity, num_disparities))
         _check_settings(statistics, asked, (left.dtype.name, right.dtype.name))
+
     halo = _halo(statistics, masked=any(mask is not None for mask in masks))
     bands = _bands(size[0], band_rows, halo)
     table = _table(sides, statistics, bands, halo, threads)
@@ -183,7 +186,7 @@ class _Sides(NamedTuple):
     right_mask: Any = None
 
 
-class _Windows:
+class _LazyRows:
     """Rows of a lazy pair, computed when they are asked for."""
 
     def __init__(self, sides: _Sides) -> None:
@@ -206,6 +209,7 @@ class _Excerpt:
         rows = slice(first - self._start, last - self._start)
         if rows.start < 0 or rows.stop > len(self._sides.left):
             raise IndexError(f"rows {first} to {last} of an excerpt that begins at {self._start}")
+
         return tuple(None if side is None else side[rows] for side in self._sides)
 
 
@@ -219,10 +223,12 @@ def _check_images(left: Array, right: Array, da: Any) -> None:
             raise ValueError(
                 f"{name}: got shape {image.shape}; accepts (H, W), (H, W, 1), (H, W, 3), (H, W, 4)"
             )
+
     sizes = left.shape[:2], right.shape[:2]
     if sizes[0] != sizes[1]:
         raise ValueError(f"right: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
-    # One row of each tells the rest of what is wrong.
+
+    # One row of each is refused for whatever else is wrong.
     rows = [np.zeros((min(1, len(side)), *side.shape[1:]), side.dtype) for side in (left, right)]
     as_pair(*rows)
 
@@ -244,6 +250,7 @@ def _as_mask(mask: Array | ArrayLike | None, size: tuple[int, int], name: str) -
         raise TypeError(f"{name}: got dtype {lazy.dtype}; accepts bool (True = valid)")
     if lazy.shape != size:
         raise ValueError(f"{name}: got shape {lazy.shape}; accepts the image's {size}")
+
     return lazy
 
 
@@ -254,6 +261,7 @@ def _check_statistics(
         raise ValueError(
             f"statistics: got that of {statistics.size} pixels; accepts that of {size}"
         )
+
     known = statistics.min_disparity, statistics.num_disparities
     if search[1] is not None and known != search:
         raise ValueError(
@@ -266,9 +274,11 @@ def _check_settings(statistics: PairStatistics, asked: Settings, types: tuple[st
     """Refuse statistics by which bands would be matched otherwise than they are asked for."""
     if statistics.dtype not in types:
         raise TypeError(f"statistics: got that of {statistics.dtype}; accepts that of {types[0]}")
+
     if statistics.is_compensated:  # then what was asked for has been changed by what was found
         sides = "neighborhood", "window"
         asked = replace(asked, **{name: getattr(statistics.settings, name) for name in sides})
+
     if statistics.settings != asked:
         names = [field.name for field in fields(asked)]
         others = [n for n in names if getattr(statistics.settings, n) != getattr(asked, n)]
@@ -289,10 +299,13 @@ def _bands(height: int, band_rows: int | None, halo: int) -> tuple[int, ...]:
     step = _core.BAND_ROWS
     wanted = band_rows or step * -(-max(_BAND_ROWS, _HALOS * halo) // step)
     rows = min(max(wanted, halo), height)
+
     count, rest = divmod(height, rows)
     if not rest:
         return (rows,) * count
-    return (rows,) * count + (rest,) if rest >= halo else (rows,) * (count - 1) + (rows + rest,)
+    if rest >= halo:
+        return (rows,) * count + (rest,)
+    return (rows,) * (count - 1) + (rows + rest,)  # a neighbor needs more rows than the rest has
 
 
 def _table(
@@ -302,24 +315,25 @@ def _table(
     halo: int,
     threads: int,
 ) -> Array:
-    """Return an array (H, W) of records of all that is found out of a pixel, a task a band."""
+    """Return an array (H, W) of records of all that is known of a pixel, one task a band."""
     da = require("dask.array", extra="dask")
+    delayed = require("dask", extra="dask").delayed
     ends = np.cumsum(bands)
     rows = da.from_array(np.column_stack([ends - bands, ends]), chunks=(1, 2))
     arguments: list[Any] = [rows, "yb"]
+
     for side, axes in zip(sides, ("yxc", "yxc", "yx", "yx"), strict=True):
         if side is None:
             arguments += [None, None]
         else:
             arguments += [_with_halo(side, bands, halo), axes[: side.ndim]]
+
     dtype = _record(statistics.settings)
     return da.blockwise(
         _match_band,
         "yx",
         *arguments,
-        statistics=require("dask", extra="dask").delayed(
-            statistics, pure=True
-        ),  # sent once to a worker
+        statistics=delayed(statistics, pure=True),  # sent to a worker once
         threads=threads,
         halo=halo,
         adjust_chunks={"y": bands},
@@ -356,6 +370,7 @@ def _match_band(
     first, last = rows[0].tolist()
     read = _Excerpt(_Sides(*sides), max(0, first - halo))
     result = match_rows(read, statistics, first, last, threads=threads)
+
     found = np.empty(result.disparity.shape, _record(statistics.settings))
     for name in found.dtype.names or ():
         found[name] = getattr(result, name)

@@ -27,7 +27,7 @@ try:
     from scipy.ndimage import distance_transform_edt
     from xarray import DataArray, Dataset
 except ModuleNotFoundError:
-    require("pandora", extra="pandora")  # raises, and names the cure
+    require("pandora", extra="pandora")  # raises, and names the extra
     raise
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class PhaseCost(AbstractMatchingCost):
     -----
     A cost rests on ``neighborhood + window_size - 1`` pixels across, with ``compensate_blur`` on 4
     more. That is the window that the rest of Pandora sees: half of it is the border without costs,
-    the reach of pixels without data, and the margin that a tile needs.
+    the halo of pixels without data, and the margin that a tile needs.
     """
 
     OWN: ClassVar[dict[str, Any]] = {
@@ -111,6 +111,7 @@ class PhaseCost(AbstractMatchingCost):
         """Return the step with its defaults, once every parameter is found right."""
         checked: dict[str, Any] = {**self.OWN, **super().check_conf(**cfg)}
         _settings(checked)
+
         # A copy: all methods share the schema, and would demand these parameters, too.
         schema: dict[str, Any] = {
             **self.schema,
@@ -118,6 +119,7 @@ class PhaseCost(AbstractMatchingCost):
             "window_size": int,
             "matching_cost_method": And(str, lambda name: name == METHOD),
         }
+
         Checker(schema).validate(checked)
         return checked
 
@@ -140,13 +142,17 @@ class PhaseCost(AbstractMatchingCost):
         """
         self.check_band_input_mc(img_left, img_right)
         left, right = _view(img_left, self._band), _view(img_right, self._band)
+
         disparities = np.asarray(cost_volume.coords["disp"].data, dtype=np.float64)
         terms = _evened_out(left, right, disparities, self._settings)
         costs = np.full((*left.pixels.shape, disparities.size), np.nan, dtype=np.float32)
+
+        # Disparities come in steps of 1 / n column: of n shifted images each gives every n-th.
         shifted = self._shifted(right)
-        for part, pixels in enumerate(shifted):  # disparities come in steps of 1 / len(shifted)
+        for part, pixels in enumerate(shifted):
             first = int(np.floor(disparities[0]))
             _fill(costs[:, :, part :: len(shifted)], (left.pixels, pixels), first, terms)
+
         _leave_out_borders(costs, disparities, self._border)
         columns = cost_volume.attrs["col_to_compute"] - img_left.coords["col"].data[0]
         cost_volume["cost_volume"].data = costs[:, columns, :]
@@ -159,6 +165,7 @@ class PhaseCost(AbstractMatchingCost):
         coords = {"row": np.arange(rows), "col": np.arange(cols)}
         image = Dataset({"im": DataArray(right.pixels, coords, ("row", "col"))})
         found = shift_right_img(image, int(self._subpix or 1), order=int(self._spline_order or 1))
+
         # Between columns there is one less; what stands for it lies outside, and has no cost.
         between = [np.pad(each["im"].data, ((0, 0), (0, 1)), mode="edge") for each in found[1:]]
         return [right.pixels, *between]
@@ -190,11 +197,13 @@ def _view(image: Dataset, band: str | None) -> _View:
     pixels = image["im"].data
     if band is not None:
         pixels = pixels[list(image["band_im"].data).index(band)]
+
     valid = np.isfinite(pixels)
     if "msk" in image.data_vars:
         valid &= image["msk"].data != image.attrs["no_data_mask"]
     if not valid.any():
         return _View(np.zeros(valid.shape, np.float32), valid)
+
     if not valid.all():
         nearest = distance_transform_edt(~valid, return_distances=False, return_indices=True)
         pixels = pixels[tuple(nearest)]
@@ -207,12 +216,15 @@ def _evened_out(
     """Return how the images are to be compared once their blur and noise are known, if need be."""
     if not (settings.compensate_blur or settings.noise_threshold > 0):
         return _Terms(settings, None)
+
     pair = as_pair(left.pixels, right.pixels)
+    # Pandora's disparities have the opposite sign.
     low, high = int(np.floor(disparities[0])), int(np.ceil(disparities[-1]))
     search = -high, min(high - low + 1, left.pixels.shape[1])
     asked = replace(settings, align_rows=False)
-    told = _core.estimate_pair(pair, (left.valid, right.valid), search, asked, None)
-    found = as_estimates(told, asked, search, None)
+
+    estimated = _core.estimate_pair(pair, (left.valid, right.valid), search, asked, None)
+    found = as_estimates(estimated, asked, search, None)
     return _Terms(found.settings, found.blur_compensation)
 
 
@@ -222,6 +234,7 @@ def _fill(costs: Volume, pair: tuple[Plane, Plane], first: int, terms: _Terms) -
     settings, compensation = terms
     end = min(costs.shape[2], width - first)  # beyond, nothing lies inside the right image
     block = min(_BLOCK, width)
+
     for start in range(max(0, 1 - width - first), end, block):
         count = min(block, end - start)
         bits = compare(
@@ -239,7 +252,9 @@ def _leave_out_borders(costs: Volume, disparities: NDArray[np.float64], border: 
     """Take away the costs that rest on pixels outside either image."""
     rows, cols = costs.shape[:2]
     row, col = np.arange(rows)[:, None], np.arange(cols)[:, None]
+
     match = col + disparities
     inside = (np.minimum(col, match) >= border) & (np.maximum(col, match) <= cols - 1 - border)
+
     costs[(np.minimum(row, rows - 1 - row) < border)[:, 0]] = np.nan
     costs[:, ~inside] = np.nan

@@ -1,4 +1,4 @@
-"""Frames logged to rerun (https://rerun.io), which shows them as they come, or replays them.
+"""Frames logged to rerun (https://rerun.io), which shows them live, or replays them.
 
 Needs the extra ``rerun``.
 """
@@ -61,8 +61,10 @@ def log_frame(
     """
     if (low is None) != (high is None):
         raise ValueError(f"low: got {low} and high {high}; accepts both or neither")
+
     rerun = require("rerun", extra="rerun")
     ends = None if low is None else (low, high)
+
     disparity = rerun.DepthImage(
         frame.result.disparity, meter=1.0, colormap=_COLORS, depth_range=ends
     )
@@ -71,11 +73,13 @@ def log_frame(
         "right": rerun.Image(frame.right),
         "disparity": disparity,
     }
+
     if calibration is not None:
         cloud = point_cloud(frame.result, calibration, image=frame.left)
         logged["points"] = rerun.Points3D(cloud.points, colors=cloud.colors)
         axes = rerun.ViewCoordinates.RIGHT_HAND_Y_DOWN
         rerun.log(entity, axes, static=True, recording=recording)
+
     _set_time(frame, recording)
     for name, shown in logged.items():
         rerun.log(f"{entity}/{name}", shown, recording=recording)
@@ -91,7 +95,7 @@ def log_failure(failure: Failure, *, entity: str = "stereo", recording: Any = No
 
 @contextmanager
 def saving(path: StrPath) -> Iterator[Any]:
-    """Record to a file while the block lasts; it appears at its end, whether or not that is good.
+    """Record to a file while the block lasts; it appears at its end, also after an error.
 
     Parameters
     ----------
@@ -115,7 +119,9 @@ def saving(path: StrPath) -> Iterator[Any]:
     rerun = require("rerun", extra="rerun")
     target, draft = draft_of(path, (".rrd",), "recording")
     recording = rerun.RecordingStream("phasestereo")
+
     recording.save(draft)
+
     try:
         yield recording
     finally:

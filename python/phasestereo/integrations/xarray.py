@@ -15,7 +15,7 @@ import numpy as np
 
 import phasestereo
 from phasestereo._extras import require
-from phasestereo._images import as_mask
+from phasestereo._images import as_mask, join_masks
 from phasestereo.io.pixels import as_samples
 from phasestereo.matching import match as match_pair
 from phasestereo.result import Flag, Result
@@ -61,8 +61,8 @@ def match(
         Images with a dimension of rows (named "y", "row", "lat" or "latitude"), one of columns
         ("x", "col", "lon", "longitude") and, if any, one of 1, 3 (RGB) or 4 (RGBA) bands, under any
         other name; in any order. Integers and floats of any size; what is neither uint8, uint16
-        nor float32 is matched as float32. Chunked arrays are computed. Where an image tells its
-        "no data" value (``_FillValue``, ``missing_value`` or ``nodata``, among its attributes or
+        nor float32 is matched as float32. Chunked arrays are computed. Where an image has a "no
+        data" value (``_FillValue``, ``missing_value`` or ``nodata``, among its attributes or
         in its encoding, unless that has a scale or an offset, too: then it is that of the packed
         numbers, which xarray has unpacked), pixels that have it in all bands are masked, as is NaN.
     num_disparities, min_disparity
@@ -84,7 +84,7 @@ def match(
     TypeError
         If an image is no DataArray, or as `phasestereo.match`.
     ValueError
-        If dimensions cannot be told or sizes differ, if the rows of the images have different
+        If dimensions are unclear or sizes differ, if the rows of the images have different
         coordinates, or as `phasestereo.match`.
     ImportError
         If xarray is not installed.
@@ -93,13 +93,15 @@ def match(
     views = _ordered(left, "left", xarray), _ordered(right, "right", xarray)
     _check_rows(*views)
     pixels = _computed(views)
+
     given = left_mask, right_mask
     masks = [
-        _both(_valid(view, image), _as_mask(mask, view, name, xarray))
+        join_masks(_valid(view, image), _as_mask(mask, view, name, xarray))
         for view, image, mask, name in zip(
             views, pixels, given, ("left_mask", "right_mask"), strict=True
         )
     ]
+
     result = match_pair(
         _as_image(pixels[0], masks[0], "left"),
         _as_image(pixels[1], masks[1], "right"),
@@ -109,6 +111,7 @@ def match(
         right_mask=masks[1],
         **options,
     )
+
     search = {"min_disparity": min_disparity, "num_disparities": num_disparities}
     return as_dataset(result, like=views[0]).assign_attrs(search)
 
@@ -129,7 +132,7 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     Dataset
         ``disparity``: float32, pixels, NaN = no estimate; ``flags``: uint16, with the meaning of
         every bit in ``flag_masks`` and ``flag_meanings``; ``confidence``, if there is any: float32
-        in [0, 1]. Attributes tell the version, the settings (as JSON) and the blur found.
+        in [0, 1]. Attributes give the version, the settings (as JSON) and the blur found.
         Everything can be written to netCDF and Zarr.
 
     Raises
@@ -137,12 +140,13 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     TypeError
         If the result is no `Result`, or `like` no DataArray.
     ValueError
-        If its dimensions cannot be told, or its size is not that of the result.
+        If its dimensions are unclear, or its size is not that of the result.
     ImportError
         If xarray is not installed.
     """
     if not isinstance(result, Result):
         raise TypeError(f"result: got {type(result).__name__}; accepts a phasestereo.Result")
+
     xarray = require("xarray", extra="geo")
     dims, coords = ("y", "x"), {}
     if like is not None:
@@ -154,16 +158,19 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
                 f"{result.disparity.shape}"
             )
         coords = {name: each for name, each in view.coords.items() if set(each.dims) <= set(dims)}
+
     layers: dict[str, tuple[NDArray[Any], dict[str, Any]]] = {
         "disparity": (result.disparity, _DISPARITY),
         "flags": (result.flags, _flag_attributes()),
     }
     if result.confidence is not None:
         layers["confidence"] = result.confidence, _CONFIDENCE
+
     placed = {"grid_mapping": "spatial_ref"} if "spatial_ref" in coords else {}
     variables = {
         name: (dims, values, attributes | placed) for name, (values, attributes) in layers.items()
     }
+
     attrs = {
         "Conventions": "CF-1.11",
         "title": "disparities of a rectified stereo pair",
@@ -172,6 +179,7 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     }
     if result.blur is not None:
         attrs["blur"] = str(result.blur)
+
     found: Dataset = xarray.Dataset(variables, coords, attrs)
     return found
 
@@ -201,6 +209,7 @@ def _ordered(image: DataArray, name: str, xarray: Any) -> DataArray:
     """Return a view of an image with its rows first, its columns second, its bands last."""
     if not isinstance(image, xarray.DataArray):
         raise TypeError(f"{name}: got {type(image).__name__}; accepts an xarray.DataArray")
+
     labeled = cast("DataArray", image)
     rows = [dim for dim in labeled.dims if dim in ROWS]
     columns = [dim for dim in labeled.dims if dim in COLUMNS]
@@ -209,20 +218,24 @@ def _ordered(image: DataArray, name: str, xarray: Any) -> DataArray:
             f"{name}: got dimensions {labeled.dims}; accepts rows ({', '.join(ROWS)}), columns "
             f"({', '.join(COLUMNS)}) and at most one more, of bands"
         )
+
     return labeled.transpose(rows[0], columns[0], ...)
 
 
 def _check_rows(left: DataArray, right: DataArray) -> None:
-    """Refuse images whose rows are told not to correspond."""
+    """Refuse images whose coordinates say that their rows do not correspond."""
     sizes = left.shape[:2], right.shape[:2]
     if sizes[0] != sizes[1]:
         raise ValueError(f"right: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
+
     dims = left.dims[0], right.dims[0]
     if dims[0] not in left.coords or dims[1] not in right.coords or not sizes[0][0]:
         return
+
     rows = [np.asarray(image.coords[dim]) for image, dim in zip((left, right), dims, strict=True)]
     step = abs(rows[0][-1] - rows[0][0]) / max(1, len(rows[0]) - 1)
     apart = np.abs(rows[0] - rows[1]).max()
+
     if apart > _SAME * step:
         raise ValueError(
             f"right: got coordinates {dims[1]!r} up to {apart:g} from those of left; accepts the "
@@ -246,17 +259,20 @@ def _as_image(pixels: NDArray[Any], mask: Mask | None, name: str) -> Pixels:
 
 
 def _valid(view: DataArray, pixels: NDArray[Any]) -> Mask | None:
-    """Tell which pixels have data; None: all."""
+    """Return which pixels have data; None: all."""
     layers = np.atleast_3d(pixels)
     missing = np.zeros(layers.shape[:2], dtype=np.bool_)
+
     if layers.dtype.kind == "f":
         missing |= np.isnan(layers).any(axis=2)
-    # Of packed pixels the encoding tells what they were, and "no data" has become NaN.
+
+    # Packed pixels are described by their encoding as they were: "no data" has become NaN.
     is_packed = not _PACKED.isdisjoint(view.encoding)
     for attributes in (view.attrs, {} if is_packed else view.encoding):
         for value in (attributes.get(name) for name in _NO_DATA):
             if isinstance(value, Real):
                 missing |= (layers == value).all(axis=2)
+
     return ~missing if missing.any() else None
 
 
@@ -269,10 +285,3 @@ def _as_mask(
             raise ValueError(f"{name}: got dimensions {labeled.dims}; accepts {view.dims[:2]}")
         mask = labeled.transpose(*view.dims[:2]).to_numpy()
     return as_mask(mask, view.shape, name)
-
-
-def _both(mask: Mask | None, other: Mask | None) -> Mask | None:
-    """Return what both masks leave valid."""
-    if mask is None or other is None:
-        return other if mask is None else mask
-    return mask & other

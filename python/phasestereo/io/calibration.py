@@ -73,14 +73,17 @@ class Calibration:
         for name in ("cam0", "cam1"):
             # the only way to set a field of a frozen dataclass
             object.__setattr__(self, name, _checked_camera(name, getattr(self, name)))
+
         for name in ("doffs", "vmin", "vmax"):
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
                 raise ValueError(f"{name} must be finite, got {value}")
+
         for name in ("baseline", "width", "height", "ndisp"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive and finite, got {value}")
+
         for name in ("width", "height", "ndisp"):
             value = getattr(self, name)
             if value is not None and not isinstance(value, Integral):
@@ -121,14 +124,14 @@ class Calibration:
         ValueError
             If focal, baseline, width or height is not positive, or a number is not finite.
         """
-        f = as_number("focal", focal)
-        if f <= 0:
-            raise ValueError(f"focal must be positive and finite, got {focal}")
+        f = as_number("focal", focal, positive=True)
         offset = as_number("doffs", doffs)
         for name, side in (("width", width), ("height", height)):
             as_number(name, side)  # __post_init__ refuses those that are no sides of images
+
         x = (width - 1) / 2 if cx is None else as_number("cx", cx)
         y = (height - 1) / 2 if cy is None else as_number("cy", cy)
+
         return cls(
             cam0=((f, 0.0, x), (0.0, f, y), (0.0, 0.0, 1.0)),
             cam1=((f, 0.0, x + offset), (0.0, f, y), (0.0, 0.0, 1.0)),
@@ -167,6 +170,8 @@ class Calibration:
            ``reprojectImageTo3D``, https://docs.opencv.org/4.x/d9/d0c/group__calib3d.html
         """
         (_, _, _, x), (_, row, _, y), (_, _, _, f), (_, _, inverse, offset) = _checked_q(q)
+
+        # Signs as in Q; its second row may be scaled by fx / fy.
         cx, fy, cy, doffs = -x, f / row, -y / row, offset / inverse
         return cls(
             cam0=((f, 0.0, cx), (0.0, fy, cy), (0.0, 0.0, 1.0)),
@@ -182,6 +187,7 @@ class Calibration:
         """OpenCV's matrix Q of this pair, (4, 4): what ``cv2.reprojectImageTo3D`` takes."""
         (fx, _, cx), (_, fy, cy), _ = self.cam0
         row, inverse = fx / fy, 1 / self.baseline
+
         return np.array(
             [
                 [1, 0, 0, -cx],
@@ -234,6 +240,7 @@ class Calibration:
         given = np.asarray(disparity)
         if given.dtype.kind not in "iuf":
             raise TypeError(f"disparity must hold real numbers, got dtype {given.dtype}")
+
         shift = given.astype(np.float64) + self.doffs
         in_front = np.isfinite(shift) & (shift > 0)
         with np.errstate(over="ignore"):  # beyond float32 is infinitely far
@@ -249,11 +256,13 @@ def _checked_camera(name: str, matrix: ArrayLike) -> Camera:
             f"{name} must be 3 x 3 finite numbers, the first the positive focal length, "
             f"got {matrix!r}"
         )
+
     (_, skew, _), (turn, fy, _), bottom = rows.tolist()
     if fy <= 0 or skew != 0 or turn != 0 or bottom != [0, 0, 1]:
         raise ValueError(
             f"{name} must be [fx 0 cx; 0 fy cy; 0 0 1] as of a rectified camera, got {matrix!r}"
         )
+
     return tuple(tuple(row) for row in rows.tolist())
 
 
@@ -267,17 +276,20 @@ def _checked_q(q: ArrayLike) -> list[list[float]]:
         raise TypeError(f"q must hold real numbers, got dtype {given.dtype}")
     if given.shape != (4, 4) or not np.isfinite(given).all():
         raise ValueError(f"q must be 4 x 4 finite numbers, got {given.tolist()}")
+
     matrix = given.astype(np.float64) / (given[0, 0] or 1)
     if any(matrix[place] for place in _Q_ZEROS) or not (matrix[[0, 1, 2], [0, 1, 3]] > 0).all():
         raise ValueError(
             "q must be [1 0 0 -cx; 0 1 0 -cy; 0 0 0 f; 0 0 1/baseline doffs/baseline] with f > 0 "
             f"(X to the right, Y down, Z forward), got {given.tolist()}"
         )
+
     if not matrix[3, 2] > 0:
         raise ValueError(
             f"q must have a positive element [3, 2], which is 1/baseline, got {matrix[3, 2]:g}: "
             "is the left camera on the right of the other one?"
         )
+
     rows: list[list[float]] = matrix.tolist()
     return rows
 
@@ -313,6 +325,7 @@ def read_calibration(path: StrPath) -> Calibration:
                 _parse_line(line, values)
             except ValueError as error:
                 raise ValueError(f"line {number}, {line.strip()!r}: {error}") from error
+
         missing = [name for name in _REQUIRED if name not in values]
         if missing:
             raise ValueError(f"no line gives {', '.join(missing)}")
@@ -323,11 +336,13 @@ def _parse_line(line: str, values: dict[str, Any]) -> None:
     """Add what a line says to the values."""
     if not line.strip():
         return
+
     key, equals, text = (part.strip() for part in line.partition("="))
     if not equals or not key:
         raise ValueError("expected name=value")
     if key in values:
         raise ValueError(f"{key} is given twice")
+
     if key in _PARSERS:
         values[key] = _PARSERS[key](text)
 
@@ -335,9 +350,11 @@ def _parse_line(line: str, values: dict[str, Any]) -> None:
 def _parse_camera(text: str) -> Camera:
     if not (text.startswith("[") and text.endswith("]")):
         raise ValueError("expected a matrix [a b c; d e f; g h i]")
+
     rows = tuple(tuple(map(float, row.split())) for row in text[1:-1].split(";"))
     if [len(row) for row in rows] != [3, 3, 3]:
         raise ValueError("expected a matrix of 3 rows of 3 numbers")
+
     return rows
 
 

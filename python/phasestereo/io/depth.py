@@ -50,9 +50,11 @@ def read_depth(path: StrPath, *, unit: LengthUnit = "mm") -> NDArray[np.float32]
     """
     scale = _scale(unit)
     stored = read_stored(path, "depth")
+
     known = np.isfinite(stored) & (stored > 0)
     if stored.dtype == np.uint16:
         stored = (stored / scale).astype(np.float32)
+
     return np.where(known, stored, np.float32(np.nan))
 
 
@@ -88,10 +90,12 @@ def write_depth(
     ending = known_suffix(path, "depth")
     scale = _scale(unit)
     checked = check_map(depth, "depth")
+
     if (checked <= 0).any():  # false for NaN
         raise ValueError(
             f"depth must be positive, or NaN for no depth; got {checked[checked <= 0].min():g}"
         )
+
     if ending == ".png":
         write_image(path, _encode_millimetres(checked * np.float64(scale)))
     else:
@@ -108,6 +112,7 @@ def _encode_millimetres(depth: NDArray[np.float64]) -> NDArray[np.uint16]:
             f"is from {known.min():g} to {known.max():g} mm: is the unit right? "
             "A .tif holds any depth"
         )
+
     return np.floor(np.where(held, depth, 0) + 0.5).astype(np.uint16)
 
 

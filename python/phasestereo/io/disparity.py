@@ -93,6 +93,7 @@ def write_disparity(path: StrPath, disparity: NDArray[np.floating[Any]]) -> None
     """
     ending = known_suffix(path, "disparity")
     checked = check_map(disparity, "disparity")
+
     if ending == ".png":
         write_image(path, _encode_kitti(checked))
     else:
@@ -129,13 +130,17 @@ def read_truth(path: StrPath, *, scale: float, unknown: int | None = 0) -> NDArr
     ImportError
         If the format needs the extra ``io`` and that is not installed.
     """
-    _check_coding(scale, unknown)
+    as_number("scale", scale, positive=True)
+    if unknown is not None:
+        as_integer("unknown", unknown, least=0, most=np.iinfo(np.uint16).max)
+
     stored = read_image(path)
     if channels(stored.shape) != 1 or stored.dtype == np.float32:
         raise ValueError(
             f"{os.fspath(path)}: gray-coded ground truth is uint8 or uint16 of shape (H, W), "
             f"this is {stored.dtype} of shape {stored.shape} (read_disparity reads float maps)"
         )
+
     return _decode_gray(stored, scale=scale, unknown=unknown)
 
 
@@ -150,14 +155,9 @@ def _encode_kitti(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
             f"{np.count_nonzero(outside)} values do not (the map spans {low:g} to {high:g}): "
             f"write {', '.join(FLOAT_SUFFIXES)} instead"
         )
+
     codes = np.floor(np.where(known, disparity, 0) * np.float64(_KITTI_SCALE) + 0.5)
     return np.where(known, np.maximum(codes, 1), 0).astype(np.uint16)
-
-
-def _check_coding(scale: float, unknown: int | None) -> None:
-    as_number("scale", scale, positive=True)
-    if unknown is not None:
-        as_integer("unknown", unknown, least=0, most=np.iinfo(np.uint16).max)
 
 
 def _decode_gray(stored: NDArray[Any], *, scale: float, unknown: int | None) -> NDArray[np.float32]:

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TypeAlias
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 StrPath: TypeAlias = str | os.PathLike[str]
 
 
 def open_regular(path: StrPath) -> BinaryIO:
-    """Open a file to read it, if it is one: a FIFO would keep us waiting, a device has no end.
+    """Open a file to read it, if it is a regular one: a FIFO would block, a device has no end.
 
     Raises
     ------
@@ -35,12 +35,12 @@ def open_regular(path: StrPath) -> BinaryIO:
 
 
 def _open_without_waiting(name: str, flags: int) -> int:
-    """Open a file as `open` would; a FIFO that nobody writes to would keep it waiting."""
+    """Open a file as `open` would; a FIFO that nobody writes to would block it."""
     return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def refuse_special(path: StrPath, mode: int) -> None:
-    """Refuse what is neither a regular file nor a folder, by what `os.stat` tells of it."""
+    """Refuse what is neither a regular file nor a folder, by its mode as `os.stat` has it."""
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OSError(errno.EINVAL, "not a regular file (a FIFO, device or socket)", str(path))
 
@@ -92,17 +92,25 @@ def named(name: str) -> Iterator[None]:
     except Exception as error:  # decoders of damaged files raise anything, SyntaxError included
         if is_of_the_system(error):
             raise
-        told = isinstance(error, ValueError | OSError)
-        reason = error if told else f"damaged, or not what it claims to be ({error!r})"
+        is_worded = isinstance(error, ValueError | OSError)  # in terms of the file's content
+        reason = error if is_worded else f"damaged, or not what it claims to be ({error!r})"
         raise ValueError(f"{name}: {reason}") from error
 
 
 def is_of_the_system(error: Exception) -> bool:
-    """Tell whether the system refuses a file, or its content is at fault.
+    """Return whether the system refuses a file, rather than that its content is at fault.
 
-    Of content decoders tell without a number, and the system of an offset that a file made up.
+    Decoders raise an OSError without a number for bad content, and the system answers an offset
+    that a file made up with EINVAL.
     """
     return isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)
+
+
+def describe_error(error: Exception) -> str:
+    """Return an error in a line: of the system, what it says of which file."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error) or type(error).__name__
 
 
 @contextmanager
@@ -124,6 +132,7 @@ def replacing(path: StrPath, *, flush: bool = False) -> Iterator[BinaryIO]:
     """
     target = target_of(path)
     draft = target.with_name(f".{secrets.token_hex(8)}.part")
+
     try:
         with created(draft) as file:
             yield file
@@ -134,15 +143,17 @@ def replacing(path: StrPath, *, flush: bool = False) -> Iterator[BinaryIO]:
     except OSError as error:
         if error.errno is None or error.filename is not None:
             raise
-        raise OSError(error.errno, error.strerror, os.fspath(path)) from error  # as of a full disk
+        # As on a full disk, where the message of the system names no file.
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from error
     finally:
         draft.unlink(missing_ok=True)
 
 
 def flush(path: Path) -> None:
-    """Have a file, or the names in a folder, reach the disk."""
+    """Write a file, or the names in a folder, through to the disk."""
     if os.name == "nt" and path.is_dir():
-        return  # which cannot be opened there
+        return  # Windows cannot open a folder
+
     number = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
     try:
         os.fsync(number)
@@ -150,24 +161,33 @@ def flush(path: Path) -> None:
         os.close(number)
 
 
-def target_of(path: StrPath) -> Path:
+def target_of(
+    path: StrPath, kind: str = "a regular file", is_kind: Callable[[Path], bool] = Path.is_file
+) -> Path:
     """Return the file that is to be written: a symbolic link stays, what it names is replaced.
+
+    Parameters
+    ----------
+    path
+        The file.
+    kind, is_kind
+        What may be replaced if it has the name already: in words, and how it is recognized.
 
     Raises
     ------
     OSError
-        If its folder does not exist, or something else than a file has its name.
+        If its folder does not exist, or something else has its name.
     """
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, "no such folder", str(target.parent))
-    if target.exists() and not target.is_file():
-        raise OSError(f"{os.fspath(path)} exists and is not a regular file")
+    if target.exists() and not is_kind(target):
+        raise OSError(f"{os.fspath(path)} exists and is not {kind}")
     return target
 
 
 def created(draft: Path) -> BinaryIO:
-    """Open a new file; where that fails, its folder is to blame, of which the caller knows."""
+    """Open a new file; an error names its folder, which is to blame and which the caller knows."""
     try:
         return draft.open("xb")
     except OSError as error:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-# What is wrong with a file is raised; without a handler, its log lines would reach the terminal.
+# What is wrong with a file is raised; without a handler, log lines would reach the terminal, too.
 logging.getLogger("rasterio").addHandler(logging.NullHandler())
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # what GDAL has where there is no transform
@@ -147,6 +147,7 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
         for directory in check_tiff(path, content):
             if directory.has_pixels:
                 check_whole(content, directory)
+
         with rasterio.open(os.fspath(path), driver="GTiff") as file:
             indexes = choose_bands(file, chosen)
             samples = file.read(indexes)
@@ -167,7 +168,7 @@ def read_geotiff_pair(
     Raises
     ------
     OSError, TypeError, ValueError, ImportError
-        As `read_geotiff`; ValueError also if the images differ in size, or, where both tell them,
+        As `read_geotiff`; ValueError also if the images differ in size, or, where both have them,
         in their reference systems or pixel sizes.
     """
     pair = read_geotiff(left, bands=bands), read_geotiff(right, bands=bands)
@@ -183,7 +184,7 @@ def check_pair(
     Raises
     ------
     ValueError
-        If the images differ in size, or, where both tell them, in their reference systems or pixel
+        If the images differ in size, or, where both have them, in their reference systems or pixel
         sizes (by more than 0.1 %). Where they lie does not matter.
     """
     check_agreement(
@@ -201,11 +202,13 @@ def check_agreement(
     """Refuse images of these sizes and places as `check_pair` does."""
     if sizes[0] != sizes[1]:
         raise ValueError(f"{names[1]}: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
+
     if places[0].crs and places[1].crs and places[0].crs != places[1].crs:
         raise ValueError(
             f"{names[1]}: got {_name(places[1].crs)}; accepts the reference system of {names[0]}, "
             f"{_name(places[0].crs)}"
         )
+
     steps = places[0].pixel_size, places[1].pixel_size
     if steps[0] and steps[1] and not np.allclose(steps[0], steps[1], rtol=_SAME, atol=0):
         raise ValueError(
@@ -250,9 +253,11 @@ def write_geotiff(
     """
     memory = require("rasterio.io", extra="geo")
     names, planes, options = _layers(image)
+
     place = like.georeference if isinstance(like, GeoImage) else like or Georeference()
     options |= placed(place)
     count, height, width = planes.shape
+
     with replacing(path) as file, unplaced_allowed(), memory.MemoryFile() as draft:
         with draft.open(
             count=count, height=height, width=width, **storage(planes.dtype), **options
@@ -265,26 +270,29 @@ def write_geotiff(
 
 
 def check_tiff(path: StrPath, content: BinaryIO) -> list[Directory]:
-    """Return the directories of a TIFF file; refuse those that GDAL would lose its way in.
+    """Return the directories of a TIFF file; refuse those whose layout would mislead GDAL.
 
     The mask that GDAL finds beside the file counts, too.
     """
     if not content.read(4).startswith(TIFF_MAGICS):
         raise ValueError("not a TIFF file")
     found = read_layout(content)
+
     for directory in found:
         if directory.has_pixels:
             directory.check_blocks()
+
     beside = Path(f"{os.fspath(path)}.msk")
     if beside.exists():
         with decoding(beside) as mask:
             check_tiff(beside, mask)
+
     return found
 
 
 @contextmanager
 def unplaced_allowed() -> Iterator[None]:
-    """Silence what rasterio warns of here: images without a georeference are no mistake.
+    """Ignore what rasterio warns of images without a georeference, which are no mistake here.
 
     Nor is alpha beside a "no data" value: both count. And where GDAL quotes a damaged file in other
     letters than UTF-8, rasterio fails to log that, and says so: what is wrong is raised anyway.
@@ -298,18 +306,18 @@ def unplaced_allowed() -> Iterator[None]:
 
 @contextmanager
 def _unlogged() -> Iterator[None]:
-    """Silence what rasterio cannot log."""
+    """Ignore what rasterio says of lines that it cannot log."""
     before = sys.unraisablehook, sys.excepthook
 
-    def hear(found: Any) -> None:
+    def on_unraisable(found: Any) -> None:
         if found.object != "rasterio._env.log_error":
             before[0](found)
 
-    def show(kind: type[BaseException], error: BaseException, trace: Any) -> None:
+    def on_error(kind: type[BaseException], error: BaseException, trace: Any) -> None:
         if kind is not UnicodeDecodeError:
             before[1](kind, error, trace)
 
-    sys.unraisablehook, sys.excepthook = hear, show
+    sys.unraisablehook, sys.excepthook = on_unraisable, on_error
     try:
         yield
     finally:
@@ -332,18 +340,21 @@ def choose_bands(file: Any, chosen: list[int] | None) -> list[int]:
         if not set(chosen) <= set(file.indexes):
             raise ValueError(f"bands: got {chosen}; accepts 1 to {file.count}")
         return chosen
+
     colors = {kind.name: band for band, kind in zip(file.indexes, file.colorinterp, strict=True)}
     if {"red", "green", "blue"} <= colors.keys():
         return [colors["red"], colors["green"], colors["blue"]]
+
     others = [band for band in file.indexes if band != colors.get("alpha")]
     if len(others) == 1:
         return others
+
     names = ", ".join(f"{band} {file.descriptions[band - 1] or ''}".strip() for band in others)
     raise ValueError(f"bands: the file has {len(others)} ({names}) and no colors; choose 1 or 3")
 
 
 def read_valid(file: Any, indexes: list[int], samples: NDArray[Any], *, window: Any = None) -> Mask:
-    """Tell which pixels are neither "no data" nor masked nor transparent nor NaN.
+    """Return which pixels are neither "no data" nor masked nor transparent nor NaN.
 
     Parameters
     ----------
@@ -358,6 +369,7 @@ def read_valid(file: Any, indexes: list[int], samples: NDArray[Any], *, window: 
     for band, kind in zip(file.indexes, file.colorinterp, strict=True):
         if kind.name == "alpha" and band not in indexes:
             valid &= file.read(band, window=window) != 0
+
     if samples.dtype.kind == "f":
         valid &= ~np.isnan(samples).any(axis=0)
     return valid
@@ -367,11 +379,13 @@ def as_image(file: Any, indexes: list[int], samples: NDArray[Any], valid: Mask) 
     """Return bands as gray levels or RGB; a palette is looked up."""
     if len(indexes) == 3:
         return as_samples(np.ascontiguousarray(np.moveaxis(samples, 0, 2)), valid)
+
     plane: NDArray[Any] = samples[0]
     if file.colorinterp[indexes[0] - 1].name == "palette" and plane.dtype == np.uint8:
         entries = file.colormap(indexes[0])
         colors = np.array([entries.get(index, (0, 0, 0))[:3] for index in range(256)], np.uint8)
         return look_up(colors, plane)
+
     return as_samples(plane, valid)
 
 
@@ -379,6 +393,7 @@ def georeference_of(file: Any) -> Georeference:
     """Return where an open file lies."""
     gcps, gcps_crs = file.gcps
     transform = file.transform
+
     return Georeference(
         crs=gcps_crs if gcps else file.crs,
         transform=None if tuple(transform)[:6] == _IDENTITY else transform,
@@ -393,6 +408,7 @@ def _layers(
 ) -> tuple[list[str], NDArray[Any], dict[str, Any]]:
     """Return the names of bands, the bands (count, H, W), and what GDAL is to know of them."""
     options: dict[str, Any] = {}
+
     if isinstance(image, Mapping):
         names = list(image)
         planes = _stacked({name: _native(band) for name, band in image.items()})
@@ -406,12 +422,14 @@ def _layers(
         planes = np.atleast_3d(whole).transpose(2, 0, 1)
         if len(planes) > 1:
             options |= {"photometric": "rgb"} | ({"alpha": "yes"} if len(planes) == 4 else {})
+
     if planes.dtype == np.float64:
         planes = _narrowed(planes)
     if planes.dtype.name not in _DTYPES:
         raise TypeError(f"image: got dtype {planes.dtype}; accepts {', '.join(_DTYPES)}, float64")
     if planes.dtype.kind == "f":
         options["nodata"] = np.nan
+
     return names, np.ascontiguousarray(planes), options
 
 
@@ -432,9 +450,11 @@ def _stacked(bands: dict[str, NDArray[Any]]) -> NDArray[Any]:
     shapes = {band.shape for band in bands.values()}
     if len(shapes) != 1 or channels(shape := shapes.pop()) != 1 or len(shape) != 2:
         raise ValueError(f"image: got bands of shapes {shapes or '()'}; accepts one (H, W) for all")
+
     for name, band in bands.items():
         if band.dtype.name not in (*_DTYPES, "float64"):
             raise TypeError(f"{name}: got dtype {band.dtype}; accepts {', '.join(_DTYPES)}")
+
     return np.stack(list(bands.values()))
 
 
@@ -462,6 +482,7 @@ def placed(place: Georeference) -> dict[str, Any]:
     if not isinstance(place, Georeference):
         kind = type(place).__name__
         raise TypeError(f"like: got {kind}; accepts Georeference, GeoImage or None")
+
     options: dict[str, Any] = {"crs": _as_crs(place.crs), "rpcs": place.rpcs}
     if place.gcps:
         options["gcps"] = list(place.gcps)
@@ -483,6 +504,7 @@ def _as_crs(crs: Any) -> Any:
 
 
 def _as_affine(transform: Any) -> Any:
+
     terms = tuple(transform)[:6]
     if len(terms) != 6:
         raise ValueError(f"transform: got {transform!r}; accepts six numbers (a, b, c, d, e, f)")

@@ -44,6 +44,7 @@ def write_glb(path: StrPath, mesh: Mesh) -> None:
         raise TypeError(f"mesh must be a Mesh, got {type(mesh).__name__}")
     if not len(mesh.faces):
         raise ValueError("mesh: has no triangle, for no four neighbors are of one surface")
+
     content = _surface(mesh).export(file_type="glb")
     with replacing(path) as file:
         file.write(content)
@@ -63,10 +64,12 @@ def _texture(mesh: Mesh, used: np.ndarray[Any, Any]) -> Any:
     """Return the picture as trimesh has it: corners have places in it, from the bottom left."""
     if mesh.picture is None:
         return None
+
     visual = require("trimesh.visual", extra="mesh")
     rows, cols = mesh.picture.shape[:2]
     places = (mesh.pixels[used] + 0.5) / np.array([cols, rows], np.float32)
     places[:, 1] = 1 - places[:, 1]
+
     picture = require("PIL.Image", extra="mesh").fromarray(mesh.picture)
     material = visual.material.PBRMaterial(
         baseColorTexture=picture, metallicFactor=0.0, roughnessFactor=1.0

@@ -12,7 +12,7 @@ from phasestereo.io.limits import check_size
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# The first box of a file: its length, then its kind. MP4 begins so, too; the brand tells.
+# The first box of a file: its length, then its kind. MP4 begins so, too; the brand decides.
 HEIF_MAGICS = tuple(bytes([0, 0, 0, length]) + b"ftyp" for length in range(16, 68, 4))
 _BRANDS = b"heic", b"heix", b"heim", b"heis", b"mif1", b"msf1"
 
@@ -34,8 +34,10 @@ def decode_heif(file: BinaryIO) -> NDArray[Any]:
     file.seek(0)
     if brand not in _BRANDS:
         raise ValueError(f"not a HEIF picture, but a file of the brand {brand!r}")
+
     pictures = require("pillow_heif", extra="heif").open_heif(file, convert_hdr_to_8bit=False)
     if len(pictures) > 1:
         raise ValueError(f"the file holds {len(pictures)} images, and only one can be meant")
+
     check_size(*pictures.size)
     return np.array(pictures)

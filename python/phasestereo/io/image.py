@@ -57,8 +57,8 @@ _ENCODERS: dict[str, tuple[Callable[[BinaryIO, Pixels], None], set[tuple[str, in
 def read_image(path: StrPath) -> Pixels:
     """Read an image exactly as it is stored.
 
-    The format is told by the content: PNG, PBM/PGM/PPM, JPEG, WebP, HEIF, BMP, TIFF, ``.npy`` or
-    PFM.
+    The format is recognized by the content: PNG, PBM/PGM/PPM, JPEG, WebP, HEIF, BMP, TIFF,
+    ``.npy`` or PFM.
 
     Parameters
     ----------
@@ -98,6 +98,7 @@ def read_image(path: StrPath) -> Pixels:
         for magics, decode in _DECODERS.items():
             if head.startswith(magics):
                 return as_image(decode(file))
+
         raise ValueError(
             "not an image of a known format: PNG, PBM/PGM/PPM, JPEG, WebP, HEIF, BMP, TIFF, .npy "
             "or PFM"
@@ -105,7 +106,7 @@ def read_image(path: StrPath) -> Pixels:
 
 
 def is_picture(path: StrPath) -> bool:
-    """Tell whether a file begins as a picture does that people look at: no TIFF, array or PFM.
+    """Return whether a file begins as a picture for people does: no TIFF, array or PFM.
 
     Raises
     ------
@@ -120,11 +121,14 @@ def as_image(samples: NDArray[Any]) -> Pixels:
     """Check that decoded samples make an image, and give it its type and shape in memory."""
     if samples.shape[2:] == (1,):
         samples = samples[:, :, 0]
+
     if not channels(samples.shape):
         raise ValueError(f"samples of shape {samples.shape}, an image has 1, 3 or 4 channels")
+
     if samples.dtype == np.float64:
         with np.errstate(over="raise"):
             samples = samples.astype(np.float32)
+
     if samples.dtype.name not in _DTYPES:
         raise ValueError(f"samples of type {samples.dtype}, an image has uint8, uint16 or float32")
     return cast("Pixels", np.ascontiguousarray(samples, samples.dtype.newbyteorder("=")))
@@ -167,12 +171,14 @@ def write_image(path: StrPath, image: Pixels) -> None:
     ending = suffix(path)
     if ending not in _ENCODERS:
         raise ValueError(f"path must end in one of {', '.join(_ENCODERS)}, got {ending!r}")
+
     encode, kinds = _ENCODERS[ending]
     if kind not in kinds:
         able = ", ".join(other for other, (_, held) in _ENCODERS.items() if kind in held)
         raise ValueError(
             f"{ending} cannot hold {kind[0]} samples in {kind[1]} channel(s); these can: {able}"
         )
+
     with replacing(path) as file:
         encode(file, np.ascontiguousarray(image, image.dtype.newbyteorder("=")))
 

@@ -42,12 +42,13 @@ def max_pixels() -> int:
     """
     if _chosen is not None:
         return _chosen
-    told = os.environ.get(_VARIABLE, "").strip()
-    if not told:
+
+    text = os.environ.get(_VARIABLE, "").strip()
+    if not text:
         return PIXELS
-    if not (told.isascii() and told.isdecimal() and int(told) > 0):
-        raise ValueError(f"{_VARIABLE}: got {told!r}; accepts a number of pixels from 1")
-    return int(told)
+    if not (text.isascii() and text.isdecimal() and int(text) > 0):
+        raise ValueError(f"{_VARIABLE}: got {text!r}; accepts a number of pixels from 1")
+    return int(text)
 
 
 def set_max_pixels(count: int | None) -> None:

@@ -37,6 +37,7 @@ def check_map(values: NDArray[np.floating[Any]], name: str) -> NDArray[np.float3
         raise TypeError(f"{name} must be an array of float32 or float64, got {got}")
     if channels(values.shape) != 1:
         raise ValueError(f"{name} must have shape (H, W), got {values.shape}")
+
     with np.errstate(over="ignore"):  # what overflows is refused as infinite
         checked = values.astype(np.float32)
     if np.isinf(checked).any():
@@ -56,6 +57,7 @@ def read_stored(path: StrPath, name: str, *, hint: str = "") -> NDArray[Any]:
     ending = known_suffix(path, name)
     stored = read_image(path)
     expected = np.uint16 if ending == ".png" else np.float32
+
     if channels(stored.shape) != 1 or stored.dtype != expected:
         raise ValueError(
             f"{os.fspath(path)}: a {name} map in {ending} is {np.dtype(expected)} of shape "

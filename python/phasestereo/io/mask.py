@@ -24,6 +24,7 @@ def read_mask(path: Path | None, *, level: int = 1) -> NDArray[np.bool_] | None:
     """
     if path is None:
         return None
+
     pixels = np.atleast_3d(read_image(path))[:, :, :3]
     if pixels.dtype.kind != "u":
         raise ValueError(f"{path}: a mask has 8 or 16-bit samples, this has {pixels.dtype}")

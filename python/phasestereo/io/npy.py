@@ -32,12 +32,15 @@ def decode_npy(file: BinaryIO) -> NDArray[Any]:
     shape, fortran_order, dtype = read_header(file)
     if dtype.name not in _DTYPES:
         raise ValueError(f"the array has dtype {dtype}, an image has one of {', '.join(_DTYPES)}")
+
     expected = file.tell() + math.prod(shape) * dtype.itemsize
     actual = os.fstat(file.fileno()).st_size
     if actual != expected:  # compared before anything is allocated
         raise ValueError(f"the header asks for {expected} bytes, but the file has {actual}")
+
     if len(shape) > 1 and 0 not in shape:
         check_size(shape[1], shape[0])
+
     samples = np.fromfile(file, dtype, math.prod(shape))
     samples = samples.reshape(shape, order="F" if fortran_order else "C")
     return np.ascontiguousarray(samples, dtype.newbyteorder("="))
@@ -46,14 +49,19 @@ def decode_npy(file: BinaryIO) -> NDArray[Any]:
 def read_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     """Read shape, whether columns come first, and dtype; the data begin where the file is then."""
     version = npy_format.read_magic(file)
+
+    # The length of the header stands before it, in 2 bytes up to version 1.0, in 4 later.
     (length,) = struct.unpack("<I", file.read(4 if version > (1, 0) else 2).ljust(4, b"\0"))
     if length > _LONGEST_HEADER:
         raise ValueError(f"the .npy header has {length} bytes; at most {_LONGEST_HEADER} are read")
+
+    # NumPy reads the length once more.
     file.seek(_MAGIC)
     if version == (1, 0):
         return npy_format.read_array_header_1_0(file)
     if version == (2, 0):
         return npy_format.read_array_header_2_0(file)
+
     raise ValueError(f"the .npy format is version {version}, arrays of numbers have 1.0 or 2.0")
 
 

@@ -42,8 +42,10 @@ def decode_arrays(content: bytes, most: int) -> dict[str, NDArray[Any]]:
                     f"the arrays take {size} bytes in {len(entries)} files; at most {most} bytes "
                     f"in {_MOST_ARRAYS} are read"
                 )
+
             if any(entry.compress_type not in _METHODS for entry in entries):
                 raise ValueError("the arrays are packed otherwise than NumPy packs them")
+
             return {
                 entry.filename.removesuffix(".npy"): decode_array(archive.read(entry))
                 for entry in entries
@@ -63,6 +65,7 @@ def decode_array(content: bytes) -> NDArray[Any]:
     file = io.BytesIO(content)
     shape, columns_first, dtype = read_header(file)
     start, count = file.tell(), math.prod(shape)
+
     if dtype.hasobject:
         raise ValueError("an array of objects, which are never loaded")
     if len(content) != start + count * dtype.itemsize:
@@ -70,7 +73,9 @@ def decode_array(content: bytes) -> NDArray[Any]:
             f"the header asks for {start + count * dtype.itemsize} bytes, but there are "
             f"{len(content)}"
         )
+
     if not dtype.itemsize:
-        return np.zeros(shape, dtype)
+        return np.zeros(shape, dtype)  # np.frombuffer refuses items of no bytes
+
     array = np.frombuffer(content, dtype, count, start)
     return array.reshape(shape, order="F" if columns_first else "C").copy()

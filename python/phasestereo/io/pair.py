@@ -46,17 +46,21 @@ def read_pair(path: StrPath, layout: Layout | None = None) -> tuple[Pixels, Pixe
     if layout is not None and layout not in capture.AXES:
         names = ", ".join(map(repr, capture.AXES))
         raise ValueError(f"layout: got {layout!r}; accepts {names}, or None for a file of two")
+
     if layout is not None:
         left, right = capture.halves(read_image(path), layout)
         return left, right
+
     with decoding(path) as file:
         jpeg = file.read(3) == b"\xff\xd8\xff"
         pictures = [as_image(picture) for picture in decode_frames(file)] if jpeg else []
+
     if not pictures:
         raise ValueError(
             f"layout: got None for {os.fspath(path)}, which holds one picture; accepts "
             "side-by-side or top-bottom, or else the right view comes in a file of its own"
         )
+
     left, right = pictures
     if left.shape != right.shape:
         raise ValueError(

@@ -45,32 +45,37 @@ def as_arrays(statistics: PairStatistics) -> Arrays:
         "min_disparity",
         "num_disparities",
     )
+
     plain: Plain = {name: getattr(statistics, name) for name in names}
     plain["settings"] = asdict(statistics.settings)
     plain["alignment"] = statistics.alignment and asdict(statistics.alignment)
     plain["search"] = statistics.search and asdict(statistics.search)
+
     arrays: Arrays = {}
     if statistics.blur_compensation is not None:
         _put_blur_compensation(statistics.blur_compensation, plain, arrays)
     if statistics.blur is not None:
         _put_blur(statistics.blur, plain, arrays)
-    # Numbers may be those of numpy, which JSON does not know.
-    return arrays | {"told": np.array(json.dumps(plain, default=lambda number: number.item()))}
+
+    # Numbers may be of NumPy's types, which JSON refuses.
+    text = json.dumps(plain, default=lambda number: number.item())
+    return arrays | {"plain": np.array(text)}
 
 
 def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
-    """Return the statistics that arrays tell.
+    """Return the statistics that arrays hold.
 
     Raises
     ------
     AttributeError, KeyError, OverflowError, TypeError, ValueError
-        If they tell none.
+        If they hold none.
     """
-    plain = json.loads(str(arrays["told"]))
+    plain = json.loads(str(arrays["plain"]))
     settings: Plain = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in plain["settings"].items()
     }
+
     return PairStatistics(
         size=as_size(plain["size"]),
         dtype=plain["dtype"],
@@ -86,11 +91,13 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
     )
 
 
-def _put_blur_compensation(told: BlurCompensation, plain: Plain, arrays: Arrays) -> None:
-    kernels = list(told.kernels)
-    plain |= {name: getattr(told, name) for name in ("noise", "impulses", "smoothing", "tile")}
+def _put_blur_compensation(compensation: BlurCompensation, plain: Plain, arrays: Arrays) -> None:
+    kernels = list(compensation.kernels)
+    names = "noise", "impulses", "smoothing", "tile"
+    plain |= {name: getattr(compensation, name) for name in names}
     plain["classes"] = len(kernels)
-    arrays["labels"] = told.labels
+
+    arrays["labels"] = compensation.labels
     for number, pair in enumerate(kernels):
         for side, taps in zip(("left", "right"), pair, strict=True):
             if taps is not None:
@@ -113,29 +120,32 @@ def _blur_compensation(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> Blur
     )
 
 
-def _put_blur(told: BlurEstimate, plain: Plain, arrays: Arrays) -> None:
-    plain["blur"] = {name: getattr(told, name) for name in _ESTIMATE}
-    plain["blurs"] = [{name: getattr(blur, name) for name in _KIND} for blur in told.blurs]
-    arrays["blur_labels"] = told.labels
-    if told.glance is not None:
-        arrays["blur_places"], arrays["blur_excess"] = told.glance
-    for number, blur in enumerate(told.blurs):
+def _put_blur(estimate: BlurEstimate, plain: Plain, arrays: Arrays) -> None:
+    plain["blur"] = {name: getattr(estimate, name) for name in _ESTIMATE}
+    plain["blurs"] = [{name: getattr(blur, name) for name in _KIND} for blur in estimate.blurs]
+
+    arrays["blur_labels"] = estimate.labels
+    if estimate.glance is not None:
+        arrays["blur_places"], arrays["blur_excess"] = estimate.glance
+    for number, blur in enumerate(estimate.blurs):
         if blur.psf is not None:
             arrays[f"psf_{number}"] = blur.psf
 
 
 def _blur(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> BlurEstimate:
-    kinds = enumerate(plain["blurs"])
-    blurs = tuple(Blur(**told, psf=arrays.get(f"psf_{number}")) for number, told in kinds)
-    told = plain["blur"] | {name: tuple(plain["blur"][name]) for name in _BOTH}
-    seen = "blur_places" in arrays
-    glance = (arrays["blur_places"], arrays["blur_excess"]) if seen else None
-    return BlurEstimate(blurs=blurs, labels=arrays["blur_labels"], glance=glance, **told)
+    blurs = tuple(
+        Blur(**kind, psf=arrays.get(f"psf_{number}")) for number, kind in enumerate(plain["blurs"])
+    )
+    numbers = plain["blur"] | {name: tuple(plain["blur"][name]) for name in _BOTH}
+
+    is_seen = "blur_places" in arrays
+    glance = (arrays["blur_places"], arrays["blur_excess"]) if is_seen else None
+    return BlurEstimate(blurs=blurs, labels=arrays["blur_labels"], glance=glance, **numbers)
 
 
-def _alignment(told: Plain) -> Alignment:
-    lists = {"coefficients": tuple(map(float, told["coefficients"])), "size": as_size(told["size"])}
-    return Alignment(**told | lists)
+def _alignment(plain: Plain) -> Alignment:
+    coefficients = tuple(map(float, plain["coefficients"]))
+    return Alignment(**plain | {"coefficients": coefficients, "size": as_size(plain["size"])})
 
 
 def _ranges(left: Range, right: Range) -> tuple[Range, Range]:

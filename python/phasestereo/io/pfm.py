@@ -75,6 +75,7 @@ def decode_pfm(file: BinaryIO) -> NDArray[np.float32]:
     actual = os.fstat(file.fileno()).st_size
     if actual != expected:  # compared before anything is allocated
         raise ValueError(f"the header asks for {expected} bytes, but the file has {actual}")
+
     check_size(shape[1], shape[0])
     file.seek(start)
     samples = np.fromfile(file, dtype=f"{byte_order}f4", count=math.prod(shape))
@@ -86,6 +87,7 @@ def _parse_header(head: bytes) -> tuple[tuple[int, ...], str, int]:
     match = _HEADER.match(head)
     if match is None:
         raise ValueError("not a PFM file: it does not start with 'Pf' or 'PF', size and scale")
+
     magic, width, height, scale = match.groups()
     if not (_COUNT.fullmatch(width) and _COUNT.fullmatch(height)):
         raise ValueError(f"the PFM size must be two whole numbers, got {width!r} and {height!r}")
@@ -93,6 +95,7 @@ def _parse_header(head: bytes) -> tuple[tuple[int, ...], str, int]:
         raise ValueError(f"the PFM size must not be zero, got {int(width)} x {int(height)}")
     if not _SCALE.fullmatch(scale) or float(scale) == 0 or math.isinf(float(scale)):
         raise ValueError(f"the PFM scale must be a finite number other than zero, got {scale!r}")
+
     color = (3,) if magic == b"PF" else ()
     byte_order = "<" if float(scale) < 0 else ">"
     return (int(height), int(width), *color), byte_order, match.end()

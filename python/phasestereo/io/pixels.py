@@ -57,14 +57,18 @@ def as_samples(samples: NDArray[Any], valid: NDArray[np.bool_] | None = None) ->
         return native
     if native.dtype.kind not in "iuf":
         raise ValueError(f"samples of type {native.dtype}; an image has real numbers")
+
     with np.errstate(over="ignore"):
         narrow = native.astype(np.float32)
+
     if native.dtype.kind == "f":
         lost = np.isinf(narrow) & np.isfinite(native)
         why = "the range of float32"
     else:
         lost = (native > _EXACT) | (native < -_EXACT)
         why = "2**24, which float32 would round"
+
+    # The mask gets a channel axis where the samples have one.
     counts = True if valid is None else valid.reshape(valid.shape + (1,) * (native.ndim - 2))
     if (lost & counts).any():
         raise ValueError(f"{native.dtype} samples beyond {why}")

@@ -47,6 +47,7 @@ def write_ply(path: StrPath, cloud: PointCloud) -> None:
         raise ValueError(f"path of a point cloud must end in .ply, got {suffix(path)!r}")
     if not isinstance(cloud, PointCloud):
         raise TypeError(f"cloud must be a PointCloud, got {type(cloud).__name__}")
+
     vertices = _vertices(cloud)
     with replacing(path) as file:
         file.write(_header(vertices))
@@ -56,11 +57,14 @@ def write_ply(path: StrPath, cloud: PointCloud) -> None:
 def _vertices(cloud: PointCloud) -> NDArray[Any]:
     columns = _POSITION + ([] if cloud.colors is None else _COLOR)
     vertices = np.empty(len(cloud), dtype=columns)
+
     for axis, (name, _) in enumerate(_POSITION):
         vertices[name] = cloud.points[:, axis]
+
     if cloud.colors is not None:
         for channel, (name, _) in enumerate(_COLOR):
             vertices[name] = cloud.colors[:, channel]
+
     return vertices
 
 

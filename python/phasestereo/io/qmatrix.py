@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
@@ -55,6 +56,7 @@ def read_q(path: StrPath) -> Matrix:
         raise ValueError(
             f"path of a matrix Q must end in one of {', '.join(_DECODERS)}, got {ending!r}"
         )
+
     with decoding(path) as file:
         matrix = _DECODERS[ending](file)
         if matrix.shape != (4, 4) or matrix.dtype.kind not in "iuf":
@@ -78,18 +80,11 @@ def _from_text(file: BinaryIO) -> Matrix:
     return np.array([[float(word) for word in row] for row in rows if row])
 
 
-def _from_yaml(file: BinaryIO) -> Matrix:
-    return _from_storage(file, _YAML)
-
-
-def _from_xml(file: BinaryIO) -> Matrix:
-    return _from_storage(file, _XML)
-
-
 def _from_storage(file: BinaryIO, pattern: str) -> Matrix:
     found = re.search(pattern, _text(file), re.MULTILINE)
     if found is None:
         raise ValueError("no 4 x 4 matrix of real numbers is named Q, as cv2.FileStorage writes it")
+
     numbers = [float(word) for word in found.group(1).replace(",", " ").split()]
     if len(numbers) != 16:
         raise ValueError(f"the matrix Q has {len(numbers)} numbers instead of 16")
@@ -104,7 +99,7 @@ _DECODERS: dict[str, Callable[[BinaryIO], Matrix]] = {
     ".npy": _from_npy,
     ".npz": _from_npz,
     ".txt": _from_text,
-    ".yml": _from_yaml,
-    ".yaml": _from_yaml,
-    ".xml": _from_xml,
+    ".yml": partial(_from_storage, pattern=_YAML),
+    ".yaml": partial(_from_storage, pattern=_YAML),
+    ".xml": partial(_from_storage, pattern=_XML),
 }

@@ -2,9 +2,10 @@
 
 Two habits of Pillow are worked around. It narrows 16-bit color to 8 bits without a word, and it
 rescales Netpbm samples whose maximum is not 255 or 65535, which would change the disparities coded
-in them; its low-level decoders do neither, so they are told what to unpack. And ``Image.open``
-warns of images above 89 megapixels and refuses them above 179, by a global limit; the class of the
-format does not, so that is what is called here, and the limit is that of `phasestereo.io`.
+in them; its low-level decoders do neither, so they are asked for the samples as they are. And
+``Image.open`` warns of images above 89 megapixels and refuses them above 179, by a global limit;
+the class of the format does not, so that is what is called here, with the limit of
+`phasestereo.io`.
 """
 
 from __future__ import annotations
@@ -59,13 +60,16 @@ def decode_raster(file: BinaryIO) -> NDArray[Any]:
     first = _open(file)
     if first.format == "WEBP":  # has 8 bits and no tiles
         return _expand(first)
+
     planes: list[NDArray[Any]] = []
     for tile in _exact_tiles(first):
         image = _open(file)
         image.tile = [tile]
         planes.append(_expand(image))
+
     if len(planes) == 1:
         return planes[0]
+
     high, low = planes
     samples: NDArray[np.uint16] = (high.astype(np.uint16) << 8) | low
     return samples
@@ -82,6 +86,7 @@ def decode_frames(file: BinaryIO) -> list[NDArray[Any]]:
     image = _open(file, frames=2)
     if getattr(image, "n_frames", 1) < 2:
         return []
+
     pictures = []
     for number in range(2):
         image.seek(number)
@@ -96,33 +101,40 @@ def _open(file: BinaryIO, frames: int = 1) -> Any:
     head = file.read(8)
     length = file.seek(0, os.SEEK_END)
     file.seek(0)
+
     module, opener = next(_OPENERS[magic] for magic in RASTER_MAGICS if head.startswith(magic))
     image = getattr(require(module, extra="io"), opener)(file)
     check_size(*image.size)
+
     bands = len(image.getbands())
     samples = bands if bands > 1 else 1 / 8  # gray levels and palettes may have one bit
     check_unpacked(int(image.width * image.height * samples), length)
+
     if frames == 1 and getattr(image, "n_frames", 1) > 1:
         raise ValueError(
             f"the file holds {image.n_frames} images, and only one can be meant; "
             "phasestereo.io.read_pair reads stereo photographs"
         )
+
     return image
 
 
 def _exact_tiles(image: Any) -> list[_Tile]:
-    """Say what Pillow is to decode: one tile, or two for the high and the low bytes of colors."""
+    """Return what Pillow decodes: one tile, or two for the high and the low bytes of colors."""
     if not image.tile:
         raise ValueError("the file has a header but no samples")
     tile = _Tile(*image.tile[0])
+
     if tile.codec == "ppm_plain" and image.mode != "1":
         maximum = tile.unpacking[1]
         if maximum != (65535 if image.mode == "I" else 255):
             raise ValueError(f"plain-text samples up to {maximum} would be rescaled; use binary")
+
     if tile.codec == "ppm":  # this decoder rescales, the raw one does not
         mode, maximum = tile.unpacking
         wide = maximum > np.iinfo(np.uint8).max
         tile = tile._replace(codec="raw", unpacking=_WIDE[mode] if wide else mode)
+
     if tile.unpacking in _LOW_BYTES:
         return [tile, tile._replace(unpacking=_LOW_BYTES[tile.unpacking])]
     if str(tile.unpacking).endswith(";16B") and image.mode not in ("I", "I;16"):
@@ -141,6 +153,7 @@ def _expand(image: Any) -> NDArray[Any]:
         return np.array(image.convert("RGBA"))
     if image.mode == "I":
         return samples.astype(np.uint16)  # 16-bit PGM, which Pillow keeps in 32 bits
+
     if image.mode not in ("L", "RGB", "RGBA", "I;16"):
         raise ValueError(f"{image.mode} images are not read, only gray, RGB and palette ones")
     return samples

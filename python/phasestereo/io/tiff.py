@@ -49,7 +49,7 @@ _GEO_TAGS = {33550, 33922, 34264, 34735, 42113, 50844}
 
 
 def is_geotiff(path: StrPath) -> bool:
-    """Tell whether a file is a TIFF with tags that place it, or that mask it by a value.
+    """Return whether a file is a TIFF with tags that place it, or that mask it by a value.
 
     Raises
     ------
@@ -79,13 +79,16 @@ def decode_tiff(file: BinaryIO) -> NDArray[Any]:
         pages = [page for page in (each.aspage() for each in tiff.pages) if not page.is_reduced]
         if len(pages) != 1:
             raise ValueError(f"the TIFF has {len(pages)} pages, and only one can be the image")
+
         page = pages[0]
         _check_complete(page)
         if page.axes not in ("YX", "YXS", "SYX"):
             raise ValueError(f"the TIFF page has axes {page.axes}, an image has YX and channels S")
+
         samples: NDArray[Any] = page.asarray()
         if page.axes == "SYX":  # one plane a channel
             samples = np.ascontiguousarray(np.moveaxis(samples, 0, 2))
+
         return _apply_photometric(samples, page, tifffile.PHOTOMETRIC)
 
 
@@ -94,16 +97,20 @@ def _check_bounds(file: BinaryIO) -> None:
     pages = [page for page in read_layout(file) if not page.number(_SUBFILE, 0) & _REDUCED]
     if len(pages) != 1:
         raise ValueError(f"the TIFF has {len(pages)} pages, and only one can be the image")
+
     page = pages[0]
     if page.compression not in BOUNDED:
         raise ValueError(
             f"the TIFF is compressed in a way (number {page.compression}) that is not read here: "
             "uncompressed, deflate, PackBits and LZW are; read_geotiff reads more"
         )
+
     check_whole(file, page)
     stored = page.stored(file)
     if page.compression == _PACKBITS and (stored > _MOST_PACKED).any():
         raise ValueError(f"a block of PackBits has more than {_MOST_PACKED} bytes")
+
+    # Only deflate packs so tightly that a small file can fill the memory.
     if page.compression in DEFLATED:
         for number, (offset, count) in enumerate(zip(page.places(file), stored, strict=True)):
             file.seek(int(offset))
@@ -115,14 +122,18 @@ def _check_bounds(file: BinaryIO) -> None:
 
 
 def _unpacks_beyond(file: BinaryIO, count: int, most: int) -> bool:
-    """Tell whether deflated bytes unpack to more than so many, without keeping them."""
+    """Return whether deflated bytes unpack to more than so many, without keeping them."""
     if count * UNPACKING <= max(most, _HARMLESS):
         return False
-    unpacker, total = zlib.decompressobj(), 0
+
+    unpacker = zlib.decompressobj()
+    total = 0
     try:
         while count > 0 and not unpacker.eof:
             rest = file.read(min(count, _PIECE))
             count -= len(rest) or count
+
+            # What is unpacked at a time is bounded; the rest of the input comes in the next turn.
             while rest and not unpacker.eof:
                 total += len(unpacker.decompress(rest, _PIECE))
                 rest = unpacker.unconsumed_tail
@@ -145,11 +156,13 @@ def _apply_photometric(samples: NDArray[Any], page: Any, photometric: Any) -> ND
     if page.photometric == photometric.PALETTE and samples.dtype == np.uint8:
         colors = page.colormap.T >> 8  # a palette holds 8-bit levels as 16 bits
         return look_up(colors.astype(np.uint8), samples)
+
     if page.photometric == photometric.MINISWHITE and samples.dtype.kind in "bu":
         samples = ~samples
     elif page.photometric not in (photometric.MINISBLACK, photometric.RGB):
         name = getattr(page.photometric, "name", page.photometric)
         raise ValueError(f"the TIFF has {name} samples of type {samples.dtype}, not gray or RGB")
+
     return expand_bits(samples) if samples.dtype == np.bool_ else samples
 
 

@@ -1,8 +1,8 @@
 """What a TIFF file says it holds, read and bounded before a decoder is let at it.
 
-Decoders follow the chain of directories wherever it leads, and make room for what a directory
-claims. Here the chain is followed once with an eye on where it has been, no tag reaches beyond the
-end of the file, and the blocks (strips or tiles) are counted: what a picture takes is known then.
+Decoders follow the chain of directories wherever it leads, and allocate what a directory claims.
+Here the chain is followed once, no directory twice, no tag reaches beyond the end of the file, and
+the blocks (strips or tiles) are counted: what a picture takes is known then.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MAX_DIRECTORIES = 256
 
 _MOST_BLOCKS = 2**24
 _FREE_BLOCK = 2**22  # pixels that a block may have however small the picture
-# Bytes of a value, by the number of its type; what others are, nothing here or in a decoder needs.
+# Bytes of a value, by the number of its type; neither this module nor a decoder needs others.
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4,
           16: 8, 17: 8, 18: 8}  # fmt: skip
 _WHOLE = {1: "u1", 3: "u2", 4: "u4", 13: "u4", 16: "u8", 18: "u8"}
@@ -104,6 +104,7 @@ class Directory:
             sides = self.number(_TILE_WIDTH), self.number(_TILE_HEIGHT)
         else:
             sides = width, min(height, self.number(_STRIP_ROWS, height))
+
         if min(sides) < 1:
             raise ValueError(f"the TIFF has blocks of {sides[0]} x {sides[1]} pixels")
         return sides
@@ -123,6 +124,7 @@ class Directory:
         (width, height), (across, down) = self.size, self.block
         if min(width, height) < 1:
             raise ValueError(f"the header says {width} x {height} pixels: that is no image")
+
         planes = max(1, self.number(_SAMPLES, 1)) if self.number(_PLANAR, 1) == 2 else 1
         wanted = -(-width // across) * -(-height // down) * planes
         found = self.tags.get(_TILES, self.tags.get(_STRIPS, (4, 0, b"")))[1]
@@ -131,6 +133,7 @@ class Directory:
                 f"some strips or tiles of the TIFF page are missing: it has {found} of the "
                 f"{wanted} that {width} x {height} pixels take (at most {_MOST_BLOCKS} are read)"
             )
+
         if across * down > max(_FREE_BLOCK, 4 * width * height):
             raise ValueError(
                 f"the TIFF has blocks of {across} x {down} pixels for {width} x {height}: more "
@@ -146,8 +149,10 @@ class Directory:
         places = self.places(file)
         name = _TILE_BYTES if _TILE_BYTES in self.tags else _STRIP_BYTES
         rest = np.uint64(self.length) - np.minimum(places, np.uint64(self.length))
+
         if name not in self.tags:
             return rest
+
         counts = self._many(file, name)
         if len(counts) != len(places):
             raise ValueError("some strips or tiles of the TIFF page are missing")
@@ -157,9 +162,11 @@ class Directory:
         kind, count, content = self.tags.get(tag, (4, 0, b""))
         if kind not in _WHOLE:
             raise ValueError(f"the TIFF's tag {tag} holds no whole numbers")
+
         if isinstance(content, int):
             file.seek(content)
             content = file.read(count * _SIZES[kind])
+
         return np.frombuffer(content, self.order + _WHOLE[kind], count).astype(np.uint64)
 
 
@@ -174,8 +181,11 @@ def read_layout(file: BinaryIO) -> list[Directory]:
     length = file.seek(0, os.SEEK_END)
     file.seek(0)
     head = file.read(16).ljust(16, b"\0")
+
+    # BigTIFF has the offset of the first directory in 8 bytes, after the size of offsets.
     order, big = ("<" if head[:2] == b"II" else ">"), b"+" in head[2:4]
     (offset,) = struct.unpack_from(order + ("Q" if big else "I"), head, 8 if big else 4)
+
     found: list[Directory] = []
     seen: set[int] = set()
     while offset:
@@ -186,6 +196,7 @@ def read_layout(file: BinaryIO) -> list[Directory]:
         seen.add(offset)
         tags, offset = _read_directory(file, offset, order, length, big=big)
         found.append(Directory(tags, order, length))
+
     if not found:
         raise ValueError("the TIFF has no directory")
     return found
@@ -195,14 +206,18 @@ def _read_directory(
     file: BinaryIO, offset: int, order: str, length: int, *, big: bool
 ) -> tuple[dict[int, tuple[int, int, bytes | int]], int]:
     """Return the tags of a directory, and where the next one is."""
+    # An entry has a tag, a type, a count and, in `inside` bytes, its value or where that is.
     word, step, inside = ("Q", 20, 8) if big else ("I", 12, 4)
     (count,) = struct.unpack(
         order + ("Q" if big else "H"), _bytes(file, offset, 8 if big else 2, length)
     )
+
     if count > 2**16:
         raise ValueError(f"a directory of the TIFF has {count} tags; at most {2**16} are read")
+
     start = offset + (8 if big else 2)
     body = _bytes(file, start, count * step + inside, length)
+
     tags: dict[int, tuple[int, int, bytes | int]] = {}
     for place in range(0, count * step, step):
         tag, kind, values = struct.unpack_from(order + "HH" + word, body, place)
@@ -212,8 +227,10 @@ def _read_directory(
             (where,) = struct.unpack(order + word, content)  # type: ignore[arg-type]
             if where + size > length:
                 raise ValueError(f"the TIFF's tag {tag} reaches beyond the end of the file")
+            # Long values, such as the places of all blocks, are read when they are needed.
             content = where if size > 2**12 else _bytes(file, where, size, length)
         tags.setdefault(tag, (kind, values if size else 0, content))
+
     (following,) = struct.unpack(order + word, body[-inside:])
     return tags, following
 
@@ -229,14 +246,17 @@ def check_whole(file: BinaryIO, directory: Directory) -> None:
     """Refuse a picture that is too large to be read as a whole, or that its bytes cannot hold."""
     check_size(*directory.size)
     directory.check_blocks()
+
     pixels = directory.size[0] * directory.size[1]
     if directory.block_bytes > max(_FREE_BLOCK, 16 * max_pixels()):
         raise ValueError(f"a block of the TIFF unpacks to {directory.block_bytes} bytes")
+
     stored = directory.stored(file)
     ratio = _RATIOS.get(directory.compression)
     if ratio is not None:
         share = float((stored > 0).mean())  # blocks may be left out: "no data", to GDAL
         check_unpacked(int(pixels * share * directory.sample) // 8, int(stored.sum()), ratio)
+
     if not stored.all() and directory.block_bytes > 16 * _FREE_BLOCK:
         raise ValueError(
             f"blocks of {directory.block_bytes} bytes are left out of the TIFF: it holds none of "

@@ -1,4 +1,4 @@
-"""The images of a pair as files tell them: pixels, what of them is valid, and where they lie."""
+"""The images of a pair as files hold them: pixels, what of them is valid, and where they lie."""
 
 from __future__ import annotations
 
@@ -59,16 +59,10 @@ def read_views(left: Path, right: Path, bands: tuple[int, ...] | None = None) ->
     if bands is None and not all(is_geotiff(path) for path in paths):
         found = [_read_alone(path) for path in paths]
         return found[0], found[1]
+
     pair = [_read_geotiff(path, bands) for path in paths]
     check_pair(pair[0], pair[1], names=(os.fspath(left), os.fspath(right)))
     return _as_view(pair[0]), _as_view(pair[1])
-
-
-def join(mask: Mask | None, other: Mask | None) -> Mask | None:
-    """Return what both masks leave valid; None: everything."""
-    if mask is None or other is None:
-        return other if mask is None else mask
-    return mask & other
 
 
 def _read_alone(path: Path) -> View:

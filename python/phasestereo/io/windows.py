@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.io.files import decoding, is_of_the_system, open_regular
+from phasestereo._images import join_masks
+from phasestereo.io.files import decoding, is_of_the_system, named, open_regular
 from phasestereo.io.geotiff import (
     Georeference,
     as_bands,
@@ -92,7 +93,7 @@ class Raster:
     def read(
         self, first: int, last: int, columns: tuple[int, int] | None = None
     ) -> tuple[Pixels, Mask | None]:
-        """Read rows [first, last), and of them columns [columns[0], columns[1]) or all.
+        """Read rows [first, last), and columns [columns[0], columns[1]) or all of them.
 
         Returns
         -------
@@ -111,9 +112,11 @@ class Raster:
         cuts = [first, *_cuts(first, last, self.block[0]), last]
         pixels: Pixels | None = None
         valid: Mask | None = None
+
         for start, stop in pairwise(cuts):
-            with _named(self.path, start, stop):
+            with _rows_named(self.path, start, stop):
                 piece, mask = self.piece((slice(start, stop), across))
+
             if pixels is None:
                 pixels = np.empty((last - first, *piece.shape[1:]), piece.dtype)
             pixels[start - first : stop - first] = piece
@@ -121,6 +124,7 @@ class Raster:
                 if valid is None:
                     valid = np.ones(pixels.shape[:2], np.bool_)
                 valid[start - first : stop - first] = mask
+
         assert pixels is not None  # noqa: S101  # there are two cuts at least
         return pixels, valid
 
@@ -211,10 +215,12 @@ def open_raster(
     """
     chosen = None if bands is None else as_bands(bands)
     name = os.fspath(path)
+
     with ExitStack() as stack:
         if Path(path).is_dir():
             yield _open_zarr(name, max_bytes)
             return
+
         with decoding(path) as file:
             head = file.read(len(_NPY_MAGIC))
         if head.startswith(TIFF_MAGICS):
@@ -241,7 +247,7 @@ def open_pair(
     ------
     OSError, TypeError, ValueError, ImportError
         As `open_raster`; TypeError also if the images differ in type, ValueError if they differ in
-        size, or, where both tell them, in reference systems or pixel sizes, or a mask differs in
+        size, or, where both have them, in reference systems or pixel sizes, or a mask differs in
         size or has no integers.
     """
     with ExitStack() as stack:
@@ -253,16 +259,19 @@ def open_pair(
             None if path is None else stack.enter_context(open_raster(path, max_bytes=max_bytes))
             for path in (left_mask, right_mask)
         ]
+
         check_agreement(
             (images[0].size, images[1].size),
             (images[0].georeference, images[1].georeference),
             (images[0].path, images[1].path),
         )
+
         if images[0].dtype != images[1].dtype:
             raise TypeError(
                 f"{images[1].path}: got {images[1].dtype}; accepts the type of {images[0].path}, "
                 f"{images[0].dtype}"
             )
+
         for mask in masks:
             _check_mask(mask, images[0].size)
         yield RasterPair(left=images[0], right=images[1], left_mask=masks[0], right_mask=masks[1])
@@ -271,6 +280,7 @@ def open_pair(
 def _check_mask(mask: Raster | None, size: tuple[int, int]) -> None:
     if mask is None:
         return
+
     if mask.size != size:
         raise ValueError(f"{mask.path}: got {mask.size} pixels; accepts those of the image, {size}")
     if mask.dtype.kind != "u":
@@ -284,9 +294,10 @@ def _masked(
     pixels, valid = raster.read(first, last, columns)
     if other is None:
         return pixels, valid
+
     levels = np.atleast_3d(other.read(first, last, columns)[0])[:, :, :3]
-    told = np.asarray(levels.any(axis=2))
-    return pixels, told if valid is None else told & valid
+    counts = np.asarray(levels.any(axis=2))
+    return pixels, join_masks(counts, valid)
 
 
 def _cuts(first: int, last: int, rows: int) -> range:
@@ -296,8 +307,8 @@ def _cuts(first: int, last: int, rows: int) -> range:
 
 
 @contextmanager
-def _named(path: str, first: int, last: int) -> Iterator[None]:
-    """Say what could not be read where a decoder raises, which may be anything."""
+def _rows_named(path: str, first: int, last: int) -> Iterator[None]:
+    """Name the rows that could not be read in what a decoder raises, which may be anything."""
     where = f"{path}: rows {first} to {last - 1}"
     try:
         yield
@@ -318,15 +329,6 @@ def _check_blocks(what: str, needed: int, most: int) -> None:
         )
 
 
-@contextmanager
-def _refused(path: str) -> Iterator[None]:
-    """Name the file in what is refused of it."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-
-
 def _raster(
     path: str,
     size: tuple[int, int],
@@ -334,13 +336,16 @@ def _raster(
     block: tuple[int, int],
     georeference: Georeference | None = None,
 ) -> Raster:
-    """Describe a raster; what a pixel of it is, the first one tells."""
+    """Describe a raster; its first pixel shows the type and the channels of all."""
     if min(size) < 1:
         raise ValueError(f"{path}: got {size} pixels; accepts at least one")
-    with _named(path, 0, 1):
+
+    with _rows_named(path, 0, 1):
         pixel = piece((slice(0, 1), slice(0, 1)))[0]
+
     if not channels(pixel.shape):
         raise ValueError(f"{path}: got {pixel.shape[2]} channels; accepts 1, 3 and 4")
+
     return Raster(
         path=path,
         size=size,
@@ -360,8 +365,11 @@ def _open_tiff(stack: ExitStack, path: str, chosen: list[int] | None, max_bytes:
             if directory.has_pixels:
                 width, _ = directory.size
                 across, down = directory.block
+
+                # A window may cut all blocks of a row, each of which is read as a whole.
                 row = directory.block_bytes * -(-width // across)
                 _check_blocks(f"blocks of {down} rows", row, max_bytes)
+
         file = stack.enter_context(rasterio.open(path, driver="GTiff"))
         indexes = choose_bands(file, chosen)
         place = georeference_of(file)
@@ -371,6 +379,7 @@ def _open_tiff(stack: ExitStack, path: str, chosen: list[int] | None, max_bytes:
         with unplaced_allowed():
             samples = file.read(indexes, window=part)
             valid = read_valid(file, indexes, samples, window=part)
+
         image = as_image(file, indexes, samples, valid)
         return image, None if valid.all() else valid
 
@@ -390,9 +399,11 @@ def _open_zarr(path: str, max_bytes: int) -> Raster:
     except Exception as error:
         kept = error if isinstance(error, ValueError | OSError) else repr(error)
         raise ValueError(f"{path}: a folder, and no Zarr array ({kept})") from error
+
     leading = array.ndim == 3 and array.shape[0] == 1  # one band, as rioxarray has it
     if array.ndim != 2 and not (leading or (array.ndim == 3 and array.shape[2] in (1, 3, 4))):
         raise ValueError(f"{path}: got shape {array.shape}; accepts (H, W) and (H, W, channels)")
+
     attributes = array.attrs.asdict()
     missing = [attributes[name] for name in _NO_DATA if isinstance(attributes.get(name), Real)]
 
@@ -403,7 +414,8 @@ def _open_zarr(path: str, max_bytes: int) -> Raster:
     size, chunk = array.shape[leading : leading + 2], array.chunks[leading]
     row = array.nbytes // max(array.shape[leading], 1)
     chunks = math.prod(array.chunks) * array.dtype.itemsize
-    with _refused(path):
+
+    with named(path):
         across = -(-array.shape[leading + 1] // array.chunks[leading + 1])
         _check_blocks(f"chunks of {chunk} rows", chunks * across, max_bytes)
     return _raster(path, (int(size[0]), int(size[1])), piece, (int(chunk), int(chunk * row)))
@@ -414,17 +426,20 @@ def _open_npy(stack: ExitStack, path: str, max_bytes: int) -> Raster:
     with decoding(path) as head:
         shape, columns_first, dtype = read_header(head)
         start, stored = head.tell(), os.fstat(head.fileno()).st_size
+
         if len(shape) not in (2, 3) or dtype.hasobject:
             raise ValueError(f"an array of shape {shape} and {dtype}; an image has (H, W) pixels")
         if columns_first:
             raise ValueError("the array is in Fortran order, which cannot be read by rows; save it "
                              "with np.ascontiguousarray")  # fmt: skip
+
         row = int(np.prod(shape[1:])) * dtype.itemsize
         if stored != start + shape[0] * row:
             raise ValueError(
                 f"the header asks for {start + shape[0] * row} bytes, but the file has {stored}"
             )
         _check_blocks("one row", row, max_bytes)
+
     file = stack.enter_context(open_regular(path))
 
     def piece(window: Window) -> tuple[Pixels, Mask | None]:
@@ -443,12 +458,14 @@ def _plain(samples: NDArray[Any], missing: list[Any]) -> tuple[Pixels, Mask | No
     """Return samples as an image has them, and which of them count."""
     if samples.dtype == np.bool_:
         samples = samples.astype(np.uint8)
+
     layers = np.atleast_3d(samples)
     lacking = np.zeros(layers.shape[:2], np.bool_)
     if layers.dtype.kind == "f":
         lacking |= np.isnan(layers).any(axis=2)
     for value in missing:
         lacking |= (layers == value).all(axis=2)
+
     if samples.shape[2:] == (1,):
         samples = samples[:, :, 0]
     image = as_samples(np.ascontiguousarray(samples), ~lacking)

@@ -30,15 +30,18 @@ def scored_pixels(estimate: Floats, truth: Floats, mask: Mask | None) -> Mask:
     if estimate.ndim != _MAP_NDIM:
         raise ValueError(f"estimate must be 2-D (H, W), got shape {estimate.shape}")
     checked_shape("truth", truth.shape, estimate.shape)
+
     known = np.isfinite(truth)
     scored = known
     if mask is not None:
         scored = known & _mask(mask, estimate.shape)
+
     if not scored.any():
         raise ValueError(
             f"nothing is left to score: of {truth.size} pixels {np.count_nonzero(known)} have a "
             f"known truth, and the mask holds none of them"
         )
+
     return scored
 
 

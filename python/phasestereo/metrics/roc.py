@@ -1,4 +1,4 @@
-"""How well a confidence tells right from wrong disparities.
+"""How well a confidence separates right from wrong disparities.
 
 Here belong numbers and curves computed from a confidence, an estimate, a truth and a mask, nothing
 else. Conventions are those of `phasestereo.metrics`: a pixel is scored where the mask is True and
@@ -64,7 +64,7 @@ def roc_area(
     threshold: float = 1.0,
     mask: Mask | None = None,
 ) -> float:
-    """Return the area under the ROC curve of a confidence that tells right from wrong pixels.
+    """Return the area under the ROC curve of a confidence that separates right from wrong pixels.
 
     It is the probability that of a right and a wrong pixel, drawn at random, the right one has the
     higher confidence, equal ones counting half: 1 for a perfect confidence, 0.5 for one that knows
@@ -103,10 +103,12 @@ def roc_area(
     pairs = rights * (right.size - rights)
     if not pairs:
         return math.nan
+
     inverse, counts = _ties(confidences)
-    # Mean ranks of ties and their sums are multiples of a half, far below 2^52: exact.
+    # Mean ranks of ties, and their sums, are multiples of a half far below 2^52: exact.
     ranks = np.cumsum(counts) - (counts - 1) / 2
     above = ranks[inverse[right]].sum() - rights * (rights + 1) / 2
+
     return float(above / pairs)
 
 
@@ -144,6 +146,7 @@ def sparsification(
     wrong = np.bincount(inverse[~right], minlength=counts.size)
     kept, bad = np.cumsum(counts), np.cumsum(wrong)
     ideal = np.clip(np.arange(1, right.size + 1) - np.count_nonzero(right), 0, None)
+
     return Sparsification(
         density=kept / right.size,
         bad=100.0 * bad / kept,
@@ -169,10 +172,12 @@ def _judged(
     """Return the confidences of the scored pixels, and which of these are right."""
     limit = as_number("threshold", threshold, least=0)
     scored = scored_pixels(estimate, truth, mask)
+
     confidence = np.asarray(confidence)
     if not np.issubdtype(confidence.dtype, np.floating):
         raise TypeError(f"confidence must be an array of floats, got {confidence.dtype}")
     checked_shape("confidence", confidence.shape, scored.shape)
+
     confidences = confidence[scored].astype(np.float64)
     unknown = np.count_nonzero(np.isnan(confidences))
     if unknown:
@@ -180,5 +185,6 @@ def _judged(
             f"confidence must be known wherever a pixel is scored, got NaN at {unknown} such "
             f"pixels: a missing estimate has the least"
         )
+
     values, wanted = scored_values(estimate, truth, mask)
     return confidences, np.abs(values - wanted) <= limit  # False for a missing estimate

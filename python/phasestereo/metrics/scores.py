@@ -70,10 +70,6 @@ class MiddleburyV2:
     disc: float | None
     threshold: float
 
-    def as_dict(self) -> dict[str, float | None]:
-        """Return the record as a plain dictionary, keyed by attribute."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, slots=True)
 class MiddleburyV3:
@@ -165,10 +161,6 @@ class SubPixel:
     locking: float
     inlier: float
 
-    def as_dict(self) -> dict[str, float]:
-        """Return the record as a plain dictionary, keyed by attribute."""
-        return asdict(self)
-
 
 def bad_pixels(
     estimate: Floats, truth: Floats, threshold: float, mask: Mask | None = None
@@ -239,6 +231,7 @@ def middlebury_v2(
     regions = {region: masks.get(region) for region in ("nonocc", "all", "disc")}
     if all(mask is None for mask in regions.values()):
         raise ValueError(f"masks must hold nonocc, all or disc, got {sorted(masks) or 'none'}")
+
     percent = {
         region: None if mask is None else bad_pixels(estimate, truth, threshold, mask)
         for region, mask in regions.items()
@@ -281,6 +274,7 @@ def middlebury_v3(
     """
     values, wanted = scored_values(estimate, truth, mask)
     limit = as_integer("num_disparities", num_disparities, least=1)
+
     return _v3(_errors(np.clip(values, 0, limit), wanted))
 
 
@@ -348,11 +342,13 @@ def score(
         As `middlebury_v3`.
     """
     values, wanted = scored_values(estimate, truth, mask)
+
     errors = _errors(values, wanted)
     clipped = errors
     if num_disparities is not None:
         limit = as_integer("num_disparities", num_disparities, least=1)
         clipped = _errors(np.clip(values, 0, limit), wanted)
+
     return Score(**asdict(_v3(clipped)), d1=_d1(values, wanted), epe=_mean(_present(errors)))
 
 
@@ -394,11 +390,14 @@ def subpixel(
     ----------
     Shimizu & Okutomi, "Precise sub-pixel estimation on area-based matching", ICCV 2001.
     """
-    limit, count = as_number("inlier", inlier, least=0), as_integer("bins", bins, least=2)
+    limit = as_number("inlier", inlier, least=0)
+    count = as_integer("bins", bins, least=2)
+
     values, wanted = scored_values(estimate, truth, mask)
     errors = values - wanted
     right = np.abs(errors) <= limit  # false for the NaN of a missing estimate
     errors, values, wanted = errors[right], values[right], wanted[right]
+
     return SubPixel(
         inliers=100.0 * errors.size / right.size,
         rms=math.sqrt(_mean(errors**2)),
@@ -425,6 +424,7 @@ def _v3(errors: Values) -> MiddleburyV3:
     present = _present(errors)
     quantiles = np.quantile(present, (0.5, 0.9, 0.95, 0.99)) if present.size else [math.nan] * 4
     a50, a90, a95, a99 = (float(value) for value in quantiles)
+
     return MiddleburyV3(
         pixels=errors.size,
         bad_0_5=_percent_bad(errors, 0.5),

@@ -7,8 +7,8 @@
 from __future__ import annotations
 
 from phasestereo.outofcore.plan import Plan
-from phasestereo.outofcore.report import Report
+from phasestereo.outofcore.report import MapReport
 from phasestereo.outofcore.run import match
 from phasestereo.outofcore.sizes import as_bytes, format_bytes
 
-__all__ = ["Plan", "Report", "as_bytes", "format_bytes", "match"]
+__all__ = ["MapReport", "Plan", "as_bytes", "format_bytes", "match"]

@@ -78,7 +78,7 @@ def resident() -> int:
 
 
 def peak() -> int | None:
-    """Return the most bytes of memory that the process had; None: the system does not tell."""
+    """Return the most bytes of memory that the process had; None: the system does not say."""
     if find_spec("resource") is None:
         return None
     import resource  # noqa: PLC0415  # Windows has none
@@ -130,14 +130,16 @@ def fit(
         if fits(workers, low):
             best = _largest(low, high, partial(fits, workers))
             return best, workers, takes(best, workers)
+
     least = takes(rows or ROWS, 1)
     raise ValueError(
-        f"max_memory: got {format_bytes(limit)}; accepts {_cure(least, statistics, pair)}"
+        f"max_memory: got {format_bytes(limit)}; accepts {_hint(least, statistics, pair)}"
     )
 
 
 def _largest(low: int, high: int, fits: Callable[[int], bool]) -> int:
     """Return the largest multiple of `ROWS` from low, which fits, to high that fits."""
+    # Bisection: more rows take more memory.
     while low < high:
         middle = low + -(-(high - low) // (2 * ROWS)) * ROWS
         if fits(middle):
@@ -155,16 +157,18 @@ def _pieces(pair: RasterPair) -> int:
     )
 
 
-def _cure(least: int, statistics: PairStatistics, pair: RasterPair) -> str:
-    """Say how much would do, and what would make it less."""
+def _hint(least: int, statistics: PairStatistics, pair: RasterPair) -> str:
+    """Return how much would do, and what would make it less, in words."""
     width, count = statistics.size[1], statistics.num_disparities
-    ways = ["with fewer disparities"]
+    remedies = ["with fewer disparities"]
     if statistics.settings != PRESETS["fast"]:
-        ways.append("with the preset fast")
+        remedies.append("with the preset fast")
     text = (
         f"{format_bytes(least)} or more for {width} columns and {count} disparities; less would do "
-        f"{' or '.join(ways)}"
+        f"{' or '.join(remedies)}"
     )
+
+    # Blocks of many rows may be what takes most.
     blocks = max(pair.rasters, key=lambda raster: raster.block[1])
     kept = cache(pair)
     if kept > _LEAST_CACHE and 2 * (kept + _pieces(pair)) > least - resident():
@@ -172,4 +176,5 @@ def _cure(least: int, statistics: PairStatistics, pair: RasterPair) -> str:
             f"; {blocks.path} is stored in blocks of {blocks.block[0]} rows, which are read as a "
             "whole: store it in tiles"
         )
+
     return text

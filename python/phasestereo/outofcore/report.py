@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Report:
+class MapReport:
     """A finished run.
 
     Parameters
@@ -33,7 +33,7 @@ class Report:
     seconds
         Wall-clock seconds of all bands, those of earlier runs, too.
     peak_memory
-        Bytes that this process had at most since it began; None: the system does not tell.
+        Bytes that this process had at most since it began; None: the system does not say.
     again
         What an earlier run had finished and was missing or damaged, so that it was done again.
     """

@@ -1,4 +1,4 @@
-"""What a run is asked for: checked before anything is read, and told apart from other runs."""
+"""What a run is asked for: checked before anything is read, and compared with earlier runs."""
 
 from __future__ import annotations
 
@@ -45,6 +45,7 @@ class Request:
         """Check what nothing else does."""
         for name in ("min_disparity", "num_disparities"):
             as_integer(name, getattr(self, name))
+
         if "confidence" in self.outputs and not self.settings.confidence:
             raise ValueError(
                 "confidence_output: got a file, and settings that work none out; accepts None"
@@ -72,6 +73,7 @@ def as_outputs(
     """Return the outputs that are asked for by their layer, if they can all be written."""
     taken = {os.path.realpath(path) for path in sources if path is not None}
     outputs = {layer: Path(path) for layer, path in paths.items() if path is not None}
+
     for layer, path in outputs.items():
         name = "output" if layer == "disparity" else f"{layer}_output"
         check_suffix(path, name)
@@ -82,7 +84,7 @@ def as_outputs(
 
 
 def _identity(path: StrPath) -> dict[str, Any]:
-    """Return what tells whether a file is the same as before: its name, size and time.
+    """Return what shows whether a file is the same as before: its name, size and time.
 
     The mask that GDAL finds beside a TIFF file counts, too.
     """
@@ -92,6 +94,7 @@ def _identity(path: StrPath) -> dict[str, Any]:
         files = [place, mask] if mask.is_file() else [place]
     else:
         files = [file for file in place.rglob("*") if file.is_file()]
+
     found = [file.stat() for file in files] or [place.stat()]
     return {
         "path": str(place),

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from phasestereo.io.windows import RasterPair
     from phasestereo.matching import Progress
     from phasestereo.outofcore.plan import Plan
-    from phasestereo.outofcore.report import Report
+    from phasestereo.outofcore.report import MapReport
     from phasestereo.outofcore.store import Store
     from phasestereo.rig.compensation import Noise
 
@@ -59,7 +59,7 @@ def match(
     progress: Progress | None = None,
     stage: Callable[[str], object] | None = None,
     **overrides: Any,
-) -> Report:
+) -> MapReport:
     """Match a rectified stereo pair that need not fit into memory, from file to file.
 
     What comes out is what `phasestereo.match` returns for the whole pair, to the bit. The pair is
@@ -92,8 +92,8 @@ def match(
         Whether to drop what an earlier run left finished. Otherwise it is gone on from, if it is of
         the same inputs, settings and version; memory, threads and rows may differ.
     announce
-        Called with the `Plan` before the first band, and again after it, with what that tells of
-        the time.
+        Called with the `Plan` before the first band, and again after it, with the time that it
+        took taken into account.
     progress
         Called as ``progress(rows_done, rows)`` every now and then and after each band; what it
         raises ends the run.
@@ -104,7 +104,7 @@ def match(
 
     Returns
     -------
-    Report
+    MapReport
         What there is to say about the map; not the map.
 
     Raises
@@ -129,6 +129,7 @@ def match(
     limit = as_bytes(max_memory, "max_memory")
     if band_rows is not None:
         as_integer("band_rows", band_rows, least=1)
+
     sources = left, right, left_mask, right_mask
     outputs = {"disparity": output, "flags": flags_output, "confidence": confidence_output}
     request = Request(
@@ -140,6 +141,7 @@ def match(
         noise=noise,
         bands=bands,
     )
+
     count = Matcher(settings=request.settings, threads=threads).threads
     begin = stage or (lambda _: None)
     with _prepared(request, limit, count, begin, restart=restart) as (
@@ -149,12 +151,14 @@ def match(
         sinks,
     ):
         work = Work(pair, statistics, store, tuple(request.outputs), announce, progress)
-        plan = work.run(work.planned(limit, count, band_rows))
+        plan = work.match_bands(work.planned(limit, count, band_rows))
+
         begin("putting the output together")
         for sink in sinks:
             sink.write(partial(work.windows, sink.layer))
         for sink in sinks:
             sink.publish()
+
         report = work.report(plan, request)
         store.discard()
     return report
@@ -177,14 +181,17 @@ def _prepared(
                 max_bytes=limit,
             )
         )
+
         _limit_gdal(stack, pair, request.outputs)
         output = request.outputs["disparity"]
         store = stack.enter_context(opened(output, request.identity(), restart=restart))
-        for told in store.again:
-            begin(told)
+        for reason in store.again:
+            begin(reason)
+
         sinks = _sinks(request, pair)
         for sink in sinks:
             sink.rehearse()
+
         found = store.pair_statistics(partial(_gathered, request, pair, threads, begin))
         yield pair, found, store, sinks
 
@@ -205,9 +212,10 @@ def _gathered(
 
 
 def _sinks(request: Request, pair: RasterPair) -> list[Sink]:
-    # Of two runs with one output, of those that may have it in common, the first one has the lock.
+    # Runs may share some outputs; the first output has the lock, so its name sets drafts apart.
     first = os.path.realpath(request.outputs["disparity"])
     run = hashlib.sha256(os.fsencode(first)).hexdigest()[:8]
+
     return [
         Sink(
             path=path,
@@ -221,7 +229,7 @@ def _sinks(request: Request, pair: RasterPair) -> list[Sink]:
 
 
 def _limit_gdal(stack: ExitStack, pair: RasterPair, outputs: Mapping[str, Path]) -> None:
-    """Have GDAL keep no more blocks than it takes; by itself it keeps a share of all memory."""
+    """Limit the cache of GDAL to the blocks that it needs: by default it is a share of memory."""
     writes = any(suffix(path) in (".tif", ".tiff") for path in outputs.values())
     if writes or any(raster.by_gdal for raster in pair.rasters):
         rasterio = require("rasterio", extra="geo")

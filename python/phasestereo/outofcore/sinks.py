@@ -1,30 +1,29 @@
 """The files that come out: written by windows as drafts, read back, and only then given names.
 
-GDAL does not tell everything that goes wrong when a file is closed: so what was written is compared
-with what was meant.
+GDAL does not report everything that goes wrong when a file is closed: so what was written is
+compared with what was meant.
 """
 
 from __future__ import annotations
 
 import errno
-import os
 import shutil
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.lib import format as npy_format
 
 from phasestereo._extras import require
-from phasestereo.io.files import flush, suffix
+from phasestereo.io.files import flush, suffix, target_of
 from phasestereo.io.geotiff import TILE, placed, point_tag, storage, unplaced_allowed
 from phasestereo.io.windows import open_raster
 from phasestereo.outofcore.sizes import format_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -57,7 +56,7 @@ class Sink:
     place
         Where it lies.
     run
-        What tells drafts of runs apart that have this output in common.
+        What distinguishes the drafts of runs that have this output in common.
     """
 
     path: Path
@@ -113,6 +112,7 @@ class Sink:
         files = self.draft.rglob("*") if self.draft.is_dir() else [self.draft]
         for path in [*(path for path in files if path.is_file()), self.draft]:
             flush(path)
+
         if suffix(self.path) == ".zarr":
             remove(self.target)  # a folder that is not empty cannot be replaced
         self.draft.replace(self.target)
@@ -151,16 +151,13 @@ def place_of(path: Path) -> Path:
     OSError
         If its folder does not exist, or something of another kind has its name.
     """
-    target = Path(os.path.realpath(path))
-    if not target.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "no such folder", str(target.parent))
     if suffix(path) == ".zarr":
-        taken = target.exists() and not any((target / name).exists() for name in _ZARR_FILES)
-    else:
-        taken = target.exists() and not target.is_file()
-    if taken:
-        raise OSError(f"{path} exists and is not such a file")
-    return target
+        return target_of(path, "a Zarr array", _is_zarr)
+    return target_of(path)
+
+
+def _is_zarr(path: Path) -> bool:
+    return any((path / name).exists() for name in _ZARR_FILES)
 
 
 def check_suffix(path: Path, name: str) -> None:
@@ -183,6 +180,7 @@ def _tiff(sink: Sink) -> Iterator[Write]:
     dtype = np.dtype(DTYPES[sink.layer])
     options = placed(sink.place) | ({"nodata": np.nan} if dtype.kind == "f" else {})
     height, width = sink.size
+
     with (
         unplaced_allowed(),
         rasterio.open(
@@ -203,6 +201,7 @@ def _tiff(sink: Sink) -> Iterator[Write]:
 def _npy(sink: Sink) -> Iterator[Write]:
     dtype = np.dtype(DTYPES[sink.layer])
     header = {"descr": dtype.str, "fortran_order": False, "shape": sink.size}
+
     with sink.draft.open("wb") as file:
         npy_format.write_array_header_1_0(file, header)
         start, line = file.tell(), sink.size[1] * dtype.itemsize
@@ -218,6 +217,7 @@ def _npy(sink: Sink) -> Iterator[Write]:
 def _zarr(sink: Sink) -> Iterator[Write]:
     zarr = require("zarr", extra="large")
     dtype = np.dtype(DTYPES[sink.layer])
+
     array = zarr.create_array(
         sink.draft,
         shape=sink.size,
@@ -235,13 +235,15 @@ def _zarr(sink: Sink) -> Iterator[Write]:
 
 
 def _attributes(sink: Sink) -> dict[str, Any]:
-    """Return what a Zarr array tells of itself: its place as GDAL's own names have it."""
+    """Return the attributes of a Zarr array: its place under GDAL's names."""
     attributes: dict[str, Any] = {"long_name": sink.layer}
     if sink.place.crs is not None:
         wkt = getattr(placed(sink.place)["crs"], "to_wkt", str)()
         attributes["_CRS"] = {"wkt": wkt}
+
     if sink.place.transform is not None:
         attributes["transform"] = [float(term) for term in tuple(sink.place.transform)[:6]]
+
     return attributes
 
 

@@ -21,11 +21,14 @@ def as_bytes(size: int | str, name: str) -> int:
     """
     if isinstance(size, bool) or not isinstance(size, int | str):
         raise TypeError(f"{name}: got {type(size).__name__}; accepts {_ACCEPTED}")
+
     found = _SIZE.fullmatch(str(size))
     if not found:
         raise ValueError(f"{name}: got {size!r}; accepts {_ACCEPTED}")
+
     number, unit, binary = found.groups()
     count = int(float(number) * (1024 if binary else 1000) ** _POWERS[unit.lower()])
+
     if count < 1:
         raise ValueError(f"{name}: got {size!r}; accepts 1 byte or more")
     return count

@@ -4,7 +4,7 @@ Every file in it is written under another name, flushed to the disk and renamed.
 when its block is there, whatever other bands are. The name of a file ends in a digest of what it is
 called, what it holds and which run it is of: one that was damaged, renamed or taken from another
 run is not believed, and what it held is matched again. The file ``run.json``, the first to come and
-the first to go, tells what run it is: a folder without it is rubbish.
+the first to go, says what run it is: a folder without it is rubbish.
 """
 
 from __future__ import annotations
@@ -65,28 +65,32 @@ class Store:
         self._key = _key(identity)
         self._files: dict[str, Path] = {}  # what is whole, by its name without digest and suffix
 
-    def run(self) -> dict[str, Any] | None:
+    def recorded_identity(self) -> dict[str, Any] | None:
         """Return what the run of this folder depends on; None: of none, {}: that is damaged."""
         path = self.folder / _RUN
         if not path.exists():
             return None
+
         with suppress(ValueError, RecursionError, KeyError, TypeError):
-            told = json.loads(path.read_bytes())
-            found: dict[str, Any] = told["run"]
-            if told["digest"] == _key(found).hex():
+            content = json.loads(path.read_bytes())
+            found: dict[str, Any] = content["run"]
+            if content["digest"] == _key(found).hex():
                 return found
+
         return {}
 
     def check(self) -> None:
-        """Take in which files are whole, and say which are not."""
+        """Find out which files are whole, and which are to be done again."""
         self._files.clear()
         self.again.clear()
+
         for path in sorted(self.folder.iterdir()):
             if kept := _KEPT.fullmatch(path.name):
                 if self._digest(kept[1], path) == kept[2]:
                     self._files[kept[1]] = path
                 else:
                     self.again.append(f"{path.name} is damaged: what it held is done again")
+
         for (_, above), (first, last) in pairwise([(0, 0), *self.bands()]):
             if first > above:
                 self.again.append(
@@ -126,6 +130,7 @@ class Store:
         """Return the statistics of the pair; they are gathered once."""
         if _STATISTICS in self._files:
             return self._whole(_STATISTICS, bands.load)
+
         found = make()
         with self._published(_STATISTICS, 0) as draft:
             found.save(draft)
@@ -173,8 +178,9 @@ class Store:
             with suppress(OSError):
                 draft.unlink(missing_ok=True)
             need = f" ({format_bytes(size)} are needed)" if size else ""
-            told = f"{error.strerror or error}{need}"
-            raise OSError(error.errno, told, str(self.folder / name)) from error
+            message = f"{error.strerror or error}{need}"
+            raise OSError(error.errno, message, str(self.folder / name)) from error
+
         self._files[name] = path
 
     def _whole(self, name: str, read: Callable[[Path], T]) -> T:
@@ -210,10 +216,12 @@ def opened(output: Path, identity: Mapping[str, Any], *, restart: bool) -> Itera
     """
     target = place_of(output)
     folder = target.with_name(target.name + ".part")
-    told = json.loads(json.dumps(identity, default=np.generic.item))
+    # As it is read from the file: JSON has no tuples.
+    plain = json.loads(json.dumps(identity, default=np.generic.item))
+
     with _locked(folder):
-        store = Store(folder, told)
-        _prepare(store, told, restart=restart)
+        store = Store(folder, plain)
+        _prepare(store, plain, restart=restart)
         with _promising(store):
             yield store
 
@@ -227,20 +235,22 @@ def _promising(store: Store) -> Iterator[None]:
         if not store.has_blocks:
             store.discard()
         elif isinstance(error, OSError) and error.errno is not None:
-            told = f"what is finished is kept in {store.folder}"
-            message = f"{error.strerror}; {told}, and the same command goes on from there"
+            kept = f"what is finished is kept in {store.folder}"
+            message = f"{error.strerror}; {kept}, and the same command goes on from there"
             raise OSError(error.errno, message, error.filename) from error
         raise
 
 
 def _prepare(store: Store, identity: dict[str, Any], *, restart: bool) -> None:
     """Make the folder that of this run: what is in it stays, if it is of the same one."""
-    earlier = store.run()
+    earlier = store.recorded_identity()
     found = [file for file in store.folder.iterdir() if file.name != _LOCK]
     strange = [file for file in found if not _is_ours(file)]
     if strange:
         raise OSError(f"{store.folder}: holds {strange[0].name}, which is not of a run; move it")
+
     blocks = any(_is_block(file) for file in found)
+
     if earlier in (identity, {}) and not restart:
         store.check()
         if earlier or store.has_blocks or not blocks:  # a run whose blocks are ours is ours
@@ -248,10 +258,13 @@ def _prepare(store: Store, identity: dict[str, Any], *, restart: bool) -> None:
             if not earlier:
                 _begin(store, identity)
             return
+
     if earlier is not None and not restart and blocks:
         differences = _differences(earlier, identity) if earlier else f"a damaged {_RUN}"
         raise ValueError(f"restart: got False, but {store.folder} holds finished blocks of a run "
                          f"with {differences}; accepts True to drop them")  # fmt: skip
+
+    # The name of the run goes first: without it the rest is rubbish, wherever this is killed.
     for file in sorted(found, key=lambda file: file.name != _RUN):
         file.unlink()
     if blocks and not restart:
@@ -263,8 +276,8 @@ def _begin(store: Store, identity: dict[str, Any]) -> None:
     """Say in the folder which run it is of."""
     draft, path = store.folder / _DRAFT, store.folder / _RUN
     try:
-        told = {"digest": _key(identity).hex(), "run": identity}
-        draft.write_text(json.dumps(told, indent=2), encoding="utf-8")
+        content = {"digest": _key(identity).hex(), "run": identity}
+        draft.write_text(json.dumps(content, indent=2), encoding="utf-8")
         flush(draft)
         draft.replace(path)
         flush(store.folder)
@@ -293,15 +306,15 @@ def _block(rows: Rows) -> str:
 
 
 def _differences(earlier: dict[str, Any], now: dict[str, Any]) -> str:
-    """Tell what two runs differ in."""
-    told = []
+    """Return what two runs differ in, in words."""
+    parts = []
     for name in earlier | now:
         before, after = earlier.get(name), now.get(name)
         if isinstance(before, dict) and isinstance(after, dict) and before != after:
-            told.append(_differences(before, after) if name == "settings" else f"another {name}")
+            parts.append(_differences(before, after) if name == "settings" else f"another {name}")
         elif before != after:
-            told.append(f"{name} {before} (now {after})")
-    return ", ".join(told)
+            parts.append(f"{name} {before} (now {after})")
+    return ", ".join(parts)
 
 
 @contextmanager
@@ -318,9 +331,12 @@ def _locked(folder: Path) -> Iterator[None]:
             raise OSError(f"{folder}: another run is at work there; wait for its end") from error
         except FileNotFoundError:
             continue  # the run before removed the folder just now
+
+        # The run before may have removed the folder between the two: then the lock is of no file.
         if path.exists():
             break
         lock.release()
+
     try:
         yield
     finally:

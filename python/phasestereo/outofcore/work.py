@@ -13,7 +13,7 @@ from phasestereo.bands import halo, match_rows
 from phasestereo.matching import match
 from phasestereo.outofcore import plan as planning
 from phasestereo.outofcore.plan import Plan
-from phasestereo.outofcore.report import Report
+from phasestereo.outofcore.report import MapReport
 from phasestereo.outofcore.sinks import DTYPES, ROWS
 from phasestereo.result import Flag, count_flags
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from phasestereo.outofcore.store import Store
     from phasestereo.result import Result
 
-_SAMPLE = 2048  # columns that tell, with a few rows, how fast this machine is
+_SAMPLE = 2048  # columns of the part by which the speed of this machine is measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,8 +62,10 @@ class Work:
         rows, threads, memory = planning.fit(
             self.statistics, self.pair, limit, threads=threads, rows=rows
         )
+
         gaps = self.store.gaps(size[0])
         pixels = _rows(gaps) * size[1]
+
         return Plan(
             size=size,
             num_disparities=self.statistics.num_disparities,
@@ -75,43 +77,52 @@ class Work:
             seconds=pixels * self._seconds_a_pixel(rows, threads) if pixels else 0.0,
         )
 
-    def run(self, plan: Plan) -> Plan:
-        """Match all that is not finished; return the plan with what the first band tells."""
+    def match_bands(self, plan: Plan) -> Plan:
+        """Match what is not finished; return the plan with the time that the first band took."""
         self._announce(plan)
-        rows, workers = plan.size[0], _core.Workers(plan.threads)
+        rows = plan.size[0]
+        workers = _core.Workers(plan.threads)
         gaps = self.store.gaps(rows)
         done = rows - _rows(gaps)
         self._report_progress(done, rows)
+
         for band in _bands(gaps, plan.rows):
             started = perf_counter()
             self._match(band, workers, self._within(rows, done, band))
             done += _rows([band])
             self._report_progress(done, rows)
+
             if not plan.by_band and done < rows:
                 pace = (perf_counter() - started) / _rows([band])
                 plan = replace(plan, seconds=pace * (rows - done), by_band=True)
                 self._announce(plan)
+
         return plan
 
     def windows(self, layer: str) -> Iterator[tuple[int, NDArray[Any]]]:
         """Yield a layer of the map by windows of `ROWS` rows: the first row, and values."""
-        row, rest = 0, np.empty((0, self.pair.size[1]), DTYPES[layer])
+        row = 0
+        rest = np.empty((0, self.pair.size[1]), DTYPES[layer])
         for band in self.store.bands():
             rest = np.concatenate([rest, self.store.load(band, layer)])
             while len(rest) >= ROWS:
                 yield row, rest[:ROWS]
                 row, rest = row + ROWS, rest[ROWS:]
+
         if len(rest):
             yield row, rest
 
-    def report(self, plan: Plan, request: Request) -> Report:
+    def report(self, plan: Plan, request: Request) -> MapReport:
         """Return what there is to say."""
-        estimated, seconds, flags = 0, 0.0, np.zeros(len(Flag), np.int64)
+        estimated = 0
+        seconds = 0.0
+        flags = np.zeros(len(Flag), np.int64)
         for band in self.store.bands():
             estimated += int(self.store.load(band, "estimated"))
             seconds += float(self.store.load(band, "seconds"))
             flags += self.store.load(band, "flag_counts")
-        return Report(
+
+        return MapReport(
             plan=plan,
             statistics=self.statistics,
             files=request.outputs,
@@ -129,6 +140,7 @@ class Work:
         started = perf_counter()
         read = self.pair.reader()
         found = match_rows(read, self.statistics, *band, threads=workers, progress=within)
+
         block = self._block(found)
         block["seconds"] = np.array(perf_counter() - started)
         self.store.save(band, block)
@@ -154,7 +166,9 @@ class Work:
         settings = replace(
             self.statistics.settings, compensate_blur=False, despike=False, denoise=False
         )
+
         started = perf_counter()
+
         match(
             left,
             right,
@@ -165,14 +179,17 @@ class Work:
             right_mask=masks[1],
             noise=1.0 if settings.noise_threshold > 0 else None,
         )
+
+        # Scaled to all disparities, and to the rows around a band that are matched with it.
         share = self.statistics.num_disparities / min(self.statistics.num_disparities, across)
         with_halo = 1 + 2 * halo(self.statistics.settings, self.statistics.blur_compensation) / band
         return (perf_counter() - started) / (rows * across) * share * with_halo
 
     def _within(self, every: int, done: int, band: tuple[int, int]) -> Progress | None:
-        """Return what tells how far a band is, after so many rows of others."""
+        """Return the progress of the whole, of which so many rows are done, from that of a band."""
         if self.progress is None:
             return None
+
         rows = _rows([band])
 
         def progress(part: int, parts: int) -> None:

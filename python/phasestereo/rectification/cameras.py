@@ -44,7 +44,7 @@ class Cameras:
         rectification: ``R1``, ``R2`` (3, 3), ``P1``, ``P2`` (3, 4). Or the maps themselves:
         ``map1x``, ``map1y``, ``map2x``, ``map2y`` (H, W). ``Q`` (4, 4) may be there, too.
     size
-        Columns and rows of the images, if the calibration tells.
+        Columns and rows of the images, if the calibration has them.
     fisheye
         Whether the distortion is that of ``cv2.fisheye``.
 
@@ -62,6 +62,7 @@ class Cameras:
         """Refuse what is incomplete."""
         if self._has(*MAPS):
             return
+
         wanted = INTRINSICS if self._has(*RECTIFIED) else (*INTRINSICS, *POSE)
         missing = [name for name in wanted if name not in self.matrices]
         if missing:
@@ -79,7 +80,7 @@ class Cameras:
         size
             Columns and rows of the images.
         alpha
-            As ``cv2.stereoRectify`` has it. None: the rectification that the calibration tells, or
+            As ``cv2.stereoRectify`` has it. None: the rectification that the calibration has, or
             else OpenCV's -1.
 
         Raises
@@ -92,15 +93,18 @@ class Cameras:
                 f"left: got {size[0]} x {size[1]} pixels; accepts {_LONGEST_SIDE} either way, "
                 "which is as far as OpenCV counts"
             )
+
         known = self.matrices[MAPS[0]].shape[::-1] if self._has(*MAPS) else self.size
         if known not in (None, size):
             raise ValueError(
                 f"calibration: got that of {known[0]} x {known[1]} pixels; accepts that of the "
                 f"images' {size[0]} x {size[1]}"
             )
+
         if self._has(*MAPS):
             (x1, y1, x2, y2) = (self.matrices[name].astype(np.float32) for name in MAPS)
             return Warp(((x1, y1), (x2, y2)), self.matrices.get("Q"))
+
         try:
             poses = self._poses(size, alpha)
             maps = self._maps(size, poses)
@@ -112,12 +116,12 @@ class Cameras:
         return all(name in self.matrices for name in names)
 
     def _poses(self, size: tuple[int, int], alpha: float | None) -> Mapping[str, Matrix]:
-        """Return the rectification: that which the calibration tells, or a new one."""
+        """Return the rectification: that which the calibration has, or a new one."""
         if self._has(*RECTIFIED) and (alpha is None or not self._has(*POSE)):
             return self.matrices
+
         cv2 = require("cv2", extra="rectify")
-        given = (self.matrices[name] for name in (*INTRINSICS, *POSE))
-        k1, d1, k2, d2, r, t = given
+        k1, d1, k2, d2, r, t = (self.matrices[name] for name in (*INTRINSICS, *POSE))
         if self.fisheye:
             balance = 0.0 if alpha is None else max(alpha, 0.0)
             found = cv2.fisheye.stereoRectify(
@@ -128,6 +132,7 @@ class Cameras:
             found = cv2.stereoRectify(
                 k1, d1, k2, d2, size, r, t, flags=cv2.CALIB_ZERO_DISPARITY, alpha=share
             )
+
         return dict(zip(RECTIFIED, found[:4], strict=True))
 
     def _maps(self, size: tuple[int, int], poses: Mapping[str, Matrix]) -> Maps:
@@ -157,7 +162,9 @@ def q_of(left: Matrix, right: Matrix) -> Matrix | None:
     """
     if left.shape != (3, 4) or right.shape != (3, 4):
         return None
-    along, down = right[:2, 3] - left[:2, 3]  # minus the baseline, times the focal length
+
+    # The last column of P is minus the baseline times the focal length.
+    along, down = right[:2, 3] - left[:2, 3]
     if abs(down) > abs(along):
         raise ValueError(
             "calibration: got cameras one above the other; accepts cameras side by side (turn the "
@@ -170,6 +177,7 @@ def q_of(left: Matrix, right: Matrix) -> Matrix | None:
         )
     if along == 0:
         return None
+
     focal, row = left[0, 0], left[0, 0] / left[1, 1]
     q = np.diag([1.0, row, 0.0, 0.0])
     q[:3, 3] = -left[0, 2], -left[1, 2] * row, focal

@@ -54,6 +54,7 @@ def read_document(path: StrPath) -> Document:
         if head.startswith(b"PK"):
             most = _MAP_BYTES * max_pixels() + SMALL
             return dict(decode_arrays(read_bounded(file, most), most))
+
         text = _text(file)
         if text.lstrip().startswith("<?xml"):
             return _of_xml(text)
@@ -66,6 +67,7 @@ def _read_folder(folder: Path) -> Document:
         raise ValueError(f"{folder}: a folder without .npy files; accepts {ACCEPTED}")
     if len(paths) > _MOST_FILES:
         raise ValueError(f"{folder}: has {len(paths)} .npy files; accepts {_MOST_FILES} at most")
+
     found: Document = {}
     for path in paths:
         with decoding(path) as file:
@@ -78,6 +80,7 @@ def _text(file: BinaryIO) -> str:
         text = read_bounded(file, _MOST_TEXT).decode("utf-8-sig")
     except ValueError as error:  # of what cannot be decoded, too
         raise ValueError(f"no calibration; accepts {ACCEPTED}") from error
+
     if "\0" in text:
         raise ValueError(f"no calibration; accepts {ACCEPTED}")
     return text
@@ -92,7 +95,7 @@ def _of_xml(text: str) -> Document:
 
 
 def _of_yaml(text: str) -> Document:
-    """Return what a YAML file tells; OpenCV's has a header of its own, which YAML does not know."""
+    """Return what a YAML file holds; OpenCV's has a header of its own, which YAML does not know."""
     yaml = require("yaml", extra="rectify")
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc, name-defined]  # known at run time
@@ -108,38 +111,39 @@ def _of_yaml(text: str) -> Document:
 
     Loader.add_constructor(_MATRIX, construct)
     body = re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text)
+
     try:
         document = yaml.load(body, Loader=Loader)  # a safe loader
     except (yaml.YAMLError, RecursionError) as error:
         where = getattr(error, "problem_mark", None)
         line = "" if where is None else f" (YAML breaks off at line {where.line + 1})"
         raise ValueError(f"no calibration{line}; accepts {ACCEPTED}") from error
+
     if isinstance(document, dict):
         return {str(name): value for name, value in document.items()}
     raise ValueError(f"no calibration; accepts {ACCEPTED}")
 
 
-def _matrix(told: Document) -> Any:
-    """Return the matrix that a mapping of rows, columns and data tells."""
-    numbers = np.array([float(value) for value in told["data"]])
-    rows, cols = int(told["rows"]), int(told["cols"])
+def _matrix(mapping: Document) -> Any:
+    """Return the matrix that a mapping of rows, columns and data holds."""
+    numbers = np.array([float(value) for value in mapping["data"]])
+    rows, cols = int(mapping["rows"]), int(mapping["cols"])
     if numbers.size != rows * cols:
         raise ValueError(f"a matrix of {rows} x {cols} has {numbers.size} numbers")
     return numbers.reshape(rows, cols)
 
 
-def numbers(told: Any, name: str) -> Any:
-    """Return the matrix that a list, a list of lists, or rows, columns and data tell.
+def numbers(value: Any, name: str) -> Any:
+    """Return the matrix that a list, a list of lists, or rows, columns and data hold.
 
     Raises
     ------
     ValueError
-        If it tells none.
+        If they hold none.
     """
     try:
-        if isinstance(told, dict):
-            return _matrix(told)
-        array = np.asarray(told)
-        return array.astype(np.float64)
+        if isinstance(value, dict):
+            return _matrix(value)
+        return np.asarray(value).astype(np.float64)
     except (KeyError, OverflowError, TypeError, ValueError) as error:
-        raise ValueError(f"{name}: tells no matrix of numbers") from error
+        raise ValueError(f"{name}: holds no matrix of numbers") from error

@@ -2,7 +2,7 @@
 
 Features that both images show are brought onto the same rows by a model of the two cameras
 (`model`, `fitting`); then corners are followed in the roughly rectified images, and the model is
-fitted to these (`features`). It says so, rather than guess, where the images do not tell enough.
+fitted to these (`features`). It says so, rather than guess, where the images do not show enough.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _SMOOTH = 2.0  # pixels
 _BIAS = 0.03  # rows: error that no averaging removes
 _ROUNDS = 2
 _NEAR = 4.0  # robust standard deviations: features to start from
-_PLACES = 16  # along each side of the image, at which the error is told
+_PLACES = 16  # along each side of the image, at which the error is worked out
 _ENDS = 2.0, 50.0, 98.0  # percentiles of the disparities
 _DISTORTED = 0.05
 _NEARLY_ALL = 0.95
@@ -63,22 +63,27 @@ def estimated(pairs: Sequence[tuple[Pixels, Pixels]]) -> Found:
     Raises
     ------
     ValueError
-        If they differ in size, or the images do not tell enough; the message says why.
+        If they differ in size, or the images do not show enough; the message says why.
     """
     size = pairs[0][0].shape[1], pairs[0][0].shape[0]
     if any(pair[0].shape[:2] != size[::-1] for pair in pairs):
         raise ValueError(f"others: got pairs of another size; accepts that of left, {size[::-1]}")
+
     planes = [fractions(*pair)[:2] for pair in pairs]
     rough = [(pair, _agreeing(pair)) for pair in planes]
     used = [(pair, found) for pair, found in rough if not isinstance(found, str)]
+
     negative = not used
-    if negative:  # features of a picture and of its negative differ
+    if negative:  # features of a picture and of its negative differ, so the negative is tried
         turned = [((left, -right), _agreeing((left, -right))) for left, right in planes]
         used = [(pair, found) for pair, found in turned if not isinstance(found, str)]
+
     if not used:
         raise ValueError(f"left, right: {rough[0][1]}")
+
     fit = fitted_anew(_joined([found for _, found in used]), size)
     _refuse_spread(fit)
+
     best = _tried(used, fit, 0.0)
     if isinstance(best, ValueError) or best.error > _UNCERTAIN:  # as where one image is blurred
         again = _tried(used, fit, _SMOOTH)
@@ -86,8 +91,10 @@ def estimated(pairs: Sequence[tuple[Pixels, Pixels]]) -> Found:
             isinstance(best, ValueError) or again.error < best.error
         ):
             best = again
+
     if isinstance(best, ValueError):
         raise best
+
     return _found(best, len(used), negative=negative)
 
 
@@ -117,6 +124,7 @@ def _followed(used: Sequence[tuple[Planes, Matches]], fit: Fit, smooth: float) -
             _refined(pair, fit, matches, smooth) if len(matches[0]) else matches
             for (pair, _), matches in zip(used, found, strict=True)
         ]
+
         count = sum(len(left) for left, _ in found)
         if count < _LEAST_CORNERS:
             raise ValueError(
@@ -125,12 +133,16 @@ def _followed(used: Sequence[tuple[Planes, Matches]], fit: Fit, smooth: float) -
             )
         fit = fitted(_joined(found), fit.model)
         _refuse_spread(fit)
+
     left, right = _joined(found)
     agree = left[fit.agree], right[fit.agree]
+
     shifts = fit.model.shifts(agree)
     maps = fit.model.maps(shifts)
+
     columns = [points[:, 0] for points in fit.model.rectified(agree)]
     disparity = columns[0] + shifts[0][0] - columns[1] - shifts[1][0]
+
     error = float(np.hypot(fit.error(_everywhere(maps, disparity)), _BIAS))
     if fit.model.folds:
         error = np.inf
@@ -146,12 +158,14 @@ def _agreeing(pair: Planes) -> Matches | str:
             f"got images in which only {count} features of the same things are found; accepts "
             f"{_LEAST} or more, spread over both images"
         )
+
     agree = consensus(matches, pair[0].shape[1])
     if agree.sum() < max(_LEAST_AGREE, _SHARE * count):
         return (
             f"got images of which only {agree.sum()} of {count} matches of features agree on how "
             "rows lie; accepts two views of one scene, taken side by side"
         )
+
     return matches[0][agree], matches[1][agree]
 
 
@@ -167,13 +181,15 @@ def _refined(pair: Planes, fit: Fit, matches: Matches, smooth: float) -> Matches
     left, right = (
         cv2.remap(image, *part, cv2.INTER_LANCZOS4) for image, part in zip(pair, maps, strict=True)
     )
+
     masks = [inside(part, pair[0].shape).astype(np.uint8) for part in maps]
     near = np.abs(fit.model.rows(matches)) < _NEAR * fit.spread
     if near.sum() < _LEAST_AGREE:
         return np.zeros((0, 2)), np.zeros((0, 2))
+
     seeds = fit.model.rectified((matches[0][near], matches[1][near]))
     found = followed((left, right), seeds, (masks[0], masks[1]), smooth)
-    return led_back(found, maps) if len(found[0]) else found  # OpenCV reads one place or more
+    return led_back(found, maps) if len(found[0]) else found  # OpenCV reads one place at least
 
 
 def _refuse_spread(fit: Fit) -> None:
@@ -220,9 +236,11 @@ def _everywhere(maps: Maps, disparity: Points) -> Matches:
             indexing="ij",
         )
     )
+
     seen = (x - shift >= 0) & (x - shift <= cols - 1)
     right = np.stack([x - shift, y], axis=1)[seen]
     raw = led_back((np.stack([x, y], axis=1)[seen], right), maps)
+
     size = np.array([cols - 1, rows - 1])
     there = np.all([(points >= 0) & (points <= size) for points in raw], axis=(0, 2))
     return raw[0][there], raw[1][there]
@@ -236,11 +254,14 @@ def _sentences(best: _Tried, pairs: int) -> Iterator[str]:
         f"rows were {np.sqrt(np.mean(before**2)):.1f} px off; those of {len(before)} corners"
         f"{several} now agree within {fit.spread:.2f} px, and rows are known to {best.error:.2f} px"
     )
+
     k1 = np.mean([camera[1][0] for camera in fit.model.cameras()])
     if abs(k1) > _DISTORTED:
         yield f"the lenses seem to distort (k1 about {k1:.2f}): that is undone, as far as rows tell"
+
     low, _, high = np.percentile(disparity, _ENDS)
     yield f"disparities are about {low:.0f} to {high:.0f} px"
+
     if np.mean(disparity < 0) >= _NEARLY_ALL and np.median(disparity) <= -_CLEARLY:
         yield (
             "left and right seem to be swapped, since all disparities are negative: exchange the "

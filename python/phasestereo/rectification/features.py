@@ -36,7 +36,7 @@ _QUIET = 3.0  # gray levels: contrast that is not made larger
 _WINDOW = 21  # pixels around a corner
 _BACK = 0.25  # pixels from where a corner came, when it is followed back
 _UNLIKE = 25.0  # mean difference of what is around a corner, in levels of an evened image
-_NEAREST = 3  # features around a corner, to tell where it may be
+_NEAREST = 3  # features around a corner, by which its place is guessed
 
 
 def matched(left: Plane, right: Plane) -> Matches:
@@ -56,14 +56,19 @@ def matched(left: Plane, right: Plane) -> Matches:
     (here, left_codes), (there, right_codes) = (_features(image) for image in (left, right))
     if min(len(here), len(there)) < 2:
         return np.zeros((0, 2)), np.zeros((0, 2))
+
+    # Codes have length 1: the squared distance of two is 2 minus twice their product.
     likeness = left_codes @ right_codes.T
     best = likeness.argmax(axis=1)
     which = np.arange(len(here))
     mutual = likeness.argmax(axis=0)[best] == which
+
+    # Lowe's ratio test: the best match must be clearly nearer than the next best one.
     first = likeness[which, best].copy()
     likeness[which, best] = -1
     distances = (np.sqrt(np.maximum(1 - like, 0)) for like in (first, likeness.max(axis=1)))
     clear = np.less(next(distances), _RATIO * next(distances))
+
     chosen = np.flatnonzero(mutual & clear)
     _, unique = np.unique(here[chosen], axis=0, return_index=True)  # one of several orientations
     chosen = chosen[np.sort(unique)]
@@ -94,9 +99,11 @@ def followed(
     left, right = (_evened(image, smooth) for image in images)
     near = cv2.getStructuringElement(cv2.MORPH_RECT, (_WINDOW, _WINDOW))
     masks = cv2.erode(masks[0], near), cv2.erode(masks[1], near)
+
     found = cv2.goodFeaturesToTrack(left, 0, 0.002, 4, mask=masks[0])
     if found is None:
         return np.zeros((0, 2)), np.zeros((0, 2))
+
     corners = _spread(found.reshape(-1, 2), left.shape, _CORNERS)
     guesses = (corners + _moved(corners, seeds)).astype(np.float32)
     options = {
@@ -105,8 +112,11 @@ def followed(
         "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.005),
         "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
     }
+
     there, seen, unlike = cv2.calcOpticalFlowPyrLK(left, right, corners, guesses, **options)
     back, again, _ = cv2.calcOpticalFlowPyrLK(right, left, there, corners.copy(), **options)
+
+    # A corner counts that looks alike and, followed back, comes out where it began.
     good = (seen[:, 0] > 0) & (again[:, 0] > 0) & (unlike[:, 0] < _UNLIKE)
     good &= np.abs(back - corners).max(axis=1) < _BACK
     good[good] = _at(masks[1], there[good]) > 0
@@ -136,15 +146,20 @@ def _features(image: Plane) -> tuple[Points, Plane]:
     scale = min(1.0, (_PIXELS / gray.size) ** 0.5)
     if scale < 1:
         gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+
     sift = cv2.SIFT_create(contrastThreshold=_CONTRAST)
     keys = sorted(sift.detect(gray, None), key=lambda key: -key.response)
     places = np.array([key.pt for key in keys], np.float64).reshape(-1, 2)
     chosen = _chosen(places, gray.shape, _FEATURES)
+
     if not chosen.size:
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
     kept, codes = sift.compute(gray, [keys[number] for number in chosen])
+
+    # RootSIFT: Arandjelović and Zisserman, *Three things everyone should know*, CVPR 2012.
     sums = np.maximum(codes.sum(axis=1, keepdims=True), 1e-6)
     points = np.array([key.pt for key in kept])
+
     sides = np.array(image.shape[::-1]) / gray.shape[::-1]
     return (points + 0.5) * sides - 0.5, np.sqrt(codes / sums)
 
@@ -157,20 +172,25 @@ def _chosen(points: Points | Plane, shape: tuple[int, ...], most: int) -> NDArra
     """Return the numbers of the first points in each cell of a grid, so many at most."""
     cells = np.array(_GRID[::-1])
     place = np.minimum((points * cells / np.array(shape[1::-1])).astype(np.intp), cells - 1)
+
     cell = place[:, 1] * cells[0] + place[:, 0]
+    # Points come the strongest first, which a stable order keeps within each cell.
     order = np.argsort(cell, kind="stable")
     ranks = np.empty_like(order)
     first = np.searchsorted(cell[order], cell[order])
     ranks[order] = np.arange(order.size) - first
+
     return np.flatnonzero(ranks < most)
 
 
 def _moved(points: Plane, seeds: Matches) -> Points:
     """Return by how much points move, as the nearest seeds do: the median of these."""
     near = seeds[0].astype(np.float32)
+    # Squared distances but for a term that is the same for all seeds.
     squares = (near**2).sum(axis=1) - 2 * points @ near.T
     count = min(_NEAREST, len(near))
     nearest = np.argpartition(squares, count - 1, axis=1)[:, :count]
+
     moves: Points = np.median((seeds[1] - seeds[0])[nearest], axis=1)
     return moves
 
@@ -194,6 +214,7 @@ def _evened(image: Plane, smooth: float) -> Gray:
     gray = _stretched(image).astype(np.float32)
     if smooth:
         gray = cv2.GaussianBlur(gray, (0, 0), smooth)
+
     mean = cv2.blur(gray, (_SURROUND, _SURROUND))
     power = cv2.blur(gray * gray, (_SURROUND, _SURROUND)) - mean * mean
     even = (gray - mean) / np.sqrt(np.maximum(power, 0) + _QUIET**2)

@@ -74,14 +74,18 @@ def consensus(matches: Matches, width: int) -> NDArray[np.bool_]:
     (x, y), (x_right, y_right) = (points.T / width for points in matches)
     terms = np.stack([np.ones_like(x), x_right - 0.5, y - 0.5, x - x_right], axis=1)
     values = y_right - y
+
+    # MSAC: four matches determine a model; all samples are solved at once.
     chosen = np.random.default_rng(0).integers(0, x.size, (_SAMPLES, 4))
     samples, aims = terms[chosen], values[chosen]
     turned = samples.transpose(0, 2, 1)
-    normal = turned @ samples + np.diag([1e-9, 1e-3, 1e-3, 1e-3])  # level, if nothing tells
+    normal = turned @ samples + np.diag([1e-9, 1e-3, 1e-3, 1e-3])  # level if nothing determines it
     models = np.linalg.solve(normal, turned @ aims[..., np.newaxis])[..., 0]
+
     models = models[(np.abs(models[:, 1:]) < _STEEP).all(axis=1)]
     if not len(models):
         return np.zeros(x.size, np.bool_)
+
     off = np.abs(models @ terms.T - values) / _NEAR
     best: NDArray[np.bool_] = off[np.minimum(off, 1).sum(axis=1).argmin()] < 1
     return best
@@ -106,14 +110,18 @@ def fitted(matches: Matches, model: Model) -> Fit:
     """Fit a camera pair, beginning with one that is roughly right."""
     numbers, damping = model.numbers, 1e-3
     rows = model.rows(matches)
+
     for step in range(_STEPS):
         spread = float(1.4826 * np.median(np.abs(rows))) + _FLOOR
         weights = _weights(rows / spread, robust=step >= _ABSOLUTE_STEPS)
         scaled = weights / (_ALIKE * spread**2)
+
         jacobian = _jacobian(model, matches, rows)
         normal = jacobian.T @ (scaled[:, np.newaxis] * jacobian) + np.eye(SIZE)
         slope = jacobian.T @ (scaled * rows) + numbers
         before = scaled @ rows**2 + numbers @ numbers
+
+        # Levenberg and Marquardt: the damping grows until a step is an improvement.
         moved = 0.0
         for _ in range(_DAMPINGS):
             change = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope)
@@ -124,8 +132,10 @@ def fitted(matches: Matches, model: Model) -> Fit:
                 moved, damping = float(np.abs(change).max()), max(damping / 5, 1e-9)
                 break
             damping *= 10
+
         if moved < _SETTLED and step > _ABSOLUTE_STEPS:
             break
+
     covariance: Points = np.linalg.inv(normal).astype(np.float64)
     return Fit(model, weights, spread, covariance)
 

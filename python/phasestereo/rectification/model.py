@@ -8,7 +8,7 @@ Thirteen numbers, each with what it usually is::
     rotations: yaw and roll of both cameras, pitch of one against the other
 
 The pitch that both share moves all rows alike: it is left at 0. Small numbers that the images
-do not tell, as the focal length where the view is narrow, stay what they usually are.
+do not determine, as the focal length where the view is narrow, stay what they usually are.
 """
 
 from __future__ import annotations
@@ -77,6 +77,7 @@ class Model:
         cv2 = require("cv2", extra="rectify")
         options = {"criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _ITERATIONS, 1e-7)}
         undo = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # its name before OpenCV 5
+
         left, right = (
             undo(points[:, np.newaxis], k, d, R=r, P=self.target, **options)[:, 0]
             for points, (k, d, r) in zip(matches, self.cameras(), strict=True)
@@ -105,6 +106,7 @@ class Model:
         toed-in cameras do, is hardly known from rows, so disparities stay about as they are.
         """
         (left, right), rectified = matches, self.rectified(matches)
+
         columns = [
             float(np.median((old - new)[:, 0])) for old, new in zip(matches, rectified, strict=True)
         ]
@@ -114,9 +116,10 @@ class Model:
     @property
     def folds(self) -> bool:
         """Whether the distortion shows some things twice, as that of no lens does."""
-        reach = np.hypot(*self.size) / 2 / self._focal * np.linspace(0, 1, 20)
+        # The distorted radius r (1 + k1 r^2 + k2 r^4) must grow with r: its slope is positive.
+        radius = np.hypot(*self.size) / 2 / self._focal * np.linspace(0, 1, 20)
         return any(
-            bool((1 + 3 * d[0] * reach**2 + 5 * d[1] * reach**4 <= 0).any())
+            bool((1 + 3 * d[0] * radius**2 + 5 * d[1] * radius**4 <= 0).any())
             for _, d, _ in self.cameras()
         )
 
@@ -133,20 +136,21 @@ class Model:
 
     def cameras(self) -> list[tuple[Matrix, Matrix, Matrix]]:
         """Return intrinsics, distortion and rotation of the left and of the right camera."""
-        told = dict(zip(_USUAL, _SPREADS * self.numbers, strict=True))
-        return [self._camera(told, "left", -0.5), self._camera(told, "right", 0.5)]
+        values = dict(zip(_USUAL, _SPREADS * self.numbers, strict=True))
+        return [self._camera(values, "left", -0.5), self._camera(values, "right", 0.5)]
 
     def _camera(
-        self, told: dict[str, Any], side: str, sign: float
+        self, values: dict[str, Any], side: str, sign: float
     ) -> tuple[Matrix, Matrix, Matrix]:
         turn = require("cv2", extra="rectify").Rodrigues
         cols, rows = self.size
-        focal = self._focal * np.exp(sign * told["ratio"])
-        column = (cols - 1) / 2 + cols * told[f"column {side}"]
-        row = (rows - 1) / 2 + cols * told[f"row {side}"]
+        focal = self._focal * np.exp(sign * values["ratio"])
+        column = (cols - 1) / 2 + cols * values[f"column {side}"]
+        row = (rows - 1) / 2 + cols * values[f"row {side}"]
         intrinsics = np.array([[focal, 0, column], [0, focal, row], [0, 0, 1]])
-        distortion = np.array([told["k1"] + sign * told["k1 differs"], told["k2"], 0, 0])
-        angles = sign * told["pitch"], told[f"yaw {side}"], told[f"roll {side}"]
+        distortion = np.array([values["k1"] + sign * values["k1 differs"], values["k2"], 0, 0])
+
+        angles = sign * values["pitch"], values[f"yaw {side}"], values[f"roll {side}"]
         pitch, yaw, roll = (
             turn(angle * axis)[0] for angle, axis in zip(angles, np.eye(3), strict=True)
         )

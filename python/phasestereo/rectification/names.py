@@ -61,7 +61,7 @@ _FROM_0 = dict(_spellings(_SIDES_FROM_0)) | _PAIR
 def as_cameras(
     arrays: Mapping[str, Any], *, size: tuple[int, int] | None = None, fisheye: bool = False
 ) -> Cameras:
-    """Return the camera pair that named matrices tell; names that say nothing are skipped.
+    """Return the camera pair that named matrices hold; names that say nothing are skipped.
 
     Parameters
     ----------
@@ -76,7 +76,9 @@ def as_cameras(
         If a matrix is given twice or is of another shape, or too few are there.
     """
     plain = {name: re.sub(r"[^a-z0-9]", "", str(name).lower()) for name in arrays}
+    # A name for a side 0 means that sides are counted from 0.
     from_0 = any(_FROM_0.get(name, "")[1:] == "1" for name in plain.values())
+
     found: dict[str, Matrix] = {}
     for name, value in arrays.items():
         known = (_FROM_0 if from_0 else _FROM_1).get(plain[name])
@@ -92,13 +94,16 @@ def _checked(name: str, value: Any, *, fisheye: bool) -> Matrix:
     array = np.asarray(value)
     if array.dtype.kind not in "iuf":
         raise ValueError(f"{name}: holds {array.dtype}; accepts numbers")
+
     matrix = array.astype(np.float64)
     if not np.isfinite(matrix).all():
         raise ValueError(f"{name}: holds what is no finite number")
+
     if name in MAPS:
         if matrix.ndim != 2 or 0 in matrix.shape:
             raise ValueError(f"{name}: got shape {matrix.shape}; accepts (H, W)")
         return matrix
+
     if name[0] == "D":
         allowed = (4,) if fisheye else _COEFFICIENTS
         if matrix.size not in allowed or matrix.size != max(matrix.shape, default=0):
@@ -106,14 +111,17 @@ def _checked(name: str, value: Any, *, fisheye: bool) -> Matrix:
                 f"{name}: got shape {matrix.shape}; accepts {', '.join(map(str, allowed))} numbers"
             )
         return matrix.reshape(-1, 1)
+
     if name in ("R", "T") and matrix.size == 3:
         column = matrix.reshape(3, 1)
         turned: Matrix = (
             column if name == "T" else require("cv2", extra="rectify").Rodrigues(column)[0]
         )
         return turned
+
     if name[0] == "K" and matrix.shape == (3, 3) and not (matrix[[0, 1], [0, 1]] > 0).all():
         raise ValueError(f"{name}: got no positive focal lengths")
+
     if matrix.shape != (shape := _SHAPES.get(name[0], (3, 1))):
         raise ValueError(f"{name}: got shape {matrix.shape}; accepts {shape}")
     return matrix

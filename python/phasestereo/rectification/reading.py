@@ -1,15 +1,16 @@
-"""Calibrations as people have them: which kind of file each is, and the cameras it tells of."""
+"""Calibrations as people have them: which kind of file each is, and the cameras in it."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
+from phasestereo.rectification.cameras import Cameras
 from phasestereo.rectification.documents import Document, read_document
 from phasestereo.rectification.names import as_cameras
-from phasestereo.rectification.record import from_document, is_saved
+from phasestereo.rectification.record import Rectification, from_document, is_saved
 from phasestereo.rectification.rigs import (
     as_size,
     cameras_of_chain,
@@ -17,10 +18,6 @@ from phasestereo.rectification.rigs import (
     is_camera,
     is_chain,
 )
-
-if TYPE_CHECKING:
-    from phasestereo.rectification.cameras import Cameras
-    from phasestereo.rectification.record import Rectification
 
 CalibrationSource: TypeAlias = (
     "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | Mapping[str, Any]"
@@ -38,14 +35,16 @@ _SIZES = "imageSize", "image_size", "img_size", "resolution"
 _SIDES = "image_width", "image_height"
 
 
-def read_calibration(told: CalibrationSource) -> Cameras | Rectification:
+def read_calibration(
+    source: CalibrationSource | Rectification | Cameras,
+) -> Cameras | Rectification:
     """Return the camera pair of a calibration, or a rectification that was saved.
 
     Parameters
     ----------
-    told
+    source
         A file or a folder; a pair of files, (left, right) or of things that complete each other;
-        or matrices by name.
+        or matrices by name. What is a camera pair or a rectification already is returned.
 
     Raises
     ------
@@ -54,16 +53,19 @@ def read_calibration(told: CalibrationSource) -> Cameras | Rectification:
     OSError
         If a file cannot be read.
     ValueError
-        If it tells no camera pair.
+        If it holds no camera pair.
     ImportError
         If the extra ``rectify`` is not installed.
     """
-    if isinstance(told, Mapping):
+    if isinstance(source, Rectification | Cameras):
+        return source
+    if isinstance(source, Mapping):
         try:
-            return _of_matrices(dict(told))
+            return _of_matrices(dict(source))
         except ValueError as error:
             raise ValueError(f"calibration: {error}") from error
-    paths = _paths(told)
+
+    paths = _paths(source)
     documents = [read_document(path) for path in paths]
     name = " and ".join(os.fspath(path) for path in paths)
     try:
@@ -74,21 +76,22 @@ def read_calibration(told: CalibrationSource) -> Cameras | Rectification:
         raise ValueError(f"{name}: {error}") from error
 
 
-def _paths(told: Any) -> list[str | os.PathLike[str]]:
+def _paths(source: Any) -> list[str | os.PathLike[str]]:
     """Return the one or two files that are meant."""
-    if isinstance(told, Sequence) and len(told) == 1:
-        told = told[0]
-    if isinstance(told, str | os.PathLike):
-        folder = Path(told)
+    if isinstance(source, Sequence) and len(source) == 1:
+        source = source[0]
+    if isinstance(source, str | os.PathLike):
+        folder = Path(source)
         for names in _PAIRS if folder.is_dir() else ():
             pair = [folder / name for name in names]
             if all(path.is_file() for path in pair):
                 return list(pair)
-        return [told]
-    paths = list(told) if isinstance(told, Sequence) else []
+        return [source]
+
+    paths = list(source) if isinstance(source, Sequence) else []
     if not 1 <= len(paths) <= 2 or not all(isinstance(path, str | os.PathLike) for path in paths):
         raise TypeError(
-            f"calibration: got {type(told).__name__}; accepts a path, a pair of paths (left, "
+            f"calibration: got {type(source).__name__}; accepts a path, a pair of paths (left, "
             "right), matrices by name, a Rectification, or None"
         )
     return paths
@@ -99,7 +102,7 @@ def _of_documents(documents: list[Document]) -> Cameras:
     if all(single) and len(documents) == 2:
         return cameras_of_pair(*documents)
     if any(single):
-        raise ValueError("tells of one camera; give the files of both, left and right")
+        raise ValueError("holds one camera; give the files of both, left and right")
     if is_chain(documents[0]) and len(documents) == 1:
         return cameras_of_chain(documents[0])
     return _of_matrices(documents[0] | documents[-1])

@@ -48,7 +48,7 @@ class Rectification:
         the given image at which a rectified pixel is read, as ``cv2.remap`` takes them.
     Q
         OpenCV's matrix of the rectified pair, (4, 4), for `phasestereo.io.Calibration.from_q`.
-        None: not known, as without a calibration, which alone tells the scale of a scene.
+        None: not known, as without a calibration, which alone gives the scale of a scene.
     method
         ``"calibration"``, or ``"images"``: from what both images show, alone.
     interpolation
@@ -56,7 +56,7 @@ class Rectification:
     error
         By how much rows of the rectified pair do not correspond, root mean square, pixels: as
         measured on the pair with a calibration, and as it is expected of the whole image without.
-        None: too little is in both images to tell.
+        None: too little is in both images.
     sentences
         What was found, in plain words.
     """
@@ -106,13 +106,14 @@ class Rectification:
         OSError
             If the file cannot be written.
         """
-        told = self.as_dict() | {"interpolation": self.interpolation}
+        plain = self.as_dict() | {"interpolation": self.interpolation}
         arrays = {name: getattr(self, name) for name in _IMAGES}
         arrays |= dict(zip(MAPS, (*self.maps[0], *self.maps[1]), strict=True))
         if self.Q is not None:
             arrays["Q"] = self.Q
+
         with replacing(path) as file:
-            np.savez(file, allow_pickle=False, told=np.array(json.dumps(told)), **arrays)
+            np.savez(file, allow_pickle=False, plain=np.array(json.dumps(plain)), **arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Rectification:
@@ -132,38 +133,42 @@ class Rectification:
             raise ValueError(f"{os.fspath(path)}: no saved rectification ({error})") from error
 
     def __repr__(self) -> str:
-        """Tell the size and what was found: arrays would tell nothing."""
+        """Show the size and what was found: arrays would say nothing."""
         rows, cols = self.left.shape[:2]
         error = "rows not measured" if self.error is None else f"rows to {self.error:.2f} px"
         return f"<Rectification {cols}x{rows} from {self.method}, {error}>"
 
 
 def is_saved(document: Document) -> bool:
-    """Tell whether a file is one that `Rectification.save` has written."""
-    return "told" in document and all(name in document for name in (*MAPS, *_IMAGES))
+    """Return whether a file is one that `Rectification.save` has written."""
+    return "plain" in document and all(name in document for name in (*MAPS, *_IMAGES))
 
 
 def from_document(document: Document) -> Rectification:
-    """Return the rectification that a file tells.
+    """Return the rectification that a file holds.
 
     Raises
     ------
     KeyError, TypeError, ValueError
-        If it tells none.
+        If it holds none.
     """
-    told = json.loads(str(document["told"]))
+    plain = json.loads(str(document["plain"]))
     left, right, left_mask, right_mask = (document[name] for name in _IMAGES)
     x1, y1, x2, y2 = maps = [document[name] for name in MAPS]
+    q, error = document.get("Q"), plain["error"]
+
+    # Files may come from anywhere: all is checked.
     as_pair(left, right)
-    size, q, error = left.shape[:2], document.get("Q"), told["error"]
+    size = left.shape[:2]
     if any(part.shape != size or part.dtype != np.float32 for part in maps):
         raise ValueError("maps that are not those of the images")
     if any(mask.shape != size or mask.dtype != np.bool_ for mask in (left_mask, right_mask)):
         raise ValueError("masks that are not those of the images")
     if q is not None and (q.shape != (4, 4) or q.dtype != np.float64):
         raise ValueError("a matrix Q that is none")
-    if told["interpolation"] not in INTERPOLATIONS or told["method"] not in _METHODS:
+    if plain["interpolation"] not in INTERPOLATIONS or plain["method"] not in _METHODS:
         raise ValueError("a way to rectify that is not known")
+
     return Rectification(
         left=left,
         right=right,
@@ -171,10 +176,10 @@ def from_document(document: Document) -> Rectification:
         right_mask=right_mask,
         maps=((x1, y1), (x2, y2)),
         Q=q,
-        method=told["method"],
-        interpolation=told["interpolation"],
+        method=plain["method"],
+        interpolation=plain["interpolation"],
         error=None if error is None else float(error),
-        sentences=tuple(str(sentence) for sentence in told["sentences"]),
+        sentences=tuple(str(sentence) for sentence in plain["sentences"]),
     )
 
 
@@ -190,9 +195,12 @@ def warped(
     """
     cv2 = require("cv2", extra="rectify")
     pair = opened_pair(*images)
+
     size = maps[0][0].shape
+
     if pair[0].shape[:2] != size:
         raise ValueError(f"left: got {pair[0].shape[:2]} pixels; accepts those of the maps, {size}")
+
     flag = getattr(cv2, INTERPOLATIONS[interpolation])
     left, right = (cv2.remap(image, x, y, flag) for image, (x, y) in zip(pair, maps, strict=True))
     return left, right
@@ -217,6 +225,7 @@ def masks_of(
             invalid = cv2.remap((~valid).astype(np.float32), *part, cv2.INTER_LINEAR)
             there &= invalid == 0
         found.append(there)
+
     left, right = found
     return left, right
 

@@ -47,7 +47,7 @@ def rectify(
     left, right
         Images as `phasestereo.match` takes them.
     calibration
-        One of these; None: the images alone tell how the cameras stand to each other.
+        One of these; None: how the cameras stand to each other is estimated from the images alone.
 
         - A file: OpenCV's YAML, XML or ``.npz`` with ``K1, D1, K2, D2, R, T`` or ``K1, D1, R1, P1,
           K2, D2, R2, P2``, or with maps for ``cv2.remap``, under any usual name
@@ -60,7 +60,7 @@ def rectify(
         - A `Rectification` of the same cameras.
     alpha
         What of the images to keep, as ``cv2.stereoRectify`` has it: 0, only what is valid
-        everywhere, to 1, all pixels. None: as the calibration tells, or OpenCV's default, -1. For
+        everywhere, to 1, all pixels. None: as the calibration has it, or OpenCV's default, -1. For
         calibrations.
     interpolation
         How images are read between their pixels: "linear", "cubic" or "lanczos" (8 x 8 pixels).
@@ -68,7 +68,7 @@ def rectify(
         default; lanczos without.
     others
         More pairs of the same cameras, of the same size: without a calibration all of them
-        together tell more than one does.
+        together show more than one does.
     left_mask, right_mask
         bool (H, W), True = valid, of the images as they are given: rectified pixels that are read
         from others are False in the masks of the result. None: all are valid.
@@ -82,7 +82,7 @@ def rectify(
     ------
     TypeError, ValueError
         For images or a calibration that are none, or do not fit each other; ValueError also if the
-        images alone do not tell enough, which the message explains.
+        images alone do not show enough, which the message explains.
     OSError
         If a file cannot be read.
     ImportError
@@ -93,8 +93,8 @@ def rectify(
     With a calibration the geometry is OpenCV's: ``stereoRectify``, ``initUndistortRectifyMap``,
     ``remap``. Without one, focal lengths, distortion, principal points and rotations are estimated
     together, so that the rows of features (SIFT [1]_) that both images show correspond; see
-    `phasestereo.rectification.estimating`. Nothing tells the scale of the scene then, and little
-    the horizontal geometry: `Q` is None.
+    `phasestereo.rectification.estimating`. The scale of the scene is unknown then, and little is
+    known of the horizontal geometry: `Q` is None.
 
     References
     ----------
@@ -103,18 +103,18 @@ def rectify(
     pair = opened_pair(left, right)
     size = pair[0].shape[1], pair[0].shape[0]
     masks = left_mask, right_mask
+
     _check_options(alpha, interpolation)
+
     if calibration is None:
         found = estimated([pair, *(opened_pair(*other) for other in others)])
         made = _rectified(pair, masks, Warp(found.maps, None), "images", interpolation or "lanczos")
         return replace(made, error=found.error, sentences=found.sentences)
-    if isinstance(calibration, Rectification | Cameras):
-        told = calibration
-    else:
-        told = read_calibration(calibration)
-    if isinstance(told, Rectification):
-        return _again(pair, masks, told, interpolation)
-    warp = told.warp(size, alpha)
+
+    known = read_calibration(calibration)
+    if isinstance(known, Rectification):
+        return _rectified_again(pair, masks, known, interpolation)
+    warp = known.warp(size, alpha)
     return _measured(_rectified(pair, masks, warp, "calibration", interpolation or "linear"))
 
 
@@ -151,35 +151,29 @@ def _rectified(
     )
 
 
-def _again(
+def _rectified_again(
     pair: tuple[Pixels, Pixels],
     masks: Masks,
     known: Rectification,
     interpolation: Interpolation | None,
 ) -> Rectification:
-    """Return another pair rectified as one before it."""
+    """Return another pair rectified as the one before it."""
     if known.maps[0][0].shape != (size := pair[0].shape[:2]):
         raise ValueError(
             f"calibration: got that of {known.maps[0][0].shape} pixels; accepts that of the "
             f"images' {size}"
         )
+
     way = interpolation or known.interpolation
-    left, right = warped(pair, known.maps, way)
-    left_mask, right_mask = masks_of(known.maps, pair[0].shape, masks)
-    return replace(
-        known,
-        left=left,
-        right=right,
-        left_mask=left_mask,
-        right_mask=right_mask,
-        interpolation=way,
-    )
+    made = _rectified(pair, masks, Warp(known.maps, known.Q), known.method, way)
+    return replace(made, error=known.error, sentences=known.sentences)
 
 
 def _measured(made: Rectification) -> Rectification:
-    """Return a rectification with what its images tell of it: calibrations age."""
+    """Return a rectification with what its images show of it: calibrations age."""
     if not all(np.isfinite(image).all() for image in (made.left, made.right)):
         return made  # where pixels are NaN, as masked ones may be, nothing is looked at
+
     found = check(made.left, made.right).alignment
     if found is None:
         said = (
@@ -187,6 +181,7 @@ def _measured(made: Rectification) -> Rectification:
             "calibration is not of these cameras"
         )
         return replace(made, sentences=(said,))
+
     off = f"{found.rms:.2f} px rms, known to {found.error:.2f} px"
     if found.rms > max(_OFF, 4 * found.error):
         said = (
@@ -195,4 +190,5 @@ def _measured(made: Rectification) -> Rectification:
         )
     else:
         said = f"rows correspond as the calibration says ({off})"
+
     return replace(made, error=found.rms, sentences=(said,))

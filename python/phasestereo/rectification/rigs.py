@@ -1,4 +1,4 @@
-"""Calibrations that tell of each camera by itself: ROS's camera_info, EuRoC's, Kalibr's chains."""
+"""Calibrations that hold each camera by itself: ROS's camera_info, EuRoC's, Kalibr's chains."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ _FISHEYE = "equi", "equidistant", "fisheye"
 
 
 def is_camera(document: Document) -> bool:
-    """Tell whether a file tells of one camera, as ROS's and EuRoC's do."""
+    """Return whether a file holds one camera, as ROS's and EuRoC's do."""
     return _is_euroc(document) or _is_ros(document)
 
 
 def is_chain(document: Document) -> bool:
-    """Tell whether a file is a chain of Kalibr's: cameras named cam0, cam1 ..."""
+    """Return whether a file is a chain of Kalibr's: cameras named cam0, cam1 ..."""
     return all(isinstance(document.get(name), dict) for name in ("cam0", "cam1"))
 
 
 def cameras_of_pair(left: Document, right: Document) -> Cameras:
-    """Return the camera pair that a file for each of them tells.
+    """Return the camera pair that a file for each of them holds.
 
     Raises
     ------
@@ -38,6 +38,7 @@ def cameras_of_pair(left: Document, right: Document) -> Cameras:
         raise ValueError("one file is EuRoC's and one is ROS's; accepts two of a kind")
     if not _is_euroc(left):
         return _joined([_of_ros(left), _of_ros(right)], {})
+
     left_pose, right_pose = (_pose(document["T_BS"], "T_BS") for document in (left, right))
     return _joined(
         [_of_intrinsics(left), _of_intrinsics(right)], _moved(np.linalg.inv(right_pose) @ left_pose)
@@ -53,6 +54,7 @@ def cameras_of_chain(document: Document) -> Cameras:
         As `cameras_of_pair`.
     """
     left, right = document["cam0"], document["cam1"]
+
     if "T_cn_cnm1" in right:
         pose = _pose(right["T_cn_cnm1"], "T_cn_cnm1")
     elif "T_cam_imu" in left and "T_cam_imu" in right:
@@ -60,6 +62,7 @@ def cameras_of_chain(document: Document) -> Cameras:
         pose = body[1] @ np.linalg.inv(body[0])
     else:
         raise ValueError("cam1 has neither T_cn_cnm1 nor T_cam_imu: where is it?")
+
     return _joined([_of_intrinsics(left), _of_intrinsics(right)], _moved(pose))
 
 
@@ -77,29 +80,33 @@ def _of_ros(document: Document) -> Document:
     long = "camera_matrix", "distortion_coefficients", "rectification_matrix", "projection_matrix"
     camera: Document = {}
     for short, name, shape in zip("KDRP", long, ((3, 3), None, (3, 3), (3, 4)), strict=True):
-        told = next(
+        value = next(
             (document[key] for key in (name, short, short.lower()) if key in document), None
         )
-        if told is None:
+        if value is None:
             raise ValueError(f"has no {name}")
-        matrix = numbers(told, name)
+        matrix = numbers(value, name)
         if shape is not None and matrix.size == shape[0] * shape[1]:
             matrix = matrix.reshape(shape)
         camera[short] = matrix.ravel() if short == "D" else matrix
+
     if not np.any(camera["K"]):
         raise ValueError("camera_matrix is 0, as of a camera that was never calibrated")
+
     size = [document.get(f"image_{side}", document.get(side)) for side in ("width", "height")]
     model = document.get("distortion_model", "plumb_bob")
     return camera | {"size": None if None in size else size, "model": model}
 
 
 def _of_intrinsics(document: Document) -> Document:
-    """Return matrices of a camera as EuRoC and Kalibr tell it."""
+    """Return matrices of a camera as EuRoC and Kalibr write it."""
     if document.get("camera_model", "pinhole") != "pinhole":
         raise ValueError(f"camera_model: got {document['camera_model']}; accepts pinhole")
+
     focal = numbers(document.get("intrinsics"), "intrinsics").ravel()
     if focal.shape != (4,):
         raise ValueError(f"intrinsics: got {focal.size} numbers; accepts 4: fu, fv, cu, cv")
+
     fu, fv, cu, cv = focal
     name = next(
         (key for key in document if str(key).startswith("distortion_coef")), "distortion_coeffs"
@@ -112,8 +119,8 @@ def _of_intrinsics(document: Document) -> Document:
     }
 
 
-def _pose(told: Any, name: str) -> Matrix:
-    pose: Matrix = numbers(told, name)
+def _pose(value: Any, name: str) -> Matrix:
+    pose: Matrix = numbers(value, name)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or abs(np.linalg.det(pose)) < 0.1:
         raise ValueError(f"{name}: accepts 4 x 4 numbers, a rotation and a translation")
     return pose
@@ -127,12 +134,15 @@ def _joined(cameras: list[Document], pair: Document) -> Cameras:
     """Return the pair of two cameras of the same model and size."""
     sizes = [as_size(camera.pop("size")) for camera in cameras]
     models = [str(camera.pop("model")).lower() for camera in cameras]
+
     for model in models:
         if model not in _PINHOLE + _FISHEYE:
             known = "radtan, plumb_bob, rational_polynomial, equidistant"
             raise ValueError(f"distortion_model: got {model}; accepts {known}")
+
     if sizes[0] != sizes[1] or (models[0] in _FISHEYE) != (models[1] in _FISHEYE):
         raise ValueError("the cameras differ in size or model; accepts two of a kind")
+
     both = {
         f"{name}{side}": value
         for side, camera in enumerate(cameras, start=1)
@@ -141,17 +151,18 @@ def _joined(cameras: list[Document], pair: Document) -> Cameras:
     return as_cameras(both | pair, size=sizes[0], fisheye=models[0] in _FISHEYE)
 
 
-def as_size(told: Any) -> tuple[int, int] | None:
-    """Return columns and rows, if they are told.
+def as_size(value: Any) -> tuple[int, int] | None:
+    """Return columns and rows, if they are given.
 
     Raises
     ------
     ValueError
-        If something else is told.
+        If something else is given.
     """
-    if told is None:
+    if value is None:
         return None
-    size = numbers(told, "resolution").ravel()
+
+    size = numbers(value, "resolution").ravel()
     if size.shape != (2,) or not (size > 0).all() or (size % 1).any():
         raise ValueError("resolution: accepts two numbers, columns and rows")
     return int(size[0]), int(size[1])

@@ -1,20 +1,19 @@
-"""The frames of a stream rectified one after another, all by what the first of them told."""
+"""The frames of a stream rectified one after another, all by what the first of them showed."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from phasestereo.rectification.cameras import Cameras
 from phasestereo.rectification.reading import read_calibration
-from phasestereo.rectification.record import Rectification
 from phasestereo.rectification.rectifying import rectify
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Picture
-    from phasestereo.rectification.cameras import Matrix
+    from phasestereo.rectification.cameras import Cameras, Matrix
     from phasestereo.rectification.reading import CalibrationSource
+    from phasestereo.rectification.record import Rectification
 
 AUTO = "auto"
 
@@ -26,7 +25,7 @@ class Rectifier:
     ----------
     calibration
         What `rectify` takes as a calibration, or `Cameras`; "auto": the first pair whose images
-        tell enough.
+        show enough.
     masks
         Masks of the raw images, left and right.
 
@@ -41,12 +40,8 @@ class Rectifier:
         calibration: CalibrationSource | Rectification | Cameras,
         masks: tuple[ArrayLike | None, ArrayLike | None],
     ) -> None:
-        self._calibration: Cameras | Rectification | None = None
-        if isinstance(calibration, Rectification | Cameras):
-            self._calibration = calibration
-        elif calibration != AUTO:
-            self._calibration = read_calibration(calibration)
         self._masks = masks
+        self._calibration = None if calibration == AUTO else read_calibration(calibration)
         self._found: Rectification | None = None
 
     def pair(self, left: Picture, right: Picture) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -59,6 +54,7 @@ class Rectifier:
         """
         if self._found is not None:
             return self._found.apply(left, right)
+
         self._found = rectify(
             left, right, self._calibration, left_mask=self._masks[0], right_mask=self._masks[1]
         )
@@ -66,7 +62,7 @@ class Rectifier:
 
     @property
     def found(self) -> Rectification | None:
-        """The rectification, once a pair has told it."""
+        """The rectification, once a pair was good for one."""
         return self._found
 
     @property

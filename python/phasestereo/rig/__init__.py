@@ -1,1 +1,1 @@
-"""What is found out of a pair: blur, rows, range, intensities; and what that means for a match."""
+"""What is estimated of a pair: blur, rows, range, intensities; and what that means for a match."""

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Field: TypeAlias = tuple[list[float], tuple[int, int], int]
-"""What the core takes and tells of a field: its eight coefficients, rows and columns of the image,
+"""A field as the core takes and returns it: its eight coefficients, rows and columns of the image,
 and the column of it that a pair begins with."""
 
 
@@ -92,10 +92,21 @@ class Alignment:
 
     def offsets(self, x: NDArray[np.generic], y: NDArray[np.generic]) -> NDArray[np.float64]:
         """Return v at columns `x` of the right and rows `y` of the left image, pixels."""
-        u = (np.asarray(x, np.float64) + 0.5) / (self.size[1] / 2) - 1
-        v = (np.asarray(y, np.float64) + 0.5) / (self.size[0] / 2) - 1
-        square = u * u + v * v
-        terms = np.ones_like(square), u, v, u * v, u * u, v * v, v * square, u * square
+        # X and Y of the model at the centers of pixels: the edges of the image are at -1 and 1.
+        unit_x = (np.asarray(x, np.float64) + 0.5) / (self.size[1] / 2) - 1
+        unit_y = (np.asarray(y, np.float64) + 0.5) / (self.size[0] / 2) - 1
+        square = unit_x * unit_x + unit_y * unit_y
+
+        terms = (
+            np.ones_like(square),
+            unit_x,
+            unit_y,
+            unit_x * unit_y,
+            unit_x * unit_x,
+            unit_y * unit_y,
+            unit_y * square,
+            unit_x * square,
+        )
         total = np.zeros_like(square)
         for factor, term in zip(self.coefficients, terms, strict=True):
             total = total + factor * term
@@ -105,3 +116,8 @@ class Alignment:
     def field(self) -> Field:
         """What the core takes."""
         return list(self.coefficients), self.size, 0
+
+
+def applied_field(alignment: Alignment | None) -> Field | None:
+    """Return the field by which the right image is straightened, as the core takes it, if any."""
+    return alignment.field if alignment is not None and alignment.applied else None

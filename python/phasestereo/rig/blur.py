@@ -33,8 +33,8 @@ Estimated: TypeAlias = tuple[
     list[tuple[float, float]],
     Glance,
 ]
-"""What the core tells: kinds, labels, tile, certainty, contrast, noise with impulses and coding,
-and glance of an estimate."""
+"""An estimate as the core returns it: kinds, labels, tile, certainty, contrast, noise with impulses
+and coding, and glance."""
 
 _SIDES: tuple[Side, ...] = ("none", "left", "right")
 
@@ -77,13 +77,13 @@ class Blur:
         return f"{self.side}, {self.kind} {self.size:.2f} px{along}"
 
     def __repr__(self) -> str:
-        """Tell the blur, without its array."""
+        """Show the blur without its array."""
         return f"<Blur: {self}>"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlurEstimate:
-    """What two images tell about their blur.
+    """The relative blur of two images, as estimated from them alone.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class BlurEstimate:
     gain, gamma
         How intensities correspond, as fractions of their range: left = gain * right ** gamma. NaN
         in the result of a match, which does without.
-    reused
+    Whether it was estimated of an earlier pair, and taken over since the blur of this one is as it
         Whether it was made of an earlier pair, and taken over since the blur of this one is as it
         was: `Matcher.match` with ``before``, and `stream`.
     glance
@@ -118,7 +118,7 @@ class BlurEstimate:
     coding
         What compression in blocks of 8 x 8 pixels (JPEG, video) has lost in the left and in the
         right image: the standard deviation of a noise that would do as much harm, in units of the
-        pixels. Told by the borders of the blocks, wherever these begin; about 0 without any.
+        pixels. Estimated at the borders of the blocks, wherever these begin; about 0 without any.
     """
 
     blurs: tuple[Blur, ...]
@@ -149,10 +149,11 @@ class BlurEstimate:
 
     def __str__(self) -> str:
         """Return the kinds in words, each with its share of the image."""
-        told = (
-            f"{blur} in {share:.0%}" for blur, share in zip(self.blurs, self.areas(), strict=True)
-        )
-        return str(self.blur) if len(self.blurs) == 1 else ", ".join(told)
+        if len(self.blurs) == 1:
+            return str(self.blur)
+
+        shares = zip(self.blurs, self.areas(), strict=True)
+        return ", ".join(f"{blur} in {share:.0%}" for blur, share in shares)
 
     def _repr_html_(self) -> str:
         """Show the kinds as a table in notebooks."""
@@ -175,11 +176,12 @@ class BlurEstimate:
 
 
 def as_estimate(found: Estimated) -> BlurEstimate:
-    """Return what the core has found out."""
+    """Return an estimate of the core as a `BlurEstimate`."""
     blurs, labels, tile, certainty, contrast, (noise, impulses, coding), glance = found
     kinds = tuple(
         Blur(_SIDES[side], kind, size, angle, psf) for side, kind, size, angle, psf in blurs
     )
+
     return BlurEstimate(
         kinds,
         labels,

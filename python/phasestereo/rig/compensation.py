@@ -84,7 +84,7 @@ class BlurCompensation:
 
 
 def as_blur_compensation(blur_compensation: BlurCompensation | None) -> BlurCompensation | None:
-    """Return it, or say that it is of the wrong type.
+    """Return it, or refuse another type.
 
     Raises
     ------
@@ -138,6 +138,7 @@ def _as_pair(noise: Noise) -> tuple[float, float]:
 
 def _as_kernels(kernels: object) -> tuple[tuple[Taps | None, Taps | None], ...]:
     accepted = "a list with a pair (left, right) of 2-D arrays, or None, for each class"
+
     if not isinstance(kernels, (list, tuple)):
         raise TypeError(f"kernels: got {type(kernels).__name__}; accepts {accepted}")
     for pair in kernels:
@@ -145,12 +146,14 @@ def _as_kernels(kernels: object) -> tuple[tuple[Taps | None, Taps | None], ...]:
             raise TypeError(f"kernels: got {type(pair).__name__} for a pair; accepts {accepted}")
         if len(pair) != 2:
             raise ValueError(f"kernels: got {len(pair)} arrays for a pair; accepts {accepted}")
+
     return tuple((_as_taps(left), _as_taps(right)) for left, right in kernels)
 
 
 def _as_taps(kernel: ArrayLike | None) -> Taps | None:
     if kernel is None:
         return None
+
     taps = as_array(kernel, "kernels")
     if taps.dtype.kind != "f" or taps.dtype.itemsize not in (4, 8):
         raise TypeError(f"kernels: got dtype {taps.dtype}; accepts float32 or float64")
@@ -158,6 +161,8 @@ def _as_taps(kernel: ArrayLike | None) -> Taps | None:
         raise ValueError(f"kernels: got shape {taps.shape}; accepts 2-D arrays or None")
     if np.abs(taps).max(initial=0) > np.finfo(np.float32).max:
         raise ValueError("kernels: got a tap beyond float32; accepts a sum of 1 within 0.001")
+
+    # A frozen copy: what was checked stays as it was.
     copy = taps.astype(np.float32, order="C")
     copy.flags.writeable = False
     return copy
@@ -169,6 +174,7 @@ def _as_labels(labels: ArrayLike) -> NDArray[np.uint8]:
         raise TypeError(f"labels: got dtype {found.dtype}; accepts uint8")
     if found.ndim != 2:
         raise ValueError(f"labels: got shape {found.shape}; accepts (rows, cols)")
+
     copy = found.astype(np.uint8, order="C")
     copy.flags.writeable = False
     return copy

@@ -1,8 +1,8 @@
-"""The diagnosis of a pair: what keeps it from being matched well, told before it is matched.
+"""The diagnosis of a pair: what keeps it from being matched well, before it is matched.
 
 Here belongs the order of the measurements and the record of their results. Each is made elsewhere:
-`phasestereo.rig.estimation` and
-`phasestereo.rig.photometry`; what they mean is put into words in `phasestereo.rig.findings`.
+`phasestereo.rig.estimation` and `phasestereo.rig.photometry`; what they mean is put into words in
+`phasestereo.rig.findings`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from phasestereo._core import LEAST_SIZE
 from phasestereo._images import opened_pair
+from phasestereo._numbers import as_json
 from phasestereo.rig import findings
 from phasestereo.rig.estimation import estimate_pair
 from phasestereo.rig.photometry import fractions, low_texture, saturation
@@ -63,13 +64,13 @@ class Diagnosis:
     size
         Rows and columns of the images.
     search
-        Disparities to search, and whether the images are swapped; None: not to be told.
+        Disparities to search, and whether the images are swapped; None: unknown.
     alignment
-        How the rows correspond; None: not to be told.
+        How the rows correspond; None: unknown.
     blur
-        The relative blur, with a map of it; None: not to be told.
+        The relative blur, with a map of it; None: unknown.
     contrast
-        Gain and gamma; None: not to be told.
+        Gain and gamma; None: unknown.
     noise
         Standard deviations in gray levels of the images' own unit, left and right, or None.
     saturation
@@ -93,7 +94,7 @@ class Diagnosis:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What there is to say, in a fixed order of topics."""
-        return findings.of(self)
+        return findings.pair_findings(self)
 
     @property
     def _sure(self) -> float:
@@ -111,7 +112,7 @@ class Diagnosis:
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it; numbers that JSON does not have are None."""
-        told: dict[str, Any] = {
+        record: dict[str, Any] = {
             "width": self.size[1],
             "height": self.size[0],
             "findings": [asdict(found) for found in self.findings],
@@ -123,12 +124,14 @@ class Diagnosis:
             "saturation": _sides([asdict(side) for side in self.saturation]),
             "low_texture": _sides(self.low_texture),
         }
+
         if self.alignment is not None:
-            told["alignment"] = {
+            record["alignment"] = {
                 name: getattr(self.alignment, name)
                 for name in ("vertical", "rotation", "scale", "rms", "error", "blocks")
             }
-        plain: dict[str, Any] = _plain(told)
+
+        plain: dict[str, Any] = as_json(record)
         return plain
 
 
@@ -145,8 +148,8 @@ def check(left: Picture, right: Picture) -> Diagnosis:
     Diagnosis
         Relative blur, gain and gamma, noise, saturation, texture, vertical misalignment, whether
         the images are swapped, and the range of disparities to search, with a sentence on each.
-        What images are too small or too uniform to tell is None, and a sentence says so. The
-        result depends on the images alone.
+        What cannot be estimated, of images too small or too uniform, is None, and a sentence says
+        so. The result depends on the images alone.
 
     Raises
     ------
@@ -160,8 +163,10 @@ def check(left: Picture, right: Picture) -> Diagnosis:
     pair = opened_pair(left, right)
     gray_left, gray_right, length = fractions(*pair)
     search, alignment, blur = _estimated(gray_left, gray_right, pair)
+
     noise = (0.0, 0.0) if blur is None else blur.noise
     texture = low_texture(gray_left, noise[0] / length), low_texture(gray_right, noise[1] / length)
+
     return Diagnosis(
         size=(gray_left.shape[0], gray_left.shape[1]),
         search=search,
@@ -178,9 +183,10 @@ def check(left: Picture, right: Picture) -> Diagnosis:
 def _estimated(
     gray_left: NDArray[np.float32], gray_right: NDArray[np.float32], pair: tuple[Pixels, Pixels]
 ) -> tuple[SearchRange | None, Alignment | None, BlurEstimate | None]:
-    """Estimate what images tell that are large enough and not of one gray."""
+    """Estimate what there is to estimate of images that are large enough and not of one gray."""
     if min(gray_left.shape) < LEAST_SIZE or 0 in (np.ptp(gray_left), np.ptp(gray_right)):
         return None, None, None
+
     found = estimate_pair(pair, (None, None), (0, None), None)
     search = found.search if found.search.origin == "found" else None
     return search, found.alignment, found.blur
@@ -206,15 +212,3 @@ def _fields(record: SearchRange | Contrast | None) -> dict[str, Any] | None:
 
 def _sides(values: Any) -> Mapping[str, Any] | None:
     return None if values is None else {"left": values[0], "right": values[1]}
-
-
-def _plain(value: Any) -> Any:
-    """Return nested records with numbers that JSON does not have as None."""
-    match value:
-        case dict():
-            return {name: _plain(inner) for name, inner in value.items()}
-        case list() | tuple():
-            return [_plain(inner) for inner in value]
-        case float() if not math.isfinite(value):
-            return None
-    return value

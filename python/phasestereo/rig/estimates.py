@@ -1,15 +1,17 @@
-"""What the core finds out of a pair before it matches, as Python has it."""
+"""What the core estimates of a pair before it matches, as Python objects."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass, fields, replace
+from itertools import chain
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import as_estimate
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.search_range import SearchRange
+from phasestereo.settings import Settings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,9 +19,10 @@ if TYPE_CHECKING:
 
     from phasestereo.rig.alignment import Field
     from phasestereo.rig.blur import BlurEstimate, Estimated
-    from phasestereo.settings import Settings
 
     _Taps: TypeAlias = NDArray[np.float32] | None
+
+_Checked = TypeVar("_Checked", Settings, BlurCompensation)
 
 Found: TypeAlias = tuple[
     tuple[int, int],
@@ -33,7 +36,7 @@ Found: TypeAlias = tuple[
     "tuple[int, int]] | None",
     float,
 ]
-"""What the core tells: disparities, confidence of a rough match, whether that takes an inverted
+"""What the core returns: disparities, confidence of a rough match, whether that takes an inverted
 image, range, offsets of rows, the field that is applied, blur, what suits it, seconds."""
 
 Matched: TypeAlias = (
@@ -41,14 +44,17 @@ Matched: TypeAlias = (
 )
 """What a match gives: disparities, flags, confidence, seconds of its stages."""
 
+Summarized: TypeAlias = tuple[float, float, float, float, float]
+"""What a map says about itself: the fields of `phasestereo.Summary`."""
+
 Known: TypeAlias = "tuple[tuple[float, float] | None, BlurCompensation | None, Field | None, bool]"
-"""What the core is told: noise, versions, the field of the rows, whether the right image is to be
-inverted."""
+"""What the core is given: noise, the blur compensation, the field of
+the rows, whether the right image is to be inverted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimates:
-    """What was found out of a pair, and what suits it."""
+    """What was estimated of a pair, and the settings and the compensation that suit it."""
 
     settings: Settings
     search: SearchRange
@@ -64,19 +70,28 @@ def as_estimates(
     search: tuple[int, int | None],
     blur_compensation: BlurCompensation | None,
 ) -> Estimates:
-    """Return what the core has found out, beside what a call told it."""
+    """Return what the core has estimated, completed by what the caller gave."""
     disparities, confidence, inverted, span, offsets, field, blur, suited, seconds = found
+
     if suited is not None:
         (noise, impulses, smoothing), kernels, labels, tile, (neighborhood, window) = suited
-        blur_compensation = BlurCompensation(
+        for array in (labels, *chain.from_iterable(kernels)):
+            if array is not None:
+                array.flags.writeable = False
+
+        blur_compensation = _from_core(
+            BlurCompensation,
             noise=noise,
-            kernels=kernels,
+            kernels=tuple(kernels),
             labels=labels,
             tile=tile,
             impulses=impulses,
             smoothing=smoothing,
         )
-        settings = replace(settings, neighborhood=neighborhood, window=window)
+        same = {field.name: getattr(settings, field.name) for field in fields(settings)}
+        suits = {"neighborhood": neighborhood, "window": window}
+        settings = _from_core(Settings, **(same | suits))
+
     return Estimates(
         settings=settings,
         search=replace(
@@ -90,6 +105,14 @@ def as_estimates(
     )
 
 
+def _from_core(kind: type[_Checked], **values: object) -> _Checked:
+    """Return a frozen dataclass of what the core found, which the core need not check again."""
+    made = object.__new__(kind)
+    for name, value in values.items():
+        object.__setattr__(made, name, value)
+    return made
+
+
 def _search(
     disparities: tuple[int, int],
     confidence: float | None,
@@ -100,6 +123,7 @@ def _search(
     sure = math.nan if confidence is None else confidence
     if span is None:
         return SearchRange(*disparities, "given" if is_given else "default", sure)
+
     _, _, low, high, swapped, mixed = span
     return SearchRange(
         *disparities, "given" if is_given else "found", sure, low, high, swapped, mixed
@@ -111,5 +135,6 @@ def _alignment(
 ) -> Alignment | None:
     if offsets is None:
         return None
+
     (coefficients, size, _), error, blocks, spread = offsets
     return Alignment(tuple(coefficients), error, blocks, spread, size, applied=field is not None)

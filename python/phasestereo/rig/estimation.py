@@ -1,4 +1,4 @@
-"""What two images tell of their blur, noise and contrast, asked for by itself."""
+"""Estimates of the blur, the noise and the contrast of a pair, without a match."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from phasestereo import _core
 from phasestereo._core import LEAST_SIZE
-from phasestereo._images import as_mask, as_pair, opened_pair
+from phasestereo._images import as_mask, opened_pair
 from phasestereo.matching import match_silently
 from phasestereo.rig.estimates import as_estimates
 from phasestereo.rig.photometry import fractions, response
@@ -20,10 +20,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Picture, Pixels
-    from phasestereo.rig.alignment import Alignment
     from phasestereo.rig.blur import BlurEstimate
     from phasestereo.rig.estimates import Estimates
-    from phasestereo.rig.search_range import SearchRange
 
     Mask = NDArray[np.bool_]
 
@@ -52,7 +50,7 @@ def estimate_blur(
     Returns
     -------
     BlurEstimate
-        "none", with certainty 0, for images below 64 x 64 pixels and others that tell nothing.
+        "none", with certainty 0, for images below 64 x 64 pixels, or if nothing can be estimated.
 
     Raises
     ------
@@ -76,8 +74,9 @@ def estimate_blur(
     pair = opened_pair(left, right)
     size = pair[0].shape
     masks = as_mask(left_mask, size, "left_mask"), as_mask(right_mask, size, "right_mask")
+
     found = estimate_pair(pair, masks, (min_disparity, num_disparities), threads)
-    # It was asked for.
+    # The preset asks for a blur, so there is one.
     return cast("BlurEstimate", found.blur)
 
 
@@ -89,10 +88,11 @@ def estimate_pair(
 ) -> Estimates:
     """Estimate of checked images what the default preset does, and gain and gamma."""
     asked = PRESETS["robust"]
-    told = _core.estimate_pair(pair, masks, search, asked, threads)
-    found = as_estimates(told, asked, search, None)
+    estimated = _core.estimate_pair(pair, masks, search, asked, threads)
+    found = as_estimates(estimated, asked, search, None)
     if found.blur is None:
         return found
+
     span = found.search.min_disparity, found.search.num_disparities
     gain, gamma = _response(pair, masks, span)
     return replace(found, blur=replace(found.blur, gain=gain, gamma=gamma))
@@ -101,14 +101,17 @@ def estimate_pair(
 def _response(
     pair: tuple[Pixels, Pixels], masks: tuple[Mask | None, Mask | None], search: tuple[int, int]
 ) -> tuple[float, float]:
-    """Return gain and gamma, (1, 1) where the images are too small to tell."""
+    """Return gain and gamma, (1, 1) where the images are too small."""
     left, right, _ = fractions(*map(_unmasked, pair, masks))
     if min(left.shape) < LEAST_SIZE:
         return 1.0, 1.0
+
+    # Small copies are matched: means over windows are compared, which bear errors of some pixels.
     factor = reduction(left.shape, _ROUGH_WIDTH)
     small = reduced(left, factor), reduced(right, factor)
     low, high = search[0] // factor, (search[0] + search[1] - 1) // factor + 1
     count = min(high - low + 1, small[0].shape[1])
+
     rough = match_silently(
         small,
         (None, None),
@@ -118,11 +121,13 @@ def _response(
         progress=None,
         given=(None, None),
     ).disparity
+
     rows, cols = (
         np.minimum(np.arange(length) // factor, tiles - 1)
         for length, tiles in zip(left.shape, rough.shape, strict=True)
     )
     disparity = factor * rough[np.ix_(rows, cols)]
+
     if masks[0] is not None:
         disparity[~masks[0]] = np.nan
     return response(left, right, disparity)
@@ -132,56 +137,7 @@ def _unmasked(image: Pixels, mask: Mask | None) -> Pixels:
     """Return an image with masked pixels, which may be NaN, replaced by a valid one."""
     if mask is None or mask.all():
         return image
+
     filled = image.copy()
     filled[~mask] = image[mask][0] if mask.any() else 0
     return filled
-
-
-def measure_alignment(left: ArrayLike, right: ArrayLike) -> Alignment | None:
-    """Measure how the rows of a pair correspond.
-
-    Parameters
-    ----------
-    left, right
-        The images, as `phasestereo.match` takes them. Horizontal disparities may be anything up to
-        45 % of the width, of either sign.
-
-    Returns
-    -------
-    Alignment or None
-        None where the images are too small, have too little texture or too little in common.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `phasestereo.match`.
-    """
-    return _without_blur(left, right).alignment
-
-
-def find_range(left: ArrayLike, right: ArrayLike) -> SearchRange | None:
-    """Find the range of disparities of a pair, searching 45 % of the width either way.
-
-    Parameters
-    ----------
-    left, right
-        The images, as `phasestereo.match` takes them; rows that do not correspond are evened out.
-
-    Returns
-    -------
-    SearchRange or None
-        None where the images are too small, have too little texture or too little in common.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `phasestereo.match`.
-    """
-    search = _without_blur(left, right).search
-    return search if search.origin == "found" else None
-
-
-def _without_blur(left: ArrayLike, right: ArrayLike) -> Estimates:
-    asked = replace(PRESETS["robust"], compensate_blur=False, noise_threshold=0.0)
-    found = _core.estimate_pair(as_pair(left, right), (None, None), (0, None), asked, None)
-    return as_estimates(found, asked, (0, None), None)

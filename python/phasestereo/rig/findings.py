@@ -24,15 +24,24 @@ if TYPE_CHECKING:
 
     Severity = Literal["ok", "note", "warning"]
 
-__all__ = ["LEVELS", "Finding", "MatchWarning", "of", "of_result", "spread", "untrusted", "warn"]
+__all__ = [
+    "LEVELS",
+    "Finding",
+    "MatchWarning",
+    "match_findings",
+    "pair_findings",
+    "spread",
+    "untrusted",
+    "warn",
+]
 
-# From where on something is noted, and from where on it is warned of. Pairs as they come are below
-# the first: rows of Middlebury's are off by up to 0.26 pixels rms, medians of their gray levels
+# From where on something is noted, and from where on it is warned of. Ordinary pairs are below the
+# first: rows of Middlebury's are off by up to 0.26 pixels rms, medians of their gray levels
 # differ by up to 9 %, and gamma by up to 7 %.
 _ROWS = 0.3, 0.75  # pixels, rms over the image
 _ERRORS = 4.0, 5.0  # times the standard error, which the same must be
 _PART_ERRORS = 3.0
-_PART = 0.25, 0.5  # pixels at the center, and at the border: parts worth telling
+_PART = 0.25, 0.5  # pixels at the center, and at the border: parts worth naming
 _CONTRAST = 0.12, 0.35  # logarithm of the ratio of gray levels
 _GAMMA = 0.13, 0.37  # logarithm
 _BLUR = 0.3, 0.7  # pixels, root mean square along an axis
@@ -67,14 +76,14 @@ LEVELS = {
     "noise": _NOISE,
     "saturated": _SATURATED,
 }
-"""Those of pairs by what they are of: the page that matches in a browser goes by them, too."""
+"""Levels of pairs by topic: the page that matches in a browser uses them, too."""
 
 _NOTHING = (
     "hardly anything in one image is found in the other: these are no pair, or far from rectified"
 )
 _INVERTED = "what is bright in one image is dark in the other"
 _INVERT = "invert one of them (255 - image), or match with compensate_blur=True, which does"
-_TRUST = "match", "swap", "range"  # topics that tell whether a match is to be trusted at all
+_TRUST = "match", "swap", "range"  # topics that decide whether a match is to be trusted at all
 
 
 _SCATTERED = 0.35  # pixels: sharp pairs up to 0.28, with rows that wave by 1 px 0.41 or more
@@ -104,7 +113,7 @@ class Finding:
     sentence: str
 
 
-def of(diagnosis: Diagnosis) -> tuple[Finding, ...]:
+def pair_findings(diagnosis: Diagnosis) -> tuple[Finding, ...]:
     """Return what there is to say about a pair, in a fixed order of topics."""
     return (
         *_search(diagnosis),
@@ -117,7 +126,7 @@ def of(diagnosis: Diagnosis) -> tuple[Finding, ...]:
     )
 
 
-def of_result(result: Result) -> tuple[Finding, ...]:
+def match_findings(result: Result) -> tuple[Finding, ...]:
     """Return what there is to say about a match, the worst first: nothing if all is well.
 
     Without a left-right check, wrong matches lie anywhere in the range, and nothing is said of it.
@@ -125,15 +134,18 @@ def of_result(result: Result) -> tuple[Finding, ...]:
     search, summary = result.search, result.summary
     if search is None or summary is None or min(result.disparity.shape) < LEAST_SIZE:
         return ()
+
     asked = result.settings
     is_checked = asked.lr_check is not None
     found = list(_match(search, summary, evened=asked.compensate_blur)) if is_checked else []
     found += _matched_rows(result)
+
     if result.blur is not None and not result.blur.reused:
-        # It was evened out: worth knowing, no more.
+        # The blur was evened out, so it is never more than a note.
         found += (
             replace(one, severity="note") for one in _blur_of(result.blur) if one.severity != "ok"
         )
+
     return tuple(sorted(found, key=lambda one: -_ORDER.index(one.severity)))
 
 
@@ -157,17 +169,21 @@ def _match(search: SearchRange, summary: Summary, *, evened: bool) -> Iterator[F
     if search.inverted and not evened:
         yield Finding("match", "warning", f"{_INVERTED}: {_INVERT}")
         return
+
     if search.inverted:
         yield Finding("contrast", "note", f"{_INVERTED}: the negative of the right one was matched")
+
     is_unlike = search.confidence < _LEAST_ROUGH and math.isnan(search.low)
     if is_unlike or search.origin == "default":
         yield Finding("match", "warning", _NOTHING)
         return
+
     last = search.min_disparity + search.num_disparities - 1
-    at_low = summary.at_low if search.min_disparity != 0 else 0.0  # where nothing lies behind
+    at_low = summary.at_low if search.min_disparity != 0 else 0.0  # nothing lies behind infinity
     severity = _severity(max(at_low, summary.at_high), _AT_END)
     beyond = max(search.min_disparity - search.low, search.high - last)  # NaN: nothing is known
     is_short = search.origin == "given" and beyond > _BEYOND * search.num_disparities
+
     if severity != "ok" or is_short:
         known = "" if math.isnan(search.low) else f": there seem to be {round(search.low)} to "
         known += "" if math.isnan(search.low) else f"{round(search.high)} px"
@@ -178,6 +194,7 @@ def _match(search: SearchRange, summary: Summary, *, evened: bool) -> Iterator[F
             f"{max(at_low, summary.at_high):.0%} of the pixels are at its end{known}; search more "
             "disparities, or leave num_disparities out",
         )
+
     severity = _severity(summary.flagged, _FLAGGED)
     if severity != "ok":
         yield Finding(
@@ -193,6 +210,7 @@ def _matched_rows(result: Result) -> Iterator[Finding]:
     found = result.alignment
     if found is None:
         return
+
     if found.applied and found.rms >= _ROWS[0]:
         parts = " and ".join(_parts(found)) or "is out of line"
         yield Finding(
@@ -208,6 +226,7 @@ def _matched_rows(result: Result) -> Iterator[Finding]:
             f"rows seem to be {found.rms:.2f} px rms off, but straightening does not help: the "
             "baseline may not be level",
         )
+
     is_blurred = result.blur is not None and result.blur.blur.side != "none"
     if found.spread > _SCATTERED and not is_blurred:
         yield Finding(
@@ -237,6 +256,7 @@ def _search(diagnosis: Diagnosis) -> Iterator[Finding]:
             _NOTHING,
         )
         return
+
     if found.inverted:
         yield Finding("contrast", "warning", f"{_INVERTED}: {_INVERT}")
     ends = f"{round(found.low)} to {round(found.high)} px"
@@ -251,6 +271,7 @@ def _search(diagnosis: Diagnosis) -> Iterator[Finding]:
         )
     else:
         yield Finding("swap", "ok", "left and right are in their places")
+
     yield Finding(
         "range",
         "ok",
@@ -267,6 +288,7 @@ def _rows(diagnosis: Diagnosis) -> Finding:
             "note",
             "too little is found in both images to tell whether rows correspond",
         )
+
     least, much = (
         max(rows, errors * found.error) for rows, errors in zip(_ROWS, _ERRORS, strict=True)
     )
@@ -274,6 +296,7 @@ def _rows(diagnosis: Diagnosis) -> Finding:
     off = f"{found.rms:.2f} px rms, known to {found.error:.2f} px"
     if severity == "ok":
         return Finding("alignment", "ok", f"rows correspond as well as can be told ({off})")
+
     parts = " and ".join(_parts(found)) or "is out of line"
     return Finding(
         "alignment", severity, f"the right image {parts} ({off}): rectify the pair again"
@@ -284,6 +307,7 @@ def _parts(found: Alignment) -> Iterator[str]:
     """Name the parts of a misalignment that are seen."""
     rows, cols = found.size
     center, border = (max(part, _PART_ERRORS * found.error) for part in _PART)
+
     if abs(found.vertical) >= center:
         where = "lower" if found.vertical > 0 else "higher"
         yield f"shows things {abs(found.vertical):.1f} px {where} than the left one"
@@ -298,6 +322,7 @@ def _blur(diagnosis: Diagnosis) -> Iterator[Finding]:
     if diagnosis.blur is None:
         yield _not_measured(diagnosis, "blur", "which image is softer")
         return
+
     yield from _blur_of(diagnosis.blur)
 
 
@@ -307,6 +332,7 @@ def _blur_of(estimate: BlurEstimate) -> Iterator[Finding]:
         for blur, share in zip(estimate.blurs, estimate.areas(), strict=True)
         if spread(blur) >= _BLUR[0] and share >= _BLUR_SHARE
     ]
+
     for blur, share in seen:
         grave = spread(blur) >= _BLUR[1] and estimate.certainty >= _SURE
         where = "" if len(estimate.blurs) == 1 else f", over {share:.0%} of the image"
@@ -316,8 +342,9 @@ def _blur_of(estimate: BlurEstimate) -> Iterator[Finding]:
             "blur",
             "warning" if grave else "note",
             f"the {blur.side} image is {probably}softer than the {other} by {_shape(blur)}{where}: "
-            f"{_cure(blur)}; robust matching will compensate",
+            f"{_hint(blur)}; robust matching will compensate",
         )
+
     if not seen:
         yield Finding("blur", "ok", "the images are equally sharp")
 
@@ -351,7 +378,7 @@ def _shape(blur: Blur) -> str:
     return f"a blur of no simple shape, of radius {blur.size:.1f} px rms"
 
 
-def _cure(blur: Blur) -> str:
+def _hint(blur: Blur) -> str:
     if blur.kind in ("gaussian", "disk", "annulus"):
         return "check its focus"
     return "check its mount and its exposure time"
@@ -361,11 +388,13 @@ def _contrast(diagnosis: Diagnosis) -> Finding:
     found = diagnosis.contrast
     if found is None or diagnosis.search is None:  # without a match there is nothing to compare
         return _not_measured(diagnosis, "contrast", "gain and gamma")
+
     severity = max(
         _severity(_distance(found.ratio), _CONTRAST),
         _severity(_distance(found.gamma), _GAMMA),
         key=_ORDER.index,
     )
+
     curve = f"left = {found.gain:.2f} x right ^ {found.gamma:.2f}, black 0 to white 1"
     if severity == "ok":
         return Finding("contrast", "ok", f"both images are equally bright ({curve})")
@@ -391,12 +420,14 @@ def _noise(diagnosis: Diagnosis) -> Finding:
     found = diagnosis.noise
     if found is None:
         return _not_measured(diagnosis, "noise", "the noise")
+
     severity = _severity(max(found) / diagnosis.intensity_range, _NOISE)
     left, right = (f"{deviation:.2g}" for deviation in found)
     scale = f"on a scale of {diagnosis.intensity_range:.5g}"
     sentence = f"noise of {left} gray levels in the left image, {right} in the right, {scale}"
     if severity != "ok":
         sentence += ": more light, or less gain, would help"
+
     return Finding("noise", severity, sentence)
 
 
@@ -409,8 +440,10 @@ def _saturation(diagnosis: Diagnosis) -> Finding:
             (found.dark, "as dark as it can be: expose it longer"),
         )
     )
+
     if worst == 1:
         return Finding("saturation", "note", "an image of one or two gray levels: too few to tell")
+
     severity = _severity(worst, _SATURATED)
     if severity == "ok":
         return Finding("saturation", "ok", "hardly any pixel is at an end of the scale")
@@ -421,11 +454,13 @@ def _texture(diagnosis: Diagnosis) -> Finding:
     found = diagnosis.low_texture
     if found is None:
         return Finding("texture", "note", "the images are too small to tell their texture")
+
     share = max(found)
     severity = _severity(share, _TEXTURELESS)
     sentence = f"{share:.0%} of the image has no texture beyond noise"
     if severity != "ok":
         sentence += ": disparities there are guesses; project a pattern, or light it from the side"
+
     return Finding("texture", severity, sentence)
 
 
@@ -436,7 +471,7 @@ def _severity(value: float, levels: tuple[float, float]) -> Severity:
 
 
 def _unknown(diagnosis: Diagnosis, topic: str, what: str) -> Finding | None:
-    """Say that size or uniformity of the images keeps something from being told, if it is that."""
+    """Return a finding that the images are too small or too uniform to say `what`, if they are."""
     if min(diagnosis.size) < LEAST_SIZE:
         return Finding(topic, "note", f"the images are too small to tell {what}")
     if diagnosis.low_texture is not None and max(diagnosis.low_texture) >= _UNIFORM:

@@ -1,8 +1,7 @@
 """How the intensities of a pair compare: gain and gamma, saturation, texture.
 
-Here belongs what is told by gray levels, not by where things are: intensities as fractions of
-their range, the response curve between the two images, and the shares of pixels that carry little
-information.
+Here belongs what gray levels say, whatever shows them: intensities as fractions of their range, the
+response curve between the two images, and the shares of pixels that carry little information.
 """
 
 from __future__ import annotations
@@ -31,12 +30,12 @@ _USABLE = 0.005, 0.985  # of the range: pixels of the right image beyond it may 
 _LEAST_SHARE = 0.5  # of a window's pixels
 _LEAST_WINDOWS = 12
 _TOP = 0.95  # of the range: windows that reach it in the left image may be clipped
-_FITTED_TOP = 0.9  # the same, told by the fit instead: it does not favor windows by their noise
-_REACH = 1.5  # standard deviations of a window's pixels above its mean
+_FITTED_TOP = 0.9  # the same as the fit expects it: that does not favor windows by their noise
+_ABOVE_MEAN = 1.5  # standard deviations of a window: where its brightest pixels are taken to be
 _TOLERANCE = 0.004  # of the range: residual of a window without contrast
 _UNEVEN = 0.1  # of a window's variance: what its pixels may be misplaced by
 _GAMMAS = 0.2, 5.0
-_PRIOR = 0.5  # standard deviation of gamma around 1, for windows that do not tell it
+_PRIOR = 0.5  # standard deviation of gamma around 1, where windows do not determine it
 _OVERLAP = 10.0  # windows that share each pixel
 _ABSOLUTE_STEPS = 8
 _STEPS = 30
@@ -100,18 +99,20 @@ def response(left: Plane, right: Plane, disparity: Plane) -> tuple[float, float]
     -------
     gain, gamma
         (1, 1) where there is too little to compare; gamma tends to 1 where there is too little
-        contrast to tell it.
+        contrast to determine it.
     """
     every = max(1, round(left.size / _SAMPLES))  # rows of large images
-    windows = _windows(left[::every], right[::every], disparity[::every])
-    unclipped = windows.left + _REACH * windows.spread_left < _TOP
+    windows = _window_statistics(left[::every], right[::every], disparity[::every])
+
+    unclipped = windows.left + _ABOVE_MEAN * windows.spread_left < _TOP
     if np.count_nonzero(unclipped) < _LEAST_WINDOWS:
         return 1.0, 1.0
+
     return _fit(windows, unclipped)
 
 
 def saturation(image: Pixels) -> Saturation:
-    """Tell how much of an image is at an end of the values that it has.
+    """Measure how much of an image is at an end of the values that it has.
 
     An exposure that is too long makes many pixels equal, wherever a camera's scale then ends.
 
@@ -146,6 +147,7 @@ def low_texture(image: Plane, noise: float) -> float | None:
     rows, cols = (size // _BLOCK for size in image.shape)
     if min(rows, cols) == 0:
         return None
+
     blocks = image[: rows * _BLOCK, : cols * _BLOCK].reshape(rows, _BLOCK, cols, _BLOCK)
     contrast = blocks.std(axis=(1, 3), dtype=np.float64)
     return float((contrast < max(_QUIET * noise, _FLAT)).mean())
@@ -155,9 +157,11 @@ def _ends(left: Pixels, right: Pixels) -> tuple[float, float]:
     """Return the range of intensities of a pair."""
     if left.dtype.kind == "u":
         return 0.0, 2.0 ** (8 * left.dtype.itemsize) - 1
+
     for name, image in (("left", left), ("right", right)):
         if not np.isfinite(image).all():
             raise ValueError(f"{name}: got NaN or infinite pixels; accepts finite ones")
+
     sample = np.concatenate([_sampled(image).ravel() for image in (left, right)])
     low, high = np.percentile(sample.astype(np.float64), _ENDS)
     return float(low), float(high)
@@ -180,7 +184,7 @@ def _gray(image: Pixels, low: float, length: float) -> Plane:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Windows:
+class _WindowStatistics:
     """Means and standard deviations of corresponding windows, (N,), fractions of the range."""
 
     left: Floats
@@ -189,14 +193,18 @@ class _Windows:
     spread_right: Floats
 
 
-def _windows(left: Plane, right: Plane, disparity: Plane) -> _Windows:
+def _window_statistics(left: Plane, right: Plane, disparity: Plane) -> _WindowStatistics:
     """Gather the statistics of all windows of which enough is known."""
     cols = left.shape[1]
+
     known = np.isfinite(disparity)
     match = np.arange(cols) - np.rint(np.where(known, disparity, 0)).astype(np.intp)
     known &= (match >= 0) & (match < cols)
+
+    # Clipped pixels of the right image would bend the curve.
     there = np.take_along_axis(right, np.clip(match, 0, cols - 1), axis=1)
     known &= (there > _USABLE[0]) & (there < _USABLE[1])
+
     counts = _sums(known.astype(np.float64))
     enough = counts >= _LEAST_SHARE * _WINDOW**2
     counts = counts[enough]
@@ -205,7 +213,7 @@ def _windows(left: Plane, right: Plane, disparity: Plane) -> _Windows:
         return _sums(np.where(known, values, 0.0))[enough] / counts
 
     mean_left, mean_right = mean(left), mean(there)
-    return _Windows(
+    return _WindowStatistics(
         left=mean_left,
         right=mean_right,
         spread_left=np.sqrt(np.maximum(mean(left**2) - mean_left**2, 0)),
@@ -215,6 +223,7 @@ def _windows(left: Plane, right: Plane, disparity: Plane) -> _Windows:
 
 def _sums(values: Floats) -> Floats:
     """Return the sums over all windows: none where the image is smaller than one."""
+    # A summed-area table with a border of zeros: its corners give the sum over any window.
     table = np.pad(values, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
     y, x = (np.arange(0, max(size - _WINDOW + 1, 0), _STRIDE) for size in values.shape)
     sums: Floats = table[np.ix_(y + _WINDOW, x + _WINDOW)] + table[np.ix_(y, x)]
@@ -222,40 +231,52 @@ def _sums(values: Floats) -> Floats:
     return sums
 
 
-def _fit(windows: _Windows, unclipped: Mask) -> tuple[float, float]:
-    """Fit gain and gamma: as absolute deviations first, then with Tukey's biweight.
+def _fit(windows: _WindowStatistics, unclipped: Mask) -> tuple[float, float]:
+    """Fit gain and gamma by Gauss-Newton on the logarithm of the gain, and on gamma.
 
-    Gauss-Newton on the logarithm of the gain, and on gamma.
+    The weights are those of absolute deviations first, to come near from anywhere, then Tukey's
+    biweight, which ignores outliers.
     """
     dark = windows.right
     gain, gamma = float(np.median(windows.left[unclipped]) / np.median(dark[unclipped])), 1.0
+
     for step in range(_STEPS):
         settled = step >= _ABSOLUTE_STEPS
         used = _below_top(windows, gain, gamma, unclipped) if settled else unclipped
+
         expected = _expected(windows, gain, gamma)
         residuals = windows.left - expected
         variance = _variance(windows, gain, gamma)
         scaled = np.abs(residuals) / np.sqrt(variance)
+        # 1.4826: the median absolute deviation as a standard deviation.
         scale = float(1.4826 * np.median(scaled[used])) + 0.3
         if settled:
             robust = np.maximum(0, 1 - (scaled / (_CUT * scale)) ** 2) ** 2
         else:
             robust = 1 / np.maximum(scaled, 0.1 * scale)
+
+        # The normal equations. Columns: the derivatives by the logarithm of the gain, and by gamma.
         slopes = np.stack([expected, expected * np.log(dark)], axis=1)
         weighted = slopes * (used * robust / variance)[:, np.newaxis]
         normal, target = slopes.T @ weighted, weighted.T @ residuals
+
+        # The prior keeps gamma near 1 where the windows do not determine it.
         if settled:
             strength = _OVERLAP * (scale / _PRIOR) ** 2
             normal[1, 1] += strength
             target[1] -= strength * (gamma - 1)
+
+        # A tiny ridge: windows may be equally bright. Short steps: the model is far from linear.
         normal += 1e-9 * np.trace(normal) * np.eye(2)
+
         change = np.clip(np.linalg.solve(normal, target), -0.3, 0.3)
+
         gain *= float(np.exp(change[0]))
         gamma = float(np.clip(gamma + change[1], *_GAMMAS))
     return gain, gamma
 
 
-def _expected(windows: _Windows, gain: float, gamma: float) -> Floats:
+def _expected(windows: _WindowStatistics, gain: float, gamma: float) -> Floats:
     """Return what the left means should be.
 
     The mean of a power is not the power of the mean; to second order in the spread, this is.
@@ -265,15 +286,15 @@ def _expected(windows: _Windows, gain: float, gamma: float) -> Floats:
     return expected
 
 
-def _variance(windows: _Windows, gain: float, gamma: float) -> Floats:
+def _variance(windows: _WindowStatistics, gain: float, gamma: float) -> Floats:
     """Return how far the means may be off: far where there is an edge in the window."""
     expected = gain * gamma * windows.right ** (gamma - 1) * windows.spread_right
     variance: Floats = _TOLERANCE**2 + _UNEVEN * np.minimum(windows.spread_left, expected) ** 2
     return variance
 
 
-def _below_top(windows: _Windows, gain: float, gamma: float, otherwise: Mask) -> Mask:
+def _below_top(windows: _WindowStatistics, gain: float, gamma: float, otherwise: Mask) -> Mask:
     """Return the windows that the fit says are not clipped; if they are too few, the others."""
-    brightest = windows.right + _REACH * windows.spread_right
+    brightest = windows.right + _ABOVE_MEAN * windows.spread_right
     below: Mask = gain * brightest**gamma < _FITTED_TOP
     return below if np.count_nonzero(below) >= _LEAST_WINDOWS else otherwise

@@ -33,6 +33,7 @@ def reduced(image: Plane, factor: int) -> Plane:
     """
     if factor == 1:
         return image
+
     rows, cols = (size // factor for size in image.shape)
     blocks = image[: rows * factor, : cols * factor].reshape(rows, factor, cols, factor)
     small: Plane = blocks.mean(axis=(1, 3), dtype=np.float32)

@@ -17,8 +17,8 @@ class SearchRange:
         The disparities [min_disparity, min_disparity + num_disparities), with a margin if they were
         found.
     origin
-        "given" by the caller; "found" in the images; "default", a third of the width, where these
-        tell nothing.
+        "given" by the caller; "found" in the images; "default", a third of the width, if nothing is
+        found in them.
     confidence
         Mean confidence, 0 to 1, of a rough match of small copies over these disparities; NaN if
         there was none.

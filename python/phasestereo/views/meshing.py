@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phasestereo._images import as_mask, as_pixels, as_rgb8
 from phasestereo._numbers import as_number
-from phasestereo.result import Result
-from phasestereo.views.triangulation import as_map, check_calibration, triangulated
+from phasestereo.views.triangulation import triangulate
 
 if TYPE_CHECKING:
     from typing import Any
@@ -18,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo.io import Calibration
+    from phasestereo.result import Result
 
 __all__ = ["Mesh", "surface_mesh"]
 
@@ -45,7 +44,7 @@ class Mesh:
     picture: NDArray[np.uint8] | None
 
     def __repr__(self) -> str:
-        """Tell the numbers of corners and triangles: arrays would tell nothing."""
+        """Show the numbers of corners and triangles: arrays would say nothing."""
         return f"<Mesh {len(self.points)} points, {len(self.faces)} triangles>"
 
 
@@ -81,43 +80,29 @@ def surface_mesh(
     TypeError, ValueError
         As `point_cloud`; also if max_step is not positive.
     """
-    values = as_map(disparity)
-    check_calibration(calibration, values.shape)
-    depth = calibration.depth(values)
-    wanted = np.isfinite(depth)
-    if max_depth is not None:
-        wanted &= depth <= as_number("max_depth", max_depth, positive=True)
-    valid = as_mask(mask, values.shape, "mask")
-    if valid is not None:
-        wanted &= valid
-    points, wanted = triangulated(depth, wanted, calibration)
-    if image is None and isinstance(disparity, Result) and disparity.pair is not None:
-        image = disparity.pair[0]
-    faces = _faces(values, wanted, as_number("max_step", max_step, positive=True))
-    rows, cols = np.nonzero(wanted)
+    found = triangulate(disparity, calibration, image=image, mask=mask, max_depth=max_depth)
+    faces = _faces(found.disparity, found.kept, as_number("max_step", max_step, positive=True))
+
+    rows, cols = np.nonzero(found.kept)
     pixels = np.stack([cols, rows], axis=1).astype(np.float32)
-    return Mesh(points, faces, pixels, None if image is None else _picture(image, values.shape))
+    return Mesh(found.points, faces, pixels, found.picture)
 
 
 def _faces(values: NDArray[Any], wanted: NDArray[np.bool_], step: float) -> NDArray[np.int64]:
     """Return the triangles between the wanted pixels, numbered row by row."""
     number = np.cumsum(wanted).reshape(wanted.shape) - 1
+    # Each four neighbors: top left, top right, bottom left, bottom right.
     corners = [
         (slice(None, -1), slice(None, -1)),
         (slice(None, -1), slice(1, None)),
         (slice(1, None), slice(None, -1)),
         (slice(1, None), slice(1, None)),
     ]
+
     there = np.logical_and.reduce([wanted[corner] for corner in corners])
     four = np.where(wanted, values, 0)
     parts = [four[corner] for corner in corners]
     joined = there & (np.maximum.reduce(parts) - np.minimum.reduce(parts) <= step)
+
     a, b, c, d = (number[corner][joined] for corner in corners)
     return np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
-
-
-def _picture(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    pixels = as_pixels(image, "image")
-    if pixels.shape[:2] != shape:
-        raise ValueError(f"image: got {pixels.shape[:2]} pixels; accepts the map's {shape}")
-    return as_rgb8(pixels)

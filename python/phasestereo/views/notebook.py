@@ -41,7 +41,7 @@ _MAP = 440, 330  # pixels, width and height: without any compression still below
 _THUMBNAIL = 144, 144  # three of them are as wide as a map
 _LEAST = 144  # pixels that a small picture is enlarged to
 _SCALE_WIDTH = 456
-_SAMPLES = 2**20  # disparities that tell how all are distributed
+_SAMPLES = 2**20  # disparities that show how all are distributed
 _BARS, _GAP, _STRIP = 72, 4, 12  # rows of the histogram, and of the colors below it
 _PHOTOGRAPH_QUALITY = 85  # of a JPEG
 
@@ -77,6 +77,7 @@ def html(result: Result) -> str:
         pictures = f'{_main(result.disparity, limits(known))}<div style="{_BESIDE}">{beside}</div>'
     except ImportError as error:
         pictures = f"<div>No pictures: {escape(str(error))}</div>"
+
     words = "".join(f"<div>{line}</div>" for line in _words(result))
     return f'<div style="{_BLOCK}">{words}{pictures}</div>'
 
@@ -87,10 +88,11 @@ def blur_html(estimate: BlurEstimate) -> str:
         (str(kind), f"{share:.1%}")
         for kind, share in zip(estimate.blurs, estimate.areas(), strict=True)
     ]
+
     left, right = estimate.noise
-    told = f"certainty {estimate.certainty:.2f}, noise {left:.3g} left, {right:.3g} right"
+    numbers = f"certainty {estimate.certainty:.2f}, noise {left:.3g} left, {right:.3g} right"
     table = _table(("Relative blur", "share of the image"), rows)
-    return f'<div style="{_BLOCK}"><b>phasestereo.BlurEstimate</b> {escape(told)}{table}</div>'
+    return f'<div style="{_BLOCK}"><b>phasestereo.BlurEstimate</b> {escape(numbers)}{table}</div>'
 
 
 def diagnosis_html(diagnosis: Diagnosis) -> str:
@@ -113,6 +115,7 @@ def _table(
         )
         for row in rows
     ]
+
     body = "".join(f"<tr>{line}</tr>" for line in (head, *lines))
     return f'<table style="{_TABLE}">{body}</table>'
 
@@ -123,10 +126,12 @@ def _words(result: Result) -> Iterable[str]:
     missing = ~np.isfinite(result.disparity)
     share = float(missing.mean())
     trusted = float((~missing & (result.flags == 0)).mean())
-    told = [f"{cols} x {rows} pixels", f"{1 - share:.1%} estimated, {trusted:.1%} trusted"]
-    told += [] if result.blur is None else [f"blur: {result.blur}"]
-    told += [f"{sum(result.timings.values()):.3f} s"]
-    yield f"<b>phasestereo.Result</b> {escape(', '.join(told))}"
+
+    summary = [f"{cols} x {rows} pixels", f"{1 - share:.1%} estimated, {trusted:.1%} trusted"]
+    summary += [] if result.blur is None else [f"blur: {result.blur}"]
+    summary += [f"{sum(result.timings.values()):.3f} s"]
+    yield f"<b>phasestereo.Result</b> {escape(', '.join(summary))}"
+
     yield from (f"<b>{one.severity}</b>: {escape(one.sentence)}" for one in result.findings)
     if share:
         yield f"No estimate, gray: {share:.1%}, flagged {describe_flags(result.flags * missing)}"
@@ -147,6 +152,7 @@ def _main(disparity: NDArray[np.float32], ends: Ends) -> str:
         f"Disparity map, {cols} by {rows} pixels: blue is {low:.1f} pixels and less, "
         f"red is {high:.1f} pixels and more, gray has no estimate"
     )
+
     picture = colorize(_shrunk(disparity, _MAP), low=low, high=high)
     return _figure(_image(picture, alt), "Disparity: red is near, blue is far")
 
@@ -173,17 +179,20 @@ def _scale(known: NDArray[np.float32], ends: Ends) -> str:
     """Draw the histogram of the disparities, the color of each, and numbers below."""
     counts, edges = distribution(known)
     colors = colorize((edges[np.newaxis, 1:] + edges[:-1]) / 2, low=ends[0], high=ends[1])
+
     picture = np.full((_BARS + _GAP + _STRIP, len(counts), 3), NEUTRAL, np.uint8)
     heights = np.ceil(_BARS * counts / counts.max())
     bars = np.arange(_BARS, 0, -1)[:, np.newaxis] <= heights
     picture[:_BARS] = np.where(bars[:, :, np.newaxis], colors, picture[:_BARS])
     picture[-_STRIP:] = colors
+
     low, middle, high = (float(part) for part in np.percentile(known, (0, 50, 100)))
     alt = f"Histogram of disparities from {low:.1f} to {high:.1f} pixels, median {middle:.1f}"
     ticks = "".join(
         f'<span style="{_TICK}left:{100 * place:.2f}%;">{label}</span>'
         for place, label in _ticks(edges[0], edges[-1])
     )
+
     drawn = _image(picture, alt, size=(_SCALE_WIDTH, len(picture)))
     return f'{drawn}<div style="{_TICKS}">{ticks}</div>'
 
@@ -200,6 +209,7 @@ def _thumbnails(pair: tuple[NDArray[Any], NDArray[Any]]) -> list[Picture]:
     """Return both images small, in colors that compare."""
     steps = [max(1, min(image.shape[:2]) // (4 * max(_THUMBNAIL))) for image in pair]
     pictures = viewable(*(image[::step, ::step] for image, step in zip(pair, steps, strict=True)))
+
     thumbnails = []
     for picture in pictures:
         image = require("PIL.Image", extra="plot").fromarray(picture)
@@ -212,6 +222,7 @@ def _shrunk(values: NDArray[np.float32], box: tuple[int, int]) -> NDArray[np.flo
     """Return every n-th pixel, so that all fit into a box: values are not mixed, nor NaN lost."""
     rows, cols = values.shape
     factor = max(1.0, cols / box[0], rows / box[1])
+
     y, x = (
         ((np.arange(max(1, round(size / factor))) + 0.5) * factor).astype(int).clip(max=size - 1)
         for size in (rows, cols)
@@ -226,13 +237,17 @@ def _image(
     rows, cols = picture.shape[:2]
     factor = max(1, _LEAST // max(rows, cols))
     width, height = size or (factor * cols, factor * rows)
+
     # Style sheets of pages would undo the attribute, and narrow ones the proportions.
     held = f"height:{height}px;" if size else "height:auto;"
+
     kind = "jpeg" if photograph else "png"
-    encoded, options = io.BytesIO(), {"quality": _PHOTOGRAPH_QUALITY} if photograph else {}
+    encoded = io.BytesIO()
+    options = {"quality": _PHOTOGRAPH_QUALITY} if photograph else {}
     image = require("PIL.Image", extra="plot").fromarray(np.ascontiguousarray(picture))
     image.save(encoded, kind, optimize=True, **options)
     data = base64.b64encode(encoded.getvalue()).decode()
+
     sharp = "" if photograph else "image-rendering:pixelated;"
     return (
         f'<img src="data:image/{kind};base64,{data}" alt="{escape(alt)}" width="{width}" '

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo._images import as_pixels, on_screen, screen_range
+from phasestereo._images import as_mask, as_pixels, on_screen, screen_range
 from phasestereo._numbers import as_integer, as_number
 
 if TYPE_CHECKING:
@@ -117,19 +117,24 @@ def disparity_picture(
     """
     values = as_map("disparity", disparity)
     low, high = limits(values[np.isfinite(values)], low, high)
+
+    # Sizes in pixels; matplotlib places things by shares of the figure, from the bottom left.
     rows, cols = values.shape
     text = _text_size(cols)
     margin, beside = 2 * text, 7 * text
     width, height = margin + cols + beside, rows + 2 * margin
+
     figure = _figure(width, height)
     figure.figimage(colorize(values, low=low, high=high), margin, margin, origin="upper")
     figure.text(margin / width, 1 - 0.5 * margin / height, title, va="center", size=_points(text))
+
     box = (margin + cols + text) / width, margin / height, text / width, rows / height
     normalize = require("matplotlib.colors", extra="plot").Normalize(low, high)
     mappable = require("matplotlib.cm", extra="plot").ScalarMappable(normalize, DISPARITY_COLORS)
     bar = figure.colorbar(mappable, cax=figure.add_axes(box))
     bar.set_label("disparity, pixels", size=_points(text))
     bar.ax.tick_params(labelsize=_points(text))
+
     return _drawn(figure)
 
 
@@ -194,9 +199,11 @@ def error_map(
     found, wanted = as_map("estimate", estimate), as_map("truth", truth, like=np.shape(estimate))
     if as_number("worst", worst) <= GOOD:
         raise ValueError(f"worst: got {worst:g}; accepts more than {GOOD:g} pixel")
+
     scored = np.isfinite(wanted)
     if mask is not None:
-        scored &= _mask(mask, like=found.shape)
+        scored &= as_mask(mask, found.shape, "mask")
+
     error = np.full(found.shape, float(worst))
     np.subtract(found, wanted, out=error, where=scored & np.isfinite(found))
     return np.where(scored, np.abs(error), np.nan)
@@ -288,20 +295,24 @@ def panel(
     """
     rows, cols = _common_size(pictures, titles)
     as_integer("columns", columns, least=1)
+
     text = _text_size(cols)
     gap, lines = text, -(-len(pictures) // columns)
     above = 3 * text if heading else gap
-    across, down = cols + gap, rows + 3 * text
-    width, height = columns * across + gap, above + lines * down
+    step_x, step_y = cols + gap, rows + 3 * text
+    width, height = columns * step_x + gap, above + lines * step_y
+
     figure = _figure(width, height)
     figure.text(
         gap / width, 1 - 1.75 * text / height, heading, va="center", size=1.3 * _points(text)
     )
+
     for number, (picture, title) in enumerate(zip(pictures, titles, strict=True)):
         line, column = divmod(number, columns)
-        x, y = gap + column * across, above + line * down  # of its top left corner, y down
+        x, y = gap + column * step_x, above + line * step_y  # of its top left corner, y down
         figure.figimage(picture, x, height - y - 2 * text - rows, origin="upper")
         figure.text(x / width, 1 - (y + text) / height, title, va="center", size=_points(text))
+
     return _drawn(figure)
 
 
@@ -313,6 +324,7 @@ def _colored(
     share = np.divide(
         values - low, high - low, out=np.zeros_like(values), where=shown & (high > low)
     )
+
     lookup = require("matplotlib", extra="plot").colormaps[colors]
     picture: Picture = lookup(share, bytes=True)[:, :, :3].copy()
     picture[~shown] = elsewhere
@@ -328,6 +340,7 @@ def limits(
         float(robust[0]) if low is None else as_number("low", low),
         float(robust[1]) if high is None else as_number("high", high),
     )
+
     if ends[0] > ends[1]:
         raise ValueError(f"low: got {ends[0]:g}; accepts at most high, which is {ends[1]:g}")
     return ends
@@ -367,15 +380,6 @@ def as_map(name: str, values: ArrayLike, *, like: tuple[int, ...] | None = None)
     if like is not None and array.shape != like:
         raise ValueError(f"{name}: got shape {array.shape}; accepts that of the estimate, {like}")
     return array.astype(np.float64)
-
-
-def _mask(values: ArrayLike, *, like: tuple[int, ...]) -> Mask:
-    array = np.asarray(values)
-    if array.dtype != np.bool_:
-        raise TypeError(f"mask: got {array.dtype}; accepts bool (True = counts)")
-    if array.shape != like:
-        raise ValueError(f"mask: got shape {array.shape}; accepts that of the estimate, {like}")
-    return array
 
 
 def _common_size(pictures: Sequence[Picture], titles: Sequence[str]) -> tuple[int, int]:

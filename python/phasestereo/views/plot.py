@@ -144,6 +144,7 @@ def confidence(result: Disparities, ax: Axes | None = None, *, colorbar: bool = 
             "result: got one without confidences; they are there if it is matched with "
             "confidence=True"
         )
+
     values = as_map("confidence", given)
     image = _draw(ax, values, (0.0, 1.0), _colors(CONFIDENCE_COLORS, bad=NEUTRAL))
     if colorbar:
@@ -263,11 +264,13 @@ def histogram(
     values = _disparities(result)
     known = values[np.isfinite(values)]
     ends = limits(known, low, high)
+
     axes = _axes(ax)
     axes.set_xlabel("disparity, pixels")
     axes.set_ylabel("pixels of the image")
     if not known.size:
         return axes
+
     counts, edges = distribution(known)
     norm = require("matplotlib.colors", extra="plot").Normalize(*ends)
     colors = _colors(cmap, bad=NEUTRAL)(norm((edges[:-1] + edges[1:]) / 2))
@@ -315,9 +318,11 @@ def pair(
     left, right = _images(images)
     if style not in ("anaglyph", "side by side"):
         raise ValueError(f"style: got {style!r}; accepts 'anaglyph' and 'side by side'")
+
     if style == "anaglyph":
         red, cyan = (np.rint(image @ _GRAY).astype(np.uint8) for image in (left, right))
         return _axes(ax).imshow(np.dstack([red, cyan, cyan]))
+
     image = _axes(ax).imshow(np.hstack([left, right]))
     for y in np.linspace(0, left.shape[0] - 1, _LINES + 2)[1:-1]:
         image.axes.axhline(y, color=_LINE_COLOR, linewidth=0.8)
@@ -336,7 +341,7 @@ def blur(
     ax
         As for `disparity`.
     legend
-        Whether to tell the blurs beside it, with the share of the image that each has.
+        Whether to name the blurs beside it, with the share of the image that each has.
 
     Returns
     -------
@@ -361,11 +366,13 @@ def blur(
         )
     if not isinstance(found, BlurEstimate):
         raise TypeError(f"estimate: got {type(found).__name__}; accepts a Result or BlurEstimate")
+
     labels = found.labels
     rows, cols = (length * found.tile for length in labels.shape)
     if isinstance(estimate, Result):
         rows, cols = estimate.disparity.shape
         labels = found.label_map((rows, cols))
+
     colors = _category_colors(len(found.blurs))
     image = _draw_categories(ax, labels, [str(one) for one in found.blurs], colors, legend=legend)
     image.set_extent((-0.5, cols - 0.5, rows - 0.5, -0.5))
@@ -397,6 +404,7 @@ def overview(result: Result, figure: Figure | None = None) -> Figure:
     """
     if not isinstance(result, Result):
         raise TypeError(f"result: got {type(result).__name__}; accepts a Result")
+
     drawn: list[tuple[str, Callable[[Result, Axes], object]]] = [
         ("Disparity", disparity),
         ("Histogram", histogram),
@@ -405,21 +413,24 @@ def overview(result: Result, figure: Figure | None = None) -> Figure:
     drawn += [] if result.confidence is None else [("Confidence", confidence)]
     drawn += [] if result.blur is None else [("Blur", blur)]
     drawn += [] if result.pair is None else [("Pair", pair)]
+
     is_new = figure is None
     if figure is None:
         pyplot = require("matplotlib.pyplot", extra="plot")
         figure = pyplot.figure(figsize=(15, 8), layout="constrained")
+
     for place, (title, draw) in enumerate(drawn, 1):
         axes = figure.add_subplot(2, -(-len(drawn) // 2), place)
         axes.set_title(title)
         draw(result, axes)
+
     if is_new and _shows_open_figures():
         require("matplotlib.pyplot", extra="plot").close(figure)
     return figure
 
 
 def _shows_open_figures() -> bool:
-    """Tell whether the figures of pyplot are shown when a cell ends, beside its value."""
+    """Return whether the figures of pyplot are shown when a cell ends, beside its value."""
     return "inline" in require("matplotlib", extra="plot").get_backend().lower()
 
 
@@ -468,7 +479,7 @@ def _bar(image: AxesImage, label: str, *, extend: str = "neither") -> None:
 
 
 def _extent(known: NDArray[np.float64], ends: tuple[float, float]) -> str:
-    """Tell at which ends of the colors there is more."""
+    """Return at which ends of the colors there is more, as matplotlib calls them."""
     beyond = bool((known < ends[0]).any()), bool((known > ends[1]).any())
     names = {(True, True): "both", (True, False): "min", (False, True): "max"}
     return names.get(beyond, "neither")
@@ -510,8 +521,10 @@ def _categories(given: ArrayLike) -> NDArray[np.intp]:
         raise ValueError(f"flags: got shape {bits.shape}; accepts (H, W)")
     if unknown := int(np.bitwise_or.reduce(bits, axis=None)) & ~sum(Flag):
         raise ValueError(f"flags: got bits {unknown:#x}; accepts those of Flag")
+
     numbers = {flag: number for number, flag in enumerate(Flag, 1)}
     categories = np.zeros(bits.shape, np.intp)
+    # In falling order, so that the smallest flag of a pixel is written last; FILLED comes first.
     for flag in sorted(Flag, key=lambda flag: (flag is Flag.FILLED, flag), reverse=True):
         categories[bits & flag != 0] = numbers[flag]
     return categories
@@ -523,6 +536,7 @@ def _images(given: Result | Sequence[ArrayLike]) -> list[NDArray[np.uint8]]:
         raise ValueError("images: got a result that does not know its pair; accepts two images")
     if len(images) != 2:
         raise ValueError(f"images: got {len(images)}; accepts two, left and right")
+
     left, right = viewable(*images)
     if left.shape != right.shape:
         raise ValueError(f"images: got {left.shape[:2]} and {right.shape[:2]}; accepts one size")

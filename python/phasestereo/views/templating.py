@@ -53,6 +53,7 @@ def render_page(template: str, *, package: str | Path = "phasestereo.views", **c
         trim_blocks=True,
         lstrip_blocks=True,
     )
+
     environment.filters["embedded"] = data_uri
     environment.globals["source"] = _source
     page: str = environment.get_template(template).render(context)
@@ -66,7 +67,7 @@ def _source(name: str) -> Any:
 
 
 def data_uri(path: str | Path) -> str:
-    """Return a file as a URI that holds all of it; its suffix tells its media type.
+    """Return a file as a URI that holds all of it; its suffix gives its media type.
 
     Raises
     ------
@@ -77,5 +78,6 @@ def data_uri(path: str | Path) -> str:
     """
     media_type, _ = mimetypes.guess_type(Path(path).name)
     if media_type is None:
-        raise ValueError(f"path: got {path}; accepts files whose suffix tells their media type")
+        raise ValueError(f"path: got {path}; accepts files whose suffix gives their media type")
+
     return f"data:{media_type};base64,{base64.b64encode(Path(path).read_bytes()).decode()}"

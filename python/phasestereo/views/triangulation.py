@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -48,6 +48,7 @@ class PointCloud:
             raise ValueError("points: got infinity or NaN; accepts finite coordinates")
         if self.colors is None:
             return
+
         _check_rows("colors", self.colors, np.uint8)
         if len(self.colors) != len(self.points):
             got, wanted = len(self.colors), len(self.points)
@@ -58,7 +59,7 @@ class PointCloud:
         return len(self.points)
 
     def __repr__(self) -> str:
-        """Tell the number of points and how far away they are: arrays would tell nothing."""
+        """Show the number of points and how far away they are: arrays would say nothing."""
         depth = self.points[:, 2]
         span = f", depth {depth.min():.5g} to {depth.max():.5g}" if len(self) else ""
         return f"<PointCloud {len(self)} points{span}{'' if self.colors is None else ', colored'}>"
@@ -110,8 +111,31 @@ def point_cloud(
     Y = (y - cy) * Z / fy: to the precision of float32 what ``cv2.reprojectImageTo3D`` makes of it
     with `Calibration.q`.
     """
-    values = as_map(disparity)
-    check_calibration(calibration, values.shape)
+    found = triangulate(disparity, calibration, image=image, mask=mask, max_depth=max_depth)
+    return PointCloud(found.points, None if found.picture is None else found.picture[found.kept])
+
+
+class Triangulation(NamedTuple):
+    """The points of a map, (N, 3); the map, the pixels that became points, and the picture."""
+
+    points: NDArray[np.float32]
+    disparity: NDArray[Any]
+    kept: NDArray[np.bool_]
+    picture: NDArray[np.uint8] | None
+
+
+def triangulate(
+    disparity: Result | ArrayLike,
+    calibration: Calibration,
+    *,
+    image: ArrayLike | None,
+    mask: ArrayLike | None,
+    max_depth: float | None,
+) -> Triangulation:
+    """Return the points of all pixels that are wanted and have a depth; see `point_cloud`."""
+    values = _disparities(disparity)
+    _check_calibration(calibration, values.shape)
+
     depth = calibration.depth(values)
     wanted = np.isfinite(depth)
     if max_depth is not None:
@@ -119,13 +143,15 @@ def point_cloud(
     valid = as_mask(mask, values.shape, "mask")
     if valid is not None:
         wanted &= valid
-    points, wanted = triangulated(depth, wanted, calibration)
+
     if image is None and isinstance(disparity, Result) and disparity.pair is not None:
         image = disparity.pair[0]
-    return PointCloud(points, None if image is None else _colors(image, values.shape)[wanted])
+    picture = None if image is None else _picture(image, values.shape)
+    points, kept = _points(depth, wanted, calibration)
+    return Triangulation(points, values, kept, picture)
 
 
-def triangulated(
+def _points(
     depth: NDArray[np.float32], wanted: NDArray[np.bool_], calibration: Calibration
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return the points of the wanted pixels, and which of these have finite coordinates."""
@@ -137,13 +163,14 @@ def triangulated(
         points[:, 0] = (cols - cx) * z / fx
         points[:, 1] = (rows - cy) * z / fy
     points[:, 2] = z
+
     finite = np.isfinite(points).all(axis=1)
     kept = wanted.copy()
     kept[wanted] = finite
     return points[finite], kept
 
 
-def as_map(disparity: Result | ArrayLike) -> NDArray[Any]:
+def _disparities(disparity: Result | ArrayLike) -> NDArray[Any]:
     """Return the disparities of a result, or of what is a map itself."""
     given = disparity.disparity if isinstance(disparity, Result) else disparity
     values = as_array(given, "disparity")
@@ -154,7 +181,7 @@ def as_map(disparity: Result | ArrayLike) -> NDArray[Any]:
     return values
 
 
-def check_calibration(calibration: Calibration, shape: tuple[int, ...]) -> None:
+def _check_calibration(calibration: Calibration, shape: tuple[int, ...]) -> None:
     """Refuse what is no calibration, or one of another size."""
     from phasestereo.io import Calibration  # noqa: PLC0415 - `import phasestereo` reads no files
 
@@ -164,7 +191,7 @@ def check_calibration(calibration: Calibration, shape: tuple[int, ...]) -> None:
     calibration.check_size(shape)
 
 
-def _colors(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def _picture(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     pixels = as_pixels(image, "image")
     if pixels.shape[:2] != shape:
         raise ValueError(f"image: got {pixels.shape[:2]} pixels; accepts the map's {shape}")

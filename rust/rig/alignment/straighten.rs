@@ -20,7 +20,7 @@ use ndarray::Array3;
 
 use super::{Alignment, RowPolynomial};
 use crate::error::Result;
-use crate::image::intensity::{Gray, Range};
+use crate::image::intensity::{Gray, IntensityRange};
 use crate::image::plane::{Plane, zeroed};
 use crate::image::view::{Image, View};
 use crate::math;
@@ -267,7 +267,7 @@ fn without_impulses(view: &View, level: Level, control: &Control) -> Result<View
 
     // Ranges are in thousandths of the unit.
     let white = 1000.0 * f64::from(gray.reach()) / unit;
-    let range = Some(Range { black: -white, white });
+    let range = Some(IntensityRange { black: -white, white });
 
     Ok(View { image: Image::F64(pixels), mask: view.mask.clone(), range, impulses: 0.0 })
 }

@@ -10,7 +10,7 @@ use super::parts::Means;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::blocking::{self, Extra};
-use crate::image::impulses::{self, HEIGHT, are_there, doubtless};
+use crate::image::impulses::{self, HEIGHT, count_doubtless, has_impulses};
 use crate::image::intensity::{Gray, float_range};
 use crate::image::masking;
 use crate::image::view::{Image, View};
@@ -137,7 +137,7 @@ impl Defects {
         let mut defects = Self { impulses: [0.0; 2], coding: [0.0; 2] };
 
         for (side, DefectCounts { doubtless, extra, steps }) in found.iter().enumerate() {
-            if are_there(*doubtless, rows * cols) {
+            if has_impulses(*doubtless, rows * cols) {
                 defects.impulses[side] = HEIGHT * levels[side];
             }
             defects.coding[side] = HARM * extra.jump() / steps;
@@ -175,8 +175,8 @@ fn counts(
 
         let rows = start..(start + ROWS).min(rows.end);
         Ok(DefectCounts {
-            doubtless: doubtless(&plane, rows.clone(), level, how.level)?,
-            extra: Extra::of(&plane, rows, (first, height), level, how.level)?,
+            doubtless: count_doubtless(&plane, rows.clone(), level, how.level)?,
+            extra: Extra::of_rows(&plane, rows, (first, height), level, how.level)?,
             steps: gray.steps(1.0),
         })
     };

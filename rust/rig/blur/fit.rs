@@ -18,6 +18,8 @@ use crate::simd::{Level, Loop};
 const LARGEST_RESIDUAL: f32 = 2.0;
 /// Least share of an image's power that is taken for signal.
 const LEAST_SIGNAL: f32 = 0.02;
+/// Least share of the power that a blur is taken to leave, where it is undone.
+const LEAST_LEFT: f32 = 1e-3;
 /// The logarithm of the gain of power lies within so many nepers of 0, that of its correction within one.
 const LARGEST_GAIN: f32 = 20.0;
 
@@ -87,6 +89,21 @@ impl BlurEvidence {
     /// Evidence for a blur of the left image and for one of the right image, given the powers of the noise of both.
     pub fn of_both(powers: &Powers, noise: [f32; 2], level: Level) -> [Self; 2] {
         level.run(Signals { powers, noise })
+    }
+
+    /// The evidence with a blur of the sharper image undone, of which this is the response.
+    pub fn against(&self, response: &Response) -> Self {
+        let (responses, _) = response.values.as_chunks::<FLOAT_LANES>();
+
+        let mut undone = self.clone();
+        for (sharp, response) in undone.sharp.iter_mut().zip(responses) {
+            for (sharp, left) in sharp.iter_mut().zip(response) {
+                *sharp /= left.max(LEAST_LEFT);
+            }
+        }
+
+        undone.low += response.low;
+        undone
     }
 
     /// Fits the model: blurred = gain x response x (sharp - its noise) + noise.

@@ -4,7 +4,7 @@ use super::bins::SIDE;
 use super::spectrum::BlockPlace;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
-use crate::image::intensity::{Gray, Range};
+use crate::image::intensity::{Gray, IntensityRange};
 use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
 use crate::pipeline::control::Control;
@@ -265,7 +265,7 @@ pub fn as_view(plane: Plane<f32>) -> View {
     let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
 
     // A fixed range keeps the scale the same for every part of an image; in thousandths.
-    let range = Range { black: -1000.0 * REACH, white: 1000.0 * REACH };
+    let range = IntensityRange { black: -1000.0 * REACH, white: 1000.0 * REACH };
 
     // The plane has as many values as its shape, so there is no error.
     View {

@@ -6,7 +6,7 @@ use crate::image::convolution::Kernel;
 use crate::image::plane::Plane;
 use crate::rig::blur::{Blur, Estimate, Side};
 use crate::rig::blur_compensation::BlurCompensation;
-use crate::rig::psf::Family;
+use crate::rig::psf::{Family, Taps};
 use crate::settings::{LARGEST_PIXEL, LARGEST_WINDOW, Settings};
 
 /// Pixels by which neighborhoods and windows grow where there is blur: larger ones describe what is left of the texture.
@@ -111,21 +111,26 @@ impl CompensationPlan {
 }
 
 fn is_wide(blur: &Blur) -> bool {
-    blur.psf.is_some_and(|psf| psf.family == Family::Gaussian && psf.size >= WIDE)
+    blur.other.is_none()
+        && blur.psf.is_some_and(|psf| psf.family == Family::Gaussian && psf.size >= WIDE)
 }
 
-/// The kernels of a class: the sharper image is convolved with the blur that it lacks.
+/// The kernels of a class: each image is convolved with the blur that it lacks.
 fn kernels(blur: &Blur) -> Result<KernelPair> {
     let (Some(side), Some(taps)) = (blur.side, &blur.taps) else {
         return Ok([None, None]);
     };
 
-    let values = taps.values.iter().map(|tap| *tap as f32).collect();
-    let kernel = Some(Plane::from_vec(taps.side(), taps.side(), values)?);
+    let kernel = |taps: &Taps| {
+        let values = taps.values.iter().map(|tap| *tap as f32).collect();
+        Plane::from_vec(taps.side(), taps.side(), values)
+    };
+    let for_sharper = Some(kernel(taps)?);
+    let for_softer = blur.other.map(|psf| kernel(&psf.taps())).transpose()?;
 
     Ok(match side {
-        Side::Left => [None, kernel],
-        Side::Right => [kernel, None],
+        Side::Left => [for_softer, for_sharper],
+        Side::Right => [for_sharper, for_softer],
     })
 }
 
@@ -166,9 +171,9 @@ mod tests {
     fn sizes(kinds: &[(Family, f64)]) -> (usize, usize) {
         let blur = |&(family, size): &(Family, f64)| {
             let psf = Psf::round(family, size);
-            Blur { side: Some(Side::Left), psf: Some(psf), taps: Some(psf.taps()) }
+            Blur { side: Some(Side::Left), psf: Some(psf), taps: Some(psf.taps()), other: None }
         };
-        let none = Blur { side: None, psf: None, taps: None };
+        let none = Blur { side: None, psf: None, taps: None, other: None };
 
         let estimate = Estimate {
             blurs: kinds.iter().map(blur).chain([none]).collect(),

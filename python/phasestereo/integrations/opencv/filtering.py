@@ -46,7 +46,7 @@ class RightMatcher:
         return self._left.getNumDisparities()
 
     def __repr__(self) -> str:
-        """Tell whose right matcher it is."""
+        """Show whose right matcher it is."""
         return f"RightMatcher({self._left!r})"
 
 
@@ -92,11 +92,13 @@ def createDisparityWLSFilter(matcher_left: StereoPhase) -> Any:
         If the matcher is not a `StereoPhase`.
     """
     RightMatcher(matcher_left)  # refuses matchers of others
+
     ximgproc = require("cv2.ximgproc", extra="opencv")
     wls = ximgproc.createDisparityWLSFilterGeneric(use_confidence=True)
     wls.setDepthDiscontinuityRadius(RADIUS)
     wls.setLambda(WEIGHT)
     wls.setSigmaColor(COLOR)
+
     matcher_left.setDisp12MaxDiff(NO_CHECK)
     matcher_left.setSpeckleWindowSize(0)
     matcher_left.setUniquenessRatio(0)

@@ -49,7 +49,7 @@ block size, 0 being that of the preset."""
 
 
 class Parameters:
-    """What OpenCV's StereoSGBM and StereoBM are told, and what a `StereoPhase` makes of it.
+    """The parameters of OpenCV's StereoSGBM and StereoBM, and what a `StereoPhase` makes of them.
 
     These count: minDisparity, numDisparities, blockSize, disp12MaxDiff, uniquenessRatio,
     speckleWindowSize and speckleRange. The others describe costs which this matcher does not have.

@@ -52,9 +52,14 @@ class StereoPhase(Parameters):
         super().__init__(**values)
         for name in overrides.keys() & DECIDED.keys():
             raise TypeError(f"{name}: OpenCV's {DECIDED[name]} sets it here")
-        self._name, self._overrides, self._threads = preset, overrides, threads
+
+        self._name = preset
+        self._overrides = overrides
+        self._threads = threads
         self._chosen = resolve(preset, None, {"fill": False, "confidence": False, **overrides})
         self._matchers: dict[Settings, Matcher] = {}
+
+        # What is wrong with the parameters is raised here, and not by the first pair.
         self._check_range()
         self._matcher(self._settings())
 
@@ -123,20 +128,21 @@ class StereoPhase(Parameters):
         return _sixteenths(found, lowest - 1, np.empty(found.shape, np.int16))
 
     def __repr__(self) -> str:
-        """Tell the call that makes such a matcher, but for what is OpenCV's default."""
-        told = {
+        """Show the call that makes such a matcher, but for what is OpenCV's default."""
+        given: dict[str, Any] = {
             name: value
             for name, value in self._values.items()
             if value != DEFAULTS[name] or name in ("minDisparity", "numDisparities")
         }
-        ours = {"preset": self._name, **self._overrides}
-        return f"StereoPhase({', '.join(f'{k}={v!r}' for k, v in (told | ours).items())})"
+        given |= {"preset": self._name, **self._overrides}
+        return f"StereoPhase({', '.join(f'{name}={value!r}' for name, value in given.items())})"
 
     def _match(self, left: Pixels, right: Pixels, settings: Settings) -> NDArray[np.float32]:
         """Return the disparities of RGB images, NaN where there is no estimate."""
         low, count = self._check_range(left.shape[1])
         matcher = self._matcher(settings)
         found = matcher.match(left, right, min_disparity=low, num_disparities=count).disparity
+
         if not settings.fill:  # smoothing has led a few out of the image
             columns = np.arange(found.shape[1]) - np.rint(found)
             found[(columns < 0) | (columns >= found.shape[1])] = np.nan
@@ -154,11 +160,15 @@ class StereoPhase(Parameters):
         """Return what the parameters mean; without checks as `cv2.ximgproc` has right matchers."""
         block = self.getBlockSize()
         window = block + 1 - block % 2 if block > 0 else self._chosen.window
+
         if not is_checked:
             return replace(self._chosen, window=window, lr_check=None, uniqueness=0, speckle_size=0)
+
+        # Numbers out of the range of ours mean what StereoSGBM makes of them.
         most = self.getDisp12MaxDiff() if self.getDisp12MaxDiff() > 0 else 1
         ratio = self.getUniquenessRatio()
         has_speckles = self.getSpeckleRange() >= 0 and self.getSpeckleWindowSize() > 0
+
         return replace(
             self._chosen,
             window=window,
@@ -183,6 +193,7 @@ class StereoPhase(Parameters):
                 f"minDisparity: got {low}; accepts {2 - width - count} to {width - 1}: any other "
                 f"leads all {count} disparities out of images {width} pixels wide"
             )
+
         return low, count
 
 
@@ -195,6 +206,7 @@ def _pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
                 f"{name}: got NaN or infinite pixels; accepts finite ones (phasestereo.match takes "
                 "masks, too)"
             )
+
     return pair
 
 
@@ -204,6 +216,7 @@ def _rgb(image: ArrayLike, name: str) -> NDArray[Any]:
         raise TypeError(
             f"{name}: got None, which is what cv2.imread returns for a file that it cannot read"
         )
+
     pixels = as_array(image, name)
     return pixels[:, :, 2::-1] if pixels.ndim == 3 and pixels.shape[2] in (3, 4) else pixels
 

@@ -8,7 +8,7 @@
             header = recording.headers[frame.index]
 
 Here belong the files (`bags`, through the library rosbags), what pairs the frames of two topics
-(`pairing`), what images are in messages (`images`), what ``camera_info`` tells (`infos`) and the
+(`pairing`), what images are in messages (`images`), what ``camera_info`` holds (`infos`) and the
 messages that come out (`messages`), which the node of ROS 2 makes, too. It needs the extra ``ros``.
 """
 

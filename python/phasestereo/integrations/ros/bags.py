@@ -8,13 +8,12 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from phasestereo._closing import Closing
 from phasestereo._extras import require
 from phasestereo.io.files import named, suffix, target_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from types import TracebackType
-    from typing import Self
 
     from phasestereo.io.files import StrPath
 
@@ -30,7 +29,7 @@ class Item(NamedTuple):
 
 
 def is_recording(path: StrPath) -> bool:
-    """Tell whether a path is that of a recording: by its suffix, or by what the folder holds."""
+    """Return whether a path is that of a recording: by its suffix, or by what the folder holds."""
     place = Path(path)
     return suffix(place) in SUFFIXES or (place / "metadata.yaml").is_file()
 
@@ -60,7 +59,8 @@ class Bag:
         store = stores.Stores.ROS1_NOETIC if is_ros1 else stores.Stores.ROS2_HUMBLE
         types = stores.get_typestore(store)
         self._decode = types.deserialize_ros1 if is_ros1 else types.deserialize_cdr
-        self._path.stat()  # what does not exist is the system's to tell
+
+        self._path.stat()  # the system says what does not exist
         self._reader: Any = None
         with named(os.fspath(path)):
             reader = _reader(self._path)
@@ -100,7 +100,7 @@ class Bag:
 
 
 def _reader(path: Path) -> Any:
-    """Return what reads such a file; single files of rosbag2 lack the folder that it expects."""
+    """Return the reader of such a file; single files of rosbag2 lack the folder that it expects."""
     if path.is_dir():
         return require("rosbags.rosbag2", extra="ros").Reader(path)
     if suffix(path) == ".bag":
@@ -110,7 +110,7 @@ def _reader(path: Path) -> Any:
     return require("rosbags.rosbag2.storage_sqlite3", extra="ros").Sqlite3Reader(path)
 
 
-class RecordingWriter:
+class RecordingWriter(Closing):
     """Writes messages to a recording.
 
     It takes its place when it is closed, also when an error ends the ``with`` block; without a
@@ -136,17 +136,21 @@ class RecordingWriter:
         if suffix(path) not in SUFFIXES:
             names = ", ".join(SUFFIXES)
             raise ValueError(f"path of a recording must end in {names}, got {os.fspath(path)!r}")
+
         self._kind = suffix(path)
         self._target = target_of(path)
         if self._kind == ".db3" and self._target.exists():
             raise FileExistsError(17, "exists already: a recording is a folder", str(path))
+
         stores = require("rosbags.typesys", extra="ros")
         self.is_ros1 = self._kind == ".bag"
         name = stores.Stores.ROS1_NOETIC if self.is_ros1 else stores.Stores.ROS2_HUMBLE
         self._types = stores.get_typestore(name)
+
         self._home = self._target.with_name(f".{secrets.token_hex(8)}.part")
-        self._home.mkdir()  # nothing else knows all that can go wrong
+        self._home.mkdir()  # only trying shows all that can go wrong
         self._home.rmdir()
+
         self._writer: Any = None
         self._connections: dict[str, Any] = {}
 
@@ -164,6 +168,7 @@ class RecordingWriter:
             fields["seq"] = 0
         if self.is_ros1 and kind == "stereo_msgs/msg/DisparityImage":
             fields["T"] = fields.pop("t")
+
         return self._types.types[kind](**fields)
 
     def write(self, topic: str, stamp: int, message: Any) -> None:
@@ -186,10 +191,12 @@ class RecordingWriter:
         kind = message.__msgtype__
         if self._writer is None:
             self._open()
+
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(
                 topic, kind, typestore=self._types
             )
+
         encode = self._types.serialize_ros1 if self.is_ros1 else self._types.serialize_cdr
         self._writer.write(self._connections[topic], stamp, encode(message, kind))
 
@@ -198,28 +205,18 @@ class RecordingWriter:
         writer, self._writer = self._writer, None
         if writer is None:
             return
+
         try:
             writer.close()
+            # Of the folder that rosbags makes, a rosbag2 in SQLite is all, the others are one file.
             made = self._home / self._target.stem
             inner = made if self._kind == ".db3" else self._home / f"{made.name}{self._kind}"
             if self._kind == ".mcap":
                 inner = made / f"{made.name}.mcap"
+
             inner.replace(self._target)
         finally:
             shutil.rmtree(self._home, ignore_errors=True)
-
-    def __enter__(self) -> Self:
-        """Return the writer."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the writer."""
-        self.close()
 
     def _open(self) -> None:
         self._home.mkdir()
@@ -236,5 +233,6 @@ class RecordingWriter:
                 else rosbag2.StoragePlugin.SQLITE3
             )
             writer = rosbag2.Writer(made, version=8, storage_plugin=plugin)
+
         writer.open()
         self._writer = writer

@@ -79,10 +79,12 @@ def _samples(message: Any) -> NDArray[Any]:
     dtype = np.dtype((">" if message.is_bigendian else "<") + kind)
     rows, cols, step = message.height, message.width, message.step
     data = np.frombuffer(bytes(message.data), np.uint8)
+
     if not rows or not cols or step < cols * count * dtype.itemsize:
         raise ValueError(f"image: got {cols} x {rows} pixels with rows of {step} bytes")
     if data.size < rows * step:
         raise ValueError(f"image: cut short, it has {data.size} bytes of {rows * step}")
+
     lines = data[: rows * step].reshape(rows, step)[:, : cols * count * dtype.itemsize]
     pixels = np.ascontiguousarray(lines).view(dtype).reshape(rows, cols, count)
     return pixels[:, :, list(order)].astype(dtype.newbyteorder("="), copy=False)
@@ -93,6 +95,7 @@ def _decompressed(message: Any) -> Pixels:
     encoding = message.format.partition(";")[0].strip()
     if not data.startswith(RASTER_MAGICS):
         raise ValueError(f"format: got {message.format!r}; accepts jpeg and png")
+
     with named("image"):
         samples = as_image(decode_raster(io.BytesIO(data)))
     return _developed(samples[:, :, np.newaxis] if samples.ndim == 2 else samples, encoding)

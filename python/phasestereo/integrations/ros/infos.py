@@ -1,4 +1,4 @@
-"""What a pair of ``camera_info`` messages tells: whether and how to rectify, and the geometry."""
+"""What a pair of ``camera_info`` messages says: whether and how to rectify, and the geometry."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")
 _SAME = 1e-6  # relative: matrices that have been through text
 
 
-class Geometry(NamedTuple):
+class RigGeometry(NamedTuple):
     """How to rectify the frames (None: they are), and OpenCV's matrix Q of rectified ones."""
 
     cameras: Cameras | None
@@ -30,8 +30,8 @@ def info_topic(topic: str) -> str:
     return f"{parent}/camera_info"
 
 
-def geometry_of(left: Any, right: Any, topics: tuple[str, str]) -> Geometry:
-    """Return what both messages tell of images of these topics.
+def geometry_of(left: Any, right: Any, topics: tuple[str, str]) -> RigGeometry:
+    """Return what both messages say of images of these topics.
 
     Images are rectified already where the names of both topics say so (``image_rect``), or where
     rectifying would change nothing.
@@ -43,23 +43,25 @@ def geometry_of(left: Any, right: Any, topics: tuple[str, str]) -> Geometry:
     """
     documents = [_document(message) for message in (left, right)]
     cameras = cameras_of_pair(*documents)
+
     p1, p2 = (np.asarray(document["P"]).reshape(3, 4) for document in documents)
     if not (p1[0, 0] > 0 and p2[0, 0] > 0):
         raise ValueError("camera_info: P is 0, as of cameras that were not calibrated as a pair")
+
     q = q_of(p1, p2)
     named = all(_RECTIFIED.search(topic) for topic in topics)
-    return Geometry(None if named or all(map(_is_straight, documents)) else cameras, q)
+    return RigGeometry(None if named or all(map(_is_straight, documents)) else cameras, q)
 
 
 def _document(message: Any) -> dict[str, Any]:
     """Return a message as the reader of calibrations takes it; ROS 1 has capital letters."""
-    told: dict[str, Any] = {
+    fields: dict[str, Any] = {
         name: np.asarray(getattr(message, name, getattr(message, name.lower(), ())), np.float64)
         for name in "KDRP"
     }
-    if not told["D"].size:
-        told["D"] = np.zeros(5)
-    return told | {
+    if not fields["D"].size:
+        fields["D"] = np.zeros(5)
+    return fields | {
         "width": message.width,
         "height": message.height,
         "distortion_model": message.distortion_model,
@@ -67,8 +69,9 @@ def _document(message: Any) -> dict[str, Any]:
 
 
 def _is_straight(document: dict[str, Any]) -> bool:
-    """Tell whether rectifying images of a camera leaves them as they are."""
+    """Return whether rectifying images of a camera leaves them as they are."""
     camera, rotation = document["K"].reshape(3, 3), document["R"].reshape(3, 3)
     projection = document["P"].reshape(3, 4)[:, :3]
+
     close = np.allclose(camera, projection, rtol=_SAME, atol=_SAME)
     return bool(close and np.allclose(rotation, np.eye(3), atol=_SAME) and not document["D"].any())

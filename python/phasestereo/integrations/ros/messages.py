@@ -74,8 +74,10 @@ def disparity_image(
     """
     shift = 0.0 if calibration is None else calibration.doffs
     low, count = _range(result)
+
     found = result.disparity + np.float32(shift)
     found[~np.isfinite(result.disparity)] = np.float32(low + shift - 1)
+
     rows, cols = found.shape
     window = make(
         "sensor_msgs/msg/RegionOfInterest",
@@ -85,6 +87,7 @@ def disparity_image(
         width=cols,
         do_rectify=False,
     )
+
     return make(
         "stereo_msgs/msg/DisparityImage",
         header=header_of(make, header),
@@ -118,6 +121,7 @@ def depth_image(make: Make, header: Header, depth: Map, encoding: str) -> Any:
     """
     if encoding == "32FC1":
         return image_of(make, header, depth)
+
     millimetres = np.rint(1000 * depth.astype(np.float64))
     held = np.isfinite(millimetres) & (millimetres <= _MOST_MM)
     return image_of(make, header, np.where(held, millimetres, 0).astype(np.uint16))
@@ -144,17 +148,21 @@ def point_cloud2(
     """
     (fx, _, cx), (_, fy, cy), _ = calibration.cam0
     rows, cols = depth.shape
+
     points = np.empty((rows, cols), _POINT)
     z = depth.astype(np.float64)
     points["x"] = (np.arange(cols) - cx) * z / fx
     points["y"] = (np.arange(rows)[:, np.newaxis] - cy) * z / fy
     points["z"] = depth
+
     red, green, blue = np.moveaxis(as_rgb8(as_pixels(left, "left")).astype(np.uint32), 2, 0)
     points["rgb"] = red << 16 | green << 8 | blue
+
     fields = [
         make("sensor_msgs/msg/PointField", name=name, offset=4 * place, datatype=_FLOAT32, count=1)
         for place, name in enumerate(("x", "y", "z", "rgb"))
     ]
+
     return make(
         "sensor_msgs/msg/PointCloud2",
         header=header_of(make, header),
@@ -208,9 +216,9 @@ def _status(make: Make, diagnosis: Diagnosis, topic: str, numbers: Any) -> Any:
     )
 
 
-def _flat(told: Any, name: str = "") -> list[tuple[str, float]]:
+def _flat(value: Any, name: str = "") -> list[tuple[str, float]]:
     """Return the numbers of nested mappings by names such as left.bright; lists are left out."""
-    if isinstance(told, dict):
-        parts = [_flat(value, f"{name}.{key}".strip(".")) for key, value in told.items()]
+    if isinstance(value, dict):
+        parts = [_flat(inner, f"{name}.{key}".strip(".")) for key, inner in value.items()]
         return [pair for part in parts for pair in part]
-    return [(name, float(told))] if isinstance(told, int | float) else []
+    return [(name, float(value))] if isinstance(value, int | float) else []

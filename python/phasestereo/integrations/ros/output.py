@@ -67,9 +67,12 @@ class FrameWriter:
         if depth_encoding not in DEPTHS:
             accepted = ", ".join(DEPTHS)
             raise ValueError(f"depth_encoding: got {depth_encoding!r}; accepts {accepted}")
-        self._writer, self._kinds, self._encoding = writer, kinds, depth_encoding
+
+        self._writer = writer
+        self._kinds = kinds
+        self._encoding = depth_encoding
         self._space = os.path.commonpath([f"/{topic.lstrip('/')}" for topic in topics]).rstrip("/")
-        self._diagnosed: int | None = None
+        self._diagnosed: int | None = None  # the stamp of the last diagnosis
 
     def write(self, frame: Frame, header: Header, calibration: Calibration | None) -> None:
         """Write the messages of a frame.
@@ -91,22 +94,26 @@ class FrameWriter:
         """
         make, result = self._writer.make, frame.result
         found = {}
+
         if "disparity" in self._kinds:
             found["disparity"] = disparity_image(make, header, result, calibration)
+
         if calibration is not None:
             depth = calibration.depth(result.disparity)
             if "depth" in self._kinds:
                 found["depth"] = depth_image(make, header, depth, self._encoding)
             if "points" in self._kinds:
                 found["points2"] = point_cloud2(make, header, depth, calibration, frame.left)
+
         for name, message in found.items():
             self._writer.write(f"{self._space}/{name}", header.stamp, message)
+
         if "diagnostics" in self._kinds and self._is_due(header.stamp):
-            told = diagnostics(make, header, check(frame.left, frame.right))
-            self._writer.write("/diagnostics", header.stamp, told)
+            status = diagnostics(make, header, check(frame.left, frame.right))
+            self._writer.write("/diagnostics", header.stamp, status)
 
     def _is_due(self, stamp: int) -> bool:
-        """Tell whether a second has passed, or time has gone back."""
+        """Return whether a second has passed, or time has gone back."""
         last = self._diagnosed
         due = last is None or not 0 <= stamp - last < _SECOND
         self._diagnosed = stamp if due else last

@@ -17,7 +17,7 @@ Message: TypeAlias = Any
 
 
 class Header(NamedTuple):
-    """What a message tells of itself: when it was taken, ns since 1970, and in which frame."""
+    """What a message says of itself: when it was taken, ns since 1970, and in which frame."""
 
     stamp: int
     frame_id: str
@@ -58,10 +58,13 @@ def paired(
         if isinstance(arrival.message, Exception):
             yield arrival.header, arrival.message
             continue
+
         waiting[arrival.side].append(arrival)
         yield from _ready(waiting, tolerance)
         if len(waiting[arrival.side]) > _MOST_WAITING:
             yield _alone(waiting[arrival.side].popleft(), None, tolerance)
+
+    # The recording is over: whatever still waits has no partner.
     for queue in waiting:
         while queue:
             yield _alone(queue.popleft(), None, tolerance)

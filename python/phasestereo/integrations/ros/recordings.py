@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from phasestereo.integrations.ros.bags import Bag
 from phasestereo.integrations.ros.images import decode_image
-from phasestereo.integrations.ros.infos import Geometry, geometry_of, info_topic
+from phasestereo.integrations.ros.infos import RigGeometry, geometry_of, info_topic
 from phasestereo.integrations.ros.pairing import SIDES, Arrival, Header, paired
-from phasestereo.integrations.video.capture import Capture, Pair, Source, lost
+from phasestereo.integrations.video.capture import Capture, CaptureSource, Pair, lost
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator, Sequence
@@ -29,13 +29,13 @@ _INFO = "sensor_msgs/msg/CameraInfo"
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Recording(Source[Pair]):
+class Recording(CaptureSource[Pair]):
     """The pairs of a recording, as `phasestereo.stream` takes them.
 
     Parameters
     ----------
     captures, close, length, rate, ahead
-        As those of a `Source`.
+        As those of a `CaptureSource`.
     topics
         Those of the left and of the right images.
     headers
@@ -98,7 +98,9 @@ def open_recording(
         raise ValueError(f"tolerance: got {tolerance}; accepts 0 or more seconds")
     if left == right and left:
         raise ValueError(f"right: got {right}, which is the left topic, too")
+
     bag = Bag(path)
+
     try:
         count = min(
             _count(bag, path, name, topic) for name, topic in zip(SIDES, (left, right), strict=True)
@@ -107,6 +109,7 @@ def open_recording(
     except BaseException:
         bag.close()
         raise
+
     headers: dict[int, Header] = {}
     captures = _captures(bag, (left, right), round(1e9 * tolerance), headers)
 
@@ -136,27 +139,32 @@ def _count(bag: Bag, path: StrPath, name: str, topic: str) -> int:
             f"{name}: got {topic}, which is no topic of images in {os.fspath(path)}; accepts "
             f"{', '.join(found) or 'none: there are no images in it'}"
         )
+
     return count
 
 
 def _geometry(
-    bag: Bag, topics: tuple[str, str], told: Sequence[str] | None
-) -> tuple[Geometry, str]:
+    bag: Bag, topics: tuple[str, str], given: Sequence[str] | None
+) -> tuple[RigGeometry, str]:
     """Return what is known of the cameras, and what there is to say about it."""
-    names = tuple(told) if told is not None else tuple(map(info_topic, topics))
+    names = tuple(given) if given is not None else tuple(map(info_topic, topics))
     missing = [name for name in names if bag.topics.get(name, ("", 0))[0] != _INFO]
-    if missing and told is not None:
+    if missing and given is not None:
         raise ValueError(f"camera_info: got {missing[0]}, which is no topic of camera_info")
     if missing or len(names) != 2:
         said = f"no {' or '.join(missing)}: frames count as rectified, and there are no depths"
-        return Geometry(None, None), said
+        return RigGeometry(None, None), said
+
+    # Cameras do not change within a recording: the first message of each counts.
     found: dict[str, Any] = {}
     for item in bag.items(names):
         found.setdefault(item.topic, item.read())
         if len(found) == len(set(names)):
             break
+
     if len(found) < len(set(names)):
         raise ValueError(f"camera_info: {' and '.join(names)} have no message")
+
     geometry = geometry_of(found[names[0]], found[names[1]], topics)
     way = "frames are rectified by" if geometry.cameras else "frames are rectified; geometry of"
     return geometry, f"{way} {names[0]} and {names[1]}"
@@ -169,6 +177,7 @@ def _captures(
     for index, (header, both) in enumerate(paired(_arrivals(bag, topics), tolerance)):
         start = header.stamp if start is None else start
         time = (header.stamp - start) / 1e9
+
         if isinstance(both, Exception):
             yield lost(index, time, both)
         else:
@@ -193,6 +202,7 @@ def _arrival(item: Item, side: int) -> Arrival:
         message = item.read()
     except ValueError as error:
         return Arrival(side, Header(item.time, ""), error)
+
     stamp = 10**9 * message.header.stamp.sec + message.header.stamp.nanosec
     return Arrival(side, Header(stamp or item.time, message.header.frame_id), message)
 

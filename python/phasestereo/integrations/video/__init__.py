@@ -2,7 +2,7 @@
 
 Sources are video files and streams (`decoding`), folders of images (`folders`) and cameras
 (`cameras`), each a sequence of captures (`capture`) that fail one by one and not all at once;
-`sources` tells them apart. Frames become pictures (`picture`), and pictures a video file
+`sources` recognizes them. Frames become pictures (`picture`), and pictures a video file
 (`writing`). Video files need PyAV, cameras OpenCV: the extra ``live``.
 """
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.integrations.video.capture import Capture, Image, Pair, Source, lost
+from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, Pair, lost
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -18,7 +18,7 @@ PATIENCE = 5
 _PAUSE = 0.5  # seconds until a camera that is gone is tried again
 
 
-def open_camera(number: int, patience: int | None) -> Source[Image]:
+def open_camera(number: int, patience: int | None) -> CaptureSource[Image]:
     """Open one camera, whose pictures hold both views.
 
     Parameters
@@ -40,7 +40,7 @@ def open_camera(number: int, patience: int | None) -> Source[Image]:
     return _source(devices, captures)
 
 
-def open_cameras(left: int, right: int, patience: int | None) -> Source[Pair]:
+def open_cameras(left: int, right: int, patience: int | None) -> CaptureSource[Pair]:
     """Open a camera for each view; frames are taken from both as close in time as can be.
 
     Parameters
@@ -80,10 +80,10 @@ def _release(devices: Sequence[Any]) -> None:
         device.release()
 
 
-def _source(devices: Sequence[Any], captures: Iterator[Capture[Any]]) -> Source[Any]:
+def _source(devices: Sequence[Any], captures: Iterator[Capture[Any]]) -> CaptureSource[Any]:
     """Return a source that is never ahead: a frame that waits while another is matched is old."""
     rate = devices[0].get(require("cv2", extra="live").CAP_PROP_FPS)
-    return Source(
+    return CaptureSource(
         captures=captures,
         close=lambda: _release(devices),
         rate=rate if rate > 0 else None,
@@ -97,14 +97,18 @@ def _captures(
     patience: int | None,
 ) -> Iterator[Capture[Any]]:
     """Grab from all cameras, which is quick, before anything is decoded, which is not."""
-    start, index, missed = monotonic(), 0, 0
+    start = monotonic()
+    index = missed = 0
     while patience is None or missed < patience:
-        grabbed, times = [], []
+        grabbed: list[bool] = []
+        times: list[float] = []
         for device in devices:
             grabbed.append(device.grab())
             times.append(monotonic())
+
         time = times[-1] - start
         gone = [number for number, there in zip(numbers, grabbed, strict=True) if not there]
+
         if gone:
             missed += 1
             last = ", and is given up" if missed == patience else ""
@@ -116,6 +120,7 @@ def _captures(
             missed = 0
             apart = times[-1] - times[0] if len(times) > 1 else None
             yield Capture(index, time, lambda: arrange(_retrieved(numbers, devices)), apart)
+
         index += 1
 
 

@@ -33,12 +33,12 @@ class Capture(Generic[T]):
     index
         Its number in the source, from 0; captures that are lost have one, too.
     time
-        Seconds from the source's own zero, if it tells.
+        Seconds from the source's own zero, if that is known.
     take
         Returns what was recorded: an image, or a pair of them. Raises OSError or ValueError if it
         is damaged. To be called at most once, before the next capture is asked for.
     apart
-        Seconds between the two views of a pair, if the source tells.
+        Seconds between the two views of a pair, if that is known.
     """
 
     index: int
@@ -48,7 +48,7 @@ class Capture(Generic[T]):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Source(Generic[T]):
+class CaptureSource(Generic[T]):
     """A sequence of captures.
 
     Parameters
@@ -56,7 +56,7 @@ class Source(Generic[T]):
     captures
         The captures. Their iterator raises nothing: what fails does so when it is taken.
     close
-        Frees what the source holds: files, cameras.
+        Frees what the source holds: files, cameras. Default: nothing is held.
     length
         Number of captures, if that is known beforehand.
     rate
@@ -66,7 +66,7 @@ class Source(Generic[T]):
     """
 
     captures: Iterator[Capture[T]]
-    close: Callable[[], None]
+    close: Callable[[], None] = lambda: None
     length: int | None = None
     rate: float | None = None
     ahead: bool = False
@@ -82,19 +82,21 @@ def halves(picture: Image, layout: Layout) -> Pair:
     """
     axis = AXES[layout]
     half, rest = divmod(picture.shape[axis], 2)
+
     if rest or not half:
         size, sides = f"{picture.shape[1]} x {picture.shape[0]}", ("rows", "columns")[axis]
         raise LayoutError(f"layout: {layout!r} needs an even number of {sides}, got {size} pixels")
+
     return (picture[:half], picture[half:]) if axis == 0 else (picture[:, :half], picture[:, half:])
 
 
-def split(source: Source[Image], layout: Layout) -> Source[Pair]:
+def split(source: CaptureSource[Image], layout: Layout) -> CaptureSource[Pair]:
     """Return a source of pairs from one whose pictures hold both views."""
 
     def cut(capture: Capture[Image]) -> Capture[Pair]:
         return Capture(capture.index, capture.time, lambda: halves(capture.take(), layout))
 
-    return Source(
+    return CaptureSource(
         captures=map(cut, source.captures),
         close=source.close,
         length=source.length,
@@ -103,7 +105,7 @@ def split(source: Source[Image], layout: Layout) -> Source[Pair]:
     )
 
 
-def join(left: Source[Image], right: Source[Image]) -> Source[Pair]:
+def join(left: CaptureSource[Image], right: CaptureSource[Image]) -> CaptureSource[Pair]:
     """Return a source of pairs from one for each view; it ends where the shorter one does."""
     lengths = [source.length for source in (left, right) if source.length is not None]
 
@@ -111,7 +113,7 @@ def join(left: Source[Image], right: Source[Image]) -> Source[Pair]:
         left.close()
         right.close()
 
-    return Source(
+    return CaptureSource(
         captures=_joined(left.captures, right.captures),
         close=close,
         length=min(lengths, default=None),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.integrations.video.capture import Capture, Image, Source, lost
+from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, lost
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,7 +22,7 @@ _PATIENCE = 10.0  # seconds to wait for a network stream before giving it up
 _UNTIMED = "no picture came of it"
 
 
-def open_video(path: StrPath) -> Source[Image]:
+def open_video(path: StrPath) -> CaptureSource[Image]:
     """Open a video file, or a stream at an address such as ``rtsp://...``.
 
     Frames are uint8, or uint16 where the video has more than 8 bits, (H, W) where it is gray, else
@@ -41,20 +41,25 @@ def open_video(path: StrPath) -> Source[Image]:
     name = os.fspath(path)
     if not is_address(name):
         Path(name).open("rb").close()  # says what is wrong in the words of the system
+
     try:
         container = av.open(name, timeout=_PATIENCE)
     except av.error.FFmpegError as error:
         if isinstance(error, OSError) and not isinstance(error, ValueError):
             raise OSError(error.errno, error.strerror, name) from error
         raise ValueError(f"{name}: damaged, or no video ({error.strerror})") from error
+
     if not container.streams.video:
         container.close()
         raise ValueError(f"{name}: there is no video in this file")
+
     stream = container.streams.video[0]
-    # Decoders conceal damage unless they are told not to; what is made up must not be measured.
+
+    # By default decoders conceal damage; what is made up must not be measured.
     stream.codec_context.options = {"err_detect": "crccheck+explode"}
+
     rate = stream.average_rate or stream.guessed_rate
-    return Source(
+    return CaptureSource(
         captures=_Decoder(container, stream, rate).captures(),
         close=container.close,
         length=stream.frames or None,
@@ -64,7 +69,7 @@ def open_video(path: StrPath) -> Source[Image]:
 
 
 def is_address(name: str) -> bool:
-    """Tell addresses from names of files."""
+    """Return whether a name is an address, and not that of a file."""
     return "://" in name
 
 
@@ -77,10 +82,13 @@ class _Decoder:
     """
 
     def __init__(self, container: Any, stream: Any, rate: Fraction | None) -> None:
-        self._container, self._stream, self._rate = container, stream, rate
-        self._announced: list[int] = []
-        self._reasons: dict[int, str] = {}
+        self._container = container
+        self._stream = stream
+        self._rate = rate
+        self._announced: list[int] = []  # a heap of times
+        self._reasons: dict[int, str] = {}  # why the frame of a time is lost
         self._index = 0
+
         # AVI has no such times, only an order of decoding: where the two differ, they are made up.
         reordered = getattr(stream.codec_context, "has_b_frames", False)
         self._timed = not (container.format.name == "avi" and reordered)
@@ -94,6 +102,7 @@ class _Decoder:
                 yield from self._decoded(packet, failure)
         except failure as error:
             broken = error
+
         yield from self._missed(before=None)
         if broken is not None:
             yield self._lost(None, f"the video cannot be read any further ({broken.strerror})")
@@ -102,6 +111,7 @@ class _Decoder:
         announced = self._timed and packet.pts is not None and not packet.is_discard
         if announced and packet.size:
             heappush(self._announced, packet.pts)
+
         try:
             frames = packet.decode()
         except failure as error:
@@ -111,6 +121,7 @@ class _Decoder:
             else:
                 yield self._lost(None, reason)
             return
+
         for frame in frames:
             if self._timed and frame.pts is not None:
                 yield from self._missed(before=frame.pts)
@@ -147,5 +158,6 @@ def _pixels(frame: Any) -> Image:
         form = "gray16le" if deep else "gray"
     else:
         form = "rgb48le" if deep else "rgb24"
+
     pixels: Image = frame.to_ndarray(format=form)
     return np.rot90(pixels, round(frame.rotation / 90))

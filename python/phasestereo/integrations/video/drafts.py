@@ -29,8 +29,9 @@ def draft_of(path: StrPath, suffixes: Sequence[str], what: str) -> tuple[Path, P
         raise ValueError(
             f"path of a {what} must end in {' or '.join(suffixes)}, got {os.fspath(path)!r}"
         )
+
     target = target_of(path)
     draft = target.with_name(f"{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
-    created(draft).close()  # nothing else knows all that can go wrong
+    created(draft).close()  # only trying shows all that can go wrong
     draft.unlink()
     return target, draft

@@ -7,7 +7,7 @@ from functools import partial
 from itertools import repeat
 from typing import TYPE_CHECKING, TypeVar
 
-from phasestereo.integrations.video.capture import Capture, Image, Pair, Source
+from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, Pair
 from phasestereo.io import read_image
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ _LEFT = re.compile(r"(?<![a-z])left(?![a-z])", re.IGNORECASE)
 _SWAPPED = {"left": "right", "LEFT": "RIGHT", "Left": "Right"}
 
 
-def open_folder(folder: Path) -> Source[Image]:
+def open_folder(folder: Path) -> CaptureSource[Image]:
     """Return the images of a folder, one after another.
 
     Raises
@@ -58,7 +58,7 @@ def open_folder(folder: Path) -> Source[Image]:
     return _source([partial(read_image, path) for path in _images(folder)])
 
 
-def open_folders(left: Path, right: Path) -> Source[Pair]:
+def open_folders(left: Path, right: Path) -> CaptureSource[Pair]:
     """Pair the images of two folders: by their names where these agree, else in their order.
 
     Raises
@@ -71,7 +71,7 @@ def open_folders(left: Path, right: Path) -> Source[Pair]:
     return _paired(_paths(left, right))
 
 
-def open_rig(folder: Path) -> Source[Pair]:
+def open_rig(folder: Path) -> CaptureSource[Pair]:
     """Find both views in one folder and pair their images, as `paths_of_rig` does.
 
     Raises
@@ -98,6 +98,7 @@ def paths_of_rig(folder: Path) -> list[tuple[Path, Path]]:
     for left, right in _VIEWS:
         if (folder / left).is_dir() and (folder / right).is_dir():
             return _paths(folder / left, folder / right)
+
     lefts = [path for path in _images(folder) if _LEFT.search(path.name)]
     if not lefts:
         raise ValueError(
@@ -105,6 +106,7 @@ def paths_of_rig(folder: Path) -> list[tuple[Path, Path]]:
             "and image_3) nor images named left... and right...; name both folders, or say layout "
             "if each image holds both views"
         )
+
     return [(path, path.with_name(_LEFT.sub(_partner, path.name))) for path in lefts]
 
 
@@ -112,16 +114,19 @@ def _paths(left: Path, right: Path) -> list[tuple[Path, Path]]:
     """Return the files of two folders in pairs; of those without a partner, where it would be."""
     views = [_images(folder) for folder in (left, right)]
     named = [{path.stem: path for path in view} for view in views]
+
     if named[0].keys() & named[1].keys():
         stems = sorted(named[0].keys() | named[1].keys(), key=_natural)
         return [
             (named[0].get(stem, left / stem), named[1].get(stem, right / stem)) for stem in stems
         ]
+
     if len(views[0]) != len(views[1]):
         raise ValueError(
             f"right: got {len(views[1])} images in {right} for {len(views[0])} in {left}, no two "
             "of one name; accepts as many, or the same names"
         )
+
     return list(zip(*views, strict=True))
 
 
@@ -135,7 +140,7 @@ def _partner(word: re.Match[str]) -> str:
     return _SWAPPED.get(word[0], "right")
 
 
-def _paired(pairs: Sequence[tuple[Path, Path]]) -> Source[Pair]:
+def _paired(pairs: Sequence[tuple[Path, Path]]) -> CaptureSource[Pair]:
     return _source([partial(_read_pair, *pair) for pair in pairs])
 
 
@@ -143,10 +148,9 @@ def _read_pair(left: Path, right: Path) -> Pair:
     return read_image(left), read_image(right)
 
 
-def _source(takes: Sequence[Callable[[], T]]) -> Source[T]:
-    return Source(
+def _source(takes: Sequence[Callable[[], T]]) -> CaptureSource[T]:
+    return CaptureSource(
         captures=map(Capture, range(len(takes)), repeat(None), takes),
-        close=lambda: None,
         length=len(takes),
         ahead=True,
     )
@@ -158,8 +162,10 @@ def _images(folder: Path) -> list[Path]:
         for path in folder.iterdir()
         if path.suffix.lower() in _SUFFIXES and not path.name.startswith(".")
     ]
+
     if not found:
         raise ValueError(f"{folder}: there is no image in this folder")
+
     return sorted(found, key=lambda path: _natural(path.name))
 
 

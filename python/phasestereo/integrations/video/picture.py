@@ -40,9 +40,12 @@ class FramePicture:
     def __init__(self, low: float, high: float) -> None:
         if not (math.isfinite(low) and math.isfinite(high)):
             raise ValueError(f"low: got {low} and high {high}; accepts finite numbers")
+
         if not low < high:
             raise ValueError(f"low: got {low}; accepts less than high, which is {high}")
-        self._low, self._scale = low, (_STEPS - 1) / (high - low)
+
+        self._low = low
+        self._scale = (_STEPS - 1) / (high - low)
         ramp = np.linspace(low, high, _STEPS)[np.newaxis]
         none = np.array([NEUTRAL], np.uint8)
         self._colors = np.concatenate([colorize(ramp, low=low, high=high)[0], none])

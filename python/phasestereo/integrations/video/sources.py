@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from phasestereo.integrations.video.cameras import PATIENCE, open_camera, open_cameras
-from phasestereo.integrations.video.capture import AXES, Capture, Layout, Source, join, split
+from phasestereo.integrations.video.capture import AXES, Capture, CaptureSource, Layout, join, split
 from phasestereo.integrations.video.decoding import is_address, open_video
 from phasestereo.integrations.video.folders import open_folder, open_folders, open_rig
 
@@ -27,12 +27,12 @@ _SIDE_BY_SIDE: Layout = "side-by-side"
 
 
 def open_source(
-    source: Place | Iterable[Any] | Source[Pair],
+    source: Place | Iterable[Any] | CaptureSource[Pair],
     right: Place | None = None,
     *,
     layout: Layout | None = None,
     patience: int | None = PATIENCE,
-) -> Source[Pair]:
+) -> CaptureSource[Pair]:
     """Open what `phasestereo.stream` was given.
 
     Raises
@@ -48,18 +48,22 @@ def open_source(
     """
     if layout is not None and layout not in AXES:
         raise ValueError(f"layout: got {layout!r}; accepts {', '.join(map(repr, AXES))}")
+
     if right is not None:
         if layout is not None:
             raise ValueError(f"layout: got {layout!r} beside right; accepts None there")
         return _open_views(source, right, patience)
+
     if isinstance(source, int) and not isinstance(source, bool):
         return split(open_camera(source, patience), layout or _SIDE_BY_SIDE)
+
     if isinstance(source, str | os.PathLike):
         if not _is_folder(source):
             return split(open_video(source), layout or _SIDE_BY_SIDE)
         folder = Path(source)
         return open_rig(folder) if layout is None else split(open_folder(folder), layout)
-    if isinstance(source, Iterable | Source):
+
+    if isinstance(source, Iterable | CaptureSource):
         return _open_given(source, layout)
     raise TypeError(
         f"source: got {type(source).__name__}; accepts a path, the number of a camera, or an "
@@ -67,20 +71,23 @@ def open_source(
     )
 
 
-def _open_given(source: Iterable[Any] | Source[Pair], layout: Layout | None) -> Source[Pair]:
+def _open_given(
+    source: Iterable[Any] | CaptureSource[Pair], layout: Layout | None
+) -> CaptureSource[Pair]:
     """Return what gives the pairs, or the images that hold both views, of a caller."""
-    if isinstance(source, Source):
+    if isinstance(source, CaptureSource):
         if layout is not None:
             raise ValueError(f"layout: got {layout!r} for a source of pairs; accepts None there")
         return source
+
     if layout is None:
         return _at_hand(source, _as_pair)
     return split(_at_hand(source, np.asarray), layout)
 
 
 def _open_views(
-    left: Place | Iterable[Any] | Source[Pair], right: Place, patience: int | None
-) -> Source[Pair]:
+    left: Place | Iterable[Any] | CaptureSource[Pair], right: Place, patience: int | None
+) -> CaptureSource[Pair]:
     """Open a source for each view."""
     if isinstance(left, str | os.PathLike) and isinstance(right, str | os.PathLike):
         folders = [_is_folder(path) for path in (left, right)]
@@ -89,17 +96,21 @@ def _open_views(
         if not any(folders):
             return _open_videos(left, right)
         raise TypeError("right: got a folder and a file; accepts two folders or two videos")
+
     if isinstance(left, int) and isinstance(right, int) and bool not in (type(left), type(right)):
         if left == right:
             raise ValueError(f"right: got camera {right}, which is the left one, too")
         return open_cameras(left, right, patience)
+
     raise TypeError(
         f"right: got {type(right).__name__} beside {type(left).__name__}; accepts two videos, two "
         "folders of images, or the numbers of two cameras"
     )
 
 
-def _open_videos(left: str | os.PathLike[str], right: str | os.PathLike[str]) -> Source[Pair]:
+def _open_videos(
+    left: str | os.PathLike[str], right: str | os.PathLike[str]
+) -> CaptureSource[Pair]:
     first = open_video(left)
     try:
         return join(first, open_video(right))
@@ -112,15 +123,11 @@ def _is_folder(path: str | os.PathLike[str]) -> bool:
     return not is_address(os.fspath(path)) and Path(path).is_dir()
 
 
-def _at_hand(items: Iterable[Any], taken: Callable[[Any], Any]) -> Source[Any]:
+def _at_hand(items: Iterable[Any], taken: Callable[[Any], Any]) -> CaptureSource[Any]:
     """Return a source of what an iterable gives; what that raises is the caller's and passes."""
     captures = (Capture(index, None, partial(taken, item)) for index, item in enumerate(items))
     length = len(items) if isinstance(items, Sized) else None
-    return Source(captures=captures, close=_nothing, length=length)
-
-
-def _nothing() -> None:
-    """Free what holds nothing."""
+    return CaptureSource(captures=captures, length=length)
 
 
 def _as_pair(item: Any) -> tuple[Image, Image]:

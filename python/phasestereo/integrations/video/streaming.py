@@ -16,23 +16,22 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from phasestereo._closing import Closing
 from phasestereo._images import as_mask, opened_pair
 from phasestereo._numbers import as_integer
 from phasestereo.integrations.video.cameras import PATIENCE
 from phasestereo.integrations.video.capture import LayoutError
 from phasestereo.integrations.video.sources import open_source
-from phasestereo.matching import Matcher
+from phasestereo.matching import MOST_DISPARITIES, Matcher
 from phasestereo.rig.findings import untrusted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Mapping
-    from types import TracebackType
-    from typing import Self
 
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Picture
-    from phasestereo.integrations.video.capture import Capture, Image, Layout, Pair, Source
+    from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, Layout, Pair
     from phasestereo.integrations.video.sources import Place
     from phasestereo.rectification import Rectification
     from phasestereo.rectification.cameras import Cameras
@@ -52,8 +51,7 @@ _FAULTS = (OSError, ValueError, TypeError)
 REESTIMATE = 30
 """Frames after which blur is estimated anew, however much it looks as it was."""
 
-_WIDEST = 16384  # the most disparities there can be
-_END: Any = object()
+_END: Any = object()  # what follows the last frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,14 +64,14 @@ class Frame:
         Its number in the source, from 0. Frames that failed have a number, too.
     time
         When it was taken, in seconds: since the beginning of the video, or since the cameras were
-        opened. None where the source does not tell.
+        opened. None where the source does not say.
     left, right
         The images, gray (H, W) or RGB (H, W, 3).
     result
         What `phasestereo.match` returns for them.
     apart
         Seconds between both views: of two cameras, how long the second one kept waiting after the
-        first had delivered. None where the source does not tell.
+        first had delivered. None where the source does not say.
     """
 
     index: int
@@ -101,12 +99,12 @@ class Failure:
     error: Exception
 
     def __str__(self) -> str:
-        """Tell which frame failed, and why."""
+        """Say which frame failed, and why."""
         return f"frame {self.index}: {self.error}"
 
 
 def stream(
-    source: Place | Iterable[tuple[Picture, Picture]] | Iterable[ArrayLike] | Source[Pair],
+    source: Place | Iterable[tuple[Picture, Picture]] | Iterable[ArrayLike] | CaptureSource[Pair],
     right: Place | None = None,
     *,
     num_disparities: int | None = None,
@@ -155,7 +153,7 @@ def stream(
         or ``"top-bottom"``, the left view above. None: side by side.
     rectify
         Rectify the frames first: by a calibration or a saved file, as `phasestereo.rectify` takes
-        them, by a `Rectification`, or by ``"auto"``, what the first frame that tells enough shows.
+        them, by a `Rectification`, or by ``"auto"``, what the first frame with enough detail shows.
         Frames and masks that are given are raw then, those that come out are rectified. None: they
         are rectified already.
     start, stop, every
@@ -195,8 +193,8 @@ def stream(
     after a damaged one may be wrong up to the next key frame; intra-coded video (MJPEG, H.264 with
     key frames only) does not spread damage.
 
-    ``preset="robust"`` estimates blur; ``"fast"`` does without. Frames of which a glance tells that
-    their blur is as it was take over the estimate of an earlier one, and say so:
+    ``preset="robust"`` estimates blur; ``"fast"`` does without. Frames whose blur is as it was, at
+    a glance, take over the estimate of an earlier one, and say so:
     ``frame.result.blur.reused``. A glance compares the powers of both images, by direction, in each
     ninth of the image with what they were when blur was estimated. It misses what comes on in less
     than a sixteenth of the image, sizes that change by less than a fifth or so, and changes of
@@ -216,6 +214,7 @@ def stream(
     as_integer("reestimate", reestimate, least=1)
     if patience is not None:
         as_integer("patience", patience, least=1)
+
     matcher = Matcher(preset=preset, settings=settings, threads=threads, **overrides)
     given = {
         "num_disparities": num_disparities,
@@ -225,6 +224,7 @@ def stream(
         "noise": noise,
         "blur_compensation": blur_compensation,
     }
+
     _try(matcher, given, width=None)
     rectifier = None if rectify is None else _rectifier(rectify, (left_mask, right_mask))
     opened = open_source(source, right, layout=layout, patience=patience)
@@ -237,7 +237,7 @@ def stream(
         raise
 
 
-class Stream(Iterator[Frame]):
+class Stream(Iterator[Frame], Closing):
     """The matched frames of a source, one after another; see `stream`, which makes it.
 
     While a frame is matched, the next one of a file is read and decoded. What the source holds is
@@ -246,7 +246,7 @@ class Stream(Iterator[Frame]):
 
     def __init__(
         self,
-        source: Source[Pair],
+        source: CaptureSource[Pair],
         matcher: Matcher,
         given: Mapping[str, Any],
         wanted: slice,
@@ -255,7 +255,8 @@ class Stream(Iterator[Frame]):
         reestimate: int,
         rectifier: Rectifier | None = None,
     ) -> None:
-        self._source, self._wanted = source, wanted
+        self._source = source
+        self._wanted = wanted
         self._work = _Work(source, matcher, given, on_error or _warn, reestimate)
         self._work.rectifier = rectifier
         self._frames = self._work.frames(wanted)
@@ -271,12 +272,13 @@ class Stream(Iterator[Frame]):
         known, stop = self._source.length, self._wanted.stop
         if known is None and stop is None:
             return None
+
         end = min(bound for bound in (known, stop) if bound is not None)
         return len(range(self._wanted.start, end, self._wanted.step))
 
     @property
     def rate(self) -> float | None:
-        """Frames a second of the source, if it tells."""
+        """Frames a second of the source, if that is known."""
         return self._source.rate
 
     @property
@@ -316,26 +318,9 @@ class Stream(Iterator[Frame]):
         self._frames.close()
         self._source.close()
 
-    def __iter__(self) -> Self:
-        """Return the stream itself."""
-        return self
-
     def __next__(self) -> Frame:
         """Return the next frame that did not fail."""
         return next(self._frames)
-
-    def __enter__(self) -> Self:
-        """Return the stream."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the stream."""
-        self.close()
 
 
 class _Work:
@@ -343,23 +328,29 @@ class _Work:
 
     def __init__(
         self,
-        source: Source[Pair],
+        source: CaptureSource[Pair],
         matcher: Matcher,
         given: Mapping[str, Any],
         report: Callable[[Failure], object],
         reestimate: int,
     ) -> None:
-        self.matcher, self.failed = matcher, 0
+        self.matcher = matcher
+        self.failed = 0
         self.rectifier: Rectifier | None = None
-        self._reestimate, self._reused = reestimate, 0
+
+        self._source = source
+        self._given = given
+        self._report = report
+        self._reestimate = reestimate
+        self._reused = 0  # frames since the last estimate
         self._last: Result | None = None
-        self._source, self._given, self._report = source, given, report
+
         self._checked = False
         self._width: int | None = None
         self._coming: tuple[Matcher, Mapping[str, Any]] | None = None
 
     def change(self, settings: Settings, num_disparities: int | None) -> None:
-        """Have the next frame matched in another way."""
+        """Match the next frame in another way."""
         matcher = Matcher(settings=settings, threads=self.matcher.threads)
         given = {**self._given, "num_disparities": num_disparities}
         _try(matcher, given, width=self._width)
@@ -403,9 +394,11 @@ class _Work:
         """Raise what is wrong with the arguments, once it is known for what images they are."""
         if self._checked or isinstance(images, Exception):
             return
+
         size = images[0].shape
         _try(self.matcher, self._given, width=size[1])
         self._width = size[1]
+
         for name in ("left_mask", "right_mask"):
             as_mask(self._given[name], size, name)
         self._checked = True
@@ -426,11 +419,15 @@ class _Work:
     def _frame(self, capture: Capture[Pair], images: Pair | Exception) -> Frame:
         if isinstance(images, Exception):
             raise images
+
         left, right = images
         masks = {} if self.rectifier is None else self.rectifier.masks
         result = self.matcher.match(left, right, **{**self._given, **masks}, before=self._before())
+
+        # Nothing is taken over from a match that is not to be trusted. Images would take memory.
         self._last = None if untrusted(result.findings) else replace(result, pair=None)
         self._reused = self._reused + 1 if result.blur and result.blur.reused else 0
+
         images = _squeezed(left), _squeezed(right)
         return Frame(capture.index, capture.time, *images, result, capture.apart)
 
@@ -440,11 +437,11 @@ class _Work:
 
 
 def _rectifier(
-    told: CalibrationSource | Rectification | Cameras,
+    source: CalibrationSource | Rectification | Cameras,
     masks: tuple[ArrayLike | None, ArrayLike | None],
 ) -> Rectifier:
     home = import_module("phasestereo.rectification.streams")  # it takes a while
-    rectifier: Rectifier = home.Rectifier(told, masks)
+    rectifier: Rectifier = home.Rectifier(source, masks)
     return rectifier
 
 
@@ -465,8 +462,9 @@ def _try(matcher: Matcher, given: Mapping[str, Any], *, width: int | None) -> No
     """
     count = given["num_disparities"]
     if width is None:
-        width = _WIDEST
-        count = 1 if type(count) is int and 1 <= count <= _WIDEST else count
+        width = MOST_DISPARITIES
+        count = 1 if type(count) is int and 1 <= count <= MOST_DISPARITIES else count
+
     black = np.zeros((1, width), np.uint8)
     masks = {"left_mask": None, "right_mask": None}  # are of another size
     matcher.match(black, black, **{**given, **masks, "num_disparities": count})

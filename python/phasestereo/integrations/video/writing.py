@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from phasestereo._closing import Closing
 from phasestereo._extras import require
 from phasestereo.integrations.video.drafts import draft_of
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from types import TracebackType
-    from typing import Self
 
     from numpy.typing import NDArray
 
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv")
 
 _CLOCK = 60_000  # ticks a second: nearly all there may be in MPEG-4 Part 2
-_TICK = _CLOCK // 1000  # least step that all of the formats can tell
+_TICK = _CLOCK // 1000  # least step that all of the formats can hold
 _CODECS = {  # the first that there is; constant quality, of the first kind near lossless
     "libx264": {"crf": "17", "preset": "veryfast", "tune": "zerolatency"},
     "mpeg4": {"b": "50M", "qmin": "2", "qmax": "4"},
@@ -36,7 +35,7 @@ _FRAGMENTS = {"movflags": "hybrid_fragmented+frag_keyframe"}
 _KEY_SECONDS = 1
 
 
-class VideoWriter:
+class VideoWriter(Closing):
     """Writes pictures to a video file.
 
     Until it is closed, pictures go to a file of the same name with ``.part`` before the suffix,
@@ -49,7 +48,7 @@ class VideoWriter:
     path
         The file: .mp4, .m4v, .mov or .mkv. H.264, or MPEG-4 Part 2 where PyAV lacks an encoder.
     rate
-        Pictures a second, of those that tell no time.
+        Pictures a second, of those that are given no time.
 
     Raises
     ------
@@ -66,10 +65,12 @@ class VideoWriter:
         self._target, self._draft = draft_of(path, SUFFIXES, "video")
         if not 0 < rate < math.inf:
             raise ValueError(f"rate: got {rate}; accepts more than 0")
+
         self._rate = Fraction(rate).limit_denominator(1001)
         self._container: Any = None
         self._stream: Any = None
         self._size = (0, 0)
+
         self._start: float | None = None
         self._ticks = -_TICK
         self._closed = False
@@ -96,12 +97,15 @@ class VideoWriter:
         if self._closed:
             raise ValueError(f"{self._target}: this video is closed; accepts no more pictures")
         _check(picture, time)
+
         rows, cols = picture.shape[:2]
         if self._container is None:
             self._open(rows, cols)
+
         if (rows, cols) != self._size:
             wanted = f"{self._size[1]} x {self._size[0]}"
             raise ValueError(f"picture: got {cols} x {rows} pixels; accepts {wanted}, as before")
+
         even = np.pad(picture, ((0, rows % 2), (0, cols % 2), (0, 0)))
         frame = require("av", extra="live").VideoFrame.from_ndarray(even, format="rgb24")
         frame.pts, frame.time_base = self._next(time), Fraction(1, _CLOCK)
@@ -119,34 +123,24 @@ class VideoWriter:
             container.close()
             self._draft.replace(self._target)
 
-    def __enter__(self) -> Self:
-        """Return the writer."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the writer."""
-        self.close()
-
     def _open(self, rows: int, cols: int) -> None:
         av = require("av", extra="live")
         codec = next(name for name in _CODECS if _can_encode(av, name))
         container = av.open(os.fspath(self._draft), "w", options=_options(self._draft))
+
         stream = container.add_stream(codec, rate=self._rate, options=_CODECS[codec])
         stream.width, stream.height = cols + cols % 2, rows + rows % 2
         stream.pix_fmt = "yuv420p"  # what every player can show
         stream.codec_context.gop_size = max(1, round(_KEY_SECONDS * self._rate))
         stream.codec_context.time_base = stream.time_base = Fraction(1, _CLOCK)
+
         try:
             stream.codec_context.open()
         except BaseException:
             container.close()
             self._draft.unlink(missing_ok=True)
             raise
+
         self._container, self._stream, self._size = container, stream, (rows, cols)
 
     def _next(self, time: float | None) -> int:
@@ -156,6 +150,7 @@ class VideoWriter:
         else:
             self._start = time if self._start is None else self._start
             ticks = round((time - self._start) * _CLOCK)
+
         self._ticks = max(ticks, self._ticks + _TICK)
         return self._ticks
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phasestereo._extras import require
-from phasestereo.io.raster import encode_raster
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,7 +21,7 @@ __all__ = ["Coding", "coding_of", "packed", "photograph_uri", "picture_uri"]
 
 _NONE = 2**16 - 1  # code of no disparity
 _FINEST = 1 / 128  # pixels
-_QUALITY = 85  # of a photograph: what an eye does not tell from the original
+_QUALITY = 85  # of a photograph: an eye sees no difference from the original
 _SPEED = 6  # of zlib: higher levels take long and gain 1 %
 
 
@@ -30,10 +29,11 @@ def packed(array: NDArray[Any]) -> str:
     """Return an array of unsigned integers as text, exact and small.
 
     The difference of each to the one before is kept, which wraps. First bytes come first, then all
-    second ones, little-endian: neighbors are alike, which makes zlib find more; then base64.
+    second ones, little-endian: neighbors are alike, so zlib finds more; then base64.
     """
     flat = np.ascontiguousarray(array).ravel()
     steps = np.diff(flat, prepend=flat.dtype.type(0))
+
     plain = np.ascontiguousarray(steps, steps.dtype.newbyteorder("<"))
     planes = plain.reshape(-1, 1).view(np.uint8).T
     return base64.b64encode(zlib.compress(planes.tobytes(), _SPEED)).decode()
@@ -69,12 +69,8 @@ def photograph_uri(picture: Picture, *, exact: bool) -> str:
     ImportError
         If Pillow is not installed.
     """
-    flat = picture[:, :, 0] if picture.shape[2:] == (1,) else picture
-    file = io.BytesIO()
     options: dict[str, Any] = {"lossless": True} if exact else {"quality": _QUALITY}
-    image = require("PIL.Image", extra="report").fromarray(np.ascontiguousarray(flat))
-    image.save(file, "WEBP", method=2, **options)
-    return f"data:image/webp;base64,{base64.b64encode(file.getvalue()).decode()}"
+    return _uri(picture, "WEBP", method=2, **options)
 
 
 def picture_uri(picture: Picture) -> str:
@@ -85,7 +81,12 @@ def picture_uri(picture: Picture) -> str:
     ImportError
         If Pillow is not installed.
     """
+    return _uri(picture, "PNG")
+
+
+def _uri(picture: Picture, kind: str, **options: Any) -> str:
     flat = picture[:, :, 0] if picture.shape[2:] == (1,) else picture
+    image = require("PIL.Image", extra="report").fromarray(np.ascontiguousarray(flat))
     file = io.BytesIO()
-    encode_raster(file, np.ascontiguousarray(flat), "PNG")
-    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
+    image.save(file, kind, **options)
+    return f"data:image/{kind.lower()};base64,{base64.b64encode(file.getvalue()).decode()}"

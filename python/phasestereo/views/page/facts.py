@@ -1,4 +1,4 @@
-"""What the page tells in words and numbers."""
+"""What the page says in words and numbers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import phasestereo
-from phasestereo.metrics.scores import score, unit_of
+from phasestereo.metrics.scores import unit_of
 from phasestereo.settings import PRESETS
 from phasestereo.views.page.embedding import picture_uri
 
@@ -59,7 +59,7 @@ class Area:
 
 
 @dataclass(frozen=True, slots=True)
-class BlurTold:
+class BlurFacts:
     """The diagnosis of the blur: a sentence, its areas, a map of them, and figures."""
 
     verdict: str
@@ -68,19 +68,20 @@ class BlurTold:
     figures: list[tuple[str, str]]
 
 
-def blur_facts(blur: BlurEstimate, size: tuple[int, int]) -> BlurTold:
-    """Tell what was found out about the blur of a pair of images with so many rows and columns."""
+def blur_facts(blur: BlurEstimate, size: tuple[int, int]) -> BlurFacts:
+    """Describe the blur that was found in a pair of images with so many rows and columns."""
     areas = [
         Area(_words(kind), share, _color(kind, number), _psf_uri(kind))
         for number, (kind, share) in enumerate(zip(blur.blurs, blur.areas(), strict=True))
     ]
+
     figures = [
         ("certainty", f"{blur.certainty:.2f} of 1"),
         ("contrast, left / right", f"{blur.contrast:.2f}"),
         ("noise, left", f"{blur.noise[0]:.3g}"),
         ("noise, right", f"{blur.noise[1]:.3g}"),
     ]
-    return BlurTold(_verdict(blur), areas, _map_uri(blur, areas, size), figures)
+    return BlurFacts(_verdict(blur), areas, _map_uri(blur, areas, size), figures)
 
 
 def _color(kind: Blur, number: int) -> str:
@@ -91,10 +92,11 @@ def _verdict(blur: BlurEstimate) -> str:
     sides = {kind.side for kind in blur.blurs}
     if sides == {"none"}:
         return "No relative blur: neither image is softer than the other."
+
     softer = sorted(sides - {"none"})
-    told = f"the {softer[0]} image is" if len(softer) == 1 else "now one image, now the other is"
+    which = f"the {softer[0]} image is" if len(softer) == 1 else "now one image, now the other is"
     where = "" if len(blur.blurs) == 1 else ", not everywhere alike"
-    return f"Relative blur: {told} softer than the other{where}."
+    return f"Relative blur: {which} softer than the other{where}."
 
 
 def _words(kind: Blur) -> str:
@@ -117,21 +119,17 @@ def _map_uri(blur: BlurEstimate, areas: list[Area], size: tuple[int, int]) -> st
     return picture_uri(table[blur.label_map(size)])
 
 
-def metric_rows(told: Score) -> list[tuple[str, str]]:
+def metric_rows(score: Score) -> list[tuple[str, str]]:
     """Return metrics by name as they are read, NaN as a dash; avgerr and EPE are one number."""
     rows = []
-    for name, value in told.as_dict().items():
+    for name, value in score.as_dict().items():
         if name == "pixels":
             rows.append(("pixels scored", f"{value:,.0f}"))
         elif name == "EPE":  # that of the whole range, as avgerr is where nothing is clipped
             continue
         else:
-            rows.append(
-                (
-                    _NAMES.get(name, name),
-                    f"{value:.2f} {unit_of(name)}" if math.isfinite(value) else "\N{EN DASH}",
-                )
-            )
+            words = f"{value:.2f} {unit_of(name)}" if math.isfinite(value) else "\N{EN DASH}"
+            rows.append((_NAMES.get(name, name), words))
     return rows
 
 
@@ -182,6 +180,7 @@ def charts(
     found = {}
     if np.isfinite(result.disparity).any():
         found["disparities"] = _histogram(result.disparity, truth)
+
     if truth is not None and scored is not None and scored.any():
         error = np.abs(result.disparity[scored].astype(np.float64) - truth[scored])
         present = np.sort(error[np.isfinite(error)])
@@ -194,20 +193,23 @@ def charts(
         counts, edges = np.histogram(result.confidence, _TENTHS * 5, (0.0, 1.0))
         share = 100 * counts / result.confidence.size
         found["confidences"] = {"edges": edges.tolist(), "shares": share.tolist()}
+
     return found
 
 
 def _histogram(disparity: Map, truth: Map | None) -> dict[str, Any]:
     known = disparity[np.isfinite(disparity)]
     wanted = known[:0] if truth is None else truth[np.isfinite(truth)]
+
     either = np.concatenate([known, wanted])
     low, high = float(either.min()), float(either.max())
     edges = np.linspace(low, high if high > low else low + 1.0, _BINS + 1)
-    told: dict[str, Any] = {"edges": edges.tolist()}
+
+    found: dict[str, Any] = {"edges": edges.tolist()}
     for name, values in (("found", known), ("wanted", wanted)):
         if values.size:
-            told[name] = (100 * np.histogram(values, edges)[0] / disparity.size).tolist()
-    return told
+            found[name] = (100 * np.histogram(values, edges)[0] / disparity.size).tolist()
+    return found
 
 
 def _reliability(
@@ -218,16 +220,12 @@ def _reliability(
     counts = np.bincount(tenth, minlength=_TENTHS)
     right = np.bincount(tenth[error <= 1.0], minlength=_TENTHS)
     shares = [r / n if n else None for r, n in zip(right.tolist(), counts.tolist(), strict=True)]
+
     return {
         "middles": ((np.arange(_TENTHS) + 0.5) / _TENTHS).tolist(),
         "right": shares,
         "pixels": counts.tolist(),
     }
-
-
-def scored(result: Result, truth: Map | None, mask: NDArray[np.bool_] | None) -> Score | None:
-    """Return all metrics, if there is a truth to work them out from."""
-    return None if truth is None else score(result.disparity, truth, mask=mask)
 
 
 def chart_titles(shown: Mapping[str, Any]) -> list[tuple[str, str, str]]:
@@ -238,7 +236,7 @@ def chart_titles(shown: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 def readout(
     result: Result, truth: Map | None, *, exact: bool, metric: bool, gray: tuple[bool, bool]
 ) -> list[tuple[str, str]]:
-    """Return the key and the name of each value that is told of a pixel."""
+    """Return the key and the name of each value that is shown of a pixel."""
     rows = [
         ("pixel", "Pixel"),
         ("disparity", "Disparity d"),
@@ -254,4 +252,5 @@ def readout(
     if exact:
         sides = zip(("left", "right"), gray, strict=True)
         rows += [(side, f"{side.capitalize()} {'gray' if one else 'RGB'}") for side, one in sides]
+
     return rows

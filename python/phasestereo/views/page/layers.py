@@ -31,7 +31,7 @@ __all__ = ["FLAGS", "Kind", "Layer", "arrays_of", "flag_kinds", "layers_of", "vi
 
 _WORST = 4.0  # error in pixels from which on the color is the darkest
 
-# Colors that people with any color vision tell apart (after Okabe and Ito), and what to say.
+# Colors that differ to people with any color vision (after Okabe and Ito), and what to say.
 FLAGS = {
     Flag.MASKED: ("#5a5a5a", "the left pixel is masked"),
     Flag.NO_CANDIDATE: ("#2b2b2b", "nothing valid to compare it with"),
@@ -99,10 +99,12 @@ def layers_of(result: Result, truth: Map | None) -> list[Layer]:
     near = "near is red, far is blue"
     depth = colors(DISPARITY_COLORS)
     found = [Layer("disparity", "Disparity", "px", *ends, depth, 2, near, "no estimate")]
+
     if result.confidence is not None:
         sure = "about the probability that the disparity is within 1 px"
         lookup = colors(CONFIDENCE_COLORS)
         found.append(Layer("confidence", "Confidence", "", 0, 1, lookup, 2, sure, "no estimate"))
+
     if truth is not None:
         wrong = f"|disparity - truth|: up to {GOOD:g} px is white"
         lookup = colors(ERROR_COLORS, white=GOOD / _WORST)
@@ -131,10 +133,10 @@ def colors(name: str, *, white: float = 0.0) -> str:
 
 def views(layers: list[Layer]) -> list[tuple[str, str]]:
     """Return the keys and labels of all that can be looked at, in the order of their buttons."""
-    told = [(layer.key, layer.label) for layer in layers]
-    place = 1 + any(key == "confidence" for key, _ in told)
+    maps = [(layer.key, layer.label) for layer in layers]
     pair = [("left", "Left image"), ("right", "Right image")]
-    return [*pair, *told[:place], ("flags", "Flags"), *told[place:]]
+    place = 1 + any(key == "confidence" for key, _ in maps)  # flags come after these
+    return [*pair, *maps[:place], ("flags", "Flags"), *maps[place:]]
 
 
 def arrays_of(

@@ -11,10 +11,11 @@ from phasestereo._extras import require
 from phasestereo._images import as_mask, as_pair, on_screen, screen_range
 from phasestereo.io import Calibration
 from phasestereo.io.files import replacing, suffix
+from phasestereo.metrics.scores import score as score_map
 from phasestereo.result import Result
 from phasestereo.views.page import facts, layers
 from phasestereo.views.page.embedding import coding_of, photograph_uri
-from phasestereo.views.page.scene import Scene, scene_of
+from phasestereo.views.page.scene import ScenePoints, scene_points
 from phasestereo.views.templating import render_page
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def write_pair_page(
 
     It has the pair to flick between, disparities, confidences, flags and errors with their values
     under the cursor, the diagnosis of the blur, metrics, settings and times, and the points in
-    three dimensions. It needs a browser of 2023 or later. Disparities are told to 1/128 px, or as
+    three dimensions. It needs a browser of 2023 or later. Disparities are given to 1/128 px, or as
     fine as 16 bits can. Of maps of more than 2.1 million pixels, that is beyond Full HD, it shows
     every n-th pixel of every n-th row, with the values of just these, and says so.
 
@@ -77,7 +78,7 @@ def write_pair_page(
         Points farther away, in the unit of the baseline, are left out; None: those more than half
         as far again as nine tenths of them.
     min_disparity, num_disparities
-        What was searched, to tell it; None: not told.
+        What was searched, for the page to say so; None: it does not.
     title
         Heading of the page.
 
@@ -96,12 +97,14 @@ def write_pair_page(
     if suffix(path) not in (".html", ".htm"):
         raise ValueError(f"path must end in .html or .htm, got {suffix(path)!r}")
     require_page()
+
     pair = as_pair(left, right)
     size = pair[0].shape[:2]
     known, counted = _checked(size, result, truth, mask)
     shown = _Shown(pair, result, known, counted, _step(size))
     _check_geometry(size, calibration, max_depth)
-    scene = scene_of(result.disparity, calibration, step=shown.step, max_depth=max_depth)
+
+    scene = scene_points(result.disparity, calibration, step=shown.step, max_depth=max_depth)
     search = None if num_disparities is None else (min_disparity, num_disparities)
     page = render_page("pair.html.j2", title=str(title), **_context(shown, scene, search))
     with replacing(path) as file:
@@ -133,11 +136,13 @@ def _checked(
         raise TypeError(f"result: got {type(result).__name__}; accepts a Result")
     if result.disparity.shape != size:
         raise ValueError(f"result: got {result.disparity.shape} pixels; accepts the images' {size}")
+
     counted = as_mask(mask, size, "mask")
     if truth is None:
         if counted is not None:
             raise ValueError("mask: has no effect without truth; accepts None then")
         return None, None
+
     values = np.asarray(truth)
     if values.dtype.kind != "f":
         raise TypeError(f"truth: got dtype {values.dtype}; accepts floats (pixels, NaN = unknown)")
@@ -166,24 +171,28 @@ def _step(size: tuple[int, ...]) -> int:
     return step
 
 
-def _context(shown: _Shown, scene: Scene, search: tuple[int, int] | None) -> dict[str, Any]:
+def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) -> dict[str, Any]:
     """Return all that the template refers to."""
     result, truth = shown.result, shown.truth
     scored = None if truth is None else facts.scored_pixels(truth, shown.mask)
-    score = facts.scored(result, truth, shown.mask)
+    score = None if truth is None else score_map(result.disparity, truth, mask=shown.mask)
     kinds = layers.flag_kinds(result.flags)
-    ends = None if shown.pair[0].dtype == np.uint8 else screen_range(shown.pair)
+
+    # Of large maps every n-th pixel is shown; small pictures are kept to the bit.
     thin = (slice(None, None, shown.step), slice(None, None, shown.step))
     is_small = shown.pair[0][thin][:, :, 0].size <= MOST_EXACT
+    ends = None if shown.pair[0].dtype == np.uint8 else screen_range(shown.pair)
     left, right = (
         photograph_uri(_as_picture(image[thin], ends), exact=is_small) for image in shown.pair
     )
+
     coding = coding_of(result.disparity, truth)
     maps = layers.layers_of(result, truth)
     views = layers.views(maps)
     charts = facts.charts(result, truth, scored)
     gray = _is_gray(shown.pair[0]), _is_gray(shown.pair[1])
     rows, cols = result.disparity.shape
+
     return {
         "views": views,
         "charts": facts.chart_titles(charts),

@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 
     Map = NDArray[np.float32]
 
-__all__ = ["Scene", "scene_of"]
+__all__ = ["ScenePoints", "scene_points"]
 
 _FAR = 1.5  # depths beyond so many times the 90th percentile are left out: they dwarf the rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class ScenePoints:
     """Points in front of the left camera: x to the right, y down, z ahead.
 
     Parameters
@@ -63,13 +63,13 @@ class Scene:
         return "in baselines" if self.nominal else "in the unit of the baseline"
 
 
-def scene_of(
+def scene_points(
     disparity: Map,
     calibration: Calibration | None,
     *,
     step: int,
     max_depth: float | None = None,
-) -> Scene:
+) -> ScenePoints:
     """Return the points of a disparity map.
 
     Parameters
@@ -87,12 +87,14 @@ def scene_of(
     geometry = calibration or _nominal(disparity.shape)
     depth = geometry.depth(disparity[::step, ::step]).ravel()
     index = np.flatnonzero(np.isfinite(depth))
+
     limit = max_depth
     if limit is None:
         limit = _FAR * float(np.percentile(depth[index], 90)) if index.size else 0.0
+
     near = int(np.count_nonzero(depth[index] <= limit))
     far = 1 - near / index.size if index.size else 0.0
-    return Scene(near, index.size, far, limit, geometry, calibration is None)
+    return ScenePoints(near, index.size, far, limit, geometry, calibration is None)
 
 
 def _nominal(size: tuple[int, ...]) -> Calibration:

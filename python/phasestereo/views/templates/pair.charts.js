@@ -23,20 +23,20 @@ function ticksOf(low, high, count) {
 // A figure: what it shows is drawn by `paint`, with functions from values to screen pixels.
 function figure(place, { x, y, names = [], say, paint }) {
   const svg = drawn("svg", { width: "100%", height: "100%", "aria-hidden": "true" });
-  const told = made("p", { className: "told-here" });
-  place.replaceChildren(svg, told);
+  const label = made("p", { className: "shown-here" });
+  place.replaceChildren(svg, label);
   const bend = x.log ? Math.log : (value) => value;
-  let across = null;
+  let valueAt = null;
   const redraw = () => {
     const { clientWidth: width, clientHeight: height } = place;
-    const room = [width - SPACE.left - SPACE.right, height - SPACE.top - SPACE.bottom];
+    const size = [width - SPACE.left - SPACE.right, height - SPACE.top - SPACE.bottom];
     const at = {
-      x: (value) => SPACE.left + (room[0] * (bend(value) - bend(x.low))) / (bend(x.high) - bend(x.low)),
-      y: (value) => SPACE.top + room[1] * (1 - value / y.high),
+      x: (value) => SPACE.left + (size[0] * (bend(value) - bend(x.low))) / (bend(x.high) - bend(x.low)),
+      y: (value) => SPACE.top + size[1] * (1 - value / y.high),
       bottom: height - SPACE.bottom,
     };
-    across = (pixel) => {
-      const value = bend(x.low) + ((pixel - SPACE.left) / room[0]) * (bend(x.high) - bend(x.low));
+    valueAt = (pixel) => {
+      const value = bend(x.low) + ((pixel - SPACE.left) / size[0]) * (bend(x.high) - bend(x.low));
       return x.log ? Math.exp(value) : value;
     };
     svg.replaceChildren(...axes(x, y, at, [width, height]), ...paint(at), ...legendOf(names, width));
@@ -44,10 +44,10 @@ function figure(place, { x, y, names = [], say, paint }) {
   new ResizeObserver(redraw).observe(place);
   redraw();
   place.addEventListener("pointermove", (event) => {
-    const value = across(event.clientX - place.getBoundingClientRect().left);
-    told.textContent = value >= x.low && value <= x.high ? say(value) : "";
+    const value = valueAt(event.clientX - place.getBoundingClientRect().left);
+    label.textContent = value >= x.low && value <= x.high ? say(value) : "";
   });
-  place.addEventListener("pointerleave", () => (told.textContent = ""));
+  place.addEventListener("pointerleave", () => (label.textContent = ""));
 }
 
 function axes(x, y, at, [width, height]) {
@@ -163,8 +163,8 @@ const CHARTS = {
 };
 
 function makeCharts() {
-  for (const [key, told] of Object.entries(page.charts)) {
+  for (const [key, numbers] of Object.entries(page.charts)) {
     const place = element(`chart-${key}`);
-    whenNear(place, () => figure(place, CHARTS[key](told)));
+    whenNear(place, () => figure(place, CHARTS[key](numbers)));
   }
 }

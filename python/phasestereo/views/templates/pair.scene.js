@@ -294,7 +294,7 @@ function makeScene() {
   whenNear(place, () => {
     cloud = new Cloud(place);
     if (!cloud.gl) {
-      element("cloud-told").textContent = "This browser has no WebGL 2.";
+      element("cloud-shown").textContent = "This browser has no WebGL 2.";
       return;
     }
     if (!drawCloud()) {
@@ -318,7 +318,7 @@ function offerTints() {
 // Draw the points in the color that is chosen; return how many.
 function drawCloud() {
   const count = cloud.color(TINTS[element("tint").value], element("trusted").checked);
-  element("cloud-told").textContent = `${count.toLocaleString("en")} points`;
+  element("cloud-shown").textContent = `${count.toLocaleString("en")} points`;
   return count;
 }
 

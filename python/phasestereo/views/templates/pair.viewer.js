@@ -218,7 +218,7 @@ function renew() {
   delete element("scale").dataset.view;
   choose(isThere(state.view) ? state.view : "disparity");
   const { x, y } = state.pixel ?? {};
-  tell(inside(x, y) ? state.pixel : { x: page.cols >> 1, y: page.rows >> 1 });
+  showPixel(inside(x, y) ? state.pixel : { x: page.cols >> 1, y: page.rows >> 1 });
 }
 
 // As much of a layer as fills a small canvas.
@@ -238,7 +238,7 @@ function bindControls() {
   element("flicker").addEventListener("click", () => flicker(!state.timer));
   element("swap").addEventListener("click", () => { flicker(false); swap(); });
   element("rate").addEventListener("input", () => {
-    element("rate-told").textContent = `${element("rate").value} / s`;
+    element("rate-shown").textContent = `${element("rate").value} / s`;
     if (state.timer) flicker(true);
   });
   stage.grab = grabEdge;

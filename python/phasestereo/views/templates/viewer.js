@@ -9,9 +9,9 @@ const shown = { version: -1, frame: null, cursor: null, unit: "", metric: false,
 
 async function ask(path) {
   const answer = await fetch(path);
-  const told = await answer.json();
-  if (!answer.ok) throw new Error(told.error ?? answer.statusText);
-  return told;
+  const content = await answer.json();
+  if (!answer.ok) throw new Error(content.error ?? answer.statusText);
+  return content;
 }
 
 async function send(path, what) {
@@ -20,13 +20,13 @@ async function send(path, what) {
     headers: { "Content-Type": "application/json" },
     body: JSON.stringify(what),
   });
-  const told = await answer.json();
-  if (!answer.ok) throw new Error(told.error ?? answer.statusText);
-  return told;
+  const content = await answer.json();
+  if (!answer.ok) throw new Error(content.error ?? answer.statusText);
+  return content;
 }
 
 // A text that is read out only when it is another one.
-function tell(id, text, { hides = false } = {}) {
+function setText(id, text, { hides = false } = {}) {
   const place = element(id);
   if (place.textContent !== text) place.textContent = text;
   if (hides) place.hidden = !text;
@@ -34,33 +34,33 @@ function tell(id, text, { hides = false } = {}) {
 
 async function follow() {
   for (;;) {
-    let told;
+    let news;
     try {
-      told = await ask(`state?after=${shown.version}`);
+      news = await ask(`state?after=${shown.version}`);
     } catch {
-      tell("status", "The run has ended.");
-      tell("trouble", "", { hides: true });
+      setText("status", "The run has ended.");
+      setText("trouble", "", { hides: true });
       for (const control of document.querySelectorAll("button, input")) control.disabled = true;
       document.documentElement.dataset.ready = "ended";
       return;
     }
-    shown.version = told.version;
-    await show(told);
-    if (told.closed) await new Promise((done) => setTimeout(done, 500)); // until nobody answers
+    shown.version = news.version;
+    await show(news);
+    if (news.closed) await new Promise((done) => setTimeout(done, 500)); // until nobody answers
   }
 }
 
-async function show(told) {
-  const troubles = [told.ended, ...told.notes];
-  if (told.failure) troubles.push(told.failure.text + (told.failure.times > 1 ? ` (${told.failure.times} times)` : ""));
-  tell("trouble", troubles.filter(Boolean).join(" \u2013 "), { hides: true });
-  shown.unit = told.unit;
-  shown.metric = told.metric;
-  showFindings(told);
-  if (Date.now() - shown.touched > 1000) showSettings(told.settings);
-  const frame = told.frame;
+async function show(news) {
+  const troubles = [news.ended, ...news.notes];
+  if (news.failure) troubles.push(news.failure.text + (news.failure.times > 1 ? ` (${news.failure.times} times)` : ""));
+  setText("trouble", troubles.filter(Boolean).join(" \u2013 "), { hides: true });
+  shown.unit = news.unit;
+  shown.metric = news.metric;
+  showFindings(news);
+  if (Date.now() - shown.touched > 1000) showSettings(news.settings);
+  const frame = news.frame;
   if (!frame) return;
-  const failed = told.failed ? `, ${told.failed} failed` : "";
+  const failed = news.failed ? `, ${news.failed} failed` : "";
   element("status").textContent =
     `${frame.width} \u00d7 ${frame.height}, frame ${frame.index}${failed}, ${frame.rate} a second, ${frame.trusted}\u00a0% trusted`;
   if (shown.frame?.index === frame.index && shown.frame.low === frame.low && shown.frame.high === frame.high) return;
@@ -78,8 +78,8 @@ async function showFrame(frame) {
   if (shown.range !== range) {
     element("scale").src = `scale.png?${range}`;
     element("scale").hidden = false;
-    tell("low", String(frame.low));
-    tell("high", String(frame.high));
+    setText("low", String(frame.low));
+    setText("high", String(frame.high));
     shown.range = range;
   }
   shown.frame = frame;
@@ -99,12 +99,12 @@ async function swap(selector, address) {
   image.hidden = false;
 }
 
-function showFindings(told) {
+function showFindings(news) {
   const list = element("findings");
-  const key = JSON.stringify(told.findings);
-  if (!told.findings.length || list.dataset.key === key) return;
+  const key = JSON.stringify(news.findings);
+  if (!news.findings.length || list.dataset.key === key) return;
   list.dataset.key = key;
-  list.replaceChildren(...told.findings.map(([, severity, sentence]) => {
+  list.replaceChildren(...news.findings.map(([, severity, sentence]) => {
     const [item, word, text] = ["li", "b", "span"].map((name) => document.createElement(name));
     item.className = severity;
     word.textContent = WORDS[severity] ?? severity;
@@ -126,7 +126,7 @@ function showSettings(settings) {
 
 function showSetting(name) {
   const value = Number(element(name).value);
-  tell(`${name}-told`, name === "num_disparities" && !value ? "found" : String(value));
+  setText(`${name}-shown`, name === "num_disparities" && !value ? "found" : String(value));
 }
 
 // One change after the other, so that the last one holds, and what is said is of the last one.
@@ -137,9 +137,9 @@ async function changed(what) {
   shown.touched = Date.now();
   try {
     await send("settings", what);
-    tell("refused", "", { hides: true });
+    setText("refused", "", { hides: true });
   } catch (error) {
-    tell("refused", error.message, { hides: true });
+    setText("refused", error.message, { hides: true });
     shown.touched = 0; // what holds is shown again
   }
 }
@@ -174,11 +174,11 @@ async function showValue() {
   asking = true;
   const [x, y] = shown.cursor;
   try {
-    const told = await ask(`value?x=${x}&y=${y}`);
-    tell("at", `${x}, ${y}`);
-    tell("value", told.disparity === null ? "no estimate" : `${told.disparity.toFixed(2)} px`);
-    tell("depth", depthOf(told));
-    tell("flags", told.flags.join(", ") || "none");
+    const value = await ask(`value?x=${x}&y=${y}`);
+    setText("at", `${x}, ${y}`);
+    setText("value", value.disparity === null ? "no estimate" : `${value.disparity.toFixed(2)} px`);
+    setText("depth", depthOf(value));
+    setText("flags", value.flags.join(", ") || "none");
   } catch {
     shown.cursor = null; // frames have another size now
   } finally {
@@ -187,9 +187,9 @@ async function showValue() {
   if (shown.cursor && (shown.cursor[0] !== x || shown.cursor[1] !== y)) showValue();
 }
 
-function depthOf(told) {
+function depthOf(value) {
   if (!shown.metric) return "needs a calibration";
-  return told.depth === null ? "no estimate" : `${told.depth.toPrecision(4)} ${shown.unit}`.trim();
+  return value.depth === null ? "no estimate" : `${value.depth.toPrecision(4)} ${shown.unit}`.trim();
 }
 
 function bindViews() {
@@ -216,12 +216,12 @@ function bindViews() {
 function bindDeeds() {
   element("save").addEventListener("click", async () => {
     element("save").disabled = true;
-    tell("saved", "Saving \u2026");
+    setText("saved", "Saving \u2026");
     try {
-      const told = await send("save", null);
-      tell("saved", `Saved ${told.saved.join(", ")} in ${told.folder}`);
+      const saved = await send("save", null);
+      setText("saved", `Saved ${saved.saved.join(", ")} in ${saved.folder}`);
     } catch (error) {
-      tell("saved", `Not saved: ${error.message}`);
+      setText("saved", `Not saved: ${error.message}`);
     } finally {
       element("save").disabled = false;
     }

@@ -27,7 +27,6 @@ from phasestereo.views.viewer.show import RANGES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import TracebackType
     from typing import Self
 
     from phasestereo.integrations.video.streaming import Frame
@@ -70,8 +69,9 @@ class Server:
     def __init__(self, show: Show, port: int = 0) -> None:
         self._token = secrets.token_urlsafe(18)
         answers = _Answers(show)
-        told: dict[str, Any] = {"token": self._token, "answers": answers}
-        self._server = _Listener((_HOME, port), type("Handler", (_Handler,), told))
+        attributes: dict[str, Any] = {"token": self._token, "answers": answers}
+        handler = type("Handler", (_Handler,), attributes)
+        self._server = _Listener((_HOME, port), handler)
         self._port = int(self._server.server_address[1])
         answers.hosts = f"{_HOME}:{self._port}", f"localhost:{self._port}"
         self._thread = Thread(target=self._server.serve_forever, daemon=True)
@@ -86,12 +86,7 @@ class Server:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Answer no more."""
         self._server.shutdown()
         self._server.server_close()
@@ -107,7 +102,7 @@ class _Listener(ThreadingHTTPServer):
 
 
 class _Answers:
-    """What is said to whom asks for what."""
+    """The answer to every question, and the deed for every request."""
 
     def __init__(self, show: Show) -> None:
         self._show = show
@@ -137,12 +132,12 @@ class _Answers:
         return (resources.files("phasestereo.views") / "templates" / "viewer.js").read_bytes()
 
     def _state(self, query: dict[str, str]) -> bytes:
-        told = self._show.wait(int(query.get("after", "-1")), _PATIENCE)
-        return json.dumps(told, allow_nan=False).encode()
+        state = self._show.wait(int(query.get("after", "-1")), _PATIENCE)
+        return json.dumps(state, allow_nan=False).encode()
 
     def _value(self, query: dict[str, str]) -> bytes:
-        told = self._show.value(int(query.get("x", "-1")), int(query.get("y", "-1")))
-        return json.dumps(told, allow_nan=False).encode()
+        value = self._show.value(int(query.get("x", "-1")), int(query.get("y", "-1")))
+        return json.dumps(value, allow_nan=False).encode()
 
     def _set(self, wanted: Any) -> None:
         if not isinstance(wanted, dict):
@@ -172,6 +167,7 @@ class _Answers:
         frame = self._show.frame
         if frame is None:
             raise ValueError("there is no frame yet")
+
         with self._lock:
             known = self._encoded.get(kind)
             if known is None or known[0] is not frame:
@@ -198,6 +194,7 @@ class _Handler(BaseHTTPRequestHandler):
         place = self._place()
         if place is None:
             return
+
         kind, answer = self.answers.pages.get(place[0], ("", None))
         if answer is None:
             self._refuse(HTTPStatus.NOT_FOUND)
@@ -212,20 +209,25 @@ class _Handler(BaseHTTPRequestHandler):
         place = self._place()
         if place is None:
             return
+
         length = self.headers.get("Content-Length", "")
         if not (length.isascii() and length.isdecimal() and int(length) <= _LONGEST):
             self.close_connection = True
             self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
             return
+
         body = self.rfile.read(int(length))
+        # Other sites may send forms here, but not under our name.
         origin = self.headers.get("Origin")
         if origin is not None and origin != f"http://{self.headers['Host']}":
             self._refuse(HTTPStatus.FORBIDDEN)
             return
+
         deed = self.answers.deeds.get(place[0])
         if deed is None or self.headers.get_content_type() != "application/json":
             self._refuse(HTTPStatus.NOT_FOUND)
             return
+
         try:
             self._say_json(HTTPStatus.OK, deed(json.loads(body or b"null")) or {})
         except (OSError, ValueError, TypeError) as error:
@@ -236,6 +238,7 @@ class _Handler(BaseHTTPRequestHandler):
         if self.headers.get("Host") not in self.answers.hosts:
             self._refuse(HTTPStatus.FORBIDDEN)
             return None
+
         path, _, query = self.path.partition("?")
         token, slash, name = path.removeprefix("/").partition("/")
         if not (slash and secrets.compare_digest(token.encode(), self.token.encode())):
@@ -246,8 +249,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _refuse(self, status: HTTPStatus) -> None:
         self._say(status, "text/plain; charset=utf-8", f"{status.phrase}\n".encode())
 
-    def _say_json(self, status: HTTPStatus, told: Any) -> None:
-        self._say(status, "application/json", json.dumps(told, allow_nan=False).encode())
+    def _say_json(self, status: HTTPStatus, content: Any) -> None:
+        self._say(status, "application/json", json.dumps(content, allow_nan=False).encode())
 
     def _say(self, status: HTTPStatus, kind: str, content: bytes) -> None:
         self.send_response(status)

@@ -1,4 +1,4 @@
-"""What there is to show: the last frame, what failed, what was found; told to whoever waits."""
+"""What there is to show: the last frame, what failed, what was found; given to whoever waits."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from phasestereo._numbers import as_json
 from phasestereo.io import write_image
 from phasestereo.result import Flag
 from phasestereo.views.page import write_pair_page
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from phasestereo.settings import Settings
 
 Change = Callable[["Settings", int | None], None]
-"""Has the coming frames matched with other settings and another number of disparities."""
+"""Matches the coming frames with other settings and another number of disparities."""
 
 RANGES: Mapping[str, tuple[float, float]] = {
     "p1": (0, 100),
@@ -67,30 +68,37 @@ class Show:
     """
 
     def __init__(self, settings: Settings, num_disparities: int | None, folder: Path) -> None:
-        self.settings, self.num_disparities, self.folder = settings, num_disparities, folder
+        self.settings = settings
+        self.num_disparities = num_disparities
+        self.folder = folder
         self.frame: Frame | None = None
         self.closed = False
+
+        self._changed = Condition()
+        self._setting = Lock()
+        self._version = 0
+        self._change: Change | None = None
+
         self._calibration: Calibration | None = None
         self._unit = ""
-        self._changed, self._setting = Condition(), Lock()
-        self._version = 0
-        self._rate, self._last = 0.0, math.nan
-        self._failed, self._failure = 0, _Fault("", 0, -math.inf)
+        self._rate = 0.0
+        self._last = math.nan  # when the last frame came
+        self._failed = 0
+        self._failure = _Fault("", 0, -math.inf)
         self._notes: dict[str, str] = {}
         self._ended = ""
         self._diagnosis: Diagnosis | None = None
-        self._change: Change | None = None
 
     @contextmanager
     def _news(self) -> Iterator[None]:
-        """Change something, and wake up who waits for it."""
+        """Change something, and wake up whoever waits for it."""
         with self._changed:
             yield
             self._version += 1
             self._changed.notify_all()
 
-    def run_with(self, change: Change) -> None:
-        """Take what changes the settings of the frames that are coming."""
+    def follow(self, change: Change) -> None:
+        """Show coming frames, whose settings are changed by this."""
         with self._news():
             self._change, self._ended = change, ""
 
@@ -101,6 +109,7 @@ class Show:
             rate = 1 / max(now - self._last, 1e-3) if self._last == self._last else 0.0
             self._rate = _SMOOTH * self._rate + (1 - _SMOOTH) * rate if self._rate else rate
             self.frame, self._last = frame, now
+
             if frame.apart is not None and frame.apart > _APART:
                 self._notes["apart"] = (
                     f"the cameras are not synchronized: the right one comes "
@@ -149,7 +158,7 @@ class Show:
             return self._state()
 
     def wait_closed(self, seconds: float) -> bool:
-        """Wait to be closed; tell whether it is."""
+        """Wait to be closed; return whether it is."""
         with self._changed:
             return self._changed.wait_for(lambda: self.closed, seconds)
 
@@ -158,6 +167,7 @@ class Show:
         is_news = monotonic() - fault.at < _FORGET
         found = () if self._diagnosis is None else self._diagnosis.findings
         grave = () if self.frame is None else self.frame.result.findings
+
         return {
             "version": self._version,
             "closed": self.closed,
@@ -175,6 +185,7 @@ class Show:
     def _frame_state(self) -> dict[str, Any] | None:
         if self.frame is None:
             return None
+
         rows, cols = self.frame.result.disparity.shape
         trusted = float((self.frame.result.flags == 0).mean())
         low, high = self.ends()
@@ -228,10 +239,12 @@ class Show:
             low, high = RANGES[name]
             if not low <= value <= high:
                 raise ValueError(f"{name}: got {value:g}; accepts {low:g} to {high:g}")
+
         with self._setting:  # two browsers may look
             self._set(wanted)
 
     def _set(self, wanted: Mapping[str, Any]) -> None:
+
         values = {**self._settings_state(), **wanted}
         settings = replace(
             self.settings,
@@ -241,9 +254,11 @@ class Show:
             speckle_size=int(values["speckle_size"]),
             fill=bool(values["fill"]),
         )
+
         count = int(values["num_disparities"]) or None
         if self._change is not None:
             self._change(settings, count)
+
         with self._news():
             self.settings, self.num_disparities = settings, count
 
@@ -259,14 +274,16 @@ class Show:
         rows, cols = (0, 0) if frame is None else frame.result.disparity.shape
         if frame is None or not (0 <= x < cols and 0 <= y < rows):
             raise ValueError(f"x, y: got {x}, {y}; accepts pixels of {cols} x {rows}")
+
         found = frame.result.disparity[y, x]
         depth = math.nan
         if self._calibration is not None and self._calibration.width == cols:
             depth = float(self._calibration.depth(found))
+
         flags = Flag(int(frame.result.flags[y, x]))
         return {
-            "disparity": _number(float(found)),
-            "depth": _number(depth),
+            "disparity": as_json(float(found)),
+            "depth": as_json(depth),
             "flags": [str(flag.name).lower() for flag in Flag if flag & flags],
         }
 
@@ -287,15 +304,18 @@ class Show:
         if frame is None:
             raise ValueError("there is no pair to save yet")
         stem = _free(self.folder, f"pair-{frame.index:06}")
+
         paths = []
         for side, image in (("left", frame.left), ("right", frame.right)):
             is_plain = image.dtype == np.uint8 or (image.dtype == np.uint16 and image.ndim == 2)
             path = self.folder / f"{stem}-{side}{'.png' if is_plain else '.tif'}"
             write_image(path, image)
             paths.append(path.name)
+
         low, end = self.ends()
         known = self._calibration
         fits = known is not None and (known.height, known.width) == frame.result.disparity.shape
+
         write_pair_page(
             self.folder / f"{stem}.html",
             frame.left,
@@ -315,10 +335,6 @@ def _worst_first(found: Iterable[Finding]) -> list[list[str]]:
     for one in sorted(found, key=lambda one: -_ORDER.index(one.severity)):
         asked.setdefault(one.sentence, [one.topic, one.severity, one.sentence])
     return list(asked.values())
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _free(folder: Path, stem: str) -> str:

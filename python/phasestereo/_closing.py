@@ -1,0 +1,24 @@
+"""The end of a ``with`` block, for what has a `close`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from typing import Self
+
+
+class Closing:
+    """Closes itself at the end of a ``with`` block, however that comes about."""
+
+    def close(self) -> None:
+        """Free what is held; every class has its own way."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        """Return it."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()

@@ -1,0 +1,23 @@
+"""What is estimated of a pair for a match, without its blur, which takes most of the time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from phasestereo import _core
+from phasestereo._images import as_pair
+from phasestereo.rig.estimates import as_estimates
+from phasestereo.settings import PRESETS
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from phasestereo.rig.estimates import Estimates
+
+
+def estimated(left: ArrayLike, right: ArrayLike) -> Estimates:
+    """Return the rows and the range of a pair, of which nothing is known."""
+    asked = replace(PRESETS["robust"], compensate_blur=False, noise_threshold=0.0)
+    found = _core.estimate_pair(as_pair(left, right), (None, None), (0, None), asked, None)
+    return as_estimates(found, asked, (0, None), None)
