@@ -478,8 +478,8 @@ pub enum Width {
 
 impl Width {
     /// The narrowest integers that hold every sum, every total of a path and the number of every run of candidates.
-    pub fn new(settings: &Settings, window: Window, penalties: Penalties, has_votes: bool) -> Self {
-        let largest_cost = window.largest_value(has_votes);
+    pub fn new(settings: &Settings, window: Window, penalties: Penalties, has_masks: bool) -> Self {
+        let largest_cost = window.largest_value(has_masks);
         // Only paths accumulate totals beyond the cost of a window.
         let largest_total = match settings.optimizer {
             Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
