@@ -280,6 +280,7 @@ impl Settings {
     pub fn code_length(&self) -> usize {
         let (all, larger) = (self.components(), self.larger_components());
 
+        // With two sizes, only the components of the larger one have a weak level.
         let weak = usize::from(self.has_weak());
         if self.has_larger() {
             (all << (self.bits - 1)) + (larger << (self.bits - 1) << weak)

@@ -438,6 +438,7 @@ fn natural(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<usize> {
 }
 
 fn number(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<f64> {
+    // NumPy's numbers are registered as real ones; bool is one, too, but is refused.
     let real = value.py().import("numbers")?.getattr("Real")?;
     if !value.is_instance(&real)? || value.is_instance_of::<PyBool>() {
         return Err(wrong_type(value, name, "a number"));

@@ -519,6 +519,7 @@ impl Grid {
     /// The power of the noise of either image, from its quietest blocks.
     fn noise(&self) -> [f32; 2] {
         [0, 1].map(|side| {
+            // Texture only adds power, so the quietest blocks show the noise.
             let mut highs: Vec<f32> =
                 self.powers.iter().map(|powers| powers.least_high[side]).collect();
             let quiet = highs.len() / QUIET;

@@ -115,6 +115,7 @@ impl Taps {
             self.places().map(|(dy, dx, value)| value * of(dy as f64, dx as f64)).sum()
         };
 
+        // The second moment about the mean, which need not be the center.
         let (y, x) = (moment(&|y, _| y), moment(&|_, x| x));
         moment(&|dy, dx| (dy - y).powi(2) + (dx - x).powi(2)).max(0.0).sqrt()
     }
@@ -166,6 +167,7 @@ fn annulus(radius: f64, inner: f64) -> Taps {
 
 /// A straight path.
 fn motion(length: f64, angle: f64) -> Taps {
+    // A path between the centers of pixels is one pixel shorter than the pixels that it covers.
     let half = (length - 1.0).max(0.0) / 2.0;
     let samples = (length * MOTION_SAMPLES).round().max(1.0) as usize + 1;
     let steps = (0..samples).map(|i| -half + 2.0 * half * i as f64 / (samples - 1) as f64);

@@ -123,8 +123,8 @@ impl Bins {
 fn mean(powers: &[f32], members: &[u16]) -> f32 {
     let power = |place: &u16| powers[usize::from(*place)];
     let (fours, rest) = members.as_chunks();
-    // Sums of four values each shorten the chain of dependent additions.
 
+    // Sums of four values each shorten the chain of dependent additions.
     let of_four = |[a, b, c, d]: &[u16; 4]| power(a) + power(b) + (power(c) + power(d));
     let sum = fours.iter().map(of_four).sum::<f32>() + rest.iter().map(power).sum::<f32>();
 

@@ -27,6 +27,7 @@ pub struct Glance {
 impl Glance {
     /// The statistics of blocks with these powers, in an image of so many rows and columns.
     pub fn new(places: Vec<BlockPlace>, powers: &[Powers], (rows, cols): (usize, usize)) -> Self {
+        // The part of the image that the center of a block lies in.
         let part = |place: &BlockPlace| {
             let (y, x) = (place.top + SIDE / 2, place.left + SIDE / 2);
             y * PARTS / rows * PARTS + x * PARTS / cols

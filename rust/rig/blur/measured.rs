@@ -79,6 +79,7 @@ fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
     let taps = inner.as_slice();
     let start = (0..taps.len()).max_by(|a, b| taps[*a].total_cmp(&taps[*b]))?;
 
+    // Least squares leave noise everywhere: small and separate taps are dropped.
     let floor = taps[start] * LEAST_TAP;
     if floor <= 0.0 {
         return None;

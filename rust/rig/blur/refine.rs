@@ -41,6 +41,7 @@ pub fn refine(evidence: &BlurEvidence, level: Level) -> RefinedBlur {
     let judge_new = |psf| judge(Entry::new(psf, level));
 
     let families = [Family::Gaussian, Family::Disk, Family::Motion, Family::Annulus];
+    // The best entry of the bank of each family.
     let seeds = families.map(|family| {
         let members = bank().iter().filter(|entry| entry.psf.family == family);
         best(members.cloned().map(judge))
@@ -64,6 +65,7 @@ pub fn refine(evidence: &BlurEvidence, level: Level) -> RefinedBlur {
 fn descend(seed: RefinedBlur, judge: &impl Fn(Psf) -> RefinedBlur) -> RefinedBlur {
     let mut found = seed;
     for halving in 0..HALVINGS {
+        // The steps of both parameters shrink together.
         let (grow, turn) = (STEP / f64::from(1 << halving), TURN / f64::from(1 << halving));
         while let Some(better) = best(neighbors(found.entry.psf, grow, turn).map(judge))
             .filter(|other| other.fit.loss < found.fit.loss)

@@ -96,6 +96,7 @@ impl Losses {
 
         let mut steadied = self.clone();
         for (tile, losses) in steadied.values.chunks_mut(self.choices).enumerate() {
+            // Ties keep the tile's own losses.
             let steadiest =
                 self.around(tile).fold(tile, |a, b| if best(b) < best(a) { b } else { a });
             losses.copy_from_slice(self.of(steadiest));
@@ -168,6 +169,7 @@ pub fn first<'a>(tiles: impl Iterator<Item = &'a [f32]>) -> Option<usize> {
         *mean /= count;
     }
 
+    // The margin favors no blur: on sharp pairs, some blur is better by chance.
     let best = least(&means);
     Some(if means[0] <= means[best] + MARGIN / 2.0 { 0 } else { best })
 }

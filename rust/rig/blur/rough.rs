@@ -169,6 +169,7 @@ impl Rough {
 
         let pair = Pair::new(left, right, low, count)?;
 
+        // Few frequencies and costs of one byte are fast, and rough disparities suffice.
         let settings = Settings {
             neighborhood,
             frequencies: (1, 1),

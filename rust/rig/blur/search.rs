@@ -122,6 +122,7 @@ impl Blocks {
 
     /// Whether the left and the right block may be the softer one.
     fn may_be_softer(&self) -> [bool; 2] {
+        // Lack is relative to the other image, so the two have nearly opposite signs.
         let [left, right] = self.unblurred.map(|fit| fit.lack);
 
         [right - left <= CLEAR, left - right <= CLEAR]
@@ -136,6 +137,7 @@ impl Blocks {
             return self.losses(level);
         }
 
+        // Choices that are not tried must not look better than those that are.
         let mut losses = vec![own.max(UNTRIED); 1 + 2 * bank().len()];
         (losses[0], losses[first]) = (none, own);
 

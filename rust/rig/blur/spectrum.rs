@@ -437,8 +437,7 @@ mod tests {
         let psf = |angle| Psf::motion(9.0, angle);
 
         let of = |psf: Psf| response(&psf.taps(), Level::best());
-        // A motion along x leaves what varies along y alone: place kx = 0, ky = 8.
-
+        // A motion along x leaves what varies only along y: place kx = 0, ky = 8.
         let bin = |place: usize| {
             let mut powers = vec![0.0; HALF];
             powers[place] = 1.0;

@@ -222,6 +222,7 @@ fn fitted(
         fit = all;
     }
 
+    // A field that less than half of the blocks agree with may be one of several.
     if fit.agreeing < LEAST_BLOCKS.max(points.len() / 2) {
         return None;
     }
@@ -298,6 +299,7 @@ fn robust(points: &[Point], count: usize) -> Option<RobustFit> {
         }
     }
 
+    // Each remaining point counts once in the variance, whatever its weight.
     let agree: Vec<f64> = weights.iter().map(|weight| f64::from(*weight > 0.0)).collect();
     let agreeing = agree.iter().filter(|weight| **weight > 0.0).count();
     let mean_variance = Normal::new(points, &agree, count).mean_variance()?;

@@ -152,6 +152,7 @@ fn track(
 fn is_valid(part: &Part, (x, y): (isize, isize), factor: usize, side: usize) -> bool {
     let Some(mask) = &part.pair.views()[side].mask else { return true };
     let span = |at: isize, length: usize| {
+        // The pixels of the image under the block, cut at the border.
         let half = (BLOCK / 2) as isize;
         let end = |at: isize| (at * factor as isize).clamp(0, length as isize) as usize;
         end(at - half)..end(at + half)
@@ -253,6 +254,7 @@ impl Loop for Climb<'_> {
                 }
                 *value = known[y][x];
             }
+            // Of equal ones, the middle: then the climb ends.
             let best = (0..9).fold(4, |best, at| if nine[at] > nine[best] { at } else { best });
             if best == 4 {
                 return peak(nine, [x as f64 - SEARCH as f64, y as f64 - SEARCH as f64]);

@@ -80,6 +80,7 @@ pub fn confirms(
         }
     }
 
+    // A rise of confidence pays for a small fall of consistency.
     let [before, after] = scores;
     let rise = (after.confidence - before.confidence) / before.pixels;
     let fall = (before.consistent - after.consistent) / before.pixels;
