@@ -1,7 +1,7 @@
-//! Time of each stage by itself, on one thread, in (pixel x candidate) or pixels a second.
+//! Time of each stage alone, on one thread, in (pixel x candidate) or pixels a second.
 //!
-//! One group a stage, as the files of `rust/`; `cargo bench -- optimization` runs one of them. What the stages
-//! take is to be held against the limits of the machine: `cargo bench -- machine`.
+//! One group per stage, named as the files of `rust/`; `cargo bench -- optimization` runs one of them. The times of the
+//! stages compare to the limits of the machine: `cargo bench -- machine`.
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
@@ -19,7 +19,7 @@ use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{CostKind, Optimizer, Settings};
 use phasestereo::internals::simd::Level;
 
-/// Rows of the images; those of a band.
+/// Rows of the images, as many as of a band.
 const ROWS: usize = 64;
 const COLS: usize = 640;
 /// Numbers of candidates.
@@ -29,7 +29,7 @@ fn main() {
     divan::main();
 }
 
-/// Values without any structure: no stage's time depends on what the images show.
+/// Values without any structure: the time of no stage depends on the content of the images.
 fn noise<T>(rows: usize, cols: usize, mut value: impl FnMut(u32) -> T) -> Plane<T> {
     let mut state = 1u32;
     Plane::from_fn(rows, cols, |_, _| {
@@ -38,7 +38,7 @@ fn noise<T>(rows: usize, cols: usize, mut value: impl FnMut(u32) -> T) -> Plane<
     })
 }
 
-/// A scene and the same a few pixels further left.
+/// A scene, and the same scene a few pixels further left.
 fn views() -> [View; 2] {
     let scene = noise(ROWS, COLS + 8, |value| value as u8);
     [0, 8].map(|shift| {
@@ -52,12 +52,12 @@ fn views() -> [View; 2] {
     })
 }
 
-/// The preset `fast`, of costs and totals in bytes.
+/// The preset `fast`, whose costs and totals are bytes.
 fn fast() -> Settings {
     Preset::Fast.settings()
 }
 
-/// The preset `robust`, of costs and totals in bytes.
+/// The stages of the preset `robust` without its estimates; costs and totals are bytes.
 fn robust() -> Settings {
     Settings {
         compensate_blur: false,
@@ -68,7 +68,7 @@ fn robust() -> Settings {
     }
 }
 
-/// One bench: a level of this machine, a number of candidates.
+/// The parameters of one bench: an instruction-set level of this machine, and a number of candidates.
 #[derive(Clone, Copy)]
 struct Case {
     level: Level,
@@ -95,7 +95,7 @@ fn cases() -> impl Iterator<Item = Case> {
     levels().flat_map(|level| COUNTS.map(|candidates| Case { level, candidates }))
 }
 
-/// A level of this machine, by its name.
+/// An instruction-set level of this machine, which benches print by name.
 struct At(Level);
 
 impl std::fmt::Display for At {
@@ -108,42 +108,48 @@ fn every() -> impl Iterator<Item = At> {
     levels().map(At)
 }
 
-/// A map to be refined, and what is known besides.
+/// A map to refine, and what its refinement reads.
 #[derive(Clone)]
-struct Map {
+struct SampleMap {
     disparity: Plane<f32>,
     flags: Plane<u16>,
     votes: Plane<f32>,
     texture: Texture,
 }
 
-impl Map {
+impl SampleMap {
     const PIXELS: usize = ROWS * COLS;
 
-    /// Surfaces of 20 x 40 pixels, some of a gray value of their own; one pixel in sixteen is alone, one in ten
-    /// occluded.
+    /// Surfaces of 20 x 40 pixels, some with a gray value of their own; one pixel in sixteen is an outlier, one in ten
+    /// is occluded.
     fn new() -> Self {
         let lots = noise(ROWS, COLS, |value| value);
         let surface = |y: usize, x: usize| (7 * (y / 20) + 5 * (x / 40)) % 11;
+
         let disparity = Plane::from_fn(ROWS, COLS, |y, x| {
             let lot = lots.row(y)[x];
             let alone = if lot % 16 == 0 { 9.0 } else { 0.0 };
             surface(y, x) as f32 + alone + (lot >> 8) as f32 / 512.0
         });
+
         let flags = lots.map(|lot| if lot % 10 == 0 { flag::OCCLUDED } else { 0 });
         let votes = lots.map(|lot| (lot % 1000) as f32 / 1000.0);
+
         let texture = Texture::new(Plane::from_fn(ROWS, COLS, |y, x| {
             (20 * (surface(y, x) / 2)) as i32 + (lots.row(y)[x] >> 12) as i32
         }));
+
         Self { disparity, flags, votes, texture }
     }
 
-    /// Times one stage on one thread, which may change the map or write another plane of its size.
+    /// Times one stage on one thread. The stage may change the map or write another plane of its size.
     fn bench<T: Send>(
         bencher: Bencher,
         stage: impl Fn(&mut Self, &mut Plane<f32>) -> T + Send + Sync,
     ) {
-        let (map, pool) = (Self::new(), Matcher::new(1).expect("a thread starts"));
+        let map = Self::new();
+        let pool = Matcher::new(1).expect("a thread starts");
+
         bencher
             .counter(ItemsCount::new(Self::PIXELS))
             .with_inputs(|| (map.clone(), map.disparity.clone()))
@@ -151,14 +157,16 @@ impl Map {
     }
 }
 
-/// Does some work with the costs of a pair and their window, on one thread.
+/// Passes the costs of a pair and their window to some work, on one thread.
 fn with_costs<T>(case: Case, settings: &Settings, work: impl FnOnce(&Costs, Window) -> T) -> T {
     let (views, count) = (views(), case.candidates);
+
     let candidates = Candidates::new(0, count as i64, COLS).expect("in reach");
     let [left, right] = &views;
     let costs =
         Costs::new([left, right], candidates, settings, None, case.level, &Control::default())
             .expect("memory");
+
     work(&costs, Window::new((ROWS, COLS), count, settings, costs.ceiling()))
 }
 
@@ -183,6 +191,7 @@ mod descriptor {
         let bytes = || Image::U8(pixels(1, |value| value as u8));
         let of_size = |neighborhood| Settings { neighborhood, ..Preset::Paper.settings() };
         let of_bits = |power, bits| Settings { power, bits, ..Preset::Paper.settings() };
+
         vec![
             ("L = 7", bytes, of_size(7)),
             ("L = 11", bytes, of_size(11)),
@@ -211,7 +220,7 @@ mod descriptor {
             .collect()
     }
 
-    /// From the pixels of the image to its codes.
+    /// From the pixels of an image to its codes.
     #[divan::bench(args = names())]
     fn describe(bencher: Bencher, name: &str) {
         let (level, case) = name.split_once(", ").expect("a level and a case");
@@ -219,7 +228,9 @@ mod descriptor {
         let (_, image, settings) =
             cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
         let (level, control) = (level.expect("of this machine"), Control::default());
+
         let view = View::from(image());
+
         let work = || {
             describe_gray(
                 &Gray::new(&view, level, &control)?,
@@ -229,6 +240,7 @@ mod descriptor {
                 &control,
             )
         };
+
         bencher.counter(ItemsCount::new(ROWS * COLS)).bench(|| on_threads(1, work));
     }
 }
@@ -245,21 +257,23 @@ mod convolution {
 
     const ROWS: usize = 497;
     const COLS: usize = 741;
-    /// Bits after the point.
+    /// Bits of the kernel after the binary point.
     const FRACTION: u32 = 4;
     /// Samples of a pixel in each direction.
     const SAMPLES: usize = 8;
 
-    /// The kernel whose taps are the shares of each pixel that are `inside`, by offsets from the center.
+    /// The kernel whose taps are the shares of each pixel that lie `inside`, by offsets from the center.
     fn shares(radius: usize, inside: impl Fn(f64, f64) -> bool) -> Kernel {
         let side = 2 * radius + 1;
         let offset = |pixel: usize, sample: usize| {
             pixel as f64 - radius as f64 + (sample as f64 + 0.5) / SAMPLES as f64 - 0.5
         };
+
         let samples = |y, x| {
             let places = (0..SAMPLES).flat_map(|j| (0..SAMPLES).map(move |i| (j, i)));
             places.filter(|(j, i)| inside(offset(y, *j), offset(x, *i))).count() as f64
         };
+
         let shares = Plane::from_fn(side, side, samples);
         let total: f64 = shares.as_slice().iter().sum();
         Kernel::new(&shares.map(|share| share / total)).expect("a legal kernel")
@@ -269,7 +283,7 @@ mod convolution {
         shares(radius.ceil() as usize, |y, x| math::hypot(y, x) <= radius)
     }
 
-    /// A path of some pixels, one wide, at 30 degrees.
+    /// A path of some length, one pixel wide, at 30 degrees.
     fn motion(length: f64) -> Kernel {
         let (sine, cosine) = math::sin_cos(std::f64::consts::FRAC_PI_6);
         shares((length / 2.0).ceil() as usize, |y, x| {
@@ -281,6 +295,7 @@ mod convolution {
         let reach = (4.0 * sigma) as i32;
         let profile = (-reach..=reach).map(|j| math::exp(-0.5 * (f64::from(j) / sigma).powi(2)));
         let total: f64 = profile.clone().sum();
+
         let profile: Vec<f64> = profile.map(|tap| tap / total).collect();
         Kernel::separable(&profile, &profile).expect("a legal kernel")
     }
@@ -315,30 +330,34 @@ mod convolution {
         let (_, kernel, reach) =
             cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
         let (level, control) = (level.expect("of this machine"), Control::default());
+
         let pixels = noise(ROWS, COLS, |value| value as u8).into_vec();
         let pixels = Array3::from_shape_vec((ROWS, COLS, 1), pixels).expect("as many values");
         let view = View::from(Image::U8(pixels));
+
         let bytes = Gray::new(&view, level, &control).expect("memory");
         let wide = noise(ROWS, COLS, |value| (value << 8) as i32 - (1 << 23));
         let gray = if reach == 128 { bytes } else { Gray::within(reach, wide) };
         let work = || convolve_gray(&gray, &kernel, FRACTION, level, &control);
+
         bencher.counter(ItemsCount::new(ROWS * COLS)).bench_local(|| on_threads(1, work));
     }
 }
 
-/// Codes or gray values -> costs of all candidates, a panel of one row after another into the same few kilobytes.
+/// Codes or gray values -> costs of all candidates, panel after panel into the same few kilobytes.
 mod cost {
     use super::{Bencher, COLS, Case, CostKind, Costs, Preset, ROWS, Settings, cases, with_costs};
     use phasestereo::internals::optimization::PANEL;
     use phasestereo::internals::simd::Loop;
     use phasestereo::internals::value::{LANES, Lanes, Value};
 
-    struct Write<'a, V> {
+    /// Writes the costs of all panels of the image.
+    struct WriteCosts<'a, V> {
         costs: &'a Costs<'a>,
         out: &'a mut [Lanes<V>],
     }
 
-    impl<V: Value> Loop for Write<'_, V> {
+    impl<V: Value> Loop for WriteCosts<'_, V> {
         type Output = ();
 
         #[inline(always)]
@@ -354,7 +373,7 @@ mod cost {
         with_costs(case, settings, |costs, _| {
             let mut out = vec![[V::default(); LANES]; PANEL * costs.runs()];
             bencher.counter(case.evaluations()).bench_local(|| {
-                case.level.run(Write { costs, out: divan::black_box(&mut out[..]) });
+                case.level.run(WriteCosts { costs, out: divan::black_box(&mut out[..]) });
             });
         });
     }
@@ -389,7 +408,7 @@ mod cost {
     }
 }
 
-/// Panels of sums over windows, and the costs as they are needed: of the codes of `fast`, `robust` and `paper`.
+/// Sums over windows and the aggregated costs, panel by panel: of the codes of `fast`, `robust` and `paper`.
 mod aggregation {
     use super::{Bencher, COLS, Case, Preset, ROWS, Settings, cases, fast, robust, with_costs};
     use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock};
@@ -399,8 +418,10 @@ mod aggregation {
     fn aggregate<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
         with_costs(case, settings, |costs, window| {
             assert!(window.largest_value(false) <= V::LARGEST_TOTAL);
+
             let mut out = vec![[V::default(); LANES]; ROWS * PANEL * costs.runs()];
             let mut aggregator = Aggregator::<V>::default();
+
             bencher.counter(case.evaluations()).bench_local(|| {
                 for start in (0..COLS).step_by(PANEL) {
                     let block = PixelBlock { rows: 0..ROWS, columns: start..start + PANEL };
@@ -427,7 +448,7 @@ mod aggregation {
     }
 }
 
-/// The search of a band, from aggregated costs to chosen candidates. Every panel has the same costs.
+/// The search of a band, from aggregated costs to chosen candidates. All panels have the same costs.
 mod optimization {
     use super::{Bencher, COLS, Case, Control, Optimizer, Texture, cases, noise};
     use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock};
@@ -441,7 +462,7 @@ mod optimization {
     /// Rows that the paths of a band see.
     const ROWS: usize = BAND + 2 * LOOKAHEAD_ROWS;
 
-    /// Costs that are there already.
+    /// Costs that are only copied.
     struct Same<T>(Vec<Lanes<T>>);
 
     impl<T: Value> CostSource<T> for Same<T> {
@@ -454,16 +475,19 @@ mod optimization {
     fn search<T: Value>(bencher: Bencher, case: Case, optimizer: Optimizer, has_edges: bool) {
         let (candidates, level, control) = (case.candidates, case.level, &Control::default());
         let runs = candidates.div_ceil(LANES);
-        // Whole rows are at hand together, or panels of all that is seen.
+
+        // Enough for 16 whole rows, which dynamic programming reads together, or for a panel of all rows.
         let places = runs * (ROWS * PANEL).max(16 * COLS);
         let costs = noise(places, LANES, |value| T::truncated(u64::from(value % 200)));
         let source = Same(costs.as_slice().as_chunks().0.to_vec());
+
         let edges = if has_edges {
             let gray = noise(ROWS, COLS, |value| value as i32);
             Edges::new(&Texture::new(gray), 1.0, level, control)
         } else {
             Edges::nowhere(COLS)
         };
+
         let (size, first) = ((ROWS, COLS), BAND - LOOKAHEAD_ROWS);
         let (penalties, edges, weighs) =
             (Penalties { p1: 10, p2: 50 }, &edges.expect("memory"), true);
@@ -478,6 +502,7 @@ mod optimization {
             level,
             control,
         };
+
         let mut workspace = Workspace::<T>::default();
         bencher.counter(case.evaluations()).bench_local(|| {
             let rows = LOOKAHEAD_ROWS..LOOKAHEAD_ROWS + BAND;
@@ -512,18 +537,20 @@ mod optimization {
 }
 
 mod consistency {
-    use super::{Bencher, COLS, Map, ROWS};
+    use super::{Bencher, COLS, ROWS, SampleMap};
     use phasestereo::internals::cost::candidates::Candidates;
     use phasestereo::internals::refinement::left_right_check::{Checker, Choices};
 
     #[divan::bench]
     fn check(bencher: Bencher) {
         let candidates = Candidates::new(0, 32, COLS).expect("in reach");
-        let Map { disparity, votes, .. } = Map::new();
+        let SampleMap { disparity, votes, .. } = SampleMap::new();
         let chosen = disparity.map(|disparity| *disparity as u16);
         let costs = votes.map(|vote| (1000.0 * vote) as u32);
-        Map::bench(bencher, |_, _| {
+
+        SampleMap::bench(bencher, |_, _| {
             let (mut checker, mut flags) = (Checker::default(), [0; COLS]);
+
             for y in 0..ROWS {
                 let choices = Choices { chosen: chosen.row(y), costs: costs.row(y), candidates };
                 flags.fill(0);
@@ -534,23 +561,23 @@ mod consistency {
 }
 
 mod speckles {
-    use super::{At, Bencher, Control, Map, every};
+    use super::{At, Bencher, Control, SampleMap, every};
     use phasestereo::internals::refinement::speckles::flag_speckles;
 
     #[divan::bench(args = every())]
     fn flag(bencher: Bencher, At(level): &At) {
-        Map::bench(bencher, |Map { disparity, flags, .. }, _| {
+        SampleMap::bench(bencher, |SampleMap { disparity, flags, .. }, _| {
             flag_speckles(disparity, flags, (100, 1.0), *level, &Control::default())
         });
     }
 }
 
 mod filling {
-    use super::{At, Bencher, Control, Map, every};
+    use super::{At, Bencher, Control, SampleMap, every};
 
     #[divan::bench(args = every())]
     fn fill(bencher: Bencher, At(level): &At) {
-        Map::bench(bencher, |Map { disparity, flags, .. }, _| {
+        SampleMap::bench(bencher, |SampleMap { disparity, flags, .. }, _| {
             phasestereo::internals::refinement::filling::fill(
                 disparity,
                 flags,
@@ -562,11 +589,11 @@ mod filling {
 }
 
 mod guided {
-    use super::{At, Bencher, Control, Map, every};
+    use super::{At, Bencher, Control, SampleMap, every};
 
     #[divan::bench(args = every())]
     fn guide(bencher: Bencher, At(level): &At) {
-        Map::bench(bencher, |Map { disparity, texture, .. }, out| {
+        SampleMap::bench(bencher, |SampleMap { disparity, texture, .. }, out| {
             phasestereo::internals::refinement::guided_median::guide(
                 disparity,
                 texture,
@@ -579,11 +606,11 @@ mod guided {
 }
 
 mod outlines {
-    use super::{At, Bencher, Control, Map, every};
+    use super::{At, Bencher, Control, SampleMap, every};
 
     #[divan::bench(args = every())]
     fn draw(bencher: Bencher, At(level): &At) {
-        Map::bench(bencher, |Map { disparity, texture, .. }, out| {
+        SampleMap::bench(bencher, |SampleMap { disparity, texture, .. }, out| {
             phasestereo::internals::refinement::outlines::draw(
                 disparity,
                 texture,
@@ -604,14 +631,16 @@ mod synthesis {
     use phasestereo::internals::refinement::synthesis::BlurredPair;
     use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 
-    /// A map of patches, and a soft image (0: left, 1: right).
+    /// Synthesizes the soft image (0: left, 1: right) of a map of patches.
     fn redraw(bencher: Bencher, At(level): &At, side: usize) {
         let (views, control) = (views(), Control::default());
+
         let kernel = Kernel::new(&Plane::from_fn(9, 9, |_, _| 1.0 / 81.0)).expect("legal");
         let kernels = if side == 0 { [None, Some(kernel)] } else { [Some(kernel), None] };
         let labels = Plane::from_fn(1, 1, |_, _| 0);
         let compensation =
             BlurCompensation::new([1.0; 2], vec![kernels], labels, 1).expect("legal");
+
         let settings = Settings {
             neighborhood: 5,
             frequencies: (1, 1),
@@ -619,8 +648,10 @@ mod synthesis {
             synthesis: true,
             ..Preset::Paper.settings()
         };
+
         let patches = noise(ROWS / 16, COLS / 16, |value| (value % 40) as f32);
         let map = Plane::from_fn(ROWS, COLS, |y, x| patches.row(y / 16)[x / 16]);
+
         let scene = BlurredPair::new(
             [&views[0], &views[1]],
             Some(&compensation),
@@ -630,8 +661,10 @@ mod synthesis {
             &control,
         );
         let scene = scene.expect("memory").expect("kernels");
+
         let mut out = map.clone();
         let pool = Matcher::new(1).expect("a thread starts");
+
         bencher.counter(ItemsCount::new(ROWS * COLS)).bench_local(|| {
             pool.install(|| scene.redraw(&map, &mut out, *level, &control)).expect("memory");
         });
@@ -649,11 +682,11 @@ mod synthesis {
 }
 
 mod median {
-    use super::{At, Bencher, Control, Map, every};
+    use super::{At, Bencher, Control, SampleMap, every};
 
     #[divan::bench(args = every())]
     fn smooth(bencher: Bencher, At(level): &At) {
-        Map::bench(bencher, |Map { disparity, .. }, out| {
+        SampleMap::bench(bencher, |SampleMap { disparity, .. }, out| {
             phasestereo::internals::refinement::median::smooth(
                 disparity,
                 out,
@@ -665,11 +698,11 @@ mod median {
 }
 
 mod subpixel {
-    use super::{At, Bencher, Control, Map, every};
+    use super::{At, Bencher, Control, SampleMap, every};
 
     #[divan::bench(args = every())]
     fn smooth(bencher: Bencher, At(level): &At) {
-        Map::bench(bencher, |Map { disparity, .. }, out| {
+        SampleMap::bench(bencher, |SampleMap { disparity, .. }, out| {
             phasestereo::internals::refinement::subpixel::smooth(
                 disparity,
                 out,
@@ -681,18 +714,18 @@ mod subpixel {
 }
 
 mod confidence {
-    use super::{At, Bencher, Control, Map, every};
+    use super::{At, Bencher, Control, SampleMap, every};
     use phasestereo::internals::refinement::confidence::VotedMap;
 
     #[divan::bench(args = every())]
     fn confidences(bencher: Bencher, At(level): &At) {
-        Map::bench(bencher, |Map { disparity, votes, texture, .. }, out| {
+        SampleMap::bench(bencher, |SampleMap { disparity, votes, texture, .. }, out| {
             VotedMap { disparity, votes, texture }.confidences(out, *level, &Control::default())
         });
     }
 }
 
-/// Whole matches, from images to disparities, by a matcher that has its memory already.
+/// Whole matches, from images to disparities, by a matcher whose memory is allocated already.
 mod matcher {
     use super::{
         Bencher, Case, Control, Matcher, Plane, Preset, Settings, cases, fast, noise, robust, views,
@@ -705,12 +738,13 @@ mod matcher {
         Settings { noise_threshold: 1.0, p1: 6.0, p2: 32.0, ..fast() }
     }
 
-    /// So many versions of the right image, moved by some pixels each.
+    /// A compensation with `count` versions of the right image, each moved by some pixels.
     fn blur_compensation(count: usize) -> BlurCompensation {
         let moving = |class: usize| {
             let taps = Plane::from_fn(1, 9, |_, x| if x == 4 + class { 1.0 } else { 0.0 });
             Kernel::new(&taps).expect("a legal kernel")
         };
+
         let kernels = (0..count).map(|class| [None, (class > 0).then(|| moving(class))]).collect();
         let labels = noise(4, 16, |value| (value as usize % count) as u8);
         BlurCompensation::new([1.5; 2], kernels, labels, 40).expect("legal compensation")
@@ -731,6 +765,7 @@ mod matcher {
         let pair = pair.with_blur_compensation(compensation);
         let how = Execution { threads: 1, level: case.level };
         let matcher = Matcher::new(1).expect("a thread starts");
+
         bencher
             .counter(case.evaluations())
             .bench_local(|| matcher.match_pair(&pair, settings, how, &Control::default()));
@@ -746,7 +781,7 @@ mod matcher {
         whole_of(bencher, case, &weak(), Some(blur_compensation(1)));
     }
 
-    /// In tiles that a panel has several of.
+    /// Classes in tiles, several of which lie in a panel.
     #[divan::bench(args = cases(), sample_count = 10)]
     fn in_four_classes(bencher: Bencher, case: Case) {
         whole_of(bencher, case, &weak(), Some(blur_compensation(4)));
@@ -763,20 +798,20 @@ mod matcher {
     }
 }
 
-/// What the machine can do, in the same units: a stage that takes `n` of these steps for an evaluation is
-/// hardly faster than an `n`th of this. (The first byte of a code is: it has no sum to be added to.)
+/// Limits of the machine, in the same units: a stage that takes `n` of these steps for an evaluation is hardly faster
+/// than an `n`th of this. (The first byte of a code is, since there is no sum to add it to.)
 mod machine {
     use super::{At, Bencher, every, noise};
     use divan::counter::{BytesCount, ItemsCount};
     use phasestereo::internals::image::plane::Plane;
     use phasestereo::internals::simd::Loop;
 
-    /// Bytes of one operand: three of them are at home in any first-level cache.
+    /// Bytes of one operand: three of them fit into any first-level cache.
     const FEW: usize = 8 << 10;
-    /// Times that they are gone through for one sample.
+    /// Passes over the operands in one sample.
     const TIMES: usize = 1000;
 
-    /// What is done with each byte.
+    /// The step for each byte.
     trait Step {
         fn step(left: u8, right: u8, sum: u8) -> u8;
     }
@@ -800,9 +835,10 @@ mod machine {
         }
     }
 
-    struct Through<'a, S>([&'a [u8]; 2], &'a mut [u8], S);
+    /// One pass over the operands.
+    struct BytePass<'a, S>([&'a [u8]; 2], &'a mut [u8], S);
 
-    impl<S: Step> Loop for Through<'_, S> {
+    impl<S: Step> Loop for BytePass<'_, S> {
         type Output = ();
 
         #[inline(always)]
@@ -814,13 +850,14 @@ mod machine {
         }
     }
 
-    fn through<S: Step + Copy>(bencher: Bencher, At(level): &At, step: S) {
+    fn bench_passes<S: Step + Copy>(bencher: Bencher, At(level): &At, step: S) {
         let operands: Plane<u8> = noise(2, FEW, |value| value as u8);
         let mut sums = vec![0; FEW];
+
         bencher.counter(ItemsCount::new(FEW * TIMES)).bench_local(|| {
             for _ in 0..TIMES {
                 let rows = divan::black_box([operands.row(0), operands.row(1)]);
-                level.run(Through(rows, divan::black_box(&mut sums), step));
+                level.run(BytePass(rows, divan::black_box(&mut sums), step));
             }
         });
     }
@@ -828,20 +865,22 @@ mod machine {
     /// XOR, population count and sum of bytes.
     #[divan::bench(args = every(), sample_count = 20)]
     fn distance_of_bytes(bencher: Bencher, at: &At) {
-        through(bencher, at, Distance);
+        bench_passes(bencher, at, Distance);
     }
 
-    /// Saturating sum and minimum of bytes: one way of a search.
+    /// Saturating sum and minimum of bytes: one direction of a search.
     #[divan::bench(args = every(), sample_count = 20)]
     fn least_of_bytes(bencher: Bencher, at: &At) {
-        through(bencher, at, Least);
+        bench_passes(bencher, at, Least);
     }
 
-    /// Bytes copied within memory that fits into a first-level cache, a second-level one, and neither.
+    /// Copies of bytes in memory that fits into a first-level cache, a second-level one, and neither.
     #[divan::bench(args = [8 << 10, 160 << 10, 64 << 20], sample_count = 20)]
     fn copy(bencher: Bencher, bytes: usize) {
-        let (from, mut to) = (vec![1u8; bytes], vec![0u8; bytes]);
+        let from = vec![1u8; bytes];
+        let mut to = vec![0u8; bytes];
         let times = ((64 << 20) / bytes).max(1);
+
         bencher.counter(BytesCount::new(bytes * times)).bench_local(|| {
             for _ in 0..times {
                 divan::black_box(&mut to[..]).copy_from_slice(divan::black_box(&from[..]));

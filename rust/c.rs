@@ -63,7 +63,7 @@ pub enum Status {
     Ok = 0,
     /// An argument is not acceptable: `phasestereo_error` names it, what it got and what it accepts.
     InvalidArgument = 1,
-    /// The working memory could not be had.
+    /// The working memory could not be allocated.
     OutOfMemory = 2,
     /// The system refused to start the threads.
     Threads = 3,
@@ -277,7 +277,7 @@ unsafe fn read_pair(
 ) -> Result<(Pair, Known)> {
     let is_given = num_disparities != 0;
     if !is_given && min_disparity != 0 {
-        let accepts = "0 where num_disparities is 0, which has the whole range found";
+        let accepts = "0 where num_disparities is 0, since the whole range is then estimated";
         return Err(Error::value("min_disparity", min_disparity, accepts));
     }
 

@@ -10,16 +10,16 @@ pub enum Error {
     Value {
         /// Name of the argument or settings field.
         argument: &'static str,
-        /// What was given.
+        /// The refused value.
         got: String,
-        /// What would have been right.
+        /// The values that are accepted.
         accepts: String,
     },
     /// The caller asked to stop.
     #[error("cancelled")]
     Cancelled,
-    /// The working memory of the requested match could not be had.
-    #[error("out of memory: {bytes} bytes of working memory could not be had")]
+    /// The working memory could not be allocated.
+    #[error("out of memory: {bytes} bytes of working memory could not be allocated")]
     OutOfMemory {
         /// Size of the allocation that failed.
         bytes: usize,

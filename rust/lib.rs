@@ -1,8 +1,8 @@
-//! Dense stereo matching on quantized local phase, which blur and contrast leave alone.
+//! Dense stereo matching on quantized local phase, which is insensitive to blur and contrast.
 //!
-//! A match is one call. The settings are those of a preset, of [`Preset::Robust`] by default, which finds out by itself
-//! what the pair lacks: which disparities there are, how the rows of the images correspond, which image is blurred, where
-//! and by what, and how much noise there is.
+//! A match is one call. The settings are those of a preset. [`Preset::Robust`], the default, estimates what the pair lacks:
+//! the range of disparities, how the rows of the images correspond, which image is blurred, where and by what, and the
+//! noise.
 //!
 //! ```
 //! use phasestereo::{Image, Pair, Settings, View, match_pair};
@@ -14,10 +14,10 @@
 //! };
 //! let pair = Pair::new(texture(0), texture(5), 0, 16)?;
 //!
-//! let (found, estimates) = match_pair(pair, &Settings::default(), 1)?;
+//! let (map, estimates) = match_pair(pair, &Settings::default(), 1)?;
 //!
-//! assert!((found.disparity.row(40)[60] - 5.0).abs() < 0.5);
-//! assert!(estimates.alignment.is_none(), "its rows correspond");
+//! assert!((map.disparity.row(40)[60] - 5.0).abs() < 0.5);
+//! assert!(estimates.alignment.is_none(), "the rows correspond");
 //! # Ok::<(), phasestereo::Error>(())
 //! ```
 //!
@@ -26,13 +26,14 @@
 //! Each folder is a stage, in the order in which the data flows:
 //!
 //! 1. `image`: two rectified images of any type become integer planes; masked pixels take the values of their neighbors.
-//!    Impulses are repaired, noise and what compression has left of its blocks are smoothed away, blur is added.
-//! 2. `descriptor`: around every pixel a local Fourier transform is taken, of which only the phase is kept, coarsely:
-//!    symmetric blur and contrast leave it alone. The levels are packed into one word per pixel.
-//! 3. `cost`: a pixel and a candidate in the other image cost as many bits as differ; or, for comparison, what their
-//!    intensities or local contrasts differ by. Costs are summed over a window, of which the best of five positions counts.
-//! 4. `optimization`: the sum of the totals of a few paths chooses a candidate for every pixel, or dynamic programming
-//!    along the row does; paths jump more easily at edges of the image.
+//!    Impulses are repaired, noise and block artifacts of compression are smoothed away, blur is added.
+//! 2. `descriptor`: the phase of a local Fourier transform around every pixel is quantized coarsely. Symmetric blur and
+//!    contrast leave it unchanged. The levels are packed into one word per pixel.
+//! 3. `cost`: a pixel and a candidate in the other image cost the number of bits that differ; or, for comparison, the
+//!    difference of their intensities or local contrasts. Costs are summed over a window, or over the best of five
+//!    shifted ones.
+//! 4. `optimization`: the totals of a few paths, or dynamic programming along the row, choose a candidate for every pixel.
+//!    Jumps cost less at edges of the image.
 //! 5. `refinement`: candidates become sub-pixel disparities. The left-right check and the speckle filter flag disparities
 //!    that cannot be right, which are then filled from the pixels beside them. Edges in depth are aligned with those of
 //!    the left image. Where one image is blurred, it is synthesized by the map, which corrects disparities near jumps.
@@ -42,11 +43,11 @@
 //! runs bands of rows on threads. It knows the rows that a part of a pair depends on (its halo), the memory that a
 //! match takes, and the statistics of a whole pair that the match of its parts needs.
 //!
-//! Costs and totals are integers as narrow as the settings allow (`value`), the candidates of a pixel in neighboring lanes,
-//! in loops that are compiled for every instruction set (`simd`, the only unsafe code but that of the C interface). All
-//! arithmetic is that of integers (the descriptor's may be carried out in floats that hold them exactly): the result is the
-//! same to the bit for any number of threads, any part of a pair and any instructions, and equal to that of a reference
-//! implementation, which does the same in the most obvious way (`tests/rust/reference.rs`).
+//! Costs and totals are integers as narrow as the settings allow (`value`). The candidates of a pixel lie in neighboring
+//! lanes, in loops that are compiled for every instruction set (`simd`, the only unsafe code except for the C interface).
+//! All arithmetic is that of integers (the descriptor may use floats that hold them exactly), so the result is the same to
+//! the bit for any number of threads, any part of a pair and any instructions, and equals that of a reference
+//! implementation, which computes the same in the most obvious way (`tests/rust/reference.rs`).
 //!
 //! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
 

@@ -148,10 +148,10 @@ type Matched<'py> = (
     Bound<'py, PyDict>,
 );
 
-/// Shares with an estimate, flagged, at the least and at the largest disparity; mean confidence.
-type Summarized = (f64, f64, f64, f64, f64);
+/// The shares of pixels with an estimate, flagged, at the least and at the largest disparity; mean confidence.
+type SummaryTuple = (f64, f64, f64, f64, f64);
 
-/// All of a default match: what the pair lacks is estimated, the map is found and summed up in one call.
+/// A whole default match in one call: estimates what the pair lacks, matches the pair, and summarizes the map.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 fn match_pair<'py>(
@@ -163,7 +163,7 @@ fn match_pair<'py>(
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
     known: KnownOfPair<'py>,
-) -> PyResult<(Matched<'py>, Summarized, EstimatesTuple<'py>)> {
+) -> PyResult<(Matched<'py>, SummaryTuple, EstimatesTuple<'py>)> {
     let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
@@ -175,14 +175,14 @@ fn match_pair<'py>(
     let (map, summary, estimates) =
         supervised(py, &pool, rows, progress, move |matcher, control| {
             let means = Means { matcher, how, control };
-            let (map, found) = prepare_and_match(pair, known, &settings, means)?;
-            let summary = Summary::new(&map, found.candidates);
-            Ok((map, summary, found))
+            let (map, estimates) = prepare_and_match(pair, known, &settings, means)?;
+            let summary = Summary::new(&map, estimates.candidates);
+            Ok((map, summary, estimates))
         })?;
 
     let Summary { estimated, flagged, at_low, at_high, confidence } = summary;
-    let summarized = (estimated, flagged, at_low, at_high, confidence);
-    Ok((disparity_to_py(py, map)?, summarized, estimates_to_py(py, estimates)?))
+    let summary = (estimated, flagged, at_low, at_high, confidence);
+    Ok((disparity_to_py(py, map)?, summary, estimates_to_py(py, estimates)?))
 }
 
 fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {

@@ -224,6 +224,7 @@ impl Settings {
         number_between("p2", self.p2, LARGEST_PENALTY)?;
         number_between("adaptive_p2", self.adaptive_p2, LARGEST_EDGES)?;
 
+        // These act on phase codes only.
         let of_codes = [
             ("compensate_blur", self.compensate_blur),
             ("despike", self.despike),
@@ -279,6 +280,7 @@ impl Settings {
     pub fn code_length(&self) -> usize {
         let (all, larger) = (self.components(), self.larger_components());
 
+        // With two sizes, only the components of the larger one have a weak level.
         let weak = usize::from(self.has_weak());
         if self.has_larger() {
             (all << (self.bits - 1)) + (larger << (self.bits - 1) << weak)
@@ -435,8 +437,10 @@ mod tests {
         for value in [(0, 0), (5, 0), (0, 4), (4, 1)] {
             assert!(refused(|s| s.frequencies = value).starts_with("frequencies: got"));
         }
+
         assert!(refused(|s| s.power = 3).starts_with("power: got 3"));
         assert!(refused(|s| s.bits = 5).starts_with("bits: got 5"));
+
         for value in [-0.1, 100.1, f64::NAN, f64::INFINITY] {
             assert!(refused(|s| s.noise_threshold = value).starts_with("noise_threshold: got"));
         }
@@ -444,21 +448,24 @@ mod tests {
             assert!(refused(|s| s.p1 = value).starts_with("p1: got"));
             assert!(refused(|s| s.p2 = value).starts_with("p2: got"));
         }
+
         for value in [(1.0, 1.0), (0.0, f64::INFINITY), (f64::NAN, 1.0)] {
             assert!(refused(|s| s.intensity_range = Some(value)).starts_with("intensity_range"));
         }
     }
 
     #[test]
-    fn a_weak_level_needs_two_bits_of_phase_and_twice_their_room() {
+    fn a_weak_level_needs_two_bits_of_phase_and_doubles_the_code() {
         let weak =
             |bits, cost| Settings { noise_threshold: 1.0, bits, cost, ..Preset::Paper.settings() };
         assert_eq!(weak(2, CostKind::Phase).check(), Ok(()));
+
         assert_eq!(weak(2, CostKind::Phase).code_length(), 28);
         for (bits, cost) in [(1, CostKind::Phase), (3, CostKind::Phase), (2, CostKind::Sad)] {
             let refused = weak(bits, cost).check().expect_err("must be refused").to_string();
             assert!(refused.starts_with("noise_threshold: got 1 with bits"), "{refused}");
         }
+
         let refused = Settings { frequencies: (3, 2), ..weak(2, CostKind::Phase) }.check();
         let message = refused.expect_err("must be refused").to_string();
         assert!(message.contains("a weak level, which need 68 bits"), "{message}");
@@ -471,6 +478,7 @@ mod tests {
             s.frequencies = (4, 4);
             s.bits = 2;
         });
+
         for part in ["r = 4", "s = 4", "b = 2", "80 bits"] {
             assert!(message.contains(part), "{message}");
         }

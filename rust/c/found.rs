@@ -103,7 +103,7 @@ pub struct Found {
     pub num_disparities: i32,
     /// Origin of the disparities: `PHASESTEREO_GIVEN`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
     pub origin: u32,
-    /// 1: nearly all disparities are clearly negative, as where left and right are swapped.
+    /// 1: nearly all disparities are negative, most of them clearly, as where left and right are swapped.
     pub swapped: u32,
     /// 1: many disparities of either sign are clearly not zero.
     pub mixed: u32,
@@ -113,9 +113,11 @@ pub struct Found {
 
 impl Found {
     /// The estimates for C; `is_given`: the caller gave the disparities.
-    pub fn new(found: &Estimates, is_given: bool) -> Self {
-        let Estimates { range, offsets, blur, .. } = found;
+    pub fn new(estimates: &Estimates, is_given: bool) -> Self {
+        let Estimates { range, offsets, blur, .. } = estimates;
         let blurs = blur.as_ref().map(blurs).unwrap_or_default();
+
+        // Numbers that were not estimated are NaN.
         let of_range = |value: fn(&_) -> f64| range.as_ref().map_or(f64::NAN, value);
         let of_rows = |value: fn(&_) -> f64| offsets.as_ref().map_or(f64::NAN, value);
         let of_blur = |value: fn(&_) -> f64| blur.as_ref().map_or(f64::NAN, value);
@@ -123,7 +125,7 @@ impl Found {
             |value: fn(&blur::Estimate) -> [f64; 2]| blur.as_ref().map_or([f64::NAN; 2], value);
 
         Self {
-            confidence: found.confidence.unwrap_or(f64::NAN),
+            confidence: estimates.confidence.unwrap_or(f64::NAN),
             low: of_range(|range: &crate::rig::estimation::range::SearchRange| range.low),
             high: of_range(|range| range.high),
             rows: offsets.as_ref().map_or([f64::NAN; TERMS], |rows| *rows.field.coefficients()),
@@ -138,9 +140,9 @@ impl Found {
             blurs: array::from_fn(|index| blurs.get(index).copied().unwrap_or_default()),
             num_blurs: blurs.len() as u32,
             rows_blocks: offsets.as_ref().map_or(0, |rows| rows.blocks as u32),
-            rows_applied: found.alignment.is_some().into(),
-            min_disparity: found.candidates.min() as i32,
-            num_disparities: found.candidates.count() as i32,
+            rows_applied: estimates.alignment.is_some().into(),
+            min_disparity: estimates.candidates.min() as i32,
+            num_disparities: estimates.candidates.count() as i32,
             origin: match range {
                 _ if is_given => PHASESTEREO_GIVEN,
                 Some(_) => PHASESTEREO_FOUND,
@@ -148,21 +150,21 @@ impl Found {
             },
             swapped: range.as_ref().is_some_and(|range| range.swapped).into(),
             mixed: range.as_ref().is_some_and(|range| range.mixed).into(),
-            inverted: found.is_inverted.into(),
+            inverted: estimates.is_inverted.into(),
         }
     }
 }
 
 /// The kinds of blur with their shares of the image; of a kind that both images have, both blurs with the same share.
-fn blurs(found: &blur::Estimate) -> Vec<Blur> {
-    let (_, _, labels) = &found.labels;
+fn blurs(estimate: &blur::Estimate) -> Vec<Blur> {
+    let (_, _, labels) = &estimate.labels;
     let share = |index: usize| {
         let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();
         tiles as f64 / labels.len() as f64
     };
 
     let mut blurs = vec![];
-    for (index, kind) in found.blurs.iter().enumerate() {
+    for (index, kind) in estimate.blurs.iter().enumerate() {
         let own = Blur { share: share(index), ..Blur::new(kind) };
         blurs.push(own);
         if let Some(psf) = kind.other {

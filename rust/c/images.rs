@@ -147,6 +147,7 @@ impl Image {
             let start = self.data.cast::<u8>().wrapping_offset(y as isize * self.stride);
             // SAFETY: as the caller promises, row `y` begins there and has so many bytes.
             let bytes = unsafe { std::slice::from_raw_parts(start, cols * channels * N) };
+            // Pixels may lie anywhere in memory, so channels are built from bytes.
             let (values, _) = bytes.as_chunks::<N>();
             for (pixel, values) in
                 row.chunks_exact_mut(taken.len()).zip(values.chunks_exact(channels))

@@ -159,7 +159,7 @@ typedef enum phasestereo_status {
    */
   PHASESTEREO_STATUS_INVALID_ARGUMENT = 1,
   /**
-   * The working memory could not be had.
+   * The working memory could not be allocated.
    */
   PHASESTEREO_STATUS_OUT_OF_MEMORY = 2,
   /**
@@ -364,7 +364,7 @@ typedef struct phasestereo_found {
    */
   uint32_t origin;
   /**
-   * 1: nearly all disparities are clearly negative, as where left and right are swapped.
+   * 1: nearly all disparities are negative, most of them clearly, as where left and right are swapped.
    */
   uint32_t swapped;
   /**

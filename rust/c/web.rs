@@ -10,7 +10,7 @@ fn layout(bytes: usize) -> Option<Layout> {
     Layout::from_size_align(bytes.max(1), ALIGNMENT).ok()
 }
 
-/// Allocates uninitialized bytes; NULL where they cannot be had.
+/// Allocates uninitialized bytes; NULL where there is not enough memory.
 #[unsafe(no_mangle)]
 pub extern "C" fn phasestereo_allocate(bytes: usize) -> *mut u8 {
     // SAFETY: the layout is not empty.

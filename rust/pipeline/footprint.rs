@@ -22,7 +22,7 @@ use crate::value::LANES;
 const CHANNELS: usize = 3;
 /// Bytes of a pixel of the evidence: chosen candidate, two costs, offset.
 const FOUND: usize = 14;
-/// Bytes of a pixel of the map: disparity, flags, vote.
+/// Bytes of a pixel of the map: disparity, flags, support.
 const MAP: usize = 10;
 /// Bytes of a pixel of the map while it is refined, with the copies of the stages: without and with gray values.
 const REFINED: [usize; 2] = [20, 40];
@@ -120,6 +120,7 @@ impl Demand<'_> {
             Optimizer::DynamicProgramming => (ORDERED_ROWS, 1, 0),
         };
 
+        // Dynamic programming works on whole rows, the other optimizers on panels of columns.
         let is_whole = self.settings.optimizer == Optimizer::DynamicProgramming;
         let cols = if is_whole { self.cols } else { PANEL };
         let around = cols + 2 * window.halo();

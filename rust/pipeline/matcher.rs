@@ -236,7 +236,7 @@ fn thread_pool(threads: usize) -> Result<ThreadPool> {
 }
 
 impl Matcher {
-    /// A matcher with so many threads, from 1 to [`MOST_THREADS`].
+    /// A matcher with so many threads, from 1 to 1024.
     pub fn new(threads: usize) -> Result<Self> {
         Ok(Self { pool: thread_pool(threads)?, spare: Mutex::default() })
     }
@@ -343,6 +343,7 @@ impl Matcher {
         let mut map =
             DraftMap::new((section.rows.len(), pair.size().1), settings.needs_confidence())?;
         let bands = map.bands(job.search.bands(section.rows.clone()));
+        // The narrower the integers, the more candidates fit a register.
         match Width::new(settings, window, job.search.penalties, costs.has_masks()) {
             Width::Bytes => self.match_bands::<u8>(bands, &job),
             Width::Words => self.match_bands::<u16>(bands, &job),
@@ -477,8 +478,9 @@ pub enum Width {
 
 impl Width {
     /// The narrowest integers that hold every sum, every total of a path and the number of every run of candidates.
-    pub fn new(settings: &Settings, window: Window, penalties: Penalties, has_votes: bool) -> Self {
-        let largest_cost = window.largest_value(has_votes);
+    pub fn new(settings: &Settings, window: Window, penalties: Penalties, has_masks: bool) -> Self {
+        let largest_cost = window.largest_value(has_masks);
+        // Only paths accumulate totals beyond the cost of a window.
         let largest_total = match settings.optimizer {
             Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
                 penalties.largest_total(window.largest_sum())

@@ -66,6 +66,7 @@ mod tests {
     fn memory_starts_with_a_cache_line_and_does_not_shrink() {
         let mut memory = Memory::<u16>::default();
         assert!(memory.is_empty());
+
         for count in [3, 1000, 0, 70] {
             memory.resize(count).expect("memory");
             assert_eq!(memory.len(), count);
@@ -76,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn too_much_is_an_error() {
+    fn too_large_a_buffer_is_an_error() {
         let refused = Memory::<u64>::default().resize(usize::MAX / 2);
         assert!(matches!(refused, Err(Error::OutOfMemory { .. })));
     }

@@ -98,6 +98,7 @@ pub fn roughness(
         }
 
         let gray = Gray::new(pair.views()[0], level, control)?.plane(level, control)?;
+        // Only the wanted rows count; the others have been read for them.
         let places = (rows.start - read.start) * cols..(rows.end - read.start) * cols;
         roughness = roughness.and(Roughness::of_rows(&gray.as_slice()[places], cols));
     }

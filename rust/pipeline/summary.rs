@@ -93,6 +93,7 @@ mod tests {
         let filled = flag::OCCLUDED | flag::FILLED;
         let flags = [flag::MASKED, 0, flag::SPECKLE, 0, 0, 0, flag::OUTSIDE, filled];
         let confidence = [0.0, 1.0, 0.5, 0.5, 1.0, 1.0, 0.0, 0.0];
+
         let row = |values: &[f32]| Plane::from_vec(1, 8, values.to_vec()).expect("legal");
         let map = Disparity {
             disparity: row(&disparity),

@@ -42,7 +42,7 @@ pub fn read_search((min, count): &Both<'_>) -> PyResult<Disparities> {
     }
 
     if min != 0 {
-        let accepts = "0 where num_disparities is None, which has the whole range found";
+        let accepts = "0 where num_disparities is None, since the whole range is then estimated";
         return Err(Error::value("min_disparity", min, accepts).into());
     }
 
@@ -277,8 +277,8 @@ pub fn read_known(
 
     let alignment = read_field(*field)?;
     if alignment.as_ref().is_some_and(|field| field.size() != size) {
-        let accepts = format!("that of images of {} x {} pixels", size.0, size.1);
-        return Err(Error::value("alignment", "that of images of another size", accepts).into());
+        let accepts = format!("a field for images of {} x {} pixels", size.0, size.1);
+        return Err(Error::value("alignment", "a field for images of another size", accepts).into());
     }
 
     let candidates = search.map(|(min, count)| Candidates::new(min, count, size.1)).transpose()?;
@@ -306,7 +306,7 @@ impl<'py> Statistics<'py> {
 
         let roughness: Option<(u64, u64)> = statistics.getattr("roughness")?.extract()?;
         if roughness.is_none() && Texture::is_needed(&settings) {
-            let accepts = "that of the whole left image, with these settings";
+            let accepts = "the roughness of the whole left image, with these settings";
             return Err(Error::value("roughness", "None", accepts).into());
         }
 
@@ -438,6 +438,7 @@ fn natural(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<usize> {
 }
 
 fn number(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<f64> {
+    // NumPy's numbers are registered as real ones; bool is one, too, but is refused.
     let real = value.py().import("numbers")?.getattr("Real")?;
     if !value.is_instance(&real)? || value.is_instance_of::<PyBool>() {
         return Err(wrong_type(value, name, "a number"));

@@ -68,12 +68,12 @@ pub type EstimatesTuple<'py> = (
 );
 
 /// The estimates for Python.
-pub fn estimates_to_py(py: Python<'_>, found: Estimates) -> PyResult<EstimatesTuple<'_>> {
-    let Estimates { candidates, confidence, is_inverted, range, .. } = found;
-    let Estimates { offsets, alignment, blur, compensation, time, .. } = found;
+pub fn estimates_to_py(py: Python<'_>, estimates: Estimates) -> PyResult<EstimatesTuple<'_>> {
+    let Estimates { candidates, confidence, is_inverted, range, .. } = estimates;
+    let Estimates { offsets, alignment, blur, compensation, time, .. } = estimates;
 
     let blur = blur.map(|blur| estimate_to_py(py, blur)).transpose()?;
-    let compensation = compensation.map(|found| compensation_to_py(py, found)).transpose()?;
+    let compensation = compensation.map(|plan| compensation_to_py(py, plan)).transpose()?;
 
     Ok((
         (candidates.min() as i64, candidates.count() as i64),
@@ -93,8 +93,8 @@ fn range_to_py(range: &SearchRange) -> RangeTuple {
     (min, count, low, high, swapped, mixed)
 }
 
-fn offsets_to_py(found: &RowOffsets) -> OffsetsTuple {
-    (field_to_py(&found.field), found.error, found.blocks, found.spread)
+fn offsets_to_py(offsets: &RowOffsets) -> OffsetsTuple {
+    (field_to_py(&offsets.field), offsets.error, offsets.blocks, offsets.spread)
 }
 
 fn field_to_py(field: &Alignment) -> Field {
@@ -122,16 +122,17 @@ fn compensation_to_py(py: Python<'_>, plan: CompensationPlan) -> PyResult<PlanTu
     Ok((both, kernels?, wrap(py, plan.labels)?, plan.tile, sides))
 }
 
-fn estimate_to_py(py: Python<'_>, found: blur::Estimate) -> PyResult<EstimateTuple<'_>> {
-    let blurs: PyResult<_> = found.blurs.iter().map(|blur| blur_to_py(py, blur)).collect();
+fn estimate_to_py(py: Python<'_>, estimate: blur::Estimate) -> PyResult<EstimateTuple<'_>> {
+    let blurs: PyResult<_> = estimate.blurs.iter().map(|blur| blur_to_py(py, blur)).collect();
 
-    let (rows, cols, labels) = found.labels;
+    let (rows, cols, labels) = estimate.labels;
     let labels = wrap(py, Plane::from_vec(rows, cols, labels)?)?;
 
-    let both = [found.noise, found.impulses, found.coding].map(|[left, right]| (left, right));
-    let glance = glance_to_py(py, found.glance)?;
+    let both =
+        [estimate.noise, estimate.impulses, estimate.coding].map(|[left, right]| (left, right));
+    let glance = glance_to_py(py, estimate.glance)?;
 
-    Ok((blurs?, labels, found.tile, found.certainty, found.gain, both, glance))
+    Ok((blurs?, labels, estimate.tile, estimate.certainty, estimate.gain, both, glance))
 }
 
 fn blur_to_py<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<BlurTuple<'py>> {

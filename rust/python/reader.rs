@@ -66,6 +66,7 @@ impl Source for Reader {
     }
 
     fn rows(&self, rows: Range<usize>) -> Result<Pair> {
+        // The core knows no Python exceptions: the reader keeps it, and the call fails as if cancelled.
         let pair = Python::attach(|py| self.call(py, &rows)).map_err(|raised| {
             *self.raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(raised);
             Error::Cancelled

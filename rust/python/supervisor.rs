@@ -39,6 +39,7 @@ pub fn supervised<T: Send + 'static>(
     };
 
     let outcome = py.detach(|| {
+        // While the call waits for its turn, Ctrl-C works as well as later.
         let turn = loop {
             match pool.turn(TICK) {
                 Some(turn) => break turn,
@@ -47,7 +48,6 @@ pub fn supervised<T: Send + 'static>(
         };
 
         let finished = turn.start(&control, work);
-
         loop {
             match finished.recv_timeout(TICK) {
                 Ok(outcome) => return outcome.map_err(PyErr::from),
@@ -56,14 +56,14 @@ pub fn supervised<T: Send + 'static>(
                 }
                 Err(RecvTimeoutError::Timeout) => Python::attach(report).inspect_err(|_| {
                     control.cancel();
-                    // Its result is no longer wanted.
+                    // Waits briefly for the threads to stop; the result is no longer wanted.
                     let _ = finished.recv_timeout(PATIENCE);
                 })?,
             }
         }
     })?;
 
+    // The last report has all rows, and a Ctrl-C during the last tick counts, too.
     report(py)?;
-
     Ok(outcome)
 }

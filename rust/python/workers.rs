@@ -60,6 +60,7 @@ impl Pool {
             return Self::new(threads);
         };
 
+        // A pool of the parent process, or of another number of threads, is replaced.
         let pool = shared.upgrade().filter(|pool| pool.is_ours() && pool.threads == threads);
         let pool = pool.map_or_else(|| Self::new(threads), Ok)?;
 
@@ -83,7 +84,6 @@ impl Pool {
             self.call_ended.wait_timeout_while(calls, patience, |calls| *calls >= MOST_CALLS);
 
         let (mut calls, _) = waited.unwrap_or_else(PoisonError::into_inner);
-
         (*calls < MOST_CALLS).then(|| {
             *calls += 1;
             Turn(Arc::clone(self))
@@ -107,6 +107,7 @@ impl Turn {
         let control = Arc::clone(control);
 
         pool.matcher.spawn(move || {
+            // A panic must not end rayon's thread: the process would abort.
             let outcome = catch_unwind(AssertUnwindSafe(|| work(&self.0.matcher, &control)));
 
             // Dropped first, so that the receiver is the last to hold a pool of its own, and drops its memory.

@@ -166,11 +166,14 @@ mod tests {
         assert!((field.at(99.5, 99.5) + 2.0).abs() < 1e-12);
         assert!((field.rms() - (1.0f64 + 13.0 / 3.0 * 0.9975).sqrt()).abs() < 1e-3);
         assert!(field.bound() >= 6.0);
+
         let field = Alignment::new([1.0, -2.0, 3.0, 0.5, 0.25, -1.5, 0.75, 2.5], (100, 200));
         let field = field.expect("legal");
+
         let (x, y) = (31.0, 77.0);
         let exact = field.at_fraction((x + 0.5) / 100.0 - 1.0, (y + 0.5) / 50.0 - 1.0);
         assert!((field.at(x, y) - exact).abs() < 1e-12);
+
         assert!(
             (field.clone().starting_at_row(30).at(5.0, 7.0) - field.at(5.0, 37.0)).abs() < 1e-12
         );
@@ -180,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_field_is_refused() {
+    fn illegal_fields_are_refused() {
         for value in [f64::NAN, f64::INFINITY, 1e6] {
             let mut coefficients = [0.0; TERMS];
             coefficients[3] = value;

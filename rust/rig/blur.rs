@@ -315,6 +315,7 @@ impl<'a> BlurEstimation<'a> {
     /// Tiles of `step` pixels, and the blocks about the centers of those that are wanted, by row and column.
     fn grid(&self, step: usize, is_wanted: impl Fn((usize, usize)) -> bool) -> Result<Grid> {
         let (height, width) = self.size;
+        // The block about the center of a tile, moved inside the image.
         let corner = |tile: usize, length: usize| {
             (tile * step + step / 2).saturating_sub(SIDE / 2).min(length - SIDE)
         };
@@ -381,6 +382,7 @@ impl<'a> BlurEstimation<'a> {
 
         let [left, right] = BlurEvidence::of_both(&powers, noise, self.level());
         let evidence = if side == Side::Left { left } else { right };
+        // A blur of hardly any spread is none, unless no family explains the powers.
         let refined = refine(&evidence, self.level());
         if refined.entry.psf.spread() < LEAST_SPREAD && refined.fit.loss <= DOUBTFUL {
             return Ok(none);
@@ -395,6 +397,7 @@ impl<'a> BlurEstimation<'a> {
         let family =
             FittedBlur { blur, response: refined.entry.response, fit: refined.fit, powers };
 
+        // A measurement takes another match: only where the family is doubtful and there are enough blocks.
         let least = LEAST_BLOCKS.max(grid.powers.len() / LEAST_PART);
         if family.fit.loss <= DOUBTFUL || tiles.len() < least {
             return Ok(family);
@@ -517,6 +520,7 @@ impl Grid {
     /// The power of the noise of either image, from its quietest blocks.
     fn noise(&self) -> [f32; 2] {
         [0, 1].map(|side| {
+            // Texture only adds power, so the quietest blocks show the noise.
             let mut highs: Vec<f32> =
                 self.powers.iter().map(|powers| powers.least_high[side]).collect();
             let quiet = highs.len() / QUIET;
@@ -703,7 +707,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kinds_are_numbered_by_area_and_those_of_none_left_out() {
+    fn kinds_are_numbered_by_area_and_those_without_tiles_left_out() {
         let map = RegionMap { rows: 1, cols: 6, labels: vec![3, 0, 0, 0, 3, 2], tile: 16 };
 
         let (map, order) = map.by_area(4);

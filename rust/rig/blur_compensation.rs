@@ -160,6 +160,7 @@ impl BlurCompensation {
         let end = first + classes.len();
 
         while x < end {
+            // Tile after tile; the last one extends to the end.
             let tile = (x / self.tile).min(row.len() - 1);
             let next = if tile + 1 == row.len() { end } else { end.min((tile + 1) * self.tile) };
             classes[x - first..next - first].fill(row[tile]);
@@ -277,15 +278,18 @@ mod tests {
             [Some(kernel(1)), Some(kernel(3))],
             [None, None],
         ];
+
         // The last row and the last column of tiles lie beyond the image.
         let labels = labels(3, 3, &[2, 1, 3, 0, 2, 3, 3, 3, 3]);
         let compensation = BlurCompensation::new([0.0; 2], kernels, labels, 2).expect("legal");
+
         let (left, of_left) = compensation.of_side(0, (3, 4)).expect("memory");
         assert_eq!(left, [Some(&kernel(1)), None]);
         assert_eq!(
             [0, 1, 2].map(|y| of_left.row(y).to_vec()),
             [[0, 0, 1, 1], [0, 0, 1, 1], [0; 4]]
         );
+
         let (right, of_right) = compensation.of_side(1, (3, 4)).expect("memory");
         assert_eq!(right, [Some(&kernel(3)), Some(&kernel(2)), None]);
         assert_eq!([1, 2].map(|y| of_right.row(y).to_vec()), [[0, 0, 1, 1], [2, 2, 0, 0]]);
@@ -296,27 +300,33 @@ mod tests {
         let kernels = vec![[None, None]; 3];
         let compensation =
             BlurCompensation::new([0.0; 2], kernels, labels(1, 2, &[1, 2]), 3).expect("legal");
+
         assert_eq!(
             [(0, 2), (9, 2), (0, 3), (9, 9)].map(|(y, x)| compensation.class(y, x)),
             [1, 1, 2, 2]
         );
+
         let (_, all) = compensation.of_side(0, (10, 10)).expect("memory");
         assert_eq!((all.row(9), all.rows.rows()), (&[0; 10][..], 1), "alike: one version");
     }
 
     #[test]
-    fn what_makes_no_sense_is_refused_by_name() {
+    fn illegal_arguments_are_refused_by_name() {
         let refused = |noise, count, plane, tile| {
             let compensation = BlurCompensation::new(noise, vec![[None, None]; count], plane, tile);
             compensation.expect_err("must be refused").to_string()
         };
+
         let one = || labels(1, 1, &[0]);
+
         for noise in [-1.0, f64::NAN, f64::INFINITY] {
             assert!(refused([0.0, noise], 1, one(), 1).starts_with("noise: got"));
         }
+
         for count in [0, MOST_CLASSES + 1] {
             assert!(refused([0.0; 2], count, one(), 1).starts_with("kernels: got"));
         }
+
         assert!(refused([0.0; 2], 1, labels(0, 3, &[]), 1).starts_with("labels: got shape (0, 3)"));
         let message = refused([0.0; 2], 2, labels(1, 2, &[1, 2]), 1);
         assert!(message.starts_with("labels: got the label 2; accepts labels below"), "{message}");

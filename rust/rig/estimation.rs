@@ -118,6 +118,7 @@ pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> R
 
     let (pair, estimates) = estimated(pair, &known, settings, means)?;
 
+    // What the caller knows comes before what was estimated.
     let compensation = match (&estimates.compensation, known.compensation) {
         (_, Some(compensation)) => Some(compensation),
         (Some(plan), None) => Some(plan.blur_compensation()?),
@@ -292,7 +293,7 @@ impl Estimates {
         Self { alignment, is_inverted, time: started.elapsed(), ..self }
     }
 
-    /// What the caller knows, if nothing is to be estimated.
+    /// The estimates where nothing is requested: what the caller knows.
     fn none(candidates: Candidates, known: &Known) -> Self {
         Self {
             candidates: known.candidates.unwrap_or(candidates),

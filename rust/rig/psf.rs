@@ -115,6 +115,7 @@ impl Taps {
             self.places().map(|(dy, dx, value)| value * of(dy as f64, dx as f64)).sum()
         };
 
+        // The second moment about the mean, which need not be the center.
         let (y, x) = (moment(&|y, _| y), moment(&|_, x| x));
         moment(&|dy, dx| (dy - y).powi(2) + (dx - x).powi(2)).max(0.0).sqrt()
     }
@@ -131,6 +132,7 @@ fn gaussian(sigma: f64) -> Taps {
         })
         .collect();
 
+    // A Gaussian is separable: the outer product of its profile.
     let rows = profile.iter().flat_map(|a| profile.iter().map(move |b| a * b));
     Taps::new(reach, rows.collect())
 }
@@ -165,6 +167,7 @@ fn annulus(radius: f64, inner: f64) -> Taps {
 
 /// A straight path.
 fn motion(length: f64, angle: f64) -> Taps {
+    // A path between the centers of pixels is one pixel shorter than the pixels that it covers.
     let half = (length - 1.0).max(0.0) / 2.0;
     let samples = (length * MOTION_SAMPLES).round().max(1.0) as usize + 1;
     let steps = (0..samples).map(|i| -half + 2.0 * half * i as f64 / (samples - 1) as f64);
@@ -252,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn the_least_of_every_family_is_none() {
+    fn the_smallest_of_every_family_is_no_blur() {
         for psf in [
             Psf::round(Family::Gaussian, 0.0),
             Psf::round(Family::Disk, 0.01),
@@ -267,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_may_be_anything_but_symmetric() {
+    fn a_path_need_not_be_symmetric() {
         let taps = path([(0.0, 0.0), (0.0, 1.0), (2.0, 1.5)].into_iter());
         assert_eq!(taps.reach, 2);
         let tap = |y: usize, x: usize| taps.values[y * taps.side() + x];

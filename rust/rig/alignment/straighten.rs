@@ -232,6 +232,7 @@ impl<T: ResampledPixel> Loop for Resample<'_, T> {
         let (width, last) = (out.len(), rows as isize - 1);
 
         let mut end = 0;
+        // Each run is a weighted sum of eight contiguous pieces of rows, which the compiler vectorizes.
         for run in offsets.chunk_by(|a, b| a == b) {
             let start = end;
             end += run.len() * channels;
@@ -299,6 +300,7 @@ fn filled<T: ResampledPixel>(
     for y in 0..rows {
         control.checkpoint()?;
         for x in 0..cols {
+            // The row itself, then those above and below it, nearest first.
             let near = (0..TAPS).flat_map(|by| [y.checked_sub(by), Some(y + by)]).flatten();
             let Some(from) = near.filter(|row| *row < rows).find(|row| mask.row(*row)[x]) else {
                 continue;
@@ -346,11 +348,13 @@ mod tests {
     }
 
     #[test]
-    fn whole_rows_move_as_they_are() {
+    fn whole_offsets_copy_rows() {
         let image = view(20, 5, |y, x| ((31 * y + 17 * x) % 23) as f64);
         let found =
             straightened(&image, &field(&[3.0], (20, 5)), Level::best(), &Control::default());
+
         let found = found.expect("memory");
+
         for (y, x) in (0..20).flat_map(|y| (0..5).map(move |x| (y, x))) {
             let moved = values(&image)[((y + 3).min(19), x, 0)];
             assert!((values(&found)[(y, x, 0)] - moved).abs() < 1e-12);
@@ -362,8 +366,10 @@ mod tests {
         let wave = |y: f64, x: f64| math::sin(0.5 * y + 0.1 * x);
         let image = view(60, 40, |y, x| wave(y as f64, x as f64));
         let field = field(&[0.4, 1.5, -0.7], (60, 40));
+
         let found =
             straightened(&image, &field, Level::best(), &Control::default()).expect("memory");
+
         for (y, x) in (10..50).flat_map(|y| (0..40).map(move |x| (y, x))) {
             let exact = wave(y as f64 + field.at(x as f64, y as f64), x as f64);
             assert!((values(&found)[(y, x, 0)] - exact).abs() < 0.01, "{y} {x}");
@@ -371,17 +377,19 @@ mod tests {
     }
 
     #[test]
-    fn what_is_masked_spreads_nothing() {
+    fn masked_pixels_do_not_spread() {
         let mut image = view(30, 4, |y, _| y as f64);
         let masked = Plane::from_fn(30, 4, |y, x| !(x == 2 && (10..14).contains(&y)));
         if let Image::F64(pixels) = &mut image.image {
             (10..14).for_each(|y| pixels[(y, 2, 0)] = f64::NAN);
         }
         image.mask = Some(masked);
+
         let found =
             straightened(&image, &field(&[0.5], (30, 4)), Level::best(), &Control::default());
         let found = found.expect("memory");
         assert!(values(&found).iter().all(|value| value.is_finite()));
+
         let mask = found.mask.expect("there is one");
         for y in 0..30 {
             assert_eq!(mask.row(y)[2], !(9..13).contains(&y), "{y}");

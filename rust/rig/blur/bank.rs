@@ -49,6 +49,7 @@ pub fn bank() -> &'static [Entry] {
             sizes.iter().map(move |size| Psf::round(family, *size))
         };
 
+        // A motion of 180 degrees is that of 0.
         let motions = LENGTHS.iter().flat_map(|length| {
             let angles = (0..180u8).step_by(TURN.into());
             angles.map(move |angle| Psf::motion(*length, f64::from(angle)))

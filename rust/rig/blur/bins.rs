@@ -123,8 +123,8 @@ impl Bins {
 fn mean(powers: &[f32], members: &[u16]) -> f32 {
     let power = |place: &u16| powers[usize::from(*place)];
     let (fours, rest) = members.as_chunks();
-    // Sums of four values each shorten the chain of dependent additions.
 
+    // Sums of four values each shorten the chain of dependent additions.
     let of_four = |[a, b, c, d]: &[u16; 4]| power(a) + power(b) + (power(c) + power(d));
     let sum = fours.iter().map(of_four).sum::<f32>() + rest.iter().map(power).sum::<f32>();
 
@@ -182,14 +182,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_have_the_sum_one_and_only_low_bins_tell_gains() {
+    fn weights_have_the_sum_one_and_only_low_bins_count_for_the_gain() {
         let bins = bins();
         for weights in [&bins.weights, &bins.low].into_iter().chain(&bins.directions) {
             assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
             assert!(weights.iter().all(|weight| *weight >= 0.0));
         }
+
         let is_low: Vec<bool> = bins.low.iter().map(|weight| *weight > 0.0).collect();
         let first = is_low.iter().position(|low| *low).expect("some are low");
+
         assert!(is_low[first..].windows(2).all(|pair| pair[0] || !pair[1]), "by rising frequency");
     }
 
@@ -207,8 +209,10 @@ mod tests {
             let waves: Vec<_> = members.iter().map(|place| wave(usize::from(*place))).collect();
             let span = |of: &dyn Fn(&(isize, isize)) -> isize| {
                 let values = waves.iter().map(of);
+
                 values.clone().max().unwrap_or(0) - values.min().unwrap_or(0)
             };
+
             let lowest = waves.iter().map(|(x, y)| x.abs().max(*y)).min().unwrap_or(0);
             let most = if lowest < COARSE_FROM - 2 { 1 } else { 3 };
             assert!(span(&|wave| wave.0) <= most && span(&|wave| wave.1) <= most, "{waves:?}");
@@ -219,6 +223,7 @@ mod tests {
     fn pooled_is_the_mean_of_a_bin() {
         let bins = bins();
         let powers: Vec<f32> = (0..SIDE * SIDE / 2).map(|place| (place % 97) as f32).collect();
+
         for (members, mean) in bins.members.iter().zip(bins.pooled(&powers)) {
             let sum: f32 = members.iter().map(|place| powers[usize::from(*place)]).sum();
             let expected = if members.is_empty() { 1.0 } else { sum / members.len() as f32 };
@@ -227,12 +232,13 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_looked_for_in_the_quietest_direction() {
+    fn noise_is_measured_in_the_quietest_direction() {
         for quiet in 0..SECTORS {
             let power = |place: usize| if sector(place, SECTORS) == quiet { 0.5 } else { 3.0 };
             let powers: Vec<f32> = (0..SIDE * SIDE / 2).map(power).collect();
             assert!((bins().least_high(&powers) - 0.5).abs() < 1e-6);
         }
+
         let along_x = 30 * SIDE / 2 + 1;
         assert_eq!(wave(along_x), (30, 1));
         assert_eq!((sector(along_x, SECTORS), sector(30, SECTORS)), (0, SECTORS / 2));

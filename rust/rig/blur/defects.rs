@@ -65,7 +65,9 @@ impl Source for Repaired<'_> {
 /// What is counted in an image.
 #[derive(Debug, Clone, Copy, Default)]
 struct DefectCounts {
+    /// Pixels that are impulses without doubt.
     doubtless: u64,
+    /// Differences at the borders of coding blocks beyond those elsewhere.
     extra: Extra,
     /// Steps of gray values per unit of the pixels.
     steps: f64,
@@ -97,7 +99,6 @@ impl Defects {
         }
 
         let levels = gray_levels(&sample, brightest, means)?;
-
         let mut found = [DefectCounts::default(); 2];
         for rows in bands(source) {
             let mut read = widened(&rows, REACH, height);
@@ -180,6 +181,7 @@ fn counts(
         })
     };
 
+    // Counts are integers and sums of integers, so the order of the tasks does not matter.
     let starts: Vec<usize> = rows.clone().step_by(ROWS).collect();
     let found = starts.into_par_iter().map(of_rows);
     found.try_reduce(DefectCounts::default, |a, b| Ok(a.and(b)))

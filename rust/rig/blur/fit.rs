@@ -142,6 +142,7 @@ impl Loop for Signals<'_> {
             noise,
             low: 0.0,
         };
+        // Evidence for a blur of the left image takes the right one as the sharp one, and the other way round.
         let (mut for_left, mut for_right) = (evidence(noise[0]), evidence(noise[1]));
 
         let mut low = [0.0; FLOAT_LANES];
@@ -197,7 +198,6 @@ impl<'r, R: Iterator<Item = &'r Response>> Loop for Models<'_, R> {
     fn run(self) -> Vec<f32> {
         let mut losses = Vec::with_capacity(self.responses.size_hint().0);
         let mut residuals = NO_RESIDUALS;
-
         for response in self.responses {
             losses.push(fitted(self.evidence, response, &mut residuals).loss);
         }
@@ -210,6 +210,7 @@ impl<'r, R: Iterator<Item = &'r Response>> Loop for Models<'_, R> {
 type Residuals = [(FloatLanes, FloatLanes); MOST_BINS / FLOAT_LANES];
 const NO_RESIDUALS: Residuals = [([0.0; FLOAT_LANES], [0.0; FLOAT_LANES]); MOST_BINS / FLOAT_LANES];
 
+/// One fit: a first gain, residuals with it, a correction of the gain, and the loss after that.
 #[inline(always)]
 fn fitted(evidence: &BlurEvidence, response: &Response, residuals: &mut Residuals) -> Fit {
     let log_gain = (evidence.low - response.low).clamp(-LARGEST_GAIN, LARGEST_GAIN);
@@ -236,6 +237,7 @@ fn fitted(evidence: &BlurEvidence, response: &Response, residuals: &mut Residual
         *kept = (residual, trust);
     }
 
+    // The weighted mean of the residuals, as far as the signal takes part in what is expected.
     let correction = (total(pull) / total(trusted).max(1e-9)).clamp(-1.0, 1.0);
 
     let mut loss = [0.0; FLOAT_LANES];
@@ -316,16 +318,20 @@ mod tests {
     /// Powers that fall with the frequency, as those of images do, and what a blur of them would be.
     fn powers(seed: u32, response: &Response, gain: f32, noise: [f32; 2]) -> Powers {
         let mut state = seed;
+
         let mut random = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (state >> 8) as f32 / (1 << 24) as f32
         };
+
         let count = bins().count();
         let scene: Vec<f32> =
             (0..count).map(|bin| 400.0 / (1.0 + bin as f32) * (0.5 + random())).collect();
+
         let blurred = scene.iter().zip(&response.values);
         let blurred = blurred.map(|(power, left)| gain * left * power + noise[0]).collect();
         let sharp = scene.iter().map(|power| power + noise[1]).collect();
+
         Powers { binned: [blurred, sharp], least_high: [0.0; 2] }
     }
 
@@ -334,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn the_logarithm_is_one() {
+    fn the_logarithm_is_nearly_exact() {
         for power in -60..60 {
             let value = 1.37f32.powi(power);
             assert!((f64::from(ln(value)) - math::ln(f64::from(value))).abs() < 1e-4, "{value}");
@@ -342,12 +348,12 @@ mod tests {
     }
 
     #[test]
-    fn the_logarithm_of_nothing_is_finite() {
+    fn the_logarithm_of_zero_is_finite() {
         assert!((f64::from(ln(0.0)) - math::ln(f64::from(f32::MIN_POSITIVE))).abs() < 1e-3);
     }
 
     #[test]
-    fn there_is_room_for_all_bins() {
+    fn the_residuals_of_all_bins_fit() {
         assert!(bins().count() <= MOST_BINS);
     }
 
@@ -367,19 +373,25 @@ mod tests {
         let noise = [0.7, 0.3];
         for (seed, entry) in bank().iter().enumerate().step_by(7) {
             let powers = powers(seed as u32, &entry.response, 0.4, noise);
+
             let others: Vec<&Response> =
                 bank().iter().step_by(13).map(|other| &other.response).collect();
+
             for side in 0..2 {
                 let of = |level| BlurEvidence::of_both(&powers, noise, level)[side].clone();
                 let evidence = of(Level::best());
+
                 let fits: Vec<Fit> =
                     others.iter().map(|other| evidence.fit(other, Level::best())).collect();
+
                 for (other, fit) in others.iter().zip(&fits) {
                     let expected = naive(&powers, noise, side, other);
                     assert!((f64::from(fit.loss) - expected.0).abs() < 1e-3);
                     assert!(math::ln(f64::from(fit.gain()) / expected.1).abs() < 1e-3);
                 }
+
                 let losses: Vec<f32> = fits.iter().map(|fit| fit.loss).collect();
+
                 for level in levels() {
                     let evidence = of(level);
                     let alone = others.iter().map(|other| evidence.fit(other, level));
@@ -392,6 +404,7 @@ mod tests {
 
     fn naive(powers: &Powers, noise: [f32; 2], side: usize, response: &Response) -> (f64, f64) {
         let wide = |values: &[f32]| values.iter().copied().map(f64::from).collect::<Vec<_>>();
+
         blur_fit(
             [side, 1 - side].map(|side| wide(&powers.binned[side])),
             [side, 1 - side].map(|side| f64::from(noise[side])),
@@ -407,6 +420,7 @@ mod tests {
             let [soft, sharp] = lacks(&powers);
             assert!(soft > sharp && soft > 0.0, "{:?}: {soft} {sharp}", entry.psf);
         }
+
         let alike = powers(5, &Response::flat(), 2.0, [0.3, 0.3]);
         assert!(lacks(&alike)[0].abs() < 0.05);
     }
@@ -417,9 +431,11 @@ mod tests {
     }
 
     #[test]
-    fn powers_of_nothing_are_explained_by_no_number_that_is_none() {
+
+    fn zero_powers_give_finite_fits() {
         let nothing = vec![0.0; bins().count()];
         let powers = Powers { binned: [nothing.clone(), nothing], least_high: [0.0; 2] };
+
         for evidence in BlurEvidence::of_both(&powers, [0.0; 2], Level::best()) {
             let fit = evidence.fit(&bank()[0].response, Level::best());
             assert!(fit.loss.is_finite() && fit.gain().is_finite());
@@ -435,21 +451,29 @@ mod tests {
         [weights, low]: [Vec<f64>; 2],
     ) -> (f64, f64) {
         let bins = 0..blurred.len();
+
         let signal = |power: f64, noise: f64| (power - noise).max(0.02 * power);
+
         let quotient = |bin: usize| {
             let there = response[bin] * signal(sharp[bin], noise[1]);
             math::ln(signal(blurred[bin], noise[0]) / there)
         };
+
         let log_gain: f64 = bins.clone().map(|bin| low[bin] * quotient(bin)).sum();
         let gain = math::exp(log_gain.clamp(-20.0, 20.0));
+
         let there = |bin: usize| gain * response[bin] * signal(sharp[bin], noise[1]);
         let residual = |bin: usize| math::ln(blurred[bin] / (there(bin) + noise[0]));
         let trust = |bin: usize| weights[bin] * there(bin) / (there(bin) + noise[0]);
+
         let pull: f64 = bins.clone().map(|bin| trust(bin) * residual(bin).clamp(-2.0, 2.0)).sum();
         let trusted: f64 = bins.clone().map(trust).sum();
+
         let correction = (pull / trusted.max(1e-9)).clamp(-1.0, 1.0);
+
         let left =
             |bin: usize| (residual(bin) - trust(bin) / weights[bin].max(1e-300) * correction).abs();
+
         let loss = bins.map(|bin| weights[bin] * left(bin).min(2.0)).sum();
         (loss, gain * math::exp(correction))
     }

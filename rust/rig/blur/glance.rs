@@ -27,11 +27,13 @@ pub struct Glance {
 impl Glance {
     /// The statistics of blocks with these powers, in an image of so many rows and columns.
     pub fn new(places: Vec<BlockPlace>, powers: &[Powers], (rows, cols): (usize, usize)) -> Self {
+        // The part of the image that the center of a block lies in.
         let part = |place: &BlockPlace| {
             let (y, x) = (place.top + SIDE / 2, place.left + SIDE / 2);
             y * PARTS / rows * PARTS + x * PARTS / cols
         };
 
+        // Powers are summed over the blocks of a part before logarithms are taken: single blocks are noisy.
         let mut sums = vec![[vec![0.0; bins().count()], vec![0.0; bins().count()]]; PARTS * PARTS];
         for (place, powers) in places.iter().zip(powers) {
             for (sums, powers) in sums[part(place)].iter_mut().zip(&powers.binned) {

@@ -61,6 +61,7 @@ fn warped(right: &Plane<f32>, rough: &Rough, control: &Control) -> Result<Plane<
 
     Plane::by_rows((right.rows(), right.cols()), control, |y, row: &mut [f32]| {
         for (x, value) in row.iter_mut().enumerate() {
+            // The rough disparity gives the column, the field the row.
             let from = (x as isize - rough.at(y, x).round() as isize).clamp(0, last) as usize;
             let below = y as isize + rough.rows_at(y, from);
 
@@ -78,6 +79,7 @@ fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
     let taps = inner.as_slice();
     let start = (0..taps.len()).max_by(|a, b| taps[*a].total_cmp(&taps[*b]))?;
 
+    // Least squares leave noise everywhere: small and separate taps are dropped.
     let floor = taps[start] * LEAST_TAP;
     if floor <= 0.0 {
         return None;
@@ -119,6 +121,7 @@ mod tests {
             for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
                 bits = (bits ^ bits >> 29).wrapping_add(0x9e37_79b9).wrapping_mul(factor);
             }
+
             (bits >> 56) as f32
         };
         shade(y / 9, x / 9, 1) + 0.7 * shade(y / 4, x / 4, 2) + 0.5 * shade(y, x, 3)
@@ -147,6 +150,7 @@ mod tests {
             let at = |dy: isize, dx: isize| {
                 b.places().find(|tap| (tap.0, tap.1) == (dy, dx)).map_or(0.0, |tap| tap.2)
             };
+
             a.places().map(|(dy, dx, value)| value * at(dy, dx)).sum()
         };
         product(a, b) / (product(a, a) * product(b, b)).sqrt()
@@ -158,10 +162,13 @@ mod tests {
         let how = Execution { threads: 1, level };
         let matcher = Matcher::new(1).expect("a thread");
         let scale = RoughScale { factor: 2, neighborhood: 9 };
+
         let sharp = Plane::from_fn(150, 200, scene);
         let soft = convolved(&sharp, &hook());
+
         for side in [Side::Left, Side::Right] {
             let shots = if side == Side::Left { [&soft, &sharp] } else { [&sharp, &soft] };
+
             let view = |plane: &Plane<f32>| {
                 let pixels =
                     ndarray::Array3::from_shape_vec((150, 200, 1), plane.as_slice().into());
@@ -172,22 +179,28 @@ mod tests {
                     impulses: 0.0,
                 }
             };
+
             let pair = Pair::new(view(shots[0]), view(shots[1]), 0, 8).expect("a legal pair");
             let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
             let known = Correspondence { candidates: pair.candidates(), alignment: None };
+
             let rough =
                 Rough::new(&shades, known, scale, &matcher, how, &control).expect("a match");
+
             let corner = |i: usize| BlockPlace {
                 top: i / 4 * 40,
                 left: i % 4 * 40,
                 right_top: i / 4 * 40,
                 right: i % 4 * 40,
             };
+
             let places: Vec<BlockPlace> = (0..12).map(corner).collect();
             let mut sums = Cross::default();
             add_cross_spectra(&shades, &rough, &places, &mut sums, level, &control)
                 .expect("not cancelled");
+
             let found = measured(&sums, side, level).expect("there is contrast");
+
             let mirrored = Taps::new(hook().reach, hook().values.into_iter().rev().collect());
             let (alike, unlike) = (likeness(&found, &hook()), likeness(&found, &mirrored));
             assert!(alike > 0.9 && unlike < 0.7, "{side:?}: {alike} {unlike}");
@@ -195,23 +208,28 @@ mod tests {
     }
 
     #[test]
-    fn only_what_hangs_together_about_the_largest_tap_is_kept() {
+    fn only_taps_connected_to_the_largest_are_kept() {
         let mut kernel = Plane::from_fn(SIDE, SIDE, |_, _| 0.01);
+
         let center = SIDE / 2;
         for (dy, dx, tap) in [(0, 0, 1.0), (1, 1, 0.5), (2, 2, 0.25), (0, 6, 0.9), (0, 1, -0.7)] {
             kernel.row_mut(center + dy)[center + dx] = tap;
         }
+
         let taps = cleaned(&kernel).expect("there is a largest tap");
+
         let kept: Vec<_> = taps.places().filter(|tap| tap.2 != 0.0).collect();
+
         let expected = [(0, 0, 1.0 / 1.75), (1, 1, 0.5 / 1.75), (2, 2, 0.25 / 1.75)];
         assert_eq!(kept.len(), 3);
+
         for ((y, x, tap), (dy, dx, value)) in kept.into_iter().zip(expected) {
             assert!((y, x) == (dy, dx) && (tap - value).abs() < 1e-6);
         }
     }
 
     #[test]
-    fn of_nothing_there_is_no_kernel() {
+    fn there_is_no_kernel_without_positive_taps() {
         assert_eq!(cleaned(&Plane::from_fn(SIDE, SIDE, |_, _| 0.0)), None);
         assert_eq!(cleaned(&Plane::from_fn(SIDE, SIDE, |_, _| -1.0)), None);
     }

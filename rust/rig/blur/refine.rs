@@ -41,6 +41,7 @@ pub fn refine(evidence: &BlurEvidence, level: Level) -> RefinedBlur {
     let judge_new = |psf| judge(Entry::new(psf, level));
 
     let families = [Family::Gaussian, Family::Disk, Family::Motion, Family::Annulus];
+    // The best entry of the bank of each family.
     let seeds = families.map(|family| {
         let members = bank().iter().filter(|entry| entry.psf.family == family);
         best(members.cloned().map(judge))
@@ -64,6 +65,7 @@ pub fn refine(evidence: &BlurEvidence, level: Level) -> RefinedBlur {
 fn descend(seed: RefinedBlur, judge: &impl Fn(Psf) -> RefinedBlur) -> RefinedBlur {
     let mut found = seed;
     for halving in 0..HALVINGS {
+        // The steps of both parameters shrink together.
         let (grow, turn) = (STEP / f64::from(1 << halving), TURN / f64::from(1 << halving));
         while let Some(better) = best(neighbors(found.entry.psf, grow, turn).map(judge))
             .filter(|other| other.fit.loss < found.fit.loss)
@@ -112,14 +114,17 @@ mod tests {
     use super::super::spectrum::Powers;
     use super::*;
 
-    /// What blocks have to say whose blur is known.
+    /// Evidence of blocks with a known blur.
     fn evidence(psf: Psf) -> BlurEvidence {
         let noise = 0.05;
+
         let scene = (0..bins().count()).map(|bin| 400.0 / (1.0 + bin as f32));
         let response = Entry::new(psf, Level::best()).response;
+
         let blurred =
             scene.clone().zip(response.values()).map(|(power, left)| power * left + noise);
         let binned = [blurred.collect(), scene.map(|power| power + noise).collect()];
+
         let powers = Powers { binned, least_high: [0.0; 2] };
         let [evidence, _] = BlurEvidence::of_both(&powers, [noise; 2], Level::best());
         evidence
@@ -138,6 +143,7 @@ mod tests {
             Psf::annulus(5.4, 0.62),
             Psf::annulus(7.3, 0.8),
         ];
+
         for psf in psfs {
             let found = refine(&evidence(psf), Level::best()).entry.psf;
             assert_eq!(found.family, psf.family, "{found:?}");

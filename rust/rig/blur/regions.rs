@@ -62,6 +62,7 @@ impl Losses {
     fn next(&self, chosen: &[usize]) -> (usize, f32) {
         let mut worth = vec![0.0; self.choices];
         for losses in self.informative() {
+            // Differences up to the margin are chance.
             let so_far = chosen.iter().map(|choice| losses[*choice]).fold(f32::INFINITY, f32::min);
 
             for (worth, loss) in worth.iter_mut().zip(losses) {
@@ -95,6 +96,7 @@ impl Losses {
 
         let mut steadied = self.clone();
         for (tile, losses) in steadied.values.chunks_mut(self.choices).enumerate() {
+            // Ties keep the tile's own losses.
             let steadiest =
                 self.around(tile).fold(tile, |a, b| if best(b) < best(a) { b } else { a });
             losses.copy_from_slice(self.of(steadiest));
@@ -138,6 +140,7 @@ impl Losses {
 
     /// The choice of least energy given those of the neighbors.
     fn agreed(&self, tile: usize, labels: &[u8]) -> u8 {
+        // A neighbor's choice lowers the energy of the same choice, which is the Potts model up to a constant.
         let mut energy: Vec<f32> =
             self.of(tile).iter().map(|loss| if loss.is_finite() { *loss } else { 0.0 }).collect();
 
@@ -166,6 +169,7 @@ pub fn first<'a>(tiles: impl Iterator<Item = &'a [f32]>) -> Option<usize> {
         *mean /= count;
     }
 
+    // The margin favors no blur: on sharp pairs, some blur is better by chance.
     let best = least(&means);
     Some(if means[0] <= means[best] + MARGIN / 2.0 { 0 } else { best })
 }
@@ -179,7 +183,7 @@ fn least(values: &[f32]) -> usize {
 mod tests {
     use super::*;
 
-    const UNTOLD: [f32; 3] = [f32::INFINITY; 3];
+    const NO_EVIDENCE: [f32; 3] = [f32::INFINITY; 3];
 
     fn losses<const N: usize>(cols: usize, tiles: &[[f32; N]]) -> Losses {
         let rows = tiles.len() / cols;
@@ -199,41 +203,46 @@ mod tests {
     }
 
     #[test]
-    fn what_explains_enough_tiles_better_is_chosen_too() {
+    fn a_choice_that_explains_enough_tiles_better_is_added() {
         let mut tiles = [[0.1, 0.9, 1.8]; 40];
+
         assert_eq!(losses(8, &tiles).chosen(), [0]);
+
         tiles[3] = [1.5, 0.1, 1.8];
         assert_eq!(losses(8, &tiles).chosen(), [0, 1]);
+
         tiles[39] = [1.4, 1.4, 0.1];
         assert_eq!(losses(8, &tiles).chosen(), [0, 1, 2]);
     }
 
     #[test]
-    fn what_explains_tiles_a_little_better_by_chance_is_not() {
+    fn a_choice_that_is_a_little_better_by_chance_is_not_added() {
         let mut tiles = [[0.1, 0.9, 1.8]; 40];
         tiles[..20].fill([0.1, 0.05, 1.8]);
         assert_eq!(losses(8, &tiles).chosen(), [0]);
     }
 
     #[test]
-    fn tiles_that_tell_nothing_do_not_count() {
-        let mut tiles = [UNTOLD; 40];
+    fn tiles_without_evidence_do_not_count() {
+        let mut tiles = [NO_EVIDENCE; 40];
         assert!(losses(8, &tiles).chosen().is_empty());
+
         tiles[17] = [0.9, 0.1, 0.5];
         assert_eq!(losses(8, &tiles).chosen(), [1]);
     }
 
     #[test]
-    fn there_are_so_many_choices_at_most() {
+    fn the_number_of_choices_is_limited() {
         let tile = |own: usize| -> [f32; 12] {
             std::array::from_fn(|choice| if choice == own { 0.0 } else { 2.0 })
         };
+
         let tiles: Vec<[f32; 12]> = (0..12).map(tile).collect();
         assert_eq!(losses(4, &tiles).chosen().len(), MOST);
     }
 
     #[test]
-    fn a_single_choice_has_all_tiles_that_tell_something() {
+    fn a_single_choice_has_all_tiles_with_evidence() {
         let tiles = [[0.5], [f32::INFINITY], [0.1], [0.3]];
         assert_eq!(losses(2, &tiles).best_members(0), [0, 2, 3]);
     }
@@ -242,16 +251,18 @@ mod tests {
     fn of_several_choices_each_has_the_better_half_of_its_tiles() {
         let tiles =
             [[0.3, 0.9], [0.1, 0.9], [0.2, 0.9], [0.9, 0.4], [0.9, 0.2], [f32::INFINITY; 2]];
+
         let losses = losses(3, &tiles);
         assert_eq!(losses.best_members(0), [1, 2]);
         assert_eq!(losses.best_members(1), [4]);
     }
 
     #[test]
-    fn what_was_chosen_first_may_be_left_without_tiles() {
+    fn the_first_choice_may_lose_all_tiles() {
         // Choice 1 is the best for all; then 2 and 3 each explain one half better.
         let mut tiles = [[2.0, 0.5, 0.1, 1.5]; 8];
         tiles[4..].fill([2.0, 0.5, 1.5, 0.2]);
+
         let losses = losses(4, &tiles);
         assert_eq!(losses.chosen(), [1, 2, 3]);
         assert!(losses.best_members(1).is_empty());
@@ -259,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn tiles_on_a_boundary_take_over_from_those_that_are_explained() {
+    fn tiles_on_a_boundary_take_over_from_well_explained_ones() {
         let tiles =
             [[0.1, 0.9], [0.8, 0.7], [0.9, 0.05], [0.9, 0.2], [f32::INFINITY; 2], [0.9, 0.3]];
         let steadied = losses(6, &tiles).steadied();
@@ -271,7 +282,9 @@ mod tests {
     fn specks_are_removed_unless_the_evidence_is_strong() {
         let mut tiles = [[0.1, 0.6]; 25];
         tiles[12] = [0.3, 0.1];
+
         assert_eq!(losses(5, &tiles).labels(), [0; 25], "a speck");
+
         tiles[12] = [1.8, 0.1];
         let labels = losses(5, &tiles).labels();
         assert_eq!((labels[12], labels.iter().sum::<u8>()), (1, 1), "clear evidence");
@@ -281,12 +294,13 @@ mod tests {
     fn areas_keep_their_boundary() {
         let mut tiles = [[0.1, 0.5]; 36];
         (0..36).filter(|tile| tile % 6 >= 3).for_each(|tile| tiles[tile] = [0.5, 0.1]);
+
         let expected: Vec<u8> = (0..36).map(|tile| u8::from(tile % 6 >= 3)).collect();
         assert_eq!(losses(6, &tiles).labels(), expected);
     }
 
     #[test]
-    fn tiles_that_tell_nothing_are_of_the_kind_around_them() {
+    fn tiles_without_evidence_take_the_kind_around_them() {
         let mut tiles = [[0.9, 0.2]; 25];
         tiles[..3].fill([f32::INFINITY; 2]);
         assert_eq!(losses(5, &tiles).labels(), [1; 25]);

@@ -169,6 +169,7 @@ impl Rough {
 
         let pair = Pair::new(left, right, low, count)?;
 
+        // Few frequencies and costs of one byte are fast, and rough disparities suffice.
         let settings = Settings {
             neighborhood,
             frequencies: (1, 1),
@@ -196,6 +197,7 @@ impl Rough {
     /// The disparity at a pixel of the whole image, interpolated bilinearly.
     pub fn at(&self, y: usize, x: usize) -> f32 {
         let place = |at: usize, length: usize| {
+            // Pixel centers of both sizes; beyond the outermost ones, the disparity stays the same.
             let exact = (at as f32 + 0.5) / self.factor as f32 - 0.5;
             let exact = exact.clamp(0.0, (length - 1) as f32);
             let first = (exact as usize).min(length.saturating_sub(2));
@@ -232,6 +234,7 @@ impl Rough {
     /// The pair of blocks whose left one has this corner; `None` where the right one would leave its image, or too much
     /// of either is masked.
     pub fn place(&self, pair: &Pair, top: usize, left: usize) -> Option<BlockPlace> {
+        // The median disparity gives the column of the right block, then the field its row.
         let right = left as isize - self.of_block(top, left).round() as isize;
 
         let right = usize::try_from(right).ok().filter(|x| x + SIDE <= pair.size().1)?;
@@ -284,6 +287,7 @@ mod tests {
 
     fn texture(y: usize, x: usize) -> u8 {
         let mut bits = (y as u64) << 32 | x as u64;
+
         for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
             bits = (bits ^ bits >> 29).wrapping_add(0x9e37_79b9).wrapping_mul(factor);
         }
@@ -301,6 +305,7 @@ mod tests {
                 impulses: 0.0,
             }
         };
+
         let [left, right] = masks;
         Pair::new(view(0, left), view(SHIFT, right), 0, 40).expect("a legal pair")
     }
@@ -311,12 +316,13 @@ mod tests {
         let matcher = Matcher::new(1).expect("a thread");
         let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
         let known = Correspondence { candidates: pair.candidates(), alignment: None };
+
         Rough::new(&shades, known, RoughScale { factor, neighborhood: 9 }, &matcher, how, &control)
             .expect("a match")
     }
 
     #[test]
-    fn blocks_lie_on_the_same_things() {
+    fn blocks_of_a_pair_show_the_same() {
         let pair = pair([None, None]);
         for factor in [2, 4] {
             let place = rough(&pair, factor).place(&pair, 20, 70);
@@ -330,6 +336,7 @@ mod tests {
     #[test]
     fn blocks_lie_inside_both_images() {
         let pair = pair([None, None]);
+
         let rough = rough(&pair, 4);
         assert_eq!(rough.place(&pair, 0, SHIFT - 8).map(|place| place.right), None);
         assert!(rough.place(&pair, 130 - SIDE, 200 - SIDE).is_some());
@@ -339,10 +346,12 @@ mod tests {
     fn blocks_that_are_masked_in_either_image_are_left_out() {
         let masked =
             |share: usize| Some(Mask::from_fn(130, 200, |y, x| (31 * y + x) % 100 >= share));
+
         for masks in [[masked(13), None], [None, masked(13)]] {
             let pair = pair(masks);
             assert_eq!(rough(&pair, 4).place(&pair, 20, 70), None);
         }
+
         let pair = pair([masked(5), masked(5)]);
         assert!(rough(&pair, 4).place(&pair, 20, 70).is_some());
     }
@@ -354,6 +363,7 @@ mod tests {
             factor: 4,
             alignment: None,
         };
+
         for (place, expected) in [((0, 0), 0.0), ((1, 3), 1.5), ((3, 5), 18.5), ((7, 11), 48.0)] {
             assert!((rough.at(place.0, place.1) - expected).abs() < 1e-4, "{place:?}");
         }
@@ -364,6 +374,7 @@ mod tests {
         let shades = |odd: usize| Shades {
             plane: Plane::from_fn(80, 80, |y, x| if y * 80 + x == odd { 1.0 } else { 7.0 }),
         };
+
         assert!(shades(79 * 80).has_contrast(16, 0), "the last row of the block");
         assert!(!shades(79 * 80).has_contrast(15, 0), "the row below it");
         assert!(shades(0).has_contrast(0, 0) && !shades(0).has_contrast(0, 1));
@@ -372,17 +383,20 @@ mod tests {
     #[test]
     fn shades_are_in_one_range_whatever_the_type() {
         let how = Execution { threads: 1, level: Level::best() };
+
         let bytes = ndarray::Array3::from_shape_fn((9, 11, 1), |(y, x, _)| texture(y, x));
         let images = [
             (Image::U16(bytes.mapv(|value| u16::from(value) * 256)), 1.0 / 256.0),
             (Image::U8(bytes), 1.0),
         ];
+
         let planes = images.map(|(image, unit)| {
             let (view, control) = (View::from(image), Control::default());
             let found = shades_per_unit(&view, how.level, &control).expect("memory");
             assert!((found / unit - 1.0).abs() < 1e-9);
             Shades::new(&view, how, &control).expect("memory").plane
         });
+
         assert_eq!(planes[0], planes[1]);
     }
 }

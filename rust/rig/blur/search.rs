@@ -83,7 +83,6 @@ impl Blocks {
     pub fn none(&self) -> Fit {
         let [mut left, right] = self.unblurred;
         left.loss = 0.5 * (left.loss + right.loss);
-
         left
     }
 
@@ -123,6 +122,7 @@ impl Blocks {
 
     /// Whether the left and the right block may be the softer one.
     fn may_be_softer(&self) -> [bool; 2] {
+        // Lack is relative to the other image, so the two have nearly opposite signs.
         let [left, right] = self.unblurred.map(|fit| fit.lack);
 
         [right - left <= CLEAR, left - right <= CLEAR]
@@ -137,6 +137,7 @@ impl Blocks {
             return self.losses(level);
         }
 
+        // Choices that are not tried must not look better than those that are.
         let mut losses = vec![own.max(UNTRIED); 1 + 2 * bank().len()];
         (losses[0], losses[first]) = (none, own);
 
@@ -153,6 +154,7 @@ pub fn searched(all: &[Blocks], is_sample: &[bool], level: Level) -> Vec<Vec<f32
         .map(|(blocks, is_sample)| is_sample.then(|| blocks.losses(level)))
         .collect();
 
+    // What explains the sample best explains most of the others, too.
     let first = first(of_sample.iter().flatten().map(Vec::as_slice)).unwrap_or(0);
 
     let of_others = all.par_iter().zip(of_sample);
@@ -172,6 +174,7 @@ mod tests {
     /// Powers of a pair whose left block is blurred by one of the bank, or not.
     fn spectra(blur: Option<usize>, noise: f32) -> Powers {
         let scene: Vec<f32> = (0..bins().count()).map(|bin| 400.0 / (1.0 + bin as f32)).collect();
+
         let soft = match blur {
             Some(entry) => {
                 let psf = bank()[entry].psf;
@@ -180,6 +183,7 @@ mod tests {
             }
             None => scene.clone(),
         };
+
         let seen = |all: Vec<f32>| all.into_iter().map(|power| power + noise).collect();
         Powers { binned: [seen(soft), seen(scene)], least_high: [0.0; 2] }
     }
@@ -200,6 +204,7 @@ mod tests {
             let pair = spectra(blur, 0.1);
             let [left, right] = noise;
             let (losses, others) = (losses(&pair, noise), losses(&swapped(&pair), [right, left]));
+
             assert_eq!(losses[..1], others[..1]);
             assert_eq!(losses[1..=count], others[count + 1..]);
             assert_eq!(losses[count + 1..], others[1..=count]);
@@ -207,30 +212,35 @@ mod tests {
     }
 
     #[test]
-    fn those_of_the_clearly_sharper_image_are_not_tried() {
+    fn blurs_of_the_clearly_sharper_image_are_not_tried() {
         let count = bank().len();
         let disk = bank().iter().position(|entry| entry.psf.family == Family::Disk);
+
         let soft = losses(&spectra(disk, 0.1), [0.1; 2]);
         assert!(soft[1..=count].iter().all(|loss| *loss <= 2.0));
         assert!(
             soft[count + 1..].iter().all(|loss| loss.to_bits() == soft[0].max(UNTRIED).to_bits())
         );
+
         let alike = losses(&spectra(None, 0.1), [0.1; 2]);
         let untried = alike[0].max(UNTRIED).to_bits();
         assert!(alike[1..].iter().all(|loss| loss.to_bits() != untried), "neither is");
     }
 
     #[test]
-    fn what_the_sample_is_explained_by_is_tried_first_and_all_where_that_fails() {
+    fn the_best_of_the_sample_is_tried_first_and_all_where_it_fails() {
         let disk = bank().iter().position(|entry| entry.psf.family == Family::Disk);
         let disk = 1 + disk.expect("there are disks");
+
         let level = Level::best();
         for (usual, odd) in [(None, Some(disk - 1)), (Some(disk - 1), None)] {
             let blocks = [usual, usual, usual, odd]
                 .map(|blur| Blocks::new(&spectra(blur, 0.1), [0.1; 2], level));
+
             let found = searched(&blocks, &[true, true, false, false], level);
             assert_eq!(found[0], blocks[0].losses(level));
             assert_eq!(found[3], blocks[3].losses(level), "it is not explained");
+
             let first = usual.map_or(0, |entry| entry + 1);
             for (choice, loss) in found[2].iter().enumerate() {
                 let is_tried = choice == 0 || choice == first;

@@ -82,7 +82,6 @@ impl Loop for CutBlocks<'_> {
         let Self { images, place, window, block } = self;
         let corners = [(place.top, place.left), (place.right_top, place.right)];
         let parts = [&mut block.re, &mut block.im];
-        // Copies the pixels.
         for ((image, (top, left)), part) in images.into_iter().zip(corners).zip(parts) {
             for (y, row) in part.chunks_exact_mut(SIDE / FLOAT_LANES).enumerate() {
                 let pixels = &image.row(top + y)[left..left + SIDE];
@@ -96,9 +95,7 @@ impl Loop for CutBlocks<'_> {
                     weighted[lane] += values[lane] * weights[lane];
                 }
             }
-
             let mean = total(weighted) / window.sum;
-
             let values = part.as_flattened_mut().iter_mut();
             for (value, weight) in values.zip(window.values.as_flattened()) {
                 *value = (*value - mean) * weight;
@@ -116,7 +113,6 @@ impl Loop for Norms<'_> {
     #[inline(always)]
     fn run(self) {
         let ComplexBlock { re, im } = self.0;
-
         for (re, im) in re.as_flattened_mut().iter_mut().zip(im.as_flattened()) {
             *re = *re * *re + im * im;
         }
@@ -191,6 +187,7 @@ impl Cross {
 
     fn add_pair(&mut self, spectra: &ComplexBlock) {
         let (re, im) = (spectra.re.as_flattened(), spectra.im.as_flattened());
+        // Without the scale, a few blocks of strong contrast would decide.
         let norms: Vec<f32> = re.iter().zip(im).map(|(re, im)| re * re + im * im).collect();
         let scale = HALF as f32 / norms.iter().sum::<f32>().max(f32::MIN_POSITIVE);
 
@@ -229,7 +226,7 @@ pub fn response(taps: &Taps, level: Level) -> Response {
 
 /// The first half of powers that are convolved with the power spectrum of the Hann window along both axes.
 fn smeared(powers: &[f32]) -> Vec<f32> {
-    // The coefficients of a Hann window are 1/2 and twice -1/4: their squares, of sum 1, are 2/3 and twice 1/6.
+    // The coefficients of a Hann window are 1/2 and twice -1/4: their squares, scaled to sum 1, are 2/3 and twice 1/6.
     let smear =
         |before: f32, here: f32, after: f32| here * (2.0 / 3.0) + (before + after) * (1.0 / 6.0);
 
@@ -297,11 +294,14 @@ mod tests {
     fn naive(image: &Plane<f32>, top: usize, left: usize) -> Vec<f32> {
         let hann = |i: usize| 0.5 - 0.5 * math::cos(TAU * (i as f64 + 0.5) / SIDE as f64);
         let square: f64 = (0..SIDE).map(|i| hann(i).powi(2)).sum();
+
         let window = |y: usize, x: usize| hann(y) * hann(x) / square;
         let pixel = |y: usize, x: usize| f64::from(image.row(top + y)[left + x]);
         let all = || (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (y, x)));
+
         let sum: f64 = all().map(|(y, x)| window(y, x)).sum();
         let mean = all().map(|(y, x)| window(y, x) * pixel(y, x)).sum::<f64>() / sum;
+
         let turn = |k: usize, i: usize| math::sin_cos(TAU * ((k * i) % SIDE) as f64 / SIDE as f64);
         let weighed = |y, x| (pixel(y, x) - mean) * window(y, x);
         let along = |y: usize, kx: usize| {
@@ -310,8 +310,10 @@ mod tests {
                 (re + weighed(y, x) * cosine, im - weighed(y, x) * sine)
             })
         };
+
         let rows: Vec<Vec<(f64, f64)>> =
             (0..SIDE).map(|y| (0..SIDE).map(|kx| along(y, kx)).collect()).collect();
+
         let power = |place: usize| {
             let (kx, ky) = (place / (SIDE / 2), place % (SIDE / 2));
             let (re, im) = (0..SIDE).fold((0.0, 0.0), |(re, im), y| {
@@ -320,6 +322,7 @@ mod tests {
             });
             (re * re + im * im) as f32
         };
+
         (0..HALF).map(power).collect()
     }
 
@@ -327,14 +330,17 @@ mod tests {
     fn powers_of_a_pair_are_those_of_a_naive_transform() {
         let images = [noise(1), noise(2)];
         let place = BlockPlace { top: 3, left: 11, right_top: 5, right: 25 };
+
         let found = powers([&images[0], &images[1]], &[place], Level::best(), &Control::default());
         let found = &found.expect("not cancelled")[0];
+
         let corners = [(place.top, place.left), (place.right_top, place.right)];
         for (side, (top, left)) in corners.into_iter().enumerate() {
             let expected = naive(&images[side], top, left);
             for (a, b) in found.binned[side].iter().zip(bins().pooled(&expected)) {
                 assert!((a - b).abs() <= 1e-4 * b, "{a} {b}");
             }
+
             let high = bins().least_high(&expected);
             assert!((found.least_high[side] - high).abs() <= 1e-4 * high);
         }
@@ -343,7 +349,9 @@ mod tests {
     #[test]
     fn cross_spectra_scale_every_pair_of_blocks_alike() {
         let image = noise(3);
+
         let loud = image.map(|value| 10.0 * value);
+
         let place = BlockPlace { top: 0, left: 5, right_top: 0, right: 5 };
         let sums = |image| {
             let mut sums = Cross::default();
@@ -351,14 +359,18 @@ mod tests {
                 .expect("it runs");
             sums
         };
+
         let (one, ten) = (sums(&image), sums(&loud));
+
         let norm = |[re, im]: &[Vec<f32>; 2], place: usize| {
             math::hypot(f64::from(re[place]), f64::from(im[place]))
         };
+
         for place in 0..HALF {
             let [a, b] = [&one, &ten].map(|sums| norm(&sums.product, place));
             assert!((a - b).abs() <= 1e-3 * a.max(1e-3));
         }
+
         let total: f32 = one.powers.iter().flatten().sum();
         assert!((total / HALF as f32 - 1.0).abs() < 1e-3);
     }
@@ -366,9 +378,11 @@ mod tests {
     #[test]
     fn sums_over_blocks_do_not_depend_on_the_threads() {
         let images = [noise(4), noise(5)];
+
         let place =
             |i: usize| BlockPlace { top: i / 40, left: i % 23, right_top: i / 40, right: i % 19 };
         let places: Vec<BlockPlace> = (0..50).map(place).collect();
+
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
             let mut sums = Cross::default();
@@ -377,6 +391,7 @@ mod tests {
             pool.expect("threads").install(&mut work).expect("it runs");
             sums
         };
+
         assert_eq!(on(1), on(4));
     }
 
@@ -405,10 +420,12 @@ mod tests {
                 let at = |k: f64| math::exp(-0.5 * (TAU * k / SIDE as f64 * sigma).powi(2));
                 [-1.0, 0.0, 1.0].iter().map(|turn| at(k + turn * SIDE as f64)).sum::<f64>().powi(2)
             };
+
             let smeared = |k: usize| {
                 let k = if k < SIDE / 2 { k as f64 } else { k as f64 - SIDE as f64 };
                 along(k) * 2.0 / 3.0 + (along(k - 1.0) + along(k + 1.0)) / 6.0
             };
+
             let power = |place: usize| smeared(place / (SIDE / 2)) * smeared(place % (SIDE / 2));
             let powers: Vec<f32> = (0..HALF).map(|place| power(place) as f32).collect();
             near(&response(&psf.taps(), Level::best()), bins().pooled(&powers), 1e-3);
@@ -416,15 +433,17 @@ mod tests {
     }
 
     #[test]
-    fn a_response_knows_directions() {
+    fn a_response_depends_on_the_direction() {
         let psf = |angle| Psf::motion(9.0, angle);
+
         let of = |psf: Psf| response(&psf.taps(), Level::best());
-        // A motion along x leaves what varies along y alone: place kx = 0, ky = 8.
+        // A motion along x leaves what varies only along y: place kx = 0, ky = 8.
         let bin = |place: usize| {
             let mut powers = vec![0.0; HALF];
             powers[place] = 1.0;
             bins().pooled(&powers).iter().position(|value| *value > 0.0 && *value < 1.0)
         };
+
         let along_y = bin(8).expect("a bin of several");
         assert!(of(psf(0.0)).values()[along_y] > 0.9);
         assert!(of(psf(90.0)).values()[along_y] < 0.3);
@@ -438,19 +457,23 @@ mod tests {
             };
             bump(1.0, -2.0, 1.5) + 0.4 * bump(-3.0, 3.0, 1.3)
         };
+
         let reach = 9isize;
         let side = || -reach..=reach;
         let values = side().flat_map(|dy| side().map(move |dx| tap(dy, dx))).collect();
         let taps = Taps::new(reach as usize, values);
+
         let mut work = Work::new();
         for (dy, dx, value) in taps.places() {
             let wrapped = |offset: isize| offset.rem_euclid(SIDE as isize) as usize;
             let block = work.block.re.as_flattened_mut();
             block[wrapped(dy) * SIDE + wrapped(dx)] = value as f32;
         }
+
         work.transform(Content::Complex, Level::best());
         let half = |values: &[FloatLanes]| values.as_flattened()[..HALF].to_vec();
         let found = kernel(&[half(&*work.block.re), half(&*work.block.im)], Level::best());
+
         for (dy, dx, value) in taps.places() {
             let place = |offset: isize| (SIDE as isize / 2 + offset) as usize;
             let tap = found.row(place(dy))[place(dx)];

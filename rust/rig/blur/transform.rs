@@ -255,19 +255,24 @@ mod tests {
     /// Values between -1 and 1.
     fn noise(seed: u32) -> ComplexBlock {
         let mut state = seed;
+
         let mut block = ComplexBlock::default();
+
         let values = block.re.as_flattened_mut().iter_mut().chain(block.im.as_flattened_mut());
         for value in values {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             *value = (state >> 8) as f32 / (1 << 23) as f32 - 1.0;
         }
+
         block
     }
 
     fn transformed(block: &ComplexBlock, content: Content, level: Level) -> ComplexBlock {
         let mut work = Work::new();
+
         work.block = block.clone();
         work.transform(content, level);
+
         work.block
     }
 
@@ -285,11 +290,14 @@ mod tests {
             };
             (0..SIDE).map(coefficient).collect()
         };
+
         let turned = |values: Vec<(f64, f64)>| -> Vec<(f64, f64)> {
             (0..SIDE * SIDE).map(|place| values[place % SIDE * SIDE + place / SIDE]).collect()
         };
+
         let wide = |(re, im): (&f32, &f32)| (f64::from(*re), f64::from(*im));
         let values: Vec<_> = re.iter().zip(im).map(wide).collect();
+
         let rows: Vec<_> = values.chunks(SIDE).flat_map(along).collect();
         turned(turned(rows).chunks(SIDE).flat_map(along).collect())
     }
@@ -300,8 +308,10 @@ mod tests {
     #[track_caller]
     fn check(block: &ComplexBlock, half: usize, at: usize, (re, im): (f64, f64)) {
         let (ky, kx) = (at / SIDE, at % SIDE);
+
         let place = half * HALF + kx * SIDE / 2 + ky % (SIDE / 2);
         let found = [&block.re, &block.im].map(|part| f64::from(part.as_flattened()[place]));
+
         let off = math::hypot(found[0] - re, found[1] - im);
         assert!(off < TOLERANCE, "{ky} {kx}: {found:?}, {re} {im}");
     }
@@ -310,7 +320,9 @@ mod tests {
     fn coefficients_are_those_of_a_naive_transform() {
         let block = noise(1);
         let found = transformed(&block, Content::Complex, Level::best());
+
         let expected = naive(block.re.as_flattened(), block.im.as_flattened());
+
         for (at, expected) in expected.into_iter().enumerate() {
             check(&found, at / HALF, at, expected);
         }
@@ -319,7 +331,9 @@ mod tests {
     #[test]
     fn pairs_of_real_blocks_become_the_halves_of_their_spectra() {
         let block = noise(2);
+
         let found = transformed(&block, Content::Pair, Level::best());
+
         for (half, part) in [&block.re, &block.im].into_iter().enumerate() {
             let expected = naive(part.as_flattened(), &[0.0; SIDE * SIDE]);
             for (at, expected) in expected.into_iter().take(HALF).enumerate() {

@@ -50,20 +50,21 @@ pub struct CompensationPlan {
 
 impl CompensationPlan {
     /// The plan for an estimate; `noise` is the known noise, if any.
-    pub fn new(found: &Estimate, noise: Option<[f64; 2]>, settings: &Settings) -> Result<Self> {
+    pub fn new(estimate: &Estimate, noise: Option<[f64; 2]>, settings: &Settings) -> Result<Self> {
         let plain = Self {
-            impulses: if settings.despike { found.impulses } else { [0.0; 2] },
-            smoothing: if settings.denoise { smoothing(found, noise) } else { [0.0; 2] },
-            ..Self::of_noise(noise.unwrap_or_else(|| weak_level(found)), settings)?
+            impulses: if settings.despike { estimate.impulses } else { [0.0; 2] },
+            smoothing: if settings.denoise { smoothing(estimate, noise) } else { [0.0; 2] },
+            ..Self::of_noise(noise.unwrap_or_else(|| weak_level(estimate)), settings)?
         };
 
-        if !settings.compensate_blur || found.blurs.iter().all(|blur| blur.taps.is_none()) {
+        if !settings.compensate_blur || estimate.blurs.iter().all(|blur| blur.taps.is_none()) {
             return Ok(plain);
         }
 
-        let (rows, cols, labels) = &found.labels;
+        // The larger one of two sizes of neighborhoods has to stay within the limit, too.
+        let (rows, cols, labels) = &estimate.labels;
         let largest = LARGEST_WINDOW - (settings.largest_neighborhood() - settings.neighborhood);
-        let is_wide = found.blurs.iter().filter(|blur| blur.taps.is_some()).all(is_wide);
+        let is_wide = estimate.blurs.iter().filter(|blur| blur.taps.is_some()).all(is_wide);
         let growth = if is_wide { MUCH_LARGER } else { LARGER };
         let settings = Settings {
             neighborhood: (settings.neighborhood + growth).min(largest),
@@ -73,9 +74,9 @@ impl CompensationPlan {
 
         Ok(Self {
             settings,
-            kernels: found.blurs.iter().map(kernels).collect::<Result<_>>()?,
+            kernels: estimate.blurs.iter().map(kernels).collect::<Result<_>>()?,
             labels: Plane::from_vec(*rows, *cols, labels.clone())?,
-            tile: found.tile,
+            tile: estimate.tile,
             ..plain
         })
     }
@@ -137,28 +138,28 @@ fn kernels(blur: &Blur) -> Result<KernelPair> {
 ///
 /// Where one image is softer, fine texture of the sharper one looks like noise: then the level at which components are
 /// weak counts. `known` is the known noise.
-fn smoothing(found: &Estimate, known: Option<[f64; 2]>) -> [f64; 2] {
-    let is_blurred = found.blurs.iter().any(|blur| blur.side.is_some());
-    let own = if is_blurred { weak_level(found) } else { found.noise };
+fn smoothing(estimate: &Estimate, known: Option<[f64; 2]>) -> [f64; 2] {
+    let is_blurred = estimate.blurs.iter().any(|blur| blur.side.is_some());
+    let own = if is_blurred { weak_level(estimate) } else { estimate.noise };
 
     let noise = known.unwrap_or(own);
 
-    [0, 1].map(|side| (DEVIATIONS * noise[side].max(found.coding[side])).min(LARGEST_PIXEL))
+    [0, 1].map(|side| (DEVIATIONS * noise[side].max(estimate.coding[side])).min(LARGEST_PIXEL))
 }
 
 /// The noise under which a component is weak: the same level for both images, scaled by the contrast of each.
 ///
 /// The noise of the softer image is what is left in both once the sharper one is blurred. The noise of the sharper one
 /// would include fine texture, which looks like noise.
-fn weak_level(found: &Estimate) -> [f64; 2] {
-    let [left, right] = found.noise;
-    let level = match found.blurs[0].side {
+fn weak_level(estimate: &Estimate) -> [f64; 2] {
+    let [left, right] = estimate.noise;
+    let level = match estimate.blurs[0].side {
         Some(Side::Left) => left,
-        Some(Side::Right) => right * found.gain,
-        None => left.max(right * found.gain),
+        Some(Side::Right) => right * estimate.gain,
+        None => left.max(right * estimate.gain),
     };
 
-    [level, level / found.gain]
+    [level, level / estimate.gain]
 }
 
 #[cfg(test)]
@@ -174,7 +175,7 @@ mod tests {
         };
         let none = Blur { side: None, psf: None, taps: None, other: None };
 
-        let found = Estimate {
+        let estimate = Estimate {
             blurs: kinds.iter().map(blur).chain([none]).collect(),
             labels: (1, 1, vec![0]),
             tile: 16,
@@ -187,12 +188,12 @@ mod tests {
         };
 
         let settings = Settings { noise_threshold: 0.0, sizes: 1, ..Settings::default() };
-        let settings = CompensationPlan::new(&found, None, &settings).expect("legal").settings;
+        let settings = CompensationPlan::new(&estimate, None, &settings).expect("legal").settings;
         (settings.neighborhood, settings.window)
     }
 
     #[test]
-    fn wide_gaussians_alone_ask_for_much_larger_neighborhoods() {
+    fn only_wide_gaussians_take_much_larger_neighborhoods() {
         assert_eq!(sizes(&[]), (3, 5));
         assert_eq!(sizes(&[(Family::Gaussian, 2.5)]), (7, 7));
         assert_eq!(sizes(&[(Family::Gaussian, 2.5), (Family::Gaussian, 4.0)]), (7, 7));

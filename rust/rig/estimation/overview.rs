@@ -4,7 +4,7 @@ use super::range::extent;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::plane::Plane;
-use crate::pipeline::matcher::Pair;
+use crate::pipeline::matcher::{Disparity, Pair};
 use crate::refinement::flag;
 use crate::rig::alignment::{Alignment, TERMS};
 use crate::rig::blur::parts::{HALO, Means, PairRows, Strips};
@@ -77,6 +77,7 @@ impl Overview {
 
         let (mut left, mut right, mut valid) = (vec![], vec![], vec![]);
         rows.visit(strips, means, |part, visited| {
+            // The part begins with its halo, whose rows belong to others.
             let skipped = visited.start - part.first / factor;
             let places = skipped * cols..(skipped + visited.len()) * cols;
             for (side, shades) in [&mut left, &mut right].into_iter().zip(&part.shades) {
@@ -85,6 +86,7 @@ impl Overview {
             }
 
             let view = part.pair.views()[0];
+            // A reduced pixel is valid if at least half of its pixels are.
             let is_valid = |y: usize, x: usize| {
                 let area = (0..factor * factor).map(|i| (i / factor, i % factor));
                 let top = tops[y] - part.first;
@@ -119,6 +121,7 @@ impl Overview {
         }
         let coarse = self.reduced(means)?;
         let map = coarse.matched(coarse.widest(), field, means)?;
+        // A quarter of the range on either side makes up for what the smaller copies do not show.
         let (low, high) = extent(&map).unwrap_or_else(|| coarse.widest());
         let around = ((high - low) / 4).max(2);
         let finer = (coarse.factor / self.factor) as isize;
@@ -201,6 +204,7 @@ impl Overview {
             None => right.clone(),
         };
 
+        // The span is cut to what the width of the copies allows.
         let width = left.cols() as i64;
         let count = (high - low + 1).clamp(1, left.cols() as isize) as i64;
         let low = (low as i64).clamp(1 - width - (count - 1), width - 1);
@@ -223,12 +227,18 @@ impl Overview {
 
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
         let map = matcher.match_pair(&pair, &settings, how, &control.aside())?;
+        Ok(RoughMap::new(map, &self.valid))
+    }
+}
 
+impl RoughMap {
+    /// A matched map without its uncertain and masked pixels; the mean confidence is that of all valid ones.
+    fn new(map: Disparity, valid: &Plane<bool>) -> Self {
         let mut disparity = map.disparity;
         let (mut sum, mut count) = (0.0, 0);
         for y in 0..disparity.rows() {
             let flags = map.flags.row(y);
-            let is_valid = self.valid.row(y);
+            let is_valid = valid.row(y);
             let confidences = map.confidence.as_ref().map_or(&[][..], |plane| plane.row(y));
 
             for (x, value) in disparity.row_mut(y).iter_mut().enumerate() {
@@ -244,6 +254,6 @@ impl Overview {
             }
         }
 
-        Ok(RoughMap { disparity, confidence: sum / f64::from(count.max(1)) })
+        Self { disparity, confidence: sum / f64::from(count.max(1)) }
     }
 }

@@ -69,6 +69,7 @@ pub fn range(overview: &Overview, map: &RoughMap) -> Option<SearchRange> {
     let share = |is_one: &dyn Fn(f64) -> bool| {
         known.iter().filter(|value| is_one(**value)).count() as f64 / known.len() as f64
     };
+    // Few clear disparities of the other sign may be mistakes.
     let below = share(&|value| value <= -CLEARLY);
     Some(SearchRange {
         min: start,

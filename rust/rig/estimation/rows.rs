@@ -1,7 +1,7 @@
 //! How the rows of a pair correspond: a smooth field of vertical offsets, fitted to blocks that were found in both
 //! images.
 //!
-//! Blocks lead astray where the images do not show the same, at jumps in depth above all. So the fit is by iteratively
+//! Blocks mislead where the images do not show the same, at jumps in depth above all. So the fit is by iteratively
 //! reweighted least squares, first of absolute deviations, then with Tukey's biweight. Blocks are followed from the
 //! reduced copies, which withstand blur and noise, to the whole images, which are exact; the fit with the least
 //! standard error is kept. The field is linear unless keystone and distortion explain much more.
@@ -222,6 +222,7 @@ fn fitted(
         fit = all;
     }
 
+    // A field that less than half of the blocks agree with may be one of several.
     if fit.agreeing < LEAST_BLOCKS.max(points.len() / 2) {
         return None;
     }
@@ -298,6 +299,7 @@ fn robust(points: &[Point], count: usize) -> Option<RobustFit> {
         }
     }
 
+    // Each remaining point counts once in the variance, whatever its weight.
     let agree: Vec<f64> = weights.iter().map(|weight| f64::from(*weight > 0.0)).collect();
     let agreeing = agree.iter().filter(|weight| **weight > 0.0).count();
     let mean_variance = Normal::new(points, &agree, count).mean_variance()?;
@@ -335,6 +337,7 @@ impl Normal {
 
     /// The Cholesky factor; `None` where the equations do not determine all terms.
     fn factor(&self) -> Option<[[f64; TERMS]; TERMS]> {
+        // A pivot that is tiny beside the first one means that the points do not determine a term.
         let mut lower = [[0.0f64; TERMS]; TERMS];
         for row in 0..self.count {
             for col in 0..=row {
@@ -410,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn a_field_is_found_beside_blocks_that_are_led_astray() {
+    fn a_field_is_found_in_spite_of_outliers() {
         let field = [1.5, -2.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0];
         let fit = robust(&points(&field, 5), LINEAR).expect("enough points");
         assert!((0..TERMS).all(|term| (fit.coefficients[term] - field[term]).abs() < 1e-6));
@@ -422,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn blocks_along_a_line_tell_no_field() {
+    fn blocks_along_a_line_determine_no_field() {
         let point = |index: usize| Point {
             terms: terms(index as f64 / 100.0 - 1.0, 0.5),
             value: 1.0,

@@ -66,6 +66,7 @@ struct Patch<const SIDE: usize> {
 /// Searches every block about its expected place, in copies of the images that are reduced by a factor, and leaves out
 /// those that are not found. The seeds are in the order of their rows.
 pub fn follow(rows: PairRows, seeds: &[Seed], factor: usize, means: Means) -> Result<Vec<Track>> {
+    // Rows of the copy above and below the center that the correlation may read.
     let around = BLOCK / 2 + SEARCH + SMOOTH + 1;
     let top = |seed: &Seed| (in_copy(seed.y, factor) - around as isize).max(0) as usize * factor;
     let mut tops: Vec<usize> = seeds.iter().map(top).collect();
@@ -77,6 +78,7 @@ pub fn follow(rows: PairRows, seeds: &[Seed], factor: usize, means: Means) -> Re
 
     let mut found = vec![];
     rows.visit(strips, means, |part, visited| {
+        // Seeds are sorted by their top rows, so those of this part are a range.
         let wanted = &tops[visited];
         let first = seeds.partition_point(|seed| top(seed) < wanted[0]);
         let end = seeds.partition_point(|seed| top(seed) <= wanted[wanted.len() - 1]);
@@ -150,6 +152,7 @@ fn track(
 fn is_valid(part: &Part, (x, y): (isize, isize), factor: usize, side: usize) -> bool {
     let Some(mask) = &part.pair.views()[side].mask else { return true };
     let span = |at: isize, length: usize| {
+        // The pixels of the image under the block, cut at the border.
         let half = (BLOCK / 2) as isize;
         let end = |at: isize| (at * factor as isize).clamp(0, length as isize) as usize;
         end(at - half)..end(at + half)
@@ -251,6 +254,7 @@ impl Loop for Climb<'_> {
                 }
                 *value = known[y][x];
             }
+            // Of equal ones, the middle: then the climb ends.
             let best = (0..9).fold(4, |best, at| if nine[at] > nine[best] { at } else { best });
             if best == 4 {
                 return peak(nine, [x as f64 - SEARCH as f64, y as f64 - SEARCH as f64]);

@@ -80,6 +80,7 @@ pub fn confirms(
         }
     }
 
+    // A rise of confidence pays for a small fall of consistency.
     let [before, after] = scores;
     let rise = (after.confidence - before.confidence) / before.pixels;
     let fall = (before.consistent - after.consistent) / before.pixels;
@@ -137,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bands_lie_all_over_the_image() {
+    fn bands_are_spread_evenly() {
         assert!(bands(40).into_iter().eq(iter::once(0..40)));
         assert_eq!(bands(600), [88..112, 288..312, 488..512]);
     }
