@@ -106,8 +106,8 @@ class BlurEstimate:
     gain, gamma
         How intensities correspond, as fractions of their range: left = gain * right ** gamma. NaN
         in the result of a match, which does without.
-    Whether it was estimated of an earlier pair, and taken over since the blur of this one is as it
-        Whether it was made of an earlier pair, and taken over since the blur of this one is as it
+    reused
+        Whether it is of an earlier pair, and was taken over since the blur of this one is as it
         was: `Matcher.match` with ``before``, and `stream`.
     glance
         What a later pair of the same cameras is compared with; None: nothing can be.
