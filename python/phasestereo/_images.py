@@ -58,6 +58,7 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
     if pixels.size == 0:
         raise ValueError(f"{name}: got shape {np.shape(image)}; accepts at least one pixel")
 
+    # Alpha is left out. The core takes contiguous pixels in the byte order of the machine.
     colors = pixels[:, :, :3]
     native: Pixels = np.require(colors, colors.dtype.newbyteorder("="), ["C", "ALIGNED"])
     return native

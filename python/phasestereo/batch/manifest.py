@@ -217,6 +217,7 @@ def _read(path: Path, *, torn: bool = False) -> tuple[dict[str, Record], list[Da
     with decoding(path) as file:
         for number in range(1, _MOST + 1):
             line = file.readline(_LONGEST)
+            # The end, or a line of the log that a killed run could not finish.
             if not line or (torn and not line.endswith(b"\n") and len(line) < _LONGEST):
                 return records, damaged
             if not line.endswith(b"\n") and len(line) == _LONGEST:

@@ -174,6 +174,7 @@ def _number(where: str, name: str, given: Mapping[str, str], default: int | None
 
 
 def _of_folder(folder: Path, search: tuple[int | None, int]) -> Iterator[PairFiles]:
+    # Scenes as Middlebury has them; else the views of a rig.
     scenes = sorted(path.parent for path in folder.glob("*/im0.png"))
     if scenes:
         for scene in scenes:

@@ -173,9 +173,11 @@ def run(
     if scheduler is None and security is not None:
         raise ValueError("security: got that without a scheduler; accepts None: nobody connects")
 
+    # Workers may have another current folder.
     target = Path(folder).absolute()
     target.mkdir(parents=True, exist_ok=True)
 
+    # A worker of a cluster matches as many pairs at once as it has threads, each on one.
     count, each = share(workers, threads, len(listed)) if scheduler is None else (0, threads or 1)
     order = Order(
         settings=chosen,
@@ -186,6 +188,7 @@ def run(
         seconds=time_limit,
     )
 
+    # Workers are started, or connected to, only if a pair is to be matched.
     with _alone(target):
         work = _Run(listed, order, retries, progress, on_failure)
         work.run(

@@ -134,6 +134,7 @@ class GeometryOptions:
         except ValueError as error:
             raise ValueError(f"{self.calib}: {error}") from error
 
+        # The nearest depth that is searched must be there, and wanted.
         largest = sum(disparities) - 1
         if math.isnan(calibration.depth(largest)):
             raise ValueError(

@@ -58,6 +58,7 @@ class Large:
 
     def check(self, outputs: Outputs, scoring: Scoring) -> Path:
         """Return the file for the disparities; refuse what needs the whole map at once."""
+        # These draw, triangulate or score a map as a whole.
         wanted = [name for name in _WHOLE if getattr(outputs, name)]
         if scoring.truth:
             wanted.append("truth")

@@ -116,6 +116,7 @@ class Tally:
                 *columns, console=console, transient=True, disable=not sys.stderr.isatty()
             ) as bar:
                 task = bar.add_task(self._line(), total=length)
+                # Whoever counts a frame moves the bar.
                 self._changed = lambda: bar.update(
                     task, completed=self.done + self.failed, description=self._line()
                 )

@@ -56,6 +56,7 @@ class Pairing:
         OSError, TypeError, ValueError, ImportError
             As `phasestereo.rectify`.
         """
+        # A mask that is given and what a GeoTIFF file leaves out both count.
         left_mask, right_mask = (
             join_masks(mask, view.mask) for mask, view in zip(masks, views, strict=True)
         )

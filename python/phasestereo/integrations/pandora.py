@@ -205,6 +205,7 @@ def _view(image: Dataset, band: str | None) -> _View:
         return _View(np.zeros(valid.shape, np.float32), valid)
 
     if not valid.all():
+        # The indices of the nearest valid pixel, for every pixel.
         nearest = distance_transform_edt(~valid, return_distances=False, return_indices=True)
         pixels = pixels[tuple(nearest)]
     return _View(np.ascontiguousarray(pixels, dtype=np.float32), valid)

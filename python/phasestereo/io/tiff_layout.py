@@ -125,6 +125,7 @@ class Directory:
         if min(width, height) < 1:
             raise ValueError(f"the header says {width} x {height} pixels: that is no image")
 
+        # Samples may be stored by planes, each with blocks of its own.
         planes = max(1, self.number(_SAMPLES, 1)) if self.number(_PLANAR, 1) == 2 else 1
         wanted = -(-width // across) * -(-height // down) * planes
         found = self.tags.get(_TILES, self.tags.get(_STRIPS, (4, 0, b"")))[1]

@@ -459,6 +459,7 @@ def _plain(samples: NDArray[Any], missing: list[Any]) -> tuple[Pixels, Mask | No
     if samples.dtype == np.bool_:
         samples = samples.astype(np.uint8)
 
+    # "No data" is NaN in any channel, or a missing value in all of them.
     layers = np.atleast_3d(samples)
     lacking = np.zeros(layers.shape[:2], np.bool_)
     if layers.dtype.kind == "f":

@@ -95,6 +95,7 @@ def _identity(path: StrPath) -> dict[str, Any]:
     else:
         files = [file for file in place.rglob("*") if file.is_file()]
 
+    # A Zarr array is a folder of many files: their sizes add up, and the latest time counts.
     found = [file.stat() for file in files] or [place.stat()]
     return {
         "path": str(place),

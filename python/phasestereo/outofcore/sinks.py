@@ -97,6 +97,7 @@ class Sink:
                 with self._blamed():
                     remove(self.draft)
                     write = stack.enter_context(_WRITERS[suffix(self.path)](self))
+                # What makes the windows has errors of its own, which the file is not to blame for.
                 for row, values in windows():
                     with self._blamed():
                         write(row, values)

@@ -92,6 +92,7 @@ class Work:
             done += _rows([band])
             self._report_progress(done, rows)
 
+            # The first band shows how long the others take.
             if not plan.by_band and done < rows:
                 pace = (perf_counter() - started) / _rows([band])
                 plan = replace(plan, seconds=pace * (rows - done), by_band=True)

@@ -117,6 +117,7 @@ class Cameras:
 
     def _poses(self, size: tuple[int, int], alpha: float | None) -> Mapping[str, Matrix]:
         """Return the rectification: that which the calibration has, or a new one."""
+        # An alpha asks for another rectification than the calibrated one, if there is a pose.
         if self._has(*RECTIFIED) and (alpha is None or not self._has(*POSE)):
             return self.matrices
 

@@ -120,6 +120,7 @@ def _followed(used: Sequence[tuple[Planes, Matches]], fit: Fit, smooth: float) -
     """Follow corners in images that are rectified by a rough fit, and fit the model to them."""
     found = [matches for _, matches in used]
     for _ in range(_ROUNDS):
+        # Each round follows corners in images that are rectified a little better.
         found = [
             _refined(pair, fit, matches, smooth) if len(matches[0]) else matches
             for (pair, _), matches in zip(used, found, strict=True)
@@ -140,6 +141,7 @@ def _followed(used: Sequence[tuple[Planes, Matches]], fit: Fit, smooth: float) -
     shifts = fit.model.shifts(agree)
     maps = fit.model.maps(shifts)
 
+    # Disparities as they are in the rectified images, which are shifted.
     columns = [points[:, 0] for points in fit.model.rectified(agree)]
     disparity = columns[0] + shifts[0][0] - columns[1] - shifts[1][0]
 
@@ -237,6 +239,7 @@ def _everywhere(maps: Maps, disparity: Points) -> Matches:
         )
     )
 
+    # What counts is in both rectified images, and in both raw ones.
     seen = (x - shift >= 0) & (x - shift <= cols - 1)
     right = np.stack([x - shift, y], axis=1)[seen]
     raw = led_back((np.stack([x, y], axis=1)[seen], right), maps)

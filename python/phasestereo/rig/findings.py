@@ -227,6 +227,7 @@ def _matched_rows(result: Result) -> Iterator[Finding]:
             "baseline may not be level",
         )
 
+    # Where one image is blurred, the blocks scatter anyway.
     is_blurred = result.blur is not None and result.blur.blur.side != "none"
     if found.spread > _SCATTERED and not is_blurred:
         yield Finding(
@@ -289,6 +290,7 @@ def _rows(diagnosis: Diagnosis) -> Finding:
             "too little is found in both images to tell whether rows correspond",
         )
 
+    # An offset must be large, and clearly larger than its own error.
     least, much = (
         max(rows, errors * found.error) for rows, errors in zip(_ROWS, _ERRORS, strict=True)
     )

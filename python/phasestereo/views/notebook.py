@@ -181,6 +181,7 @@ def _scale(known: NDArray[np.float32], ends: Ends) -> str:
     colors = colorize((edges[np.newaxis, 1:] + edges[:-1]) / 2, low=ends[0], high=ends[1])
 
     picture = np.full((_BARS + _GAP + _STRIP, len(counts), 3), NEUTRAL, np.uint8)
+    # Bars grow from the bottom, each in the color of its disparity; below is the whole scale.
     heights = np.ceil(_BARS * counts / counts.max())
     bars = np.arange(_BARS, 0, -1)[:, np.newaxis] <= heights
     picture[:_BARS] = np.where(bars[:, :, np.newaxis], colors, picture[:_BARS])

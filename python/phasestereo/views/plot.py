@@ -367,6 +367,7 @@ def blur(
     if not isinstance(found, BlurEstimate):
         raise TypeError(f"estimate: got {type(found).__name__}; accepts a Result or BlurEstimate")
 
+    # An estimate does not know its image: each tile is drawn as a pixel, and stretched.
     labels = found.labels
     rows, cols = (length * found.tile for length in labels.shape)
     if isinstance(estimate, Result):

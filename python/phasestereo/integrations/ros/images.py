@@ -85,6 +85,7 @@ def _samples(message: Any) -> NDArray[Any]:
     if data.size < rows * step:
         raise ValueError(f"image: cut short, it has {data.size} bytes of {rows * step}")
 
+    # Rows may be padded at their end: `step` is their length in bytes.
     lines = data[: rows * step].reshape(rows, step)[:, : cols * count * dtype.itemsize]
     pixels = np.ascontiguousarray(lines).view(dtype).reshape(rows, cols, count)
     return pixels[:, :, list(order)].astype(dtype.newbyteorder("="), copy=False)

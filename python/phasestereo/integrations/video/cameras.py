@@ -102,6 +102,7 @@ def _captures(
     while patience is None or missed < patience:
         grabbed: list[bool] = []
         times: list[float] = []
+        # A grab takes hardly any time, so the views are close; decoding comes later.
         for device in devices:
             grabbed.append(device.grab())
             times.append(monotonic())

@@ -225,6 +225,7 @@ def stream(
         "blur_compensation": blur_compensation,
     }
 
+    # Wrong arguments are refused before any source is opened.
     _try(matcher, given, width=None)
     rectifier = None if rectify is None else _rectifier(rectify, (left_mask, right_mask))
     opened = open_source(source, right, layout=layout, patience=patience)

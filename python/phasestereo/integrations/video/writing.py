@@ -106,6 +106,7 @@ class VideoWriter(Closing):
             wanted = f"{self._size[1]} x {self._size[0]}"
             raise ValueError(f"picture: got {cols} x {rows} pixels; accepts {wanted}, as before")
 
+        # The pixel format halves the colors, so that sides must be even.
         even = np.pad(picture, ((0, rows % 2), (0, cols % 2), (0, 0)))
         frame = require("av", extra="live").VideoFrame.from_ndarray(even, format="rgb24")
         frame.pts, frame.time_base = self._next(time), Fraction(1, _CLOCK)

@@ -183,6 +183,7 @@ def charts(
 
     if truth is not None and scored is not None and scored.any():
         error = np.abs(result.disparity[scored].astype(np.float64) - truth[scored])
+        # Sorted errors give the share at every threshold; a missing estimate is never good.
         present = np.sort(error[np.isfinite(error)])
         good = np.searchsorted(present, _THRESHOLDS, side="right")
         wrong = 100 * (1 - good / error.size)

@@ -95,6 +95,7 @@ class Kind:
 
 def layers_of(result: Result, truth: Map | None) -> list[Layer]:
     """Return the layers of numbers that there are for a result, in the order of their buttons."""
+    # Both maps have the same ends, so that their colors compare.
     ends = _robust_ends(result.disparity if truth is None else truth, result.disparity)
     near = "near is red, far is blue"
     depth = colors(DISPARITY_COLORS)
