@@ -35,7 +35,7 @@ _FILE = r"\A[^./\\\x00-\x1f][^/\\\x00-\x1f]*\Z"  # a name without a folder
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Record:
-    """What has become of one pair.
+    """The outcome of one pair.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ class Manifest:
             self.damaged += damaged
 
     def add(self, record: Record) -> None:
-        """Keep a record; it is in a file when the call returns."""
+        """Add a record; it is in a file when the call returns."""
         self.records[record.name] = record
         if self._file is None:
             self._file = self._log.open("ab", buffering=0)
@@ -188,7 +188,7 @@ class Manifest:
             self._file = None
 
     def _set_apart(self) -> None:
-        """Keep the lines that are no records, for whoever wants to know."""
+        """Move the lines that are no records into a file of their own."""
         if self.damaged[self._kept :]:
             with self._apart.open("ab") as file:
                 file.writelines(each.line + b"\n" for each in self.damaged[self._kept :])
@@ -233,7 +233,7 @@ def _read(path: Path, *, torn: bool = False) -> tuple[dict[str, Record], list[Da
 
 
 class _Schema:
-    """What a line must be, as msgspec checks it."""
+    """The schema of a line, by which msgspec checks it."""
 
     def __init__(self) -> None:
         msgspec: Any = require("msgspec", extra="batch")

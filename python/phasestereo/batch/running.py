@@ -40,7 +40,7 @@ _DRAFTS = "." + "[0-9a-f]" * 16 + ".part"  # as `phasestereo.io.files.replacing`
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatchReport:
-    """What a run came to.
+    """The outcome of a run over many pairs.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def run(
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Keep other runs out of a folder, and clear away what killed workers left."""
+    """Lock a folder against other runs, and remove the drafts of killed workers."""
     locks = require("filelock", extra="batch")
     lock = locks.FileLock(folder / _LOCK)
     try:

@@ -48,7 +48,7 @@ class FullDiskError(OSError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """How all pairs of a run are matched.
+    """The settings and outputs that all pairs of a run share.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ _WITH_FOCAL = ("baseline", "doffs", "cx", "cy")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GeometryOptions:
-    """What makes depths of disparities.
+    """The options that give the geometry, by which disparities become depths.
 
     Parameters
     ----------

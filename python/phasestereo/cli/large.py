@@ -23,7 +23,7 @@ _WHOLE = ("color", "ply", "mesh", "depth", "report")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Large:
-    """How to match a pair larger than memory.
+    """The options for pairs larger than memory.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def match_large(
 
 
 def _show_plan(plan: Plan) -> None:
-    """Say what a run takes, before it starts and again when its first band is there."""
+    """Print what a run takes, before it starts and again after its first band."""
     duration = format_duration(plan.seconds)
     if plan.by_band:
         say(f"by its first band, {duration} to go")

@@ -13,7 +13,7 @@ from cyclopts import Group, Parameter
 
 from phasestereo._interrupts import held_back
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
-from phasestereo.cli.live_outputs import LiveOutputs, Sink, Writers
+from phasestereo.cli.live_outputs import FrameSink, LiveOutputs, Writers
 from phasestereo.cli.live_recordings import Messages, Topics
 from phasestereo.cli.live_show import ClosedError, Screen, Showing, serve
 from phasestereo.cli.live_tally import Tally
@@ -200,7 +200,7 @@ def _run(
     frames: Stream,
     outputs: LiveOutputs,
     tally: Tally,
-    sink: Callable[[ExitStack, Path], Sink] | None,
+    sink: Callable[[ExitStack, Path], FrameSink] | None,
     screen: Screen | None,
 ) -> None:
     """Match, write and show all frames, or those until Ctrl-C or the end of the show."""
@@ -232,7 +232,7 @@ def _geometry(outputs: LiveOutputs, recording: Recording | None) -> tuple[Calibr
     return None, "" if recording is None else "m"
 
 
-def _write(frame: Frame, sinks: list[Sink], tally: Tally) -> None:
+def _write(frame: Frame, sinks: list[FrameSink], tally: Tally) -> None:
     """Write a frame everywhere it can be; where it cannot, it fails alone."""
     tally.report_news(frame)
     errors = []

@@ -33,7 +33,7 @@ from phasestereo.integrations.video.drafts import draft_of
 from phasestereo.integrations.video.streaming import Frame
 from phasestereo.io import read_calibration, write_disparity
 
-Sink = Callable[[Frame], object]
+FrameSink = Callable[[Frame], object]
 
 _RATE = 25.0  # of sources whose own is unknown
 
@@ -136,14 +136,14 @@ class Writers:
         tally: Tally,
         *,
         rate: float | None,
-        messages: Callable[[ExitStack, Path], Sink] | None,
+        messages: Callable[[ExitStack, Path], FrameSink] | None,
     ) -> None:
         self._outputs = outputs
         self._tally = tally
         self._messages = messages
         self._rate = outputs.rate or rate or _RATE
         self._open = ExitStack()
-        self.sinks: list[Sink] = []
+        self.sinks: list[FrameSink] = []
 
     def __enter__(self) -> Self:
         """Open the files."""

@@ -24,7 +24,7 @@ _LONGEST_PAUSE = 1.0  # seconds between frames of a file: recordings may have ga
 
 
 class ClosedError(Exception):
-    """Whoever looked at the frames has ended the run."""
+    """The user has ended the run on the page."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,7 +86,7 @@ class Screen:
 
     @property
     def closed(self) -> bool:
-        """Whether whoever looked has closed it."""
+        """Whether the user has closed it."""
         return self._show.closed
 
     def follow(self, frames: Stream) -> None:
@@ -126,7 +126,7 @@ class Screen:
         self._show.note("calibration", text)
 
     def _judge(self, frame: Frame, frames: Stream) -> None:
-        """Look at the calibration once, with the first frame."""
+        """Check the calibration once, against the first frame."""
         found = frames.rectification
         if found is not None and (found.error is None or found.error > _ROWS_OFF):
             self._note("; ".join(found.sentences))

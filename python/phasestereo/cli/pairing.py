@@ -30,7 +30,7 @@ Masks = tuple[NDArray[Any] | None, NDArray[Any] | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pairing:
-    """How the two views of a pair are had.
+    """The options that say where both views of a pair come from.
 
     Parameters
     ----------

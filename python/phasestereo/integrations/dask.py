@@ -38,7 +38,7 @@ _HALOS = 4
 
 
 class Maps(NamedTuple):
-    """What a match returns of a pair, lazily, by the same tasks.
+    """The lazy maps of a pair, all computed by the same tasks.
 
     Attributes
     ----------

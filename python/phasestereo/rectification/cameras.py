@@ -26,7 +26,7 @@ _LONGEST_SIDE = 32766  # pixels: `cv2.remap` counts in 16 bits
 
 
 class Warp(NamedTuple):
-    """What rectifies images of one size: the maps, and OpenCV's matrix Q (None: not known)."""
+    """The maps that rectify images of one size, and OpenCV's matrix Q (None: not known)."""
 
     maps: Maps
     q: Matrix | None

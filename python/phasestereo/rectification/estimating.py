@@ -44,15 +44,15 @@ _NEARLY_ALL = 0.95
 _CLEARLY = 2.0  # pixels
 
 
-class Found(NamedTuple):
-    """What rectifies a pair, the error in rows that is to be expected, and sentences."""
+class EstimatedMaps(NamedTuple):
+    """The maps that rectify a pair, the expected error in rows, and sentences."""
 
     maps: Maps
     error: float
     sentences: tuple[str, ...]
 
 
-def estimated(pairs: Sequence[tuple[Pixels, Pixels]]) -> Found:
+def estimated(pairs: Sequence[tuple[Pixels, Pixels]]) -> EstimatedMaps:
     """Estimate the cameras of pairs that all come from the same two.
 
     Parameters
@@ -203,7 +203,7 @@ def _refuse_spread(fit: Fit) -> None:
         )
 
 
-def _found(best: _Tried, pairs: int, *, negative: bool) -> Found:
+def _found(best: _Tried, pairs: int, *, negative: bool) -> EstimatedMaps:
     """Sum up a fit.
 
     Raises
@@ -223,7 +223,7 @@ def _found(best: _Tried, pairs: int, *, negative: bool) -> Found:
             "pairs of the same cameras (others), or a calibration"
         )
     said = ("the right image seems to be a negative of the left one",) if negative else ()
-    return Found(best.maps, best.error, (*_sentences(best, pairs), *said))
+    return EstimatedMaps(best.maps, best.error, (*_sentences(best, pairs), *said))
 
 
 def _everywhere(maps: Maps, disparity: Points) -> Matches:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from phasestereo._images import Picture, Pixels
+    from phasestereo._images import ImageOrPath, Pixels
     from phasestereo.rectification.reading import CalibrationSource
     from phasestereo.rectification.record import Interpolation, Method
 
@@ -30,13 +30,13 @@ _OFF = 1.0  # rows: more than a calibration that fits leaves
 
 
 def rectify(
-    left: Picture,
-    right: Picture,
+    left: ImageOrPath,
+    right: ImageOrPath,
     calibration: CalibrationSource | Rectification | Cameras | None = None,
     *,
     alpha: float | None = None,
     interpolation: Interpolation | None = None,
-    others: Iterable[tuple[Picture, Picture]] = (),
+    others: Iterable[tuple[ImageOrPath, ImageOrPath]] = (),
     left_mask: ArrayLike | None = None,
     right_mask: ArrayLike | None = None,
 ) -> Rectification:

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 Side = Literal["none", "left", "right"]
-Kind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
+BlurKind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
 
 Glance: TypeAlias = tuple["NDArray[np.uint32]", "NDArray[np.float32]"]
 """What the core compares a later pair of the same cameras with."""
 
 Estimated: TypeAlias = tuple[
-    list[tuple[int, Kind, float, float, "NDArray[np.float64] | None"]],
+    list[tuple[int, BlurKind, float, float, "NDArray[np.float64] | None"]],
     "NDArray[np.uint8]",
     int,
     float,
@@ -64,7 +64,7 @@ class Blur:
     """
 
     side: Side
-    kind: Kind
+    kind: BlurKind
     size: float
     angle: float
     psf: NDArray[np.float64] | None = None

@@ -18,7 +18,7 @@ _SAME = 1e-6  # relative: matrices that have been through text
 
 
 class RigGeometry(NamedTuple):
-    """How to rectify the frames (None: they are), and OpenCV's matrix Q of rectified ones."""
+    """The cameras that rectify frames (None: they are rectified), and Q of rectified ones."""
 
     cameras: Cameras | None
     q: Matrix | None

@@ -17,7 +17,7 @@ Message: TypeAlias = Any
 
 
 class Header(NamedTuple):
-    """What a message says of itself: when it was taken, ns since 1970, and in which frame."""
+    """The header of a message: when it was taken, ns since 1970, and its coordinate frame."""
 
     stamp: int
     frame_id: str

@@ -47,7 +47,7 @@ _SMOOTH = 0.8  # share of the rate so far
 
 
 class _Fault(NamedTuple):
-    """What failed, how often one after the other, and when the last time."""
+    """A failure: how often it came in a row, and when the last time."""
 
     text: str
     times: int
@@ -55,7 +55,7 @@ class _Fault(NamedTuple):
 
 
 class Show:
-    """What the page shows, kept for any number of threads.
+    """The state that the page shows, shared by any number of threads.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class Show:
             self._calibration, self._unit = calibration, unit
 
     def end(self, why: str) -> None:
-        """Say that no more frames come, or none for now."""
+        """Show that no more frames come, and why."""
         with self._news():
             self._ended = why
 
