@@ -352,7 +352,7 @@ mod cost {
 
     fn write<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
         with_costs(case, settings, |costs, _| {
-            let mut out = vec![[V::default(); LANES]; PANEL * costs.chunks()];
+            let mut out = vec![[V::default(); LANES]; PANEL * costs.runs()];
             bencher.counter(case.evaluations()).bench_local(|| {
                 case.level.run(Write { costs, out: divan::black_box(&mut out[..]) });
             });
@@ -392,18 +392,18 @@ mod cost {
 /// Panels of sums over windows, and the costs as they are needed: of the codes of `fast`, `robust` and `paper`.
 mod aggregation {
     use super::{Bencher, COLS, Case, Preset, ROWS, Settings, cases, fast, robust, with_costs};
-    use phasestereo::internals::cost::aggregation::{Aggregator, Block};
+    use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock};
     use phasestereo::internals::optimization::PANEL;
     use phasestereo::internals::value::{LANES, Value};
 
     fn aggregate<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
         with_costs(case, settings, |costs, window| {
             assert!(window.largest_value(false) <= V::LARGEST_TOTAL);
-            let mut out = vec![[V::default(); LANES]; ROWS * PANEL * costs.chunks()];
+            let mut out = vec![[V::default(); LANES]; ROWS * PANEL * costs.runs()];
             let mut aggregator = Aggregator::<V>::default();
             bencher.counter(case.evaluations()).bench_local(|| {
                 for start in (0..COLS).step_by(PANEL) {
-                    let block = Block { rows: 0..ROWS, columns: start..start + PANEL };
+                    let block = PixelBlock { rows: 0..ROWS, columns: start..start + PANEL };
                     let out = divan::black_box(&mut out[..]);
                     aggregator.aggregate(costs, window, block, case.level, out).expect("memory");
                 }
@@ -430,22 +430,22 @@ mod aggregation {
 /// The search of a band, from aggregated costs to chosen candidates. Every panel has the same costs.
 mod optimization {
     use super::{Bencher, COLS, Case, Control, Optimizer, Texture, cases, noise};
-    use phasestereo::internals::cost::aggregation::{Aggregator, Block};
+    use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock};
     use phasestereo::internals::error::Result;
     use phasestereo::internals::optimization::edges::Edges;
     use phasestereo::internals::optimization::{
-        BAND, LOOK_ROWS, PANEL, Search, Source, Steps, Workspace,
+        BAND, CandidateSearch, CostSource, LOOKAHEAD_ROWS, PANEL, Penalties, Workspace,
     };
     use phasestereo::internals::value::{LANES, Lanes, Value};
 
     /// Rows that the paths of a band see.
-    const ROWS: usize = BAND + 2 * LOOK_ROWS;
+    const ROWS: usize = BAND + 2 * LOOKAHEAD_ROWS;
 
     /// Costs that are there already.
     struct Same<T>(Vec<Lanes<T>>);
 
-    impl<T: Value> Source<T> for Same<T> {
-        fn write(&self, _: &mut Aggregator<T>, _: Block, out: &mut [Lanes<T>]) -> Result<()> {
+    impl<T: Value> CostSource<T> for Same<T> {
+        fn write(&self, _: &mut Aggregator<T>, _: PixelBlock, out: &mut [Lanes<T>]) -> Result<()> {
             out.copy_from_slice(&self.0[..out.len()]);
             Ok(())
         }
@@ -464,14 +464,24 @@ mod optimization {
         } else {
             Edges::nowhere(COLS)
         };
-        let (size, first) = ((ROWS, COLS), BAND - LOOK_ROWS);
-        let (steps, edges, weighs) = (Steps { p1: 10, p2: 50 }, &edges.expect("memory"), true);
-        let search =
-            Search { size, first, candidates, optimizer, steps, edges, weighs, level, control };
+        let (size, first) = ((ROWS, COLS), BAND - LOOKAHEAD_ROWS);
+        let (penalties, edges, weighs) =
+            (Penalties { p1: 10, p2: 50 }, &edges.expect("memory"), true);
+        let search = CandidateSearch {
+            size,
+            first,
+            candidates,
+            optimizer,
+            penalties,
+            edges,
+            weighs,
+            level,
+            control,
+        };
         let mut workspace = Workspace::<T>::default();
         bencher.counter(case.evaluations()).bench_local(|| {
-            let rows = LOOK_ROWS..LOOK_ROWS + BAND;
-            search.run(rows, &source, divan::black_box(&mut workspace)).is_ok()
+            let rows = LOOKAHEAD_ROWS..LOOKAHEAD_ROWS + BAND;
+            search.choose(rows, &source, divan::black_box(&mut workspace)).is_ok()
         });
     }
 
@@ -591,7 +601,7 @@ mod synthesis {
         noise, views,
     };
     use phasestereo::internals::image::convolution::Kernel;
-    use phasestereo::internals::refinement::synthesis::Scene;
+    use phasestereo::internals::refinement::synthesis::BlurredPair;
     use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 
     /// A map of patches, and a soft image (0: left, 1: right).
@@ -611,7 +621,7 @@ mod synthesis {
         };
         let patches = noise(ROWS / 16, COLS / 16, |value| (value % 40) as f32);
         let map = Plane::from_fn(ROWS, COLS, |y, x| patches.row(y / 16)[x / 16]);
-        let scene = Scene::new(
+        let scene = BlurredPair::new(
             [&views[0], &views[1]],
             Some(&compensation),
             0..ROWS,
@@ -672,12 +682,12 @@ mod subpixel {
 
 mod confidence {
     use super::{At, Bencher, Control, Map, every};
-    use phasestereo::internals::refinement::confidence::Scene;
+    use phasestereo::internals::refinement::confidence::VotedMap;
 
     #[divan::bench(args = every())]
     fn confidences(bencher: Bencher, At(level): &At) {
         Map::bench(bencher, |Map { disparity, votes, texture, .. }, out| {
-            Scene { disparity, votes, texture }.confidences(out, *level, &Control::default())
+            VotedMap { disparity, votes, texture }.confidences(out, *level, &Control::default())
         });
     }
 }
@@ -723,7 +733,7 @@ mod matcher {
         let matcher = Matcher::new(1).expect("a thread starts");
         bencher
             .counter(case.evaluations())
-            .bench_local(|| matcher.run(&pair, settings, how, &Control::default()));
+            .bench_local(|| matcher.match_pair(&pair, settings, how, &Control::default()));
     }
 
     #[divan::bench(args = cases(), sample_count = 10)]

@@ -1,7 +1,7 @@
-//! The C interface: `rust/c/phasestereo.h` is made of it, and says what each function takes.
+//! The C interface: `rust/c/phasestereo.h` is generated from this module, and says what each function takes.
 //!
-//! Images are copied in and maps are copied out, so that no call keeps a pointer of its caller's. No panic leaves a
-//! call: it becomes an error, as everything does that goes wrong, whose text the calling thread can ask for.
+//! Images are copied in and maps are copied out, so no call keeps a pointer of its caller's. No panic leaves a call:
+//! like every failure it becomes an error, whose message the calling thread can read.
 
 #![allow(unsafe_code, reason = "what C hands over are pointers, which only unsafe code can read")]
 
@@ -32,7 +32,7 @@ use crate::settings::presets::Preset;
 use crate::simd::Level;
 
 thread_local! {
-    /// What the last call on this thread that failed says.
+    /// The message of the last call on this thread that failed.
     static ERROR: RefCell<CString> = RefCell::default();
 }
 
@@ -78,7 +78,8 @@ pub extern "C" fn phasestereo_version() -> *const c_char {
     VERSION.as_ptr().cast()
 }
 
-/// What the last call on this thread that failed says; empty if none has. It is valid until the next call that fails.
+/// The message of the last call on this thread that failed; empty if none has. It is valid until the next call that
+/// fails.
 #[unsafe(no_mangle)]
 pub extern "C" fn phasestereo_error() -> *const c_char {
     ERROR.with_borrow(|message| message.as_ptr())
@@ -113,10 +114,11 @@ pub unsafe extern "C" fn phasestereo_new(
         let threads = if threads == 0 { usable_threads() } else { threads as usize };
         Ok(Matcher { core: matcher::Matcher::new(threads)?, settings, threads })
     });
+
     made.map_or(ptr::null_mut(), |matcher| Box::into_raw(Box::new(matcher)))
 }
 
-/// Ends a matcher, its threads, and frees its memory. NULL is left alone.
+/// Frees a matcher with its threads and its memory. NULL is ignored.
 ///
 /// # Safety
 ///
@@ -126,7 +128,7 @@ pub unsafe extern "C" fn phasestereo_free(matcher: *mut Matcher) {
     if !matcher.is_null() {
         // SAFETY: as the caller promises.
         let matcher = unsafe { Box::from_raw(matcher) };
-        // A panic while threads end says nothing that could be acted on.
+        // A panic while threads end tells the caller nothing that it could act on.
         let _ = guarded(move || {
             drop(matcher);
             Ok(())
@@ -145,9 +147,9 @@ pub unsafe extern "C" fn phasestereo_threads(matcher: *const Matcher) -> u32 {
     unsafe { matcher.as_ref() }.map_or(0, |matcher| matcher.threads as u32)
 }
 
-/// The bytes that the match of images takes at most whose pixels, all channels together, take `pixel_bytes` each; 0 if an
-/// argument is not acceptable. Where blur is compensated for, codes of the right image are kept once more for each kind of
-/// it: these, and the images and maps of the caller, are not in it.
+/// The most bytes of working memory that the match of images takes, whose pixels, all channels together, take
+/// `pixel_bytes` each; 0 if an argument is not acceptable. Images and maps of the caller are not included, nor the
+/// codes of the right image that are kept for each kind of blur that is compensated for.
 ///
 /// # Safety
 ///
@@ -179,13 +181,14 @@ pub unsafe extern "C" fn phasestereo_memory(
         };
         Ok(demand.bytes(height as usize))
     });
+
     bytes.unwrap_or(0)
 }
 
 /// Matches a rectified pair of images of one size and number of bits. The disparities [`min_disparity`, `min_disparity` +
-/// `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 they are found, and `min_disparity` is 0.
-/// Left pixel (x, y) corresponds to right pixel (x - d, y). What was found out of the pair is written to `found`, unless
-/// that is NULL. If it fails, nothing is written.
+/// `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 the range is estimated, and
+/// `min_disparity` is 0. Left pixel (x, y) corresponds to right pixel (x - d, y). What was estimated from the pair is written
+/// to `found`, unless that is NULL. If the call fails, nothing is written.
 ///
 /// # Safety
 ///
@@ -209,7 +212,7 @@ pub unsafe extern "C" fn phasestereo_match(
         let is_given = known.candidates.is_some();
 
         let (result, estimates) =
-            matcher.run(|means| prepare_and_match(pair, known, &matcher.settings, means))?;
+            matcher.on_threads(|means| prepare_and_match(pair, known, &matcher.settings, means))?;
 
         // SAFETY: as above.
         unsafe {
@@ -220,8 +223,8 @@ pub unsafe extern "C" fn phasestereo_match(
     })
 }
 
-/// Finds out of a pair what a match with these settings would find out: the disparities, if they are not given, how rows
-/// correspond, blur, noise. The arguments are those of `phasestereo_match`.
+/// Estimates from a pair what a match with these settings would estimate: the disparities, if they are not given, how
+/// rows correspond, blur, noise. The arguments are those of `phasestereo_match`.
 ///
 /// # Safety
 ///
@@ -242,24 +245,27 @@ pub unsafe extern "C" fn phasestereo_check(
         let (pair, known) = unsafe { read_pair([left, right], min_disparity, num_disparities)? };
         let is_given = known.candidates.is_some();
 
-        let prepared = matcher.run(|means| prepare(pair, known, &matcher.settings, means))?;
+        let prepared =
+            matcher.on_threads(|means| prepare(pair, known, &matcher.settings, means))?;
         // SAFETY: as above.
-        unsafe { write(found, &Found::new(&prepared.found, is_given)) };
+        unsafe { write(found, &Found::new(&prepared.estimates, is_given)) };
         Ok(())
     })
 }
 
 impl Matcher {
-    /// Has the threads do some work, all of it: on the thread that calls, rayon would start another pool.
-    fn run<T: Send>(&self, work: impl FnOnce(Means) -> Result<T> + Send) -> Result<T> {
-        let (control, how) =
-            (Control::default(), Execution { threads: self.threads, level: Level::best() });
+    /// Runs all work on the matcher's threads: on the calling thread, rayon would start another pool.
+    fn on_threads<T: Send>(&self, work: impl FnOnce(Means) -> Result<T> + Send) -> Result<T> {
+        let control = Control::default();
+        let how = Execution { threads: self.threads, level: Level::best() };
+
         let means = Means { matcher: &self.core, how, control: &control };
+
         self.core.install(|| work(means))
     }
 }
 
-/// Both images, and the disparities, if they are given.
+/// Both images, and the disparities if they are given.
 ///
 /// # Safety
 ///
@@ -279,13 +285,16 @@ unsafe fn read_pair(
     let [left, right] = unsafe {
         [reference(left, "left")?.view("left")?, reference(right, "right")?.view("right")?]
     };
+
+    // The pair needs some range until its own is estimated.
     let count = if is_given { num_disparities.into() } else { 1 };
     let pair = Pair::new(left, right, min_disparity.into(), count)?;
     let candidates = is_given.then(|| pair.candidates());
+
     Ok((pair, Known { candidates, ..Known::default() }))
 }
 
-/// What a pointer is to.
+/// The value that a pointer points to; NULL is refused.
 ///
 /// # Safety
 ///
@@ -295,7 +304,7 @@ unsafe fn reference<'a, T>(pointer: *const T, argument: &'static str) -> Result<
     unsafe { pointer.as_ref() }.ok_or_else(|| Error::value(argument, "NULL", "a pointer"))
 }
 
-/// So many values; none where there are none, whatever the pointer.
+/// A list of `count` settings; without any, the pointer is not read.
 ///
 /// # Safety
 ///
@@ -304,6 +313,7 @@ unsafe fn list<'a>(settings: *const Setting, count: usize) -> Result<&'a [Settin
     if count == 0 {
         return Ok(&[]);
     }
+
     // SAFETY: as the caller promises.
     unsafe {
         reference(settings, "settings")?;
@@ -311,7 +321,7 @@ unsafe fn list<'a>(settings: *const Setting, count: usize) -> Result<&'a [Settin
     }
 }
 
-/// A text; `None` of NULL.
+/// A text; `None` for NULL.
 ///
 /// # Safety
 ///
@@ -320,13 +330,15 @@ unsafe fn text<'a>(pointer: *const c_char, argument: &'static str) -> Result<Opt
     if pointer.is_null() {
         return Ok(None);
     }
+
     // SAFETY: as the caller promises.
     let text = unsafe { CStr::from_ptr(pointer) };
+
     let refused = |_| Error::value(argument, format!("{text:?}"), "text in UTF-8");
     text.to_str().map(Some).map_err(refused)
 }
 
-/// Writes what was found, if anyone asks.
+/// Writes the estimates, unless the pointer is NULL.
 ///
 /// # Safety
 ///
@@ -342,29 +354,31 @@ fn status(work: impl FnOnce() -> Result<()>) -> Status {
     guarded(work).err().unwrap_or(Status::Ok)
 }
 
-/// Does the work of a call; what goes wrong, panics too, is kept for `phasestereo_error`.
+/// Runs the work of a call; the message of a failure, also of a panic, is kept for `phasestereo_error`.
 fn guarded<T>(work: impl FnOnce() -> Result<T>) -> std::result::Result<T, Status> {
     let (status, message) = match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(done)) => return Ok(done),
-        Ok(Err(error)) => (Status::of(&error), error.to_string()),
+        Ok(Err(error)) => (Status::from(&error), error.to_string()),
         Err(panic) => {
-            (Status::Internal, format!("internal error, please report it: {}", said(&*panic)))
+            (Status::Internal, format!("internal error, please report it: {}", message_of(&*panic)))
         }
     };
 
-    // A zero within it would end the text.
+    // C texts end at the first zero.
     let message = CString::new(message.replace('\0', " ")).unwrap_or_default();
     ERROR.set(message);
     Err(status)
 }
 
-fn said(panic: &(dyn Any + Send)) -> &str {
+/// The message of a panic.
+fn message_of(panic: &(dyn Any + Send)) -> &str {
     let text = panic.downcast_ref::<&str>().copied();
+
     text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("a panic")
 }
 
-impl Status {
-    fn of(error: &Error) -> Self {
+impl From<&Error> for Status {
+    fn from(error: &Error) -> Self {
         match error {
             Error::Value { .. } => Self::InvalidArgument,
             Error::OutOfMemory { .. } => Self::OutOfMemory,

@@ -1,8 +1,8 @@
-//! Two images -> matching costs: what it costs to match a pixel of a row with each of its candidates.
+//! Two images -> matching costs: what it costs to match a pixel of the left image with each of its candidates.
 //!
-//! Candidates lie in lanes. The right image is kept *unrolled*: every row reversed, clamped at both ends, so that what
-//! left column `x` is compared with under the candidates 0, 1, 2, ... are neighboring values from place `cols - 1 - x`
-//! on. One load brings what many candidates look at, whatever the column:
+//! Candidates are neighboring lanes. The right image is kept *unrolled*: every row reversed, and clamped at both ends. The
+//! pixels that left column `x` is compared with under the candidates 0, 1, 2, ... are then neighboring values from place
+//! `cols - 1 - x` on. One unaligned load has the pixels of many candidates, for any column:
 //!
 //! ```text
 //! for x in columns:
@@ -12,12 +12,12 @@
 
 pub mod aggregation;
 pub mod candidates;
-pub mod votes;
+pub mod validity;
 
 use std::ops::Range;
 
 use crate::cost::candidates::Candidates;
-use crate::cost::votes::Votes;
+use crate::cost::validity::Validity;
 use crate::descriptor::{Code, Codes, describe};
 use crate::error::{Error, Result};
 use crate::image::convolution::Kernel;
@@ -35,28 +35,29 @@ use crate::value::{LANES, Lanes, Value};
 /// Rows that are unrolled together.
 const ROWS: usize = 32;
 
-/// What the pixels of a pair are compared by, and what that amounts to.
+/// The matching costs of a pair, worked out from codes or gray values when they are asked for.
 pub struct Costs<'a> {
     compared: Compared<'a>,
     candidates: Candidates,
     cols: usize,
     ceiling: u16,
     steps: u16,
-    votes: Option<Votes<'a>>,
-    /// 1 where the left and the unrolled right image are valid, else 0; if either has a mask.
+    validity: Option<Validity<'a>>,
+    /// 1 where the left and the unrolled right image are valid, else 0. `None`: neither image has a mask.
     valid: Option<[Plane<u8>; 2]>,
 }
 
+/// What the pixels of a pair are compared by.
 enum Compared<'a> {
     /// Hamming distance of phase codes (paper, eq. 7; by Johnson codes also eq. 6 for any `b`).
     Codes(PairCodes),
     /// Sum over the channels of absolute differences of left and unrolled right: the baseline of the paper's section 3.
     Levels(Vec<[Plane<u16>; 2]>),
-    /// Costs that are known already, candidate innermost.
+    /// Costs of the caller, candidate innermost.
     Volume(&'a Plane<u16>),
 }
 
-/// Steps of the cost to the unit of the penalties.
+/// Steps of the cost per unit of the penalties.
 pub fn steps_of(cost: CostKind) -> u16 {
     match cost {
         CostKind::Phase => 1,
@@ -65,8 +66,10 @@ pub fn steps_of(cost: CostKind) -> u16 {
     }
 }
 
-/// Codes, one plane for each of their bytes: of the left image, each of the version that its pixel is compared in, and
-/// of every version of the unrolled right one; with several of these, which of them it is.
+/// Phase codes, one plane for each of their bytes.
+///
+/// Under blur compensation with kernels, the right image has several versions, each described and unrolled by itself;
+/// `labels` say which of them each left pixel is compared with. The left codes are already those of that version.
 struct PairCodes {
     left: Vec<Plane<u8>>,
     rights: Vec<Vec<Plane<u8>>>,
@@ -74,7 +77,7 @@ struct PairCodes {
 }
 
 impl<'a> Costs<'a> {
-    /// The costs that the settings name, for checked views and settings.
+    /// The costs that the settings name, for checked views and settings. Only phase costs take kernels.
     pub fn new(
         views: [&'a View; 2],
         candidates: Candidates,
@@ -92,6 +95,7 @@ impl<'a> Costs<'a> {
                 "cost='phase'",
             ));
         }
+
         let (compared, ceiling) = match settings.cost {
             CostKind::Phase => {
                 let codes =
@@ -107,55 +111,66 @@ impl<'a> Costs<'a> {
                 let normalized = |side: Vec<Plane<u16>>| -> Result<Vec<_>> {
                     side.iter().map(|plane| normalize(plane, settings.window, control)).collect()
                 };
+
                 let channels = [normalized(left)?, normalized(right)?];
                 absolute_differences(channels, candidates, DEVIATION_CEILING)?
             }
         };
+
         let (rows, cols, _) = views[0].image.shape();
-        let votes = Votes::new(views, candidates);
-        let valid =
-            votes.as_ref().map(|votes| valid(votes, (rows, cols), candidates)).transpose()?;
+        let validity = Validity::new(views, candidates);
+        let valid = validity
+            .as_ref()
+            .map(|validity| valid(validity, (rows, cols), candidates))
+            .transpose()?;
         let steps = steps_of(settings.cost);
-        Ok(Self { compared, candidates, cols, ceiling, steps, votes, valid })
+
+        Ok(Self { compared, candidates, cols, ceiling, steps, validity, valid })
     }
 
-    /// Costs that are known already: rows of `columns x candidates`.
+    /// Costs of the caller: rows of `columns x candidates`.
     pub fn of_volume(volume: &'a Plane<u16>, candidates: Candidates) -> Self {
         let cols = volume.cols() / candidates.count();
-        let (compared, ceiling) = (Compared::Volume(volume), u16::MAX);
-        Self { compared, candidates, cols, ceiling, steps: 1, votes: None, valid: None }
+        let compared = Compared::Volume(volume);
+        let ceiling = u16::MAX;
+
+        Self { compared, candidates, cols, ceiling, steps: 1, validity: None, valid: None }
     }
 
-    /// All costs at once, for those who want to look at them: rows of `columns x candidates`.
+    /// The whole volume at once, for inspection and tests: rows of `columns x candidates`.
     pub fn volume(&self, rows: usize, level: Level, control: &Control) -> Result<Plane<u16>> {
-        let (count, padded) = (self.candidates.count(), self.chunks() * LANES);
+        let count = self.candidates.count();
+        let padded = self.runs() * LANES;
+
         Plane::by_bands((rows, self.cols * count), 1, |y, volume| {
             control.checkpoint()?;
             let mut costs = Memory::default();
-            costs.resize(self.cols * self.chunks())?;
-            level.run(Write { costs: self, y, out: &mut costs });
+            costs.resize(self.cols * self.runs())?;
+            level.run(WriteRow { costs: self, y, out: &mut costs });
+
             for (volume, costs) in
                 volume.chunks_exact_mut(count).zip(costs.as_flattened().chunks_exact(padded))
             {
                 volume.copy_from_slice(&costs[..count]);
             }
+
             Ok(())
         })
     }
 
-    /// Runs of [`LANES`] candidates that a pixel has, the last of them filled up.
-    pub fn chunks(&self) -> usize {
+    /// Runs of [`LANES`] candidates of a pixel, the last of them padded.
+    pub fn runs(&self) -> usize {
         self.candidates.count().div_ceil(LANES)
     }
 
-    /// Whether not everybody votes.
-    pub fn has_votes(&self) -> bool {
+    /// Whether either image has a mask.
+    pub fn has_masks(&self) -> bool {
         self.valid.is_some()
     }
 
-    /// Who may vote; `None`: everybody.
-    pub fn votes(&self) -> Option<&Votes<'a>> {
-        self.votes.as_ref()
+    /// The valid pairs of pixel and candidate; `None`: all.
+    pub fn validity(&self) -> Option<&Validity<'a>> {
+        self.validity.as_ref()
     }
 
     /// The disparities that are searched.
@@ -173,14 +188,15 @@ impl<'a> Costs<'a> {
         self.steps
     }
 
-    /// Writes what the pixels of some columns of row `y` cost, all candidates of one column after another; 0 where there
-    /// is no vote. What is written beyond the last candidate has no meaning.
+    /// Writes the costs of some columns of row `y`, all candidates of one column after another; 0 where either pixel is
+    /// invalid. Values beyond the last candidate are undefined.
     #[inline(always)]
     pub fn write<V: Value>(&self, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
         match &self.compared {
             Compared::Codes(codes) => match codes.left.len() {
                 1 => self.write_distances::<V, 1>(codes, 0, y, columns.clone(), out),
                 2 => self.write_distances::<V, 2>(codes, 0, y, columns.clone(), out),
+                // Longer codes: one byte after another.
                 bytes => {
                     out.fill([V::default(); LANES]);
                     for byte in 0..bytes {
@@ -199,13 +215,14 @@ impl<'a> Costs<'a> {
             }
             Compared::Volume(volume) => {
                 let count = self.candidates.count();
-                let known = volume.row(y)[columns.start * count..].chunks_exact(count);
-                for (out, known) in self.pixels(out).zip(known) {
+                let costs = volume.row(y)[columns.start * count..].chunks_exact(count);
+                for (out, costs) in self.pixels(out).zip(costs) {
                     let lanes = out.as_flattened_mut().iter_mut();
-                    lanes.zip(known).for_each(|(out, cost)| *out = V::truncated((*cost).into()));
+                    lanes.zip(costs).for_each(|(out, cost)| *out = V::truncated((*cost).into()));
                 }
             }
         }
+
         if let Some([left, right]) = &self.valid {
             let left = &left.row(y)[columns.clone()];
             for ((x, left), out) in columns.zip(left).zip(self.pixels(out)) {
@@ -214,11 +231,12 @@ impl<'a> Costs<'a> {
         }
     }
 
-    /// Writes 1 where the pixels of some columns of row `y` and their candidates are both valid, else 0; only where
-    /// there are votes.
+    /// Writes 1 where a pixel of some columns of row `y` and its candidate are both valid, else 0. Writes nothing without
+    /// masks.
     #[inline(always)]
-    pub fn write_votes<V: Value>(&self, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
+    pub fn write_validity<V: Value>(&self, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
         let Some([left, right]) = &self.valid else { return };
+
         let left = &left.row(y)[columns.clone()];
         for ((x, left), out) in columns.zip(left).zip(self.pixels(out)) {
             for (out, right) in out.iter_mut().zip(self.unrolled(right, y, x)) {
@@ -229,7 +247,7 @@ impl<'a> Costs<'a> {
         }
     }
 
-    /// Writes in how many bits `N` bytes of the codes differ; with one byte of several, adds it.
+    /// Writes the Hamming distances over `N` bytes of the codes, from byte `first` on. Adds them if there are further bytes.
     #[inline(always)]
     fn write_distances<V: Value, const N: usize>(
         &self,
@@ -239,21 +257,26 @@ impl<'a> Costs<'a> {
         columns: Range<usize>,
         out: &mut [Lanes<V>],
     ) {
-        let is_first = N == codes.left.len();
+        let has_all_bytes = N == codes.left.len();
         let labels = codes.labels.as_ref().map(|labels| labels.row(y));
+
         let lefts: [&[u8]; N] = rows_of(&codes.left[first..], y);
         let mut rights: [&[u8]; N] = rows_of(&codes.rights[0][first..], y);
+
         for (x, out) in columns.zip(self.pixels(out)) {
             if let Some(labels) = labels {
                 rights = rows_of(&codes.rights[usize::from(labels[x])][first..], y);
             }
-            let (mut left, mut right) = ([0; N], [&[][..]; N]);
+
+            let mut left = [0; N];
+            let mut right = [&[][..]; N];
             for byte in 0..N {
                 left[byte] = lefts[byte][x];
                 let unrolled = &rights[byte][self.cols - 1 - x..][..out.len() * LANES];
                 right[byte] = unrolled.as_chunks().0;
             }
-            if is_first {
+
+            if has_all_bytes {
                 write_distances(left, right, out);
             } else {
                 add_distances(left, right, out);
@@ -261,16 +284,16 @@ impl<'a> Costs<'a> {
         }
     }
 
-    /// What lies under the candidates of column `x` of a row of an unrolled plane.
+    /// The pixels under the candidates of column `x`, of row `y` of an unrolled plane.
     #[inline(always)]
     fn unrolled<'p, T>(&self, plane: &'p Plane<T>, y: usize, x: usize) -> &'p [Lanes<T>] {
         plane.row(y)[self.cols - 1 - x..].as_chunks().0
     }
 
-    /// The runs of candidates of one pixel after another.
+    /// Splits values into the candidates of one pixel after another.
     #[inline(always)]
     fn pixels<'o, V>(&self, out: &'o mut [Lanes<V>]) -> std::slice::ChunksExactMut<'o, Lanes<V>> {
-        out.chunks_exact_mut(self.chunks())
+        out.chunks_exact_mut(self.runs())
     }
 }
 
@@ -285,8 +308,10 @@ impl PairCodes {
     ) -> Result<Self> {
         let (rows, cols, _) = views[0].image.shape();
         let count = usize::from(settings.code_length() as u16).div_ceil(8);
+
         let gray =
             |side: usize| blur_compensation::gray(views[side], compensation, side, level, control);
+
         let codes = |gray: &Gray, side: usize, kernel: Option<&Kernel>| {
             let noise = compensation.map(|compensation| compensation.noise()[side]);
             match kernel {
@@ -297,31 +322,39 @@ impl PairCodes {
                 }
             }
         };
+
         let unrolled = |gray: &Gray, kernel: Option<&Kernel>| {
             bytes(&codes(gray, 1, kernel)?, count, Some(candidates))
         };
+
         let Some(compensation) = compensation else {
             let left = bytes(&codes(&gray(0)?, 0, None)?, count, None)?;
             return Ok(Self { left, rights: vec![unrolled(&gray(1)?, None)?], labels: None });
         };
+
+        // The left pixels take the codes of the version that their label names.
         let (kernels, labels) = compensation.of_side(0, (rows, cols))?;
         let of_left = gray(0)?;
         let mut left = codes(&of_left, 0, kernels[0])?;
         for (label, kernel) in (1..).zip(&kernels[1..]) {
             left.take_where(&codes(&of_left, 0, *kernel)?, |y| labels.row(y), label);
         }
+        // Gray values are freed before the next plane is allocated.
         drop(of_left);
         let left = bytes(&left, count, None)?;
+
+        // Any left pixel may be compared with any version of the right image, so all are kept.
         let (kernels, labels) = compensation.of_side(1, (rows, cols))?;
         let of_right = gray(1)?;
         let rights: Vec<_> =
             kernels.iter().map(|k| unrolled(&of_right, *k)).collect::<Result<_>>()?;
         let labels = (rights.len() > 1).then_some(labels);
+
         Ok(Self { left, rights, labels })
     }
 }
 
-/// The bytes of codes, as planes of their own, unrolled if there are candidates.
+/// The bytes of codes, one plane for each; unrolled if there are candidates.
 fn bytes(codes: &Codes, count: usize, candidates: Option<Candidates>) -> Result<Vec<Plane<u8>>> {
     match codes {
         Codes::U16(plane) => bytes_of(plane, count, candidates),
@@ -330,12 +363,14 @@ fn bytes(codes: &Codes, count: usize, candidates: Option<Candidates>) -> Result<
     }
 }
 
+/// As [`bytes`], of codes in words of one width.
 fn bytes_of<C: Code>(
     codes: &Plane<C>,
     count: usize,
     candidates: Option<Candidates>,
 ) -> Result<Vec<Plane<u8>>> {
     let byte = |index: usize| move |code: C| (code.into() >> (8 * index)) as u8;
+
     let plane = |index| match candidates {
         Some(candidates) => unroll(codes, candidates, byte(index)),
         None => Plane::by_bands((codes.rows(), codes.cols()), ROWS, |first, band| {
@@ -344,6 +379,7 @@ fn bytes_of<C: Code>(
             Ok(())
         }),
     };
+
     (0..count).map(plane).collect()
 }
 
@@ -356,15 +392,18 @@ fn unroll<T: Copy + Sync, U: Clone + Default + Send>(
 ) -> Result<Plane<U>> {
     let cols = plane.cols();
     let width = cols + candidates.count().next_multiple_of(LANES) - 1;
+    // From place 0 on there are places right of the image, places within it, and places left of it. Place 0 would
+    // show column `cols - 1 - min` if the image had no border.
     let beyond = (-candidates.min()).clamp(0, width as isize) as usize;
-    // The column that the first place shows, were there no border.
     let first = cols as isize - 1 - candidates.min();
     let seen = (first + 1 - beyond as isize).clamp(0, cols as isize) as usize;
+
     Plane::by_bands((plane.rows(), width), ROWS, |top, band| {
         for (y, out) in (top..).zip(band.chunks_exact_mut(width)) {
             let row = plane.row(y);
             let (right, rest) = out.split_at_mut(beyond);
             let (within, left) = rest.split_at_mut(seen.min(width - beyond));
+
             right.fill(value(row[cols - 1]));
             within
                 .iter_mut()
@@ -376,17 +415,18 @@ fn unroll<T: Copy + Sync, U: Clone + Default + Send>(
     })
 }
 
-/// Where the images are valid, the right one unrolled.
+/// Where the left and the unrolled right image are valid.
 fn valid(
-    votes: &Votes,
+    validity: &Validity,
     (rows, cols): (usize, usize),
     candidates: Candidates,
 ) -> Result<[Plane<u8>; 2]> {
     let everywhere = Mask::from_fn(rows, cols, |_, _| true);
-    let [left, right] = votes.masks().map(|mask| mask.unwrap_or(&everywhere));
+    let [left, right] = validity.masks().map(|mask| mask.unwrap_or(&everywhere));
     Ok([left.map(|valid| u8::from(*valid)), unroll(right, candidates, u8::from)?])
 }
 
+/// Planes to compare by absolute differences, and the largest cost over all channels.
 fn absolute_differences<'a>(
     [left, right]: [Vec<Plane<u16>>; 2],
     candidates: Candidates,
@@ -395,18 +435,19 @@ fn absolute_differences<'a>(
     let unrolled = |right: Plane<u16>| unroll(&right, candidates, |level| level);
     let channels = left.into_iter().zip(right).map(|(left, right)| Ok([left, unrolled(right)?]));
     let channels: Vec<_> = channels.collect::<Result<_>>()?;
+
     let ceiling = ceiling * channels.len() as u16;
     Ok((Compared::Levels(channels), ceiling))
 }
 
-/// All costs of a row.
-struct Write<'a> {
+/// Writes all costs of a row.
+struct WriteRow<'a> {
     costs: &'a Costs<'a>,
     y: usize,
     out: &'a mut [Lanes<u16>],
 }
 
-impl simd::Loop for Write<'_> {
+impl simd::Loop for WriteRow<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -419,13 +460,15 @@ impl simd::Loop for Write<'_> {
 #[inline(always)]
 fn rows_of<const N: usize>(planes: &[Plane<u8>], y: usize) -> [&[u8]; N] {
     let mut rows = [&[][..]; N];
+
     for byte in 0..N {
         rows[byte] = planes[byte].row(y);
     }
+
     rows
 }
 
-/// Writes in how many bits `N` bytes differ from those of a run of candidates.
+/// Writes the Hamming distances over `N` bytes, of a pixel and its candidates.
 #[inline(always)]
 fn write_distances<V: Value, const N: usize>(
     left: [u8; N],

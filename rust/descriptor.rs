@@ -15,7 +15,7 @@ use crate::rig::blur_compensation::check_noise;
 use crate::settings::Settings;
 use crate::simd::{Level, Loop};
 
-/// Rows that one task describes: it reads `L - 1` further ones. 16 and 64 are as fast to a few percent.
+/// Rows that one task describes; it reads `L - 1` further ones. 16 and 64 are as fast to a few percent.
 const BAND_ROWS: usize = 32;
 
 /// A word that holds the code of one pixel.
@@ -55,7 +55,7 @@ pub enum Codes {
 }
 
 impl Codes {
-    /// Takes the codes of another plane of the same settings where `labels` of the row say `label`.
+    /// Takes the codes of another plane of the same settings where the labels of the row are `label`.
     pub fn take_where<'b>(&mut self, other: &Self, labels: impl Fn(usize) -> &'b [u8], label: u8) {
         match (self, other) {
             (Self::U16(codes), Self::U16(other)) => take_where(codes, other, labels, label),
@@ -76,6 +76,7 @@ impl Codes {
     }
 }
 
+/// As [`Codes::take_where`], of codes in words of one width.
 fn take_where<'b, C: Code>(
     codes: &mut Plane<C>,
     other: &Plane<C>,
@@ -89,8 +90,8 @@ fn take_where<'b, C: Code>(
     }
 }
 
-/// The codes of every pixel, component 0 in the lowest bits. `noise` is the standard deviation of the noise of
-/// the image, in units of its pixels; without a weak level nobody asks for it.
+/// The codes of every pixel, component 0 in the lowest bits. `noise` is the standard deviation of the image's noise, in
+/// units of its pixels; only a weak level needs it.
 pub fn describe(
     gray: &Gray,
     settings: &Settings,
@@ -105,7 +106,7 @@ pub fn describe(
     })
 }
 
-/// The codes in words of the caller's choice, which must be wide enough.
+/// As [`describe`], in words of the caller's choice, which must be wide enough.
 pub fn describe_as<C: Code>(
     gray: &Gray,
     settings: &Settings,
@@ -114,77 +115,89 @@ pub fn describe_as<C: Code>(
     control: &Control,
 ) -> Result<Plane<C>> {
     let layers = layers(gray, settings, noise)?;
-    // All sums are exact in either arithmetic: the narrow one is twice as fast.
+
+    // Sums are exact in both arithmetics. The narrow one is twice as fast, if it holds the largest sum.
     let gain = layers.iter().map(|layer| layer.basis.gain()).max().unwrap_or(0);
     let fits = i32::try_from(gain * u64::from(gray.reach())).is_ok();
+
     Plane::by_bands(gray.size(), BAND_ROWS, |first, codes| {
-        let band = Band { gray, first, layers: &layers, level, control };
+        let band = DescribedBand { gray, first, layers: &layers, level, control };
         if fits { band.describe::<i32, C>(codes) } else { band.describe::<f64, C>(codes) }
     })
 }
 
-/// One size of neighborhoods, and which bits of the codes are its own.
+/// One size of neighborhoods, and its bits of the codes.
 struct Layer {
     basis: Basis,
     quantizer: Quantizer,
-    /// The lowest bit of each component, by index; `None`: it does not count.
+    /// The lowest bit of each component, by index; `None`: the component does not count.
     bits: Vec<Option<usize>>,
 }
 
 impl Layer {
-    /// Of the components that count, from bit `first` on.
+    /// A layer whose components have their bits from `first` on; of `axes_alone` only `(1, 0)` and `(0, 1)` count.
     fn new(settings: &Settings, quantizer: Quantizer, first: usize, axes_alone: bool) -> Self {
         let basis = Basis::new(settings);
-        let (mut next, length) = (first, quantizer.code_length());
+        let length = quantizer.code_length();
+        let mut next = first;
+
         let place = |component: Component| {
             let counts = !axes_alone || component.u + component.v.unsigned_abs() == 1;
             let bit = counts.then_some(next);
             next += if counts { length } else { 0 };
             bit
         };
+
         let bits = basis.components().into_iter().map(place).collect();
         Self { basis, quantizer, bits }
     }
 }
 
-/// The sizes of neighborhoods that codes describe: the larger one, if there are two, in the lowest bits, where no
-/// component's lie in two halves of a word.
+/// The sizes of neighborhoods that codes describe. Of two the larger one has the lowest bits, so that no component lies in
+/// two halves of a word.
 fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<Layer>> {
     let weak = |settings: &Settings| -> Result<Quantizer> {
         let quantizer = Quantizer::new(settings);
         if !settings.has_weak() {
             return Ok(quantizer);
         }
+
         let threshold =
             weak_threshold(gray, &Basis::new(settings), settings.noise_threshold, noise)?;
         Ok(quantizer.with_weak_level(threshold))
     };
+
     if !settings.has_larger() {
         return Ok(vec![Layer::new(settings, weak(settings)?, 0, false)]);
     }
+
     let (r, s) = settings.frequencies;
     let larger = Settings {
         neighborhood: settings.largest_neighborhood(),
         frequencies: (r.min(1), s.min(1)),
         ..settings.clone()
     };
+
     let larger = Layer::new(&larger, weak(&larger)?, 0, true);
+
     let first = settings.larger_components() * larger.quantizer.code_length();
     Ok(vec![larger, Layer::new(settings, Quantizer::new(settings), first, false)])
 }
 
-/// The magnitude up to which parts of components of `gray` are weak, a whole number.
+/// The magnitude up to which a real or imaginary part of a component is weak, a whole number.
 fn weak_threshold(gray: &Gray, basis: &Basis, weak: f64, noise: Option<f64>) -> Result<f64> {
-    let missing =
-        || Error::value("noise", "None", "the noise of the images, which a weak level is told by");
+    let missing = || {
+        Error::value("noise", "None", "the noise of the images, which the weak level depends on")
+    };
     let noise = check_noise(noise.ok_or_else(missing)?)?;
-    // Beyond the largest component it makes no difference how far; its square must be finite.
+
+    // Beyond any component a larger threshold makes no difference; its square must be finite.
     let beyond_any = (1u64 << 53) as f64;
     Ok((weak * basis.deviation() * gray.steps(noise)).round().min(beyond_any))
 }
 
-/// Rows that one task describes.
-struct Band<'a> {
+/// A band of rows that one task describes.
+struct DescribedBand<'a> {
     gray: &'a Gray<'a>,
     first: usize,
     layers: &'a [Layer],
@@ -192,62 +205,74 @@ struct Band<'a> {
     control: &'a Control,
 }
 
-impl Band<'_> {
+impl DescribedBand<'_> {
+    /// Writes the codes of the band, with sums in numbers of type `T`.
     fn describe<T: Lane, C: Code>(&self, codes: &mut [C]) -> Result<()> {
         let cols = self.gray.size().1;
         let rows = codes.len() / cols;
+
         let prepare = |layer: &Layer| -> Result<(Spectrum<T>, Vec<i32>)> {
             let spectrum = Spectrum::<T>::new(&layer.basis, cols)?;
             let pixels = self.pixels(rows, spectrum.width(), layer.basis.radius())?;
             Ok((spectrum, pixels))
         };
+
         let mut prepared = self.layers.iter().map(prepare).collect::<Result<Vec<_>>>()?;
         let mut words = [zeroed(padded(cols))?, zeroed(padded(cols))?];
+
         for (y, codes) in codes.chunks_exact_mut(cols).enumerate() {
             self.control.checkpoint()?;
             for words in &mut words {
                 words.fill(T::Word::default());
             }
+
             for (layer, (spectrum, pixels)) in self.layers.iter().zip(&mut prepared) {
                 let width = spectrum.width();
                 let surroundings = &pixels[y * width..][..(2 * layer.basis.radius() + 1) * width];
                 let words = &mut words;
-                self.level.run(Transform { spectrum, surroundings, layer, words });
+                self.level.run(TransformRow { spectrum, surroundings, layer, words });
             }
-            self.level.run(Narrow { words: [&words[0], &words[1]], codes });
+
+            self.level.run(NarrowRow { words: [&words[0], &words[1]], codes });
         }
+
         Ok(())
     }
 
-    /// The pixels of the band and around it, the image continued by reflection.
+    /// The pixels of the band and its halo; the image continues by reflection.
     fn pixels(&self, height: usize, width: usize, radius: usize) -> Result<Vec<i32>> {
         let (rows, cols) = self.gray.size();
         let mut pixels = zeroed(width * (height + 2 * radius))?;
         let places = self.first as isize - radius as isize..;
+
         for (y, row) in places.zip(pixels.chunks_exact_mut(width)) {
             self.gray.write_row(reflect(y, rows), self.level, &mut row[radius..][..cols])?;
+
+            // Left and right of the image, from the row itself.
             for x in (0..radius).chain(radius + cols..width) {
                 row[x] = row[radius + reflect(x as isize - radius as isize, cols)];
             }
         }
+
         Ok(pixels)
     }
 }
 
-/// A row of pixels and its surroundings -> one size's bits of the codes, in two halves of 32 bits, or all in the first.
-struct Transform<'a, T: Lane> {
+/// A row of pixels and its surroundings -> one size's bits of the codes, bits 0 to 31 in the first words, the others in the second.
+struct TransformRow<'a, T: Lane> {
     spectrum: &'a mut Spectrum<T>,
     surroundings: &'a [i32],
     layer: &'a Layer,
     words: &'a mut [Vec<T::Word>; 2],
 }
 
-impl<T: Lane> Loop for Transform<'_, T> {
+impl<T: Lane> Loop for TransformRow<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
         let Self { spectrum, surroundings, layer: Layer { quantizer, bits, .. }, words } = self;
+
         spectrum.center_on(surroundings);
         for columns in segments(words[0].len()) {
             for frequency in spectrum.frequencies() {
@@ -261,12 +286,13 @@ impl<T: Lane> Loop for Transform<'_, T> {
     }
 }
 
-struct Narrow<'a, W, C> {
+/// Joins the two halves of the codes.
+struct NarrowRow<'a, W, C> {
     words: [&'a [W]; 2],
     codes: &'a mut [C],
 }
 
-impl<W: Word, C: Code> Loop for Narrow<'_, W, C> {
+impl<W: Word, C: Code> Loop for NarrowRow<'_, W, C> {
     type Output = ();
 
     #[inline(always)]
@@ -275,10 +301,12 @@ impl<W: Word, C: Code> Loop for Narrow<'_, W, C> {
     }
 }
 
+/// Outputs and inputs are arguments of their own, so that the vectorizer knows that they do not overlap.
 #[inline(always)]
 fn narrow<W: Word, C: Code>(low: &[W], high: &[W], codes: &mut [C]) {
     let n = codes.len();
     let (low, high) = (&low[..n], &high[..n]);
+
     for i in 0..n {
         codes[i] = C::narrowed(low[i].into() | high[i].into() << 32);
     }

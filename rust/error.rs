@@ -33,13 +33,13 @@ pub enum Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// A refused value, told in the crate's one form: name, what it got, what it accepts.
+    /// A refused value, in the crate's one form: name, what it got, what it accepts.
     pub fn value(argument: &'static str, got: impl ToString, accepts: impl ToString) -> Self {
         Self::Value { argument, got: got.to_string(), accepts: accepts.to_string() }
     }
 
-    /// The same about another argument, of which the refused value was a part.
-    pub fn of(self, argument: &'static str) -> Self {
+    /// The same about another argument, of which the refused value is a part.
+    pub fn about(self, argument: &'static str) -> Self {
         match self {
             Self::Value { got, accepts, .. } => Self::Value { argument, got, accepts },
             other => other,

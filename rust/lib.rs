@@ -33,14 +33,14 @@
 //!    intensities or local contrasts differ by. Costs are summed over a window, of which the best of five positions counts.
 //! 4. `optimization`: the sum of the totals of a few paths chooses a candidate for every pixel, or dynamic programming
 //!    along the row does; paths jump more easily at edges of the image.
-//! 5. `refinement`: what was chosen becomes a disparity between the candidates. Those that cannot be right are flagged by
-//!    the left-right check and as speckles, and filled from the pixels beside them. Edges in depth are drawn to those of
-//!    the image; where one image is blurred it is made again by the map, by which jumps are put right. Every disparity is
-//!    given a confidence.
+//! 5. `refinement`: candidates become sub-pixel disparities. The left-right check and the speckle filter flag disparities
+//!    that cannot be right, which are then filled from the pixels beside them. Edges in depth are aligned with those of
+//!    the left image. Where one image is blurred, it is synthesized by the map, which corrects disparities near jumps.
+//!    Every disparity is given a confidence.
 //!
-//! Before all that, `rig` may find out what nobody told, and compensates for it. `pipeline` runs bands of rows on threads,
-//! and knows which rows a part of a pair depends on (its halo), how much memory it takes, and what must be known of a whole
-//! pair of which only parts are at hand.
+//! Before all that, `rig` may estimate what the caller does not know of the pair, and compensates for it. `pipeline`
+//! runs bands of rows on threads. It knows the rows that a part of a pair depends on (its halo), the memory that a
+//! match takes, and the statistics of a whole pair that the match of its parts needs.
 //!
 //! Costs and totals are integers as narrow as the settings allow (`value`), the candidates of a pixel in neighboring lanes,
 //! in loops that are compiled for every instruction set (`simd`, the only unsafe code but that of the C interface). All
@@ -88,20 +88,23 @@ pub use settings::presets::Preset;
 pub use settings::{CostKind, Optimizer, Precision, Settings, Taper};
 pub use simd::Level;
 
-/// Matches a pair on so many threads, started for it: its disparity map, and what was found out of the pair.
+/// Matches a pair on threads that are started for it: its disparity map, and what was estimated from the pair.
 ///
-/// The disparities of the pair are searched, and all else is found that the settings ask for. [`prepare_and_match`] is
-/// for disparities to be found, for pairs of which something is known, and for one pair after another on the same threads;
-/// [`prepare`] and [`Matcher::run`] are its two steps.
+/// The disparities of the pair are searched, and all else is estimated that the settings ask for. [`prepare_and_match`]
+/// is for disparities to be estimated, for pairs of which something is known, and for one pair after another on the
+/// same threads; [`prepare`] and [`Matcher::match_pair`] are its two steps.
 pub fn match_pair(
     pair: Pair,
     settings: &Settings,
     threads: usize,
 ) -> Result<(Disparity, Estimates)> {
-    let (matcher, control) = (Matcher::new(threads)?, Control::default());
+    let matcher = Matcher::new(threads)?;
+    let control = Control::default();
+
     let how = Execution { threads, level: Level::best() };
     let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
     let means = Means { matcher: &matcher, how, control: &control };
+
     prepare_and_match(pair, known, settings, means)
 }
 

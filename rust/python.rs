@@ -1,10 +1,10 @@
-//! The Python face: validate, copy in, detach from the interpreter, run, wrap out.
+//! The Python face: reads arguments, copies images in, releases the interpreter, runs the core, and returns results.
 //!
-//! Both images are copied before the interpreter is let go: a borrow would not stop another Python thread
-//! from writing into them.
+//! Both images are copied before the interpreter is released: borrowing them would not stop another Python thread from
+//! writing into them.
 
 mod arguments;
-mod found;
+mod estimates;
 mod reader;
 mod supervisor;
 mod workers;
@@ -12,7 +12,7 @@ mod workers;
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
+use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -22,19 +22,20 @@ use self::arguments::{
     read_noise, read_pair, read_preset, read_search, read_settings, read_view, read_volume,
     write_settings,
 };
-use self::found::{Field, Found, Seen, found_to_py, read_field, read_glance};
+use self::estimates::{
+    EstimatesTuple, Field, GlanceTuple, estimates_to_py, read_field, read_glance,
+};
 use self::reader::{Ranges, Reader};
 use self::supervisor::supervised;
 use self::workers::{Pool, Workers};
 use crate::cost::Costs;
 use crate::cost::aggregation::{Window, aggregate};
-use crate::cost::candidates::Candidates;
 use crate::descriptor::{Codes, describe};
 use crate::error::Error;
 use crate::image::intensity::Gray;
 use crate::image::plane::Plane;
 use crate::image::texture::Roughness;
-use crate::optimization::{BAND, Steps, optimize};
+use crate::optimization::{BAND, Penalties, optimize};
 use crate::pipeline::footprint::Demand;
 use crate::pipeline::halo::Halo;
 use crate::pipeline::matcher::{Disparity, Execution, on_threads};
@@ -43,7 +44,7 @@ use crate::pipeline::source;
 use crate::pipeline::summary::Summary;
 use crate::refinement::flag;
 use crate::rig::blur;
-use crate::rig::estimation::compensation::{LARGER, MUCH_LARGER};
+use crate::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use crate::rig::estimation::overview::LEAST_SIZE;
 use crate::rig::estimation::{Known, Means, prepare, prepare_and_match, prepare_by_rows};
 use crate::settings::presets::Preset;
@@ -62,10 +63,10 @@ impl From<Error> for PyErr {
 
 /// `phasestereo._core`: see the stub beside the Python modules for what each function takes and returns.
 ///
-/// It needs no GIL: what several calls share is behind mutexes (`Workers`, the shared pool, the spare memory
-/// of a matcher) or made once (tables), and there is no unsafe code but in `simd.rs`, which shares nothing.
-/// Arrays are copied in before a call matches anything; one that another thread changes meanwhile is copied
-/// half changed, as by `NumPy` itself.
+/// It needs no GIL: what several calls share is behind mutexes (`Workers`, the shared pool, the spare memory of a
+/// matcher) or computed once (tables), and there is no unsafe code except in `simd.rs`, which shares nothing. Arrays
+/// are copied before a call matches anything; a copy of one that another thread changes meanwhile is half changed, as
+/// in `NumPy` itself.
 #[pymodule(gil_used = false)]
 mod _core {
     use super::{
@@ -77,8 +78,7 @@ mod _core {
     use super::{
         Workers, aggregate_volume, blur_is_as_before, check_blur_compensation, check_settings,
         cost_volume, descriptor, estimate_pair, estimate_pair_by_rows, find_ranges, find_roughness,
-        halo, match_pair, match_rows, optimize_volume, preset, simd_level, summarize,
-        working_memory,
+        halo, match_pair, match_rows, optimize_volume, preset, simd_level, working_memory,
     };
 
     #[pymodule_init]
@@ -91,6 +91,7 @@ mod _core {
         module.add("LARGER", LARGER)?;
         module.add("MUCH_LARGER", MUCH_LARGER)?;
         module.add("LEAST_SIZE", LEAST_SIZE)?;
+
         let flags = PyDict::new(module.py());
         flags.set_item("MASKED", flag::MASKED)?;
         flags.set_item("NO_CANDIDATE", flag::NO_CANDIDATE)?;
@@ -106,11 +107,11 @@ mod _core {
     }
 }
 
-/// Has everything that is set up once and for all be set up now, by the thread that imports.
+/// Initializes now, on the importing thread, everything that is initialized only once: the tables of the array
+/// interface, those of the thread pool and of the blur estimation, and the detected instructions.
 ///
-/// A process that is forked while another thread does so inherits a job half done and waits for its end
-/// for ever: the tables of the array interface, those of the thread pool and of the estimation of blur, the instructions
-/// there are.
+/// A process that is forked while another thread initializes them would inherit a half-done initialization and wait for
+/// its end forever.
 fn warm_up(py: Python<'_>) -> PyResult<()> {
     PyArray2::<u8>::zeros(py, (1, 1), false).try_readonly().map_err(internal)?;
     Level::best();
@@ -139,7 +140,7 @@ fn check_blur_compensation(compensation: &Bound<'_, PyAny>) -> PyResult<()> {
     read_blur_compensation(compensation).map(drop)
 }
 
-/// Disparity, flags, confidence if it was worked out, and timings of a pair.
+/// Disparity, flags, confidence if it was computed, and timings of a pair.
 type Matched<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<u16>>,
@@ -147,8 +148,12 @@ type Matched<'py> = (
     Bound<'py, PyDict>,
 );
 
+/// Shares with an estimate, flagged, at the least and at the largest disparity; mean confidence.
+type Summarized = (f64, f64, f64, f64, f64);
+
+/// All of a default match: what the pair lacks is estimated, the map is found and summed up in one call.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "what Python tells by name")]
+#[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 fn match_pair<'py>(
     py: Python<'py>,
     images: Both<'py>,
@@ -158,30 +163,41 @@ fn match_pair<'py>(
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
     known: KnownOfPair<'py>,
-) -> PyResult<(Matched<'py>, Found<'py>)> {
-    let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
+) -> PyResult<(Matched<'py>, Summarized, EstimatesTuple<'py>)> {
+    let settings = read_settings(settings)?;
+    let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
     let known = read_known(&known, pair.size(), search)?;
-    let (pool, rows) = (Pool::of(threads)?, pair.size().0);
+
+    let pool = Pool::for_argument(threads)?;
+    let rows = pair.size().0;
     let how = Execution { threads: pool.threads(), level: Level::best() };
-    let (map, found) = supervised(py, &pool, rows, progress, move |matcher, control| {
-        let means = Means { matcher, how, control };
-        prepare_and_match(pair, known, &settings, means)
-    })?;
-    Ok((disparity_to_py(py, map)?, found_to_py(py, found)?))
+    let (map, summary, estimates) =
+        supervised(py, &pool, rows, progress, move |matcher, control| {
+            let means = Means { matcher, how, control };
+            let (map, found) = prepare_and_match(pair, known, &settings, means)?;
+            let summary = Summary::new(&map, found.candidates);
+            Ok((map, summary, found))
+        })?;
+
+    let Summary { estimated, flagged, at_low, at_high, confidence } = summary;
+    let summarized = (estimated, flagged, at_low, at_high, confidence);
+    Ok((disparity_to_py(py, map)?, summarized, estimates_to_py(py, estimates)?))
 }
 
-fn disparity_to_py(py: Python<'_>, found: Disparity) -> PyResult<Matched<'_>> {
-    let Disparity { disparity, flags, confidence, timings: found } = found;
+fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {
+    let Disparity { disparity, flags, confidence, timings: times } = map;
+
     let timings = PyDict::new(py);
-    timings.set_item("description", found.description.as_secs_f64())?;
-    timings.set_item("matching", found.matching.as_secs_f64())?;
-    timings.set_item("refinement", found.refinement.as_secs_f64())?;
+    timings.set_item("description", times.description.as_secs_f64())?;
+    timings.set_item("matching", times.matching.as_secs_f64())?;
+    timings.set_item("refinement", times.refinement.as_secs_f64())?;
+
     let confidence = confidence.map(|plane| wrap(py, plane)).transpose()?;
     Ok((wrap(py, disparity)?, wrap(py, flags)?, confidence, timings))
 }
 
-/// What is found out of a pair without matching it.
+/// The estimates of a pair, without a match.
 #[pyfunction]
 fn estimate_pair<'py>(
     py: Python<'py>,
@@ -190,41 +206,48 @@ fn estimate_pair<'py>(
     disparities: Both<'py>,
     settings: &Bound<'py, PyAny>,
     threads: &Bound<'py, PyAny>,
-) -> PyResult<Found<'py>> {
-    let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
+) -> PyResult<EstimatesTuple<'py>> {
+    let settings = read_settings(settings)?;
+    let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
+
     let known = Known { candidates: candidates_of(&pair, search), ..Known::default() };
-    let (pool, rows) = (Pool::of(threads)?, pair.size().0);
+
+    let pool = Pool::for_argument(threads)?;
+    let rows = pair.size().0;
     let how = Execution { threads: pool.threads(), level: Level::best() };
-    let found = supervised(py, &pool, rows, None, move |matcher, control| {
+    let estimates = supervised(py, &pool, rows, None, move |matcher, control| {
         let means = Means { matcher, how, control };
-        Ok(prepare(pair, known, &settings, means)?.found)
+        Ok(prepare(pair, known, &settings, means)?.estimates)
     })?;
-    found_to_py(py, found)
+
+    estimates_to_py(py, estimates)
 }
 
-/// Whether blur is as it was at a glance before.
+/// Whether the blur is that of an earlier glance.
 #[pyfunction]
 fn blur_is_as_before<'py>(
     py: Python<'py>,
     images: Both<'py>,
     masks: Both<'py>,
-    glance: Seen<'py>,
+    glance: GlanceTuple<'py>,
     impulses: [f64; 2],
     threads: &Bound<'py, PyAny>,
 ) -> PyResult<bool> {
     let pair = read_images(&images, &masks, None)?.with_impulses(impulses);
     let before = read_glance(glance)?;
-    let (pool, rows) = (Pool::of(threads)?, pair.size().0);
+
+    let pool = Pool::for_argument(threads)?;
+    let rows = pair.size().0;
     let how = Execution { threads: pool.threads(), level: Level::best() };
     supervised(py, &pool, rows, None, move |matcher, control| {
         blur::is_as_before(&pair, &before, matcher, how, control)
     })
 }
 
-/// The same of a pair that is read by rows.
+/// The estimates of a pair that is read by rows.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "what Python tells by name")]
+#[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 fn estimate_pair_by_rows<'py>(
     py: Python<'py>,
     read: Bound<'py, PyAny>,
@@ -234,20 +257,24 @@ fn estimate_pair_by_rows<'py>(
     ranges: Option<Ranges>,
     threads: &Bound<'py, PyAny>,
     known: KnownOfPair<'py>,
-) -> PyResult<Found<'py>> {
-    let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
+) -> PyResult<EstimatesTuple<'py>> {
+    let settings = read_settings(settings)?;
+    let search = read_search(&disparities)?;
     let known = read_known(&known, size, search)?;
-    let (reader, pool) = (Reader::new(read, size, search, ranges)?, Pool::of(threads)?);
+    let reader = Reader::new(read, size, search, ranges)?;
+
+    let pool = Pool::for_argument(threads)?;
     let how = Execution { threads: pool.threads(), level: Level::best() };
     let source = Arc::clone(&reader);
-    let found = supervised(py, &pool, size.0, None, move |matcher, control| {
+    let estimates = supervised(py, &pool, size.0, None, move |matcher, control| {
         let means = Means { matcher, how, control };
         prepare_by_rows(&*source, known, &settings, means)
     });
-    found_to_py(py, found.map_err(|failure| reader.reason(failure))?)
+
+    estimates_to_py(py, estimates.map_err(|failure| reader.reason(failure))?)
 }
 
-/// Where the pixels lie of images of floats that are read by rows.
+/// The ranges of float images that are read by rows.
 #[pyfunction]
 fn find_ranges(
     py: Python<'_>,
@@ -260,11 +287,12 @@ fn find_ranges(
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
         source::ranges(&*source, control)
     });
+
     let [left, right] = found.map_err(|failure| reader.reason(failure))?;
     Ok(((left.black, left.white), (right.black, right.white)))
 }
 
-/// The roughness of a left image that is read by rows: a sum of differences, and of how many.
+/// The roughness of a left image that is read by rows: a sum of differences, and their number.
 #[pyfunction]
 fn find_roughness(
     py: Python<'_>,
@@ -279,25 +307,27 @@ fn find_roughness(
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |_, control| {
         source::roughness(&*source, impulses, Level::best(), control)
     });
+
     let Roughness { sum, pairs } = found.map_err(|failure| reader.reason(failure))?;
     Ok((sum, pairs))
 }
 
-/// How many rows of the images on either side a disparity depends on, and how many more next to masked rows.
+/// The rows of the images on either side that a disparity depends on, and those added by masked rows.
 #[pyfunction]
 fn halo(
     settings: &Bound<'_, PyAny>,
     compensation: &Bound<'_, PyAny>,
     alignment: Option<Field>,
 ) -> PyResult<(usize, usize)> {
-    let (settings, compensation) =
-        (read_settings(settings)?, read_blur_compensation(compensation)?);
+    let settings = read_settings(settings)?;
+    let compensation = read_blur_compensation(compensation)?;
     let field = read_field(alignment)?;
+
     let halo = Halo::new(&settings, compensation.as_ref(), field.as_ref());
     Ok((halo.rows(), halo.masked))
 }
 
-/// The bytes that `match_rows` takes at most, of so many rows; of images whose pixels take so many bytes.
+/// The most bytes that `match_rows` takes for so many rows; `itemsize` are the bytes of a pixel, all channels together.
 #[pyfunction]
 fn working_memory(
     statistics: &Bound<'_, PyAny>,
@@ -308,6 +338,7 @@ fn working_memory(
     let whole = Statistics::read(statistics)?;
     let (_, cols): (usize, usize) = statistics.getattr("size")?.extract()?;
     let candidates: usize = whole.disparities.1.extract()?;
+
     let demand = Demand {
         settings: &whole.settings,
         compensation: whole.compensation.as_ref(),
@@ -317,11 +348,12 @@ fn working_memory(
         pixel: itemsize,
         threads,
     };
+
     Ok(demand.bytes(rows))
 }
 
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "what Python tells by name")]
+#[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 fn match_rows<'py>(
     py: Python<'py>,
     images: Both<'py>,
@@ -339,51 +371,28 @@ fn match_rows<'py>(
         )
         .with_ranges(whole.ranges);
     let pair = if whole.is_inverted { pair.inverted() } else { pair };
+
     let field = whole.alignment.map(|field| field.starting_at_row(first));
     let section = Section {
         rows: rows.0.saturating_sub(first)..rows.1.saturating_sub(first),
         roughness: whole.roughness,
         first,
     };
-    let (settings, pool) = (whole.settings, Pool::of(threads)?);
+    let settings = whole.settings;
+
+    let pool = Pool::for_argument(threads)?;
     let how = Execution { threads: pool.threads(), level: Level::best() };
+    // Progress counts the rows that are chosen, which are more than those wanted.
     let chosen = section.widened(Halo::new(&settings, pair.blur_compensation(), None).map, &pair);
     let found = supervised(py, &pool, chosen.len(), progress, move |matcher, control| {
         let pair = match &field {
             Some(field) => pair.straightened(field, how.level, control)?,
             None => pair,
         };
-        matcher.run_rows(&pair, &section, &settings, how, control)
+        matcher.match_rows(&pair, &section, &settings, how, control)
     })?;
-    disparity_to_py(py, found)
-}
 
-/// Shares with an estimate, flagged, at the least and at the largest disparity; mean confidence.
-#[pyfunction]
-fn summarize(
-    disparity: PyReadonlyArray2<'_, f32>,
-    flags: PyReadonlyArray2<'_, u16>,
-    confidence: Option<PyReadonlyArray2<'_, f32>>,
-    disparities: (i64, i64),
-) -> PyResult<(f64, f64, f64, f64, f64)> {
-    let (rows, cols) = disparity.as_array().dim();
-    let confidence = confidence.as_ref();
-    let is_like = |shape: (usize, usize)| shape == (rows, cols);
-    if !is_like(flags.as_array().dim()) || !confidence.is_none_or(|c| is_like(c.as_array().dim())) {
-        return Err(PyValueError::new_err("flags, confidence: accept the shape of disparity"));
-    }
-    let candidates = Candidates::new(disparities.0, disparities.1, cols)?;
-    let confidence = confidence.map(|confidence| confidence.as_slice()).transpose();
-    let (disparity, flags) = (disparity.as_slice(), flags.as_slice());
-    let contiguous = |_| PyValueError::new_err("disparity, flags, confidence: accept C order");
-    let found = Summary::new(
-        disparity.map_err(contiguous)?,
-        flags.map_err(contiguous)?,
-        confidence.map_err(contiguous)?,
-        candidates,
-    );
-    let Summary { estimated, flagged, at_low, at_high, confidence } = found;
-    Ok((estimated, flagged, at_low, at_high, confidence))
+    disparity_to_py(py, found)
 }
 
 #[pyfunction]
@@ -395,14 +404,17 @@ fn descriptor<'py>(
     threads: &Bound<'py, PyAny>,
     noise: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let (settings, noise) = (read_settings(settings)?, read_noise(noise)?);
+    let settings = read_settings(settings)?;
+    let noise = read_noise(noise)?;
     let view = read_view(image, mask, "image")?;
     view.check("image")?;
     let rows = view.image.shape().0;
-    let codes = supervised(py, &Pool::of(threads)?, rows, None, move |_, control| {
+
+    let codes = supervised(py, &Pool::for_argument(threads)?, rows, None, move |_, control| {
         let level = Level::best();
         describe(&Gray::new(&view, level, control)?, &settings, noise, level, control)
     })?;
+
     Ok(match codes {
         Codes::U16(codes) => wrap(py, codes)?.into_any(),
         Codes::U32(codes) => wrap(py, codes)?.into_any(),
@@ -423,14 +435,16 @@ fn cost_volume<'py>(
     let none = py.None().into_bound(py);
     let pair = read_pair(&images, &(none.clone(), none), &disparities)?;
     let pair = pair.with_blur_compensation(read_blur_compensation(compensation)?);
+
     let ((rows, cols), count) = (pair.size(), pair.candidates().count());
-    let costs = supervised(py, &Pool::of(threads)?, rows, None, move |_, control| {
+    let costs = supervised(py, &Pool::for_argument(threads)?, rows, None, move |_, control| {
         let level = Level::best();
         let (views, candidates) = (pair.views(), pair.candidates());
         let costs =
             Costs::new(views, candidates, &settings, pair.blur_compensation(), level, control)?;
         costs.volume(rows, level, control)
     })?;
+
     let array = Array3::from_shape_vec((rows, cols, count), costs.into_vec());
     Ok(array.map_err(internal)?.into_pyarray(py))
 }
@@ -444,9 +458,11 @@ fn aggregate_volume<'py>(
     let settings = read_settings(settings)?;
     let (costs, (rows, cols, count)) = read_volume(costs, "costs")?;
     let window = Window::new((rows, cols), count, &settings, u16::MAX);
+
     let aggregated = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
         aggregate(&costs, window, Level::best(), control)
     })?;
+
     let array = Array3::from_shape_vec((rows, cols, count), aggregated.into_vec());
     Ok(array.map_err(internal)?.into_pyarray(py))
 }
@@ -461,10 +477,12 @@ fn optimize_volume<'py>(
 ) -> PyResult<Bound<'py, PyArray2<u16>>> {
     let settings = read_settings(settings)?;
     let (costs, (rows, _, count)) = read_volume(costs, "costs")?;
-    let steps = Steps { p1, p2 };
+    let penalties = Penalties { p1, p2 };
+
     let chosen = supervised(py, &Pool::new(1)?, rows, None, move |_, control| {
-        optimize(&costs, count, settings.optimizer, steps, Level::best(), control)
+        optimize(&costs, count, settings.optimizer, penalties, Level::best(), control)
     })?;
+
     wrap(py, chosen)
 }
 
@@ -473,7 +491,7 @@ fn wrap<T: Element>(py: Python<'_>, plane: Plane<T>) -> PyResult<Bound<'_, PyArr
     Ok(Array2::from_shape_vec((rows, cols), plane.into_vec()).map_err(internal)?.into_pyarray(py))
 }
 
-/// For what cannot happen: an exception that asks for a report, rather than a panic.
+/// An exception for what cannot happen, which asks for a report; instead of a panic.
 fn internal(fault: impl std::fmt::Display) -> PyErr {
     PyRuntimeError::new_err(format!("internal error, please report it: {fault}"))
 }

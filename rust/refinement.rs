@@ -1,4 +1,4 @@
-//! Chosen candidates -> what the caller gets: disparities, flags that say why, and confidence.
+//! Chosen candidates -> the result: disparities, flags that say why, and confidences.
 
 pub mod confidence;
 pub mod filling;
@@ -12,13 +12,13 @@ pub mod subpixel;
 pub mod synthesis;
 
 use crate::cost::candidates::Candidates;
-use crate::cost::votes::Votes;
+use crate::cost::validity::Validity;
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::image::texture::Texture;
 use crate::optimization::evidence::{EvidenceRow, NONE};
 use crate::pipeline::control::Control;
-use crate::refinement::confidence::Scene;
+use crate::refinement::confidence::VotedMap;
 use crate::refinement::filling::fill;
 use crate::refinement::guided_median::guide;
 use crate::refinement::left_right_check::{Checker, Choices};
@@ -36,22 +36,22 @@ pub mod flag {
     pub const OUTSIDE: u16 = 4;
     /// The match lies on a masked pixel of the right image.
     pub const MATCH_MASKED: u16 = 8;
-    /// The left pixel is not seen in the right image: what was chosen for it belongs to another one.
+    /// The left pixel is not seen in the right image: its match belongs to another left pixel.
     pub const OCCLUDED: u16 = 16;
-    /// What was chosen belongs to another left pixel, too, although the right image sees this one.
+    /// The match belongs to another left pixel, although the right image sees this one.
     pub const MISMATCHED: u16 = 32;
     /// Another candidate costs about as much.
     pub const LOW_CONFIDENCE: u16 = 64;
     /// The pixel belongs to a small region that stands out from all around it.
     pub const SPECKLE: u16 = 128;
-    /// The disparity is that of other pixels: this one's own is not trusted.
+    /// The disparity was filled in from other pixels.
     pub const FILLED: u16 = 256;
     /// A disparity elsewhere fits nearly as well.
     pub const AMBIGUOUS: u16 = 512;
 
-    /// Those that leave nothing to estimate.
+    /// Flags of pixels without an estimate.
     pub const MISSING: u16 = MASKED | NO_CANDIDATE;
-    /// Those of a pixel whose own estimate is missing or not to be trusted.
+    /// Flags of pixels whose own estimate is missing or not to be trusted.
     pub const UNTRUSTED: u16 = MISSING
         | OUTSIDE
         | MATCH_MASKED
@@ -62,7 +62,7 @@ pub mod flag {
         | AMBIGUOUS;
 }
 
-/// What pixels are told by that all have in common.
+/// Writes disparities, flags and votes of a row from its evidence: what all rows have in common.
 #[derive(Debug, Clone, Copy)]
 pub struct Judge<'a> {
     /// The disparities that were searched.
@@ -70,14 +70,14 @@ pub struct Judge<'a> {
     /// Columns of the image.
     pub cols: usize,
     /// Which (pixel, candidate) pairs are valid; `None`: all.
-    pub votes: Option<&'a Votes<'a>>,
+    pub validity: Option<&'a Validity<'a>>,
     /// Whether estimates lie between candidates.
     pub subpixel: bool,
-    /// Pixels by which the disparities of two left pixels with one match may differ; `None`: by whatever.
+    /// Most pixels by which the disparities of two left pixels with one match differ; `None`: no left-right check.
     pub consistency: Option<u16>,
-    /// Percent of the least cost elsewhere by which that of a choice must be below it; 0: whatever it is.
+    /// Percent of the least cost elsewhere by which the cost of the choice must be lower; 0: no check.
     pub uniqueness: u64,
-    /// What one unit of the mean cost is in costs.
+    /// One unit of the mean cost, in steps of the aggregated costs.
     pub unit: f32,
 }
 
@@ -88,12 +88,12 @@ pub struct ResultRow<'a> {
     pub disparity: &'a mut [f32],
     /// Reasons, from [`flag`].
     pub flags: &'a mut [u16],
-    /// Votes for the disparities, from 0 to 1, if they are asked for.
+    /// Votes for the disparities, from 0 to 1, if confidences need them.
     pub votes: Option<&'a mut [f32]>,
 }
 
 impl Judge<'_> {
-    /// Writes row `y`.
+    /// Writes row `y`. The checks only flag; whether flagged pixels keep an estimate is decided when the map is refined.
     pub fn write(
         &self,
         y: usize,
@@ -102,31 +102,38 @@ impl Judge<'_> {
         row: ResultRow,
     ) -> Result<()> {
         let ResultRow { disparity, flags, votes } = row;
+
         for (x, (&chosen, flags)) in found.chosen.iter().zip(&mut *flags).enumerate() {
             *flags = self.flags(y, x, chosen.into());
         }
+
         if let Some(most) = self.consistency {
-            let (chosen, costs) = (&found.chosen[..self.cols], &found.own[..self.cols]);
+            let chosen = &found.chosen[..self.cols];
+            let costs = &found.own[..self.cols];
             checker.check(Choices { chosen, costs, candidates: self.candidates }, most, flags)?;
         }
+
         if self.uniqueness > 0 {
             for (x, flags) in flags.iter_mut().enumerate() {
-                let is_ambiguous = Margin::of(&found, x).is_ambiguous(self.uniqueness);
+                let is_ambiguous = CostMargin::of(&found, x).is_ambiguous(self.uniqueness);
                 let is_estimated = *flags & flag::MISSING == 0;
                 *flags |= if is_estimated && is_ambiguous { flag::AMBIGUOUS } else { 0 };
             }
         }
+
         for (x, disparity) in disparity.iter_mut().enumerate() {
             let offset = if self.subpixel { found.offset[x] } else { 0.0 };
             *disparity = self.disparity(found.chosen[x], flags[x]) + offset;
         }
+
         for (x, vote) in votes.into_iter().flatten().enumerate() {
-            *vote = confidence::vote(Margin::of(&found, x), self.unit);
+            *vote = confidence::vote(CostMargin::of(&found, x), self.unit);
         }
+
         Ok(())
     }
 
-    /// The disparity of a chosen candidate, where there is something to estimate.
+    /// The disparity of a chosen candidate, NaN where nothing can be estimated.
     #[inline]
     pub fn disparity(&self, chosen: u16, flags: u16) -> f32 {
         if flags & flag::MISSING == 0 {
@@ -136,17 +143,19 @@ impl Judge<'_> {
         }
     }
 
-    /// What is to be said of pixel `(y, x)` and the candidate chosen for it.
+    /// The flags of pixel `(y, x)` by its validity and that of its match.
     #[inline]
     pub fn flags(&self, y: usize, x: usize, chosen: usize) -> u16 {
         let is_outside = self.candidates.is_outside(x, chosen, self.cols);
         let outside = if is_outside { flag::OUTSIDE } else { 0 };
-        let Some(votes) = self.votes else { return outside };
-        if votes.is_masked(y, x) {
+        let Some(validity) = self.validity else { return outside };
+
+        // `NO_CANDIDATE` before `MATCH_MASKED`: the choice among no valid candidates means nothing.
+        if validity.is_masked(y, x) {
             flag::MASKED
-        } else if !(0..self.candidates.count()).any(|k| votes.has(y, x, k)) {
+        } else if !(0..self.candidates.count()).any(|k| validity.is_valid(y, x, k)) {
             flag::NO_CANDIDATE
-        } else if votes.has(y, x, chosen) {
+        } else if validity.is_valid(y, x, chosen) {
             outside
         } else {
             outside | flag::MATCH_MASKED
@@ -154,93 +163,105 @@ impl Judge<'_> {
     }
 }
 
-/// A map that is to be refined as a whole.
+/// A map before the stages that look at all of it.
 #[derive(Debug)]
 pub struct Draft<'a> {
     /// Disparities, pixels.
     pub disparity: Plane<f32>,
     /// Reasons, from [`flag`].
     pub flags: &'a mut Plane<u16>,
-    /// Votes for the disparities, if they are asked for.
+    /// Votes for the disparities, if confidences need them.
     pub votes: Option<&'a Plane<f32>>,
     /// The left image, if the settings need it.
     pub texture: Option<&'a Texture>,
     /// The pair, if one of its images is to be synthesized.
-    pub scene: Option<&'a synthesis::Scene<'a>>,
+    pub blurred_pair: Option<&'a synthesis::BlurredPair<'a>>,
 }
 
 impl Draft<'_> {
-    /// Tells what cannot be right, fills it, smooths; returns disparities and, if there are votes, confidences.
+    /// Flags speckles, fills, draws edges to the image's, smooths. Returns disparities and, from votes, confidences.
     pub fn refine(
         self,
         settings: &Settings,
         level: Level,
         control: &Control,
     ) -> Result<(Plane<f32>, Option<Plane<f32>>)> {
-        let Self { mut disparity, flags, votes, texture, scene } = self;
+        let Self { mut disparity, flags, votes, texture, blurred_pair } = self;
+
         if settings.speckle_size > 0 {
             let region = (settings.speckle_size, settings.speckle_range as f32);
             flag_speckles(&disparity, flags, region, level, control)?;
         }
+
         if settings.has_checks() {
             fill(&mut disparity, flags, level, control)?;
         }
+
         let mut spare = None;
         if let (true, Some(texture)) = (settings.guided_median, texture) {
-            redraw(&mut disparity, &mut spare, |from, to| {
+            replace(&mut disparity, &mut spare, |from, to| {
                 guide(from, texture, to, level, control)
             })?;
         }
+
         if settings.median > 0 {
-            redraw(&mut disparity, &mut spare, |from, to| {
+            replace(&mut disparity, &mut spare, |from, to| {
                 median::smooth(from, to, level, control)
             })?;
         }
-        if let (Some(scene), Some(texture)) = (scene, texture) {
-            redraw(&mut disparity, &mut spare, |from, to| scene.redraw(from, to, level, control))?;
-            redraw(&mut disparity, &mut spare, |from, to| {
+
+        if let (Some(pair), Some(texture)) = (blurred_pair, texture) {
+            replace(&mut disparity, &mut spare, |from, to| pair.redraw(from, to, level, control))?;
+            replace(&mut disparity, &mut spare, |from, to| {
                 outlines::draw(from, texture, to, level, control)
             })?;
         }
+
         if settings.subpixel {
             let smooth = |from: &_, to: &mut _| subpixel::smooth(from, to, level, control);
-            redraw(&mut disparity, &mut spare, smooth)?;
+            replace(&mut disparity, &mut spare, smooth)?;
         }
+
         let confidences = match (votes, texture) {
             (Some(votes), Some(texture)) => {
-                let scene = Scene { disparity: &disparity, votes, texture };
+                let map = VotedMap { disparity: &disparity, votes, texture };
                 let mut confidences = taken(&mut spare, &disparity)?;
-                scene.confidences(&mut confidences, level, control)?;
+
+                map.confidences(&mut confidences, level, control)?;
+
                 Some(confidences)
             }
             _ => None,
         };
+
         let confidence = confidences.as_ref().map(Plane::as_slice);
-        withdraw(settings, disparity.as_mut_slice(), flags.as_mut_slice(), confidence);
+        invalidate(settings, disparity.as_mut_slice(), flags.as_mut_slice(), confidence);
+
         Ok((disparity, confidences))
     }
 }
 
-/// Puts in place of a map what is made of it: no stage has a plane of its own, since each that is new is first cleared,
-/// and all of them together would be more memory than the result.
-fn redraw(
+/// Replaces a map by what a stage makes of it. Two planes alternate: a plane of its own for every stage would have to be
+/// cleared first, and all of them together would take more memory than the result.
+fn replace(
     disparity: &mut Plane<f32>,
     spare: &mut Option<Plane<f32>>,
     draw: impl FnOnce(&Plane<f32>, &mut Plane<f32>) -> Result<()>,
 ) -> Result<()> {
     let mut drawn = taken(spare, disparity)?;
     draw(disparity, &mut drawn)?;
+
     *spare = Some(std::mem::replace(disparity, drawn));
     Ok(())
 }
 
-/// The spare plane, if there is one, or one of the size of another.
+/// The spare plane, if there is one, or a new plane of the size of another.
 fn taken(spare: &mut Option<Plane<f32>>, like: &Plane<f32>) -> Result<Plane<f32>> {
     spare.take().map_or_else(|| Plane::new(like.rows(), like.cols()), Ok)
 }
 
-/// Takes back what is not trusted, where it is not to be filled, and what is trusted too little.
-fn withdraw(
+/// Invalidates estimates with too little confidence and, unless holes are filled, untrusted ones.
+fn invalidate(
     settings: &Settings,
     disparity: &mut [f32],
     flags: &mut [u16],
@@ -249,12 +270,16 @@ fn withdraw(
     if settings.fill && settings.min_confidence <= 0.0 {
         return;
     }
+
     for (x, (disparity, flags)) in disparity.iter_mut().zip(flags).enumerate() {
         let confidence = confidences.map_or(1.0, |confidences| confidences[x]);
+
+        // A filled disparity is no longer there once it is invalid, so the flag that says so goes as well.
         if f64::from(confidence) < settings.min_confidence && !disparity.is_nan() {
             *flags = (*flags | flag::LOW_CONFIDENCE) & !flag::FILLED;
             *disparity = f32::NAN;
         }
+
         if !settings.fill && *flags & flag::UNTRUSTED != 0 {
             *flags &= !flag::FILLED;
             *disparity = f32::NAN;
@@ -262,18 +287,18 @@ fn withdraw(
     }
 }
 
-/// The aggregated cost of the chosen candidate, and the least one elsewhere: not next to it, where the same
-/// match shows again.
+/// The cost margin of a choice: its aggregated cost, and the least one of candidates not next to it, which see the same
+/// match.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Margin {
+pub struct CostMargin {
     /// Cost of the chosen candidate.
     pub own: u64,
-    /// Least cost elsewhere; `None`: there is no elsewhere.
+    /// Least cost elsewhere; `None`: all candidates are next to it.
     pub elsewhere: Option<u64>,
 }
 
-impl Margin {
-    /// What was found of the pixel at a place of a row.
+impl CostMargin {
+    /// The margin of column `x` of a row.
     #[inline(always)]
     fn of(found: &EvidenceRow, x: usize) -> Self {
         let elsewhere = found.elsewhere[x];
@@ -283,7 +308,7 @@ impl Margin {
         }
     }
 
-    /// Whether the cost of the choice is not below the least one elsewhere by so many percent of that, at most 100.
+    /// Whether the cost of the choice is not lower than the least one elsewhere by `percent` of it, at most 100.
     pub fn is_ambiguous(self, percent: u64) -> bool {
         self.elsewhere.is_some_and(|elsewhere| elsewhere * (100 - percent) < self.own * 100)
     }

@@ -1,4 +1,4 @@
-//! Every knob of the matcher: meaning, unit, range and default, checked once.
+//! The settings of the matcher: meaning, unit, range and default, checked once.
 
 pub mod presets;
 
@@ -6,27 +6,24 @@ use crate::error::{Error, Result};
 
 /// Largest neighborhood and largest aggregation window, pixels.
 pub const LARGEST_WINDOW: usize = 63;
-/// Pixels by which the larger of two neighborhoods is larger.
+/// Pixels by which the second size of neighborhoods is larger than the first.
 pub const LARGER: usize = 2;
 /// Largest frequency index of the descriptor.
 pub const HIGHEST_FREQUENCY: usize = 4;
 /// Most disparities that one match may search.
 pub const MOST_DISPARITIES: usize = 16_384;
-/// Most deviations of the noise below which a component may count as weak: a sign that is this sure is no noise.
+/// Largest noise threshold, standard deviations: a sign that is as sure as this is not noise.
 pub const LARGEST_WEAK: f64 = 100.0;
-/// Largest penalty, in units of the cost: beyond the cost of any pixel it changes nothing.
+/// Largest penalty, in units of the cost: it exceeds the cost of any pixel, so that larger ones change nothing.
 pub const LARGEST_PENALTY: f64 = 65_535.0;
-
-/// Most mean differences of neighbors above which gray values may be said to jump.
+/// Largest factor of the mean difference of neighbors in `adaptive_p2`.
 pub const LARGEST_EDGES: f64 = 1000.0;
-
-/// All of a cost, in percent.
+/// Largest uniqueness: all of a cost, in percent.
 pub const MOST_UNIQUENESS: usize = 100;
-
 /// Largest magnitude of a float pixel and of the ends of an intensity range; products with it are finite.
 pub const LARGEST_PIXEL: f64 = 1e300;
 
-/// What two pixels are compared by.
+/// How two pixels are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CostKind {
     /// Hamming distance of phase codes; unit: bits.
@@ -40,7 +37,7 @@ pub enum CostKind {
 /// Window under the local Fourier transform.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Taper {
-    /// Every pixel of the neighborhood counts the same: the transform of the paper.
+    /// Every pixel of the neighborhood has the same weight: the transform of the paper.
     Uniform,
     /// Gaussian of standard deviation `(L - 1) / 4`.
     Gaussian,
@@ -61,25 +58,25 @@ pub enum Optimizer {
     SemiGlobal,
 }
 
-/// How exactly aggregated costs are worked out.
+/// How exactly aggregated costs are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Precision {
     /// Exactly.
     Full,
-    /// To so many bits of the sums over columns that the sum over the window fits a byte.
+    /// With as many bits of the sums over columns as let the sum over the window fit a byte.
     Byte,
 }
 
-/// What costs are called.
+/// The names of costs.
 pub const COSTS: [(&str, CostKind); 3] =
     [("phase", CostKind::Phase), ("sad", CostKind::Sad), ("nsad", CostKind::NormalizedSad)];
-/// What tapers are called.
+/// The names of tapers.
 pub const TAPERS: [(&str, Taper); 3] =
     [("uniform", Taper::Uniform), ("gaussian", Taper::Gaussian), ("hann", Taper::Hann)];
-/// What precisions are called.
+/// The names of precisions.
 pub const PRECISIONS: [(&str, Precision); 2] =
     [("full", Precision::Full), ("byte", Precision::Byte)];
-/// What optimizers are called.
+/// The names of optimizers.
 pub const OPTIMIZERS: [(&str, Optimizer); 4] = [
     ("dp", Optimizer::DynamicProgramming),
     ("so", Optimizer::ScanlineOptimization),
@@ -87,7 +84,7 @@ pub const OPTIMIZERS: [(&str, Optimizer); 4] = [
     ("sgm", Optimizer::SemiGlobal),
 ];
 
-/// Hands the names of all settings to a macro, which does something with each: every face of the core reads them so.
+/// Passes the names of all settings to a macro that does something with each: every face of the core reads them so.
 #[cfg(any(feature = "python", feature = "c"))]
 macro_rules! with_every_setting {
     ($then:ident) => {
@@ -133,7 +130,7 @@ pub(crate) use with_every_setting;
 #[derive(Debug, Clone, PartialEq)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a choice of its own, made by name")]
 pub struct Settings {
-    /// What two pixels are compared by.
+    /// How two pixels are compared.
     pub cost: CostKind,
     /// Side `L` of the square neighborhood which a code describes, pixels; odd, 3 to 63.
     pub neighborhood: usize,
@@ -145,44 +142,46 @@ pub struct Settings {
     pub power: usize,
     /// Bits `b` of the phase, 1 to 4: it is quantized to `2^b` levels.
     pub bits: usize,
-    /// Components whose magnitude is up to so many standard deviations of what the noise of the image makes of
-    /// them count as weak, a level of its own between the two signs; 0 to 100, 0: there is no such level. It
-    /// needs `bits` = 2, that is signs, and phase codes, which it makes twice as long.
+    /// Noise threshold. Components whose magnitude is at most this many standard deviations of what the image noise
+    /// makes of them are weak: a level of its own between the two signs; 0 to 100, 0: there is no such level. It needs
+    /// `bits` = 2, that is, signs, and phase codes, which it makes twice as long.
     pub noise_threshold: f64,
-    /// Sizes of neighborhoods that a code describes, 1 or 2. With 2 there is one more, two pixels larger, of which only the
-    /// components `(1, 0)` and `(0, 1)` count; these alone have a weak level then.
+    /// Number of sizes of neighborhoods that a code describes, 1 or 2. The second is two pixels larger, and only the
+    /// components `(1, 0)` and `(0, 1)` of it are used; these alone have a weak level then.
     pub sizes: usize,
     /// Side of the square aggregation window, pixels; odd, 1 to 63.
     pub window: usize,
-    /// Whether the best of five shifted windows counts, or the centered one alone.
+    /// Whether the best of five shifted windows is taken, or the centered one alone.
     pub shiftable: bool,
-    /// How exactly aggregated costs are worked out.
+    /// How exactly aggregated costs are computed.
     pub precision: Precision,
     /// How costs become disparities.
     pub optimizer: Optimizer,
-    /// P1, what a change of disparity by one costs along a path, in units of the cost, as averaged over the window;
-    /// 0 to 65535. With the ordering constraint, where disparities rise by one at most: what a rise costs.
+    /// P1, the cost of a change of disparity by one along a path, in units of the cost, as averaged over the window; 0
+    /// to
+    /// 65535. With the ordering constraint, where disparities rise by one at most: the cost of a rise.
     pub p1: f64,
-    /// P2, what any other change of disparity costs; no less than P1 counts. With the ordering constraint: what a drop
-    /// costs, however deep.
+    /// P2, the cost of any other change of disparity; if it is less than P1, P1 is taken. With the ordering constraint:
+    /// the cost of a drop, however deep.
     pub p2: f64,
-    /// With [`Optimizer::ScanlineOptimization`] and [`Optimizer::SemiGlobal`]: where gray values of the left image jump
-    /// from one pixel of a path to the next by more than so many times the mean difference of neighbors, P2 is halved;
-    /// by more than thrice that, a third of it, but at least P1; 0 to 1000, 0: nowhere.
+    /// Adaptive P2, with [`Optimizer::ScanlineOptimization`] and [`Optimizer::SemiGlobal`]: where gray values of the
+    /// left image jump from one pixel of a path to the next by more than so many times the mean difference of
+    /// neighbors, P2 is halved; by more than thrice that, a third of it, but at least P1; 0 to 1000, 0: nowhere.
     pub adaptive_p2: f64,
-    /// Whether the relative blur of the images is estimated and the sharper one given it, for phase codes; where any is
-    /// found, neighborhood and window are two pixels larger.
+    /// Whether the relative blur of the images is estimated and the sharper one blurred alike, for phase codes; where
+    /// any is found, neighborhood and window are two pixels larger.
     pub compensate_blur: bool,
-    /// Whether impulses are looked for and repaired before all else, for phase codes.
+    /// Whether impulses are detected and repaired before all else, for phase codes.
     pub despike: bool,
-    /// Whether noise, and what compression has lost, are smoothed away before the images are described, for phase codes.
+    /// Whether noise and the artifacts of compression are smoothed away before the images are described, for phase
+    /// codes.
     pub denoise: bool,
-    /// Whether it is estimated how the rows of the images correspond, and the right one straightened if the match gets
-    /// better by it.
+    /// Whether the rows of the images are aligned: it is estimated how they correspond, and the right image is
+    /// straightened if the match gets better by it.
     pub align_rows: bool,
     /// Intensities of black and white; `None`: the type's range for integers, a robust range for floats.
     pub intensity_range: Option<(f64, f64)>,
-    /// Whether estimates lie between candidates, and are smoothed over surfaces.
+    /// Whether disparities are refined between candidates and smoothed over surfaces.
     pub subpixel: bool,
     /// Left-right check: pixels by which the disparities of two left pixels with one match may differ, 0 to 16384;
     /// `None`: no check.
@@ -190,38 +189,41 @@ pub struct Settings {
     /// Percent by which the least cost elsewhere must exceed that of the chosen candidate, as a share of the former,
     /// 0 to 100; 0: no check.
     pub uniqueness: usize,
-    /// Most pixels of a region that is taken for a speckle; 0: none is.
+    /// Most pixels of a region that is taken for a speckle; 0: no check.
     pub speckle_size: usize,
     /// Pixels by which the disparities of neighbors in one region differ at most, 0 to 16384.
     pub speckle_range: f64,
-    /// Whether, near jumps, disparities are taken by which the blurred image of a pair can best be made again.
+    /// Whether disparities near jumps are replaced by those with which the blurred image of a pair is best synthesized.
     pub synthesis: bool,
-    /// Whether edges in depth are drawn to those of the left image.
+    /// Whether edges in depth are aligned with those of the left image.
     pub guided_median: bool,
-    /// Side of the square over which disparities give way to their median: 3; 0: none.
+    /// Side of the median filter of disparities: 3; 0: none.
     pub median: usize,
-    /// Whether pixels that checks do not trust are filled from those beside them, or left without an estimate.
+    /// Whether pixels that fail the checks are filled from those beside them, or left without an estimate.
     pub fill: bool,
-    /// Whether confidences are worked out.
+    /// Whether confidences are computed.
     pub confidence: bool,
     /// Least confidence of an estimate that stays in the map, 0 to 1.
     pub min_confidence: f64,
 }
 
 impl Settings {
-    /// Refuses any value outside its range, naming the field.
+    /// Refuses a value outside its range, naming the field.
     pub fn check(&self) -> Result<()> {
         odd_between("neighborhood", self.neighborhood, 3)?;
         odd_between("window", self.window, 1)?;
         self.check_frequencies()?;
         between("power", self.power, 1, 2)?;
         between("bits", self.bits, 1, 4)?;
+
         self.check_weak()?;
         self.check_sizes()?;
+
         self.check_code_length()?;
         number_between("p1", self.p1, LARGEST_PENALTY)?;
         number_between("p2", self.p2, LARGEST_PENALTY)?;
         number_between("adaptive_p2", self.adaptive_p2, LARGEST_EDGES)?;
+
         let of_codes = [
             ("compensate_blur", self.compensate_blur),
             ("despike", self.despike),
@@ -232,11 +234,13 @@ impl Settings {
         {
             return Err(Error::value(name, "True", "False unless cost = 'phase'"));
         }
+
         if let Some(most) = self.lr_check {
             between("lr_check", most, 0, MOST_DISPARITIES)?;
         }
         between("uniqueness", self.uniqueness, 0, MOST_UNIQUENESS)?;
         number_between("speckle_range", self.speckle_range, MOST_DISPARITIES as f64)?;
+
         if !matches!(self.median, 0 | 3) {
             return Err(Error::value("median", self.median, "0 or 3"));
         }
@@ -274,6 +278,7 @@ impl Settings {
     /// Bits of one pixel's code: `2^(b-1)` for each component, twice as many where there is a weak level.
     pub fn code_length(&self) -> usize {
         let (all, larger) = (self.components(), self.larger_components());
+
         let weak = usize::from(self.has_weak());
         if self.has_larger() {
             (all << (self.bits - 1)) + (larger << (self.bits - 1) << weak)
@@ -282,7 +287,7 @@ impl Settings {
         }
     }
 
-    /// Whether pixels are told that cannot be right.
+    /// Whether any check flags pixels that cannot be right.
     pub fn has_checks(&self) -> bool {
         self.lr_check.is_some() || self.uniqueness > 0 || self.speckle_size > 0
     }
@@ -292,18 +297,21 @@ impl Settings {
         self.confidence || self.min_confidence > 0.0
     }
 
-    /// Whether more is to be known of pixels than what was chosen for them.
+    /// Whether costs beside that of the chosen candidate are needed.
     pub fn needs_evidence(&self) -> bool {
         let checks_choices = self.lr_check.is_some() || self.uniqueness > 0;
+
         self.needs_confidence() || self.subpixel || checks_choices
     }
 
     fn check_frequencies(&self) -> Result<()> {
         let (r, s) = self.frequencies;
         let highest = HIGHEST_FREQUENCY.min((self.neighborhood - 1) / 2);
+
         if (r, s) != (0, 0) && r.max(s) <= highest {
             return Ok(());
         }
+
         let accepts = format!(
             "two integers from 0 to {highest} (at most 4 and at most (neighborhood - 1) / 2), not both 0"
         );
@@ -323,6 +331,7 @@ impl Settings {
                 "0 unless bits = 2 and cost = 'phase'",
             ));
         }
+
         Ok(())
     }
 
@@ -333,6 +342,7 @@ impl Settings {
             let accepts = format!("1 unless neighborhood is {} at most", LARGEST_WINDOW - LARGER);
             return Err(Error::value("sizes", got, accepts));
         }
+
         Ok(())
     }
 
@@ -341,6 +351,7 @@ impl Settings {
         if length <= 64 {
             return Ok(());
         }
+
         let (r, s) = self.frequencies;
         let with_weak = if self.has_weak() { " and a weak level" } else { "" };
         Err(Error::value(
@@ -373,15 +384,17 @@ fn odd_between(argument: &'static str, value: usize, least: usize) -> Result<()>
     if value % 2 == 1 && (least..=LARGEST_WINDOW).contains(&value) {
         return Ok(());
     }
+
     let accepts = format!("an odd integer from {least} to {LARGEST_WINDOW}");
     Err(Error::value(argument, value, accepts))
 }
 
 fn number_between(argument: &'static str, value: f64, most: f64) -> Result<()> {
-    // The range also turns NaN away: it is contained in none.
+    // The range does not contain NaN, so this refuses it, too.
     if (0.0..=most).contains(&value) {
         return Ok(());
     }
+
     Err(Error::value(argument, value, format!("a number from 0 to {most}")))
 }
 
@@ -389,6 +402,7 @@ fn between(argument: &'static str, value: usize, least: usize, most: usize) -> R
     if (least..=most).contains(&value) {
         return Ok(());
     }
+
     Err(Error::value(argument, value, format!("an integer from {least} to {most}")))
 }
 

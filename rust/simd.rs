@@ -1,6 +1,10 @@
-//! Instruction-set levels: the loops of all kernels, written once in plain Rust, compiled for each of them.
+//! Instruction-set levels: hot loops are written once, in plain Rust, and compiled for each level.
 //!
-//! This is the one file with unsafe code, but for the C interface, and with anything that names an architecture.
+//! ```text
+//! level.run(loop)   ->   avx2(loop) { loop.run() }      # compiled with AVX2, `run` inlined
+//! ```
+//!
+//! This is the only file with unsafe code, beside the C interface, and the only one that names an architecture.
 
 #![allow(
     unsafe_code,
@@ -12,27 +16,27 @@ use std::sync::OnceLock;
 /// The environment variable that lowers the level.
 pub const OVERRIDE: &str = "PHASESTEREO_SIMD";
 
-/// A loop over arrays that the compiler vectorizes with whatever instructions the level has.
+/// A loop over arrays, which the compiler vectorizes with the instructions of the level.
 ///
-/// `run`, and all that it calls, must be `#[inline(always)]`: what is not inlined into the level's own
-/// function is compiled for the baseline.
+/// `run` and everything that it calls must be `#[inline(always)]`: what is not inlined into the level's own function is
+/// compiled for the baseline.
 pub trait Loop {
-    /// What it returns.
+    /// The result.
     type Output;
-    /// Does the work.
+    /// Runs the loop.
     fn run(self) -> Self::Output;
 }
 
-/// An instruction-set level that this machine has: no other can be had.
+/// An instruction-set level that this machine has; no other can be constructed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Level(Isa);
 
-/// Every level that there is code for, from the lowest.
+/// The levels that loops are compiled for, from the lowest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Isa {
-    /// What the target has without asking: SSE2 on x86-64, NEON on aarch64.
+    /// What every machine of the target has: SSE2 on x86-64, NEON on aarch64.
     Baseline,
-    /// AVX2, and the bit manipulation that came with it.
+    /// AVX2, and the bit manipulation of the same processors.
     #[cfg(target_arch = "x86_64")]
     Avx2,
     /// AVX-512 on bytes and words.
@@ -83,8 +87,8 @@ impl Isa {
 }
 
 impl Level {
-    /// The level to use: the highest that the machine has, or the one that the environment variable `PHASESTEREO_SIMD` names, or the
-    /// highest below that. Read once; an unknown name counts for nothing.
+    /// The highest level of this machine, up to the one that the environment variable `PHASESTEREO_SIMD` names. The variable
+    /// is read once; an unknown name is ignored.
     pub fn best() -> Self {
         static BEST: OnceLock<Level> = OnceLock::new();
         *BEST.get_or_init(|| Self::at_most(std::env::var(OVERRIDE).ok().as_deref()))
@@ -94,11 +98,12 @@ impl Level {
     fn at_most(name: Option<&str>) -> Self {
         let named = Isa::ALL.iter().position(|(_, known)| Some(*known) == name);
         let allowed = &Isa::ALL[..=named.unwrap_or(Isa::ALL.len() - 1)];
+
         let here = allowed.iter().rev().find(|(isa, _)| isa.is_here());
         Self(here.map_or(Isa::Baseline, |(isa, _)| *isa))
     }
 
-    /// The name of every level that there is code for, and the level where this machine has it.
+    /// The name of every level that loops are compiled for, and the level itself if this machine has it.
     pub fn all() -> impl Iterator<Item = (&'static str, Option<Self>)> {
         Isa::ALL.iter().map(|(isa, name)| (*name, isa.is_here().then_some(Self(*isa))))
     }
@@ -108,42 +113,42 @@ impl Level {
         Isa::ALL.iter().find(|(isa, _)| *isa == self.0).map_or("", |(_, name)| name)
     }
 
-    /// Runs a kernel, compiled for this level.
+    /// Runs a loop, compiled for this level.
     #[inline]
-    pub fn run<K: Loop>(self, kernel: K) -> K::Output {
+    pub fn run<L: Loop>(self, work: L) -> L::Output {
         match self.0 {
-            Isa::Baseline => kernel.run(),
-            // SAFETY: a `Level` of these is only made where `is_here` has found every feature.
+            Isa::Baseline => work.run(),
+            // SAFETY: a `Level` is constructed only after `is_here` has found every feature of it.
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => unsafe { avx2(kernel) },
+            Isa::Avx2 => unsafe { avx2(work) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => unsafe { avx512(kernel) },
+            Isa::Avx512 => unsafe { avx512(work) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512Bitalg => unsafe { avx512_bitalg(kernel) },
+            Isa::Avx512Bitalg => unsafe { avx512_bitalg(work) },
         }
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn avx2<K: Loop>(kernel: K) -> K::Output {
-    kernel.run()
+fn avx2<L: Loop>(work: L) -> L::Output {
+    work.run()
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 #[target_feature(enable = "avx512f,avx512bw,avx512cd,avx512dq,avx512vl")]
-fn avx512<K: Loop>(kernel: K) -> K::Output {
-    kernel.run()
+fn avx512<L: Loop>(work: L) -> L::Output {
+    work.run()
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 #[target_feature(enable = "avx512f,avx512bw,avx512cd,avx512dq,avx512vl,avx512bitalg")]
-fn avx512_bitalg<K: Loop>(kernel: K) -> K::Output {
-    kernel.run()
+fn avx512_bitalg<L: Loop>(work: L) -> L::Output {
+    work.run()
 }
 
 #[cfg(test)]
@@ -154,6 +159,7 @@ mod tests {
     fn a_name_lowers_the_level_and_never_raises_it() {
         let best = Level::at_most(None);
         assert_eq!(Level::at_most(Some("no such level")), best);
+
         for (name, level) in Level::all() {
             let lowered = Level::at_most(Some(name));
             assert!(lowered <= best);
@@ -163,19 +169,22 @@ mod tests {
 
     #[test]
     fn every_level_runs_the_same_code() {
-        struct Sum<'a>(&'a [u8]);
-        impl Loop for Sum<'_> {
+        struct ByteSum<'a>(&'a [u8]);
+
+        impl Loop for ByteSum<'_> {
             type Output = u32;
             #[inline(always)]
             fn run(self) -> u32 {
                 self.0.iter().map(|value| u32::from(*value)).sum()
             }
         }
+
         let values: Vec<u8> = (0..1000).map(|i| i as u8).collect();
         let expected: u32 = values.iter().map(|value| u32::from(*value)).sum();
+
         for (name, level) in Level::all() {
             match level {
-                Some(level) => assert_eq!(level.run(Sum(&values)), expected, "{name}"),
+                Some(level) => assert_eq!(level.run(ByteSum(&values)), expected, "{name}"),
                 None => println!("{name}: not run, this machine does not have it"),
             }
         }

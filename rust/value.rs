@@ -1,15 +1,15 @@
-//! The integers of costs and path totals: as narrow as the settings allow, for as many lanes at once; and how numbers
-//! become integers.
+//! The integers of costs and path totals: as narrow as the settings allow, so that a register has as many lanes as
+//! possible. Also how floats are rounded to integers.
 
 use std::fmt::Debug;
 
-/// Disparities that are worked on together: one AVX2 register of bytes.
+/// Disparities that are processed together: one AVX2 register of bytes.
 pub const LANES: usize = 32;
 
 /// One value for each of [`LANES`] neighboring disparities.
 pub type Lanes<T> = [T; LANES];
 
-/// The least of all lanes. To be asked in a small loop of its own: in larger ones the compiler goes lane by lane.
+/// The least of all lanes. Call it in a small loop of its own: in larger loops it is compiled lane by lane.
 #[inline(always)]
 pub fn least_lane<T: Copy + Ord>(values: &Lanes<T>) -> T {
     let mut least = values[0];
@@ -19,8 +19,10 @@ pub fn least_lane<T: Copy + Ord>(values: &Lanes<T>) -> T {
     least
 }
 
-/// The integer that is nearest, of two the even one, to a number of magnitude below 2^31: a sum with 1.5 times 2^52 has no
-/// room for fractions, and its low bits are the integer. So loops need no conversion that the instructions lack.
+/// The nearest integer (ties: even) of a number of magnitude below 2^31.
+///
+/// The sum with 1.5 times 2^52 has no bits for fractions, so it is rounded, and its low bits are the integer. Not all
+/// instruction sets have a conversion for this in vectors.
 #[inline(always)]
 pub fn nearest(value: f64) -> i32 {
     (value + 1.5 * (1u64 << 52) as f64).to_bits() as i32
@@ -28,8 +30,8 @@ pub fn nearest(value: f64) -> i32 {
 
 /// An unsigned integer that holds aggregated costs and the totals of paths.
 pub trait Value: Copy + Debug + Default + Ord + Send + Sync + 'static {
-    /// The cost of a disparity that is not searched, and the total of one that is out of reach. Together with any
-    /// total up to [`Self::LARGEST_TOTAL`] it neither wraps nor wins.
+    /// The cost and the total of a disparity that is not searched. Added to any total up to [`Self::LARGEST_TOTAL`] it
+    /// neither wraps nor wins.
     const FAR: Self;
     /// The largest total of a path that the type is used for.
     const LARGEST_TOTAL: u64;
@@ -44,7 +46,7 @@ pub trait Value: Copy + Debug + Default + Ord + Send + Sync + 'static {
     fn minus(self, other: Self) -> Self;
     /// Half the sum, rounded up.
     fn mean(self, other: Self) -> Self;
-    /// Without its lowest bits.
+    /// Shifted right, without its lowest bits.
     fn shifted(self, bits: u32) -> Self;
 }
 
@@ -78,7 +80,7 @@ macro_rules! impl_value {
 
             #[inline(always)]
             fn mean(self, other: Self) -> Self {
-                // In integers of the same width: the compiler knows this as one instruction.
+                // In integers of the same width, without overflow; compiled to one instruction where there is one.
                 (self | other) - ((self ^ other) >> 1)
             }
 
@@ -90,7 +92,7 @@ macro_rules! impl_value {
     };
 }
 
-// Bytes and words have saturating instructions and no room to spare; 32 bits have it the other way.
+// Bytes and words have saturating instructions, so all of their range is used. 32 bits have none, but range to spare.
 impl_value!(u8, far: u8::MAX, largest_total: u8::MAX, plus: saturating_add);
 impl_value!(u16, far: u16::MAX, largest_total: u16::MAX, plus: saturating_add);
 impl_value!(u32, far: 1 << 29, largest_total: (1u32 << 29) - 1, plus: wrapping_add);

@@ -71,6 +71,10 @@ class Browser:
         """Run a script in the page; return what it returns."""
         return self.driver.execute_script(script, *arguments)
 
+    def text(self, element: str) -> str:
+        """Return the text of the element with this id."""
+        return str(self.run(f"return document.getElementById('{element}').textContent"))
+
     def wait(self, condition: str, seconds: float = 30.0) -> None:
         """Wait until an expression of the page is true."""
         until = monotonic() + seconds
@@ -94,6 +98,7 @@ class Browser:
             for event in events
             if event["method"] == "Network.requestWillBeSent"
         ]
+
         return [url for url in urls if not url.startswith(("data:", "blob:"))]
 
     def picture(self, selector: str = "") -> NDArray[np.uint8]:
@@ -122,6 +127,7 @@ def running(webdriver: Any, program: str, service: str) -> Iterator[Browser]:
     for option in _OPTIONS:
         options.add_argument(option)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+
     driver = webdriver.Chrome(options, webdriver.ChromeService(service))
     try:
         yield Browser(driver)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import hypothesis
 import pytest
@@ -36,9 +37,14 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 def data() -> Path:
     """Return the folder of real pairs; without it, skip visibly, or fail where it must be there."""
     folder = Path(os.environ.get("PHASESTEREO_DATA", ROOT / "../shared"))
-    if (folder / "middlebury").is_dir():
-        return folder
-    message = f"no real data in {folder.resolve()}: set PHASESTEREO_DATA to a folder of pairs"
+    if not (folder / "middlebury").is_dir():
+        place = folder.resolve()
+        unavailable(f"no real data in {place}: set PHASESTEREO_DATA to a folder of pairs")
+    return folder
+
+
+def unavailable(message: str) -> NoReturn:
+    """Skip a test for what is not on this machine; on CI, where everything is, fail it."""
     if ON_CI:
         pytest.fail(message)
     pytest.skip(message)
@@ -64,17 +70,26 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Run]:
     return run
 
 
+@pytest.fixture
+def run_bench(
+    run: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Run]:
+    """Return what runs ``phasestereo bench`` in this process, in an empty folder, wide lines."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    return partial(run, "bench")
+
+
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
     """Return Chromium; without it, skip visibly, or fail where it must be there."""
     webdriver = counterpart("selenium.webdriver")
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     programs = chromium, shutil.which("chromedriver")
+
     if programs[0] and programs[1]:
         with running(webdriver, programs[0], programs[1]) as opened:
             yield opened
         return
-    message = "no browser: apt-get install chromium chromium-driver"
-    if ON_CI:
-        pytest.fail(message)
-    pytest.skip(message)
+
+    unavailable("no browser: apt-get install chromium chromium-driver")

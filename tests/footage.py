@@ -65,10 +65,13 @@ def film(
                 stream.pix_fmt = pixels
                 if turned:
                     stream.set_display_rotation(turned)
+
             frame = av.VideoFrame.from_ndarray(picture, format=form)
             frame.pts = index if times is None else times[index]
             container.mux(stream.encode(frame))
+
         container.mux(stream.encode(None))
+
     return path
 
 
@@ -78,14 +81,17 @@ def damage(source: Path, path: Path, which: Collection[int]) -> Path:
         stream = whole.streams.video[0]
         copy: Any = spoilt.add_stream_from_template(stream)
         packets = (packet for packet in whole.demux(stream) if packet.size)
+
         for index, packet in enumerate(packets):
             data = bytearray(bytes(packet))
             if index in which:
                 third = len(data) // 3
                 data[third : 2 * third] = bytes(value ^ 0xFF for value in data[third : 2 * third])
+
             again = av.Packet(bytes(data))
             again.pts, again.dts, again.time_base = packet.pts, packet.dts, packet.time_base
             again.is_keyframe = packet.is_keyframe
             again.stream = copy
             spoilt.mux(again)
+
     return path

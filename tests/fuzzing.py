@@ -100,29 +100,38 @@ def match_strange(path: Path) -> None:
 
     def image() -> Any:
         kind = chance.choice((*_TYPES, *_TYPES, "int16", ">u2", "bool"))
+
         made = samples.normal(100, 50, shape).astype(kind)
+
         if made.dtype.kind == "f" and made.size and chance.random() < 0.7:
             value = chance.choice((np.nan, np.inf, -1e38, 1e300, 0))
             made.flat[chance.randrange(made.size)] = value
+
         step = chance.choice((1, 1, -1, 2))
         return made[::step] if chance.random() < 0.5 else np.asfortranarray(made)
 
     left = image()
     right = image() if chance.random() < 0.3 else left.copy()
+
     given: dict[str, Any] = {"preset": chance.choice(("fast", "paper", "robust"))}
+
     for name, values in _KNOBS.items():
         if chance.random() < 0.04:
             given[name] = chance.choice(values)
+
     if chance.random() < 0.3:
         given["left_mask"] = samples.random(left.shape[:2]) < chance.choice((0.0, 0.5, 1.0))
+
     with np.errstate(all="ignore"):
         count = chance.choice((-1, 0, 1, 1, 2, 5, 16, 16, 10**6))
         found = ps.match(left, right, num_disparities=count, **given)
+
     if found.disparity.shape != left.shape[:2] or np.isinf(found.disparity).any():
         raise AssertionError(f"{found.disparity.shape}, {found.disparity}")
 
 
 _TYPES = "uint8", "uint16", "float32", "float64"
+
 _KNOBS: dict[str, tuple[Any, ...]] = {
     "min_disparity": (-40, -1, 3, 10**6, -(2**31), 2.0),
     "window": (1, 4, 9, 101, -3, 10**9),
@@ -143,6 +152,7 @@ _KNOBS: dict[str, tuple[Any, ...]] = {
     "min_confidence": (0.5, 2.0, float("nan")),
     "right_mask": (np.zeros((1, 1), bool), None, 3),
 }
+
 
 READERS: dict[str, tuple[Callable[[Path], Any], tuple[str, ...]]] = {
     "read_image": (
@@ -202,12 +212,16 @@ def _by_pillow(folder: Path, gray: Any, color: Any) -> None:
     Image.fromarray(color).quantize(17).save(folder / "palette.png")
     Image.fromarray(gray > 99).save(folder / "bits.png")
     Image.fromarray(gray > 99).save(folder / "bits.pbm")
+
     exif = b"Exif\0\0II*\0"
     Image.fromarray(color).save(folder / "progressive.jpg", progressive=True, exif=exif)
     Image.fromarray(gray).save(folder / "packed.tif", compression="packbits")
+
     Image.fromarray(gray).save(folder / "lzw.tif", compression="tiff_lzw")
+
     views = Image.fromarray(color), Image.fromarray(color[::-1])
     views[0].save(folder / "views.mpo", save_all=True, append_images=[views[1]])
+
     (folder / "plain.pgm").write_text("P2\n3 2\n255\n0 1 2\n3 4 255\n", "ascii")
 
 
@@ -217,8 +231,10 @@ def _by_tifffile(folder: Path, gray: Any, color: Any, real: Any) -> None:
     with tifffile.TiffWriter(folder / "overview.tif", bigtiff=True) as writer:
         writer.write(gray, tile=(16, 16), compression="zlib", predictor=True)
         writer.write(gray[::2, ::2], subfiletype=1)
+
     tifffile.imwrite(folder / "strips.tif", color, rowsperstrip=3, compression="zlib")
     tifffile.imwrite(folder / "big.tif", real, byteorder=">", description="a description" * 9)
+
     planes = np.moveaxis(color, 2, 0)
     tifffile.imwrite(folder / "planes.tif", planes, planarconfig="separate", photometric="rgb")
 
@@ -229,17 +245,21 @@ def _array(folder: Path, gray: Any) -> Path:
     whole = folder / "whole.array"
     array = zarr.create_array(whole, shape=gray.shape, chunks=(16, 16), dtype=gray.dtype)
     array[:] = gray
+
     shutil.copy(whole / "zarr.json", folder / "a.meta")
     shutil.copy(whole / "c/0/0", folder / "a.chunk")
+
     return whole
 
 
 def _words(folder: Path, gray: Any) -> None:
     (folder / "a.seed").write_bytes(b"\x15" * 32)
     (folder / "a.calib").write_text(CALIB, "ascii")
+
     q = np.array([[1, 0, 0, -20], [0, 1, 0, -15], [0, 0, 0, 100], [0, 0, 1 / 60, 2 / 60]])
     np.save(folder / "q.npy", q)
     np.savez_compressed(folder / "q.npz", Q=q, other=np.zeros(3))
+
     words = " ".join(map(str, q.ravel()))
     (folder / "q.txt").write_text("\n".join(" ".join(map(str, row)) for row in q), "ascii")
     (folder / "q.yml").write_text(
@@ -252,14 +272,18 @@ def _words(folder: Path, gray: Any) -> None:
         f"  <cols>4</cols>\n  <dt>d</dt>\n  <data>\n    {words}</data></Q>\n</opencv_storage>\n",
         "ascii",
     )
+
     with (folder / "a.csv").open("w", newline="", encoding="utf-8") as file:
         names = ["left", "right", "name", "num_disparities"]
         csv.writer(file).writerows([names, ["a.png", "b,.png", "x", 3]])
+
     record = Record(name="x", state="done", left="l", right="r", num_disparities=3, min_disparity=0,
                     recipe="0" * 32, files={"x.tif": 3}, seconds=0.5, blur="none")  # fmt: skip
     lines = [json.dumps(asdict(record) | {"name": name}) for name in ("x", "y")]
     (folder / "a.jsonl").write_text("\n".join([*lines, ""]), "utf-8")
+
     image = np.kron(gray, np.ones((8, 8), np.uint8))
+
     statistics = ps.pair_statistics(
         lambda first, last: (image[first:last], image[first:last], None, None),
         image.shape[:2],
@@ -275,6 +299,7 @@ def _rigs(folder: Path, gray: Any) -> None:
     lens += "  distortion_coeffs: [0.1, 0.0, 0.0, 0.0]\n"
     place = "  T_cn_cnm1: [[1, 0, 0, -0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"
     (folder / "chain.yaml").write_text(f"cam0:\n{lens}cam1:\n{lens}{place}", "ascii")
+
     camera, baseline = np.array([[100.0, 0, 10], [0, 100, 9], [0, 0, 1]]), np.array([-60.0, 0, 0])
     matrices: dict[str, Any] = {
         "K1": camera,
@@ -283,8 +308,10 @@ def _rigs(folder: Path, gray: Any) -> None:
         "D2": np.zeros(5),
         "R": np.eye(3),
     }
+
     with (folder / "matrices.rig").open("wb") as file:
         np.savez_compressed(file, **matrices, T=baseline, imageSize=np.array([21, 19]))
+
     mask, flat = np.ones(gray.shape, bool), np.zeros(gray.shape, np.float32)
     Rectification(
         left=gray, right=gray, left_mask=mask, right_mask=mask, maps=((flat, flat), (flat, flat)),
@@ -300,6 +327,7 @@ def mutate(content: bytes, chance: random.Random, others: list[bytes]) -> bytes:
         # What a file says of itself is mostly at its ends.
         if chance.random() < 0.5:
             place = min(chance.randrange(200), len(changed))
+
         kind = chance.randrange(8)
         if kind < 2:
             changed[place : place + 1] = bytes([chance.randrange(256)])
@@ -318,6 +346,7 @@ def mutate(content: bytes, chance: random.Random, others: list[bytes]) -> bytes:
             changed[place : place + 8] = other[start : start + chance.choice((4, 64, 1000))]
         else:
             del changed[max(place, 1) :]
+
     return bytes(changed)
 
 
@@ -336,11 +365,13 @@ def flipped(content: bytes, most: int = 48) -> Iterator[bytes]:
 def cases(corpus: list[Path], seed: int) -> Iterator[tuple[str, str, bytes]]:
     """Yield readers, suffixes and contents for ever, the same ones for the same seed."""
     chance = random.Random(seed)  # noqa: S311 -- no secret
+
     contents = {path: path.read_bytes() for path in corpus}
     given = {
         name: [path for path in corpus if path.suffix in suffixes]
         for name, (_, suffixes) in READERS.items()
     }
+
     names = list(READERS)
     while True:
         name = chance.choice(names)
@@ -352,6 +383,7 @@ def cases(corpus: list[Path], seed: int) -> Iterator[tuple[str, str, bytes]]:
 def complaint(name: str, path: Path) -> str | None:
     """Read a file; return what is wrong with what came of it, or None."""
     started = time.monotonic()
+
     documented = _OF_MATCH if name == "match" else _DOCUMENTED
     try:
         with warnings.catch_warnings():
@@ -362,6 +394,7 @@ def complaint(name: str, path: Path) -> str | None:
             return f"{error!r}, which does not name the file"
     except Exception as error:  # noqa: BLE001 -- this is what is looked for
         return repr(error)
+
     seconds = time.monotonic() - started
     return f"{seconds:.1f} s" if seconds > SECONDS else None
 
@@ -376,15 +409,19 @@ def read_all(folder: Path, seed: int, files: int | None, seconds: float | None) 
     for name, ending, content in cases(make_corpus(folder / "corpus"), seed):
         if time.monotonic() > end or (files is not None and read.total() >= files):
             break
+
         path = folder / f"{name}{ending}"
         path.write_bytes(content)
+
         if told := complaint(name, path):
             print(json.dumps({"file": str(path), "told": told}), flush=True)  # noqa: T201
             keep(path)
+
         read[name] += 1
         if read.total() % 1000 == 0:
             print(json.dumps({"read": read.total()}), flush=True)  # noqa: T201
         path.unlink()
+
     return read
 
 
@@ -405,10 +442,12 @@ def main() -> int:
     parser.add_argument("--output", type=Path, default=FOUND)
     parser.add_argument("--worker", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
+
     if given.worker:
         read = read_all(given.worker, given.seed, given.files, given.seconds)
         print(json.dumps({"counts": read}), flush=True)  # noqa: T201
         return 0
+
     return min(_watch(given), 100)
 
 
@@ -416,6 +455,7 @@ def _watch(given: argparse.Namespace) -> int:
     """Start reading processes until the time is over, one after the other that ended."""
     found, counts = 0, Counter[str]()
     end, seed = time.monotonic() + given.seconds, given.seed
+
     while (left := end - time.monotonic()) > 1 and (
         given.files is None or counts.total() < given.files
     ):
@@ -424,11 +464,13 @@ def _watch(given: argparse.Namespace) -> int:
             words += ["--seconds", str(left)]
             if given.files is not None:
                 words += ["--files", str(given.files - counts.total())]
+
             process = subprocess.Popen(  # noqa: S603 -- ourselves
                 words, stdout=subprocess.PIPE, text=True,
                 env=os.environ | {"PHASESTEREO_FOUND": str(given.output)},
             )  # fmt: skip
             timer = _Alarm(process)
+
             for line in process.stdout or io.StringIO():
                 timer.hear()
                 told = json.loads(line)
@@ -442,8 +484,11 @@ def _watch(given: argparse.Namespace) -> int:
                     raise RuntimeError("the reading process cannot be started")
                 for path in at_hand:
                     print(f"ended the process ({process.returncode}): {keep(path, given.output)}")  # noqa: T201
+
             timer.stop()
+
         seed += 1
+
     for reader, count in sorted(counts.items()):
         print(f"{reader}: {count} files")  # noqa: T201
     print(f"{counts.total()} files, {found} found, seed {given.seed}")  # noqa: T201

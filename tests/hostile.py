@@ -39,14 +39,17 @@ def tiff(tags: dict[int, int | tuple[int, ...]], data: bytes = b"", following: i
     """Return a TIFF file: a header, data from byte 8 on, and one directory with these tags."""
     start = 8 + len(data) + len(data) % 2
     extra = start + 2 + 12 * len(tags) + 4
+
     body, beyond = struct.pack("<H", len(tags)), b""
     for tag, value in sorted(tags.items()):
+        # Values of more than four bytes lie behind the directory, which then holds their place.
         values = (value,) if isinstance(value, int) else value
         packed = struct.pack(f"<{len(values)}I", *values)
         if len(packed) > 4:
             where, beyond = extra + len(beyond), beyond + packed
             packed = struct.pack("<I", where)
         body += struct.pack("<HHI", tag, LONG, len(values)) + packed
+
     head = struct.pack("<2sHI", b"II", 42, start)
     return head + data.ljust(start - 8, b"\0") + body + struct.pack("<I", following) + beyond
 
@@ -80,11 +83,14 @@ def long_chain() -> bytes:
     content = bytearray(tiff(page(4, 4), bytes(16)))
     for _ in range(10_000):
         content += struct.pack("<HHHII", 1, WIDTH, LONG, 1, 4) + struct.pack("<I", 0)
+
     first = struct.unpack_from("<I", content, 4)[0]
+    # Every directory points to the next: 18 bytes each, the pointer being the last four.
     start, place = len(tiff(page(4, 4), bytes(16))), first + 2 + 12 * 9
     for number in range(10_000):
         struct.pack_into("<I", content, place, start + 18 * number)
         place = start + 18 * number + 14
+
     return bytes(content)
 
 
@@ -119,15 +125,19 @@ def npz(name: str, size: int, copies: int = 1) -> bytes:
     np.lib.format.write_array_header_1_0(
         header, {"descr": "|u1", "fortran_order": False, "shape": (size,)}
     )
+
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
             file.write(header.getvalue())
             for _ in range(size // 2**24):
                 file.write(bytes(2**24))
+
+        # Further entries point to the same packed bytes.
         (entry,) = archive.infolist()
         for number in range(1, copies):
             archive.filelist.append(copy(entry))
             archive.filelist[-1].filename = f"{name}{number}.npy"
+
     return packed.getvalue()
 
 
@@ -221,6 +231,7 @@ def make(folder: Path) -> None:
     """Write all of them, and what is no regular file, or has no end, or only looks as if."""
     for name, (content, _) in CONTENTS.items():
         (folder / name).write_bytes(content())
+
     for suffix in (".png", ".npy", ".npz", ".txt", ".csv", ".jsonl"):
         if hasattr(os, "mkfifo"):
             os.mkfifo(folder / f"fifo{suffix}")
@@ -233,10 +244,12 @@ def cases(folder: Path) -> Iterator[tuple[str, Path]]:
     """Yield a reader and a file that it is to refuse."""
     for name, (_, readers) in CONTENTS.items():
         yield from ((reader, folder / name) for reader in readers)
+
     endings = dict.fromkeys((*IMAGES, "read_disparity"), ".png") | {
         "read_calibration": ".txt", "read_q": ".npz", "read_pairs": ".csv",
         "read_manifest": ".jsonl", "load_statistics": ".npz", "read_rig": ".npz",
     }  # fmt: skip
+
     for reader, ending in endings.items():
         for kind in ("fifo", "zero", "hole"):
             if (path := folder / f"{kind}{ending}").exists() and (reader, kind) != (
@@ -285,12 +298,15 @@ def resident(name: str) -> int:
 def main(folder: Path) -> None:
     """Read each file, and say what came of it."""
     every = readers()
+
     warm = folder / "warm"  # what is imported with the first file is not the file's
     for name in every:
         with suppress(OSError, ValueError):
             every[name](warm)
+
     for reader, path in cases(folder):
         Path("/proc/self/clear_refs").write_text("5", "ascii")  # the most is that from now on
+
         # Of the processor: other processes of a busy machine are not the file's either.
         before, started = resident("VmRSS"), time.process_time()
         try:
@@ -298,6 +314,7 @@ def main(folder: Path) -> None:
             raised = "nothing"
         except Exception as error:  # noqa: BLE001 -- whatever it is, it is told
             raised = f"{type(error).__name__}: {error}"
+
         taken = {"seconds": time.process_time() - started, "bytes": resident("VmHWM") - before}
         told = {"reader": reader, "file": path.name, "raised": raised, **taken}
         print(json.dumps(told), flush=True)  # noqa: T201

@@ -53,13 +53,16 @@ def fill_masked(image: NDArray[Any], mask: Bools) -> NDArray[Any]:
     """
     filled = np.zeros_like(image)
     valid_rows = [int(y) for y in np.flatnonzero(mask.any(axis=1))]
+
     for y in valid_rows:
         valid = [int(x) for x in np.flatnonzero(mask[y])]
         for x in range(image.shape[1]):
             filled[y, x] = image[y, min(valid, key=lambda c: (abs(c - x), c))]
+
     for y in range(image.shape[0]):
         if valid_rows:
             filled[y] = filled[min(valid_rows, key=lambda c: (abs(c - y), c))]
+
     return filled
 
 
@@ -145,16 +148,20 @@ def spectrum(gray: Floats, L: int, r: int, s: int, taper: Taper = "uniform") -> 
     """
     if L % 2 == 0 or max(r, s) > (L - 1) // 2:
         raise ValueError(f"L must be odd and r, s at most (L - 1) / 2, got L={L}, r={r}, s={s}")
+
     half = (L - 1) // 2
     wanted = frequencies(r, s)
     F = np.zeros((*gray.shape, len(wanted)), dtype=np.complex128)
     along = {index: filter_1d(index, L, taper) for index in range(-s, max(r, s) + 1)}
+
     for dx, dy, values in neighbors(gray, half, "symmetric"):
         for component, (u, v) in enumerate(wanted):
             F[:, :, component] += values * (along[u][dx + half] * along[v][dy + half])
+
     rounding = 1e-13 * L * L * np.abs(gray).max()
     F.real[np.abs(F.real) < rounding] = 0
     F.imag[np.abs(F.imag) < rounding] = 0
+
     return F
 
 
@@ -312,11 +319,14 @@ def box_sum(values: NDArray[Any], window: int, dropped: int = 0) -> NDArray[Any]
     Of the sum of each column of the box so many lowest bits are dropped.
     """
     half = (window - 1) // 2
+
     columns = [
         np.zeros(values.shape, dtype=np.result_type(values, np.int64)) for _ in range(window)
     ]
+
     for dx, _, shifted in neighbors(values, half, "edge"):
         columns[half + dx] += shifted
+
     kept = [column >> dropped if dropped else column for column in columns]
     return np.sum(kept, axis=0, dtype=kept[0].dtype)
 
@@ -356,15 +366,20 @@ def aggregate(
         raise ValueError("ceiling must be given with votes, got None")
     else:
         sums = full_box_sum(costs, window, votes, ceiling, dropped)
+
     if not shiftable:
         return sums
+
     height, width = costs.shape[:2]
     h = (window - 1) // 2
+
     five: list[NDArray[Any]] = []
+
     for dx, dy in [(0, 0), (-h, 0), (h, 0), (0, -h), (0, h)]:
         rows = np.clip(np.arange(height) + dy, 0, height - 1)
         columns = np.clip(np.arange(width) + dx, 0, width - 1)
         five.append(sums[rows][:, columns])
+
     least: NDArray[Any] = np.min(five, axis=0)
     return least
 
@@ -394,9 +409,11 @@ def scanline(aggregated: NDArray[Any], penalty_rise: int, penalty_drop: int) -> 
     height, width, number = aggregated.shape
     came_from = np.zeros((height, width, number), dtype=np.int64)
     cost = aggregated[:, 0].copy()
+
     for x in range(1, width):
         before = cost
         cost = aggregated[:, x].copy()
+
         for d in range(number):
             # In the order of preference: argmin takes the first of equals.
             sources = [d] + [d - 1] * (d > 0) + list(range(d + 1, number))
@@ -404,6 +421,7 @@ def scanline(aggregated: NDArray[Any], penalty_rise: int, penalty_drop: int) -> 
             offers = before[:, sources] + penalties
             cost[:, d] += offers.min(axis=1)
             came_from[:, x, d] = np.array(sources)[offers.argmin(axis=1)]
+
     return followed(cost, came_from)
 
 
@@ -455,11 +473,13 @@ def path_totals(costs: Ints, far: Ints, near: int) -> Ints:
     """
     totals = costs.astype(np.int64)
     unreachable = np.iinfo(np.int64).max // 2
+
     for y in range(1, len(costs)):
         m = totals[y - 1] - totals[y - 1].min(axis=1, keepdims=True)
         beside = np.pad(m, [(0, 0), (1, 1)], constant_values=unreachable) + near
         jump = np.broadcast_to(far[y][:, np.newaxis], m.shape)
         totals[y] += np.min([m, beside[:, :-2], beside[:, 2:], jump], axis=0)
+
     return totals
 
 
@@ -485,12 +505,15 @@ def row_means(
     gray = np.zeros(aggregated.shape[:2], np.int64) if gray is None else gray
     columns = np.swapaxes(aggregated, 0, 1)
     left, right = (far_penalties(gray, near, far, edges, (dx, 0)).T for dx in (-1, 1))
+
     totals = path_totals(columns, left, near)
     means = np.empty_like(totals)
+
     for first in range(0, len(columns), PANEL):
         panel, seen = slice(first, first + PANEL), slice(first, first + PANEL + LOOK_COLUMNS)
         back = path_totals(columns[seen][::-1], right[seen][::-1], near)[::-1]
         means[panel] = mean(totals[panel], back[:PANEL])
+
     return np.swapaxes(means, 0, 1)
 
 
@@ -502,13 +525,17 @@ def column_means(
     They begin `LOOK_ROWS` rows outside each band.
     """
     gray = np.zeros(aggregated.shape[:2], np.int64) if gray is None else gray
+
     above, below = (far_penalties(gray, near, far, edges, (0, dy)) for dy in (-1, 1))
+
     means = np.empty(aggregated.shape, np.int64)
+
     for first in range(0, len(aggregated), BAND):
         top = max(first - LOOK_ROWS, 0)
         seen = slice(top, first + BAND + LOOK_ROWS)
         found = both_ways(aggregated[seen], (above[seen], below[seen]), near)
         means[first : first + BAND] = found[first - top :][:BAND]
+
     return means
 
 
@@ -554,10 +581,13 @@ def match_phase(
     """Return the left image's disparities, (H, W): codes, costs, shiftable windows, one-pass DP."""
     codes_left = levels(spectrum(to_gray(left), L, r, s, taper), k, b)
     codes_right = levels(spectrum(to_gray(right), L, r, s, taper), k, b)
+
     costs = phase_costs(codes_left, codes_right, min_disparity, num_disparities, b)
     aggregated = aggregate(costs, window, shiftable=shiftable)
+
     if optimizer == "wta":
         return min_disparity + winner_takes_all(aggregated)
+
     rise, drop = (window_penalty(penalty, window) for penalty in (p1, p2))
     return min_disparity + scanline(aggregated, rise, drop)
 

@@ -77,9 +77,11 @@ def reduced(image: Floats, factor: int) -> Floats:
 def rough(scene: Scene, factor: int, neighborhood: int) -> Floats:
     """Return disparities, in pixels of the whole image, of the pair reduced by a factor."""
     pair = [reduced(image, factor).astype(np.float32) for image in (scene.left, scene.right)]
+
     width = pair[0].shape[1]
     low, high = (d // factor for d in (scene.search[0], sum(scene.search) - 1))
     count = min(high + 2 - low, width)
+
     result = ps.match(
         *pair,
         min_disparity=int(np.clip(low, 1 - width - (count - 1), width - 1)),
@@ -94,6 +96,7 @@ def rough(scene: Scene, factor: int, neighborhood: int) -> Floats:
         p2=16,
         confidence=False,
     )
+
     return result.disparity.astype(np.float64) * factor
 
 
@@ -107,6 +110,7 @@ def between(disparity: Floats, factor: int, size: tuple[int, int]) -> Floats:
 
     top, bottom, down = places(size[0], disparity.shape[0])
     left, right, along = places(size[1], disparity.shape[1])
+
     rows = disparity[top] + down[:, None] * (disparity[bottom] - disparity[top])
     between: Floats = rows[:, left] + along * (rows[:, right] - rows[:, left])
     return between
@@ -120,18 +124,23 @@ def blocks(scene: Scene, disparity: Floats, factor: int, step: int) -> list[Bloc
         for x in range(-(-cols // step)):
             top = int(np.clip(y * step + step // 2 - SIDE // 2, 0, rows - SIDE))
             left = int(np.clip(x * step + step // 2 - SIDE // 2, 0, cols - SIDE))
+
             down, along = (
                 min((corner + 16) // factor, there - 1)
                 for corner, there in zip((top, left), disparity.shape, strict=True)
             )
+
             core = disparity[down : down + 32 // factor, along : along + 32 // factor]
             middle = np.sort(core, axis=None)[core.size // 2]
             right = left - int(np.copysign(np.floor(abs(middle) + 0.5), middle))
+            # At most a tenth of either block may be masked.
             seen = 0 <= right <= cols - SIDE and all(
                 (~valid[top : top + SIDE, corner : corner + SIDE]).sum() <= SIDE**2 / 10
                 for valid, corner in ((scene.left_valid, left), (scene.right_valid, right))
             )
+
             places.append((top, left, right) if seen else None)
+
     return places
 
 
@@ -169,10 +178,14 @@ def response(psf: Floats) -> Floats:
     reach = psf.shape[0] // 2
     for (y, x), tap in np.ndenumerate(psf):
         wrapped[(y - reach) % SIDE, (x - reach) % SIDE] += tap
+
     power = np.abs(np.fft.fft2(wrapped)) ** 2
+
+    # A Hann window in space is this three-tap average in frequency.
     for axis in (0, 1):
         beside = np.roll(power, 1, axis) + np.roll(power, -1, axis)
         power = 2 / 3 * power + 1 / 6 * beside
+
     return pooled(power[: SIDE // 2])
 
 
@@ -192,19 +205,24 @@ class Bins:
 @cache
 def bins() -> Bins:
     ky, kx = np.meshgrid(np.arange(32), np.fft.fftfreq(SIDE, 1 / SIDE).astype(int), indexing="ij")
+
     frequency = np.hypot(kx, ky)
     size = np.where((ky < 16) & (kx >= -16) & (kx < 15), 2, 4)
     names = np.stack([size, ky // size, (kx + 1) // size], axis=-1)
     members: list[Any] = [
         np.nonzero((names == name).all(-1)) for name in np.unique(names.reshape(-1, 3), axis=0)
     ]
+
     counted = [frequency[member][frequency[member] > 1.2] for member in members]
     weights = np.array([(1 / told).sum() for told in counted])
     means = np.array([frequency[member].mean() for member in members])
+
     low = ((means >= 1.2) & (means < 5)).astype(float)
     eighth = np.floor(np.arctan2(ky, kx) / np.pi * 8 + 0.5).astype(int) % 8
+
     high = (frequency > 0.35 * SIDE) & (ky > 0)
     sectors: list[Any] = [np.nonzero(high & (eighth == sector)) for sector in range(8)]
+
     return Bins(members, weights / weights.sum(), low / low.sum(), sectors)
 
 
@@ -233,9 +251,11 @@ def fit(
     signal = np.maximum(sharp - noise[1], 0.02 * sharp)
     lows = np.log(np.maximum(soft - noise[0], 0.02 * soft)) - np.log(signal)
     gain = np.exp(np.clip((low * (lows - np.log(responses))).sum(1), -20, 20))
+
     there = gain[:, None] * responses * signal
     residual, trust = np.log(soft) - np.log(there + noise[0]), there / (there + noise[0])
     pull = (weights * trust * np.clip(residual, -2, 2)).sum(1)
+
     correction = np.clip(pull / np.maximum((weights * trust).sum(1), 1e-9), -1, 1)
     left = np.abs(residual - trust * correction[:, None])
     return (weights * np.minimum(left, 2)).sum(1), gain * np.exp(correction)
@@ -260,6 +280,7 @@ def bank() -> tuple[list[Psf], Floats]:
             for angle in range(0, 180, 15)
         ),
     ]
+
     return psfs, np.array([response(kernel_of(psf)) for psf in psfs])
 
 
@@ -299,11 +320,13 @@ def grid(scene: Scene, disparity: Floats, step: int) -> Grid:
     places = blocks(scene, disparity, 4, step)
     powers = np.zeros((len(places), 2, len(bins().members)))
     highs = np.full((len(places), 2), np.nan)
+
     for tile, place in enumerate(places):
         if place is not None:
             for side, half in enumerate(pair_spectra((scene.left, scene.right), place)):
                 power = np.abs(half) ** 2
                 powers[tile, side], highs[tile, side] = pooled(power), least_high(power)
+
     rows, cols = scene.size
     return Grid((-(-rows // step), -(-cols // step)), places, powers, highs)
 
@@ -326,10 +349,13 @@ def losses_of(
     """
     left, right = powers
     ways = {"left": (left, right, noise), "right": (right, left, noise[::-1])}
+
     more = lack(*ways["left"]) - lack(*ways["right"])
     many = sum(len(responses) for _, responses in choices) > 8
     untried = {"left": many and -more > 0.3, "right": many and more > 0.3}
+
     none = (fit(*ways["left"], FLAT)[0] + fit(*ways["right"], FLAT)[0]) / 2
+
     losses: list[Floats] = []
     for side, responses in choices:
         if side == "none":
@@ -338,6 +364,7 @@ def losses_of(
             losses.append(np.full(len(responses), max(float(none[0]), UNTRIED)))
         else:
             losses.append(fit(*ways[side], responses)[0])
+
     return np.concatenate(losses)
 
 
@@ -362,15 +389,18 @@ def chosen(losses: Floats) -> list[int]:
     told = losses[np.isfinite(losses[:, 0])]
     if len(told) == 0:
         return []
+
     means = told.mean(0)
     best = int(means.argmin())
     choices = [0 if means[0] <= means[best] + 0.03 else best]
+
     while len(choices) < 8:
         so_far = told[:, choices].min(1)
         worth = np.maximum(so_far[:, None] - told - 0.06, 0).mean(0)
         if worth.max() < 0.01:
             break
         choices.append(int(worth.argmax()))
+
     return choices
 
 
@@ -410,10 +440,12 @@ def labels(losses: Floats, shape: tuple[int, int]) -> NDArray[np.intp]:
             for other in set(around(tile, shape)) - {tile}:
                 beside = abs(other - tile) in (1, shape[1])
                 energy[tile, now[other]] -= 0.15 if beside else 0.075
+
         after = energy.argmin(1)
         if (after == now).all():
             break
         now = after
+
     kept: NDArray[np.intp] = now
     return kept
 
@@ -431,6 +463,7 @@ class Kind:
     powers: Floats
     loss: float
     gain: float
+    other: Psf | None = None  # the blur of the other image, if it lacks something as well
 
 
 def unseen() -> Kind:
@@ -448,10 +481,12 @@ def refined(soft: Floats, sharp: Floats, noise: tuple[float, float]) -> tuple[Ps
 
     psfs, responses = bank()
     losses, _ = fit(soft, sharp, noise, responses)
+
     seeds = []
     for family in ("gaussian", "disk", "motion"):
         members = [n for n, psf in enumerate(psfs) if psf[0] == family]
         seeds.append(judge(psfs[min(members, key=lambda n: losses[n])]))
+
     least = min(loss for _, loss, _ in seeds)
     found = [descended(seed, judge) for seed in seeds if seed[1] <= 1.6 * least + 0.02]
     return min(found, key=lambda each: each[1])
@@ -461,16 +496,20 @@ def descended(seed: tuple[Psf, float, float], judge: Any) -> tuple[Psf, float, f
     best, largest = seed, {"gaussian": 8, "disk": 14, "motion": 31}[seed[0][0]]
     for halving in range(5):
         grow, turn = 0.2 / 2**halving, 8 / 2**halving
+
         while True:
             family, size, angle = best[0]
             near = [(family, size * factor, angle) for factor in (1 - grow, 1 + grow)]
+
             if family == "motion":
                 near += [(family, size, (angle + by) % 180) for by in (turn, -turn)]
             tried = [judge(psf) for psf in near if psf[1] <= largest]
+
             better = min(tried, key=lambda each: each[1], default=best)
             if better[1] >= best[1]:
                 break
             best = better
+
     return best
 
 
@@ -483,23 +522,30 @@ def kind_of(
     loss = losses_of(powers, noise, [("none", FLAT)])
     _, gain = fit(left, right, noise, FLAT)
     none = Kind("none", ("none", 0.0, 0.0), None, powers, float(loss[0]), float(gain[0]))
+
     if side == "none":
         return none
+
     (soft, sharp), levels = (
         ((left, right), noise) if side == "left" else ((right, left), noise[::-1])
     )
+
     psf, least, power = refined(soft, sharp, levels)
     if spread(psf) < 0.6 and least <= 0.3:
         return none
     family = Kind(side, psf, kernel_of(psf), powers, least, power)
+
+    # Enough tiles that no family explains well are measured without one.
     if least <= 0.3 or len(tiles) < 12:
         return family
     taps = measured(scene, [there.places[tile] for tile in tiles], side)
     if taps is None:
         return family
+
     loss, gain = fit(soft, sharp, levels, response(taps)[None])
     if loss[0] > 1.5 * least:
         return family
+
     size = radius(taps)
     return Kind(side, ("other", size, 0.0), taps, powers, float(loss[0]), float(gain[0]))
 
@@ -508,6 +554,57 @@ def radius(taps: Floats) -> float:
     y, x = np.indices(taps.shape)
     y_mean, x_mean = (taps * y).sum(), (taps * x).sum()
     return float(np.sqrt((taps * ((y - y_mean) ** 2 + (x - x_mean) ** 2)).sum()))
+
+
+# --- blurs of both images ---
+
+
+def two_sided(there: Grid, noise: tuple[float, float]) -> Kind | None:
+    """Return the blurs of both images, if they explain all blocks clearly better than one does."""
+    if there.told.sum() < 12:
+        return None
+
+    powers = np.mean([there.powers[tile] for tile in np.flatnonzero(there.told)], axis=0)
+    one_sided = losses_of(powers, noise, everything()).min()
+    if one_sided <= 0.3:
+        return None
+
+    def against(side: int, undone: Floats) -> tuple[Floats, Floats, tuple[float, float]]:
+        """Return the evidence for a blur of a side, that of the other side undone."""
+        sharp = powers[1 - side]
+        signal = np.maximum(sharp - noise[1 - side], 0.02 * sharp)
+        return powers[side], signal / np.maximum(undone, 1e-3), (noise[side], 0.0)
+
+    psfs, responses = bank()
+    pairs = [
+        (fit(*against(side, response), responses)[0], side, psf)
+        for psf, response in zip(psfs, responses, strict=True)
+        if psf[0] == "motion"
+        for side in (0, 1)
+    ]
+    losses, side, motion = min(pairs, key=lambda each: each[0].min())
+    best = psfs[int(losses.argmin())]
+    both = [best, motion] if side == 0 else [motion, best]
+
+    for _ in range(3):
+        for side in (0, 1):
+            both[side] = refined(*against(side, response(kernel_of(both[1 - side]))))[0]
+
+    fits = [
+        fit(
+            *against(side, response(kernel_of(both[1 - side]))),
+            response(kernel_of(both[side]))[None],
+        )
+        for side in (0, 1)
+    ]
+    if np.mean([loss[0] for loss, _ in fits]) > 0.7 * one_sided:
+        return None
+
+    softer = 0 if spread(both[0]) >= spread(both[1]) else 1
+    psf, (loss, gain) = both[softer], fits[softer]
+    name: Side = "left" if softer == 0 else "right"
+    numbers = float(loss[0]), float(gain[0])
+    return Kind(name, psf, kernel_of(psf), powers, *numbers, other=both[1 - softer])
 
 
 # --- a kernel that no family knows ---
@@ -519,8 +616,10 @@ def measured(scene: Scene, places: Sequence[Block | None], side: Side) -> Floats
     shift = np.copysign(np.floor(np.abs(disparity) + 0.5), disparity).astype(int)
     from_x = np.clip(np.arange(scene.size[1]) - shift, 0, scene.size[1] - 1)
     seen = np.take_along_axis(scene.right, from_x, axis=1)
+
     product = np.zeros((SIDE // 2, SIDE), complex)
     power = np.zeros((SIDE // 2, SIDE))
+
     for place in places:
         assert place is not None
         left, right = pair_spectra((scene.left, seen), (place[0], place[1], place[1]))
@@ -528,6 +627,7 @@ def measured(scene: Scene, places: Sequence[Block | None], side: Side) -> Floats
         scale = product.size / (np.abs(left) ** 2 + np.abs(right) ** 2).sum()
         product += scale * soft * sharp.conj()
         power += scale * np.abs(sharp) ** 2
+
     return cleaned(kernel(product / (power + 1e-3 * power.mean())))
 
 
@@ -546,17 +646,21 @@ def cleaned(taps: Floats) -> Floats | None:
     inner = taps[SIDE // 2 - 15 : SIDE // 2 + 16, SIDE // 2 - 15 : SIDE // 2 + 16]
     if inner.max() <= 0:
         return None
+
     strong = np.pad(inner >= 0.08 * inner.max(), 1)
     group = np.zeros_like(strong)
     top = np.unravel_index(inner.argmax(), inner.shape)
     group[top[0] + 1, top[1] + 1] = True
+
     while True:
         grown = strong & np.any(
             [np.roll(group, (dy, dx), (0, 1)) for dy in (-1, 0, 1) for dx in (-1, 0, 1)], axis=0
         )
+
         if (grown == group).all():
             break
         group = grown
+
     kept = np.where(group[1:-1, 1:-1], inner, 0)
     normal: Floats = kept / kept.sum()
     return normal
@@ -589,29 +693,38 @@ def estimate(scene: Scene) -> Estimate:
     spacing = int(np.clip(np.floor(np.sqrt(rows * cols // 110) / 16 + 0.5) * 16, 32, 64))
     disparity = rough(scene, 4, 9)
     there = grid(scene, disparity, spacing)
+
     noise = noise_of(there)
     losses = losses_on(there, noise, everything())
-    choices = chosen(losses)
-    kinds: list[Kind] = []
+    both = two_sided(there, noise)
+    choices = chosen(losses) if both is None else []
+
+    kinds: list[Kind] = [] if both is None else [both]
+
     for number, choice in enumerate(choices):
         count = len(bank()[0])
         side: Side = "none" if choice == 0 else "left" if choice <= count else "right"
+
         members = best_members(losses[:, choices], number)
         if len(members) == 0:
             if side == "none":
                 kinds.append(unseen())
             continue
+
         kind = kind_of(scene, there, members, noise, side)
         if kind.side != "none" or all(other.side != "none" for other in kinds):
             kinds.append(kind)
+
     tile, drawn = max(rows, cols), np.zeros((1, 1), int)
     if len(kinds) > 1:
         tile = max(16, -(-int(np.sqrt(rows * cols // 6000)) // 16) * 16)
         drawn = map_of(grid(scene, disparity, tile), kinds, noise)
+
     areas = np.bincount(drawn.ravel(), minlength=len(kinds))
     order = [int(n) for n in np.argsort(-areas, kind="stable") if areas[n] > 0]
     first = kinds[order[0]]
     contrast = np.sqrt(first.gain) if first.side != "right" else 1 / np.sqrt(first.gain)
+
     return Estimate(
         kinds=[kinds[n] for n in order],
         labels=np.array([order.index(n) for n in drawn.ravel()]).reshape(drawn.shape),

@@ -54,6 +54,7 @@ def evidence_of(totals: Ints, costs: Ints, chosen: Ints) -> Evidence:
     """Return what totals (H, W, N) tell of chosen candidates, and costs of places between them."""
     at = chosen[:, :, np.newaxis]
     beside = np.abs(np.arange(totals.shape[2]) - at) <= 1
+
     return Evidence(
         chosen=chosen,
         own=np.take_along_axis(totals, at, axis=2)[:, :, 0],
@@ -84,11 +85,13 @@ def offsets(costs: Ints, chosen: Ints) -> Map:
         n = chosen[y, x]
         if not 0 < n < costs.shape[2] - 1:
             continue
+
         below, own, above = costs[y, x, n - 1 : n + 2]
         depth = np.float32(max(max(below, above) - own, 1))
         t = np.clip(np.float32(below - above) / depth, np.float32(-1), np.float32(1))
         one = np.float32(1)
         found[y, x] = np.float32(0.5) * t * (one + np.float32(0.6) * (one - abs(t)))
+
     return found
 
 
@@ -98,9 +101,11 @@ def first_flags(chosen: Ints, low: int, masks: tuple[Bools, Bools], number: int)
     height, width = chosen.shape
     voting = oracle.votes(left_mask, right_mask, low, number)
     flags = np.zeros(chosen.shape, np.int64)
+
     for y, x in np.ndindex(height, width):
         column = x - low - chosen[y, x]
         inside = int(np.clip(column, 0, width - 1))
+
         if not left_mask[y, x]:
             flags[y, x] = ps.Flag.MASKED
         elif not voting[y, x].any():
@@ -108,6 +113,7 @@ def first_flags(chosen: Ints, low: int, masks: tuple[Bools, Bools], number: int)
         else:
             flags[y, x] = ps.Flag.OUTSIDE * (column != inside)
             flags[y, x] |= ps.Flag.MATCH_MASKED * (not right_mask[y, inside])
+
     return flags
 
 
@@ -120,10 +126,12 @@ def check(evidence: Evidence, flags: Ints, low: int, most: int) -> Ints:
     """
     height, width = flags.shape
     checked = flags.copy()
+
     for y in range(height):
         chosen, own = evidence.chosen[y], evidence.own[y]
         matched = [x for x in range(width) if not flags[y, x] & UNMATCHED]
         match = {x: x - low - chosen[x] for x in matched}
+
         consistent = set()
         for x in matched:
             rivals = [other for other in matched if match[other] == match[x]]
@@ -133,6 +141,7 @@ def check(evidence: Evidence, flags: Ints, low: int, most: int) -> Ints:
         for x in set(matched) - consistent:
             is_beside = x - 1 in consistent or x + 1 in consistent
             checked[y, x] |= ps.Flag.MISMATCHED if is_beside else ps.Flag.OCCLUDED
+
     return checked
 
 
@@ -156,8 +165,10 @@ def trusted(disparity: Map, flags: Ints) -> Bools:
 def regions(disparity: Map, counts: Bools, step: float) -> Iterator[list[Pixel]]:
     """Yield the pixels that hang together by neighbors (of four) that differ by `step` at most."""
     left = {(int(y), int(x)) for y, x in np.argwhere(counts)}
+
     while left:
         region = [left.pop()]
+
         for y, x in region:
             for there in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)):
                 if there in left and abs(disparity[there] - disparity[y, x]) <= step:
@@ -186,6 +197,7 @@ def fill(disparity: Map, flags: Ints) -> tuple[Map, Ints]:
     rows = [int(y) for y in np.flatnonzero(counts.any(axis=1))]
     filled, marked = disparity.copy(), flags.copy()
     filled[flags & ps.Flag.MASKED != 0] = np.nan
+
     for y, x in np.argwhere(~counts & (flags & ps.Flag.MASKED == 0)):
         if rows:
             source = min(rows, key=lambda row: (abs(row - y), row))
@@ -193,6 +205,7 @@ def fill(disparity: Map, flags: Ints) -> tuple[Map, Ints]:
             beside = [*places[places <= x][-1:], *places[places >= x][:1]]
             filled[y, x] = disparity[source, beside].min()
             marked[y, x] |= ps.Flag.FILLED
+
     return filled, marked
 
 
@@ -211,10 +224,12 @@ def near_jumps(disparity: Map) -> Bools:
     jumps = np.zeros((height, width), bool)
     jumps[:, :-1] |= np.abs(np.diff(disparity, axis=1)) > 1
     jumps[:-1] |= np.abs(np.diff(disparity, axis=0)) > 1
+
     near = np.zeros_like(jumps)
     for y, x in np.argwhere(jumps):
         for pixel in around((int(y), int(x)), (height, width), 4):
             near[pixel] = True
+
     return near
 
 
@@ -227,11 +242,13 @@ def guide(disparity: Map, gray: Ints) -> Map:
     guided = disparity.copy()
     alike = np.ceil(oracle.mean_step(gray))
     height, width = disparity.shape
+
     for y, x in np.argwhere(near_jumps(disparity) & ~np.isnan(disparity)):
         window = around((int(y), int(x)), (height, width), 4, 2)
         like = [disparity[p] for p in window if abs(gray[p] - gray[y, x]) <= alike]
         known = sorted(value for value in like if not np.isnan(value))
         guided[y, x] = known[(len(known) - 1) // 2]
+
     return guided
 
 
@@ -262,9 +279,11 @@ def smooth(disparity: Map) -> Map:
                 shifted(disparity, *there).astype(np.float32) - disparity
                 for there in ((dy, dx), (-dy, -dx))
             )
+
             same = (np.abs(one) <= 1) & (np.abs(other) <= 1)
             total += np.where(same, one, 0)
             count += same
+
     return (disparity + total / count).astype(np.float32)
 
 
@@ -289,8 +308,10 @@ def confidence(disparity: Map, voices: Floats, gray: Ints, agree: float = 1.0) -
         there = shifted(disparity, dy, dx)
         alike = half / (half + (shifted(gray, dy, dx) - gray) ** 2)
         weight += np.where(np.isnan(there), 0, alike)
+
         agrees = np.abs(there - disparity) <= agree
         support += np.where(agrees, alike * shifted(voices, dy, dx), 0)
+
     known = ~np.isnan(disparity)
     share = (support / np.where(known, weight, 1)) ** 3
     return np.where(known, share / (share + 0.01), 0)
@@ -322,20 +343,27 @@ def refine(
         flags = check(evidence, flags, low, settings.lr_check)
     if settings.uniqueness > 0:
         flags = flag_ambiguous(evidence, flags, settings.uniqueness)
+
     disparity = (low + evidence.chosen).astype(np.float32)
     if settings.subpixel:
         disparity += evidence.offset
+
     disparity[flags & MISSING != 0] = np.nan
     if settings.speckle_size > 0:
         step = settings.speckle_range
         flags = flag_speckles(disparity, flags, settings.speckle_size, step)
+
     checks = settings.lr_check is not None, settings.uniqueness > 0, settings.speckle_size > 0
     if any(checks):
         disparity, flags = fill(disparity, flags)
+
     if settings.guided_median:
         disparity = guide(disparity, gray)
+
     if settings.median:
         disparity = median(disparity)
+
     if settings.subpixel:
         disparity = smooth(disparity)
+
     return disparity, flags

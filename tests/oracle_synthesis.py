@@ -71,14 +71,18 @@ def shown_right(left: Floats, right: Floats, disparity: Map) -> Floats:
     columns = np.arange(left.shape[1]) + np.nan_to_num(seen).astype(np.int64)
     shown = np.take_along_axis(left, np.clip(columns, 0, left.shape[1] - 1), axis=1)
     shown[np.isnan(seen)] = np.nan
+
     filled = shown.copy()
+
     for y, x in np.argwhere(np.isnan(shown)):
         known = np.flatnonzero(~np.isnan(shown[y]))
         start = max(known[known < x], default=-1) + 1
         end = min(known[known > x], default=left.shape[1])
+
         near = np.arange(max(start - 16, 0), min(end + 16, left.shape[1]))
         brighter = (shown - right)[y, near[~np.isnan(shown[y, near])]]
         filled[y, x] = right[y, x] + (np.floor(brighter.mean()) if len(brighter) else 0)
+
     return filled
 
 
@@ -105,6 +109,7 @@ def distances(
     else:
         synthetic = oracle.convolve(shown_right(left, right, disparity), kernel)
         there, soft = levels(synthetic, L, weak[0]), levels(right, L, weak[1])
+
     differences: Ints = np.abs(there - soft).sum(axis=(2, 3))
     return differences
 
@@ -126,9 +131,12 @@ def synthesize(
     there = np.stack([whole(one) for one in maps])
     x = np.arange(disparity.shape[1])
     places = [np.clip(x - d, 0, disparity.shape[1] - 1) for d in (there.min(0), there.max(0))]
+
     unlike = np.zeros((len(maps), *disparity.shape), np.int64)
+
     for one, sums in zip(maps, unlike, strict=True):
         in_left = np.zeros(disparity.shape, np.int64)
+
         for index, (left, right) in enumerate(kernels):
             own = classes == index
             if left is None and right is not None:
@@ -137,10 +145,12 @@ def synthesize(
                 seen = windows(distances(images, one, left, "right", L=L, weak=weak))
                 read = sum(np.take_along_axis(seen, place, axis=1) for place in places)
                 sums[own] = np.asarray(read)[own]
+
         judged = np.isin(
             classes, [i for i, (a, b) in enumerate(kernels) if a is None and b is not None]
         )
         sums[judged] = windows(in_left)[judged]
+
     best = unlike.argmin(axis=0)
     chosen: Map = np.take_along_axis(np.stack(maps), best[np.newaxis], axis=0)[0]
     return chosen
@@ -156,18 +166,22 @@ def outline(disparity: Map, gray: Floats) -> Map:
     jumps = np.zeros(disparity.shape, bool)
     jumps[:, :-1] |= np.abs(np.diff(disparity, axis=1)) > 1
     jumps[:-1] |= np.abs(np.diff(disparity, axis=0)) > 1
+
     level = np.trunc(gray * (255 / max(16 * oracle.mean_step(gray), 1.0)))
     eighths = np.trunc(np.nan_to_num(disparity) * 8)
     drawn = disparity.copy()
+
     for y, x in np.argwhere(~np.isnan(disparity)):
         here = int(y), int(x)
         if not any(jumps[there] for there in around(here, disparity.shape, 8)):
             continue
+
         window = [p for p in around(here, disparity.shape, 9, 3) if not np.isnan(disparity[p])]
         pairs = sorted((eighths[p] - eighths[here], _weight(level, here, p)) for p in window)
         below = np.cumsum([weight for _, weight in pairs])
         middle = int(np.argmax(2 * below >= below[-1]))
         drawn[here] += np.float32(pairs[middle][0] / 8)
+
     return drawn
 
 

@@ -39,9 +39,11 @@ class Power:
         place = self._place(path)
         if place is None:
             return False
+
         if self.gone or self.count == self.last:
             self._go()
             raise PowerCutError(place)
+
         self.count += 1
         return True
 
@@ -80,6 +82,7 @@ class Power:
 def cut(patch: pytest.MonkeyPatch, folder: Path, last: int | None = None) -> Iterator[Power]:
     """Have the power go after so many operations in a block; count them if it never does."""
     power = Power(folder, last)
+
     opening, replacing, flushing = io.open, os.replace, os.fsync
 
     def opened(path: Any, mode: str = "r", *args: Any, **options: Any) -> Any:

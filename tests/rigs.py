@@ -67,10 +67,12 @@ def euroc(data: Path) -> dict[str, Floats]:
     for side, camera in (("1", "cam0"), ("2", "cam1")):
         text = (data / f"rigs/euroc/{camera}/sensor.yaml").read_text().split("\n", 1)[1]
         told = yaml.safe_load(text)
+
         fu, fv, cu, cv = told["intrinsics"]
         rig[f"K{side}"] = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]])
         rig[f"D{side}"] = np.array(told["distortion_coefficients"])
         poses.append(np.array(told["T_BS"]["data"]).reshape(4, 4))
+
     pose = np.linalg.inv(poses[1]) @ poses[0]
     return rig | {"R": pose[:3, :3], "T": pose[:3, 3]}
 
@@ -116,14 +118,17 @@ def row_errors(maps: Any, left: Lens, right: Lens, shifts: Floats) -> Floats:
     (x_map, y_map), there = maps
     rows, cols = x_map.shape
     y, x = (part.ravel() for part in np.mgrid[4:rows:12, 4:cols:12])
+
     seen = np.stack([x_map[y, x], y_map[y, x]], axis=1).astype(np.float64)
     known = ((seen >= 0) & (seen <= (cols - 1, rows - 1))).all(axis=1)
     y, seen = y[known], seen[known]
+
     rays, errors = left.rays(seen), []
     for shift in shifts:
         raw = right.sees(rays - (shift, 0, 0))
         place, found = inverted(there, raw)
         errors.append((place[:, 1] - y)[found])
+
     return np.concatenate(errors)
 
 
@@ -131,10 +136,12 @@ def inverted(maps: Any, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """Return where maps read these points, and whether they do so anywhere."""
     rows, cols = maps[0].shape
     place, off = points.copy(), np.zeros_like(points)
+
     for _ in range(30):
         at = place.astype(np.float32).T[:, np.newaxis]
         read = [cv2.remap(m, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for m in maps]
         off = np.stack(read, axis=-1)[0] - points
         place = place - off
+
     outside = (place < 0) | (place > (cols - 1, rows - 1)) | (np.abs(off) >= 0.02)
     return place, ~np.any(outside, axis=1)

@@ -41,6 +41,7 @@ def image(types: Any, stamp: int, samples: NDArray[Any], encoding: str, pad: int
     """Return an image message of samples as they are stored, rows padded by some bytes."""
     lines = samples.reshape(len(samples), -1).view(np.uint8)
     padded = np.pad(lines, ((0, 0), (0, pad)))
+
     return types.types["sensor_msgs/msg/Image"](
         header=header(types, stamp),
         height=samples.shape[0],
@@ -68,10 +69,12 @@ def info(
     roi = types.types["sensor_msgs/msg/RegionOfInterest"](
         x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
     )
+
     given = {
         name if types is ROS1 else name.lower(): np.asarray(matrix, np.float64).ravel()
         for name, matrix in matrices.items()
     }
+
     return types.types["sensor_msgs/msg/CameraInfo"](
         header=header(types, START),
         width=size[0],
@@ -112,14 +115,18 @@ class Bag:
             with rosbag1.Writer(path) as writer:
                 self._fill(writer, self.types.serialize_ros1)
             return path
+
         folder = path.with_suffix("") if path.suffix == ".mcap" else path
         plugins = rosbag2.StoragePlugin
         plugin = plugins.MCAP if path.suffix == ".mcap" else plugins.SQLITE3
+
         with rosbag2.Writer(folder, version=8, storage_plugin=plugin) as writer:
             self._fill(writer, self.types.serialize_cdr)
+
         if path.suffix == ".mcap":
             (folder / f"{folder.name}.mcap").rename(path)
             shutil.rmtree(folder)
+
         return path
 
     def _fill(self, writer: Any, encode: Any) -> None:
@@ -141,14 +148,18 @@ def read(path: Path) -> dict[str, list[tuple[int, Any]]]:
 
 def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
     is_ros1 = path.suffix == ".bag"
+
     if is_ros1:
         reader = rosbag1.Reader(path)
     elif path.is_dir():
         reader = rosbag2.Reader(path)
     else:
         reader = mcap.McapReader(path)
+
     reader.open()
     decode = ROS1.deserialize_ros1 if is_ros1 else ROS2.deserialize_cdr
+
     for connection, time, data in reader.messages(connections=reader.connections):
         yield connection.topic, time, decode(data, connection.msgtype)
+
     reader.close()

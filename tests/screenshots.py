@@ -36,6 +36,7 @@ def write_page(path: Path) -> None:
     pair = render_pair(3, height=480, width=640, num_disparities=80)
     left = Degradation(disk_psf(3.0), noise=1.0)(pair.left)
     result = ps.match(left, pair.right, num_disparities=pair.num_disparities)
+
     write_pair_page(
         path,
         left,
@@ -85,9 +86,11 @@ def take_live_page(browser: Browser) -> None:
     pair = render_pair(2, height=480, width=640, num_disparities=64)
     left = Degradation(disk_psf(3.0), noise=1.0)(pair.left)
     result = ps.match(left, pair.right, num_disparities=64)
+
     show = Show(ps.PRESETS["robust"], 64, Path())
     show.add(ps.Frame(311, 12.4, left, pair.right, result))
     show.diagnose(ps.check(left, pair.right))
+
     with Server(show) as server:
         browser.visit(server.address, width=1280, height=960)
         browser.wait("document.documentElement.dataset.ready === 'yes'")
@@ -100,13 +103,16 @@ def take_try_page(browser: Browser, folder: Path) -> None:
     """Take the page "try it", an image out of focus; needs what ``make web`` builds."""
     program = [sys.executable, str(ROOT / "docs" / "try_page.py"), str(folder)]
     subprocess.run(program, check=True)  # noqa: S603  # our own
+
     with serving(folder) as address:
         browser.visit(f"{address}/index.html", width=1440, height=900)
+
         done = "document.documentElement.dataset.matched === 'robust'"
         browser.wait(done)
         browser.run("setMix(0.6); element('defocus').value = 4")
         browser.run("element('defocus').dispatchEvent(new Event('input'))")
         browser.wait(done)
+
         save(browser, "try-page")
 
 
@@ -115,16 +121,19 @@ def main() -> None:
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if not (chromium and driver):
         raise SystemExit("needs chromium and chromedriver")
+
     with (
         tempfile.TemporaryDirectory() as folder,
         running(webdriver, chromium, driver) as browser,
     ):
         page = Path(folder) / "page.html"
         write_page(page)
+
         for name, (arrange, dark) in SHOTS.items():
             browser.open(page, width=1280, height=960, dark=dark)
             arrange(browser)
             save(browser, name)
+
         take_live_page(browser)
         take_try_page(browser, Path(folder) / "web")
 

@@ -105,9 +105,12 @@ def test_one_sided_blur_does_not_hide_a_shift_nor_make_one(data: Path) -> None:
     defocus = degradation.Degradation(degradation.disk_psf(6), noise=1)
     for name in SCENES:
         left, right = views(data, name)
+
         soft = gray(defocus(left))
         found = measured(soft, gray(right))
+
         assert found.rms < max(0.3, 4 * found.error), name
+
         shifted = measured(soft, moved(gray(right), down=1))
         assert shifted.vertical - found.vertical == pytest.approx(1, abs=0.15), name
 

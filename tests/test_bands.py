@@ -88,6 +88,7 @@ def assert_rows(found: ps.Result, whole: ps.Result, first: int, last: int) -> No
         if ours is not None:
             assert ours.dtype == theirs.dtype
             np.testing.assert_array_equal(ours, theirs[first:last])
+
     assert found.settings == whole.settings
     assert found.pair is None
 
@@ -166,6 +167,7 @@ def test_colors_and_strides_of_any_kind_match() -> None:
     read = Reading(color, plain.images[1][..., None])
     told = gathered(read, preset="paper")
     whole = read.matched(num_disparities=16, preset="paper")
+
     doubled = [np.repeat(image, 2, axis=1) for image in read.images]
 
     def strided(first: int, last: int) -> Any:
@@ -184,14 +186,18 @@ def test_colors_and_strides_of_any_kind_match() -> None:
 )
 def test_no_more_rows_are_read_than_the_halo(name: str) -> None:
     known = case(name)
+
     around = halo(known.statistics.settings, known.statistics.blur_compensation)
     height = known.read.size[0]
+
     for first, last in [(0, 1), (120, 121), (140, 200), (height - 1, height)]:
         known.read.asked.clear()
         match_rows(known.read, known.statistics, first, last)
+
         expected = max(0, first - around), min(height, last + around)
         assert known.read.asked[0] == expected
         assert len(known.read.asked) <= 1 + (known.read.masks[0] is not None)
+
         for top, bottom in known.read.asked[1:]:
             assert (top, bottom) == (max(0, expected[0] - 95), min(height, expected[1] + 95))
 
@@ -200,6 +206,7 @@ def test_the_halo_is_what_the_stages_reach() -> None:
     paper = ps.Settings.preset("paper")
     plain = replace(paper, optimizer="wta", shiftable=False, window=1, confidence=False)
     assert halo(plain) == 3
+
     reaches: list[tuple[dict[str, Any], int]] = [
         ({"window": 9}, 4),
         ({"window": 9, "shiftable": True}, 8),
@@ -216,11 +223,14 @@ def test_the_halo_is_what_the_stages_reach() -> None:
         ({"uniqueness": 1}, 32),
         ({"speckle_size": 50}, 82),
     ]
+
     for options, more in reaches:
         assert halo(replace(plain, **options)) == 3 + more, options
+
     kernel = np.full((9, 3), 1 / 27)
     versions = ps.BlurCompensation(noise=(0, 0), kernels=[(None, kernel), (kernel.T, None)])
     assert halo(plain, versions) == 3 + 4
+
     assert halo(replace(paper, cost="sad", window=1, optimizer="wta", confidence=False)) == 1
 
 
@@ -297,9 +307,11 @@ def test_errors_of_the_reader_come_out_as_they_are(name: str, error: BaseExcepti
     read = Reading(left, right, known.read.masks)
     read.error = error
     read.failing = lambda *_: True
+
     with pytest.raises(type(error)) as raised:
         match_rows(read, known.statistics, 20, 90)
     assert raised.value is error
+
     read.failing = lambda *_: False
     known.check(20, 90, read)
 
@@ -309,8 +321,10 @@ def test_a_second_read_may_fail_too() -> None:
     left, right = known.read.images
     read = Reading(left, right, known.read.masks)
     read.failing = lambda *_: len(read.asked) == 2
+
     with pytest.raises(LookupError, match="torn"):
         match_rows(read, known.statistics, 0, 300)
+
     assert len(read.asked) == 2
     known.check(0, 300, read)
 
@@ -323,8 +337,10 @@ def test_what_progress_raises_comes_out() -> None:
 
     with pytest.raises(InterruptedError, match="enough"):
         match_rows(known.read, known.statistics, 40, 200, threads=workers, progress=stop)
+
     calls: list[tuple[int, int]] = []
     known.check(40, 200, threads=workers, progress=lambda *rows: calls.append(rows))
+
     assert calls
     assert calls[-1][0] == calls[-1][1]
 
@@ -417,6 +433,7 @@ def test_several_threads_may_match_bands_at_the_same_time() -> None:
     for name in CASES:
         case(name)
     threads = [threading.Thread(target=work, args=[turn]) for turn in range(2 * len(CASES))]
+
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -425,7 +442,7 @@ def test_several_threads_may_match_bands_at_the_same_time() -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-def test_bands_match_in_a_forked_child() -> None:
+def test_statistics_and_bands_are_made_in_a_forked_child() -> None:
     finished = run_forking("""
 pair = np.random.default_rng(0).integers(0, 256, (2, 200, 90), np.uint8)
 read = lambda first, last: (pair[0][first:last], pair[1][first:last], None, None)
@@ -434,6 +451,7 @@ expected = ps.match(*pair, num_disparities=8).disparity[60:]
 workers = ps._core.Workers(3)
 ps.match_rows(read, told, 0, 60, threads=workers)
 def same():
+    told = ps.pair_statistics(read, (200, 90), num_disparities=8)
     found = ps.match_rows(read, told, 60, 200, threads=workers).disparity
     return np.array_equal(found, expected, equal_nan=True)
 """)

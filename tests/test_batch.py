@@ -140,7 +140,9 @@ def test_a_list_says_all_that_can_be_said_of_a_pair(tmp_path: Path) -> None:
         "a/1.png, b/1.png, first, 64, -8, masks/1.png,\n"
         f"a/2.png, {tmp_path}/b/2.png,,,,,\n",
     )
+
     first, second = read_pairs(path, num_disparities=16, min_disparity=2)
+
     assert first == PairFiles(
         name="first",
         left=tmp_path / "a/1.png",
@@ -149,6 +151,7 @@ def test_a_list_says_all_that_can_be_said_of_a_pair(tmp_path: Path) -> None:
         min_disparity=-8,
         left_mask=tmp_path / "masks/1.png",
     )
+
     assert (second.name, second.num_disparities, second.min_disparity) == ("2", 16, 2)
     assert second.right == tmp_path / "b/2.png"
     assert second.files == [tmp_path / "a/2.png", tmp_path / "b/2.png"]
@@ -217,6 +220,7 @@ def test_scenes_as_middlebury_has_them(tmp_path: Path) -> None:
             cameras = "cam0=[100 0 5; 0 100 5; 0 0 1]\ncam1=[100 0 5; 0 100 5; 0 0 1]\n"
             rest = "doffs=0\nbaseline=1\nwidth=10\nheight=10\n"
             (tmp_path / name / "calib.txt").write_text(cameras + rest + told)
+
     found = read_pairs(tmp_path, num_disparities=30)
     assert [(pair.name, pair.num_disparities) for pair in found] == [("a", 30), ("b", 70)]
     assert found[1].right == tmp_path / "b/im1.png"
@@ -226,11 +230,13 @@ def test_views_in_subfolders_are_paired_by_name(tmp_path: Path) -> None:
     for name in ("left/10.png", "left/9.png", "right/9.png", "right/10.png"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
+
     found = read_pairs(tmp_path, num_disparities=30, min_disparity=-3)
     assert [(pair.name, pair.left.name, pair.right.name) for pair in found] == [
         ("9", "9.png", "9.png"),
         ("10", "10.png", "10.png"),
     ]
+
     assert {(pair.num_disparities, pair.min_disparity) for pair in found} == {(30, -3)}
 
 
@@ -248,11 +254,14 @@ def test_a_pair_of_geotiffs_keeps_its_place_and_its_masks(tmp_path: Path) -> Non
     place = Georeference(crs="EPSG:32631", transform=(0.5, 0, 500000, 0, -0.5, 4800000))
     views = [image[:40, :60].mean(axis=2, dtype=np.float32) for image in scene(0)]
     views[0][:5] = np.nan
+
     for name, view in zip(("left.tif", "right.tif"), views, strict=True):
         write_geotiff(tmp_path / name, view, like=place)
+
     mask = np.full((40, 60), 255, np.uint8)
     mask[-4:] = 0
     write_image(tmp_path / "mask.png", mask)
+
     pair = PairFiles(
         name="a",
         left=tmp_path / "left.tif",
@@ -260,15 +269,19 @@ def test_a_pair_of_geotiffs_keeps_its_place_and_its_masks(tmp_path: Path) -> Non
         num_disparities=16,
         left_mask=tmp_path / "mask.png",
     )
+
     work = order(tmp_path, settings=ps.PRESETS["paper"], layers=("flags", "confidence"))
     record = match_files(pair, work, "recipe")
     assert (record.state, record.reason, record.width, record.height) == ("done", None, 60, 40)
+
     valid = (mask > 0) & ~np.isnan(views[0])
     wanted = ps.match(*views, num_disparities=16, left_mask=valid, preset="paper")
+
     for name in ("disparity", "flags", "confidence"):
         found = read_geotiff(tmp_path / ("a.tif" if name == "disparity" else f"a.{name}.tif"))
         np.testing.assert_array_equal(found.image, getattr(wanted, name))
         assert found.georeference.crs == "EPSG:32631"
+
     assert record.estimated == pytest.approx(valid.mean(), abs=1e-6)
     assert record.files is not None
     assert {name: (tmp_path / name).stat().st_size for name in record.files} == record.files
@@ -292,7 +305,9 @@ def test_what_is_wrong_with_a_pair_is_recorded(
         write_image(path, np.zeros((3, 4, 3), np.uint8))
     elif content is not None:
         path.write_bytes(whole[: len(whole) // 2] if content == "cut" else b"text")
+
     record = match_files(replace(pairs[0], right=path), order(tmp_path), "recipe")
+
     assert record.state == "failed"
     assert re.search(reason, str(record.reason))
     assert not (tmp_path / "left0.tif").exists()
@@ -340,6 +355,7 @@ print(match_files(pair, order, "recipe").reason)
 
 def test_a_disk_that_is_full_is_told_and_leaves_nothing(images: Path, tmp_path: Path) -> None:
     counterpart("resource")
+
     finished = subprocess.run(  # noqa: S603  # our own interpreter on our own code
         [sys.executable, "-c", FULL, str(images), str(tmp_path)],
         env=os.environ | {"PYTHONPATH": str(ROOT / "python")},
@@ -347,6 +363,7 @@ def test_a_disk_that_is_full_is_told_and_leaves_nothing(images: Path, tmp_path: 
         text=True,
         check=True,
     )
+
     told = rf"{tmp_path}/left0.tif cannot be written: .*(File too large|requested and \d+ written)"
     assert re.match(told, finished.stdout)
     assert list(tmp_path.iterdir()) == []
@@ -407,10 +424,12 @@ def test_a_run_gives_the_bits_of_single_matches(
     pairs: list[PairFiles], matching: Callable[..., Any], tmp_path: Path
 ) -> None:
     told = []
+
     report = matching(pairs, tmp_path / "out", progress=lambda *now: told.append(now))
     assert (report.pairs, report.done, report.skipped, report.failed) == (6, 6, 0, [])
     assert_all_there(pairs, tmp_path / "out")
     assert told == [(number, 6) for number in range(1, 7)]
+
     records = read_manifest(report.manifest)
     assert list(records) == [pair.name for pair in pairs]
     assert len({record.worker for record in records.values()}) == 2
@@ -422,6 +441,7 @@ def test_a_rerun_does_what_is_missing_or_has_changed_and_nothing_else(
 ) -> None:
     folder = tmp_path / "out"
     copies = [tmp_path / "left.png", tmp_path / "right.png"]
+
     for copy, path in zip(copies, (pairs[0].left, pairs[0].right), strict=True):
         copy.write_bytes(path.read_bytes())
     pairs = [replace(pairs[0], left=copies[0], right=copies[1]), *pairs[1:4]]
@@ -437,8 +457,10 @@ def test_a_rerun_does_what_is_missing_or_has_changed_and_nothing_else(
     (folder / "left1.tif").unlink()
     (folder / "left2.tif").write_bytes(b"short")
     os.utime(copies[0], (1, 1))
+
     report = matching(pairs, folder)
     assert (report.done, report.skipped) == (3, 1)
+
     after = written()
     assert {name for name in after if after[name] == before[name]} == {"left3.tif"}
     assert_all_there(pairs, folder)
@@ -455,6 +477,7 @@ def test_pairs_that_fail_are_tried_again_recorded_and_tried_by_the_next_run(
     late = tmp_path / "late.png"
     wrong = [replace(pairs[0], right=late), *pairs[1:3]]
     heard: list[Record] = []
+
     report = matching(wrong, tmp_path / "out", retries=2, on_failure=heard.append)
     assert (report.done, [record.name for record in report.failed]) == (2, ["left0"])
     assert heard == report.failed
@@ -526,6 +549,7 @@ def test_a_pair_that_takes_too_long_is_ended_and_fails_alone(
     monkeypatch.setattr(running_module, "match_files", sleepily)
     monkeypatch.setattr("phasestereo.batch.processes._GRACE", 0.0)
     options: dict[str, Any] = {"workers": 2, "threads": 1, "retries": 0, "preset": "fast"}
+
     report = run(pairs, tmp_path / "out", time_limit=3, **options)
     assert [(record.name, record.reason) for record in report.failed] == [
         ("left1", "took longer than 3 s, and was ended")
@@ -542,6 +566,7 @@ def test_a_match_that_takes_too_long_ends_by_itself(pairs: list[PairFiles], tmp_
 def _open_ports() -> list[Any]:
     """Return where this process and those that it has started listen."""
     psutil = counterpart("psutil")
+
     us = psutil.Process()
     return [
         (process.name(), each.laddr)
@@ -556,6 +581,7 @@ def test_processes_of_this_machine_cannot_be_reached(
 ) -> None:
     before = _open_ports()
     found: list[Any] = []
+
     run(
         pairs,
         tmp_path / "out",
@@ -563,6 +589,7 @@ def test_processes_of_this_machine_cannot_be_reached(
         preset="fast",
         progress=lambda *_: found.extend(_open_ports()),
     )
+
     assert [port for port in found if port not in before] == []
     assert_all_there(pairs, tmp_path / "out")
 
@@ -573,6 +600,7 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
     openssl = shutil.which("openssl")
     if openssl is None:
         pytest.skip("no openssl to make certificates with")
+
     folder = tmp_path_factory.mktemp("tls")
     for name in ("ours", "others"):
         for words in (
@@ -585,6 +613,7 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
             subprocess.run(  # noqa: S603  # the openssl that is on the path
                 [openssl, *words.split()], cwd=folder, check=True, capture_output=True
             )
+
     return folder
 
 
@@ -598,9 +627,11 @@ def test_a_stranger_is_refused_by_a_cluster_with_certificates(
     files = {name: [certificates / f"{name}.{end}" for end in ("ca", "pem", "key")]
              for name in ("ours", "others")}  # fmt: skip
     ca, cert, key = map(str, files["ours"])
+
     roles = {"tls_ca_file": ca}
     for role in ("scheduler", "worker", "client"):
         roles |= {f"tls_{role}_cert": cert, f"tls_{role}_key": key}
+
     with (
         counterpart("dask").config.set({"distributed.comm.timeouts.connect": "2s"}),
         distributed.LocalCluster(
@@ -625,6 +656,7 @@ def test_a_stranger_is_refused_by_a_cluster_with_certificates(
         assert err.startswith("phasestereo: error: no scheduler at tls:")
         assert run(*words)[0] == 2  # tls without certificates
         assert match("ours")[0] == 0
+
     assert_all_there(pairs, tmp_path / "out")
 
 
@@ -643,11 +675,13 @@ def test_a_full_disk_ends_the_run_which_goes_on_when_there_is_room(
 ) -> None:
     monkeypatch.setattr(running_module, "match_files", _full)
     told = "left3.tif cannot be written: No space left on device; what is finished is kept, "
+
     with pytest.raises(OSError, match=re.escape(told)):
         matching(pairs, tmp_path / "out")
     before = states(tmp_path / "out")
     assert "left3" not in before
     assert set(before.values()) <= {"done"}
+
     (tmp_path / "out/room").touch()
     report = matching(pairs, tmp_path / "out")
     assert (report.skipped, report.done, report.failed) == (len(before), 6 - len(before), [])
@@ -707,6 +741,7 @@ def test_a_run_that_is_killed_goes_on_from_its_log(
     folder = tmp_path / "out"
     rows = [f"{pair.left},{pair.right},{pair.name}{n}" for n in range(40) for pair in pairs]
     save_list(tmp_path, "\n".join(["left,right,name", *rows]))
+
     process = subprocess.Popen(  # noqa: S603  # our own interpreter on our own code
         [
             *(sys.executable, "-m", "phasestereo", "batch", str(tmp_path / "pairs.csv")),
@@ -717,18 +752,24 @@ def test_a_run_that_is_killed_goes_on_from_its_log(
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
+
     log = folder / "manifest.log"
     while process.poll() is None and not (log.exists() and log.read_bytes().count(b"\n") > 20):
         time.sleep(0.01)
     assert process.poll() is None
+
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
+
     done = log.read_bytes().count(b"\n")
     assert states(folder) == {}  # the manifest is that of the beginning, and whole
+
     with log.open("ab") as file:
         file.write(b'{"name": "left0')  # as if torn
+
     listed = read_pairs(tmp_path / "pairs.csv", num_disparities=COUNT)
     report = matching(listed, folder)
+
     assert (report.pairs, report.skipped) == (240, done)
     assert (report.done, report.failed) == (240 - done, [])
     assert len(states(folder)) == 240
@@ -742,6 +783,7 @@ def test_ctrl_c_is_told_in_one_line_and_leaves_no_process(
 ) -> None:
     rows = [f"{images}/left0.png,{images}/right0.png,pair{number}" for number in range(5000)]
     folder = tmp_path / "out"
+
     process = subprocess.Popen(  # noqa: S603  # our own interpreter on our own code
         [
             *(sys.executable, "-m", "phasestereo", "batch"),
@@ -754,14 +796,18 @@ def test_ctrl_c_is_told_in_one_line_and_leaves_no_process(
         text=True,
         start_new_session=True,  # a group of processes, all of which a terminal would interrupt
     )
+
     awaited = folder / ("manifest.log" if at_work else "manifest.jsonl")
     while process.poll() is None and not awaited.exists():
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
+
     out, err = process.communicate()  # ends when the last process has closed its end
     # Where Ctrl-C comes amid the `exec` of a text, as while dataclasses are imported, Python ends
     # itself by that signal though it was caught: 130 to shells, all the same.
+
     assert process.returncode in {130, -signal.SIGINT}
+
     assert (out, err) == ("", "phasestereo: interrupted\n")
     assert list(states(folder).values()).count("done") == len(states(folder))
 
@@ -891,6 +937,7 @@ def test_a_scheduler_that_is_lost_ends_the_run_and_keeps_what_is_done(
     caplog.handler.setLevel(logging.ERROR)
     with pytest.raises(ConnectionError, match=LOST):
         matching(pairs, tmp_path, scheduler=mortal.scheduler_address, progress=lose)
+
     assert [told for told in caplog.records if told.name == "distributed.client"] == []
     assert list(states(tmp_path).values()) == ["done", "done"]
 
@@ -929,9 +976,11 @@ def test_a_line_that_did_not_fit_on_the_disk_ends_the_run(tmp_path: Path) -> Non
 
     manifest = Manifest(tmp_path)
     manifest._file = Short()  # type: ignore[assignment]  # as an unbuffered file is, when full
+
     record = Record(
         name="a", state="done", left="", right="", num_disparities=1, min_disparity=0, recipe=""
     )
+
     with pytest.raises(OSError, match=r"No space left on device: .*manifest.log"):
         manifest.add(record)
 
@@ -942,11 +991,14 @@ def test_a_manifest_that_does_not_fit_on_the_disk_is_named(
     device = Path("/dev/full")
     if not device.exists():
         pytest.skip("no /dev/full here")
+
     monkeypatch.setattr("phasestereo.batch.manifest.replacing", lambda *_, **__: device.open("wb"))
+
     manifest = Manifest(tmp_path)
     manifest.records["a"] = Record(
         name="a", state="done", left="", right="", num_disparities=1, min_disparity=0, recipe=""
     )
+
     with pytest.raises(OSError, match=r"manifest.jsonl cannot be written: No space left on device"):
         manifest.save(["a"])
 
@@ -980,17 +1032,21 @@ def test_a_damaged_line_of_a_manifest_is_set_apart_and_named(
     manifest.add(RECORD)
     manifest.add(replace(RECORD, name="b"))
     manifest.close()
+
     (tmp_path / "manifest.log").rename(tmp_path / file)
     lines = (tmp_path / file).read_bytes().splitlines()
     (tmp_path / file).write_bytes(b"\n".join([lines[0], DAMAGE[kind], lines[1], b""]))
+
     with pytest.raises(ValueError, match=rf"{file}, line 2: no record of a batch: "):
         read_manifest(tmp_path / file)
+
     for _ in range(2):
         manifest = Manifest(tmp_path)
         assert list(manifest.records) == ["a", "b"]
         found = [each.where for each in manifest.damaged]
         manifest.save([])
         manifest.save([])
+
     assert found == []  # the second run finds it mended
     assert (tmp_path / "manifest.damaged").read_bytes() == DAMAGE[kind] + b"\n"
     assert list(read_manifest(tmp_path / "manifest.jsonl")) == ["a", "b"]
@@ -1003,9 +1059,11 @@ def test_the_pair_of_a_damaged_line_is_matched_again(
     words = ["batch", images, "--num-disparities", COUNT, "--preset", "fast", "-o", folder]
     words += ["--scheduler", cluster.scheduler_address]
     assert run(*words)[0] == 0
+
     lines = (folder / "manifest.jsonl").read_bytes().splitlines()
     lines[3] = lines[3][:50]
     (folder / "manifest.jsonl").write_bytes(b"\n".join([*lines, b""]))
+
     code, out, err = run(*words)
     assert (code, out.split(",")[:2]) == (0, ["1 pairs matched", " 5 there already"])
     assert err.startswith(f"phasestereo: {folder}/manifest.jsonl, line 4: no record of a batch: ")
@@ -1047,10 +1105,12 @@ def test_the_command_does_it_and_says_so(
 ) -> None:
     words = ["batch", images, "--num-disparities", COUNT, "--preset", "fast", "-o", tmp_path / "o"]
     words += ["--scheduler", cluster.scheduler_address, "--layers", "flags"]
+
     code, out, err = run(*words)
     assert (code, err) == (0, "")
     assert out.startswith("6 pairs matched, 0 there already, 0 failed, ")
     assert out.endswith(f"wrote {tmp_path / 'o/manifest.jsonl'}\n")
+
     assert_all_there(pairs, tmp_path / "o")
     assert read_image(tmp_path / "o/left0.flags.tif").dtype == np.uint16
 
@@ -1066,8 +1126,10 @@ def test_the_command_fails_if_a_pair_does(
     rows = f"left,right\n{images}/left0.png,{images}/right0.png\n{images}/left1.png,nothing.png\n"
     words = ["batch", save_list(tmp_path, rows), "--num-disparities", COUNT, "--preset", "fast"]
     words += ["-o", tmp_path / "out", "--scheduler", cluster.scheduler_address, "--json"]
+
     code, out, err = run(*words)
     assert code == 1
+
     assert err.splitlines()[0] == (
         f"phasestereo: failed left1: {tmp_path}/nothing.png: No such file or directory"
     )
@@ -1079,11 +1141,13 @@ def test_wrong_command_lines(run: Callable[..., Run], images: Path, tmp_path: Pa
     code, _, err = run("batch", images, "-o", tmp_path / "out", "--num-disparities", "some")
     assert code == 2
     assert "--num-disparities" in err
+
     code, _, err = run("batch", tmp_path / "none.csv", "-o", tmp_path / "out")
     assert (code, err) == (
         1,
         f"phasestereo: error: {tmp_path}/none.csv: No such file or directory\n",
     )
+
     assert not (tmp_path / "out").exists()
 
 

@@ -13,7 +13,7 @@ from conftest import ROOT, counterpart
 from phasestereo_bench.report.documents import MARKERS
 from phasestereo_bench.rigs import FAULTS
 from phasestereo_bench.tables.headline import COLUMNS, TITLES
-from phasestereo_bench.tables.plan import stages
+from phasestereo_bench.tables.plan import job_groups
 from test_bench_cases import plant
 
 if TYPE_CHECKING:
@@ -50,19 +50,23 @@ def test_one_command_makes_all_tables_and_the_same_again(tmp_path: Path, run: Ru
     root = tmp_path / "data"
     plant(root / "middlebury", "tsukuba")
     command = ["bench", "tables", root, "--quick", "--workers", 1, "--speed-rounds", 0]
+
     code, _, err = run(*command, "-o", tmp_path / "one")
     assert code == 0, err
+
     told = json.loads((tmp_path / "one/results.json").read_text("utf-8"))
     assert set(told["suites"]) == {"one-sided-blur", "rigs", "sharp"}
     assert set(told["suites"]["rigs"]["bad_1"]) == set(FAULTS)
     assert set(told["headline"]) == set(COLUMNS)
     assert {"fast", "opencv:sgbm"} <= set(told["headline"]["webcam"])
     assert {record["method"] for record in told["costs"]} >= {"fast", "opencv:sgbm-3way"}
+
     first = (tmp_path / "one/results.json").read_bytes()
     code, _, err = run(*command, "-o", tmp_path / "one")  # all of it is there already
     assert code == 0, err
     assert err.count("are in") == 7
     assert (tmp_path / "one/results.json").read_bytes() == first
+
     code, out, err = run("bench", "report", tmp_path / "one/rigs.jsonl")
     assert code == 0, err
     assert re.search(r"^degradation +fast +robust", out, re.MULTILINE)  # 44 would not fit across
@@ -72,11 +76,11 @@ def test_one_command_makes_all_tables_and_the_same_again(tmp_path: Path, run: Ru
 def test_there_has_to_be_a_scene(tmp_path: Path) -> None:
     plant(tmp_path / "middlebury", "other")
     with pytest.raises(ValueError, match="there is none of"):
-        stages(tmp_path, [])
+        job_groups(tmp_path, [])
 
 
 def test_a_plan_has_all_that_there_is(data: Path) -> None:
-    there = {stage.name: stage for stage in stages(data, [])}
+    there = {stage.name: stage for stage in job_groups(data, [])}
     assert list(there) == [
         "one-sided-blur",
         "sharp",
@@ -88,9 +92,11 @@ def test_a_plan_has_all_that_there_is(data: Path) -> None:
         "real",
         "costs",
     ]
+
     assert {job.key["degradation"] for job in there["rigs"].jobs} == set(FAULTS)
     kinds = {job.key["kind"] for job in there["real"].jobs}
     assert kinds == {"recording-rows", "recording-frame", "real-pair"}
+
     assert [stage.name for stage in there.values() if stage.alone] == ["costs"]
 
 
@@ -100,11 +106,14 @@ def test_a_plan_has_all_that_there_is(data: Path) -> None:
 def test_the_first_table_is_that_of_the_results() -> None:
     told, (header, *rows) = results(), table("headline")
     assert header[1:-2] == list(COLUMNS)
+
     by_title = {title: method for method, title in TITLES.items()}
     assert [by_title[row[0]] for row in rows] == list(TITLES)
+
     for row in rows:
         values = [told["headline"][column][by_title[row[0]]] for column in COLUMNS]
         assert row[1:-2] == [f"{value:.1f}" for value in values]
+
     for column, (suite, names) in COLUMNS.items():
         for name in names:
             for method, value in told["headline"][column].items():
@@ -115,10 +124,13 @@ def test_the_first_table_is_that_of_the_results() -> None:
 @pytest.mark.parametrize("marker", [name for name in MARKERS if name.startswith("rigs-")])
 def test_tables_of_rigs_are_those_of_the_results(marker: str) -> None:
     told, (header, *rows) = results()["suites"]["rigs"], table(marker)
+
     assert {row[0] for row in rows} == {
         name for name, fault in FAULTS.items() if f"rigs-{fault.group}" == marker
     }
+
     assert len(told["scenes"]) == 12
+
     for name, *figures in rows:
         means = [fmean(told["bad_1"][name][method]) for method in header[1:]]
         for figure, mean in zip(figures, means, strict=True):
@@ -133,9 +145,11 @@ def test_every_table_of_the_documentation_is_filled() -> None:
 
 def test_the_citation_is_of_this_version() -> None:
     yaml = counterpart("yaml")
+
     told = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
     manifest = (ROOT / "Cargo.toml").read_text("utf-8")
     version = re.search(r'^version = "(.*)"$', manifest, re.MULTILINE)
+
     assert version is not None
     assert told["version"] == told["preferred-citation"]["version"] == version[1]
     assert told["cff-version"] == "1.2.0"

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from phasestereo_bench.datasets import Scene
 
-cli = pytest.importorskip("phasestereo.cli")
 for module in ("scipy", "PIL"):
     pytest.importorskip(module)
 
@@ -35,16 +34,21 @@ def tree(tmp_path: Path) -> Path:
     """Return a folder tree with a scene of squares of many sizes, everywhere at one disparity."""
     folder = tmp_path / "data" / "scenes2001" / "squares"
     folder.mkdir(parents=True)
+
     rng = np.random.default_rng(7)
     y, x = np.mgrid[:120, : 170 + SHIFT]
+
     texture = np.zeros(y.shape)
     for side, weight in ((13, 0.3), (7, 0.25), (4, 0.2), (2, 0.15), (1, 0.1)):
         texture += weight * rng.integers(0, 256, (150, 200))[y // side, x // side]
+
     image = np.rint(texture).astype(np.uint8)
     io.write_image(folder / "im2.ppm", np.dstack([image[:, :-SHIFT]] * 3))
     io.write_image(folder / "im6.ppm", np.dstack([image[:, SHIFT:]] * 3))
+
     for file in ("disp2.pgm", "disp6.pgm"):
         io.write_image(folder / file, np.full((120, 170), 8 * SHIFT, np.uint8))
+
     return tmp_path / "data"
 
 
@@ -72,7 +76,7 @@ def test_there_are_so_many_trials(scene: Scene) -> None:
 @pytest.mark.parametrize("side", ["left", "right", "both"])
 def test_images_are_blurred_as_told(scene: Scene, family: str, psf: Any, side: str) -> None:
     pair = scene.load()
-    views = bench.Trial(scene, family, 3.0, 40.0, side, 2.0).views(pair)
+    views = bench.BlurTrial(scene, family, 3.0, 40.0, side, 2.0).views(pair)
     for view, image, name, seed in zip(
         views, (pair.left, pair.right), ("left", "right"), (1, 2), strict=True
     ):
@@ -82,21 +86,24 @@ def test_images_are_blurred_as_told(scene: Scene, family: str, psf: Any, side: s
 
 def test_sharp_pairs_are_as_they_are(scene: Scene) -> None:
     pair = scene.load()
-    left, right = bench.Trial(scene, "none", 0.0, 0.0, "neither", 0.0).views(pair)
+    left, right = bench.BlurTrial(scene, "none", 0.0, 0.0, "neither", 0.0).views(pair)
     np.testing.assert_array_equal(left, pair.left)
     np.testing.assert_array_equal(right, pair.right)
 
 
 def test_a_record_tells_what_was_found(scene: Scene, tmp_path: Path) -> None:
     (record,) = bench.run_blur([scene], tmp_path / "a.jsonl", every=1000, workers=0)
+
     assert record["status"] == "ok"
     assert (record["collection"], record["scene"]) == ("scenes2001", "squares")
     assert record["found"] == {"side": "none", "kind": "none", "size": 0, "angle": 0}
+
     assert (record["kinds"], record["areas"]) == (1, [1.0])
     assert (record["width"], record["height"]) == (170, 120)
     assert record["seconds"] > 0
     assert 0 < record["certainty"] <= 1
-    tried = bench.try_out(bench.Trial(scene, "disk", 4.0, 0.0, "right", 1.0))
+
+    tried = bench.try_out(bench.BlurTrial(scene, "disk", 4.0, 0.0, "right", 1.0))
     assert bench.verdict({"family": "disk", "size": 4, "angle": 0, "side": "right"} | tried).all
 
 
@@ -119,6 +126,7 @@ def record(family: str, size: float, angle: float, side: str, /, **changes: Any)
     found = {"side": side, "kind": family, "size": size, "angle": angle}
     if side in ("both", "neither"):
         found = {"side": "none", "kind": "none", "size": 0, "angle": 0}
+
     kinds = changes.pop("kinds", 1)
     return {
         "kind": "blur",
@@ -187,6 +195,7 @@ def stored(path: Path, *records: dict[str, Any]) -> Path:
         "date": "2026-01-01",
         "versions": {"phasestereo": "1.2.3"},
     }
+
     path.write_text("".join(json.dumps(line) + "\n" for line in (facts, *records)))
     return path
 
@@ -204,6 +213,7 @@ RECORDS = [
 def test_the_table_has_a_row_for_each_blur(tmp_path: Path) -> None:
     told = bench.read_blur([stored(tmp_path / "a.jsonl", *RECORDS)])
     assert told is not None
+
     rows = {row[0].text: [entry.text for entry in row[1:]] for row in bench.blur_table(told).rows}
     assert rows == {
         "gaussian 2": ["1", "100", "100", "100", "-", "100", "100", "0.00", "-"],
@@ -213,6 +223,7 @@ def test_the_table_has_a_row_for_each_blur(tmp_path: Path) -> None:
         "none: both alike": ["1", "100", "100", "-", "-", "100", "100", "-", "-"],
         "all": ["6", "83.3", "100", "83.3", "83.3", "100", "83.3", "0.00", "4.0"],
     }
+
     assert list(rows)[-1] == "all"
     assert "1 scenes; a blurred image has 8 bits and noise of 1 gray levels" in (
         bench.explain_blur(told)
@@ -222,12 +233,14 @@ def test_the_table_has_a_row_for_each_blur(tmp_path: Path) -> None:
 def test_of_several_records_of_a_trial_the_last_counts(tmp_path: Path) -> None:
     wrong = record("disk", 3, 0, "left", side="right")
     failed = record("gaussian", 2, 0, "left") | {"status": "failed", "error": "E: no luck"}
+
     told = bench.read_blur(
         [
             stored(tmp_path / name, *told)
             for name, told in (("a", [wrong]), ("b", [*RECORDS, failed]))
         ]
     )
+
     assert told is not None
     assert len(told.records) == len(RECORDS)
     assert all(bench.verdict(record).side for record in told.records)
@@ -254,11 +267,15 @@ def test_other_benchmarks_are_none_of_blur(tmp_path: Path) -> None:
 
 def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
     told = bench.read_blur([stored(tmp_path / "a.jsonl", *RECORDS)])
+
     assert told is not None
+
     document = tmp_path / "blur.md"
     other = "<!-- bench:speed -->kept<!-- /bench:speed -->\n"
     document.write_text(f"# A\n<!-- bench:blur -->old<!-- /bench:blur -->\n{other}")
+
     fill_places(document, {"blur": blur_text(told)})
+
     text = document.read_text()
     assert "| disk 3 | 1 | 100 | 100 | 100 | - | 100 | 100 | 0.00 | - |" in text
     assert "old" not in text
@@ -269,54 +286,45 @@ def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
 # The command
 
 
-@pytest.fixture
-def run(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., Run]:
-    """Return what runs ``bench`` in this process: exit code, standard output, error."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def run(*arguments: object) -> Run:
-        code = cli.run(["bench", *map(str, arguments)])
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return run
-
-
-def test_the_command_and_its_report(run: Callable[..., Run], tree: Path, tmp_path: Path) -> None:
+def test_the_command_and_its_report(
+    run_bench: Callable[..., Run], tree: Path, tmp_path: Path
+) -> None:
     command = "blur", tree, "--every", 40, "--workers", 0
-    code, out, err = run(*command)
+
+    code, out, err = run_bench(*command)
     assert (code, err) == (0, "")
     assert "none: as they are" in out
     assert "Records: blur.jsonl" in out
     assert len(read_store("blur.jsonl")) == 1 + 3
-    code, again, err = run(*command)
+
+    code, again, err = run_bench(*command)
     assert (code, again) == (0, out)
     assert err == "phasestereo: 3 of 3 trials are in blur.jsonl already; --fresh reruns them\n"
-    code, _, err = run(*command, "--fresh")
+
+    code, _, err = run_bench(*command, "--fresh")
     assert (code, err) == (0, "phasestereo: renamed blur.jsonl to blur.jsonl.bak\n")
 
     (tmp_path / "blur.md").write_text("<!-- bench:blur --><!-- /bench:blur -->\n")
-    code, out, err = run("report", "blur.jsonl", "--readme", "blur.md")
+    code, out, err = run_bench("report", "blur.jsonl", "--readme", "blur.md")
     assert (code, err) == (0, "")
     assert "none: as they are" in out
     assert "Wrote blur.md" in out
     assert "| none: as they are | 1 | 100 |" in (tmp_path / "blur.md").read_text()
-    code, _, err = run("report", "blur.jsonl", "--suite", "sharp")
+
+    code, _, err = run_bench("report", "blur.jsonl", "--suite", "sharp")
     assert code == 2
     assert "--suite: results of bench blur have no choice of it" in err
 
 
 def test_a_failure_is_recorded_and_told(
-    run: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
+    run_bench: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("no luck")
 
     monkeypatch.setattr("phasestereo_bench.blur.trials.estimate_blur", fail)
-    code, out, err = run("blur", tree, "--every", 40, "--workers", 0)
+
+    code, out, err = run_bench("blur", tree, "--every", 40, "--workers", 0)
     assert (code, out) == (1, "")
     told = "3 of 3 trials failed, the first of them none 0 on squares: RuntimeError: no luck"
     assert err == f"phasestereo: error: {told}\n"
@@ -334,8 +342,8 @@ def test_a_failure_is_recorded_and_told(
     ],
 )
 def test_commands_that_are_refused(
-    run: Callable[..., Run], arguments: tuple[str, ...], code: int, message: str
+    run_bench: Callable[..., Run], arguments: tuple[str, ...], code: int, message: str
 ) -> None:
-    told = run("blur", *arguments)
+    told = run_bench("blur", *arguments)
     assert (told[0], told[1]) == (code, "")
     assert message in told[2]

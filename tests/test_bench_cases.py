@@ -30,17 +30,22 @@ def plant(root: Path, name: str, *, truth: bool = True, gray: bool = False) -> P
     """Plant a scene of 2001's layout, everywhere at disparity SHIFT; return the tree's root."""
     folder = root / "scenes2001" / name
     folder.mkdir(parents=True)
+
     rng = np.random.default_rng(len(name))
     texture = rng.integers(40, 216, (48, 72 + SHIFT, 3), dtype=np.uint8)
+
     if gray:
         texture = texture[:, :, 0]
+
     left, right = ("im0.pgm", "im1.pgm") if gray else ("im2.ppm", "im6.ppm")
     io.write_image(folder / left, texture[:, :-SHIFT].copy())
     io.write_image(folder / right, texture[:, SHIFT:].copy())
+
     if truth:
         level = np.full((48, 72), 8 * SHIFT, np.uint8)
         for file in ("disp0.pgm", "disp1.pgm") if gray else ("disp2.pgm", "disp6.pgm"):
             io.write_image(folder / file, level)
+
     return root
 
 
@@ -106,9 +111,11 @@ def test_degradations_of_ones_own(scene: Scene) -> None:
         return image // 2
 
     pair = scene.load()
+
     case = Case(scene, "custom", "darker", "right", recipe=darker)
     assert case.kernel is None
     np.testing.assert_array_equal(views(case)["right"], pair.right // 2)
+
     blur = Case(scene, "custom", "blur", "right", recipe=Degradation(disk_psf(2)))
     expected = Degradation(disk_psf(2))(pair.left)
     np.testing.assert_array_equal(views(blur, true_blur=True)["left"], expected)

@@ -200,9 +200,11 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         "def match(left, right, num_disparities):\n"
         "    return np.full(left.shape[:2], 4.0)\n"
     )
+
     info = tmp_path / "shift_plugin-1.2.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: shift-plugin\nVersion: 1.2\n")
+
     (info / "entry_points.txt").write_text(
         "[phasestereo.methods]\n"
         "shift=shift_plugin:match\n"
@@ -210,6 +212,7 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         "broken=not_there_plugin:match\n"
         "paper=shift_plugin:match\n"
     )
+
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "shift_plugin", raising=False)
     return "shift"
@@ -217,12 +220,15 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def test_an_entry_point_is_a_method(plugin: str) -> None:
     assert plugin in available()
+
     chosen = method(f"{plugin}+true-blur")
     assert (chosen.name, chosen.true_blur) == (plugin, True)
+
     assert chosen.settings == {
         "entry_point": "shift_plugin:match",
         "distribution": "shift-plugin 1.2",
     }
+
     assert (found(plugin) == 4).all()
 
 

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from phasestereo_bench.datasets import Scene
 
-cli = pytest.importorskip("phasestereo.cli")
 for module in ("scipy", "PIL"):
     pytest.importorskip(module)
 
@@ -113,21 +112,6 @@ def scenes(tree: Path) -> list[Scene]:
     return find_scenes(tree)
 
 
-@pytest.fixture
-def run(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., Run]:
-    """Return what runs ``bench middlebury`` in this process: exit code, standard output, error."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> Run:
-        code = cli.run(["bench", "middlebury", *map(str, arguments)])
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return run
-
-
 # The published figures
 
 PUBLISHED = {
@@ -155,18 +139,23 @@ PUBLISHED = {
 
 def test_figures_are_the_published_ones(data: Path) -> None:
     pytest.importorskip("cv2")
+
     scenes = [s for s in find_scenes(data / "middlebury") if s.name in ("tsukuba", "venus")]
     sides = ("7", "21", "7+true-blur")
     methods = ["opencv:sgbm", "opencv:sgbm+true-blur", *(f"paper:neighborhood={s}" for s in sides)]
+
     records = run_middlebury(scenes, methods, ["sharp", "gauss 4", "mixed"])
+
     measured: dict[tuple[str, str], dict[str, float]] = {}
     for record in records:
         name = record["method"] + "+true-blur" * record["true_blur"]
         cells = measured.setdefault((record["scene"], record["degradation"]), {})
         cells[name.removeprefix("paper:neighborhood=")] = record["v2"]["nonocc"]
+
     assert {case: set(cells) for case, cells in measured.items()} == {
         case: set(cells) for case, cells in PUBLISHED.items()
     }
+
     for case, published in PUBLISHED.items():
         for name, percent in published.items():
             tolerance = 1 if name.startswith("opencv") else 2
@@ -181,19 +170,24 @@ def test_a_record_holds_what_metrics_say(data: Path, side: str) -> None:
     scene = next(s for s in find_scenes(data / "middlebury") if s.name == "cones")
     arguments = [scene], ["paper:window=5"], ["gauss 2"]
     (record,) = run_middlebury(*arguments, sides=[side], workers=0)
+
     pair = scene.load()
     spoiled = Case(scene, "one-sided-blur", "gauss 2", side).pair(true_blur=False)
     views = spoiled.left, spoiled.right
     disparity, confidence = bench.method("paper:window=5").match(*views, pair.num_disparities)
+
     assert pair.truth is not None
+
     nonocc, count = pair.masks["nonocc"], pair.num_disparities
     v3 = metrics.middlebury_v3(disparity, pair.truth, nonocc, num_disparities=count)
     v2 = metrics.middlebury_v2(disparity, pair)
+
     assert record["v3"] == asdict(v3)
     assert record["v2"] == {"nonocc": v2.nonocc, "all": v2.all, "disc": v2.disc}
     assert record["d1"] == metrics.kitti_d1(disparity, pair.truth, nonocc)
     assert record["epe"] == metrics.end_point_error(disparity, pair.truth, nonocc)
     assert record["roc"] == roc_area(confidence, disparity, pair.truth, mask=nonocc)
+
     assert (record["height"], record["width"], record["num_disparities"]) == (375, 450, 64)
     assert record["settings"]["window"] == 5
     assert list(record)[:9] == [
@@ -205,9 +199,11 @@ def test_a_record_holds_what_metrics_say(data: Path, side: str) -> None:
 
 def test_missing_estimates_are_bad_and_errors_are_clipped(scenes: list[Scene]) -> None:
     record = run_middlebury(scenes[:1], [sparse], ["sharp"], workers=0)[0]
+
     pair = scenes[0].load()
     rows = pair.masks["nonocc"].sum(axis=1)
     thirds = [rows[start::3].sum() / rows.sum() for start in range(3)]
+
     assert record["v2"]["nonocc"] == pytest.approx(100 * (thirds[0] + thirds[1]))
     assert record["v3"]["invalid"] == pytest.approx(100 * thirds[1])
     assert record["v3"]["a99"] == pair.num_disparities - SHIFT
@@ -219,8 +215,11 @@ def test_what_there_is_not_is_null(scenes: list[Scene]) -> None:
     record = run_middlebury(scenes[:1], [silent], ["sharp"], workers=0)[0]
     assert record["v2"]["nonocc"] == record["v3"]["bad_4"] == record["v3"]["invalid"] == 100
     assert record["epe"] is record["v3"]["avgerr"] is record["v3"]["a50"] is None
+
     (scenes[0].folder / "disp6.pgm").unlink()  # then nothing tells what is occluded
+
     record = run_middlebury(scenes[:1], [sparse], ["sharp"], workers=0)[0]
+
     assert record["status"] == "ok"
     assert record["v2"]["nonocc"] is record["d1"] is record["epe"] is None
     assert set(record["v3"].values()) == {None}
@@ -230,12 +229,15 @@ def test_what_there_is_not_is_null(scenes: list[Scene]) -> None:
 def test_confidence_is_scored_where_there_is_one(scenes: list[Scene]) -> None:
     methods: list[Any] = [sparse, sure, Method("undecided", undecided), Method("three", three)]
     records = run_middlebury(scenes[:1], methods, ["sharp"], workers=0)
+
     assert [record.get("roc") for record in records] == [None, 1.0, 0.5, None]
     assert [record["status"] for record in records] == ["ok", "ok", "ok", "failed"]
     assert records[1]["v2"] == records[0]["v2"], "the disparities are the same"
     assert records[3]["error"].endswith("returned 3 things, not disparities, confidences")
+
     (record,) = run_middlebury(scenes[:1], [Method("blind", blind)], ["sharp"], workers=0)
     assert (record["status"], record["roc"]) == ("ok", None), "all are wrong"
+
     (scenes[0].folder / "disp6.pgm").unlink()
     (record,) = run_middlebury(scenes[:1], [sure], ["sharp"], workers=0)
     assert (record["status"], record["roc"]) == ("ok", None), "no mask"
@@ -260,13 +262,16 @@ def test_cells_are_all_combinations_that_exist(scenes: list[Scene]) -> None:
 
 def test_defaults_are_the_whole_suite(scenes: list[Scene]) -> None:
     keys = [job.key for job in middlebury_jobs(scenes[:1])]
+
     told = {str(key["method"]) for key in keys if key["true_blur"]}
     plain = {str(key["method"]) for key in keys if not key["true_blur"]}
     lengths = {f"paper:neighborhood={length}" for length in (7, 11, 15, 21)}
     opencv = {"opencv:sgbm"} & set(bench.available())
+
     assert plain == {"robust"} | lengths | opencv
     assert told == {"robust", "paper:neighborhood=7"} | opencv
     assert len(keys) == 9 * len(plain) + 6 * len(told)
+
     keys = [job.key for job in middlebury_jobs(scenes[:1], suite="sharp")]
     assert {key["degradation"] for key in keys} == {"sharp"}
     opencv = {"opencv:bm", "opencv:sgbm", "opencv:sgbm-3x3"} & set(bench.available())
@@ -291,7 +296,9 @@ def test_functions_and_degradations_of_ones_own(scenes: list[Scene]) -> None:
         Method("mine", sparse, {"a": 1}),
         Method("mine", sparse, true_blur=True),
     ]
+
     records = run_middlebury(scenes, methods, blur, workers=2)
+
     assert len(records) == 2 * (3 + 2)
     assert {record["suite"] for record in records} == {"custom"}
     assert {record["method"] for record in records} == {"test_bench_methods:own", "mine"}
@@ -308,8 +315,10 @@ def test_what_no_other_process_can_import(scenes: list[Scene]) -> None:
 
     with pytest.raises(TypeError, match=r"^method: .*local.* with workers=0"):
         run_middlebury(scenes, [local], ["sharp"])
+
     with pytest.raises(TypeError, match=r"^degradation: .*dark.* with workers=0"):
         run_middlebury(scenes, ["paper"], {"dark": dark})
+
     (record, _) = run_middlebury(scenes, [local], {"dark": dark}, workers=0)
     assert record["method"].startswith(f"{HERE}:")
     assert record["status"] == "ok"
@@ -350,15 +359,18 @@ def test_a_scene_without_truth_is_refused(tmp_path: Path) -> None:
 
 
 def test_command_prints_means_and_where_the_records_are(
-    run: Callable[..., Run], tree: Path
+    run_bench: Callable[..., Run], tree: Path
 ) -> None:
-    code, out, err = run(
+    code, out, err = run_bench(
+        "middlebury",
         *(tree, "--degradation", "gauss 2", "sharp", "--side", "left", "right"),
         *("--method", f"{HERE}:sparse", f"{HERE}:sparse+true-blur", "--workers", "0"),
     )
     assert (code, err) == (0, "")
+
     records = read_store("results.jsonl")[1:]
     assert len(records) == 2 * 2 * 3
+
     bad = np.mean([record["v2"]["nonocc"] for record in records if not record["true_blur"]])
     assert "mean of 2 scenes" in out
     assert out.count(f"{bad:.1f}") == 6, "both sides: gauss 2 and sharp plain, gauss 2 told"
@@ -366,45 +378,59 @@ def test_command_prints_means_and_where_the_records_are(
     assert "phasestereo bench report results.jsonl" in out
 
 
-def test_command_goes_on_and_begins_anew(run: Callable[..., Run], tree: Path) -> None:
+def test_command_goes_on_and_begins_anew(run_bench: Callable[..., Run], tree: Path) -> None:
     command = tree, "--method", f"{HERE}:sparse", "--workers", "0", "-o", "a.jsonl"
-    assert run(*command, "--degradation", "sharp")[0] == 0
+
+    assert run_bench("middlebury", *command, "--degradation", "sharp")[0] == 0
     first = read_store("a.jsonl")
-    code, _, err = run(*command, "--degradation", "sharp", "mixed")
+
+    code, _, err = run_bench("middlebury", *command, "--degradation", "sharp", "mixed")
     assert code == 0
     assert "2 of 4 cells are in a.jsonl already; --fresh reruns them" in err
     assert read_store("a.jsonl")[:3] == first
+
     second = read_store("a.jsonl")
     assert len(second) == 5
+
     for aside in ("a.jsonl.bak", "a.jsonl.bak1"):
         before = read_store("a.jsonl")
-        code, _, err = run(*command, "--degradation", "sharp", "--fresh")
+        code, _, err = run_bench("middlebury", *command, "--degradation", "sharp", "--fresh")
         assert (code, err) == (0, f"phasestereo: renamed a.jsonl to {aside}\n")
         assert read_store(aside) == before
         assert len(read_store("a.jsonl")) == 3
+
     assert read_store("a.jsonl.bak") == second
 
 
 def test_command_tells_cells_of_other_versions(
-    run: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
+    run_bench: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     command = tree, "--degradation", "sharp", "--method", f"{HERE}:sparse", "--workers", "0"
-    run(*command)
+    run_bench("middlebury", *command)
     monkeypatch.setattr("phasestereo.__version__", "99")
-    assert "already, 2 of them from other versions or machines; --fresh" in run(*command)[2]
+    assert (
+        "already, 2 of them from other versions or machines; --fresh"
+        in run_bench("middlebury", *command)[2]
+    )
 
 
-def test_failed_cells_are_told_and_the_others_run(run: Callable[..., Run], tree: Path) -> None:
+def test_failed_cells_are_told_and_the_others_run(
+    run_bench: Callable[..., Run], tree: Path
+) -> None:
     methods = [f"{HERE}:{name}" for name in ("small", "integers", "nothing", "careless", "crash")]
-    code, out, err = run(
+
+    code, out, err = run_bench(
+        "middlebury",
         *(tree, "--scene", "one", "--degradation", "sharp", "--workers", "1"),
         *("--method", *methods, "paper"),
     )
+
     assert code == 1
     assert err == (
         f"phasestereo: error: 5 of 6 cells failed, the first of them {methods[0]} on one, sharp: "
         "ValueError: the method returned shape (48, 71), not (48, 72)\n"
     )
+
     errors = [record["error"] for record in read_store("results.jsonl")[1:-1]]
     for error, told in zip(
         errors,
@@ -412,28 +438,39 @@ def test_failed_cells_are_told_and_the_others_run(run: Callable[..., Run], tree:
         strict=True,
     ):
         assert told in error
+
     assert read_store("results.jsonl")[-1]["v2"]["nonocc"] < 5, "the images are as they were"
     assert out.count("-*") == 5
     assert "* without the scenes" in out
 
 
-def test_command_takes_what_the_suite_is_of(run: Callable[..., Run], tree: Path) -> None:
+def test_command_takes_what_the_suite_is_of(run_bench: Callable[..., Run], tree: Path) -> None:
     plant(tree, "venus")
     plant(tree, "blind", truth=False)
+
     common = "--degradation", "sharp", "--method", f"{HERE}:sparse", "--workers", "0"
     assert "scenes2001/venus" in SUITE_SCENES["one-sided-blur"]
-    code, _, err = run(tree, *common)
+
+    code, _, err = run_bench("middlebury", tree, *common)
     assert code == 0
     assert err == (
         "phasestereo: left out, not of one-sided-blur; --scene takes any: "
         "scenes2001/blind, scenes2001/one, scenes2001/three\n"
     )
+
     assert _scenes("results.jsonl") == ["venus"]
+
     shutil.rmtree(tree / "scenes2001" / "venus")
-    code, _, err = run(tree, *common, "--suite", "sharp", "-o", "b.jsonl")
+    code, _, err = run_bench("middlebury", tree, *common, "--suite", "sharp", "-o", "b.jsonl")
     assert (code, err) == (0, "phasestereo: left out, without a known truth: scenes2001/blind\n")
     assert _scenes("b.jsonl") == ["one", "three"]
-    assert run(tree, *common, "-o", "c.jsonl", "--scene", "scenes2001/*e", "ONE")[0] == 0
+
+    assert (
+        run_bench("middlebury", tree, *common, "-o", "c.jsonl", "--scene", "scenes2001/*e", "ONE")[
+            0
+        ]
+        == 0
+    )
     assert _scenes("c.jsonl") == ["one", "three"]
 
 
@@ -441,23 +478,27 @@ def _scenes(store: str) -> list[str]:
     return sorted(record["scene"] for record in read_store(store)[1:])
 
 
-def test_command_takes_other_light(run: Callable[..., Run], tmp_path: Path) -> None:
+def test_command_takes_other_light(run_bench: Callable[..., Run], tmp_path: Path) -> None:
     folder = plant(tmp_path / "data", "x") / "scenes2001" / "x"
     art = tmp_path / "data" / "scenes2005" / "ThirdSize" / "Art"
+
     for place in (art, art / "Illum1" / "Exp0", art / "Illum2" / "Exp1"):
         place.mkdir(parents=True)
         for number, image in ((1, "im2.ppm"), (5, "im6.ppm")):
             _convert(folder / image, place / f"view{number}.png")
     for number, image in ((1, "disp2.pgm"), (5, "disp6.pgm")):
         _convert(folder / image, art / f"disp{number}.png")
+
     common = "--degradation", "sharp", "--method", f"{HERE}:sparse", "--workers", "0"
-    code, _, _ = run(art, *common, "--right-image", "Illum*/view5.png")
+
+    code, _, _ = run_bench("middlebury", art, *common, "--right-image", "Illum*/view5.png")
     assert code == 0
     assert _scenes("results.jsonl") == [
         "Art (view1.png Illum1/Exp0/view5.png)",
         "Art (view1.png Illum2/Exp1/view5.png)",
     ]
-    code, _, err = run(art, *common, "--left-image", "Illum9/view1.png")
+
+    code, _, err = run_bench("middlebury", art, *common, "--left-image", "Illum9/view1.png")
     assert code == 1
     assert "has no image 'Illum9/view1.png'; there is view1.png, Illum1/Exp0/view1.png" in err
 
@@ -491,16 +532,22 @@ def _convert(source: Path, target: Path) -> None:
 )
 @pytest.mark.usefixtures("tree")
 def test_command_refuses(
-    run: Callable[..., Run], tmp_path: Path, arguments: tuple[str, ...], code: int, message: str
+    run_bench: Callable[..., Run],
+    tmp_path: Path,
+    arguments: tuple[str, ...],
+    code: int,
+    message: str,
 ) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "taken.txt").write_text("my notes")
     plant(tmp_path / "blind", "blind", truth=False)
     before = sorted(tmp_path.rglob("*"))
-    got, out, err = run(*arguments)
+
+    got, out, err = run_bench("middlebury", *arguments)
     assert (got, out) == (code, "")
     assert err.startswith(f"phasestereo: error: {message}") or message in err
     assert err.count("\n") == 1
+
     assert sorted(tmp_path.rglob("*")) == before
     assert (tmp_path / "taken.txt").read_text() == "my notes"
 
@@ -512,17 +559,20 @@ def test_ctrl_c_says_how_to_go_on(tree: Path, tmp_path: Path) -> None:
         *(sys.executable, "-W", "error", "-m", "phasestereo", "bench", "middlebury", str(tree)),
         *("--degradation", "sharp", "--method", f"{HERE}:sparse", f"{HERE}:nap", "-o", str(store)),
     ]
+
     process = start([*command, "--workers", "2"], NAP="")
     wait_for_record(store, process)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out) == (130, "")
+
     done = len(read_store(store)) - 1
     assert 1 <= done <= 2
     assert err == (
         f"phasestereo: {done} of 4 cells are in {store}; the same command does the others\n"
         "phasestereo: interrupted\n"
     )
+
     process = start([*command, "--workers", "2"])
     out, err = process.communicate(timeout=60)
     assert (process.returncode, len(read_store(store))) == (0, 5)

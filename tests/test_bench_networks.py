@@ -76,14 +76,17 @@ def test_a_network_gets_what_its_inputs_ask_for(
 ) -> None:
     if last:
         shapes = [(batch, *size, channels) for batch, channels, *size in shapes]
+
     answer, given = fed(Network(*shapes), monkeypatch)
     assert list(given) == [f"in{number}" for number in range(len(shapes))]
+
     for batch, wanted in zip(given.values(), expected, strict=True):
         planes = np.moveaxis(batch[0], 2, 0) if last else batch[0]
         assert batch.dtype == np.float32
         assert planes.shape[1:] == (128, 192)  # the next multiples of 64
         np.testing.assert_allclose(planes[:, :70, :130], wanted, atol=1e-6)
         np.testing.assert_array_equal(planes[:, 100, :], planes[:, 69, :])  # its edge, repeated
+
     assert answer.shape == (70, 130)
     np.testing.assert_allclose(answer, expected[0].mean(axis=0), atol=1e-6)
 
@@ -122,12 +125,16 @@ def test_another_file_is_refused_by_its_hash(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(networks, "runtime", lambda: None)
+
     other = tmp_path / "other.onnx"
     other.write_bytes(b"no network")
+
     with pytest.raises(ValueError, match=f"^hitnet: {other} has the SHA-256 [0-9a-f]{{64}}, not"):
         method(f"hitnet:{other}")
+
     with pytest.raises(FileNotFoundError):
         method(f"hitnet:{tmp_path / 'none.onnx'}")
+
     with pytest.raises(ValueError, match="accepts hitnet:FILE.onnx"):
         method("hitnet")
 
@@ -138,12 +145,15 @@ def test_without_onnxruntime_a_sentence_says_so(
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     monkeypatch.chdir(tmp_path)
     root = plant(tmp_path, "one")
+
     command = ["bench", "middlebury", root, "--suite", "sharp", "--method", "fast"]
     code, out, err = run(*command, "--hitnet", "hitnet.onnx", "--workers", 0)
+
     told = "left out, hitnet: onnxruntime is not installed; it comes with: pip install"
     assert (code, err.count(told)) == (0, 1)
     assert "phasestereo-bench[onnx]" in err
     assert "fast" in out
+
     with pytest.raises(ImportError, match="^onnxruntime is not installed"):
         method("onnx:any.onnx")
 
@@ -158,10 +168,13 @@ def test_a_file_that_is_no_network(tmp_path: Path) -> None:
 
 def test_hitnet_is_as_good_as_it_was_measured(data: Path) -> None:
     counterpart("onnxruntime")
+
     pair = find_scene(data / "middlebury", "venus").load()
     assert pair.truth is not None
+
     entrant = method(f"hitnet:{data / 'rivals/hitnet_eth3d.onnx'}")
     assert (entrant.name, entrant.settings) == ("hitnet", {"sha256": networks.HITNET_SHA256})
+
     disparity: Any = entrant.match(pair.left, pair.right, 1)
     bad = ps.metrics.bad_pixels(disparity, pair.truth, 1.0, pair.masks["nonocc"])
     assert bad == pytest.approx(0.4, abs=0.1)
@@ -198,9 +211,11 @@ def test_a_program_takes_files_and_writes_one(tmp_path: Path) -> None:
         "level = left[0, 0, 0] + right[0, 0, 0] / 256 + int(sys.argv[3])\n"
         "write_disparity(sys.argv[4], np.full(left.shape[:2], level, np.float32))\n"
     )
+
     line = f"{sys.executable} {script} {{left}} {{right}} {{num_disparities}} {{output}}"
     entrant = method(f"program:{line}")
     disparity: Any = entrant.match(LEFT, RIGHT, 16)
+
     assert entrant.name.startswith("program:python")
     assert disparity.shape == LEFT.shape[:2]
     assert disparity[0, 0] == LEFT[0, 0, 0] + RIGHT[0, 0, 0] / 256 + 16
@@ -210,8 +225,10 @@ def test_programs_that_fail_say_why(tmp_path: Path) -> None:
     line = f"{sys.executable} -c \"raise SystemExit('no license')\" {{left}} {{right}} {{output}}"
     with pytest.raises(ValueError, match="exit code 1: no license"):
         method(f"program:{line}").match(LEFT, RIGHT, 16)
+
     with pytest.raises(ValueError, match=r"without \{right\} and \{output\}"):
         method("program:mine {left}")
+
     missing = tmp_path / "none"
     with pytest.raises(FileNotFoundError):
         method(f"program:{missing} {{left}} {{right}} {{output}}").match(LEFT, RIGHT, 16)

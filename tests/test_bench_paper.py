@@ -15,9 +15,9 @@ import pytest
 
 from phasestereo.settings import PRESETS
 from phasestereo_bench.degradation import suite
-from phasestereo_bench.paper import findings, load_pairs, run_study, write_study
+from phasestereo_bench.paper import judge_claims, load_pairs, run_study, write_study
 from phasestereo_bench.paper import study as studies
-from phasestereo_bench.paper.claims import CLAIMS, WAYS, Verdict, cases, lines
+from phasestereo_bench.paper.claims import CLAIMS, SETUPS, ClaimVerdict, cases, lines
 from phasestereo_bench.paper.experiments import (
     AREAS,
     BITS,
@@ -33,21 +33,29 @@ from phasestereo_bench.paper.experiments import (
     PROTOCOLS,
     SAD,
     SHARP,
-    Blur,
     Experiment,
     Grid,
+    PaperBlur,
     Series,
     box_psf,
     recoded,
 )
 from phasestereo_bench.paper.prototype import figures
-from phasestereo_bench.paper.study import SCENES, Cell, Reading, choose, curve, everyone, measure
+from phasestereo_bench.paper.study import (
+    SCENES,
+    PaperCell,
+    Reading,
+    choose,
+    curve,
+    measure,
+    tuning_tasks,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from phasestereo_bench.paper.claims import Case
+    from phasestereo_bench.paper.claims import ClaimCase
     from phasestereo_bench.paper.study import Study
 
 for module in ("PIL", "scipy", "matplotlib"):
@@ -78,6 +86,7 @@ def test_tied_settings_hold_the_blur_and_are_valid() -> None:
                 replace(PRESETS["paper"], window=window, neighborhood=side, power=experiment.power)
                 assert side >= 7
                 assert experiment is GAUSS or side >= 2 * level
+
     assert [MOTION_X.neighborhood(15, rule) for rule in MOTION_X.rules] == [31, 45]
     assert MOTION_X.window(15) == 15
     assert GAUSS.window(4) == GAUSS.neighborhood(4, GAUSS.rules[0]) == 17
@@ -100,28 +109,28 @@ def noise_image() -> np.ndarray:
 @pytest.mark.parametrize(
     ("blur", "row"),
     [
-        (Blur("gauss", 2, "suite"), "gauss 2"),
-        (Blur("motion x", 9, "suite"), "motion 9"),
-        (Blur("areas", 11, "suite"), "mixed"),
+        (PaperBlur("gauss", 2, "suite"), "gauss 2"),
+        (PaperBlur("motion x", 9, "suite"), "motion 9"),
+        (PaperBlur("areas", 11, "suite"), "mixed"),
     ],
 )
 def test_the_suites_recipe_is_that_of_the_suite(
-    blur: Blur, row: str, noise_image: np.ndarray
+    blur: PaperBlur, row: str, noise_image: np.ndarray
 ) -> None:
     np.testing.assert_array_equal(blur(noise_image), suite()[row](noise_image))
 
 
 def test_motion_smears_one_direction_without_noise(noise_image: np.ndarray) -> None:
     rows = np.repeat(noise_image[:, :1], 43, axis=1)  # constant along x
-    np.testing.assert_array_equal(Blur("motion x", 11)(rows), rows)
-    assert (Blur("motion y", 11)(rows) != rows).any()
-    smeared = Blur("motion x", 5)(noise_image)
+    np.testing.assert_array_equal(PaperBlur("motion x", 11)(rows), rows)
+    assert (PaperBlur("motion y", 11)(rows) != rows).any()
+    smeared = PaperBlur("motion x", 5)(noise_image)
     wanted = np.rint(noise_image[20, 18:23].mean(axis=0))
     np.testing.assert_array_equal(smeared[20, 20], wanted)
 
 
 def test_areas_alternate(noise_image: np.ndarray) -> None:
-    mixed = Blur("areas", 5)(noise_image)
+    mixed = PaperBlur("areas", 5)(noise_image)
     rows, columns = np.arange(5) * 41 // 4, np.arange(5) * 43 // 4
 
     def area(image: np.ndarray, i: int, j: int) -> np.ndarray:
@@ -129,9 +138,10 @@ def test_areas_alternate(noise_image: np.ndarray) -> None:
 
     dimmed = np.rint(0.6 * noise_image + 20)
     for i, j in np.ndindex(4, 4):
-        versions = [dimmed, Blur("motion x", 5)(noise_image), noise_image]
+        versions = [dimmed, PaperBlur("motion x", 5)(noise_image), noise_image]
         if (i + j) % 4 < 3:
             np.testing.assert_array_equal(area(mixed, i, j), area(versions[(i + j) % 4], i, j))
+
     assert area(mixed, 0, 3).std() < 0.4 * area(noise_image, 0, 3).std()  # out of focus
 
 
@@ -139,23 +149,25 @@ def test_areas_alternate(noise_image: np.ndarray) -> None:
 
 
 def test_all_grids_hold_what_the_tied_protocol_needs() -> None:
-    assert len(everyone()) == len(SCENES) * (len(METHODS) + 1)  # phase codes with k = 1 and 2
-    for whose in everyone():
-        measured = whose.cells(FULL_GRID)
+    assert len(tuning_tasks()) == len(SCENES) * (len(METHODS) + 1)  # phase codes with k = 1 and 2
+    for task in tuning_tasks():
+        measured = task.cells(FULL_GRID)
         assert len(measured) == len(set(measured))
         assert all(cell.blur == SHARP for cell in measured)
-        assert {Cell(whose.scene, SHARP, each) for each in whose.tied} <= set(measured)
+        assert {PaperCell(task.scene, SHARP, each) for each in task.tied} <= set(measured)
 
 
 def test_the_best_is_chosen_and_the_first_of_equals() -> None:
-    whose = next(each for each in everyone() if each.method is PHASE)
-    bad = dict.fromkeys(whose.cells(FULL_GRID), 10.0)
-    first = whose.method.candidates(FULL_GRID, whose.power)[0]
-    assert choose(whose, FULL_GRID, bad).fixed == first
-    best = PHASE.settings(window=11, neighborhood=15, penalty=2, power=whose.power)
-    tied = PHASE.settings(window=7, neighborhood=7, penalty=4, power=whose.power)
-    bad |= {Cell(whose.scene, SHARP, best): 5.0, Cell(whose.scene, SHARP, tied): 6.0}
-    choice = choose(whose, FULL_GRID, bad)
+    task = next(each for each in tuning_tasks() if each.method is PHASE)
+    bad = dict.fromkeys(task.cells(FULL_GRID), 10.0)
+    first = task.method.candidates(FULL_GRID, task.power)[0]
+    assert choose(task, FULL_GRID, bad).fixed == first
+
+    best = PHASE.settings(window=11, neighborhood=15, penalty=2, power=task.power)
+    tied = PHASE.settings(window=7, neighborhood=7, penalty=4, power=task.power)
+    bad |= {PaperCell(task.scene, SHARP, best): 5.0, PaperCell(task.scene, SHARP, tied): 6.0}
+
+    choice = choose(task, FULL_GRID, bad)
     assert (choice.fixed, choice.fixed_bad) == (best, 5.0)
     assert (choice.penalty, choice.penalty_bad) == (4, 6.0)
 
@@ -227,24 +239,26 @@ def winning(_: Experiment, __: str, series: Series, level: float) -> float:
     return 20 + level if series.method is PHASE else 21 + level + min(level, 6)
 
 
-def verdicts(readings: list[Reading], claim: int) -> list[Verdict]:
-    """Return what becomes of a claim, by its place among them, in every way."""
+def verdicts(readings: list[Reading], claim: int) -> list[ClaimVerdict]:
+    """Return what becomes of a claim, by its place among them, in every setup."""
     name = list(CLAIMS)[claim]
-    every = findings([*readings, *of_bits(lambda _: 10.0)] if claim < 2 else readings)
+    every = judge_claims([*readings, *of_bits(lambda _: 10.0)] if claim < 2 else readings)
     return [each.verdict for each in every if each.claim == name]
 
 
-def case_of(readings: list[Reading], experiment: Experiment, scene: str) -> Case:
-    """Return a case of the first way."""
-    found = cases(readings, WAYS[0])
+def case_of(readings: list[Reading], experiment: Experiment, scene: str) -> ClaimCase:
+    """Return a case of the first setup."""
+    found = cases(readings, SETUPS[0])
     return next(each for each in found if (each.experiment, each.scene) == (experiment, scene))
 
 
 def test_claims_are_reproduced_by_what_reproduces_them() -> None:
     readings = synthetic(winning)
-    assert len(cases(readings, WAYS[0])) == len(EXPERIMENTS) * len(SCENES)
-    assert verdicts(readings, 0) == [Verdict.YES] * 3
-    assert verdicts(readings, 1) == [Verdict.YES] * 3
+
+    assert len(cases(readings, SETUPS[0])) == len(EXPERIMENTS) * len(SCENES)
+    assert verdicts(readings, 0) == [ClaimVerdict.YES] * 3
+    assert verdicts(readings, 1) == [ClaimVerdict.YES] * 3
+
     case = case_of(readings, MOTION_X, "cones")
     assert next(iter(case.gains)) == 3  # 1 is no blur
     assert case.gains[3] == pytest.approx(4)
@@ -253,8 +267,8 @@ def test_claims_are_reproduced_by_what_reproduces_them() -> None:
 
 def test_claims_are_not_reproduced_by_what_does_not() -> None:
     readings = synthetic(lambda *where: 60 - winning(*where))
-    assert verdicts(readings, 0) == [Verdict.NO] * 3
-    assert verdicts(readings, 1) == [Verdict.NO] * 3
+    assert verdicts(readings, 0) == [ClaimVerdict.NO] * 3
+    assert verdicts(readings, 1) == [ClaimVerdict.NO] * 3
 
 
 def test_one_loss_is_reproduced_in_part() -> None:
@@ -262,19 +276,19 @@ def test_one_loss_is_reproduced_in_part() -> None:
         lost = (experiment, scene, level) == (AREAS, "cones", 3) and series.method is PHASE
         return 99 if lost else winning(experiment, scene, series, level)
 
-    assert verdicts(synthetic(almost), 0)[0] is Verdict.PARTLY
+    assert verdicts(synthetic(almost), 0)[0] is ClaimVerdict.PARTLY
 
 
 def test_small_gains_are_not_large_ones() -> None:
     readings = synthetic(lambda *where: 20.0 if where[2].method is PHASE else 24.9)
-    assert verdicts(readings, 0)[0] is Verdict.YES
-    assert verdicts(readings, 1)[0] is Verdict.NO
+    assert verdicts(readings, 0)[0] is ClaimVerdict.YES
+    assert verdicts(readings, 1)[0] is ClaimVerdict.NO
 
 
 def test_the_rival_is_the_papers_and_the_better_one_is_told_apart() -> None:
     values = {PHASE.cost: 20.0, SAD.cost: 10.0, NSAD.cost: 30.0}
     readings = synthetic(lambda *where: values[where[2].method.cost])
-    for case in cases(readings, WAYS[0]):
+    for case in cases(readings, SETUPS[0]):
         gain = 10 if case.experiment is AREAS else -10
         assert set(case.gains.values()) == {gain}
         assert set(case.over_best.values()) == {-10}
@@ -283,11 +297,11 @@ def test_the_rival_is_the_papers_and_the_better_one_is_told_apart() -> None:
 def test_a_line_is_flat_or_not() -> None:
     readings = synthetic(winning)
     flat = [*readings, *of_bits(lambda bits: 10 + 0.5 * bits)]
-    assert verdicts(flat, 2) == [Verdict.YES, Verdict.YES]
+    assert verdicts(flat, 2) == [ClaimVerdict.YES, ClaimVerdict.YES]
     uneven = of_bits(lambda bits: 13 if bits == 1 else 10)
     assert (len(lines(uneven)), lines(uneven)[0].spread) == (12, 3)
-    assert verdicts([*readings, *uneven], 2) == [Verdict.NO, Verdict.NO]
-    assert findings([*readings, *uneven])[-1].holds_at == "0 of 6 lines"
+    assert verdicts([*readings, *uneven], 2) == [ClaimVerdict.NO, ClaimVerdict.NO]
+    assert judge_claims([*readings, *uneven])[-1].holds_at == "0 of 6 lines"
 
 
 # A small run of it all.
@@ -322,6 +336,7 @@ def test_resumption_measures_nothing_again(
 
     before = (folder / "results.jsonl").read_bytes()
     monkeypatch.setattr(studies, "score_cell", never)
+
     again = run_study(load_pairs(middlebury), folder / "results.jsonl", quick=True, workers=0)
     assert (folder / "results.jsonl").read_bytes() == before
     assert again.readings
@@ -363,13 +378,16 @@ def test_numbers_are_in_the_files(study: Study, folder: Path) -> None:
     for name in ("experiment1", "experiment2", "experiment3", "figure3"):
         with (folder / f"{name}.csv").open(newline="", encoding="utf-8") as file:
             rows += list(csv.DictReader(file))
+
     assert [float(row["nonocc"]) for row in rows] == [each.nonocc for each in study.readings]
     assert [float(row["level"]) for row in rows] == [each.level for each in study.readings]
     assert {row["rule"] for row in rows} == {"", "2n + 1", "3n", "4 sigma + 1"}
     assert all((row["neighborhood"] == "") == (row["method"] != "phase") for row in rows)
+
     with (folder / "claims.csv").open(newline="", encoding="utf-8") as file:
         told = [row["verdict"] for row in csv.DictReader(file)]
-    assert told == [each.verdict.value for each in findings(study.readings)]
+    assert told == [each.verdict.value for each in judge_claims(study.readings)]
+
     with (folder / "settings.csv").open(newline="", encoding="utf-8") as file:
         chosen = list(csv.DictReader(file))
     assert [(row["fixed: bad, %"], row["tied: bad, %"]) for row in chosen] == [
@@ -388,14 +406,19 @@ def test_figures_are_drawn(folder: Path) -> None:
 
 def test_page_has_a_verdict_on_every_claim_and_all_tables(study: Study, folder: Path) -> None:
     page = (folder / "paper.md").read_text("utf-8")
+
     assert "quick trial" in page
+
     for quote in CLAIMS.values():
         assert quote in page
-    for claim, way, verdict, holds_at in findings(study.readings):
-        assert f"| {claim} | {way} | {verdict.value} | {holds_at} |" in page
+
+    for claim, setup, verdict, holds_at in judge_claims(study.readings):
+        assert f"| {claim} | {setup} | {verdict.value} | {holds_at} |" in page
+
     for figure, measured, as_suite in study.prototype:
         assert f"| {figure.published:.1f} | {measured:.1f} |" in page
         assert f" | {as_suite:.1f} | " in page
+
     for name in re.findall(r"\]\((\S+)\)", page):
         assert (folder / name).is_file()
 
@@ -422,8 +445,10 @@ def test_the_command_tells_the_verdicts(
 
     monkeypatch.setattr(bench_paper, "run_study", run)
     monkeypatch.setattr(bench_paper, "write_study", lambda *_: [tmp_path / "paper.md"])
+
     assert cli.run(["bench", "paper", str(middlebury), "-o", str(tmp_path), "--workers", "3"]) == 0
     assert (asked["workers"], asked["quick"]) == (3, False)
+
     out, err = capsys.readouterr()
     assert "better in all" in out
     assert str(tmp_path / "paper.md") in out.replace("\n", "")
@@ -449,18 +474,20 @@ def test_a_failed_cell_is_told_and_the_others_kept(
     middlebury: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pairs = load_pairs(middlebury)
-    good = Cell("tsukuba", SHARP, SAD.settings(window=7, penalty=10))
+    good = PaperCell("tsukuba", SHARP, SAD.settings(window=7, penalty=10))
     bad = replace(good, scene="cones")
     whole = studies.score_cell
 
-    def score(folder: str, cell: Cell) -> object:
+    def score(folder: str, cell: PaperCell) -> object:
         if cell == bad:
             raise MemoryError("no room")
         return whole(folder, cell)
 
     monkeypatch.setattr(studies, "score_cell", score)
+
     with pytest.raises(RuntimeError, match=r"1 of 2 cells failed.*MemoryError: no room"):
         measure([good, bad, good], pairs, tmp_path / "results.jsonl", workers=0)
+
     lines = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]
     kept = [line["scene"] for line in lines if line.get("status") == "ok"]
     assert kept == ["tsukuba"]
@@ -468,7 +495,7 @@ def test_a_failed_cell_is_told_and_the_others_kept(
 
 def test_another_pair_of_the_same_name_is_another_cell(middlebury: Path) -> None:
     pairs = load_pairs(middlebury)
-    cell = Cell("cones", SHARP, SAD.settings(window=7, penalty=10))
+    cell = PaperCell("cones", SHARP, SAD.settings(window=7, penalty=10))
     other = replace(pairs, digests={**pairs.digests, "cones": "0"})
     assert cell.job(pairs).key != cell.job(other).key
     assert cell.job(pairs).key == cell.job(load_pairs(middlebury)).key
@@ -487,15 +514,19 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int
 def test_refusals(middlebury: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, line = refusal(capsys, tmp_path / "nowhere")
     assert (code, "no such folder" in line) == (1, True)
+
     (tmp_path / "empty").mkdir()
     code, line = refusal(capsys, tmp_path / "empty")
     assert (code, "no Middlebury scene in" in line) == (1, True)
+
     code, line = refusal(capsys, middlebury / "scenes2003", "-o", tmp_path / "out")
     assert (code, "'scenes2001/tsukuba' is not a scene in" in line) == (1, True)
     assert not (tmp_path / "out").exists()
+
     (tmp_path / "file").touch()
     code, line = refusal(capsys, middlebury, "-o", tmp_path / "file")
     assert (code, "File exists" in line) == (1, True)
+
     code, line = refusal(capsys, middlebury, "-o", tmp_path / "out", "--workers", "-1")
     assert (code, "--workers: got -1" in line) == (2, True)
 

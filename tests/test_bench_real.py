@@ -39,12 +39,15 @@ def test_frames_are_found_by_their_names(tmp_path: Path) -> None:
     for name in ("cam0/a.png", "cam0/b.png", "cam1/b.png", "left_1.png", "right_1.png"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         write_image(tmp_path / name, GRAY)
+
     write_image(tmp_path / "left_2.png", GRAY)  # without its right one
     write_image(tmp_path / "wide.png", np.hstack([GRAY, 255 - GRAY]))
     write_image(tmp_path / "other.png", GRAY)
+
     recording = find_recording(tmp_path)
     names = [tuple(path.name for path in files) for files in recording.frames]
     assert names == [("b.png", "b.png"), ("left_1.png", "right_1.png"), ("wide.png",)]
+
     left, right = read_frame(recording.frames[2])
     np.testing.assert_array_equal(left, GRAY)
     np.testing.assert_array_equal(right, 255 - GRAY)
@@ -60,10 +63,12 @@ def test_folders_without_frames_are_refused(tmp_path: Path) -> None:
 def test_the_recordings_that_there_are(data: Path) -> None:
     euroc = find_recording(data / "rigs/euroc")
     assert [len(files) for files in euroc.frames] == [2] * 6
+
     cheap = find_recording(data / "rigs/stereopi")
     assert [len(files) for files in cheap.frames] == [2] * 4 + [1] * 3
     left, right = read_frame(cheap.frames[-1])
     assert left.shape == right.shape == (240, 320, 3)
+
     jobs = recording_jobs(euroc, ["fast"])
     assert len(jobs) == 6 * 3
     assert len({tuple(job.key.items()) for job in jobs}) == len(jobs)
@@ -137,12 +142,15 @@ def test_rectified_frames_agree_more_than_raw_ones(data: Path) -> None:
 def test_real_pairs_are_matched(data: Path) -> None:
     there = find_pairs(data)
     assert list(there) == ["exposure", "focus"]
+
     pair = load_pair("focus", there["focus"])
     assert pair.truth is not None
     assert pair.left.shape == pair.right.shape
     assert set(np.unique(pair.truth)) == {16}
+
     assert score_pair("focus", there["focus"], "robust")["bad_1"] < 0.5
     assert score_pair("exposure", there["exposure"], "robust")["bad_1"] < 6
+
     assert len(real_jobs(data, ["fast", "robust"])) == 4
     assert find_pairs(there["focus"]) == {}
 
@@ -156,13 +164,17 @@ def test_the_command_shows_what_was_scored(data: Path, tmp_path: Path, run: Run)
         (tmp_path / "rig" / camera).mkdir(parents=True)
         for file in (name, "sensor.yaml"):
             shutil.copy(data / "rigs/euroc" / camera / file, tmp_path / "rig" / camera / file)
+
     store = tmp_path / "recordings.jsonl"
     command = ["bench", "recordings", tmp_path / "rig", "--method", "fast", "-o", store]
+
     code, out, err = run(*command, "--workers", 0)
     assert code == 0, err
     assert "rig, rectified" in out
     assert re.search(r"rig +1 +13\.\d\d", out)
+
     kinds = [line["kind"] for line in read_store(store)]
     assert kinds == ["environment", "recording-rows", "recording-frame", "recording-frame"]
+
     code, _, err = run("bench", "recordings")
     assert (code, "where are the frames?" in err) == (1, True)

@@ -19,7 +19,7 @@ from phasestereo_bench.datasets import find_scene, find_scenes
 from phasestereo_bench.report import METRICS, fill_document, read_results, write_report
 from phasestereo_bench.report.cells import Place
 from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
-from phasestereo_bench.report.origin import commands, explain, origin
+from phasestereo_bench.report.origin import commands, explain, made_with, origin
 from phasestereo_bench.report.plots import styles
 from phasestereo_bench.report.sharp import explain_v3, sharp_tables, v2_table, v3_table
 from phasestereo_bench.report.tables import (
@@ -65,6 +65,7 @@ def record(
     """Return a record as the harness writes it; without a number, that of a failed cell."""
     told = method.endswith("+true-blur")
     ours = method.startswith("paper")
+
     key = {
         "kind": "middlebury",
         "suite": SUITE,
@@ -75,6 +76,7 @@ def record(
         "method": method.removesuffix("+true-blur"),
         "true_blur": told,
     }
+
     if bad is None:
         outcome: dict[str, Any] = {
             "status": "failed",
@@ -94,6 +96,7 @@ def record(
             "seconds": 2e-3 * bad,
             "peak_bytes": 3_000_000,
         }
+
     return {**key, **outcome, "environment": "e1", **fields}
 
 
@@ -137,6 +140,7 @@ def whole(tmp_path: Path) -> Results:
                 if not method.endswith("blur") or row in BLURS:
                     cell = record(method, base + number, scene, row, collection=collection)
                     records.append(cell)
+
     return read_results([store(tmp_path / "whole.jsonl", records)])
 
 
@@ -148,10 +152,12 @@ def test_means_are_over_the_scenes_that_all_have(small: Results) -> None:
         2,
         {"paper:window=11": 40.0, "opencv:sgbm": 15.0},
     )
+
     assert means(small, "v2.nonocc", ["gauss 2"]) == (
         1,
         {"paper:window=11": 44.0, "opencv:sgbm": 40.0, "opencv:sgbm+true-blur": 3.0},
     )
+
     both = means(small, "v2.nonocc", ["sharp", "gauss 2"])
     assert both == (1, {"paper:window=11": 37.0, "opencv:sgbm": 25.0})
 
@@ -170,12 +176,14 @@ def test_mean_table(small: Results) -> None:
 def test_mean_of_the_blurs(whole: Results) -> None:
     table = mean_table(whole, "v2.nonocc")
     assert table.header == ("method", *SUITES[SUITE], "mean of the blurs")
+
     ours, rival, told = texts(table)
     rows = list(SUITES[SUITE])
     expected = np.mean([rows.index(row) for row in BLURS])
     assert ours[-1] == f"*{10 + expected:.1f}*"
     assert rival[-1] == f"{20 + expected:.1f}"
     assert told[-1] == f"{5 + expected:.1f}"
+
     assert [text for text, row in zip(told[1:], rows, strict=False) if row not in BLURS] == [
         "-"
     ] * 3
@@ -200,6 +208,7 @@ def test_one_row_has_its_mean_below(tmp_path: Path) -> None:
         for method, bad in (("paper", 5.0), ("sad", 7.0))
         for scene in ("venus", "tsukuba")
     ]
+
     table = scene_table(read_results([store(tmp_path / "a", records)]), "v2.nonocc")
     assert table.header == ("scene", "paper", "sad")
     assert texts(table)[0] == ["tsukuba", "*5.0*", "7.0"]
@@ -216,11 +225,13 @@ def test_scenes_beyond_the_suite_do_not_count(tmp_path: Path) -> None:
     records = [record("paper", 10.0), record("paper", 90.0, "sawtooth")]
     told = read_results([store(tmp_path / "a", records)])
     assert means(told, "v2.nonocc", ["sharp"]) == (1, {"paper": 10.0})
+
     assert [row[0].text for row in scene_table(told, "v2.nonocc").rows] == [
         "sawtooth",
         "tsukuba",
         "mean of 1 of 12",
     ]
+
     others = read_results([store(tmp_path / "b", records[1:])])
     assert means(others, "v2.nonocc", ["sharp"]) == (1, {"paper": 90.0})
 
@@ -240,10 +251,12 @@ def test_pixels_have_two_places(small: Results) -> None:
 def test_more_of_an_area_is_better(tmp_path: Path) -> None:
     records = [record("paper", 1.0, roc=0.9), record("sad", 1.0, roc=0.8), record("nsad", 1.0)]
     told = read_results([store(tmp_path / "a", records)])
+
     found = texts(mean_table(told, "roc"))
     assert found == [["paper", "*0.900*"], ["nsad", "-"], ["sad", "0.800"]]
     assert "pixels: more is better." in explain(told, "roc")
     assert "pixels, %: less is better." in explain(told, "v2.nonocc")
+
     page = write_report(told, tmp_path / "out", metric="roc")[-2].read_text("utf-8")
     assert "scenes: paper 0.900, sad 0.800." in page
 
@@ -267,13 +280,16 @@ def test_tables_of_sharp_pairs(tmp_path: Path) -> None:
         sharp_record("opencv:sgbm", "tsukuba", 6.0),
         sharp_record("opencv:sgbm", "Piano", 6.0),
     ]
+
     told = read_results([store(tmp_path / "a", records)])
+
     regions = [f"{scene} {name}" for scene in ("tsukuba", "cones") for name in V2]
     assert v2_table(told).header == ("method", *regions, "mean")
     assert texts(v2_table(told)) == [
         ["paper", "*2.0*", "*3.0*", "*7.0*", "4.0", "5.0", "9.0", "5.0"],
         ["opencv:sgbm", "6.0", "7.0", "11.0", "-", "-", "-", "-"],
     ]
+
     assert v3_table(told).header == ("method", "bad-2.0", "mean error", "ROC area")
     assert texts(v3_table(told)) == [
         ["paper", "4.0", "0.80", "0.900"],
@@ -289,21 +305,25 @@ def test_regions_without_numbers_are_left_out(tmp_path: Path) -> None:
     assert v2_table(told).header == ("method", "venus nonocc", "venus all", "mean")
     assert texts(v2_table(told)) == [["paper", "2.0", "4.0", "3.0"]]
     assert list(sharp_tables(told)) == ["As in version 2 of the Middlebury evaluation"]
+
     elsewhere = read_results([store(tmp_path / "b", [sharp_record("paper", "Piano", 2.0)])])
     assert list(sharp_tables(elsewhere)) == ["As in version 3"]
 
 
 def test_only_sharp_pairs_have_such_tables(small: Results, tmp_path: Path) -> None:
     assert sharp_tables(small) == {}
+
     records = [sharp_record("paper", scene, 2.0) for scene in ("venus", "Piano")]
     told = read_results([store(tmp_path / "a", records)])
     page = write_report(told, tmp_path / "out")[-2].read_text("utf-8")
     path = tmp_path / "sharp.md"
     path.write_text("".join(f"<!-- bench:sharp{n} --><!-- /bench:sharp{n} -->" for n in ENDINGS))
+
     fill_document(path, told)
     for table in (v2_table(told), v3_table(told), scene_table(told, "v2.nonocc")):
         assert markdown_table(table) in page
         assert markdown_table(table) in path.read_text("utf-8")
+
     words = " ".join(path.read_text("utf-8").split())
     assert "version 2 of the Middlebury evaluation had them" in words
 
@@ -336,13 +356,26 @@ def test_settings_with_all_their_values(tmp_path: Path) -> None:
 def test_environments(tmp_path: Path) -> None:
     records = [record("paper", 1.0), record("paper", 1.0, "venus", environment="e2")]
     told = read_results([store(tmp_path / "a", records)])
+
     table = environment_table(told)
     assert table.header == ("environment", "e1", "e2")
     assert ["OpenCV", "5.0", "-"] in texts(table)
     assert texts(table)[-1] == ["cells", "1", "1"]
+
     assert [row[1].text for row in cost_table(told).rows] == ["e1", "e2"]
     assert "commit 0123456789ab-dirty" in origin(told)
     assert "versions that are not known" in origin(told)
+
+
+def test_environments_that_differ_in_the_commit_alone_are_named_once() -> None:
+    known = {"versions": {"phasestereo": "0.1.0", "numpy": "2.4"}, "cpu": "A", "date": "2026-11-22"}
+    commits = (None, "428e2ebb75ed0000", "678a4e3fb8100000-dirty")
+    assert made_with({**known, "commit": commit} for commit in commits) == (
+        "Made with phasestereo 0.1.0 (commits unknown, 428e2ebb75ed, 678a4e3fb810-dirty), "
+        "NumPy 2.4 on A, 2026-11-22."
+    )
+    alone = made_with([{**known, "commit": None}])
+    assert alone == "Made with phasestereo 0.1.0, NumPy 2.4 on A, 2026-11-22."
 
 
 # What is read
@@ -351,8 +384,10 @@ def test_environments(tmp_path: Path) -> None:
 def test_last_record_counts_also_over_files(tmp_path: Path) -> None:
     first = store(tmp_path / "a", [record("paper", None), record("paper", 1.0), record("sad", 1.0)])
     second = store(tmp_path / "b", [record("paper", 2.0)])
+
     told = read_results([first, second])
     assert means(told, "v2.nonocc", ["sharp"]).values == {"paper": 2.0, "sad": 1.0}
+
     assert told.failures == ()
     assert read_results([second, first]).values("v2.nonocc", "paper", "sharp") == {
         Place("scenes2001", "tsukuba"): 1.0
@@ -364,6 +399,7 @@ def test_order_of_telling(tmp_path: Path) -> None:
         *("opencv:sgbm+true-blur", "opencv:sgbm", "sad", "paper:neighborhood=11"),
         *("paper:neighborhood=7+true-blur", "paper:neighborhood=7"),
     )
+
     baseline = {"cost": "sad"}
     records = [
         record(
@@ -383,6 +419,7 @@ def test_order_of_telling(tmp_path: Path) -> None:
         )
         for row in ("mixed", "gauss 2", "sharp")
     ]
+
     told = read_results([store(tmp_path / "a", records)])
     assert told.methods == (
         *("paper:neighborhood=7", "paper:neighborhood=11", "sad", "opencv:sgbm"),
@@ -390,6 +427,7 @@ def test_order_of_telling(tmp_path: Path) -> None:
     )
     assert told.degradations == ("sharp", "gauss 2", "mixed")
     assert [place.scene for place in told.places] == ["map", "venus", "Aloe", "Piano"]
+
     chosen = ("opencv:sgbm", "paper:neighborhood=11")
     assert read_results([tmp_path / "a"], methods=chosen).methods == chosen
 
@@ -437,14 +475,17 @@ def test_refusals_of_content(tmp_path: Path) -> None:
 
 def test_refusals_of_choice(tmp_path: Path) -> None:
     mixed = [record("paper", 1.0), record("paper", 1.0, suite="sharp")]
+
     assert "suite: got none" in refused(tmp_path, mixed)
     assert "one-sided-blur, sharp" in refused(tmp_path, mixed, suite="none")
     assert read_results([tmp_path / "refused.jsonl"], suite="sharp").suite == "sharp"
+
     sides = [record("paper", 1.0), record("paper", 2.0, side="right")]
     assert "side: got none" in refused(tmp_path, sides)
     told = read_results([tmp_path / "refused.jsonl"], side="right")
     assert means(told, "v2.nonocc", ["sharp"]).values == {"paper": 2.0}
     assert "side: got 'top'; accepts" in refused(tmp_path, sides, side="top")
+
     message = refused(tmp_path, [record("paper", 1.0)], methods=["paper", "sad"])
     assert message == "method: got 'sad'; accepts those with results: paper"
 
@@ -452,10 +493,12 @@ def test_refusals_of_choice(tmp_path: Path) -> None:
 def test_refusals_of_files(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         read_results([tmp_path / "missing.jsonl"])
+
     path = store(tmp_path / "a", [record("paper", 1.0)])
     path.write_text(path.read_text("utf-8").replace("\n", "\nnot JSON\n", 1), "utf-8")
     with pytest.raises(ValueError, match="line 2"):
         read_results([path])
+
     (tmp_path / "b").write_text("a,b\n1,2\n", "utf-8")
     with pytest.raises(ValueError, match="not a file of benchmark results"):
         read_results([tmp_path / "b"])
@@ -498,21 +541,25 @@ def test_page_is_whole_and_needs_nothing_else(small: Results, written: list[Path
     content = written[-1].read_text("utf-8")
     page = Page()
     page.feed(content)
+
     assert page.open == []
     assert len(page.sources) == 2
     assert all(source.startswith("data:image/svg+xml;base64,") for source in page.sources)
+
     assert "://" not in content
     assert "<strong>15.0</strong>" in content
     assert "no <b> | `here` at all" in page.text
     assert "<b>" not in content
     assert "A <fast> processor" in page.text
     assert "1 cells failed" in page.text
+
     for command in commands(small, "v2.nonocc"):
         assert command in page.text
 
 
 def test_markdown_page_says_the_same(small: Results, written: list[Path]) -> None:
     content = written[-2].read_text("utf-8")
+
     for table in (
         mean_table(small, "v2.nonocc"),
         scene_table(small, "v2.nonocc"),
@@ -521,6 +568,7 @@ def test_markdown_page_says_the_same(small: Results, written: list[Path]) -> Non
         assert markdown_table(table) in content
     for table in (failure_table(small), settings_table(small), environment_table(small)):
         assert markdown_table(table) in content
+
     assert re.findall(r"\]\((.*)\)", content) == ["means.png", "scenes.png"]
     assert "\n".join(commands(small, "v2.nonocc")) in content
 
@@ -528,16 +576,19 @@ def test_markdown_page_says_the_same(small: Results, written: list[Path]) -> Non
 def test_csv_holds_every_number(small: Results, written: list[Path]) -> None:
     with written[-3].open(encoding="utf-8", newline="") as file:
         lines = list(csv.DictReader(file))
+
     found = {
         (line["scene"], line["degradation"], line["method"], line["metric"]): float(line["value"])
         for line in lines
     }
+
     assert len(found) == len(lines) == 9 * 7
     for (place, row, method), cell in small.cells.items():
         for metric, value in cell.metrics.items():
             assert found[place.scene, row, method, metric] == value
         assert found[place.scene, row, method, "seconds"] == cell.seconds
         assert found[place.scene, row, method, "peak_bytes"] == cell.peak_bytes
+
     assert {line["collection"] for line in lines} == {"scenes2001"}
     assert {(line["suite"], line["side"]) for line in lines} == {(SUITE, "left")}
 
@@ -545,11 +596,13 @@ def test_csv_holds_every_number(small: Results, written: list[Path]) -> None:
 def test_plots_show_every_method(small: Results, written: list[Path]) -> None:
     image = pytest.importorskip("PIL.Image")
     folder = written[0].parent
+
     for name in ("means", "scenes"):
         with image.open(folder / f"{name}.png") as picture:
             assert min(picture.size) > 300
             assert len(np.unique(np.asarray(picture.convert("L")))) > 50
         assert ET.parse(folder / f"{name}.svg").getroot().tag.endswith("svg")  # noqa: S314 - our own
+
     drawn = (folder / "means.svg").read_text("utf-8").lower()
     for style in styles(small, "v2.nonocc").values():
         assert style.color in drawn
@@ -558,9 +611,11 @@ def test_plots_show_every_method(small: Results, written: list[Path]) -> None:
 def test_ours_stands_out(tmp_path: Path) -> None:
     records = [record(f"paper:window={size}", 50.0 - size) for size in (5, 7, 9)]
     records += [record("opencv:sgbm", 1.0), record("paper:window=7+true-blur", 1.0)]
+
     looks = styles(read_results([store(tmp_path / "a", records)]), "v2.nonocc")
     assert looks["paper:window=9"].color == "#0b66c3"
     assert len({look.color for look in looks.values()}) == 4
+
     plain, told = looks["paper:window=7"], looks["paper:window=7+true-blur"]
     assert (plain.color, plain.mark, plain.hollow, told.hollow) == (
         told.color,
@@ -573,8 +628,10 @@ def test_ours_stands_out(tmp_path: Path) -> None:
 def test_without_a_rival_there_is_one_plot(tmp_path: Path) -> None:
     (tmp_path / "scenes.png").touch()
     (tmp_path / "other.txt").touch()
+
     told = read_results([store(tmp_path / "a", [record("paper", 1.0, suite="sharp")])])
     written = write_report(told, tmp_path)
+
     assert {path.name for path in written} == {name for name in FILES if "scenes" not in name}
     assert {path.name for path in tmp_path.iterdir()} == {p.name for p in written} | {
         "a",
@@ -589,6 +646,7 @@ def test_many_degradations_and_methods_fit(tmp_path: Path) -> None:
         for scene in ("one", "two")
         for row in (1, 10, 2, 0)
     ]
+
     told = read_results([store(tmp_path / "a", records)])
     assert told.degradations == ("blur 0", "blur 1", "blur 2", "blur 10")
     assert len(write_report(told, tmp_path / "out")) == len(FILES)
@@ -601,13 +659,16 @@ def test_command_makes_the_run_again(small: Results, whole: Results, tmp_path: P
         "paper:window=11 opencv:sgbm opencv:sgbm+true-blur --degradation 'gauss 2' sharp "
         "--scene scenes2001/tsukuba scenes2001/venus -o results.jsonl"
     )
+
     assert report.startswith("phasestereo bench report results.jsonl --suite one-sided-blur")
     assert commands(whole, "d1")[0].endswith("paper+true-blur -o results.jsonl")
+
     light = record("paper", 1.0, "Art (view1.png Illum2/Exp1/view5.png)", suite="sharp")
     made = commands(read_results([store(tmp_path / "light", [light])]), "d1")[0]
     assert (
         "--scene scenes2001/Art --left-image view1.png --right-image Illum2/Exp1/view5.png" in made
     )
+
     custom = read_results([store(tmp_path / "custom", [record("paper", 1.0, suite="custom")])])
     assert [line.split()[2] for line in commands(custom, "d1")] == ["report"]
 
@@ -633,10 +694,12 @@ def test_markers_are_filled_and_filled_again() -> None:
         "Before\n<!-- bench:a -->\n\n| A |\n\n<!-- /bench:a -->\n"
         "<!--bench:b-->\n\nB\n\n<!-- /bench:b --> after\n"
     )
+
     assert fill_markers(filled, {"a": "| A |", "b": "B"}) == filled
     assert "\r\n\r\nx\r\ny\r\n\r\n" in fill_markers(
         "<!-- bench:a --><!-- /bench:a -->\r\n", {"a": "x\ny"}
     )
+
     kept = fill_markers(document, {"a": "A"}, others=["b"])
     assert "<!--bench:b-->old\n<!-- /bench:b -->" in kept
 
@@ -667,11 +730,13 @@ def test_documents_are_replaced_as_a_whole(whole: Results, tmp_path: Path) -> No
     places.append("<!-- bench:sharp -->kept<!-- /bench:sharp -->")
     document = "\n".join(["# Ä", *places])
     path.write_text(document, "utf-8")
+
     fill_document(path, whole)
     filled = path.read_text("utf-8")
     assert markdown_table(mean_table(whole, "v2.nonocc")) in filled
     assert filled.startswith("# Ä\n")
     assert "<!-- bench:sharp -->kept<!-- /bench:sharp -->" in filled
+
     for fact in (
         "Means over 12 scenes",
         "left image degraded",
@@ -679,9 +744,11 @@ def test_documents_are_replaced_as_a_whole(whole: Results, tmp_path: Path) -> No
         "OpenCV 5.0",
     ):
         assert fact in filled.replace("\n", " ")
+
     before = path.stat()
     fill_document(path, whole)
     assert path.stat() == before
+
     path.write_text("<!-- bench:sharp --><!-- /bench:sharp -->", "utf-8")
     with pytest.raises(ValueError, match=r"README.md: no marker to fill"):
         fill_document(path, whole)
@@ -705,16 +772,20 @@ def test_command(
         "<!-- bench:one-sided-blur-scenes --><!-- /bench:one-sided-blur-scenes -->", "utf-8"
     )
     arguments = ["bench", "report", source, "-o", str(tmp_path / "out"), "--readme", str(readme)]
+
     assert cli.run(arguments) == 0
     out, err = capsys.readouterr()
     assert err == ""
+
     assert re.search(r"paper +10\.0 +11\.0 .* 13\.5", out)
     assert str(tmp_path / "out" / "report.html") in out
     assert markdown_table(scene_table(whole, "v2.nonocc")) in readme.read_text("utf-8")
+
     page = (tmp_path / "out" / "report.md").read_text("utf-8")
     ranking = "paper 13.5 %, opencv:sgbm 23.5 %; told the blur: paper+true-blur 8.5 %."
     assert f"mean over the blurs of 12 scenes: {ranking}" in page
     assert "no cell failed" in page
+
     chosen = ["--method", "opencv:sgbm", "--metric", "v3.bad_2", "--side", "left", "--suite", SUITE]
     assert cli.run(["bench", "report", source, *chosen]) == 0
     out = capsys.readouterr().out
@@ -728,6 +799,7 @@ def test_command_refuses(
     source, readme = small.sources[0], tmp_path / "README.md"
     readme.write_text("no marker", "utf-8")
     base = ["bench", "report", source, "-o", str(tmp_path / "out")]
+
     cases = [
         (["bench", "report"], 1, "no file"),
         (["bench", "report", str(tmp_path / "missing")], 1, "missing: No such file"),
@@ -736,11 +808,13 @@ def test_command_refuses(
         ([*base, "--method", "sad"], 2, "--method: got 'sad'"),
         ([*base, "--readme", str(readme)], 1, "README.md: no marker"),
     ]
+
     for arguments, code, message in cases:
         assert cli.run(arguments) == code
         line = capsys.readouterr().err
         assert line.startswith("phasestereo: error: ")
         assert message in line
+
     assert not (tmp_path / "out").exists()
     assert readme.read_text("utf-8") == "no marker"
 
@@ -766,6 +840,7 @@ def test_document_names_the_rows_and_scenes_of_the_suite() -> None:
 
 def test_document_is_right_about_the_data(data: Path) -> None:
     document = (DOCUMENTS / "one-sided-blur.md").read_text("utf-8")
+
     scenes = {str(scene): scene for scene in find_scenes(data / "middlebury")}
     for collection, name, size, ndisp, scored in rows_of(document, "collection | scene"):
         pair = scenes[f"{collection}/{name}"].load()

@@ -51,8 +51,10 @@ def photograph(*, gray: bool = False) -> Pair:
     rng = np.random.default_rng(5)
     texture = ndimage.gaussian_filter(rng.normal(0, 1, (ROWS, COLS, 3)), (2, 2, 0))
     right = np.clip(128 + 300 * texture, 0, 255).astype(np.uint8)
+
     truth = np.broadcast_to(np.linspace(10, 20, ROWS)[:, np.newaxis], (ROWS, COLS))
     y, x = np.mgrid[0:ROWS, 0:COLS].astype(float)
+
     left = np.stack(
         [
             ndimage.map_coordinates(plane, (y, x - truth), order=3)
@@ -60,6 +62,7 @@ def photograph(*, gray: bool = False) -> Pair:
         ],
         axis=2,
     )
+
     images = (left[..., 0], right[..., 0]) if gray else (left, right)
     mask = x >= truth
     masks = {"nonocc": mask, "all": mask}
@@ -86,9 +89,11 @@ def same(one: Pair, other: Pair) -> bool:
 def test_the_page_defines_every_fault_and_shows_every_table() -> None:
     told = set(re.findall(r"(?<!`)`([^`\n]+)`(?!`)", PAGE))
     assert set(FAULTS) <= told
+
     for group in GROUPS:
         assert any(fault.group == group for fault in FAULTS.values())
         assert group == "sharp" or f"<!-- bench:rigs-{group} -->" in PAGE
+
     assert {fault.group for fault in FAULTS.values()} == set(GROUPS)
     assert f"{len(FAULTS) - 1} things" in PAGE
     assert SUITES["rigs"] is FAULTS
@@ -138,6 +143,7 @@ def test_the_other_image_is_left_alone_where_one_is_worse(name: str) -> None:
         spoiled = FAULTS[name](PAIR, side)
         alone = np.array_equal(getattr(spoiled, other), getattr(PAIR, other))
         changed = not np.array_equal(getattr(spoiled, side), getattr(PAIR, side))
+
         if name in ONE_SIDED:
             assert alone
             assert changed
@@ -156,12 +162,15 @@ def test_both_images_have_noise_of_their_own() -> None:
 def test_the_sums_of_the_documentation_are_those_of_the_suite(data: Path) -> None:
     scene = find_scene(data / "middlebury", "cones")
     pair, side = scene.load(), side_of(scene)
+
     _, *lines = (DOCS / "rigs-sums.csv").read_text("utf-8").splitlines()
     told = {line.partition(",")[0]: line.partition(",")[2] for line in lines}
     assert set(told) == set(FAULTS)
+
     for name, fault in FAULTS.items():
         if "jpeg" in name or name in ("webcam", "two phones"):
             continue  # codecs differ by a level
+
         spoiled = fault(pair, side)
         sums = [int(image.sum(dtype=np.int64)) for image in (spoiled.left, spoiled.right)]
         assert told[name] == ",".join(map(str, [*sums, spoiled.masks["nonocc"].sum()]))
@@ -185,21 +194,26 @@ def test_rows_move_by_whole_pixels_exactly(side: str, down: int) -> None:
 @pytest.mark.parametrize("name", [n for n in MOVED if FAULTS[n].group == "rows"])
 def test_the_truth_moves_with_the_image(name: str, side: str) -> None:
     spoiled, (step,) = FAULTS[name](PAIR, side), FAULTS[name].steps
+
     assert isinstance(step, Misaligned)
     assert spoiled.truth is not None
     assert PAIR.truth is not None
+
     y, x = np.mgrid[0:ROWS, 0:COLS].astype(float)
     before = x - PAIR.truth
     at_x, at_y = step.moved(before, y, (ROWS, COLS), 1.0 if side == "right" else -1.0)
     np.testing.assert_allclose(x - spoiled.truth, at_x, atol=1e-4)
+
     inside = spoiled.masks["nonocc"] & (at_x > 4) & (at_y > 4) & (at_y < ROWS - 5)
     inside &= (before > 4) & (at_x < COLS - 5)
     assert inside.mean() > 0.5
+
     shows = ndimage.map_coordinates(spoiled.right[..., 0].astype(float), (at_y, at_x), order=3)
     showed = ndimage.map_coordinates(PAIR.right[..., 0].astype(float), (y, before), order=3)
     assert (
         np.quantile(np.abs(shows - showed)[inside], 0.999) < 3
     )  # a level for each rounding, and clipping
+
     assert np.abs(at_y - y)[inside].max() > 0.1  # or nothing has moved
     assert spoiled.truth[spoiled.masks["nonocc"]].min() > 0
     assert spoiled.truth.max() < spoiled.num_disparities
@@ -209,14 +223,19 @@ def test_the_truth_moves_with_the_image(name: str, side: str) -> None:
 def test_turns_are_clockwise_and_focal_lengths_enlarge() -> None:
     size, middle = (101, 201), np.array([[100.0]])
     right = np.array([[190.0]])
+
     _, y = Misaligned(turn=1).moved(right, np.array([[50.0]]), size)
     assert y.item() == pytest.approx(50 + 90 * np.sin(np.deg2rad(1)))
+
     x, y = Misaligned(focal=0.02).moved(right, np.array([[90.0]]), size)
     assert (x.item(), y.item()) == pytest.approx((100 + 90 * 1.02, 50 + 40 * 1.02))
+
     _, y = Misaligned(keystone=4).moved(np.array([[200.0]]), np.array([[100.0]]), size)
     assert y.item() == pytest.approx(104)
+
     x, _ = Misaligned(distortion=0.03).moved(np.array([[200.0]]), np.array([[50.0]]), size)
     assert x.item() == pytest.approx(100 + 100 * (1 + 0.03 * 100**2 / 201**2))
+
     x, _ = Misaligned(margin=8).moved(middle, middle / 2, size)
     assert x.item() == 92
 
@@ -298,12 +317,15 @@ def test_maps_are_filled_from_behind() -> None:
 def test_depth_blurs_what_is_not_in_focus() -> None:
     truth = np.full((ROWS, COLS), 10, np.float32)
     truth[: ROWS // 2] = 30
+
     pair = replace(PAIR, truth=truth)
     soft = DepthOfField(6)(pair, "left").left.astype(float)
     near, far = slice(8, ROWS // 2 - 12), slice(ROWS // 2 + 12, -8)
+
     change = np.abs(soft - PAIR.left)
     assert change[far].mean() < 1.5  # noise of one gray level
     assert change[near].mean() > 4
+
     both = DepthOfField(6, opposite=True)(pair, "left")
     assert np.abs(both.right.astype(float) - PAIR.right)[far].mean() > 4
 
@@ -311,11 +333,14 @@ def test_depth_blurs_what_is_not_in_focus() -> None:
 def test_light_is_as_it_says() -> None:
     gray = flat(100)
     assert (FAULTS["inverted"](gray, "left").left == 155).all()
+
     dim = FAULTS["vignette"](gray, "left").left[..., 0].astype(float)
     assert dim[100, 150] == 100
     assert dim[0, 0] == 30
+
     bright = FAULTS["clipped 20%"](PAIR, "left").left
     assert (bright == 255).mean() == pytest.approx(0.2, abs=0.02)
+
     assert FAULTS["haze"](gray, "left").left.max() > 190
     assert FAULTS["dirt"](gray, "left").left.min() < 60
     np.testing.assert_array_equal(FAULTS["rain"](gray, "left").left, gray.left)  # nothing to blur
@@ -327,12 +352,15 @@ def test_light_is_as_it_says() -> None:
 def test_the_suite_runs_in_the_harness(tmp_path: Path) -> None:
     scene = find_scenes(plant(tmp_path, "one"))[0]
     names = ["sharp", "rows 1", "focal 2%"]
+
     records = run_middlebury([scene], ["fast"], names, suite="rigs", workers=0)
     assert [record["status"] for record in records] == ["ok"] * 3
     assert {record["side"] for record in records} == {"alternating"}
     assert [record["num_disparities"] for record in records] == [32, 32, 48]
+
     case = Case(scene, "rigs", "rows 1", "right")
     spoiled: NDArray[Any] = case.pair(true_blur=False).right
     np.testing.assert_array_equal(spoiled[1:], scene.load().right[:-1])
+
     with pytest.raises(ValueError, match="no true blur of 'rows 1'"):
         case.pair(true_blur=True)

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from phasestereo_bench import Job, read_store, run
+from phasestereo_bench import Job, read_store, run_jobs
 from phasestereo_bench.environment import _commit, describe_environment, usable_cpus
 from phasestereo_bench.measurement import measured
 
@@ -113,28 +113,32 @@ def store(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("workers", [0, 1, 2])
 def test_records_come_in_the_order_of_the_jobs(store: Path, workers: int) -> None:
     jobs = [job(f"{n}", square, number=n) for n in range(5)]
-    records = run(jobs, store, workers=workers)
+    records = run_jobs(jobs, store, workers=workers)
+
     assert [record["square"] for record in records] == [0, 1, 4, 9, 16]
     assert all(record["status"] == "ok" and record["kind"] == "test" for record in records)
     assert all(record["seconds"] >= 0 for record in records)
+
     lines = read_store(store)
     assert sorted(map(str, lines[1:])) == sorted(map(str, records))
     assert {record["environment"] for record in records} == {lines[0]["id"]}
 
 
 def test_one_line_per_environment(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    run([job("a", square, number=1)], store, workers=0)
-    run([job("b", square, number=1)], store, workers=0)
+    run_jobs([job("a", square, number=1)], store, workers=0)
+    run_jobs([job("b", square, number=1)], store, workers=0)
+
     elsewhere = {**describe_environment(), "id": "0123456789ab"}
     monkeypatch.setattr("phasestereo_bench.runner.describe_environment", lambda: elsewhere)
-    record = run([job("c", square, number=1)], store, workers=0)[0]
+    record = run_jobs([job("c", square, number=1)], store, workers=0)[0]
     assert record["environment"] == "0123456789ab"
+
     kinds = [line["kind"] for line in read_store(store)]
     assert kinds == ["environment", "test", "test", "environment", "test"]
 
 
 def test_numbers_are_written_as_json_has_them(store: Path) -> None:
-    record = run([job("a", numbers)], store, workers=1)[0]
+    record = run_jobs([job("a", numbers)], store, workers=1)[0]
     assert record["one"] == 1
     assert record["many"] == [2, None, None]
     assert record["deep"] == {"n": 3}
@@ -142,18 +146,18 @@ def test_numbers_are_written_as_json_has_them(store: Path) -> None:
 
 
 def test_own_seconds_and_memory_take_precedence(store: Path) -> None:
-    record = run([job("a", own_cost)], store, workers=0)[0]
+    record = run_jobs([job("a", own_cost)], store, workers=0)[0]
     assert (record["seconds"], record["peak_bytes"]) == (7.5, 11)
 
 
 def test_nothing_replaces_the_key(store: Path) -> None:
-    assert run([job("a", lie)], store, workers=0)[0]["name"] == "a"
+    assert run_jobs([job("a", lie)], store, workers=0)[0]["name"] == "a"
 
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_a_job_that_raises_fails_alone(store: Path, workers: int) -> None:
     jobs = [job("bad", fail, message="no\n luck"), job("good", square, number=3)]
-    bad, good = run(jobs, store, workers=workers)
+    bad, good = run_jobs(jobs, store, workers=workers)
     assert bad["status"] == "failed"
     assert bad["error"] == "ValueError: no luck"
     assert "in fail" in bad["traceback"]
@@ -163,14 +167,14 @@ def test_a_job_that_raises_fails_alone(store: Path, workers: int) -> None:
 @pytest.mark.parametrize("workers", [0, 1])
 def test_what_json_does_not_take_fails_its_cell(store: Path, workers: int) -> None:
     jobs = [job("bad", give, value={1j}), job("good", give, value="é\n\x85\u2028")]
-    bad, good = run(jobs, store, workers=workers)
+    bad, good = run_jobs(jobs, store, workers=workers)
     assert bad["error"].startswith("TypeError")
     assert good["value"] == read_store(store)[2]["value"] == "é\n\x85\u2028"
 
 
 def test_what_cannot_be_sent_fails_its_cell(store: Path) -> None:
     jobs = [job("bad", lambda: {"a": 1}), job("good", square, number=3)]
-    bad, good = run(jobs, store, workers=1)
+    bad, good = run_jobs(jobs, store, workers=1)
     assert "lambda" in bad["error"]
     assert good["status"] == "ok"
 
@@ -182,12 +186,15 @@ def test_a_process_that_dies_fails_its_cell(store: Path) -> None:
         job("left", leave, code=3),
         *(job(f"{n}", square, number=n) for n in range(3, 6)),
     ]
-    records = run(jobs, store, workers=2)
+
+    records = run_jobs(jobs, store, workers=2)
+
     failed = {record["name"]: record["error"] for record in records if record["status"] != "ok"}
     assert failed == {
         "killed": "WorkerDied: the process was killed by SIGKILL",
         "left": "WorkerDied: the process ended with exit code 3",
     }
+
     assert [record["square"] for record in records if "square" in record] == [0, 1, 4, 9, 16, 25]
 
 
@@ -200,15 +207,18 @@ def test_finished_cells_are_kept_and_failed_ones_tried_again(
 ) -> None:
     trace, needed = tmp_path / "trace", tmp_path / "needed"
     jobs = [job("note", note, path=str(trace)), job("late", fail_unless, path=str(needed))]
-    first = run(jobs, store, workers=workers)
+
+    first = run_jobs(jobs, store, workers=workers)
     assert [record["status"] for record in first] == ["ok", "failed"]
+
     needed.touch()
-    second = run([*jobs, job("new", square, number=2)], store, workers=workers)
+    second = run_jobs([*jobs, job("new", square, number=2)], store, workers=workers)
     assert [record["status"] for record in second] == ["ok", "ok", "ok"]
     assert second[0] == first[0]
     assert trace.read_text() == "x"
+
     before = store.read_bytes()
-    assert run(jobs, store, workers=workers) == second[:2]
+    assert run_jobs(jobs, store, workers=workers) == second[:2]
     assert store.read_bytes() == before
 
 
@@ -216,27 +226,29 @@ def test_equal_keys_are_one_cell(store: Path, tmp_path: Path) -> None:
     trace = tmp_path / "trace"
     twins = [Job({"a": 1, "b": 2}, note, {"path": str(trace)}) for _ in range(2)]
     twins.append(Job({"b": 2, "a": 1}, note, {"path": str(trace)}))
-    records = run(twins, store, workers=0)
+    records = run_jobs(twins, store, workers=0)
     assert trace.read_text() == "x"
     assert records[0] == records[1] == records[2]
 
 
 def test_keys_of_another_shape_are_other_cells(store: Path) -> None:
-    run([Job({"a": 1}, square, {"number": 1})], store, workers=0)
-    wider = run([Job({"a": 1, "b": None}, square, {"number": 2})], store, workers=0)
+    run_jobs([Job({"a": 1}, square, {"number": 1})], store, workers=0)
+    wider = run_jobs([Job({"a": 1, "b": None}, square, {"number": 2})], store, workers=0)
     assert wider[0]["square"] == 4
-    other = run([Job({"a": "1", "b": None}, square, {"number": 3})], store, workers=0)
+    other = run_jobs([Job({"a": "1", "b": None}, square, {"number": 3})], store, workers=0)
     assert other[0]["square"] == 9
 
 
 @pytest.mark.parametrize("torn", ['{"kind": "test", "na', '{"kind": "test"', "\x00\x00", "7"])
 def test_a_torn_last_line_is_dropped_and_its_cell_run(store: Path, torn: str) -> None:
     jobs = [job(f"{n}", square, number=n) for n in range(3)]
-    whole = run(jobs, store, workers=0)
+    whole = run_jobs(jobs, store, workers=0)
+
     lines = store.read_text().splitlines(keepends=True)
     store.write_text("".join(lines[:-1]) + torn)
     assert len(read_store(store)) == 3
-    again = run(jobs, store, workers=0)
+
+    again = run_jobs(jobs, store, workers=0)
     assert [record["square"] for record in again] == [record["square"] for record in whole]
     assert [line.get("square") for line in read_store(store)] == [None, 0, 1, 4]
     assert store.read_text().endswith("\n")
@@ -244,9 +256,9 @@ def test_a_torn_last_line_is_dropped_and_its_cell_run(store: Path, torn: str) ->
 
 def test_a_whole_last_line_may_lack_its_end(store: Path, tmp_path: Path) -> None:
     jobs = [job("a", note, path=str(tmp_path / "trace"))]
-    run(jobs, store, workers=0)
+    run_jobs(jobs, store, workers=0)
     store.write_text(store.read_text().rstrip("\n"))
-    run([*jobs, job("b", square, number=3)], store, workers=0)
+    run_jobs([*jobs, job("b", square, number=3)], store, workers=0)
     assert (tmp_path / "trace").read_text() == "x"
     assert [line.get("name") for line in read_store(store)] == [None, "a", "b"]
 
@@ -257,27 +269,29 @@ def test_a_whole_last_line_may_lack_its_end(store: Path, tmp_path: Path) -> None
 def test_other_files_are_not_touched(store: Path, content: str) -> None:
     store.write_text(content, "latin-1")
     with pytest.raises(ValueError, match="not a file of benchmark results"):
-        run([job("a", square, number=1)], store, workers=0)
+        run_jobs([job("a", square, number=1)], store, workers=0)
     assert store.read_text("latin-1") == content
 
 
 def test_damage_within_a_file_is_reported(store: Path) -> None:
-    run([job("a", square, number=1)], store, workers=0)
+    run_jobs([job("a", square, number=1)], store, workers=0)
     content = store.read_text() + "damage\n{}\n"
     store.write_text(content)
     with pytest.raises(ValueError, match="line 3 is no JSON object"):
-        run([job("b", square, number=1)], store, workers=0)
+        run_jobs([job("b", square, number=1)], store, workers=0)
     assert store.read_text() == content
 
 
 def test_refusals(store: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="^workers: got -1"):
-        run([], store, workers=-1)
+        run_jobs([], store, workers=-1)
+
     for wrong in (1.5, True, "2"):
         with pytest.raises(TypeError, match="^workers"):
-            run([], store, workers=wrong)  # type: ignore[arg-type]  # that is the point
+            run_jobs([], store, workers=wrong)  # type: ignore[arg-type]  # that is the point
+
     with pytest.raises(OSError, match="missing"):
-        run([], tmp_path / "missing" / "store", workers=0)
+        run_jobs([], tmp_path / "missing" / "store", workers=0)
     assert not store.exists()
 
 
@@ -286,10 +300,10 @@ def test_refusals(store: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_progress_counts_what_is_to_be_run(store: Path, workers: int) -> None:
-    run([job("0", square, number=0)], store, workers=0)
+    run_jobs([job("0", square, number=0)], store, workers=0)
     seen: list[tuple[int, int]] = []
     jobs = [job(f"{n}", square, number=n) for n in range(4)]
-    run(jobs, store, workers=workers, progress=lambda *step: seen.append(step))
+    run_jobs(jobs, store, workers=workers, progress=lambda *step: seen.append(step))
     assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
@@ -299,40 +313,20 @@ def test_what_progress_raises_ends_the_run(store: Path) -> None:
             raise StopAsyncIteration
 
     jobs = [job("quick", square, number=1), *(job(f"{n}", nap, seconds=600) for n in range(3))]
+
     with pytest.raises(StopAsyncIteration):
-        run(jobs, store, workers=2, progress=stop)
+        run_jobs(jobs, store, workers=2, progress=stop)
     assert [line.get("name") for line in read_store(store)] == [None, "quick"]
 
 
 @on_linux
 def test_workers_use_one_thread_each(store: Path) -> None:
     before = dict(os.environ)
-    record = run([job("a", threads)], store, workers=1)[0]
+    record = run_jobs([job("a", threads)], store, workers=1)[0]
     assert record["opencv"] == 1
     assert record["tasks"] == 1
     assert record["set"] == ["1", "1", "1"]
     assert dict(os.environ) == before
-
-
-INTERRUPTED = """
-import sys
-from pathlib import Path
-from test_bench_runner import job, nap, square
-from phasestereo_bench import run
-run([job("quick", square, number=1), *(job(f"{n}", nap, seconds=600) for n in range(3))],
-    Path(sys.argv[1]), workers=2)
-"""
-
-
-@pytest.mark.skipif(not hasattr(os, "killpg"), reason="this system has no process groups")
-def test_ctrl_c_keeps_what_is_finished(store: Path) -> None:
-    process = start([sys.executable, "-W", "error", "-c", INTERRUPTED, str(store)])
-    wait_for_record(store, process)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes
-    _, err = process.communicate(timeout=60)
-    assert err.rstrip().endswith("KeyboardInterrupt")
-    assert err.count("Traceback") == 1, "the workers have nothing to say"
-    assert [line.get("name") for line in read_store(store)] == [None, "quick"]
 
 
 def start(command: list[str], **variables: str) -> subprocess.Popen[str]:
@@ -357,9 +351,18 @@ def wait_for_record(store: Path, process: subprocess.Popen[str]) -> None:
     pytest.fail(f"it ended before it recorded anything: {process.communicate()}")
 
 
+UNGUARDED = """
+import sys
+from pathlib import Path
+from test_bench_runner import job, square
+from phasestereo_bench import run_jobs
+run_jobs([job("a", square, number=1), job("b", square, number=2)], Path(sys.argv[1]), workers=2)
+"""
+
+
 def test_a_script_without_a_guard_is_told(tmp_path: Path, store: Path) -> None:
     script = tmp_path / "script.py"
-    script.write_text(INTERRUPTED)
+    script.write_text(UNGUARDED)
     process = start([sys.executable, str(script), str(store)])
     _, err = process.communicate(timeout=60)
     assert process.returncode == 1
@@ -375,10 +378,12 @@ def test_environment_names_what_matters() -> None:
     assert facts["kind"] == "environment"
     assert facts["id"] == describe_environment()["id"]
     assert len(facts["id"]) == 12
+
     assert facts["cpu"]
     assert facts["cores"] == usable_cpus() >= 1
     assert facts["versions"]["phasestereo"] == ps.__version__
     assert facts["versions"]["numpy"] == np.__version__
+
     assert facts["versions"]["python"] == sys.version.split()[0]
     assert (facts["versions"]["opencv"] is not None) == HAS_OPENCV
 
@@ -422,7 +427,7 @@ def test_measured_returns_the_answer_and_its_time() -> None:
 def test_peak_is_that_of_the_job_alone(store: Path) -> None:
     sizes = [200_000_000, 24_000_000, 24_000_000, 24_000_000]
     jobs = [job(f"{n}", fill, size=size) for n, size in enumerate(sizes)]
-    records = run(jobs, store, workers=1)
+    records = run_jobs(jobs, store, workers=1)
     for record, size in zip(records, sizes, strict=True):
         assert record["sum"] == size / 8
         assert abs(record["peak_bytes"] - size) < 5_000_000

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from conftest import Run
     from phasestereo_bench.speed import GrayPair
 
 cv2 = pytest.importorskip("cv2")
-cli = pytest.importorskip("phasestereo.cli")
 
 RIVALS = ["opencv:bm", "opencv:bm-unchecked", "opencv:sgbm-3way"]
 WEIGHT = {"peak_bytes": 3_000_000, "result_bytes": 1_000_000}
@@ -73,6 +73,7 @@ def test_ours_gets_the_threads_and_the_preset(pair: GrayPair) -> None:
 def test_rivals_are_set_as_they_say() -> None:
     checked = bench.CONTENDERS["opencv:bm"](32, None).__self__  # type: ignore[attr-defined] # a bound method
     unchecked = bench.CONTENDERS["opencv:bm-unchecked"](32, None).__self__  # type: ignore[attr-defined] # the same
+
     plain = cv2.StereoBM_create()
     assert checked.getBlockSize() == unchecked.getBlockSize() == 9
     assert checked.getNumDisparities() == unchecked.getNumDisparities() == 32
@@ -125,6 +126,7 @@ def test_pinned_holds_threads_that_were_there_and_new_ones() -> None:
 
     thread = threading.Thread(target=early)
     thread.start()
+
     with pinned() as core:
         go.set()
         late = threading.Thread(target=lambda: told.update(late=os.sched_getaffinity(0)))
@@ -133,8 +135,10 @@ def test_pinned_holds_threads_that_were_there_and_new_ones() -> None:
         while "early" not in told:
             stop.wait(0.001)
         told["main"] = os.sched_getaffinity(0)
+
     stop.set()
     thread.join()
+
     held = {name: told.pop(name) for name in ("main", "early", "late")}
     assert held == {"main": {core}, "early": {core}, "late": {core}}
     assert told == {"after": everywhere}
@@ -155,6 +159,7 @@ def test_all_take_turns_in_changing_order(monkeypatch: pytest.MonkeyPatch, pair:
         return lambda *_: lambda *_: turns.append(name)
 
     monkeypatch.setattr(rounds, "CONTENDERS", {name: made(name) for name in bench.CONTENDERS})
+
     entrants = rounds.time_all_threads(pair, 12)
     by_round = [turns[start : start + 4] for start in range(0, len(turns), 4)]
     assert len(by_round) == 13  # the first is to warm up, and does not count
@@ -167,10 +172,12 @@ def test_all_take_turns_in_changing_order(monkeypatch: pytest.MonkeyPatch, pair:
 def test_opencv_takes_part_with_one_thread_and_two(pair: GrayPair) -> None:
     entrants, core = rounds.time_one_thread(pair, 1)
     assert core in os.sched_getaffinity(0)
+
     assert [(e.name, e.opencv_threads) for e in entrants] == [
         (bench.OURS, None),
         *((name, count) for name in RIVALS for count in (1, 2)),
     ]
+
     assert [set(stage) for stage in entrants[0].stages] == [
         {"description", "matching", "refinement"}
     ]
@@ -202,17 +209,20 @@ def test_figures_follow_from_the_seconds(tmp_path: Path, pair: GrayPair) -> None
     one, everything = bench.run_speed([pair], tmp_path / "speed.jsonl", rounds=3)
     assert (one["threads"], one["thread_count"]) == ("one", 1)
     assert (everything["threads"], everything["thread_count"]) == ("all", usable_cpus())
+
     assert everything["pinned_to"] is None
     for record in (one, everything):
         assert record["status"] == "ok", record
         assert (record["width"], record["height"], record["num_disparities"]) == (75, 40, 16)
         assert record["simd"] == _core.simd_level()
+
         ours = record["ours"]
         assert len(ours["seconds"]) == 3
         assert ours["median"] == median(ours["seconds"])
         assert ours["minimum"] == min(ours["seconds"])
         assert ours["gde_per_second"] == pytest.approx(75 * 40 * 16 / ours["median"] / 1e9)
         assert 0 < ours["description_share"] < 1
+
         assert list(record["rivals"]) == RIVALS
         for rival in record["rivals"].values():
             ratios = [a / b for a, b in zip(rival["seconds"], ours["seconds"], strict=True)]
@@ -227,17 +237,21 @@ def test_the_faster_number_of_opencv_threads_counts(
 ) -> None:
     stage = {"description": 0.5, "matching": 1.0}
     slow, fast = [3.0, 3.0, 3.0], [4.0, 2.0, 2.0]
+
     entrants = [
         rounds.Entrant(bench.OURS, print, None, [2.0, 2.0, 1.0], [stage] * 3),
         rounds.Entrant("opencv:bm", print, 1, slow),
         rounds.Entrant("opencv:bm", print, 2, fast),
     ]
+
     monkeypatch.setattr(records, "time_one_thread", lambda *_: (entrants, 0))
     record = records.measure(pair, "one", 3)
+
     rival = record["rivals"]["opencv:bm"]
     assert (rival["seconds"], rival["opencv_threads"]) == (fast, 2)
     assert rival["slower"] == {"1": slow}
     assert (rival["ratio_of_medians"], rival["median_ratio"]) == (1.0, 2.0)
+
     assert record["ours"]["description_share"] == 0.25
     assert record["pinned_to"] == 0
 
@@ -251,6 +265,7 @@ def test_done_is_not_done_again_unless_something_changed(
     content = store.read_bytes()
     assert bench.run_speed([pair], store, rounds=1) == first
     assert store.read_bytes() == content
+
     monkeypatch.setattr(_core, "simd_level", lambda: "another")
     assert [r["simd"] for r in bench.run_speed([pair], store, rounds=1)] == ["another"] * 2
     assert len(read_store(store)) == 5  # an environment, and twice two records
@@ -282,15 +297,19 @@ def test_what_is_not_there_is_left_out(tmp_path: Path, name: str) -> None:
 def test_colors_become_gray(tmp_path: Path) -> None:
     folder = tmp_path / "large" / "chess_1920x1080"
     folder.mkdir(parents=True)
+
     colors = np.random.default_rng(0).integers(0, 256, (20, 300, 3), dtype=np.uint8)
     io.write_image(folder / "left.png", colors)
     io.write_image(folder / "right.png", colors[..., 0])
+
     (found,), left_out = bench.find_pairs(tmp_path, cache=tmp_path, names=["chess"])
+
     assert left_out == []
     assert (found.name, found.num_disparities) == ("chess", 256)
     assert found.evaluations == 20 * 300 * 256
     np.testing.assert_array_equal(found.left, cv2.cvtColor(colors, cv2.COLOR_RGB2GRAY))
     np.testing.assert_array_equal(found.right, colors[..., 0])
+
     io.write_image(folder / "right.png", colors[:10])
     assert "differ in size" in bench.find_pairs(tmp_path, cache=tmp_path, names=["chess"])[1][0]
 
@@ -303,10 +322,13 @@ def test_a_pair_is_rendered_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         return render_pair(height=24, width=32, num_disparities=8)
 
     monkeypatch.setattr(pairs, "render_pair", small)
+
     assert not bench.is_rendered(tmp_path)
     (first,), _ = bench.find_pairs(None, cache=tmp_path, names=["rendered"])
     assert bench.is_rendered(tmp_path)
+
     (again,), _ = bench.find_pairs(None, cache=tmp_path, names=["rendered"])
+
     assert asked == [{"height": 1988, "width": 2964, "num_disparities": 256}]
     assert first.left.shape == (24, 32)
     assert first.num_disparities == 256
@@ -318,12 +340,14 @@ def test_a_pair_is_rendered_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_real_pairs_have_the_sizes_that_are_told(data: Path, tmp_path: Path) -> None:
     names = ["tsukuba", "cones", "Motorcycle"]
     found, left_out = bench.find_pairs(data, cache=tmp_path, names=names)
+
     assert left_out == []
     assert [(p.left.shape, p.num_disparities) for p in found] == [
         ((288, 384), 16),
         ((375, 450), 64),
         ((497, 741), 64),
     ]
+
     in_the_tree, _ = bench.find_pairs(data / "middlebury", cache=tmp_path, names=names)
     assert [p.name for p in in_the_tree] == names
 
@@ -382,17 +406,22 @@ def test_tables_show_the_last_record_of_each_cell_by_size(tmp_path: Path) -> Non
         record(),
         record(status="failed", error="late"),
     ]
+
     lines[1]["rivals"]["opencv:bm"]["memory"] = {"error": "it died"}
     del lines[2]["rivals"]["opencv:sgbm-3way"]
+
     told = bench.read_speed([stored(tmp_path / "speed.jsonl", *lines)])
     assert told is not None
     assert told.pinned
+
     texts = [
         [[entry.text for entry in row] for row in table(told).rows]
         for table in (bench.time_table, bench.memory_table)
     ]
+
     figures, cones = ["12.3", "0.88", "1.50", "1.50"], ["cones", "450 x 375", "64"]
     tsukuba = ["tsukuba", "384 x 288", "16", "1"]
+
     assert texts == [
         [
             [*tsukuba, *figures, "-", "40"],
@@ -437,16 +466,20 @@ def test_other_benchmarks_are_no_speed(tmp_path: Path) -> None:
 def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
     told = bench.read_speed([stored(tmp_path / "speed.jsonl", record())])
     assert told is not None
+
     document = tmp_path / "speed.md"
     other = "<!-- bench:sharp -->kept<!-- /bench:sharp -->\n"
     document.write_text(f"# A\n<!-- bench:speed -->old<!-- /bench:speed -->\n{other}")
+
     fill_places(document, {"speed": speed_text(told)})
     text = document.read_text()
+
     assert "| cones | 450 x 375 | 64 | 1 | 12.3 | 0.88 | 1.50 | 1.50 | 1.50 | 40 |" in text
     assert "| cones | 450 x 375 | 64 | 1 | 3.0 | 1.0 | 4.0 | 4.0 | 4.0 |" in text
     assert "old" not in text
     assert text.endswith(other)
     assert "Made with phasestereo 1.2.3" in text
+
     fill_places(document, {"speed": speed_text(told)})
     assert document.read_text() == text
 
@@ -460,6 +493,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, weightless: None) ->
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PHASESTEREO_DATA", raising=False)
     monkeypatch.setenv("COLUMNS", "200")
+
     noise = np.random.default_rng(0).integers(0, 256, (40, 270), dtype=np.uint8)
     (tmp_path / "out").mkdir()
     for side, view in (("left", noise[:, :-5]), ("right", noise[:, 5:])):
@@ -467,32 +501,26 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, weightless: None) ->
     return tmp_path
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    code = cli.run(["bench", *map(str, arguments)])
-    out, err = capsys.readouterr()
-    return code, out, err
-
-
-def test_the_command_and_its_report(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_and_its_report(folder: Path, run_bench: Callable[..., Run]) -> None:
     command = ["speed", "-o", "out/speed.jsonl", "--rounds", 1]
-    code, out, err = run(capsys, *command)
+    code, out, err = run_bench(*command)
     assert code == 0, err
     assert "265 x 40" in out
     assert err.count("left out: ") == 4
     assert "Records: out/speed.jsonl" in out
 
-    code, again, err = run(capsys, *command, "--pairs", "rendered")
+    code, again, err = run_bench(*command, "--pairs", "rendered")
     assert (code, again) == (0, out)
     assert "2 of 2 are in out/speed.jsonl already" in err
 
     document = folder / "speed.md"
     document.write_text("<!-- bench:speed --><!-- /bench:speed -->\n")
-    code, out, err = run(capsys, "report", "out/speed.jsonl", "--readme", "speed.md")
+    code, out, err = run_bench("report", "out/speed.jsonl", "--readme", "speed.md")
     assert code == 0, err
     assert "265 x 40" in out
     assert "| rendered | 265 x 40 | 256 | 1 |" in document.read_text()
 
-    code, _, err = run(capsys, *command, "--pairs", "rendered", "--fresh")
+    code, _, err = run_bench(*command, "--pairs", "rendered", "--fresh")
     assert code == 0
     assert "renamed out/speed.jsonl to out/speed.jsonl.bak" in err
     assert len(read_store("out/speed.jsonl")) == len(read_store("out/speed.jsonl.bak")) == 3
@@ -508,34 +536,34 @@ def test_the_command_and_its_report(folder: Path, capsys: pytest.CaptureFixture[
     ],
 )
 def test_commands_that_are_refused(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, message: str
+    run_bench: Callable[..., Run], arguments: list[str], code: int, message: str
 ) -> None:
-    told = run(capsys, "speed", "-o", "out/speed.jsonl", *arguments)
+    told = run_bench("speed", "-o", "out/speed.jsonl", *arguments)
     assert told[0] == code
     assert message in told[2].splitlines()[-1]
 
 
 @pytest.mark.usefixtures("folder")
 def test_a_failure_is_recorded_and_told(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    run_bench: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:
         raise RuntimeError("no luck")
 
     monkeypatch.setattr(records, "time_all_threads", fail)
-    code, out, err = run(
-        capsys, "speed", "-o", "out/speed.jsonl", "--rounds", 1, "--pairs", "rendered"
+
+    code, out, err = run_bench(
+        "speed", "-o", "out/speed.jsonl", "--rounds", 1, "--pairs", "rendered"
     )
+
     assert code == 1
     assert "1 of 2 measurements failed" in err
     assert "RuntimeError: no luck" in err
     assert "265 x 40" in out
 
 
-def test_a_report_of_times_takes_no_choice(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_report_of_times_takes_no_choice(folder: Path, run_bench: Callable[..., Run]) -> None:
     stored(folder / "speed.jsonl", record())
-    code, _, err = run(capsys, "report", "speed.jsonl", "--suite", "sharp")
+    code, _, err = run_bench("report", "speed.jsonl", "--suite", "sharp")
     assert code == 2
     assert "--suite: results of bench speed have no choice of it" in err

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import sys
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +17,7 @@ import phasestereo as ps
 from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf, suite
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -47,6 +50,7 @@ def shots(psf: NDArray[np.float64] | None, side: str = "left") -> tuple[Image, I
 
 
 SIDES = "left", "right"
+SCENES = ("tsukuba", "cones", "Art", "Lampshade1", "Motorcycle", "Piano")
 
 
 def arc(length: int, turn: float) -> NDArray[np.float64]:
@@ -56,12 +60,15 @@ def arc(length: int, turn: float) -> NDArray[np.float64]:
     y, x = (
         np.cumsum(part) * (length - 1) / (16 * length) for part in (np.sin(angle), np.cos(angle))
     )
+
     reach = length // 2 + 1
     kernel: NDArray[np.float64] = np.zeros((2 * reach + 1, 2 * reach + 1))
+
     for down, along in zip(y - y.mean() + reach, x - x.mean() + reach, strict=True):
         top, left = int(down), int(along)
         fy, fx = down - top, along - left
         kernel[top : top + 2, left : left + 2] += np.outer((1 - fy, fy), (1 - fx, fx))
+
     normal: NDArray[np.float64] = kernel / kernel.sum()
     return normal
 
@@ -87,15 +94,23 @@ def load(data: Path, name: str) -> Pair:
 def agree(found: ps.BlurEstimate, expected: oracle_blur.Estimate) -> None:
     told = [(blur.side, blur.kind) for blur in found.blurs]
     assert told == [(kind.side, kind.psf[0]) for kind in expected.kinds]
+
     for blur, kind in zip(found.blurs, expected.kinds, strict=True):
         assert blur.size == pytest.approx(kind.psf[1], rel=0.02)
         assert blur.angle == pytest.approx(kind.psf[2], abs=1)
+        assert (blur.other is None) is (kind.other is None)
+        if blur.other is not None and kind.other is not None:
+            assert {blur.side, blur.other.side} == {"left", "right"}
+            assert blur.other.kind == kind.other[0]
+            assert blur.other.size == pytest.approx(kind.other[1], rel=0.02)
         if kind.psf[0] == "other":
             assert kind.kernel is not None
             assert blur.psf is not None
             np.testing.assert_allclose(blur.psf, kind.kernel, atol=2e-3)
+
     assert (found.tile, found.labels.shape) == (expected.tile, expected.labels.shape)
     assert np.mean(found.labels == expected.labels) >= 0.97
+
     assert found.certainty == pytest.approx(expected.certainty, abs=0.01)
     assert found.contrast == pytest.approx(expected.contrast, rel=0.01)
     assert found.noise == pytest.approx(expected.noise, rel=0.01)
@@ -116,8 +131,10 @@ def test_real_pairs_are_as_the_oracle_has_them(data: Path, name: str, row: str, 
     pair = load(data, name)
     images = {"left": pair.left, "right": pair.right}
     images[side] = suite()[row](images[side])
+
     search = (0, pair.num_disparities)
     found = ps.estimate_blur(images["left"], images["right"], num_disparities=search[1])
+
     agree(
         found,
         oracle_blur.estimate(oracle_blur.scene_of(images["left"], images["right"], search=search)),
@@ -134,12 +151,56 @@ def test_made_pairs_are_as_the_oracle_has_them(psf: NDArray[np.float64] | None, 
     agree(found, oracle_blur.estimate(oracle_blur.scene_of(*images, search=(0, COUNT))))
 
 
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [(motion_psf(15, 0), motion_psf(15, 90)), (motion_psf(11, 45), disk_psf(3))],
+)
+def test_blurs_of_both_images_are_as_the_oracle_has_them(
+    left: NDArray[np.float64], right: NDArray[np.float64]
+) -> None:
+    images = shots(left)[0], shots(right, "right")[1]
+    found = ps.match(*images, num_disparities=COUNT, align_rows=False)
+    assert found.blur is not None
+    agree(found.blur, oracle_blur.estimate(oracle_blur.scene_of(*images, search=(0, COUNT))))
+
+    # Each image is convolved with what it lacks.
+    blur = found.blur.blur
+    assert blur.other is not None
+    compensation = found.blur_compensation
+    assert compensation is not None
+    (for_left, for_right), *more = compensation.kernels
+    assert not more
+    own, other = (for_right, for_left) if blur.side == "left" else (for_left, for_right)
+    for kernel, psf in ((own, blur.psf), (other, blur.other.psf)):
+        assert kernel is not None
+        assert psf is not None
+        np.testing.assert_allclose(np.asarray(kernel), psf, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_two_shakes_along_different_ways_are_told_apart(data: Path, name: str) -> None:
+    pair = load(data, name)
+    left = Degradation(motion_psf(15, 0), noise=1, seed=1)(pair.left)
+    right = Degradation(motion_psf(15, 90), noise=1, seed=2)(pair.right)
+    found = ps.estimate_blur(left, right, num_disparities=pair.num_disparities)
+
+    assert len(found.blurs) == 1
+    assert found.blur.other is not None
+    both = {str(blur.side): blur for blur in (found.blur, found.blur.other)}
+    assert [both[side].kind for side in SIDES] == ["motion", "motion"]
+    assert [both[side].size for side in SIDES] == pytest.approx([15, 15], abs=1.5)
+    assert abs((both["left"].angle + 90) % 180 - 90) <= 3
+    assert abs(both["right"].angle - 90) <= 3
+
+
 def test_masks_and_other_searches_are_as_the_oracle_has_them() -> None:
     rng = np.random.default_rng(1)
     right, left = shots(disk_psf(3))  # seen the other way round: disparities are negative
+
     masks = rng.random((2, *SIZE)) > 0.03
     masks[0, :30] = masks[1, :, 200:] = False
     search = (-15, 17)
+
     found = ps.estimate_blur(
         *(left, right),
         min_disparity=search[0],
@@ -147,6 +208,7 @@ def test_masks_and_other_searches_are_as_the_oracle_has_them() -> None:
         left_mask=masks[0],
         right_mask=masks[1],
     )
+
     known = oracle_blur.scene_of(left, right, search=search, masks=(masks[0], masks[1]))
     agree(found, oracle_blur.estimate(known))
     assert found.blur.side == "right"
@@ -160,7 +222,9 @@ def trial(data: Path, name: str, blur: tuple[str, float, float], *, side: str, n
     from phasestereo_bench.datasets import find_scene  # noqa: PLC0415  # likewise
 
     family, size, angle = blur
-    tried = bench.Trial(find_scene(data / "middlebury", name), family, size, angle, side, noise)
+
+    tried = bench.BlurTrial(find_scene(data / "middlebury", name), family, size, angle, side, noise)
+
     key = {"family": family, "size": size, "angle": angle, "side": side}
     record = key | bench.try_out(tried)
     return bench.verdict(record), record
@@ -188,9 +252,6 @@ def test_known_blurs_are_found(
     assert judged.all, record
 
 
-SCENES = ("tsukuba", "cones", "Art", "Lampshade1", "Motorcycle", "Piano")
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_sharp_pairs_have_none(data: Path, name: str) -> None:
     judged, record = trial(data, name, ("none", 0.0, 0.0), side="neither", noise=0.0)
@@ -211,15 +272,19 @@ def test_areas_are_where_they_are(data: Path, name: str) -> None:
     pair = load(data, name)
     left = suite()["mixed"](pair.left)
     found = ps.estimate_blur(left, pair.right, num_disparities=pair.num_disparities)
+
     kinds = {blur.kind for blur in found.blurs}
     assert kinds == {"none", "motion", "disk"}
     assert {blur.side for blur in found.blurs if blur.kind != "none"} == {"left"}
+
     rows, cols = left.shape[:2]
     y, x = np.ogrid[:rows, :cols]
     truth = np.array(["none", "motion", "none", "disk"])[(4 * y // rows + 4 * x // cols) % 4]
+
     names = np.array([blur.kind for blur in found.blurs])
     drawn = oracle.class_map(found.labels, found.tile, (rows, cols))
     assert np.mean(names[drawn] == truth) > 0.75
+
     assert found.areas() == pytest.approx(
         [np.mean(found.labels == n) for n in range(len(found.blurs))]
     )
@@ -233,13 +298,16 @@ def test_a_curved_path_is_measured(data: Path, name: str, side: str) -> None:
     pair, kernel = load(data, name), arc(15, 270)
     images = {"left": pair.left, "right": pair.right}
     images[side] = Degradation(kernel, noise=1)(images[side])
+
     found = ps.estimate_blur(
         images["left"], images["right"], num_disparities=pair.num_disparities
     ).blur
+
     assert (found.side, found.kind, found.angle) == (side, "other", 0)
     assert found.psf is not None
     assert found.psf.sum() == pytest.approx(1)
     assert found.size == pytest.approx(oracle_blur.radius(found.psf))
+
     assert likeness(found.psf, kernel) > 0.8
     assert likeness(found.psf, kernel) > likeness(found.psf, kernel[::-1, ::-1]) + 0.2
 
@@ -256,12 +324,14 @@ def test_the_kernel_is_that_of_the_size(kind: str, sizes: tuple[float, ...]) -> 
         "disk": lambda size, _: disk_psf(size),
         "motion": motion_psf,
     }
+
     for size in sizes:
         angle = 25 if kind == "motion" else 0
         blur = ps.estimate_blur(*shots(makers[kind](size, angle)), num_disparities=COUNT).blur
         assert blur.kind == kind
         assert blur.psf is not None
         assert blur.psf.dtype == np.float64
+
         wanted = makers[kind](blur.size, blur.angle)
         inner, outer = sorted((blur.psf, wanted), key=len)
         margin = (len(outer) - len(inner)) // 2
@@ -271,14 +341,17 @@ def test_the_kernel_is_that_of_the_size(kind: str, sizes: tuple[float, ...]) -> 
 def test_an_estimate_tells_itself() -> None:
     found = ps.estimate_blur(*shots(motion_psf(11, 30)), num_disparities=COUNT)
     assert found.blur is found.blurs[0]
+
     assert repr(found.blur).startswith("<Blur: left, motion 1")
     assert repr(found.blur).endswith(" px at 30 degrees>")
     assert found.labels.dtype == np.uint8
     assert (found.labels.tolist(), found.areas()) == ([[0]], (1.0,))
     assert found.tile >= max(SIZE)
+
     none = ps.estimate_blur(*shots(None), num_disparities=COUNT).blur
     assert (none.side, none.kind, none.size, none.angle, none.psf) == ("none", "none", 0, 0, None)
     assert repr(none) == "<Blur: none>"
+
     copy = pickle.loads(pickle.dumps(found))  # noqa: S301  # our own
     assert (copy.blur.size, copy.noise) == (found.blur.size, found.noise)
 
@@ -289,6 +362,46 @@ def test_by_default_a_third_of_the_width_is_searched() -> None:
     told = [ps.estimate_blur(*images, **kwargs) for kwargs in ({}, {"num_disparities": third})]
     assert told[0].noise == told[1].noise
     assert told[0].blur.size == told[1].blur.size
+
+
+def crossings(call: Callable[[], ps.Result]) -> tuple[list[str], ps.Result]:
+    """Return the functions of the core that Python calls meanwhile, and the result."""
+    seen: list[str] = []
+
+    def note(_: object, event: str, function: object) -> None:
+        if event == "c_call" and getattr(function, "__module__", None) == "phasestereo._core":
+            seen.append(getattr(function, "__name__", ""))
+
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        result = call()
+    finally:
+        sys.setprofile(before)
+    return seen, result
+
+
+@pytest.mark.parametrize("psf", [None, disk_psf(3)], ids=["sharp", "blurred"])
+def test_a_default_match_is_one_call_of_the_core(psf: NDArray[np.float64] | None) -> None:
+    left, right = shots(psf)
+    seen, result = crossings(lambda: ps.match(left, right))
+    assert seen == ["match_pair"]
+    assert result.blur is not None
+    assert (result.blur.blur.kind == "none") is (psf is None)
+
+    matcher = ps.Matcher()
+    assert crossings(lambda: matcher.match(left, right, num_disparities=48))[0] == ["match_pair"]
+
+
+def test_what_the_core_found_passes_its_own_checks() -> None:
+    result = ps.match(*shots(disk_psf(3)))
+    compensation = result.blur_compensation
+    assert compensation is not None
+    assert replace(compensation) is not compensation  # checked, as one that a caller makes is
+    assert replace(result.settings) == result.settings
+    assert result.settings.neighborhood > ps.Settings().neighborhood
+    with pytest.raises(ValueError, match="read-only"):
+        compensation.labels[0, 0] = 1
 
 
 def test_the_number_of_threads_changes_nothing() -> None:

@@ -78,15 +78,18 @@ def test_the_rest_of_a_match_is_as_ever(optimizer: Any, precision: Any) -> None:
         optimizer=optimizer,
         precision=precision,
     )
+
     costs = costs_by_class(LEFT, RIGHT, noise_threshold=1.0, noise=(1.5, 4.0)).astype(np.int64)
     dropped = oracle.dropped_bits(9, 28, 2) if precision == "byte" else 0
     volume = oracle.aggregate(costs, 9, shiftable=True, dropped=dropped)
     penalty = oracle.window_penalty(2, 9, dropped)
+
     chosen = {
         "dp": lambda: oracle.scanline(volume, penalty, penalty),
         "so": lambda: oracle.free_scanline(volume, penalty, penalty),
         "wta": lambda: oracle.winner_takes_all(volume),
     }[optimizer]()
+
     np.testing.assert_array_equal(result.disparity, chosen - 2)
 
 
@@ -94,17 +97,21 @@ def test_the_rest_of_a_match_is_as_ever(optimizer: Any, precision: Any) -> None:
 def test_blurred_versions_are_those_of_a_blurred_image(name: str) -> None:
     y, x = np.mgrid[-6:7, -6:7]
     inside = {"disk": y**2 + x**2 <= 30, "tilted": (abs(y - 2 * x) <= 1) & (x > -3)}[name]
+
     kernel = inside / inside.sum()
     scene = RNG.normal(0, 60, (60, 80))
     scene = np.clip(oracle.convolve(scene, np.full((3, 3), 1 / 9)) * 3 + 128, 0, 255).astype(
         np.uint8
     )
+
     blurred = oracle.convolve(scene.astype(np.float64), kernel)
     known = BlurCompensation(noise=(0.0, 0.0), kernels=[(kernel, kernel)])
+
     volume = ps.cost_volume(scene, scene, num_disparities=4, blur_compensation=known)
     expected = ps.cost_volume(blurred, blurred, num_disparities=4)
     # A few components lie within rounding of a boundary; 14 bits each on either side.
     assert np.abs(volume.astype(int) - expected).mean() < 0.14
+
     unlike = ps.cost_volume(scene, scene, num_disparities=4).astype(int)
     assert np.abs(unlike - expected).mean() > 0.3
 
@@ -113,23 +120,29 @@ def test_what_a_mask_covers_spreads_nowhere() -> None:
     kernels = [(None, np.full((5, 5), 0.04)), (np.full((1, 9), 1 / 9), None), (None, None)]
     known = blur_compensation(kernels=kernels)
     masks: dict[str, Any] = {"left_mask": LEFT_MASK, "right_mask": RIGHT_MASK}
+
     expected = ps.match(LEFT, RIGHT, **SEARCH, **masks, blur_compensation=known)
+
     left = np.where(LEFT_MASK, LEFT, 255 - LEFT)
     right = np.where(RIGHT_MASK, RIGHT, 255 - RIGHT)
     found = ps.match(left, right, **SEARCH, **masks, blur_compensation=known)
+
     for field in ("disparity", "flags", "confidence"):
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
 
 def test_threads_and_matchers_change_nothing() -> None:
     left, right = np.tile(LEFT, (4, 1)), np.tile(RIGHT, (4, 1))
+
     expected = ps.match(
         left, right, **SEARCH, blur_compensation=blur_compensation(), threads=1
     ).disparity
+
     for threads in (2, 3, 8):
         matcher = ps.Matcher(threads=threads)
         found = matcher.match(left, right, **SEARCH, blur_compensation=blur_compensation())
         np.testing.assert_array_equal(found.disparity, expected)
+
         plain = matcher.match(left, right, **SEARCH)
         np.testing.assert_array_equal(
             plain.disparity, ps.match(left, right, **SEARCH, threads=1).disparity
@@ -147,12 +160,14 @@ def test_noise_alone_is_one_class_of_images_as_they_are() -> None:
 def test_a_weak_level_needs_the_noise() -> None:
     with pytest.raises(ValueError, match="^noise: got None; accepts"):
         ps.cost_volume(LEFT, RIGHT, **SEARCH, noise_threshold=1.0)
+
     for match in (
         ps.Matcher(preset="paper", noise_threshold=1.0).match,
         partial(ps.match, preset="paper", noise_threshold=1.0),
     ):
         result = match(LEFT, RIGHT, **SEARCH)
         assert result.blur is not None, "a match estimates it"
+
         told = ps.match(LEFT, RIGHT, **SEARCH, preset="paper", noise_threshold=1.0, noise=1.0)
         assert told.blur is None
 
@@ -160,12 +175,15 @@ def test_a_weak_level_needs_the_noise() -> None:
 def test_arrays_are_copied_and_travel() -> None:
     labels, kernel = LABELS.copy(), one_tap(0, 1)
     known = BlurCompensation(noise=(1, 2), kernels=[(None, kernel)] * 3, labels=labels, tile=5)
+
     labels[:] = 9
     kernel[:] = 0
+
     copy = pickle.loads(pickle.dumps(known))  # noqa: S301  # our own bytes
     np.testing.assert_array_equal(copy.labels, LABELS)
     assert copy.kernels[2][1].sum() == 1
     assert (copy.noise, copy.tile) == ((1, 2), 5)
+
     with pytest.raises(ValueError, match="read-only"):
         known.labels[0, 0] = 1
 
@@ -216,8 +234,10 @@ def test_what_makes_no_sense_is_refused_by_name(
 def test_matches_refuse_what_does_not_go_together() -> None:
     with pytest.raises(TypeError, match="^blur_compensation: got dict; accepts BlurCompensation"):
         ps.match(LEFT, RIGHT, **SEARCH, blur_compensation={})  # type: ignore[arg-type]  # the point
+
     with pytest.raises(ValueError, match="^noise: got 1.0 beside blur_compensation"):
         ps.match(LEFT, RIGHT, **SEARCH, noise=1.0, blur_compensation=blur_compensation())
+
     with pytest.raises(ValueError, match="^blur_compensation: got .*; accepts cost='phase'"):
         ps.match(
             LEFT, RIGHT, **SEARCH, preset="paper", cost="sad", blur_compensation=blur_compensation()

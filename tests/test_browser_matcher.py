@@ -99,6 +99,7 @@ def page(browser: Browser, address: str) -> Page:
         ".then((matcher) => { window.matcher = matcher; })",
         f"{address}/matcher.js",
     )
+
     browser.wait("window.matcher !== undefined")
     return Page(browser)
 
@@ -129,9 +130,11 @@ def test_maps_are_those_of_python_to_the_bit(page: Page, rendered: Pair, preset:
 def test_a_real_pair_is_matched_over_the_range_that_is_found(page: Page, data: Path) -> None:
     folder = data / "middlebury" / "scenes2003" / "cones"
     pair = read_image(folder / "im2.png"), read_image(folder / "im6.png")
+
     expected = ps.match(*pair)
     found = page.match(pair)
     _same(found, expected)
+
     span = found["found"]["range"]
     assert expected.search is not None
     assert (span["minDisparity"], span["numDisparities"], span["origin"]) == (
@@ -144,21 +147,27 @@ def test_a_real_pair_is_matched_over_the_range_that_is_found(page: Page, data: P
 def test_what_is_found_is_what_python_finds(page: Page, rendered: Pair) -> None:
     expected = ps.match(*rendered, num_disparities=48)
     found = page.call("check", rendered, numDisparities=48)["value"]
+
     assert expected.search is not None
     assert expected.blur is not None
+
     kinds = [
         {name: blur[name] for name in ("side", "kind", "size", "angle", "share")}
         for blur in found["blur"]
     ]
+
     assert kinds == expected.blur.as_dicts()
     assert kinds[0]["side"] == "left"
     assert kinds[0]["kind"] == "disk"
+
     for name in ("certainty", "contrast", "noise", "impulses", "coding"):
         assert found[name] == pytest.approx(getattr(expected.blur, name), rel=1e-6)
+
     assert expected.alignment is not None
     assert tuple(found["rows"]["coefficients"]) == expected.alignment.coefficients
     for name in ("error", "blocks", "spread", "applied"):
         assert found["rows"][name] == getattr(expected.alignment, name)
+
     assert found["range"]["confidence"] == expected.search.confidence
     assert (found["range"]["origin"], found["inverted"]) == ("given", False)
 
@@ -166,6 +175,7 @@ def test_what_is_found_is_what_python_finds(page: Page, rendered: Pair) -> None:
 def test_faults_are_told_and_the_next_call_works(page: Page, rendered: Pair) -> None:
     left, right = rendered
     small = right[:100]
+
     for pair, options, message in (
         ((left, small), {}, "right: got 100 x 320 pixels; accepts the size of left, 240 x 320"),
         (rendered, {"preset": "best"}, "preset: got 'best'; accepts 'robust', 'paper', 'fast'"),
@@ -174,6 +184,7 @@ def test_faults_are_told_and_the_next_call_works(page: Page, rendered: Pair) -> 
     ):
         outcome = page.call("match", pair, **options)
         assert outcome["error"].startswith(message)
+
     _same(
         page.match(rendered, preset="fast", numDisparities=48),
         ps.match(*rendered, preset="fast", num_disparities=48),

@@ -42,15 +42,20 @@ def images(seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 def made_up() -> ps.Result:
     """Return a result in which every number is known to be another one."""
     rows, cols = SHAPE
+
     disparity = np.linspace(1, 9, rows * cols, dtype=np.float32).reshape(SHAPE)
+
     flags = np.zeros(SHAPE, dtype=np.uint16)
     flags[FLAGGED[::-1]] = ps.Flag.OCCLUDED | ps.Flag.FILLED
     flags[HIDDEN[::-1]] = ps.Flag.MASKED
     disparity[HIDDEN[::-1]] = np.nan
+
     confidence = np.linspace(1, 0, rows * cols, dtype=np.float32).reshape(SHAPE)
+
     labels = np.array([[0, 0, 1], [0, 0, 1]], dtype=np.uint8)
     kinds = ps.Blur("left", "disk", 3.0, 0.0, np.full((3, 3), 1 / 9)), ps.Blur("none", "none", 0, 0)
     blur = ps.BlurEstimate(kinds, labels, 16, 0.9, 1.0, (1.0, 2.0))
+
     return ps.Result(disparity, flags, confidence, ps.PRESETS["robust"], {"matching": 0.5}, blur)
 
 
@@ -89,6 +94,7 @@ def opened(browser: Browser, page: Path) -> Browser:
         tell({ x: 24, y: 18 });
         """
     )
+
     return browser
 
 
@@ -120,6 +126,7 @@ def on_stage(browser: Browser, x: int, y: int) -> tuple[int, ...]:
         x,
         y,
     )
+
     return tuple(color)
 
 
@@ -127,6 +134,7 @@ def hover(browser: Browser, x: float, y: float, *, clicked: bool = False) -> Non
     """Move the mouse to the middle of a pixel."""
     actions = counterpart("selenium.webdriver").ActionChains(browser.driver, duration=20)
     canvas = browser.driver.find_element("css selector", "#stage")
+
     browser.run("arguments[0].scrollIntoView({block: 'center'})", canvas)
     dx, dy = browser.run(
         """
@@ -137,6 +145,7 @@ def hover(browser: Browser, x: float, y: float, *, clicked: bool = False) -> Non
         x,
         y,
     )
+
     actions.move_to_element_with_offset(canvas, round(dx), round(dy))
     (actions.click() if clicked else actions).perform()
 
@@ -186,6 +195,7 @@ def test_nothing_jumps_while_it_loads(browser: Browser, page: Path) -> None:
         setTimeout(() => (window.told = true), 300);
         """
     )
+
     browser.wait("window.told")
     assert browser.run("return window.shift") < 0.02
 
@@ -194,6 +204,7 @@ def test_layers_have_their_colors(opened: Browser) -> None:
     result = made_up()
     left, right = images()
     known = truth_of(result)
+
     low, high = np.nanpercentile(known, (1, 99))
     expected: dict[str, NDArray[np.uint8]] = {
         "left": left,
@@ -201,17 +212,21 @@ def test_layers_have_their_colors(opened: Browser) -> None:
         "disparity": colorize(result.disparity, low=low, high=high),
         "truth": colorize(known, low=low, high=high),
     }
+
     for layer, picture in expected.items():
         look_at(opened, layer)
         for x, y in PLACES:
             assert on_stage(opened, x, y) == pytest.approx(picture[y, x].tolist(), abs=4)
+
     look_at(opened, "error")
     assert on_stage(opened, 0, 0) == (255, 255, 255)  # 0.25 px is right
     assert on_stage(opened, *WRONG) == (128, 0, 38)  # the end of the scale
     assert on_stage(opened, *HIDDEN) == NEUTRAL
     assert on_stage(opened, 0, 35) == UNSCORED
+
     look_at(opened, "flags")
     assert on_stage(opened, *FLAGGED) == (0xE6, 0x9F, 0x00)
+
     look_at(opened, "confidence")
     assert on_stage(opened, 0, 0) == (253, 231, 36)  # viridis ends yellow
 
@@ -228,8 +243,10 @@ def test_flags_can_be_picked_out(opened: Browser) -> None:
 
 def test_flicker_shows_left_and_right_in_turn(opened: Browser) -> None:
     left, right = images()
+
     click(opened, "#flicker")
     assert opened.run("return document.getElementById('flicker').ariaPressed") == "true"
+
     for side, image in (("right", right), ("left", left), ("right", right)):
         opened.wait(f"state.view === '{side}'")
         if opened.run("return state.view") == side:
@@ -239,9 +256,11 @@ def test_flicker_shows_left_and_right_in_turn(opened: Browser) -> None:
             assert color == tuple(wanted[18, 24])
             opened.run("flicker(true)")
         assert image is not None
+
     click(opened, "#flicker")
     stays = opened.run("return state.view")
     assert opened.run("return state.timer") == 0
+
     press(opened, "#stage", " ")
     assert {stays, opened.run("return state.view")} == {"left", "right"}
 
@@ -260,15 +279,19 @@ def test_slider_mixes_the_left_image_with_the_layer(opened: Browser) -> None:
     left, _ = images()
     near, far = (2, 18), (45, 18)
     whole = {place: on_stage(opened, *place) for place in (near, far)}
+
     press(opened, "#mix", "\ue011")  # Home
     for x, y in (near, far):
         assert on_stage(opened, x, y) == tuple(left[y, x])
+
     opened.run(
         "const mix = document.getElementById('mix'); mix.value = 50;"
         "mix.dispatchEvent(new Event('input'))"
     )
+
     assert on_stage(opened, *near) == whole[near]
     assert on_stage(opened, *far) == tuple(left[far[::-1]])
+
     click(opened, "label:has(input[value=fade])")
     for x, y in (near, far):
         middle = (left[y, x].astype(float) + whole[x, y]) / 2
@@ -285,14 +308,18 @@ def drag(browser: Browser, start: tuple[float, float], by: tuple[int, int]) -> N
 def test_the_line_is_dragged_itself(opened: Browser) -> None:
     opened.run("setMix(0.5)")
     scale = opened.run("return stage.scale")
+
     drag(opened, (23.5, 5), (round(12 * scale), 0))
     assert opened.run("return state.mix") == pytest.approx(0.75, abs=0.02)
     value = opened.run("return Number(document.getElementById('mix').value)")
     assert value == pytest.approx(75, abs=2)
+
     assert opened.run("return state.held") is False
+
     opened.run("setMix(1)")
     drag(opened, (47, 17.5), (round(-24 * scale), 0))  # its handle waits at the border
     assert opened.run("return state.mix") == pytest.approx(0.5, abs=0.03)
+
     drag(opened, (10, 5), (40, 0))  # beside it there is nothing to drag
     assert opened.run("return state.mix") == pytest.approx(0.5, abs=0.03)
 
@@ -309,12 +336,15 @@ def test_the_wheel_zooms_to_the_pointer_without_a_click(opened: Browser) -> None
     opened.run("document.activeElement.blur()")
     scrolled = "return scrollY"
     before = opened.run(scrolled)
+
     wheel(opened, -400)
     opened.wait("stage.zoom > 2")
     assert opened.run(scrolled) == before
     assert read(opened)["pixel"] != "24, 18"
+
     wheel(opened, 800)
     opened.wait("stage.zoom === 1")
+
     wheel(opened, 300)  # nothing is left to zoom: the page goes on
     opened.wait(f"scrollY > {before}")
 
@@ -346,6 +376,7 @@ def test_two_fingers_zoom_and_move(opened: Browser) -> None:
         delete stage.canvas.setPointerCapture;
         """
     )
+
     assert opened.run("return stage.zoom") == pytest.approx(3.2, rel=0.03)
     assert opened.run("return now") == pytest.approx(opened.run("return between"), abs=0.5)
 
@@ -360,10 +391,12 @@ def test_slider_and_legend_are_above_the_fold(browser: Browser, page: Path) -> N
 @pytest.mark.parametrize("zoomed", [False, True])
 def test_readout_shows_the_right_numbers(opened: Browser, *, zoomed: bool) -> None:
     result, (left, right) = made_up(), images()
+
     truth = truth_of(result)
     for x, y in PLACES:
         if zoomed:
             opened.run("stage.move(arguments[0], arguments[1], 4)", x, y)
+
         hover(opened, x, y)
         told = read(opened)
         assert told["pixel"] == f"{x}, {y}"
@@ -371,6 +404,7 @@ def test_readout_shows_the_right_numbers(opened: Browser, *, zoomed: bool) -> No
         assert result.confidence is not None
         assert float(told["confidence"]) == pytest.approx(result.confidence[y, x], abs=0.007)
         assert told["left"] == "{} {} {}".format(*left[y, x])
+
         if (x, y) == HIDDEN:
             assert (told["disparity"], told["match"], told["error"]) == (
                 "no estimate",
@@ -378,16 +412,20 @@ def test_readout_shows_the_right_numbers(opened: Browser, *, zoomed: bool) -> No
                 "missing",
             )
             continue
+
         assert number(told["disparity"]) == pytest.approx(found, abs=NEARLY)
         assert number(told["match"]) == pytest.approx(x - found, abs=NEARLY)
         assert float(told["depth"]) == pytest.approx(50 * 0.2 / found, rel=0.004)
+
         at = round(x - found)
         assert told["right"] == ("outside" if at < 0 else "{} {} {}".format(*right[y, at]))
+
         unknown = np.isnan(truth[y, x])
         if unknown:
             assert told["error"] == "not scored"
         else:
             assert number(told["error"]) == pytest.approx(found - truth[y, x], abs=2 * NEARLY)
+
     opened.run("stage.zoomBy(0)")
     hover(opened, *FLAGGED)
     assert read(opened)["flags"] == "occluded, filled"
@@ -406,16 +444,21 @@ def test_a_click_holds_the_pixel(opened: Browser) -> None:
 
 def test_keys_do_what_the_mouse_does(opened: Browser) -> None:
     stage = "#stage"
+
     press(opened, stage, "\ue014", "\ue014", "\ue015")  # right, right, down
     assert read(opened)["pixel"] == "26, 19"
     spoken = opened.driver.find_element("css selector", "#spoken").get_attribute("textContent")
     assert spoken.startswith("Pixel 26, 19; Disparity d")
+
     press(opened, stage, "2")
     assert opened.run("return state.view") == "right"
+
     press(opened, stage, "+")
     assert opened.run("return stage.zoom") == 2
+
     press(opened, stage, "0")
     assert opened.run("return stage.zoom") == 1
+
     press(opened, stage, "f")
     assert opened.run("return state.timer") != 0
     press(opened, stage, "f")
@@ -445,12 +488,14 @@ def test_zoom_and_drag_keep_pixels_under_the_pointer(opened: Browser) -> None:
     opened.run("stage.zoomBy(4, [36.5, 9.5])")
     hover(opened, 36, 9)
     assert read(opened)["pixel"] == "36, 9"
+
     actions = counterpart("selenium.webdriver").ActionChains(opened.driver, duration=30)
     before = opened.run("return stage.x")
     actions.click_and_hold().move_by_offset(-60, 0).release().perform()
     assert opened.run("return stage.x") == pytest.approx(
         before + 60 / opened.run("return stage.scale"), abs=1
     )
+
     assert opened.run("return state.held") is False  # a drag is no click
 
 
@@ -460,16 +505,19 @@ def test_points_are_drawn_and_turn(opened: Browser) -> None:
     first = settled(opened)
     colored = (np.ptp(first.astype(int), axis=2) > 60).mean()
     assert colored > 0.01  # the points have the colors of the noise they come from
+
     actions = counterpart("selenium.webdriver").ActionChains(opened.driver, duration=100)
     cloud = opened.driver.find_element("css selector", "#cloud")
     actions.move_to_element(cloud).click_and_hold().move_by_offset(120, 40).release().perform()
     turned = settled(opened)
     assert (np.abs(turned.astype(int) - first).max(axis=2) > 60).mean() > 0.01
+
     scene = scene_points(made_up().disparity, CALIBRATION, step=1)
     assert scene.shown > 1600
     unflagged = scene.shown - 1
     count = opened.driver.find_element("css selector", "#cloud-shown").text
     assert count == f"{unflagged:,} points"
+
     click(opened, "#trusted")
     opened.wait(
         f"document.getElementById('cloud-shown').textContent === '{unflagged + 1:,} points'"
@@ -494,12 +542,15 @@ def test_points_are_picked_and_turned_by_keys(opened: Browser) -> None:
     opened.run("arguments[0].scrollIntoView({block: 'center'})", cloud)
     opened.run("arguments[0].focus()", cloud)
     cloud.send_keys("0")
+
     before = settled(opened)
     cloud.send_keys("\ue014" * 4)
     turned = settled(opened)
     assert (np.abs(turned.astype(int) - before).max(axis=2) > 60).mean() > 0.01
+
     cloud.send_keys("0")
     assert (np.abs(settled(opened).astype(int) - before).max(axis=2) > 60).mean() < 0.001
+
     cloud.click()
     x, y = map(int, read(opened)["pixel"].split(", "))
     assert abs(x - 24) < 6
@@ -528,12 +579,14 @@ def test_points_are_where_the_disparities_say(opened: Browser) -> None:
 def test_both_themes(browser: Browser, page: Path) -> None:
     shades: dict[bool, float] = {}
     texts = set()
+
     for dark in (False, True):
         browser.open(page, dark=dark)
         shades[dark] = float(browser.picture().mean())
         draw_all(browser, "#chart-disparities")
         text = "return getComputedStyle(document.querySelector('#chart-disparities .xtitle')).fill"
         texts.add(browser.run(text))
+
     assert shades[False] > shades[True] + 70
     assert len(texts) == 2
 
@@ -554,6 +607,7 @@ def test_everything_has_a_name(opened: Browser) -> None:
         return [...mine.filter((node) => !named(node)), ...images].map((node) => node.outerHTML);
         """
     )
+
     assert nameless == []
 
 
@@ -597,11 +651,14 @@ def test_whatever_there_is_is_shown(browser: Browser, tmp_path: Path, name: str)
     left, right, result, more = VARIANTS[name]
     write_pair_page(tmp_path / "page.html", left, right, result, **more)
     browser.open(tmp_path / "page.html", width=640, height=640)
+
     layers = browser.run("return views.map((view) => view.key)")
     assert ("truth" in layers) == ("error" in layers) == ("truth" in more)
     assert ("confidence" in layers) == (result.confidence is not None)
+
     for layer in layers:
         look_at(browser, layer)
+
     rows, cols = result.disparity.shape
     hover(browser, cols - 1, rows - 1)
     found = result.disparity[-1, -1]
@@ -609,10 +666,13 @@ def test_whatever_there_is_is_shown(browser: Browser, tmp_path: Path, name: str)
         assert number(read(browser)["disparity"]) == pytest.approx(found, abs=NEARLY)
     else:
         assert read(browser)["disparity"] == "no estimate"
+
     if name == "16 bits":
         assert "left" not in read(browser)  # what is shown is not what was measured
+
     if name in ("no truth", "no blur, no confidence", "no estimate", "1 x 1"):
         draw_all(browser)  # which takes seconds without a GPU: where it may make a difference
+
     assert browser.complaints() == []
 
 
@@ -623,8 +683,10 @@ def test_thinned_out_numbers_are_those_of_their_pixels(
     result = made_up()
     write_pair_page(tmp_path / "page.html", *images(), result)
     browser.open(tmp_path / "page.html")
+
     hover(browser, 5, 7)  # of those shown, which are every second one
     told = read(browser)
+
     assert told["pixel"] == "10, 14"
     assert number(told["disparity"]) == pytest.approx(result.disparity[14, 10], abs=NEARLY)
     assert number(told["match"]) == pytest.approx(10 - result.disparity[14, 10], abs=NEARLY)

@@ -31,8 +31,10 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         for method, bad in ((LONG, 10.0), ("opencv:sgbm", 30.0))
         for row in ("sharp", "gauss 2")
     ]
+
     told = read_results([store(folder / "results.jsonl", records)])
     bench = write_report(told, folder / "bench", metric="v2.nonocc")
+
     return {
         "bench": next(path for path in bench if path.suffix == ".html"),
         "demo": write_demo(run_demo(0), folder / "demo")[-1],

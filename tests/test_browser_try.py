@@ -62,17 +62,16 @@ def open_page(browser: Browser, address: str, *, width: int = 1440, dark: bool =
 def opened(browser: Browser, site: str) -> Browser:
     """Return a browser that shows the page as it is at first; only loaded when need be."""
     address = f"{site}/stand-in"
+
     if browser.run("return location.href + innerWidth") != f"{address}/index.html1440":
         open_page(browser, address)
+
     browser.run("window.refusal = ''; element('pair').selectedIndex = 0")
     browser.run("element('pair').dispatchEvent(new Event('change'))")
     matched(browser)
     browser.run("calls.length = 0; choose('disparity'); setMix(1)")
+
     return browser
-
-
-def text(browser: Browser, element: str) -> str:
-    return str(browser.run(f"return document.getElementById('{element}').textContent"))
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
@@ -80,13 +79,16 @@ def text(browser: Browser, element: str) -> str:
 def test_it_fits_and_asks_nobody_else(browser: Browser, site: str, width: int, theme: str) -> None:
     open_page(browser, f"{site}/stand-in", width=width, dark=theme == "dark")
     assert browser.complaints() == []
+
     asked = browser.requests()
     assert f"{site}/stand-in/viewer.js" in asked
     assert all(url.startswith(f"{site}/stand-in/") for url in asked)
     assert browser.run("return document.documentElement.scrollWidth") <= width
+
     background = browser.run("return getComputedStyle(document.body).backgroundColor")
     channels = [int(part) for part in background.removeprefix("rgb(").rstrip(")").split(",")]
     assert (max(channels) < 60) == (theme == "dark")
+
     in_sight = "return document.getElementById('{}').getBoundingClientRect().bottom <= innerHeight"
     for needed in (*SLIDERS, "stage"):
         assert browser.run(in_sight.format(needed)), needed
@@ -94,6 +96,7 @@ def test_it_fits_and_asks_nobody_else(browser: Browser, site: str, width: int, t
 
 def test_its_policy_lets_nothing_out(opened: Browser) -> None:
     opened.complaints()
+
     opened.run(
         """
         window.sent = "";
@@ -101,6 +104,7 @@ def test_its_policy_lets_nothing_out(opened: Browser) -> None:
           .then(() => (window.sent = "sent"), () => (window.sent = "refused"));
         """
     )
+
     opened.wait("window.sent")
     assert opened.run("return window.sent") == "refused"
     assert any("Content Security Policy" in line for line in opened.complaints())
@@ -109,48 +113,56 @@ def test_its_policy_lets_nothing_out(opened: Browser) -> None:
 def test_a_slider_matches_at_once_and_again_when_it_rests(opened: Browser) -> None:
     slider = opened.driver.find_element("css selector", "#dim")
     slider.send_keys(END)
-    assert text(opened, "dim-shown") == "90 %"
+    assert opened.text("dim-told") == "90 %"
     assert slider.get_attribute("aria-valuetext") == "90 %"
     matched(opened)
+
     calls = opened.run("return calls")
     assert [call.get("preset", "check") for call in calls][-3:] == ["fast", "check", "robust"]
     assert calls[0]["preset"] == "fast"
     assert all(call["numDisparities"] == 64 for call in calls if call["task"] == "match")
     assert calls[-1]["first"] < 0.3 * calls[-1]["second"]  # the left image is dim
-    told = text(opened, "findings")
+
+    told = opened.text("findings")
     assert "warning the left image is darker, its gray levels 0.1" in told
     assert "warning the left image is softer than the right by a disk of radius 3.0 px" in told
     assert "warning the right image shows things 2.5 px lower than the left one" in told
     assert "note noise of 1.0 gray levels in the left image, 8.2 in the right" in told
-    assert text(opened, "time-shown") == "12 ms"
-    assert "with robust" in text(opened, "preset-shown")
+
+    assert opened.text("time-told") == "12 ms"
+    assert "with robust" in opened.text("preset-told")
 
 
 def test_the_other_side_is_spoiled_and_all_goes_back(opened: Browser) -> None:
     opened.driver.find_element("css selector", "#dim").send_keys(END)
     opened.driver.find_element("css selector", ".chip:has(#side-right)").click()
     matched(opened)
+
     call = opened.run("return calls.at(-1)")
     assert call["second"] < 0.3 * call["first"]
+
     opened.driver.find_element("css selector", "#reset").click()
     matched(opened)
-    assert text(opened, "dim-shown") == "0 %"
+    assert opened.text("dim-told") == "0 %"
     assert opened.run("return calls.at(-1).second") > call["second"]
+
     opened.driver.find_element("css selector", ".chip:has(#side-left)").click()
 
 
 def test_the_viewer_is_the_report_pages(opened: Browser) -> None:
     opened.driver.find_element("css selector", "#stage").send_keys("4", RIGHT)
     assert opened.run("return state.view") == "confidence"
-    assert text(opened, "value-confidence") == "0.75"
-    assert text(opened, "value-pixel") == "225, 168"
-    assert text(opened, "value-disparity") == "10.50 px"
+    assert opened.text("value-confidence") == "0.75"
+    assert opened.text("value-pixel") == "225, 168"
+    assert opened.text("value-disparity") == "10.50 px"
+
     opened.driver.find_element("css selector", "#turn").send_keys(RIGHT)
     matched(opened)  # `fast` has no confidence: it is shown again with `robust`
     assert opened.run("return state.view") == "confidence"
+
     opened.run("element('cloud').scrollIntoView()")
     opened.wait("element('cloud').dataset.drawn === 'yes'")
-    assert text(opened, "cloud-shown") == f"{448 * 336 - 1:,} points"
+    assert opened.text("cloud-told") == f"{448 * 336 - 1:,} points"
     opened.run("scrollTo(0, 0)")
 
 
@@ -175,6 +187,7 @@ def test_rendered_views_show_the_same_things(opened: Browser) -> None:
           }));
         """
     )
+
     assert len(errors) == 2
     for right, wrong, fits in errors:
         assert right < 0.4 * wrong
@@ -202,18 +215,22 @@ return Promise.all(arguments[0].map((file) => make(...file))).then((files) => {
 
 def test_two_images_are_dropped(opened: Browser) -> None:
     files = [["im1.png", 120, 80, ["#404040"]], ["im0.png", 120, 80, ["#808080"]]]
+
     opened.run(DROP, files)
     matched(opened)
+
     call = opened.run("return calls.at(-1)")
     assert (call["size"], call["first"], call["second"]) == ([120, 80], 128, 64)
     assert call["numDisparities"] == 0  # to be found
-    assert text(opened, "pair-note") == "120 \N{MULTIPLICATION SIGN} 80 pixels."
+    assert opened.text("told") == "120 \N{MULTIPLICATION SIGN} 80 pixels."
     assert opened.run("return [page.cols, page.rows, stage.cols]") == [120, 80, 120]
     assert not opened.run("return isThere('truth')")
+
     opened.driver.find_element("css selector", "#shake").send_keys(RIGHT)
     matched(opened)
     known = opened.run("return calls.at(-1)")
     assert (known["minDisparity"], known["numDisparities"]) == (-2, 40)  # as they were found
+
     opened.driver.find_element("css selector", "#exchange").click()
     matched(opened)
     assert opened.run("return calls.at(-1).first") == 64
@@ -222,14 +239,14 @@ def test_two_images_are_dropped(opened: Browser) -> None:
 def test_one_image_is_dropped_with_both_views(opened: Browser) -> None:
     opened.run(DROP, [["both.png", 2400, 1000, ["#a0a0a0", "#202020"]]])
     matched(opened)
+
     call = opened.run("return calls.at(-1)")
     assert call["first"] == 160
     assert call["second"] == pytest.approx(32, abs=8)  # beside the other view, and made smaller
+
     width, height = call["size"]
     assert 499_000 < width * height < 501_000
-    assert text(opened, "pair-note").endswith(
-        f"matched at {width} \N{MULTIPLICATION SIGN} {height}."
-    )
+    assert opened.text("told").endswith(f"matched at {width} \N{MULTIPLICATION SIGN} {height}.")
 
 
 @pytest.mark.parametrize(
@@ -245,18 +262,21 @@ def test_what_is_no_pair_is_refused(
 ) -> None:
     opened.run(DROP, files)
     opened.wait("!document.getElementById('trouble').hidden")
-    assert text(opened, "trouble").replace("\N{MULTIPLICATION SIGN}", "x").startswith(message)
+    assert opened.text("trouble").replace("\N{MULTIPLICATION SIGN}", "x").startswith(message)
 
 
 def test_an_error_of_the_matcher_is_told_and_goes(opened: Browser) -> None:
     opened.run("window.refusal = 'left: got 9 rows; accepts 16 or more'")
+
     slider = opened.driver.find_element("css selector", "#defocus")
     slider.send_keys(RIGHT)
     opened.wait("!document.getElementById('trouble').hidden")
-    assert text(opened, "trouble") == "Not matched: left: got 9 rows; accepts 16 or more"
+    assert opened.text("trouble") == "Not matched: left: got 9 rows; accepts 16 or more"
+
     opened.run("window.refusal = ''")
     slider.send_keys(RIGHT)
     matched(opened)
+
     assert opened.run("return document.getElementById('trouble').hidden")
 
 
@@ -268,12 +288,15 @@ def test_every_control_has_a_name_and_a_place_in_the_order(opened: Browser) -> N
         for node in nodes
         if not node["ignored"] and node["role"]["value"] in roles
     ]
+
     names = {name for _, name in controls}
     assert all(name for _, name in controls)
     assert {"Defocus", "Shake", "Dim", "Turn", "Shift rows", "Left", "Right", "Pair"} <= names
     assert "Open two photographs, or one with both views side by side" in names
+
     other = "[tabindex]:not([tabindex='0'])"
     assert opened.run("return document.querySelectorAll(arguments[0]).length", other) == 0
+
     told = "return ['findings', 'told', 'trouble'].map((id) => element(id).role ?? '')"
     assert opened.run(told)[1:] == ["status", "alert"]
     assert opened.run("return element('findings').ariaLive") == "polite"
@@ -297,23 +320,27 @@ def test_the_core_matches_what_sliders_spoil(browser: Browser, site: str, core: 
     open_page(browser, f"{site}/{core.name}")
     assert browser.complaints() == []
     assert wrong(browser) < 5
-    assert "the images are equally sharp" in text(browser, "findings")
+    assert "the images are equally sharp" in browser.text("findings")
+
     browser.run(
         "setSlider = (name, value) => { element(name).value = value; "
         "element(name).dispatchEvent(new Event('input')); }"
     )
+
     browser.run("setSlider('defocus', 4); setSlider('rows', 2)")
     matched(browser)
     assert wrong(browser) < 12
-    told = text(browser, "findings")
+
+    told = browser.text("findings")
     assert "the left image is softer than the right by a disk of radius" in told
     assert "the right image shows things 2.0 px higher than the left one" in told
+
     browser.run("setSlider('defocus', 0); setSlider('rows', 0); setSlider('turn', 1)")
     matched(browser)
     assert wrong(browser) < 12
-    assert "is rotated counter-clockwise by" in text(browser, "findings")
+    assert "is rotated counter-clockwise by" in browser.text("findings")
 
 
 def wrong(browser: Browser) -> float:
     """Return the share of wrong pixels that the page tells, in percent."""
-    return float(text(browser, "wrong-shown").removesuffix(" %"))
+    return float(browser.text("wrong-told").removesuffix(" %"))

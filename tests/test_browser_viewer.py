@@ -12,9 +12,9 @@ from phasestereo.integrations.video.streaming import Failure
 from phasestereo.io import Calibration
 from phasestereo.views.viewer import Server, Show
 from test_viewer import COLS, COUNT, FAST, LEFT, RIGHT, ROWS, SHIFT, frame
+from test_viewer import server as server  # noqa: PLC0414 - a fixture
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from browser import Browser
@@ -29,21 +29,10 @@ def show(tmp_path: Path) -> Show:
     return shown
 
 
-@pytest.fixture
-def server(show: Show) -> Iterator[Server]:
-    with Server(show) as opened:
-        yield opened
-        show.close()
-
-
 def look(browser: Browser, server: Server, width: int = 1440, *, dark: bool = False) -> None:
     browser.visit("about:blank")  # an earlier page may still ask its server, which has gone
     browser.visit(server.address, width=width, height=900 if width > 800 else 844, dark=dark)
     browser.wait("document.documentElement.dataset.ready === 'yes'")
-
-
-def text(browser: Browser, element: str) -> str:
-    return str(browser.run(f"return document.getElementById('{element}').textContent"))
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
@@ -52,13 +41,16 @@ def test_it_fits_and_says_nothing_on_the_console(
     browser: Browser, server: Server, width: int, theme: str
 ) -> None:
     dark = theme == "dark"
+
     look(browser, server, width, dark=dark)
     assert browser.run("return document.documentElement.scrollWidth") <= width
     assert browser.complaints() == []
     assert all(url.startswith(server.address) for url in browser.requests())
+
     background = browser.run("return getComputedStyle(document.body).backgroundColor")
     channels = [int(part) for part in background.removeprefix("rgb(").rstrip(")").split(",")]
     assert (max(channels) < 60) == dark
+
     in_sight = "return document.getElementById('{}').getBoundingClientRect().bottom <= innerHeight"
     for needed in ("save", "left") if width < 800 else ("save", "left", "disparity", "readout"):
         assert browser.run(in_sight.format(needed)), needed
@@ -68,12 +60,14 @@ def test_new_frames_and_troubles_appear_by_themselves(
     browser: Browser, server: Server, show: Show
 ) -> None:
     look(browser, server)
-    assert text(browser, "status").startswith(f"{COLS} \u00d7 {ROWS}, frame 0")
+    assert browser.text("status").startswith(f"{COLS} \u00d7 {ROWS}, frame 0")
+
     show.fail(Failure(1, None, OSError("camera 1: gave no frame")))
     show.add(frame(2, apart=0.02))
     browser.wait("document.getElementById('status').textContent.includes('frame 2, 1 failed')")
-    assert "camera 1: gave no frame" in text(browser, "trouble")
-    assert "not synchronized" in text(browser, "trouble")
+    assert "camera 1: gave no frame" in browser.text("trouble")
+    assert "not synchronized" in browser.text("trouble")
+
     browser.wait("document.querySelector('#left img').src.includes('frame=2')")
     picture = browser.picture("#disparity")
     assert np.ptp(picture[200:300, 300:400].reshape(-1, 3), axis=0).max() < 40  # one disparity
@@ -81,44 +75,55 @@ def test_new_frames_and_troubles_appear_by_themselves(
 
 def test_keys_lead_the_cursor(browser: Browser, server: Server) -> None:
     look(browser, server)
+
     view = browser.driver.find_element("css selector", "#disparity")
     view.send_keys("\ue014")  # arrow right, from the middle
     browser.wait(f"document.getElementById('at').textContent === '{COLS // 2 + 1}, {ROWS // 2}'")
-    assert text(browser, "value") == f"{SHIFT}.00 px"
-    assert text(browser, "depth") == "4.000 m"
+
+    assert browser.text("value") == f"{SHIFT}.00 px"
+    assert browser.text("depth") == "4.000 m"
+
     crosses = "[...document.querySelectorAll('.cross')].every((cross) => !cross.hidden)"
     assert browser.run(f"return {crosses}")
 
 
 def test_sliders_set_what_is_matched_with(browser: Browser, server: Server, show: Show) -> None:
     look(browser, server)
+
     slider = browser.driver.find_element("css selector", "#uniqueness")
     slider.send_keys("\ue014" * 3)
     browser.wait("document.getElementById('uniqueness-shown').textContent === '3'")
+
     version = 0
     for version in range(50):
         if show.settings.uniqueness == 3:
             break
         show.wait(version, 0.1)
+
     assert show.settings.uniqueness == 3
+
     browser.run("change({ p1: -1 })")
     browser.wait("!document.getElementById('refused').hidden")
-    assert text(browser, "refused").startswith("p1: got -1; accepts 0")
+    assert browser.text("refused").startswith("p1: got -1; accepts 0")
 
 
 def test_every_control_has_a_name_and_a_place_in_the_order(
     browser: Browser, server: Server
 ) -> None:
     look(browser, server)
+
     unnamed = browser.run(
         "return [...document.querySelectorAll('input, button, .view')].filter((control) =>"
         " !(control.labels?.length || control.textContent.trim() || control.ariaLabel))"
         ".map((control) => control.id)"
     )
+
     assert unnamed == []
     assert browser.run("return document.querySelectorAll('img:not([alt])').length") == 0
+
     other = "[tabindex]:not([tabindex='0'])"
     assert browser.run("return document.querySelectorAll(arguments[0]).length", other) == 0
+
     for live in ("trouble", "refused", "saved", "findings", "readout"):
         assert browser.run(
             f"const e = document.getElementById('{live}');"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import ON_CI, ROOT
+from conftest import ROOT, unavailable
 from phasestereo.io import write_image
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
@@ -52,11 +52,14 @@ class Program:
         """Match images of memory: exit code, lines printed, file with the planes."""
         for name, image in zip(("left", "right"), pair, strict=True):
             (self.folder / name).write_bytes(image.tobytes())
+
         rows, cols = size or pair[0].shape[:2]
+
         told = stride or pair[0].nbytes // len(pair[0])
         bits = 8 * pair[0].itemsize
         output = self.folder / "planes"
         numbers = map(str, (cols, rows, channels, bits, told))
+
         command: list[str | Path] = [
             self.path,
             self.folder / "left",
@@ -64,6 +67,7 @@ class Program:
             *numbers,
         ]
         command += [preset, str(disparities), output]
+
         done = _run(*command, check=False)
         return done.returncode, done.stdout.splitlines(), output
 
@@ -71,6 +75,7 @@ class Program:
         """Compare with a map of Python's; return what was printed, by its first word."""
         code, lines, output = self.run(pair, **options)
         assert code == 0, lines
+
         size = expected.disparity.shape
         data = output.read_bytes()
         split = 4 * expected.disparity.size
@@ -78,13 +83,16 @@ class Program:
             np.frombuffer(part, np.float32).reshape(size)
             for part in (data[:split], data[split : 2 * split])
         )
+
         flags = np.frombuffer(data[2 * split :], np.uint16).reshape(size)
         np.testing.assert_array_equal(disparity, expected.disparity)
         np.testing.assert_array_equal(flags, expected.flags)
+
         wanted = expected.confidence
         np.testing.assert_array_equal(
             confidence, np.full(size, np.nan) if wanted is None else wanted
         )
+
         return {line.split()[0]: line.split()[1:] for line in lines}
 
 
@@ -97,11 +105,9 @@ def _run(*command: str | Path, check: bool = True) -> subprocess.CompletedProces
 
 def _needed(path: Path | str | None, message: str) -> str:
     """Return a program or file; without it, skip visibly, or fail where it must be there."""
-    if path is not None and Path(path).exists():
-        return str(path)
-    if ON_CI:
-        pytest.fail(message)
-    pytest.skip(message)
+    if path is None or not Path(path).exists():
+        unavailable(message)
+    return str(path)
 
 
 @pytest.fixture(scope="module")
@@ -114,9 +120,11 @@ def program(library: str, tmp_path_factory: pytest.TempPathFactory) -> Program:
     compiler = _needed(shutil.which("cc"), "no C compiler: apt-get install gcc")
     folder = tmp_path_factory.mktemp("c")
     path = folder / "program"
+
     source = ROOT / "tests" / "c_program.c"
     found = f"-Wl,-rpath,{LIBRARY.parent}"
     options = "-std=c99", *STRICT, f"-I{INTERFACE}"
+
     _run(compiler, *options, source, library, found, "-o", path)
     return Program(path, folder)
 
@@ -150,14 +158,17 @@ def test_what_is_found_is_what_python_finds(program: Program, pair: Pair) -> Non
     expected = ps.match(*pair)
     said = program.same(pair, expected, preset="robust", disparities=0)
     search, blur, alignment = expected.search, expected.blur, expected.alignment
+
     assert search is not None
     assert search.origin == "found"
     assert said["range"] == [str(search.min_disparity), str(search.num_disparities), "1"]
+
     assert blur is not None
     assert (blur.blur.side, blur.blur.kind) == ("left", "disk")
     assert said["blur"][:2] == ["1", "2"]
     assert [float(value) for value in said["blur"][2:]] == [blur.blur.size, blur.certainty]
     assert tuple(map(float, said["noise"])) == blur.noise
+
     assert alignment is not None
     assert float(said["rows"][0]) == alignment.coefficients[0]
 
@@ -221,9 +232,11 @@ def test_what_is_not_acceptable_is_told(
 
 def test_the_example_with_opencv_writes_a_map(library: str, pair: Pair, tmp_path: Path) -> None:
     assert library
+
     cmake = shutil.which("cmake")
     if cmake is None:
         pytest.skip("no cmake: apt-get install cmake")
+
     build, source = tmp_path / "build", INTERFACE / "example"
     configured = _run(cmake, "-S", source, "-B", build, check=False)
     if configured.returncode != 0:
@@ -235,5 +248,6 @@ def test_the_example_with_opencv_writes_a_map(library: str, pair: Pair, tmp_path
     files = [tmp_path / name for name in ("left.png", "right.png", "map.tiff")]
     done = _run(build / "match", *files, "48")
     assert done.stdout == "disparities 0 to 47\n"
+
     written = pytest.importorskip("tifffile").imread(files[2])
     np.testing.assert_array_equal(written, ps.match(*pair, num_disparities=48).disparity)

@@ -29,12 +29,15 @@ def example(name: str) -> str:
 def run(monkeypatch: pytest.MonkeyPatch, name: str, **contents: Any) -> dict[str, Any]:
     """Run the block with a module that has such contents."""
     parts = name.split(".")
+
     for depth in range(1, len(parts) + 1):
         module = ModuleType(".".join(parts[:depth]))
         monkeypatch.setitem(sys.modules, module.__name__, module)
+
     vars(module).update(contents)
     if len(parts) > 1:
         setattr(sys.modules[parts[0]], parts[1], module)
+
     names: dict[str, Any] = {"np": np}
     exec(example(parts[0]), names)  # noqa: S102 - our own example
     return names
@@ -56,6 +59,7 @@ def test_realsense(monkeypatch: pytest.MonkeyPatch) -> None:
         stream=SimpleNamespace(infrared="infrared"),
         format=SimpleNamespace(y8="y8"),
     )
+
     assert enabled[:2] == [("infrared", side, 848, 480, "y8", 30) for side in (1, 2)]
     check(names["pairs"], gray=True)
 
@@ -104,6 +108,7 @@ def test_zed(monkeypatch: pytest.MonkeyPatch) -> None:
         mat.data = {"left": LEFT, "right": RIGHT}[view]
 
     camera = SimpleNamespace(open=id, grab=lambda: None, retrieve_image=retrieve)
+
     names = run(
         monkeypatch,
         "pyzed.sl",
@@ -112,6 +117,7 @@ def test_zed(monkeypatch: pytest.MonkeyPatch) -> None:
         InitParameters=object,
         VIEW=SimpleNamespace(LEFT="left", RIGHT="right"),
     )
+
     check([names["pair"]] * ASKED, gray=False)
     np.testing.assert_array_equal(names["pair"][0], LEFT[:, :, [2, 1, 0]])
 

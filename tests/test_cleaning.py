@@ -63,13 +63,17 @@ def noisy(image: Pixels, deviation: float, seed: int) -> Pixels:
 
 def test_impulses_are_repaired_as_by_the_oracle() -> None:
     left, right = (hot(SCENE.left[:, :, 1], 0.02, 1), hot(SCENE.right[:, :, 1], 0.02, 2))
+
     heights = 20.0, 3.5
     versions = ps.BlurCompensation(noise=(1, 1), impulses=heights)
+
     found = ps.cost_volume(left, right, **SEARCH, blur_compensation=versions)
+
     repaired = [
         np.floor(oracle.without_impulses(image.astype(float), height)).astype(np.uint8)
         for image, height in zip((left, right), heights, strict=True)
     ]
+
     assert all((repaired[side] != (left, right)[side]).mean() > 0.01 for side in (0, 1))
     np.testing.assert_array_equal(found, ps.cost_volume(*repaired, **SEARCH))
 
@@ -78,17 +82,22 @@ def test_impulses_are_repaired_as_by_the_oracle() -> None:
 def test_images_are_smoothed_as_by_the_oracle(dtype: type[np.generic]) -> None:
     unit = {"u": 1, "f": 1e-3}[np.dtype(dtype).kind] * (100 if dtype is np.uint16 else 1)
     left, right = ((unit * image).astype(dtype) for image in (SCENE.left, SCENE.right))
+
     deviations = 5.0 * unit, 9.0 * unit
     versions = ps.BlurCompensation(noise=(1, 1), smoothing=deviations)
+
     found = ps.cost_volume(left, right, **SEARCH, blur_compensation=versions)
+
     smoothed = [
         oracle.guided_filter(oracle.to_gray(image), deviation)
         for image, deviation in zip((left, right), deviations, strict=True)
     ]
+
     expected = ps.cost_volume(*smoothed, **SEARCH)
     # Steps of gray values are not the same: signs of components that are nearly zero may differ.
     # Bytes are smoothed in sixteenths of a gray level.
     assert np.abs(found.astype(int) - expected).mean() < (0.06 if dtype is np.uint8 else 0.03)
+
     plain = ps.cost_volume(left, right, **SEARCH)
     assert np.abs(found.astype(int) - plain).mean() > 0.3
 
@@ -120,19 +129,24 @@ def test_what_is_no_deviation_is_refused(name: str, value: object, error: type) 
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "12 bits", "float32"])
 def test_impulses_are_found_in_any_type(dtype: str, share: float) -> None:
     gray = SCENE.left[:, :, 1], SCENE.right[:, :, 1]
+
     spoilt = [hot(image, share, seed) for seed, image in enumerate(gray)]
+
     convert = {
         "uint8": lambda image: image,
         "uint16": lambda image: 257 * image.astype(np.uint16),
         "12 bits": lambda image: 16 * image.astype(np.uint16),
         "float32": lambda image: (image / 255).astype(np.float32),
     }[dtype]
+
     left, right = map(convert, spoilt)
     found = ps.estimate_blur(left, right, **SEARCH)
+
     assert oracle.has_impulses(spoilt[0].astype(float), 1) == (share > 0)
     level = {"uint8": 1, "uint16": 256, "12 bits": 16, "float32": 1 / 256}[dtype]
     height = 20 * level if share else 0
     assert found.impulses == pytest.approx((height, height), rel=0.3)
+
     clean = ps.estimate_blur(*map(convert, gray), **SEARCH)
     assert found.noise == pytest.approx(clean.noise, rel=0.5, abs=0.5 * level)
 
@@ -145,6 +159,7 @@ def test_one_image_alone_may_have_impulses() -> None:
 @pytest.mark.parametrize("crop", [(0, 0), (3, 5), (7, 1)])
 def test_compression_is_found_wherever_blocks_begin(crop: tuple[int, int]) -> None:
     pair = [noisy(image, 1, seed) for seed, image in enumerate((SCENE.left, SCENE.right))]
+
     lost = [0.0]
     for quality in (80, 50, 20):
         left, right = (compressed(image, quality, crop) for image in pair)
@@ -152,6 +167,7 @@ def test_compression_is_found_wherever_blocks_begin(crop: tuple[int, int]) -> No
         expected = [6 * oracle.block_jump(oracle.to_gray(image), 1) for image in (left, right)]
         assert found.coding == pytest.approx(expected, rel=1e-9)
         lost.append(min(found.coding))
+
     assert lost == sorted(lost)
     assert lost[-1] > 3
     assert max(ps.estimate_blur(*pair, **SEARCH).coding) < 0.5
@@ -191,6 +207,7 @@ def test_parts_are_those_of_the_whole(tmp_path: Path) -> None:
     left, right = compressed(SCENE.left, 30), SCENE.right.copy()
     right[120:140, 30:60] = hot(right[120:140, 30:60], 0.2, 3)
     left[5:15] = hot(left[5:15], 0.05, 3)
+
     whole = ps.match(left, right, **SEARCH)
     assert whole.blur is not None
     assert min(whole.blur.impulses) > 0
@@ -206,8 +223,10 @@ def test_parts_are_those_of_the_whole(tmp_path: Path) -> None:
         assert told.blur_compensation.impulses == whole.blur.impulses
         assert told.blur is not None
         assert told.blur.coding == whole.blur.coding
+
         cuts = [0, 1, 64, 125, 130, 200]
         parts = [ps.match_rows(read, told, a, b) for a, b in pairwise(cuts)]
+
         for name in ("disparity", "flags", "confidence"):
             joined = np.concatenate([getattr(part, name) for part in parts])
             np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
@@ -215,9 +234,11 @@ def test_parts_are_those_of_the_whole(tmp_path: Path) -> None:
 
 def test_estimates_of_a_stream_are_taken_over_with_impulses() -> None:
     matcher = ps.Matcher()
+
     spoilt = hot(SCENE.left, 0.01, 1), hot(SCENE.right, 0.01, 2)
     first = matcher.match(*spoilt, **SEARCH)
     assert first.blur is not None
+
     again = matcher.match(*(noisy(image, 0.3, 9) for image in spoilt), **SEARCH, before=first)
     assert again.blur is not None
     assert again.blur.reused

@@ -50,6 +50,7 @@ def blurred(monkeypatch: pytest.MonkeyPatch) -> None:
         gamma=1.0,
         noise=(1.0, 1.0),
     )
+
     module = importlib.import_module("phasestereo.rig.diagnosis")
     found = module.estimate_pair
     monkeypatch.setattr(module, "estimate_pair", lambda *a: replace(found(*a), blur=estimate))
@@ -132,7 +133,9 @@ def test_refusals_are_one_line_and_leave_nothing(
     Path("text.png").write_text("not an image at all")
     io.write_image("small.png", np.zeros((40, 64), np.uint8))
     io.write_image("nan.pfm", np.full((60, 65), np.nan, np.float32))
+
     before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+
     got, out, err = run("check", *arguments.split())
     assert (got, out) == (code, "")
     assert re.fullmatch(rf"phasestereo: error: .*{message}.*\n", err)

@@ -47,11 +47,14 @@ GEOMETRIES = {
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the current folder: a pair, everywhere at disparity SHIFT, and what calibrates it."""
     monkeypatch.chdir(tmp_path)
+
     scene = np.random.default_rng(0).integers(0, 256, (40, 70, 3), dtype=np.uint8)
     io.write_image("left.png", scene[:, :-SHIFT])
     io.write_image("right.png", scene[:, SHIFT:])
+
     Path("calib.txt").write_text(CALIB, encoding="utf-8")
     Path("metres.txt").write_text(CALIB.replace("=70", "=0.07"), encoding="utf-8")
+
     rig = io.read_calibration("calib.txt")
     np.save("q.npy", replace(rig, baseline=7).q)
     return tmp_path
@@ -67,16 +70,20 @@ def match(run: Callable[..., Run]) -> Callable[[str], Run]:
 @pytest.mark.parametrize(("geometry", "scale"), GEOMETRIES.items())
 def test_points_come_out_in_color(match: Callable[[str], Run], geometry: str, scale: int) -> None:
     trimesh = counterpart("trimesh")
+
     code, out, err = match(f"--ply out.ply -o out.npy {geometry}")
     assert (code, err) == (0, "")
     assert "wrote out.ply" in out
+
     disparity = io.read_disparity("out.npy")
     calibration = io.read_calibration("calib.txt")
     expected = ps.point_cloud(disparity, calibration, image=io.read_image("left.png"))
+
     read = trimesh.load("out.ply")
     assert len(read.vertices) == disparity.size
     np.testing.assert_allclose(read.vertices * scale, expected.points, rtol=1e-6, atol=1e-4)
     np.testing.assert_array_equal(np.asarray(read.colors)[:, :3], expected.colors)
+
     depth = 70 * 100 / (SHIFT + 2)
     assert np.median(read.vertices[:, 2]) * scale == pytest.approx(depth, rel=0.01)
 
@@ -95,16 +102,21 @@ def test_depths_come_out_as_millimetres_and_as_floats(
 
 def test_what_has_no_depth_or_is_too_far_is_left_out(match: Callable[[str], Run]) -> None:
     trimesh = counterpart("trimesh")
+
     valid = np.ones((40, 65), np.uint8)
     valid[:10] = 0
     io.write_image("mask.png", valid)
+
     options = "--left-mask mask.png --ply out.ply --depth out.tif --calib calib.txt"
     assert match(options)[0] == 0
+
     depth = io.read_depth("out.tif")
     assert np.isnan(depth[:10]).all()
     assert len(trimesh.load("out.ply").vertices) == np.isfinite(depth).sum() > 0
+
     limit = float(np.nanmedian(depth))
     assert match(f"{options} --max-depth {limit!r}")[0] == 0
+
     expected = np.where(depth <= limit, depth, np.nan)
     assert 0 < np.isfinite(expected).sum() < np.isfinite(depth).sum()
     np.testing.assert_array_equal(io.read_depth("out.tif"), expected)
@@ -153,12 +165,15 @@ REFUSALS = [
 
 def test_surface_is_written(match: Callable[[str], Run]) -> None:
     trimesh = counterpart("trimesh")
+
     code, out, err = match(f"--mesh out.glb -o out.npy {RIG}")
     assert (code, err) == (0, "")
     assert "wrote out.glb" in out
+
     (surface,) = trimesh.load("out.glb").geometry.values()
     image = io.read_image("left.png")
     assert surface.visual.material.baseColorTexture.size == image.shape[1::-1]
+
     expected = ps.surface_mesh(
         np.load("out.npy"), io.Calibration.from_focal(100, 70, width=65, height=40)
     )
@@ -178,8 +193,10 @@ def test_refusals_come_before_the_match_and_leave_nothing(
     Path("other.txt").write_text(CALIB.replace("=65", "=66"), encoding="utf-8")
     np.save("three.npy", np.eye(3))
     np.save("turned.npy", np.load("q.npy") * [[1], [-1], [-1], [1]])
+
     before = sorted(os.listdir())  # noqa: PTH208 - names, hidden ones too
     monkeypatch.setattr("phasestereo.cli.match.match_pair", lambda *_, **__: pytest.fail("matched"))
+
     got, out, err = match(options)
     assert (got, out) == (code, "")
     assert re.fullmatch(rf"phasestereo: error: .*{message}.*\n", err), err
@@ -197,6 +214,7 @@ def test_failing_writes_leave_nothing_behind(
 
     monkeypatch.setattr("phasestereo.cli.outputs.Outputs.check", lambda *_: None)
     monkeypatch.setattr(Path, "replace", fail)
+
     code, _, err = match("--ply a.ply --calib calib.txt")
     assert (code, err) == (FAILED, "phasestereo: error: a.ply: No space left on device\n")
     assert sorted(os.listdir(folder)) == before  # noqa: PTH208 - names, hidden ones too
@@ -207,15 +225,19 @@ def test_a_real_pair_becomes_points(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     trimesh = counterpart("trimesh")
+
     scene = data / "middlebury/MiddEval3/trainingQ/Motorcycle"
     images = [str(scene / "im0.png"), str(scene / "im1.png")]
     options = ["--num-disparities", "80", "--calib", str(scene / "calib.txt")]
     files = ["--ply", str(tmp_path / "m.ply"), "--depth", str(tmp_path / "m.png")]
+
     assert cli.run(["match", *images, *options, *files]) == 0
     assert capsys.readouterr().err == ""
+
     points = trimesh.load(tmp_path / "m.ply").vertices
     assert len(points) == 741 * 497
     near, far = np.percentile(points[:, 2], (1, 99))
     assert 1900 < near < far < 5500  # mm: a motorcycle in a workshop
+
     depth = io.read_depth(tmp_path / "m.png")
     np.testing.assert_allclose(depth.ravel(), points[:, 2], rtol=0, atol=0.501)

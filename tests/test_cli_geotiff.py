@@ -58,12 +58,15 @@ def test_the_map_lies_where_the_left_image_does(
     images = [np.moveaxis(view, 0, 2) for view in (scene[:3, :, :-5], scene[:3, :, 5:])]
     write_geotiff("left.tif", images[0], like=PLACE)
     write_geotiff("right.tif", images[1])  # whose place nobody knows
+
     assert match("-o", "out.tif") == (0, "")
+
     with rasterio.open("out.tif") as file:
         assert file.crs.to_epsg() == 32631
         assert tuple(file.transform)[:6] == PLACE.transform
         assert file.descriptions == ("disparity",)
         found = file.read(1)
+
     np.testing.assert_array_equal(found, ps.match(*images, num_disparities=COUNT).disparity)
 
 
@@ -74,10 +77,13 @@ def test_no_data_joins_the_given_masks(
     left[0, 20:30, 40:50] = right[0, 40:44] = -9999
     save("left.tif", left, nodata=-9999)
     save("right.tif", right, nodata=-9999)
+
     mask = np.ones(left.shape[1:], np.uint8)
     mask[:7] = 0
     write_image("mask.png", mask)
+
     assert match("-o", "out.tif", "--left-mask", "mask.png", "--preset", "paper") == (0, "")
+
     expected = ps.match(
         left[0].astype(np.float32),
         right[0].astype(np.float32),
@@ -86,6 +92,7 @@ def test_no_data_joins_the_given_masks(
         right_mask=right[0] != -9999,
         preset="paper",
     ).disparity
+
     assert np.isnan(expected[25, 45])
     assert np.isnan(expected[3, 20])
     np.testing.assert_array_equal(read_image("out.tif"), expected)
@@ -97,9 +104,11 @@ def test_bands_are_chosen(
 ) -> None:
     save("left.tif", scene[:, :, :-5], photometric="minisblack")
     save("right.tif", scene[:, :, 5:], photometric="minisblack")
+
     code, error = match("-o", "out.tif")
     assert code == 1
     assert error.startswith("phasestereo: error: left.tif: bands: the file has 5 ")
+
     assert match("-o", "out.tif", "--bands", option) == (0, "")
     images = [np.moveaxis(view[bands], 0, 2) for view in (scene[:, :, :-5], scene[:, :, 5:])]
     expected = ps.match(*images, num_disparities=COUNT).disparity
@@ -125,6 +134,7 @@ def test_images_that_are_no_pair_are_refused(
 ) -> None:
     save("left.tif", scene[:1, :, :-5])
     save("right.tif", scene[:1, :, 5:], crs="EPSG:32632")
+
     code, error = match("-o", "out.tif")
     assert code == 1
     assert error == (
@@ -165,6 +175,7 @@ def test_without_rasterio_nothing_is_dropped_silently(
     save("left.tif", scene[:1, :, :-5])
     save("right.tif", scene[:1, :, 5:])
     monkeypatch.setitem(sys.modules, "rasterio", None)
+
     code, error = match("-o", "out.tif")
     assert code == 1
     assert error == (

@@ -65,6 +65,7 @@ def test_it_says_what_it_takes_and_what_came_out(
 ) -> None:
     code, out, err = run(*LARGE, "-o", "out.tif", "--threads", 1, "--band-rows", 128)
     assert code == 0, err
+
     looking, first, second, putting = err.splitlines()
     assert looking == "phasestereo: looking at the whole pair"
     assert putting == "phasestereo: putting the output together"
@@ -73,31 +74,38 @@ def test_it_says_what_it_takes_and_what_came_out(
         r"at most [\d.]+ [MG]B of memory, about \d+ s", first
     )  # fmt: skip
     assert re.fullmatch(r"phasestereo: by its first band, \d+ s to go", second)
+
     lines = out.splitlines()
     assert re.match(r"160 x 640 pixels, 16 disparities, [\d.]+ s", lines[0])
     assert lines[1].startswith("estimated 100.0%, flagged: ")
     assert lines[-1] == "wrote out.tif"
+
     whole = ps.match(*pair, num_disparities=COUNT)
     found = read_geotiff("out.tif")
     np.testing.assert_array_equal(found.image, whole.disparity)
     assert found.georeference.crs == rasterio.CRS.from_epsg(32631)
+
     assert names() == ["left.tif", "out.tif", "right.tif"]
 
 
 def test_the_summary_is_one_json_object(run: Callable[..., Run]) -> None:
     options = ["-o", "out.npy", "--flags-output", "flags.npy", "--json", "--preset", "fast"]
     options += ["--confidence", "--confidence-output", "confidence.npy"]
+
     code, out, _ = run(*LARGE, *options, "--band-rows", 320)
     summary = json.loads(out)
     assert code == 0
+
     assert (summary["width"], summary["height"]) == (WIDTH, HEIGHT)
     assert summary["bands"] == {"matched": 2, "finished_before": 0, "rows": 320}
     assert summary["settings"]["optimizer"] == "so"
     assert summary["estimated"] == 1.0
+
     assert summary["files"] == {
         "disparity": "out.npy", "flags": "flags.npy", "confidence": "confidence.npy"
     }  # fmt: skip
     assert all(np.load(name).shape == (HEIGHT, WIDTH) for name in summary["files"].values())
+
     assert summary["memory"]["expected"] > 0
 
 
@@ -127,13 +135,16 @@ def test_a_command_that_is_ended_half_way_goes_on(
     if name == "SIGINT":
         assert "finished bands are kept: the same command goes on from there" in err
     assert not Path("out.tif").exists()
+
     before = blocks()
     assert len(before) >= 2
+
     code, out, err = run(*COMMAND, "-o", "out.tif", "--json")
     assert code == 0, err
     assert f", {len(before)} finished before" in err
     assert json.loads(out)["bands"]["finished_before"] == len(before)
     assert json.loads(out)["bands"]["matched"] == HEIGHT // 32 - len(before)
+
     whole = ps.match(*pair, num_disparities=COUNT)
     with open_raster("out.tif") as raster:
         np.testing.assert_array_equal(raster.read(0, HEIGHT)[0], whole.disparity)
@@ -157,14 +168,17 @@ def test_memory_stays_below_the_limit(preset: str, limit: int) -> None:
     image = random.integers(0, 256, (2400, 1500), np.uint8)
     for name in ("left.tif", "right.tif"):
         write_geotiff(name, image)
+
     command = [*PAIR, "--max-memory", f"{limit}MB", "--preset", preset, "-o", "out.tif"]
     process = subprocess.Popen(  # noqa: S603  # our own
         [sys.executable, "-m", "phasestereo", *command, "--json"],
         text=True,
         stdout=subprocess.PIPE,
     )
+
     most = highest(process)
     out, _ = process.communicate()
+
     assert process.returncode == 0
     assert json.loads(out)["bands"]["matched"] >= 2
     assert 0 < most <= limit * 10**6

@@ -71,8 +71,10 @@ def test_video_shows_the_left_image_beside_the_disparities(run: Callable[..., Ru
     assert (code, err) == (0, "")
     assert out.startswith("6 frames, 0 failed, ")
     assert out.endswith(f" of {COLS} x {ROWS} pixels, {COUNT} disparities\nwrote out.mp4\n")
+
     found = pictures("out.mp4")
     assert [when for when, _ in found] == pytest.approx([0, 0.05, 0.1, 0.25, 0.3, 0.35], abs=1e-3)
+
     capture = cv2.VideoCapture("out.mp4")
     for index, (_, shown) in enumerate(found):
         assert shown.shape == (ROWS, 2 * COLS, 3)
@@ -84,6 +86,7 @@ def test_video_shows_the_left_image_beside_the_disparities(run: Callable[..., Ru
         there, bgr = capture.read()
         assert there
         assert abs(bgr[:, :, ::-1].astype(int) - shown).mean() < 5
+
     assert not capture.read()[0]
     assert listing() == {"video.mkv", "out.mp4"}
 
@@ -91,12 +94,15 @@ def test_video_shows_the_left_image_beside_the_disparities(run: Callable[..., Ru
 @pytest.mark.parametrize("ending", ["pfm", "npy", "tif", "png"])
 def test_each_frame_has_its_file(run: Callable[..., Run], ending: str) -> None:
     pattern = f"maps/all/d%03d.{ending}"
+
     code, out, _ = run("live", "video.mkv", *SEARCH, "--frames", pattern, "--every", 2)
     assert code == 0
     assert f"wrote {pattern}" in out
+
     assert sorted(path.name for path in Path("maps/all").iterdir()) == [
         f"d{index:03}.{ending}" for index in (0, 2, 4)
     ]
+
     least, step = (1 / 256, 1 / 512) if ending == "png" else (0, 0)  # as KITTI has it
     for index in (0, 2, 4):
         wanted = ps.match(*pair(index), num_disparities=COUNT, preset="fast").disparity
@@ -108,6 +114,7 @@ def test_settings_arrive(run: Callable[..., Run]) -> None:
     options = "--min-disparity 2 --optimizer wta --no-fill --threads 1 --start 1 --stop 2"
     code, _, _ = run("live", "video.mkv", *SEARCH, "--frames", "%d.npy", *options.split())
     assert code == 0
+
     wanted = ps.match(
         *pair(1),
         num_disparities=COUNT,
@@ -116,15 +123,18 @@ def test_settings_arrive(run: Callable[..., Run]) -> None:
         optimizer="wta",
         fill=False,
     )
+
     np.testing.assert_array_equal(io.read_disparity("1.npy"), wanted.disparity)
     assert listing() == {"video.mkv", "1.npy"}
 
 
 def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
     damage(film(Path("a.mkv"), side_by_side(4), **INTRA), Path("b.mkv"), {1})
+
     code, out, err = run("live", "b.mkv", *SEARCH, "--json", "-o", "o.mkv")
     assert code == 0
     assert err.startswith("phasestereo: skipped frame 1: damaged")
+
     said = json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
     assert (said["width"], said["height"], said["num_disparities"]) == (COLS, ROWS, COUNT)
     assert (said["frames"], said["failed"], said["interrupted"]) == (3, 1, False)
@@ -132,6 +142,7 @@ def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
     assert said["files"] == {"output": "o.mkv"}
     assert said["settings"]["optimizer"] == ps.PRESETS["fast"].optimizer
     assert said["frames_per_second"] == pytest.approx(3 / said["seconds"])
+
     times = [when for when, _ in pictures("o.mkv")]
     assert times == pytest.approx([0, 0.1, 0.15])  # the one that is missing leaves a gap
 
@@ -141,6 +152,7 @@ def test_folders_and_layouts(run: Callable[..., Run]) -> None:
         for view, image in zip(("left", "right"), pair(index), strict=True):
             Path(view).mkdir(exist_ok=True)
             io.write_image(f"{view}/{index}.png", image)
+
     Path("both").mkdir()
     io.write_image("both/1.png", np.concatenate(pair(1)))
     for number, source in enumerate(
@@ -148,6 +160,7 @@ def test_folders_and_layouts(run: Callable[..., Run]) -> None:
     ):
         code, _, err = run("live", *source, *SEARCH, "--frames", f"m{number}/%d.pfm")
         assert (code, err) == (0, "")
+
     for name, index in (("m0/1.pfm", 1), ("m1/1.pfm", 1), ("m2/0.pfm", 1)):
         assert np.median(io.read_disparity(name)) == shift(index)
 
@@ -165,8 +178,10 @@ def test_cameras(run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> No
     """OpenCV opens a video file just as it opens a camera."""
     for number, view in ((0, 0), (2, 1)):
         film(Path(f"{number}.avi"), [pair(index)[view] for index in range(3)], **LOSSLESS)
+
     device = cv2.VideoCapture
     monkeypatch.setattr(cv2, "VideoCapture", lambda number: device(f"{number}.avi"))
+
     code, out, err = run("live", "--cameras", 0, 2, *SEARCH, "--frames", "%d.pfm")
     assert code == 0
     assert out.startswith("3 frames, 5 failed")
@@ -181,13 +196,16 @@ def test_frames_are_logged_to_rerun(run: Callable[..., Run]) -> None:
         "cam0=[100 0 48; 0 100 32; 0 0 1]\ncam1=[100 0 48; 0 100 32; 0 0 1]\n"
         f"doffs=0\nbaseline=60\nwidth={COLS}\nheight={ROWS}\n"
     )
+
     options = ("--rerun", "a.rrd", "--calib", "calib.txt")
     assert run("live", "b.mkv", *SEARCH, *options)[0] == 0
+
     found: dict[str, set[int]] = {}
     for chunk in rerun.chunk.RrdReader("a.rrd").stream():
         for row in chunk.to_record_batch().to_pylist():
             if "frame" in row:
                 found.setdefault(chunk.entity_path, set()).add(row["frame"])
+
     good = {0, 2, 3}
     assert found == {
         "/stereo/left": good,
@@ -203,7 +221,9 @@ def test_image_of_another_size_fails_in_the_video_alone(run: Callable[..., Run])
         for view, image in zip(("left", "right"), pair(index), strict=True):
             Path(view).mkdir(exist_ok=True)
             io.write_image(f"{view}/{index}.png", image[:, :size])
+
     code, out, err = run("live", ".", *SEARCH, "-o", "o.mp4", "--frames", "m/%d.pfm")
+
     assert code == 0
     assert out.startswith("2 frames, 1 failed")
     assert "skipped frame 1: picture: got 176 x 64 pixels; accepts 192 x 64, as before" in err
@@ -236,9 +256,11 @@ def test_full_disk_ends_the_run_and_keeps_what_there_is(
 
     monkeypatch.setattr(outputs, "write_disparity", write)
     code, out, err = run("live", "video.mkv", *SEARCH, "-o", "o.mp4", "--frames", "%d.pfm")
+
     assert code == FAILED
     assert err == "phasestereo: error: 3.pfm: No space left on device\n"
     assert out.startswith("3 frames, 0 failed")
+
     assert len(pictures("o.mp4")) == 4
 
 
@@ -289,11 +311,14 @@ def test_wrong_commands_are_refused(
     for view in ("left", "right"):
         Path("rig", view).mkdir(parents=True)
         io.write_image(f"rig/{view}/0.png", pair(0)[0])
+
     before = listing()
+
     words = arguments.split()
     search = () if "--num-disparities" in words else SEARCH[:2]
     preset = () if "--preset" in words else SEARCH[2:]
     found, out, err = run("live", *words, *search, *preset)
+
     assert (found, out) == (code, "")
     assert err.startswith("phasestereo: error: ")
     assert message in err
@@ -317,21 +342,26 @@ def begun(*options: object) -> subprocess.Popen[str]:
     running = subprocess.Popen(  # noqa: S603 - our own command
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
+
     while not Path("m/60.pfm").exists():
         assert running.poll() is None, running.communicate()
         time.sleep(0.01)
+
     return running
 
 
 def test_interrupt_completes_the_files() -> None:
     running = begun("-o", "o.mp4", "--json")
+
     running.send_signal(signal.SIGINT)
     out, err = running.communicate(timeout=60)
     assert (running.returncode, err) == (INTERRUPTED, "phasestereo: interrupted\n")
+
     said = json.loads(out)
     assert said["interrupted"] is True
     assert 60 <= said["frames"] < 4000
     assert said["frames"] <= len(pictures("o.mp4")) <= said["frames"] + 1
+
     assert listing() == {"video.mkv", "long.mkv", "o.mp4", "m"}
     assert not [path for path in Path("m").iterdir() if path.suffix != ".pfm"]
 
@@ -350,6 +380,7 @@ def test_interrupt_lets_the_frame_be_written(
     monkeypatch.setattr("phasestereo.cli.live_outputs.write_disparity", write)
     with pytest.raises(KeyboardInterrupt):
         run("live", "video.mkv", *SEARCH, "--frames", "m/%d.pfm", "-o", "o.mp4")
+
     assert written[1:] == ["m/0.pfm", "m/1.pfm", "m/2.pfm"]  # after a rehearsal
     assert len(pictures("o.mp4")) == 3
 

@@ -48,15 +48,19 @@ def test_a_calibration_gives_what_the_library_gives(run: Callable[..., Run]) -> 
         "rectify", "left.png", "right.png", "-o", "l.png", "r.png", "--calibration", "rig.npz",
         "--masks", "lm.png", "rm.png", "--save", "saved.npz", "--alpha", "1",
     )  # fmt: skip
+
     assert (code, err) == (0, "")
+
     expected = ps.rectify("left.png", "right.png", "rig.npz", alpha=1)
     assert out.splitlines()[: len(expected.sentences)] == list(expected.sentences)
     assert [f"wrote {name}" for name in ("l.png", "r.png", "lm.png", "rm.png", "saved.npz")] == (
         out.splitlines()[-5:]
     )
+
     np.testing.assert_array_equal(io.read_image("l.png"), expected.left)
     np.testing.assert_array_equal(io.read_image("r.png"), expected.right)
     np.testing.assert_array_equal(io.read_image("lm.png"), 255 * expected.left_mask)
+
     saved = ps.Rectification.load("saved.npz")
     np.testing.assert_array_equal(saved.maps[1], expected.maps[1])
 
@@ -65,7 +69,9 @@ def test_images_alone_and_json(run: Callable[..., Run]) -> None:
     code, out, err = run(
         "rectify", "left.png", "right.png", "--json", "--images-from", "left.png", "right.png"
     )
+
     assert (code, err) == (0, "")
+
     told = json.loads(out)
     assert told["method"] == "images"
     assert (told["width"], told["height"]) == SIZE
@@ -78,12 +84,15 @@ def test_images_alone_and_json(run: Callable[..., Run]) -> None:
 def test_a_photograph_of_both_views(run: Callable[..., Run]) -> None:
     layout = "--layout", "side-by-side"
     expected = ps.rectify("left.png", "right.png")
+
     code, _, err = run("rectify", "both.png", *layout, "-o", "l.png", "r.png")
     assert code == 0, err
     np.testing.assert_array_equal(io.read_image("r.png"), expected.right)
+
     code, out, _ = run("check", "both.png", *layout)
     assert code == 0
     assert out == run("check", "left.png", "right.png")[1]
+
     for arguments in (("both.png", *layout), ("left.png", "right.png")):
         code, _, _ = run(
             "match", *arguments, "--num-disparities", 32, "-o", f"{len(arguments)}.npy"
@@ -94,10 +103,13 @@ def test_a_photograph_of_both_views(run: Callable[..., Run]) -> None:
 
 def test_an_mpo_file_is_known_by_itself(run: Callable[..., Run], scene: tuple[Any, Any]) -> None:
     image = counterpart("PIL.Image")
+
     first, second = (image.fromarray(part) for part in scene)
     first.save("photo.mpo", format="MPO", save_all=True, append_images=[second])
+
     left, right = io.read_pair("photo.mpo")
     assert run("check", "photo.mpo")[1] == f"{ps.check(left, right)}\n"
+
     code, out, _ = run("match", "photo.mpo", "--num-disparities", 32, "--json")
     assert code == 0
     assert json.loads(out)["width"] == SIZE[0]
@@ -108,11 +120,14 @@ def test_a_raw_pair_is_matched(run: Callable[..., Run], told: list[str]) -> None
     rig = ps.rectify("left.png", "right.png", None if told != ["rig.npz"] else "rig.npz")
     rig.save("saved.npz")
     words = [word for name in told for word in ("--rectify", name)]
+
     code, out, err = run(
         "match", "left.png", "right.png", "--num-disparities", 48, "-o", "o.npy", *words
     )
+
     assert code == 0, err
     assert rig.sentences[0] in out
+
     expected = ps.match(
         rig.left, rig.right, num_disparities=48, left_mask=rig.left_mask, right_mask=rig.right_mask
     )
@@ -124,9 +139,11 @@ def test_q_of_a_calibration_is_the_geometry(run: Callable[..., Run]) -> None:
     code, out, err = run(*arguments, "--depth", "z.npy", "-o", "d.npy", "--json")
     assert code == 0, err
     assert json.loads(out)["rectification"]["method"] == "calibration"
+
     rig = ps.rectify("left.png", "right.png", "rig.npz")
     assert rig.Q is not None
     known = io.Calibration.from_q(rig.Q, width=SIZE[0], height=SIZE[1])
+
     expected = known.depth(np.load("d.npy"))
     expected[~np.isfinite(expected)] = np.nan
     np.testing.assert_array_equal(np.load("z.npy"), expected)
@@ -136,11 +153,13 @@ def test_masks_are_those_of_the_raw_images(run: Callable[..., Run]) -> None:
     mask = np.full(SIZE[::-1], 255, np.uint8)
     mask[:60] = 0
     io.write_image("mask.png", mask)
+
     code, _, err = run(
         "match", "left.png", "right.png", "--num-disparities", 48, "-o", "o.npy",
         "--rectify", "rig.npz", "--left-mask", "mask.png",
     )  # fmt: skip
     assert code == 0, err
+
     rig = ps.rectify("left.png", "right.png", "rig.npz", left_mask=mask > 0)
     assert np.isnan(np.load("o.npy")[~rig.left_mask]).all()
     assert 0.2 < rig.left_mask.mean() < 0.7
@@ -150,8 +169,10 @@ def test_a_folder_of_frames_is_rectified(run: Callable[..., Run], scene: tuple[A
     for side, image in zip(("left", "right"), scene, strict=True):
         Path(side).mkdir()
         io.write_image(f"{side}/0.png", image)
+
     rig = ps.rectify(*scene)
     rig.save("saved.npz")
+
     for told in ("auto", "saved.npz"):
         code, _, err = run(
             "live", "left", "right", "--num-disparities", 48, "--preset", "fast",

@@ -46,18 +46,22 @@ def match(run: Callable[..., Run]) -> Callable[[str], Run]:
 
 def test_page_has_what_was_asked_for(browser: Browser, match: Callable[[str], Run]) -> None:
     options = "--report page.html --truth truth.pfm -o out.npy --focal 40 --baseline 0.5"
+
     code, out, err = match(options)
     assert (code, err) == (0, "")
     assert "wrote page.html" in out
+
     browser.open(Path("page.html"))
     assert browser.complaints() == []
     assert browser.driver.title.startswith("left.png and right.png")
+
     found = io.read_disparity("out.npy")[15, 23]
     browser.run("tell({ x: 23, y: 15 })")
     told = {key: browser.run(f"return element('value-{key}').textContent") for key in TOLD}
     assert float(told["disparity"].removesuffix(" px")) == pytest.approx(found, abs=0.01)
     assert float(told["truth"].removesuffix(" px")) == pytest.approx(3, abs=0.01)
     assert float(told["depth"]) == pytest.approx(40 * 0.5 / found, rel=0.003)
+
     text = browser.run("return document.body.innerText")
     assert "8 disparities searched: 0 to 7 px" in text
     assert "Nominal geometry" not in text
@@ -65,6 +69,7 @@ def test_page_has_what_was_asked_for(browser: Browser, match: Callable[[str], Ru
 
 def test_a_page_alone_is_something_to_do(match: Callable[[str], Run]) -> None:
     assert match("--report page.html")[0] == 0
+
     page = Path("page.html").read_text("utf-8")
     assert "Nominal geometry" in page
     assert sorted(path.name for path in Path().iterdir()) == [

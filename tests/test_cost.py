@@ -32,10 +32,12 @@ def test_weak_parts_differ_by_half(seed: int, low: int, count: int) -> None:
     volume = ps.cost_volume(
         left, right, num_disparities=count, min_disparity=low, noise_threshold=1.0, noise=noises
     )
+
     codes = [
         ps.descriptor(image, noise_threshold=1.0, noise=noise)
         for image, noise in zip((left, right), noises, strict=True)
     ]
+
     levels = [decoded_parts(each, 7) for each in codes]
     np.testing.assert_array_equal(volume, oracle.weak_costs(levels[0], levels[1], low, count))
 
@@ -51,6 +53,7 @@ def test_sad_is_in_sixteenths_of_gray_levels(
     rng = np.random.default_rng(seed)
     left, right = (rng.integers(0, 256, (3, 7, c), np.uint8) for c in channels)
     volume = ps.cost_volume(left, right, num_disparities=4, min_disparity=low, cost="sad")
+
     if channels != (3, 3):
         sides = oracle.to_gray(left), oracle.to_gray(right)
         columns = oracle.right_columns(7, low, 4)

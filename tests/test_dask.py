@@ -6,7 +6,6 @@ import logging
 import os
 import pickle
 import signal
-import sys
 import tempfile
 import time
 from typing import TYPE_CHECKING, Any
@@ -60,6 +59,7 @@ def lazy(image: NDArray[Any], rows: int = 50, columns: int = WIDTH) -> Any:
 def client() -> Iterator[Any]:
     """Return a client of two worker processes."""
     distributed = counterpart("distributed")
+
     with (
         distributed.LocalCluster(
             n_workers=2,
@@ -146,6 +146,7 @@ def test_masks_of_both_images() -> None:
     for masks in (valid, [lazy(mask, 13) for mask in valid]):
         both = {"left_mask": masks[0], "right_mask": masks[1]}
         assert_same(lazily.maps(lazy(LEFT), lazy(RIGHT), band_rows=64, **both, **FAST), wanted)
+
     wanted = ps.match(LEFT, RIGHT, right_mask=valid[1], **FAST)
     found = lazily.maps(lazy(LEFT), lazy(RIGHT), right_mask=valid[1], band_rows=64, **FAST)
     assert_same(found, wanted)
@@ -192,6 +193,7 @@ def test_a_worker_that_is_killed_half_way_changes_nothing(client: Any, tmp_path:
     while len(busy()) < 8:
         time.sleep(0.01)
     killed = busy()[0]
+
     assert future.status == "pending"
     os.kill(killed, signal.SIGKILL)
     np.testing.assert_array_equal(future.result(), ps.match(LEFT, RIGHT, **FAST).disparity)
@@ -267,8 +269,10 @@ def test_a_task_gets_the_rows_that_it_needs_and_no_other(monkeypatch: pytest.Mon
         return match_rows(read, told, first, last, **options)
 
     monkeypatch.setattr(lazily, "match_rows", look)
+
     rows = max(100, reach)
     lazily.match(lazy(LEFT), lazy(RIGHT), band_rows=rows, **FAST).compute(scheduler="sync")
+
     assert min(checked) == (0, rows if HEIGHT - rows >= reach else HEIGHT)
     assert max(checked)[1] == HEIGHT
 
@@ -312,9 +316,11 @@ def test_statistics_that_is_given_is_not_made_again() -> None:
         return LEFT[first:last], RIGHT[first:last], None, None
 
     known = pair_statistics(read, (HEIGHT, WIDTH), **ROBUST)
+
     left = Watched(LEFT)
     found = lazily.maps(da.from_array(left, chunks=50), lazy(RIGHT), statistics=known, **ROBUST)
     assert left.read == []
+
     assert_same(found, ps.match(LEFT, RIGHT, **ROBUST))
 
 
@@ -327,8 +333,10 @@ def test_several_paths_are_those_of_the_whole_whatever_the_bands(band_rows: int 
     valid = np.random.default_rng(5).random((700, WIDTH)) > 0.1
     options: dict[str, Any] = {**ROBUST, "speckle_size": 0, "lr_check": None}
     wanted = ps.match(left, right, left_mask=valid, **options)
+
     given = lazy(left), lazy(right)
     found = lazily.maps(*given, left_mask=valid, band_rows=band_rows, **options)
+
     assert (len(found.disparity.chunks[0]) > 1) == (band_rows is not None)
     assert_same(found, wanted)
 
@@ -405,6 +413,7 @@ def test_statistics_with_other_settings(first: dict[str, Any]) -> None:
         return LEFT[first:last], RIGHT[first:last], None, None
 
     known = pair_statistics(read, (HEIGHT, WIDTH), **first)
+
     images = lazy(LEFT), lazy(RIGHT)
     with pytest.raises(
         ValueError, match=r"^statistics: got that with another window; accepts that with"
@@ -422,11 +431,6 @@ def test_what_a_task_finds_wrong_comes_out() -> None:
         (HEIGHT, WIDTH),
         **FAST,
     )
+
     with pytest.raises(ValueError, match=r"^left: got NaN at row "):
         lazily.match(lazy(left), lazy(right), statistics=given, **FAST).compute()
-
-
-def test_without_the_extra_it_says_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "dask.array", None)
-    with pytest.raises(ImportError, match=r"^dask.array is .* pip install 'phasestereo\[dask\]'$"):
-        lazily.match(LEFT, RIGHT, num_disparities=COUNT)

@@ -55,16 +55,19 @@ def test_a_real_scene_has_its_size_its_disparities_and_its_range(
     pairs: dict[str, Pair], name: str
 ) -> None:
     pair = pairs[name]
+
     size, least, largest, num_disparities = REAL[name]
     assert pair.name == name.rsplit("/", 1)[1]
     assert pair.left.shape == pair.right.shape == (*size, 3)
     assert pair.left.dtype == pair.right.dtype == np.uint8
+
     assert pair.truth is not None
     assert pair.truth.shape == size
     assert pair.truth.dtype == np.float32
     assert np.nanmin(pair.truth) == pytest.approx(least, abs=0.006)
     assert np.nanmax(pair.truth) == pytest.approx(largest, abs=0.006)
     assert not np.isinf(pair.truth).any()
+
     assert pair.num_disparities == num_disparities
 
 
@@ -84,11 +87,13 @@ def test_no_pixel_is_scored_without_a_truth_and_none_visible_left_out_of_all(
     for name, pair in pairs.items():
         assert pair.truth is not None
         column = np.arange(pair.truth.shape[1])
+
         for region, mask in pair.masks.items():
             assert mask.dtype == np.bool_, name
             assert mask.shape == pair.truth.shape, name
             assert np.isfinite(pair.truth[mask]).all(), (name, region)
         assert ((column - pair.truth)[pair.masks["nonocc"]] >= 0).all(), name
+
         occluded = pair.masks["all"] & ~pair.masks["nonocc"]
         assert occluded.mean() > 0.015, name
         assert not (pair.masks["nonocc"] & ~pair.masks["all"]).any(), name
@@ -131,11 +136,13 @@ def gray(path: Path) -> npt.NDArray[np.uint8]:
 @pytest.mark.parametrize("name", REAL)
 def test_the_truth_takes_the_right_image_to_the_left_one(pairs: dict[str, Pair], name: str) -> None:
     pair = pairs[name]
+
     assert pair.truth is not None
     still = warp_error(pair, np.zeros_like(pair.truth))
     right_order = warp_error(pair, pair.truth)
     swapped = warp_error(pair, -pair.truth)
     wrong_scale = min(warp_error(pair, pair.truth * factor) for factor in (0.75, 1.25))
+
     exposure = name.endswith("MotorcycleE")  # here much of the error is the change of contrast
     assert right_order < (0.8 if exposure else 0.5) * min(still, swapped)
     assert right_order < 0.9 * wrong_scale
@@ -192,6 +199,7 @@ def cones(root: Path, **more: npt.NDArray[Any] | str) -> Scene:
         "im6_png": plain(),
         "disp2_png": levels(4, 4, 4, 4, 16, 16, 16, 16, 0, 0, 4, 4),
     }
+
     folder = put(root / "scenes2003" / "made up", **files | more)
     (scene,) = find_scenes(folder)
     return scene
@@ -218,9 +226,11 @@ def test_layouts_that_are_not_at_hand(
     left, right, truth, truth_right = files.split()
     folder = tmp_path / collection / "Made-up"
     folder.mkdir(parents=True)
+
     image = plain(None if left.endswith("pgm") else 3)
     write_image(folder / left, image + np.uint8(1))
     write_image(folder / right, image + np.uint8(2))
+
     disparity = np.full(SIZE, 6, np.float32)
     disparity[0, 0] = math.nan
     for file, values in ((truth, disparity), (truth_right, disparity + 1)):
@@ -228,14 +238,17 @@ def test_layouts_that_are_not_at_hand(
             write_disparity(folder / file, values)
         else:
             write_image(folder / file, (np.nan_to_num(values) * scale).astype(np.uint8))
+
     (scene,) = find_scenes(tmp_path)
     assert (scene.name, scene.collection, str(scene)) == (
         "Made-up",
         collection,
         f"{collection}/Made-up",
     )
+
     pair = scene.load()
     assert (pair.left.max(), pair.right.max()) == (1, 2)
+
     np.testing.assert_array_equal(pair.truth, disparity)
     assert pair.truth_right is not None
     assert pair.truth_right[1, 1] == 7
@@ -252,8 +265,10 @@ def test_the_sizes_of_2003_are_told_by_the_names_of_their_folders(
         im6_ppm=plain(),
         disp2_pgm=levels(0, *[40] * 11),
     )
+
     (scene,) = find_scenes(tmp_path)
     pair = scene.load()
+
     assert (scene.name, pair.num_disparities) == (name, 256 // scale)
     assert pair.truth is not None
     assert np.isnan(pair.truth[0, 0])
@@ -267,6 +282,7 @@ def test_a_size_of_2003_is_not_wider_than_its_name_tells(tmp_path: Path, size: s
         wide = np.zeros((2, width, 3), np.uint8)
         put(tmp_path / "scenes2003" / size, im2_ppm=wide, im6_ppm=wide)
         (scene,) = find_scenes(tmp_path)
+
         if error is None:
             assert scene.load().left.shape == wide.shape
         else:
@@ -311,8 +327,10 @@ def test_scenes_of_2014_are_searched_as_far_as_their_calibration_tells(
             disp1_pfm=disparities(3),
             calib_txt=CALIBRATION.format(ndisp=ndisp),
         )
+
     found = find_scenes(tmp_path)
     assert [scene.name for scene in found] == ["Pipes-imperfect", "Pipes-perfect"]
+
     for pair in (scene.load() for scene in found):
         assert pair.num_disparities == expected
         assert np.flatnonzero(pair.masks["nonocc"][0]).tolist() == list(range(3, 12))
@@ -327,7 +345,7 @@ def test_without_a_calibration_nothing_tells_how_far_to_search_2014(
     if calibration is not None:
         put(folder, calib_txt=calibration)
     (scene,) = find_scenes(tmp_path)
-    with pytest.raises(ValueError, match=r"Pipes-perfect: calib.txt must tell ndisp"):
+    with pytest.raises(ValueError, match=r"Pipes-perfect: calib.txt must give ndisp"):
         scene.load()
 
 
@@ -341,6 +359,7 @@ def full_folder(root: Path, collection: str, name: str) -> Path:
                 for view in (0, 1, 5)
             }
             put(folder / f"Illum{light}" / f"Exp{exposure}", **views)
+
     return put(folder, disp1_png=levels(*[6] * 12), dmin_txt="270\n")
 
 
@@ -356,10 +375,12 @@ def test_a_full_folder_of_2005_or_2006_has_a_usual_light(
     tmp_path: Path, collection: str, usual: str, level: int, offset: float
 ) -> None:
     full_folder(tmp_path, collection, "Art")
+
     (scene,) = find_scenes(tmp_path)
     assert (scene.lefts[0], scene.rights[0]) == (f"{usual}view1.png", f"{usual}view5.png")
     assert len(scene.lefts) == len(scene.rights) == 9
     assert not any("view0" in image for image in scene.lefts + scene.rights)
+
     pair = scene.load()
     assert (pair.name, pair.left.max(), pair.right.max()) == ("Art", level + 1, level + 5)
     assert pair.truth is not None
@@ -378,16 +399,20 @@ def test_the_images_at_the_top_are_the_usual_ones_whatever_is_below(tmp_path: Pa
 
 def test_other_light_and_exposure_can_be_chosen_for_either_image(tmp_path: Path) -> None:
     full_folder(tmp_path, "scenes2005/ThirdSize", "Art")
+
     (scene,) = find_scenes(tmp_path)
     variant = scene.variant(left="Illum2/Exp0/view1.png", right="Illum3/Exp2/view5.png")
+
     pair = variant.load()
     assert (pair.left.max(), pair.right.max()) == (121, 205)
     assert pair.name == variant.name == "Art (Illum2/Exp0/view1.png Illum3/Exp2/view5.png)"
     assert str(variant) == f"scenes2005/ThirdSize/{variant.name}"
+
     half = variant.variant(right="Illum3/Exp2/view5.png")  # from the usual images, not from these
     assert half.name == "Art (Illum1/Exp1/view1.png Illum3/Exp2/view5.png)"
     assert half.load().left.max() == 71
     assert variant.lefts == scene.lefts
+
     seen = {int(scene.variant(right=image).load().right.max()) for image in scene.rights}
     assert len(seen) == 9
 
@@ -403,6 +428,7 @@ def test_the_right_images_of_2014_in_other_light_and_otherwise_exposed(tmp_path:
         calib_txt=CALIBRATION.format(ndisp=16),
     )
     put(folder / "ambient" / "L1", im0e0_png=plain(), im1e0_png=plain(), im1e1_png=plain())
+
     (scene,) = find_scenes(tmp_path)
     assert scene.lefts == ("im0.png", "ambient/L1/im0e0.png")
     assert scene.rights == (
@@ -412,6 +438,7 @@ def test_the_right_images_of_2014_in_other_light_and_otherwise_exposed(tmp_path:
         "im1E.png",
         "im1L.png",
     )
+
     levels_seen = [scene.variant(right=f"im1{kind}.png").load().right.max() for kind in "EL"]
     assert levels_seen == [2, 3]
 
@@ -420,12 +447,15 @@ def test_a_variant_that_is_not_there_is_refused_with_those_that_are(tmp_path: Pa
     folder = put(tmp_path / "scenes2014" / "Pipes-perfect", im0_png=plain(), im1_png=plain())
     put(folder, im1E_png=plain())
     (scene,) = find_scenes(tmp_path)
+
     with pytest.raises(
         ValueError, match=r"right: scenes2014/Pipes-perfect has no .*L.png'; there is im1.png, im1E"
     ):
         scene.variant(right="im1L.png")
+
     with pytest.raises(ValueError, match=r"left: .* no image '../../x.png'; there is im0.png$"):
         scene.variant(left="../../x.png")
+
     assert cones(tmp_path).rights == ("im6.png",)
 
 
@@ -446,14 +476,18 @@ def test_no_two_layouts_take_the_same_folder() -> None:
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
     root = tmp_path / "middlebury"
+
     for name in ("teddy", "cones"):
         put(root / "scenes2003" / name, im2_png=plain(), im6_png=plain())
     for size in ("ThirdSize", "HalfSize"):
         put(root / "scenes2005" / size / "Art", view1_png=plain(), view5_png=plain())
+
     put(root / "scenes2005" / "ThirdSize" / "Dolls", view1_png=plain(), view5_png=plain())
     put(root / "MiddEval3" / "testQ" / "Teddy", im0_png=plain(), im1_png=plain())
+
     put(root / "scenes2003" / "no images")
     put(root / "scenes1999" / "cones", im2_png=plain(), im6_png=plain())
+
     (root / "scenes2003" / "README").write_text("not a scene")
     return root
 
@@ -516,9 +550,11 @@ def test_a_name_that_is_not_one_scene_is_refused(tree: Path) -> None:
         match=r"'art' is ambiguous .* \S+/HalfSize/Art, \S+/ThirdSize/Art$",
     ):
         find_scene(tree, "art")
+
     for name in ("doll", "olls", "", "scenes2003"):
         with pytest.raises(ValueError, match=r"is not a scene .* MiddEval3/testQ/Teddy, .*/Dolls$"):
             find_scene(tree, name)
+
     with pytest.raises(TypeError, match=r"name must be a string, got \w+Path"):
         find_scene(tree, tree)  # type: ignore[arg-type] # what is tested
 
@@ -537,9 +573,11 @@ def test_masks_hold_what_is_not_zero_is_known_and_has_its_match_in_the_image(
     everywhere = levels(1, 1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1)
     pair = cones(tmp_path, mask_nonocc_png=nonocc * top, mask_all_png=everywhere * top).load()
     # d = 1 from x = 0 on, 4 from 4 on, unknown from 8 on, 1 from 10 on
+
     assert pair.masks["nonocc"][0].tolist() == [
         bool(v) for v in (0, 1, 0, 1, 1, 1, 1, 1, 0, 0, 1, 0)
     ]
+
     assert pair.masks["all"][0].tolist() == [bool(v) for v in (1, 1, 1, 0, 1, 1, 1, 1, 0, 0, 1, 1)]
     assert "disc" not in pair.masks
 
@@ -568,6 +606,7 @@ def test_the_mask_of_middeval3_says_255_for_visible(tmp_path: Path) -> None:
         mask0nocc_png=levels(255, 255, 255, 128, 0, 255, 1, 254, 255, 255, 255, 0),
     )
     (scene,) = find_scenes(folder)
+
     masks = scene.load().masks
     assert np.flatnonzero(masks["nonocc"][0]).tolist() == [2, 5, 8, 9]
     assert np.flatnonzero(masks["all"][0]).tolist() == list(range(10))
@@ -612,6 +651,7 @@ def test_the_derived_masks_are_those_in_use_for_2005_and_2006(data: Path, tmp_pa
         copy.mkdir(parents=True)
         for path in scene.folder.glob("[vd]i*.png"):  # all but the mask
             (copy / path.name).symlink_to(path)
+
         (bare,) = find_scenes(copy)
         derived, given = bare.load().masks["nonocc"], scene.load().masks["nonocc"]
         assert np.array_equal(derived, given), name
@@ -627,6 +667,7 @@ def test_a_calibration_asks_for_more_disparities_but_never_for_fewer(
     calibration = CALIBRATION.format(ndisp=ndisp)
     put(folder, im0_png=plain(), im1_png=plain(), calib_txt=calibration)
     (scene,) = find_scenes(folder)
+
     pair = scene.load()
     assert pair.num_disparities == expected
     assert pair.calibration is not None
@@ -656,7 +697,9 @@ def damaged(scene: Scene) -> Iterator[tuple[str, type[Exception], str]]:
             path.write_bytes(content)
         elif content is not None:
             write_image(path, content)
+
         yield file, error, message
+
         path.unlink(missing_ok=True)
         if before is not None:
             path.write_bytes(before)

@@ -49,6 +49,7 @@ def direct(image: Plane, psf: Plane) -> Plane:
         for i, j in np.ndindex(*psf.shape):
             row, col = reflect(y - (i - up), height), reflect(x - (j - across), width)
             result[y, x] += psf[i, j] * image[row, col]
+
     return result
 
 
@@ -83,6 +84,7 @@ def test_gaussian_has_its_ratios_and_ends_at_four_sigma() -> None:
 def test_disk_taps_are_the_share_of_their_samples_inside() -> None:
     # Radius 1 covers the middle pixel whole, about half of each neighbor, and the corners' tips.
     psf = dg.disk_psf(1)
+
     edge = sum(
         (0.5 + (i + 0.5) / 8) ** 2 + ((j + 0.5) / 8 - 0.5) ** 2 <= 1
         for i in range(8)
@@ -93,8 +95,10 @@ def test_disk_taps_are_the_share_of_their_samples_inside() -> None:
         for i in range(8)
         for j in range(8)
     )
+
     expected = np.array([[corner, edge, corner], [edge, 64, edge], [corner, edge, corner]])
     np.testing.assert_allclose(psf, expected / expected.sum())
+
     assert 20 < edge < 32
     assert 0 < corner < 16
 
@@ -192,8 +196,10 @@ def test_noise_is_the_generators_and_comes_after_rounding() -> None:
     grain = np.random.default_rng(7).normal(0.0, 1.5, image.shape)
     blurred = np.rint(dg.convolve(image, dg.disk_psf(2)))
     expected = np.clip(np.rint(blurred + grain), 0, 255)
+
     degrade = dg.Degradation(dg.disk_psf(2), noise=1.5, seed=7)
     np.testing.assert_array_equal(degrade(image), expected)
+
     np.testing.assert_array_equal(degrade(image), degrade(image))
     assert (dg.add_noise(image, 1.5, seed=8) != dg.add_noise(image, 1.5, seed=7)).any()
 
@@ -219,9 +225,11 @@ def test_every_degradation_keeps_shape_dtype_and_input(
 ) -> None:
     for dtype in (np.uint8, np.uint16):
         image = photograph(height, width, *channels, dtype=dtype)
+
         before = image.copy()
         degrade = dg.Degradation(dg.motion_psf(11, 20), gamma=1.5, gain=0.6, noise=1)
         result = degrade(image)
+
         assert result.shape == image.shape
         assert result.dtype == dtype
         assert not np.shares_memory(result, image)
@@ -257,27 +265,32 @@ def test_areas_by_a_map_of_pixels() -> None:
 def test_mixed_is_the_recipe_with_noise_once_over_the_whole() -> None:
     image = photograph(40, 48, 3)
     mixed = dg.suite(noise=1, seed=3)["mixed"](image)
+
     versions = [
         np.rint(0.6 * image + 20),
         np.rint(dg.convolve(image, dg.motion_psf(11))),
         image,
         np.rint(dg.convolve(image, dg.disk_psf(5))),
     ]
+
     expected = np.empty(image.shape)
     for i in range(4):
         for j in range(4):
             area = np.s_[10 * i : 10 * i + 10, 12 * j : 12 * j + 12]
             expected[area] = versions[(i + j) % 4][area]
+
     expected += np.random.default_rng(3).normal(0, 1, image.shape)
     np.testing.assert_array_equal(mixed, np.clip(np.rint(expected), 0, 255))
 
 
 def test_suite_leaves_sharp_and_contrast_without_noise() -> None:
     image, suite = photograph(24, 24, 3), dg.suite()
+
     np.testing.assert_array_equal(suite["sharp"](image), image)
     np.testing.assert_array_equal(
         suite["contrast 1.5 0.6"](image), dg.contrast(image, gamma=1.5, gain=0.6)
     )
+
     for name in ("gauss 2", "gauss 4", "disk 3", "disk 6", "motion 9", "motion 15"):
         quiet = dg.suite(noise=0)[name](image).astype(int)
         difference = suite[name](image).astype(int) - quiet

@@ -48,11 +48,14 @@ def folder(small: Demo, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_phase_codes_make_at_most_half_of_the_errors(seed: int) -> None:
     outcomes = {outcome.method.key: outcome for outcome in run_demo(seed).outcomes}
     rivals = [outcomes["sad"].degraded.bad, outcomes["nsad"].degraded.bad]
+
     assert outcomes["phase"].degraded.bad <= 0.5 * min(rivals)
     assert outcomes["phase"].sharp.bad < 16
+
     assert outcomes["robust"].degraded.bad < 1.05 * outcomes["phase"].degraded.bad
     assert outcomes["robust"].sharp.bad < outcomes["phase7"].sharp.bad
     assert max(outcomes[key].sharp.bad for key in ("phase7", "sad", "nsad")) < 10
+
     assert outcomes["sgbm"].degraded.bad > 25
     assert outcomes["sgbm"].sharp.bad < 10
 
@@ -104,11 +107,13 @@ def test_page_is_whole_and_needs_nothing_else(small: Demo, folder: Path) -> None
     content = (folder / "report.html").read_text("utf-8")
     page = Page()
     page.feed(content)
+
     assert page.open == []
     assert len(page.sources) >= 5 + 2 * len(small.outcomes)
     assert all(source.startswith("data:image/png;base64,") for source in page.sources)
     assert "://" not in content
     assert "prefers-color-scheme: dark" in content
+
     assert verdict(small) in page.text
     for outcome in small.outcomes:
         assert f"{outcome.degraded.bad:.1f} %" in page.text
@@ -118,10 +123,13 @@ def test_page_says_how_to_get_its_figures(
     small: Demo, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cli = pytest.importorskip("phasestereo.cli")
+
     page = Page()
     page.feed((folder / "report.html").read_text("utf-8"))
+
     commands = re.findall("phasestereo (match .*)", page.text)
     assert len(commands) == len(METHODS) - 1  # all but StereoSGBM
+
     monkeypatch.chdir(folder)
     for command, outcome in zip(commands, small.outcomes, strict=False):
         assert cli.run(command.split()) == 0
@@ -144,27 +152,33 @@ def test_demo_command(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     cli = pytest.importorskip("phasestereo.cli")
+
     opened: list[str] = []
     monkeypatch.setattr(
         "phasestereo_bench.cli.demo.run_demo", lambda seed, **_: replace(small, seed=seed)
     )
     monkeypatch.setattr("webbrowser.open", opened.append)
+
     assert cli.run(["demo", "--output", str(tmp_path / "out"), "--seed", "7"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
     assert verdict(small) in out
     assert str(tmp_path / "out" / "report.html") in out
     assert "demo --seed 7" in (tmp_path / "out" / "report.html").read_text("utf-8")
+
     assert opened == []
+
     assert cli.run(["demo", "--output", str(tmp_path / "out"), "--open"]) == 0
     assert opened == [(tmp_path / "out" / "report.html").as_uri()]
 
 
 def test_demo_command_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cli = pytest.importorskip("phasestereo.cli")
+
     (tmp_path / "file").touch()
     assert cli.run(["demo", "--output", str(tmp_path / "file")]) == 1
     assert cli.run(["demo", "--seed", "-1"]) == 2
+
     lines = capsys.readouterr().err.splitlines()
     assert [line.startswith("phasestereo: error: ") for line in lines] == [True, True]
     assert "File exists" in lines[0]

@@ -38,8 +38,10 @@ def decoded(codes: NDArray[Any], components: int, bits: int) -> NDArray[np.int64
     length = 1 << (bits - 1)
     shifts = np.arange(components, dtype=np.uint64) * np.uint64(length)
     words = (codes.astype(np.uint64)[..., None] >> shifts) & np.uint64((1 << length) - 1)
+
     ones = np.bitwise_count(words).astype(np.int64)
     rising = (words & np.uint64(1)).astype(bool) | (ones == 0)
+
     level = np.where(rising, ones, 2 * length - ones)
     signed: NDArray[np.int64] = np.where(level < length, level, level - 2 * length)
     return signed
@@ -62,11 +64,14 @@ def assert_like_oracle(
     codes = ps.descriptor(
         image, neighborhood=neighborhood, frequencies=(r, s), power=power, bits=bits, taper=taper
     )
+
     gray = oracle.to_gray(image)
     spectrum = oracle.spectrum(gray, neighborhood, r, s, taper)
     levels = decoded(codes, spectrum.shape[2], bits)
+
     near = oracle.boundary_distance(spectrum, power, bits) <= uncertainty(gray, neighborhood)
     expected = oracle.levels(spectrum, power, bits)
+
     np.testing.assert_array_equal(levels[~near], expected[~near])
     assert near.mean() < 0.25, "the bound excuses too much to be a test"
 
@@ -101,9 +106,11 @@ def test_weak_parts_follow_the_formulas(
     family: tuple[int, int, int, int], dtype: type[np.generic], weak: float, taper: Taper
 ) -> None:
     neighborhood, r, s, power = family
+
     unit = 255 if dtype is np.uint8 else 40_000
     image = (np.random.default_rng(7).random((14, 19, 3)) * unit).astype(dtype)
     noise = 0.13 * unit
+
     codes = ps.descriptor(
         image,
         neighborhood=neighborhood,
@@ -113,16 +120,19 @@ def test_weak_parts_follow_the_formulas(
         noise_threshold=weak,
         noise=noise,
     )
+
     gray = oracle.to_gray(image)
     spectrum = oracle.spectrum(gray, neighborhood, r, s, taper)
     threshold = oracle.weak_threshold(noise, weak, neighborhood, taper)
     found = decoded_parts(codes, spectrum.shape[2])
     expected = oracle.weak_levels(spectrum, power, threshold)
+
     # The threshold is made of the rounded window: off by less than a part in a thousand.
     off = uncertainty(gray, neighborhood)[..., None]
     scale = power * np.abs(spectrum[..., None]) ** (power - 1)
     reach = scale * off + off**power + 1e-3 * power * threshold**power
     near = np.abs(np.abs(oracle.parts(spectrum, power)) - threshold**power) <= reach
+
     np.testing.assert_array_equal(found[~near], expected[~near])
     assert near.mean() < 0.25, "the bound excuses too much to be a test"
     assert weak == 100 or {-1, 0, 1} == set(np.unique(expected))
@@ -131,13 +141,16 @@ def test_weak_parts_follow_the_formulas(
 @pytest.mark.parametrize("weak", [0.0, 0.7])
 def test_two_sizes_are_both_of_them(weak: float) -> None:
     image = np.random.default_rng(8).integers(0, 256, (15, 22, 3), np.uint8)
+
     options: dict[str, Any] = {"noise_threshold": weak, "noise": 20.0}
     found = ps.descriptor(image, neighborhood=5, frequencies=(2, 1), sizes=2, **options)
     larger = ps.descriptor(image, neighborhood=7, frequencies=(1, 1), **options).astype(np.uint64)
     smaller = ps.descriptor(image, neighborhood=5, frequencies=(2, 1)).astype(np.uint64)
+
     length = 4 if weak else 2
     ones = np.uint64((1 << length) - 1)
     # (0, 1) is the first component of the larger one, (1, 0) the third, after (1, -1).
+
     axes = larger & ones | (larger >> np.uint64(2 * length) & ones) << np.uint64(length)
     assert_nearly_same(found, axes | smaller << np.uint64(2 * length))
 
@@ -179,11 +192,15 @@ def test_two_sizes_must_fit(fields: dict[str, Any], message: str) -> None:
 
 def test_a_weak_level_needs_the_noise() -> None:
     image = np.zeros((4, 5), np.uint8)
+
     with pytest.raises(ValueError, match="^noise: got None; accepts"):
         ps.descriptor(image, noise_threshold=1.0)
+
     assert not ps.descriptor(image, noise_threshold=1.0, noise=0.0).any(), "all parts are weak"
+
     with pytest.raises(ValueError, match="^noise: got -1; accepts"):
         ps.descriptor(image, noise=-1.0)
+
     with pytest.raises(TypeError, match="^noise: got str; accepts a number"):
         ps.descriptor(image, noise="1")  # type: ignore[arg-type]  # that is the point
 
@@ -218,8 +235,10 @@ def test_scale_and_type_change_no_code(
 ) -> None:
     image = np.random.default_rng(seed).integers(0, 256, (rows, cols, 3), np.uint8)
     codes = ps.descriptor(image, taper=taper)
+
     wide = image.astype(np.uint16) << shift
     np.testing.assert_array_equal(ps.descriptor(wide, taper=taper), codes)
+
     for dtype in ("f4", "f8"):
         real: NDArray[Any] = image.astype(dtype)
         np.testing.assert_array_equal(
@@ -243,18 +262,22 @@ def test_words_are_the_narrowest() -> None:
     assert ps.descriptor(image).dtype == np.uint16
     assert ps.descriptor(image, bits=3).dtype == np.uint32
     assert ps.descriptor(image, bits=4).dtype == np.uint64
+
     assert (
         ps.descriptor(image, frequencies=(1, 1), noise_threshold=1.0, noise=1.0).dtype == np.uint16
     )
+
     assert not ps.descriptor(image).any(), "nothing but ties: level 0 throughout"
 
 
 def test_masked_pixels_have_no_effect_on_others() -> None:
     rng = np.random.default_rng(7)
     image = rng.random((15, 20))
+
     mask = rng.random((15, 20)) > 0.2
     hidden = np.where(mask, image, np.nan)
     filled = oracle.fill_masked(image, mask)
+
     told: dict[str, Any] = {"intensity_range": (0.0, 1.0)}
     codes = ps.descriptor(hidden, mask=mask, **told)
     np.testing.assert_array_equal(codes, ps.descriptor(filled, **told))

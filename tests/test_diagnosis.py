@@ -48,6 +48,7 @@ def estimate(*blurs: Blur, **changes: Any) -> BlurEstimate:
         "gamma": 1.0,
         "noise": (1.0, 1.2),
     }
+
     return BlurEstimate(**(fields | changes))
 
 
@@ -110,6 +111,7 @@ def test_real_blur_and_exposure_are_found(data: Path) -> None:
     defocus = degradation.Degradation(degradation.disk_psf(3), gain=0.6, noise=1)
     for name in SCENES:
         scene = find_scene(data / "middlebury", name).load()
+
         found = check(defocus(scene.left), scene.right)
         assert severities(found)["blur"] == "warning", name
         assert "the left image is softer than the right by a disk" in sentence(found, "blur"), name
@@ -123,8 +125,10 @@ def test_blur_is_put_into_words(told: Callable[..., Diagnosis]) -> None:
         "the left image is softer than the right by a disk of radius 3.1 px: check its focus; "
         "robust matching will compensate"
     )
+
     motion = Blur(side="right", kind="motion", size=9.0, angle=30.0)
     other = Blur(side="right", kind="other", size=2.0, angle=0.0)
+
     words = sentence(told(pair(), estimate(NO_BLUR, motion, other)), "blur")
     assert "the right image is softer than the left by a motion of 9.0 px at 30 degrees" in words
     assert "over 33% of the image" in words
@@ -222,14 +226,17 @@ def test_dict_is_json_and_holds_what_was_found(told: Callable[..., Diagnosis]) -
     blur = Blur("left", "motion", 9.0, 45.0)
     given = estimate(blur, NO_BLUR, gain=float("nan"), labels=np.array([[0, 1], [1, 1]], np.uint8))
     found = told(pair(), given)
+
     said = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     assert (said["width"], said["height"]) == (120, 80)
     assert said["search"]["min_disparity"] <= 6
     assert not said["search"]["swapped"]
     assert said["alignment"]["vertical"] == pytest.approx(0, abs=0.05)
+
     assert said["blur"]["blurs"][0] == {
         "side": "left", "kind": "motion", "size": 9.0, "angle": 45.0, "share": 0.25,
     }  # fmt: skip
+
     assert said["blur"]["labels"] == [[0, 1], [1, 1]]
     assert said["contrast"]["gain"] is None
     assert said["noise"] == {"left": 1.0, "right": 1.2}

@@ -46,10 +46,12 @@ def pair_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pair = render_pair(2, height=HEIGHT, width=WIDTH, num_disparities=70)
     assert pair.truth is not None
     assert isinstance(pair.calibration, Calibration)
+
     write_image(folder / "left.png", pair.left)
     write_image(folder / "right.png", pair.right)
     write_disparity(folder / "truth.pfm", pair.truth)
     (folder / "calib.txt").write_text(_calibration_text(pair.calibration))
+
     return folder
 
 
@@ -114,7 +116,9 @@ def test_a_broken_example_fails(tmp_path: Path) -> None:
     page.write_text(
         '# Page\n\n```python title="not run"\n1 / 0\n```\n\n```python\nx = 1\n1 / 0\n```\n'
     )
+
     found = [block for block in blocks(page, "python") if block.runs]
+
     with pytest.raises(ZeroDivisionError) as raised:
         run(found, page, {})
     assert raised.traceback[-1].lineno + 1 == 9
@@ -193,13 +197,16 @@ class Page(HTMLParser):
         given = {key: value or "" for key, value in attrs}
         if "id" in given:
             self.anchors.add(given["id"])
+
         source = given.get("src", "")
         if source.startswith("data:"):
             self.pictures.append(source)
         elif source:
             self.loads.append(source)
+
         if tag == "link" and given.get("rel") not in ("canonical", "next", "prev"):
             self.loads.append(given.get("href", ""))
+
         if tag == "a" and "href" in given:
             self.links.append(given["href"])
 
@@ -209,6 +216,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the site, with every warning an error, and return its folder."""
     for module in ("mkdocs", "material", "mkdocstrings", "markdown_exec"):
         counterpart(module)
+
     folder = tmp_path_factory.mktemp("site")
     path = os.pathsep.join(str(ROOT / place) for place in ("python", "benches/harness"))
     finished = subprocess.run(  # noqa: S603  # our own interpreter
@@ -219,9 +227,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         text=True,
         check=False,
     )
+
     report = finished.stderr[:5000] + finished.stderr[-2000:]
     assert finished.returncode == 0, report
     assert "WARNING" not in finished.stderr, report
+
     return folder
 
 
@@ -253,12 +263,15 @@ def test_no_page_asks_another_host_for_anything(site: Path, pages: dict[str, Pag
         for source in page.loads
         if urlsplit(source).netloc
     }
+
     assert foreign == set()
+
     styles = [path.read_text(encoding="utf-8") for path in site.rglob("*.css")]
     assert styles
     asked = [
         found for style in styles for found in re.findall(r"url\(\s*['\"]?(?:https?:)?//", style)
     ]
+
     assert asked == []
 
 
@@ -286,6 +299,7 @@ def _follow(site: Path, pages: dict[str, Page], address: str, link: str) -> None
     target = (site / address).parent / parts.path if parts.path else site / address
     target = target / "index.html" if target.is_dir() else target
     assert target.exists(), f"{address} links to {link}"
+
     if parts.fragment and target.suffix == ".html":
         there = pages[target.resolve().relative_to(site.resolve()).as_posix()]
         assert parts.fragment in there.anchors, f"{address} links to {link}"

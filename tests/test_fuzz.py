@@ -48,6 +48,7 @@ def is_read(read: Callable[[Path], object], path: Path) -> bool:
 def test_a_byte_that_is_wrong_is_passed_over_or_told_of_the_file(corpus: list[Path]) -> None:
     """Content that is damaged is a ValueError, and names the file; the system has no part in it."""
     folder, read, wrong = corpus[0].parent.parent, Counter[str](), []
+
     for name, (_, suffixes) in fuzzing.READERS.items():
         for source in corpus:
             if source.suffix not in suffixes or name == "match":
@@ -58,6 +59,7 @@ def test_a_byte_that_is_wrong_is_passed_over_or_told_of_the_file(corpus: list[Pa
                 read[name] += 1
                 if told := fuzzing.complaint(name, path):
                     wrong.append((source.name, str(fuzzing.keep(path, folder / "wrong")), told))
+
     assert wrong == []
     assert min(read.values()) > 30
     assert read.keys() == fuzzing.READERS.keys() - {"match"}

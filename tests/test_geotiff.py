@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -64,15 +63,18 @@ def names(folder: Path) -> list[str]:
 def save(path: Path, planes: NDArray[Any], **profile: Any) -> Path:
     """Write bands (count, H, W) by rasterio alone."""
     mask, colors = profile.pop("mask", None), profile.pop("colors", None)
+
     count, height, width = planes.shape
     profile = {"crs": "EPSG:32631", "transform": rasterio.Affine(*PLACE.transform)} | profile
     size = {"count": count, "height": height, "width": width, "dtype": planes.dtype.name}
+
     with rasterio.open(path, "w", driver="GTiff", **size, **profile) as file:
         file.write(planes)
         if colors is not None:
             file.colorinterp = [rasterio.enums.ColorInterp[name] for name in colors]
         if mask is not None:
             file.write_mask(mask)
+
     return path
 
 
@@ -81,20 +83,25 @@ def save(path: Path, planes: NDArray[Any], **profile: Any) -> Path:
 def test_images_round_trip(tmp_path: Path, dtype: str, channels: tuple[int, ...]) -> None:
     image = noise((37, 301, *channels), dtype)
     write_geotiff(tmp_path / "image.tif", image, like=PLACE, tags={"SENSOR": "made up"})
+
     found = read_geotiff(tmp_path / "image.tif")
     assert found.image.dtype == dtype
     np.testing.assert_array_equal(found.image, image)
+
     assert found.mask is None
     assert found.tags["SENSOR"] == "made up"
     assert found.georeference.crs.to_epsg() == 32631
     assert tuple(found.georeference.transform)[:6] == PLACE.transform
+
     np.testing.assert_array_equal(read_image(tmp_path / "image.tif"), image)  # as tifffile has it
 
 
 def test_disparities_are_what_rasterio_reads(tmp_path: Path) -> None:
     disparity = noise((300, 270), "float32")
     disparity[10:20, 30:50] = np.nan
+
     write_geotiff(tmp_path / "disparity.tif", disparity, like=PLACE)
+
     with rasterio.open(tmp_path / "disparity.tif") as file:
         np.testing.assert_array_equal(file.read(1), disparity)
         np.testing.assert_array_equal(file.read_masks(1) == 0, np.isnan(disparity))
@@ -102,6 +109,7 @@ def test_disparities_are_what_rasterio_reads(tmp_path: Path) -> None:
         assert file.crs.to_epsg() == 32631
         assert tuple(file.transform)[:6] == PLACE.transform
         profile = file.profile
+
     assert (profile["tiled"], profile["compress"], profile["blockxsize"]) == (True, "deflate", 256)
     np.testing.assert_array_equal(ps.io.read_disparity(tmp_path / "disparity.tif"), disparity)
 
@@ -109,10 +117,12 @@ def test_disparities_are_what_rasterio_reads(tmp_path: Path) -> None:
 def test_bands_have_names_and_one_type_that_holds_all(tmp_path: Path) -> None:
     bands = {"disparity": noise((20, 30), "float32"), "flags": noise((20, 30), "uint16")}
     write_geotiff(tmp_path / "out.tif", bands, like=PLACE)
+
     with rasterio.open(tmp_path / "out.tif") as file:
         assert file.descriptions == ("disparity", "flags")
         np.testing.assert_array_equal(file.read(1), bands["disparity"])
         np.testing.assert_array_equal(file.read(2), bands["flags"])
+
     np.testing.assert_array_equal(
         read_geotiff(tmp_path / "out.tif", bands=[2]).image, bands["flags"]
     )
@@ -141,22 +151,27 @@ def test_tags_that_were_read_can_be_written(tmp_path: Path) -> None:
     write_geotiff(tmp_path / "a.tif", image, like=PLACE, tags={"SENSOR": "made up"})
     tags = read_geotiff(tmp_path / "a.tif").tags
     assert tags["AREA_OR_POINT"] == "Area"
+
     write_geotiff(tmp_path / "b.tif", image, like=point, tags=tags)
     found = read_geotiff(tmp_path / "b.tif")
     assert found.tags == {**tags, "AREA_OR_POINT": "Point"}
+
     assert found.georeference.point
 
 
 def test_rpcs_and_the_kind_of_pixel_are_kept(tmp_path: Path) -> None:
     place = Georeference(rpcs=RPCS, point=True, crs="EPSG:4326", transform=(2, 0, 1, 0, -2, 50))
     write_geotiff(tmp_path / "sensor.tif", noise((20, 30), "uint16"), like=place)
+
     found = read_geotiff(tmp_path / "sensor.tif")
     write_geotiff(tmp_path / "out.tif", noise((20, 30), "float32"), like=found)
+
     with rasterio.open(tmp_path / "out.tif") as file:
         for name, value in RPCS.to_dict().items():
             assert getattr(file.rpcs, name) == pytest.approx(value, rel=1e-14), name
         assert file.tags()["AREA_OR_POINT"] == "Point"
         assert tuple(file.transform)[:6] == (2, 0, 1, 0, -2, 50)
+
     assert read_geotiff(tmp_path / "out.tif").georeference.point
 
 
@@ -173,12 +188,15 @@ def test_ground_control_points_are_kept(tmp_path: Path) -> None:
         control.GroundControlPoint(row, col, 2 + col / 100, 48 - row / 100, 12.5)
         for row, col in ((0, 0), (0, 29), (19, 0), (19, 29))
     ]
+
     place = Georeference(crs="EPSG:4326", gcps=tuple(points))
     write_geotiff(tmp_path / "left.tif", noise((20, 30), "uint8"), like=place)
     write_geotiff(tmp_path / "out.tif", noise((20, 30), "float32"), like=read_geotiff(
         tmp_path / "left.tif"))  # fmt: skip
+
     with rasterio.open(tmp_path / "out.tif") as file:
         found, crs = file.gcps
+
     assert crs.to_epsg() == 4326
     assert [(p.row, p.col, p.x, p.y, p.z) for p in found] == [
         (p.row, p.col, p.x, p.y, p.z) for p in points
@@ -218,12 +236,15 @@ def test_alpha_is_a_mask(tmp_path: Path, nodata: int | None) -> None:
     planes[:3, 5] = 9
     planes[3] = 255
     planes[3, :, :4] = 0
+
     found = read_geotiff(
         save(tmp_path / "a.tif", planes, photometric="rgb", alpha="yes", nodata=nodata)
     )
+
     valid = planes[3] > 0
     if nodata is not None:
         valid &= (planes[:3] != nodata).any(axis=0)
+
     assert found.mask is not None
     np.testing.assert_array_equal(found.mask, valid)
     np.testing.assert_array_equal(found.image, np.moveaxis(planes[:3], 0, 2))
@@ -233,8 +254,10 @@ def test_alpha_is_a_mask(tmp_path: Path, nodata: int | None) -> None:
 def test_mask_bands_count_within_and_beside_the_file(tmp_path: Path, internal: str) -> None:
     mask = np.full((20, 30), 255, np.uint8)
     mask[:, 25:] = 0
+
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=internal):
         save(tmp_path / "a.tif", noise((1, 20, 30), "uint8"), mask=mask)
+
     assert (tmp_path / "a.tif.msk").exists() == (internal == "NO")
     found = read_geotiff(tmp_path / "a.tif").mask
     assert found is not None
@@ -270,6 +293,7 @@ def test_no_data_may_be_what_float32_does_not_hold(
 ) -> None:
     plane = noise((3, 20, 30), dtype)
     plane[:, 4:7] = nodata
+
     for planes, colors in ((plane[:1], None), (plane, ["red", "green", "blue"])):
         found = read_geotiff(save(tmp_path / "a.tif", planes, nodata=nodata, colors=colors))
         assert found.mask is not None
@@ -285,10 +309,12 @@ def test_int16_with_no_data_can_be_matched(tmp_path: Path) -> None:
     scene[20:30, 40:50] = -32768
     for name, part in (("left", scene[:, :-5]), ("right", scene[:, 5:])):
         save(tmp_path / f"{name}.tif", part[None], nodata=-32768)
+
     left, right = read_geotiff_pair(tmp_path / "left.tif", tmp_path / "right.tif")
     result = ps.match(
         left.image, right.image, left_mask=left.mask, right_mask=right.mask, num_disparities=16
     )
+
     assert left.mask is not None
     assert np.isnan(result.disparity[~left.mask]).all()
     assert abs(np.nanmedian(result.disparity) - 5) < 0.1
@@ -306,12 +332,15 @@ def test_a_palette_is_looked_up(tmp_path: Path) -> None:
 
 def test_bands_are_chosen(tmp_path: Path) -> None:
     planes = noise((5, 20, 30), "uint16")
+
     save(tmp_path / "a.tif", planes, photometric="minisblack")
     with pytest.raises(ValueError, match=r"a\.tif: bands: the file has 5 .*choose 1 or 3"):
         read_geotiff(tmp_path / "a.tif")
+
     np.testing.assert_array_equal(read_geotiff(tmp_path / "a.tif", bands=[4]).image, planes[3])
     found = read_geotiff(tmp_path / "a.tif", bands=[3, 2, 1]).image
     np.testing.assert_array_equal(found, np.moveaxis(planes[[2, 1, 0]], 0, 2))
+
     with pytest.raises(ValueError, match=r"bands: got \[6\]; accepts 1 to 5"):
         read_geotiff(tmp_path / "a.tif", bands=[6])
 
@@ -433,24 +462,3 @@ def test_what_cannot_be_written_leaves_no_file(
         write_geotiff(tmp_path / "a.tif", image, like=like)
     assert (tmp_path / "a.tif").read_bytes() == b"before"
     assert names(tmp_path) == ["a.tif"]
-
-
-def test_files_are_replaced_whole(tmp_path: Path) -> None:
-    for seed in (1, 2):
-        write_geotiff(tmp_path / "a.tif", noise((20, 30), "float32", seed), like=PLACE)
-    assert names(tmp_path) == ["a.tif"]  # nor is there anything beside it
-    np.testing.assert_array_equal(read_geotiff(tmp_path / "a.tif").image,
-                                  noise((20, 30), "float32", 2))  # fmt: skip
-
-
-def test_without_rasterio_the_cure_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "rasterio", None)
-    monkeypatch.setitem(sys.modules, "rasterio.io", None)
-    for work in (
-        lambda: read_geotiff(tmp_path / "a.tif"),
-        lambda: write_geotiff(tmp_path / "a.tif", noise((4, 5), "uint8")),
-    ):
-        with pytest.raises(ImportError, match=r"pip install 'phasestereo\[geo\]'"):
-            work()

@@ -48,6 +48,7 @@ def test_every_hostile_file_is_refused_soon_by_name_and_in_little_memory(folder:
         timeout=120,
         check=False,
     )
+
     assert (finished.returncode, finished.stderr) == (0, "")
     told = [json.loads(line) for line in finished.stdout.splitlines()]
     assert len(told) == len(list(hostile.cases(folder))) > 40
@@ -72,10 +73,12 @@ def test_a_mask_beside_a_picture_is_bounded_too(tmp_path: Path) -> None:
 def test_a_run_out_of_core_takes_no_more_than_it_may_at_opening(tmp_path: Path) -> None:
     """A strip of 60 MB, which GDAL would unpack whole to read one pixel."""
     path = tmp_path / "a.tif"
+
     packed = hostile.zeros(2**26)
     path.write_bytes(
         hostile.tiff(hostile.page(2**13, 7000, compression=8, stored=len(packed)), packed)
     )
+
     with pytest.raises(ValueError, match=r"blocks of 7000 rows, .* at most 40000000 are allowed"):
         outofcore.match(path, path, tmp_path / "o.npy", num_disparities=4, max_memory="40MB")
     assert list(tmp_path.iterdir()) == [path]

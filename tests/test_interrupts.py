@@ -99,5 +99,6 @@ def test_what_starts_unheard_is_not_reached() -> None:
         thread = threading.Thread(target=look)
         thread.start()
     thread.join()
+
     look()
     assert masks == [before | {signal.SIGINT}, before]

@@ -40,6 +40,7 @@ def calibration(tmp_path: Path, text: str) -> Calibration:
 
 def test_calibration_is_parsed(tmp_path: Path) -> None:
     loaded = calibration(tmp_path, CALIBRATION)
+
     assert loaded == Calibration(
         cam0=((1000.5, 0, 300), (0, 1000.5, 200), (0, 0, 1)),
         cam1=((1000.5, 0, 330), (0, 1000.5, 200), (0, 0, 1)),
@@ -51,8 +52,10 @@ def test_calibration_is_parsed(tmp_path: Path) -> None:
         vmin=7,
         vmax=65.5,
     )
+
     assert loaded.focal == 1000.5
     assert len({loaded, calibration(tmp_path, CALIBRATION.replace("=", " = "))}) == 1
+
     short = calibration(tmp_path, "\n".join(CALIBRATION.splitlines()[:6]))
     assert short == replace(loaded, ndisp=None, vmin=None, vmax=None)
 
@@ -93,15 +96,19 @@ def test_malformed_calibrations_are_refused(
 def test_depth_is_the_formula_and_nan_where_there_is_none(tmp_path: Path) -> None:
     loaded = calibration(tmp_path, CALIBRATION)
     disparity = np.array([[0, 7.5, np.nan, np.inf], [-30, -31, -29.5, -np.inf]], np.float32)
+
     depth = loaded.depth(disparity)
     product = 200.25 * 1000.5
+
     expected = [
         [product / 30, product / 37.5, np.nan, np.nan],
         [np.nan, np.nan, 2 * product, np.nan],
     ]
+
     assert depth.dtype == np.float32
     np.testing.assert_allclose(depth, expected, rtol=1e-6)
     assert loaded.depth(0).shape == ()
+
     with pytest.raises(TypeError, match="real numbers"):
         loaded.depth(np.array(["7"]))
 
@@ -109,10 +116,13 @@ def test_depth_is_the_formula_and_nan_where_there_is_none(tmp_path: Path) -> Non
 def test_real_depth_lies_where_the_calibration_says(data: Path) -> None:
     scene = data / QUARTER / "Motorcycle"
     loaded = read_calibration(scene / "calib.txt")
+
     assert (loaded.width, loaded.height, loaded.ndisp) == (741, 497, 70)
     assert loaded.doffs == pytest.approx(loaded.cam1[0][2] - loaded.cam0[0][2], abs=1e-3)
+
     truth = read_disparity(scene / "disp0GT.pfm")
     depth = loaded.depth(truth)
+
     np.testing.assert_array_equal(np.isnan(depth), np.isnan(truth))
     assert 1900 < np.nanmin(depth) < np.nanmax(depth) < 5000  # mm: a motorcycle in a workshop
 
@@ -221,11 +231,13 @@ def test_calibrations_hold_for_one_size(tmp_path: Path) -> None:
 def test_q_is_read_from_files_of_opencv(tmp_path: Path, suffix: str, dtype: type) -> None:
     cv2 = counterpart("cv2")
     path = tmp_path / f"extrinsics{suffix}"
+
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     storage.write("P1", np.ones((3, 4)))
     storage.write("Q", Q.astype(dtype))
     storage.write("Q2", np.zeros((4, 4)))
     storage.release()
+
     np.testing.assert_allclose(read_q(path), Q, rtol=1e-8 if dtype == np.float64 else 1e-7)
 
 
@@ -234,6 +246,7 @@ def test_q_is_read_from_files_of_numpy(tmp_path: Path) -> None:
     np.savez(tmp_path / "rig.npz", R1=np.eye(3), Q=Q)
     np.savetxt(tmp_path / "q.txt", Q)
     np.savetxt(tmp_path / "commas.txt", Q, delimiter=", ")
+
     for name in ("q.npy", "rig.npz", "q.txt", "commas.txt"):
         matrix = read_q(tmp_path / name)
         assert matrix.dtype == np.float64

@@ -40,8 +40,10 @@ def test_floats_come_back_exactly(
     depth = depths()
     depth[0, :2] = [1e-30, 1e30]
     path = tmp_path / f"depth{suffix}"
+
     write_depth(path, depth.astype(dtype), unit=unit)
     loaded = read_depth(path, unit=unit)
+
     assert loaded.dtype == np.float32
     np.testing.assert_array_equal(loaded, depth)
     assert np.isinf(read_image(path)[2, 3]) == (suffix == ".pfm")
@@ -62,11 +64,14 @@ def test_png_is_in_millimetres_whatever_the_unit(
 ) -> None:
     path = tmp_path / "depth.png"
     depth = depths()
+
     write_depth(path, depth / scale, unit=unit)
+
     known = ~np.isnan(depth)
     stored = read_image(path).astype(np.float64)
     np.testing.assert_allclose(stored[known], depth[known], rtol=0, atol=0.5001)
     assert stored[2, 3] == 0
+
     np.testing.assert_allclose(read_depth(path, unit=unit), depth / scale, atol=0.5001 / scale)
 
 
@@ -134,10 +139,13 @@ def test_other_images_are_no_depth_maps(tmp_path: Path) -> None:
     write_image(tmp_path / "a.png", np.zeros((2, 3), np.uint8))
     with pytest.raises(ValueError, match=r"a\.png: a depth map in \.png is uint16 .* uint8"):
         read_depth(tmp_path / "a.png")
+
     write_image(tmp_path / "a.tif", np.zeros((2, 3), np.uint16))
     with pytest.raises(ValueError, match=r"a\.tif: a depth map in \.tif is float32"):
         read_depth(tmp_path / "a.tif")
+
     with pytest.raises(ValueError, match="unit must be one of"):
         read_depth(tmp_path / "a.png", unit="inch")  # type: ignore[arg-type] # what is tested
+
     with pytest.raises(FileNotFoundError):
         read_depth(tmp_path / "none.png")

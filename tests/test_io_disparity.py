@@ -16,16 +16,10 @@ from phasestereo.io import (
     write_disparity,
     write_image,
 )
+from test_io_pfm import floats
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from numpy.typing import NDArray
-
-
-def floats(shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return samples of both signs."""
-    return np.random.default_rng(0).normal(0, 100, shape).astype(np.float32)
 
 
 @pytest.mark.parametrize("suffix", [".pfm", ".npy", ".tif", ".TIFF"])
@@ -34,8 +28,10 @@ def test_float_maps_come_back_exactly(tmp_path: Path, suffix: str, dtype: type) 
     disparity = floats((5, 7))
     disparity[1, :4] = [np.nan, 0, -0.0, 1e-40]
     path = tmp_path / f"map{suffix}"
+
     write_disparity(path, disparity.astype(dtype))
     loaded = read_disparity(path)
+
     assert loaded.dtype == np.float32
     np.testing.assert_array_equal(loaded, disparity)
     assert np.isinf(read_image(path)[1, 0]) == (suffix == ".pfm")
@@ -66,12 +62,15 @@ def test_every_kitti_code_survives(code: int, tmp_path_factory: pytest.TempPathF
 
 def test_opencv_agrees_about_kitti_png(tmp_path: Path) -> None:
     cv2 = pytest.importorskip("cv2")
+
     disparity = np.abs(floats((5, 7))) + 1
     disparity[2, 3] = np.nan
     write_disparity(tmp_path / "map.png", disparity)
+
     codes = cv2.imread(str(tmp_path / "map.png"), cv2.IMREAD_UNCHANGED)
     assert codes.dtype == np.uint16
     assert codes[2, 3] == 0
+
     known = ~np.isnan(disparity)
     np.testing.assert_allclose(codes[known] / 256, disparity[known], rtol=0, atol=1 / 512)
 
@@ -171,11 +170,13 @@ def test_truth_must_be_gray_integers(tmp_path: Path, dtype: str, shape: tuple[in
 
 def test_real_truth(data: Path) -> None:
     tsukuba = data / "middlebury/scenes2001/tsukuba/truedisp.row3.col3.pgm"
+
     truth = read_truth(tsukuba, scale=16)
     assert np.isnan(truth[:18]).all()
     assert np.isnan(truth[:, -18:]).all()
     assert not np.isnan(truth[18:-18, 18:-18]).any()
     assert np.unique(truth[18:-18, 18:-18]).tolist() == [5, 6, 7, 8, 10, 11, 14]
+
     cones = read_truth(data / "middlebury/scenes2003/cones/disp2.png", scale=4)
     assert 0 < np.isnan(cones).mean() < 0.1
     assert 5 < np.nanmin(cones) < np.nanmax(cones) <= 55

@@ -59,12 +59,15 @@ def test_images_come_back_exactly(
     tmp_path: Path, suffix: str, dtype: str, shape: tuple[int, ...]
 ) -> None:
     image = noise(shape, dtype)
+
     path = tmp_path / f"image{suffix}"
     write_image(str(path), image)
+
     loaded = read_image(str(path))
     assert loaded.dtype == image.dtype
     assert loaded.flags.writeable
     np.testing.assert_array_equal(loaded, image)
+
     write_image(path, image[::-1, ::2])  # a view, over an existing file
     np.testing.assert_array_equal(read_image(path), image[::-1, ::2])
 
@@ -75,9 +78,11 @@ def test_webp_comes_as_it_is_stored(tmp_path: Path, channels: int) -> None:
     path = tmp_path / "a.webp"
     pytest.importorskip("PIL.Image").fromarray(image).save(path, lossless=True, exact=True)
     np.testing.assert_array_equal(read_image(path), image)
+
     path.write_bytes(path.read_bytes()[:60])
     with pytest.raises(ValueError, match=r"a\.webp: "):
         read_image(path)
+
     path.write_bytes(b"RIFF\x04\0\0\0WAVE")
     with pytest.raises(ValueError, match=r"a\.webp: damaged, or not what it claims to be"):
         read_image(path)
@@ -86,12 +91,15 @@ def test_webp_comes_as_it_is_stored(tmp_path: Path, channels: int) -> None:
 @pytest.mark.parametrize(("mode", "dtype"), [("L", "uint8"), ("RGB", "uint8"), ("L;16", "uint16")])
 def test_heif_comes_nearly_as_it_is_stored(tmp_path: Path, mode: str, dtype: str) -> None:
     heif = counterpart("pillow_heif")
+
     ramp = np.linspace(0, np.iinfo(dtype).max, 64).astype(dtype)
     shape = (48, 64, 3) if mode == "RGB" else (48, 64)
     image = np.broadcast_to(ramp[:, None] if mode == "RGB" else ramp, shape)
     path = tmp_path / "a.heic"
+
     heif.from_bytes(mode, (64, 48), image.tobytes()).save(path, quality=-1, chroma=444)
     loaded = read_image(path)
+
     assert (loaded.dtype, loaded.shape) == (image.dtype, image.shape)
     assert np.abs(loaded.astype(int) - image).max() <= np.iinfo(dtype).max / 64
 
@@ -100,10 +108,12 @@ def test_heif_needs_its_extra_and_is_told_from_films(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pillow_heif", None)
+
     path = tmp_path / "a.heic"
     path.write_bytes(b"\0\0\0\x18ftypheic" + bytes(40))
     with pytest.raises(ImportError, match=r"pip install 'phasestereo\[heif\]'"):
         read_image(path)
+
     path.write_bytes(b"\0\0\0\x18ftypisom" + bytes(40))
     with pytest.raises(ValueError, match=r"a\.heic: not a HEIF picture, .* brand b'isom'"):
         read_image(path)
@@ -126,11 +136,14 @@ def test_jpeg_comes_back_nearly(tmp_path: Path, shape: tuple[int, ...]) -> None:
 )
 def test_opencv_agrees_about_16_bits(tmp_path: Path, suffix: str, shape: tuple[int, ...]) -> None:
     cv2 = pytest.importorskip("cv2")
+
     image = noise(shape, "uint16")
     path = tmp_path / f"wide{suffix}"
     swapped = image if len(shape) == 2 else image[..., [2, 1, 0, *range(3, shape[2])]]
     options = [cv2.IMWRITE_TIFF_COMPRESSION, 1] if suffix == ".tif" else []
+
     assert cv2.imwrite(str(path), swapped, options)
+
     loaded = read_image(path)
     assert loaded.dtype == np.uint16
     np.testing.assert_array_equal(loaded, image)
@@ -214,20 +227,27 @@ def test_plain_text_netpbm_that_would_be_rescaled_is_refused(tmp_path: Path, tex
 
 def test_palettes_bits_and_alpha_are_expanded(tmp_path: Path) -> None:
     pil = pytest.importorskip("PIL.Image")
+
     colors = pil.fromarray(np.array([[0, 1, 2]], np.uint8), mode="P")
     colors.putpalette([9, 8, 7, 255, 0, 0, 0, 0, 255])
+
     grays = colors.copy()
     grays.putpalette([0, 0, 0, 128, 128, 128, 255, 255, 255])
+
     bilevel = pil.fromarray(np.array([[True, False, True]]))
     gray_alpha = pil.fromarray(np.array([[[5, 200]]], np.uint8), mode="LA")
+
     for suffix in (".png", ".tif", ".bmp"):
         colors.save(tmp_path / f"colors{suffix}")
         expected = [[[9, 8, 7], [255, 0, 0], [0, 0, 255]]]
         np.testing.assert_array_equal(read_image(tmp_path / f"colors{suffix}"), expected)
+
         grays.save(tmp_path / f"grays{suffix}")
         np.testing.assert_array_equal(read_image(tmp_path / f"grays{suffix}"), [[0, 128, 255]])
+
         bilevel.save(tmp_path / f"bilevel{suffix}")
         np.testing.assert_array_equal(read_image(tmp_path / f"bilevel{suffix}"), [[255, 0, 255]])
+
     gray_alpha.save(tmp_path / "la.png")
     np.testing.assert_array_equal(read_image(tmp_path / "la.png"), [[[5, 5, 5, 200]]])
 
@@ -243,9 +263,11 @@ def test_other_kinds_of_color_are_refused(tmp_path: Path) -> None:
 def test_several_images_in_a_file_are_refused(tmp_path: Path) -> None:
     pil = pytest.importorskip("PIL.Image")
     tifffile = pytest.importorskip("tifffile")
+
     for name in ("animated.png", "stereo.mpo", "pages.tif"):
         first, second = (pil.fromarray(noise((4, 4), "uint8", seed)) for seed in (1, 2))
         first.save(tmp_path / name, save_all=True, append_images=[second])
+
     tifffile.imwrite(
         tmp_path / "volume.tif",
         np.zeros((16, 16, 3), np.uint8),
@@ -253,6 +275,7 @@ def test_several_images_in_a_file_are_refused(tmp_path: Path) -> None:
         tile=(16, 16, 16),
         photometric="minisblack",
     )
+
     for name in ("animated.png", "stereo.mpo", "pages.tif", "volume.tif"):
         with pytest.raises(ValueError, match=name):
             read_image(tmp_path / name)
@@ -353,14 +376,17 @@ def test_npy_headers_that_lie_are_refused(tmp_path: Path) -> None:
 
 def test_sizes_beyond_the_limit_are_refused_before_they_are_allocated(tmp_path: Path) -> None:
     tifffile = pytest.importorskip("tifffile")
+
     header = struct.pack(">IIBBBBB", 2**16, 2**15, 8, 0, 0, 0, 0)
     bomb = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", b"") + chunk(b"IEND", b"")
     (tmp_path / "bomb.png").write_bytes(bomb)
     (tmp_path / "bomb.pgm").write_bytes(b"P5\n1000000000 1000000000\n255\n")
+
     tiles = iter([np.zeros((2**11, 2**11), np.uint8), *[None] * (2**9 - 1)])
     tifffile.imwrite(
         tmp_path / "bomb.tif", tiles, shape=(2**16, 2**15), dtype="u1", tile=(2**11, 2**11)
     )
+
     for name in ("bomb.png", "bomb.pgm", "bomb.tif"):
         with pytest.raises(ValueError, match=rf"{name}: .* at most 200000000"):
             read_image(tmp_path / name)
@@ -418,8 +444,10 @@ def test_truncated_and_damaged_files_never_come_back_as_another_image(
     image = np.dstack([image] * 3) if suffix == ".ppm" else image
     path = tmp_path / f"a{suffix}"
     write_image(path, image)
+
     content = path.read_bytes()
     original = read_image(path)
+
     for length in {*range(0, len(content), 7), len(content) - 1}:
         path.write_bytes(content[:length])
         try:
@@ -432,6 +460,7 @@ def test_truncated_and_damaged_files_never_come_back_as_another_image(
 
 def test_real_images_are_read(data: Path) -> None:
     pil = pytest.importorskip("PIL.Image")
+
     scenes = data / "middlebury"
     for name, shape in [
         ("scenes2001/tsukuba/scene1.row3.col3.ppm", (288, 384, 3)),
@@ -442,6 +471,7 @@ def test_real_images_are_read(data: Path) -> None:
         with pil.open(scenes / name) as image:
             np.testing.assert_array_equal(read_image(scenes / name), np.asarray(image))
         assert read_image(scenes / name).shape == shape
+
     mask = read_image(scenes / "scenes2003/cones/mask_disc.png")  # a palette of grays
     assert mask.shape == (375, 450)
     assert np.unique(mask).tolist() == [0, 128, 255]

@@ -50,19 +50,25 @@ def test_the_first_two_pictures_of_a_file(tmp_path: Path, count: int) -> None:
 def test_what_is_no_stereo_photograph(tmp_path: Path) -> None:
     write_image(tmp_path / "one.png", LEFT)
     write_image(tmp_path / "one.jpg", LEFT)
+
     for name in ("one.png", "one.jpg"):
         with pytest.raises(ValueError, match=rf"^layout: got None for .*{name}.*; accepts "):
             read_pair(tmp_path / name)
+
     with pytest.raises(ValueError, match="^layout: got 'both'; accepts 'side-by-side'"):
         read_pair(tmp_path / "one.png", "both")  # type: ignore[arg-type]
+
     write_image(tmp_path / "odd.png", LEFT[:, 1:])
     with pytest.raises(ValueError, match="^layout: 'side-by-side' needs an even number of columns"):
         read_pair(tmp_path / "odd.png", "side-by-side")
+
     write_mpo(tmp_path / "unlike.mpo", LEFT, RIGHT[:20])
     with pytest.raises(ValueError, match=r"unlike\.mpo: pictures of \(40, 60\) and \(20, 60\)"):
         read_pair(tmp_path / "unlike.mpo")
+
     with pytest.raises(ValueError, match=r"unlike\.mpo: the file holds 2 images, .*read_pair"):
         read_image(tmp_path / "unlike.mpo")
+
     with pytest.raises(FileNotFoundError):
         read_pair(tmp_path / "nowhere.mpo")
 
@@ -91,6 +97,7 @@ def test_paths_stand_for_images(paths: tuple[str, Path]) -> None:
     images = read_image(paths[0]), read_image(paths[1])
     expected = ps.match(*images, num_disparities=16)
     matcher = ps.Matcher()
+
     for given in (paths, (images[0], paths[1])):
         for result in (
             ps.match(*given, num_disparities=16),
@@ -100,7 +107,9 @@ def test_paths_stand_for_images(paths: tuple[str, Path]) -> None:
             assert result.pair is not None
             for kept, image in zip(result.pair, images, strict=True):
                 np.testing.assert_array_equal(kept, image)
+
     assert str(ps.check(*paths)) == str(ps.check(*images))
     assert str(ps.estimate_blur(*paths)) == str(ps.estimate_blur(*images))
+
     [frame] = ps.stream([paths], num_disparities=16)
     np.testing.assert_array_equal(frame.result.disparity, expected.disparity)

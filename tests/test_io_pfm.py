@@ -45,10 +45,12 @@ def test_pfm_keeps_every_bit_pattern(
     path = tmp_path_factory.getbasetemp() / "every.pfm"
     array = patterns.view(np.float32)
     write_pfm(path, array)
+
     if not little:
         head, samples = path.read_bytes().split(b"-1\n", 1)
         swapped = np.frombuffer(samples, "<u4").astype(">u4").tobytes()
         path.write_bytes(head + b"1\n" + swapped)
+
     loaded = read_pfm(path)
     assert loaded.dtype == np.float32
     np.testing.assert_array_equal(bits(loaded), patterns)
@@ -135,14 +137,18 @@ def test_pfm_writes_views_and_big_endian_arrays(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scene", ["Motorcycle", "Piano", "Playroom"])
 def test_middlebury_pfm_survives_to_the_byte(data: Path, tmp_path: Path, scene: str) -> None:
     source = data / QUARTER / scene / "disp0GT.pfm"
+
     calibration = read_calibration(source.with_name("calib.txt"))
     truth = read_pfm(source)
     assert truth.shape == (calibration.height, calibration.width)
+
     known = truth[np.isfinite(truth)]
     assert known.size > truth.size / 2
+
     assert calibration.vmin is not None  # unscaled, they lie where the calibration says
     assert calibration.vmax is not None
     assert calibration.vmin - 1 <= known.min() < known.max() <= calibration.vmax + 1
+
     write_pfm(tmp_path / "again.pfm", truth)
     length = 4 * truth.size
     assert (tmp_path / "again.pfm").read_bytes()[-length:] == source.read_bytes()[-length:]
@@ -151,12 +157,15 @@ def test_middlebury_pfm_survives_to_the_byte(data: Path, tmp_path: Path, scene: 
 @pytest.mark.parametrize("shape", [(4, 5), (4, 5, 3)])
 def test_opencv_agrees_about_pfm(tmp_path: Path, shape: tuple[int, ...]) -> None:
     cv2 = pytest.importorskip("cv2")
+
     array = floats(shape)
     array[0, :3] = np.inf
     array[1, :3] = np.nan
     path = tmp_path / "cv.pfm"
+
     write_pfm(path, array)
     theirs = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(theirs[..., ::-1] if len(shape) == 3 else theirs, array)
+
     assert cv2.imwrite(str(path), theirs)
     np.testing.assert_array_equal(read_pfm(path), array)

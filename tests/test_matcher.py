@@ -75,6 +75,7 @@ def test_codes_to_disparities_equal_the_oracle(
 ) -> None:
     count, window = min(4, shape[1]), 2 * radius + 1
     assume(-shape[1] - count + 1 < low < shape[1])
+
     left, right = np.random.default_rng(seed).integers(0, 256, (2, *shape), np.uint8)
     aggregation: dict[str, Any] = {
         "window": window,
@@ -84,25 +85,31 @@ def test_codes_to_disparities_equal_the_oracle(
     choice: dict[str, Any] = {"optimizer": optimizer, "p1": penalties[0], "p2": penalties[1]}
     options: dict[str, Any] = {"num_disparities": count, "min_disparity": low, "bits": bits}
     options["preset"] = "paper"
+
     result = ps.match(left, right, **options, **aggregation, **choice)
+
     levels = [decoded(ps.descriptor(image, bits=bits), 7, bits) for image in (left, right)]
     costs = oracle.phase_costs(levels[0], levels[1], low, count, bits)
     # Seven components, each of which differs by half the number of levels at most.
+
     byte = precision == "byte"
     dropped = oracle.dropped_bits(window, 7 * 2 ** (bits - 1), penalties[1]) if byte else 0
     volume = oracle.aggregate(costs, window, shiftable=shiftable, dropped=dropped)
     near, far = (oracle.window_penalty(each, window, dropped) for each in penalties)
+
     evidence = {
         "dp": lambda: refinement.of_scanlines(volume, oracle.scanline(volume, near, far)),
         "so": lambda: refinement.of_paths(volume, oracle.row_means(volume, near, far)),
         "wta": lambda: refinement.of_scanlines(volume, oracle.winner_takes_all(volume)),
     }[optimizer]()
+
     np.testing.assert_array_equal(result.disparity, evidence.chosen + low)
     unit = window**2 / 2**dropped
     voices = refinement.votes(evidence, unit)
     expected = refinement.confidence(result.disparity, voices, left.astype(np.int64))
     assert result.confidence is not None
     np.testing.assert_allclose(result.confidence, expected, rtol=0, atol=1e-5)
+
     without = ps.match(left, right, **options, **aggregation, **choice, confidence=False)
     assert without.confidence is None
     np.testing.assert_array_equal(without.disparity, result.disparity)
@@ -110,17 +117,22 @@ def test_codes_to_disparities_equal_the_oracle(
 
 def test_fast_with_masks_equals_the_oracle() -> None:
     rng = np.random.default_rng(5)
+
     left, right = noise_pair(24, 40, 3)
     masks = [rng.random((24, 40)) > 0.3 for _ in range(2)]
     masks[0][:12, :20] = False
+
     fast = replace(ps.PRESETS["fast"], adaptive_p2=0, median=0)
+
     result = ps.match(
         left, right, num_disparities=7, settings=fast, left_mask=masks[0], right_mask=masks[1]
     )
+
     codes = [
         decoded(ps.descriptor(image, mask=mask, settings=fast), 4, fast.bits)
         for image, mask in zip((left, right), masks, strict=True)
     ]
+
     voting = oracle.votes(masks[0], masks[1], 0, 7)
     dropped = oracle.dropped_bits(fast.window, 8, fast.p2)
     volume = oracle.aggregate(
@@ -131,9 +143,11 @@ def test_fast_with_masks_equals_the_oracle() -> None:
         ceiling=8,
         dropped=dropped,
     )
+
     near, far = (oracle.window_penalty(each, fast.window, dropped) for each in (fast.p1, fast.p2))
     chosen = oracle.free_scanline(volume, near, far)
     expected = np.where(voting.any(axis=2), chosen, np.nan)
+
     assert (expected == 3).any()
     np.testing.assert_array_equal(result.disparity, expected)
 
@@ -141,16 +155,21 @@ def test_fast_with_masks_equals_the_oracle() -> None:
 def test_few_votes_in_bytes_cost_no_more_than_none() -> None:
     """What is dropped from few votes must not scale up beyond what a byte was found to hold."""
     texture = np.random.default_rng(0).integers(1, 256, (1, 70), np.uint8).repeat(40, axis=0)
+
     left, right = texture[:, :60], 255 - texture[:, 3:63]  # every bit differs where it is shifted
     left_mask = np.ones(left.shape, bool)
     left_mask[::11] = False
+
     described: dict[str, Any] = {"num_disparities": 7, "frequencies": (3, 0), "window": 11}
     voting = oracle.votes(left_mask, np.ones_like(left_mask), 0, 7)
     costs = ps.cost_volume(left, right, **described).astype(np.int64)
+
     volume = oracle.aggregate(
         costs, 11, shiftable=False, votes=voting, ceiling=6, dropped=oracle.dropped_bits(11, 6)
     )
+
     penalty = 167 * 8 / 121  # 167 and 11 * (66 >> 3) = 88 are 255
+
     result = ps.match(
         left,
         right,
@@ -164,6 +183,7 @@ def test_few_votes_in_bytes_cost_no_more_than_none() -> None:
         p1=penalty,
         p2=penalty,
     )
+
     expected = oracle.free_scanline(volume, 167, 167)
     np.testing.assert_array_equal(result.disparity[left_mask], expected[left_mask])
 
@@ -180,7 +200,9 @@ def test_the_fast_preset_on_real_pairs(data: Path, name: str, bound: float) -> N
 def test_images_to_disparities_equal_the_oracle_but_for_rounding(data: Path) -> None:
     pair = find_scene(data / "middlebury", "cones").load()
     left, right = pair.left[150:190], pair.right[150:190]
+
     result = ps.match(left, right, num_disparities=64, preset="paper")
+
     expected = oracle.match_phase(
         left,
         right,
@@ -202,9 +224,12 @@ def test_images_to_disparities_equal_the_oracle_but_for_rounding(data: Path) -> 
 def test_sums_of_absolute_differences_equal_the_oracle() -> None:
     left, right = np.random.default_rng(3).integers(0, 256, (2, 15, 24, 3), np.uint8)
     sad: dict[str, Any] = {"preset": "paper", "cost": "sad", "window": 5}
+
     result = ps.match(left, right, num_disparities=7, **sad, p1=40, p2=40)
+
     volume = oracle.aggregate(oracle.sad_costs(left, right, 0, 7), 5, shiftable=True)
     step = oracle.window_penalty(40, 5)
+
     np.testing.assert_array_equal(result.disparity, oracle.scanline(volume, step, step))
     everything = ps.match(left, right, num_disparities=7, **sad, p1=0, p2=0)
     assert (everything.disparity != result.disparity).any(), "the penalty mattered"
@@ -254,12 +279,16 @@ def test_without_fill_flagged_estimates_are_missing(preset: str) -> None:
     left, right = two_surfaces(0, (40, 60))
     dense = ps.match(left, right, num_disparities=12, preset=preset)
     sparse = ps.match(left, right, num_disparities=12, preset=preset, fill=False)
+
     assert np.isfinite(dense.disparity).all()
     assert (dense.flags != 0).any()
+
     np.testing.assert_array_equal(np.isnan(sparse.disparity), dense.flags != 0)
     np.testing.assert_array_equal(sparse.flags, dense.flags & ~ps.Flag.FILLED)
+
     known = np.isfinite(sparse.disparity)
     np.testing.assert_array_equal(sparse.disparity[known], dense.disparity[known])
+
     filled = dense.flags & ps.Flag.FILLED != 0
     np.testing.assert_array_equal(filled, (dense.flags != 0) & (preset == "robust"))
 
@@ -267,25 +296,32 @@ def test_without_fill_flagged_estimates_are_missing(preset: str) -> None:
 @pytest.mark.parametrize("preset", ["paper", "robust"])
 def test_masked_pixels_neither_vote_nor_are_estimated(preset: str) -> None:
     rng = np.random.default_rng(1)
+
     left, right = noise_pair(30, 50, 4)
     masks: dict[str, Any] = {
         "left_mask": rng.random((30, 50)) > 0.1,
         "right_mask": rng.random((30, 50)) > 0.1,
     }
+
     options: dict[str, Any] = {"num_disparities": 8, "preset": preset, **masks}
     result = ps.match(left, right, **options)
+
     garbage = [
         np.where(mask, image, 255 - image)
         for image, mask in zip((left, right), masks.values(), strict=True)
     ]
     again = ps.match(*garbage, **options)
+
     for field in ("disparity", "flags", "confidence"):
         np.testing.assert_array_equal(getattr(again, field), getattr(result, field))
+
     masked = ~masks["left_mask"]
     np.testing.assert_array_equal((result.flags & ps.Flag.MASKED) != 0, masked)
     assert np.isnan(result.disparity[masked]).all()
+
     without_candidate = (result.flags & ps.Flag.NO_CANDIDATE) != 0
     assert without_candidate.any()
+
     missing = masked | (without_candidate & (preset == "paper"))  # else it is filled
     np.testing.assert_array_equal(np.isnan(result.disparity), missing)
     assert (np.rint(result.disparity[:, 8:][~masked[:, 8:]]) == 4).mean() > 0.99
@@ -295,11 +331,14 @@ def test_matches_on_masked_pixels_are_flagged() -> None:
     left, right = noise_pair(20, 30, 3)
     right_mask = np.ones((20, 30), bool)
     right_mask[8:12, 10:13] = False
+
     result = ps.match(left, right, num_disparities=6, right_mask=right_mask, preset="paper")
     columns = np.clip(np.arange(30) - result.disparity, 0, 29).astype(int)
     hit = ~right_mask[np.arange(20)[:, None], columns]
+
     np.testing.assert_array_equal((result.flags & ps.Flag.MATCH_MASKED) != 0, hit)
     assert hit.any()
+
     robust = ps.match(left, right, num_disparities=6, right_mask=right_mask)
     filled = robust.flags & ps.Flag.MATCH_MASKED != 0
     assert (robust.flags[filled] & ps.Flag.FILLED != 0).all()
@@ -312,6 +351,7 @@ def test_nothing_to_match_with_leaves_no_candidate() -> None:
     result = ps.match(
         left, right, num_disparities=3, right_mask=np.zeros((6, 9), bool), confidence=True
     )
+
     assert (result.flags == ps.Flag.NO_CANDIDATE).all()
     assert np.isnan(result.disparity).all()
     assert result.confidence is not None
@@ -331,12 +371,15 @@ def test_nan_under_a_mask_is_welcome() -> None:
 @pytest.mark.parametrize("cost", ["phase", "sad", "nsad"])
 def test_type_layout_and_byte_order_change_nothing(cost: str) -> None:
     rng = np.random.default_rng(2)
+
     left, right = rng.integers(0, 256, (2, 14, 22, 3), np.uint8)
     options: dict[str, Any] = {"num_disparities": 5, "cost": cost, "preset": "paper"}
     expected = ps.match(left, right, **options).disparity
+
     wide = [image.astype(np.uint16) * np.uint16(257) for image in (left, right)]
     alpha = np.dstack([left, rng.integers(0, 256, (14, 22), np.uint8)])
     unaligned = np.frombuffer(b"\0" + wide[0].tobytes(), np.uint8)[1:].view(np.uint16)
+
     variants: list[tuple[Any, Any]] = [
         (np.asfortranarray(left), right),
         (np.repeat(left, 2, axis=1)[:, ::2], right),
@@ -347,6 +390,7 @@ def test_type_layout_and_byte_order_change_nothing(cost: str) -> None:
         (unaligned.reshape(14, 22, 3), wide[1]),
         (left.astype(np.float64), right.astype(">f8")),
     ]
+
     for variant in variants:
         if variant[0].dtype.kind == "f":
             options["intensity_range"] = (0, 255)
@@ -368,21 +412,14 @@ def test_contrast_is_left_alone() -> None:
     assert np.abs(ps.match(dim, right, num_disparities=8).disparity - 3).max() < 0.4
 
 
-def test_threads_change_nothing() -> None:
-    left, right = noise_pair(90, 40, 5)
-    expected = ps.match(left, right, num_disparities=9, threads=1)
-    for threads in range(2, 9):
-        found = ps.match(left, right, num_disparities=9, threads=threads)
-        for field in ("disparity", "flags", "confidence"):
-            np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
-
-
 @pytest.mark.parametrize("fill", [True, False])
 def test_threads_change_nothing_however_columns_and_bands_are_shared(*, fill: bool) -> None:
     left, right = two_surfaces(1, (150, 700, 3))
     mask = np.random.default_rng(3).random((150, 700)) > 0.05
     options: dict[str, Any] = {"num_disparities": 12, "left_mask": mask, "fill": fill}
+
     expected = ps.match(left, right, threads=1, **options)
+
     for threads in (2, 5, 11):
         found = ps.match(left, right, threads=threads, **options)
         for field in ("disparity", "flags", "confidence"):
@@ -399,14 +436,17 @@ def test_windows_larger_than_the_image_are_fine(shape: tuple[int, int]) -> None:
 def test_results_tell_about_themselves_and_travel() -> None:
     left, right = noise_pair(10, 20, 2)
     result = ps.match(left, right, num_disparities=4, confidence=True)
+
     assert result.confidence is not None
     assert result.disparity.dtype == result.confidence.dtype == np.float32
     assert result.flags.dtype == np.uint16
     assert set(result.timings) == {"estimation", "description", "matching", "refinement"}
     assert "20x10, 100.0% estimated" in repr(result)
+
     traveled = pickle.loads(pickle.dumps(result))  # noqa: S301  # our own bytes
     for field in ("disparity", "flags", "confidence"):
         np.testing.assert_array_equal(getattr(traveled, field), getattr(result, field))
+
     assert traveled.settings == result.settings
     assert traveled.timings == result.timings
 
@@ -416,11 +456,13 @@ def test_results_refer_to_the_images_as_given(*, reused: bool) -> None:
     left, right = noise_pair(10, 20, 2)
     match = ps.Matcher().match if reused else ps.match
     color, single = np.repeat(left[:, :, None], 4, axis=2), right[:, :, None]
+
     for images in ((left, right), (color, single)):
         pair = match(*images, num_disparities=4).pair
         assert pair is not None
         assert pair[0] is images[0]
         assert pair[1] is images[1]
+
     pair = match((left / 255).tolist(), right / 255, num_disparities=4).pair
     assert pair is not None
     np.testing.assert_array_equal(pair[0], left / 255)
@@ -430,8 +472,10 @@ def test_the_pair_does_not_travel() -> None:
     images = np.random.default_rng(0).integers(0, 256, (2, 60, 80, 3), np.uint8)
     result = ps.match(*images, num_disparities=4, compensate_blur=False)
     assert copy.copy(result).pair is result.pair is not None
+
     written = pickle.dumps(result)
     alone = pickle.dumps(replace(result, pair=None))
+
     assert len(written) == len(alone)
     assert pickle.loads(written).pair is None  # noqa: S301  # our own bytes
     assert copy.deepcopy(result).pair is None

@@ -33,10 +33,13 @@ def step_map() -> NDArray[np.float32]:
 
 def test_neighbors_of_one_surface_are_joined() -> None:
     mesh = ps.surface_mesh(step_map(), RIG, image=PICTURE)
+
     assert len(mesh.points) == 23
     assert len(mesh.faces) == 2 * (3 * 4 - 1)  # 2 + 2 columns of squares, one without its corner
+
     sides = mesh.points[mesh.faces][:, :, 2]
     assert (np.ptp(sides, axis=1) == 0).all()  # none hangs between the surfaces
+
     joined = ps.surface_mesh(step_map(), RIG, max_step=3)
     assert len(joined.faces) == 2 * (3 * 5 - 1)
     assert joined.picture is None
@@ -60,18 +63,23 @@ def test_triangles_face_the_camera() -> None:
 @pytest.mark.parametrize("image", [PICTURE, PICTURE[:, :, 0], None])
 def test_trimesh_reads_the_surface(tmp_path: Path, image: Any) -> None:
     trimesh = counterpart("trimesh")
+
     mesh = ps.surface_mesh(step_map(), RIG, image=image)
     write_glb(tmp_path / "a.glb", mesh)
     (read,) = trimesh.load(tmp_path / "a.glb", process=False).geometry.values()
+
     assert len(read.faces) == len(mesh.faces)
     triangles = (mesh.points * np.array([1, -1, -1], np.float32))[mesh.faces]
     np.testing.assert_array_equal(read.vertices[read.faces].astype(np.float32), triangles)
+
     if image is None:
         return
+
     texture = np.asarray(read.visual.material.baseColorTexture.convert("RGB"))
     np.testing.assert_array_equal(
         texture, PICTURE if image.ndim == 3 else image[..., None].repeat(3, 2)
     )
+
     x = read.visual.uv[:, 0] * SHAPE[1] - 0.5
     y = (1 - read.visual.uv[:, 1]) * SHAPE[0] - 0.5
     places = np.stack([x, y], axis=1)[read.faces]
@@ -89,15 +97,21 @@ def test_the_file_is_gltf_2(tmp_path: Path) -> None:
 
 def test_what_cannot_be_is_refused(tmp_path: Path) -> None:
     mesh = ps.surface_mesh(step_map(), RIG)
+
     with pytest.raises(ValueError, match=r"^path of a surface must end in \.glb, got '\.obj'"):
         write_glb(tmp_path / "a.obj", mesh)
+
     with pytest.raises(TypeError, match=r"^mesh must be a Mesh, got ndarray"):
         write_glb(tmp_path / "a.glb", mesh.points)  # type: ignore[arg-type]
+
     nothing = ps.surface_mesh(np.full(SHAPE, np.nan, np.float32), RIG)
     with pytest.raises(ValueError, match=r"^mesh: has no triangle"):
         write_glb(tmp_path / "a.glb", nothing)
+
     with pytest.raises(ValueError, match=r"^max_step: got 0; accepts a positive"):
         ps.surface_mesh(step_map(), RIG, max_step=0)
+
     with pytest.raises(ValueError, match=r"^image: got \(3, 6\) pixels; accepts the map's"):
         ps.surface_mesh(step_map(), RIG, image=PICTURE[:3])
+
     assert not list(tmp_path.iterdir())

@@ -82,12 +82,15 @@ def test_middlebury_v2_takes_a_pair() -> None:
 
 def test_middlebury_v3_by_hand() -> None:
     record = metrics.middlebury_v3(ESTIMATE, TRUTH, num_disparities=16)
+
     errors = [0, 0.25, 1, 1, 2, 5]
     assert record.pixels == 8
     assert (record.bad_0_5, record.bad_1, record.bad_2, record.bad_4) == (75.0, 50.0, 37.5, 37.5)
+
     assert record.invalid == 25.0
     assert record.avgerr == pytest.approx(9.25 / 6)
     assert record.rms == pytest.approx(math.sqrt((0.0625 + 1 + 1 + 4 + 25) / 6))
+
     assert record.a50 == pytest.approx(1.0)
     assert record.a90 == pytest.approx(2 + 0.5 * 3)  # halfway between the fifth and the sixth
     assert record.a95 == pytest.approx(np.percentile(errors, 95))
@@ -182,6 +185,7 @@ def test_subpixel_is_about_the_estimates_that_are_right() -> None:
     assert record.rms == pytest.approx(math.sqrt((0.0625 + 1 + 1) / 4))
     assert record.bias == pytest.approx(0.25 / 4)
     assert record.inlier == 1.0
+
     wide = metrics.subpixel(ESTIMATE, TRUTH, where(*[0] * 4, *[1] * 6), inlier=5)
     assert (wide.inliers, wide.bias, wide.rms) == (50.0, 3.5, math.sqrt((4 + 25) / 2))
 
@@ -259,15 +263,18 @@ def test_a_loop_over_pixels_counts_the_same(
             missing += not math.isfinite(d)
             if math.isfinite(d):
                 errors.append(abs(min(max(float(d), 0.0), num_disparities) - float(gt)))
+
     total = len(errors) + missing
     if not total:
         with pytest.raises(ValueError, match="nothing is left to score"):
             metrics.score(estimate, truth, mask=mask)
         return
+
     score = metrics.score(estimate, truth, mask=mask, num_disparities=num_disparities)
     assert score.pixels == total
     assert score.bad_1 == pytest.approx(100 * (sum(e > 1 for e in errors) + missing) / total)
     assert score.invalid == pytest.approx(100 * missing / total)
+
     expected = math.fsum(errors) / len(errors) if errors else NAN
     assert score.avgerr == pytest.approx(expected, nan_ok=True)
 
@@ -333,6 +340,7 @@ def test_middlebury_v2_needs_a_truth_and_a_known_region() -> None:
         metrics.middlebury_v2(FLAT, (FLAT, {}))
     with pytest.raises(ValueError, match=r"masks must hold .* got \['occ'\]"):
         metrics.middlebury_v2(FLAT, (FLAT, {"occ": IN}))
+
     image = np.zeros((2, 3), np.uint8)
     pair = Pair("no truth", image, image, None, None, {}, 16, None)
     with pytest.raises(ValueError, match="pair has no truth"):

@@ -109,13 +109,16 @@ def test_the_map_has_the_colors_of_its_disparities(result: ps.Result) -> None:
 
 def test_words_tell_size_share_reasons_time_and_blur(result: ps.Result) -> None:
     text = shown(result).text
+
     assert "120 x 90 pixels, 98.1% estimated, " in text
     assert "No estimate, gray: 1.9%, flagged occluded 1.9%" in text
     assert "All flags: occluded 1.9%" in text
     assert "mean 1.00" in text
+
     whole = replace(result, disparity=np.ones_like(result.disparity), flags=0 * result.flags)
     assert "No estimate" not in shown(whole).text
     assert "All flags: none" in shown(whole).text
+
     texture = np.random.default_rng(0).integers(0, 256, (64, 72), np.uint8)
     matched = ps.match(texture[:, :68], texture[:, 4:], num_disparities=8)
     assert f"blur: {matched.blur}, " in shown(matched).text
@@ -125,13 +128,17 @@ def test_the_histogram_stands_on_the_colors_of_the_map(result: ps.Result) -> Non
     steps = np.array([[3, 3, 3, 4, 6, 6]] * 2, np.float32)
     whole = replace(result, disparity=steps, flags=np.zeros(steps.shape, np.uint16))
     block = shown(whole)
+
     picture = block.picture("Histogram of disparities from 3.0 to 6.0 pixels, median 3.5")
     assert picture.shape[1] == 4, "one column for each whole disparity"
+
     wanted = colorize(np.array([[3.0, 4.0, 5.0, 6.0]]), low=3, high=6)[0]
     np.testing.assert_array_equal(picture[-1], wanted)
+
     bars = (picture[:72] != NEUTRAL).any(axis=2).sum(axis=0)
     assert bars.tolist() == [72, 24, 0, 48]
     np.testing.assert_array_equal(picture[71, [0, 1, 3]], wanted[[0, 1, 3]])
+
     ticks = re.findall(r'left:([\d.]+)%;">([\d.-]+)<', whole._repr_html_())
     assert {"3", "4", "5", "6"} <= {label for _, label in ticks}
     assert [float(at) for at, _ in ticks] == [25 * (float(label) - 2.5) for _, label in ticks]
@@ -139,11 +146,13 @@ def test_the_histogram_stands_on_the_colors_of_the_map(result: ps.Result) -> Non
 
 def test_the_pair_is_there_if_it_is_known(result: ps.Result) -> None:
     block = shown(result)
+
     for side in ("Left image", "Right image"):
         picture = block.picture(side)
         assert picture.shape == (90, 120, 3)
         assert np.abs(picture[40, 20].astype(int) - (255, 0, 0)).max() < 12
         assert picture[40, 100].max() < 12
+
     alone = shown(replace(result, pair=None))
     assert not any("image" in image["alt"] for image in alone.images)
     assert len(alone.images) == len(block.images) - 2
@@ -155,12 +164,14 @@ def test_style_sheets_of_pages_leave_proportions(
     page = tmp_path / "page.html"
     style = "<style>img { max-width: 100%; height: auto }</style>"  # as in JupyterLab and MkDocs
     page.write_text(style + result._repr_html_(), "utf-8")
+
     for width in (1000, 300):  # the second is narrower than some of the pictures
         browser.open(page, width=width)
         sizes = browser.run(
             "return [...document.images].map((i) => "
             "[i.alt, i.clientWidth, i.clientHeight, i.naturalWidth / i.naturalHeight])"
         )
+
         assert len(sizes) == 5
         for alt, shown, height, shape in sizes:
             if alt.startswith("Histogram"):
@@ -180,9 +191,11 @@ def test_images_of_any_type_are_seen_in_one_scale(result: ps.Result) -> None:
 def test_confidence_is_there_if_there_is_one(result: ps.Result) -> None:
     confidence = np.zeros_like(result.disparity)
     confidence[:, 60:] = 1
+
     picture = shown(replace(result, confidence=confidence)).picture("Map of confidences")
     assert picture[40, 20].sum() < 250
     assert picture[40, 100].sum() > 400
+
     without = shown(replace(result, confidence=None))
     assert not any("confidence" in image["alt"] for image in without.images)
     assert "Confidence" not in without.text
@@ -194,10 +207,12 @@ def test_odd_results_show_themselves(shape: tuple[int, int], value: float) -> No
     disparity = np.full(shape, value, np.float32)
     flags, image = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
     result = ps.Result(disparity, flags, image, ps.Settings(), {}, None, (image, image))
+
     block = shown(result)
     picture = block.picture("Disparity map")
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) == 1
     assert (tuple(picture[0, 0]) == NEUTRAL) == (not np.isfinite(value))
+
     assert any(image["alt"].startswith("Histogram") for image in block.images) == bool(
         np.isfinite(value)
     )
@@ -211,16 +226,21 @@ def test_large_results_stay_small_and_true() -> None:
     disparity[:, :500] = np.nan
     pair = (rng.integers(0, 256, (1500, 2000, 3), np.uint8),) * 2
     confidence = rng.random((1500, 2000), np.float32)
+
     result = ps.Result(
         disparity, np.zeros((1500, 2000), np.uint16), confidence, ps.Settings(), {}, None, pair
     )
+
     html = result._repr_html_()
     assert len(html) < 1_000_000
+
     picture = Block(html).picture("Disparity map, 2000 by 1500 pixels")
     assert picture.shape == (330, 440, 3)
+
     y, x = (((np.arange(size) + 0.5) * 1500 / 330).astype(int) for size in (330, 440))
     low, high = limits(disparity[np.isfinite(disparity)])
     wanted = colorize(disparity[np.ix_(y, x)], low=low, high=high)
+
     assert (wanted[:, :110] == NEUTRAL).all()
     assert np.abs(picture.astype(int) - wanted).max() < 10, "the ends come of a sample"
 
@@ -240,6 +260,7 @@ def test_text_is_escaped(result: ps.Result) -> None:
             return "<script>alert('x')</script>"
 
     hostile: Any = Hostile()
+
     block = shown(replace(result, blur=hostile))
     assert "script" not in block.tags
     assert "<script>alert('x')</script>" in block.text
@@ -256,13 +277,16 @@ def test_estimates_of_blur_show_their_kinds() -> None:
 
 def test_diagnoses_show_their_findings() -> None:
     image = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
+
     diagnosis = ps.check(image[:, :120], 255 - image[:, 8:])
     block = Block(diagnosis._repr_html_())
+
     assert not block.open
     assert block.tags.count("tr") == len(diagnosis.findings) + 1
     assert all(found.sentence in block.text for found in diagnosis.findings)
     assert "128" not in block.text
     assert "120 x 96 pixels" in block.text
+
     warned = sum(found.severity == "warning" for found in diagnosis.findings)
     assert block.tags.count("b") == 1 + 3 * warned
     assert warned
@@ -283,36 +307,44 @@ def test_without_matplotlib_words_remain(
 def test_a_notebook_shows_the_result(result: ps.Result, tmp_path: Path) -> None:
     nbformat, nbclient = counterpart("nbformat"), counterpart("nbclient")
     counterpart("ipykernel")
+
     v4 = nbformat.v4
     notebook = v4.new_notebook(
         cells=[v4.new_code_cell(SETUP), v4.new_code_cell("result"), v4.new_code_cell(OVERVIEW)]
     )
+
     client = nbclient.NotebookClient(
         notebook,
         kernel_name="python3",
         timeout=EXPORTED,
         resources={"metadata": {"path": tmp_path}},
     )
+
     asyncio.run(client.async_execute())
+
     (output,) = notebook.cells[1].outputs
     assert output.output_type == "execute_result"
     assert output.data["text/plain"].startswith("<Result 120x90, 98.1% estimated")
+
     block = Block(output.data["text/html"])
     assert len(block.images) == 5
     np.testing.assert_array_equal(block.picture("Disparity map"), colorize(result.disparity))
     assert "98.1% estimated" in block.text
+
     (drawn,) = notebook.cells[2].outputs  # once, though it was made by pyplot
     assert "image/png" in drawn.data
 
 
 def test_marimo_shows_the_result(result: ps.Result, tmp_path: Path) -> None:
     counterpart("marimo")
+
     cells = "".join(f"    {line}\n" for line in SETUP.strip().splitlines())
     script, page = tmp_path / "notebook.py", tmp_path / "page.html"
     script.write_text(
         "import marimo\n\napp = marimo.App()\n\n\n@app.cell\ndef _():\n"
         f"{cells}    return (result,)\n\n\n@app.cell\ndef _(result):\n    result\n    return\n"
     )
+
     command = [sys.executable, "-m", "marimo", "export", "html", "--no-include-code"]
     done = subprocess.run(  # noqa: S603  # marimo's own command line
         [*command, str(script), "-o", str(page)],
@@ -323,9 +355,11 @@ def test_marimo_shows_the_result(result: ps.Result, tmp_path: Path) -> None:
         timeout=EXPORTED,
         check=False,
     )
+
     assert done.returncode == 0, done.stderr
     written = page.read_text(encoding="utf-8")
     assert "98.1% estimated" in written
+
     uris = re.findall(r"data:image/(?:png|jpeg);base64,[A-Za-z0-9+/=]+", written)
     wanted = colorize(result.disparity)
     assert any(np.array_equal(decoded(uri), wanted) for uri in uris if len(uri) > 500)

@@ -74,8 +74,10 @@ def test_arguments_are_in_the_order_of_opencv() -> None:
     theirs = re.findall(r"\w+", cv2.StereoSGBM_create.__doc__.split("->")[0])[1:]
     ours = inspect.signature(StereoPhase_create).parameters.values()
     assert [p.name for p in ours if p.kind is p.POSITIONAL_OR_KEYWORD] == theirs
+
     in_order = [-3, 24, 7, 8, 32, 2, 5, 11, 50, 3, 1]
     matchers = StereoPhase_create(*in_order), cv2.StereoSGBM_create(*in_order)
+
     for name in theirs:
         get = f"get{name[0].upper()}{name[1:]}"
         assert getattr(matchers[0], get)() == getattr(matchers[1], get)(), name
@@ -120,6 +122,7 @@ def test_keywords_of_setters_are_those_of_opencv() -> None:
 def test_maps_are_sixteenths_of_what_match_finds(pair: Pair) -> None:
     stereo = StereoPhase_create(2, 41)
     disparity = stereo.compute(bgr(pair.left), bgr(pair.right))
+
     result = ps.match(
         pair.left,
         pair.right,
@@ -129,14 +132,17 @@ def test_maps_are_sixteenths_of_what_match_finds(pair: Pair) -> None:
         speckle_size=0,
         fill=False,
     )
+
     assert disparity.dtype == np.int16
     is_outside = np.arange(260) - np.rint(result.disparity) < 0
     assert is_outside.mean() < 0.002
+
     missing = np.isnan(result.disparity) | is_outside
     assert 0.01 < missing.mean() < 0.3
     np.testing.assert_array_equal(disparity == (2 - 1) * 16, missing)
     np.testing.assert_array_equal(disparity[~missing], np.rint(16 * result.disparity[~missing]))
     assert (disparity % 16 != 0).any(), "there are fractions of pixels"
+
     again = stereo.compute(bgr(pair.left), bgr(pair.right))
     np.testing.assert_array_equal(again, disparity)
 
@@ -145,16 +151,21 @@ def test_colors_are_in_the_order_of_opencv() -> None:
     """What can be seen is in the red channel; the blue one says something else."""
     texture = noise_pair(40, 90, 5)
     other = noise_pair(40, 90, 11, seed=1)
+
     images = [
         np.dstack([blue // 3, np.full_like(red, 99), red])
         for blue, red in zip(other, texture, strict=True)
     ]
+
     stereo = StereoPhase_create(0, 16)
     assert np.median(stereo.compute(*images)) == 5 * 16
+
     opaque = [np.dstack([image, np.full((40, 90), 7, np.uint8)]) for image in images]
     np.testing.assert_array_equal(stereo.compute(*opaque), stereo.compute(*images))
+
     reversed_channels = [image[:, :, ::-1] for image in images]
     assert (stereo.compute(*reversed_channels) != stereo.compute(*images)).any()
+
     expected = ps.match(*reversed_channels, num_disparities=16, lr_check=1, speckle_size=0)
     found = StereoPhase_create(0, 16, fill=True).compute(*images)
     np.testing.assert_array_equal(found, np.rint(16 * expected.disparity))
@@ -166,6 +177,7 @@ def test_colors_are_in_the_order_of_opencv() -> None:
 @pytest.mark.parametrize("form", ["gray", "gray, 3-D", "16 bits", "float32", "float64", "strided"])
 def test_any_images(pair: Pair, form: str) -> None:
     images = [cv2.cvtColor(bgr(image), cv2.COLOR_BGR2GRAY) for image in (pair.left, pair.right)]
+
     forms = {
         "gray": images,
         "gray, 3-D": [image[:, :, np.newaxis] for image in images],
@@ -174,6 +186,7 @@ def test_any_images(pair: Pair, form: str) -> None:
         "float64": [image.astype(np.float64) for image in images],
         "strided": [np.repeat(image, 2, axis=1)[:, ::2] for image in images],
     }
+
     stereo = StereoPhase_create(0, COUNT)
     found, plain = stereo.compute(*forms[form]), stereo.compute(*images)
     assert (np.abs(found - plain) <= 16).mean() > 0.99
@@ -191,13 +204,16 @@ def test_any_number_of_disparities(count: int) -> None:
 def test_the_left_border_has_estimates(pair: Pair) -> None:
     images = bgr(pair.left), bgr(pair.right)
     border = np.s_[:, :COUNT]
+
     seen = pair.masks["nonocc"][border]
     ours = StereoPhase_create(0, COUNT).compute(*images)[border]
     assert seen.mean() > 0.3
+
     assert (ours[seen] != INVALID).mean() > 0.85
     assert pair.truth is not None
     both = seen & (ours != INVALID)
     assert (np.abs(ours / 16 - pair.truth[border])[both] <= 1).mean() > 0.85
+
     theirs = cv2.StereoSGBM_create(0, COUNT, 3).compute(*images)[border]
     assert (theirs == INVALID).all()
 
@@ -210,15 +226,19 @@ def test_no_match_outside_the_right_image(pair: Pair) -> None:
 
 def test_negative_disparities(pair: Pair) -> None:
     assert pair.truth is not None
+
     shift = 30
     left, right = bgr(pair.left)[:, shift:], bgr(pair.right)[:, :-shift]
+
     disparity = StereoPhase_create(-shift, COUNT).compute(left, right)
     assert disparity.min() == (-shift - 1) * 16
     assert disparity.max() > 0
+
     found = in_pixels(disparity, (-shift - 1) * 16)
     columns = np.arange(found.shape[1]) - found
     assert np.nanmin(columns) > -0.6
     assert np.nanmax(columns) < found.shape[1] - 0.4
+
     truth, mask = pair.truth[:, shift:] - shift, pair.masks["nonocc"][:, shift:]
     assert bad_pixels(found, truth, 1.0, mask & np.isfinite(found)) < 6
 
@@ -255,6 +275,7 @@ def share(disparity: np.ndarray) -> float:
 
 def test_disp12_max_diff(cones: Pair) -> None:
     images, maps = (bgr(cones.left), bgr(cones.right)), {}
+
     for most in (-1, 0, 1, 2, 8, OFF):
         maps[most] = StereoPhase_create(0, 64, disp12MaxDiff=most).compute(*images)
         expected = ps.match(
@@ -265,16 +286,20 @@ def test_disp12_max_diff(cones: Pair) -> None:
             fill=False,
             lr_check={OFF: None}.get(most, max(most, 1)),
         )
+
         gone = np.isnan(expected.disparity)
         assert (maps[most][gone] == INVALID).all()
         assert (maps[most][~gone] != INVALID).mean() > 0.99
+
     theirs = {
         most: cv2.StereoSGBM_create(0, 64, 3, 216, 864, most).compute(*images)
         for most in (-1, 0, 1, OFF)
     }
+
     for each in (maps, theirs):
         np.testing.assert_array_equal(each[-1], each[1])
         np.testing.assert_array_equal(each[0], each[1])
+
         assert share(each[OFF]) < share(each[1])
     assert share(maps[OFF]) < share(maps[8]) < share(maps[2]) < share(maps[1])
 
@@ -283,16 +308,21 @@ def test_disp12_max_diff(cones: Pair) -> None:
 def test_uniqueness_ratio(cones: Pair, ratio: int) -> None:
     """As OpenCV has it: some cost times (100 - ratio) is below that of the best times 100."""
     options: dict[str, Any] = {"preset": "paper", "optimizer": "wta", "blockSize": 3}
+
     volume = ps.cost_volume(cones.left, cones.right, num_disparities=64)
     costs = ps.aggregate(volume, window=3).astype(np.int64)
+
     best = costs.argmin(axis=2)[:, :, np.newaxis]
     own = np.take_along_axis(costs, best, axis=2)
+
     is_elsewhere = np.abs(np.arange(64) - best) > 1
     is_ambiguous = (is_elsewhere & (costs * (100 - ratio) < own * 100)).any(axis=2)
     is_outside = np.arange(costs.shape[1]) < best[:, :, 0]
+
     found = StereoPhase_create(0, 64, uniquenessRatio=ratio, disp12MaxDiff=OFF, **options).compute(
         bgr(cones.left), bgr(cones.right)
     )
+
     assert (is_ambiguous & ~is_outside).mean() > 0.001
     np.testing.assert_array_equal(found == INVALID, is_ambiguous | is_outside)
 
@@ -306,14 +336,18 @@ def test_what_is_not_unique_is_wrong_more_often(cones: Pair) -> None:
             for ratio in (0, 10, 30, -1)
         ]
         np.testing.assert_array_equal(maps[3], maps[1])
+
         shares = [share(disparity) for disparity in maps[:3]]
         assert shares == sorted(set(shares))
+
         kept = [cones.masks["nonocc"] & (disparity != INVALID) for disparity in maps[:3]]
         assert cones.truth is not None
+
         errors = [
             bad_pixels(disparity / 16, cones.truth, 1.0, each)
             for disparity, each in zip(maps, kept, strict=False)
         ]
+
         assert errors == sorted(set(errors), reverse=True)
 
 
@@ -322,12 +356,15 @@ def test_speckles_are_those_of_opencv(cones: Pair, size: int, most: int) -> None
     """Of whole disparities that nothing smooths: `robust` looks for them before it smooths."""
     images = bgr(cones.left), bgr(cones.right)
     options: dict[str, Any] = {"preset": "paper", "optimizer": "wta", "blockSize": 3}
+
     expected = StereoPhase_create(0, 64, **options).compute(*images)
     before = share(expected)
     cv2.filterSpeckles(expected, INVALID, size, min(16 * most, 32767))
+
     found = StereoPhase_create(0, 64, speckleWindowSize=size, speckleRange=most, **options).compute(
         *images
     )
+
     assert share(expected) > before
     np.testing.assert_array_equal(found, expected)
 
@@ -345,20 +382,24 @@ def test_what_is_in_units_of_costs_changes_nothing(pair: Pair) -> None:
     images = bgr(pair.left), bgr(pair.right)
     stereo = StereoPhase_create(0, COUNT)
     plain = stereo.compute(*images)
+
     stereo.setP1(8 * 3 * 21**2)
     stereo.setP2(32 * 3 * 21**2)
     stereo.setPreFilterCap(63)
     stereo.setMode(cv2.StereoSGBM_MODE_HH)
     stereo.setTextureThreshold(100)
+
     np.testing.assert_array_equal(stereo.compute(*images), plain)
 
 
 @pytest.mark.parametrize(("block", "window"), [(0, 5), (1, 1), (5, 5), (6, 7), (21, 21)])
 def test_blocks_are_windows(pair: Pair, block: int, window: int) -> None:
     images = bgr(pair.left), bgr(pair.right)
+
     stereo = StereoPhase_create(0, COUNT)
     stereo.setBlockSize(block)
     assert stereo.getBlockSize() == block
+
     result = ps.match(
         pair.left,
         pair.right,
@@ -368,10 +409,12 @@ def test_blocks_are_windows(pair: Pair, block: int, window: int) -> None:
         speckle_size=0,
         fill=False,
     )
+
     found = in_pixels(stereo.compute(*images))
     known = ~np.isnan(found)
     assert known.mean() > 0.6
     np.testing.assert_allclose(found[known], result.disparity[known], atol=1 / 32)
+
     right = stereo.compute_right(*images)
     other = StereoPhase_create(0, COUNT, 9).compute_right(*images)
     assert (right != other).mean() > 0.05
@@ -390,15 +433,19 @@ def test_the_parameters_of_the_sample_make_better_maps_than_with_opencv(
         images = bgr(pair.left), bgr(pair.right)
         count = -(-pair.num_disparities // 16) * 16
         options = SAMPLE | {"numDisparities": count, "blockSize": block}
+
         maps = [
             in_pixels(create(minDisparity=0, **options).compute(*images))
             for create in (StereoPhase_create, cv2.StereoSGBM_create)
         ]
+
         ours, theirs = (wrong(pair, disparity) for disparity in maps)
         assert ours < 0.5 * theirs, name
+
         kept = [pair.masks["nonocc"] & np.isfinite(disparity) for disparity in maps]
         assert kept[0].sum() > kept[1].sum()
         assert pair.truth is not None
+
         errors = [bad_pixels(d, pair.truth, 1.0, k) for d, k in zip(maps, kept, strict=True)]
         assert errors[0] < 0.95 * errors[1], name
 
@@ -407,6 +454,7 @@ def test_depth_by_opencv(pair: Pair) -> None:
     camera, truth = pair.calibration, pair.truth
     assert camera is not None
     assert truth is not None
+
     cx, cy = camera.cam0[0][2], camera.cam0[1][2]
     q = np.array(
         [
@@ -416,14 +464,18 @@ def test_depth_by_opencv(pair: Pair) -> None:
             [0, 0, 1 / camera.baseline, camera.doffs / camera.baseline],
         ]
     )
+
     disparity = StereoPhase_create(0, COUNT).compute(bgr(pair.left), bgr(pair.right))
     points = cv2.reprojectImageTo3D(disparity.astype(np.float32) / 16, q)
     depth, expected = points[:, :, 2], camera.depth(truth)
+
     found = pair.masks["nonocc"] & (disparity > disparity.min())
     assert found.mean() > 0.6
+
     error = np.abs(depth / expected - 1)[found]
     assert np.median(error) < 0.005
     assert (error < 0.05).mean() > 0.95
+
     rows, cols = np.mgrid[: depth.shape[0], : depth.shape[1]]
     np.testing.assert_allclose(
         points[:, :, 0][found], ((cols - cx) * depth / camera.focal)[found], rtol=1e-4, atol=1e-3
@@ -438,22 +490,29 @@ def test_the_flow_of_the_sample(pair: Pair, tmp_path: Path) -> None:
     for name, image in (("left", pair.left), ("right", pair.right)):
         cv2.imwrite(str(tmp_path / f"{name}.png"), bgr(image))
     left, right = (cv2.imread(str(tmp_path / f"{name}.png")) for name in ("left", "right"))
+
     stereo = StereoPhase_create(minDisparity=1, numDisparities=COUNT - 1, **SAMPLE)
     disparity = stereo.compute(left, right).astype(np.float32) / 16.0
+
     height, width = left.shape[:2]
     focal = 0.8 * width
+
     q = np.array(
         [[1, 0, 0, -0.5 * width], [0, -1, 0, 0.5 * height], [0, 0, 0, -focal], [0, 0, 1, 0]],
         np.float32,
     )
+
     points = cv2.reprojectImageTo3D(disparity, q)
     mask = disparity > disparity.min()
     colors = cv2.cvtColor(left, cv2.COLOR_BGR2RGB)[mask]
+
     write_ply(tmp_path / "out.ply", points[mask], colors)
     cloud = counterpart("plyfile").PlyData.read(tmp_path / "out.ply")["vertex"]
+
     assert 0.6 * mask.size < len(cloud) == mask.sum() < mask.size
     assert pair.truth is not None
     np.testing.assert_allclose(cloud["z"], -focal / disparity[mask], rtol=1e-4)
+
     seen = pair.masks["nonocc"][mask]
     assert np.median(np.abs(cloud["z"] * pair.truth[mask] / -focal - 1)[seen]) < 0.02
     np.testing.assert_array_equal(cloud["red"], pair.left[:, :, 0][mask])
@@ -466,6 +525,7 @@ def write_ply(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
         "".join(f"property float {axis}\n" for axis in "xyz"),
         "".join(f"property uchar {color}\n" for color in ("red", "green", "blue")),
     )
+
     with path.open("wb") as file:
         file.write(header.encode())
         np.savetxt(file, np.hstack([points, colors]), fmt="%f %f %f %d %d %d ")
@@ -477,18 +537,23 @@ def write_ply(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
 @pytest.mark.parametrize("low", [0, -5, 3])
 def test_maps_of_the_right_image_are_as_those_of_opencv(cones: Pair, low: int) -> None:
     images = bgr(cones.left), bgr(cones.right)
+
     theirs_left = cv2.StereoSGBM_create(low, 64, 3, P1=216, P2=864)
     theirs = cv2.ximgproc.createRightMatcher(theirs_left)
     stereo = StereoPhase_create(low, 64, **SAMPLE)
     ours = createRightMatcher(stereo)
+
     assert ours.getMinDisparity() == theirs.getMinDisparity()
     assert ours.getNumDisparities() == theirs.getNumDisparities()
+
     maps = [matcher.compute(images[1], images[0]) for matcher in (ours, theirs)]
     np.testing.assert_array_equal(maps[0], stereo.compute_right(*images))
     assert maps[0].dtype == maps[1].dtype
+
     invalid = -(low + 64) * 16
     assert maps[0].min() == maps[1].min() == invalid
     assert maps[0].max() <= -low * 16
+
     both = (maps[0] != invalid) & (maps[1] != invalid)
     assert both.mean() > 0.8
     assert (np.abs(maps[0] - maps[1])[both] <= 16).mean() > 0.9
@@ -497,9 +562,11 @@ def test_maps_of_the_right_image_are_as_those_of_opencv(cones: Pair, low: int) -
 def test_maps_of_the_right_image_are_right(pair: Pair) -> None:
     assert pair.truth_right is not None
     disparity = StereoPhase_create(0, COUNT).compute_right(bgr(pair.left), bgr(pair.right))
+
     found = disparity != -COUNT * 16
     columns = np.arange(disparity.shape[1]) - disparity / 16
     assert columns[found].max() < disparity.shape[1] - 0.4
+
     error = np.abs(-disparity / 16 - pair.truth_right)[found]
     assert found.mean() > 0.85
     assert (error <= 1).mean() > 0.85
@@ -517,19 +584,24 @@ def test_both_views_agree_in_the_convention_of_the_filter(pair: Pair) -> None:
 def test_the_wls_filter(pair: Pair) -> None:
     """With everything that the recipe says, made by hand; see the page on OpenCV."""
     images = bgr(pair.left), bgr(pair.right)
+
     stereo = StereoPhase_create(0, COUNT, disp12MaxDiff=OFF)
     left, right = stereo.compute(*images), stereo.compute_right(*images)
+
     wls = cv2.ximgproc.createDisparityWLSFilterGeneric(use_confidence=True)
     wls.setDepthDiscontinuityRadius(1)
     wls.setLambda(500.0)
     wls.setSigmaColor(1.5)
+
     filtered = wls.filter(left, images[0], disparity_map_right=right)
     assert filtered.dtype == np.int16
     assert wrong(pair, filtered / 16, "all") < 0.85 * wrong(pair, in_pixels(left), "all")
     assert wrong(pair, filtered / 16) < wrong(pair, in_pixels(left)) + 0.5
+
     made = createDisparityWLSFilter(stereo)
     for name in ("Lambda", "SigmaColor", "DepthDiscontinuityRadius", "LRCthresh"):
         assert getattr(made, f"get{name}")() == getattr(wls, f"get{name}")()
+
     confidence, nonocc = wls.getConfidenceMap(), pair.masks["nonocc"]
     assert confidence.shape == left.shape
     assert confidence.min() >= 0
@@ -544,17 +616,22 @@ def test_a_program_with_the_wls_filter_and_three_names_exchanged(pair: Pair) -> 
     for module, create in ((cv2.ximgproc, cv2.StereoSGBM_create), (None, StereoPhase_create)):
         make_filter = module.createDisparityWLSFilter if module else createDisparityWLSFilter
         make_right = module.createRightMatcher if module else createRightMatcher
+
         left_matcher = create(minDisparity=0, numDisparities=COUNT, **SAMPLE)
         wls_filter = make_filter(matcher_left=left_matcher)
         right_matcher = make_right(left_matcher)
+
         left_disp = left_matcher.compute(*images)
         right_disp = right_matcher.compute(images[1], images[0])
+
         wls_filter.setLambda(8000.0)
         wls_filter.setSigmaColor(1.5)
         filtered = wls_filter.filter(left_disp, images[0], disparity_map_right=right_disp)
+
         maps[create] = wrong(pair, filtered / 16, "all")
         assert left_matcher.getDisp12MaxDiff() == OFF
         assert left_matcher.getSpeckleWindowSize() == left_matcher.getUniquenessRatio() == 0
+
     assert maps[StereoPhase_create] < 0.7 * maps[cv2.StereoSGBM_create]
 
 
@@ -562,11 +639,14 @@ def test_opencv_is_needed_for_the_filter_alone(monkeypatch: pytest.MonkeyPatch) 
     code = "import sys, phasestereo.integrations.opencv; sys.exit('cv2' in sys.modules)"
     quiet = "-W", "error", "-W", "ignore::UserWarning"
     subprocess.run([sys.executable, *quiet, "-c", code], check=True)  # noqa: S603 - our code
+
     monkeypatch.setitem(sys.modules, "cv2", None)
     monkeypatch.delitem(sys.modules, "cv2.ximgproc", raising=False)
+
     stereo = StereoPhase_create(0, 16, speckleWindowSize=100)
     with pytest.raises(ImportError, match=r"pip install 'phasestereo\[opencv\]'"):
         createDisparityWLSFilter(stereo)
+
     assert stereo.getSpeckleWindowSize() == 100, "what fails changes nothing"
 
 
@@ -575,17 +655,21 @@ def test_opencv_is_needed_for_the_filter_alone(monkeypatch: pytest.MonkeyPatch) 
 
 def test_setters_count_from_the_next_pair_on(pair: Pair) -> None:
     images = bgr(pair.left), bgr(pair.right)
+
     stereo = StereoPhase_create()
     stereo.compute(*images)
+
     stereo.setMinDisparity(2)
     stereo.setNumDisparities(45)
     stereo.setDisp12MaxDiff(3)
     stereo.setUniquenessRatio(7)
     stereo.setSpeckleWindowSize(60)
     stereo.setSpeckleRange(1)
+
     options: dict[str, Any] = {"disp12MaxDiff": 3, "speckleWindowSize": 60, "speckleRange": 1}
     options["uniquenessRatio"] = 7
     expected = StereoPhase_create(2, 45, **options).compute(*images)
+
     np.testing.assert_array_equal(stereo.compute(*images), expected)
 
 
@@ -598,14 +682,17 @@ def test_threads_are_kept_while_settings_are(pair: Pair, monkeypatch: pytest.Mon
             super().__init__(**options)
 
     monkeypatch.setattr("phasestereo.integrations.opencv.stereo.Matcher", Counted)
+
     images = bgr(pair.left)[:40], bgr(pair.right)[:40]
     stereo = StereoPhase_create(0, 20, threads=1)
     for _ in range(2):
         stereo.compute(*images)
         stereo.compute_right(*images)
+
     stereo.setMinDisparity(1)
     stereo.compute(*images)
     assert made == [1, 1]
+
     stereo.setDisp12MaxDiff(2)
     stereo.compute(*images)
     assert made == [1, 1, 1]
@@ -614,7 +701,9 @@ def test_threads_are_kept_while_settings_are(pair: Pair, monkeypatch: pytest.Mon
 def test_presets_and_settings(pair: Pair) -> None:
     images = bgr(pair.left), bgr(pair.right)
     # Without the median, which would lead some disparities out of the image.
+
     stereo = StereoPhase_create(0, COUNT, blockSize=7, preset="fast", threads=2, median=0)
+
     expected = ps.match(
         pair.left,
         pair.right,
@@ -625,7 +714,9 @@ def test_presets_and_settings(pair: Pair) -> None:
         lr_check=1,
         fill=False,
     )
+
     np.testing.assert_array_equal(in_pixels(stereo.compute(*images)), expected.disparity)
+
     doubtful = StereoPhase_create(0, COUNT, min_confidence=0.9).compute(*images)
     assert share(doubtful) > share(StereoPhase_create(0, COUNT).compute(*images)) + 0.02
 
@@ -641,10 +732,12 @@ def test_a_given_array_is_written_to(pair: Pair) -> None:
 
 def test_it_shows_how_it_was_made() -> None:
     stereo = StereoPhase_create(-4, 64, 16, uniquenessRatio=5, preset="fast", power=2)
+
     expected = (
         "StereoPhase(minDisparity=-4, numDisparities=64, blockSize=16, uniquenessRatio=5, "
         "preset='fast', power=2)"
     )
+
     assert repr(stereo) == expected
     assert repr(createRightMatcher(stereo)) == f"RightMatcher({expected})"
     assert repr(StereoPhase_create()) == (
@@ -697,10 +790,13 @@ def test_what_cannot_be_made(options: dict[str, Any], error: type[Exception], me
 
 def test_setters_refuse_and_change_nothing() -> None:
     stereo = StereoPhase_create(0, 64)
+
     with pytest.raises(ValueError, match=r"^numDisparities: got 0"):
         stereo.setNumDisparities(0)
+
     with pytest.raises(TypeError, match=r"^uniquenessRatio: got float"):
         stereo.setUniquenessRatio(1.5)  # type: ignore[arg-type]  # what is tested
+
     assert (stereo.getNumDisparities(), stereo.getUniquenessRatio()) == (64, 0)
     stereo.setNumDisparities(np.int64(32))  # type: ignore[arg-type]  # an integer, if not int
     assert type(stereo.getNumDisparities()) is int
@@ -729,6 +825,7 @@ def test_images_that_are_refused(
     left: Any, right: Any, error: type[Exception], message: str
 ) -> None:
     stereo = StereoPhase_create(0, 16)
+
     for call in (
         stereo.compute,
         stereo.compute_right,
@@ -741,9 +838,11 @@ def test_images_that_are_refused(
 @pytest.mark.parametrize(("low", "is_fine"), [(-75, True), (-74, True), (-76, False), (60, False)])
 def test_disparities_that_lead_out_of_the_images(low: int, *, is_fine: bool) -> None:
     stereo = StereoPhase_create(low, 17)
+
     if is_fine:
         assert stereo.compute(GRAY, GRAY).shape == GRAY.shape
         return
+
     message = f"^minDisparity: got {low}; accepts -75 to 59"
     for compute in (stereo.compute, stereo.compute_right):
         with pytest.raises(ValueError, match=message):

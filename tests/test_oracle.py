@@ -124,9 +124,12 @@ def test_spectrum_is_the_fourier_transform_with_the_center_as_origin(
     length: int, r: int, s: int
 ) -> None:
     gray = np.random.default_rng(0).uniform(0, 255, (4, 3))
+
     spectra = oracle.spectrum(gray, length, r, s)
+
     half = length // 2
     padded = np.pad(gray, half, mode="symmetric")
+
     for y, x in np.ndindex(gray.shape):
         block = padded[y : y + length, x : x + length]
         transform = np.fft.fft2(np.fft.ifftshift(block))
@@ -145,6 +148,7 @@ def test_gaussian_filters_by_hand() -> None:
     """For L = 5: sigma = 1, w = e^-2, e^-1/2, 1, e^-1/2, e^-2."""
     w1, w2 = np.exp(-0.5), np.exp(-2)
     np.testing.assert_allclose(oracle.filter_1d(0, 5, "gaussian"), [w2, w1, 1, w1, w2])
+
     c1, c2 = np.cos(2 * np.pi / 5), np.cos(4 * np.pi / 5)
     kappa = (1 + 2 * w1 * c1 + 2 * w2 * c2) / (1 + 2 * w1 + 2 * w2)
     assert oracle.filter_1d(1, 5, "gaussian")[2] == pytest.approx(1 - kappa)
@@ -253,6 +257,7 @@ def test_classes_are_those_of_tiles_and_go_on_beyond_the_last() -> None:
 
 def test_boundary_distance_by_hand() -> None:
     point = np.array([3 + 4j])
+
     assert oracle.boundary_distance(point, 1, 1) == pytest.approx(4)  # the real axis
     assert oracle.boundary_distance(point, 1, 2) == pytest.approx(3)  # the imaginary axis
     assert oracle.boundary_distance(point, 2, 1) == pytest.approx(3)  # both axes: 2 phi = pi m
@@ -287,6 +292,7 @@ def test_circular_distance_goes_the_short_way_round() -> None:
 
 def test_two_bits_make_it_the_hamming_distance_of_the_signs() -> None:
     spectra = np.array([2 + 1j, -1 + 2j, -2 - 1j, 1 - 2j])
+
     quadrant = oracle.levels(spectra, 1, 2)
     for i, j in itertools.product(range(4), repeat=2):
         signs = (
@@ -331,6 +337,7 @@ def test_nsad_costs_by_hand() -> None:
     left = np.array([[0, 3, 6]], dtype=np.uint8)
     flat = np.full((1, 3), 9, dtype=np.uint8)
     n = 1 / np.sqrt(3)
+
     np.testing.assert_allclose(oracle.normalize(left, 3)[0, :, 0], [-n, 0, n], atol=1e-15)
     np.testing.assert_allclose(
         oracle.nsad_costs(left, flat, 3, 0, 2), [[[n, n], [0, 0], [n, n]]], atol=1e-15
@@ -424,11 +431,14 @@ def test_bits_are_dropped_from_the_sum_of_each_column() -> None:
     """Columns of the middle: 12, 15, 18, without their lowest bit 6, 7, 9."""
     assert oracle.box_sum(NINE, 3, 1)[1, 1, 0] == 22
     assert oracle.aggregate(NINE, 3, shiftable=False, dropped=2)[1, 1, 0] == 3 + 3 + 4
+
     voting = NINE != 5  # 12, 10, 18 without a bit make 20, of which 9 / 8 are 22.5
     voted = oracle.aggregate(NINE, 3, shiftable=False, votes=voting, ceiling=9, dropped=1)
     assert voted[1, 1, 0] == 23
+
     nobody = oracle.aggregate(NINE, 3, shiftable=False, votes=NINE < 0, ceiling=9, dropped=1)
     assert (nobody == 3 * 13).all()
+
     # Each column has two votes of 9, that is 18, or 9 without a bit; 27 * 9 / 6 = 40.5 exceed 39.
     without_a_row = np.array([[[1]], [[1]], [[0]]] * 3) * np.ones((9, 9, 1), int) > 0
     highest = np.full((9, 9, 1), 9)
@@ -484,8 +494,11 @@ def path_cost(costs: NDArray[Any], path: tuple[int, ...], rise: int, drop: int) 
 def test_scanline_finds_the_cheapest_of_all_paths(width: int, number: int, data: Any) -> None:
     cells = st.lists(st.integers(0, 6), min_size=width * number, max_size=width * number)
     costs = np.array([data.draw(cells), data.draw(cells)]).reshape(2, width, number)
+
     rise, drop = data.draw(st.integers(0, 5)), data.draw(st.integers(0, 5))
+
     found = oracle.scanline(costs, rise, drop)
+
     for row, path in zip(costs, found, strict=True):
         every = itertools.product(range(number), repeat=width)
         least = min(path_cost(row, candidate, rise, drop) for candidate in every)
@@ -498,12 +511,14 @@ def test_scanline_finds_the_cheapest_of_all_paths(width: int, number: int, data:
 def test_penalties_are_lower_where_gray_values_jump() -> None:
     """Of 0, 2, 12, 18 the mean step is 6: 10 is more, 18 is not more than thrice that."""
     gray = np.array([[0, 2, 12, 18], [19, 0, 12, 18]])
+
     assert oracle.mean_step(gray[:1]) == 6
     left = oracle.far_penalties(gray[:1], 1, 13, 1.0, (-1, 0))
     assert left.tolist() == [[13, 13, 6, 13]]
     assert oracle.far_penalties(gray[:1], 1, 13, 1.0, (1, 0)).tolist() == [[13, 6, 13, 13]]
     assert oracle.far_penalties(gray[:1], 5, 13, 0.5, (-1, 0)).tolist() == [[13, 13, 5, 6]]
     assert oracle.far_penalties(gray[:1], 1, 13, 0.0, (-1, 0)).tolist() == [[13] * 4]
+
     steep = np.array([[0, 0, 0, 0], [40, 0, 10, 0]])  # steps 0 0 0 40 10 10: mean 10
     assert oracle.far_penalties(steep, 1, 13, 1.0, (0, -1))[1].tolist() == [4, 13, 13, 13]
     assert oracle.far_penalties(steep, 1, 13, 1.0, (0, 1))[0].tolist() == [4, 13, 13, 13]
@@ -530,9 +545,12 @@ def test_totals_are_those_of_the_cheapest_of_all_paths(width: int, number: int, 
     """But for the least total of each pixel before, which is the same for all candidates."""
     cells = st.lists(st.integers(0, 6), min_size=width * number, max_size=width * number)
     costs = np.array(data.draw(cells)).reshape(width, 1, number)
+
     near = data.draw(st.integers(0, 5))
     far = near + data.draw(st.integers(0, 5))
+
     totals = oracle.path_totals(costs, np.full((width, 1), far), near)[-1, 0]
+
     least = [
         min(
             free_path_cost(costs[:, 0], (*before, last), near, far)
@@ -540,6 +558,7 @@ def test_totals_are_those_of_the_cheapest_of_all_paths(width: int, number: int, 
         )
         for last in range(number)
     ]
+
     assert (totals - totals.min()).tolist() == (np.array(least) - min(least)).tolist()
 
 
@@ -610,6 +629,7 @@ def match(left: NDArray[Any], right: NDArray[Any], **overrides: Any) -> NDArray[
         "p1": 2,
         "p2": 2,
     }
+
     return oracle.match_phase(left, right, **(settings | overrides))
 
 

@@ -83,9 +83,11 @@ def test_the_map_is_that_of_the_whole_pair(
     pair: tuple[NDArray[np.uint8], ...], output: str, preset: str
 ) -> None:
     report = match(output, preset=preset)
+
     whole = ps.match(*pair, num_disparities=COUNT, preset=preset)
     np.testing.assert_array_equal(read(output), whole.disparity, strict=True)
     assert left_over() == [output]
+
     assert (report.plan.bands, report.plan.finished, report.plan.rows) == (7, 0, 32)
     assert report.estimated == np.isfinite(whole.disparity).mean()
     assert sum(report.flags.values()) > 0
@@ -123,16 +125,19 @@ def test_flags_and_confidences_come_out_too(
     pair: tuple[NDArray[np.uint8], ...], ending: str
 ) -> None:
     files = {name: f"{name}.{ending}" for name in ("flags", "confidence")}
+
     report = match(
         f"out.{ending}",
         fill=False,
         flags_output=files["flags"],
         confidence_output=files["confidence"],
     )
+
     whole = ps.match(*pair, num_disparities=COUNT, fill=False)
     np.testing.assert_array_equal(read(files["flags"]), whole.flags, strict=True)
     np.testing.assert_array_equal(read(files["confidence"]), whole.confidence, strict=True)
     np.testing.assert_array_equal(read(f"out.{ending}"), whole.disparity, strict=True)
+
     assert np.isnan(whole.disparity).any()
     assert report.flags == {flag: int((whole.flags & flag != 0).sum()) for flag in ps.Flag}
 
@@ -140,12 +145,15 @@ def test_flags_and_confidences_come_out_too(
 def test_what_has_no_data_is_masked(pair: tuple[NDArray[np.uint8], ...]) -> None:
     write_geotiff("left.tif", np.where(pair[0] < 200, pair[0], np.float32(np.nan)))
     write_geotiff("right.tif", pair[1].astype(np.float32))
+
     valid = np.ones((HEIGHT, WIDTH), bool)
     valid[50:120, 30:70] = False
     np.save("mask.npy", valid)
     match(right_mask="mask.npy")
+
     left = read_geotiff("left.tif")
     assert left.mask is not None
+
     whole = ps.match(
         left.image,
         pair[1].astype(np.float32),
@@ -153,6 +161,7 @@ def test_what_has_no_data_is_masked(pair: tuple[NDArray[np.uint8], ...]) -> None
         left_mask=left.mask,
         right_mask=valid,
     )
+
     np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)
 
 
@@ -160,15 +169,18 @@ def test_what_has_no_data_is_masked(pair: tuple[NDArray[np.uint8], ...]) -> None
 def test_the_map_lies_where_the_left_image_does() -> None:
     write_geotiff("right.tif", texture(HEIGHT, WIDTH)[1])
     match("out.tif", flags_output="flags.tif")
+
     for name in ("out.tif", "flags.tif"):
         found = read_geotiff(name)
         assert found.georeference.crs == rasterio.CRS.from_epsg(32631)
         assert tuple(found.georeference.transform)[:6] == PLACE.transform
         assert "APPROXIMATE" not in found.tags
+
     with rasterio.open("out.tif") as file:
         assert np.isnan(file.nodata)
         assert file.profile["tiled"]
         assert file.descriptions == ("disparity",)
+
     match("out.zarr")
     attributes = zarr.open_array("out.zarr").attrs
     assert tuple(attributes["transform"]) == PLACE.transform
@@ -237,6 +249,7 @@ def test_a_run_goes_on_where_it_ended(
 ) -> None:
     with pytest.raises(error):
         match(preset=preset, progress=end_after(3, error))
+
     before = blocks()
     assert len(before) == 3
     seen: list[int] = []
@@ -249,6 +262,7 @@ def test_a_run_goes_on_where_it_ended(
     assert sorted(seen) == seen
     assert {96, 128, 160, 192, HEIGHT} <= set(seen)
     assert (report.plan.bands, report.plan.finished) == (4, 3)
+
     whole = ps.match(*pair, num_disparities=COUNT, preset=preset)
     np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)
 
@@ -270,16 +284,21 @@ def test_a_band_that_is_missing_is_matched_alone(
 ) -> None:
     with pytest.raises(EndingError):
         match(preset=preset, progress=end_after(5))
+
     names = sorted(blocks())
     for name in names[1:3]:
         Path("out.npy.part", name).unlink()
     kept = blocks()
+
     with pytest.raises(EndingError):
         match(preset=preset, band_rows=40, progress=end_after(4))
+
     (added,) = blocks().keys() - kept.keys()
     assert added.startswith("rows00000032-00000040")
+
     report = match(preset=preset, band_rows=7)
     assert (report.plan.bands, report.plan.finished) == (9 + 8, 4)
+
     whole = ps.match(*pair, num_disparities=COUNT, preset=preset)
     np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)
 
@@ -314,6 +333,7 @@ def test_a_run_that_is_killed_again_and_again_comes_to_the_same(
 ) -> None:
     known: dict[str, tuple[int, int]] = {}
     kills = 0
+
     for _ in range(3):
         process = subprocess.Popen([sys.executable, "-c", SLOW, preset])  # noqa: S603  # our own
         wait_for_block(len(known), process)
@@ -321,12 +341,15 @@ def test_a_run_that_is_killed_again_and_again_comes_to_the_same(
         kills += process.wait() == -signal.SIGKILL
         assert known.items() <= blocks().items()  # nothing is done twice
         known = blocks()
+
     assert kills == 3
     assert not Path("out.npy").exists()
+
     report = match(preset=preset)
     assert report.plan.finished == len(known)
     whole = ps.match(*pair, num_disparities=COUNT, preset=preset)
     np.testing.assert_array_equal(np.load("out.npy"), whole.disparity)
+
     assert left_over() == ["out.npy"]
 
 
@@ -344,10 +367,12 @@ def test_a_run_of_another_kind_is_refused(change: dict[str, Any], told: str) -> 
     with pytest.raises(EndingError):
         match(preset="fast", progress=end_after(3))
     before = blocks()
+
     with pytest.raises(ValueError, match=r"^restart: got False, but .*part holds") as error:
         match(preset="fast", **change)
     assert told in str(error.value)
     assert blocks() == before
+
     report = match(preset="fast", restart=True, **change)
     assert (report.plan.bands, report.plan.finished) == (7, 0)
 
@@ -429,12 +454,14 @@ def test_too_little_memory_is_told_with_what_would_do() -> None:
 @pytest.mark.parametrize("memory", ["1MB", "50MB"], ids=["at opening", "with all else"])
 def test_large_blocks_of_a_file_are_told_where_they_are_to_blame(memory: str) -> None:
     side = 6144
+
     for name in ("left.tif", "right.tif"):
         with rasterio.open(
             name, "w", driver="GTiff", dtype="uint8", count=1, width=side, height=side, tiled=True,
             blockxsize=side, blockysize=side, sparse_ok=True, transform=PLACED,
         ):  # fmt: skip
             pass
+
     with pytest.raises(ValueError, match=r"stored in blocks of 6144 rows, which are read"):
         match(max_memory=memory, preset="fast", num_disparities=1)
 
@@ -475,13 +502,16 @@ def test_outputs_that_cannot_be_are_told_before_anything_is_matched() -> None:
     Path("folder.npy").mkdir()
     Path("folder.zarr").mkdir()
     Path("folder.zarr/diary.txt").touch()
+
     for output, kind in (("folder.npy", "a regular file"), ("folder.zarr", "a Zarr array")):
         with pytest.raises(OSError, match=f"{output} exists and is not {kind}"):
             match(output)
+
     with pytest.raises(FileNotFoundError, match="no such folder"):
         match("nowhere/out.npy")
     with pytest.raises(FileNotFoundError, match="no such folder"):
         match(flags_output="nowhere/out.npy")
+
     assert left_over() == ["folder.npy", "folder.zarr"]
 
 
@@ -511,6 +541,7 @@ def test_a_truncated_image_ends_the_run_and_keeps_what_is_finished(
 ) -> None:
     for name, image in zip(("left.npy", "right.npy"), pair, strict=True):
         np.save(name, image)
+
     whole = Path("right.npy").read_bytes()
     given: dict[str, Any] = {"num_disparities": COUNT, "max_memory": MEMORY, "band_rows": 32}
     given["preset"] = "fast"  # which reads few rows ahead
@@ -523,6 +554,7 @@ def test_a_truncated_image_ends_the_run_and_keeps_what_is_finished(
         ValueError, match=r"right.npy: rows \d+ to \d+ cannot be read: the file ends"
     ):
         outofcore.match("left.npy", "right.npy", "out.npy", progress=progress, **given)
+
     assert len(blocks()) >= 2
     assert left_over() == ["left.npy", "out.npy.part", "right.npy"]
 
@@ -550,16 +582,20 @@ def test_a_full_disk_is_told_and_what_is_finished_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: str, limit: int, told: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
+
     random = np.random.default_rng(0)
     for name in ("left.npy", "right.npy"):
         np.save(name, random.integers(0, 256, (1000, 100), np.uint8))
+
     done = subprocess.run(  # noqa: S603  # our own
         [sys.executable, "-c", LIMITED, output, str(limit)],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
+
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()[-1]
     assert re.match(f"^OSError: .*{told}", last), last
+
     kept = list(Path().glob("out.*.part/rows*.npz"))
     assert len(kept) == (0 if limit == 20_000 else 32)
     assert not [path for path in Path().iterdir() if path.name.endswith(".draft")]
@@ -575,14 +611,17 @@ def test_disparities_beyond_the_sample_are_searched(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     right = np.random.default_rng(0).integers(0, 256, (40, 2600), np.uint8)
+
     left = np.roll(right, sign * 2150, axis=1)
     write_geotiff("left.tif", left)
     write_geotiff("right.tif", right)
+
     search: dict[str, Any] = {
         "num_disparities": 16,
         "min_disparity": sign * 2150 - 8,
         "preset": "fast",
     }
+
     match(**search)
     np.testing.assert_array_equal(np.load("out.npy"), ps.match(left, right, **search).disparity)
 
@@ -619,9 +658,11 @@ def test_the_cache_of_gdal_is_limited_whatever_the_name_of_a_file(
         return env(**given)
 
     monkeypatch.setattr(rasterio, "Env", limited)
+
     for name in ("left", "right"):
         Path(f"{name}.tif").rename(name)
     outofcore.match("left", "right", "out.npy", num_disparities=COUNT, max_memory=MEMORY)
+
     assert [list(given) for given in limits] == [["GDAL_CACHEMAX"]]
     np.testing.assert_array_equal(
         np.load("out.npy"), ps.match(*pair, num_disparities=COUNT).disparity

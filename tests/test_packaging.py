@@ -22,11 +22,9 @@ from packaging.utils import canonicalize_name
 import phasestereo as ps
 from conftest import ROOT, counterpart
 from phasestereo._extras import require
-from phasestereo.integrations import opencv
 from phasestereo.integrations import xarray as labeled
-from phasestereo.io import read_image, write_geotiff
+from phasestereo.io import read_geotiff, read_image, write_geotiff
 from phasestereo.views.picture import colorize
-from phasestereo.views.templating import render_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -79,6 +77,7 @@ def run(
 ) -> subprocess.CompletedProcess[str]:
     """Run Python in a process of its own, from which this package can be imported."""
     path = os.pathsep.join([str(ROOT / "python"), os.environ.get("PYTHONPATH", "")])
+
     return subprocess.run(  # noqa: S603  # our own interpreter on our own code
         [sys.executable, *arguments],
         capture_output=True,
@@ -97,6 +96,7 @@ def test_an_import_loads_numpy_and_nothing_else_from_outside() -> None:
         "import sys; before = set(sys.modules); import phasestereo\n"
         "print(*{name.partition('.')[0] for name in set(sys.modules) - before})",
     )
+
     assert (finished.returncode, finished.stderr) == (0, "")
     assert set(finished.stdout.split()) - sys.stdlib_module_names == {"numpy", "phasestereo"}
 
@@ -108,10 +108,12 @@ def test_an_import_loads_none_of_what_only_some_need() -> None:
         "import sys, numpy; before = set(sys.modules); import phasestereo\n"
         "print(*set(sys.modules) - before)",
     )
+
     loaded = set(finished.stdout.split())
     assert (
         loaded & {"inspect", "importlib.metadata", "email", "json", "tomllib", "asyncio"} == set()
     )
+
     ours = {name.removeprefix("phasestereo.") for name in loaded}
     assert "_core" in ours
     others = {"bands", "cli", "integrations", "io", "metrics", "rectification", "stages", "views"}
@@ -158,12 +160,14 @@ def test_all_is_everything() -> None:
 def brought(extra: str) -> set[str]:
     """Return the distributions that an extra names, itself and by the extras it is made of."""
     names: set[str] = set()
+
     for line in EXTRAS[extra]:
         asked = Requirement(line)
         if asked.name == "phasestereo":
             names = names.union(*(brought(inner) for inner in asked.extras))
         else:
             names.add(canonicalize_name(asked.name))
+
     return names
 
 
@@ -171,18 +175,22 @@ def with_theirs(names: set[str]) -> set[str]:
     """Return distributions and all that these depend on, as far as they are installed."""
     known: set[str] = set()
     waiting = list(names)
+
     while waiting:
         name = waiting.pop()
         if name in known:
             continue
         known.add(name)
+
         try:
             lines = metadata.requires(name) or []
         except metadata.PackageNotFoundError:
             continue
+
         asked = [Requirement(line) for line in lines]
         needed = [one for one in asked if one.marker is None or one.marker.evaluate({"extra": ""})]
         waiting += [canonicalize_name(one.name) for one in needed]
+
     return known
 
 
@@ -211,15 +219,19 @@ def asked_for() -> list[tuple[str, str, str]]:
 def _arguments(path: str, tree: ast.Module, call: ast.Call) -> list[tuple[str, str]]:
     """Return the modules and extras that a call may name: constants, or those of a loop."""
     module, extra = call.args[0], call.keywords[0].value
+
     if isinstance(module, ast.Constant) and isinstance(extra, ast.Constant):
         return [(str(module.value), str(extra.value))]
+
     assert isinstance(module, ast.Name), f"{path}:{call.lineno}: say what it needs by a constant"
     if (path, module.id) in DYNAMIC:
         names: Any = DYNAMIC[path, module.id]
     else:
         names = _looped(path, tree, call)
+
     if isinstance(names, dict):
         return list(names.items())
+
     assert isinstance(extra, ast.Constant)
     return [(name, str(extra.value)) for name in names]
 
@@ -227,8 +239,10 @@ def _arguments(path: str, tree: ast.Module, call: ast.Call) -> list[tuple[str, s
 def _looped(path: str, tree: ast.Module, call: ast.Call) -> Any:
     """Return what the loop around a call goes through: a literal, or a constant of the module."""
     loops = [node for node in ast.walk(tree) if isinstance(node, ast.For)]
+
     around = next((loop for loop in loops if call in ast.walk(loop)), None)
     assert around is not None, f"{path}:{call.lineno}: say what it needs by a constant"
+
     values = around.iter
     if isinstance(values, ast.Call) and isinstance(values.func, ast.Attribute):
         values = values.func.value  # of .items()
@@ -238,6 +252,7 @@ def _looped(path: str, tree: ast.Module, call: ast.Call) -> Any:
             for node in tree.body
             if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == values.id
         )
+
     return ast.literal_eval(values)
 
 
@@ -293,18 +308,21 @@ def test_every_command_that_is_named_installs_something() -> None:
         ROOT / "README.md",
         *(ROOT / "docs").rglob("*.md"),
     ]
+
     named = {
         extra
         for path in files
         for extras in re.findall(r"pip install '?(?:phasestereo|\.)\[([\w,]+)\]", path.read_text())
         for extra in extras.split(",")
     }
+
     assert "io" in named
     assert named <= EXTRAS.keys()
 
 
 def test_what_is_optional_is_never_imported_outright() -> None:
     ours = {"phasestereo", "numpy", *sys.stdlib_module_names}
+
     freely = [
         f"{path}:{node.lineno}: {name}"
         for path, tree in sources()
@@ -312,6 +330,7 @@ def test_what_is_optional_is_never_imported_outright() -> None:
         if name not in ours
         and canonicalize_name(DISTRIBUTIONS.get(name, name)) not in _allowed(path)
     ]
+
     assert freely == []
 
 
@@ -350,10 +369,6 @@ def _color(_: Path) -> object:
     return colorize(np.ones((8, 8), np.float32))
 
 
-def _page(_: Path) -> object:
-    return render_page("pair.html.j2")
-
-
 def _film(folder: Path) -> object:
     (folder / "video.mp4").touch()
     return ps.stream(folder / "video.mp4", num_disparities=16)
@@ -364,26 +379,25 @@ def _record(folder: Path) -> object:
         return recording
 
 
-def _filter(_: Path) -> object:
-    return opencv.createDisparityWLSFilter(opencv.StereoPhase_create())
-
-
 def _label(_: Path) -> object:
-    return labeled.as_dataset(ps.match(*np.zeros((2, 40, 60), np.uint8), num_disparities=8))
+    return labeled.as_dataset(ps.match(*PAIR, num_disparities=8))
+
+
+PAIR = np.zeros((2, 40, 60), np.uint8)
 
 
 CALLS = [
     ("PIL", "io", _read("a.png")),
     ("tifffile", "io", _read("a.tif")),
     ("matplotlib", "plot", _color),
-    ("matplotlib", "plot", lambda _: ps.views.plot.disparity(np.ones((8, 8), np.float32))),
-    ("jinja2", "report", _page),
-    ("cv2", "opencv", _filter),
     ("cv2", "live", lambda _: ps.stream(0, num_disparities=16)),
+    ("cv2", "rectify", lambda _: ps.rectify(PAIR[0], PAIR[1])),
     ("av", "live", _film),
     ("rerun", "rerun", _record),
     ("rasterio", "geo", lambda folder: write_geotiff(folder / "out.tif", np.ones((8, 8), "f4"))),
+    ("rasterio", "geo", lambda folder: read_geotiff(folder / "a.tif")),
     ("xarray", "geo", _label),
+    ("dask", "dask", lambda _: ps.integrations.dask.match(PAIR[0], PAIR[1], num_disparities=8)),
 ]
 
 
@@ -413,9 +427,11 @@ def test_the_plugin_without_pandora_says_how_to_get_it() -> None:
     finished = run(
         "-c", "import sys; sys.modules['pandora'] = None\nimport phasestereo.integrations.pandora"
     )
+
     told = (
         "ImportError: pandora is not installed; it comes with: pip install 'phasestereo[pandora]'"
     )
+
     assert finished.returncode == 1
     assert finished.stderr.endswith(f"{told}\n")
 
@@ -443,7 +459,9 @@ HARNESS_PROJECT = tomllib.loads((HARNESS / "pyproject.toml").read_text("utf-8"))
 def test_the_package_holds_and_imports_nothing_of_the_harness() -> None:
     assert [path.name for path in PACKAGE.parent.iterdir() if path.is_dir()] == ["phasestereo"]
     trees = dict(sources())
+
     assert len(trees) > 50
+
     imported = [
         f"{path}:{node.lineno}"
         for path, tree in trees.items()
@@ -451,16 +469,20 @@ def test_the_package_holds_and_imports_nothing_of_the_harness() -> None:
         if isinstance(node, ast.Import | ast.ImportFrom)
         and "phasestereo_bench" in ast.unparse(node)
     ]
+
     assert imported == []
 
 
 def test_the_harness_is_made_for_this_version_and_asks_for_what_it_imports() -> None:
     core = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["package"]["version"]
+
     asked = {one.name: one for one in map(Requirement, HARNESS_PROJECT["dependencies"])}
     ours = asked.pop("phasestereo")
     assert (HARNESS_PROJECT["version"], str(ours.specifier)) == (core, f"=={core}")
+
     there = {canonicalize_name(name) for name in asked}.union(*map(brought, ours.extras))
     freely = {"phasestereo", "phasestereo_bench", "numpy", *sys.stdlib_module_names}
+
     imported = {
         canonicalize_name(DISTRIBUTIONS.get(name, name))
         for path in HARNESS.rglob("*.py")
@@ -469,6 +491,7 @@ def test_the_harness_is_made_for_this_version_and_asks_for_what_it_imports() -> 
         for _, name in _imports(ast.Module([node], []))
         if name not in freely
     }
+
     assert {"scipy", "cyclopts"} <= imported <= with_theirs(there)
 
 
@@ -528,10 +551,13 @@ def complaints(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Return what mypy has against the scripts of a user who has installed the package."""
     counterpart("mypy")
     folder = tmp_path_factory.mktemp("user")
+
     shutil.copy(ROOT / "tests/user_script.py", folder / "right.py")
     (folder / "wrong.py").write_text(WRONG)
+
     options = "--strict", "--no-error-summary", "--config-file=", f"--cache-dir={folder / 'cache'}"
     finished = run("-m", "mypy", *options, "right.py", "wrong.py", cwd=folder)
+
     assert finished.stderr == ""
     return finished.stdout.splitlines()
 
@@ -573,16 +599,20 @@ def test_everything_beside_the_code_is_in_the_source_distribution(tmp_path: Path
     maturin = shutil.which("maturin", path=Path(sys.executable).parent) or shutil.which("maturin")
     if maturin is None or shutil.which("cargo") is None:
         pytest.skip("maturin or cargo is not installed")
+
     subprocess.run(  # noqa: S603  # our own build tool
         [maturin, "sdist", "--out", str(tmp_path)], cwd=ROOT, check=True, capture_output=True
     )
+
     (archive,) = tmp_path.glob("*.tar.gz")
     with tarfile.open(archive) as packed:
         names = {name.partition("/")[2] for name in packed.getnames()}
+
     there = {path.relative_to(ROOT).as_posix() for path in PACKAGE.rglob("*") if _is_kept(path)}
     assert {f"python/phasestereo/{name}" for name in ("py.typed", "_core.pyi")} <= there
     assert any(name.endswith(".j2") for name in there)
     assert there <= names
+
     assert {"LICENSE", "README.md", "Cargo.lock", "rust/lib.rs", "pyproject.toml"} <= names
     assert not [name for name in names if name.endswith((".so", ".pyd"))]
 

@@ -88,11 +88,14 @@ def told(page: Path) -> Any:
 def test_needs_nothing_beside_it(tmp_path: Path, result: ps.Result) -> None:
     page = tmp_path / "page.html"
     write_pair_page(page, *pair_of(), result, num_disparities=COUNT)
+
     text = Told(page).text
     assert "40 \N{MULTIPLICATION SIGN} 24 pixels, 8 disparities searched: 0 to 7 px." in text
+
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page.read_text("utf-8"))
     assert policy
     assert policy[1].startswith("default-src 'none'")
+
     assert list(tmp_path.iterdir()) == [page]
 
 
@@ -108,17 +111,22 @@ def test_titles_are_text(tmp_path: Path, result: ps.Result) -> None:
 
 def test_metrics_are_those_of_the_library(tmp_path: Path, result: ps.Result) -> None:
     page = tmp_path / "page.html"
+
     truth = np.full(SHAPE, 3.0)
     truth[0, 0] = np.nan
     mask = np.ones(SHAPE, dtype=bool)
     mask[:, :5] = False
+
     write_pair_page(page, *pair_of(), result, truth=truth, mask=mask)
+
     score = ps.metrics.score(result.disparity, truth, mask=mask)
     text = Told(page).text
     for name, value in (("bad-0.5", f"{score.bad_0_5:.2f} %"), ("rms", f"{score.rms:.2f} px")):
         assert re.search(rf"{name}\s*{re.escape(value)}", text)
+
     assert re.search(rf"pixels scored\s*{score.pixels:,}", text)
     assert re.search(rf"mean error \(avgerr, EPE\)\s*{score.avgerr:.2f} px", text)
+
     assert score.avgerr == score.epe  # one number, one row
     assert text.count("EPE") == 1
 
@@ -176,10 +184,13 @@ def test_refusals_leave_the_file_alone(
     page.write_text("earlier")
     left, right = pair_of()
     given: dict[str, Any] = {"left": left, "right": right, "result": result} | wrong
+
     with pytest.raises(error, match=message):
         write_pair_page(page, **given)
+
     with pytest.raises(ValueError, match=r"^path must end in \.html or \.htm, got '\.pdf'"):
         write_pair_page(tmp_path / "page.pdf", left, right, result)
+
     assert page.read_text() == "earlier"
     assert list(tmp_path.iterdir()) == [page]
 
@@ -250,12 +261,14 @@ def test_blur_in_words() -> None:
 
     assert say(none).verdict.startswith("No relative blur")
     assert say(disk).verdict == "Relative blur: the left image is softer than the other."
+
     told = say(disk, none)
     assert told.verdict.endswith("the left image is softer than the other, not everywhere alike.")
     assert [(area.words, area.share) for area in told.areas] == [
         ("left image: out of focus, a disk of radius 4.00 px", 0.75),
         ("no relative blur", 0.25),
     ]
+
     assert "now one image, now the other" in say(disk, motion).verdict
     assert say(disk, motion).areas[1].words == "right image: motion by 9.0 px at 45°"
 
@@ -263,11 +276,14 @@ def test_blur_in_words() -> None:
 def test_tiles_lie_on_their_pixels() -> None:
     kinds = ps.Blur("none", "none", 0.0, 0.0), ps.Blur("left", "disk", 4.0, 0.0)
     labels = np.array([[0, 1], [1, 0]], dtype=np.uint8)
+
     estimate = ps.BlurEstimate(kinds, labels, 16, 0.9, 1.0, (1.0, 1.0))
     uri = blur_facts(estimate, (33, 45)).map.partition(",")[2]
     drawn = np.asarray(decode_raster(io.BytesIO(base64.b64decode(uri))))
+
     assert drawn.shape == (33, 45, 3)
     first = (drawn == drawn[0, 0]).all(axis=2)  # the last tile of a row is as wide as is left
+
     expected = np.zeros((33, 45), dtype=bool)
     expected[:16, :16] = expected[16:, 16:] = True
     assert (first == expected).all()
@@ -275,12 +291,15 @@ def test_tiles_lie_on_their_pixels() -> None:
 
 def test_charts_count_every_pixel(result: ps.Result) -> None:
     truth = np.full(SHAPE, 3, dtype=np.float32)
+
     truth[:, -1] = np.nan
     scored = np.isfinite(truth)
+
     shown = charts(result, truth, scored)
     estimated = 100 * np.isfinite(result.disparity).mean()
     assert sum(shown["disparities"]["found"]) == pytest.approx(estimated)
     assert sum(shown["reliability"]["pixels"]) == np.count_nonzero(scored)
+
     errors = np.abs(result.disparity - truth)[scored]
     limit = shown["errors"]["thresholds"][40]
     assert shown["errors"]["wrong"][40] == pytest.approx(100 * (errors > limit).mean())
@@ -291,9 +310,11 @@ def test_points_lie_where_the_calibration_says() -> None:
     disparity[0] = 0  # infinitely far
     disparity[1] = np.nan
     disparity[2, :3] = 0.5  # far beyond the others
+
     scene = scene_points(disparity, None, step=1)
     assert scene.nominal
     assert (scene.geometry.focal, scene.total, scene.shown) == (20, 160, 157)
+
     assert scene.far == pytest.approx(3 / 160)
     assert scene.limit < scene.geometry.depth(0.5)
     assert scene_points(disparity, None, step=1, max_depth=1e3).shown == 160
@@ -302,11 +323,14 @@ def test_points_lie_where_the_calibration_says() -> None:
 def test_codes_hold_disparities_to_a_fine_step() -> None:
     values = np.array([[-3.2, 0.3, np.nan, np.inf, 250.7]], dtype=np.float32)
     coding = coding_of(values, None)
+
     codes = coding.encode(values)
     assert codes[0, 2:4].tolist() == [65535, 65535]
+
     decoded = coding.low + coding.step * codes
     known = np.isfinite(values)
     assert np.abs(decoded - values)[known].max() <= 1 / 256 + 1e-6
+
     wide = coding_of(np.array([[0, 2000]], dtype=np.float32))
     assert wide.encode(np.array([[0, 2000]], dtype=np.float32)).tolist() == [[0, 65534]]
     assert coding_of(np.full((1, 1), np.nan, np.float32)).encode(values).dtype == np.uint16
@@ -316,15 +340,19 @@ def test_full_hd_takes_no_more_than_a_few_megabytes(tmp_path: Path) -> None:
     """A picture with detail, and disparities with the noise of sub-pixel estimates."""
     random = np.random.default_rng(0)
     rows, cols = 1080, 1920
+
     coarse = random.integers(0, 256, (rows // 8, cols // 8, 3)).repeat(8, axis=0).repeat(8, axis=1)
     left = (coarse // 2 + random.integers(0, 24, (rows, cols, 3))).astype(np.uint8)
+
     ramp = np.linspace(20, 100, rows, dtype=np.float32)[:, np.newaxis]
     disparity = (ramp + random.normal(0, 0.05, (rows, cols))).astype(np.float32)
     confidence = random.uniform(0.9, 1, (rows, cols)).astype(np.float32)
     flags = np.zeros((rows, cols), np.uint16)
     result = ps.Result(disparity, flags, confidence, ps.Settings(), {"matching": 1.0}, None)
+
     page = tmp_path / "page.html"
     write_pair_page(page, left, left, result)
+
     assert page.stat().st_size < 8e6  # noise, which nothing compresses, is most of it
     assert not told(page)["exact"]
     assert "compressed with loss" in Told(page).text

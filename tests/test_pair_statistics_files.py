@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from phasestereo import bands
+from test_pair_statistics import assert_same
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,7 +67,7 @@ def raw_archive() -> bytes:
 
 
 @pytest.mark.parametrize("content", [
-    b"", b"PK\x03\x04" + bytes(100), archive("[1]"), archive("[" * 100_000), raw_archive(),
+    archive("[1]"), archive("[" * 100_000), raw_archive(),
 ])  # fmt: skip
 def test_a_file_that_is_no_statistics_is_refused(path: Path, content: bytes) -> None:
     path.write_bytes(content)
@@ -76,16 +76,15 @@ def test_a_file_that_is_no_statistics_is_refused(path: Path, content: bytes) -> 
 
 
 def test_statistics_that_is_damaged_anywhere_is_refused_or_whole(path: Path) -> None:
-    content = path.read_bytes()
+    whole, content = bands.load(path), path.read_bytes()
+
     for place in range(0, len(content), 3):
         damaged = bytearray(content)
         damaged[place] ^= 0xFF
         path.write_bytes(damaged)
-        with suppress(ValueError):
-            bands.load(path)
-
-
-def test_a_truncated_survey_is_refused(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ValueError, match=r"statistics.npz: "):
-        bands.load(path)
+        try:
+            loaded = bands.load(path)
+        except ValueError as error:
+            assert "statistics.npz: " in str(error)  # noqa: PT017 - most are refused, not all
+        else:
+            assert_same(loaded, whole)

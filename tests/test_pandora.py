@@ -64,14 +64,19 @@ def gray(image: NDArray[Any]) -> Plane:
 def dataset(image: NDArray[Any], search: tuple[int, int], mask: NDArray[Any] | None = None) -> Any:
     """Return an image as Pandora reads it from a file."""
     dims = ("band_im", "row", "col")[-image.ndim :]
+
     rows, cols = image.shape[-2:]
     coords: dict[str, Any] = {"row": np.arange(rows), "col": np.arange(cols)}
+
     if image.ndim == 3:
         coords["band_im"] = ["r", "g", "b"]
+
     attrs = {"valid_pixels": 0, "no_data_mask": NO_DATA, "crs": None, "transform": None}
     found = xarray.Dataset({"im": (dims, image.astype(np.float32))}, coords, attrs)
+
     if mask is not None:
         found["msk"] = ("row", "col"), mask.astype(np.int16)
+
     return pandora.img_tools.add_disparity(found, list(search), window=None)
 
 
@@ -81,10 +86,12 @@ def volume(
     """Return the masked costs of a step as the state machine works them out."""
     step = pandora.matching_cost.AbstractMatchingCost(**{**PLAIN, **cfg})
     grids = left["disparity"].sel(band_disp="min").data, left["disparity"].sel(band_disp="max").data
+
     costs = step.allocate_cost_volume(left, grids)
     costs = pandora.criteria.validity_mask(left, right, costs)
     costs = step.compute_cost_volume(left, right, costs)
     step.cv_masked(left, right, costs, *grids)
+
     assert costs.coords["disp"].data[[0, -1]].tolist() == list(search)
     found: NDArray[np.float32] = costs["cost_volume"].data
     return found
@@ -136,15 +143,19 @@ def test_a_cost_is_the_one_of_this_library_at_the_opposite_sign(
     left, right = gray(rendered.left), gray(rendered.right)
     found = volume(dataset(left, (-10, 4)), dataset(right, (-4, 10)), search=(-10, 4),
                    window_size=window)  # fmt: skip
+
     bits = ps.cost_volume(left, right, min_disparity=-4, num_disparities=15, settings=CODES)
     mine = (ps.aggregate(bits, window=window, shiftable=False) / window**2)[:, :, ::-1]
+
     known = np.isfinite(found)
     border = (7 + window - 1) // 2
     np.testing.assert_array_equal(found[known], mine[known].astype(np.float32))
+
     columns = np.arange(left.shape[1])[:, None]
     matches = columns + np.arange(-10, 5)
     last = left.shape[1] - 1 - border
     inside = (columns >= border) & (columns <= last) & (matches >= border) & (matches <= last)
+
     expected = np.zeros_like(known)
     expected[border:-border] = inside
     np.testing.assert_array_equal(known, expected)
@@ -155,15 +166,19 @@ def test_costs_between_columns_are_those_of_the_image_that_pandora_interpolates(
     rendered: Pair, subpix: int
 ) -> None:
     left, right = gray(rendered.left), gray(rendered.right)
+
     views = dataset(left, (-10, 0)), dataset(right, (0, 10))
     whole, fine = volume(*views, window_size=1), volume(*views, window_size=1, subpix=subpix)
     np.testing.assert_array_equal(fine[:, :, ::subpix], whole)
+
     shifted = right.copy()
     shifted[:, :-1] += (right[:, 1:] - right[:, :-1]) / np.float32(subpix)
     mine = ps.cost_volume(left, shifted, num_disparities=11, settings=CODES)[:, :, ::-1]
+
     between = fine[:, :, 1::subpix]  # at -10 + 1/subpix, ... -1 + 1/subpix
     known = np.isfinite(between)
     assert known.mean() > 0.7
+
     # Pandora rounds its interpolation in another way, which may turn single bits.
     assert (between[known] == mine[:, :, :10][known]).mean() > 0.999
 
@@ -179,15 +194,19 @@ def test_half_a_pixel_is_found_between_columns() -> None:
 
 def test_pixels_without_data_reach_as_far_as_the_window(rendered: Pair) -> None:
     left, right = gray(rendered.left), gray(rendered.right)
+
     mask = np.zeros(left.shape)
     mask[40:60, 70:80] = NO_DATA
+
     holes = [np.where(mask == NO_DATA, value, left) for value in (-9999, 1e6)]
     views = [dataset(hole, (-10, 0), mask) for hole in holes]
     other = dataset(right, (0, 10))
+
     found = volume(views[0], other, window_size=3)
     reach = (7 + 3 - 1) // 2
     assert np.isnan(found[40 - reach : 60 + reach, 70 - reach : 80 + reach]).all()
     np.testing.assert_array_equal(found, volume(views[1], other, window_size=3))
+
     apart = volume(dataset(left, (-10, 0)), other, window_size=3)
     elsewhere = np.isfinite(found)
     np.testing.assert_allclose(found[elsewhere], apart[elsewhere], atol=0.5)
@@ -197,9 +216,11 @@ def test_pixels_without_data_reach_as_far_as_the_window(rendered: Pair) -> None:
 def test_masked_pixels_of_the_right_image_are_no_candidates(rendered: Pair) -> None:
     left, right = gray(rendered.left), gray(rendered.right)
     mask = np.zeros(right.shape)
+
     mask[50, 90] = INVALID
     found = volume(dataset(left, (-10, 0)), dataset(right, (0, 10), mask), window_size=3)
     apart = volume(dataset(left, (-10, 0)), dataset(right, (0, 10)), window_size=3)
+
     lost = np.argwhere(np.isnan(found) & np.isfinite(apart))
     assert {(row, col - 10 + disp) for row, col, disp in lost.tolist()} == {(50, 90)}
     assert len(lost) == 11
@@ -208,6 +229,7 @@ def test_masked_pixels_of_the_right_image_are_no_candidates(rendered: Pair) -> N
 @pytest.mark.parametrize("compensate_blur", [False, True])
 def test_images_without_any_data_have_no_costs(rendered: Pair, *, compensate_blur: bool) -> None:
     left = gray(rendered.left)
+
     nothing = dataset(np.full_like(left, np.nan), (0, 10), np.full(left.shape, NO_DATA))
     found = volume(
         dataset(left, (-10, 0)),
@@ -216,6 +238,7 @@ def test_images_without_any_data_have_no_costs(rendered: Pair, *, compensate_blu
         compensate_blur=compensate_blur,
         noise_threshold=0.5,
     )
+
     assert np.isnan(found).all()
 
 
@@ -236,11 +259,14 @@ def test_one_band_of_several_is_matched(rendered: Pair) -> None:
 
 def test_tiles_have_the_costs_of_the_whole(rendered: Pair) -> None:
     left, right = np.rint(gray(rendered.left)), np.rint(gray(rendered.right))
+
     for image in (left, right):  # whose floats then have one range, of which codes depend a little
         image[40:48, 60:68] = np.tile([[0, 255], [255, 0]], (4, 4))
+
     views = dataset(left, (-10, 0)), dataset(right, (0, 10))
     whole = volume(*views)
     found = volume(*(view.isel(row=slice(10, 80), col=slice(20, 110)) for view in views))
+
     known = np.isfinite(found)
     assert known.mean() > 0.6
     np.testing.assert_array_equal(found[known], whole[10:80, 20:110][known])
@@ -306,8 +332,10 @@ def test_a_whole_pipeline_finds_a_rendered_scene(rendered: Pair, validation: str
         cost_volume_confidence={"confidence_method": "ambiguity"},
     )
     config["pipeline"]["validation"]["validation_method"] = validation
+
     result = run((gray(rendered.left), gray(rendered.right)), rendered.num_disparities, config)
     assert bad(result, rendered) < 12
+
     occluded = 2**8 | 2**9  # Pandora's bits for occlusions and mismatches
     assert ((result["validity_mask"].data & occluded) != 0).any()
 
@@ -318,11 +346,14 @@ def test_real_pairs_come_out_better_than_with_census(
 ) -> None:
     pair = find_scene(data / "middlebury", "tsukuba").load()
     left, right = gray(pair.left), gray(pair.right)
+
     if sigma:
         right = convolve(right, gaussian_psf(sigma)).astype(np.float32)
+
     count = pair.num_disparities
     census = {"matching_cost_method": "census", "window_size": 11}
     phase = {"matching_cost_method": "phase", "window_size": 9}
+
     wrong = [bad(run((left, right), count, pipeline(step)), pair) for step in (phase, census)]
     assert wrong[0] < share * wrong[1]
 
@@ -340,22 +371,27 @@ def test_semiglobal_matching_takes_the_costs(rendered: Pair) -> None:
 def test_the_command_runs_from_files(rendered: Pair, tmp_path: Path) -> None:
     for name, image in (("left", rendered.left), ("right", rendered.right)):
         shape = {"height": image.shape[0], "width": image.shape[1], "count": 1}
+
         transform = rasterio.Affine(0.5, 0, 500000, 0, -0.5, 4800000)
         with rasterio.open(
             tmp_path / f"{name}.tif", "w", dtype="float32", crs="EPSG:32631", transform=transform,
             **shape,
         ) as file:  # fmt: skip
             file.write(gray(image), 1)
+
     config = pipeline({"matching_cost_method": "phase", "frequencies": [1, 1]})
     config["input"] = {
         "left": {"img": str(tmp_path / "left.tif"), "disp": [-24, 0]},
         "right": {"img": str(tmp_path / "right.tif")},
     }
+
     (tmp_path / "config.json").write_text(json.dumps(config))
     pandora.main(str(tmp_path / "config.json"), str(tmp_path / "out"), verbose=False)
+
     with rasterio.open(tmp_path / "out" / "left_disparity.tif") as file:
         disparity = file.read(1)
         assert file.crs.to_epsg() == 32631
+
     nonocc = rendered.masks["nonocc"][10:-10, 34:-10]
     error = np.abs(-disparity - rendered.truth)[10:-10, 34:-10][nonocc]
     assert np.nanmedian(error) < 0.3

@@ -64,11 +64,14 @@ def test_response_takes_disparities_at_their_sign() -> None:
 def test_outliers_holes_and_clipping_do_not_count() -> None:
     right = scene()
     disparity = np.zeros_like(right)
+
     noise = np.random.default_rng(1)
     wrong = noise.random(right.shape) < 0.1
     disparity[wrong] = noise.integers(-40, 40, np.count_nonzero(wrong))
     disparity[:40] = np.nan
+
     left = np.minimum(1.5 * right, 1).astype(np.float32)
+
     found = response(left, right, disparity)
     assert found == pytest.approx((1.5, 1), abs=0.05)
 
@@ -102,11 +105,14 @@ def test_response_is_found_on_real_pairs_despite_blur(
 
 def test_real_exposure_is_found(data: Path) -> None:
     folder = data / "middlebury/MiddEval3/trainingQ"
+
     left = io.read_image(folder / "MotorcycleE/im0.png")
     usual = io.read_image(folder / "Motorcycle/im1.png")
     dimmed = io.read_image(folder / "MotorcycleE/im1.png")
+
     gain, gamma = compared(left, usual)
     assert 0.95 < gain * 0.35 ** (gamma - 1) < 1.1
+
     gain, gamma = compared(left, dimmed)
     assert 1.5 < gain * 0.35 ** (gamma - 1) < 2.0  # at this gray; its darks differ more
 
@@ -152,8 +158,10 @@ def test_saturation_counts_pixels_not_channels() -> None:
 
 def test_low_texture_is_what_noise_explains() -> None:
     noise = np.random.default_rng(0)
+
     image = 0.5 + noise.normal(0, 0.01, (80, 160))
     image[:, :80] += np.arange(80) % 2 * 0.2
+
     plane = image.astype(np.float32)
     assert low_texture(plane, 0.01) == pytest.approx(0.5)
     assert low_texture(plane, 0.0) == 0

@@ -100,9 +100,11 @@ def test_disparity_picture_holds_the_map_at_its_own_size() -> None:
 def test_panel_holds_all_pictures_row_by_row() -> None:
     rng = np.random.default_rng(0)
     pictures = [rng.integers(0, 256, (30, 50, 3), dtype=np.uint8) for _ in range(5)]
+
     drawn = panel(pictures, list("abcde"), columns=3, heading="Heading")
     for part in pictures:
         assert contains(drawn, part)
+
     middle = drawn.shape[0] // 2 + 15  # below the first row's pictures, the heading being above
     assert contains(drawn[:middle], pictures[2])
     assert contains(drawn[middle - 45 :], pictures[3])

@@ -67,6 +67,7 @@ def scene() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def pair(kind: str) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
     """Return the scene as two cameras of some rig take it."""
     left, right = scene()
+
     if kind == "defocus":
         left = box(box(left, 5, 5), 3, 3)
     elif kind == "motion":
@@ -82,6 +83,7 @@ def pair(kind: str) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
         color = np.stack([left, left // 2, 255 - left], axis=2)
         other = np.stack([right, right // 2, 255 - right], axis=2)
         return color.astype(np.float32) / 256, other.astype(np.float32) / 512
+
     return left.astype(np.uint8), right.astype(np.uint8)
 
 

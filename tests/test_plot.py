@@ -74,10 +74,12 @@ def labels(axes: Axes) -> list[str]:
 def test_a_disparity_map_has_its_data_limits_and_colors(axes: Axes) -> None:
     image = plot.disparity(MAP, axes, low=10, high=50)
     assert image.axes is axes
+
     data: Any = image.get_array()
     np.testing.assert_array_equal(data.mask, ~np.isfinite(MAP))
     np.testing.assert_array_equal(data.filled(0), np.where(np.isfinite(MAP), MAP, 0))
     assert image.get_clim() == (10, 50)
+
     np.testing.assert_array_equal(pixels(image), colorize(MAP, low=10, high=50))
     assert tuple(pixels(image)[2, 5]) == tuple(pixels(image)[3, 6]) == NEUTRAL
 
@@ -85,11 +87,14 @@ def test_a_disparity_map_has_its_data_limits_and_colors(axes: Axes) -> None:
 def test_a_drawn_map_is_the_picture_of_the_same_colors(axes: Axes) -> None:
     """As it comes from the renderer, one pixel each."""
     figure: Any = axes.figure
+
     figure.set_size_inches(0.3, 0.2)
     figure.set_dpi(100)
     axes.set_position((0, 0, 1, 1))
+
     axes.set_axis_off()
     plot.disparity(MAP, axes, colorbar=False)
+
     figure.canvas.draw()
     drawn = np.asarray(figure.canvas.buffer_rgba())[:, :, :3]
     np.testing.assert_array_equal(drawn, colorize(MAP))
@@ -140,11 +145,13 @@ def test_confidences_run_from_0_to_1(axes: Axes) -> None:
 def test_flags_are_named_with_their_shares(axes: Axes) -> None:
     image = plot.flags(FLAGS, axes)
     assert labels(axes) == ["none, 80.0%", "masked, 5.0%", "occluded, 10.0%", "filled, 5.0%"]
+
     data: Any = image.get_array()
     assert data[0, 0] == 1
     assert data[1, 0] == data[1, 1] == 5
     assert data[2, 0] == list(ps.Flag).index(ps.Flag.FILLED) + 1
     assert not data[3].any()
+
     legend: Any = axes.get_legend()
     shown = [tuple(np.rint(255 * np.array(h.get_facecolor()[:3]))) for h in legend.legend_handles]
     assert shown == [tuple(pixels(image)[y, x]) for y, x in ((3, 0), (0, 0), (1, 0), (2, 0))]
@@ -159,12 +166,15 @@ def test_every_flag_has_its_own_color(axes: Axes) -> None:
 def test_errors_have_the_colors_of_their_picture(axes: Axes) -> None:
     estimate = np.array([[10.0, 11.0, 11.1, 13.0, 14.0, 50.0, np.nan, 9.0, 12.0, 12.0]])
     truth = np.where(np.arange(10) == 8, np.nan, np.full((1, 10), 10.0))
+
     mask = np.arange(10)[np.newaxis] != 9
     image = plot.error(estimate, truth, axes, mask=mask)
+
     wanted = error_picture(estimate, truth, mask).astype(int)
     assert np.abs(pixels(image).astype(int) - wanted).max() <= 3
     assert [tuple(pixel) for pixel in pixels(image)[0, [0, 1, 7]]] == [(255, 255, 255)] * 3
     assert [tuple(pixel) for pixel in pixels(image)[0, 8:]] == [UNSCORED] * 2
+
     data: Any = image.get_array()
     np.testing.assert_allclose(data.filled(-1)[0], [0, 1, 1.1, 3, 4, 40, 4, 1, -1, -1])
     assert image.get_clim() == (0, 4)
@@ -182,12 +192,15 @@ def test_errors_are_white_up_to_one_pixel_whatever_the_worst(axes: Axes, worst: 
 def test_a_histogram_counts_every_estimate_in_its_color(axes: Axes) -> None:
     whole = np.array([[3.0, 3.0, 5.0, np.nan, 4.0, 3.0]])
     assert plot.histogram(whole, axes, low=3, high=5) is axes
+
     bars: Any = axes.patches
     assert [bar.get_height() for bar in bars] == [3, 1, 1]
     assert [bar.get_x() + bar.get_width() / 2 for bar in bars] == [3, 4, 5]
+
     wanted = colorize(np.array([[3.0, 4.0, 5.0]]), low=3, high=5)[0]
     for bar, color in zip(bars, wanted, strict=True):
         np.testing.assert_allclose(np.array(bar.get_facecolor()[:3]) * 255, color, atol=1)
+
     assert axes.get_xlabel() == "disparity, pixels"
 
 
@@ -216,8 +229,10 @@ def test_without_any_estimate_there_is_a_gray_map_and_no_bar(axes: Axes) -> None
 def test_an_anaglyph_is_red_left_and_cyan_right(axes: Axes) -> None:
     left = np.zeros((4, 6), np.uint8)
     left[:, 3] = 200
+
     right = np.zeros((4, 6, 3), np.uint8)
     right[:, 1] = 100
+
     data: Any = plot.pair((left, right), axes).get_array()
     assert data.shape == (4, 6, 3)
     assert tuple(data[0, 3]) == (200, 0, 0)
@@ -235,9 +250,11 @@ def test_side_by_side_has_lines_along_rows(axes: Axes) -> None:
 
 def test_pairs_of_any_depth_keep_their_contrast(axes: Axes) -> None:
     left = np.linspace(0, 4095, 600).reshape(20, 30).astype(np.uint16)
+
     data: Any = plot.pair((left, left // 2), axes).get_array()
     assert data[..., 0].max() > 250
     assert 120 < data[..., 1].max() < 135
+
     floats = np.where(np.arange(30) == 3, np.nan, left / 4095)
     data = plot.pair((floats, floats / 2), axes).get_array()
     assert not data[:, 3].any()
@@ -246,9 +263,11 @@ def test_pairs_of_any_depth_keep_their_contrast(axes: Axes) -> None:
 
 def test_blur_has_its_kinds_on_the_pixels_of_the_image(axes: Axes, result: ps.Result) -> None:
     estimate = BlurEstimate(KINDS, np.array([[0, 0, 1], [0, 1, 1]], np.uint8), 16, 1.0, 1.0, (0, 0))
+
     alone = plot.blur(estimate, axes)
     assert tuple(alone.get_extent()) == (-0.5, 47.5, 31.5, -0.5)
     assert labels(axes) == ["none, 50.0%", "left, motion 9.00 px at 45 degrees, 50.0%"]
+
     on_image: Any = plot.blur(replace(result, blur=estimate), axes).get_array()
     assert on_image.shape == (40, 60)
     assert on_image[15, 31] == 0
@@ -331,9 +350,12 @@ def test_errors_name_the_argument(
 def test_limits_and_styles_are_checked(axes: Axes) -> None:
     with pytest.raises(ValueError, match="low: got 3; accepts at most high"):
         plot.disparity(MAP, axes, low=3, high=2)
+
     with pytest.raises(ValueError, match="worst: got 1; accepts more than 1 pixel"):
         plot.error(MAP, MAP, axes, worst=1)
+
     style: Any = "mixed"
     with pytest.raises(ValueError, match="style: got 'mixed'; accepts 'anaglyph'"):
         plot.pair((FLAGS, FLAGS), axes, style=style)
+
     assert not axes.images

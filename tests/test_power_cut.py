@@ -43,10 +43,12 @@ class EndingError(Exception):
 def whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
     """Write a pair in the current folder; return what an undisturbed run makes of it."""
     monkeypatch.chdir(tmp_path)
+
     random = np.random.default_rng(0)
     right = random.integers(0, 256, (160, 70), np.uint8)
     np.save("left.npy", np.roll(right, 4, axis=1))
     np.save("right.npy", right)
+
     match()
     found = {name: Path(name).read_bytes() for name in OUTPUTS}
     for name in OUTPUTS:
@@ -79,18 +81,22 @@ def test_whatever_the_operation_that_the_power_goes_at_the_rerun_comes_to_the_sa
 ) -> None:
     with cut(monkeypatch, Path()) as power:
         match(band_rows=64)
+
     points = power.count
     assert points > 40
     for name in OUTPUTS:
         Path(name).unlink()
+
     for last in range(points):
         with cut(monkeypatch, Path(), last) as power, pytest.raises(PowerCutError):
             match(band_rows=64)
         assert power.gone
         if not (FOLDER / "run.json").exists() and Path(OUTPUTS[0]).exists():
             assert {name: Path(name).read_bytes() for name in OUTPUTS} == whole  # it was over
+
         match(band_rows=64)
         assert_whole(whole)
+
         for name in OUTPUTS:
             Path(name).unlink()
 
@@ -135,25 +141,30 @@ def test_whatever_file_of_the_draft_is_missing_or_damaged_the_rerun_comes_to_the
     match(**options)
     expected = {name: Path(name).read_bytes() for name in OUTPUTS}
     assert (expected == whole) == (preset == "fast")
+
     with pytest.raises(EndingError):
         match(progress=end_after(2), **options)
     shutil.copytree(FOLDER, "older")
     with pytest.raises(EndingError):
         match(progress=end_after(4), **options)
     shutil.copytree(FOLDER, "saved")
+
     names = files()
     assert len([name for name in names if name.startswith("rows")]) == 4
     for name in names:
         shutil.rmtree(FOLDER, ignore_errors=True)
         shutil.copytree("saved", FOLDER)
+
         before = (FOLDER / name).read_bytes()
         fault(FOLDER / name, Path("older"))
         same = (FOLDER / name).exists() and (FOLDER / name).read_bytes() == before
+
         told: list[str] = []
         report = match(stage=told.append, **options)
         assert {name: Path(name).read_bytes() for name in OUTPUTS} == expected, name
         assert not FOLDER.exists()
         # That there was a last band nobody can know when its file is gone.
+
         last = name.startswith("rows00000096")
         if name.startswith("rows") and not same and not (fault is delete and last):
             assert report.again, (name, fault)
@@ -171,9 +182,11 @@ def test_what_a_run_of_others_left_is_not_taken_for_that_of_this_one(
         match(restart=True, progress=end_after(4))
     for path in FOLDER.glob("rows*"):
         path.unlink()
+
     for path in Path("other").glob("rows*"):
         shutil.copy(path, FOLDER)
     shutil.rmtree("other")
+
     report = match()
     assert len(report.again) >= 4
     assert_whole(whole)
@@ -184,11 +197,14 @@ def test_bands_that_overlap_after_a_partial_restore_are_put_together_once(
 ) -> None:
     unfinished(3)
     shutil.copytree(FOLDER, "older")
+
     with pytest.raises(EndingError):
         match(restart=True, band_rows=64, progress=end_after(4))
+
     for path in Path("older").glob("rows*"):
         shutil.copy(path, FOLDER)
     shutil.rmtree("older")
+
     match()
     assert_whole(whole)
 
@@ -225,15 +241,19 @@ def test_whatever_the_operation_a_manifest_is_that_of_before_or_knows_more(
     shutil.copytree(tmp_path, tmp_path.parent / "before")
     with cut(monkeypatch, tmp_path) as power:
         keep_records(tmp_path, "new")
+
     assert power.count > 6
+
     for last in range(power.count):
         shutil.rmtree(tmp_path)
         shutil.copytree(tmp_path.parent / "before", tmp_path)
         with cut(monkeypatch, tmp_path, last), pytest.raises(PowerCutError):
             keep_records(tmp_path, "new")
+
         found = Manifest(tmp_path)
         assert set(found.records) == {"a", "b", "c"}
         assert {each.recipe for each in found.records.values()} <= {"old", "new"}
+
         keep_records(tmp_path, "new")
         assert {each.recipe for each in Manifest(tmp_path).records.values()} == {"new"}
 
@@ -260,25 +280,30 @@ def test_whatever_the_operation_the_rerun_of_a_batch_does_the_rest(
 ) -> None:
     monkeypatch.setattr("phasestereo.batch.running.local", lambda *_: nullcontext(Here()))
     assert whole
+
     search: dict[str, Any] = {"num_disparities": 12}
     pairs = [
         PairFiles(name=name, left=Path("left.npy"), right=Path("right.npy"), **search)
         for name in ("a", "b")
     ]
     options: dict[str, Any] = {"preset": "fast", "window": 5, "suffix": ".npy", "threads": 1}
+
     folder = Path("maps")
     run(pairs, folder, **options)
     expected = {pair.name: (folder / f"{pair.name}.npy").read_bytes() for pair in pairs}
     shutil.rmtree(folder)
     folder.mkdir()
+
     with cut(monkeypatch, folder) as power:
         run(pairs, folder, **options)
     assert power.count > 10
+
     for last in range(power.count):
         shutil.rmtree(folder)
         folder.mkdir()
         with cut(monkeypatch, folder, last), pytest.raises(PowerCutError):
             run(pairs, folder, **options)
+
         report = run(pairs, folder, **options)
         assert (report.failed, report.done + report.skipped) == ([], 2), last
         found = {pair.name: (folder / f"{pair.name}.npy").read_bytes() for pair in pairs}

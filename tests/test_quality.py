@@ -92,6 +92,7 @@ def test_robust_beats_semi_global_block_matching_in_every_region(data: Path) -> 
         rival = match_sgbm(pair.left, pair.right, pair.num_disparities)
         ours.append(astuple(middlebury_v2(result.disparity, pair))[:3])
         theirs.append(astuple(middlebury_v2(rival, pair))[:3])
+
     assert (np.array(ours) < np.array(theirs)).all()
     assert (np.mean(ours, axis=0) < 0.85 * np.mean(theirs, axis=0)).all()
     assert np.mean(ours) < 0.6 * np.mean(theirs)
@@ -101,15 +102,18 @@ def test_disparities_lie_between_whole_pixels() -> None:
     pair = render_pair(0, height=360, width=480, num_disparities=64)
     truth, mask = pair.truth, pair.masks["nonocc"]
     assert truth is not None
+
     maps = {
         preset: ps.match(pair.left, pair.right, num_disparities=64, preset=preset).disparity
         for preset in ("robust", "fast")
     }
+
     robust = subpixel(maps["robust"], truth, mask)
     assert robust.inliers >= 95
     assert robust.rms < 0.16
     assert abs(robust.bias) < 0.02
     assert robust.locking <= 20
+
     assert subpixel(maps["fast"], truth, mask).locking > 100, "integers do"
 
 
@@ -120,26 +124,32 @@ def test_disparities_lie_between_whole_pixels() -> None:
 def test_confidence_tells_right_from_wrong_better_than_the_margin(data: Path, name: str) -> None:
     """The margin is by how much the second best mean of paths is above the best, relative to it."""
     pair = find_scene(data / "middlebury", name).load()
+
     settings = replace(
         ps.PRESETS["robust"], compensate_blur=False, align_rows=False, precision="full"
     )
     options: dict[str, Any] = {"num_disparities": pair.num_disparities, "settings": settings}
+
     result = ps.match(pair.left, pair.right, noise=2.0, **options)
     costs = ps.cost_volume(pair.left, pair.right, noise=2.0, **options)
     volume = ps.aggregate(costs, window=settings.window, shiftable=False).astype(np.int64)
+
     gray = np.rint(1000 * oracle.to_gray(pair.left)).astype(np.int64)
     near, far = 4 * settings.window**2, 16 * settings.window**2
     means = oracle.path_means(volume, near, far, gray, settings.adaptive_p2)
+
     best = oracle.winner_takes_all(means)[:, :, np.newaxis]
     beside = np.abs(np.arange(means.shape[2]) - best) <= 1
     second = np.where(beside, np.inf, means).min(axis=2)
     margin = (second - means.min(axis=2)) / second
+
     assert pair.truth is not None
     assert result.confidence is not None
     areas = [
         roc_area(measure, result.disparity, pair.truth, mask=pair.masks["nonocc"])
         for measure in (result.confidence, margin)
     ]
+
     assert areas[0] > areas[1] + 0.005
     assert areas[0] > 0.86
 
@@ -151,6 +161,7 @@ def test_confidences_are_about_the_share_of_right_disparities(data: Path, name: 
     assert result.confidence is not None
     assert result.confidence.min() >= 0
     assert result.confidence.max() <= 1
+
     mask = pair.masks["nonocc"]
     right = 1 - bad(pair, result.disparity) / 100
     assert float(result.confidence[mask].mean()) == pytest.approx(right, abs=0.06)
@@ -161,17 +172,21 @@ def test_less_is_kept_and_it_is_better_the_more_confidence_is_asked_for(data: Pa
     pair, dense = matched(data, "cones")
     assert pair.truth is not None
     assert dense.confidence is not None
+
     shares, errors = [], []
     for least in (0.0, 0.3, 0.6, 0.9, 0.97):
         result = ps.match(
             pair.left, pair.right, num_disparities=pair.num_disparities, min_confidence=least
         )
+
         kept = np.isfinite(result.disparity)
         np.testing.assert_array_equal(kept, dense.confidence >= np.float64(least))
         np.testing.assert_array_equal(result.flags & ps.Flag.LOW_CONFIDENCE != 0, ~kept)
         np.testing.assert_array_equal(result.disparity[kept], dense.disparity[kept])
+
         shares.append(kept.mean())
         errors.append(bad_pixels(result.disparity, pair.truth, 1.0, pair.masks["nonocc"] & kept))
+
     assert shares[0] == 1
     assert (np.diff(shares) < 0).all()
     assert (np.diff(errors) < 0).all()
@@ -187,16 +202,20 @@ def test_speckles_are_those_of_opencv(data: Path, lr_check: int | None, size: in
     cv2 = pytest.importorskip("cv2")
     pair = find_scene(data / "middlebury", "tsukuba").load()
     paper = ps.Settings.preset("paper")
+
     settings = replace(
         paper, window=3, optimizer="wta", confidence=False, fill=False, lr_check=lr_check
     )
     options: dict[str, Any] = {"num_disparities": 16, "settings": settings}
+
     draft = ps.match(pair.left, pair.right, **options)
     result = ps.match(pair.left, pair.right, speckle_size=size, speckle_range=1, **options)
+
     gone = -1
     filtered = np.where(np.isnan(draft.disparity), gone, draft.disparity).astype(np.int16)
     cv2.filterSpeckles(filtered, gone, size, 1)
     expected = (filtered == gone) & np.isfinite(draft.disparity)
+
     assert 0.001 < expected.mean() < 0.5
     np.testing.assert_array_equal(result.flags & ps.Flag.SPECKLE != 0, expected)
     np.testing.assert_array_equal(result.flags & ~ps.Flag.SPECKLE, draft.flags)

@@ -46,15 +46,19 @@ def test_raw_frames_of_euroc_come_out_as_opencv_has_them(data: Path) -> None:
     folder, rig = data / "rigs/euroc", euroc(data)
     pair = euroc_frames(data)[0]
     expected = of_opencv(rig, (752, 480))
+
     files = folder / "cam0/sensor.yaml", folder / "cam1/sensor.yaml"
     for told in (files, folder, rig):
         found = of(pair, told)
         assert_same_bits(found, expected["maps"], pair)
+
     assert found.Q is not None
     np.testing.assert_allclose(found.Q, expected["Q"], atol=1e-9)
+
     assert found.error is not None
     assert found.error < 0.1
     assert found.sentences[0].startswith("rows correspond as the calibration says")
+
     diagnosis = ps.check(found.left, found.right)
     assert {"alignment", "blur"} & {
         finding.topic for finding in diagnosis.findings if finding.severity != "ok"
@@ -78,10 +82,12 @@ def test_raw_frames_of_a_cheap_rig_come_out_as_opencv_has_them(data: Path) -> No
         )
         for side in ("left", "right")
     ]
+
     for number in ("02", "26"):
         pair = [read_image(folder / f"{side}_{number}.png")[:, :, :3] for side in ("left", "right")]
         found = of(pair, folder)
         assert_same_bits(found, maps, pair)
+
     assert found.Q is not None
     assert Calibration.from_q(found.Q, width=320, height=240).baseline > 0
 
@@ -106,10 +112,13 @@ def opencv_yaml(path: Path, matrices: dict[str, Any]) -> Path:
 def test_files_of_opencv(tmp_path: Path) -> None:
     rig = made_up()
     expected = of_opencv(rig, SIZE)
+
     for name in ("rig.yml", "rig.yaml", "rig.xml"):
         assert_same_bits(rectified(opencv_yaml(tmp_path / name, rig)), expected["maps"])
+
     np.savez(tmp_path / "rig.npz", allow_pickle=False, **rig)
     assert_same_bits(rectified(tmp_path / "rig.npz"), expected["maps"])
+
     (tmp_path / "folder").mkdir()
     for key, matrix in rig.items():
         np.save(tmp_path / f"folder/{key}.npy", matrix)
@@ -179,6 +188,7 @@ def test_maps_may_be_given_themselves(tmp_path: Path, names: str) -> None:
     np.savez(
         tmp_path / "maps.npz", allow_pickle=False, **dict(zip(names.split(), parts, strict=True))
     )
+
     found = rectified(tmp_path / "maps.npz")
     assert_same_bits(found, made["maps"])
     assert found.Q is None
@@ -208,9 +218,11 @@ def test_a_pair_of_camera_info_of_ros(tmp_path: Path) -> None:
     for side, name in (("1", "left"), ("2", "right")):
         told = ros(rig[f"K{side}"], rig[f"D{side}"], made[f"R{side}"], made[f"P{side}"])
         (tmp_path / f"{name}.yaml").write_text(told)
+
     found = rectified((tmp_path / "left.yaml", tmp_path / "right.yaml"))
     assert_same_bits(found, made["maps"])
     assert_same_bits(rectified(str(tmp_path)), made["maps"])
+
     assert found.Q is not None
     np.testing.assert_allclose(found.Q, made["Q"], atol=1e-9)
 
@@ -223,15 +235,18 @@ def test_a_pair_of_camera_info_as_it_is_recorded(tmp_path: Path) -> None:
             name: np.ravel((rig | made)[f"{name}{side}"]).tolist() for name in "KDRP"
         }
         (tmp_path / f"{side}.yaml").write_text(yaml.safe_dump(told))
+
     assert_same_bits(rectified([tmp_path / "1.yaml", tmp_path / "2.yaml"]), made["maps"])
 
 
 def kalibr(rig: dict[str, Any], model: str, *, by_imu: bool = False) -> str:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rig["R"], rig["T"]
+
     body = np.eye(4)
     body[:3, :3], body[:3, 3] = turned(10, 20, 30), (0.1, 0.2, 0.3)
     cameras = {}
+
     for number in (0, 1):
         k = rig[f"K{number + 1}"]
         cameras[f"cam{number}"] = {
@@ -242,6 +257,7 @@ def kalibr(rig: dict[str, Any], model: str, *, by_imu: bool = False) -> str:
         }  # fmt: skip
         if by_imu:
             cameras[f"cam{number}"]["T_cam_imu"] = ((pose if number else np.eye(4)) @ body).tolist()
+
     if not by_imu:
         cameras["cam1"]["T_cn_cnm1"] = pose.tolist()
     return dump(cameras)
@@ -250,9 +266,11 @@ def kalibr(rig: dict[str, Any], model: str, *, by_imu: bool = False) -> str:
 def test_a_chain_of_kalibr(tmp_path: Path) -> None:
     rig = made_up()
     expected = of_opencv(rig | {"D1": rig["D1"][:4], "D2": rig["D2"][:4]}, SIZE)
+
     (tmp_path / "camchain.yaml").write_text(kalibr(rig, "radtan"))
     found = rectified(tmp_path / "camchain.yaml")
     assert_same_bits(found, expected["maps"])
+
     (tmp_path / "imu.yaml").write_text(kalibr(rig, "radtan", by_imu=True))
     for part, other in zip(rectified(tmp_path / "imu.yaml").maps, found.maps, strict=True):
         np.testing.assert_allclose(part, other, atol=1e-3)
@@ -261,14 +279,17 @@ def test_a_chain_of_kalibr(tmp_path: Path) -> None:
 def test_fisheyes_of_a_chain_of_kalibr(tmp_path: Path) -> None:
     rig = made_up() | {"D1": np.array([-0.01, 0.02, 0, 0]), "D2": np.array([0.01, -0.01, 0, 0])}
     (tmp_path / "camchain.yaml").write_text(kalibr(rig, "equidistant"))
+
     given = [rig[name] for name in ("K1", "D1", "K2", "D2")]
     r1, r2, p1, p2, *_ = cv2.fisheye.stereoRectify(
         *given, SIZE, rig["R"], rig["T"].reshape(3, 1), flags=cv2.CALIB_ZERO_DISPARITY
     )
+
     maps = [
         cv2.fisheye.initUndistortRectifyMap(k, d, r, p, SIZE, cv2.CV_32FC1)
         for k, d, r, p in ((*given[:2], r1, p1), (*given[2:], r2, p2))
     ]
+
     found = rectified(tmp_path / "camchain.yaml")
     assert_same_bits(found, maps)
     assert found.Q is not None
@@ -322,6 +343,7 @@ def test_a_calibration_of_another_size_is_refused(tmp_path: Path) -> None:
     small: Any = PAIR[:, ::2, ::2]
     with pytest.raises(ValueError, match="^calibration: got that of 160 x 120 pixels; accepts"):
         of(small, tmp_path / "camchain.yaml")
+
     found = rectified(made_up())
     for use in (lambda: of(small, found), lambda: found.apply(*small)):
         with pytest.raises(ValueError, match="pixels; accepts"):
@@ -381,16 +403,20 @@ def test_images_keep_type_and_shape(dtype: str, channels: tuple[int, ...]) -> No
 
 def test_masks_are_false_outside_and_where_pixels_are_masked() -> None:
     rig = made_up()
+
     found = rectified(rig, alpha=1)
     (x, y), _ = found.maps
     inside = (x >= 0) & (x <= SIZE[0] - 1) & (y >= 0) & (y <= SIZE[1] - 1)
     np.testing.assert_array_equal(found.left_mask, inside)
+
     mask = np.ones(PAIR[0].shape, bool)
     mask[40:60, 50:80] = False
+
     masked = rectified(rig, alpha=1, right_mask=mask)
     hole = found.right_mask & ~masked.right_mask
     np.testing.assert_array_equal(masked.left_mask, found.left_mask)
     assert 300 < hole.sum() < 1500
+
     x, y = found.maps[1]
     assert ((x[hole] > 48) & (x[hole] < 81) & (y[hole] > 38) & (y[hole] < 61)).all()
 
@@ -400,9 +426,11 @@ def test_masked_pixels_may_be_nan() -> None:
     mask = np.ones(PAIR[0].shape, bool)
     mask[40:60, 50:80] = False
     pair[:, ~mask] = np.nan
+
     found = of(pair, made_up(), left_mask=mask, right_mask=mask)
     assert np.isfinite(found.left[found.left_mask]).all()
     assert (found.error, found.sentences) == (None, ())
+
     with pytest.raises(ValueError, match="^left: got NaN"):
         ps.rectify(pair[0], pair[1])
 
@@ -410,9 +438,11 @@ def test_masked_pixels_may_be_nan() -> None:
 def test_a_rectification_is_used_again() -> None:
     found = rectified(made_up())
     other: Any = RNG.integers(0, 256, (2, SIZE[1], SIZE[0]), np.uint8)
+
     expected = of(other, made_up())
     for image, wanted in zip(found.apply(*other), (expected.left, expected.right), strict=True):
         np.testing.assert_array_equal(image, wanted)
+
     again = of(other, found)
     np.testing.assert_array_equal(again.left, expected.left)
     assert again.maps is found.maps
@@ -433,6 +463,7 @@ def test_it_is_saved_loaded_and_pickled(tmp_path: Path) -> None:
     assert_same(ps.Rectification.load(tmp_path / "rig.npz"), found)
     assert_same(pickle.loads(pickle.dumps(found)), found)  # noqa: S301  # our own
     assert_same(rectified(tmp_path / "rig.npz"), found)
+
     without = rectified({f"map{n}": part for n, part in zip(("1x", "1y", "2x", "2y"), (
         *found.maps[0], *found.maps[1]), strict=True)})  # fmt: skip
     without.save(tmp_path / "maps.npz")
@@ -451,7 +482,9 @@ def test_a_saved_file_with_a_wrong_value_is_refused(tmp_path: Path, change: Any)
     rectified(made_up()).save(path)
     with np.load(path) as file:
         arrays = dict(file)
+
     np.savez(path, allow_pickle=False, **(arrays | change))
+
     for read in (ps.Rectification.load, rectified):
         with pytest.raises(ValueError, match=r"rig\.npz: "):
             read(path)
@@ -464,6 +497,7 @@ def test_a_saved_file_that_is_damaged_anywhere_is_refused_or_whole(tmp_path: Pat
         "map2x": np.zeros((12, 16)), "map2y": np.zeros((12, 16)),
     })  # fmt: skip
     found.save(path)
+
     content = path.read_bytes()
     for place in range(0, len(content), 41):
         path.write_bytes(content[:place] + bytes([content[place] ^ 0xFF]) + content[place + 1 :])
@@ -471,6 +505,7 @@ def test_a_saved_file_that_is_damaged_anywhere_is_refused_or_whole(tmp_path: Pat
             assert_same(ps.Rectification.load(path), found)
         except ValueError as error:
             assert str(path) in str(error)  # noqa: PT017
+
     path.write_bytes(content[: len(content) // 2])
     with pytest.raises(ValueError, match=r"rig\.npz: "):
         ps.Rectification.load(path)
@@ -491,8 +526,10 @@ def test_a_stream_rectifies_its_frames() -> None:
     for told in (rig, made_up()):
         with ps.stream(list(frames), num_disparities=16, preset="fast", rectify=told) as stream:
             matched = list(stream)
+
         for frame, pair in zip(matched, frames, strict=True):
             wanted = of(pair, told)
+
             np.testing.assert_array_equal(frame.left, wanted.left)
             expected = ps.match(
                 wanted.left, wanted.right, num_disparities=16, preset="fast",
@@ -504,11 +541,3 @@ def test_a_stream_rectifies_its_frames() -> None:
 def test_a_stream_refuses_a_calibration_at_once(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         ps.stream(list(PAIR[np.newaxis]), num_disparities=8, rectify=tmp_path / "no.yml")
-
-
-def test_without_the_extra_the_cure_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys  # noqa: PLC0415
-
-    monkeypatch.setitem(sys.modules, "cv2", None)
-    with pytest.raises(ImportError, match=r"pip install 'phasestereo\[rectify\]'"):
-        rectified(made_up())

@@ -62,9 +62,11 @@ RIGS = {
 def test_rows_correspond_whatever_the_cameras(scene: tuple[Any, Any], name: str) -> None:
     left, right = RIGS[name]
     found = ps.rectify(seen_by(scene[0], left), seen_by(scene[1], right))
+
     errors = row_errors(found.maps, left, right, SHIFTS)
     assert errors.size > 1000
     assert np.sqrt(np.mean(errors**2)) < 0.25
+
     assert found.error is not None
     assert found.error < 0.3
     assert found.Q is None
@@ -76,15 +78,18 @@ def test_raw_frames_of_euroc(data: Path) -> None:
     made = of_opencv(rig, (752, 480))
     left, right = (Lens(rig[f"K{n}"], rig[f"D{n}"], made[f"R{n}"]) for n in "12")
     shifts = np.linspace(14, 46, 5) / made["P1"][0, 0]
+
     frames = euroc_frames(data)
     for pair in frames:
         found = ps.rectify(*pair)
         errors = row_errors(found.maps, left, right, shifts)
         assert errors.size > 5000
         assert np.sqrt(np.mean(errors**2)) < 0.25  # the calibration itself leaves 0.15
+
         diagnosis = ps.check(found.left, found.right)
         grave = {each.topic for each in diagnosis.findings if each.severity != "ok"}
         assert grave & {"blur", "alignment", "swap", "range"} == set()
+
     together = ps.rectify(*frames[0], others=frames[1:3])
     errors = row_errors(together.maps, left, right, shifts)
     assert np.sqrt(np.mean(errors**2)) < 0.25
@@ -112,6 +117,7 @@ def corner_rows(left: Any, right: Any) -> float:
         assert there
         refined = cv2.cornerSubPix(gray, corners, (4, 4), (-1, -1), (3, 40, 0.01)).reshape(-1, 2)
         places.append(refined if refined[0, 0] < refined[-1, 0] else refined[::-1])
+
     return float(np.sqrt(np.mean((places[0] - places[1])[:, 1] ** 2)))
 
 
@@ -124,6 +130,7 @@ def test_it_is_the_same_every_time(scene: tuple[Any, Any]) -> None:
 def test_types_of_pixels_and_contrast_hardly_matter(scene: tuple[Any, Any]) -> None:
     left, right = RIGS["all of it"]
     raw = seen_by(scene[0], left), seen_by(scene[1], right)
+
     for pair in (
         [image.astype(np.uint16) * 16 for image in raw],
         [image.astype(np.float32) / 255 for image in raw],
@@ -155,12 +162,14 @@ def test_a_blurred_image_is_rectified_less_well_and_that_is_said(scene: tuple[An
 def test_what_was_found_is_said(scene: tuple[Any, Any]) -> None:
     left, right = RIGS["distorted"]
     found = ps.rectify(seen_by(scene[0], left), seen_by(scene[1], right))
+
     said = " ".join(found.sentences)
     assert "rows were " in said
     assert "disparities are about " in said
     assert "the lenses seem to distort (k1 about -0." in said
     assert "swapped" not in said
     assert repr(found).startswith("<Rectification 400x300 from images, rows to 0.")
+
     swapped = ps.rectify(seen_by(scene[1], right), seen_by(scene[0], left))
     assert "left and right seem to be swapped" in swapped.sentences[-1]
 
@@ -187,6 +196,7 @@ def test_what_tells_nothing_is_refused_with_the_reason(scene: tuple[Any, Any], k
         "unrelated": (scene[0], other.right),
         "upside down": (scene[0], scene[1][::-1, ::-1]),
     }[kind]
+
     with pytest.raises(ValueError, match=r"^left, right: got images .*; accepts ") as raised:
         ps.rectify(*pair)
     assert "\n" not in str(raised.value)
@@ -216,10 +226,12 @@ def test_a_stream_rectifies_itself(scene: tuple[Any, Any]) -> None:
     failures: list[ps.Failure] = []
     with ps.stream(
         [tuple(NOISE), pair, pair], num_disparities=64, preset="fast", rectify="auto",
+
         on_error=failures.append,
     ) as stream:  # fmt: skip
         frames = list(stream)
     assert [failure.index for failure in failures] == [0]  # it tells nothing
+
     expected = ps.rectify(*pair)
     assert len(frames) == 2
     for frame in frames:
@@ -232,8 +244,10 @@ def test_a_rectified_pair_is_matched(scene: tuple[Any, Any]) -> None:
     left, right = RIGS["all of it"]
     raw = seen_by(scene[0], left), seen_by(scene[1], right)
     found = ps.rectify(*raw)
+
     masks: Any = {"left_mask": found.left_mask, "right_mask": found.right_mask}
     kept: Any = {"num_disparities": 120, "fill": False}
+
     good = np.isfinite(ps.match(found.left, found.right, **kept, **masks).disparity).mean()
     bad = np.isfinite(ps.match(*raw, **kept).disparity).mean()
     assert good > 0.7 > bad

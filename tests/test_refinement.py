@@ -33,10 +33,12 @@ def volume_of(
     r, s = settings.frequencies
     components = r * (2 * s + 1) + s
     noise = NOISE if settings.noise_threshold else None
+
     codes = [
         ps.descriptor(image, mask=mask, settings=settings, noise=noise)
         for image, mask in zip(pair, masks or (None, None), strict=True)
     ]
+
     if settings.sizes == 2:
         # The axes of the larger neighborhood, with a weak level, then all of the smaller one.
         axes = min(r, 1) + min(s, 1)
@@ -53,8 +55,10 @@ def volume_of(
         ceiling = components * 2 ** (settings.bits - 1)
         levels = [decoded(code, components, settings.bits) for code in codes]
         costs = oracle.phase_costs(levels[0], levels[1], *search, settings.bits)
+
     byte = settings.precision == "byte"
     dropped = oracle.dropped_bits(settings.window, ceiling, settings.p2) if byte else 0
+
     volume = oracle.aggregate(
         costs,
         settings.window,
@@ -73,11 +77,13 @@ def evidence_of(
     near, far = (
         oracle.window_penalty(each, settings.window, dropped) for each in (settings.p1, settings.p2)
     )
+
     unit = settings.window**2 / 2**dropped
     if settings.optimizer in ("so", "sgm"):
         paths = oracle.row_means if settings.optimizer == "so" else oracle.path_means
         means = paths(volume, near, far, gray, settings.adaptive_p2)
         return refinement.of_paths(volume, means), unit
+
     dp = settings.optimizer == "dp"
     chosen = oracle.scanline(volume, near, far) if dp else oracle.winner_takes_all(volume)
     return refinement.of_scanlines(volume, chosen), unit
@@ -88,18 +94,23 @@ def assert_equals_the_oracle(
 ) -> ps.Result:
     """Check a match against the oracle in all that it returns; return it."""
     low, number = search
+
     options: dict[str, Any] = {"min_disparity": low, "num_disparities": number}
     if masks is not None:
         options |= {"left_mask": masks[0], "right_mask": masks[1]}
     if settings.noise_threshold:
         options["noise"] = NOISE
+
     result = ps.match(*pair, settings=settings, **options)
+
     everything = np.ones(pair.shape[1:3], bool)
     thousandths = 1000 if pair.ndim == 4 else 1
     gray = np.rint(thousandths * oracle.to_gray(pair[0])).astype(np.int64)
     gray = gray if masks is None else oracle.fill_masked(gray, masks[0])
+
     volume, dropped = volume_of(pair, settings, search, masks)
     evidence, unit = evidence_of(volume, settings, dropped, gray)
+
     disparity, flags = refinement.refine(
         evidence,
         gray,
@@ -108,6 +119,7 @@ def assert_equals_the_oracle(
         masks=masks or (everything, everything),
         settings=settings,
     )
+
     trust: NDArray[Any] = np.ones(disparity.shape)
     if result.confidence is not None:
         # Whether disparities agree that are one apart may depend on the last bit.
@@ -118,9 +130,11 @@ def assert_equals_the_oracle(
         assert (result.confidence >= least - 1e-5).all()
         assert (result.confidence <= most + 1e-5).all()
         trust = result.confidence
+
     disparity, flags = refinement.withdraw(
         disparity, flags, trust, least=settings.min_confidence, filled=settings.fill
     )
+
     np.testing.assert_array_equal(result.flags, flags)
     np.testing.assert_allclose(result.disparity, disparity, rtol=0, atol=1e-5)
     if not settings.subpixel:
@@ -132,13 +146,16 @@ def two_surfaces(seed: int, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return a pair: a square in front of a plane, both of random texture, with a little noise."""
     rng = np.random.default_rng(seed)
     height, width = shape[:2]
+
     plane, square = rng.integers(20, 230, (2, height, width + 6, *shape[2:]))
     left, right = plane[:, :width].copy(), plane[:, 1 : width + 1].copy()
     rows = slice(height // 4, 3 * height // 4 + 1)
     near = width // 2
+
     left[rows, near : near + 6] = square[rows, near : near + 6][:, : width - near]
     first = max(near - 3, 0)
     right[rows, first : first + 6] = square[rows, near : near + 6][:, : width - first]
+
     noisy = np.stack([left, right]) + rng.integers(-12, 13, (2, *left.shape))
     return np.clip(noisy, 0, 255).astype(np.uint8)
 
@@ -219,11 +236,13 @@ def test_scanlines_can_be_refined_as_well(optimizer: Any) -> None:
     """Speckles without a check, which leaves few of them; then the check without speckles."""
     spotted = {"window": 3, "p1": 0.1, "p2": 0.1, "speckle_size": 12, "speckle_range": 0.5}
     unclear = {"speckle_size": 0, "lr_check": None, "uniqueness": 20}
+
     checks: list[tuple[dict[str, Any], int]] = [
         (unclear, ps.Flag.AMBIGUOUS),
         (spotted | {"lr_check": None}, ps.Flag.SPECKLE),
         ({"speckle_size": 0}, ps.Flag.OCCLUDED | ps.Flag.MISMATCHED),
     ]
+
     for check, kinds in checks:
         small = replace(ROBUST, sizes=1, p1=5.0, p2=20.0, optimizer=optimizer)
         wanted = replace(small, min_confidence=0.5, **check)
@@ -277,11 +296,14 @@ def test_the_check_by_hand() -> None:
     """Of left columns 2, 3 and 5, which choose right column 2, 3 owns it; of 4 and 6, 4 owns 3."""
     found = chosen_for([0, 0, 0, 1, 1, 3, 3, 0], [1, 1, 5, 4, 4, 9, 9, 1])
     none = np.zeros((1, 8), np.int64)
+
     flags = refinement.check(found, none, 0, 1)[0].tolist()
     mismatched = int(ps.Flag.MISMATCHED)
     assert flags == [0, 0, 0, 0, 0, mismatched, mismatched, 0]
+
     apart = refinement.check(found, none, 0, 0)[0].tolist()
     assert apart[2] == mismatched
+
     equal = chosen_for([0, 0, 0, 3], [4, 4, 4, 4])  # of equal costs the nearer one owns
     assert refinement.check(equal, none[:, :4], 0, 1)[0].tolist() == [mismatched, 0, 0, 0]
     # 2, 3, 5 and 7 own their matches; beside 0 there is none of them.
@@ -294,10 +316,12 @@ def test_the_check_by_hand() -> None:
 def test_regions_hang_together_by_steps() -> None:
     disparity = a_map([1, 2, 3, 9], [9, 9, 9, 8])
     flags = np.zeros((2, 4), np.int64)
+
     small = refinement.flag_speckles(disparity, flags, 3, 1.0) != 0
     assert small.tolist() == [[True, True, True, False], [False] * 4]
     assert not refinement.flag_speckles(disparity, flags, 2, 1.0).any()
     assert refinement.flag_speckles(disparity, flags, 1, 0.5)[0, :3].all()
+
     flags[0, 1] = ps.Flag.OUTSIDE
     split = refinement.flag_speckles(disparity, flags, 1, 1.0)
     assert (split[0, [0, 2]] == ps.Flag.SPECKLE).all()
@@ -309,11 +333,14 @@ def test_filling_by_hand() -> None:
     flags[0, 1:3] = flags[1, :] = ps.Flag.OCCLUDED
     flags[2, 0] = flags[2, 3] = ps.Flag.SPECKLE
     flags[2, 1] = ps.Flag.MASKED
+
     disparity = a_map([5, 9, 9, 3], [9, 9, 9, 9], [9, 1, 7, 9])
     filled, marked = refinement.fill(disparity, flags)
+
     np.testing.assert_array_equal(filled, a_map([5, 3, 3, 3], [5, 3, 3, 3], [7, NAN, 7, 7]))
     expected = (flags != 0) & (flags != ps.Flag.MASKED)
     np.testing.assert_array_equal(marked & ps.Flag.FILLED != 0, expected)
+
     alone, unmarked = refinement.fill(disparity, np.full((3, 4), ps.Flag.OUTSIDE))
     np.testing.assert_array_equal(alone, disparity)
     assert (unmarked == ps.Flag.OUTSIDE).all()
@@ -322,10 +349,13 @@ def test_filling_by_hand() -> None:
 def test_guiding_by_hand() -> None:
     """The pixel that is white shows the near surface, whatever the map says."""
     gray = np.array([[0, 0, 0, 0, 0, 200, 200, 200, 200, 200]]).repeat(5, axis=0)
+
     disparity = np.where(gray > 0, 7, 2).astype(np.float32)
     disparity[:, 5] = 2
+
     expected = np.where(gray > 0, 7, 2)
     np.testing.assert_array_equal(refinement.guide(disparity, gray), expected)
+
     flat = np.full((3, 9), 2, np.float32)
     flat[1, 4] = 3  # no jump: left alone
     np.testing.assert_array_equal(refinement.guide(flat, np.zeros((3, 9), np.int64)), flat)
@@ -348,12 +378,14 @@ def test_smoothing_leaves_slants_and_steps() -> None:
 def test_votes_and_confidence_by_hand() -> None:
     found = replace(chosen_for([0, 0, 0], [10, 10, 20]), elsewhere=np.array([[50, np.inf, 10]]))
     np.testing.assert_allclose(refinement.votes(found, 10.0), [[0.5, 0, 0]])
+
     voices, gray = np.array([[0.5, 0, 1.0]]), np.zeros((1, 3), np.int64)
     cube = 0.75**3
     np.testing.assert_allclose(
         refinement.confidence(a_map([1, 1, 2]), voices, gray)[0],
         [cube / (cube + 0.01), 0, cube / (cube + 0.01)],
     )
+
     apart = refinement.confidence(a_map([1, NAN, 9]), voices, gray)[0]
     np.testing.assert_allclose(apart, [0.25**3 / (0.25**3 + 0.01), 0, 0.125 / 0.135])
 
@@ -362,9 +394,11 @@ def test_withdrawal_by_hand() -> None:
     flags = np.array([[0, ps.Flag.OCCLUDED | ps.Flag.FILLED, 0]])
     trust = np.array([[0.2, 0.9, 0.9]])
     disparity = a_map([1, 2, 3])
+
     found, told = refinement.withdraw(disparity, flags, trust, least=0.5, filled=True)
     np.testing.assert_array_equal(found, a_map([NAN, 2, 3]))
     assert told.tolist() == [[64, 16 | 256, 0]]
+
     found, told = refinement.withdraw(disparity, flags, trust, least=0.0, filled=False)
     np.testing.assert_array_equal(found, a_map([1, NAN, 3]))
     assert told.tolist() == [[0, 16, 0]]

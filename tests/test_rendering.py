@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from phasestereo_bench.datasets import Pair
-    from phasestereo_bench.rendering.light import Scene
+    from phasestereo_bench.rendering.light import Scenery
     from phasestereo_bench.rendering.shapes import Shape
 
 SIZE = {"height": 121, "width": 163, "num_disparities": 40}
@@ -43,7 +43,7 @@ def camera() -> Camera:
 
 
 @pytest.fixture(scope="module")
-def scene(camera: Camera) -> Scene:
+def scene(camera: Camera) -> Scenery:
     return furnish(np.random.default_rng(4), camera)
 
 
@@ -70,12 +70,14 @@ def test_shapes_types_and_ranges(pair: Pair) -> None:
     for image in (pair.left, pair.right):
         assert image.shape == (*size, 3)
         assert image.dtype == np.uint8
+
     for truth in (pair.truth, pair.truth_right):
         assert truth is not None
         assert truth.shape == size
         assert truth.dtype == np.float32
         assert truth.min() > 1
         assert truth.max() <= SIZE["num_disparities"] - 2
+
     assert set(pair.masks) == {"nonocc", "all", "disc"}
     assert all(mask.shape == size and mask.dtype == bool for mask in pair.masks.values())
     assert pair.masks["all"].all()
@@ -86,8 +88,10 @@ def test_same_seed_same_bits_other_seed_other_scene(pair: Pair) -> None:
     again, other = render_pair(2, **SIZE), render_pair(3, **SIZE)
     for name in ("left", "right", "truth", "truth_right"):
         np.testing.assert_array_equal(getattr(again, name), getattr(pair, name))
+
     for name, mask in pair.masks.items():
         np.testing.assert_array_equal(again.masks[name], mask)
+
     assert pair.truth is not None
     assert other.truth is not None
     assert (abs(other.truth - pair.truth) > 1).mean() > 0.1
@@ -114,11 +118,13 @@ def test_images_are_well_exposed_and_not_white_noise(pair: Pair) -> None:
 
 def test_warping_by_the_truth_gives_the_left_image_where_both_see_it(pair: Pair) -> None:
     assert pair.truth is not None
+
     residual = abs(warped(pair.right, pair.truth) - pair.left).mean(axis=2)
     smooth = away_from_jumps(pair.truth, 2)
     seen = pair.masks["nonocc"] & smooth
     inside = np.arange(pair.truth.shape[1]) - pair.truth >= 0
     hidden = ~pair.masks["nonocc"] & inside
+
     wrong = abs(warped(pair.right, pair.truth + 3) - pair.left).mean(axis=2)
     assert np.median(residual[seen]) < 3  # noise of both, and bilinear look-up
     assert np.median(wrong[seen]) > 2 * np.median(residual[seen])
@@ -130,8 +136,10 @@ def test_both_truths_pass_the_cross_check(pair: Pair) -> None:
     assert pair.truth_right is not None
     smooth = away_from_jumps(pair.truth, 1) & pair.masks["nonocc"]
     smooth &= warped(away_from_jumps(pair.truth_right, 1).astype(float), pair.truth) == 1
+
     back = warped(pair.truth_right, pair.truth)
     assert smooth.mean() > 0.5
+
     difference = abs(back - pair.truth)[smooth]
     assert (difference < 0.05).mean() > 0.99
     assert difference.max() < 0.6
@@ -150,6 +158,7 @@ def test_what_is_occluded_has_something_nearer_in_front(pair: Pair) -> None:
 def test_depths_follow_from_the_calibration(pair: Pair, camera: Camera) -> None:
     assert pair.calibration is not None
     assert pair.truth is not None
+
     depth = pair.calibration.depth(pair.truth)
     assert pair.calibration.ndisp == SIZE["num_disparities"]
     assert 1000 < depth.min() < 1500  # the floor at the lower edge, in mm
@@ -172,6 +181,7 @@ def facing(camera: Camera, depth: float, columns: list[float], rows: list[float]
         camera.eye - middle * cos - depth * sin,
         depth * cos - middle * sin,
     )
+
     up = (0.0, -cos, -sin)
     return Patch(center, (1.0, 0.0, 0.0), up, float(np.ptp(x)) / 2, float(np.ptp(down)) / 2)
 
@@ -181,6 +191,7 @@ def test_mask_and_truth_of_a_card_before_a_wall_by_hand() -> None:
     wall = facing(camera, 2.5, [-100, 200], [-100, 200])  # disparity 4
     card = facing(camera, 1.0, [19.5, 29.5], [9.5, 15.5])  # disparity 10
     truth = disparities([wall, card], camera, LEFT)
+
     expected = np.full((24, 40), 4.0)
     expected[10:16, 20:30] = 10
     np.testing.assert_allclose(truth, expected, rtol=1e-12)
@@ -189,6 +200,7 @@ def test_mask_and_truth_of_a_card_before_a_wall_by_hand() -> None:
     visible[:, :4] = False
     visible[10:16, 14:20] = False
     np.testing.assert_array_equal(visible_in_both([wall, card], camera, truth), visible)
+
     expected_right = np.full((24, 40), 4.0)
     expected_right[10:16, 10:20] = 10
     np.testing.assert_allclose(disparities([wall, card], camera, RIGHT), expected_right)
@@ -217,10 +229,12 @@ SHAPES: list[Shape] = [
 def test_windows_miss_nothing_that_is_seen(shape: Shape, side: int, camera: Camera) -> None:
     x, y = np.arange(80.0)[None], np.arange(60.0)[:, None]
     rays, everywhere = camera.rays(x, y, side), [(0, 60, 0, 80)]
+
     whole, _ = cast([shape], rays, everywhere, 0)
     bounded, _ = cast([shape], rays, windows([shape], camera, side), 0)
     assert np.isfinite(whole).sum() > 50
     np.testing.assert_array_equal(bounded, whole)
+
     x, y, z = rays.at(np.where(np.isfinite(whole), whole, 1))
     low, high = shape.corners().min(axis=0) - 1e-6, shape.corners().max(axis=0) + 1e-6
     points = np.stack([x, y, z], axis=-1)[np.isfinite(whole)]
@@ -231,11 +245,13 @@ def test_windows_miss_nothing_that_is_seen(shape: Shape, side: int, camera: Came
 def test_normals_are_unit_and_face_the_way_the_surface_turns(shape: Shape, camera: Camera) -> None:
     rays = camera.rays(np.arange(80.0)[None], np.arange(60.0)[:, None], LEFT)
     depth, _ = cast([shape], rays, windows([shape], camera, LEFT), 0)
+
     met = np.isfinite(depth[:-1, :-1]) & np.isfinite(depth[1:, :-1]) & np.isfinite(depth[:-1, 1:])
     points = np.stack(rays.at(np.where(np.isfinite(depth), depth, 1.0)), axis=-1)
     across, along = points[:-1, 1:] - points[:-1, :-1], points[1:, :-1] - points[:-1, :-1]
     turned = np.cross(across, along)[met]
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+
     chart = shape.chart(*points[:-1, :-1][met].T)
     normal = np.stack(np.broadcast_arrays(*chart.normal), axis=-1)
     np.testing.assert_allclose((normal**2).sum(axis=-1), 1, rtol=1e-9)
@@ -249,14 +265,16 @@ def test_ellipsoid_and_cone_are_met_on_their_surface(camera: Camera) -> None:
         depth, _ = cast([shape], rays, [(0, 60, 0, 80)], 0)
         met = np.isfinite(depth)
         x, y, z = (p[met] for p in rays.at(np.where(met, depth, 1)))
+
         if shape is ball:
             level = ((x - 0.1) / 0.3) ** 2 + ((y - 0.4) / 0.2) ** 2 + ((z - 2) / 0.4) ** 2
         else:
             level = np.hypot(x + 0.1, z - 2.2) / (0.2 + 0.1 * y / 0.7)
+
         np.testing.assert_allclose(level, 1, atol=1e-9)
 
 
-def test_views_differ_by_noise_of_one_level(scene: Scene, camera: Camera) -> None:
+def test_views_differ_by_noise_of_one_level(scene: Scenery, camera: Camera) -> None:
     exposure = exposure_of(scene, camera)
     first, second = (
         photograph(scene, camera, LEFT, exposure, np.random.default_rng(seed)).astype(float)
@@ -280,10 +298,12 @@ def test_things_throw_shadows_away_from_the_sun() -> None:
 def test_textures_repeat_and_coarser_levels_keep_the_mean(shift: float) -> None:
     tile = Studio(np.random.default_rng(0), 64).plain((180, 120, 60), tone=0.3)
     texture = Texture.of(tile, 1.0)
+
     u, v = np.random.default_rng(1).uniform(0, 1, (2, 500))
     for spacing in (0.001, 0.1):
         there = look_up(texture, u + shift, v, np.full(500, spacing))
         np.testing.assert_allclose(there, look_up(texture, u, v, np.full(500, spacing)), rtol=1e-4)
+
     for level in texture.levels:
         np.testing.assert_allclose(level.mean(axis=(0, 1)), tile.mean(axis=(0, 1)), rtol=1e-5)
     assert texture.levels[-1].shape[0] == 16
@@ -292,24 +312,28 @@ def test_textures_repeat_and_coarser_levels_keep_the_mean(shift: float) -> None:
 def test_look_up_mixes_levels_by_spacing_and_interpolates() -> None:
     tile = np.arange(32 * 32, dtype=np.float32).reshape(32, 32, 1)
     texture = Texture.of(tile, 32.0)
+
     u, v = np.array([5.5, 6.0, 6.0]), np.array([7.5, 7.5, 8.0])
     # Texel centers are at halves; the second level's texel (3, 4) is the mean of four.
     spacing = np.array([1.0, 1.0, 2.5])
     coarse = texture.levels[1][3:5, 2:4, 0]
     expected = [7 * 32 + 5, 7 * 32 + 5.5, coarse[0, 0] * 0.25 + coarse[0, 1] * 0.25]
     expected[2] += coarse[1, 0] * 0.25 + coarse[1, 1] * 0.25
+
     np.testing.assert_allclose(look_up(texture, u, v, spacing)[:, 0], expected)
 
 
 def test_fractal_noise_has_the_slope_it_says() -> None:
     noise = fractal(np.random.default_rng(0), 256, slope=1.0)
     assert noise.std() == pytest.approx(1, rel=1e-4)
+
     amplitude = abs(np.fft.fft2(noise))
     radius = np.hypot(np.fft.fftfreq(256)[:, None], np.fft.fftfreq(256)[None])
     low, high = (
         np.sqrt((amplitude[(radius > f / 1.1) & (radius < f * 1.1)] ** 2).mean())
         for f in (0.05, 0.4)
     )
+
     assert low / high == pytest.approx(8, rel=0.15)
 
 

@@ -50,16 +50,19 @@ def column(row: dict[str, Any], name: str) -> Any:
 
 def test_frames_are_on_the_timeline_as_they_were_matched() -> None:
     expected = list(frames(3))
+
     with saving("a.rrd") as recording:
         for frame in expected:
             log_frame(frame, low=0, high=COUNT, recording=recording)
     assert [path.name for path in Path().iterdir()] == ["a.rrd"]
+
     for view in ("left", "right"):
         images = rows("a.rrd", f"stereo/{view}")
         assert [row["frame"] for row in images] == [0, 1, 2]
         for row, frame in zip(images, expected, strict=True):
             data = np.array(column(row, ":buffer"), np.uint8)
             np.testing.assert_array_equal(data.reshape(ROWS, COLS, 3), getattr(frame, view))
+
     for row, frame in zip(rows("a.rrd", "stereo/disparity"), expected, strict=True):
         data = np.array(column(row, ":buffer"), np.uint8).view(np.float32)
         np.testing.assert_array_equal(data.reshape(ROWS, COLS), frame.result.disparity)
@@ -72,14 +75,17 @@ def test_points_are_those_of_the_library() -> None:
     calibration = ps.io.Calibration(
         cam0=camera, cam1=camera, doffs=0.0, baseline=60.0, width=COLS, height=ROWS
     )
+
     (frame,) = frames(1)
     with saving("a.rrd") as recording:
         log_frame(frame, entity="rig", calibration=calibration, recording=recording)
+
     (row,) = rows("a.rrd", "rig/points")
     (points,) = [value for key, value in row.items() if key.endswith(":positions")]
     cloud = ps.point_cloud(frame.result, calibration, image=frame.left)
     np.testing.assert_array_equal(np.array(points, np.float32), cloud.points)
     assert np.median(np.array(points)[:, 2]) == pytest.approx(6000 / shift(0), rel=1e-3)
+
     (colors,) = [value for key, value in row.items() if key.endswith(":colors")]
     assert cloud.colors is not None
     np.testing.assert_array_equal(
@@ -91,8 +97,10 @@ def test_time_and_failures_are_logged() -> None:
     failures: list[Failure] = []
     for _ in frames(3, failures):
         pass
+
     with saving("a.rrd") as recording:
         log_failure(ps.Failure(7, 1.5, failures[0].error), recording=recording)
+
     (row,) = rows("a.rrd", "stereo/failures")
     assert row["frame"] == 7
     assert row["time"].total_seconds() == 1.5
@@ -117,15 +125,20 @@ def test_error_half_way_leaves_what_was_logged() -> None:
 
 def test_what_cannot_be_logged_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     (frame,) = frames(1)
+
     with pytest.raises(ValueError, match="^low: got 3 and high None"):
         log_frame(frame, low=3)
+
     with pytest.raises(ValueError, match=r"must end in .rrd, got 'a.mp4'"), saving("a.mp4"):
         pass
+
     with pytest.raises(FileNotFoundError), saving("none/a.rrd"):
         pass
+
     Path("b.rrd").mkdir()
     with pytest.raises(OSError, match="^b.rrd exists and is not a regular file"), saving("b.rrd"):
         pass
+
     monkeypatch.setitem(__import__("sys").modules, "rerun", None)
     with pytest.raises(ImportError, match=r"pip install 'phasestereo\[rerun\]'"):
         log_frame(frame)

@@ -13,6 +13,7 @@ from hypothesis.extra import numpy as npst
 
 from phasestereo import metrics
 from phasestereo.metrics import roc_area, sparsification
+from test_metrics import row
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,10 +23,6 @@ if TYPE_CHECKING:
     Map = npt.NDArray[np.float32]
 
 NAN, INF = math.nan, math.inf
-
-
-def row(*values: float) -> Map:
-    return np.array([values], dtype=np.float32)
 
 
 TRUTH = row(10, 10, 10, 10, 10, 10)
@@ -89,14 +86,17 @@ def test_a_count_of_all_pairs_is_the_same(
 ) -> None:
     truth = np.full((4, 5), 8, np.float32)
     estimate = np.where(wrong, np.float32(3), truth)
+
     if not mask.any():
         with pytest.raises(ValueError, match="nothing is left to score"):
             roc_area(confidence, estimate, truth, mask=mask)
         return
+
     rights, wrongs = confidence[mask & ~wrong], confidence[mask & wrong]
     ordered = sum(float(r > w) + 0.5 * float(r == w) for r in rights for w in wrongs)
     pairs = len(rights) * len(wrongs)
     expected = ordered / pairs if pairs else NAN
+
     area = roc_area(confidence, estimate, truth, mask=mask)
     assert area == pytest.approx(expected, rel=1e-15, nan_ok=True)
 
@@ -107,20 +107,24 @@ def test_a_better_order_has_the_smaller_area_of_sparsification(
 ) -> None:
     truth = np.full((4, 5), 8, np.float32)
     estimate = np.where(wrong, np.float32(3), truth)
+
     curve = sparsification(confidence, estimate, truth)
     assert curve.bad[-1] == pytest.approx(metrics.bad_pixels(estimate, truth, 1))
     assert curve.density[-1] == 1.0
     assert np.all(np.diff(curve.density) > 0)
     assert curve.least <= curve.area + 1e-9
+
     best = sparsification((~wrong).astype(np.float32), estimate, truth)
     assert best.area == pytest.approx(best.least)
 
 
 def test_the_scale_of_a_confidence_does_not_matter() -> None:
     generator = np.random.default_rng(1)
+
     truth = np.full((60, 70), 8, np.float32)
     estimate = truth + generator.normal(size=truth.shape).astype(np.float32)
     confidence = generator.random(truth.shape) - np.abs(estimate - truth)
+
     area = roc_area(confidence, estimate, truth)
     assert 0.5 < area < 1
     assert roc_area(np.exp(3 * confidence), estimate, truth) == area

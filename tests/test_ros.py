@@ -65,6 +65,7 @@ def recording(
         INFOS, robots.straight((COLS, ROWS), FOCAL, BASELINE, doffs), strict=True
     ):
         bag.add(topic, START, robots.info(types, (COLS, ROWS), matrices))
+
     for index in range(count):
         for topic, view, late in zip(topics, cut(index), (0, 1_000_000), strict=True):
             stamp = START + index * STEP + late
@@ -73,6 +74,7 @@ def recording(
                 stamp,
                 robots.image(types, stamp, np.ascontiguousarray(view[:, :, ::-1]), "bgr8"),
             )
+
     return bag.write(path)
 
 
@@ -130,16 +132,20 @@ def test_compressed_images_are_read() -> None:
 
 def test_images_that_are_none_are_refused() -> None:
     message = robots.image(ROS2, START, cut(0)[0].copy(), "rgb8")
+
     message.data = message.data[:-1]
     with pytest.raises(ValueError, match=r"^image: cut short, it has 18431 bytes of 18432"):
         decode_image(message)
+
     message.encoding = "yuv422"
     with pytest.raises(ValueError, match=r"^encoding: got 'yuv422'; accepts mono8"):
         decode_image(message)
+
     packed = robots.compressed(ROS2, START, cut(0)[0], "png", "png")
     packed.data = packed.data[:99]
     with pytest.raises(ValueError, match=r"^image: "):
         decode_image(packed)
+
     packed.data = packed.data[4:]
     with pytest.raises(ValueError, match=r"^format: got 'png'; accepts jpeg and png"):
         decode_image(packed)
@@ -161,9 +167,11 @@ def test_a_recording_goes_through(
 ) -> None:
     types = ROS1 if source.endswith(".bag") else ROS2
     recording(tmp_path / source.partition("/")[0], types=types, doffs=2.0)
+
     out = tmp_path / target
     code, _, err = live(run, tmp_path / source, "-o", out)
     assert code == 0, err
+
     found = robots.read(out)
     assert sorted(found) == ["/diagnostics", "/rig/depth", "/rig/disparity", "/rig/points2"]
     for index, (time, message) in enumerate(found["/rig/disparity"]):
@@ -171,6 +179,7 @@ def test_a_recording_goes_through(
         check_disparity(message, index)
         check_depth(found["/rig/depth"][index][1], message)
         check_points(found["/rig/points2"][index][1], found["/rig/depth"][index][1], index)
+
     assert index == 2
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
         {source.partition("/")[0], target}
@@ -184,15 +193,18 @@ def stamp_of(message: Any) -> int:
 def check_disparity(message: Any, index: int) -> None:
     """Hold a DisparityImage against the match of the same frames, and the convention."""
     expected = ps.match(*cut(index), num_disparities=COUNT, preset="fast").disparity
+
     values = message.image.data.view("<f4").reshape(ROWS, COLS)
     assert (message.image.encoding, message.image.step) == ("32FC1", 4 * COLS)
     np.testing.assert_array_equal(values, expected + 2)  # doffs: Z = f T / d
     assert stamp_of(message) == stamp_of(message.image) == START + index * STEP
+
     assert message.header.frame_id == "left_optical"
     assert message.f == FOCAL
     assert getattr(message, "t", getattr(message, "T", None)) == pytest.approx(BASELINE)
     assert (message.min_disparity, message.max_disparity) == (2, COUNT - 1 + 2)
     assert message.delta_d == 1
+
     window = message.valid_window
     assert (window.x_offset, window.y_offset, window.width, window.height) == (0, 0, COLS, ROWS)
 
@@ -208,18 +220,22 @@ def check_points(cloud: Any, depth: Any, index: int) -> None:
     assert [(one.name, one.offset, one.datatype) for one in cloud.fields] == [
         ("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("rgb", 12, 7),
     ]  # fmt: skip
+
     assert (cloud.height, cloud.width, cloud.point_step, cloud.row_step) == (
         ROWS,
         COLS,
         16,
         16 * COLS,
     )
+
     points = cloud.data.view("<f4").reshape(-1, 4)
     np.testing.assert_array_equal(points[:, 2], depth.data.view("<f4"))
+
     result = ps.match(*cut(index), num_disparities=COUNT, preset="fast")
     geometry = Calibration.from_focal(FOCAL, BASELINE, width=COLS, height=ROWS, doffs=2.0)
     expected = ps.point_cloud(result, geometry)
     np.testing.assert_allclose(points[:, :3], expected.points, rtol=1e-5, atol=1e-6)
+
     colors = cloud.data.reshape(-1, 16)[:, 12:15]
     assert expected.colors is not None
     np.testing.assert_array_equal(colors[:, ::-1], expected.colors)
@@ -227,21 +243,27 @@ def check_points(cloud: Any, depth: Any, index: int) -> None:
 
 def test_what_has_no_estimate_is_below_the_range(run: Callable[..., Run], tmp_path: Path) -> None:
     recording(tmp_path / "in.mcap", 1)
+
     more = "--lr-check", "1", "--no-fill", "--depth-encoding", "16UC1"
     out = tmp_path / "out.mcap"
     code, _, err = live(run, tmp_path / "in.mcap", "-o", out, *more, "--min-disparity", -2)
     assert code == 0, err
+
     found = robots.read(out)
     message, depth = found["/rig/disparity"][0][1], found["/rig/depth"][0][1]
     values = message.image.data.view("<f4")
+
     settings: dict[str, Any] = {"lr_check": 1, "fill": False, "preset": "fast"}
     result = ps.match(*cut(0), num_disparities=COUNT, min_disparity=-2, **settings)
     missing = np.isnan(result.disparity).ravel()
+
     assert missing.any()
     np.testing.assert_array_equal(values[missing], -3)
     assert values[~missing].min() >= message.min_disparity == -2
+
     assert depth.encoding == "16UC1"
     assert not depth.data.view("<u2")[missing].any()
+
     known = values > 0
     millimetres = 1000 * FOCAL * BASELINE / values[known].astype(float)
     np.testing.assert_allclose(depth.data.view("<u2")[known], millimetres, atol=0.51)
@@ -249,21 +271,26 @@ def test_what_has_no_estimate_is_below_the_range(run: Callable[..., Run], tmp_pa
 
 def test_diagnostics_tell_what_check_finds_once_a_second(tmp_path: Path) -> None:
     recording(tmp_path / "in.mcap", 25)
+
     source = ros.open_recording(tmp_path / "in.mcap", *TOPICS)
     with ros.RecordingWriter(tmp_path / "out.mcap") as writer:
         out = FrameWriter(writer, TOPICS, kinds=["diagnostics"])
         for frame in ps.stream(source, num_disparities=COUNT, preset="fast"):
             out.write(frame, source.headers.pop(frame.index), None)
+
     told = robots.read(tmp_path / "out.mcap")["/diagnostics"]
     assert [time - START for time, _ in told] == [0, 20 * STEP]
+
     expected = ps.check(*cut(0))
     status = {one.name: one for one in told[0][1].status}
     assert list(status) == list(
         dict.fromkeys(f"phasestereo: {one.topic}" for one in expected.findings)
     )
+
     for one in expected.findings:
         assert one.sentence in status[f"phasestereo: {one.topic}"].message
         assert status[f"phasestereo: {one.topic}"].level == (one.severity == "warning")
+
     values = {one.key: float(one.value) for one in status["phasestereo: saturation"].values}
     assert values["left.bright"] == pytest.approx(expected.saturation[0].bright, rel=1e-5)
 
@@ -273,9 +300,11 @@ def test_diagnostics_tell_what_check_finds_once_a_second(tmp_path: Path) -> None
 
 def test_camera_info_rectifies_as_opencv_does(tmp_path: Path) -> None:
     rig = made_up()
+
     of_cv = of_opencv(rig, SIZE)
     random = np.random.default_rng(0)
     raw = [random.integers(0, 256, SIZE[::-1], np.uint8) for _ in range(2)]
+
     bag = Bag()
     for side, info, topic, view in zip("12", INFOS, TOPICS, raw, strict=True):
         names = {"K": f"K{side}", "D": f"D{side}"}
@@ -283,13 +312,16 @@ def test_camera_info_rectifies_as_opencv_does(tmp_path: Path) -> None:
         given |= {"R": of_cv[f"R{side}"], "P": of_cv[f"P{side}"]}
         bag.add(info, START, robots.info(ROS2, SIZE, given))
         bag.add(topic, START, robots.image(ROS2, START, view, "mono8"))
+
     source = ros.open_recording(bag.write(tmp_path / "in.mcap"), *TOPICS)
     assert source.note == f"frames are rectified by {INFOS[0]} and {INFOS[1]}"
     assert source.q is not None
     np.testing.assert_allclose(source.q / source.q[0, 0], of_cv["Q"], atol=1e-9)
+
     (frame,) = ps.stream(source, num_disparities=COUNT, preset="fast", rectify=source.cameras)
     known: dict[str, Any] = {name: rig[name] for name in ("K1", "D1", "K2", "D2")}
     known |= {name: of_cv[name] for name in ("R1", "R2", "P1", "P2")}
+
     expected = ps.rectify(raw[0], raw[1], known)
     np.testing.assert_array_equal(frame.left, expected.left)
     np.testing.assert_array_equal(frame.right, expected.right)
@@ -300,21 +332,26 @@ def test_real_frames_go_through(run: Callable[..., Run], data: Path, tmp_path: P
     frames, rig = euroc_frames(data)[:2], euroc(data)
     size = frames[0][0].shape[::-1]
     of_cv = of_opencv(rig, size)
+
     bag = Bag()
     for side, topic in zip("12", INFOS, strict=True):
         given = {"K": rig[f"K{side}"], "D": rig[f"D{side}"]}
         given |= {"R": of_cv[f"R{side}"], "P": of_cv[f"P{side}"]}
         bag.add(topic, START, robots.info(ROS2, size, given))
+
     for index, views in enumerate(frames):
         for topic, view in zip(TOPICS, views, strict=True):
             stamp = START + index * STEP
             bag.add(topic, stamp, robots.image(ROS2, stamp, view, "mono8"))
+
     source, out = bag.write(tmp_path / "in.mcap"), tmp_path / "out.mcap"
     topics = "--left", TOPICS[0], "--right", TOPICS[1], "--num-disparities", 64
     code, _, err = run("live", source, *topics, "--preset", "fast", "-o", out)
     assert code == 0, err
+
     found = robots.read(out)["/rig/disparity"]
     assert len(found) == 2
+
     known: dict[str, Any] = {name: rig[name] for name in ("K1", "D1", "K2", "D2")}
     known |= {name: of_cv[name] for name in ("R1", "R2", "P1", "P2")}
     for (_, message), views in zip(found, frames, strict=True):
@@ -340,14 +377,17 @@ def test_without_camera_info_there_are_disparities(run: Callable[..., Run], tmp_
     bag = Bag()
     for topic, view in zip(("/l", "/r"), cut(0), strict=True):
         bag.add(topic, START, robots.image(ROS2, START, view.copy(), "rgb8"))
+
     source, out = bag.write(tmp_path / "in.mcap"), tmp_path / "out.mcap"
     line = "live", source, "--left", "/l", "--right", "/r", "--num-disparities", COUNT
     code, _, err = run(*line, "--preset", "fast", "-o", out)
     assert code == 0
     assert "no /camera_info" in err
+
     found = robots.read(out)
     assert sorted(found) == ["/diagnostics", "/disparity"]
     assert found["/disparity"][0][1].f == 0
+
     code, _, err = run(*line, "--preset", "fast", "-o", out, "--messages", "points")
     assert code == 2
     assert "--messages: points needs camera_info" in err
@@ -361,41 +401,50 @@ def test_frames_without_a_partner_are_counted_and_told(
 ) -> None:
     bag = Bag()
     late = {1: 20_000_000, 3: 20_000_000}  # ns: beyond the tolerance
+
     for index in range(5):
         for side, (topic, view) in enumerate(zip(TOPICS, cut(0), strict=True)):
             stamp = START + index * STEP + late.get(index, 0) * side
             bag.add(topic, stamp, robots.image(ROS2, stamp, view.copy(), "rgb8"))
+
     source = bag.write(tmp_path / "in.mcap")
     code, out, err = live(run, source, "--json", "-o", tmp_path / "out.mcap")
     assert code == 0
+
     said = json.loads(out)
     assert (said["frames"], said["failed"], said["unpaired"]) == (3, 4, 4)
     assert re.search(r"skipped frame 1: the left frame of 1700000000\.050 s has no right one", err)
     assert "the next one is 0.020 s later" in err
+
     times = [time - START for time, _ in robots.read(tmp_path / "out.mcap")["/rig/disparity"]]
     assert times == [0, 2 * STEP, 4 * STEP]
+
     code, out, _ = live(run, source, "--json", "--tolerance", 0.02)
     assert json.loads(out)["frames"] == 5
 
 
 def test_a_camera_that_stops_does_not_fill_the_memory(tmp_path: Path) -> None:
     bag = Bag()
+
     gray = np.zeros((2, 2), np.uint8)
     for index in range(200):
         for topic in TOPICS[: 1 if index else 2]:
             bag.add(
                 topic, START + index * STEP, robots.image(ROS2, START + index * STEP, gray, "mono8")
             )
+
     source = ros.open_recording(bag.write(tmp_path / "in.mcap"), *TOPICS)
     captures = list(source.captures)
     source.close()
     assert len(captures) == 200
+
     with pytest.raises(ros.UnpairedError, match=r"has no right one within 0\.01 s$"):
         captures[-1].take()
 
 
 def test_a_damaged_frame_fails_alone(run: Callable[..., Run], tmp_path: Path) -> None:
     bag = Bag()
+
     for index in range(3):
         for topic, view in zip(TOPICS, cut(0), strict=True):
             stamp = START + index * STEP
@@ -403,6 +452,7 @@ def test_a_damaged_frame_fails_alone(run: Callable[..., Run], tmp_path: Path) ->
             if index == 1:
                 message.data = message.data[:-7]
             bag.add(topic, stamp, message)
+
     out = tmp_path / "out.mcap"
     code, _, err = live(run, bag.write(tmp_path / "in.mcap"), "-o", out)
     assert code == 0
@@ -415,16 +465,19 @@ def test_what_is_finished_is_kept(run: Callable[..., Run], tmp_path: Path) -> No
     path = tmp_path / "in.mcap"
     bag = Bag()
     large = np.random.default_rng(0).integers(0, 256, (600, 900), np.uint8)
+
     for index in range(4):
         for topic in TOPICS:
             stamp = START + index * STEP
             bag.add(topic, stamp, robots.image(ROS2, stamp, large, "mono8"))
     bag.write(path)
+
     content = bytearray(path.read_bytes())
     middle = len(content) * 5 // 8
     start = content.find(large.tobytes(), middle)
     content[start - 200 : start] = b"\xff" * 200  # lengths and offsets of a message
     path.write_bytes(content)
+
     out = tmp_path / "out.mcap"
     code, _, err = live(run, path, "-o", out, "--messages", "disparity")
     assert code == 0
@@ -440,6 +493,7 @@ def test_recordings_that_are_cut_short_are_refused(
     path = recording(tmp_path / name, types=ROS1 if name == "in.bag" else ROS2)
     file = path / "folder.db3" if path.is_dir() else path
     file.write_bytes(file.read_bytes()[:5000])
+
     code, _, err = live(run, path, "--json", "-o", tmp_path / "out.mcap")
     assert code == 1
     assert err.startswith(f"phasestereo: error: {path}: ")
@@ -497,9 +551,11 @@ def test_wrong_commands_are_refused(
     recording(Path("in.mcap"), 1)
     Path("text.bag").write_text("no recording")
     Path("there.db3").mkdir()
+
     before = sorted(folder.iterdir())
     words = line.format(f"--left {TOPICS[0]} --right {TOPICS[1]}").split()
     got, out, err = run("live", *words, "--num-disparities", 8, "--preset", "fast")
+
     assert (got, out) == (code, "")
     assert message in err
     assert sorted(folder.iterdir()) == before

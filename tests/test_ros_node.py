@@ -86,19 +86,23 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
     modules["rclpy.node"].Node = Node  # type: ignore[attr-defined]
     for name in ("sensor_data", "system_default"):
         setattr(modules["rclpy.qos"], f"qos_profile_{name}", name)
+
     filters = modules["message_filters"] = ModuleType("message_filters")
     filters.Subscriber = lambda _, kind, topic, qos_profile: (kind, topic, qos_profile)  # type: ignore[attr-defined]
     filters.TimeSynchronizer = type("TimeSynchronizer", (Synchronizer,), {})  # type: ignore[attr-defined]
     filters.ApproximateTimeSynchronizer = type("ApproximateTimeSynchronizer", (Synchronizer,), {})  # type: ignore[attr-defined]
+
     for kind in ROS2.types:
         package, _, name = kind.split("/")
         home = modules.setdefault(f"{package}.msg", ModuleType(f"{package}.msg"))
         modules.setdefault(package, ModuleType(package))
         setattr(home, name, message_class(kind))
+
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.syspath_prepend(str(PACKAGE))
     monkeypatch.setattr(Node, "given", {})
+
     home = importlib.import_module("phasestereo_ros.node")
 
     def made(**parameters: Any) -> Any:
@@ -106,6 +110,7 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
         return home.PhasestereoNode()
 
     yield made
+
     for name in ("phasestereo_ros.node", "phasestereo_ros"):
         sys.modules.pop(name, None)
 
@@ -128,17 +133,22 @@ def test_a_pair_is_matched_and_published(node: Callable[..., Any]) -> None:
     made = node(preset="fast", disparity_range=COUNT)
     made._synchronizer.callback(*arrivals())
     assert not made.logged
+
     (message,) = made.published["disparity"]
+
     settings: dict[str, Any] = {"preset": "fast", "fill": False, "lr_check": 1}
     result = ps.match(*pair(), num_disparities=COUNT, **settings)
     expected = np.where(np.isnan(result.disparity), -1, result.disparity)
+
     values = np.frombuffer(message.image.data, "<f4").reshape(ROWS, COLS)
     np.testing.assert_array_equal(values, expected)
     assert (message.f, message.t) == (80.0, pytest.approx(0.12))
     assert (message.header.stamp.sec, message.header.frame_id) == (START // 10**9, "left_optical")
+
     (cloud,) = made.published["points2"]
     depth = np.frombuffer(cloud.data, "<f4").reshape(-1, 4)[:, 2]
     known = ~np.isnan(result.disparity.ravel())
+
     np.testing.assert_allclose(depth[known], 9.6 / expected.ravel()[known], rtol=1e-6)
     assert np.isnan(depth[~known]).all()
 
@@ -155,6 +165,7 @@ def test_diagnostics_come_once_a_second(node: Callable[..., Any]) -> None:
 
 def test_topics_are_those_of_stereo_image_proc(node: Callable[..., Any]) -> None:
     exact = node()._synchronizer
+
     topics = [topic for _, topic, _ in exact.views]
     assert topics == [
         "left/image_rect",
@@ -164,6 +175,7 @@ def test_topics_are_those_of_stereo_image_proc(node: Callable[..., Any]) -> None
     ]
     assert [qos for *_, qos in exact.views] == ["sensor_data"] * 4
     assert (type(exact).__name__, exact.settings) == ("TimeSynchronizer", (5,))
+
     near = node(approximate_sync=True, queue_size=9, use_system_default_qos=True)._synchronizer
     assert (type(near).__name__, near.settings) == ("ApproximateTimeSynchronizer", (9, 0.01))
     assert near.views[0][2] == "system_default"
@@ -174,13 +186,16 @@ def test_its_parameters_are_settings(node: Callable[..., Any]) -> None:
         correlation_window_size=7, uniqueness_ratio=15.0, speckle_size=100, speckle_range=2,
         disp12_max_diff=3, min_disparity=-4, P1=8.0,
     )  # fmt: skip
+
     search = made._search
     chosen = search.settings
     assert (chosen.window, chosen.uniqueness, chosen.lr_check) == (7, 15, 3)
     assert (chosen.speckle_size, chosen.speckle_range, chosen.fill) == (100, 2, False)
     assert (search.low, search.count) == (-4, 64)
+
     assert made.logged == ["without effect here: P1"]
     assert node()._search.settings.window == ps.PRESETS["robust"].window
+
     with pytest.raises(ValueError, match=r"^window: got 6"):
         node(correlation_window_size=6)
 
@@ -196,12 +211,14 @@ def test_a_pair_that_fails_is_logged(node: Callable[..., Any]) -> None:
 
 def test_the_package_names_what_it_has() -> None:
     described = ElementTree.parse(PACKAGE / "package.xml").getroot()  # noqa: S314 - our own file
+
     setup = (PACKAGE / "setup.py").read_text("utf-8")
     name = described.findtext("name")
     assert f'NAME = "{name}"' in setup
     assert f'version="{described.findtext("version")}"' in setup
     assert (PACKAGE / f"resource/{name}").is_file()
     assert (PACKAGE / "launch/phasestereo.launch.py").is_file()
+
     needed = {element.text for element in described.iter("exec_depend")}
     source = (PACKAGE / "phasestereo_ros/node.py").read_text("utf-8")
     for module in ("rclpy", "message_filters", "sensor_msgs", "stereo_msgs", "diagnostic_msgs"):

@@ -66,16 +66,20 @@ def test_rows_are_straightened(
 ) -> None:
     pair = load(name)
     crooked = pair.left, lowered(pair.right, **how)
+
     low, count = -6, pair.num_disparities + 12
     straight = ps.match(pair.left, pair.right, min_disparity=low, num_disparities=count)
     mended = ps.match(*crooked, min_disparity=low, num_disparities=count)
     left = ps.match(*crooked, min_disparity=low, num_disparities=count, align_rows=False)
+
     assert mended.alignment is not None
     assert mended.alignment.applied
     assert mended.alignment.residual < 0.2 < mended.alignment.rms
+
     assert mended.confidence is not None
     assert left.confidence is not None
     assert mended.confidence.mean() > left.confidence.mean() + 0.02
+
     if "down" in how:  # else what is right lies elsewhere along the rows
         assert bad(pair, mended) < bad(pair, straight) + 0.8
         assert bad(pair, left) > bad(pair, mended) + 3
@@ -95,10 +99,12 @@ def test_what_is_aligned_is_not_touched(load: Callable[[str], Pair], name: str) 
 
 def test_rows_are_straightened_beside_blur(load: Callable[[str], Pair]) -> None:
     pair = load("cones")
+
     soft = degradation.suite()["disk 3"](pair.left)
     count = pair.num_disparities
     straight = ps.match(soft, pair.right, num_disparities=count)
     result = ps.match(soft, lowered(pair.right, down=2.0), num_disparities=count)
+
     assert result.blur is not None
     assert result.blur.blur.side == "left"
     assert bad(pair, result) < bad(pair, straight) + 1.5
@@ -109,9 +115,11 @@ def test_rows_are_straightened_with_versions_that_are_told(load: Callable[[str],
     crooked = lowered(pair.right, down=2.0)
     told = ps.BlurCompensation(noise=(1.0, 1.0))
     result = ps.match(pair.left, crooked, blur_compensation=told)
+
     assert result.alignment is not None
     assert result.alignment.applied
     assert result.blur_compensation is told
+
     noisy = ps.match(pair.left, crooked, noise=1.0)
     assert noisy.alignment is not None
     assert noisy.alignment.applied
@@ -123,10 +131,12 @@ def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
     layers = [
         np.kron(rng.normal(size=(400 // n, 300 // n)), np.ones((n, n))) for n in (1, 2, 4, 10)
     ]
+
     scene = np.sum([layer[:400, :300] for layer in layers], axis=0)
     left = np.asarray(scene[30:-30, 20:-20], np.float32)
     right = moved(np.asarray(scene[30:-30, 29:-11], np.float32), down=1.4, clockwise=0.3)
     images = [np.rint(20 * image + 110).clip(0, 255).astype(dtype) for image in (left, right)]
+
     mask = np.ones(left.shape, bool)
     mask[100:120, 40:90] = False
 
@@ -138,14 +148,17 @@ def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
     assert whole.alignment.applied
     assert whole.search is not None
     assert whole.search.origin == "found"
+
     told = ps.pair_statistics(read, left.shape)
     assert (told.alignment, told.search) == (whole.alignment, whole.search)
+
     for first, last in ((0, 40), (90, 170), (300, 340)):
         part = ps.match_rows(read, told, first, last)
         np.testing.assert_array_equal(part.disparity, whole.disparity[first:last])
         np.testing.assert_array_equal(part.flags, whole.flags[first:last])
         assert whole.confidence is not None
         np.testing.assert_array_equal(part.confidence, whole.confidence[first:last])
+
     around = ps.halo(told.settings, told.blur_compensation, told.alignment)
     assert around > ps.halo(told.settings, told.blur_compensation)
 
@@ -171,13 +184,17 @@ def importlib_load(path: Path) -> ps.PairStatistics:
 @pytest.mark.parametrize("name", SCENES)
 def test_the_range_need_not_be_told(load: Callable[[str], Pair], name: str) -> None:
     pair = load(name)
+
     told = ps.match(pair.left, pair.right, num_disparities=pair.num_disparities)
     found = ps.match(pair.left, pair.right)
+
     assert found.search is not None
     assert found.search.origin == "found"
     assert told.search is not None
     assert (told.search.origin, told.search.num_disparities) == ("given", pair.num_disparities)
+
     assert bad(pair, found) < bad(pair, told) + 0.5
+
     assert_same(
         found,
         ps.match(
@@ -215,6 +232,7 @@ def faults(pair: Pair) -> dict[str, tuple[Any, Any, dict[str, Any], str]]:
     noise = np.random.default_rng(0).integers(0, 256, pair.left.shape, np.uint8)
     told = {"num_disparities": count}
     crooked = lowered(pair.right, down=2.0)
+
     return {
         "swapped": (pair.right, pair.left, told, "swap"),
         "swapped, range to be found": (pair.right, pair.left, {}, "swap"),
@@ -249,15 +267,18 @@ def test_the_negative_of_an_inverted_image_is_matched(
     load: Callable[[str], Pair], dtype: type[Any]
 ) -> None:
     pair = load("cones")
+
     scale, white = {np.uint8: (1, 255), np.uint16: (257, 65535), np.float32: (1 / 255, 1.0)}[dtype]
     left, right = ((image * dtype(scale)).astype(dtype) for image in (pair.left, pair.right))
     for count in (None, pair.num_disparities):
         straight = ps.match(left, right, num_disparities=count)
         inverted = ps.match(left, white - right, num_disparities=count)
+
         assert inverted.search is not None
         assert inverted.search.inverted
         assert not grave(inverted)
         assert any("is dark in the other" in one.sentence for one in inverted.findings)
+
         known = np.isfinite(straight.disparity) & np.isfinite(inverted.disparity)
         apart = np.abs(straight.disparity - inverted.disparity)[known] > 1
         assert apart.mean() < 0.01, count
@@ -272,6 +293,7 @@ def test_parts_of_an_inverted_pair_are_those_of_the_whole(load: Callable[[str], 
 
     found = ps.pair_statistics(read, left.shape[:2])
     assert found.is_inverted
+
     part, whole = ps.match_rows(read, found, 100, 180), ps.match(left, right)
     np.testing.assert_array_equal(part.disparity, whole.disparity[100:180])
     np.testing.assert_array_equal(part.flags, whole.flags[100:180])
@@ -286,11 +308,14 @@ def test_a_matcher_goes_on_with_the_negative(load: Callable[[str], Pair]) -> Non
 
 def test_a_matcher_warns_too_and_a_summary_is_what_it_says() -> None:
     images = np.random.default_rng(0).integers(0, 256, (2, 90, 120), np.uint8)
+
     with pytest.warns(ps.MatchWarning, match="hardly anything"):
         result = ps.Matcher().match(*images, num_disparities=30)
+
     assert result.summary is not None
     assert result.confidence is not None
     assert result.summary.confidence == pytest.approx(float(result.confidence.mean()), abs=1e-5)
+
     failed = ps.Flag.OCCLUDED | ps.Flag.MISMATCHED | ps.Flag.SPECKLE
     assert result.summary.flagged == ((result.flags & failed) != 0).mean()
     assert result.summary.estimated == np.isfinite(result.disparity).mean()

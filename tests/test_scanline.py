@@ -54,6 +54,7 @@ def test_semi_global_matching_follows_the_definition(
 def test_paths_begin_outside_bands_and_panels(shape: tuple[int, int], count: int) -> None:
     rng = np.random.default_rng(sum(shape))
     costs = rng.integers(0, 30, (*shape, count), np.uint32)
+
     alone = oracle.winner_takes_all(costs)
     for optimizer, paths in (("so", oracle.row_means), ("sgm", oracle.path_means)):
         expected = oracle.winner_takes_all(paths(costs.astype(np.int64), 2, 6))

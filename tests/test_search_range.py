@@ -11,6 +11,7 @@ import phasestereo as ps
 from estimating import estimated
 from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
+from test_alignment import gray
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,11 +23,6 @@ if TYPE_CHECKING:
     Plane = NDArray[np.float32]
 
 SCENES = "tsukuba", "cones", "Playroom", "Aloe"
-
-
-def gray(image: NDArray[np.uint8]) -> Plane:
-    plane: Plane = image.mean(axis=2).astype(np.float32)
-    return plane
 
 
 def found(left: Plane, right: Plane) -> SearchRange:
@@ -50,9 +46,11 @@ def test_range_holds_the_truth_and_little_else(data: Path, radius: int) -> None:
     for name in SCENES:
         pair = find_scene(data / "middlebury", name).load()
         assert pair.truth is not None
+
         search = found(gray(defocus(pair.left)), gray(pair.right))
         truth = pair.truth[np.isfinite(pair.truth)]
         assert inside(truth, search) >= 0.995, name
+
         low, high = np.percentile(truth, [0.25, 99.75])
         assert search.num_disparities <= 2.5 * (high - low) + 4, name
         assert (search.swapped, search.mixed) == (False, False), name
@@ -70,6 +68,7 @@ def test_exchanged_images_are_told_and_their_range_found(data: Path) -> None:
 def test_match_takes_the_range(data: Path) -> None:
     pair = find_scene(data / "middlebury", "cones").load()
     search = found(gray(pair.left), gray(pair.right))
+
     result = ps.match(
         pair.left,
         pair.right,

@@ -32,9 +32,11 @@ def test_presets_are_had_by_name() -> None:
     for name, settings in ps.PRESETS.items():
         assert ps.Settings.preset(name) == settings
         assert ps.match(IMAGE, IMAGE, num_disparities=2, preset=name).settings == settings
+
     paper = ps.Settings.preset("paper")
     assert (paper.neighborhood, paper.window, paper.frequencies) == (7, 9, (2, 1))
     assert (paper.power, paper.bits, paper.p1, paper.p2) == (1, 2, 2, 2)
+
     with pytest.raises(ValueError, match="^preset: got 'blind'; accepts 'robust', 'paper', 'fast'"):
         ps.Settings.preset("blind")
 
@@ -51,9 +53,11 @@ def test_fast_fits_bytes_from_costs_to_paths() -> None:
     """What fast is made for; wider integers would be several times as slow."""
     fast = ps.PRESETS["fast"]
     assert (fast.precision, fast.optimizer, fast.confidence) == ("byte", "so", False)
+
     r, s = fast.frequencies
     ceiling = (r * (2 * s + 1) + s) * 2 ** (fast.bits - 1)
     assert fast.window * ceiling <= 255
+
     dropped = oracle.dropped_bits(fast.window, ceiling, fast.p2)
     far = oracle.window_penalty(fast.p2, fast.window, dropped)
     assert fast.window * (fast.window * ceiling >> dropped) + far <= 255
@@ -226,9 +230,12 @@ def test_unknown_names_are_refused_with_what_there_is() -> None:
         ValueError, match="^preset: got 'blind'; accepts 'robust', 'paper', 'fast'$"
     ):
         ps.match(IMAGE, IMAGE, num_disparities=2, preset="blind")
+
     with pytest.raises(TypeError, match=r"^windows: no such setting; accepts cost, neighborhood"):
         ps.match(IMAGE, IMAGE, num_disparities=2, windows=5)
+
     with pytest.raises(TypeError, match="^preset: got int"):
         ps.match(IMAGE, IMAGE, num_disparities=2, preset=1)  # type: ignore[arg-type]  # the point
+
     with pytest.raises(TypeError, match="^settings: got dict"):
         ps.match(IMAGE, IMAGE, num_disparities=2, settings={})  # type: ignore[arg-type]  # the point

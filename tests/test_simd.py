@@ -52,8 +52,10 @@ print(json.dumps([_core.simd_level(), digest.hexdigest()]))
 def matched(level: str | None) -> tuple[str, str]:
     """Match in a process of its own; return the level it used and a digest of all results."""
     environment = {name: value for name, value in os.environ.items() if name != "PHASESTEREO_SIMD"}
+
     if level is not None:
         environment["PHASESTEREO_SIMD"] = level
+
     finished = subprocess.run(  # noqa: S603  # our own interpreter on our own code
         [sys.executable, "-c", CODE],
         capture_output=True,
@@ -62,8 +64,10 @@ def matched(level: str | None) -> tuple[str, str]:
         timeout=60,
         check=False,
     )
+
     assert finished.returncode == 0, finished.stderr
     used, digest = json.loads(finished.stdout)
+
     return used, digest
 
 

@@ -47,10 +47,13 @@ def square(grown: int = 0) -> NDArray[np.float32]:
 def pair() -> tuple[Gray, Gray]:
     """Return the images of it."""
     rng = np.random.default_rng(8)
+
     near, far = (np.kron(rng.integers(0, 200, (30, 60)), np.ones((2, 2))) for _ in range(2))
     truth = square()
+
     left = np.where(truth == NEAR, near[:, : SIZE[1]], far[:, : SIZE[1]])
     right = far[:, FAR : FAR + SIZE[1]].copy()
+
     y, x = np.nonzero(truth == NEAR)
     right[y, x - NEAR] = near[y, x]
     return left.astype(np.uint8), right.astype(np.uint8)
@@ -74,10 +77,12 @@ def wrong(disparity: NDArray[np.float32]) -> int:
 def test_a_map_is_redrawn_as_the_oracle_says(side: str) -> None:
     images, versions = soft("left" if side == "areas" else side)
     kernels: Any = versions.kernels
+
     if side == "areas":
         kernels = [*kernels, (BLUR, None), (None, None), (None, disk_psf(2))]
         labels = np.array([[0, 1, 2, 3, 0, 1], [1, 0, 0, 1, 3, 2]], np.uint8)
         versions = replace(versions, kernels=kernels, labels=labels, tile=16)
+
     options: dict[str, Any] = {
         **SEARCH,
         "settings": SETTINGS,
@@ -85,8 +90,10 @@ def test_a_map_is_redrawn_as_the_oracle_says(side: str) -> None:
         "align_rows": False,
         "sizes": 1,
     }
+
     before = ps.match(*images, **options).disparity
     found = ps.match(*images, **options, synthesis=True).disparity
+
     left, right = (image.astype(np.float64) - 128 for image in images)
     redrawn = synthesis.synthesize(
         (left, right),
@@ -99,8 +106,10 @@ def test_a_map_is_redrawn_as_the_oracle_says(side: str) -> None:
             oracle.weak_threshold(NOISE[1], WEAK, 5),
         ),
     )
+
     expected = synthesis.outline(redrawn, left)
     assert (redrawn != before).mean() > 0.01
+
     # Its codes are not rounded: a few bits differ, and where two maps are as good so do these.
     assert (found != expected).mean() < 0.02
 
@@ -110,6 +119,7 @@ def test_a_map_is_redrawn_as_the_oracle_says(side: str) -> None:
 def test_fat_outlines_become_thin(side: str, dtype: type[np.generic]) -> None:
     images, versions = soft(side)
     given = tuple(image.astype(dtype) for image in images)
+
     options: dict[str, Any] = {
         **SEARCH,
         "blur_compensation": versions,
@@ -118,8 +128,10 @@ def test_fat_outlines_become_thin(side: str, dtype: type[np.generic]) -> None:
         "align_rows": False,
         "sizes": 1,
     }
+
     before = ps.match(*given, **options, synthesis=False)
     after = ps.match(*given, **options)
+
     assert wrong(after.disparity) < 0.85 * wrong(before.disparity)
     np.testing.assert_array_equal(after.flags, before.flags)
 
@@ -135,6 +147,7 @@ def test_a_darker_soft_image_changes_little() -> None:
         "align_rows": False,
         "sizes": 1,
     }
+
     before = ps.match(left, darker, **options, synthesis=False)
     after = ps.match(left, darker, **options)
     assert wrong(after.disparity) < 0.85 * wrong(before.disparity)
@@ -151,14 +164,17 @@ def test_without_blur_nothing_changes() -> None:
 
 def test_masked_pixels_have_no_effect_and_no_disparity() -> None:
     (left, right), versions = soft("left")
+
     rng = np.random.default_rng(1)
     masks = {"left_mask": rng.random(SIZE) > 0.1, "right_mask": rng.random(SIZE) > 0.1}
     options: dict[str, Any] = {**SEARCH, **masks, "blur_compensation": versions, "neighborhood": 5}
+
     expected = ps.match(left, right, **options)
     lost = [
         np.where(mask, image, 255)
         for image, mask in zip((left, right), masks.values(), strict=True)
     ]
+
     found = ps.match(*lost, **options)
     np.testing.assert_array_equal(found.disparity, expected.disparity)
     assert np.isnan(found.disparity[~masks["left_mask"]]).all()
@@ -167,11 +183,13 @@ def test_masked_pixels_have_no_effect_and_no_disparity() -> None:
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_threads_change_nothing(side: str) -> None:
     images, versions = soft(side)
+
     options: dict[str, Any] = {
         **SEARCH,
         "blur_compensation": versions,
         "align_rows": False,
         "sizes": 1,
     }
+
     found = [ps.match(*images, **options, threads=threads).disparity for threads in (1, 3)]
     np.testing.assert_array_equal(found[0], found[1])

@@ -46,20 +46,24 @@ def test_points_are_those_of_opencv() -> None:
 
 def test_a_pair_rectified_by_opencv_keeps_its_geometry() -> None:
     cv2 = counterpart("cv2")
+
     camera = np.array([[500.0, 0, 31], [0, 500, 23], [0, 0, 1]])
     other = np.array([[500.0, 0, 36], [0, 500, 23], [0, 0, 1]])
     turn, _ = cv2.Rodrigues(np.array([0.01, 0.02, -0.01]))
     shift = np.array([[-120.0], [2], [1]])
+
     for flags in (0, cv2.CALIB_ZERO_DISPARITY):  # with and without doffs
         rectified = cv2.stereoRectify(
             camera, None, other, None, (COLS, ROWS), turn, shift, flags=flags
         )
+
         q, left, right = rectified[4], rectified[2], rectified[3]
         rig = Calibration.from_q(q, width=COLS, height=ROWS)
         # OpenCV 5 computes some of it in float32
         assert rig.baseline == pytest.approx(np.linalg.norm(shift), rel=1e-5)
         assert rig.doffs == pytest.approx(right[0, 2] - left[0, 2], abs=1e-4)
         assert (rig.doffs != 0) == (flags == 0)
+
         disparity = disparities() + 5 - np.float32(rig.doffs)
         expected = cv2.reprojectImageTo3D(disparity, q).reshape(-1, 3)
         np.testing.assert_allclose(ps.point_cloud(disparity, rig).points, expected, rtol=1e-6)
@@ -71,8 +75,10 @@ def test_a_point_projects_to_its_pixels() -> None:
     x, y, z = ps.point_cloud(disparity, RIG).points.T.astype(np.float64)
     rows, cols = np.mgrid[:ROWS, :COLS].reshape(2, -1)
     (fx, _, cx), (_, fy, cy), _ = RIG.cam0
+
     np.testing.assert_allclose(fx * x / z + cx, cols, atol=1e-4)
     np.testing.assert_allclose(fy * y / z + cy, rows, atol=1e-4)
+
     in_right = fx * (x - RIG.baseline) / z + RIG.cam1[0][2]
     np.testing.assert_allclose(in_right, cols - disparity.ravel(), atol=1e-4)
 
@@ -81,16 +87,20 @@ def test_only_pixels_with_a_depth_become_points() -> None:
     disparity = np.full((ROWS, COLS), 10, np.float32)
     disparity[0, :5] = [np.nan, np.inf, -np.inf, -3.25, -4]
     disparity[1, 1] = -3.25 + 1e-5  # 6 km away
+
     wanted = np.ones((ROWS, COLS), bool)
     wanted[2] = False
+
     image = np.arange(ROWS * COLS, dtype=np.uint32).view(np.uint8).reshape(ROWS, COLS, 4)
     cloud = ps.point_cloud(disparity, RIG, image=image, mask=wanted, max_depth=1e4)
+
     kept = wanted.copy()
     kept[0, :5] = kept[1, 1] = False
     assert len(cloud) == kept.sum()
     assert cloud.colors is not None
     np.testing.assert_array_equal(cloud.colors, image[kept][:, :3])  # row by row, alpha left out
     np.testing.assert_allclose(cloud.points[:, 2], 120.75 * 500.5 / 13.25, rtol=1e-6)
+
     everything = ps.point_cloud(disparity, RIG)
     assert len(everything) == ROWS * COLS - 5
     assert everything.points[:, 2].max() > 1e6
@@ -105,18 +115,22 @@ def test_points_beyond_float32_are_left_out() -> None:
 def test_a_result_is_taken_as_it_is() -> None:
     pair = render_pair(3, height=96, width=128, num_disparities=24)
     result = ps.match(pair.left, pair.right, num_disparities=24)
+
     assert pair.calibration is not None
     sure = result.flags == 0
     cloud = ps.point_cloud(result, pair.calibration, mask=sure)
     assert 0.5 * sure.size < len(cloud) == sure.sum() < sure.size
+
     alone = ps.point_cloud(result.disparity, pair.calibration, image=pair.left, mask=sure)
     np.testing.assert_array_equal(cloud.points, alone.points)
     assert cloud.colors is not None
     assert alone.colors is not None
     np.testing.assert_array_equal(cloud.colors, alone.colors)
+
     other = ps.point_cloud(result, pair.calibration, image=pair.right, mask=sure)
     assert other.colors is not None
     assert (other.colors != cloud.colors).any()
+
     forgotten = replace(result, pair=None)  # as one that was pickled
     assert ps.point_cloud(forgotten, pair.calibration).colors is None
 
@@ -225,8 +239,10 @@ def test_depths_of_a_real_pair_are_right(data: Path) -> None:
     calibration = read_calibration(scene / "calib.txt")
     truth = read_disparity(scene / "disp0GT.pfm")
     seen = read_image(scene / "mask0nocc.png") == 255
+
     result = ps.match(left, right, num_disparities=80)
     assert median_error(result.disparity, truth, calibration, seen) < 0.005
+
     cloud = ps.point_cloud(result, calibration, image=left, mask=seen & np.isfinite(truth))
     near, far = np.percentile(cloud.points[:, 2], (1, 99))
     assert 1900 < near < far < 5000  # mm: a motorcycle in a workshop

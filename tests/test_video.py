@@ -84,9 +84,11 @@ def test_frames_arrive_as_they_were_filmed() -> None:
 def test_every_frame_is_counted_once(name: str, codec: str, options: dict[str, str]) -> None:
     pictures = side_by_side(20)
     film(Path(name), pictures, codec=codec, pixels="yuv420p", options=options)
+
     found = outcomes(open_video(name))
     assert failures(found) == {}
     assert len(found) == 20
+
     for one, other in zip(found, pictures, strict=True):
         near = [abs(one.astype(int) - picture).mean() for picture in pictures]
         assert pictures[int(np.argmin(near))] is other
@@ -96,11 +98,14 @@ def test_gray_stays_gray_and_deep_pixels_stay_deep() -> None:
     deep = np.random.default_rng(0).integers(0, 2**16, (32, 48), np.uint16)
     film(Path("gray16.mkv"), [deep], codec="ffv1", pixels="gray16le", form="gray16le")
     np.testing.assert_array_equal(outcomes(open_video("gray16.mkv")), [deep])
+
     shallow = (deep >> 8).astype(np.uint8)
     film(Path("gray.mkv"), [shallow], codec="ffv1", pixels="gray", form="gray")
     np.testing.assert_array_equal(outcomes(open_video("gray.mkv")), [shallow])
+
     color = side_by_side(1)
     film(Path("ten.mkv"), color, codec="ffv1", pixels="yuv444p10le")
+
     (found,) = outcomes(open_video("ten.mkv"))
     assert found.dtype == np.uint16
     np.testing.assert_allclose(found / 257.0, color[0], atol=4)
@@ -116,10 +121,12 @@ def test_frames_are_turned_upright(turns: int) -> None:
 
 def test_damaged_frames_are_lost_and_the_others_keep_their_numbers() -> None:
     pictures = side_by_side(10)
+
     whole = film(Path("a.mkv"), pictures, **INTRA)
     found = outcomes(open_video(damage(whole, Path("b.mkv"), {2, 3, 9})))
     assert set(failures(found)) == {2, 3, 9}
     assert all("damaged" in said for said in failures(found).values())
+
     expected = outcomes(open_video(whole))
     for index in set(range(10)) - {2, 3, 9}:
         np.testing.assert_array_equal(found[index], expected[index])
@@ -152,16 +159,20 @@ def test_times_are_those_of_the_file() -> None:
 
 def test_what_is_no_video_is_refused() -> None:
     Path("text.mp4").write_text("no video")
+
     with pytest.raises(ValueError, match="^text.mp4: damaged, or no video"):
         open_video("text.mp4")
+
     with pytest.raises(FileNotFoundError, match="none.mp4"):
         open_video("none.mp4")
+
     with av.open("sound.mka", "w") as container:
         stream = container.add_stream("pcm_s16le", rate=8000)
         sound = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), layout="mono")
         sound.rate = 8000
         container.mux(stream.encode(sound))
         container.mux(stream.encode(None))
+
     with pytest.raises(ValueError, match="^sound.mka: there is no video"):
         open_video("sound.mka")
 
@@ -173,8 +184,10 @@ def test_halves() -> None:
     picture = np.arange(24).reshape(4, 6)
     left, right = halves(picture, "side-by-side")
     assert (left.shape, right[0, 0]) == ((4, 3), 3)
+
     left, right = halves(picture, "top-bottom")
     assert (left.shape, right[0, 0]) == ((2, 6), 12)
+
     with pytest.raises(LayoutError, match="even number of columns, got 5 x 4"):
         halves(picture[:, :5], "side-by-side")
     with pytest.raises(LayoutError, match="even number of rows, got 6 x 3"):
@@ -206,10 +219,13 @@ def test_images_are_sorted_as_people_count_and_paired_by_name() -> None:
     for index in (2, 10, 1):
         write(f"l/frame{index}.png", index)
         write(f"r/frame{index}.bmp", 100 + index)
+
     write("l/frame11.png", 11)
     Path("l/notes.txt").write_text("no image")
+
     source = open_folders(Path("l"), Path("r"))
     assert source.length == 4
+
     found = outcomes(source)
     assert values(found[:3]) == [(1, 101), (2, 102), (10, 110)]
     assert set(failures(found)) == {3}
@@ -295,11 +311,13 @@ def test_cameras_that_are_gone_end_the_source(plugged: dict[int, str]) -> None:
     film(Path("l.avi"), [pair(index)[0] for index in range(3)], **LOSSLESS)
     film(Path("r.avi"), [pair(index)[1] for index in range(2)], **LOSSLESS)
     plugged.update({0: "l.avi", 1: "r.avi"})
+
     source = open_source(0, 1)
     captures = list(source.captures)
     assert len(captures) == 2 + 5
     assert outcome(captures[2]) == "camera 1: gave no frame"
     assert outcome(captures[-1]).endswith("and is given up")
+
     times = [capture.time for capture in captures]
     assert all(time is not None for time in times)
     assert times == sorted(times, key=lambda time: time or 0)
@@ -353,9 +371,11 @@ def test_picture_is_the_left_image_beside_the_colors() -> None:
     disparity = np.random.default_rng(0).uniform(-2, 30, (20, 30)).astype(np.float32)
     disparity[3, 4] = np.nan
     left = np.random.default_rng(1).integers(0, 256, (20, 30, 3), np.uint8)
+
     picture = FramePicture(0, 24)(frame(disparity, left))
     np.testing.assert_array_equal(picture[:, :30], left)
     assert tuple(picture[3, 34]) == NEUTRAL
+
     expected = colorize(disparity, low=0, high=24).astype(int)
     assert abs(picture[:, 30:] - expected).max() <= 10  # one step of the colors at most
 
@@ -390,13 +410,16 @@ def test_video_is_read_back_by_pyav_and_opencv(name: str) -> None:
     with VideoWriter(name, rate=10) as writer:
         for picture in pictures:
             writer.write(picture)
+
     assert [path.name for path in Path().iterdir()] == [name]
     with av.open(name) as container:
         frames = list(container.decode(video=0))
     assert [item.time for item in frames] == pytest.approx([index / 10 for index in range(8)])
     assert (frames[0].width, frames[0].height) == (46, 32)
+
     capture = cv2.VideoCapture(name)
     assert round(capture.get(cv2.CAP_PROP_FPS)) == 10
+
     for item, picture in zip(frames, pictures, strict=True):
         there, bgr = capture.read()
         assert there
@@ -446,6 +469,7 @@ def test_picture_of_another_size_is_refused_and_the_rest_written() -> None:
         with pytest.raises(ValueError, match=r"^picture: got shape \(31, 45\)"):
             writer.write(np.zeros((31, 45), np.uint8))
         writer.write(smooth(1))
+
     assert len(outcomes(open_video("a.mkv"))) == 2
 
 
@@ -454,8 +478,10 @@ def test_times_that_are_none_are_refused_and_later_ones_kept() -> None:
         for time in (math.nan, math.inf):
             with pytest.raises(ValueError, match="^time: got (nan|inf); accepts finite"):
                 writer.write(smooth(0), time)
+
         writer.write(smooth(0), 3.0)
         writer.write(smooth(1), 3.5)
+
     with av.open("a.mkv") as container:
         assert [frame.time for frame in container.decode(video=0)] == [0, 0.5]
 
@@ -471,11 +497,14 @@ def test_closed_video_takes_no_more() -> None:
 def test_places_where_no_video_can_be_are_refused() -> None:
     with pytest.raises(ValueError, match=r"^path of a video must end in .mp4 or"):
         VideoWriter("a.gif")
+
     with pytest.raises(FileNotFoundError):
         VideoWriter("none/a.mp4")
+
     Path("folder.mp4").mkdir()
     with pytest.raises(OSError, match="^folder.mp4 exists and is not a regular file"):
         VideoWriter("folder.mp4")
+
     with pytest.raises(ValueError, match="^rate: got 0"):
         VideoWriter("a.mp4", rate=0)
     with pytest.raises(ValueError, match="^rate: got inf"):

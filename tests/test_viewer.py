@@ -66,6 +66,7 @@ def ask(server: Server, path: str, method: str = "GET", body: Any = None, **head
     """Ask the server as a browser would; a path from the root begins with a slash."""
     host, _, rest = server.address.removeprefix("http://").partition("/")
     sent = {"Host": host} | {name.replace("_", "-"): value for name, value in headers.items()}
+
     connection = http.client.HTTPConnection(host, timeout=20)
     try:
         if method == "POST":
@@ -103,6 +104,7 @@ def test_only_this_machine_by_its_own_name_is_answered(server: Server) -> None:
 def test_pages_of_others_change_nothing(server: Server, show: Show) -> None:
     origin = server.address.rsplit("/", 2)[0]
     wanted = {"uniqueness": 7}
+
     refused = [
         ask(server, "settings", "POST", wanted, Origin="http://evil.example"),
         ask(server, "settings", "POST", wanted, Origin="null"),
@@ -112,8 +114,10 @@ def test_pages_of_others_change_nothing(server: Server, show: Show) -> None:
         ask(server, "settings"),
         ask(server, "settings", "PUT", wanted),
     ]
+
     assert [answer.status for answer in refused] == [403, 403, 404, 413, 404, 404, 501]
     assert show.settings == FAST
+
     assert ask(server, "settings", "POST", wanted, Origin=origin).status == 200
     assert show.settings.uniqueness == 7
 
@@ -123,6 +127,7 @@ def test_answers_are_kept_by_nobody_and_load_nothing_foreign(server: Server) -> 
     assert headers["Cache-Control"] == "no-store"
     assert headers["Referrer-Policy"] == "no-referrer"
     assert "Access-Control-Allow-Origin" not in headers
+
     policy = headers["Content-Security-Policy"]
     assert "default-src 'none'" in policy
     assert "script-src 'self'" in policy
@@ -135,9 +140,11 @@ def test_answers_are_kept_by_nobody_and_load_nothing_foreign(server: Server) -> 
 def test_news_come_as_soon_as_there_are_any(server: Server, show: Show) -> None:
     first = ask(server, "state?after=-1").json()
     assert first["frame"] is None
+
     threading.Timer(0.2, show.add, [frame(3)]).start()
     told = ask(server, f"state?after={first['version']}").json()
     assert told["version"] > first["version"]
+
     shown = told["frame"]
     assert (shown["index"], shown["width"], shown["height"]) == (3, COLS, ROWS)
     assert (shown["low"], shown["high"]) == (0, COUNT)
@@ -145,10 +152,12 @@ def test_news_come_as_soon_as_there_are_any(server: Server, show: Show) -> None:
 
 def test_pictures_are_those_of_the_frame(server: Server, show: Show) -> None:
     assert ask(server, "left.jpg").status == 400
+
     given = frame()
     show.add(given)
     left = decode_raster(io.BytesIO(ask(server, "left.jpg").body)).astype(int)
     assert np.abs(left - LEFT).mean() < 12
+
     colors = decode_raster(io.BytesIO(ask(server, "disparity.png").body))
     expected = ps.integrations.video.FramePicture(0, COUNT)(given)[:, COLS:]
     np.testing.assert_array_equal(colors, expected)
@@ -160,14 +169,17 @@ def test_values_are_those_under_the_cursor(server: Server, show: Show) -> None:
     show.add(given)
     told = ask(server, "value?x=40&y=20").json()
     assert told == {"disparity": float(SHIFT), "depth": None, "flags": []}
+
     show.know(Calibration.from_focal(100, 0.2, width=COLS, height=ROWS), "m")
     assert ask(server, "value?x=40&y=20").json()["depth"] == pytest.approx(100 * 0.2 / SHIFT)
     assert ask(server, "state?after=-1").json()["unit"] == "m"
+
     given.result.disparity[0, 0] = np.nan
     given.result.flags[0, 0] = ps.Flag.OCCLUDED
     assert ask(server, "value?x=0&y=0").json() == {
         "disparity": None, "depth": None, "flags": ["occluded"],
     }  # fmt: skip
+
     for place in ("x=90&y=0", "x=0&y=60", "x=-1&y=0", "x=a&y=0", ""):
         assert ask(server, f"value?{place}").status == 400
 
@@ -197,10 +209,13 @@ def test_findings_are_those_of_check_the_worst_first(show: Show) -> None:
         told = show.wait(version, 0.2)
         if told["findings"]:
             break
+
     show.close()
     thread.join()
+
     expected = [[one.topic, one.severity, one.sentence] for one in ps.check(LEFT, RIGHT).findings]
     assert sorted(told["findings"]) == sorted(expected)
+
     order = [["warning", "note", "ok"].index(severity) for _, severity, _ in told["findings"]]
     assert order == sorted(order)
 
@@ -212,16 +227,19 @@ def test_settings_change_the_coming_frames(server: Server, show: Show) -> None:
     pairs = iter([(LEFT, RIGHT)] * 2)
     with ps.stream(pairs, num_disparities=COUNT, settings=FAST) as frames:
         show.follow(frames.change)
+
         show.add(next(frames))
         wanted = {"p1": 1.5, "p2": 9, "uniqueness": 20, "speckle_size": 30, "fill": 0}
         answer = ask(server, "settings", "POST", wanted | {"num_disparities": 8})
         assert (answer.status, answer.json()) == (200, {})
         found = next(frames).result
+
     assert (found.settings.p1, found.settings.p2) == (1.5, 9.0)
     assert (found.settings.uniqueness, found.settings.speckle_size) == (20, 30)
     assert not found.settings.fill
     assert found.search is not None
     assert found.search.num_disparities == 8
+
     told = ask(server, "state?after=-1").json()["settings"]
     assert told == wanted | {"num_disparities": 8}
 
@@ -243,6 +261,7 @@ def test_settings_that_cannot_be_are_refused(
     with ps.stream(iter([(LEFT, RIGHT)] * 2), num_disparities=COUNT, settings=FAST) as frames:
         show.follow(frames.change)
         show.add(next(frames))
+
         answer = ask(server, "settings", "POST", wanted)
         assert answer.status == 400
         assert answer.json()["error"].startswith(message)
@@ -252,6 +271,7 @@ def test_settings_that_cannot_be_are_refused(
 
 def test_a_pair_is_saved_with_its_report(server: Server, show: Show, tmp_path: Path) -> None:
     assert ask(server, "save", "POST").json() == {"error": "there is no pair to save yet"}
+
     show.add(frame(7))
     for stem in ("pair-000007", "pair-000007-2"):
         told = ask(server, "save", "POST").json()
@@ -260,6 +280,7 @@ def test_a_pair_is_saved_with_its_report(server: Server, show: Show, tmp_path: P
         np.testing.assert_array_equal(read_image(tmp_path / names[0]), LEFT)
         np.testing.assert_array_equal(read_image(tmp_path / names[1]), RIGHT)
         assert "16 disparities searched" in (tmp_path / names[2]).read_text("utf-8")
+
     assert len(list(tmp_path.iterdir())) == 6
 
 
@@ -277,6 +298,7 @@ def live(
 ) -> tuple[int, str, list[Any]]:
     """Run ``phasestereo live`` in this thread while another one looks at the page, then ends it."""
     cli = pytest.importorskip("phasestereo.cli")
+
     home = pytest.importorskip("phasestereo.cli.live_show")
     looked: list[Any] = []
     look: list[threading.Thread] = []
@@ -326,6 +348,7 @@ def test_live_shows_frames_until_it_is_ended(
     code, err, looked = live(monkeypatch, capsys, "left", "right", *option, *SEARCH)
     assert code == 0
     assert "phasestereo: look at http://127.0.0.1:" in err
+
     assert looked[-1]["frame"]["index"] == 2
     assert looked[-1]["ended"].startswith("no more frames come")
     assert sorted(path.name for path in rig.iterdir()) == ["left", "right"]
@@ -349,10 +372,12 @@ def test_a_wrong_calibration_is_told_once_and_at_once(
     lines = [f"cam0={camera}", f"cam1={camera}", "doffs=0", "baseline=120", f"width={COLS + 1}"]
     (rig / "calib.txt").write_text("\n".join([*lines, f"height={ROWS}"]))
     more = "--calib", "calib.txt", *SEARCH
+
     _, err, looked = live(monkeypatch, capsys, "left", "right", "--show", *more)
     assert err.count("calibration: got that of 91 x 60 pixels") == 1
     assert looked[-1]["notes"][0].endswith("there are no depths")
     assert not looked[-1]["metric"]
+
     (rig / "calib.txt").write_text("\n".join([*lines[:4], f"width={COLS}", f"height={ROWS}"]))
     _, err, looked = live(monkeypatch, capsys, "left", "right", "--show", *more)
     assert (looked[-1]["metric"], looked[-1]["unit"]) == (True, "mm")
@@ -393,14 +418,17 @@ def test_a_camera_that_stops_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> N
             return 30.0
 
     monkeypatch.setattr(cv2, "VideoCapture", Camera)
+
     failures: list[Failure] = []
     settings: dict[str, Any] = {"num_disparities": 2, "preset": "fast"}
+
     with ps.stream(0, 1, patience=None, on_error=failures.append, **settings) as frames:
         found = [next(frames) for _ in range(4)]
     assert [one.index for one in found] == [0, 1, 7, 8]
     assert all(one.apart is not None and one.apart >= 0 for one in found)
     assert [str(failure.error) for failure in failures] == ["camera 0: gave no frame"] * 5
     assert opened == [0, 1, 0, 1]
+
     with ps.stream(0, 1, on_error=failures.append, **settings) as frames:
         assert len(list(frames)) == 2
     assert str(failures[-1].error) == "camera 0: gave no frame, and is given up"

@@ -56,10 +56,12 @@ def check(path: Path, image: NDArray[Any], mask: NDArray[np.bool_] | None = None
     with open_raster(path) as raster:
         assert (raster.size, raster.dtype) == (image.shape[:2], image.dtype)
         assert raster.itemsize == image[0, 0].nbytes
+
         for first, last, columns in WINDOWS:
             pixels, valid = raster.read(first, last, columns)
             part = slice(first, last), slice(*(columns or (0, WIDTH)))
             np.testing.assert_array_equal(pixels, image[part], strict=True)
+
             counts = np.ones(image.shape[:2], bool) if mask is None else mask
             assert (valid is None) == counts[part].all()
             if valid is not None:
@@ -80,6 +82,7 @@ def test_windows_hold_what_the_whole_holds(
         np.save(path, image)
     else:
         zarr.create_array(path, data=image, chunks=(70, 50, *channels))
+
     check(path, image)
 
 
@@ -98,6 +101,7 @@ def test_tiffs_of_any_layout_are_read(tmp_path: Path, profile: dict[str, Any]) -
         shutil.copy(draft, path, driver="COG", blocksize=128)
     else:
         save(path, planes, **profile)
+
     check(path, planes[0])
 
 
@@ -130,6 +134,7 @@ def test_windows_are_those_of_the_geotiff(tmp_path: Path, kind: str) -> None:
         save(path, planes, photometric="palette")
         with rasterio.open(path, "r+") as file:
             file.write_colormap(1, {level: (level, 0, 255 - level, 255) for level in range(256)})
+
     whole = read_geotiff(path)
     check(path, whole.image, whole.mask)
 
@@ -172,10 +177,12 @@ def test_georeferences_are_those_of_the_file(tmp_path: Path) -> None:
 
 def test_a_pair_is_read_with_masks_of_all_kinds(tmp_path: Path) -> None:
     left, right = noise(2, HEIGHT, WIDTH)
+
     save(tmp_path / "left.tif", left[np.newaxis], nodata=3)
     np.save(tmp_path / "right.npy", right)
     np.save(tmp_path / "mask.npy", left > 50)
     write_image(tmp_path / "mask.tif", right // 99)
+
     with open_pair(
         tmp_path / "left.tif",
         tmp_path / "right.npy",
@@ -209,6 +216,7 @@ def test_what_is_no_pair_is_refused(tmp_path: Path, change: dict[str, Any], erro
 def test_what_is_no_mask_is_refused(tmp_path: Path, mask: NDArray[Any], error: str) -> None:
     path = tmp_path / "image.npy"
     np.save(path, noise(20, 30))
+
     np.save(tmp_path / "mask.npy", mask)
     with (
         pytest.raises(ValueError, match=f"mask.npy: {error}"),
@@ -233,10 +241,12 @@ def test_rows_beyond_the_end_of_a_truncated_tiff_are_told(
     planes = noise(1, HEIGHT, WIDTH, dtype="uint16")
     path = save(tmp_path / "image.tif", planes, blockysize=8, compress=compress)
     path.write_bytes(path.read_bytes()[: -(100 * WIDTH * 2)])
+
     with open_raster(path) as raster:
         np.testing.assert_array_equal(raster.read(0, 128)[0], planes[0, :128])
         with pytest.raises(ValueError, match="image.tif: rows .* cannot be read: ") as error:
             raster.read(100, HEIGHT)
+
     first, last = rows_of(error)
     assert 128 <= first <= 200 <= last + 8
 
@@ -244,11 +254,14 @@ def test_rows_beyond_the_end_of_a_truncated_tiff_are_told(
 def test_a_damaged_tile_is_told(tmp_path: Path) -> None:
     profile = {"tiled": True, "blockxsize": 64, "blockysize": 64, "compress": "deflate"}
     path = save(tmp_path / "image.tif", noise(1, HEIGHT, WIDTH), **profile)
+
     with tifffile.TiffFile(path) as file:
         offset = file.pages[0].dataoffsets[7]  # the third row of tiles
+
     content = bytearray(path.read_bytes())
     content[offset : offset + 900] = bytes(900)
     path.write_bytes(content)
+
     with open_raster(path) as raster:
         raster.read(0, 128)
         with pytest.raises(ValueError, match="cannot be read: ") as error:
@@ -301,8 +314,10 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     (tmp_path / "image.tif").write_bytes(b"II*\0nonsense")
     np.save(tmp_path / "image.npy", noise(20, 30))
+
     with (tmp_path / "image.npy").open("ab") as file:
         file.write(b"more")
+
     for name, error in [
         ("image.png", "cannot be read by parts; these can: TIFF"),
         ("folder", "a folder, and no Zarr array"),
@@ -311,6 +326,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     ]:
         with pytest.raises(ValueError, match=error), open_raster(tmp_path / name):
             pass
+
     with pytest.raises(FileNotFoundError), open_raster(tmp_path / "absent.tif"):
         pass
 
@@ -321,6 +337,7 @@ def test_what_is_missing_is_told(
 ) -> None:
     tifffile.imwrite(tmp_path / "image.rasterio", noise(20, 30))
     zarr.create_array(tmp_path / "image.zarr", data=noise(20, 30))
+
     monkeypatch.setitem(sys.modules, module, None)
     with (
         pytest.raises(ImportError, match=rf"phasestereo\[{extra}\]"),

@@ -69,8 +69,10 @@ def test_a_matcher_takes_ranges_masks_and_progress(preset: str) -> None:
     (left, right), calls = PAIRS[1], []
     options: dict[str, Any] = {"num_disparities": 9, "min_disparity": -4}
     masked: dict[str, Any] = options | {"left_mask": left > 50, "right_mask": right > 50}
+
     matcher = ps.Matcher(preset=preset)
     plain = matcher.match(left, right, **options)
+
     found = matcher.match(left, right, **masked, progress=lambda *rows: calls.append(rows))
     assert_equal(found, ps.match(left, right, **masked, preset=preset))
     assert calls[-1] == (150, 150)
@@ -83,10 +85,13 @@ def test_a_matcher_tells_what_it_was_made_of() -> None:
     assert matcher.threads == 3
     assert "uniqueness=3" in repr(matcher)
     assert "threads=3" in repr(matcher)
+
     assert ps.Matcher().settings == ps.match(*PAIRS[0], num_disparities=2).settings
+
     ours, theirs = signature(ps.Matcher).parameters, signature(ps.match).parameters
     for name in ("preset", "settings", "threads"):
         assert ours[name] == theirs[name]
+
     ours = signature(ps.Matcher.match).parameters
     assert {*ours, *signature(ps.Matcher).parameters} == {"self", "before", *theirs}
     for name in set(ours) - {"self", "before"}:
@@ -121,6 +126,7 @@ def test_a_matcher_refuses_what_match_refuses(
 
 def test_a_matcher_survives_what_it_refuses() -> None:
     matcher, pair = ps.Matcher(preset="fast"), PAIRS[1]
+
     expected = matcher.match(*pair, num_disparities=9)
 
     def stop(*_: int) -> None:
@@ -175,23 +181,29 @@ def most_threads(call: Callable[[], object], callers: int) -> int:
     threads = [threading.Thread(target=work) for _ in range(callers)]
     for thread in threads:
         thread.start()
+
     before = len(list(Path("/proc/self/task").iterdir()))
     ready.wait()
+
     seen = [0]
     while any(thread.is_alive() for thread in threads):
         seen.append(len(list(Path("/proc/self/task").iterdir())))
         time.sleep(0.001)
+
     return max(seen) - before
 
 
 @on_linux
 def test_matches_at_the_same_time_share_their_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RAYON_NUM_THREADS", "3")
+
     pair = RNG.integers(0, 256, (2, 200, 300), np.uint8)
     shared = most_threads(lambda: ps.match(*pair, num_disparities=64), 10)
     # Threads that have been told to end may be seen beside those that have just been started.
     assert 1 <= shared <= 6
+
     assert most_threads(lambda: ps.match(*pair, num_disparities=64, threads=3), 10) > 12
+
     matcher = ps.Matcher()
     assert most_threads(lambda: matcher.match(*pair, num_disparities=64), 10) <= 0
 
@@ -219,6 +231,7 @@ for _ in range(3):
 del matcher
 assert settled(before), "kept"
 """)
+
     assert finished.returncode == 0, finished.stderr
 
 
@@ -253,6 +266,7 @@ over.set()
 for thread in threads:
     thread.join()
 """)
+
     assert finished.returncode == 0, finished.stderr
     assert float(finished.stdout) < 10
 
@@ -373,6 +387,7 @@ for _ in range(30):
 print(resident() - before)
 """
     )
+
     assert finished.returncode == 0, finished.stderr
     # One match takes more than that.
     assert int(finished.stdout) < 10 << 20
@@ -395,6 +410,7 @@ del matcher
 print(resident() - before)
 """
     )
+
     assert finished.returncode == 0, finished.stderr
     after_match, kept, after_matcher = map(int, finished.stdout.split())
     assert after_match < 15 << 20

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,10 +43,12 @@ def views(rendered: Pair, **attrs: Any) -> list[Any]:
         "x": 500000 + 0.5 * np.arange(110),
         "spatial_ref": 0,
     }
+
     found = [
         xarray.DataArray(gray(image)[None], coords, ("band", "y", "x"), attrs=attrs)
         for image in (rendered.left, rendered.right)
     ]
+
     for image in found:
         image.coords["spatial_ref"].attrs["crs_wkt"] = "made up"
     return found
@@ -57,6 +58,7 @@ def test_it_is_the_match_of_the_arrays(rendered: Pair) -> None:
     left, right = views(rendered)
     found = labeled.match(left, right, num_disparities=COUNT)
     plain = ps.match(gray(rendered.left), gray(rendered.right), num_disparities=COUNT)
+
     assert found["disparity"].dims == ("y", "x")
     np.testing.assert_array_equal(found["disparity"], plain.disparity)
     np.testing.assert_array_equal(found["flags"], plain.flags)
@@ -66,11 +68,14 @@ def test_it_is_the_match_of_the_arrays(rendered: Pair) -> None:
 
 def test_coordinates_are_those_of_the_left_image(rendered: Pair) -> None:
     left, right = views(rendered)
+
     right = right.assign_coords(x=right.x + 33)
     found = labeled.match(left, right, num_disparities=COUNT)
+
     for name in ("y", "x", "spatial_ref"):
         xarray.testing.assert_identical(found.coords[name], left.coords[name].drop_vars("band",
                                         errors="ignore"))  # fmt: skip
+
     assert set(found.coords) == {"y", "x", "spatial_ref"}
     assert {found[name].attrs["grid_mapping"] for name in found.data_vars} == {"spatial_ref"}
 
@@ -83,6 +88,7 @@ def test_the_order_of_dimensions_does_not_matter(
         xarray.DataArray(image, dims=("y", "x", "band")).transpose(*dims)
         for image in (rendered.left, rendered.right)
     ]
+
     found = labeled.match(*pair, num_disparities=COUNT, preset="fast")
     plain = ps.match(rendered.left, rendered.right, num_disparities=COUNT, preset="fast")
     assert found["disparity"].dims == ("y", "x")
@@ -109,6 +115,7 @@ def test_attributes_tell_what_was_done(rendered: Pair) -> None:
     found = labeled.match(
         *views(rendered), num_disparities=COUNT, min_disparity=-2, preset="paper", window=7
     )
+
     assert json.loads(found.attrs["settings"])["window"] == 7
     assert (found.attrs["min_disparity"], found.attrs["num_disparities"]) == (-2, COUNT)
     assert found.attrs["source"] == f"phasestereo {ps.__version__}"
@@ -169,13 +176,16 @@ def test_given_masks_add_to_no_data(rendered: Pair) -> None:
     left, right = views(rendered)
     left[0, 20:30, 40:50] = 255
     left.attrs["nodata"] = 255
+
     mask = xarray.ones_like(left[0], dtype=np.bool_)
     mask[5:9] = False
+
     expected = (left[0].to_numpy() != 255) & mask.to_numpy()
     found = labeled.match(
         left, right, num_disparities=COUNT, preset="paper", left_mask=mask.transpose("x", "y")
     )
     masked_alike(rendered, found, expected)
+
     plain = labeled.match(
         left, right, num_disparities=COUNT, preset="paper", left_mask=mask.to_numpy()
     )
@@ -186,6 +196,7 @@ def test_masks_of_the_right_image_count(rendered: Pair) -> None:
     left, right = views(rendered)
     right[0, :, 60:] = 255
     right.attrs["_FillValue"] = 255
+
     found = labeled.match(left, right, num_disparities=COUNT, preset="paper")
     plain = ps.match(
         gray(rendered.left), right[0].to_numpy(), num_disparities=COUNT, preset="paper",
@@ -214,10 +225,12 @@ def test_chunked_masks_are_computed(rendered: Pair) -> None:
 
 def test_netcdf_and_dictionaries_hold_it_all(rendered: Pair, tmp_path: Path) -> None:
     counterpart("scipy.io")
+
     left, right = views(rendered)
     left[0, :10] = 255
     left.attrs["nodata"] = 255
     found = labeled.match(left, right, num_disparities=COUNT)
+
     found.to_netcdf(tmp_path / "a.nc", engine="scipy")
     with xarray.open_dataset(tmp_path / "a.nc", engine="scipy") as stored:
         for name in found.data_vars:
@@ -225,6 +238,7 @@ def test_netcdf_and_dictionaries_hold_it_all(rendered: Pair, tmp_path: Path) -> 
         np.testing.assert_array_equal(stored.x, found.x)
         assert stored["flags"].attrs["flag_meanings"] == found["flags"].attrs["flag_meanings"]
         assert json.loads(stored.attrs["settings"]) == json.loads(found.attrs["settings"])
+
     json.dumps(found.to_dict(data=False), default=lambda array: array.tolist())
     xarray.testing.assert_identical(xarray.Dataset.from_dict(found.to_dict()), found)
 
@@ -232,10 +246,12 @@ def test_netcdf_and_dictionaries_hold_it_all(rendered: Pair, tmp_path: Path) -> 
 def test_what_rasterio_reads_keeps_its_coordinates(rendered: Pair, tmp_path: Path) -> None:
     counterpart("rasterio")
     place = ps.io.Georeference(crs="EPSG:32631", transform=(0.5, 0, 500000, 0, -0.5, 4800000))
+
     ps.io.write_geotiff(tmp_path / "left.tif", gray(rendered.left), like=place)
     found = labeled.match(*views(rendered), num_disparities=COUNT)
     left = ps.io.read_geotiff(tmp_path / "left.tif")
     ps.io.write_geotiff(tmp_path / "out.tif", found["disparity"].to_numpy(), like=left)
+
     stored = ps.io.read_geotiff(tmp_path / "out.tif")
     np.testing.assert_array_equal(stored.image, found["disparity"])
     assert stored.georeference.crs.to_epsg() == 32631
@@ -243,10 +259,12 @@ def test_what_rasterio_reads_keeps_its_coordinates(rendered: Pair, tmp_path: Pat
 
 def test_results_can_be_labeled_by_themselves(rendered: Pair) -> None:
     result = ps.match(rendered.left, rendered.right, num_disparities=COUNT)
+
     assert labeled.as_dataset(result)["disparity"].dims == ("y", "x")
     assert set(labeled.as_dataset(result, like=views(rendered)[0]).coords) == {
         "y", "x", "spatial_ref"
     }  # fmt: skip
+
     with pytest.raises(ValueError, match=r"like: got \(9, 9\) pixels.*\(70, 110\)"):
         labeled.as_dataset(result, like=xarray.DataArray(np.zeros((9, 9)), dims=("y", "x")))
     with pytest.raises(TypeError, match="result: got ndarray; accepts a phasestereo.Result"):
@@ -280,32 +298,34 @@ def test_dimensions_that_tell_nothing_are_refused(dims: tuple[str, ...], message
 
 def test_wrong_arguments_are_named(rendered: Pair) -> None:
     left, right = views(rendered)
+
     with pytest.raises(TypeError, match="left: got ndarray; accepts an xarray.DataArray"):
         labeled.match(gray(rendered.left), right, num_disparities=COUNT)  # type: ignore[arg-type] # wrong on purpose
+
     with pytest.raises(TypeError, match="right: got Dataset"):
         labeled.match(left, right.to_dataset(name="a"), num_disparities=COUNT)
+
     with pytest.raises(ValueError, match=r"right: got \(70, 100\) pixels"):
         labeled.match(left, right[:, :, :100], num_disparities=COUNT)
+
     with pytest.raises(ValueError, match="left: got samples of type complex64"):
         labeled.match(left.astype("complex64"), right, num_disparities=COUNT)
+
     with pytest.raises(ValueError, match=r"left_mask: got dimensions \('y',\)"):
         labeled.match(left, right, num_disparities=COUNT, left_mask=left[0, :, 0] > 0)
+
     with pytest.raises(TypeError, match="right_mask: got dtype uint8"):
         labeled.match(left, right, num_disparities=COUNT, right_mask=right[0])
+
     with pytest.raises(ValueError, match="num_disparities"):
         labeled.match(left, right, num_disparities=0)
+
     with pytest.raises(ValueError, match="left: got shape .*at least one pixel"):
         labeled.match(left[:, :0], right[:, :0], num_disparities=COUNT)
+
     two = [xarray.concat([image, image], "band") for image in (left, right)]
     with pytest.raises(ValueError, match=r"left: got shape \(70, 110, 2\)"):
         labeled.match(*two, num_disparities=COUNT)
-
-
-def test_without_xarray_the_cure_is_named(rendered: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
-    left, right = views(rendered)
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(ImportError, match=r"pip install 'phasestereo\[geo\]'"):
-        labeled.match(left, right, num_disparities=COUNT)
 
 
 def test_real_pairs_come_out_with_their_coordinates(data: Path) -> None:
@@ -315,6 +335,7 @@ def test_real_pairs_come_out_with_their_coordinates(data: Path) -> None:
         for image in (pair.left, pair.right)
     ]
     found = labeled.match(*images, num_disparities=pair.num_disparities)
+
     assert pair.truth is not None
     error = np.abs(found["disparity"].to_numpy() - pair.truth)[pair.masks["nonocc"]]
     assert (error > 1).mean() < 0.08

@@ -44,6 +44,7 @@ def use(*_values: object) -> None:
 def matched(left: Image, right: Image) -> Map:
     """Match a pair by everything that says how."""
     mask = np.ones(left.shape[:2], dtype=bool)
+
     result: ps.Result = ps.match(
         left,
         right,
@@ -59,11 +60,13 @@ def matched(left: Image, right: Image) -> Map:
         p1=4.0,
         p2=16.0,
     )
+
     settings: ps.Settings = ps.PRESETS["paper"]
     matcher = ps.Matcher(settings=settings, threads=1)
     again = matcher.match(left, right, before=result)
     seconds: float = sum(again.timings.values())
     use(again.settings.window, matcher.threads, seconds)
+
     return result.disparity
 
 
@@ -71,19 +74,24 @@ def told(result: ps.Result) -> NDArray[np.bool_]:
     """Ask a result for everything."""
     confidence: Map | None = result.confidence
     flags: NDArray[np.uint16] = result.flags
+
     if result.blur is not None:
         blur: ps.Blur = result.blur.blur
         use(blur.side, blur.kind, blur.size, blur.angle, result.blur.areas())
+
     if confidence is not None:
         use(float(confidence.mean()))
+
     search: ps.SearchRange | None = result.search
     rows: ps.Alignment | None = result.alignment
     summary: ps.Summary | None = result.summary
     if search is not None and rows is not None and summary is not None:
         use(search.origin, search.low + 1.0, rows.rms + rows.rotation, summary.flagged + 1.0)
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ps.MatchWarning)
         use([found.sentence for found in result.findings])
+
     doubted: NDArray[np.bool_] = (flags & (ps.Flag.OCCLUDED | ps.Flag.MISMATCHED)) != 0
     return doubted
 
@@ -112,11 +120,13 @@ def like_opencv(left: Image, right: Image) -> NDArray[np.int16]:
     )
     stereo.setSpeckleWindowSize(100)
     use(stereo.getNumDisparities() + 1, stereo.compute_right(left, right))
+
     disparity: NDArray[np.int16] = stereo.compute(left, right)
     use(
         opencv.createRightMatcher(stereo),
         opencv.createDisparityWLSFilter(stereo),
     )
+
     return disparity
 
 
@@ -127,8 +137,10 @@ def in_pictures(result: ps.Result, file: Path) -> None:
     ps.views.plot.flags(result)
     ps.views.plot.confidence(result)
     ps.views.plot.histogram(result)
+
     if result.pair is not None:
         ps.views.plot.pair(result.pair, style="side by side")
+
     ps.views.plot.overview(result).savefig(file)
 
 
@@ -141,22 +153,27 @@ def on_a_page(left: Image, right: Image, folder: Path) -> None:
 def in_space(result: ps.Result, folder: Path) -> Map:
     """Turn disparities into depths and points."""
     rig = ps.io.Calibration.from_focal(700.0, 0.12, width=640, height=480)
+
     cloud: ps.PointCloud = ps.point_cloud(result, rig, mask=result.flags == 0, max_depth=9.0)
     ps.io.write_ply(folder / "cloud.ply", cloud)
+
     surface: ps.Mesh = ps.surface_mesh(result, rig, mask=result.flags == 0, max_step=0.5)
     ps.io.write_glb(folder / "surface.glb", surface)
     ps.io.write_depth(folder / "depth.png", rig.depth(result.disparity), unit="m")
     use(len(cloud), cloud.points.shape, cloud.colors, rig.q)
+
     return ps.io.read_depth(folder / "depth.png", unit="m")
 
 
 def in_time(film: Path) -> int:
     """Match a video, write another one, and a recording."""
     failures: list[ps.Failure] = []
+
     picture = ps.integrations.video.FramePicture(low=0, high=64)
     frames: ps.Stream = ps.stream(
         film, num_disparities=64, preset="fast", layout="side-by-side", on_error=failures.append
     )
+
     with (
         frames,
         ps.integrations.video.VideoWriter(film.with_suffix(".mp4")) as video,
@@ -167,18 +184,22 @@ def in_time(film: Path) -> int:
             video.write(picture(one), one.time)
             ps.integrations.rerun.log_frame(one, recording=recording)
             use(one.index, one.result.disparity)
+
     return frames.failed + len(failures)
 
 
 def on_the_ground(folder: Path) -> xarray.Dataset:
     """Match georeferenced images, and labeled ones."""
     place = Georeference(crs="EPSG:32631", transform=(0.5, 0, 500000, 0, -0.5, 4800000))
+
     left, right = read_geotiff_pair(folder / "left.tif", folder / "right.tif")
     one: GeoImage = read_geotiff(folder / "left.tif", bands=[3, 2, 1])
+
     result = ps.match(left.image, right.image, left_mask=left.mask, num_disparities=64)
     write_geotiff(folder / "disparity.tif", result.disparity, like=left)
     write_geotiff(folder / "all.tif", {"disparity": result.disparity}, like=place)
     use(one.georeference.crs, labeled.as_dataset(result))
+
     arrays = (xarray.DataArray(view.image, dims=("y", "x")) for view in (left, right))
     return labeled.match(*arrays, num_disparities=64, window=7)
 
@@ -195,8 +216,10 @@ def beyond_memory(
         read, (left.shape[0], left.shape[1]), num_disparities=64
     )
     known.save(folder / "statistics.npz")
+
     around: int = ps.halo(known.settings, known.blur_compensation)
     use(around, ps.match_rows(read, known, 128, 256, threads=1).flags)
+
     report = ps.outofcore.match(
         folder / "left.tif",
         folder / "right.tif",
@@ -204,7 +227,9 @@ def beyond_memory(
         num_disparities=64,
         max_memory="2GB",
     )
+
     use(report.seconds, ps.integrations.dask.match(*lazy, num_disparities=64))
+
     pairs = ps.batch.read_pairs(folder / "pairs.csv", num_disparities=64)
     return len(ps.batch.run(pairs, folder / "maps", preset="fast").failed)
 
@@ -212,14 +237,18 @@ def beyond_memory(
 def raw(folder: Path, left: Image, right: Image) -> ps.Result:
     """Rectify raw pairs, by a calibration and by what they show."""
     known: ps.Rectification = ps.rectify(left, right, folder / "stereo.yml", alpha=0)
+
     found = ps.rectify("left.png", folder / "right.png", others=[(left, right)])
     found.save(folder / "rig.npz")
     again = ps.Rectification.load(folder / "rig.npz")
+
     both: tuple[Image, Image] = again.apply(left, right)
     use(known.Q, known.maps, known.error, found.sentences, both)
     use(ps.match("left.png", folder / "right.png", num_disparities=64), ps.io.read_pair("a.mpo"))
+
     for frame in ps.stream("video.mp4", num_disparities=64, rectify=known):
         use(frame.result)
+
     return ps.match(
         known.left,
         known.right,
@@ -232,12 +261,15 @@ def raw(folder: Path, left: Image, right: Image) -> ps.Result:
 def in_files(name: str) -> float:
     """Read and write the formats of the field."""
     folder = Path(name)
+
     left = read_image(folder / "left.png")
     right = ps.io.read_image(f"{name}/right.png")
+
     disparity = ps.match(left, right, num_disparities=64).disparity
     write_disparity(folder / "out.pfm", disparity)
     truth = read_disparity(folder / "truth.pfm")
     depth: Map = read_calibration(folder / "calib.txt").depth(disparity)
+
     picture: Image = ps.views.picture.colorize(disparity, low=0, high=64)
     use(depth.shape, picture.shape)
     return ps.metrics.bad_pixels(disparity, truth, 1.0)

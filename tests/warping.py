@@ -19,11 +19,13 @@ def moved(
     inverse = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) / scale
     center = (np.array(image.shape[:2]) - 1) / 2
     offset = center - inverse @ (center + np.array([down, 0]))
+
     channels = [
         ndimage.affine_transform(plane.astype(np.float64), inverse, offset, mode="mirror")
         for plane in np.moveaxis(np.atleast_3d(image), 2, 0)
     ]
     stacked: NDArray[np.float64] = np.stack(channels, axis=2).reshape(image.shape)
+
     if image.dtype == np.uint8:
         stacked = np.clip(np.rint(stacked), 0, 255)
     return stacked.astype(image.dtype)

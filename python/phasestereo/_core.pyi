@@ -11,7 +11,7 @@ from phasestereo.bands import Checked, PairStatistics
 from phasestereo.rig.alignment import Field
 from phasestereo.rig.blur import Glance
 from phasestereo.rig.compensation import BlurCompensation
-from phasestereo.rig.estimates import Found, Known, Matched
+from phasestereo.rig.estimates import Found, Known, Matched, Summarized
 from phasestereo.settings import Settings
 
 __all__ = [
@@ -40,7 +40,6 @@ __all__ = [
     "optimize_volume",
     "preset",
     "simd_level",
-    "summarize",
     "working_memory",
 ]
 
@@ -117,7 +116,7 @@ def match_pair(
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
     known: Known,
-) -> tuple[Matched, Found]: ...
+) -> tuple[Matched, Summarized, Found]: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,
@@ -138,9 +137,3 @@ def optimize_volume(
 ) -> NDArray[np.uint16]: ...
 def preset(name: str) -> dict[str, Any]: ...
 def simd_level() -> str: ...
-def summarize(
-    disparity: NDArray[np.float32],
-    flags: NDArray[np.uint16],
-    confidence: NDArray[np.float32] | None,
-    disparities: tuple[int, int],
-) -> tuple[float, float, float, float, float]: ...

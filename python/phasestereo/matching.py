@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import ImageOrPath, Pixels
-    from phasestereo.rig.estimates import Estimates, Matched
+    from phasestereo.rig.estimates import Estimates, Matched, Summarized
 
     Mask = NDArray[np.bool_]
     Progress = Callable[[int, int], object]
@@ -261,16 +261,15 @@ def match_silently(
 
     # What was estimated for an earlier pair is taken over where a glance finds the same blur.
     if before is not None and _is_as_before(before, pair, valid, threads):
-        matched, found = _match_again(before, pair, valid, search, (threads, progress))
+        matched, summary, found = _match_again(before, pair, valid, search, (threads, progress))
     else:
-        matched, estimated = _core.match_pair(
+        matched, summary, estimated = _core.match_pair(
             pair, valid, search, settings, threads, progress, known
         )
         found = as_estimates(estimated, settings, search, given[1])
 
     disparity, flags, confidence, stages = matched
     timings = {"estimation": found.seconds} if found.seconds else {}
-    searched = found.search.min_disparity, found.search.num_disparities
 
     return Result(
         disparity,
@@ -282,7 +281,7 @@ def match_silently(
         blur=found.blur,
         alignment=found.alignment,
         blur_compensation=found.blur_compensation,
-        summary=Summary(*_core.summarize(disparity, flags, confidence, searched)),
+        summary=Summary(*summary),
         pair=arrays,
     )
 
@@ -306,7 +305,7 @@ def _match_again(
     masks: tuple[Mask | None, Mask | None],
     search: Search,
     how: tuple[int | _core.Workers | None, Progress | None],
-) -> tuple[Matched, Estimates]:
+) -> tuple[Matched, Summarized, Estimates]:
     """Match with what was estimated for an earlier pair."""
     if search[1] is None and before.search is not None:
         search = before.search.min_disparity, before.search.num_disparities
@@ -316,9 +315,9 @@ def _match_again(
     asked = replace(before.settings, align_rows=False)
     inverted = before.search is not None and before.search.inverted and asked.compensate_blur
     known: Known = None, compensation, applied_field(alignment), inverted
-    matched, estimated = _core.match_pair(pair, masks, search, asked, *how, known)
+    matched, summary, estimated = _core.match_pair(pair, masks, search, asked, *how, known)
 
     same = as_estimates(estimated, before.settings, search, compensation)
     blur = None if before.blur is None else replace(before.blur, reused=True)
     kept = before.search or same.search
-    return matched, replace(same, search=kept, blur=blur, alignment=alignment)
+    return matched, summary, replace(same, search=kept, blur=blur, alignment=alignment)

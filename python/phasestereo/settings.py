@@ -267,5 +267,5 @@ def resolve(
         raise TypeError(f"{unknown[0]}: no such setting; accepts {', '.join(names)}")
 
     if settings is None:
-        settings = Settings.preset(PRESET if preset is None else preset)
-    return replace(settings, **overrides)
+        settings = PRESETS[PRESET] if preset is None else Settings.preset(preset)
+    return replace(settings, **overrides) if overrides else settings

@@ -1,9 +1,11 @@
-//! What was found out of a pair, as C has it.
+//! The estimates of a pair as C structures.
+
+use std::array;
 
 use crate::rig::alignment::TERMS;
 use crate::rig::blur::{self, Side};
 use crate::rig::estimation::Estimates;
-use crate::rig::psf::Family;
+use crate::rig::psf::{Family, Psf};
 
 /// Most kinds of blur in one image.
 pub const PHASESTEREO_MOST_BLURS: usize = 8;
@@ -34,9 +36,9 @@ pub const PHASESTEREO_OTHER: u32 = 5;
 
 /// The disparities were given by the caller.
 pub const PHASESTEREO_GIVEN: u32 = 0;
-/// The disparities were found in the images.
+/// The disparities were estimated from the images.
 pub const PHASESTEREO_FOUND: u32 = 1;
-/// The images tell nothing of the disparities: they are a third of the width.
+/// The range could not be estimated: the disparities are a third of the width.
 pub const PHASESTEREO_DEFAULT: u32 = 2;
 
 /// A kind of relative blur: what one image lacks to be like the other.
@@ -55,15 +57,15 @@ pub struct Blur {
     pub kind: u32,
 }
 
-/// What was found out of a pair. What was not looked for, or could not be seen, is NaN, or 0 of a count.
+/// What was estimated from a pair. Numbers that were not estimated, or could not be, are NaN, and counts are 0.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Found {
     /// Mean confidence, 0 to 1, of a rough match of small copies.
     pub confidence: f64,
-    /// Least disparity that was seen, pixels.
+    /// Least disparity found, pixels.
     pub low: f64,
-    /// Largest disparity that was seen, pixels.
+    /// Largest disparity found, pixels.
     pub high: f64,
     /// The field of vertical offsets v: what is at row y of the left image is at y + v of the right one. With X and Y from
     /// -1 to 1 over the columns of the right and the rows of the left image, and `R2 = X^2 + Y^2`, it is
@@ -75,21 +77,23 @@ pub struct Found {
     pub rows_error: f64,
     /// Robust standard deviation of the blocks from it, pixels.
     pub rows_spread: f64,
-    /// From 0 to 1: how much better the first of `blurs` explains its part of the images than its contrary.
+    /// Certainty of the first of `blurs`, from 0 to 1: by how much better it explains its part of the images than the
+    /// opposite.
     pub certainty: f64,
     /// Contrast of the left image relative to the right one.
     pub contrast: f64,
     /// Standard deviations of the noise, left and right, in units of the pixels.
     pub noise: [f64; 2],
-    /// By how much hot, dead and stuck pixels stand out at least, left and right; 0: there are none.
+    /// Least height by which hot, dead and stuck pixels stand out, left and right; 0: there are none.
     pub impulses: [f64; 2],
-    /// What compression in blocks has lost, left and right: the standard deviation of a noise that would do as much harm.
+    /// Loss of compression in blocks, left and right, as the standard deviation of a noise that would do as much harm.
     pub coding: [f64; 2],
-    /// The kinds of blur, that of the largest area first.
+    /// The kinds of blur, that of the largest area first. Where each image lacks something that the other one has, both
+    /// blurs are there, one after the other, with the same share.
     pub blurs: [Blur; PHASESTEREO_MOST_BLURS],
-    /// How many kinds of blur there are; 0: blur was not looked for.
+    /// Number of kinds of blur; 0: blur was not estimated.
     pub num_blurs: u32,
-    /// Blocks of the images that agree with the field; 0: there is none.
+    /// Number of blocks of the images that agree with the field; 0: there is none.
     pub rows_blocks: u32,
     /// 1: the right image was straightened by the field.
     pub rows_applied: u32,
@@ -97,20 +101,21 @@ pub struct Found {
     pub min_disparity: i32,
     /// Number of disparities that are searched.
     pub num_disparities: i32,
-    /// Where these are from: `PHASESTEREO_GIVEN`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
+    /// Origin of the disparities: `PHASESTEREO_GIVEN`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
     pub origin: u32,
-    /// 1: every part of the scene has a clearly negative disparity, as where left and right are swapped.
+    /// 1: nearly all disparities are clearly negative, as where left and right are swapped.
     pub swapped: u32,
-    /// 1: disparities of both signs are clearly there.
+    /// 1: many disparities of either sign are clearly not zero.
     pub mixed: u32,
     /// 1: the images match once one of them is inverted, and not before.
     pub inverted: u32,
 }
 
 impl Found {
-    /// What was found; `is_given`: the disparities were not looked for.
+    /// The estimates for C; `is_given`: the caller gave the disparities.
     pub fn new(found: &Estimates, is_given: bool) -> Self {
-        let (range, offsets, blur) = (&found.range, &found.offsets, &found.blur);
+        let Estimates { range, offsets, blur, .. } = found;
+        let blurs = blur.as_ref().map(blurs).unwrap_or_default();
         let of_range = |value: fn(&_) -> f64| range.as_ref().map_or(f64::NAN, value);
         let of_rows = |value: fn(&_) -> f64| offsets.as_ref().map_or(f64::NAN, value);
         let of_blur = |value: fn(&_) -> f64| blur.as_ref().map_or(f64::NAN, value);
@@ -122,7 +127,7 @@ impl Found {
             low: of_range(|range: &crate::rig::estimation::range::SearchRange| range.low),
             high: of_range(|range| range.high),
             rows: offsets.as_ref().map_or([f64::NAN; TERMS], |rows| *rows.field.coefficients()),
-            rows_rms: of_rows(|rows: &crate::rig::estimation::rows::Offsets| rows.field.rms()),
+            rows_rms: of_rows(|rows: &crate::rig::estimation::rows::RowOffsets| rows.field.rms()),
             rows_error: of_rows(|rows| rows.error),
             rows_spread: of_rows(|rows| rows.spread),
             certainty: of_blur(|blur: &blur::Estimate| blur.certainty.into()),
@@ -130,8 +135,8 @@ impl Found {
             noise: of_both(|blur| blur.noise),
             impulses: of_both(|blur| blur.impulses),
             coding: of_both(|blur| blur.coding),
-            blurs: blur.as_ref().map_or([Blur::default(); PHASESTEREO_MOST_BLURS], blurs),
-            num_blurs: blur.as_ref().map_or(0, |blur| blur.blurs.len() as u32),
+            blurs: array::from_fn(|index| blurs.get(index).copied().unwrap_or_default()),
+            num_blurs: blurs.len() as u32,
             rows_blocks: offsets.as_ref().map_or(0, |rows| rows.blocks as u32),
             rows_applied: found.alignment.is_some().into(),
             min_disparity: found.candidates.min() as i32,
@@ -148,33 +153,49 @@ impl Found {
     }
 }
 
-fn blurs(found: &blur::Estimate) -> [Blur; PHASESTEREO_MOST_BLURS] {
+/// The kinds of blur with their shares of the image; of a kind that both images have, both blurs with the same share.
+fn blurs(found: &blur::Estimate) -> Vec<Blur> {
     let (_, _, labels) = &found.labels;
     let share = |index: usize| {
         let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();
         tiles as f64 / labels.len() as f64
     };
 
-    let mut blurs = [Blur::default(); PHASESTEREO_MOST_BLURS];
-    for (index, (blur, kind)) in blurs.iter_mut().zip(&found.blurs).enumerate() {
-        *blur = Blur { share: share(index), ..Blur::new(kind) };
+    let mut blurs = vec![];
+    for (index, kind) in found.blurs.iter().enumerate() {
+        let own = Blur { share: share(index), ..Blur::new(kind) };
+        blurs.push(own);
+        if let Some(psf) = kind.other {
+            let side = PHASESTEREO_LEFT + PHASESTEREO_RIGHT - own.side;
+            blurs.push(Blur { side, ..Blur::of_psf(psf, own) });
+        }
     }
+
+    blurs.truncate(PHASESTEREO_MOST_BLURS);
     blurs
 }
 
 impl Blur {
+    /// A kind of blur, of which the share is not known yet.
     fn new(blur: &blur::Blur) -> Self {
         let (kind, size, angle) = match (blur.psf, &blur.taps) {
             (Some(psf), _) => (kind(psf.family), psf.size, psf.angle),
             (None, Some(taps)) => (PHASESTEREO_OTHER, taps.radius(), 0.0),
             (None, None) => (PHASESTEREO_NO_BLUR, 0.0, 0.0),
         };
+
         let softer = match blur.side {
             None => PHASESTEREO_NEITHER,
             Some(Side::Left) => PHASESTEREO_LEFT,
             Some(Side::Right) => PHASESTEREO_RIGHT,
         };
+
         Self { size, angle, share: 0.0, side: softer, kind }
+    }
+
+    /// The blur of a family; the rest as of another one.
+    fn of_psf(psf: Psf, like: Self) -> Self {
+        Self { size: psf.size, angle: psf.angle, kind: kind(psf.family), ..like }
     }
 }
 

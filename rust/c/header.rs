@@ -1,4 +1,4 @@
-//! The header, made of the code by cbindgen.
+//! The header, generated from the code by cbindgen.
 
 use std::fs;
 use std::path::Path;
@@ -39,15 +39,16 @@ fn header() -> String {
     let builder = sources.into_iter().fold(Builder::new().with_config(config), Builder::with_src);
     let mut header = vec![];
     builder.generate().expect("the interface is one of C").write(&mut header);
-    // What Rust calls a section stands by itself in C.
+    // Rust's section title has no meaning in C.
     String::from_utf8(header).expect("text").replace(" * # Safety\n *\n", "")
 }
 
-/// A header that is not is written anew, so that it can be committed.
+/// A header that differs from the code is rewritten, so that it can be committed.
 #[test]
 fn the_header_is_that_of_the_code() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("rust/c/phasestereo.h");
     let (made, kept) = (header(), fs::read_to_string(&path).unwrap_or_default());
+
     if made != kept {
         fs::write(&path, &made).expect("the header can be written");
     }

@@ -1,4 +1,4 @@
-//! Images of C, which are copied in, and planes of the map, which are copied out.
+//! Images from C, which are copied in, and planes of disparity maps, which are copied out.
 
 use std::ffi::c_void;
 
@@ -25,13 +25,13 @@ pub const PHASESTEREO_BGRA: u32 = 4;
 pub const PHASESTEREO_NO_CANDIDATE: u16 = 2;
 /// The match lies outside the right image.
 pub const PHASESTEREO_OUTSIDE: u16 = 4;
-/// The left pixel is not seen in the right image: what was chosen for it belongs to another one.
+/// The left pixel is not seen in the right image: the right pixel of its match belongs to another one.
 pub const PHASESTEREO_OCCLUDED: u16 = 16;
-/// What was chosen belongs to another left pixel, too, although the right image sees this one.
+/// The match belongs to another left pixel, too, although the right image sees this one.
 pub const PHASESTEREO_MISMATCHED: u16 = 32;
 /// Another candidate costs about as much.
 pub const PHASESTEREO_LOW_CONFIDENCE: u16 = 64;
-/// The pixel belongs to a small region that stands out from all around it.
+/// The pixel belongs to a small region that differs from all around it.
 pub const PHASESTEREO_SPECKLE: u16 = 128;
 /// The disparity is that of other pixels: this one's own is not trusted.
 pub const PHASESTEREO_FILLED: u16 = 256;
@@ -48,7 +48,7 @@ const _: () = {
     assert!(PHASESTEREO_AMBIGUOUS == flag::AMBIGUOUS);
 };
 
-/// An image in memory; it is read during the call alone.
+/// An image in memory; it is read only during the call.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Image {
@@ -66,7 +66,8 @@ pub struct Image {
     pub bits: u32,
 }
 
-/// Where a disparity map is written to: planes of as many rows and columns as the images have. NULL: not wanted.
+/// The memory that a disparity map is written to: planes of as many rows and columns as the images have. NULL: not
+/// wanted.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Map {
@@ -78,17 +79,17 @@ pub struct Map {
     pub flags: *mut u16,
     /// Bytes from a row to the next one.
     pub flags_stride: isize,
-    /// Confidences from 0 to 1; all NaN where the settings, as those of "fast", have none worked out.
+    /// Confidences from 0 to 1; all NaN where the settings, as those of "fast", compute none.
     pub confidence: *mut f32,
     /// Bytes from a row to the next one.
     pub confidence_stride: isize,
 }
 
-/// Where the channels of a pixel are: how many there are, and those that are taken.
+/// The layout of a pixel: the number of its channels, and the indices of those that are kept.
 type Layout = (usize, &'static [usize]);
 
 impl Image {
-    /// A copy of it.
+    /// A copy of the image.
     ///
     /// # Safety
     ///
@@ -126,7 +127,7 @@ impl Image {
         }
     }
 
-    /// The channels that are taken; `value` makes one of its bytes, which need not be aligned.
+    /// Copies the kept channels; `value` makes one from its bytes, which need not be aligned.
     ///
     /// # Safety
     ///
@@ -175,6 +176,7 @@ impl Map {
             none = found.disparity.map(|_| f32::NAN);
             &none
         };
+
         // SAFETY: as the caller promises.
         unsafe {
             write(&found.disparity, self.disparity, self.disparity_stride);
@@ -184,7 +186,7 @@ impl Map {
     }
 }
 
-/// Copies rows out, to places that need not be aligned.
+/// Copies rows out, to memory that need not be aligned.
 ///
 /// # Safety
 ///
@@ -193,9 +195,10 @@ unsafe fn write<T>(plane: &Plane<T>, target: *mut T, stride: isize) {
     if target.is_null() {
         return;
     }
+
     for y in 0..plane.rows() {
-        let (row, start) = (plane.row(y), target.cast::<u8>());
-        let start = start.wrapping_offset(y as isize * stride);
+        let row = plane.row(y);
+        let start = target.cast::<u8>().wrapping_offset(y as isize * stride);
         // SAFETY: as the caller promises; memory of the caller's is none of the plane's.
         unsafe { row.as_ptr().cast::<u8>().copy_to_nonoverlapping(start, size_of_val(row)) };
     }

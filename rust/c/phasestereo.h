@@ -72,12 +72,12 @@
 #define PHASESTEREO_GIVEN 0
 
 /**
- * The disparities were found in the images.
+ * The disparities were estimated from the images.
  */
 #define PHASESTEREO_FOUND 1
 
 /**
- * The images tell nothing of the disparities: they are a third of the width.
+ * The range could not be estimated: the disparities are a third of the width.
  */
 #define PHASESTEREO_DEFAULT 2
 
@@ -117,12 +117,12 @@
 #define PHASESTEREO_OUTSIDE 4
 
 /**
- * The left pixel is not seen in the right image: what was chosen for it belongs to another one.
+ * The left pixel is not seen in the right image: the right pixel of its match belongs to another one.
  */
 #define PHASESTEREO_OCCLUDED 16
 
 /**
- * What was chosen belongs to another left pixel, too, although the right image sees this one.
+ * The match belongs to another left pixel, too, although the right image sees this one.
  */
 #define PHASESTEREO_MISMATCHED 32
 
@@ -132,7 +132,7 @@
 #define PHASESTEREO_LOW_CONFIDENCE 64
 
 /**
- * The pixel belongs to a small region that stands out from all around it.
+ * The pixel belongs to a small region that differs from all around it.
  */
 #define PHASESTEREO_SPECKLE 128
 
@@ -193,7 +193,7 @@ typedef struct phasestereo_setting {
 } phasestereo_setting;
 
 /**
- * An image in memory; it is read during the call alone.
+ * An image in memory; it is read only during the call.
  */
 typedef struct phasestereo_image {
   /**
@@ -223,7 +223,8 @@ typedef struct phasestereo_image {
 } phasestereo_image;
 
 /**
- * Where a disparity map is written to: planes of as many rows and columns as the images have. NULL: not wanted.
+ * The memory that a disparity map is written to: planes of as many rows and columns as the images have. NULL: not
+ * wanted.
  */
 typedef struct phasestereo_map {
   /**
@@ -243,7 +244,7 @@ typedef struct phasestereo_map {
    */
   ptrdiff_t flags_stride;
   /**
-   * Confidences from 0 to 1; all NaN where the settings, as those of "fast", have none worked out.
+   * Confidences from 0 to 1; all NaN where the settings, as those of "fast", compute none.
    */
   float *confidence;
   /**
@@ -279,7 +280,7 @@ typedef struct phasestereo_blur {
 } phasestereo_blur;
 
 /**
- * What was found out of a pair. What was not looked for, or could not be seen, is NaN, or 0 of a count.
+ * What was estimated from a pair. Numbers that were not estimated, or could not be, are NaN, and counts are 0.
  */
 typedef struct phasestereo_found {
   /**
@@ -287,11 +288,11 @@ typedef struct phasestereo_found {
    */
   double confidence;
   /**
-   * Least disparity that was seen, pixels.
+   * Least disparity found, pixels.
    */
   double low;
   /**
-   * Largest disparity that was seen, pixels.
+   * Largest disparity found, pixels.
    */
   double high;
   /**
@@ -313,7 +314,8 @@ typedef struct phasestereo_found {
    */
   double rows_spread;
   /**
-   * From 0 to 1: how much better the first of `blurs` explains its part of the images than its contrary.
+   * Certainty of the first of `blurs`, from 0 to 1: by how much better it explains its part of the images than the
+   * opposite.
    */
   double certainty;
   /**
@@ -325,23 +327,24 @@ typedef struct phasestereo_found {
    */
   double noise[2];
   /**
-   * By how much hot, dead and stuck pixels stand out at least, left and right; 0: there are none.
+   * Least height by which hot, dead and stuck pixels stand out, left and right; 0: there are none.
    */
   double impulses[2];
   /**
-   * What compression in blocks has lost, left and right: the standard deviation of a noise that would do as much harm.
+   * Loss of compression in blocks, left and right, as the standard deviation of a noise that would do as much harm.
    */
   double coding[2];
   /**
-   * The kinds of blur, that of the largest area first.
+   * The kinds of blur, that of the largest area first. Where each image lacks something that the other one has, both
+   * blurs are there, one after the other, with the same share.
    */
   struct phasestereo_blur blurs[PHASESTEREO_MOST_BLURS];
   /**
-   * How many kinds of blur there are; 0: blur was not looked for.
+   * Number of kinds of blur; 0: blur was not estimated.
    */
   uint32_t num_blurs;
   /**
-   * Blocks of the images that agree with the field; 0: there is none.
+   * Number of blocks of the images that agree with the field; 0: there is none.
    */
   uint32_t rows_blocks;
   /**
@@ -357,15 +360,15 @@ typedef struct phasestereo_found {
    */
   int32_t num_disparities;
   /**
-   * Where these are from: `PHASESTEREO_GIVEN`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
+   * Origin of the disparities: `PHASESTEREO_GIVEN`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
    */
   uint32_t origin;
   /**
-   * 1: every part of the scene has a clearly negative disparity, as where left and right are swapped.
+   * 1: nearly all disparities are clearly negative, as where left and right are swapped.
    */
   uint32_t swapped;
   /**
-   * 1: disparities of both signs are clearly there.
+   * 1: many disparities of either sign are clearly not zero.
    */
   uint32_t mixed;
   /**
@@ -384,7 +387,8 @@ extern "C" {
 const char *phasestereo_version(void);
 
 /**
- * What the last call on this thread that failed says; empty if none has. It is valid until the next call that fails.
+ * The message of the last call on this thread that failed; empty if none has. It is valid until the next call that
+ * fails.
  */
 const char *phasestereo_error(void);
 
@@ -400,7 +404,7 @@ struct phasestereo_matcher *phasestereo_new(const char *preset,
                                             uint32_t threads);
 
 /**
- * Ends a matcher, its threads, and frees its memory. NULL is left alone.
+ * Frees a matcher with its threads and its memory. NULL is ignored.
  *
  * The matcher is one of `phasestereo_new`, no call is using it, and none will.
  */
@@ -414,9 +418,9 @@ void phasestereo_free(struct phasestereo_matcher *matcher);
 uint32_t phasestereo_threads(const struct phasestereo_matcher *matcher);
 
 /**
- * The bytes that the match of images takes at most whose pixels, all channels together, take `pixel_bytes` each; 0 if an
- * argument is not acceptable. Where blur is compensated for, codes of the right image are kept once more for each kind of
- * it: these, and the images and maps of the caller, are not in it.
+ * The most bytes of working memory that the match of images takes, whose pixels, all channels together, take
+ * `pixel_bytes` each; 0 if an argument is not acceptable. Images and maps of the caller are not included, nor the
+ * codes of the right image that are kept for each kind of blur that is compensated for.
  *
  * The matcher is one of `phasestereo_new`.
  */
@@ -428,9 +432,9 @@ uint64_t phasestereo_memory(const struct phasestereo_matcher *matcher,
 
 /**
  * Matches a rectified pair of images of one size and number of bits. The disparities [`min_disparity`, `min_disparity` +
- * `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 they are found, and `min_disparity` is 0.
- * Left pixel (x, y) corresponds to right pixel (x - d, y). What was found out of the pair is written to `found`, unless
- * that is NULL. If it fails, nothing is written.
+ * `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 the range is estimated, and
+ * `min_disparity` is 0. Left pixel (x, y) corresponds to right pixel (x - d, y). What was estimated from the pair is written
+ * to `found`, unless that is NULL. If the call fails, nothing is written.
  *
  * Pointers are to what their types say; the planes of `map` have rows of as many values as the images have columns, and
  * as many rows.
@@ -444,8 +448,8 @@ enum phasestereo_status phasestereo_match(const struct phasestereo_matcher *matc
                                           struct phasestereo_found *found);
 
 /**
- * Finds out of a pair what a match with these settings would find out: the disparities, if they are not given, how rows
- * correspond, blur, noise. The arguments are those of `phasestereo_match`.
+ * Estimates from a pair what a match with these settings would estimate: the disparities, if they are not given, how
+ * rows correspond, blur, noise. The arguments are those of `phasestereo_match`.
  *
  * Pointers are to what their types say.
  */

@@ -1,4 +1,4 @@
-//! Settings by their names, as text.
+//! Settings by name, as text.
 
 use crate::error::{Error, Result};
 use crate::settings::{
@@ -6,15 +6,15 @@ use crate::settings::{
     with_every_setting,
 };
 
-/// A type of settings that can be read from text.
+/// The type of a setting, which can be read from text.
 trait Readable: Sized {
-    /// What the text says; an error that names the setting.
+    /// Reads the value of a setting; an error names the setting.
     fn read(name: &'static str, text: &str) -> Result<Self>;
 }
 
 macro_rules! set_by_name {
     ($($name:ident),* $(,)?) => {
-        /// Sets the field of that name, which [`Settings::check`] has to look at afterwards.
+        /// Sets the field of this name; [`Settings::check`] has to be called afterwards.
         pub fn set(settings: &mut Settings, name: &str, text: &str) -> Result<()> {
             match name {
                 $(stringify!($name) => {

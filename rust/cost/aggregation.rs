@@ -1,7 +1,7 @@
-//! Costs -> sums over a window, of which the best of five counts (paper, section 2.3).
+//! Costs -> sums over a window; of shiftable windows the least of five sums (paper, section 2.3).
 //!
-//! A block of columns is gone through from the top down, all candidates of a pixel in neighboring lanes. The sums of
-//! each column over the rows of the window go on from row to row, those over its columns from pixel to pixel:
+//! A block of columns is worked through from the top down, all candidates of a pixel in neighboring lanes. The sums of
+//! each column over the rows of the window are updated from row to row, those over its columns from pixel to pixel:
 //!
 //! ```text
 //! for y in rows:
@@ -11,9 +11,9 @@
 //!         aggregated[y][x][k] = sum[k]
 //! ```
 //!
-//! Beyond the image rows and columns repeat its edge. Shiftable windows look at the sums of five places, so there a ring
-//! of rows of sums is kept as well. Where votes are missing their number is summed alike, and the mean of those that
-//! are there counts.
+//! Beyond the image its edge rows and columns are repeated. A shiftable window takes the least of the sums at five
+//! places, so a ring of rows of sums is kept as well. Under masks the valid pixels of each window are counted by the same
+//! sums, and the mean of their costs stands for the whole window.
 
 use std::ops::Range;
 
@@ -29,7 +29,7 @@ use crate::settings::{Precision, Settings};
 use crate::simd::{Level, Loop};
 use crate::value::{LANES, Lanes, Value};
 
-/// What is summed, and how.
+/// The window that costs are summed over, and the precision of the sums.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Window {
     /// Rows of the image.
@@ -40,19 +40,19 @@ pub struct Window {
     pub candidates: usize,
     /// Side of the window, odd.
     pub side: usize,
-    /// Whether the best of five windows counts.
+    /// Whether the least of five sums counts.
     pub shiftable: bool,
-    /// The largest cost of one vote: what a pixel with no vote in its window pays per place.
+    /// The largest cost of one pixel: what each place of a window without a valid pixel costs.
     pub ceiling: u16,
     /// Lowest bits that are dropped from the sum of each column of a window.
     pub dropped: u32,
 }
 
-/// Largest sum over a window to the precision of bytes: two thirds of what a byte holds, so that it holds the
-/// cost of a jump, too; where it does not, but would with one bit less, that is dropped as well.
+/// Largest sum over a window at byte precision: two thirds of a byte, so that P2 fits as well. Where P2 does not fit but
+/// would with one bit less, that bit is dropped, too.
 const LARGEST_BYTE_SUM: u64 = 170;
 
-/// Least sum over a window for which one bit more is dropped: with fewer steps costs would be too coarse.
+/// Least sum for which one further bit is dropped: below it costs would be too coarse.
 const LEAST_BYTE_SUM: u64 = 80;
 
 impl Window {
@@ -66,17 +66,20 @@ impl Window {
         let Settings { window: side, shiftable, .. } = *settings;
         let exact = Self { rows, cols, candidates, side, shiftable, ceiling, dropped: 0 };
         let coarser = |dropped| Self { dropped, ..exact };
+
         match settings.precision {
             Precision::Full => exact,
             Precision::Byte => {
                 let is_small = |bits: &u32| coarser(*bits).largest_sum() <= LARGEST_BYTE_SUM;
                 let least = (0..u32::BITS).find(is_small).unwrap_or(0);
+
                 let fits = |bits: &u32| {
                     let window = coarser(*bits);
                     let p2 = settings.p2 * window.unit(steps_of(settings.cost));
                     window.largest_sum() >= LEAST_BYTE_SUM
                         && window.largest_sum() as f64 + p2.round() <= f64::from(u8::MAX)
                 };
+
                 coarser([least, least + 1].into_iter().find(fits).unwrap_or(least))
             }
         }
@@ -88,13 +91,13 @@ impl Window {
     }
 
     /// Rows and columns by which a window may be shifted.
-    pub fn reach(&self) -> usize {
+    pub fn largest_shift(&self) -> usize {
         if self.shiftable { self.radius() } else { 0 }
     }
 
-    /// Rows and columns around a pixel whose costs count.
-    pub fn margin(&self) -> usize {
-        self.radius() + self.reach()
+    /// Rows and columns around a pixel whose costs its sum depends on.
+    pub fn halo(&self) -> usize {
+        self.radius() + self.largest_shift()
     }
 
     /// Places in the window.
@@ -102,7 +105,7 @@ impl Window {
         (self.side * self.side) as u32
     }
 
-    /// What one unit of the mean cost comes to, of costs with so many steps to the unit.
+    /// One unit of the mean cost in steps of the sums, where a cost has `steps` steps to the unit.
     pub fn unit(&self, steps: u16) -> f64 {
         f64::from(self.area()) * f64::from(steps) / f64::from(1u32 << self.dropped)
     }
@@ -117,19 +120,19 @@ impl Window {
         self.side as u64 * (self.largest_column() >> self.dropped)
     }
 
-    /// The largest number that is met on the way to the aggregated costs.
-    pub fn largest_value(&self, has_votes: bool) -> u64 {
-        let votes = if has_votes { self.area().into() } else { 0 };
-        self.largest_column().max(self.largest_sum()).max(votes)
+    /// The largest number that aggregation computes.
+    pub fn largest_value(&self, has_masks: bool) -> u64 {
+        let support = if has_masks { self.area().into() } else { 0 };
+        self.largest_column().max(self.largest_sum()).max(support)
     }
 
-    /// A window without votes costs the most at each of its places; one with some, their mean.
-    pub fn share(&self, sum: u64, votes: u64) -> u64 {
-        match votes {
+    /// The sum over the whole window, from that over its `support` valid pixels; without any the largest there is.
+    pub fn scaled(&self, sum: u64, support: u64) -> u64 {
+        match support {
             0 => self.largest_sum(),
-            // Rounded sums of a few columns may come to more than those of all.
-            votes => {
-                let mean = (sum * u64::from(self.area()) + votes / 2) / votes;
+            // Bits are dropped from the sum of each column, so the mean of a few may exceed the largest sum.
+            support => {
+                let mean = (sum * u64::from(self.area()) + support / 2) / support;
                 mean.min(self.largest_sum())
             }
         }
@@ -138,48 +141,54 @@ impl Window {
 
 /// Pixels whose costs are aggregated together.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Block {
+pub struct PixelBlock {
     /// Rows of the images.
     pub rows: Range<usize>,
     /// Columns of the left image.
     pub columns: Range<usize>,
 }
 
-/// Aggregates the costs of one block after another; its memory is used again.
+/// Aggregates block after block; its buffers are reused.
 #[derive(Debug, Default)]
 pub struct Aggregator<V> {
+    /// Sums of the costs.
     costs: BoxSums<V>,
-    votes: BoxSums<V>,
-    /// Sums over windows of as many rows as they may be shifted by.
+    /// Numbers of valid pixels, under masks.
+    validity: BoxSums<V>,
+    /// A ring of rows of sums, for shiftable windows: as many rows as a window has.
     boxes: Memory<Lanes<V>>,
-    /// Numbers of votes in the windows of a row.
+    /// Numbers of valid pixels in the windows of a row.
     counts: Memory<Lanes<V>>,
 }
 
 impl<V: Value> Aggregator<V> {
-    /// Writes the aggregated costs of a block, row by row, column by column, all candidates of one pixel after another;
-    /// [`Value::FAR`] beyond the last of these.
+    /// Writes the aggregated costs of a block, row by row, all candidates of one pixel after another, and [`Value::FAR`]
+    /// beyond the last candidate.
     pub fn aggregate(
         &mut self,
         costs: &Costs,
         window: Window,
-        block: Block,
+        block: PixelBlock,
         level: Level,
         out: &mut [Lanes<V>],
     ) -> Result<()> {
-        let chunks = costs.chunks();
-        let around = window.reach().min(1) * (block.columns.len() + 2 * window.reach());
-        self.boxes.resize(around * window.side * chunks)?;
-        self.costs.begin(window, &block.columns, chunks)?;
-        if costs.has_votes() {
-            self.votes.begin(Window { dropped: 0, ..window }, &block.columns, chunks)?;
-            self.counts.resize((block.columns.len() + 2 * window.reach()) * chunks)?;
+        let runs = costs.runs();
+        let shift = window.largest_shift();
+        let around = block.columns.len() + 2 * shift;
+        // Fixed windows need no ring.
+        let ring = if shift > 0 { window.side } else { 0 };
+        self.boxes.resize(around * ring * runs)?;
+        self.costs.begin(window, &block.columns, runs)?;
+        if costs.has_masks() {
+            self.validity.begin(Window { dropped: 0, ..window }, &block.columns, runs)?;
+            self.counts.resize(around * runs)?;
         }
+
         level.run(Aggregate { aggregator: self, costs, window, block, out });
         Ok(())
     }
 
-    /// Writes the sums over centered windows of some columns of a row.
+    /// Writes the sums over the centered windows of some columns of a row, scaled to the valid pixels under masks.
     #[inline(always)]
     fn write_boxes(
         sums: (&mut BoxSums<V>, &mut BoxSums<V>, &mut [Lanes<V>]),
@@ -188,68 +197,81 @@ impl<V: Value> Aggregator<V> {
         (y, columns): (usize, Range<usize>),
         out: &mut [Lanes<V>],
     ) {
-        let (of_costs, of_votes, counts) = sums;
+        let (of_costs, of_validity, counts) = sums;
+
         of_costs.center_on(y, Summed::Costs, costs);
         of_costs.write_row(columns.clone(), out);
-        if costs.has_votes() {
-            of_votes.center_on(y, Summed::Votes, costs);
+
+        if costs.has_masks() {
+            of_validity.center_on(y, Summed::Validity, costs);
             let counts = &mut counts[..out.len()];
-            of_votes.write_row(columns, counts);
-            for (sum, votes) in out.as_flattened_mut().iter_mut().zip(counts.as_flattened()) {
-                *sum = V::truncated(window.share(sum.widened(), votes.widened()));
+            of_validity.write_row(columns, counts);
+
+            for (sum, support) in out.as_flattened_mut().iter_mut().zip(counts.as_flattened()) {
+                *sum = V::truncated(window.scaled(sum.widened(), support.widened()));
             }
         }
     }
 }
 
-/// The kernel of [`Aggregator::aggregate`].
+/// The loop of [`Aggregator::aggregate`].
 struct Aggregate<'a, V> {
     aggregator: &'a mut Aggregator<V>,
     costs: &'a Costs<'a>,
     window: Window,
-    block: Block,
+    block: PixelBlock,
     out: &'a mut [Lanes<V>],
 }
 
 impl<V: Value> Aggregate<'_, V> {
-    /// One centered window for each pixel.
+    /// Writes the sum over the centered window of each pixel.
     #[inline(always)]
     fn centered(self) {
         let Self { aggregator, costs, window, block, out } = self;
-        let Aggregator { costs: of_costs, votes, counts, .. } = aggregator;
-        let width = block.columns.len() * costs.chunks();
+        let Aggregator { costs: of_costs, validity, counts, .. } = aggregator;
+        let width = block.columns.len() * costs.runs();
+
         for (y, out) in block.rows.zip(out.chunks_exact_mut(width)) {
             let place = (y, block.columns.clone());
-            Aggregator::write_boxes((of_costs, votes, counts), costs, window, place, out);
-            fill_up(out, window.candidates);
+            Aggregator::write_boxes((of_costs, validity, counts), costs, window, place, out);
+
+            pad(out, window.candidates);
         }
     }
 
-    /// The best of five windows: sums of each row are kept until no window is shifted to it any more.
+    /// Writes the least sum of the five windows of each pixel. Each row's sums stay in the ring as long as a window is
+    /// shifted to them.
     #[inline(always)]
     fn shifted(self) {
         let Self { aggregator, costs, window, block, out } = self;
-        let Aggregator { costs: of_costs, votes, boxes, counts } = aggregator;
-        let (chunks, reach, Block { rows, columns }) = (costs.chunks(), window.reach(), block);
-        let around = columns.start.saturating_sub(reach)..(columns.end + reach).min(window.cols);
-        let width = around.len() * chunks;
+        let Aggregator { costs: of_costs, validity, boxes, counts } = aggregator;
+        let PixelBlock { rows, columns } = block;
+        let runs = costs.runs();
+        let shift = window.largest_shift();
+        let around = columns.start.saturating_sub(shift)..(columns.end + shift).min(window.cols);
+        let width = around.len() * runs;
         let last = window.rows - 1;
-        let mut next = rows.start.saturating_sub(reach);
-        for (y, out) in rows.zip(out.chunks_exact_mut(columns.len() * chunks)) {
-            while next <= (y + reach).min(last) {
+        let mut next = rows.start.saturating_sub(shift);
+
+        for (y, out) in rows.zip(out.chunks_exact_mut(columns.len() * runs)) {
+            while next <= (y + shift).min(last) {
                 let row = &mut boxes[next % window.side * width..][..width];
                 let place = (next, around.clone());
-                Aggregator::write_boxes((of_costs, votes, counts), costs, window, place, row);
+                Aggregator::write_boxes((of_costs, validity, counts), costs, window, place, row);
                 next += 1;
             }
+
             let row = |y: usize| &boxes[y % window.side * width..][..width];
-            let (above, below) = (row(y.saturating_sub(reach)), row((y + reach).min(last)));
-            for (x, out) in columns.clone().zip(out.chunks_exact_mut(chunks)) {
-                let places = [x.saturating_sub(reach), (x + reach).min(window.cols - 1)];
-                let [left, right] = places.map(|x| &row(y)[(x - around.start) * chunks..]);
-                let place = (x - around.start) * chunks;
+            let above = row(y.saturating_sub(shift));
+            let below = row((y + shift).min(last));
+
+            for (x, out) in columns.clone().zip(out.chunks_exact_mut(runs)) {
+                let places = [x.saturating_sub(shift), (x + shift).min(window.cols - 1)];
+                let [left, right] = places.map(|x| &row(y)[(x - around.start) * runs..]);
+                let place = (x - around.start) * runs;
                 let beside = [left, right, &above[place..], &below[place..]];
-                let beside = beside.map(|sums| &sums[..chunks]);
+                let beside = beside.map(|sums| &sums[..runs]);
+
                 for (run, out) in out.iter_mut().enumerate() {
                     let mut best = row(y)[place + run];
                     for sums in beside {
@@ -260,7 +282,8 @@ impl<V: Value> Aggregate<'_, V> {
                     *out = best;
                 }
             }
-            fill_up(out, window.candidates);
+
+            pad(out, window.candidates);
         }
     }
 }
@@ -270,77 +293,86 @@ impl<V: Value> Loop for Aggregate<'_, V> {
 
     #[inline(always)]
     fn run(self) {
-        if self.window.reach() == 0 { self.centered() } else { self.shifted() }
+        if self.window.largest_shift() == 0 { self.centered() } else { self.shifted() }
     }
 }
 
-/// Puts those candidates out of reach that only fill up the lanes.
+/// Pads the last run of every pixel with [`Value::FAR`], which never wins.
 #[inline(always)]
-fn fill_up<V: Value>(costs: &mut [Lanes<V>], candidates: usize) {
+fn pad<V: Value>(costs: &mut [Lanes<V>], candidates: usize) {
     let used = candidates % LANES;
     if used > 0 {
-        let chunks = candidates.div_ceil(LANES);
-        for last in costs.iter_mut().skip(chunks - 1).step_by(chunks) {
+        let runs = candidates.div_ceil(LANES);
+        for last in costs.iter_mut().skip(runs - 1).step_by(runs) {
             last[used..].fill(V::FAR);
         }
     }
 }
 
-/// What is summed over windows.
+/// What is summed over windows: costs, or 1 where they are valid.
 #[derive(Debug, Clone, Copy)]
 enum Summed {
     Costs,
-    Votes,
+    Validity,
 }
 
 impl Summed {
-    /// Writes what is summed of some columns of a row.
+    /// Writes the summands of some columns of a row.
     #[inline(always)]
     fn write<V: Value>(self, costs: &Costs, y: usize, columns: Range<usize>, out: &mut [Lanes<V>]) {
         match self {
             Self::Costs => costs.write(y, columns, out),
-            Self::Votes => costs.write_votes(y, columns, out),
+            Self::Validity => costs.write_validity(y, columns, out),
         }
     }
 }
 
-/// Sums over a window that moves down a block of columns.
+/// Sums over a window that moves down a block of columns, row by row.
 #[derive(Debug, Default)]
 struct BoxSums<V> {
     window: Window,
-    chunks: usize,
-    /// The columns whose costs count, within the image.
+    runs: usize,
+    /// The columns of the block and its halo, within the image.
     around: Range<usize>,
     /// The row on which the window is centered.
     center: Option<usize>,
-    /// Costs of the rows of the window and of the one that has left it.
+    /// Costs of the rows of the window and of the one that has just left it: a ring.
     rows: Memory<Lanes<V>>,
     /// Their sums over the rows of the window, for each column.
     columns: Memory<Lanes<V>>,
 }
 
 impl<V: Value> BoxSums<V> {
-    fn begin(&mut self, window: Window, columns: &Range<usize>, chunks: usize) -> Result<()> {
-        let margin = window.margin();
-        self.around = columns.start.saturating_sub(margin)..(columns.end + margin).min(window.cols);
-        (self.window, self.chunks, self.center) = (window, chunks, None);
-        let width = self.around.len() * chunks;
+    /// Sizes the buffers for some columns, before the first row.
+    fn begin(&mut self, window: Window, columns: &Range<usize>, runs: usize) -> Result<()> {
+        let halo = window.halo();
+        self.around = columns.start.saturating_sub(halo)..(columns.end + halo).min(window.cols);
+        self.window = window;
+        self.runs = runs;
+        self.center = None;
+
+        let width = self.around.len() * runs;
         self.rows.resize((window.side + 1) * width)?;
         self.columns.resize(width)
     }
 
-    /// Moves the window to a row, the next one unless it is the first.
+    /// Moves the window to row `y`: the next one, or any if it is the first.
     #[inline(always)]
     fn center_on(&mut self, y: usize, summed: Summed, costs: &Costs) {
-        let (radius, side, width) = (self.window.radius(), self.window.side, self.columns.len());
+        let radius = self.window.radius();
+        let side = self.window.side;
+        let width = self.columns.len();
         let last = self.window.rows - 1;
-        // Rows lie in the ring by their places from `radius` rows above the image on.
+        // Places count rows from `radius` rows above the image on; beyond the image its edge is repeated.
         let slot = |place: usize| place % (side + 1) * width;
         let row = |place: usize| place.saturating_sub(radius).min(last);
+
         if self.center.replace(y).is_some() {
-            let (entering, leaving) = (slot(y + 2 * radius), slot(y + 2 * radius + 1));
+            let entering = slot(y + 2 * radius);
+            let leaving = slot(y + 2 * radius + 1);
             let entered = &mut self.rows[entering..][..width];
             summed.write(costs, row(y + 2 * radius), self.around.clone(), entered);
+
             let entering = &self.rows[entering..][..width];
             let leaving = &self.rows[leaving..][..width];
             for ((sum, new), old) in self.columns.iter_mut().zip(entering).zip(leaving) {
@@ -350,10 +382,13 @@ impl<V: Value> BoxSums<V> {
             }
             return;
         }
+
+        // The first row: sums the whole window.
         self.columns.fill([V::default(); LANES]);
         for place in y..=y + 2 * radius {
             let here = &mut self.rows[slot(place)..][..width];
             summed.write(costs, row(place), self.around.clone(), here);
+
             for (sum, new) in self.columns.iter_mut().zip(here) {
                 for j in 0..LANES {
                     sum[j] = sum[j].plus(new[j]);
@@ -362,23 +397,29 @@ impl<V: Value> BoxSums<V> {
         }
     }
 
-    /// Writes the sums over the window about some columns, without the lowest bits of each column's.
+    /// Writes the sums over the windows of some columns. The lowest bits of each column's sum are dropped first.
     #[inline(always)]
     fn write_row(&self, columns: Range<usize>, out: &mut [Lanes<V>]) {
-        let (radius, chunks, dropped) = (self.window.radius(), self.chunks, self.window.dropped);
-        // Places, from `radius` columns left of the image on, of the column that it shows there; what would enter after
-        // the last sum is not at hand and not needed.
-        let (last, first) = (self.around.end - 1, self.around.start);
-        let column = |place: usize| (place.saturating_sub(radius).min(last) - first) * chunks;
-        for chunk in 0..chunks {
+        let radius = self.window.radius();
+        let runs = self.runs;
+        let dropped = self.window.dropped;
+        // Places count columns from `radius` columns left of the image on; beyond the image its edge is repeated. After
+        // the last sum an unneeded column enters, clamped as well.
+        let first = self.around.start;
+        let last = self.around.end - 1;
+        let column = |place: usize| (place.saturating_sub(radius).min(last) - first) * runs;
+
+        for run in 0..runs {
             let mut sum = [V::default(); LANES];
             for place in columns.start..=columns.start + 2 * radius {
-                sum = added(sum, shifted(self.columns[column(place) + chunk], dropped));
+                sum = added(sum, shifted(self.columns[column(place) + run], dropped));
             }
-            for (x, out) in columns.clone().zip(out.iter_mut().skip(chunk).step_by(chunks)) {
+
+            for (x, out) in columns.clone().zip(out.iter_mut().skip(run).step_by(runs)) {
                 *out = sum;
-                let leaving = shifted(self.columns[column(x) + chunk], dropped);
-                let entering = shifted(self.columns[column(x + 1 + 2 * radius) + chunk], dropped);
+
+                let leaving = shifted(self.columns[column(x) + run], dropped);
+                let entering = shifted(self.columns[column(x + 1 + 2 * radius) + run], dropped);
                 sum = added(subtracted(sum, leaving), entering);
             }
         }
@@ -409,7 +450,7 @@ fn subtracted<V: Value>(mut values: Lanes<V>, others: Lanes<V>) -> Lanes<V> {
     values
 }
 
-/// The aggregated costs of a whole volume.
+/// The aggregated costs of a whole volume, rows of `columns x candidates`.
 pub fn aggregate(
     volume: &Plane<u16>,
     window: Window,
@@ -419,24 +460,29 @@ pub fn aggregate(
     let Window { rows, cols, candidates, .. } = window;
     let costs =
         Costs::of_volume(volume, Candidates::new(0, candidates as i64, cols.max(candidates))?);
+
     let mut aggregated = Plane::new(rows, cols * candidates)?;
     let blocks = aggregated.as_mut_slice().par_chunks_mut(ROWS * cols * candidates).enumerate();
     blocks.try_for_each(|(index, aggregated)| {
         control.checkpoint()?;
-        let (mut aggregator, mut lanes) = (Aggregator::<u32>::default(), Memory::default());
+        let mut aggregator = Aggregator::<u32>::default();
+        let mut lanes = Memory::default();
         let rows = index * ROWS..((index + 1) * ROWS).min(rows);
-        lanes.resize(rows.len() * cols * costs.chunks())?;
+        lanes.resize(rows.len() * cols * costs.runs())?;
+
         aggregator.aggregate(
             &costs,
             window,
-            Block { rows, columns: 0..cols },
+            PixelBlock { rows, columns: 0..cols },
             level,
             &mut lanes,
         )?;
-        let pixels = lanes.as_flattened().chunks_exact(costs.chunks() * LANES);
+
+        let pixels = lanes.as_flattened().chunks_exact(costs.runs() * LANES);
         for (aggregated, lanes) in aggregated.chunks_exact_mut(candidates).zip(pixels) {
             aggregated.copy_from_slice(&lanes[..candidates]);
         }
+
         Ok(())
     })?;
     Ok(aggregated)

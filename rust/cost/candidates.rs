@@ -11,7 +11,7 @@ pub struct Candidates {
 }
 
 impl Candidates {
-    /// Candidates for images of the given width; refuses ranges that reach no pixel of the right image.
+    /// Candidates for images of the given width. Ranges under which no pixel has a match in the right image are an error.
     pub fn new(min: i64, count: i64, width: usize) -> Result<Self> {
         let most = width.min(MOST_DISPARITIES) as i64;
         if !(1..=most).contains(&count) {
@@ -19,7 +19,10 @@ impl Candidates {
                 format!("an integer from 1 to {most} (the width, at most {MOST_DISPARITIES})");
             return Err(Error::value("num_disparities", count, accepts));
         }
-        let (lowest, highest) = (1 - width as i64 - (count - 1), width as i64 - 1);
+
+        // At the ends of the range one candidate of one column still lies within the right image.
+        let lowest = 1 - width as i64 - (count - 1);
+        let highest = width as i64 - 1;
         if !(lowest..=highest).contains(&min) {
             let accepts = format!(
                 "an integer from {lowest} to {highest}: with {count} disparities and width {width}, \
@@ -27,6 +30,7 @@ impl Candidates {
             );
             return Err(Error::value("min_disparity", min, accepts));
         }
+
         Ok(Self { min: min as isize, count: count as usize })
     }
 
@@ -55,8 +59,8 @@ impl Candidates {
         !(0..width as isize).contains(&(x as isize - self.disparity(k)))
     }
 
-    /// The right columns as the candidates meet them, clamped into the image: column `x` meets candidate `k`
-    /// at place `x + count - 1 - k`.
+    /// The right column at each place of an unrolled row, clamped into the image: column `x` meets candidate `k` at place
+    /// `x + count - 1 - k`.
     pub fn unrolled(self, width: usize) -> Vec<usize> {
         let column = |place| self.column(place, self.count - 1, width);
         (0..width + self.count - 1).map(column).collect()

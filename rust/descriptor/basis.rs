@@ -1,8 +1,8 @@
 //! Integer tables of the local Fourier transform.
 //!
-//! The descriptor is *defined* on these integers, rounding included. Tables of non-zero frequencies sum
-//! to zero exactly, so a constant added to an image changes nothing, not even on ties. All are centered at
-//! the pixel: their real part is even and their imaginary part odd, so one half tells the whole.
+//! The descriptor is *defined* on these integers, rounding included. Tables of non-zero frequencies sum to zero exactly,
+//! so a constant added to an image changes nothing, not even on ties. All are centered at the pixel: the real part is even
+//! and the imaginary part odd, so one half is enough.
 
 use std::f64::consts::TAU;
 
@@ -12,8 +12,8 @@ use crate::settings::{Settings, Taper};
 /// Amplitude of the tables times `L`. Sums of 8-bit pixels then fit in 32 bits for every `L`, and those of
 /// any pixels are exact in double precision. A tap is within a step of the exact value: 1/570 for `L` = 7.
 const AMPLITUDE_TIMES_SIZE: usize = 4000;
-/// The same under codes of two sizes, which describe smoothed images in sixteenths of a gray level: these fit in 32 bits, too.
-/// A tap is within 1/140 for `L` = 7, an angle within half a degree.
+/// The same under codes of two sizes, which describe smoothed images in sixteenths of a gray level: their sums fit in 32
+/// bits, too. A tap is within 1/140 for `L` = 7, an angle within half a degree.
 const COARSE_AMPLITUDE_TIMES_SIZE: usize = 1000;
 
 /// One spectral component of the descriptor: its frequency indices along x and y.
@@ -45,9 +45,11 @@ pub struct Basis {
 impl Basis {
     /// Tables for checked settings.
     pub fn new(settings: &Settings) -> Self {
-        let (size, (r, s)) = (settings.neighborhood, settings.frequencies);
+        let size = settings.neighborhood;
+        let (r, s) = settings.frequencies;
         let scale = amplitude(size, settings.has_larger());
         let filters = (0..=r.max(s)).map(|f| filter(settings.taper, size, scale, f)).collect();
+
         Self { size, frequencies: (r, s), filters }
     }
 
@@ -75,15 +77,15 @@ impl Basis {
         &self.filters
     }
 
-    /// Standard deviation of either part of a component of white noise whose own is 1: the energy of the
-    /// window, of which half falls to cosines and half to sines.
+    /// Standard deviation of the real or imaginary part of a component of white noise of standard deviation 1: the energy of
+    /// the window, half of which belongs to cosines and half to sines.
     pub fn deviation(&self) -> f64 {
         let window = self.filters[0].even.iter().map(|tap| f64::from(*tap).powi(2));
         let side: f64 = window.clone().skip(1).sum();
         (window.take(1).sum::<f64>() + 2.0 * side) / f64::sqrt(2.0)
     }
 
-    /// How many times the largest pixel no component can exceed, nor any sum on the way to it.
+    /// The largest component, and the largest sum on the way to it, in multiples of the largest pixel.
     pub fn gain(&self) -> u64 {
         let largest = self.filters.iter().map(Filter::total).fold(0.0, f64::max);
         largest.powi(2).ceil() as u64
@@ -99,25 +101,29 @@ impl Filter {
     }
 }
 
-/// Even, as the center of a table that sums to zero must be.
+/// The amplitude of the tables: an even number, as the center of a table that sums to zero must be.
 fn amplitude(size: usize, is_coarse: bool) -> usize {
     let total = if is_coarse { COARSE_AMPLITUDE_TIMES_SIZE } else { AMPLITUDE_TIMES_SIZE };
     total / size / 2 * 2
 }
 
-/// `w(j) (exp(-2 pi i f j / L) - kappa)`, `kappa` such that a constant gives zero (the correction that makes
-/// Morlet wavelets admissible; none is needed for the uniform window); frequency 0 is the window `w`.
+/// `w(j) (exp(-2 pi i f j / L) - kappa)`, with `kappa` such that the taps sum to zero: the correction that makes Morlet
+/// wavelets admissible; the uniform window needs none. Frequency 0 is the window `w` itself.
 fn filter(taper: Taper, size: usize, scale: usize, f: usize) -> Filter {
-    let (radius, scale) = (size / 2, scale as f64);
+    let radius = size / 2;
+    let scale = scale as f64;
     let window: Vec<f64> = (0..=radius).map(|j| weight(taper, size, j)).collect();
     let angle = |j: usize| TAU * (f * j) as f64 / size as f64;
+
     let both_sides =
         |value: &dyn Fn(usize) -> f64| value(0) + 2.0 * (1..=radius).map(value).sum::<f64>();
     let kappa = both_sides(&|j| window[j] * math::cos(angle(j))) / both_sides(&|j| window[j]);
+
     let real =
         |j: usize| scale * window[j] * if f == 0 { 1.0 } else { math::cos(angle(j)) - kappa };
     let exact: Vec<f64> = (0..=radius).map(real).collect();
     let imaginary = |j: usize| -(scale * window[j] * math::sin(angle(j))).round() as i32;
+
     Filter {
         even: if f == 0 { rounded(&exact) } else { rounded_to_zero_sum(&exact) },
         odd: (0..=radius).map(imaginary).collect(),
@@ -134,25 +140,31 @@ fn weight(taper: Taper, size: usize, j: usize) -> f64 {
     }
 }
 
+/// Rounds every value.
 fn rounded(exact: &[f64]) -> Vec<i32> {
     exact.iter().map(|value| value.round() as i32).collect()
 }
 
-/// Rounds one half of a symmetric filter, its center first, so that the whole filter sums to zero: the
-/// taps that rounding had moved furthest to the wrong side are moved back by one.
+/// Rounds one half of a symmetric filter, its center first, so that the whole filter sums to zero: the taps that rounding
+/// moved furthest in the direction of the excess are moved back by one.
 fn rounded_to_zero_sum(exact: &[f64]) -> Vec<i32> {
     let mut rounded = rounded(exact);
     // The center counts once and all others twice: only an even center can be balanced.
     if rounded[0] % 2 != 0 {
         rounded[0] += if exact[0] > f64::from(rounded[0]) { 1 } else { -1 };
     }
+
+    // Half the sum of the whole filter.
     let excess = rounded[0] / 2 + rounded[1..].iter().sum::<i32>();
+
     let gain = |k: usize| (f64::from(rounded[k]) - exact[k]) * f64::from(excess);
     let mut order: Vec<usize> = (1..exact.len()).collect();
     order.sort_by(|&a, &b| gain(b).total_cmp(&gain(a)));
+
     for &k in order.iter().cycle().take(excess.unsigned_abs() as usize) {
         rounded[k] -= excess.signum();
     }
+
     rounded
 }
 

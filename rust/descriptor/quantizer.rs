@@ -1,12 +1,16 @@
 //! A spectral component -> the bits of its quantized phase (paper, eq. 3).
 //!
-//! Levels lie on a circle. Each is written in a Johnson code (a circular thermometer), whose Hamming
-//! distance *is* the distance around the circle (eq. 4), for any number of bits. Each bit tells on which side
-//! of a line through zero the component lies: a few comparisons, the same for every pixel.
+//! Levels lie on a circle. Each is written in a Johnson code (a circular thermometer), whose Hamming distance *is* the
+//! distance around the circle (eq. 4), for any number of bits. Each bit says on which side of a line through zero the
+//! component lies, so a code takes a few comparisons, the same for every pixel. With two bits, for example:
 //!
-//! With a weak level each real and each imaginary part is negative, weak or positive, in two bits: whether it
-//! is clearly negative and whether it is clearly positive. Opposite signs then differ in both bits, a weak part
-//! and a clear one in one.
+//! ```text
+//! quadrant   1     2     3     4
+//! code      00    01    11    10        # bit 0: left of the imaginary axis, bit 1: below the real axis
+//! ```
+//!
+//! With a weak level each real and each imaginary part is negative, weak or positive. Two bits say whether it is clearly
+//! negative and whether it is clearly positive, so opposite signs differ in both bits, a weak and a clear part in one.
 
 use std::array::from_fn;
 
@@ -24,10 +28,10 @@ const TANGENTS: [f64; 7] = [
     5.027_339_492_125_846,
 ];
 
-/// Cuts the complex plane into sectors and names each by its code.
+/// Cuts the complex plane into sectors and gives each its code.
 ///
-/// A quadrant's sectors begin where the quotient of its coordinates, correctly rounded, reaches a tangent:
-/// that depends on their ratio alone, so scaling an image changes nothing.
+/// The sectors of a quadrant begin where the quotient of its coordinates, correctly rounded, reaches a tangent. It depends
+/// on their ratio only, so scaling an image changes nothing.
 #[derive(Debug, Clone)]
 pub struct Quantizer {
     /// The power `k` of the spectrum.
@@ -45,7 +49,7 @@ impl Quantizer {
         Self { power: settings.power, code_length, weak: None }
     }
 
-    /// The quantizer that calls parts of `F` weak up to `threshold`, a whole number, and those of `F^2` up to its
+    /// The quantizer for which parts of `F` are weak up to `threshold`, a whole number, and those of `F^2` up to its
     /// square; for `b` = 2.
     pub fn with_weak_level(self, threshold: f64) -> Self {
         debug_assert!(self.code_length == 2 && threshold >= 0.0);
@@ -57,8 +61,9 @@ impl Quantizer {
         self.code_length
     }
 
-    /// Reference implementation of [`Self::add`]: the code of the component `re + i im`; a boundary belongs to the sector counter-clockwise of it, and
-    /// zero to the first sector. With a weak level: the clearly negative parts, then the clearly positive ones.
+    /// Reference implementation of [`Self::add`]: the code of the component `re + i im`. A boundary belongs to the sector
+    /// counter-clockwise of it, zero to the first sector. With a weak level: the clearly negative parts, then the clearly
+    /// positive ones.
     #[cfg(any(test, feature = "internals"))]
     pub fn code(&self, re: i64, im: i64) -> u64 {
         if let Some(threshold) = self.weak {
@@ -69,6 +74,8 @@ impl Quantizer {
             };
             return three_levels::<f64, u64>([re, im], [-threshold, threshold]);
         }
+
+        // Turns the quadrant into the first one.
         let (quadrant, x, y) = match (re, im) {
             (0, 0) => return 0,
             (1.., 0..) => (0, re, im),
@@ -76,9 +83,11 @@ impl Quantizer {
             (..=-1, ..=0) => (2, -re, -im),
             (0.., ..=-1) => (3, -im, re),
         };
+
         let quotient = y as f64 / x as f64;
-        // Boundaries strictly inside the first quadrant. Doubling the phase folds the circle onto itself: F^2 passes its
-        // levels twice while F turns once.
+
+        // Boundaries strictly inside the first quadrant. Doubling the phase folds the circle: F^2 passes its levels twice
+        // while F turns once.
         let tangents = match self.code_length * self.power / 2 {
             0 | 1 => vec![],
             2 => tangents::<1>().to_vec(),
@@ -86,6 +95,7 @@ impl Quantizer {
             _ => tangents::<7>().to_vec(),
         };
         let inside = tangents.iter().filter(|tangent| quotient >= **tangent).count();
+
         let levels = 2 * self.code_length;
         // For k = b = 1 two quadrants share a sector.
         let quadrants_per_sector = (4 / (levels * self.power)).max(1);
@@ -93,18 +103,20 @@ impl Quantizer {
         johnson(sector % levels, self.code_length)
     }
 
-    /// Adds the codes of one component of neighboring pixels to their words, `shift` bits up, where there
-    /// are zeros.
+    /// Writes the codes of one component of neighboring pixels into their words, from bit `shift` on. These bits must be 0.
     #[inline(always)]
     pub fn add<T: Lane>(&self, re: &[T], im: &[T], shift: usize, words: &mut [T::Word]) {
         if let Some(threshold) = self.weak {
             return self.add_three_levels(re, im, shift, words, threshold);
         }
-        // The diagonal alone needs no quotient, only that zero does not reach it.
+
+        // With the diagonal as only boundary no division is needed. The maximum with 1 keeps zero below it.
         let diagonal = |x: T, y: T| y.minus(if x < T::from(1) { T::from(1) } else { x });
         let quotient = |x: T, y: T| y.into() / x.into();
         let zero = T::default();
-        let (three, seven) = (tangents::<3>(), tangents::<7>());
+        let three = tangents::<3>();
+        let seven = tangents::<7>();
+
         match (self.power, self.code_length) {
             (1, 1) => add_each(re, im, shift, words, |place| place.below.into()),
             (1, 2) => add_each(re, im, shift, words, |place| place.halves(quotient, [])),
@@ -118,6 +130,7 @@ impl Quantizer {
         }
     }
 
+    /// As [`Self::add`], with a weak level.
     #[inline(always)]
     fn add_three_levels<T: Lane>(
         &self,
@@ -129,6 +142,7 @@ impl Quantizer {
     ) {
         let n = words.len();
         let (re, im) = (&re[..n], &im[..n]);
+
         if self.power == 1 {
             let bounds = [-threshold, threshold].map(T::nearest);
             for i in 0..n {
@@ -144,60 +158,65 @@ impl Quantizer {
     }
 }
 
-/// The square of a component in double precision: its parts are those of the definition, rounding included.
+/// The square of a component in double precision: the codes are defined by these parts, rounding included.
 #[inline(always)]
 fn squared(re: f64, im: f64) -> [f64; 2] {
     [(re - im) * (re + im), 2.0 * re * im]
 }
 
-/// Code of the parts of a component: which are below and which are above what is weak.
+/// The code of the parts of a component: bits 0 and 1 for those below the weak level, bits 2 and 3 for those above it.
 #[inline(always)]
 fn three_levels<P: PartialOrd + Copy, W: Word>([re, im]: [P; 2], [low, high]: [P; 2]) -> W {
     let negative = W::from(re < low) | W::from(im < low) << 1;
+
     negative | W::from(re > high) << 2 | W::from(im > high) << 3
 }
 
-/// Tangents of the `B` boundaries that cut a quadrant into equal sectors, rising.
+/// Tangents, rising, of the `B` boundaries that cut a quadrant into equal sectors.
 #[inline(always)]
 fn tangents<const B: usize>() -> [f64; B] {
     from_fn(|m| TANGENTS[(m + 1) * (TANGENTS.len() + 1) / (B + 1) - 1])
 }
 
+/// Writes the codes of one component of neighboring pixels, by their positions.
 #[inline(always)]
 fn add_each<T: Lane>(
     re: &[T],
     im: &[T],
     shift: usize,
     words: &mut [T::Word],
-    code: impl Fn(Place<T>) -> T::Word,
+    code: impl Fn(PhasePosition<T>) -> T::Word,
 ) {
     let n = words.len();
     let (re, im) = (&re[..n], &im[..n]);
+
     for i in 0..n {
-        words[i] = words[i] | code(Place::new(re[i], im[i])) << shift;
+        words[i] = words[i] | code(PhasePosition::new(re[i], im[i])) << shift;
     }
 }
 
-/// Where a component lies: in which half planes, and where in its quadrant.
+/// The position of a component: its half planes, and its place in its quadrant.
 ///
-/// To a half plane belongs that half of its border which opens it counter-clockwise, and never zero.
+/// A half plane includes the half of its border that begins it counter-clockwise, but not zero.
 #[derive(Debug, Clone, Copy)]
-struct Place<T> {
+struct PhasePosition<T> {
     /// Left of the imaginary axis.
     left: bool,
     /// Below the real axis.
     below: bool,
-    /// Coordinates once the quadrant is turned into the first one.
+    /// Coordinates after the quadrant is turned into the first one.
     turned: (T, T),
 }
 
-impl<T: Lane> Place<T> {
+impl<T: Lane> PhasePosition<T> {
     #[inline(always)]
     fn new(re: T, im: T) -> Self {
         let zero = T::default();
-        // Components are integers: what is less than one is zero or less.
+        // Components are integers, so less than 1 is 0 or less: that includes the border.
         let bound = |with_border: bool| if with_border { T::from(1) } else { zero };
-        let (left, below) = (re < bound(im > zero), im < bound(re < zero));
+        let left = re < bound(im > zero);
+        let below = im < bound(re < zero);
+
         let (x, y) = (re.magnitude(), im.magnitude());
         Self { left, below, turned: if left ^ below { (y, x) } else { (x, y) } }
     }
@@ -208,26 +227,29 @@ impl<T: Lane> Place<T> {
         self.left ^ self.below
     }
 
-    /// Code of the phase with `B` boundaries inside each quadrant, those whose bounds are reached by the
-    /// `measure` of the coordinates. Each bit stands for one of the half planes that the boundaries open.
+    /// The code of the phase with `B` boundaries inside each quadrant: those whose bounds the `measure` of the coordinates
+    /// reaches. Each bit stands for one of the half planes that the boundaries open.
     #[inline(always)]
     fn halves<M: PartialOrd, const B: usize>(
         self,
         measure: impl Fn(T, T) -> M,
         bounds: [M; B],
     ) -> T::Word {
-        let (even, below) = (self.in_even_quadrant(), self.below);
+        let even = self.in_even_quadrant();
+        let below = self.below;
         let measured = measure(self.turned.0, self.turned.1);
+
         let mut code = T::Word::from(self.left) << B | T::Word::from(below) << (2 * B + 1);
         for (m, bound) in bounds.into_iter().enumerate() {
             let reached = measured >= bound;
             code = code | T::Word::from((even | reached) ^ below) << m;
             code = code | T::Word::from((even & reached) ^ below) << (B + 1 + m);
         }
+
         code
     }
 
-    /// The same of twice the phase: two quadrants are once around the circle.
+    /// As [`Self::halves`], of twice the phase: two quadrants are once around the circle.
     #[inline(always)]
     fn doubled<M: PartialOrd, const B: usize>(
         self,
@@ -236,16 +258,18 @@ impl<T: Lane> Place<T> {
     ) -> T::Word {
         let even = self.in_even_quadrant();
         let measured = measure(self.turned.0, self.turned.1);
+
         let mut code = T::Word::from(even) << B;
         for (m, bound) in bounds.into_iter().enumerate() {
             code = code | T::Word::from(even ^ (measured >= bound)) << m;
         }
+
         code
     }
 }
 
-/// The Johnson code of `level` on a circle of `2 * length` levels: ones enter at the low end until the
-/// word is full, then leave there.
+/// The Johnson code of `level` on a circle of `2 * length` levels: ones enter at the low end until
+/// the word is full, then zeros do.
 #[cfg(any(test, feature = "internals"))]
 fn johnson(level: usize, length: usize) -> u64 {
     let ones = |count: usize| (1u64 << count) - 1;

@@ -1,7 +1,7 @@
-//! Blocks: how much of the 8 x 8 grid of JPEG and video codecs is left in an image.
+//! Blocking: how much of the 8 x 8 grid of JPEG and video codecs shows in an image.
 //!
-//! What such a codec loses differs from block to block, so neighbors on either side of a border differ by more than those
-//! inside. The grid may begin anywhere, as in crops:
+//! The loss of such a codec differs from block to block, so neighbors on either side of a border differ by more than
+//! neighbors inside a block. The grid may begin anywhere, as in crops:
 //!
 //! ```text
 //! extra[x] = |a[x] - a[x + 1]| - (|a[x - 1] - a[x]| + |a[x + 1] - a[x + 2]|) / 2
@@ -9,8 +9,8 @@
 //! jump = the largest of the means - the second largest
 //! ```
 //!
-//! along rows and along columns; the smaller of both counts, as blocks have borders on all sides. An image without
-//! blocks has no phase that stands out.
+//! Along rows and along columns; the smaller jump counts, as blocks have borders on all sides. An image without blocks has
+//! no phase that stands out.
 
 use std::ops::Range;
 
@@ -20,9 +20,9 @@ use crate::simd::{Level, Loop};
 
 /// Side of a block, pixels.
 const SIDE: usize = 8;
-/// Rows above and below a border that count.
+/// Rows above and below a border whose values count.
 pub const REACH: usize = 2;
-/// Extra differences are clipped to so many gray levels of 255, and so to what blocks differ by, not edges. Jumps of 12
+/// Gray levels, of 255, that extra differences are clipped to: those of blocks are small, those of edges large. Jumps of 12
 /// scenes, largest of those that are sharp or noisy, median under JPEG of quality 90, 70 and 30, in gray levels: clipped to
 /// 4: 0.08, 0.13, 0.48, 0.95; to 8: 0.20, 0.15, 0.67, 1.57; not at all: 0.5, 0.1, 1.0, 2.8.
 const CLIP: f64 = 4.0;
@@ -30,15 +30,16 @@ const CLIP: f64 = 4.0;
 /// Sums of the extra differences in an image, in half steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Extra {
-    /// Across borders of columns and of rows, by phase.
+    /// Sums over borders between columns and between rows, by phase.
     sums: [[i64; SIDE]; 2],
+    /// Numbers of differences in these sums.
     counts: [[u64; SIDE]; 2],
 }
 
 impl Extra {
-    /// That of some rows of a plane that begins with row `first` of an image of `height` rows, given the steps of a gray
-    /// level.
-    pub fn of(
+    /// The sums over some rows of a plane, which begins with row `first` of an image of `height` rows. `steps` are those of
+    /// a gray level.
+    pub fn of_rows(
         plane: &Plane<i32>,
         rows: Range<usize>,
         (first, height): (usize, usize),
@@ -47,62 +48,77 @@ impl Extra {
     ) -> Result<Self> {
         let cols = plane.cols();
         let clip = (2.0 * CLIP * steps) as i32;
-        let (mut extra, mut found, mut sums) = (Self::default(), zeroed(cols)?, vec![0i64; cols]);
+        let mut extra = Self::default();
+        let mut found = zeroed(cols)?;
+        // Summed by column first, by phase at the end.
+        let mut sums = vec![0i64; cols];
+
         for y in rows {
             let own = plane.row(y);
             if cols > 3 {
                 let found = &mut found[..cols - 3];
                 let rows = [own, &own[1..], &own[2..], &own[3..]];
+
                 level.run(Differences { rows, clip, found });
                 let found = found.iter().map(|found| i64::from(*found));
                 sums.iter_mut().zip(found).for_each(|(sum, found)| *sum += found);
+
+                // Columns 0 to `cols - 4` of this phase.
                 for phase in 0..SIDE {
                     extra.counts[0][phase] += (cols - 3 + SIDE - 1 - phase) as u64 / SIDE as u64;
                 }
             }
+
+            // Phases of rows are those of the whole image.
             let row = first + y;
             if row >= 1 && row + REACH < height {
                 let rows = [plane.row(y - 1), own, plane.row(y + 1), plane.row(y + 2)];
                 level.run(Differences { rows, clip, found: &mut found });
+
                 let phase = row % SIDE;
                 extra.sums[1][phase] += found.iter().map(|found| i64::from(*found)).sum::<i64>();
                 extra.counts[1][phase] += cols as u64;
             }
         }
+
         for (x, sum) in sums.into_iter().enumerate() {
             extra.sums[0][x % SIDE] += sum;
         }
+
         Ok(extra)
     }
 
-    /// That of both.
+    /// The sums over both parts.
     pub fn and(mut self, other: Self) -> Self {
-        for way in 0..2 {
+        for axis in 0..2 {
             for phase in 0..SIDE {
-                self.sums[way][phase] += other.sums[way][phase];
-                self.counts[way][phase] += other.counts[way][phase];
+                self.sums[axis][phase] += other.sums[axis][phase];
+                self.counts[axis][phase] += other.counts[axis][phase];
             }
         }
         self
     }
 
-    /// By how many steps borders of blocks stand out; 0 where none do, or the image is too small to tell.
+    /// How much borders of blocks stand out, in steps; 0 if they do not, or the image is too small to tell.
     pub fn jump(&self) -> f64 {
-        let [across, down] = [0, 1].map(|way| {
-            if self.counts[way].contains(&0) {
+        let [horizontal, vertical] = [0, 1].map(|axis| {
+            if self.counts[axis].contains(&0) {
                 return 0.0;
             }
-            let sums = self.sums[way].iter().zip(&self.counts[way]);
+
+            let sums = self.sums[axis].iter().zip(&self.counts[axis]);
             let mut means: Vec<f64> =
                 sums.map(|(sum, count)| *sum as f64 / *count as f64).collect();
+
             means.sort_unstable_by(f64::total_cmp);
             means[SIDE - 1] - means[SIDE - 2]
         });
-        across.min(down) / 2.0
+
+        horizontal.min(vertical) / 2.0
     }
 }
 
-/// Twice the extra differences between the second and the third of four rows, or of four columns.
+/// Writes twice the extra differences between the second and the third of four rows, or of four columns.
 struct Differences<'a> {
     rows: [&'a [i32]; 4],
     clip: i32,
@@ -118,11 +134,13 @@ impl Loop for Differences<'_> {
     }
 }
 
+/// As [`Differences`]; outputs and inputs are arguments of their own, so that the vectorizer knows that they do not overlap.
 #[inline(always)]
 #[expect(clippy::many_single_char_names, reason = "neighbors in order")]
 fn write_differences([a, b, c, d]: [&[i32]; 4], clip: i32, found: &mut [i32]) {
     let n = found.len();
     let (a, b, c, d) = (&a[..n], &b[..n], &c[..n], &d[..n]);
+
     for i in 0..n {
         let extra = 2 * (b[i] - c[i]).abs() - (a[i] - b[i]).abs() - (c[i] - d[i]).abs();
         found[i] = extra.clamp(-clip, clip);

@@ -1,7 +1,7 @@
-//! Impulses: pixels that have nothing to do with their neighbors, as hot, dead and stuck pixels, salt and pepper.
+//! Impulses: pixels unrelated to their neighbors, such as hot, dead and stuck pixels, salt and pepper.
 //!
-//! An impulse lies far outside the range of its eight neighbors; a detail as small as one pixel hardly does, since the
-//! optics spread it. With n the neighbors in order:
+//! An impulse lies far outside the range of its eight neighbors. A detail of one pixel hardly does, since the optics spread
+//! it. With n the neighbors, sorted:
 //!
 //! ```text
 //! spread = n[6] - n[1]
@@ -9,29 +9,29 @@
 //! if beyond > spread + height: pixel = median(n)
 //! ```
 //!
-//! Whether an image has impulses at all is told by the share of its pixels that are beyond any doubt ([`doubtless`]).
-//! The image continues by reflection without its outermost pixels, which would hide themselves.
+//! An image is taken to have impulses if enough of its pixels are so beyond doubt ([`count_doubtless`]). It continues by
+//! reflection without its outermost pixels, so that these are not their own neighbors.
 
 use crate::error::Result;
 use crate::image::plane::{Plane, zeroed};
 use crate::pipeline::control::Control;
 use crate::simd::{Level, Loop};
 
-/// Rows above and below a pixel that count.
+/// Rows above and below a pixel whose values count.
 pub const REACH: usize = 1;
-/// Gray levels, of which there are 255 from black to white, by which an impulse is beyond its neighbors at least, in an
-/// image that has some.
+/// Least height of an impulse above or below its neighbors, in an image that has impulses; gray levels, 255 from black to
+/// white.
 pub const HEIGHT: f64 = 20.0;
-/// The same of one that is beyond doubt ...
+/// Least height of an impulse beyond doubt ...
 const DOUBTLESS_HEIGHT: f64 = 40.0;
-/// ... and how many times the spread of its neighbors come on top.
+/// ... to which so many times the spread of its neighbors are added.
 const DOUBTLESS_SPREADS: i32 = 3;
-/// Share of such pixels above which there are impulses. Of 54 clean pairs the largest is 1.2e-5, of KITTI's 2.4e-5; noise,
+/// Share of pixels beyond doubt above which there are impulses. Of 54 clean pairs the largest is 1.2e-5, of KITTI's 2.4e-5; noise,
 /// JPEG and softness have fewer. With 0.02, 0.1 and 1 % of hot pixels bad-1.0 of six scenes is 4.30, 4.31 and 4.66 % (5.29,
 /// 5.56 and 26.8 unrepaired; without any 4.30).
 const LEAST_SHARE: f64 = 4e-5;
 
-/// Gray values without impulses of this height and above, in steps.
+/// Gray values without impulses of this height, in steps, and above.
 pub fn repaired(
     plane: &Plane<i32>,
     height: i32,
@@ -43,54 +43,63 @@ pub fn repaired(
         control.checkpoint()?;
         let around = around(plane, y)?;
         let rows = [&around[0][..], &around[1], &around[2]];
+
         level.run(Repair { rows, height, out });
         Ok(())
     })
 }
 
-/// How many pixels of some rows are impulses beyond any doubt, given the steps of a gray level.
-pub fn doubtless(
+/// The number of impulses beyond doubt in some rows, where a gray level has so many steps.
+pub fn count_doubtless(
     plane: &Plane<i32>,
     rows: std::ops::Range<usize>,
     steps: f64,
     level: Level,
 ) -> Result<u64> {
-    let (mut count, mut found) = (0, zeroed(plane.cols())?);
+    let mut count = 0;
+    let mut found = zeroed(plane.cols())?;
     let height = (DOUBTLESS_HEIGHT * steps) as i32;
+
     for y in rows {
         let around = around(plane, y)?;
         let rows = [&around[0][..], &around[1], &around[2]];
         level.run(Doubtless { rows, height, found: &mut found });
+
         count += found.iter().map(|found| u64::from(*found)).sum::<u64>();
     }
+
     Ok(count)
 }
 
-/// Whether so many pixels beyond doubt among so many are more than a clean image has.
-pub fn are_there(doubtless: u64, pixels: usize) -> bool {
+/// Whether there are more pixels beyond doubt than in a clean image.
+pub fn has_impulses(doubtless: u64, pixels: usize) -> bool {
     doubtless as f64 > LEAST_SHARE * pixels as f64
 }
 
-/// The place beside the end of `0..length` that lies opposite: `c b | a b c | b a`.
+/// Reflects an index at most one beyond `0..length`: `c b | a b c | b a`.
 pub fn mirrored(index: isize, length: usize) -> usize {
     let last = length as isize - 1;
     let inside = if index > last { 2 * last - index } else { index.abs() };
     inside.clamp(0, last) as usize
 }
 
-/// Row `y` and those above and below it, each with one more pixel at either end.
+/// Row `y` and the rows above and below it, each with one more pixel at either end.
 fn around(plane: &Plane<i32>, y: usize) -> Result<[Vec<i32>; 3]> {
     let (rows, cols) = (plane.rows(), plane.cols());
     let mut around = [zeroed(cols + 2)?, zeroed(cols + 2)?, zeroed(cols + 2)?];
+
     for (at, padded) in (y as isize - 1..).zip(&mut around) {
         let row = plane.row(mirrored(at, rows));
         padded[1..=cols].copy_from_slice(row);
+
         padded[0] = row[mirrored(-1, cols)];
         padded[cols + 1] = row[mirrored(cols as isize, cols)];
     }
+
     Ok(around)
 }
 
+/// Writes a row without impulses.
 struct Repair<'a> {
     rows: [&'a [i32]; 3],
     height: i32,
@@ -106,17 +115,19 @@ impl Loop for Repair<'_> {
     }
 }
 
-/// Outputs and inputs are arguments of their own: only so does the vectorizer know that they do not overlap.
+/// Outputs and inputs are arguments of their own: so that the vectorizer knows that they do not overlap.
 #[inline(always)]
 fn repair([above, own, below]: [&[i32]; 3], height: i32, out: &mut [i32]) {
     let n = out.len();
     let (above, own, below) = (&above[..n + 2], &own[..n + 2], &below[..n + 2]);
+
     for x in 0..n {
         let (beyond, spread, middle) = compared(above, own, below, x);
         out[x] = if beyond - spread > height { middle } else { own[x + 1] };
     }
 }
 
+/// Writes 1 for impulses beyond doubt, else 0.
 struct Doubtless<'a> {
     rows: [&'a [i32]; 3],
     height: i32,
@@ -128,21 +139,23 @@ impl Loop for Doubtless<'_> {
 
     #[inline(always)]
     fn run(self) {
-        tell_doubtless(self.rows, self.height, self.found);
+        find_doubtless(self.rows, self.height, self.found);
     }
 }
 
+/// As [`Doubtless`]; arguments of its own as for [`repair`].
 #[inline(always)]
-fn tell_doubtless([above, own, below]: [&[i32]; 3], height: i32, found: &mut [u32]) {
+fn find_doubtless([above, own, below]: [&[i32]; 3], height: i32, found: &mut [u32]) {
     let n = found.len();
     let (above, own, below) = (&above[..n + 2], &own[..n + 2], &below[..n + 2]);
+
     for (x, found) in found.iter_mut().enumerate() {
         let (beyond, spread, _) = compared(above, own, below, x);
         *found = u32::from(beyond - DOUBTLESS_SPREADS * spread > height);
     }
 }
 
-/// How far a pixel lies beyond its neighbors, their spread, and the median of them.
+/// The distance of a pixel beyond its neighbors, their spread, and their median.
 #[inline(always)]
 fn compared(above: &[i32], own: &[i32], below: &[i32], x: usize) -> (i32, i32, i32) {
     let (low, middle, high) = ranks([
@@ -155,25 +168,29 @@ fn compared(above: &[i32], own: &[i32], below: &[i32], x: usize) -> (i32, i32, i
         below[x + 1],
         below[x + 2],
     ]);
+
     let pixel = own[x + 1];
     ((pixel - high).max(low - pixel), high - low, middle)
 }
 
-/// The second smallest, the mean of the middle two, rounded down, and the second largest of eight.
+/// The second smallest, the mean of the middle two, rounded down, and the second largest of eight values.
 #[inline(always)]
 #[expect(clippy::many_single_char_names, reason = "places of a network that sorts")]
 fn ranks(values: [i32; 8]) -> (i32, i32, i32) {
     let [a, b, c, d, e, f, g, h] = values;
-    // Batcher's odd-even merge sort.
+
+    // Batcher's odd-even merge sort, without the outputs that nobody reads.
     let ((a, b), (c, d), (e, f), (g, h)) = (sorted(a, b), sorted(c, d), sorted(e, f), sorted(g, h));
     let ((a, c), (b, d), (e, g), (f, h)) = (sorted(a, c), sorted(b, d), sorted(e, g), sorted(f, h));
     let ((b, c), (f, g)) = (sorted(b, c), sorted(f, g));
     let ((_, e), (b, f), (c, g), (d, _)) = (sorted(a, e), sorted(b, f), sorted(c, g), sorted(d, h));
     let ((c, e), (d, f)) = (sorted(c, e), sorted(d, f));
     let ((b, _), (d, e), (_, g)) = (sorted(b, c), sorted(d, e), sorted(f, g));
+
     (b, (d + e) >> 1, g)
 }
 
+/// Two values in rising order.
 #[inline(always)]
 fn sorted(a: i32, b: i32) -> (i32, i32) {
     (a.min(b), a.max(b))

@@ -1,8 +1,8 @@
 //! Pixels of any type -> integers on one scale: gray values for the phase codes, channel planes for SAD.
 //!
-//! Everything after this module is exact, so that results do not depend on how the work is cut into bands.
-//! Gray values of integer images are exact, too, those of color images being `299 R + 587 G + 114 B`
-//! thousandths: scaling an image by a factor then scales every spectral component by it, and no code changes.
+//! All arithmetic after this module is exact, so results do not depend on how the work is cut into bands. Gray values of
+//! integer images are exact, too: those of color images are `299 R + 587 G + 114 B` thousandths. Scaling an image by a
+//! factor then scales every spectral component by it, and no code changes.
 
 use crate::error::Result;
 use crate::image::convolution::{Kernel as Blur, convolve};
@@ -21,69 +21,71 @@ const FLOAT_STEPS_LOG2: i32 = 21;
 const FLOAT_REACH: f64 = (1 << 24) as f64;
 /// Share of the pixels left out at either end of a float image's robust range.
 const OUTLIERS: f64 = 0.001;
-/// Pixels that are enough to find that range; of larger images a sample is taken.
+/// Most pixels that this range is taken from; larger images are sampled.
 const MOST_SAMPLES: usize = 1 << 16;
 
 /// Largest magnitude of a gray value: sums of products with it are exact in double precision.
 pub const LARGEST_REACH: u32 = 1 << 25;
-/// Steps into which a blurred image cuts one of the image itself, at most.
+/// Binary logarithm of the most steps of a blurred or smoothed image to one of the image itself.
 const FINER_LOG2: u32 = 4;
-/// Largest magnitude of smoothed values, unless the image has larger ones: what is convolved later stays in 32 bits.
+/// Largest magnitude of smoothed values, unless the image has larger ones: sums of a later convolution then fit in 32 bits.
 const NARROW_REACH: u32 = 1 << 17;
-/// Largest magnitudes of gray values of bytes, without and with color ...
+/// Largest magnitudes of gray values of bytes, without and with color.
 const REACH_OF_BYTES: [u32; 2] = [128, 128_000];
-/// ... and of these when they are smoothed, sixteenths of a gray level: then the sums under a code of two sizes have 32 bits.
+/// Largest magnitude of these after smoothing, in sixteenths of a gray level: sums under a code of two sizes then fit in
+/// 32 bits.
 const SMOOTHED_BYTES: u32 = 128 << FINER_LOG2;
 
 /// Fixed-point steps per gray level of a channel plane, where black to white is 255 gray levels.
 pub const LEVEL_STEPS: u16 = 16;
 /// Black to white in steps of a channel plane.
 const LEVEL_RANGE: f64 = 255.0 * LEVEL_STEPS as f64;
-/// Black in a channel plane: float images may be darker than their robust range's end.
+/// Black in a channel plane, above 0: float images may have pixels darker than the black of their robust range.
 const LEVEL_BLACK: f64 = LEVEL_RANGE;
 /// Largest value of a channel plane.
 pub const LEVEL_CEILING: u16 = 3 * 255 * LEVEL_STEPS;
 
 /// Black and white, in thousandths of the pixels' unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Range {
+pub struct IntensityRange {
     /// Black.
     pub black: f64,
     /// White.
     pub white: f64,
 }
 
-impl Range {
-    /// From black to white.
+impl IntensityRange {
+    /// White less black.
     pub fn width(self) -> f64 {
         self.white - self.black
     }
 
-    /// The smallest range that has both.
+    /// The smallest range that contains both.
     pub fn union(self, other: Self) -> Self {
         Self { black: self.black.min(other.black), white: self.white.max(other.white) }
     }
 }
 
-/// That of an image without a valid pixel.
-pub const NOWHERE: Range = Range { black: 0.0, white: 0.0 };
+/// The range of an image without a valid pixel.
+pub const NOWHERE: IntensityRange = IntensityRange { black: 0.0, white: 0.0 };
 
-/// The gray values under the phase codes, centered about zero; each image may have a scale of its own, since
-/// codes compare directions, not lengths.
+/// The gray values that phase codes are taken from, centered about zero. Each image may have its own scale, since codes
+/// compare directions, not lengths.
 #[derive(Debug)]
 pub struct Gray<'a> {
-    source: Source<'a>,
+    source: Pixels<'a>,
     size: (usize, usize),
     reach: u32,
-    /// Steps per unit of the pixels: the product of two, since one of them may be beyond any float.
+    /// Steps per unit of the pixels: the product of two, since it may overflow.
     unit: [f64; 2],
 }
 
+/// Where gray values come from.
 #[derive(Debug)]
-enum Source<'a> {
-    /// Converted a row at a time, when it is needed.
-    Image(&'a Image, Scale),
-    /// What is not that simple, or comes from elsewhere.
+enum Pixels<'a> {
+    /// An image, converted row by row when it is needed.
+    Image(&'a Image, Quantization),
+    /// Gray values that were processed further, or come from elsewhere.
     Plane(Plane<i32>),
 }
 
@@ -92,30 +94,36 @@ impl<'a> Gray<'a> {
     pub fn new(view: &'a View, level: Level, control: &Control) -> Result<Self> {
         let (rows, cols, channels) = view.image.shape();
         let scale = match view.image.white() {
-            Some(white) => Scale::Exact { middle: (i32::from(white) + 1) / 2 },
-            None => Scale::Steps(Steps::new(float_range(view, control)?)),
+            Some(white) => Quantization::Exact { middle: (i32::from(white) + 1) / 2 },
+            None => Quantization::Float(FloatSteps::new(float_range(view, control)?)),
         };
+
         let reach = match scale {
-            Scale::Exact { middle } if channels == 3 => 1000 * middle as u32,
-            Scale::Exact { middle } => middle as u32,
-            Scale::Steps(_) => FLOAT_REACH as u32,
+            Quantization::Exact { middle } if channels == 3 => 1000 * middle as u32,
+            Quantization::Exact { middle } => middle as u32,
+            Quantization::Float(_) => FLOAT_REACH as u32,
         };
+
         let unit = match scale {
-            Scale::Exact { .. } if channels == 3 => [1000.0, 1.0],
-            Scale::Exact { .. } => [1.0, 1.0],
-            Scale::Steps(Steps { factors: [a, b], .. }) => [1000.0 * a, b],
+            Quantization::Exact { .. } if channels == 3 => [1000.0, 1.0],
+            Quantization::Exact { .. } => [1.0, 1.0],
+            Quantization::Float(FloatSteps { factors: [a, b], .. }) => [1000.0 * a, b],
         };
+
         let gray =
-            Self { source: Source::Image(&view.image, scale), size: (rows, cols), reach, unit };
+            Self { source: Pixels::Image(&view.image, scale), size: (rows, cols), reach, unit };
+
         if view.mask.is_none() && view.impulses == 0.0 {
             return Ok(gray);
         }
+
         let mut plane = filled(gray.plane(level, control)?, view, control)?;
         if view.impulses > 0.0 {
             let height = gray.steps(view.impulses) as i32;
             plane = impulses::repaired(&plane, height, level, control)?;
         }
-        Ok(Self { source: Source::Plane(plane), ..gray })
+
+        Ok(Self { source: Pixels::Plane(plane), ..gray })
     }
 
     /// All gray values.
@@ -126,15 +134,16 @@ impl<'a> Gray<'a> {
         })
     }
 
-    /// A plane whose values are of magnitude up to `reach`, at most [`LARGEST_REACH`], one step to a unit.
+    /// Gray values of magnitude up to `reach`, at most [`LARGEST_REACH`], with one step to a unit.
     pub fn within(reach: u32, plane: Plane<i32>) -> Self {
         debug_assert!(reach <= LARGEST_REACH);
+
         let size = (plane.rows(), plane.cols());
-        Self { size, source: Source::Plane(plane), reach, unit: [1.0, 1.0] }
+        Self { size, source: Pixels::Plane(plane), reach, unit: [1.0, 1.0] }
     }
 
-    /// The same image under a kernel, in steps as much finer as there is room for, to be described by itself.
-    /// Masked pixels have taken the values of valid neighbors before, and so spread nothing of their own.
+    /// The same image under a kernel, in the finest steps that there is room for. Masked pixels have the values of valid
+    /// neighbors by now, so they spread nothing of their own.
     pub fn convolved(
         &self,
         kernel: &Blur,
@@ -143,10 +152,11 @@ impl<'a> Gray<'a> {
     ) -> Result<Gray<'static>> {
         let fits = |bits: &u32| self.reach << bits <= LARGEST_REACH;
         let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
+
         Ok(self.scaled(self.reach << bits, convolve(self, kernel, bits, level, control)?))
     }
 
-    /// The same image without its noise, of which [`smooth`] takes away what is up to so many units of the pixels or so.
+    /// The same image with less noise: [`smooth`] for noise of this standard deviation, in units of the pixels.
     pub fn smoothed(
         &self,
         deviation: f64,
@@ -155,17 +165,20 @@ impl<'a> Gray<'a> {
     ) -> Result<Gray<'static>> {
         let fits = |bits: &u32| self.reach << bits <= NARROW_REACH;
         let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
+        // Bytes, with or without color, come out on the same scale.
         let is_of_bytes = REACH_OF_BYTES.contains(&self.reach);
         let reach = if is_of_bytes { SMOOTHED_BYTES } else { self.reach << bits };
+
         let scale = f64::from(reach) / f64::from(self.reach);
         let plane = smooth(self, self.steps(deviation), scale, level, control)?;
         Ok(self.scaled(reach, plane))
     }
 
-    /// What was made of these gray values in other steps, of which the largest magnitude tells how many.
+    /// These gray values after processing, in other steps: the largest magnitude is `reach`.
     fn scaled(&self, reach: u32, plane: Plane<i32>) -> Gray<'static> {
         let [unit, rest] = self.unit;
         let unit = [unit * (f64::from(reach) / f64::from(self.reach)), rest];
+
         Gray { unit, ..Gray::within(reach, plane) }
     }
 
@@ -174,7 +187,7 @@ impl<'a> Gray<'a> {
         Gray { unit: self.unit, ..Gray::within(self.reach, plane) }
     }
 
-    /// How many steps of this image one of another is.
+    /// One step of another image in steps of this one.
     pub fn steps_to(&self, other: &Self) -> f64 {
         let [a, b] = [0, 1].map(|i| self.unit[i] / other.unit[i]);
         a * b
@@ -185,12 +198,12 @@ impl<'a> Gray<'a> {
         self.size
     }
 
-    /// The largest magnitude there can be.
+    /// The largest magnitude that gray values may have.
     pub fn reach(&self) -> u32 {
         self.reach
     }
 
-    /// How many steps a difference in intensity comes to.
+    /// A difference in intensity, in steps.
     pub fn steps(&self, difference: f64) -> f64 {
         difference * self.unit[0] * self.unit[1]
     }
@@ -198,11 +211,11 @@ impl<'a> Gray<'a> {
     /// Writes row `y`.
     pub fn write_row(&self, y: usize, level: Level, gray: &mut [i32]) -> Result<()> {
         match &self.source {
-            Source::Plane(plane) => gray.copy_from_slice(plane.row(y)),
-            Source::Image(image, Scale::Exact { middle }) => {
+            Pixels::Plane(plane) => gray.copy_from_slice(plane.row(y)),
+            Pixels::Image(image, Quantization::Exact { middle }) => {
                 image.write_centered(y, *middle, level, gray);
             }
-            Source::Image(image, Scale::Steps(steps)) => {
+            Pixels::Image(image, Quantization::Float(steps)) => {
                 let mut luminance = zeroed(gray.len())?;
                 image.write_luminance(y, &mut luminance);
                 level.run(ToSteps { luminance: &luminance, steps: *steps, gray });
@@ -212,27 +225,28 @@ impl<'a> Gray<'a> {
     }
 }
 
-/// How gray values become integers.
+/// How luminances become integers.
 #[derive(Debug, Clone, Copy)]
-enum Scale {
-    /// Integer images, about the middle of their type's range.
+enum Quantization {
+    /// Integer images: exact, about the middle of their type's range.
     Exact { middle: i32 },
-    /// Float images.
-    Steps(Steps),
+    /// Float images: in steps above black.
+    Float(FloatSteps),
 }
 
-/// Steps of a power of two above black: scaling an image by one changes nothing.
+/// Steps of a power of two: scaling an image by a power of two changes no gray value.
 #[derive(Debug, Clone, Copy)]
-struct Steps {
+struct FloatSteps {
     black: f64,
-    /// Steps per unit: the product of two, since the power alone may overflow.
+    /// Steps per unit: the product of two, since it may overflow.
     factors: [f64; 2],
 }
 
-impl Steps {
-    fn new(range: Range) -> Self {
+impl FloatSteps {
+    fn new(range: IntensityRange) -> Self {
         let exponent = FLOAT_STEPS_LOG2 - floor_log2(range.width());
         let half = exponent / 2;
+
         Self { black: range.black, factors: [half, exponent - half].map(|power| 2f64.powi(power)) }
     }
 
@@ -243,9 +257,10 @@ impl Steps {
     }
 }
 
+/// Writes the gray values of a row of luminances.
 struct ToSteps<'a> {
     luminance: &'a [f64],
-    steps: Steps,
+    steps: FloatSteps,
     gray: &'a mut [i32],
 }
 
@@ -260,26 +275,36 @@ impl Loop for ToSteps<'_> {
     }
 }
 
+/// `given` is the intensity range that the user names, in units of the pixels.
 /// The channel planes of a pair, for SAD: three where both images have color, else gray.
 pub fn level_planes(
     [left, right]: [&View; 2],
-    told: Option<(f64, f64)>,
+    given: Option<(f64, f64)>,
     control: &Control,
 ) -> Result<[Vec<Plane<u16>>; 2]> {
-    let range = match told.or(left.image.white().map(|white| (0.0, f64::from(white)))) {
-        Some((black, white)) => Range { black: 1000.0 * black, white: 1000.0 * white },
+    let range = match given.or(left.image.white().map(|white| (0.0, f64::from(white)))) {
+        Some((black, white)) => IntensityRange { black: 1000.0 * black, white: 1000.0 * white },
         None => float_range(left, control)?.union(float_range(right, control)?),
     };
+
     let as_gray = left.image.shape().2 != 3 || right.image.shape().2 != 3;
+
     Ok([levels(left, range, as_gray, control)?, levels(right, range, as_gray, control)?])
 }
 
 /// Channel planes in steps of `1 / LEVEL_STEPS` gray levels above `LEVEL_BLACK`.
-fn levels(view: &View, range: Range, as_gray: bool, control: &Control) -> Result<Vec<Plane<u16>>> {
+fn levels(
+    view: &View,
+    range: IntensityRange,
+    as_gray: bool,
+    control: &Control,
+) -> Result<Vec<Plane<u16>>> {
     let (rows, cols, channels) = view.image.shape();
-    // A pair of constant images has no width; any other will do then.
+    // A pair of constant images has a range of no width; any step will do.
     let step = if range.width() > 0.0 { range.width() / LEVEL_RANGE } else { 1.0 };
+
     let level = |v: f64| ((v - range.black) / step).round() + LEVEL_BLACK;
+
     let write = |c: usize, y: usize, values: &mut [f64]| {
         if as_gray {
             view.image.write_luminance(y, values);
@@ -287,6 +312,7 @@ fn levels(view: &View, range: Range, as_gray: bool, control: &Control) -> Result
             view.image.write_channel(c, y, values);
         }
     };
+
     let plane = |c: usize| {
         let plane = Plane::by_rows((rows, cols), control, |y, row: &mut [u16]| {
             let mut values = vec![0.0; cols];
@@ -297,74 +323,84 @@ fn levels(view: &View, range: Range, as_gray: bool, control: &Control) -> Result
         })?;
         filled(plane, view, control)
     };
+
     (0..if as_gray { 1 } else { channels }).map(plane).collect()
 }
 
-/// Where the valid pixels of a float image lie: what the view tells, or else what is found of it.
-pub fn float_range(view: &View, control: &Control) -> Result<Range> {
+/// The intensity range of a float image: that of the view if it has one, else a robust range of its valid pixels.
+pub fn float_range(view: &View, control: &Control) -> Result<IntensityRange> {
     if let Some(range) = view.range {
         return Ok(range);
     }
+
     let (rows, cols, _) = view.image.shape();
-    let mut sample = Sample::new((rows, cols));
+    let mut sample = RangeSample::new((rows, cols));
     sample.add(view, 0, control)?;
+
     match sample.range() {
         Some(range) => Ok(range),
         None => Ok(full_range(view, control)?.unwrap_or(NOWHERE)),
     }
 }
 
-/// Some of the valid pixels of a float image: where they lie, but for the outliers at either end, is the range of the
-/// image. It is an even sample, since a large image has more pixels than its range needs.
+/// An even sample of the valid pixels of a float image. Their range, without the outliers at either end, is that of the
+/// image.
 #[derive(Debug)]
-pub struct Sample {
+pub struct RangeSample {
     cols: usize,
     stride: usize,
     values: Vec<f64>,
 }
 
-impl Sample {
-    /// Of an image of so many rows and columns, of which nothing was seen yet.
+impl RangeSample {
+    /// An empty sample of an image of so many rows and columns.
     pub fn new((rows, cols): (usize, usize)) -> Self {
         Self { cols, stride: (rows * cols).div_ceil(MOST_SAMPLES), values: vec![] }
     }
 
-    /// Adds what is of a view that begins at row `first` of the image.
+    /// Adds the pixels of a view that begins at row `first` of the image.
     pub fn add(&mut self, view: &View, first: usize, control: &Control) -> Result<()> {
         for y in 0..view.image.shape().0 {
             control.checkpoint()?;
+
             let start = (first + y) * self.cols;
+            // Every `stride`-th pixel of the whole image, wherever its views begin.
             let skipped = start.next_multiple_of(self.stride) - start;
             let sampled = (skipped..self.cols).step_by(self.stride);
+
             let valid = sampled.filter(|x| view.is_valid(y, *x));
             self.values.extend(valid.map(|x| view.image.luminance(y, x)));
         }
         Ok(())
     }
 
-    /// The range; `None` if all are of one value, or there are none: then it is that of every pixel.
-    pub fn range(mut self) -> Option<Range> {
+    /// The range; `None` if the sampled pixels are all equal or there are none: then every pixel must be looked at.
+    pub fn range(mut self) -> Option<IntensityRange> {
         let last = self.values.len().checked_sub(1)?;
         let outliers = (OUTLIERS * last as f64) as usize;
+
         let mut ranked = |rank: usize| *self.values.select_nth_unstable_by(rank, f64::total_cmp).1;
-        let range = Range { black: ranked(outliers), white: ranked(last - outliers) };
+        let range = IntensityRange { black: ranked(outliers), white: ranked(last - outliers) };
+
         (range.width() > 0.0).then_some(range)
     }
 }
 
-/// Where all valid pixels lie; `None` if there are none.
-pub fn full_range(view: &View, control: &Control) -> Result<Option<Range>> {
+/// The range of all valid pixels; `None` if there are none.
+pub fn full_range(view: &View, control: &Control) -> Result<Option<IntensityRange>> {
     let (rows, cols, _) = view.image.shape();
-    let mut range: Option<Range> = None;
+    let mut range: Option<IntensityRange> = None;
     for y in 0..rows {
         control.checkpoint()?;
+
         let valid = (0..cols).filter(|x| view.is_valid(y, *x));
         let values = valid.map(|x| view.image.luminance(y, x));
         range = values
-            .map(|value| Range { black: value, white: value })
+            .map(|value| IntensityRange { black: value, white: value })
             .chain(range)
-            .reduce(Range::union);
+            .reduce(IntensityRange::union);
     }
+
     Ok(range)
 }
 

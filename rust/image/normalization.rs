@@ -1,5 +1,5 @@
-//! Channel planes -> local contrast: each pixel less the mean of the window around it, over its standard
-//! deviation there. What normalized SAD compares.
+//! Channel planes -> local contrast, which normalized SAD compares: each pixel less the mean of the window around it, over
+//! its standard deviation there.
 
 use std::ops::Range;
 
@@ -17,7 +17,7 @@ pub const DEVIATION_CEILING: u16 = 2 * 16 * DEVIATION_STEPS;
 /// Rows that one task normalizes; each task warms up over `window - 1` further rows.
 const BAND_ROWS: usize = 128;
 
-/// Sums of the values and of their squares: exact, so that they may slide.
+/// Sums of the values and of their squares: exact integers, so sliding sums have no error.
 #[derive(Debug, Clone, Copy, Default)]
 struct Moments {
     sum: i64,
@@ -25,6 +25,7 @@ struct Moments {
 }
 
 impl Moments {
+    /// Adds another pair of sums, or subtracts it for a `sign` of -1.
     fn add(&mut self, other: Self, sign: i64) {
         self.sum += sign * other.sum;
         self.squares += sign * other.squares;
@@ -42,6 +43,7 @@ pub fn normalize(plane: &Plane<u16>, window: usize, control: &Control) -> Result
     })
 }
 
+/// Normalizes the rows of a band, from row `first` on: sums of columns slide from row to row.
 fn normalize_band(
     plane: &Plane<u16>,
     window: usize,
@@ -51,12 +53,14 @@ fn normalize_band(
 ) -> Result<()> {
     let cols = plane.cols();
     let places = first..first + band.len() / cols;
+
     let add_row = |y: usize, sign: i64, columns: &mut Vec<Moments>| {
         for (column, &value) in columns.iter_mut().zip(plane.row(y)) {
             let value = i64::from(value);
             column.add(Moments { sum: value, squares: value * value }, sign);
         }
     };
+
     let columns = vec![Moments::default(); cols];
     slide(window, places, plane.rows(), columns, add_row, |y, columns| {
         control.checkpoint()?;
@@ -64,10 +68,12 @@ fn normalize_band(
     })
 }
 
+/// Normalizes a row: sums of columns slide from pixel to pixel.
 fn normalize_row(row: &[u16], columns: &[Moments], window: usize, out: &mut [u16]) -> Result<()> {
     let count = (window * window) as i64;
     let one_gray_level = (count * i64::from(LEVEL_STEPS)).pow(2);
     let add = |x: usize, sign: i64, sum: &mut Moments| sum.add(columns[x], sign);
+
     slide(
         window,
         0..row.len(),
@@ -75,8 +81,10 @@ fn normalize_row(row: &[u16], columns: &[Moments], window: usize, out: &mut [u16
         Moments::default(),
         add,
         |x, Moments { sum, squares }| {
+            // Everything is multiplied by the number of pixels, so that only the quotient is rounded.
             let variance = count * squares - sum * sum + one_gray_level;
             let deviations = (count * i64::from(row[x]) - sum) as f64 / (variance as f64).sqrt();
+
             let clamped = deviations.clamp(-DEVIATION_REACH, DEVIATION_REACH) + DEVIATION_REACH;
             out[x] = (clamped * f64::from(DEVIATION_STEPS)).round() as u16;
             Ok(())
@@ -84,8 +92,8 @@ fn normalize_row(row: &[u16], columns: &[Moments], window: usize, out: &mut [u16
     )
 }
 
-/// Slides a window over `places` of `0..length`, continued by reflection: calls `add` with the sign of
-/// what enters or leaves the sum, then `write` for each place.
+/// Slides a window over `places` of `0..length`, continued by reflection. Calls `add` for what enters (sign 1) or leaves
+/// (sign -1) the sum, and `write` for each place in between.
 fn slide<S>(
     window: usize,
     places: Range<usize>,
@@ -96,11 +104,14 @@ fn slide<S>(
 ) -> Result<()> {
     let radius = (window / 2) as isize;
     let first = places.start as isize;
+
     (first - radius..first + radius).for_each(|place| add(reflect(place, length), 1, &mut sum));
+
     for center in places {
         add(reflect(center as isize + radius, length), 1, &mut sum);
         write(center, &sum)?;
         add(reflect(center as isize - radius, length), -1, &mut sum);
     }
+
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! `Plane<T>`: rows x columns, row-major and contiguous; what every stage reads and writes.
+//! `Plane<T>`: rows x columns, row-major and contiguous; what all stages read and write.
 //!
 //! A cost volume is a plane too: one row holds `width x candidates` values, candidate innermost.
 
@@ -23,12 +23,14 @@ impl<T> Plane<T> {
         if rows.checked_mul(cols) == Some(data.len()) {
             return Ok(Self { rows, cols, data });
         }
+
         Err(Error::value("plane", format!("{} values", data.len()), format!("{rows} x {cols}")))
     }
 
     /// Calls `value(y, x)` for every place.
     pub fn from_fn(rows: usize, cols: usize, mut value: impl FnMut(usize, usize) -> T) -> Self {
         let data = (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x)));
+
         Self { rows, cols, data: data.map(|(y, x)| value(y, x)).collect() }
     }
 
@@ -47,7 +49,7 @@ impl<T> Plane<T> {
         &self.data[y * self.cols..][..self.cols]
     }
 
-    /// Row `y`; nothing beside the plane.
+    /// Row `y`; empty above and below the plane.
     pub fn row_or_nothing(&self, y: isize) -> &[T] {
         usize::try_from(y).ok().filter(|y| *y < self.rows).map_or(&[], |y| self.row(y))
     }
@@ -67,7 +69,7 @@ impl<T> Plane<T> {
         &mut self.data
     }
 
-    /// Gives the values up, row after row.
+    /// Takes the values, row after row.
     pub fn into_vec(self) -> Vec<T> {
         self.data
     }
@@ -79,6 +81,7 @@ impl<T> Plane<T> {
             self.data.drain(..rows.start * self.cols);
             self.data.shrink_to_fit();
         }
+
         Self { rows: rows.len(), ..self }
     }
 
@@ -89,15 +92,16 @@ impl<T> Plane<T> {
 }
 
 impl<T: Clone + Default> Plane<T> {
-    /// A plane of default values; an error, not an abort, when the memory cannot be had.
+    /// A plane of default values; an error, not an abort, if there is not enough memory.
     pub fn new(rows: usize, cols: usize) -> Result<Self> {
         let count = rows.checked_mul(cols).ok_or(Error::OutOfMemory { bytes: usize::MAX })?;
+
         Ok(Self { rows, cols, data: zeroed(count)? })
     }
 }
 
 impl<T: Send> Plane<T> {
-    /// Has bands of `band_rows` rows be written over by `write(first_row, values)`, on the threads at hand.
+    /// Overwrites bands of `band_rows` rows by `write(first_row, values)`, on the threads of the current pool.
     pub fn write_bands(
         &mut self,
         band_rows: usize,
@@ -109,8 +113,8 @@ impl<T: Send> Plane<T> {
 }
 
 impl<T: Clone + Default + Send> Plane<T> {
-    /// A plane whose bands of `band_rows` rows are written by `write(first_row, values)`, on the threads at
-    /// hand.
+    /// A plane whose bands of `band_rows` rows are written by `write(first_row, values)`, on the threads of the current
+    /// pool.
     pub fn by_bands(
         (rows, cols): (usize, usize),
         band_rows: usize,
@@ -121,7 +125,7 @@ impl<T: Clone + Default + Send> Plane<T> {
         Ok(plane)
     }
 
-    /// A plane whose rows are written by `write(y, row)`, on the threads at hand.
+    /// A plane whose rows are written by `write(y, row)`, on the threads of the current pool.
     pub fn by_rows(
         size: (usize, usize),
         control: &Control,
@@ -135,44 +139,48 @@ impl<T: Clone + Default + Send> Plane<T> {
     }
 }
 
-/// `count` default values; an error, not an abort, when the memory cannot be had.
+/// `count` default values; an error, not an abort, if there is not enough memory.
 pub fn zeroed<T: Clone + Default>(count: usize) -> Result<Vec<T>> {
     let mut data = Vec::new();
     data.try_reserve_exact(count)
         .map_err(|_| Error::OutOfMemory { bytes: count.saturating_mul(size_of::<T>()) })?;
+
     data.resize(count, T::default());
     Ok(data)
 }
 
-/// Room for `count` further values; an error, not an abort, when the memory cannot be had.
+/// Capacity for `count` further values; an error, not an abort, if there is not enough memory.
 pub fn reserve<T>(data: &mut Vec<T>, count: usize) -> Result<()> {
     let bytes = (data.len().saturating_add(count)).saturating_mul(size_of::<T>());
     data.try_reserve(count).map_err(|_| Error::OutOfMemory { bytes })
 }
 
-/// As many values of each row as there is room for, from column `first` on: in the row itself where it has them all,
-/// else in `room`, of which `beyond` tells those of columns that there are not.
+/// `COUNT` values of each row, from column `first` on: in the row itself if it has all of them, else copied to `buffer`,
+/// with `beyond(row, x)` at columns outside the row.
 #[inline(always)]
 pub fn parts<'a, T: Copy, const ROWS: usize, const COUNT: usize>(
     rows: [&'a [T]; ROWS],
     first: isize,
-    room: &'a mut [[T; COUNT]; ROWS],
+    buffer: &'a mut [[T; COUNT]; ROWS],
     beyond: impl Fn(&[T], isize) -> T,
 ) -> [&'a [T]; ROWS] {
     let mut parts = rows;
-    for (part, room) in parts.iter_mut().zip(room) {
+    for (part, buffer) in parts.iter_mut().zip(buffer) {
         let row = *part;
+
         let inside = usize::try_from(first).ok().and_then(|first| row.get(first..first + COUNT));
+
         *part = if let Some(inside) = inside {
             inside
         } else {
-            for (x, value) in (first..).zip(room.iter_mut()) {
+            for (x, value) in (first..).zip(buffer.iter_mut()) {
                 let inside = usize::try_from(x).ok().and_then(|x| row.get(x));
                 *value = inside.copied().unwrap_or_else(|| beyond(row, x));
             }
-            room
+            buffer
         };
     }
+
     parts
 }
 

@@ -1,16 +1,16 @@
-//! Gray values -> gray values without their noise, edges kept: the guided filter of an image by itself (K. He, J. Sun,
+//! Gray values -> gray values with less noise and the same edges: the guided filter of an image by itself (K. He, J. Sun,
 //! X. Tang: *Guided Image Filtering*, PAMI 2013) over 5 x 5 pixels.
 //!
-//! In each window the image is drawn towards its mean, the more the less it varies there against what noise makes of it;
-//! every pixel takes the mean of what the windows that it lies in say:
+//! In each window the image is drawn towards its mean, by a share that falls as the variance rises above that of the
+//! noise. Every pixel takes the mean over the windows that it lies in:
 //!
 //! ```text
 //! share = deviation^2 / (variance in the window + deviation^2)    # 1: flat, 0: far more than noise
 //! out = pixel + mean over the windows of share * (mean in the window - pixel)
 //! ```
 //!
-//! Sums of gray values are exact; others are added in a fixed order. So a pixel comes out the same wherever bands begin
-//! and whatever the instructions. The image and the shares continue by reflection.
+//! Sums of gray values are exact, other sums have a fixed order. So a pixel does not depend on where bands begin or on the
+//! instructions. The image and the shares continue by reflection.
 
 use std::ops::Range;
 
@@ -31,15 +31,15 @@ const RADIUS: usize = 2;
 const SIDE: usize = 2 * RADIUS + 1;
 /// Pixels in a window.
 const AREA: f64 = (SIDE * SIDE) as f64;
-/// Rows above and below a pixel that count: those of all windows that it lies in.
+/// Rows above and below a pixel that it depends on: those of all windows that it lies in.
 pub const REACH: usize = 2 * RADIUS;
 /// Rows that one task smooths; it prepares `2 * REACH` further ones.
 const BAND_ROWS: usize = 32;
-/// Deviations beyond this many steps, more than any window has, make no difference; their squares must be finite.
+/// Larger deviations, in steps, are beyond any window's and make no difference; their squares must be finite.
 const LARGEST_DEVIATION: f64 = (1u64 << 40) as f64;
 
-/// Smooths gray values whose noise has this standard deviation, in steps, or is to be taken to have it; what comes out
-/// is in steps of which one of the gray values is so many.
+/// Smooths gray values whose noise has, or is taken to have, this standard deviation, in steps. One step of the gray
+/// values is `scale` steps of the result.
 pub fn smooth(
     gray: &Gray,
     deviation: f64,
@@ -49,29 +49,38 @@ pub fn smooth(
 ) -> Result<Plane<i32>> {
     let (rows, cols) = gray.size();
     let noise = deviation.min(LARGEST_DEVIATION).powi(2).max(f64::MIN_POSITIVE);
+
     Plane::by_bands((rows, cols), BAND_ROWS, |first, out| {
         let last = first + out.len() / cols;
-        // Rows of windows, and of the image about these.
+        // The rows whose windows the band needs; `values` has `RADIUS` more rows on either side.
         let windows = first.saturating_sub(RADIUS)..(last + RADIUS).min(rows);
         let values = around(gray, &windows, level)?;
         let width = cols + 2 * RADIUS;
-        let (mut sums, mut squares) = (zeroed(width)?, zeroed(width)?);
+        let mut sums = zeroed(width)?;
+        let mut squares = zeroed(width)?;
+
+        // Shares, and shares of the means, of every window.
         let mut shares = zeroed(width * windows.len())?;
         let mut drawn = zeroed(width * windows.len())?;
         for (y, (shares, drawn)) in
             shares.chunks_exact_mut(width).zip(drawn.chunks_exact_mut(width)).enumerate()
         {
             control.checkpoint()?;
+
             let values = window_rows(&values, width, y);
             let columns = [&mut sums[..], &mut squares];
             let out = [&mut shares[RADIUS..][..cols], &mut drawn[RADIUS..][..cols]];
             level.run(Windows { values, columns, noise, out });
+
             continue_sides(shares, cols);
             continue_sides(drawn, cols);
         }
+
+        // Means over the windows of every pixel.
         let of_window = |y: isize| reflect(y, rows) - windows.start;
         for (y, out) in (first as isize..).zip(out.chunks_exact_mut(cols)) {
             control.checkpoint()?;
+
             let mut of_shares = [&[][..]; SIDE];
             let mut of_drawn = [&[][..]; SIDE];
             for dy in 0..SIDE {
@@ -79,33 +88,39 @@ pub fn smooth(
                 of_shares[dy] = &shares[start..][..width];
                 of_drawn[dy] = &drawn[start..][..width];
             }
+
             let own = (y as usize + RADIUS - windows.start) * width + RADIUS;
             let columns = [&mut sums[..], &mut squares];
             let values = &values[own..][..cols];
-            level.run(Smooth { values, of_shares, of_drawn, columns, scale, out });
+            level.run(FilterRow { values, of_shares, of_drawn, columns, scale, out });
         }
+
         Ok(())
     })
 }
 
-/// Rows, and those that windows about them have above and below, each with what continues it.
+/// The rows of windows centered on some rows, each with its continuation.
 fn around(gray: &Gray, wanted: &Range<usize>, level: Level) -> Result<Vec<f64>> {
     let (rows, cols) = gray.size();
     let width = cols + 2 * RADIUS;
     let mut values = zeroed(width * (wanted.len() + 2 * RADIUS))?;
     let mut row = zeroed(cols)?;
+
     let places = wanted.start as isize - RADIUS as isize..;
     for (y, values) in places.zip(values.chunks_exact_mut(width)) {
         gray.write_row(reflect(y, rows), level, &mut row)?;
+
         for (value, gray) in values[RADIUS..].iter_mut().zip(&row) {
             *value = f64::from(*gray);
         }
+
         continue_sides(values, cols);
     }
+
     Ok(values)
 }
 
-/// The rows of the window about row `y` of windows.
+/// The rows under row `y` of windows.
 fn window_rows(values: &[f64], width: usize, y: usize) -> [&[f64]; SIDE] {
     let mut rows = [&[][..]; SIDE];
     for dy in 0..SIDE {
@@ -121,7 +136,7 @@ fn continue_sides(row: &mut [f64], cols: usize) {
     }
 }
 
-/// Rows of the image -> shares of a row of windows, and shares of their means.
+/// Writes the shares of a row of windows, and those of their means.
 struct Windows<'a> {
     values: [&'a [f64]; SIDE],
     columns: [&'a mut [f64]; 2],
@@ -137,13 +152,14 @@ impl Loop for Windows<'_> {
         let [sums, squares] = self.columns;
         add_columns(self.values, sums);
         add_squares(self.values, squares);
+
         let [shares, drawn] = self.out;
         write_shares(sums, squares, self.noise, shares, drawn);
     }
 }
 
-/// Rows of shares -> a row of smoothed values.
-struct Smooth<'a> {
+/// Writes a row of smoothed values, from rows of shares.
+struct FilterRow<'a> {
     values: &'a [f64],
     of_shares: [&'a [f64]; SIDE],
     of_drawn: [&'a [f64]; SIDE],
@@ -152,7 +168,7 @@ struct Smooth<'a> {
     out: &'a mut [i32],
 }
 
-impl Loop for Smooth<'_> {
+impl Loop for FilterRow<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -160,51 +176,66 @@ impl Loop for Smooth<'_> {
         let [shares, drawn] = self.columns;
         add_columns(self.of_shares, shares);
         add_columns(self.of_drawn, drawn);
+
         write_smoothed(self.values, shares, drawn, self.scale, self.out);
     }
 }
 
+/// Sums of columns, in the order of their rows.
 #[inline(always)]
 #[expect(clippy::many_single_char_names, reason = "rows in order")]
 fn add_columns([a, b, c, d, e]: [&[f64]; SIDE], sums: &mut [f64]) {
     let n = sums.len();
     let (a, b, c, d, e) = (&a[..n], &b[..n], &c[..n], &d[..n], &e[..n]);
+
     for i in 0..n {
         sums[i] = a[i] + b[i] + c[i] + d[i] + e[i];
     }
 }
 
+/// Sums of the squares of columns, in the order of their rows.
 #[inline(always)]
 #[expect(clippy::many_single_char_names, reason = "rows in order")]
 fn add_squares([a, b, c, d, e]: [&[f64]; SIDE], sums: &mut [f64]) {
     let n = sums.len();
     let (a, b, c, d, e) = (&a[..n], &b[..n], &c[..n], &d[..n], &e[..n]);
+
     for i in 0..n {
         sums[i] = a[i] * a[i] + b[i] * b[i] + c[i] * c[i] + d[i] * d[i] + e[i] * e[i];
     }
 }
 
+/// Writes shares, and shares of means, from sums of columns.
 #[inline(always)]
 fn write_shares(sums: &[f64], squares: &[f64], noise: f64, shares: &mut [f64], drawn: &mut [f64]) {
     let n = shares.len();
     let drawn = &mut drawn[..n];
-    let (sums, squares) = (&sums[..n + 2 * RADIUS], &squares[..n + 2 * RADIUS]);
+    let sums = &sums[..n + 2 * RADIUS];
+    let squares = &squares[..n + 2 * RADIUS];
+
     for i in 0..n {
         let mean = beside(sums, i) / AREA;
         let variance = (beside(squares, i) / AREA - mean * mean).max(0.0);
+
         let share = noise / (variance + noise);
         shares[i] = share;
         drawn[i] = share * mean;
     }
 }
 
+/// Writes smoothed values, from sums of columns of shares.
 #[inline(always)]
 fn write_smoothed(values: &[f64], shares: &[f64], drawn: &[f64], scale: f64, out: &mut [i32]) {
     let n = out.len();
     let values = &values[..n];
-    let (shares, drawn) = (&shares[..n + 2 * RADIUS], &drawn[..n + 2 * RADIUS]);
+    let shares = &shares[..n + 2 * RADIUS];
+    let drawn = &drawn[..n + 2 * RADIUS];
+
     for i in 0..n {
-        let (share, drawn) = (beside(shares, i) / AREA, beside(drawn, i) / AREA);
+        let share = beside(shares, i) / AREA;
+        let drawn = beside(drawn, i) / AREA;
+
+        // The order of these operations defines the last bits.
         let value = (values[i] - share * values[i] + drawn) * scale;
         out[i] = nearest(value);
     }

@@ -5,7 +5,7 @@ use std::ops;
 use ndarray::{Array3, ArrayView1, ArrayView2, ArrayView3, Axis, s};
 
 use crate::error::{Error, Result};
-use crate::image::intensity::{NOWHERE, Range};
+use crate::image::intensity::{IntensityRange, NOWHERE};
 use crate::image::plane::Plane;
 use crate::settings::LARGEST_PIXEL;
 use crate::simd::{Level, Loop};
@@ -34,7 +34,7 @@ pub struct View {
     /// Its valid pixels; `None`: all.
     pub mask: Option<Mask>,
     /// Where the pixels lie of the whole image, of floats, of which this is a part; `None`: it is the whole.
-    pub range: Option<Range>,
+    pub range: Option<IntensityRange>,
     /// By how much impulses stand out at least, in units of the pixels; 0: there are none.
     pub impulses: f64,
 }
@@ -109,22 +109,25 @@ impl From<Image> for View {
 }
 
 impl View {
-    /// The negative: what is white is black. That of floats is about the middle of their range, which is to be known.
+    /// The negative: white becomes black. Floats are inverted about the middle of their range, which must be set.
     pub fn inverted(&self) -> Self {
-        let Range { black, white } = self.range.unwrap_or(NOWHERE);
-        // In thousandths.
+        let IntensityRange { black, white } = self.range.unwrap_or(NOWHERE);
+        // Ranges are in thousandths of the pixels' unit.
         let sum = (black + white) / 1000.0;
+
         let image = match &self.image {
             Image::U8(pixels) => Image::U8(pixels.mapv(|value| u8::MAX - value)),
             Image::U16(pixels) => Image::U16(pixels.mapv(|value| u16::MAX - value)),
             Image::F32(pixels) => Image::F32(pixels.mapv(|value| (sum - f64::from(value)) as f32)),
             Image::F64(pixels) => Image::F64(pixels.mapv(|value| sum - value)),
         };
+
         Self { image, mask: self.mask.clone(), ..*self }
     }
 
     /// Some rows.
     pub fn of_rows(&self, rows: ops::Range<usize>) -> Self {
+        // The range and the impulses remain those of the whole image.
         let part = s![rows.clone(), .., ..];
         let image = match &self.image {
             Image::U8(pixels) => Image::U8(pixels.slice(part).to_owned()),
@@ -132,10 +135,12 @@ impl View {
             Image::F32(pixels) => Image::F32(pixels.slice(part).to_owned()),
             Image::F64(pixels) => Image::F64(pixels.slice(part).to_owned()),
         };
+
         let mask = self.mask.as_ref();
         let mask = mask.map(|mask| {
             Plane::from_fn(rows.len(), mask.cols(), |y, x| mask.row(rows.start + y)[x])
         });
+
         Self { image, mask, range: self.range, impulses: self.impulses }
     }
 
@@ -144,7 +149,7 @@ impl View {
         self.mask.as_ref().is_none_or(|mask| mask.row(y)[x])
     }
 
-    /// Refuses pixels that are NaN, infinite or absurdly large, unless the mask covers them.
+    /// An error if a valid pixel is NaN, infinite or absurdly large.
     pub fn check(&self, argument: &'static str) -> Result<()> {
         let valid = |y: usize, x: usize| self.is_valid(y, x);
         let fault = match &self.image {
@@ -152,7 +157,9 @@ impl View {
             Image::F64(pixels) => first_fault(pixels.view(), |value| value, valid),
             Image::U8(_) | Image::U16(_) => None,
         };
+
         let Some((y, x, value)) = fault else { return Ok(()) };
+
         let got = format!("{value:e} at row {y}, column {x}");
         let accepts = format!(
             "finite pixels of magnitude up to {LARGEST_PIXEL:e}, and anything where a mask is False \
@@ -162,19 +169,23 @@ impl View {
     }
 }
 
+/// The pixels of row `y`, columns x channels.
 fn row_of<T>(pixels: &Array3<T>, y: usize) -> ArrayView2<'_, T> {
     pixels.index_axis(Axis(0), y)
 }
 
+/// As [`Image::write_centered`], of one type.
 fn write_centered<T>(pixels: ArrayView2<T>, middle: i32, level: Level, row: &mut [i32])
 where
     T: Copy + Into<i32>,
 {
     let pixels = pixels.as_standard_layout();
     let values = pixels.as_slice().unwrap_or_default();
+
     level.run(Centered { values, in_color: pixels.ncols() == 3, middle, row });
 }
 
+/// Writes gray values less the middle of their range.
 struct Centered<'a, T> {
     values: &'a [T],
     in_color: bool,
@@ -200,16 +211,20 @@ impl<T: Copy + Into<i32>> Loop for Centered<'_, T> {
     }
 }
 
+/// As [`Image::write_luminance`], of one type.
 fn write_luminance<T: Copy>(pixels: ArrayView2<T>, widen: impl Fn(T) -> f64, row: &mut [f64]) {
     if pixels.ncols() != 3 {
         return write_channel(pixels, 0, widen, row);
     }
+
     let pixels = pixels.as_standard_layout();
+
     for (value, pixel) in row.iter_mut().zip(pixels.as_slice().unwrap_or_default().as_chunks().0) {
         *value = weighted(pixel.map(&widen));
     }
 }
 
+/// As [`Image::luminance`], of one type.
 fn luminance<T: Copy>(pixel: ArrayView1<T>, widen: impl Fn(T) -> f64) -> f64 {
     if pixel.len() == 3 {
         weighted([0, 1, 2].map(|c| widen(pixel[c])))
@@ -218,10 +233,12 @@ fn luminance<T: Copy>(pixel: ArrayView1<T>, widen: impl Fn(T) -> f64) -> f64 {
     }
 }
 
+/// The luminance in thousandths.
 fn weighted([r, g, b]: [f64; 3]) -> f64 {
     299.0 * r + 587.0 * g + 114.0 * b
 }
 
+/// As [`Image::write_channel`], of one type.
 fn write_channel<T: Copy>(
     pixels: ArrayView2<T>,
     c: usize,
@@ -233,16 +250,19 @@ fn write_channel<T: Copy>(
     }
 }
 
+/// Row, column and value of the first faulty pixel that is valid.
 fn first_fault<T: Copy>(
     pixels: ArrayView3<T>,
     widen: impl Fn(T) -> f64,
     valid: impl Fn(usize, usize) -> bool,
 ) -> Option<(usize, usize, f64)> {
     let is_fault = |value: f64| value.is_nan() || value.abs() > LARGEST_PIXEL;
-    // Nearly every image is free of faults, and a plain sweep over the values is quick to say so.
+
+    // Nearly all images have no faults, and a plain sweep over the values finds that out quickly.
     if !pixels.iter().any(|&value| is_fault(widen(value))) {
         return None;
     }
+
     let values = pixels.indexed_iter().map(|((y, x, _), &value)| (y, x, widen(value)));
     values.into_iter().find(|&(y, x, value)| is_fault(value) && valid(y, x))
 }

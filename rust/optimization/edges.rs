@@ -28,31 +28,34 @@ impl Neighbor {
     }
 }
 
-/// The jumps from both neighbors, two bits each, of every pixel; below the last row at hand they are as in that one.
+/// The jumps from both neighbors of every pixel, two bits each. Rows below the last one are as the last one.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Edges(Plane<u8>);
 
 impl Edges {
-    /// Calls a jump small that is larger than the mean difference of horizontal neighbors times `threshold`,
-    /// in whole steps, and large where it is larger than thrice that. So neither contrast nor the unit of gray
-    /// values matters.
+    /// A jump is small where it is larger than the mean difference of horizontal neighbors times `threshold`, in whole
+    /// steps, and large where it is larger than thrice that. The mean makes it independent of the contrast and the unit.
     pub fn new(texture: &Texture, threshold: f64, level: Level, control: &Control) -> Result<Self> {
         let gray = &texture.gray;
         let (rows, cols) = (gray.rows(), gray.cols());
-        // Gray values are below 2^26, so that a difference is, and its product with any threshold clamped.
+        // The cast saturates, at more than any difference of gray values.
         let small = (threshold * texture.roughness.mean()) as u32;
+
         let classes = Plane::by_bands((rows, cols), ROWS, |first, band| {
             control.checkpoint()?;
             for (y, edges) in (first..).zip(band.chunks_mut(cols)) {
+                // The first row is its own neighbor above: no jump.
                 let above = gray.row(y.saturating_sub(1));
                 level.run(Classify { here: gray.row(y), above, small, edges });
             }
+
             Ok(())
         })?;
+
         Ok(Self(classes))
     }
 
-    /// Those of an image at hand, if the settings ask for them; else there are none in any row of so many columns.
+    /// The jumps in an image, if the settings lower P2 at them; else no jumps in any row of so many columns.
     pub fn asked_for(
         texture: Option<&Texture>,
         settings: &Settings,
@@ -80,7 +83,7 @@ impl Edges {
     }
 }
 
-/// The jumps of a row; the first row is its own neighbor above.
+/// Classifies the jumps of a row.
 struct Classify<'a> {
     here: &'a [i32],
     above: &'a [i32],
@@ -96,17 +99,21 @@ impl Loop for Classify<'_> {
         let Self { here, above, small, edges } = self;
         let last = here.len() - 1;
         edges.fill(0);
+
         mark(edges, here, above, small, Neighbor::Above);
         mark(&mut edges[1..], &here[1..], &here[..last], small, Neighbor::Left);
     }
 }
 
+/// Writes the class of the difference from one neighbor into the bits of that neighbor.
 #[inline(always)]
 fn mark(edges: &mut [u8], here: &[i32], there: &[i32], small: u32, neighbor: Neighbor) {
     let large = small.saturating_mul(3);
+
     for ((edges, a), b) in edges.iter_mut().zip(here).zip(there) {
         let difference = a.abs_diff(*b);
         let jump = u8::from(difference > small) + u8::from(difference > large);
+
         *edges |= jump << (2 * neighbor as u8);
     }
 }

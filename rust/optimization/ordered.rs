@@ -1,7 +1,7 @@
 //! Dynamic programming along a row under the ordering constraint (paper, section 2.3).
 //!
-//! From a pixel to the next the disparity stays, rises by one, for P1, or drops to any smaller one, for P2: the right
-//! coordinate `x - d` must not run backwards.
+//! From a pixel to the next the disparity stays, rises by one at a penalty of P1, or drops to any smaller one at a penalty
+//! of P2: the right coordinate `x - d` must not run backwards.
 //!
 //! ```text
 //! D(x, k) = C(x, k) + min(D(x-1, k),                      # it stayed
@@ -9,63 +9,70 @@
 //!                         min over i > k of D(x-1, i) + P2)    # it dropped
 //! ```
 //!
-//! Where each total came from is written down, and the way back from the least one at the last pixel is followed. Of
-//! equal totals staying wins, then the smaller origin. The minimum over `i > k` goes from one candidate to the next, so
-//! this is one candidate after another, in integers that hold any sum.
+//! A back-pointer is kept for each total, and the path is traced back from the least total at the last pixel. Among equal
+//! totals staying wins, then the smaller origin. The minimum over `i > k` runs from the largest candidate down, so the
+//! loop is sequential; its integers hold any sum.
 
 use crate::error::Result;
-use crate::optimization::Steps;
+use crate::optimization::Penalties;
 use crate::pipeline::memory::Memory;
 use crate::value::{LANES, Lanes, Value};
 
-/// Chooses candidates along one row after another; its memory is used again.
+/// Chooses candidates row by row; its buffers are reused.
 #[derive(Debug, Default)]
 pub struct Ordered {
     /// The total of each candidate.
     totals: Memory<u64>,
-    /// Where the totals of each pixel came from, all candidates of one pixel after another.
+    /// Back-pointers: the candidate that each total came from, all candidates of one pixel after another.
     origins: Memory<u16>,
     /// The candidate chosen for each pixel.
     chosen: Memory<u16>,
 }
 
 impl Ordered {
-    /// The candidates chosen for the pixels of a row of these costs, all of one pixel after another.
+    /// The candidates chosen for the pixels of a row, from aggregated costs: all candidates of one pixel after another.
     pub fn choose<V: Value>(
         &mut self,
         costs: &[Lanes<V>],
         candidates: usize,
-        steps: Steps,
+        penalties: Penalties,
     ) -> Result<&[u16]> {
         let runs = candidates.div_ceil(LANES);
         let cols = costs.len() / runs;
+
         self.totals.resize(candidates)?;
         self.totals.fill(0);
         self.origins.resize(cols * candidates)?;
         self.chosen.resize(cols)?;
 
+        // Forward: totals and back-pointers.
         let pixels = costs.chunks_exact(runs).zip(self.origins.chunks_exact_mut(candidates));
         for (costs, origins) in pixels {
-            extend(&mut self.totals, &costs.as_flattened()[..candidates], origins, steps);
+            extend(&mut self.totals, &costs.as_flattened()[..candidates], origins, penalties);
         }
 
+        // Backward: the chosen path.
         let mut index = first_least(&self.totals);
         let origins = self.origins.chunks_exact(candidates);
         for (chosen, origins) in self.chosen.iter_mut().zip(origins).rev() {
             *chosen = index;
             index = origins[usize::from(index)];
         }
+
         Ok(&self.chosen)
     }
 }
 
-/// Extends the best ways by a pixel, from the largest candidate down.
-fn extend<V: Value>(totals: &mut [u64], costs: &[V], origins: &mut [u16], steps: Steps) {
-    let (mut least, mut of_least) = (u64::MAX - steps.p2, 0);
+/// Extends the best paths by a pixel, from the largest candidate down.
+fn extend<V: Value>(totals: &mut [u64], costs: &[V], origins: &mut [u16], penalties: Penalties) {
+    // `least` is the least total of all candidates larger than `k`: none yet, but P2 can be added without overflow.
+    let mut least = u64::MAX - penalties.p2;
+    let mut of_least = 0;
+
     for k in (0..totals.len()).rev() {
         let stayed = totals[k];
-        let rose = if k > 0 { totals[k - 1] + steps.p1 } else { u64::MAX };
-        let dropped = least + steps.p2;
+        let rose = if k > 0 { totals[k - 1] + penalties.p1 } else { u64::MAX };
+        let dropped = least + penalties.p2;
         let best = stayed.min(rose).min(dropped);
 
         origins[k] = if best == stayed {
@@ -75,13 +82,17 @@ fn extend<V: Value>(totals: &mut [u64], costs: &[V], origins: &mut [u16], steps:
         } else {
             of_least
         };
+
+        // A total that ties with a larger candidate's takes its place: the smaller origin wins.
         if stayed <= least {
             (least, of_least) = (stayed, k as u16);
         }
+
         totals[k] = best + costs[k].widened();
     }
 }
 
+/// The first of the least totals.
 fn first_least(totals: &[u64]) -> u16 {
     let mut best = 0;
     for (k, total) in totals.iter().enumerate() {
@@ -89,5 +100,6 @@ fn first_least(totals: &[u64]) -> u16 {
             best = k;
         }
     }
+
     best as u16
 }

@@ -1,4 +1,5 @@
-//! One step of a path, and the passes of paths through a block of pixels (Hirschmüller, PAMI 2008, equation 13).
+//! Path aggregation of semi-global matching: one step of a path, and the horizontal and vertical passes through a panel
+//! (Hirschmüller, PAMI 2008, equation 13).
 //!
 //! A path goes from pixel to pixel `p-1`, `p`, ...; the total of candidate `k` at pixel `p` is
 //!
@@ -8,17 +9,24 @@
 //!                         min over i of L(p-1, i) + P2) - min over i of L(p-1, i)
 //! ```
 //!
-//! so no total exceeds the largest cost plus P2, and most fit a byte. All candidates of a pixel are neighboring lanes:
-//! those at `k-1` and `k+1` are unaligned loads of what the step before has stored, between two runs out of reach. What
-//! a step waits for is the minimum of the one before; so several paths are extended in turn, four rows of the
-//! horizontal passes and sixteen columns of the vertical ones.
+//! The last term keeps totals below the largest cost plus P2, so most fit a byte.
+//!
+//! All candidates of a pixel are neighboring lanes. The totals of a path lie between two runs of [`Value::FAR`], so
+//! those of `k-1` and `k+1` are unaligned loads that need no check at either end:
+//!
+//! ```text
+//! FAR ... FAR | L(p-1, 0) L(p-1, 1) ... | FAR ... FAR
+//! ```
+//!
+//! A step has to wait for the minimum of the one before. To keep the processor busy meanwhile, several paths are extended
+//! in turn: four rows in the horizontal passes, sixteen columns in the vertical ones.
 
 use std::mem::swap;
 use std::ops::Range;
 
-use crate::cost::aggregation::Block;
+use crate::cost::aggregation::PixelBlock;
 use crate::error::Result;
-use crate::optimization::Steps;
+use crate::optimization::Penalties;
 use crate::optimization::edges::{Edges, Neighbor};
 use crate::optimization::evidence::Evidence;
 use crate::optimization::selection::{Minimum, PIXELS, Selection};
@@ -29,31 +37,33 @@ use crate::value::{LANES, Lanes, Value, least_lane};
 /// Rows whose horizontal paths are extended in turn.
 const ROWS: usize = 4;
 
-/// P1, and P2 by the jump of the gray values: the whole penalty, half, and a third of it, but not less than P1.
+/// P1, and P2 by the jump of the gray values: the whole of it, half, and a third, but not less than P1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Penalties<T> {
+pub struct AdaptivePenalties<T> {
     p1: T,
     p2: [T; 4],
 }
 
-impl<T: Value> Penalties<T> {
-    /// The penalties in an integer that holds them.
-    pub fn new(steps: Steps) -> Self {
-        let p2 = [1, 2, 3, 3].map(|part| T::truncated((steps.p2 / part).max(steps.p1)));
-        Self { p1: T::truncated(steps.p1), p2 }
+impl<T: Value> AdaptivePenalties<T> {
+    /// The penalties in the integers of the totals.
+    pub fn new(penalties: Penalties) -> Self {
+        // Jumps are 0 to 2; a fourth entry spares the check of an index of two bits.
+        let p2 = [1, 2, 3, 3].map(|part| T::truncated((penalties.p2 / part).max(penalties.p1)));
+
+        Self { p1: T::truncated(penalties.p1), p2 }
     }
 }
 
-/// What paths go through: the penalties, and where P2 is lower.
+/// The smoothness term: the penalties, and where P2 is lower.
 #[derive(Debug, Clone, Copy)]
-pub struct Terrain<'a, T> {
+pub struct Smoothness<'a, T> {
     /// P1 and P2.
-    pub penalties: Penalties<T>,
+    pub penalties: AdaptivePenalties<T>,
     /// Jumps of the gray values.
     pub edges: &'a Edges,
 }
 
-impl<T: Value> Terrain<'_, T> {
+impl<T: Value> Smoothness<'_, T> {
     /// P1, and P2 after a jump of the gray values.
     #[inline(always)]
     fn after(&self, jump: usize) -> [T; 2] {
@@ -61,14 +71,16 @@ impl<T: Value> Terrain<'_, T> {
     }
 }
 
-/// Totals of up to [`PIXELS`] paths, each where it has come to.
+/// Totals of up to [`PIXELS`] paths, each at the last pixel that it has reached.
 #[derive(Debug, Default)]
 struct Paths<T> {
-    /// Of one path after another: a run of candidates out of reach, the totals, a run out of reach.
+    /// Totals at the last pixel, one path after another: a run of [`Value::FAR`], the totals, a run of [`Value::FAR`].
     before: Memory<T>,
+    /// Totals at the next pixel, laid out alike.
     here: Memory<T>,
-    /// The least total of each path in each lane at the pixel that it is extended by, and of all lanes at the one before.
+    /// The least total of each path in each lane at the next pixel.
     minima: [Lanes<T>; PIXELS],
+    /// The least total of each path at the last pixel.
     least: [T; PIXELS],
 }
 
@@ -79,52 +91,56 @@ const fn span(runs: usize) -> usize {
 }
 
 impl<T: Value> Paths<T> {
-    /// Begins paths of pixels with so many runs of candidates: with nothing behind them.
+    /// Sizes the buffers for so many runs of candidates and restarts all paths.
     fn begin(&mut self, runs: usize) -> Result<()> {
         for totals in [&mut self.before, &mut self.here] {
             totals.resize(PIXELS * span(runs))?;
             totals.fill(T::FAR);
         }
+
         self.restart(runs);
         Ok(())
     }
 
-    /// Begins all paths again.
+    /// Restarts all paths: before the first pixel every total is 0.
     #[inline(always)]
     fn restart(&mut self, runs: usize) {
         self.least = [T::default(); PIXELS];
+
         for totals in self.before.chunks_exact_mut(span(runs)) {
             totals[LANES..][..runs * LANES].fill(T::default());
         }
     }
 
-    /// Where the paths have come to and where they are extended to.
+    /// The buffers of one step, from the last pixel to the next.
     #[inline(always)]
-    fn parts(&mut self) -> Parts<'_, T> {
+    fn step(&mut self) -> PathStep<'_, T> {
         let Self { before, here, minima, least } = self;
-        Parts { before, here, minima, least }
+
+        PathStep { before, here, minima, least }
     }
 
-    /// The first paths have come to the pixel that they were extended by.
+    /// Makes the next pixel the last one, for the first `paths` paths.
     #[inline(always)]
     fn arrive(&mut self, paths: usize) {
         swap(&mut self.before, &mut self.here);
+
         for (least, minimum) in self.least.iter_mut().zip(&self.minima).take(paths) {
             *least = least_lane(minimum);
         }
     }
 }
 
-/// The parts of [`Paths`].
-struct Parts<'a, T> {
+/// The buffers of [`Paths`] during one step, borrowed apart so that they are known not to overlap.
+struct PathStep<'a, T> {
     before: &'a [T],
     here: &'a mut [T],
     minima: &'a mut [Lanes<T>; PIXELS],
     least: &'a [T; PIXELS],
 }
 
-impl<T: Value> Parts<'_, T> {
-    /// Extends a path by a pixel of these costs; to be done with each, then [`Paths::arrive`].
+impl<T: Value> PathStep<'_, T> {
+    /// Extends one path to a pixel of these costs. [`Paths::arrive`] follows once all paths are extended.
     #[inline(always)]
     fn extend(
         &mut self,
@@ -142,9 +158,11 @@ impl<T: Value> Parts<'_, T> {
         let here = &mut self.here[places].as_chunks_mut::<LANES>().0[1..][..runs];
         let costs = &costs[..runs];
 
+        // The recurrence of the module, a run of candidates at a time; `k-1` and `k+1` share the addition of P1.
         let least = self.least[path];
         let from_least = least.plus(p2);
         let mut minimum = [T::FAR; LANES];
+
         for run in 0..runs {
             let mut totals = [T::default(); LANES];
             for j in 0..LANES {
@@ -153,40 +171,42 @@ impl<T: Value> Parts<'_, T> {
                 totals[j] = best.minus(least).plus(costs[run][j]);
                 minimum[j] = minimum[j].min(totals[j]);
             }
+
             here[run] = totals;
             sink.take(run, totals);
         }
+
         self.minima[path] = minimum;
     }
 }
 
-/// What takes the totals of a pixel, one run of candidates after another.
+/// Where the totals of a pixel go, one run of candidates after another.
 trait Sink<T> {
     fn take(&mut self, run: usize, totals: Lanes<T>);
 }
 
-/// Nobody wants them.
-struct Nowhere;
+/// Drops the totals: the path only warms up in the look-ahead.
+struct Discard;
 
-impl<T> Sink<T> for Nowhere {
+impl<T> Sink<T> for Discard {
     #[inline(always)]
     fn take(&mut self, _: usize, _: Lanes<T>) {}
 }
 
-/// Writes them.
-struct Write<'a, T>(&'a mut [Lanes<T>]);
+/// Writes the totals.
+struct StoreTotals<'a, T>(&'a mut [Lanes<T>]);
 
-impl<T: Value> Sink<T> for Write<'_, T> {
+impl<T: Value> Sink<T> for StoreTotals<'_, T> {
     #[inline(always)]
     fn take(&mut self, run: usize, totals: Lanes<T>) {
         self.0[run] = totals;
     }
 }
 
-/// Writes the mean of them and of those that are there, rounded up.
-struct Mean<'a, T>(&'a mut [Lanes<T>]);
+/// Replaces the totals that are there by their mean with the new ones, rounded up.
+struct AverageTotals<'a, T>(&'a mut [Lanes<T>]);
 
-impl<T: Value> Sink<T> for Mean<'_, T> {
+impl<T: Value> Sink<T> for AverageTotals<'_, T> {
     #[inline(always)]
     fn take(&mut self, run: usize, totals: Lanes<T>) {
         for (mean, total) in self.0[run].iter_mut().zip(totals) {
@@ -195,29 +215,32 @@ impl<T: Value> Sink<T> for Mean<'_, T> {
     }
 }
 
-/// The paths along the rows of a band, panel by panel from the left.
+/// State of the horizontal paths of a band, which are followed panel by panel from the left.
 #[derive(Debug, Default)]
 pub struct Horizontal<T> {
     paths: Paths<T>,
-    /// Totals of the paths from the left at the last column of the panel before, row by row, and the least of them.
+    /// Totals of the paths from the left at the last column of the previous panel, row by row.
     left: Memory<T>,
+    /// The least total of each of these rows.
     least: Memory<T>,
-    /// Half the sum of the totals of both paths, of the panel.
+    /// Half the sum of the totals of both paths, of the current panel.
     means: Memory<Lanes<T>>,
 }
 
 impl<T: Value> Horizontal<T> {
-    /// Begins a band of so many rows.
+    /// Starts a band of so many rows: every path from the left restarts.
     pub fn begin(&mut self, rows: usize, panel: usize, runs: usize) -> Result<()> {
         self.left.resize(rows * runs * LANES)?;
         self.left.fill(T::default());
+
         self.least.resize(rows)?;
         self.least.fill(T::default());
+
         self.means.resize(rows * panel * runs)?;
         self.paths.begin(runs)
     }
 
-    /// The means of the totals of both paths, row by row; they may be written over.
+    /// The means of the totals of both paths, row by row. The caller may overwrite them.
     pub fn means(&mut self) -> &mut [Lanes<T>] {
         &mut self.means
     }
@@ -227,23 +250,24 @@ impl<T: Value> Horizontal<T> {
 #[derive(Debug, Clone)]
 pub struct Panel<'a, T> {
     /// The pixels of the band that are in it.
-    pub block: Block,
-    /// The rows whose costs are at hand, those of the band among them.
+    pub block: PixelBlock,
+    /// The rows that have costs: those of the band and its look-ahead rows.
     pub seen: Range<usize>,
     /// The costs of all these rows.
     pub costs: &'a [Lanes<T>],
-    /// The costs of the columns right of the panel, as many rows; and how many columns of each row they are.
+    /// The costs of the next panel, as many rows, and how many columns it has.
     pub beyond: (&'a [Lanes<T>], usize),
     /// Runs of candidates of a pixel.
     pub runs: usize,
 }
 
-/// The values of one row of a block: so many, row after row.
+/// Row `row` of values with `width` values to the row.
 #[inline(always)]
 fn row_of<V>(values: &[V], row: usize, width: usize) -> &[V] {
     &values[row * width..(row + 1) * width]
 }
 
+/// As [`row_of`], to be written.
 #[inline(always)]
 fn row_of_mut<V>(values: &mut [V], row: usize, width: usize) -> &mut [V] {
     &mut values[row * width..(row + 1) * width]
@@ -257,31 +281,32 @@ fn costs_of<'a, T>(
     columns: &Range<usize>,
     runs: usize,
 ) -> &'a [Lanes<T>] {
-    let Block { columns: all, .. } = &panel.block;
+    let PixelBlock { columns: all, .. } = &panel.block;
     let costs = row_of(panel.costs, y - panel.seen.start, all.len() * runs);
+
     &costs[(columns.start - all.start) * runs..][..columns.len() * runs]
 }
 
-/// The paths along the rows through a panel: those from the right begin so many columns beyond it, those from the left
-/// go on.
+/// The horizontal paths through a panel: those from the right start in the look-ahead, those from the left go on from the
+/// previous panel.
 #[derive(Debug)]
-pub struct Across<'a, T> {
-    /// Where paths are kept.
+pub struct HorizontalPass<'a, T> {
+    /// State of the paths.
     pub horizontal: &'a mut Horizontal<T>,
     /// The panel.
     pub panel: &'a Panel<'a, T>,
-    /// What paths go through.
-    pub terrain: Terrain<'a, T>,
-    /// The columns from where paths from the right come.
+    /// The smoothness term.
+    pub smoothness: Smoothness<'a, T>,
+    /// The end of the look-ahead: the column after the first one of the paths from the right.
     pub start: usize,
 }
 
-impl<T: Value> Loop for Across<'_, T> {
+impl<T: Value> Loop for HorizontalPass<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(mut self) {
-        // Where their number is known, runs are no loop.
+        // Usual numbers of runs as constants, so that the loop over runs is unrolled.
         match self.panel.runs {
             1 => self.through(1),
             2 => self.through(2),
@@ -291,7 +316,7 @@ impl<T: Value> Loop for Across<'_, T> {
     }
 }
 
-impl<T: Value> Across<'_, T> {
+impl<T: Value> HorizontalPass<'_, T> {
     #[inline(always)]
     fn through(&mut self, runs: usize) {
         let rows = self.panel.block.rows.clone();
@@ -305,71 +330,93 @@ impl<T: Value> Across<'_, T> {
     /// Paths from the right, which go left, along a few rows.
     #[inline(always)]
     fn leftward(&mut self, rows: Range<usize>, runs: usize) {
-        let Self { horizontal: Horizontal { paths, means, .. }, panel, terrain, start } = self;
-        let (Block { rows: all, columns }, (beyond, width_beyond)) = (&panel.block, panel.beyond);
+        let Self { horizontal: Horizontal { paths, means, .. }, panel, smoothness, start } = self;
+        let PixelBlock { rows: all, columns } = &panel.block;
+        let (beyond, width_beyond) = panel.beyond;
         let width = columns.len() * runs;
-        let mut near = Rows::of(panel.costs, rows.clone(), panel.seen.start, width);
-        let far = Rows::of(beyond, rows.clone(), panel.seen.start, width_beyond * runs);
-        for (edges, y) in near.edges.iter_mut().zip(rows.clone()) {
-            // From the column on that a path comes to a pixel from: `edges[x + 1]` is between `x` and `x + 1`.
-            *edges = &terrain.edges.row(y)[columns.start + 1..*start];
-        }
+
+        let mut near = PathRows::of(panel.costs, rows.clone(), panel.seen.start, width);
+        let far = PathRows::of(beyond, rows.clone(), panel.seen.start, width_beyond * runs);
         let mut means = rows_mut(means, rows.start - all.start, width);
-        // Before its first pixel all totals of a path are 0, whatever the penalties.
+
+        // Pixel `x + 1` holds the jump between `x` and `x + 1`, so `edges` begins one column to the right.
+        for (edges, y) in near.edges.iter_mut().zip(rows.clone()) {
+            *edges = &smoothness.edges.row(y)[columns.start + 1..*start];
+        }
+        // At its first pixel a path has no jump to its right: all totals before it are 0, so any penalty does.
         let jump = |edges: &[u8], x: usize| {
             edges.get(x - columns.start).map_or(0, |edges| Neighbor::Left.jump(*edges))
         };
 
+        // The look-ahead warms the paths up.
         paths.restart(runs);
         for x in (columns.end..*start).rev() {
             let place = (x - columns.end) * runs;
-            let mut parts = paths.parts();
+
+            let mut step = paths.step();
             for path in 0..rows.len() {
-                let penalties = terrain.after(jump(near.edges[path], x));
+                let penalties = smoothness.after(jump(near.edges[path], x));
                 let costs = &far.costs[path][place..place + runs];
-                parts.extend(path, penalties, costs, runs, &mut Nowhere);
+                step.extend(path, penalties, costs, runs, &mut Discard);
             }
+
             paths.arrive(ROWS);
         }
+
+        // The panel itself: its totals are kept.
         for x in columns.clone().rev() {
             let place = (x - columns.start) * runs;
-            let mut parts = paths.parts();
+
+            let mut step = paths.step();
             for (path, means) in means.iter_mut().enumerate().take(rows.len()) {
-                let penalties = terrain.after(jump(near.edges[path], x));
+                let penalties = smoothness.after(jump(near.edges[path], x));
                 let costs = &near.costs[path][place..place + runs];
-                let mut sink = Write(&mut means[place..place + runs]);
-                parts.extend(path, penalties, costs, runs, &mut sink);
+                let mut sink = StoreTotals(&mut means[place..place + runs]);
+                step.extend(path, penalties, costs, runs, &mut sink);
             }
+
             paths.arrive(ROWS);
         }
     }
 
-    /// Paths from the left, which go right, along a few rows, from where they were at the end of the panel before.
+    /// Paths from the left, which go right, along a few rows: on from where they were at the end of the previous panel.
     #[inline(always)]
     fn rightward(&mut self, rows: Range<usize>, runs: usize) {
-        let Self { horizontal, panel, terrain, .. } = self;
+        let Self { horizontal, panel, smoothness, .. } = self;
         let Horizontal { paths, left, least, means } = &mut **horizontal;
-        let Block { rows: all, columns } = &panel.block;
+
+        let PixelBlock { rows: all, columns } = &panel.block;
         let width = columns.len() * runs;
-        let mut near = Rows::of(panel.costs, rows.clone(), panel.seen.start, width);
+
+        let mut near = PathRows::of(panel.costs, rows.clone(), panel.seen.start, width);
         let mut means = rows_mut(means, rows.start - all.start, width);
+
+        // Restores the totals at the end of the previous panel.
         for (path, y) in rows.clone().enumerate() {
-            near.edges[path] = &terrain.edges.row(y)[columns.clone()];
+            near.edges[path] = &smoothness.edges.row(y)[columns.clone()];
+
             let totals = &mut paths.before[path * span(runs) + LANES..][..runs * LANES];
             totals.copy_from_slice(row_of(left, y - all.start, runs * LANES));
+
             paths.least[path] = least[y - all.start];
         }
+
+        // The totals of the paths from the right are there: the mean with them replaces them.
         for x in 0..columns.len() {
             let places = x * runs..(x + 1) * runs;
-            let mut parts = paths.parts();
+
+            let mut step = paths.step();
             for (path, means) in means.iter_mut().enumerate().take(rows.len()) {
-                let penalties = terrain.after(Neighbor::Left.jump(near.edges[path][x]));
+                let penalties = smoothness.after(Neighbor::Left.jump(near.edges[path][x]));
                 let costs = &near.costs[path][places.clone()];
-                let mut sink = Mean(&mut means[places.clone()]);
-                parts.extend(path, penalties, costs, runs, &mut sink);
+                let mut sink = AverageTotals(&mut means[places.clone()]);
+                step.extend(path, penalties, costs, runs, &mut sink);
             }
+
             paths.arrive(ROWS);
         }
+
+        // Saves the totals for the next panel.
         for (path, y) in rows.enumerate() {
             let totals = &paths.before[path * span(runs) + LANES..][..runs * LANES];
             row_of_mut(left, y - all.start, runs * LANES).copy_from_slice(totals);
@@ -378,48 +425,52 @@ impl<T: Value> Across<'_, T> {
     }
 }
 
-/// Costs and jumps along the rows of a few paths.
-struct Rows<'a, T> {
+/// Costs and jumps of the rows that a few paths run along.
+struct PathRows<'a, T> {
     costs: [&'a [Lanes<T>]; ROWS],
     edges: [&'a [u8]; ROWS],
 }
 
-impl<'a, T> Rows<'a, T> {
-    /// Those of some rows of values that begin with row `first`.
+impl<'a, T> PathRows<'a, T> {
+    /// The costs of some rows, of a buffer that begins with row `first`; no jumps yet.
     #[inline(always)]
     fn of(costs: &'a [Lanes<T>], rows: Range<usize>, first: usize, width: usize) -> Self {
         let mut found = Self { costs: [&[]; ROWS], edges: [&[]; ROWS] };
+
         for (row, y) in found.costs.iter_mut().zip(rows) {
             *row = row_of(costs, y - first, width);
         }
+
         found
     }
 }
 
-/// A few rows of values, from row `first` on.
+/// The values of a few rows from row `first` on, to be written.
 #[inline(always)]
 fn rows_mut<V>(values: &mut [V], first: usize, width: usize) -> [&mut [V]; ROWS] {
     let mut rows = values[first * width..].chunks_exact_mut(width);
     let mut found: [&mut [V]; ROWS] = Default::default();
+
     for (found, row) in found.iter_mut().zip(&mut rows) {
         *found = row;
     }
+
     found
 }
 
-/// The paths from row to row through a panel, and what is best by all paths.
+/// State of the vertical paths of a panel, and the selection by all four paths.
 #[derive(Debug, Default)]
 pub struct Vertical<T: Value> {
     paths: Paths<T>,
-    /// Totals of the paths from below, of the columns that are at hand.
+    /// Totals of the paths from below, of the columns that are being worked on.
     below: Memory<Lanes<T>>,
-    /// The mean of all paths' totals, of the columns that are at hand, and what of that is least.
+    /// The means of all paths' totals of one row of these columns.
     sums: Memory<Lanes<T>>,
     selection: Selection<T>,
 }
 
 impl<T: Value> Vertical<T> {
-    /// Begins a band of so many rows.
+    /// Sizes the buffers for a band of so many rows.
     pub fn begin(&mut self, rows: usize, runs: usize) -> Result<()> {
         self.paths.begin(runs)?;
         self.below.resize(rows * PIXELS * runs)?;
@@ -427,29 +478,29 @@ impl<T: Value> Vertical<T> {
     }
 }
 
-/// The paths from row to row through a panel, each from the first or last row that is seen.
+/// The vertical paths through a panel, each from the first or last row that has costs.
 #[derive(Debug)]
-pub struct UpAndDown<'a, T: Value> {
-    /// Where paths are kept.
+pub struct VerticalPass<'a, T: Value> {
+    /// State of the paths.
     pub vertical: &'a mut Vertical<T>,
     /// The panel.
     pub panel: &'a Panel<'a, T>,
-    /// Half the sums of the totals of the paths along the rows.
+    /// Half the sums of the totals of the horizontal paths.
     pub means: &'a [Lanes<T>],
-    /// What paths go through.
-    pub terrain: Terrain<'a, T>,
-    /// How many candidates there are.
+    /// The smoothness term.
+    pub smoothness: Smoothness<'a, T>,
+    /// Candidates of each pixel.
     pub candidates: usize,
-    /// What is found of the rows of the band.
+    /// What was found about the rows of the band.
     pub evidence: &'a mut Evidence,
 }
 
-impl<T: Value> Loop for UpAndDown<'_, T> {
+impl<T: Value> Loop for VerticalPass<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(mut self) {
-        // Where their number is known, runs are no loop.
+        // Usual numbers of runs as constants, so that the loop over runs is unrolled.
         match self.panel.runs {
             1 => self.through(1),
             2 => self.through(2),
@@ -459,118 +510,139 @@ impl<T: Value> Loop for UpAndDown<'_, T> {
     }
 }
 
-impl<T: Value> UpAndDown<'_, T> {
+impl<T: Value> VerticalPass<'_, T> {
     #[inline(always)]
     fn through(&mut self, runs: usize) {
         let Range { start, end } = self.panel.block.columns;
         for first in (start..end).step_by(PIXELS) {
             let columns = first..(first + PIXELS).min(end);
-            self.up(columns.clone(), runs);
-            self.come_down(columns.clone(), runs);
+            self.upward(columns.clone(), runs);
+            self.approach(columns.clone(), runs);
+
             for y in self.panel.block.rows.clone() {
-                self.down(y, columns.clone(), runs);
+                self.downward(y, columns.clone(), runs);
                 self.select(y, columns.clone(), runs);
             }
         }
     }
 
-    /// Paths from below through some columns.
+    /// Paths from below through some columns; keeps their totals in the rows of the band.
     #[inline(always)]
-    fn up(&mut self, columns: Range<usize>, runs: usize) {
-        let (rows, last) = (self.panel.block.rows.clone(), self.panel.seen.end - 1);
-        self.vertical.paths.restart(runs);
+    fn upward(&mut self, columns: Range<usize>, runs: usize) {
+        let rows = self.panel.block.rows.clone();
+        let last = self.panel.seen.end - 1;
+        let smoothness = self.smoothness;
+        let Vertical { paths, below, .. } = &mut *self.vertical;
+
+        paths.restart(runs);
         for y in (rows.start..=last).rev() {
-            // Before its first pixel all totals of a path are 0, whatever the penalties.
-            let edges = &self.terrain.edges.row((y + 1).min(last))[columns.clone()];
-            let (terrain, Vertical { paths, below, .. }) = (self.terrain, &mut *self.vertical);
+            // A row holds the jumps from the row above it, so these paths read the row below. At the first pixel any
+            // penalty does: all totals before it are 0.
+            let edges = &smoothness.edges.row((y + 1).min(last))[columns.clone()];
             let costs = costs_of(self.panel, y, &columns, runs);
-            let mut parts = paths.parts();
+            let mut step = paths.step();
+
             if y < rows.end {
                 let below = row_of_mut(below, y - rows.start, PIXELS * runs);
                 for (path, edges) in edges.iter().enumerate() {
-                    let penalties = terrain.after(Neighbor::Above.jump(*edges));
-                    let mut sink = Write(row_of_mut(below, path, runs));
-                    parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
+                    let penalties = smoothness.after(Neighbor::Above.jump(*edges));
+                    let mut sink = StoreTotals(row_of_mut(below, path, runs));
+                    step.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
                 }
             } else {
                 for (path, edges) in edges.iter().enumerate() {
-                    let penalties = terrain.after(Neighbor::Above.jump(*edges));
-                    parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut Nowhere);
+                    let penalties = smoothness.after(Neighbor::Above.jump(*edges));
+                    step.extend(path, penalties, row_of(costs, path, runs), runs, &mut Discard);
                 }
             }
+
             paths.arrive(PIXELS);
         }
     }
 
-    /// Paths from above through some columns, to the first row of the band.
+    /// Paths from above through some columns, from the look-ahead to the first row of the band.
     #[inline(always)]
-    fn come_down(&mut self, columns: Range<usize>, runs: usize) {
-        let Self { vertical: Vertical { paths, .. }, panel, terrain, .. } = self;
+    fn approach(&mut self, columns: Range<usize>, runs: usize) {
+        let Self { vertical: Vertical { paths, .. }, panel, smoothness, .. } = self;
+
         paths.restart(runs);
         for y in panel.seen.start..panel.block.rows.start {
             let costs = costs_of(panel, y, &columns, runs);
-            let mut parts = paths.parts();
-            for (path, edges) in terrain.edges.row(y)[columns.clone()].iter().enumerate() {
-                let penalties = terrain.after(Neighbor::Above.jump(*edges));
-                parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut Nowhere);
+            let mut step = paths.step();
+
+            for (path, edges) in smoothness.edges.row(y)[columns.clone()].iter().enumerate() {
+                let penalties = smoothness.after(Neighbor::Above.jump(*edges));
+                step.extend(path, penalties, row_of(costs, path, runs), runs, &mut Discard);
             }
+
             paths.arrive(PIXELS);
         }
     }
 
-    /// Paths from above through a row of the band: with them all totals of its pixels are known.
+    /// Paths from above through a row of the band: the last of the four, so the sums of all can be taken.
     #[inline(always)]
-    fn down(&mut self, y: usize, columns: Range<usize>, runs: usize) {
-        let Self { vertical, panel, terrain, means, .. } = self;
+    fn downward(&mut self, y: usize, columns: Range<usize>, runs: usize) {
+        let Self { vertical, panel, smoothness, means, .. } = self;
         let Vertical { paths, below, sums, selection } = &mut **vertical;
-        let (all, row) = (&panel.block.columns, y - panel.block.rows.start);
+        let all = &panel.block.columns;
+        let row = y - panel.block.rows.start;
+
         let costs = costs_of(panel, y, &columns, runs);
         let means = &row_of(means, row, all.len() * runs)[(columns.start - all.start) * runs..];
         let below = row_of(below, row, PIXELS * runs);
         let sums = &mut sums[..PIXELS * runs];
-        let mut parts = paths.parts();
-        for (path, edges) in terrain.edges.row(y)[columns].iter().enumerate() {
-            let penalties = terrain.after(Neighbor::Above.jump(*edges));
-            let mut sink = Sum {
+
+        let mut step = paths.step();
+        for (path, edges) in smoothness.edges.row(y)[columns].iter().enumerate() {
+            let penalties = smoothness.after(Neighbor::Above.jump(*edges));
+            let mut sink = AverageAll {
                 means: row_of(means, path, runs),
                 below: row_of(below, path, runs),
                 sums: row_of_mut(sums, path, runs),
                 minimum: Minimum::of([T::FAR; LANES]),
             };
-            parts.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
+
+            step.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
             selection.take(path, sink.minimum);
         }
+
         paths.arrive(PIXELS);
     }
 
-    /// Selects for the pixels of a row of the band by what all paths come to.
+    /// Selects candidates for the pixels of a row of the band by the sums of all paths.
     #[inline(always)]
     fn select(&mut self, y: usize, columns: Range<usize>, runs: usize) {
         let Vertical { sums, selection, .. } = &mut *self.vertical;
-        let (sums, costs) = (&mut sums[..PIXELS * runs], costs_of(self.panel, y, &columns, runs));
-        let (pixels, row) = (columns.len(), y - self.panel.block.rows.start);
+        let sums = &mut sums[..PIXELS * runs];
+        let costs = costs_of(self.panel, y, &columns, runs);
+        let pixels = columns.len();
+        let row = y - self.panel.block.rows.start;
+
         selection.settle(runs);
         selection.weigh(sums, Some(costs), (pixels, self.candidates, runs));
         selection.write(pixels, self.evidence, (row, columns.start));
     }
 }
 
-/// Writes the mean of the totals of all paths: of the mean of those along the row, and that of those from above and below.
-struct Sum<'a, T> {
+/// Writes the mean of the totals of all paths: the mean of the horizontal mean and the vertical one. Tracks the least.
+struct AverageAll<'a, T> {
     means: &'a [Lanes<T>],
     below: &'a [Lanes<T>],
     sums: &'a mut [Lanes<T>],
     minimum: Minimum<T>,
 }
 
-impl<T: Value> Sink<T> for Sum<'_, T> {
+impl<T: Value> Sink<T> for AverageAll<'_, T> {
     #[inline(always)]
     fn take(&mut self, run: usize, totals: Lanes<T>) {
-        let (means, below) = (&self.means[run], &self.below[run]);
+        let means = &self.means[run];
+        let below = &self.below[run];
+
         let mut sums = [T::default(); LANES];
         for j in 0..LANES {
             sums[j] = means[j].mean(totals[j].mean(below[j]));
         }
+
         self.sums[run] = sums;
         self.minimum.see(run, sums);
     }

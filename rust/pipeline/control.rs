@@ -1,11 +1,11 @@
-//! How a running match is watched and stopped from outside.
+//! Progress and cancellation of a running match.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::error::{Error, Result};
 
-/// Shared between the threads that match and the one that waits for them.
+/// Progress and cancellation, shared between the threads that match and the one that waits for them.
 #[derive(Debug, Default)]
 pub struct Control {
     cancelled: Arc<AtomicBool>,
@@ -13,8 +13,8 @@ pub struct Control {
 }
 
 impl Control {
-    /// For a part of the work whose rows are not those of the disparity map: it is cancelled together with
-    /// the whole, and its rows are counted apart.
+    /// A control for work whose rows are not those of the disparity map: it is cancelled together with this one, and
+    /// its rows are counted apart.
     pub fn aside(&self) -> Self {
         Self { cancelled: Arc::clone(&self.cancelled), rows_done: AtomicUsize::new(0) }
     }
@@ -24,17 +24,17 @@ impl Control {
         self.cancelled.store(true, Ordering::Relaxed);
     }
 
-    /// An error once [`Self::cancel`] was called; to be asked every few milliseconds.
+    /// An error once [`Self::cancel`] was called; long loops call this every few milliseconds.
     pub fn checkpoint(&self) -> Result<()> {
         if self.cancelled.load(Ordering::Relaxed) { Err(Error::Cancelled) } else { Ok(()) }
     }
 
-    /// Counts finished rows of the disparity map.
+    /// Adds finished rows of the disparity map.
     pub fn finish_rows(&self, rows: usize) {
         self.rows_done.fetch_add(rows, Ordering::Relaxed);
     }
 
-    /// Finished rows of the disparity map.
+    /// Number of finished rows of the disparity map.
     pub fn rows_done(&self) -> usize {
         self.rows_done.load(Ordering::Relaxed)
     }

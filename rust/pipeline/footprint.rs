@@ -1,15 +1,15 @@
-//! How many bytes the match of some rows takes at most: by this a plan within a limit on memory is made.
+//! The memory model: an upper bound of the bytes that a match takes, by which out-of-core matching plans its bands.
 //!
-//! What grows with the rows is counted by the pixel: the images, as they were read and as they are kept, with masks;
-//! codes; gray values; the map. What does not is the [`Workspace`](crate::optimization::Workspace) of each thread.
-//! Measured, a match takes 35 to 85 % of what is said here.
+//! Buffers that grow with the rows are counted by the pixel: the images, as read and as kept, with masks; codes; gray
+//! values; the map. The others are the [`Workspace`](crate::optimization::Workspace) of each thread.
+//! Measured, a match takes 35 to 85 % of this bound.
 
 use crate::cost::aggregation::Window;
 use crate::image::intensity::{LEVEL_CEILING, LEVEL_STEPS};
 use crate::image::normalization::{DEVIATION_CEILING, DEVIATION_STEPS};
 use crate::image::texture::Texture;
 use crate::optimization::selection::PIXELS;
-use crate::optimization::{BAND, LOOK_ROWS, ORDERED_ROWS, PANEL, Steps};
+use crate::optimization::{BAND, LOOKAHEAD_ROWS, ORDERED_ROWS, PANEL, Penalties};
 use crate::pipeline::halo::Halo;
 use crate::pipeline::matcher::Width;
 use crate::refinement::synthesis;
@@ -20,28 +20,27 @@ use crate::value::LANES;
 
 /// Most channels of an image.
 const CHANNELS: usize = 3;
-/// Bytes of what is found of a pixel: chosen candidate, two costs, offset.
+/// Bytes of a pixel of the evidence: chosen candidate, two costs, offset.
 const FOUND: usize = 14;
 /// Bytes of a pixel of the map: disparity, flags, vote.
 const MAP: usize = 10;
-/// Bytes of a pixel of the map while it is refined, with what one stage makes of another's: without and with gray values.
+/// Bytes of a pixel of the map while it is refined, with the copies of the stages: without and with gray values.
 const REFINED: [usize; 2] = [20, 40];
-/// Bytes of a pixel of gray values and of those that are made on the way to them.
+/// Bytes of a pixel of gray values, with the intermediate images.
 const GRAY: usize = 16;
 /// Bytes of a pixel of the gray values and jumps that are kept.
 const TEXTURE: usize = 5;
-
-/// Bytes of a pixel of both images that is kept to synthesize one of them, with those on the way to them.
+/// Bytes of a pixel of both images that is kept to synthesize one of them, with the intermediate images.
 const SYNTHESIZED: usize = 28;
 
-/// What a match is to be of.
+/// The match whose memory is estimated.
 #[derive(Debug, Clone, Copy)]
 pub struct Demand<'a> {
     /// Checked settings.
     pub settings: &'a Settings,
-    /// How blur is evened out before pixels are compared.
+    /// How blur is compensated for before pixels are compared.
     pub compensation: Option<&'a BlurCompensation>,
-    /// The field that the right image is straightened by.
+    /// The field by which the right image is straightened.
     pub alignment: Option<&'a Alignment>,
     /// Columns of the images.
     pub cols: usize,
@@ -54,31 +53,38 @@ pub struct Demand<'a> {
 }
 
 impl Demand<'_> {
-    /// The bytes that so many rows take, with those around them that they depend on.
+    /// The bytes that a match of so many rows takes, with the rows of its halo.
     pub fn bytes(&self, rows: usize) -> u64 {
-        let reach = Halo::new(self.settings, self.compensation, self.alignment);
-        let read = rows + 2 * (reach.rows() + reach.masked);
-        let map = (rows + 2 * reach.map) * self.cols;
+        let halo = Halo::new(self.settings, self.compensation, self.alignment);
+        let read = rows + 2 * (halo.rows() + halo.masked);
+        let map = (rows + 2 * halo.map) * self.cols;
+
         // Both images and their masks, twice; the right one once more, or twice, if it is straightened.
         let copies = if self.alignment.is_some() { 6 } else { 4 };
         let images = read * self.cols * copies * (self.pixel + 1);
+
         let (kept, passing) = self.compared();
         let describing = read * (kept + passing);
         let matching = read * (kept + TEXTURE * self.cols) + MAP * map;
         let synthesizing = if self.synthesizes() { SYNTHESIZED * read * self.cols } else { 0 };
         let refining = REFINED[usize::from(Texture::is_needed(self.settings))] * map + synthesizing;
+
+        // The three stages follow one another, so the largest one counts.
         let pixels = images + describing.max(matching).max(refining);
         (pixels + self.threads * (self.workspace() + self.view())) as u64
     }
 
-    /// Bytes of a row of what pixels are compared by: of what is kept, and of what that is made of.
+    /// Bytes of a row of the descriptors of both images: of those that are kept, and of intermediate ones.
     fn compared(&self) -> (usize, usize) {
+        // The right image is kept unrolled: each row has one more clamped column per candidate.
         let unrolled = self.cols + self.candidates.next_multiple_of(LANES);
         let valid = self.cols + unrolled;
         let channels = self.pixel.min(CHANNELS);
+
         let (bytes, right, passing) = match self.settings.cost {
             CostKind::Phase => {
                 let length = self.settings.code_length();
+                // The right image is described once as it is, and at most once more for each kernel.
                 let right = 1 + self.compensation.map_or(0, |all| all.every_kernel().count());
                 let word = length.next_power_of_two().max(16) / 8;
                 (length.div_ceil(8), right, 2 * word + GRAY)
@@ -86,6 +92,7 @@ impl Demand<'_> {
             CostKind::Sad => (2 * channels, 1, 4 * channels),
             CostKind::NormalizedSad => (2 * channels, 1, 6 * channels + 8),
         };
+
         (bytes * (self.cols + right * unrolled) + valid, passing * self.cols)
     }
 
@@ -102,36 +109,42 @@ impl Demand<'_> {
 
     /// Bytes that one thread searches in.
     fn workspace(&self) -> usize {
-        let (window, steps) = self.window();
+        let (window, penalties) = self.window();
         let runs = self.candidates.div_ceil(LANES);
         let (rows, panels, totals) = match self.settings.optimizer {
             Optimizer::SemiGlobal => {
-                (BAND + 2 * LOOK_ROWS, 2, (BAND * (1 + PANEL + PIXELS)) * runs)
+                (BAND + 2 * LOOKAHEAD_ROWS, 2, (BAND * (1 + PANEL + PIXELS)) * runs)
             }
             Optimizer::ScanlineOptimization => (BAND, 2, BAND * (1 + PANEL) * runs),
             Optimizer::WinnerTakesAll => (BAND, 1, 0),
             Optimizer::DynamicProgramming => (ORDERED_ROWS, 1, 0),
         };
+
         let is_whole = self.settings.optimizer == Optimizer::DynamicProgramming;
         let cols = if is_whole { self.cols } else { PANEL };
-        let around = cols + 2 * window.margin();
+        let around = cols + 2 * window.halo();
+
         // Costs and votes of the rows of a window and of the one that has left it, their sums, and sums of windows.
         let summed = 2 * (window.side + 2) * around + (window.side + 1) * around;
+
         let lanes = panels * rows * cols * runs + totals + summed * runs;
-        let width = Width::new(self.settings, window, steps, true).bytes();
+
+        let width = Width::new(self.settings, window, penalties, true).bytes();
         let origins = if is_whole { 2 * self.cols * self.candidates } else { 0 };
+
         width * LANES * lanes + origins + BAND * self.cols * FOUND
     }
 
-    /// What is summed, and the penalties against it.
-    fn window(&self) -> (Window, Steps) {
+    /// The window whose costs are summed, and the penalties against its sums.
+    fn window(&self) -> (Window, Penalties) {
         let channels = self.pixel.min(CHANNELS) as u16;
         let (ceiling, steps) = match self.settings.cost {
             CostKind::Phase => (self.settings.code_length() as u16, 1),
             CostKind::Sad => (LEVEL_CEILING * channels, LEVEL_STEPS),
             CostKind::NormalizedSad => (DEVIATION_CEILING * channels, DEVIATION_STEPS),
         };
+
         let window = Window::new((BAND, self.cols), self.candidates, self.settings, ceiling);
-        (window, Steps::new(self.settings, window, steps))
+        (window, Penalties::new(self.settings, window, steps))
     }
 }

@@ -1,11 +1,11 @@
-//! How many rows above and below its own a disparity depends on: what parts of an image need beyond their own rows, to
-//! come out as parts of the whole.
+//! The halo: how many rows above and below its own a disparity depends on. A part of a pair with its halo is matched to
+//! the bit as in the whole pair.
 
 use crate::cost::aggregation::Window;
 use crate::image::impulses;
 use crate::image::masking;
 use crate::image::smoothing;
-use crate::optimization::{BAND, LOOK_ROWS};
+use crate::optimization::{BAND, LOOKAHEAD_ROWS};
 use crate::refinement::confidence;
 use crate::refinement::filling;
 use crate::refinement::guided_median;
@@ -16,27 +16,27 @@ use crate::rig::alignment::Alignment;
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::{CostKind, Optimizer, Settings};
 
-/// Rows on either side.
+/// Rows on either side of a row of the map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Halo {
-    /// Rows of the images around one that is described and summed over windows.
+    /// Rows of the images that the descriptor and the window of one row cover.
     pub description: usize,
-    /// Rows of the images around one whose disparities are chosen.
+    /// Rows of the images on which the unrefined disparities of one row depend.
     pub images: usize,
-    /// Rows of what was chosen around one that is refined.
+    /// Rows of the unrefined map on which one refined row depends.
     pub map: usize,
-    /// Rows of the images around one of gray values, some of which are of masked rows.
+    /// Further rows of the images on which gray values depend where rows are masked.
     pub masked: usize,
 }
 
 impl Halo {
-    /// That of checked settings, for images whose blur is evened out so, the right one straightened.
+    /// The halo of checked settings, for a pair whose blur is compensated and whose right image is straightened so.
     pub fn new(
         settings: &Settings,
         compensation: Option<&BlurCompensation>,
         alignment: Option<&Alignment>,
     ) -> Self {
-        let window = Window::new((1, 1), 1, settings, 0).margin();
+        let window = Window::new((1, 1), 1, settings, 0).halo();
         let description = match settings.cost {
             CostKind::Phase => {
                 settings.largest_neighborhood() / 2 + compensation.map_or(0, described)
@@ -44,15 +44,18 @@ impl Halo {
             CostKind::Sad => 0,
             CostKind::NormalizedSad => settings.window / 2,
         };
-        // The rest of the band that a row lies in, and what its paths see beyond.
+
+        // The rows of a band are chosen together, and their vertical paths start some rows beyond the band.
         let paths = match settings.optimizer {
-            Optimizer::SemiGlobal => BAND - 1 + LOOK_ROWS,
+            Optimizer::SemiGlobal => BAND - 1 + LOOKAHEAD_ROWS,
             _ => 0,
         };
-        // Gray values are compared with those of the row above.
+
         let description = window + description;
-        let beside = compensation.map_or(0, repaired) + alignment.map_or(0, Alignment::reach);
+        // At least one row: gray values are compared with those of the row above.
+        let beside = compensation.map_or(0, repaired) + alignment.map_or(0, Alignment::halo);
         let images = (description + paths).max(1) + beside;
+
         Self {
             description,
             images,
@@ -61,37 +64,39 @@ impl Halo {
         }
     }
 
-    /// Rows of the images around one whose disparities are refined.
+    /// Rows of the images on which one refined row depends.
     pub fn rows(self) -> usize {
         self.images + self.map
     }
 }
 
-/// How far the stages look that follow one another. A region that is no larger than a speckle has no more rows than
+/// The sum of the halos of the refinement's stages. A region that is no larger than a speckle has no more rows than
 /// pixels.
 fn refinement(settings: &Settings, compensation: Option<&BlurCompensation>) -> usize {
     let asked =
         compensation.filter(|compensation| synthesis::is_asked_for(settings, Some(compensation)));
     let synthesis = asked.map_or(0, |compensation| synthesis::reach(settings, compensation));
+
     let stages = [
         (settings.speckle_size > 0, settings.speckle_size),
         (settings.has_checks(), filling::REACH),
         (synthesis > 0, synthesis),
-        // A jump is one to the next row.
+        // A jump between two rows belongs to both.
         (settings.guided_median, guided_median::REACH + 1),
         (settings.median > 0, median::REACH),
         (settings.subpixel, subpixel::REACH),
         (settings.needs_confidence(), confidence::RADIUS),
     ];
+
     stages.into_iter().filter(|(is_used, _)| *is_used).map(|(_, rows)| rows).sum()
 }
 
-/// Rows on either side of one of gray values that are smoothed and blurred.
+/// Rows on either side that smoothing and blurring of gray values read.
 fn described(compensation: &BlurCompensation) -> usize {
     largest_radius(compensation) + if compensation.smooths() { smoothing::REACH } else { 0 }
 }
 
-/// Rows on either side of one whose impulses are repaired.
+/// Rows on either side that the repair of impulses reads.
 fn repaired(compensation: &BlurCompensation) -> usize {
     if compensation.repairs() { impulses::REACH } else { 0 }
 }

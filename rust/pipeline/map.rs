@@ -1,4 +1,4 @@
-//! A map in the making: bands of it are written by tasks of their own, then it is refined as a whole.
+//! The disparity map before and while it is refined: tasks write bands of it, then it is refined as a whole.
 
 use std::ops::Range;
 
@@ -6,20 +6,20 @@ use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::refinement::ResultRow;
 
-/// A map in the making.
+/// An unrefined disparity map.
 #[derive(Debug)]
-pub struct Map {
+pub struct DraftMap {
     /// Disparities, pixels; NaN where there is none.
     pub disparity: Plane<f32>,
     /// Bits of [`crate::refinement::flag`].
     pub flags: Plane<u16>,
-    /// Votes for the disparities, from 0 to 1, if the settings need them.
+    /// Support of the disparities, from 0 to 1, if the settings need it.
     pub votes: Option<Plane<f32>>,
 }
 
 /// The part of the map that one task writes.
 #[derive(Debug)]
-pub struct Band<'a> {
+pub struct MapBand<'a> {
     first: usize,
     cols: usize,
     /// Disparities, row after row.
@@ -29,8 +29,8 @@ pub struct Band<'a> {
     votes: Option<&'a mut [f32]>,
 }
 
-impl Map {
-    /// A map of so many rows and columns, of which nothing is known.
+impl DraftMap {
+    /// A map of zeros, of so many rows and columns.
     pub fn new((rows, cols): (usize, usize), with_votes: bool) -> Result<Self> {
         Ok(Self {
             disparity: Plane::new(rows, cols)?,
@@ -39,15 +39,17 @@ impl Map {
         })
     }
 
-    /// Parts of the map: these rows of the pair, one after another, of which the first is the map's.
-    pub fn bands(&mut self, rows: impl Iterator<Item = Range<usize>>) -> Vec<Band<'_>> {
+    /// Consecutive bands of the map: `rows` are rows of the pair, of which the first is the map's first.
+    pub fn bands(&mut self, rows: impl Iterator<Item = Range<usize>>) -> Vec<MapBand<'_>> {
         let cols = self.disparity.cols();
         let mut disparity = self.disparity.as_mut_slice();
         let mut flags = self.flags.as_mut_slice();
         let mut votes = self.votes.as_mut().map(Plane::as_mut_slice);
+
+        // Each call takes the band's pixels off the front of what is left of the planes.
         let band = |rows: Range<usize>| {
             let places = rows.len() * cols;
-            Band {
+            MapBand {
                 first: rows.start,
                 cols,
                 disparity: disparity.split_off_mut(..places).unwrap_or_default(),
@@ -55,19 +57,21 @@ impl Map {
                 votes: votes.as_mut().and_then(|votes| votes.split_off_mut(..places)),
             }
         };
+
         rows.map(band).collect()
     }
 }
 
-impl Band<'_> {
-    /// The rows of the pair that it is of.
+impl MapBand<'_> {
+    /// The rows of the pair that the band covers.
     pub fn rows(&self) -> Range<usize> {
         self.first..self.first + self.disparity.len() / self.cols
     }
 
-    /// One of its rows.
+    /// The row of the map with this index within the band.
     pub fn row(&mut self, row: usize) -> ResultRow<'_> {
         let places = row * self.cols..(row + 1) * self.cols;
+
         ResultRow {
             disparity: &mut self.disparity[places.clone()],
             flags: &mut self.flags[places.clone()],

@@ -1,4 +1,4 @@
-//! The order of the stages; bands of rows on threads. No arithmetic of its own.
+//! The order of the stages, and bands of rows on threads. No arithmetic of its own.
 
 use std::any::Any;
 use std::ops::Range;
@@ -19,11 +19,11 @@ use crate::image::view::View;
 use crate::optimization::edges::Edges;
 use crate::optimization::evidence::Evidence;
 use crate::optimization::selection::Selection;
-use crate::optimization::{Search, Steps, Windowed, Workspace};
+use crate::optimization::{AggregatedCosts, CandidateSearch, Penalties, Workspace};
 use crate::pipeline::control::Control;
 use crate::pipeline::halo::Halo;
-use crate::pipeline::map::{Band, Map};
-use crate::pipeline::platform::{Instant, Pool};
+use crate::pipeline::map::{DraftMap, MapBand};
+use crate::pipeline::platform::{Instant, ThreadPool};
 use crate::pipeline::section::Section;
 use crate::refinement::left_right_check::Checker;
 use crate::refinement::synthesis;
@@ -38,7 +38,7 @@ use crate::value::{LANES, Value};
 /// Most threads that one match may ask for.
 pub const MOST_THREADS: usize = 1024;
 
-/// What is matched, and how far to search.
+/// Two images and the disparities to search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pair {
     left: View,
@@ -47,7 +47,7 @@ pub struct Pair {
     compensation: Option<BlurCompensation>,
 }
 
-/// How the work is cut up; the result does not depend on it.
+/// How the work is divided; the result does not depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Execution {
     /// Number of threads.
@@ -56,14 +56,14 @@ pub struct Execution {
     pub level: Level,
 }
 
-/// A disparity map and what is known about it, as seen from the left image.
+/// A disparity map as seen from the left image, with flags and confidence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Disparity {
     /// Disparity, pixels; NaN where there is none.
     pub disparity: Plane<f32>,
     /// Bits of [`crate::refinement::flag`].
     pub flags: Plane<u16>,
-    /// From 0 to 1; `None`: not worked out.
+    /// Confidence from 0 to 1; `None`: not computed.
     pub confidence: Option<Plane<f32>>,
     /// Wall-clock time of each stage.
     pub timings: Timings,
@@ -72,53 +72,56 @@ pub struct Disparity {
 /// Wall-clock time of each stage.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Timings {
-    /// Images to codes (or to whatever else the cost compares).
+    /// From images to codes (or to what else the cost compares).
     pub description: Duration,
-    /// Codes to disparities.
+    /// From codes to unrefined disparities.
     pub matching: Duration,
-    /// Disparities to those that are filled and smoothed, with confidences.
+    /// From unrefined to filled and smoothed disparities, with confidences.
     pub refinement: Duration,
 }
 
 impl Pair {
-    /// A pair that can be matched: of one size and type, with proper pixels and a reachable range.
+    /// A pair that can be matched: images of one size and type, with valid pixels and a reachable range.
     pub fn new(left: View, right: View, min_disparity: i64, num_disparities: i64) -> Result<Self> {
         left.check("left")?;
         right.check("right")?;
+
         let (rows, cols, _) = left.image.shape();
         let (right_rows, right_cols, _) = right.image.shape();
         if (rows, cols) != (right_rows, right_cols) {
             let got = format!("{right_rows} x {right_cols} pixels");
             return Err(Error::value("right", got, format!("the size of left, {rows} x {cols}")));
         }
+
         if std::mem::discriminant(&left.image) != std::mem::discriminant(&right.image) {
             return Err(Error::value("right", "pixels of another type", "the type of left"));
         }
+
         let candidates = Candidates::new(min_disparity, num_disparities, cols)?;
         Ok(Self { left, right, candidates, compensation: None })
     }
 
-    /// The pair with how blur is evened out before its pixels are compared; impulses are those that these know of.
+    /// The pair with how its blur is compensated before pixels are compared. The compensation gives the impulses, too.
     pub fn with_blur_compensation(self, compensation: impl Into<Option<BlurCompensation>>) -> Self {
         let compensation = compensation.into();
         let impulses = compensation.as_ref().map_or([0.0; 2], BlurCompensation::impulses);
         Self { compensation, ..self }.with_impulses(impulses)
     }
 
-    /// The pair with impulses in both images that stand out by so much at least; 0: there are none.
+    /// The pair with impulses in both images that stand out by at least so much; 0: there are none.
     pub fn with_impulses(mut self, [left, right]: [f64; 2]) -> Self {
         (self.left.impulses, self.right.impulses) = (left, right);
         self
     }
 
-    /// The pair as a part of one whose left and right pixels, if they are floats, lie in these ranges.
-    pub fn with_ranges(mut self, ranges: [Option<intensity::Range>; 2]) -> Self {
+    /// The pair as a part of a larger one whose left and right pixels, if they are floats, lie in these ranges.
+    pub fn with_ranges(mut self, ranges: [Option<intensity::IntensityRange>; 2]) -> Self {
         let [left, right] = ranges;
         (self.left.range, self.right.range) = (left, right);
         self
     }
 
-    /// The pair to be searched over other disparities.
+    /// The pair with other disparities to search.
     pub fn searched(self, candidates: Candidates) -> Self {
         Self { candidates, ..self }
     }
@@ -128,7 +131,7 @@ impl Pair {
         Self { right: self.right.inverted(), ..self.clone() }
     }
 
-    /// The pair with the rows of its right image where the left one has them.
+    /// The pair with the right image resampled so that its rows correspond to those of the left one.
     pub fn straightened(
         &self,
         alignment: &Alignment,
@@ -139,20 +142,22 @@ impl Pair {
         Ok(Self { right, ..self.clone() })
     }
 
-    /// Some rows of the images; of floats, the ranges should be known.
+    /// Some rows of the images; the ranges of floats should be known already.
     pub fn of_rows(&self, rows: Range<usize>) -> Self {
         let [left, right] = [&self.left, &self.right].map(|view| view.of_rows(rows.clone()));
         let compensation =
             self.compensation.clone().map(|compensation| compensation.below(rows.start));
+
         Self { left, right, compensation, ..self.clone() }
     }
 
-    /// The pair with the ranges of its floats worked out, so that any part of it is a part of the whole.
+    /// The pair with the ranges of its floats computed, so that any part of it is a part of the whole.
     pub fn with_own_ranges(self, control: &Control) -> Result<Self> {
         let range = |view: &View| match view.image.white() {
             Some(_) => Ok(None),
             None => intensity::float_range(view, control).map(Some),
         };
+
         let ranges = [range(&self.left)?, range(&self.right)?];
         Ok(self.with_ranges(ranges))
     }
@@ -167,7 +172,7 @@ impl Pair {
         self.candidates
     }
 
-    /// How blur is evened out before pixels are compared; `None`: as they are.
+    /// How blur is compensated before pixels are compared; `None`: not at all.
     pub fn blur_compensation(&self) -> Option<&BlurCompensation> {
         self.compensation.as_ref()
     }
@@ -179,45 +184,46 @@ impl Pair {
     }
 }
 
-/// Matches pairs, one after another or several at a time; threads and memory are used again.
+/// Matches pairs, one after another or several at a time, and reuses threads and memory.
 #[derive(Debug)]
 pub struct Matcher {
-    pool: Pool,
-    /// Memory that no band is being matched in.
+    pool: ThreadPool,
+    /// Workspaces that no band uses at the moment, of any type.
     spare: Mutex<Vec<Box<dyn Any + Send>>>,
 }
 
-/// What was chosen for some rows.
-struct Choice {
-    /// The map, to be refined.
-    map: Map,
-    /// The left image, if the settings need it.
+/// The unrefined disparities of some rows.
+struct Unrefined {
+    /// The map.
+    map: DraftMap,
+    /// The texture of the left image, if the settings need it.
     texture: Option<Texture>,
     /// Wall-clock time of each stage so far.
     timings: Timings,
 }
 
-/// All that the bands of a match have in common.
+/// What the bands of a match have in common.
 struct Job<'a> {
     costs: &'a Costs<'a>,
     window: Window,
-    search: Search<'a>,
+    search: CandidateSearch<'a>,
     settings: &'a Settings,
 }
 
-/// Runs `work` on so many threads, started for it and ended after it.
+/// Runs `work` on threads that are started for it and ended after it.
 pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T> {
     Ok(thread_pool(threads)?.install(work))
 }
 
-/// So many threads as the environment variable `RAYON_NUM_THREADS` says, or else as the process may use.
+/// The number of threads in the environment variable `RAYON_NUM_THREADS`, or else as many as the process may use.
 pub fn usable_threads() -> usize {
-    let told = env::var("RAYON_NUM_THREADS").ok().and_then(|told| told.parse().ok());
+    let wanted = env::var("RAYON_NUM_THREADS").ok().and_then(|text| text.parse().ok());
     let usable = || thread::available_parallelism().map_or(1, Into::into);
-    told.filter(|&told| told > 0).unwrap_or_else(usable).min(MOST_THREADS)
+
+    wanted.filter(|&count| count > 0).unwrap_or_else(usable).min(MOST_THREADS)
 }
 
-fn thread_pool(threads: usize) -> Result<Pool> {
+fn thread_pool(threads: usize) -> Result<ThreadPool> {
     if !(1..=MOST_THREADS).contains(&threads) {
         return Err(Error::value(
             "threads",
@@ -225,38 +231,39 @@ fn thread_pool(threads: usize) -> Result<Pool> {
             format!("an integer from 1 to {MOST_THREADS}"),
         ));
     }
-    Pool::new(threads)
+
+    ThreadPool::new(threads)
 }
 
 impl Matcher {
-    /// A matcher with so many threads.
+    /// A matcher with so many threads, from 1 to [`MOST_THREADS`].
     pub fn new(threads: usize) -> Result<Self> {
         Ok(Self { pool: thread_pool(threads)?, spare: Mutex::default() })
     }
 
-    /// Has the threads do some work, and does not wait for it, which must not panic.
+    /// Starts work on the threads and does not wait for it. The work must not panic.
     pub fn spawn(&self, work: impl FnOnce() + Send + 'static) {
         self.pool.spawn(work);
     }
 
-    /// Has the threads do some work, and waits for it.
+    /// Runs work on the threads and waits for it.
     pub fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
         self.pool.install(work)
     }
 
     /// Matches a pair.
-    pub fn run(
+    pub fn match_pair(
         &self,
         pair: &Pair,
         settings: &Settings,
         how: Execution,
         control: &Control,
     ) -> Result<Disparity> {
-        self.run_rows(pair, &Section::whole(pair), settings, how, control)
+        self.match_rows(pair, &Section::whole(pair), settings, how, control)
     }
 
-    /// Matches some rows of a pair: to the bit as in the whole, if all is at hand that they depend on.
-    pub fn run_rows(
+    /// Matches some rows of a pair: to the bit as in the whole pair, if the pair has their halo.
+    pub fn match_rows(
         &self,
         pair: &Pair,
         section: &Section,
@@ -266,16 +273,18 @@ impl Matcher {
     ) -> Result<Disparity> {
         settings.check()?;
         section.check(pair)?;
-        // What was chosen for rows around these counts when they are refined.
+
+        // Refinement looks at unrefined rows around these, so more rows are chosen and then cut off.
         let around = section.widened(Halo::new(settings, pair.blur_compensation(), None).map, pair);
         let wanted = section.rows.start - around.start..section.rows.end - around.start;
         let widened = Section { rows: around, ..section.clone() };
-        let found = self.run_alone(pair, &widened, settings, how, control)?;
+
+        let found = self.match_alone(pair, &widened, settings, how, control)?;
         Ok(found.of_rows(wanted))
     }
 
-    /// Matches some rows of a pair whose map is refined as if there were no others.
-    pub fn run_alone(
+    /// Matches some rows of a pair, whose map is refined as if the pair had no other rows.
+    pub fn match_alone(
         &self,
         pair: &Pair,
         section: &Section,
@@ -285,9 +294,10 @@ impl Matcher {
     ) -> Result<Disparity> {
         settings.check()?;
         section.check(pair)?;
+
         self.pool.install(|| {
-            let choice = self.choose(pair, section, settings, how, control)?;
-            choice.refined(pair, section.rows.clone(), settings, how.level, control)
+            let unrefined = self.choose(pair, section, settings, how, control)?;
+            unrefined.refined(pair, section.rows.clone(), settings, how.level, control)
         })
     }
 
@@ -298,75 +308,95 @@ impl Matcher {
         settings: &Settings,
         how: Execution,
         control: &Control,
-    ) -> Result<Choice> {
+    ) -> Result<Unrefined> {
         let started = Instant::now();
-        let (views, candidates, level) = (pair.views(), pair.candidates, how.level);
-        let costs =
-            Costs::new(views, candidates, settings, pair.blur_compensation(), level, control)?;
-        let (description, described) = (started.elapsed(), Instant::now());
+        let (candidates, level) = (pair.candidates, how.level);
+        let costs = Costs::new(
+            pair.views(),
+            candidates,
+            settings,
+            pair.blur_compensation(),
+            level,
+            control,
+        )?;
+        let description = started.elapsed();
+
+        let started = Instant::now();
         let texture = Texture::of_view(&pair.left, settings, section.roughness, level, control)?;
         let edges = Edges::asked_for(texture.as_ref(), settings, pair.size().1, level, control)?;
-        let mut map = Map::new((section.rows.len(), pair.size().1), settings.needs_confidence())?;
+
         let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
-        let search = Search {
+        let search = CandidateSearch {
             size: pair.size(),
             first: section.first,
             candidates: candidates.count(),
             optimizer: settings.optimizer,
-            steps: Steps::new(settings, window, costs.steps()),
+            penalties: Penalties::new(settings, window, costs.steps()),
             edges: &edges,
             weighs: settings.needs_evidence(),
             level,
             control,
         };
+
         let job = Job { costs: &costs, window, search, settings };
-        let bands = map.bands(search.bands(section.rows.clone()));
-        match Width::new(settings, window, job.search.steps, costs.has_votes()) {
+
+        let mut map =
+            DraftMap::new((section.rows.len(), pair.size().1), settings.needs_confidence())?;
+        let bands = map.bands(job.search.bands(section.rows.clone()));
+        match Width::new(settings, window, job.search.penalties, costs.has_masks()) {
             Width::Bytes => self.match_bands::<u8>(bands, &job),
             Width::Words => self.match_bands::<u16>(bands, &job),
             Width::Widest => self.match_bands::<u32>(bands, &job),
         }?;
-        let matching = described.elapsed();
+        let matching = started.elapsed();
+
         let timings = Timings { description, matching, refinement: Duration::ZERO };
-        Ok(Choice { map, texture, timings })
+        Ok(Unrefined { map, texture, timings })
     }
 
-    /// Matches bands, each by itself: cost -> aggregation -> optimization -> what is to be said of each pixel.
-    fn match_bands<T: Value>(&self, bands: Vec<Band>, job: &Job) -> Result<()> {
+    /// Matches bands, each by itself: cost -> aggregation -> optimization -> disparity and flags of each pixel.
+    fn match_bands<T: Value>(&self, bands: Vec<MapBand>, job: &Job) -> Result<()> {
+        // One band per task: longer tasks would leave threads idle at the end.
         bands.into_par_iter().with_max_len(1).try_for_each(|mut band| {
             let mut workspace: Box<Workspace<T>> = self.memory();
             let (costs, window, level) = (job.costs, job.window, job.search.level);
-            let source = Windowed { costs, window, level };
-            let evidence = job.search.run(band.rows(), &source, &mut workspace)?;
+            let source = AggregatedCosts { costs, window, level };
+
+            let evidence = job.search.choose(band.rows(), &source, &mut workspace)?;
             job.write(&mut band, evidence)?;
             job.search.control.finish_rows(band.rows().len());
+
             self.keep(workspace);
             Ok(())
         })
     }
 
-    /// Memory to work in: used before, if there is any of this kind.
+    /// A workspace of this type: a used one if there is any.
     #[expect(clippy::unnecessary_box_returns, reason = "the box is what is kept")]
     fn memory<M: Default + Send + 'static>(&self) -> Box<M> {
         let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = spare.iter().rposition(|memory| memory.is::<M>());
-        let found = found.map(|index| spare.swap_remove(index));
-        found.and_then(|memory| memory.downcast().ok()).unwrap_or_default()
+        let index = spare.iter().rposition(|memory| memory.is::<M>());
+        let memory = index.map(|index| spare.swap_remove(index));
+
+        memory.and_then(|memory| memory.downcast().ok()).unwrap_or_default()
     }
 
-    /// Keeps memory to be used again.
+    /// Keeps a workspace for later bands.
     fn keep(&self, memory: Box<dyn Any + Send>) {
         self.spare.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
     }
 }
 
 impl Job<'_> {
-    /// Writes what was found of a band into the map.
-    fn write(&self, band: &mut Band, evidence: &Evidence) -> Result<()> {
-        let (judge, mut checker) = (self.judge(), Checker::default());
+    /// Writes disparities and flags of a band into the map.
+    fn write(&self, band: &mut MapBand, evidence: &Evidence) -> Result<()> {
+        let judge = self.judge();
+        let mut checker = Checker::default();
+
         for (row, y) in band.rows().enumerate() {
             judge.write(y, evidence.row(row), &mut checker, band.row(row))?;
         }
+
         Ok(())
     }
 
@@ -374,7 +404,7 @@ impl Job<'_> {
         Judge {
             candidates: self.costs.candidates(),
             cols: self.window.cols,
-            votes: self.costs.votes(),
+            validity: self.costs.validity(),
             subpixel: self.settings.subpixel,
             consistency: self.settings.lr_check.map(|most| most as u16),
             uniqueness: self.settings.uniqueness as u64,
@@ -383,8 +413,8 @@ impl Job<'_> {
     }
 }
 
-impl Choice {
-    /// Tells what cannot be right, fills it, smooths. The map is of these rows of the pair.
+impl Unrefined {
+    /// Flags what cannot be right, fills it and smooths. The map is of these rows of the pair.
     fn refined(
         self,
         pair: &Pair,
@@ -395,18 +425,27 @@ impl Choice {
     ) -> Result<Disparity> {
         let started = Instant::now();
         let (views, compensation) = (pair.views(), pair.blur_compensation());
-        let scene =
-            synthesis::Scene::new(views, compensation, rows.clone(), settings, level, control)?;
+        let blurred_pair = synthesis::BlurredPair::new(
+            views,
+            compensation,
+            rows.clone(),
+            settings,
+            level,
+            control,
+        )?;
         let texture = self.texture.map(|texture| texture.of_rows(rows));
-        let Map { disparity, mut flags, votes } = self.map;
+
+        let DraftMap { disparity, mut flags, votes } = self.map;
         let draft = Draft {
             disparity,
             flags: &mut flags,
             votes: votes.as_ref(),
             texture: texture.as_ref(),
-            scene: scene.as_ref(),
+            blurred_pair: blurred_pair.as_ref(),
         };
+
         let (disparity, confidence) = draft.refine(settings, level, control)?;
+        // The stages may need a confidence that the settings do not return.
         let confidence = confidence.filter(|_| settings.confidence);
         let timings = Timings { refinement: started.elapsed(), ..self.timings };
         Ok(Disparity { disparity, flags, confidence, timings })
@@ -414,7 +453,7 @@ impl Choice {
 }
 
 impl Disparity {
-    /// That of some rows.
+    /// Some rows of it.
     fn of_rows(self, rows: Range<usize>) -> Self {
         Self {
             disparity: self.disparity.of_rows(rows.clone()),
@@ -425,7 +464,7 @@ impl Disparity {
     }
 }
 
-/// The integers of costs and totals.
+/// The integers that costs and totals are kept in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Width {
     /// Of 8 bits.
@@ -437,17 +476,19 @@ pub enum Width {
 }
 
 impl Width {
-    /// The narrowest integers that hold every sum, every total of a path and every run of candidates.
-    pub fn new(settings: &Settings, window: Window, steps: Steps, has_votes: bool) -> Self {
+    /// The narrowest integers that hold every sum, every total of a path and the number of every run of candidates.
+    pub fn new(settings: &Settings, window: Window, penalties: Penalties, has_votes: bool) -> Self {
         let largest_cost = window.largest_value(has_votes);
         let largest_total = match settings.optimizer {
             Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
-                steps.largest_total(window.largest_sum())
+                penalties.largest_total(window.largest_sum())
             }
             Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
         };
-        let (largest, runs) =
-            (largest_cost.max(largest_total), window.candidates.div_ceil(LANES) as u64);
+
+        let largest = largest_cost.max(largest_total);
+        let runs = window.candidates.div_ceil(LANES) as u64;
+
         if largest <= u8::LARGEST_TOTAL && runs <= Selection::<u8>::MOST_RUNS {
             Self::Bytes
         } else if largest <= u16::LARGEST_TOTAL {
@@ -457,7 +498,7 @@ impl Width {
         }
     }
 
-    /// Bytes of one of them.
+    /// Bytes of one integer.
     pub fn bytes(self) -> usize {
         match self {
             Self::Bytes => 1,

@@ -1,13 +1,13 @@
-//! Memory that is used again and again, from the start of a cache line on.
+//! Reusable buffers that start at a cache line.
 
 use std::ops::{Deref, DerefMut};
 
 use crate::error::{Error, Result};
 
-/// Bytes of a cache line: a register's worth that starts with one never spans two.
+/// Bytes of a cache line: a vector register that is loaded from the start of a line never spans two lines.
 const LINE: usize = 64;
 
-/// So many values as were last asked for; what they are after that is of no meaning.
+/// A reusable buffer, as long as was last asked for; its values are unspecified after that.
 #[derive(Debug)]
 pub struct Memory<T> {
     values: Vec<T>,
@@ -22,18 +22,21 @@ impl<T> Default for Memory<T> {
 }
 
 impl<T: Clone + Default> Memory<T> {
-    /// Asks for `count` values; an error, not an abort, when the memory cannot be had.
+    /// Makes the buffer `count` values long; an error, not an abort, when the memory cannot be allocated.
     pub fn resize(&mut self, count: usize) -> Result<()> {
         let needed = count.saturating_add(LINE);
+        // The start may move by up to a line.
         if let Some(missing) = needed.checked_sub(self.values.len()) {
             self.values
                 .try_reserve_exact(missing)
                 .map_err(|_| Error::OutOfMemory { bytes: needed.saturating_mul(size_of::<T>()) })?;
             self.values.resize(needed, T::default());
         }
-        // Types larger than their alignment may never meet a line's start: then anywhere is as good.
+
+        // The size of some types does not divide a line, so no element starts at one: then any start will do.
         let start = self.values.as_ptr().align_offset(LINE);
         self.start = if start < LINE { start } else { 0 };
+
         self.count = count;
         Ok(())
     }

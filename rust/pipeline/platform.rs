@@ -1,9 +1,9 @@
-//! Threads and the clock, and what stands in for them in a browser's WebAssembly, which has neither.
+//! Threads and the clock, and their replacements in a browser's WebAssembly, which has neither.
 
 #[cfg(not(all(target_family = "wasm", target_os = "unknown")))]
-pub use self::native::{Instant, Pool};
+pub use self::native::{Instant, ThreadPool};
 #[cfg(all(target_family = "wasm", target_os = "unknown"))]
-pub use self::web::{Instant, Pool};
+pub use self::web::{Instant, ThreadPool};
 
 #[cfg(not(all(target_family = "wasm", target_os = "unknown")))]
 mod native {
@@ -11,23 +11,23 @@ mod native {
 
     use crate::error::{Error, Result};
 
-    /// Threads to work on.
+    /// Threads of rayon.
     #[derive(Debug)]
-    pub struct Pool(rayon::ThreadPool);
+    pub struct ThreadPool(rayon::ThreadPool);
 
-    impl Pool {
-        /// So many threads.
+    impl ThreadPool {
+        /// A pool of so many threads.
         pub fn new(threads: usize) -> Result<Self> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
             pool.map(Self).map_err(|error| Error::Threads(error.to_string()))
         }
 
-        /// Has the threads do some work, and waits for it.
+        /// Runs work on the threads and waits for it.
         pub fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
             self.0.install(work)
         }
 
-        /// Has the threads do some work, and does not wait for it, which must not panic.
+        /// Starts work on the threads and does not wait for it. The work must not panic.
         pub fn spawn(&self, work: impl FnOnce() + Send + 'static) {
             self.0.spawn(work);
         }
@@ -40,28 +40,28 @@ mod web {
 
     use crate::error::Result;
 
-    /// The thread that calls, whatever number is asked for: parallel iterators of rayon's run on it, too.
+    /// The calling thread alone, whatever number is asked for; rayon's parallel iterators run on it, too.
     #[derive(Debug)]
-    pub struct Pool;
+    pub struct ThreadPool;
 
-    impl Pool {
-        /// No thread but that which calls.
+    impl ThreadPool {
+        /// The calling thread alone.
         pub fn new(_threads: usize) -> Result<Self> {
             Ok(Self)
         }
 
-        /// Does some work.
+        /// Does the work.
         pub fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
             work()
         }
 
-        /// Does some work, at once.
+        /// Does the work at once.
         pub fn spawn(&self, work: impl FnOnce() + Send + 'static) {
             work();
         }
     }
 
-    /// A clock that stands still; whoever loads the module has a clock of its own.
+    /// A clock that stands still: the code that loads the module measures time itself.
     #[derive(Debug, Clone, Copy)]
     pub struct Instant;
 

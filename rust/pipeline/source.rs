@@ -1,12 +1,12 @@
-//! Pairs that are read a few rows at a time, since they do not fit into memory: what has to be known of the whole
-//! before a part can be matched is gathered from the top down.
+//! Pairs that are read a few rows at a time since they do not fit into memory: statistics of the whole pair that the
+//! match of each part needs are gathered in a pass from top to bottom.
 
 use std::ops::Range;
 
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::impulses;
-use crate::image::intensity::{self, Gray, NOWHERE, Sample, full_range};
+use crate::image::intensity::{self, Gray, NOWHERE, RangeSample, full_range};
 use crate::image::masking;
 use crate::image::texture::Roughness;
 use crate::image::view::Mask;
@@ -14,10 +14,10 @@ use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Pair;
 use crate::simd::Level;
 
-/// Pixels of one image that are asked for at a time, unless one row has more.
+/// Pixels of one image that are read at a time, unless one row has more.
 const MOST_PIXELS: usize = 1 << 22;
 
-/// Where the rows of a pair come from.
+/// Gives the rows of a pair, from wherever they are stored.
 pub trait Source: Sync {
     /// Rows and columns.
     fn size(&self) -> (usize, usize);
@@ -25,52 +25,57 @@ pub trait Source: Sync {
     /// The disparities to search.
     fn candidates(&self) -> Candidates;
 
-    /// How many rows to ask for at a time.
+    /// How many rows to read at a time.
     fn most_rows(&self) -> usize {
         (MOST_PIXELS / self.size().1).max(1)
     }
 
-    /// These rows of both images; of floats the views tell where the pixels of the whole images lie, once that is known.
+    /// Reads rows of both images. Views of floats carry the range of the whole image once it is known.
     fn rows(&self, rows: Range<usize>) -> Result<Pair>;
 }
 
-/// All rows, as many at a time as are to be asked for.
+/// Ranges of rows to read, one after another, that cover the image.
 pub fn bands(source: &dyn Source) -> impl Iterator<Item = Range<usize>> {
     let (band, rows) = (source.most_rows(), source.size().0);
     (0..rows).step_by(band).map(move |first| first..(first + band).min(rows))
 }
 
-/// Rows and so many more on either side, as far as there are any.
+/// Rows and up to `by` more on either side, as far as the image has them.
 pub fn widened(rows: &Range<usize>, by: usize, height: usize) -> Range<usize> {
     rows.start.saturating_sub(by)..(rows.end + by).min(height)
 }
 
-/// Where the pixels of both images lie; of images of floats.
-pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::Range; 2]> {
-    let mut samples = [Sample::new(source.size()), Sample::new(source.size())];
+/// The ranges of the pixels of both images, which are floats.
+pub fn ranges(source: &dyn Source, control: &Control) -> Result<[intensity::IntensityRange; 2]> {
+    // Usually a sample of the pixels says enough.
+    let mut samples = [RangeSample::new(source.size()), RangeSample::new(source.size())];
     for rows in bands(source) {
         let pair = source.rows(rows.clone())?;
         for (view, sample) in pair.views().into_iter().zip(&mut samples) {
             sample.add(view, rows.start, control)?;
         }
     }
-    let [left, right] = samples.map(Sample::range);
+
+    let [left, right] = samples.map(RangeSample::range);
     if let (Some(left), Some(right)) = (left, right) {
         return Ok([left, right]);
     }
+
+    // Otherwise all pixels are read again for their full range.
     let mut all = [None, None];
     for rows in bands(source) {
         let pair = source.rows(rows)?;
         for (view, range) in pair.views().into_iter().zip(&mut all) {
             let here = full_range(view, control)?;
-            *range = here.into_iter().chain(*range).reduce(intensity::Range::union);
+            *range = here.into_iter().chain(*range).reduce(intensity::IntensityRange::union);
         }
     }
+
     let [all_left, all_right] = all.map(|range| range.unwrap_or(NOWHERE));
     Ok([left.unwrap_or(all_left), right.unwrap_or(all_right)])
 }
 
-/// The roughness of the left image, whose impulses are of this height at least; 0: it has none.
+/// The roughness of the left image, whose impulses stand out by at least `impulses`; 0: it has none.
 pub fn roughness(
     source: &dyn Source,
     impulses: f64,
@@ -78,25 +83,29 @@ pub fn roughness(
     control: &Control,
 ) -> Result<Roughness> {
     let (height, cols) = source.size();
-    let mut found = Roughness::default();
+    let mut roughness = Roughness::default();
+
     for rows in bands(source) {
-        // Whether a pixel is an impulse depends on those beside it.
+        // Whether a pixel is an impulse depends on its neighbors.
         let beside = if impulses > 0.0 { impulses::REACH } else { 0 };
         let mut read = widened(&rows, beside, height);
         let mut pair = source.rows(read.clone())?.with_impulses([impulses, 0.0]);
+
         if pair.views()[0].mask.as_ref().is_some_and(has_empty_row) {
-            // Such rows copy others, which may lie beyond.
+            // Rows without a valid pixel copy the nearest ones that have some, which may not have been read.
             read = widened(&read, masking::REACH, height);
             pair = source.rows(read.clone())?.with_impulses([impulses, 0.0]);
         }
+
         let gray = Gray::new(pair.views()[0], level, control)?.plane(level, control)?;
         let places = (rows.start - read.start) * cols..(rows.end - read.start) * cols;
-        found = found.and(Roughness::of(&gray.as_slice()[places], cols));
+        roughness = roughness.and(Roughness::of_rows(&gray.as_slice()[places], cols));
     }
-    Ok(found)
+
+    Ok(roughness)
 }
 
-/// Whether no pixel of some row is valid.
+/// Whether some row has no valid pixel.
 pub fn has_empty_row(mask: &Mask) -> bool {
     (0..mask.rows()).any(|y| !mask.row(y).contains(&true))
 }

@@ -1,6 +1,8 @@
-//! What a disparity map says about itself as a whole: whether the match is to be trusted.
+//! Statistics of a whole disparity map, which say whether to trust the match.
 
 use crate::cost::candidates::Candidates;
+use crate::image::plane::Plane;
+use crate::pipeline::matcher::Disparity;
 use crate::refinement::flag;
 
 /// Shares of the pixels of a map, and their mean confidence.
@@ -14,39 +16,38 @@ pub struct Summary {
     pub at_low: f64,
     /// The same at the largest one.
     pub at_high: f64,
-    /// Mean confidence; NaN if none was worked out.
+    /// Mean confidence; NaN if no confidence was computed.
     pub confidence: f64,
 }
 
-/// What is counted.
+/// Numbers of pixels.
 #[derive(Clone, Copy, Default)]
-struct Counts {
+struct PixelCounts {
     estimated: u64,
     flagged: u64,
     at_low: u64,
     at_high: u64,
-    /// In units of 2^-20.
+    /// The sum, in units of 2^-20: integers sum to the same in any order.
     confidence: u64,
 }
 
-/// Flags of pixels whose match belongs to another one, or that stand out.
+/// Flags of pixels that fail the left-right check or are speckles.
 const FLAGGED: u16 = flag::OCCLUDED | flag::MISMATCHED | flag::SPECKLE;
 /// Flags of pixels whose disparity is not that of a match within the image.
 const FOREIGN: u16 = flag::OUTSIDE | flag::FILLED;
-/// Steps of a confidence.
+/// Steps of a confidence that is summed.
 const STEPS: f32 = (1 << 20) as f32;
 
 impl Summary {
-    /// That of a map whose disparities were searched among these.
-    pub fn new(
-        disparity: &[f32],
-        flags: &[u16],
-        confidence: Option<&[f32]>,
-        candidates: Candidates,
-    ) -> Self {
+    /// The summary of a map whose disparities were searched among these candidates.
+    pub fn new(map: &Disparity, candidates: Candidates) -> Self {
+        let (disparity, flags) = (map.disparity.as_slice(), map.flags.as_slice());
+        let confidence = map.confidence.as_ref().map(Plane::as_slice);
+
         let ends = [0, candidates.count() - 1].map(|k| candidates.disparity(k) as f32);
-        let counts = Counts::new(disparity, flags, confidence, ends);
+        let counts = PixelCounts::new(disparity, flags, confidence, ends);
         let share = |count: u64| count as f64 / flags.len().max(1) as f64;
+
         Self {
             estimated: share(counts.estimated),
             flagged: share(counts.flagged),
@@ -58,19 +59,24 @@ impl Summary {
     }
 }
 
-impl Counts {
+impl PixelCounts {
     fn new(disparity: &[f32], flags: &[u16], confidence: Option<&[f32]>, ends: [f32; 2]) -> Self {
         let mut counts = Self::default();
+
         for (disparity, flags) in disparity.iter().zip(flags) {
             let is_own = flags & FOREIGN == 0;
+
             counts.estimated += u64::from(!disparity.is_nan());
             counts.flagged += u64::from(flags & FLAGGED != 0);
+            // Sub-pixel disparities lie up to half a pixel from their candidate.
             counts.at_low += u64::from(is_own & (*disparity < ends[0] + 0.5));
             counts.at_high += u64::from(is_own & (*disparity > ends[1] - 0.5));
         }
+
         for confidence in confidence.unwrap_or_default() {
             counts.confidence += u64::from((confidence * STEPS) as u32);
         }
+
         counts
     }
 }
@@ -78,6 +84,7 @@ impl Counts {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline::matcher::Timings;
 
     #[test]
     fn shares_are_those_of_all_pixels() {
@@ -86,11 +93,21 @@ mod tests {
         let filled = flag::OCCLUDED | flag::FILLED;
         let flags = [flag::MASKED, 0, flag::SPECKLE, 0, 0, 0, flag::OUTSIDE, filled];
         let confidence = [0.0, 1.0, 0.5, 0.5, 1.0, 1.0, 0.0, 0.0];
-        let found = Summary::new(&disparity, &flags, Some(&confidence), candidates);
+        let row = |values: &[f32]| Plane::from_vec(1, 8, values.to_vec()).expect("legal");
+        let map = Disparity {
+            disparity: row(&disparity),
+            flags: Plane::from_vec(1, 8, flags.to_vec()).expect("legal"),
+            confidence: Some(row(&confidence)),
+            timings: Timings::default(),
+        };
+
+        let found = Summary::new(&map, candidates);
         assert_eq!(
             (found.estimated, found.flagged, found.at_low, found.at_high, found.confidence),
             (7.0 / 8.0, 2.0 / 8.0, 2.0 / 8.0, 2.0 / 8.0, 0.5)
         );
-        assert!(Summary::new(&disparity, &flags, None, candidates).confidence.is_nan());
+
+        let without = Disparity { confidence: None, ..map };
+        assert!(Summary::new(&without, candidates).confidence.is_nan());
     }
 }

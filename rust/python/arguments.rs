@@ -1,4 +1,4 @@
-//! What Python hands over -> what the core takes, or an exception that names the argument.
+//! Arguments from Python: converted to the types of the core, or refused by an exception that names the argument.
 
 use ndarray::{Array3, Dimension};
 use numpy::{Element, PyArray, PyArray2, PyArray3, PyArrayMethods};
@@ -6,7 +6,7 @@ use pyo3::exceptions::{PyException, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict};
 
-use super::found::{Field, read_field};
+use super::estimates::{Field, read_field};
 use super::internal;
 use super::reader::as_ranges;
 use crate::cost::candidates::Candidates;
@@ -26,48 +26,57 @@ use crate::settings::{
     TAPERS, Taper, with_every_setting,
 };
 
-/// Something of the left and the same of the right image, or any other two things.
+/// A pair of Python objects, usually for the left and for the right image.
 pub type Both<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 const KERNELS: &str = "pairs (left, right) of 2-D arrays of float32, or None";
 
-/// Least disparity and number of disparities, or `None`: they are to be found.
-pub type Search = Option<(i64, i64)>;
+/// Least disparity and number of disparities; `None`: the range is estimated.
+pub type Disparities = Option<(i64, i64)>;
 
-/// (`min_disparity`, `num_disparities`), the latter an integer or None.
-pub fn read_search((min, count): &Both<'_>) -> PyResult<Search> {
+/// Reads (`min_disparity`, `num_disparities`), the latter an integer or None.
+pub fn read_search((min, count): &Both<'_>) -> PyResult<Disparities> {
     let min = integer(min, "min_disparity")?;
     if !count.is_none() {
         return Ok(Some((min, integer(count, "num_disparities")?)));
     }
+
     if min != 0 {
         let accepts = "0 where num_disparities is None, which has the whole range found";
         return Err(Error::value("min_disparity", min, accepts).into());
     }
+
     Ok(None)
 }
 
-/// The disparities of a pair, unless they are to be found.
-pub fn candidates_of(pair: &Pair, search: Search) -> Option<Candidates> {
+/// The disparities of a pair, unless the range is estimated.
+pub fn candidates_of(pair: &Pair, search: Disparities) -> Option<Candidates> {
     search.map(|_| pair.candidates())
 }
 
-/// Both images, their masks, and (`min_disparity`, `num_disparities`).
+/// Reads both images, their masks, and (`min_disparity`, `num_disparities`).
 pub fn read_pair(images: &Both<'_>, masks: &Both<'_>, disparities: &Both<'_>) -> PyResult<Pair> {
     let (min, count) = disparities;
     let search = (integer(min, "min_disparity")?, integer(count, "num_disparities")?);
+
     read_images(images, masks, Some(search))
 }
 
-/// Both images and their masks, to be searched over these disparities; over one, as long as they are to be found.
-pub fn read_images((left, right): &Both<'_>, masks: &Both<'_>, search: Search) -> PyResult<Pair> {
+/// Reads both images and their masks. The pair is searched over these disparities, or over one until the range is
+/// known.
+pub fn read_images(
+    (left, right): &Both<'_>,
+    masks: &Both<'_>,
+    search: Disparities,
+) -> PyResult<Pair> {
     let (min, count) = search.unwrap_or((0, 1));
     let left = read_view(left, &masks.0, "left")?;
     let right = read_view(right, &masks.1, "right")?;
+
     Ok(Pair::new(left, right, min, count)?)
 }
 
-/// An image of rows x columns x channels, 1 or 3 of them, and its mask or None.
+/// Reads an image of rows x columns x channels, 1 or 3 of them, and its mask or None.
 pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) -> PyResult<View> {
     let image = if let Ok(array) = image.cast::<PyArray3<u8>>() {
         Image::U8(copied(array)?)
@@ -81,6 +90,7 @@ pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) 
         let message = format!("{name}: accepts 3-D arrays of uint8, uint16, float32 or float64");
         return Err(PyTypeError::new_err(message));
     };
+
     let (rows, cols, channels) = image.shape();
     if rows == 0 || cols == 0 || !matches!(channels, 1 | 3) {
         let message = format!(
@@ -89,24 +99,30 @@ pub fn read_view(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str) 
         );
         return Err(PyValueError::new_err(message));
     }
+
     Ok(View { image, mask: read_mask(mask, (rows, cols), name)?, range: None, impulses: 0.0 })
 }
 
+/// Reads a mask of a given size, or None.
 fn read_mask(mask: &Bound<'_, PyAny>, size: (usize, usize), name: &str) -> PyResult<Option<Mask>> {
     if mask.is_none() {
         return Ok(None);
     }
+
     let Ok(array) = mask.cast::<PyArray2<bool>>() else {
         return Err(PyTypeError::new_err(format!("{name}_mask: accepts 2-D arrays of bool")));
     };
+
     let shape: (usize, usize) = array.dims().into_pattern();
     if shape != size {
         let message = format!("{name}_mask: got shape {shape:?}; accepts the image's {size:?}");
         return Err(PyValueError::new_err(message));
     }
+
     Ok(Some(Plane::from_vec(size.0, size.1, values(array)?)?))
 }
 
+/// A copy of the pixels of an image.
 fn copied<T: Element + Copy + Default>(array: &Bound<'_, PyArray3<T>>) -> PyResult<Array3<T>> {
     let dimensions = array.dims();
     Array3::from_shape_vec(dimensions, values(array)?).map_err(internal)
@@ -119,15 +135,17 @@ where
     D: Dimension,
 {
     let array = array.try_readonly().map_err(internal)?;
+
     let mut copy = zeroed(array.as_array().len())?;
     match array.as_slice() {
         Ok(values) => copy.copy_from_slice(values),
         Err(_) => copy.iter_mut().zip(array.as_array()).for_each(|(copy, value)| *copy = *value),
     }
+
     Ok(copy)
 }
 
-/// A volume of rows x columns x candidates as a plane whose rows hold columns x candidates.
+/// Reads a volume of rows x columns x candidates as a plane whose rows hold columns x candidates.
 pub fn read_volume<T: Element + Copy + Default>(
     volume: &Bound<'_, PyArray3<T>>,
     name: &'static str,
@@ -137,13 +155,14 @@ pub fn read_volume<T: Element + Copy + Default>(
         let accepts = format!("at least one pixel, 1 to {MOST_DISPARITIES} candidates");
         return Err(Error::value(name, format!("shape {:?}", (rows, cols, count)), accepts).into());
     }
+
     let plane = Plane::from_vec(rows, cols * count, values(volume)?)?;
     Ok((plane, (rows, cols, count)))
 }
 
 macro_rules! settings_by_name {
     ($($name:ident),* $(,)?) => {
-        /// Settings as the fields of `phasestereo.Settings`, by name: what [`read_settings`] reads.
+        /// The settings as a dictionary of the fields of `phasestereo.Settings`, which [`read_settings`] reads.
         pub fn write_settings<'py>(
             py: Python<'py>,
             settings: &Settings,
@@ -153,10 +172,10 @@ macro_rules! settings_by_name {
             Ok(fields)
         }
 
-        /// The fields of `phasestereo.Settings`, checked.
+        /// Reads the fields of `phasestereo.Settings` and checks them.
         pub fn read_settings(settings: &Bound<'_, PyAny>) -> PyResult<Settings> {
             let settings = Settings {
-                $($name: Setting::from_py(&settings.getattr(stringify!($name))?, stringify!($name))?),*
+                $($name: SettingValue::from_py(&settings.getattr(stringify!($name))?, stringify!($name))?),*
             };
             settings.check()?;
             Ok(settings)
@@ -166,21 +185,21 @@ macro_rules! settings_by_name {
 
 with_every_setting!(settings_by_name);
 
-/// A type of settings.
-trait Setting: Sized {
-    /// What it is in Python.
+/// The type of a setting, converted from and to Python.
+trait SettingValue: Sized {
+    /// The type in Python.
     type Python;
 
-    /// What Python hands over; an exception that names the setting.
+    /// Reads the value of a setting; an exception names the setting.
     fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self>;
 
-    /// What Python takes.
+    /// The value for Python.
     fn to_py(&self) -> Self::Python;
 }
 
 macro_rules! plain_settings {
     ($($kind:ty: $read:ident),*) => {
-        $(impl Setting for $kind {
+        $(impl SettingValue for $kind {
             type Python = Self;
 
             fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
@@ -205,7 +224,7 @@ plain_settings!(
 
 macro_rules! choices {
     ($($kind:ty: $choices:ident),*) => {
-        $(impl Setting for $kind {
+        $(impl SettingValue for $kind {
             type Python = Option<&'static str>;
 
             fn from_py(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Self> {
@@ -230,6 +249,7 @@ fn intensities(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Option<
     if value.is_none() {
         return Ok(None);
     }
+
     let (black, white) = both(value, name, "a pair of numbers (black, white) or None")?;
     Ok(Some((number(&black, name)?, number(&white, name)?)))
 }
@@ -238,15 +258,15 @@ fn natural_or_none(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Opt
     if value.is_none() { Ok(None) } else { natural(value, name).map(Some) }
 }
 
-/// What Python tells of a pair before it is looked at: noise, how blur is evened out, the field of the rows, and whether the right image
-/// is to be inverted.
+/// What a caller knows of a pair: noise, blur compensation, the field of vertical offsets, and whether the right image
+/// is inverted.
 pub type KnownOfPair<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<Field>, bool);
 
-/// What a call tells of a pair: its noise, or how its blur is evened out, and the field of its rows.
+/// Reads what a caller knows of a pair of this size.
 pub fn read_known(
     (noise, compensation, field, is_inverted): &KnownOfPair<'_>,
     size: (usize, usize),
-    search: Search,
+    search: Disparities,
 ) -> PyResult<Known> {
     let noise = if noise.is_none() {
         None
@@ -254,36 +274,42 @@ pub fn read_known(
         let (left, right) = both(noise, "noise", "a number, a pair of them, or None")?;
         Some([check_noise(number(&left, "noise")?)?, check_noise(number(&right, "noise")?)?])
     };
+
     let alignment = read_field(*field)?;
     if alignment.as_ref().is_some_and(|field| field.size() != size) {
         let accepts = format!("that of images of {} x {} pixels", size.0, size.1);
         return Err(Error::value("alignment", "that of images of another size", accepts).into());
     }
+
     let candidates = search.map(|(min, count)| Candidates::new(min, count, size.1)).transpose()?;
-    let (compensation, is_inverted) = (read_blur_compensation(compensation)?, *is_inverted);
+    let compensation = read_blur_compensation(compensation)?;
+    let is_inverted = *is_inverted;
+
     Ok(Known { candidates, noise, compensation, alignment, is_inverted })
 }
 
-/// The fields of `phasestereo.PairStatistics`: what is known of a whole pair.
+/// The fields of `phasestereo.PairStatistics`: the statistics of a whole pair that the match of its parts needs.
 pub struct Statistics<'py> {
     pub settings: Settings,
     pub compensation: Option<BlurCompensation>,
     pub alignment: Option<Alignment>,
     pub is_inverted: bool,
     pub disparities: Both<'py>,
-    pub ranges: [Option<intensity::Range>; 2],
+    pub ranges: [Option<intensity::IntensityRange>; 2],
     pub roughness: Option<Roughness>,
 }
 
 impl<'py> Statistics<'py> {
-    /// The fields, checked.
+    /// Reads the fields and checks them.
     pub fn read(statistics: &Bound<'py, PyAny>) -> PyResult<Self> {
         let settings = read_settings(&statistics.getattr("settings")?)?;
+
         let roughness: Option<(u64, u64)> = statistics.getattr("roughness")?.extract()?;
         if roughness.is_none() && Texture::is_needed(&settings) {
             let accepts = "that of the whole left image, with these settings";
             return Err(Error::value("roughness", "None", accepts).into());
         }
+
         Ok(Self {
             settings,
             compensation: read_blur_compensation(&statistics.getattr("blur_compensation")?)?,
@@ -299,72 +325,85 @@ impl<'py> Statistics<'py> {
     }
 }
 
-/// A standard deviation, or None.
+/// Reads a standard deviation, or None.
 pub fn read_noise(noise: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
     if noise.is_none() {
         return Ok(None);
     }
+
     Ok(Some(check_noise(number(noise, "noise")?)?))
 }
 
-/// The fields of `phasestereo.BlurCompensation`, checked; or None.
+/// Reads the fields of `phasestereo.BlurCompensation` and checks them; or None.
 pub fn read_blur_compensation(
     compensation: &Bound<'_, PyAny>,
 ) -> PyResult<Option<BlurCompensation>> {
     if compensation.is_none() {
         return Ok(None);
     }
+
     let field = |name: &str| compensation.getattr(name);
+
     let (left, right) = both(&field("noise")?, "noise", "a pair of numbers (left, right)")?;
+
     let mut kernels = vec![];
     let listed = field("kernels")?;
     for pair in listed.try_iter().map_err(|_| wrong_type(&listed, "kernels", KERNELS))? {
         let (left, right) = both(&pair?, "kernels", KERNELS)?;
         kernels.push([read_kernel(&left)?, read_kernel(&right)?]);
     }
+
     let labels = field("labels")?;
     let Ok(labels) = labels.cast::<PyArray2<u8>>() else {
         return Err(wrong_type(&labels, "labels", "2-D arrays of uint8"));
     };
     let (rows, cols) = labels.dims().into_pattern();
     let labels = Plane::from_vec(rows, cols, values(labels)?)?;
+
     let noise = [number(&left, "noise")?, number(&right, "noise")?];
     let compensation =
         BlurCompensation::new(noise, kernels, labels, natural(&field("tile")?, "tile")?)?;
+
     let deviations = |name: &'static str| -> PyResult<[f64; 2]> {
         let (left, right) = both(&field(name)?, name, "a pair of numbers (left, right)")?;
         Ok([number(&left, name)?, number(&right, name)?])
     };
+
     let compensation = compensation.with_impulses(deviations("impulses")?)?;
     Ok(Some(compensation.with_smoothing(deviations("smoothing")?)?))
 }
 
+/// Reads a kernel, or None.
 fn read_kernel(kernel: &Bound<'_, PyAny>) -> PyResult<Option<Kernel>> {
     if kernel.is_none() {
         return Ok(None);
     }
+
     let Ok(taps) = kernel.cast::<PyArray2<f32>>() else {
         return Err(wrong_type(kernel, "kernels", KERNELS));
     };
+
     let (rows, cols) = taps.dims().into_pattern();
     let taps = values(taps)?.into_iter().map(f64::from).collect();
     let kernel = Plane::from_vec(rows, cols, taps).and_then(|taps| Kernel::new(&taps));
-    Ok(Some(kernel.map_err(|error| error.of("kernels"))?))
+    Ok(Some(kernel.map_err(|error| error.about("kernels"))?))
 }
 
-/// The preset of a name.
+/// Reads the name of a preset.
 pub fn read_preset(name: &Bound<'_, PyAny>) -> PyResult<Preset> {
     let Ok(word) = name.extract::<String>() else {
         return Err(wrong_type(name, "preset", "a string"));
     };
+
     Ok(Preset::named(&word)?)
 }
 
-/// A number of threads; None: what `RAYON_NUM_THREADS` says, or as many as the process may use.
+/// Reads a number of threads; None: that of `RAYON_NUM_THREADS`, or as many as the process may use.
 pub fn read_threads(threads: &Bound<'_, PyAny>) -> PyResult<usize> {
     if threads.is_none() { Ok(usable_threads()) } else { natural(threads, "threads") }
 }
 
+/// Reads one of the words of a setting.
 fn choice<T: Copy>(
     value: &Bound<'_, PyAny>,
     name: &'static str,
@@ -373,12 +412,14 @@ fn choice<T: Copy>(
     let Ok(word) = value.extract::<String>() else {
         return Err(wrong_type(value, name, "a string"));
     };
+
     let found = choices.iter().find(|(name, _)| *name == word).map(|(_, choice)| *choice);
     let names =
         || choices.iter().map(|(name, _)| format!("'{name}'")).collect::<Vec<_>>().join(", ");
     found.ok_or_else(|| Error::value(name, format!("'{word}'"), names()).into())
 }
 
+/// Reads an integer of any type, but no bool.
 fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<i64> {
     match value.call_method0("__index__") {
         // A huge integer is not printed: Python may refuse to.
@@ -401,6 +442,7 @@ fn number(value: &Bound<'_, PyAny>, name: &'static str) -> PyResult<f64> {
     if !value.is_instance(&real)? || value.is_instance_of::<PyBool>() {
         return Err(wrong_type(value, name, "a number"));
     }
+
     let beyond = |_| Error::value(name, "a number beyond any float", "a smaller one").into();
     value.extract().map_err(beyond)
 }

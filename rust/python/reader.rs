@@ -1,25 +1,25 @@
-//! A pair that Python reads a few rows at a time, for as long as one call lasts.
+//! Reading of a pair through a Python callable, a few rows at a time, for the duration of one call.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
 
-use super::arguments::{Both, Search, read_images};
+use super::arguments::{Both, Disparities, read_images};
 use crate::cost::candidates::Candidates;
 use crate::error::{Error, Result};
 use crate::image::intensity;
 use crate::pipeline::matcher::Pair;
 use crate::pipeline::source::Source;
 
-/// A callable `read(first, last)` that returns ((left, right), masks) of these rows, as [`read_pair`] takes them.
+/// A callable `read(first, last)` that returns ((left, right), masks) of these rows, as [`read_images`] takes them.
 pub struct Reader {
     read: Py<PyAny>,
     size: (usize, usize),
-    search: Search,
+    search: Disparities,
     candidates: Candidates,
-    ranges: [Option<intensity::Range>; 2],
-    /// What was raised by it.
+    ranges: [Option<intensity::IntensityRange>; 2],
+    /// The exception that the callable raised.
     raised: Mutex<Option<PyErr>>,
 }
 
@@ -27,20 +27,22 @@ pub struct Reader {
 pub type Ranges = ((f64, f64), (f64, f64));
 
 impl Reader {
-    /// Reads a pair of so many rows and columns.
+    /// A reader of a pair of so many rows and columns.
     pub fn new(
         read: Bound<'_, PyAny>,
         size: (usize, usize),
-        search: Search,
+        search: Disparities,
         ranges: Option<Ranges>,
     ) -> Result<Arc<Self>> {
         let (min, count) = search.unwrap_or((0, 1));
         let candidates = Candidates::new(min, count, size.1)?;
-        let (ranges, raised) = (as_ranges(ranges), Mutex::default());
+
+        let ranges = as_ranges(ranges);
+        let raised = Mutex::default();
         Ok(Arc::new(Self { read: read.unbind(), size, search, candidates, ranges, raised }))
     }
 
-    /// What the callable raised, if that is why a call failed.
+    /// The exception that the callable raised, if that is why a call failed.
     pub fn reason(&self, failure: PyErr) -> PyErr {
         let raised = self.raised.lock().unwrap_or_else(PoisonError::into_inner).take();
         raised.unwrap_or(failure)
@@ -49,6 +51,7 @@ impl Reader {
     fn call(&self, py: Python<'_>, rows: &Range<usize>) -> PyResult<Pair> {
         let (images, masks): (Both<'_>, Both<'_>) =
             self.read.bind(py).call1((rows.start, rows.end))?.extract()?;
+
         Ok(read_images(&images, &masks, self.search)?.with_ranges(self.ranges))
     }
 }
@@ -67,16 +70,18 @@ impl Source for Reader {
             *self.raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(raised);
             Error::Cancelled
         })?;
+
         if pair.size() == (rows.len(), self.size.1) {
             return Ok(pair);
         }
+
         let accepts = format!("{} x {} for rows {rows:?}", rows.len(), self.size.1);
         Err(Error::value("read", format!("{:?} pixels", pair.size()), accepts))
     }
 }
 
-/// Black and white as images have them.
-pub fn as_ranges(told: Option<Ranges>) -> [Option<intensity::Range>; 2] {
-    let range = |(black, white)| Some(intensity::Range { black, white });
-    told.map_or([None; 2], |(left, right)| [range(left), range(right)])
+/// The ranges of both images for the core.
+pub fn as_ranges(ranges: Option<Ranges>) -> [Option<intensity::IntensityRange>; 2] {
+    let range = |(black, white)| Some(intensity::IntensityRange { black, white });
+    ranges.map_or([None; 2], |(left, right)| [range(left), range(right)])
 }

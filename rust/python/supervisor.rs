@@ -1,4 +1,4 @@
-//! A running call beside the interpreter, which it lets go: Ctrl-C and progress are minded meanwhile.
+//! The supervision of a running call: while the interpreter is released, Ctrl-C and progress are handled.
 
 use std::sync::Arc;
 use std::sync::mpsc::RecvTimeoutError;
@@ -12,10 +12,10 @@ use crate::error::Result;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Matcher;
 
-/// How often a running call looks for Ctrl-C and reports its progress.
+/// How often a running call checks for Ctrl-C and reports its progress.
 const TICK: Duration = Duration::from_millis(50);
-/// How long a cancelled call is waited for. It ends within milliseconds once it has begun, and until then it
-/// may have to wait for others.
+/// How long to wait for a cancelled call. It ends within milliseconds once it has begun, and until then it may have to
+/// wait for others.
 const PATIENCE: Duration = Duration::from_millis(500);
 
 /// Does `work` on the threads of a pool. An exception, be it Ctrl-C or from `progress`, cancels it.
@@ -28,11 +28,16 @@ pub fn supervised<T: Send + 'static>(
 ) -> PyResult<T> {
     let progress = progress.map(Bound::unbind);
     let control = Arc::new(Control::default());
+
     let report = |py: Python<'_>| -> PyResult<()> {
         py.check_signals()?;
-        let Some(progress) = &progress else { return Ok(()) };
+        let Some(progress) = &progress else {
+            return Ok(());
+        };
+
         progress.call1(py, (control.rows_done(), rows)).map(drop)
     };
+
     let outcome = py.detach(|| {
         let turn = loop {
             match pool.turn(TICK) {
@@ -40,7 +45,9 @@ pub fn supervised<T: Send + 'static>(
                 None => Python::attach(report)?,
             }
         };
+
         let finished = turn.start(&control, work);
+
         loop {
             match finished.recv_timeout(TICK) {
                 Ok(outcome) => return outcome.map_err(PyErr::from),
@@ -49,12 +56,14 @@ pub fn supervised<T: Send + 'static>(
                 }
                 Err(RecvTimeoutError::Timeout) => Python::attach(report).inspect_err(|_| {
                     control.cancel();
-                    // Whatever has come of it: it is not wanted any more.
+                    // Its result is no longer wanted.
                     let _ = finished.recv_timeout(PATIENCE);
                 })?,
             }
         }
     })?;
+
     report(py)?;
+
     Ok(outcome)
 }

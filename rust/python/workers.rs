@@ -1,7 +1,7 @@
-//! Threads and memory that calls from Python share, and how many of them may use these at once.
+//! Thread pools and memory that calls from Python share, and the number of calls that use them at once.
 //!
-//! After a fork the child has none of its parent's threads, and whatever these were at stays half done. So a
-//! pool is of one process: in any other it is neither used nor dropped, which would wait for its threads.
+//! After a fork, the child process has none of its parent's threads, and what these were doing stays half done. So a
+//! pool belongs to one process: another one neither uses nor drops it, since dropping would wait for its threads.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, channel};
@@ -16,53 +16,58 @@ use crate::error::Result;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::Matcher;
 
-/// Most calls at work at once in one pool; others wait for their turn. Each holds the codes of a pair; and a
-/// thread that waits for others takes up the next call meanwhile, on top of its own on one stack.
+/// Most calls that run in one pool at once; others wait for their turn. Each holds the codes of a pair. Besides, a
+/// thread that waits for others starts the next call meanwhile, on the same stack.
 const MOST_CALLS: usize = 64;
 
-/// The pool of all calls that leave the number of threads open. It lives as long as any of them is at work:
-/// threads and memory are shared by those that overlap, and none are left behind.
+/// The pool of all calls that leave the number of threads open. It lives as long as any of them runs: calls that
+/// overlap share threads and memory, and none are left behind.
 static SHARED: Mutex<Weak<Pool>> = Mutex::new(Weak::new());
 
-/// Threads of this process and memory to match in.
+/// Threads of this process, and a matcher with its memory.
 #[derive(Debug)]
 pub struct Pool {
     matcher: Matcher,
     threads: usize,
     process: u32,
-    /// Calls at work.
+    /// Number of running calls.
     calls: Mutex<usize>,
     call_ended: Condvar,
 }
 
 impl Pool {
-    /// So many threads of their own.
+    /// A pool of its own threads.
     pub fn new(threads: usize) -> Result<Arc<Self>> {
-        let (matcher, process) = (Matcher::new(threads)?, process::id());
+        let matcher = Matcher::new(threads)?;
         let (calls, call_ended) = (Mutex::default(), Condvar::default());
-        Ok(Arc::new(Self { matcher, threads, process, calls, call_ended }))
+        Ok(Arc::new(Self { matcher, threads, process: process::id(), calls, call_ended }))
     }
 
-    /// The pool for an argument `threads`: [`Workers`], a number of threads, or None for those that are shared.
-    pub fn of(threads: &Bound<'_, PyAny>) -> PyResult<Arc<Self>> {
+    /// The pool for an argument `threads`: [`Workers`], a number of threads, or None for the shared pool.
+    pub fn for_argument(threads: &Bound<'_, PyAny>) -> PyResult<Arc<Self>> {
         if let Ok(workers) = threads.cast::<Workers>() {
             return Ok(workers.get().pool()?);
         }
+
         let count = read_threads(threads)?;
         Ok(if threads.is_none() { Self::shared(count)? } else { Self::new(count)? })
     }
 
-    /// Locked by none but threads that hold the interpreter, as does who forks a process; and never waited for,
-    /// lest one was forked by other means.
+    /// The shared pool. Only threads that hold the GIL take this lock. A thread that forks also holds the GIL, so the
+    /// child never inherits it locked; if it was forked by other means, it does not wait for the lock.
     fn shared(threads: usize) -> Result<Arc<Self>> {
-        let Ok(mut shared) = SHARED.try_lock() else { return Self::new(threads) };
+        let Ok(mut shared) = SHARED.try_lock() else {
+            return Self::new(threads);
+        };
+
         let pool = shared.upgrade().filter(|pool| pool.is_ours() && pool.threads == threads);
         let pool = pool.map_or_else(|| Self::new(threads), Ok)?;
+
         *shared = Arc::downgrade(&pool);
         Ok(pool)
     }
 
-    /// How many threads.
+    /// The number of threads.
     pub fn threads(&self) -> usize {
         self.threads
     }
@@ -71,12 +76,14 @@ impl Pool {
         self.process == process::id()
     }
 
-    /// A call's turn to be at work; `None` if it does not come within that time.
+    /// Waits for the turn of a call to run; `None` if it does not come within `patience`.
     pub fn turn(self: &Arc<Self>, patience: Duration) -> Option<Turn> {
         let calls = self.calls.lock().unwrap_or_else(PoisonError::into_inner);
         let waited =
             self.call_ended.wait_timeout_while(calls, patience, |calls| *calls >= MOST_CALLS);
+
         let (mut calls, _) = waited.unwrap_or_else(PoisonError::into_inner);
+
         (*calls < MOST_CALLS).then(|| {
             *calls += 1;
             Turn(Arc::clone(self))
@@ -84,28 +91,32 @@ impl Pool {
     }
 }
 
-/// The right of one call to be at work, until it is dropped.
+/// The permission of one call to run, until it is dropped.
 #[derive(Debug)]
 pub struct Turn(Arc<Pool>);
 
 impl Turn {
-    /// Has the threads do the work of the call; a panic shows in that nothing is ever received.
+    /// Starts the work of the call on the threads. If it panics, the receiver is disconnected.
     pub fn start<T: Send + 'static>(
         self,
         control: &Arc<Control>,
         work: impl FnOnce(&Matcher, &Control) -> Result<T> + Send + 'static,
     ) -> Receiver<Result<T>> {
         let (finish, finished) = channel();
-        let (pool, control) = (Arc::clone(&self.0), Arc::clone(control));
+        let pool = Arc::clone(&self.0);
+        let control = Arc::clone(control);
+
         pool.matcher.spawn(move || {
             let outcome = catch_unwind(AssertUnwindSafe(|| work(&self.0.matcher, &control)));
-            // First, so that whoever receives is the last to hold a pool of its own, and drops its memory.
+
+            // Dropped first, so that the receiver is the last to hold a pool of its own, and drops its memory.
             drop(self);
             if let Ok(outcome) = outcome {
-                // Nobody receives what was given up.
+                // The caller may have given up waiting.
                 let _ = finish.send(outcome);
             }
         });
+
         finished
     }
 }
@@ -117,13 +128,13 @@ impl Drop for Turn {
     }
 }
 
-/// Threads and memory that are kept from one match to the next. Any number of threads may ask for them at
-/// once, of which none waits for another one.
+/// Threads and memory that are kept from one match to the next. Any number of threads may use them at once without
+/// waiting for each other.
 #[pyclass(module = "phasestereo._core", frozen)]
 #[derive(Debug)]
 pub struct Workers {
     pool: Arc<Pool>,
-    /// That of a process that was forked since.
+    /// The pool of a process that was forked since.
     forked: Mutex<Option<Arc<Pool>>>,
 }
 
@@ -146,13 +157,19 @@ impl Workers {
         if self.pool.is_ours() {
             return Ok(Arc::clone(&self.pool));
         }
-        // Never waited for: a thread that is not in this process may hold it.
-        let Ok(mut forked) = self.forked.try_lock() else { return Pool::new(self.pool.threads) };
+
+        // No waiting: a thread that does not exist in this process may hold the lock.
+        let Ok(mut forked) = self.forked.try_lock() else {
+            return Pool::new(self.pool.threads);
+        };
         if let Some(pool) = forked.as_ref().filter(|pool| pool.is_ours()) {
             return Ok(Arc::clone(pool));
         }
+
         let pool = Pool::new(self.pool.threads)?;
+        // The old pool belongs to the parent process: dropping it would wait for threads that are not here.
         mem::forget(forked.replace(Arc::clone(&pool)));
+
         Ok(pool)
     }
 }
@@ -160,6 +177,8 @@ impl Workers {
 impl Drop for Workers {
     fn drop(&mut self) {
         let forked = self.forked.get_mut().unwrap_or_else(PoisonError::into_inner).take();
+
+        // As above: pools of another process are leaked.
         for pool in forked.into_iter().chain([Arc::clone(&self.pool)]) {
             if !pool.is_ours() {
                 mem::forget(pool);

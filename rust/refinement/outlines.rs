@@ -1,20 +1,20 @@
-//! Outlines of surfaces are drawn to those of the image: near a jump of the disparities a pixel takes the weighted median
-//! of those about it, the more alike in gray value and the nearer the more.
+//! Draws the outlines of surfaces to edges of the image: near a jump of the disparities each pixel takes the weighted median
+//! of the disparities around it, weighted by similarity of the gray values and by distance.
 //!
 //! ```text
 //! for pixels within NEAR of a jump:
-//!     weight of those about = max(0, 1 - difference of gray values / (LIKENESS * mean difference of neighbors))
+//!     weight of each around = max(0, 1 - difference of gray values / (LIKENESS * mean difference of neighbors))
 //!                           * Gaussian of the distance
-//!     disparity = the least one that half of the weight is not above
+//!     disparity = the weighted median
 //! ```
 //!
-//! It looks further than [`guided`](crate::refinement::guided_median) and weighs softly: that pays where an image is blurred, in which
-//! outlines are wide ramps and maps are off by more pixels.
+//! Its window is larger than that of [`guided_median`](crate::refinement::guided_median), and its weights are gradual. That
+//! pays where an image is blurred: there outlines are wide ramps and maps are off by more pixels.
 //!
-//! Wrong pixels of four scenes under four blurs, after [`synthesis`](crate::refinement::synthesis): 22.5 %; with these 49 pixels, or
-//! 81, or 25 of the same span: 21.3, 21.3, 21.4; by the three color channels, which takes longer: 21.2.
+//! Wrong pixels of four scenes under four blurs, after [`synthesis`](crate::refinement::synthesis): 22.5 %; with these 49
+//! pixels, or 81, or 25 of the same span: 21.3, 21.3, 21.4; by the three color channels, which takes longer: 21.2.
 //!
-//! All in integers of 16 bits, many pixels side by side: disparities are counted in steps from the pixel's own, and
+//! Arithmetic is in 16-bit integers, many pixels side by side: disparities are counted in steps from the pixel's own, and
 //! the median is found by bisection.
 
 use std::array::from_fn;
@@ -26,41 +26,43 @@ use crate::pipeline::control::Control;
 use crate::refinement::jumps::Mark;
 use crate::simd::{Level, Loop};
 
-/// Every so many-th row and column counts.
+/// Every third row and column of a window counts.
 pub const STRIDE: usize = 3;
-/// Rows and columns that count, on either side.
+/// Rows and columns of a window that count, on either side.
 pub const STEPS: usize = 3;
 /// Pixels that the window of a pixel reaches in each direction.
 pub const REACH: usize = STEPS * STRIDE;
 /// Pixels from a jump, up, down, left and right, within which there may be change. 7: 21.4 % wrong, as above; 10 and
 /// 14: 21.3.
 pub const NEAR: usize = 8;
-/// Gray values that differ by so many times the mean difference of horizontal neighbors have nothing in common.
+/// Mean differences of horizontal neighbors from which on gray values have nothing in common: their weight is 0.
 /// From 12 to 24 it makes no difference.
 pub const LIKENESS: f64 = 16.0;
-/// Steps of the disparities to the pixel.
+/// Steps of a disparity to the pixel.
 pub const FINENESS: f32 = 8.0;
-/// Steps of gray values to what [`LIKENESS`] says.
+/// Steps of gray values to the difference of [`LIKENESS`].
 pub const GRAYS: f64 = 255.0;
 
 /// Largest magnitude of gray values in these steps.
 const FARTHEST: f64 = 16_383.0;
-/// The gray value of what does not count.
+/// The gray value of pixels that do not count: further from any other than weights reach.
 const NOTHING: i16 = i16::MAX;
-/// Gaussian of standard deviation 6 pixels, in 256ths, by the distance in steps along the rows and the columns.
+/// Gaussian of standard deviation 6 pixels, in 256ths, by the distance in strides along rows and columns.
 pub const WEIGHTS: [[u16; STEPS + 1]; STEPS + 1] =
     [[255, 226, 155, 83], [226, 199, 137, 73], [155, 137, 94, 50], [83, 73, 50, 27]];
 
+/// Pixels of a window that count, in a row.
 const SIDE: usize = 2 * STEPS + 1;
+/// Pixels of a window that count, in all.
 const PLACES: usize = SIDE * SIDE;
-/// Pixels side by side.
+/// Pixels that are drawn at a time.
 const LANES: usize = 32;
 /// Columns that their windows reach.
 const SPAN: usize = LANES + 2 * REACH;
-/// Rows of a band: of those about it, jumps and gray values are worked out again.
+/// Rows of a band; jumps and gray values in its halo are computed again.
 const BAND: usize = 64;
 
-/// Writes the map with outlines drawn to those of the image.
+/// Writes the map with the outlines of surfaces drawn to edges of the image.
 pub fn draw(
     disparity: &Plane<f32>,
     texture: &Texture,
@@ -73,44 +75,54 @@ pub fn draw(
     drawn.write_bands(BAND, |first, out| {
         control.checkpoint()?;
         let count = out.len() / cols;
+
+        // Row 0 of these planes is row `first - REACH` of the map; rows beyond the image do not count.
         let mut grays = Plane::new(count + 2 * REACH, cols)?;
         let mut steps = Plane::new(count + 2 * REACH, cols)?;
         for row in 0..grays.rows() {
             if let Some(y) = (first + row).checked_sub(REACH).filter(|y| *y < rows) {
-                let (disparity, gray) = (disparity.row(y), texture.gray.row(y));
-                let (grays, steps) = (grays.row_mut(row), steps.row_mut(row));
+                let disparity = disparity.row(y);
+                let gray = texture.gray.row(y);
+                let grays = grays.row_mut(row);
+                let steps = steps.row_mut(row);
                 level.run(Quantize { disparity, gray, scale, grays, steps });
             } else {
                 grays.row_mut(row).fill(NOTHING);
             }
         }
+
         let mut jumps = Plane::new(count + 2 * NEAR, cols)?;
         for row in 0..jumps.rows() {
             if let Some(y) = (first + row).checked_sub(NEAR).filter(|y| *y < rows) {
-                let (here, below) = (disparity.row(y), disparity.row((y + 1).min(rows - 1)));
+                let here = disparity.row(y);
+                let below = disparity.row((y + 1).min(rows - 1));
                 level.run(Mark::<NEAR> { here, below, jumps: jumps.row_mut(row) });
             }
         }
+
         let mut near = zeroed(cols)?;
         for (y, out) in out.chunks_mut(cols).enumerate() {
             near.fill(0);
             for away in 0..=2 * NEAR {
                 level.run(Or { row: jumps.row(y + away), near: &mut near });
             }
+
             let row = |k: usize| y + k * STRIDE;
-            let (grays, steps) = (from_fn(|k| grays.row(row(k))), from_fn(|k| steps.row(row(k))));
+            let grays = from_fn(|k| grays.row(row(k)));
+            let steps = from_fn(|k| steps.row(row(k)));
             level.run(Draw { disparity: disparity.row(first + y), grays, steps, near: &near, out });
         }
+
         Ok(())
     })
 }
 
-/// Steps of gray values to their unit.
+/// Steps per unit of the gray values, such that [`GRAYS`] steps are [`LIKENESS`] mean differences of neighbors.
 pub fn scale(roughness: Roughness) -> f32 {
     (GRAYS / (LIKENESS * roughness.mean()).max(1.0)) as f32
 }
 
-/// Gray values and disparities of a row in steps; those without a disparity do not count.
+/// Converts gray values and disparities of a row to steps. Pixels without a disparity do not count.
 struct Quantize<'a> {
     disparity: &'a [f32],
     gray: &'a [i32],
@@ -127,6 +139,7 @@ impl Loop for Quantize<'_> {
         let n = self.grays.len();
         let (disparity, gray) = (&self.disparity[..n], &self.gray[..n]);
         let (grays, steps) = (&mut self.grays[..n], &mut self.steps[..n]);
+
         for x in 0..n {
             let level = (gray[x] as f32 * self.scale).clamp(-FARTHEST as f32, FARTHEST as f32);
             grays[x] = if disparity[x].is_nan() { NOTHING } else { level as i32 as i16 };
@@ -135,6 +148,7 @@ impl Loop for Quantize<'_> {
     }
 }
 
+/// Adds the marks of a row to those of the rows before.
 struct Or<'a> {
     row: &'a [u8],
     near: &'a mut [u8],
@@ -151,7 +165,7 @@ impl Loop for Or<'_> {
     }
 }
 
-/// One row, from those that its windows look at.
+/// Draws one row, from the rows of its windows.
 struct Draw<'a> {
     disparity: &'a [f32],
     grays: [&'a [i16]; SIDE],
@@ -165,19 +179,25 @@ impl Loop for Draw<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let (mut gray_room, mut step_room) = ([[0; SPAN]; SIDE], [[0; SPAN]; SIDE]);
+        let mut gray_buffer = [[0; SPAN]; SIDE];
+        let mut step_buffer = [[0; SPAN]; SIDE];
+
         for (index, out) in self.out.chunks_mut(LANES).enumerate() {
             let x = index * LANES;
-            let (own, near) = (&self.disparity[x..][..out.len()], &self.near[x..][..out.len()]);
+            let own = &self.disparity[x..][..out.len()];
+            let near = &self.near[x..][..out.len()];
             out.copy_from_slice(own);
             if near.iter().all(|near| *near == 0) {
                 continue;
             }
+
             let first = x as isize - REACH as isize;
-            let grays = parts(self.grays, first, &mut gray_room, |_, _| NOTHING);
-            let steps = parts(self.steps, first, &mut step_room, |_, _| 0);
-            let (away, weights) = (away(steps), weights(grays));
+            let grays = parts(self.grays, first, &mut gray_buffer, |_, _| NOTHING);
+            let steps = parts(self.steps, first, &mut step_buffer, |_, _| 0);
+            let away = away(steps);
+            let weights = weights(grays);
             let median = median(&away, &weights);
+
             for (j, out) in out.iter_mut().enumerate() {
                 let is_drawn = (near[j] != 0) & (median[j] != 0) & !own[j].is_nan();
                 *out = if is_drawn { own[j] + f32::from(median[j]) / FINENESS } else { own[j] };
@@ -186,13 +206,15 @@ impl Loop for Draw<'_> {
     }
 }
 
-type Lanes<T> = [T; LANES];
+/// One value for each of [`LANES`] neighboring pixels.
+type PixelLanes<T> = [T; LANES];
 
-/// By how many steps the disparities in the windows are larger than the pixel's own.
+/// The disparities in the windows less the pixel's own, in steps.
 #[inline(always)]
-fn away(steps: [&[i32]; SIDE]) -> [Lanes<i16>; PLACES] {
+fn away(steps: [&[i32]; SIDE]) -> [PixelLanes<i16>; PLACES] {
     let mut away = [[0; LANES]; PLACES];
     let own = &steps[STEPS][REACH..][..LANES];
+
     for (place, away) in away.iter_mut().enumerate() {
         let steps = &steps[place / SIDE][place % SIDE * STRIDE..][..LANES];
         for j in 0..LANES {
@@ -200,57 +222,80 @@ fn away(steps: [&[i32]; SIDE]) -> [Lanes<i16>; PLACES] {
             away[j] = difference.clamp(i16::MIN.into(), i16::MAX.into()) as i16;
         }
     }
+
     away
 }
 
+/// The weights of the pixels in the windows, by gray value and distance; 0 for pixels that do not count.
 #[inline(always)]
-fn weights(grays: [&[i16]; SIDE]) -> [Lanes<u16>; PLACES] {
+fn weights(grays: [&[i16]; SIDE]) -> [PixelLanes<u16>; PLACES] {
     let mut weights = [[0; LANES]; PLACES];
     let own = &grays[STEPS][REACH..][..LANES];
+
     for (place, weights) in weights.iter_mut().enumerate() {
         let (row, column) = (place / SIDE, place % SIDE);
         let grays = &grays[row][column * STRIDE..][..LANES];
         let largest = WEIGHTS[row.abs_diff(STEPS)][column.abs_diff(STEPS)];
+
         for j in 0..LANES {
             let alike = (GRAYS as u16).saturating_sub(grays[j].abs_diff(own[j]));
             weights[j] = (alike * largest) >> 8;
         }
     }
+
     weights
 }
 
-/// The least of the values that half of the weight is not above; 0 where there is no weight.
+/// The weighted median: the least value such that half of the weight is not above it; 0 where there is no weight.
+///
+/// By bisection between the least and the largest value with any weight, for all pixels until the last one has its median.
 #[inline(always)]
-fn median(values: &[Lanes<i16>; PLACES], weights: &[Lanes<u16>; PLACES]) -> Lanes<i16> {
-    let (mut low, mut high, mut total) = ([0; LANES], [0; LANES], [0; LANES]);
+fn median(
+    values: &[PixelLanes<i16>; PLACES],
+    weights: &[PixelLanes<u16>; PLACES],
+) -> PixelLanes<i16> {
+    let mut low = [0; LANES];
+    let mut high = [0; LANES];
+    let mut total = [0; LANES];
+
     for place in 0..PLACES {
         widen(&values[place], &weights[place], [&mut low, &mut high]);
         for j in 0..LANES {
             total[j] += weights[place][j];
         }
     }
+
     while low != high {
-        let (mut middle, mut below) = ([0; LANES], [0; LANES]);
+        let mut middle = [0; LANES];
+        let mut below = [0; LANES];
         for j in 0..LANES {
-            // Their mean, rounded down.
+            // The mean rounded down, without the overflow of a sum.
             middle[j] = (low[j] & high[j]) + ((low[j] ^ high[j]) >> 1);
         }
+
         for place in 0..PLACES {
             add_where(&values[place], &middle, &weights[place], &mut below);
         }
+
         for j in 0..LANES {
             let is_low = 2 * below[j] >= total[j];
             let (least, most) = (middle[j].wrapping_add(1), middle[j]);
+            // Pixels that have their median stay as they are.
             low[j] = if is_low | (low[j] == high[j]) { low[j] } else { least };
             high[j] = if is_low & (low[j] != high[j]) { most } else { high[j] };
         }
     }
+
     low
 }
 
-/// Lowers and raises the ends to values that have any weight.
+/// Widens the range to values that have any weight, by masks as in [`add_where`].
 #[inline(always)]
-fn widen(values: &Lanes<i16>, weights: &Lanes<u16>, [low, high]: [&mut Lanes<i16>; 2]) {
+fn widen(
+    values: &PixelLanes<i16>,
+    weights: &PixelLanes<u16>,
+    [low, high]: [&mut PixelLanes<i16>; 2],
+) {
     for j in 0..LANES {
         let mask = i16::from(weights[j] != 0).wrapping_neg();
         let value = values[j] & mask;
@@ -259,9 +304,14 @@ fn widen(values: &Lanes<i16>, weights: &Lanes<u16>, [low, high]: [&mut Lanes<i16
     }
 }
 
-/// Adds the weights of values that are not above others: by masks, since a choice would keep pixels apart.
+/// Adds the weights of values up to `most`. By masks: a choice would be compiled pixel by pixel.
 #[inline(always)]
-fn add_where(values: &Lanes<i16>, most: &Lanes<i16>, weights: &Lanes<u16>, sums: &mut Lanes<u16>) {
+fn add_where(
+    values: &PixelLanes<i16>,
+    most: &PixelLanes<i16>,
+    weights: &PixelLanes<u16>,
+    sums: &mut PixelLanes<u16>,
+) {
     for j in 0..LANES {
         let mask = u16::from(values[j] <= most[j]).wrapping_neg();
         sums[j] += weights[j] & mask;

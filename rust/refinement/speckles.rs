@@ -1,8 +1,8 @@
-//! Small regions that stand out from all around them are wrong, whatever they cost.
+//! Flags speckles: small regions whose disparities differ from all around them are wrong, whatever they cost.
 //!
-//! Regions are sets of runs, stretches of a row that hang together, which are united with those they touch in the row
-//! above. Bands of rows are worked out by themselves and then united with one another; sizes do not depend on the
-//! order.
+//! Connected components by runs: each row is cut into runs of connected pixels, and a run is united with the runs that it
+//! touches in the row above (union-find). Bands of rows are labeled in parallel, then united across their seams. The size
+//! of a region does not depend on the order.
 
 use rayon::prelude::*;
 
@@ -15,11 +15,11 @@ use crate::simd::{Level, Loop};
 
 /// Rows of a band: enough that uniting bands is little work, few enough that there are bands for all threads.
 const BAND: usize = 32;
-/// Pixels that are looked at together for the end of a run.
+/// Pixels that are tested together for the end of a run.
 const LOOK: usize = 8;
 
-/// Flags the regions of up to `size` trusted pixels: those that hang together by steps, to the left, right, up
-/// or down, between disparities that differ by `range` at most.
+/// Flags the connected regions of up to `size` trusted pixels. Two neighbors, horizontal or vertical, are connected if
+/// their disparities differ by `range` at most.
 pub fn flag_speckles(
     disparity: &Plane<f32>,
     flags: &mut Plane<u16>,
@@ -32,13 +32,16 @@ pub fn flag_speckles(
     if u32::try_from(count).is_err() {
         return Err(Error::value("left", format!("{count} pixels"), "fewer than 2^32 pixels"));
     }
-    let (bands, regions) = Map { disparity, flags, range, level }.find(control)?;
+
+    let (bands, regions) = TrustedMap { disparity, flags, range, level }.find(control)?;
+
     let first_runs = bands.iter().scan(0, |next, band| {
         let first = *next;
         *next += band.runs.len();
         Some(first)
     });
     let first_runs: Vec<usize> = first_runs.collect();
+
     let parts = flags.as_mut_slice().par_chunks_mut(BAND * cols).zip(&bands).zip(first_runs);
     parts.for_each(|((flags, band), first)| {
         let is_small = |run: usize| regions.size((first + run) as u32) <= size;
@@ -54,126 +57,143 @@ pub fn flag_speckles(
     Ok(())
 }
 
-/// What is searched for regions.
-struct Map<'a> {
+/// The map whose regions are searched.
+struct TrustedMap<'a> {
     disparity: &'a Plane<f32>,
     flags: &'a Plane<u16>,
     range: f32,
     level: Level,
 }
 
-/// The columns of neighboring pixels of a row that hang together.
+/// The columns of a run of connected pixels.
 #[derive(Debug, Clone, Copy)]
 struct Run {
     start: u32,
     end: u32,
 }
 
-/// The runs of some rows, from left to right, and how they hang together.
+/// The runs of some rows, from left to right, and how they are connected.
 #[derive(Debug, Default)]
-struct Band {
+struct RunBand {
     runs: Vec<Run>,
     /// The first run of each row, and where those of the last row end.
     rows: Vec<usize>,
     regions: Forest,
 }
 
-/// Sets of runs, as trees: of each run its parent, of a root itself; of each root, of how many pixels.
+/// A union-find forest of runs.
 #[derive(Debug, Default)]
 struct Forest {
+    /// The parent of each run; a root is its own.
     parents: Vec<u32>,
+    /// The pixels of each root's set.
     sizes: Vec<u32>,
 }
 
-/// The trusted disparities of a row, NaN for others, and which of them do not hang together with that to their left.
+/// The trusted disparities of a row, NaN elsewhere, and where runs begin.
 #[derive(Debug)]
-struct Row {
+struct TrustedRow {
     values: Vec<f32>,
-    /// Bytes that are 0 or 1, and zeros up to a multiple of [`LOOK`].
+    /// 1 where a pixel is not connected with its left neighbor, else 0; zeros up to a multiple of [`LOOK`].
     breaks: Vec<u8>,
 }
 
-impl Map<'_> {
+impl TrustedMap<'_> {
     /// The runs of all bands, and one forest of all of them.
-    fn find(&self, control: &Control) -> Result<(Vec<Band>, Forest)> {
+    fn find(&self, control: &Control) -> Result<(Vec<RunBand>, Forest)> {
         let rows = self.disparity.rows();
         let tops: Vec<usize> = (0..rows).step_by(BAND).collect();
         let bands = tops.par_iter().map(|&top| {
             control.checkpoint()?;
             self.band(top, (top + BAND).min(rows))
         });
-        let mut bands: Vec<Band> = bands.collect::<Result<_>>()?;
+        let mut bands: Vec<RunBand> = bands.collect::<Result<_>>()?;
+
         let mut regions = Forest::default();
         for index in 0..bands.len() {
             let first = regions.parents.len();
             regions.take(std::mem::take(&mut bands[index].regions))?;
+
             if let Some(before) = index.checked_sub(1) {
                 let seam = [self.row(tops[index] - 1), self.row(tops[index])];
-                let (above, here) = (bands[before].last(), bands[index].row(0));
+                let above = bands[before].last();
+                let here = bands[index].row(0);
                 let firsts = [first - above.len(), first];
                 self.unite(seam.each_ref(), [above, here], firsts, &mut regions);
             }
         }
+
         Ok((bands, regions))
     }
 
     /// The runs of the rows from `top` to `bottom`.
-    fn band(&self, top: usize, bottom: usize) -> Result<Band> {
-        let mut band = Band { rows: vec![0], ..Band::default() };
-        let mut above: Option<Row> = None;
+    fn band(&self, top: usize, bottom: usize) -> Result<RunBand> {
+        let mut band = RunBand { rows: vec![0], ..RunBand::default() };
+        let mut above: Option<TrustedRow> = None;
         for y in top..bottom {
             let here = self.row(y);
             band.add(&here)?;
+
             if let (Some(above), &[.., before, first, _]) = (&above, band.rows.as_slice()) {
                 let (above_runs, here_runs) = band.runs[before..].split_at(first - before);
                 let firsts = [before, first];
                 self.unite([above, &here], [above_runs, here_runs], firsts, &mut band.regions);
             }
+
             above = Some(here);
         }
+
         Ok(band)
     }
 
-    fn row(&self, y: usize) -> Row {
-        let (disparity, flags) = (self.disparity.row(y), self.flags.row(y));
-        let mut row = Row {
+    /// The trusted disparities of row `y` and its runs' beginnings.
+    fn row(&self, y: usize) -> TrustedRow {
+        let disparity = self.disparity.row(y);
+        let flags = self.flags.row(y);
+        let mut row = TrustedRow {
             values: vec![0.0; disparity.len()],
             breaks: vec![0; disparity.len().next_multiple_of(LOOK)],
         };
-        let Row { values, breaks } = &mut row;
-        self.level.run(Cut { disparity, flags, range: self.range, values, breaks });
+
+        let TrustedRow { values, breaks } = &mut row;
+        self.level.run(FindBreaks { disparity, flags, range: self.range, values, breaks });
         row
     }
 
-    /// Unites the runs of a row, numbered from the second of `firsts` on, with those above that they touch.
+    /// Unites the runs of a row with the runs above that they touch. `firsts` are the numbers of the first run of each row.
     fn unite(
         &self,
-        [above, here]: [&Row; 2],
+        [above, here]: [&TrustedRow; 2],
         [upper, lower]: [&[Run]; 2],
         firsts: [usize; 2],
         regions: &mut Forest,
     ) {
-        let is_step = |(a, b): (&f32, &f32)| (a - b).abs() <= self.range;
+        let is_connected = |(a, b): (&f32, &f32)| (a - b).abs() <= self.range;
+
+        // Both rows are followed from left to right; the run that ends first makes way for the next of its row.
         let (mut i, mut j) = (0, 0);
         while let (Some(a), Some(b)) = (upper.get(i), lower.get(j)) {
             let both = a.start.max(b.start) as usize..a.end.min(b.end) as usize;
             if !both.is_empty() {
                 let roots = [firsts[0] + i, firsts[1] + j].map(|run| regions.root(run as u32));
                 let pairs = || above.values[both.clone()].iter().zip(&here.values[both.clone()]);
-                if roots[0] != roots[1] && pairs().any(is_step) {
+
+                if roots[0] != roots[1] && pairs().any(is_connected) {
                     regions.unite(roots);
                 }
             }
+
             if a.end < b.end { i += 1 } else { j += 1 }
         }
     }
 }
 
-impl Band {
+impl RunBand {
     /// Adds the runs of the next row, each a region of its own.
-    fn add(&mut self, row: &Row) -> Result<()> {
+    fn add(&mut self, row: &TrustedRow) -> Result<()> {
         let most = row.values.len();
         reserve(&mut self.runs, most)?;
+
         let mut start = None;
         let mut end_at = |column: usize| {
             if let Some(start) = start {
@@ -182,34 +202,40 @@ impl Band {
             let is_trusted = row.values.get(column).is_some_and(|value| !value.is_nan());
             start = is_trusted.then_some(column as u32);
         };
+
+        // Eight bytes are tested at once: most pixels begin no run.
         for (look, breaks) in row.breaks.as_chunks::<LOOK>().0.iter().enumerate() {
-            let mut left = u64::from_le_bytes(*breaks);
-            while left != 0 {
-                end_at(look * LOOK + left.trailing_zeros() as usize / 8);
-                left &= left - 1;
+            let mut breaks = u64::from_le_bytes(*breaks);
+            while breaks != 0 {
+                end_at(look * LOOK + breaks.trailing_zeros() as usize / 8);
+                breaks &= breaks - 1;
             }
         }
         end_at(most);
+
         let first = self.regions.parents.len();
         self.regions.add(self.runs[first..].iter().map(|run| run.end - run.start))?;
         self.rows.push(self.runs.len());
         Ok(())
     }
 
+    /// The runs of row `y` of the band.
     fn row(&self, y: usize) -> &[Run] {
         &self.runs[self.rows[y]..self.rows[y + 1]]
     }
 
+    /// The runs of the last row.
     fn last(&self) -> &[Run] {
         self.row(self.rows.len() - 2)
     }
 }
 
 impl Forest {
-    /// Adds sets of one run each, of so many pixels.
+    /// Adds sets of one run each, of these sizes.
     fn add(&mut self, sizes: impl ExactSizeIterator<Item = u32>) -> Result<()> {
         reserve(&mut self.parents, sizes.len())?;
         reserve(&mut self.sizes, sizes.len())?;
+
         let first = self.parents.len() as u32;
         self.parents.extend(first..first + sizes.len() as u32);
         self.sizes.extend(sizes);
@@ -220,6 +246,7 @@ impl Forest {
     fn take(&mut self, other: Self) -> Result<()> {
         reserve(&mut self.parents, other.parents.len())?;
         reserve(&mut self.sizes, other.sizes.len())?;
+
         let first = self.parents.len() as u32;
         self.parents.extend(other.parents.iter().map(|parent| first + parent));
         self.sizes.extend(other.sizes);
@@ -230,17 +257,18 @@ impl Forest {
         self.parents[run as usize]
     }
 
-    /// The root of a run's set; the way to it becomes half as long.
+    /// The root of a run's set. Halves the path to it.
     fn root(&mut self, mut run: u32) -> u32 {
         while self.parent(run) != run {
             let grandparent = self.parent(self.parent(run));
             self.parents[run as usize] = grandparent;
+
             run = grandparent;
         }
         run
     }
 
-    /// Makes one set of those of two roots, the smaller one a branch of the larger.
+    /// Unites the sets of two roots; the larger one's root stays.
     fn unite(&mut self, roots: [u32; 2]) {
         let [a, b] = roots.map(|root| root as usize);
         let (small, large) = if self.sizes[a] < self.sizes[b] { (a, b) } else { (b, a) };
@@ -248,7 +276,7 @@ impl Forest {
         self.sizes[large] += self.sizes[small];
     }
 
-    /// Of how many pixels the set is that a run belongs to.
+    /// The pixels of the set of a run.
     fn size(&self, mut run: u32) -> usize {
         while self.parent(run) != run {
             run = self.parent(run);
@@ -257,8 +285,8 @@ impl Forest {
     }
 }
 
-/// A row of disparities and flags -> what is trusted of it, and where that does not hang together.
-struct Cut<'a> {
+/// Extracts the trusted disparities of a row and where they are not connected.
+struct FindBreaks<'a> {
     disparity: &'a [f32],
     flags: &'a [u16],
     range: f32,
@@ -266,17 +294,19 @@ struct Cut<'a> {
     breaks: &'a mut [u8],
 }
 
-impl Loop for Cut<'_> {
+impl Loop for FindBreaks<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
         let Self { disparity, flags, range, values, breaks } = self;
         Trusted { disparity, flags, row: values }.run();
+
+        // NaN is connected with nothing, so runs of trusted pixels end at untrusted ones.
         breaks[0] = 1;
         for ((out, from), to) in breaks[1..].iter_mut().zip(&values[..]).zip(&values[1..]) {
-            let hangs_together = (from - to).abs() <= range;
-            *out = u8::from(!hangs_together);
+            let is_connected = (from - to).abs() <= range;
+            *out = u8::from(!is_connected);
         }
     }
 }

@@ -1,15 +1,16 @@
-//! How the rows of the right image lie to those of the left one, and the right image resampled so that they correspond.
+//! The field of vertical offsets between the images of a pair, and the right image resampled so that its rows
+//! correspond.
 //!
-//! A pair that is rectified nearly, but not quite, shows a point of left row `y` at `y + v` in the right image. The field
-//! `v(x, y)`, of the column `x` in the right image and the row `y` of the left one, is smooth: a shift, a turn and a
-//! difference in focal length make it linear; keystone and what is left of lens distortion add terms up to the third
+//! In a pair that is not quite rectified, a point of left row `y` lies at `y + v` in the right image. The field `v(x,
+//! y)`, of the column `x` in the right image and the row `y` of the left one, is smooth: a shift, a rotation and a
+//! difference in focal length make it linear; keystone and the rest of lens distortion add terms up to the third
 //! degree. It does not depend on depth as long as the baseline is level. The straightened right image is
 //!
 //! ```text
 //! straightened(x, y) = right(x, y + v(x, y))
 //! ```
 //!
-//! How the field is found is told by [`crate::rig::estimation`].
+//! The estimation of the field is described in [`crate::rig::estimation`].
 
 pub mod straighten;
 
@@ -20,7 +21,7 @@ use crate::image::impulses;
 pub const TERMS: usize = 8;
 /// Terms of a linear field.
 pub const LINEAR: usize = 3;
-/// Places along each axis at which a field is looked at as a whole.
+/// Places along each axis over which averages of a field are taken.
 const SAMPLES: usize = 20;
 /// Largest vertical offset there can be, pixels.
 pub const LARGEST_OFFSET: f64 = 16_384.0;
@@ -30,7 +31,7 @@ pub const LARGEST_OFFSET: f64 = 16_384.0;
 pub struct Alignment {
     coefficients: [f64; TERMS],
     size: (usize, usize),
-    /// The row and the column of the image with the field that the pair at hand begins with.
+    /// The row and the column of the image with the field that are the first of the pair at hand.
     first: (usize, usize),
 }
 
@@ -39,11 +40,12 @@ impl Alignment {
     pub fn new(coefficients: [f64; TERMS], size: (usize, usize)) -> Result<Self> {
         let field = Self { coefficients, size, first: (0, 0) };
         let most: f64 = coefficients.iter().map(|value| value.abs()).sum();
-        // The range also turns NaN away.
+        // The range does not contain NaN, so this refuses it, too.
         if !(0.0..=LARGEST_OFFSET).contains(&most) {
             let accepts = format!("finite coefficients of sum up to {LARGEST_OFFSET}");
             return Err(Error::value("alignment", format!("{coefficients:?}"), accepts));
         }
+
         Ok(field)
     }
 
@@ -68,15 +70,17 @@ impl Alignment {
     }
 
     /// The offset of right column `x` at left row `y` of the pair at hand, pixels: positive where the right image shows
-    /// things lower.
+    /// the same point lower.
     pub fn at(&self, x: f64, y: f64) -> f64 {
         self.along(y).at(x)
     }
 
     /// The offsets along left row `y` of the pair at hand.
-    pub fn along(&self, y: f64) -> Along {
+    pub fn along(&self, y: f64) -> RowPolynomial {
         let (rows, cols) = self.size;
         let y = (y + self.first.0 as f64 + 0.5) / (rows as f64 / 2.0) - 1.0;
+
+        // The terms as powers of x, with coefficients that are polynomials of y.
         let [shift, slope_x, slope_y, twist, bend_x, bend_y, radial_y, radial_x] =
             self.coefficients;
         let powers = [
@@ -85,7 +89,8 @@ impl Alignment {
             bend_x + y * radial_y,
             radial_x,
         ];
-        Along { powers, half: cols as f64 / 2.0, first: self.first.1 as f64 }
+
+        RowPolynomial { powers, half: cols as f64 / 2.0, first: self.first.1 as f64 }
     }
 
     /// The offset at a place from -1 to 1 along both axes.
@@ -99,35 +104,37 @@ impl Alignment {
         (squares / (SAMPLES * SAMPLES) as f64).sqrt()
     }
 
-    /// No offset is larger, pixels.
+    /// An upper bound of the magnitude of the offsets, pixels.
     pub fn bound(&self) -> f64 {
-        // No term is larger than 1, but for those of the third degree.
+        // No term is larger than 1, except those of the third degree, which are at most 2.
         let [.., y3, x3] = self.coefficients;
         self.coefficients.iter().map(|value| value.abs()).sum::<f64>() + y3.abs() + x3.abs()
     }
 
-    /// The rows of the right image around one that its straightened row depends on; masked ones take the values of others.
-    pub fn reach(&self) -> usize {
+    /// The rows of the right image on either side of one that its straightened row depends on; masked ones are filled
+    /// from others.
+    pub fn halo(&self) -> usize {
         self.bound().ceil() as usize + straighten::TAPS / 2 + straighten::TAPS + impulses::REACH
     }
 }
 
 /// The offsets along a row: a polynomial of the column.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Along {
-    /// Factors of the powers of the column, counted from -1 to 1.
+pub struct RowPolynomial {
+    /// Coefficients of the powers of the column, which runs from -1 to 1.
     powers: [f64; 4],
-    /// Half of the columns.
+    /// Half of the number of columns.
     half: f64,
-    /// The first column.
+    /// The first column of the pair in the image with the field.
     first: f64,
 }
 
-impl Along {
-    /// That of right column `x`, pixels.
+impl RowPolynomial {
+    /// The offset of right column `x`, pixels.
     #[inline(always)]
     pub fn at(self, x: f64) -> f64 {
         let x = (x + self.first + 0.5) / self.half - 1.0;
+
         let [constant, linear, square, cube] = self.powers;
         constant + x * (linear + x * (square + x * cube))
     }

@@ -1,8 +1,8 @@
-//! Several versions of each image, of which every pixel is compared in the one that suits it.
+//! Blur compensation: every pixel is compared in the version of the images that suits its area.
 //!
-//! A blur that one image alone has is evened out by blurring the other one alike; where the blur differs over
-//! the image, so does what evens it out. The pixels of the left image are of one class or another, by square
-//! tiles, and a class says how both images are blurred before they are compared.
+//! A blur that one image alone has is compensated by blurring the other one alike. Where the blur differs over the
+//! image, so do the kernels: square tiles divide the pixels of the left image into classes, and the class gives the
+//! kernels with which both images are blurred before they are compared.
 
 use crate::error::{Error, Result};
 use crate::image::convolution::Kernel;
@@ -16,7 +16,7 @@ use crate::simd::Level;
 /// Most classes there can be.
 pub const MOST_CLASSES: usize = 16;
 
-/// The classes of the pixels of a pair, and the noise of its images.
+/// The classes of the pixels of a pair, their kernels, and the noise of the images.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BlurCompensation {
     noise: [f64; 2],
@@ -25,24 +25,24 @@ pub struct BlurCompensation {
     kernels: Vec<[Option<Kernel>; 2]>,
     labels: Plane<u8>,
     tile: usize,
-    /// The row of the labeled image that the pair begins with.
+    /// The row of the labeled image that is the first of the pair.
     first: usize,
 }
 
-/// Which version of an image every pixel is compared in, by index.
+/// The index of the version of an image in which each pixel is compared.
 #[derive(Debug)]
 pub struct Labels {
-    /// A row of pixels for each row of tiles.
+    /// One row of pixels for each row of tiles.
     rows: Plane<u8>,
     tile: usize,
-    /// Rows of the first of these tiles that lie above the pair.
+    /// Rows of the first row of tiles that lie above the pair.
     above: usize,
 }
 
 impl BlurCompensation {
-    /// `noise` holds the standard deviations of the noise of the left and of the right image, in units of the
-    /// pixels; `kernels`, for each class, what these are blurred by (`None`: they stay as they are). Pixel
-    /// `(x, y)` is of the class `labels[y / tile][x / tile]`, beyond the last tile of that one's.
+    /// `noise` holds the standard deviations of the noise of the left and of the right image, in units of the pixels;
+    /// `kernels`, for each class, the kernels of the left and of the right image (`None`: the image stays as it is).
+    /// Pixel `(x, y)` is of the class `labels[y / tile][x / tile]`; beyond the last tile, of the class of that one.
     pub fn new(
         noise: [f64; 2],
         kernels: Vec<[Option<Kernel>; 2]>,
@@ -51,52 +51,58 @@ impl BlurCompensation {
     ) -> Result<Self> {
         let count = kernels.len();
         noise.map(check_noise).into_iter().collect::<Result<Vec<_>>>()?;
+
         if !(1..=MOST_CLASSES).contains(&count) {
             let accepts = format!("pairs of kernels for 1 to {MOST_CLASSES} classes");
             return Err(Error::value("kernels", format!("{count} classes"), accepts));
         }
+
         if labels.as_slice().is_empty() {
             let got = format!("shape ({}, {})", labels.rows(), labels.cols());
             return Err(Error::value("labels", got, "at least one label"));
         }
+
         if let Some(label) = labels.as_slice().iter().find(|label| usize::from(**label) >= count) {
             let accepts = format!("labels below the number of classes, {count}");
             return Err(Error::value("labels", format!("the label {label}"), accepts));
         }
+
         if tile == 0 {
             return Err(Error::value("tile", 0, "an integer from 1"));
         }
+
         let none = [0.0; 2];
         Ok(Self { noise, impulses: none, smoothing: none, kernels, labels, tile, first: 0 })
     }
 
-    /// The same where impulses of the left and of the right image stand out by so much at least, in units of the pixels; 0:
-    /// there are none.
+    /// The same with impulses of the left and of the right image that stand out by at least so much, in units of the
+    /// pixels; 0: there are none.
     pub fn with_impulses(self, impulses: [f64; 2]) -> Result<Self> {
         let [left, right] = impulses;
+
         let impulses = [deviation(left, "impulses")?, deviation(right, "impulses")?];
         Ok(Self { impulses, ..self })
     }
 
-    /// The same where both images are smoothed with these standard deviations, in units of the pixels, before anything else;
-    /// 0: not at all.
+    /// The same with a first smoothing of both images, by these standard deviations in units of the pixels; 0: none.
     pub fn with_smoothing(self, smoothing: [f64; 2]) -> Result<Self> {
         let [left, right] = smoothing;
+
         let smoothing = [deviation(left, "smoothing")?, deviation(right, "smoothing")?];
         Ok(Self { smoothing, ..self })
     }
 
-    /// The images as they are, with noise of these standard deviations.
+    /// A compensation that leaves the images as they are, with noise of these standard deviations.
     pub fn of_noise(noise: [f64; 2]) -> Result<Self> {
         Self::new(noise, vec![[None, None]], Plane::from_fn(1, 1, |_, _| 0), 1)
     }
 
-    /// The same for a pair that begins with row `first` of the one that is labeled.
+    /// The same for a pair whose first row is row `first` of the labeled one.
     pub fn starting_at_row(self, first: usize) -> Self {
         Self { first, ..self }
     }
 
-    /// The same for a pair that begins so many rows below this one.
+    /// The same for a pair that begins `rows` rows below this one.
     pub fn below(self, rows: usize) -> Self {
         Self { first: self.first + rows, ..self }
     }
@@ -106,13 +112,12 @@ impl BlurCompensation {
         self.noise
     }
 
-    /// By how much impulses of the left and of the right image stand out at least, in units of the pixels; 0: there are
-    /// none.
+    /// The least height of impulses of the left and of the right image, in units of the pixels; 0: there are none.
     pub fn impulses(&self) -> [f64; 2] {
         self.impulses
     }
 
-    /// Whether either image has impulses to be repaired.
+    /// Whether impulses of either image are repaired.
     pub fn repairs(&self) -> bool {
         self.impulses.iter().any(|height| *height > 0.0)
     }
@@ -122,7 +127,7 @@ impl BlurCompensation {
         self.smoothing.iter().any(|deviation| *deviation > 0.0)
     }
 
-    /// Standard deviations with which the left and the right image are smoothed, in units of the pixels; 0: not at all.
+    /// Standard deviations by which the left and the right image are smoothed, in units of the pixels; 0: not at all.
     pub fn smoothing(&self) -> [f64; 2] {
         self.smoothing
     }
@@ -132,7 +137,7 @@ impl BlurCompensation {
         self.every_kernel().next().is_some()
     }
 
-    /// What images are blurred by.
+    /// The kernels of all classes and both images.
     pub fn every_kernel(&self) -> impl Iterator<Item = &Kernel> {
         self.kernels.iter().flatten().flatten()
     }
@@ -147,11 +152,13 @@ impl BlurCompensation {
         ((y + self.first) / self.tile).min(self.labels.rows() - 1)
     }
 
-    /// Writes the classes of some neighboring pixels of row `y` of the left image, from column `first` on.
+    /// Writes the classes of neighboring pixels of row `y` of the left image, from column `first` on.
     pub fn write_classes(&self, y: usize, first: usize, classes: &mut [u8]) {
         let row = self.labels.row(self.row_of_labels(y));
+
         let mut x = first;
         let end = first + classes.len();
+
         while x < end {
             let tile = (x / self.tile).min(row.len() - 1);
             let next = if tile + 1 == row.len() { end } else { end.min((tile + 1) * self.tile) };
@@ -160,46 +167,52 @@ impl BlurCompensation {
         }
     }
 
-    /// Whether there may be pixels of several classes.
+    /// Whether there may be pixels of different classes.
     pub fn is_mixed(&self) -> bool {
         self.kernels.len() > 1
     }
 
-    /// What the classes blur the left and the right image by.
+    /// The kernels of the left and of the right image, by class.
     pub fn classes(&self) -> impl Iterator<Item = &[Option<Kernel>; 2]> {
         self.kernels.iter()
     }
 
-    /// What a class blurs the left and the right image by.
+    /// The kernels of a class for the left and for the right image.
     pub fn kernels(&self, class: usize) -> &[Option<Kernel>; 2] {
         &self.kernels[class]
     }
 
-    /// The versions of one side (0: left, 1: right) that are needed for a left image of so many pixels, each
-    /// once however many classes have it, and which of them is whose.
+    /// The distinct kernels of one side (0: left, 1: right) that occur in a left image of so many rows and columns, and
+    /// the index of its own for each pixel.
     pub fn of_side(
         &self,
         side: usize,
         (rows, cols): (usize, usize),
     ) -> Result<(Vec<Option<&Kernel>>, Labels)> {
+        // A class is represented by the first one with the same kernel.
         let kernel = |class: usize| self.kernels[class][side].as_ref();
         let alike = |class: usize| (0..class).find(|before| kernel(*before) == kernel(class));
         let alike: Vec<_> = (0..self.kernels.len()).map(|c| alike(c).unwrap_or(c)).collect();
+
+        // Kernels are numbered in the order in which pixels meet them.
         let mut classes = vec![];
         let tiles = self.row_of_labels(0)..=self.row_of_labels(rows - 1);
         let above = self.first - tiles.start() * self.tile;
         let mut labels = Plane::new(tiles.clone().count(), cols)?;
+
         for (index, tile) in tiles.enumerate() {
             let y = (tile * self.tile).saturating_sub(self.first);
             for (x, label) in labels.row_mut(index).iter_mut().enumerate() {
                 let class = alike[self.class(y, x)];
                 let known = classes.iter().position(|known| *known == class);
                 *label = known.unwrap_or(classes.len()) as u8;
+
                 if known.is_none() {
                     classes.push(class);
                 }
             }
         }
+
         let kernels = classes.into_iter().map(kernel).collect();
         Ok((kernels, Labels { rows: labels, tile: self.tile, above }))
     }
@@ -212,7 +225,7 @@ impl Labels {
     }
 }
 
-/// The gray values of one side of a pair as they are described, or convolved: smoothed, if that is asked.
+/// The gray values of one side of a pair before they are described or convolved, smoothed if the compensation says so.
 pub fn gray<'a>(
     view: &'a View,
     compensation: Option<&BlurCompensation>,
@@ -221,13 +234,14 @@ pub fn gray<'a>(
     control: &Control,
 ) -> Result<Gray<'a>> {
     let gray = Gray::new(view, level, control)?;
+
     match compensation.map_or(0.0, |compensation| compensation.smoothing[side]) {
         0.0 => Ok(gray),
         deviation => gray.smoothed(deviation, level, control),
     }
 }
 
-/// Refuses what is no standard deviation.
+/// Refuses a value that is no standard deviation of noise.
 pub fn check_noise(noise: f64) -> Result<f64> {
     deviation(noise, "noise")
 }
@@ -236,6 +250,7 @@ fn deviation(value: f64, name: &'static str) -> Result<f64> {
     if (0.0..=LARGEST_PIXEL).contains(&value) {
         return Ok(value);
     }
+
     let what = if name == "impulses" { "heights" } else { "standard deviations" };
     Err(Error::value(name, value, format!("{what} from 0 to {LARGEST_PIXEL:e}")))
 }
@@ -244,7 +259,7 @@ fn deviation(value: f64, name: &'static str) -> Result<f64> {
 mod tests {
     use super::*;
 
-    /// A kernel that tells itself from others by where its one tap is.
+    /// A kernel that differs from others by the place of its one tap.
     fn kernel(place: usize) -> Kernel {
         let taps = Plane::from_fn(1, 9, |_, x| f64::from(u8::from(x == place)));
         Kernel::new(&taps).expect("a legal kernel")

@@ -1,21 +1,21 @@
-//! What a match is not told is found out from the two images: where their rows lie, which disparities there are, and
-//! which image is the softer one.
+//! Estimation of what a pair lacks, from the two images alone: how their rows correspond, which disparities there are,
+//! and which image is the softer one.
 //!
-//! 1. Both images are reduced to some hundred columns and matched there over all disparities ([`overview`]): that tells
+//! 1. Both images are reduced to some hundred columns and matched there over all disparities ([`overview`]): that gives
 //!    the range to search ([`range`]).
 //! 2. Some hundred blocks of the left image are found again in the right one, first in the reduced images, then in the
 //!    whole ones ([`tracks`]); a smooth field of vertical offsets is fitted to them, robustly ([`rows`]).
-//! 3. The relative blur is estimated ([`crate::rig::blur`]) from blocks that lie on the same things: those of the right image are
-//!    taken from where the field says, not from the resampled image, whose spectrum is another.
+//! 3. The relative blur is estimated ([`crate::rig::blur`]) from blocks that show the same things: those of the right
+//!    image are taken from where the field says, not from the resampled image, since resampling changes the spectrum.
 //! 4. If the offsets are significant, some bands are matched with and without them ([`trial`]). The right image is
 //!    straightened only if the match gets better by it.
 //!
-//! Where nothing matches, the reduced images are tried once more with the negative of one: if that matches, all of the above
-//! is done with the negative of the right image, which is matched, too.
+//! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches, all of the
+//! above is repeated with the negative of the right image, which is then matched, too.
 //!
-//! Everything is in a fixed order, and the same for a pair that is read a few rows at a time.
+//! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives the same to the bit.
 
-pub mod compensation;
+pub mod compensation_plan;
 pub mod overview;
 pub mod range;
 pub mod rows;
@@ -26,10 +26,10 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::time::Duration;
 
-use self::compensation::Compensation;
+use self::compensation_plan::CompensationPlan;
 use self::overview::Overview;
 use self::range::SearchRange;
-use self::rows::Offsets;
+use self::rows::RowOffsets;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::pipeline::matcher::{Disparity, Pair};
@@ -39,64 +39,64 @@ use crate::rig::alignment::Alignment;
 use crate::rig::blur;
 use crate::rig::blur::defects::{Defects, Repaired};
 pub use crate::rig::blur::parts::Means;
-use crate::rig::blur::parts::{Part, Rows};
+use crate::rig::blur::parts::{PairRows, Part};
 use crate::rig::blur::rough;
 use crate::rig::blur_compensation::BlurCompensation;
 use crate::settings::Settings;
 
-/// Share of the width that is searched where nothing tells the range.
+/// Where the range is unknown, one in so many columns is the number of disparities to search.
 const DEFAULT_SHARE: usize = 3;
 
-/// What is to be found out.
+/// What is to be estimated, and what is known that the estimates depend on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Asked<'a> {
-    /// How blur is evened out before pixels are compared, if they are told.
+struct Request<'a> {
+    /// How blur is compensated, if that is known.
     compensation: Option<&'a BlurCompensation>,
-    /// The disparities, which are told already; `None`: they are to be found.
-    pub candidates: Option<Candidates>,
-    /// Standard deviations of the noise, which are told already.
-    pub noise: Option<[f64; 2]>,
-    /// Whether it is to be found how rows correspond.
-    pub rows: bool,
-    /// Whether noise and blur are to be found.
-    pub blur: bool,
+    /// The disparities to search, if they are known.
+    candidates: Option<Candidates>,
+    /// Standard deviations of the noise, if they are known.
+    noise: Option<[f64; 2]>,
+    /// Whether to estimate how rows correspond.
+    rows: bool,
+    /// Whether to estimate noise and blur.
+    blur: bool,
 }
 
-/// What is known of a pair before it is looked at.
+/// What the caller knows of a pair. The rest is estimated, as far as the settings ask for it.
 #[derive(Debug, Clone, Default)]
 pub struct Known {
-    /// The disparities to search; `None`: they are to be found.
+    /// The disparities to search; `None`: the range is estimated.
     pub candidates: Option<Candidates>,
-    /// Standard deviations of the noise.
+    /// Standard deviations of the noise, left and right.
     pub noise: Option<[f64; 2]>,
-    /// How blur is evened out before pixels are compared: there is nothing to be found of blur and noise then.
+    /// How blur is compensated before pixels are compared; if given, neither blur nor noise is estimated.
     pub compensation: Option<BlurCompensation>,
-    /// The field of the rows: there is nothing to be found of it then.
+    /// The field of vertical offsets; if given, none is estimated.
     pub alignment: Option<Alignment>,
     /// Whether the images match once one of them is inverted.
     pub is_inverted: bool,
 }
 
-/// What was found out of a pair, and what suits it.
+/// What was estimated from a pair, and the settings and kernels that suit it.
 #[derive(Debug, Clone)]
 pub struct Estimates {
     /// The disparities to search.
     pub candidates: Candidates,
-    /// Mean confidence of a rough match of small copies, if there was one.
+    /// Mean confidence of the rough match of the reduced images, if there was one.
     pub confidence: Option<f64>,
-    /// Whether the images match once one of them is inverted, and not before; with `compensate_blur`, all else was found out with
-    /// the negative of the right one.
+    /// Whether the images match once one of them is inverted, and not before. With `compensate_blur`, all else was then
+    /// estimated with the negative of the right image.
     pub is_inverted: bool,
-    /// What the images say about the disparities, if they were to be found, or match badly.
+    /// The range of disparities, if it was to be estimated, or the known one matches badly.
     pub range: Option<SearchRange>,
-    /// Where the rows lie, if that was asked and there is enough to see it by.
-    pub offsets: Option<Offsets>,
-    /// The field that the right image is straightened by.
+    /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
+    pub offsets: Option<RowOffsets>,
+    /// The field by which the right image is straightened.
     pub alignment: Option<Alignment>,
-    /// Noise and blur, if that was asked.
+    /// Noise and blur, if they were to be estimated.
     pub blur: Option<blur::Estimate>,
-    /// What suits them, and noise that is told.
-    pub compensation: Option<Compensation>,
+    /// The settings and kernels that suit the blur and the noise, of which one or both are estimated or known.
+    pub compensation: Option<CompensationPlan>,
     /// Wall-clock time.
     pub time: Duration,
 }
@@ -104,62 +104,82 @@ pub struct Estimates {
 /// A pair with all that a match needs.
 #[derive(Debug)]
 pub struct Prepared {
-    /// The pair, straightened and with how blur is evened out.
+    /// The pair, straightened and with its blur compensation.
     pub pair: Pair,
     /// The settings that suit it.
     pub settings: Settings,
-    /// What was found out.
-    pub found: Estimates,
+    /// What was estimated.
+    pub estimates: Estimates,
 }
 
-/// Finds out of a pair what the settings ask for and nobody told, and has it ready to be matched.
+/// Estimates what the settings ask for and the caller does not know, and prepares the pair for its match.
 pub fn prepare(pair: Pair, known: Known, settings: &Settings, means: Means) -> Result<Prepared> {
     settings.check()?;
-    let asked = known.asked(settings);
-    let Means { how, control, .. } = means;
-    let (started, mut pair) = (Instant::now(), pair);
-    if asked.is_anything() || known.is_inverted {
+
+    let (pair, estimates) = estimated(pair, &known, settings, means)?;
+
+    let compensation = match (&estimates.compensation, known.compensation) {
+        (_, Some(compensation)) => Some(compensation),
+        (Some(plan), None) => Some(plan.blur_compensation()?),
+        (None, None) => known.noise.map(BlurCompensation::of_noise).transpose()?,
+    };
+    let mut pair = pair.searched(estimates.candidates).with_blur_compensation(compensation);
+
+    if let Some(field) = &estimates.alignment {
+        let Means { matcher, how, control } = means;
+        pair = matcher.install(|| pair.straightened(field, how.level, control))?;
+    }
+
+    let suited = estimates.compensation.as_ref().map(|plan| plan.settings.clone());
+    Ok(Prepared { pair, settings: suited.unwrap_or_else(|| settings.clone()), estimates })
+}
+
+/// The estimates of a pair, and the pair that they are of: with its ranges, and inverted if it matches so.
+fn estimated(
+    mut pair: Pair,
+    known: &Known,
+    settings: &Settings,
+    means: Means,
+) -> Result<(Pair, Estimates)> {
+    let started = Instant::now();
+    let request = known.request(settings);
+
+    // Parts of the pair, and its negative, have to be scaled like the whole.
+    if !request.is_empty() || known.is_inverted {
         pair = pair.with_own_ranges(means.control)?;
     }
     if known.is_inverted {
         pair = pair.inverted();
     }
-    let found = if asked.is_anything() {
-        let mut found = means.matcher.install(|| estimate_pair(&pair, &asked, settings, means))?;
-        if settings.compensate_blur && found.is_inverted && !known.is_inverted {
-            pair = pair.inverted();
-            found = means.matcher.install(|| estimate_pair(&pair, &asked, settings, means))?;
-            found.is_inverted = true;
-        }
-        found.finished(&known, started)
-    } else {
-        Estimates::nothing(pair.candidates(), &known)
-    };
-    let compensation = match (&found.compensation, known.compensation) {
-        (_, Some(compensation)) => Some(compensation),
-        (Some(compensation), None) => Some(compensation.blur_compensation()?),
-        (None, None) => known.noise.map(BlurCompensation::of_noise).transpose()?,
-    };
-    let mut pair = pair.searched(found.candidates).with_blur_compensation(compensation);
-    if let Some(field) = &found.alignment {
-        pair = means.matcher.install(|| pair.straightened(field, how.level, control))?;
+    if request.is_empty() {
+        let estimates = Estimates::none(pair.candidates(), known);
+        return Ok((pair, estimates));
     }
-    let suited = found.compensation.as_ref().map(|found| found.settings.clone());
-    Ok(Prepared { pair, settings: suited.unwrap_or_else(|| settings.clone()), found })
+
+    let mut found = means.matcher.install(|| estimate_pair(&pair, &request, settings, means))?;
+    if settings.compensate_blur && found.is_inverted && !known.is_inverted {
+        pair = pair.inverted();
+        found = means.matcher.install(|| estimate_pair(&pair, &request, settings, means))?;
+        found.is_inverted = true;
+    }
+
+    Ok((pair, found.with_known(known, started)))
 }
 
-/// Finds out of a pair what the settings ask for and nobody told, and matches it.
+/// Estimates what the settings ask for and the caller does not know, and matches the pair.
 pub fn prepare_and_match(
     pair: Pair,
     known: Known,
     settings: &Settings,
     means: Means,
 ) -> Result<(Disparity, Estimates)> {
-    let Prepared { pair, settings, found } = prepare(pair, known, settings, means)?;
-    Ok((means.matcher.run(&pair, &settings, means.how, means.control)?, found))
+    let Prepared { pair, settings, estimates } = prepare(pair, known, settings, means)?;
+    let disparity = means.matcher.match_pair(&pair, &settings, means.how, means.control)?;
+
+    Ok((disparity, estimates))
 }
 
-/// Finds out the same of a pair that is read a part at a time, to the bit.
+/// The estimates of [`prepare`], to the bit, for a pair that is read a part at a time.
 pub fn prepare_by_rows(
     source: &dyn Source,
     known: Known,
@@ -167,18 +187,24 @@ pub fn prepare_by_rows(
     means: Means,
 ) -> Result<Estimates> {
     settings.check()?;
-    let (asked, started) = (known.asked(settings), Instant::now());
-    if !asked.is_anything() {
-        return Ok(Estimates::nothing(source.candidates(), &known));
+
+    let started = Instant::now();
+    let request = known.request(settings);
+    if request.is_empty() {
+        return Ok(Estimates::none(source.candidates(), &known));
     }
+
     let inverted = Inverted(source);
     let source = if known.is_inverted { &inverted } else { source };
-    let mut found = means.matcher.install(|| estimate_by_rows(source, &asked, settings, means))?;
+    let mut found =
+        means.matcher.install(|| estimate_by_rows(source, &request, settings, means))?;
+
     if settings.compensate_blur && found.is_inverted && !known.is_inverted {
-        found = means.matcher.install(|| estimate_by_rows(&inverted, &asked, settings, means))?;
+        found = means.matcher.install(|| estimate_by_rows(&inverted, &request, settings, means))?;
         found.is_inverted = true;
     }
-    Ok(found.finished(&known, started))
+
+    Ok(found.with_known(&known, started))
 }
 
 /// A source with the negative of the right image.
@@ -202,67 +228,72 @@ impl Source for Inverted<'_> {
     }
 }
 
-/// Finds out what is asked of a pair in memory.
+/// The estimates of a pair in memory.
 fn estimate_pair(
     pair: &Pair,
-    asked: &Asked,
+    request: &Request,
     settings: &Settings,
     means: Means,
 ) -> Result<Estimates> {
-    let is_asked = asked.blur && blur::is_enough(pair.size());
-    let defects = is_asked.then(|| Defects::of_pair(pair, means)).transpose()?.unwrap_or_default();
+    let needs_defects = request.blur && blur::is_enough(pair.size());
+    let defects = needs_defects.then(|| Defects::of_pair(pair, means)).transpose()?;
+    let defects = defects.unwrap_or_default();
+
     let repaired = defects.repaired(pair);
     let part = Part::new(0, Cow::Borrowed(&*repaired), means)?;
-    estimate(Rows::Kept(&part), &repaired, asked, defects, settings, means)
+    estimate(PairRows::Kept(&part), &repaired, request, defects, settings, means)
 }
 
-/// Finds out what is asked of a pair that is read a part at a time.
+/// The estimates of a pair that is read a part at a time.
 fn estimate_by_rows(
     source: &dyn Source,
-    asked: &Asked,
+    request: &Request,
     settings: &Settings,
     means: Means,
 ) -> Result<Estimates> {
-    let is_asked = asked.blur && blur::is_enough(source.size());
-    let defects = is_asked.then(|| Defects::of_source(source, means)).transpose()?;
+    let needs_defects = request.blur && blur::is_enough(source.size());
+    let defects = needs_defects.then(|| Defects::of_source(source, means)).transpose()?;
     let defects = defects.unwrap_or_default();
-    let (sample, impulses) = (source.rows(0..1)?, defects.impulses);
-    let repaired = Repaired { source, impulses };
-    estimate(Rows::Read(&repaired), &sample, asked, defects, settings, means)
+
+    let sample = source.rows(0..1)?;
+    let repaired = Repaired { source, impulses: defects.impulses };
+    estimate(PairRows::Read(&repaired), &sample, request, defects, settings, means)
 }
 
 impl Known {
-    fn asked(&self, settings: &Settings) -> Asked<'_> {
+    /// What the settings ask for and is not known.
+    fn request(&self, settings: &Settings) -> Request<'_> {
         let needs_noise = settings.has_weak() && self.noise.is_none();
-        Asked {
+        let needs_blur =
+            settings.compensate_blur || settings.despike || settings.denoise || needs_noise;
+
+        Request {
             compensation: self.compensation.as_ref(),
             candidates: self.candidates,
             noise: self.noise,
             rows: settings.align_rows && self.alignment.is_none(),
-            blur: self.compensation.is_none()
-                && (settings.compensate_blur
-                    || settings.despike
-                    || settings.denoise
-                    || needs_noise),
+            blur: self.compensation.is_none() && needs_blur,
         }
     }
 }
 
-impl Asked<'_> {
-    fn is_anything(&self) -> bool {
-        self.candidates.is_none() || self.rows || self.blur
+impl Request<'_> {
+    fn is_empty(&self) -> bool {
+        self.candidates.is_some() && !self.rows && !self.blur
     }
 }
 
 impl Estimates {
-    /// With what is told, and the time since the start.
-    fn finished(self, known: &Known, started: Instant) -> Self {
+    /// The same with what the caller knows, and the time since the start.
+    fn with_known(self, known: &Known, started: Instant) -> Self {
         let alignment = self.alignment.or_else(|| known.alignment.clone());
         let is_inverted = self.is_inverted || known.is_inverted;
+
         Self { alignment, is_inverted, time: started.elapsed(), ..self }
     }
 
-    fn nothing(candidates: Candidates, known: &Known) -> Self {
+    /// What the caller knows, if nothing is to be estimated.
+    fn none(candidates: Candidates, known: &Known) -> Self {
         Self {
             candidates: known.candidates.unwrap_or(candidates),
             confidence: None,
@@ -277,58 +308,48 @@ impl Estimates {
     }
 }
 
-/// Finds out what is asked. `sample` is any part of the pair.
+/// What the reduced images show, as the fields of [`Estimates`] say.
+#[derive(Default)]
+struct Geometry {
+    confidence: Option<f64>,
+    is_inverted: bool,
+    range: Option<SearchRange>,
+    offsets: Option<RowOffsets>,
+    alignment: Option<Alignment>,
+}
+
+/// The estimates that are requested. `sample` is any part of the pair.
 fn estimate(
-    rows: Rows,
+    rows: PairRows,
     sample: &Pair,
-    asked: &Asked,
+    request: &Request,
     defects: Defects,
     settings: &Settings,
     means: Means,
 ) -> Result<Estimates> {
+    let Geometry { confidence, is_inverted, range, offsets, alignment } =
+        Geometry::new(rows, request, means)?;
+
     let width = rows.size().1;
-    let is_overview_needed = asked.candidates.is_none() || asked.rows;
-    let overview = is_overview_needed.then(|| Overview::new(rows, means)).transpose()?.flatten();
-    let (mut offsets, mut alignment, mut range, mut confidence) = (None, None, None, None);
-    let mut is_inverted = false;
-    if let Some(overview) = &overview {
-        let mut rough = overview.rough(asked.candidates, None, means)?;
-        if asked.rows {
-            offsets = rows::offsets(rows, overview, &rough, asked.candidates, means)?;
-            let significant = offsets.as_ref().filter(|found| found.is_significant());
-            alignment = significant.map(|found| found.field.clone());
-        }
-        if alignment.is_some() {
-            rough = overview.rough(asked.candidates, alignment.as_ref(), means)?;
-        }
-        confidence = Some(rough.confidence);
-        // Where disparities that are told match badly, it is worth knowing which ones would do better.
-        if asked.candidates.is_some() && rough.confidence < overview::GOOD_CONFIDENCE {
-            rough = overview.rough(None, alignment.as_ref(), means)?;
-            range = range::range(overview, &rough);
-        } else if asked.candidates.is_none() {
-            range = range::range(overview, &rough);
-        }
-        is_inverted = range.is_none()
-            && rough.confidence < range::LEAST_CONFIDENCE
-            && overview.inverted().rough(None, None, means)?.confidence
-                >= overview::GOOD_CONFIDENCE;
-    }
-    let candidates = match (asked.candidates, &range) {
+    let candidates = match (request.candidates, &range) {
         (Some(candidates), _) => candidates,
         (None, Some(range)) => range.candidates(width)?,
         (None, None) => Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?,
     };
-    let known = rough::Known { candidates, alignment: alignment.clone() };
-    let blur = asked.blur.then(|| blur::estimate(rows, sample, known, means)).transpose()?;
-    let blur = blur.map(|found| found.with(defects));
-    let compensation = match (&blur, asked.noise) {
-        _ if asked.compensation.is_some() => None,
-        (Some(blur), noise) => Some(Compensation::new(blur, noise, settings)?),
-        (None, Some(noise)) => Some(Compensation::of_noise(noise, settings)?),
+
+    // Blur is compared where both images show the same, so it comes after the geometry.
+    let known = rough::Correspondence { candidates, alignment: alignment.clone() };
+    let blur = request.blur.then(|| blur::estimate(rows, sample, known, means)).transpose()?;
+    let blur = blur.map(|blur| blur.with(defects));
+
+    let compensation = match (&blur, request.noise) {
+        _ if request.compensation.is_some() => None,
+        (Some(blur), noise) => Some(CompensationPlan::new(blur, noise, settings)?),
+        (None, Some(noise)) => Some(CompensationPlan::of_noise(noise, settings)?),
         (None, None) => None,
     };
-    let mut found = Estimates {
+
+    let mut estimates = Estimates {
         candidates,
         confidence,
         is_inverted,
@@ -339,8 +360,50 @@ fn estimate(
         compensation,
         time: Duration::ZERO,
     };
-    if !trial::confirms(rows, &found, asked.compensation, settings, means)? {
-        found.alignment = None;
+
+    // The trial matches bands by the settings and with the compensation of the match, so it comes last.
+    if !trial::confirms(rows, &estimates, request.compensation, settings, means)? {
+        estimates.alignment = None;
     }
-    Ok(found)
+
+    Ok(estimates)
+}
+
+impl Geometry {
+    /// Matches the reduced images, if they are needed and large enough.
+    fn new(rows: PairRows, request: &Request, means: Means) -> Result<Self> {
+        let is_needed = request.candidates.is_none() || request.rows;
+        let Some(overview) = is_needed.then(|| Overview::new(rows, means)).transpose()?.flatten()
+        else {
+            return Ok(Self::default());
+        };
+
+        let mut rough = overview.rough(request.candidates, None, means)?;
+        let (mut offsets, mut alignment) = (None, None);
+        if request.rows {
+            offsets = rows::offsets(rows, &overview, &rough, request.candidates, means)?;
+            let significant = offsets.as_ref().filter(|offsets| offsets.is_significant());
+            alignment = significant.map(|offsets| offsets.field.clone());
+        }
+        if alignment.is_some() {
+            rough = overview.rough(request.candidates, alignment.as_ref(), means)?;
+        }
+
+        let confidence = Some(rough.confidence);
+        let mut range = None;
+        // Where known disparities match badly, a finding names those that would match better.
+        if request.candidates.is_some() && rough.confidence < overview::GOOD_CONFIDENCE {
+            rough = overview.rough(None, alignment.as_ref(), means)?;
+            range = range::range(&overview, &rough);
+        } else if request.candidates.is_none() {
+            range = range::range(&overview, &rough);
+        }
+
+        let is_inverted = range.is_none()
+            && rough.confidence < range::LEAST_CONFIDENCE
+            && overview.inverted().rough(None, None, means)?.confidence
+                >= overview::GOOD_CONFIDENCE;
+
+        Ok(Self { confidence, is_inverted, range, offsets, alignment })
+    }
 }

@@ -1,4 +1,4 @@
-//! Point-spread functions: the families that lenses and shutters make, as kernels of taps.
+//! Point-spread functions: the families of lenses and shutters, as kernels of taps.
 
 use crate::math;
 
@@ -70,8 +70,8 @@ impl Psf {
         }
     }
 
-    /// Root mean square distance from the center along one axis, averaged over the directions, pixels: what makes sizes of
-    /// different families comparable.
+    /// Root mean square distance from the center along one axis, averaged over the directions, pixels. It makes sizes
+    /// of different families comparable.
     pub fn spread(&self) -> f64 {
         match self.family {
             Family::Gaussian => self.size,
@@ -83,13 +83,15 @@ impl Psf {
 }
 
 impl Taps {
-    /// A kernel of so much reach from values of any sum that is not zero.
+    /// A kernel with `reach` taps on either side, from values whose sum is not zero.
     pub fn new(reach: usize, mut values: Vec<f64>) -> Self {
         debug_assert_eq!(values.len(), (2 * reach + 1).pow(2));
+
         let sum: f64 = values.iter().sum();
         for value in &mut values {
             *value /= sum;
         }
+
         Self { reach, values }
     }
 
@@ -101,6 +103,7 @@ impl Taps {
     /// The taps as (dy, dx, value) relative to the center.
     pub fn places(&self) -> impl Iterator<Item = (isize, isize, f64)> + '_ {
         let (side, reach) = (self.side(), self.reach as isize);
+
         self.values.iter().enumerate().map(move |(i, value)| {
             ((i / side) as isize - reach, (i % side) as isize - reach, *value)
         })
@@ -111,30 +114,37 @@ impl Taps {
         let moment = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
             self.places().map(|(dy, dx, value)| value * of(dy as f64, dx as f64)).sum()
         };
+
         let (y, x) = (moment(&|y, _| y), moment(&|_, x| x));
         moment(&|dy, dx| (dy - y).powi(2) + (dx - x).powi(2)).max(0.0).sqrt()
     }
 }
 
+/// A Gaussian that is cut off at four standard deviations.
 fn gaussian(sigma: f64) -> Taps {
     let reach = (4.0 * sigma + 0.5) as usize;
+
     let side = 0..=2 * reach;
     let profile: Vec<f64> = side
         .map(|i| {
             math::exp(-0.5 * ((i as f64 - reach as f64) / sigma.max(f64::MIN_POSITIVE)).powi(2))
         })
         .collect();
+
     let rows = profile.iter().flat_map(|a| profile.iter().map(move |b| a * b));
     Taps::new(reach, rows.collect())
 }
 
+/// An annulus, or a disk where `inner` is 0, from samples that are counted in each pixel.
 fn annulus(radius: f64, inner: f64) -> Taps {
     let reach = (radius - 0.5).ceil().max(0.0) as usize;
-    let samples = (2 * reach + 1) * DISK_SAMPLES;
-    let place = |i: usize| (i as f64 + 0.5) / DISK_SAMPLES as f64 - 0.5 - reach as f64;
     let side = 2 * reach + 1;
+    let samples = side * DISK_SAMPLES;
+    let place = |i: usize| (i as f64 + 0.5) / DISK_SAMPLES as f64 - 0.5 - reach as f64;
+
     let mut values = vec![0.0; side * side];
     let hole = (inner * radius).powi(2);
+
     for i in 0..samples {
         let y = place(i);
         for j in 0..samples {
@@ -144,21 +154,26 @@ fn annulus(radius: f64, inner: f64) -> Taps {
             }
         }
     }
+
+    // Between two samples there may be none: that is no blur.
     if values.iter().all(|value| *value == 0.0) {
         values[side * side / 2] = 1.0;
     }
+
     Taps::new(reach, values)
 }
 
+/// A straight path.
 fn motion(length: f64, angle: f64) -> Taps {
     let half = (length - 1.0).max(0.0) / 2.0;
     let samples = (length * MOTION_SAMPLES).round().max(1.0) as usize + 1;
     let steps = (0..samples).map(|i| -half + 2.0 * half * i as f64 / (samples - 1) as f64);
+
     let (sine, cosine) = math::sin_cos(angle.to_radians());
     path(steps.map(|step| (exact(step * sine), exact(step * cosine))))
 }
 
-/// Right angles are exact: the cosine of 90 degrees is 6e-17 in floating point.
+/// A coordinate without rounding errors, so that right angles are exact: the computed cosine of 90 degrees is 6e-17.
 fn exact(value: f64) -> f64 {
     (value * 1e12).round() / 1e12
 }
@@ -168,18 +183,23 @@ pub fn path(samples: impl Iterator<Item = (f64, f64)>) -> Taps {
     let samples: Vec<_> = samples.collect();
     let farthest = samples.iter().map(|(y, x)| y.abs().max(x.abs())).fold(0.0, f64::max);
     let reach = farthest.ceil() as usize;
-    // One more for the far neighbors of the ends, which have no weight.
+
+    // One more row and column for the far neighbors of the ends, which have no weight.
     let (side, wide) = (2 * reach + 1, 2 * reach + 2);
+
     let mut values = vec![0.0; wide * wide];
+
     for (y, x) in samples {
         let (top, left) = (y.floor(), x.floor());
         let place = |offset: f64| (offset + reach as f64) as usize;
+
         for (row, down) in [(top, 1.0 - (y - top)), (top + 1.0, y - top)] {
             for (col, along) in [(left, 1.0 - (x - left)), (left + 1.0, x - left)] {
                 values[place(row) * wide + place(col)] += down * along;
             }
         }
     }
+
     let rows = values.chunks(wide).take(side).flat_map(|row| &row[..side]);
     Taps::new(reach, rows.copied().collect())
 }

@@ -8,12 +8,12 @@ use crate::settings::{CostKind, Optimizer, Precision, Settings, Taper};
 /// A named set of settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Preset {
-    /// The default: it finds by itself what the pair lacks (blur, rows, impulses, noise) and compensates for it, describes
+    /// The default: it estimates what the pair lacks (blur, rows, impulses, noise) and compensates for it, describes
     /// two sizes of neighborhoods, searches along four paths, checks, fills and smooths.
     Robust,
     /// The method of Pedone & Heikkilä, ACIVS 2008, as published.
     Paper,
-    /// For frame rates: short codes, costs in bytes, two paths along each row, the map as it is found.
+    /// For frame rates: short codes, costs in bytes, two paths along each row, no checks.
     Fast,
 }
 
@@ -25,10 +25,11 @@ impl Preset {
     pub fn named(name: &str) -> Result<Self> {
         let names = || Self::ALL.map(|preset| format!("'{}'", preset.name())).join(", ");
         let found = Self::ALL.into_iter().find(|preset| preset.name() == name);
+
         found.ok_or_else(|| Error::value("preset", format!("'{name}'"), names()))
     }
 
-    /// What it is called.
+    /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Robust => "robust",
@@ -53,10 +54,9 @@ impl Default for Settings {
     }
 }
 
-// Sharp, the mean
-// of the six blurs, and both images with noise of 5 gray levels, or JPEG of quality 70. Where one
-// image is blurred, neighborhood and window are two larger than said. As it was before, with
-// sizes=1, denoise off and P1, P2 = (5, 20): 5.56 17.69 16.9 17.3.
+// Figures: sharp, the mean of the six blurs, and both images with noise of 5 gray levels, or JPEG of quality 70.
+// Where one image is blurred, neighborhood and window are two larger than the settings say. Before, with sizes=1,
+// denoise off and P1, P2 = (5, 20), the figures were 5.56 17.69 16.9 17.3.
 //   as it is            5.20  17.45  12.0  12.6     P1, P2 (5, 20)  5.14  17.54  12.3  12.9
 //   sizes 1             6.01  17.85  16.2  13.7     P1, P2 (7, 28)  5.27  17.37  12.0  12.4
 //   denoise off       5.38  17.70  13.7  14.5     P1, P2 (4, 24)  5.17  17.76  12.4  13.1

@@ -1,11 +1,11 @@
 //! Windows: sliding sums over lanes against each window summed by itself.
 
 use crate::common::{
-    COUNTS, affordable, eight_votes, hash, heights, levels, mask, naive, random, settings, view,
-    volumes, widths,
+    COUNTS, affordable, eight_valid_pairs, hash, heights, levels, mask, naive, random, settings,
+    view, volumes, widths,
 };
 use crate::reference;
-use phasestereo::internals::cost::aggregation::{Aggregator, Block, Window, aggregate};
+use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock, Window, aggregate};
 use phasestereo::internals::cost::candidates::Candidates;
 use phasestereo::internals::cost::{Costs, steps_of};
 use phasestereo::internals::error::Error;
@@ -96,8 +96,8 @@ proptest! {
         let window = Window::new((9, 9), 5, &settings, ceiling);
         for votes in 1..=window.side as u64 {
             let sum = (votes * u64::from(ceiling)) >> window.dropped;
-            let share = window.share(sum, votes);
-            prop_assert!(share <= window.largest_sum(), "{} by {}: {:?}", share, votes, window);
+            let scaled = window.scaled(sum, votes);
+            prop_assert!(scaled <= window.largest_sum(), "{} by {}: {:?}", scaled, votes, window);
         }
     }
 }
@@ -145,10 +145,10 @@ fn the_greatest_costs_there_are_do_not_overflow() {
 fn the_mean_of_the_votes_counts() {
     let window =
         Window { rows: 1, cols: 1, candidates: 1, side: 3, ceiling: 14, ..Window::default() };
-    assert_eq!(window.share(30, 9), 30, "everybody voted");
-    assert_eq!(window.share(10, 3), 30, "a third voted");
-    assert_eq!(window.share(1, 2), 5, "4.5 is rounded up");
-    assert_eq!(window.share(0, 0), 9 * 14, "nobody voted");
+    assert_eq!(window.scaled(30, 9), 30, "everybody voted");
+    assert_eq!(window.scaled(10, 3), 30, "a third voted");
+    assert_eq!(window.scaled(1, 2), 5, "4.5 is rounded up");
+    assert_eq!(window.scaled(0, 0), 9 * 14, "nobody voted");
 }
 
 #[test]
@@ -185,11 +185,11 @@ impl Election {
         for (y, x) in places.flat_map(|y| (0..window.cols).step_by(wide).map(move |x| (y, x))) {
             let rows = y..(y + high).min(window.rows);
             let columns = x..(x + wide).min(window.cols);
-            let runs = rows.len() * columns.len() * costs.chunks();
+            let runs = rows.len() * columns.len() * costs.runs();
             let mut out = vec![[V::truncated(77); LANES]; runs];
-            let block = Block { rows: rows.clone(), columns: columns.clone() };
+            let block = PixelBlock { rows: rows.clone(), columns: columns.clone() };
             aggregator.aggregate(costs, window, block, level, &mut out).expect("memory");
-            let mut pixels = out.chunks_exact(costs.chunks()).map(<[_]>::as_flattened);
+            let mut pixels = out.chunks_exact(costs.runs()).map(<[_]>::as_flattened);
             for (y, x) in rows.flat_map(|y| columns.clone().map(move |x| (y, x))) {
                 let (sums, beyond) = pixels.next().expect("every pixel").split_at(count);
                 assert!(beyond.iter().all(|sum| *sum == V::FAR), "beyond the last candidate");
@@ -208,10 +208,10 @@ impl Election {
         let costs = Costs::new(views, self.candidates, settings, noise, levels()[0], &control)
             .expect("not cancelled");
         let window = self.window(costs.ceiling());
-        let votes = naive::votes(views, self.candidates);
+        let validity = naive::validity(views, self.candidates);
         let naive = naive::costs(views, self.candidates, settings, noise);
-        let expected = reference::aggregate(&naive, &votes, window);
-        let largest = window.largest_value(costs.votes().is_some());
+        let expected = reference::aggregate(&naive, &validity, window);
+        let largest = window.largest_value(costs.validity().is_some());
         for level in levels() {
             let told = format!("{window:?} {} {:?}", level.name(), self.block);
             assert!(self.aggregated::<u32>(&costs, level) == expected, "u32: {told}");
@@ -258,7 +258,7 @@ proptest! {
 #[test]
 fn few_votes_do_not_overflow_a_byte() {
     Election {
-        views: eight_votes(),
+        views: eight_valid_pairs(),
         candidates: Candidates::new(0, 4, 42).expect("in reach"),
         settings: Settings {
             frequencies: (3, 2),

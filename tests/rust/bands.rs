@@ -1,9 +1,9 @@
-//! Pairs matched in parts, with no more rows around them than they reach: what a match of the whole gives, bit for bit.
+//! Pairs matched in parts, with no more rows around them than their halo, give the bits of a match of the whole.
 
 use std::ops::Range;
 
 use crate::common::maps;
-use crate::common::naive::Seen;
+use crate::common::naive::ResultBits;
 use crate::common::parts::{Slow, known_part, rows_of};
 use crate::common::{
     OPTIMIZERS, affordable, blur_compensation, hash, levels, mask, noises, random, robust,
@@ -30,45 +30,53 @@ use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 
-/// What a match may cost: pixels x candidates x sides of window and neighborhood.
+/// Limit on the work of a match: pixels x candidates x sides of window and neighborhood.
 const AFFORDABLE: usize = 1 << 22;
 
-/// A pair to be matched in parts, and what is known of the whole of it.
+/// A pair to be matched in parts, and what a part has to know of the whole.
 #[derive(Debug)]
-struct Job {
+struct PartsJob {
     pair: Pair,
     settings: Settings,
-    ranges: [intensity::Range; 2],
+    ranges: [intensity::IntensityRange; 2],
     roughness: Roughness,
 }
 
-impl Job {
+impl PartsJob {
     fn new(pair: Pair, settings: Settings) -> Self {
-        let (control, whole) = (Control::default(), pair.size().0);
+        let control = Control::default();
+        let whole = pair.size().0;
+
         let found = ranges(&Slow::new(&pair, whole), &control).expect("all rows");
         let known = pair.clone().with_ranges(found.map(Some));
         let impulses = pair.views()[0].impulses;
         let rough = roughness(&Slow::new(&known, whole), impulses, Level::best(), &control);
+
         Self { pair, settings, ranges: found, roughness: rough.expect("all rows") }
     }
 
-    fn reach(&self) -> Halo {
+    /// The rows around a part that it depends on.
+    fn halo(&self) -> Halo {
         Halo::new(&self.settings, self.pair.blur_compensation(), None)
     }
 
-    fn whole(&self, (matcher, how): (&Matcher, Execution)) -> Seen {
-        let found = matcher.run(&self.pair, &self.settings, how, &Control::default());
-        Seen::of(found.expect("a legal match"))
+    /// The result of a match of the whole.
+    fn whole(&self, (matcher, how): (&Matcher, Execution)) -> ResultBits {
+        let found = matcher.match_pair(&self.pair, &self.settings, how, &Control::default());
+        ResultBits::of(found.expect("a legal match"))
     }
 
-    /// What is to be read for some rows.
+    /// The rows to read for some rows: more where a halo has rows without a valid pixel.
     fn around(&self, rows: &Range<usize>) -> Range<usize> {
-        let (reach, height) = (self.reach(), self.pair.size().0);
-        let read = widened(rows, reach.rows(), height);
+        let halo = self.halo();
+        let height = self.pair.size().0;
+        let read = widened(rows, halo.rows(), height);
+
         let is_empty = |mask: &Mask| read.clone().any(|y| !mask.row(y).contains(&true));
         if self.pair.views().iter().filter_map(|view| view.mask.as_ref()).any(is_empty) {
-            return widened(&read, reach.masked, height);
+            return widened(&read, halo.masked, height);
         }
+
         read
     }
 
@@ -78,39 +86,42 @@ impl Job {
         rows: &Range<usize>,
         read: &Range<usize>,
         (matcher, how): (&Matcher, Execution),
-    ) -> Seen {
+    ) -> ResultBits {
         let section = Section {
             rows: rows.start - read.start..rows.end - read.start,
             first: read.start,
             roughness: Some(self.roughness),
         };
+
         let pair = without_full_masks(known_part(&self.pair, read, self.ranges));
-        let found = matcher.run_rows(&pair, &section, &self.settings, how, &Control::default());
-        Seen::of(found.expect("a legal part"))
+        let found = matcher.match_rows(&pair, &section, &self.settings, how, &Control::default());
+        ResultBits::of(found.expect("a legal part"))
     }
 
     /// The whole match, the rows between each two cuts by themselves.
-    fn by_parts(&self, cuts: &[usize], on: (&Matcher, Execution)) -> Seen {
+    fn by_parts(&self, cuts: &[usize], on: (&Matcher, Execution)) -> ResultBits {
         let rows = cuts.windows(2).map(|ends| ends[0]..ends[1]);
         joined(rows.map(|rows| self.part(&rows, &self.around(&rows), on)))
     }
 }
 
-impl std::fmt::Display for Job {
+impl std::fmt::Display for PartsJob {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         let (size, candidates) = (self.pair.size(), self.pair.candidates());
-        write!(f, "{size:?}, {candidates:?}, {:?}, {:?}", self.settings, self.reach())
+        write!(f, "{size:?}, {candidates:?}, {:?}, {:?}", self.settings, self.halo())
     }
 }
 
-fn joined(parts: impl Iterator<Item = Seen>) -> Seen {
-    let join = |mut one: Seen, next: Seen| {
+/// The parts one below the other.
+fn joined(parts: impl Iterator<Item = ResultBits>) -> ResultBits {
+    let join = |mut one: ResultBits, next: ResultBits| {
         one.disparity.extend(next.disparity);
         one.flags.extend(next.flags);
         one.confidence =
             one.confidence.zip(next.confidence).map(|(one, next)| [one, next].concat());
         one
     };
+
     parts.reduce(join).expect("at least one part")
 }
 
@@ -120,7 +131,9 @@ fn without_full_masks(pair: Pair) -> Pair {
         let mask = view.mask.clone().filter(|mask| mask.as_slice().contains(&false));
         View { mask, ..view.clone() }
     });
-    let (candidates, compensation) = (pair.candidates(), pair.blur_compensation().cloned());
+
+    let candidates = pair.candidates();
+    let compensation = pair.blur_compensation().cloned();
     let parted = Pair::new(left, right, candidates.min() as i64, candidates.count() as i64);
     parted.expect("a legal pair").with_blur_compensation(compensation)
 }
@@ -129,13 +142,14 @@ fn how(threads: usize, level: Level) -> Execution {
     Execution { threads, level }
 }
 
-/// Masks of rows here and there, and of all rows of some part.
+/// Masks of single pixels, and of all pixels of some rows.
 fn masked(rows: usize, cols: usize, seed: u64) -> Mask {
     let percent = [100, 95, 60, 20][(seed % 4) as usize];
     let lot = |salt: u64| (hash(seed ^ salt, 0, 0) % (rows as u64 + 1)) as usize;
     let (here, empty, few) = (lot(1), lot(2), lot(3) % 100);
     let some = mask(rows, cols, percent, seed);
     let is_full = seed & 8 == 0;
+
     Mask::from_fn(rows, cols, |y, x| {
         let is_lost = (empty..empty + few).contains(&y);
         let is_valid = (is_full && y < here) || some.row(y)[x];
@@ -147,28 +161,34 @@ fn masked(rows: usize, cols: usize, seed: u64) -> Mask {
 fn pairs() -> impl Strategy<Value = Pair> {
     let small = (1usize..=20, 1usize..=12, 0u8..4)
         .prop_flat_map(|(rows, cols, kind)| [views(rows, cols, kind), views(rows, cols, kind)]);
+
     let heights = prop_oneof![
         2 => 1usize..=260,
         1 => select(vec![63, 64, 65, 79, 80, 81, 128, 129, 193]),
         1 => 261usize..=600,
     ];
+
     let tall = (heights, 1usize..=40, select(vec![1u64, 7, 255]), 0u8..4, any::<u64>()).prop_map(
         |(rows, cols, white, masks, seed)| {
             [0u8, 1].map(|side| {
                 let own = seed ^ u64::from(side);
                 let shift = if seed & 16 == 0 { 2 * usize::from(side) } else { 0 };
+
                 let noise = seed & 32 == 0;
                 let pixel = |y, x: usize| {
                     let scene = hash(seed, y / 2, usize::midpoint(x, shift)) % (white + 1);
                     let lot = hash(own, y, x) % (white + 1);
+
                     if noise { lot as u8 } else { scene as u8 }
                 };
+
                 let is_masked = masks >> side & 1 == 1;
                 let mask = is_masked.then(|| masked(rows, cols, hash(own, 1, 1)));
                 View { mask, ..view(rows, cols, pixel) }
             })
         },
     );
+
     (prop_oneof![1 => small, 3 => tall], any::<Index>(), any::<Index>()).prop_map(
         |([left, right], min, count)| {
             let cols = left.image.shape().1;
@@ -184,7 +204,7 @@ fn noise_alone(noise: [f64; 2]) -> BlurCompensation {
     BlurCompensation::of_noise(noise).expect("legal noise")
 }
 
-/// Settings of which nothing is refined, so that parts are as small as can be.
+/// Settings without refinement, so that halos are as small as possible.
 fn unrefined(settings: Settings) -> Settings {
     Settings {
         subpixel: false,
@@ -200,35 +220,41 @@ fn unrefined(settings: Settings) -> Settings {
     }
 }
 
-/// Settings of any kind, and those that pairs are matched with by default, or about so.
-fn ways() -> impl Strategy<Value = Settings> {
+/// Settings of any kind, and about the default ones.
+fn any_settings() -> impl Strategy<Value = Settings> {
     let of_few = |optimizer| Settings { optimizer, speckle_size: 10, ..robust() };
+
     prop_oneof![
         2 => settings(),
         2 => settings().prop_map(unrefined),
         1 => select(OPTIMIZERS.to_vec()).prop_map(of_few),
-        1 => select(OPTIMIZERS.to_vec()).prop_map(move |way| unrefined(of_few(way))),
+        1 => select(OPTIMIZERS.to_vec()).prop_map(move |optimizer| unrefined(of_few(optimizer))),
     ]
 }
 
-fn jobs() -> impl Strategy<Value = Job> {
+fn jobs() -> impl Strategy<Value = PartsJob> {
     let known = prop_oneof![1 => noises().prop_map(noise_alone), 2 => blur_compensation()];
-    (pairs(), ways(), known).prop_map(|(pair, mut settings, known)| {
+    (pairs(), any_settings(), known).prop_map(|(pair, mut settings, known)| {
         let (rows, cols) = pair.size();
+
         let places = AFFORDABLE / (rows * cols * pair.candidates().count());
         settings.window = affordable(settings.window, places);
+
         let (r, s) = settings.frequencies;
         let least = (2 * r.max(s) + 1).max(3);
         settings.neighborhood = affordable(settings.neighborhood, places).max(least);
+
         let is_phase = settings.cost == CostKind::Phase;
         let known = if is_phase { known } else { noise_alone(known.noise()) };
-        Job::new(pair.with_blur_compensation(known), settings)
+
+        PartsJob::new(pair.with_blur_compensation(known), settings)
     })
 }
 
 /// Cuts through so many rows, the first and the last among them.
 fn cuts(height: usize, places: &[Index]) -> Vec<usize> {
     let inner = places.iter().map(|place| place.index(height));
+
     let mut cuts: Vec<_> = inner.chain([0, height]).collect();
     cuts.sort_unstable();
     cuts.dedup();
@@ -246,18 +272,21 @@ proptest! {
         level in select(levels()),
     ) {
         let cuts = cuts(job.pair.size().0, &places);
-        let (matcher, how) = (Matcher::new(threads).expect("threads start"), how(threads, level));
-        let (found, expected) = (job.by_parts(&cuts, (&matcher, how)), job.whole((&matcher, how)));
+        let matcher = Matcher::new(threads).expect("threads start");
+        let on = (&matcher, how(threads, level));
+        let found = job.by_parts(&cuts, on);
+        let expected = job.whole(on);
+
         prop_assert!(found == expected, "{:?} of {}", cuts, job);
     }
 }
 
-/// A scene and the same further left, so that costs range from none to all there are.
+/// A scene and the same further left, so that costs range from 0 to the largest.
 fn shifted(rows: usize, cols: usize) -> [View; 2] {
     [0, 2].map(|shift| view(rows, cols, |y, x| hash(9, y, x + shift) as u8))
 }
 
-/// A pair with these columns, of which the rows that `masks` says have some invalid pixels.
+/// A pair with these columns, with some invalid pixels in the rows that `is_masked` names.
 fn pair(rows: usize, cols: usize, is_masked: impl Fn(usize) -> bool) -> Pair {
     let mask = Mask::from_fn(rows, cols, |y, x| !(is_masked(y) && hash(3, y, x).is_multiple_of(4)));
     let mask = Some(mask).filter(|mask| mask.as_slice().contains(&false));
@@ -265,14 +294,17 @@ fn pair(rows: usize, cols: usize, is_masked: impl Fn(usize) -> bool) -> Pair {
     Pair::new(left, right, -1, 9).expect("a legal pair")
 }
 
-/// Masks and penalties tell in what integers a part is matched: not always in those of the whole.
+/// Masks and penalties decide in which integers a part is matched: not always in those of the whole.
 #[test]
 fn parts_are_matched_in_any_integers() {
-    let (height, matcher) = (4 * BAND + 9, Matcher::new(2).expect("threads"));
+    let height = 4 * BAND + 9;
+    let matcher = Matcher::new(2).expect("threads");
+
     let phase = Settings { neighborhood: 5, ..Preset::Paper.settings() };
     let byte = Settings { precision: Precision::Byte, ..phase };
     let cheap = (0.05, 0.1);
     let dear = (LARGEST_PENALTY, LARGEST_PENALTY);
+
     let every = [
         Settings { window: 3, p1: cheap.0, p2: cheap.1, ..byte },
         Settings { window: 17, p1: cheap.0, p2: cheap.1, frequencies: (1, 0), bits: 1, ..byte },
@@ -280,12 +312,14 @@ fn parts_are_matched_in_any_integers() {
         Settings { window: 3, p1: dear.0, p2: dear.1, ..phase },
         Settings { window: 7, cost: CostKind::Sad, ..phase },
     ];
+
     for (settings, optimizer) in
         every.iter().flat_map(|settings| OPTIMIZERS.map(|optimizer| (settings, optimizer)))
     {
         let settings = Settings { optimizer, ..settings.clone() };
+
         for is_masked in [|y: usize| y < 10, |y: usize| y > 3 * BAND] {
-            let job = Job::new(pair(height, 40, is_masked), settings.clone());
+            let job = PartsJob::new(pair(height, 40, is_masked), settings.clone());
             let on = (&matcher, how(2, Level::best()));
             let found = job.by_parts(&[0, BAND, BAND + 1, 3 * BAND + 5, height], on);
             assert!(found == job.whole(on), "{job}");
@@ -293,29 +327,31 @@ fn parts_are_matched_in_any_integers() {
     }
 }
 
-/// Several kernels, of as many rows above and below as the largest, in tiles of several classes.
+/// Two classes in tiles, with kernels of two sizes.
 fn two_versions() -> BlurCompensation {
     let taps = |side: usize| Plane::from_fn(side, side, |_, _| 1.0 / (side * side) as f64);
     let kernel = |side| Some(Kernel::new(&taps(side)).expect("a legal kernel"));
     let labels = Plane::from_fn(3, 2, |y, x| ((y + x) % 2) as u8);
+
     let kernels = vec![[None, kernel(7)], [kernel(3), None]];
     BlurCompensation::new([1.0; 2], kernels, labels, 40).expect("legal compensation")
 }
 
-/// The same of images with impulses, which are smoothed.
+/// The same, of images with impulses that are smoothed as well.
 fn cleaned_versions() -> BlurCompensation {
     let compensation = two_versions().with_impulses([5.0, 0.5]).expect("legal heights");
     compensation.with_smoothing([90.0, 70.0]).expect("legal deviations")
 }
 
 #[test]
-fn tall_pairs_in_the_default_way_are_the_whole() {
+fn tall_pairs_in_parts_are_the_whole() {
     let [left, right] =
         shifted(600, 75).map(|view| View { mask: Some(masked(600, 75, 12)), ..view });
     let pair = Pair::new(left, right, 0, 16).expect("a legal pair");
     let matcher = Matcher::new(2).expect("threads");
+
     for known in [two_versions(), cleaned_versions()] {
-        let job = Job::new(pair.clone().with_blur_compensation(known), robust());
+        let job = PartsJob::new(pair.clone().with_blur_compensation(known), robust());
         for level in levels() {
             let on = (&matcher, how(1, level));
             let found = job.by_parts(&[0, 1, 63, 128, 330, 599, 600], on);
@@ -324,14 +360,15 @@ fn tall_pairs_in_the_default_way_are_the_whole() {
     }
 }
 
-/// Windows and neighborhoods of several sizes, in all ways to choose; and what is chosen, looked at from further away.
-fn ways_to_reach() -> Vec<(Settings, Option<BlurCompensation>)> {
+/// Windows and neighborhoods of several sizes with every optimizer, without refinement and with what depends on more rows.
+fn settings_of_many_halos() -> Vec<(Settings, Option<BlurCompensation>)> {
     let alone = Optimizer::WinnerTakesAll;
     let phase = Settings { optimizer: alone, neighborhood: 3, window: 3, ..nothing() };
     let phase = Settings { frequencies: (1, 1), ..phase };
-    // What rows far away cost is not forgotten on the way where changes are dear.
+    // With dear changes a path remembers the costs of rows far away.
     let several = Settings { optimizer: Optimizer::SemiGlobal, p1: 1e4, p2: 1e4, ..phase };
     let ordered = Settings { optimizer: Optimizer::DynamicProgramming, ..phase };
+
     vec![
         (Settings { shiftable: false, ..phase }, None),
         (phase.clone(), None),
@@ -361,24 +398,27 @@ fn spoilt(lot: u64) -> u8 {
 }
 
 #[test]
-fn no_less_than_the_reach_would_do() {
+fn halos_are_as_small_as_possible() {
     let matcher = Matcher::new(1).expect("a thread");
     let on = (&matcher, how(1, Level::best()));
-    for (settings, known) in ways_to_reach() {
+    for (settings, known) in settings_of_many_halos() {
         let mut is_tight = [false; 2];
         for seed in 0..12 {
             let [left, right] =
                 [seed, !seed].map(|seed| view(280, 60, |y, x| spoilt(hash(seed, y, x))));
             let pair = Pair::new(left, right, 0, 30).expect("a legal pair");
-            let job = Job::new(pair.with_blur_compensation(known.clone()), settings.clone());
-            let reach = job.reach();
-            // The last row of a band reaches furthest up, the first of the next one furthest down.
-            for (y, is_above) in [(2 * BAND - 1 + reach.map, true), (2 * BAND - reach.map, false)] {
+            let job = PartsJob::new(pair.with_blur_compensation(known.clone()), settings.clone());
+
+            let halo = job.halo();
+            // The last row of a band depends on the furthest row above, the first of the next one on the furthest below.
+            for (y, is_above) in [(2 * BAND - 1 + halo.map, true), (2 * BAND - halo.map, false)] {
                 let rows = y..y + 1;
-                let read = widened(&rows, reach.rows(), 280);
+                let read = widened(&rows, halo.rows(), 280);
                 let enough = job.part(&rows, &read, on);
-                let more = widened(&rows, reach.rows() + 40, 280);
+
+                let more = widened(&rows, halo.rows() + 40, 280);
                 assert!(enough == job.part(&rows, &more, on), "{job}");
+
                 let [above, below] = [usize::from(is_above), usize::from(!is_above)];
                 let less = read.start + above..read.end - below;
                 is_tight[below] |= enough != job.part(&rows, &less, on);
@@ -388,13 +428,13 @@ fn no_less_than_the_reach_would_do() {
     }
 }
 
-/// Settings of which nothing is refined.
+/// Settings without refinement.
 fn nothing() -> Settings {
     unrefined(Preset::Paper.settings())
 }
 
-/// Each way to refine by itself, on maps of which it makes something.
-fn ways_to_refine() -> Vec<Settings> {
+/// Every stage of refinement by itself, and some together.
+fn settings_of_refinement() -> Vec<Settings> {
     let nothing = nothing();
     vec![
         nothing.clone(),
@@ -411,49 +451,56 @@ fn ways_to_refine() -> Vec<Settings> {
     ]
 }
 
-/// Rows in which nothing is trusted, of any number.
+/// Some rows without a trusted pixel.
 fn lost(seed: u64) -> Range<usize> {
     let first = (hash(seed, 1, 1) % 150) as usize;
     first..first + (hash(seed, 2, 2) % 80) as usize
 }
 
-/// A map to be refined, and all that it may be refined by.
+/// A map to be refined, and the inputs of every stage.
 #[derive(Clone)]
-struct Map {
+struct DraftMap {
     disparity: Plane<f32>,
     flags: Plane<u16>,
     votes: Plane<f32>,
     texture: Texture,
 }
 
-impl Map {
+impl DraftMap {
     fn random(seed: u64, percent: u64) -> Self {
-        let maps::Map { disparity, flags } = maps::Map::random((150, 24), percent, seed);
+        let maps::FlaggedMap { disparity, flags } =
+            maps::FlaggedMap::random((150, 24), percent, seed);
+
         let lost = lost(seed);
         let flags = Plane::from_fn(150, 24, |y, x| {
             flags.row(y)[x] | if lost.contains(&y) { flag::OCCLUDED } else { 0 }
         });
+
         let votes = Plane::from_fn(150, 24, |y, x| (hash(seed ^ 8, y, x) % 100) as f32 / 100.0);
         let gray = Plane::from_fn(150, 24, |y, x| (hash(seed ^ 9, y / 3, x / 3) % 30) as i32);
+
         Self { disparity, flags, votes, texture: Texture::new(gray) }
     }
 
-    /// Refines some rows, with so many around them.
-    fn refined(&self, rows: &Range<usize>, reach: usize, settings: &Settings) -> Seen {
-        let read = widened(rows, reach, 150);
+    /// Refines some rows, with `halo` rows on either side.
+    fn refined(&self, rows: &Range<usize>, halo: usize, settings: &Settings) -> ResultBits {
+        let read = widened(rows, halo, 150);
         let mut flags = rows_of(&self.flags, &read);
         let votes = rows_of(&self.votes, &read);
+
         let draft = Draft {
             disparity: rows_of(&self.disparity, &read),
             flags: &mut flags,
             votes: settings.needs_confidence().then_some(&votes),
             texture: Some(&self.texture.clone().of_rows(read.clone())),
-            scene: None,
+            blurred_pair: None,
         };
+
         let found = draft.refine(settings, Level::best(), &Control::default());
         let (disparity, confidence) = found.expect("memory");
+
         let rows = rows.start - read.start..rows.end - read.start;
-        Seen::of(Disparity {
+        ResultBits::of(Disparity {
             disparity: disparity.of_rows(rows.clone()),
             flags: flags.of_rows(rows.clone()),
             confidence: confidence.map(|plane| plane.of_rows(rows)),
@@ -461,72 +508,83 @@ impl Map {
         })
     }
 
-    /// Whether the map refined in two parts with such a reach is that refined as a whole.
-    fn is_whole(&self, cut: usize, reach: usize, settings: &Settings) -> bool {
-        let parts = [0..cut, cut..150].map(|rows| self.refined(&rows, reach, settings));
+    /// Whether the map, refined in two parts with this halo, is the map refined as a whole.
+    fn is_whole(&self, cut: usize, halo: usize, settings: &Settings) -> bool {
+        let parts = [0..cut, cut..150].map(|rows| self.refined(&rows, halo, settings));
         joined(parts.into_iter()) == self.refined(&(0..150), 0, settings)
     }
 }
 
 #[test]
-fn refinement_needs_its_reach_and_no_more() {
-    for settings in ways_to_refine() {
-        // What several stages reach together is not always needed, and what speckles and edges reach is told by
-        // other maps.
+fn refinement_needs_its_halo_and_no_more() {
+    for settings in settings_of_refinement() {
+        // The halo of several stages together is not always needed in full; those of speckles and of edges are tested below.
         let is_one = settings.speckle_size == 0 && !settings.guided_median;
-        let reach = Halo::new(&settings, None, None).map;
-        let mut is_tight = reach == 0;
+        let halo = Halo::new(&settings, None, None).map;
+        let mut is_tight = halo == 0;
+
         for seed in 0..400 {
             let percent = [0, 3, 20, 60, 97][seed as usize % 5];
-            // Anywhere, or as far from what is trusted as filling looks.
+
+            // Anywhere, or as far from trusted rows as filling looks.
             let any = 1 + (hash(seed, 0, 0) % 149) as usize;
             let far = (lost(seed).end + 1).saturating_sub(filling::REACH).clamp(1, 149);
-            let (map, cut) = (Map::random(seed, percent), if seed % 2 == 0 { any } else { far });
-            assert!(map.is_whole(cut, reach, &settings), "seed {seed}, {settings:?}");
-            is_tight |= is_one && reach > 0 && !map.is_whole(cut, reach - 1, &settings);
+            let map = DraftMap::random(seed, percent);
+            let cut = if seed % 2 == 0 { any } else { far };
+
+            assert!(map.is_whole(cut, halo, &settings), "seed {seed}, {settings:?}");
+            is_tight |= is_one && halo > 0 && !map.is_whole(cut, halo - 1, &settings);
+
             if seed > 60 && (is_tight || !is_one) {
                 break;
             }
         }
+
         assert!(is_tight || !is_one, "{settings:?}");
     }
 }
 
-/// The last row that a pixel is near a jump of is the one above it.
+/// A pixel is near the jump between the last row of its halo and the one before.
 #[test]
-fn edges_are_drawn_to_jumps_as_far_as_they_reach() {
+fn edges_need_their_halo_and_no_more() {
     let settings = Settings { guided_median: true, ..nothing() };
-    let reach = Halo::new(&settings, None, None).map;
+    let halo = Halo::new(&settings, None, None).map;
+
     for cut in [60, 61, 75] {
         let calm = |y: usize, x: usize| (hash(6, y, x) % 4) as f32 / 4.0;
-        let step = |y: usize| if y + 1 >= cut + reach { 5.0 } else { 0.0 };
-        let map = Map {
+        let step = |y: usize| if y + 1 >= cut + halo { 5.0 } else { 0.0 };
+
+        let map = DraftMap {
             disparity: Plane::from_fn(150, 24, |y, x| calm(y, x) + step(y)),
             flags: Plane::from_fn(150, 24, |_, _| 0),
-            ..Map::random(1, 0)
+            ..DraftMap::random(1, 0)
         };
-        assert!(map.is_whole(cut, reach, &settings), "{cut}");
-        assert!(!map.is_whole(cut, reach - 1, &settings), "{cut}");
+
+        assert!(map.is_whole(cut, halo, &settings), "{cut}");
+        assert!(!map.is_whole(cut, halo - 1, &settings), "{cut}");
     }
 }
 
-/// A column of so many pixels that stands out hangs on to more than a speckle has, or not, that many rows away.
+/// A column of pixels that stands out: whether it is a speckle depends on its end that many rows away.
 #[test]
-fn speckles_are_as_large_as_they_reach() {
+fn speckles_need_their_halo_and_no_more() {
     let settings = Settings { speckle_size: 20, fill: false, ..nothing() };
-    let reach = Halo::new(&settings, None, None).map;
-    let column = |length: usize| Map {
+    let halo = Halo::new(&settings, None, None).map;
+
+    let column = |length: usize| DraftMap {
         disparity: Plane::from_fn(150, 24, |y, x| {
             if x == 7 && (60..60 + length).contains(&y) { 9.0 } else { 1.0 }
         }),
         flags: Plane::from_fn(150, 24, |_, _| 0),
-        ..Map::random(1, 0)
+        ..DraftMap::random(1, 0)
     };
+
     for length in [19, 20, 21, 22] {
         for cut in [59, 60, 61, 70, 79, 80, 81, 82] {
-            assert!(column(length).is_whole(cut, reach, &settings), "{length}, {cut}");
+            assert!(column(length).is_whole(cut, halo, &settings), "{length}, {cut}");
         }
     }
+
     assert!(!column(21).is_whole(61, 19, &settings));
 }
 
@@ -535,20 +593,26 @@ fn rows_that_copy_others_need_those() {
     let matcher = Matcher::new(1).expect("a thread");
     let on = (&matcher, how(1, Level::best()));
     let settings = Settings { neighborhood: 9, window: 1, ..nothing() };
-    // Neighborhoods of row 66 end at row 62, which copies row 58: no row that is nearer to it is valid.
+
+    // Neighborhoods of row 66 end at row 62, which copies row 58: no nearer row is valid.
     let valid = |y: usize| y >= 66 || (50..=58).contains(&y);
     let [left, right] = [5, 6].map(|seed| View {
         mask: Some(Mask::from_fn(160, 60, |y, _| valid(y))),
         ..view(160, 60, |y, x| hash(seed, y, x) as u8)
     });
-    let job = Job::new(Pair::new(left, right, 0, 30).expect("a legal pair"), settings);
+
+    let job = PartsJob::new(Pair::new(left, right, 0, 30).expect("a legal pair"), settings);
+
     let whole = job.whole(on);
     for cuts in [[63, 70], [65, 66], [66, 67], [66, 159], [52, 64]] {
         assert!(job.by_parts(&[0, cuts[0], cuts[1], 160], on) == whole, "{cuts:?}");
     }
-    let (rows, reach) = (66..67, job.reach());
+
+    let rows = 66..67;
+    let halo = job.halo();
     let enough = job.part(&rows, &job.around(&rows), on);
-    assert_eq!((reach.rows(), job.around(&rows).start), (4, 0));
+    assert_eq!((halo.rows(), job.around(&rows).start), (4, 0));
+
     assert!(job.part(&rows, &(58..71), on) == enough);
     for first in [59, 62] {
         assert!(job.part(&rows, &(first..71), on) != enough, "{first}");
@@ -556,14 +620,16 @@ fn rows_that_copy_others_need_those() {
 }
 
 #[test]
-fn rows_that_the_pair_has_not_are_refused() {
-    let (matcher, control) = (Matcher::new(1).expect("a thread"), Control::default());
+fn rows_beyond_the_pair_are_refused() {
+    let matcher = Matcher::new(1).expect("a thread");
+    let control = Control::default();
     let whole = pair(70, 40, |_| false);
     let run = |optimizer, rows| {
         let settings = Settings { optimizer, ..Preset::Paper.settings() };
         let section = Section { rows, ..Section::whole(&whole) };
-        matcher.run_rows(&whole, &section, &settings, how(1, Level::best()), &control)
+        matcher.match_rows(&whole, &section, &settings, how(1, Level::best()), &control)
     };
+
     for optimizer in OPTIMIZERS {
         #[expect(clippy::reversed_empty_ranges, reason = "that is the point")]
         for rows in [0..71, 70..71, 7..7, 70..70, 9..5, 0..usize::MAX] {
@@ -575,6 +641,7 @@ fn rows_that_the_pair_has_not_are_refused() {
                 other => panic!("{rows:?}: {other:?}"),
             }
         }
+
         for rows in [64..70, 31..33] {
             let found = run(optimizer, rows.clone()).expect("any rows");
             assert_eq!((found.disparity.rows(), found.flags.rows()), (rows.len(), rows.len()));
@@ -582,7 +649,7 @@ fn rows_that_the_pair_has_not_are_refused() {
     }
 }
 
-/// Of one version all rows are alike, and of labels those that the whole has there.
+/// The class of a pixel depends on its row in the whole image.
 #[test]
 fn parts_are_of_the_classes_of_the_whole() {
     let whole = two_versions();

@@ -15,7 +15,7 @@ fn by_parts(plane: &Plane<i32>, steps: f64, cuts: &[usize], level: Level) -> f64
         let read = ends[0].saturating_sub(2)..(ends[1] + 2).min(height);
         let part = plane.clone().of_rows(read.clone());
         let rows = ends[0] - read.start..ends[1] - read.start;
-        Extra::of(&part, rows, (read.start, height), steps, level).expect("memory")
+        Extra::of_rows(&part, rows, (read.start, height), steps, level).expect("memory")
     });
     parts.fold(Extra::default(), Extra::and).jump()
 }

@@ -22,27 +22,31 @@ const SHIFT: usize = 6;
 fn scene(shift: usize) -> Plane<f32> {
     Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
         let shade = |side: usize| hash(side as u64, y / side, (x + shift) / side) % 256;
+
         let weighed = [(13, 0.3), (7, 0.25), (4, 0.2), (2, 0.15), (1, 0.1)];
         weighed.iter().map(|(side, weight)| weight * shade(*side) as f32).sum()
     })
 }
 
+/// An image under a kernel.
 fn convolved(image: &Plane<f32>, taps: &Taps) -> Plane<f32> {
     Plane::from_fn(image.rows(), image.cols(), |y, x| {
         let tap = |(dy, dx, value): (isize, isize, f64)| {
             let row = image.row(reflect(y as isize - dy, image.rows()));
             row[reflect(x as isize - dx, image.cols())] * value as f32
         };
+
         taps.places().map(tap).sum()
     })
 }
 
-/// The scene from the left and from the right, one of them blurred, both with a little noise.
+/// The scene from the left and from the right, one view blurred, both with a little noise.
 fn shots(side: Side, taps: Option<&Taps>) -> [Plane<f32>; 2] {
     [(Side::Left, 0), (Side::Right, SHIFT)].map(|(of, shift)| {
         let sharp = scene(shift);
         let taken =
             taps.filter(|_| of == side).map_or(sharp.clone(), |taps| convolved(&sharp, taps));
+
         Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
             let grain = (hash(90 + of as u64, y, x) % 1001) as f32 / 500.0 - 1.0;
             (taken.row(y)[x] + 1.5 * grain).round()
@@ -50,6 +54,7 @@ fn shots(side: Side, taps: Option<&Taps>) -> [Plane<f32>; 2] {
     })
 }
 
+/// Pixels of some type.
 fn array<T>(plane: &Plane<f32>, pixel: impl Fn(f32) -> T) -> Array3<T> {
     Array3::from_shape_fn((plane.rows(), plane.cols(), 1), |(y, x, _)| pixel(plane.row(y)[x]))
 }
@@ -76,6 +81,7 @@ fn how(threads: usize, level: Level) -> Execution {
     Execution { threads, level }
 }
 
+/// The estimate of a pair, on one thread.
 fn estimated(pair: &Pair) -> Estimate {
     let matcher = Matcher::new(1).expect("a thread");
     estimate(pair, &matcher, how(1, Level::best()), &Control::default()).expect("it runs")
@@ -85,27 +91,33 @@ fn psf(family: Family, size: f64, angle: f64) -> Psf {
     Psf { family, size, angle, inner: 0.0 }
 }
 
+/// Whether neither image is blurred relative to the other.
 fn is_none(found: &Estimate) -> bool {
     found.blurs.len() == 1 && found.blurs[0].side.is_none() && found.blurs[0].taps.is_none()
 }
 
-/// Whether nothing was found out at all.
-fn is_silent(found: &Estimate, (rows, cols): (usize, usize)) -> bool {
+/// Whether the pair has no estimate at all.
+fn is_unknown(found: &Estimate, (rows, cols): (usize, usize)) -> bool {
     is_none(found)
         && found.certainty == 0.0
         && (found.gain, &found.labels, found.tile) == (1.0, &(1, 1, vec![0]), rows.max(cols))
 }
 
+/// Compares an estimate of one blur with the expected one.
 fn check(found: &Estimate, side: Side, expected: Psf) {
     let [blur] = &found.blurs[..] else { panic!("{found:?}") };
     let psf = blur.psf.unwrap_or_else(|| panic!("{expected:?}: {found:?}"));
+
     assert_eq!((blur.side, psf.family), (Some(side), expected.family), "{expected:?}: {psf:?}");
+
     assert!(
         (psf.size - expected.size).abs() <= (0.1 * expected.size).max(0.3),
         "{expected:?}: {psf:?}"
     );
+
     let turn = (psf.angle - expected.angle + 90.0).rem_euclid(180.0) - 90.0;
     assert!(turn.abs() <= 5.0, "{expected:?}: {psf:?}");
+
     assert_eq!(blur.taps.as_ref(), Some(&psf.taps()));
     assert_eq!(found.labels, (1, 1, vec![0]));
     assert!(found.certainty > 0.5, "{found:?}");
@@ -121,6 +133,7 @@ fn every_family_is_found_in_either_image() {
         psf(Family::Motion, 9.0, 0.0),
         psf(Family::Motion, 13.0, 110.0),
     ];
+
     for expected in psfs {
         for side in [Side::Left, Side::Right] {
             let shots = shots(side, Some(&expected.taps()));
@@ -133,9 +146,12 @@ fn every_family_is_found_in_either_image() {
 fn there_is_none_where_neither_or_both_are_soft() {
     let sharp = estimated(&pair(&shots(Side::Left, None), bytes));
     assert!(is_none(&sharp) && sharp.certainty > 0.3, "{sharp:?}");
+
     let taps = psf(Family::Disk, 3.0, 0.0).taps();
+
     let [left, _] = shots(Side::Left, Some(&taps));
     let [_, right] = shots(Side::Right, Some(&taps));
+
     let soft = estimated(&pair(&[left, right], bytes));
     assert!(is_none(&soft), "{soft:?}");
 }
@@ -144,12 +160,16 @@ fn there_is_none_where_neither_or_both_are_soft() {
 fn a_kernel_of_no_family_is_measured() {
     let down = (0..110).map(|i| (f64::from(i) / 15.0 - 5.0, -2.0));
     let along = (0..90).map(|i| (2.3, f64::from(i) / 15.0 - 2.0));
+
     let hook = path(down.chain(along));
+
     for side in [Side::Left, Side::Right] {
         let found = estimated(&pair(&shots(side, Some(&hook)), bytes));
         let [blur] = &found.blurs[..] else { panic!("{found:?}") };
+
         assert_eq!((blur.side, blur.psf), (Some(side), None), "{found:?}");
         let taps = blur.taps.as_ref().expect("there is a blur");
+
         assert!((taps.values.iter().sum::<f64>() - 1.0).abs() < 1e-9);
         assert!((taps.radius() - hook.radius()).abs() < 0.7, "{} {}", taps.radius(), hook.radius());
     }
@@ -160,6 +180,7 @@ fn contrast_is_that_of_the_left_image_to_the_right_one() {
     for side in [Side::Left, Side::Right] {
         for taps in [None, Some(psf(Family::Disk, 3.0, 0.0).taps())] {
             let [left, right] = shots(side, taps.as_ref());
+
             let dim = left.map(|value| 0.5 * value + 20.0);
             let found = estimated(&pair(&[dim, right], floats));
             assert!(math::ln(found.gain / 0.5).abs() < 0.1, "{found:?}");
@@ -168,24 +189,27 @@ fn contrast_is_that_of_the_left_image_to_the_right_one() {
 }
 
 #[test]
-fn noise_is_told_in_the_unit_of_the_pixels() {
+fn noise_is_in_the_unit_of_the_pixels() {
     let shots = shots(Side::Left, Some(&psf(Family::Disk, 5.0, 0.0).taps()));
-    // Uniform in +-1.5, and rounded: 0.91. Fine texture of the sharp image counts as noise.
+
+    // Uniform in +-1.5 and rounded, the noise is 0.91. Fine texture of the sharp image counts as noise, too.
     let found = estimated(&pair(&shots, bytes));
     assert!((0.6..1.3).contains(&found.noise[0]) && found.noise[1] > found.noise[0], "{found:?}");
+
     let found = estimated(&pair(&shots, |plane| floats(&plane.map(|value| value * 1e-3))));
     assert!((6e-4..1.3e-3).contains(&found.noise[0]), "{found:?}");
 }
 
-/// How a plane is handed over.
-type Shot = Box<dyn Fn(&Plane<f32>) -> View>;
+/// How a plane becomes a view.
+type MakeView = Box<dyn Fn(&Plane<f32>) -> View>;
 
 #[test]
-fn the_type_and_the_scale_of_the_pixels_change_next_to_nothing() {
+fn the_type_and_the_scale_of_the_pixels_hardly_matter() {
     let expected = psf(Family::Disk, 4.0, 0.0);
     let shots = shots(Side::Right, Some(&expected.taps()));
     let plain = estimated(&pair(&shots, bytes));
-    let views: [Shot; 6] = [
+
+    let views: [MakeView; 6] = [
         Box::new(|plane| {
             let image = Image::U16(array(plane, |value| 257 * value as u16));
             View::from(image)
@@ -207,11 +231,13 @@ fn the_type_and_the_scale_of_the_pixels_change_next_to_nothing() {
             View::from(image)
         }),
     ];
+
     for view in views {
         let found = estimated(&pair(&shots, view));
         check(&found, Side::Right, expected);
+
         let [one, other] =
-            [&plain, &found].map(|told| told.blurs[0].psf.map_or(0.0, |psf| psf.size));
+            [&plain, &found].map(|found| found.blurs[0].psf.map_or(0.0, |psf| psf.size));
         assert!((one / other - 1.0).abs() < 0.01, "{one} {other}");
         assert!((plain.certainty - found.certainty).abs() < 0.01);
     }
@@ -227,14 +253,17 @@ fn nothing_depends_on_threads_or_instructions() {
         });
         [left, right]
     };
+
     let curve = path((0..200).map(|i| {
         let turn = f64::from(i) / 50.0;
         (4.0 * math::sin(turn), 3.0 * math::cos(turn))
     }));
+
     for shots in [mixed, shots(Side::Right, Some(&curve))] {
         let pair = pair(&shots, bytes);
         let expected = estimated(&pair);
         assert!(!is_none(&expected), "{expected:?}");
+
         for threads in 1..=4 {
             let matcher = Matcher::new(threads).expect("threads");
             for level in levels() {
@@ -246,9 +275,11 @@ fn nothing_depends_on_threads_or_instructions() {
 }
 
 #[test]
+
 fn areas_of_different_blur_are_told_apart() {
     let [soft, _] = shots(Side::Left, Some(&psf(Family::Disk, 4.0, 0.0).taps()));
     let [sharp, right] = shots(Side::Left, None);
+
     let edge = SIZE.1 / 2;
     let left =
         Plane::from_fn(
@@ -258,12 +289,16 @@ fn areas_of_different_blur_are_told_apart() {
                 if x < edge { soft.row(y)[x] } else { sharp.row(y)[x] }
             },
         );
+
     let found = estimated(&pair(&[left, right], bytes));
     assert_eq!(found.blurs.len(), 2, "{found:?}");
+
     let disk = found.blurs.iter().position(|blur| blur.side == Some(Side::Left));
     let disk = disk.expect("a blur of the left image") as u8;
+
     let (rows, cols, labels) = &found.labels;
     assert_eq!((*rows, *cols), (SIZE.0.div_ceil(found.tile), SIZE.1.div_ceil(found.tile)));
+
     let right_ones = (0..rows * cols)
         .filter(|tile| (labels[*tile] == disk) == (tile % cols * found.tile < edge))
         .count();
@@ -271,11 +306,13 @@ fn areas_of_different_blur_are_told_apart() {
 }
 
 #[test]
+
 fn roles_and_directions_may_be_swapped() {
     let expected = psf(Family::Motion, 11.0, 30.0);
     let [left, right] = shots(Side::Left, Some(&expected.taps()));
     let swapped = Pair::new(bytes(&right), bytes(&left), -15, 16).expect("a legal pair");
     check(&estimated(&swapped), Side::Right, expected);
+
     let mirror =
         |plane: &Plane<f32>| Plane::from_fn(SIZE.0, SIZE.1, |y, x| plane.row(y)[SIZE.1 - 1 - x]);
     let mirrored = pair(&[mirror(&right), mirror(&left)], bytes);
@@ -287,22 +324,25 @@ fn what_a_mask_covers_does_not_count() {
     let expected = psf(Family::Gaussian, 2.5, 0.0);
     let shots = shots(Side::Left, Some(&expected.taps()));
     let covered = |y: usize, x: usize| y < 40 || (y * x).is_multiple_of(61);
+
     for fill in [f32::NAN, 1e9, f32::INFINITY] {
         let view = |plane: &Plane<f32>| {
             let pixel = |y: usize, x: usize| if covered(y, x) { fill } else { plane.row(y)[x] };
             let mask = Mask::from_fn(SIZE.0, SIZE.1, |y, x| !covered(y, x));
             View { mask: Some(mask), ..floats(&Plane::from_fn(SIZE.0, SIZE.1, pixel)) }
         };
+
         check(&estimated(&pair(&shots, view)), Side::Left, expected);
     }
 }
 
 #[test]
-fn images_that_tell_nothing_are_silent() {
+fn images_without_texture_have_no_estimate() {
     let view =
         |rows, cols, pixel: fn(usize, usize) -> f32| bytes(&Plane::from_fn(rows, cols, pixel));
     let noise: fn(usize, usize) -> f32 = |y, x| (hash(5, y, x) % 256) as f32;
     let flat: fn(usize, usize) -> f32 = |_, _| 77.0;
+
     let pairs = [
         (1, 1, noise, noise),
         (63, 64, noise, noise),
@@ -312,33 +352,37 @@ fn images_that_tell_nothing_are_silent() {
         (160, 200, flat, noise),
         (160, 200, noise, flat),
     ];
+
     for (rows, cols, left, right) in pairs {
         let (left, right) = (view(rows, cols, left), view(rows, cols, right));
         let pair = Pair::new(left, right, 0, 1).expect("a legal pair");
+
         let found = estimated(&pair);
-        assert!(is_silent(&found, (rows, cols)), "{rows} x {cols}: {found:?}");
+        assert!(is_unknown(&found, (rows, cols)), "{rows} x {cols}: {found:?}");
     }
 }
 
 #[test]
-fn flat_floats_are_silent() {
+fn flat_floats_have_no_estimate() {
     for value in [0.0, -3.5, 1e-30, 1e30] {
         let view = |plane: &Plane<f32>| floats(&plane.map(|_| value));
         let found = estimated(&pair(&shots(Side::Left, None), view));
-        assert!(is_silent(&found, SIZE), "{value}: {found:?}");
+        assert!(is_unknown(&found, SIZE), "{value}: {found:?}");
     }
 }
 
 #[test]
-fn images_whose_pixels_are_all_masked_are_silent() {
+fn images_without_valid_pixels_have_no_estimate() {
     let shots = shots(Side::Left, Some(&psf(Family::Disk, 4.0, 0.0).taps()));
+
     for masked in [[true, true], [true, false], [false, true]] {
         let [left, right] = [0, 1].map(|side| View {
             mask: masked[side].then(|| Mask::from_fn(SIZE.0, SIZE.1, |_, _| false)),
             ..bytes(&shots[side])
         });
+
         let found = estimated(&Pair::new(left, right, 0, 16).expect("a legal pair"));
-        assert!(is_silent(&found, SIZE), "{masked:?}: {found:?}");
+        assert!(is_unknown(&found, SIZE), "{masked:?}: {found:?}");
     }
 }
 
@@ -354,35 +398,43 @@ fn a_single_row_of_texture_is_no_blur() {
 fn the_least_image_has_a_single_block() {
     let image = Plane::from_fn(64, 64, |y, x| scene(0).row(y)[x]);
     let soft = convolved(&image, &psf(Family::Disk, 3.0, 0.0).taps());
+
     let found = estimated(&Pair::new(bytes(&soft), bytes(&image), 0, 1).expect("a legal pair"));
     assert_eq!(found.blurs[0].side, Some(Side::Left), "{found:?}");
 }
 
 #[test]
-fn disparities_out_of_reach_of_all_blocks_are_silent() {
+fn disparities_beyond_all_blocks_have_no_estimate() {
     let [left, right] = shots(Side::Left, None);
     let pair = Pair::new(bytes(&left), bytes(&right), 200, 20).expect("a legal pair");
-    assert!(is_silent(&estimated(&pair), SIZE));
+    assert!(is_unknown(&estimated(&pair), SIZE));
 }
 
+/// Whether a glance at a pair finds its blur as it was before.
 fn looks_as(before: &Glance, shots: &[Plane<f32>; 2], level: Level) -> bool {
-    let (pair, matcher) = (pair(shots, bytes), Matcher::new(1).expect("a thread"));
+    let pair = pair(shots, bytes);
+    let matcher = Matcher::new(1).expect("a thread");
+
     is_as_before(&pair, before, &matcher, how(1, level), &Control::default()).expect("it runs")
 }
 
 #[test]
-fn a_glance_tells_whether_blur_is_as_it_was() {
+fn a_glance_sees_whether_blur_has_changed() {
     let disk = psf(Family::Disk, 3.0, 0.0).taps();
     let states = [None, Some(&disk)].map(|taps| shots(Side::Left, taps));
+
     for (now, state) in states.iter().enumerate() {
         let before = estimated(&pair(state, bytes)).glance;
+
         for (then, other) in states.iter().enumerate() {
             assert!(
                 levels().into_iter().all(|level| looks_as(&before, other, level) == (now == then))
             );
         }
+
         let brighter = state.each_ref().map(|plane| plane.map(|value| 0.9 * value + 12.0));
-        assert!(looks_as(&before, &brighter, Level::best()), "both of them are");
+        assert!(looks_as(&before, &brighter, Level::best()), "both images are brighter");
+
         let [left, right] = state.clone();
         assert!(!looks_as(&before, &[left.map(|value| 0.7 * value), right], Level::best()));
     }
@@ -392,30 +444,36 @@ fn a_glance_tells_whether_blur_is_as_it_was() {
 fn a_glance_sees_a_patch_in_one_image() {
     let [left, right] = shots(Side::Left, None);
     let before = estimated(&pair(&[left.clone(), right.clone()], bytes)).glance;
+
     let [soft, _] = shots(Side::Left, Some(&psf(Family::Disk, 4.0, 0.0).taps()));
     let patched = Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
         let is_soft = y < SIZE.0 / 2 && x > SIZE.1 / 2;
         if is_soft { soft.row(y)[x] } else { left.row(y)[x] }
     });
+
     assert!(!looks_as(&before, &[patched, right], Level::best()));
 }
 
 #[test]
-fn a_glance_at_nothing_or_at_images_that_are_smaller_tells_nothing() {
+fn a_glance_at_nothing_or_at_smaller_images_finds_a_change() {
     let whole = shots(Side::Left, None);
     let before = estimated(&pair(&whole, bytes)).glance;
+
     assert!(looks_as(&before, &whole, Level::best()));
     assert!(!looks_as(&Glance::default(), &whole, Level::best()));
+
     let part = whole.map(|plane| Plane::from_fn(SIZE.0 - 1, SIZE.1, |y, x| plane.row(y)[x]));
     assert!(!looks_as(&before, &part, Level::best()));
 }
 
 #[test]
-fn an_estimation_can_be_stopped() {
+fn an_estimation_can_be_cancelled() {
     let control = Control::default();
     control.cancel();
+
     let matcher = Matcher::new(1).expect("a thread");
     let pair = pair(&shots(Side::Left, None), bytes);
+
     let found = estimate(&pair, &matcher, how(1, Level::best()), &control);
     assert!(matches!(found, Err(Error::Cancelled)), "{found:?}");
 }

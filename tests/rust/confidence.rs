@@ -9,8 +9,8 @@ use phasestereo::internals::error::Error;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::{Roughness, Texture};
 use phasestereo::internals::pipeline::control::Control;
-use phasestereo::internals::refinement::Margin;
-use phasestereo::internals::refinement::confidence::{RADIUS, Scene, confidence, similar, vote};
+use phasestereo::internals::refinement::CostMargin;
+use phasestereo::internals::refinement::confidence::{RADIUS, VotedMap, confidence, similar, vote};
 use proptest::prelude::*;
 
 /// Planes that a scene is of.
@@ -22,8 +22,8 @@ struct Planes {
 }
 
 impl Planes {
-    fn scene(&self) -> Scene<'_> {
-        Scene { disparity: &self.disparity, votes: &self.votes, texture: &self.texture }
+    fn scene(&self) -> VotedMap<'_> {
+        VotedMap { disparity: &self.disparity, votes: &self.votes, texture: &self.texture }
     }
 
     /// Those of every level, which are the same.
@@ -95,7 +95,7 @@ proptest! {
         let unit = f32::from(unit);
         let margin = |ahead: u64| {
             let own = u64::from(own);
-            Margin { own, elsewhere: Some(own + ahead) }
+            CostMargin { own, elsewhere: Some(own + ahead) }
         };
         let ahead = u64::from(ahead);
         let [less, more] = [ahead, 2 * ahead + 1].map(|ahead| vote(margin(ahead), unit));
@@ -105,7 +105,7 @@ proptest! {
 
 #[test]
 fn half_a_vote_is_four_units_ahead() {
-    let margin = |own, elsewhere| Margin { own, elsewhere };
+    let margin = |own, elsewhere| CostMargin { own, elsewhere };
     assert_eq!(vote(margin(100, Some(900)), 200.0), 0.5);
     assert_eq!(vote(margin(0, Some(0)), 200.0), 0.0);
     assert_eq!(vote(margin(100, None), 200.0), 0.0, "there is nothing to be ahead of");
@@ -122,7 +122,7 @@ fn half_of_the_disparities_with_the_support_of_a_fifth_are_right() {
 #[test]
 fn a_difference_counts_by_what_is_usual() {
     let ramp = Plane::from_fn(3, 5, |y, x| (10 * x + 1000 * y) as i32);
-    let similar = |gray: &Plane<i32>| similar(Roughness::of(gray.as_slice(), gray.cols()));
+    let similar = |gray: &Plane<i32>| similar(Roughness::of_rows(gray.as_slice(), gray.cols()));
     assert_eq!(similar(&ramp), 400.0, "twice 10, squared");
     assert_eq!(similar(&ramp.map(|_| 3)), 1.0, "at least one step");
     assert_eq!(similar(&Plane::from_fn(4, 1, |y, _| y as i32)), 1.0, "no neighbors");

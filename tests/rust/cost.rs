@@ -4,7 +4,7 @@ use crate::common::{COUNTS, descriptors, grays, hash, levels, mask, naive, rando
 use crate::reference;
 use phasestereo::internals::cost::Costs;
 use phasestereo::internals::cost::candidates::Candidates;
-use phasestereo::internals::cost::votes::Votes;
+use phasestereo::internals::cost::validity::Validity;
 use phasestereo::internals::error::Error;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, View};
@@ -178,15 +178,15 @@ proptest! {
     #[test]
     fn both_pixels_of_a_vote_are_valid(left in views(2, 6, 0), right in views(2, 6, 0)) {
         let candidates = Candidates::new(-1, 4, 6).expect("in reach");
-        let votes = Votes::new([&left, &right], candidates);
-        prop_assert_eq!(votes.is_none(), left.mask.is_none() && right.mask.is_none());
-        let Some(votes) = votes else { return Ok(()) };
+        let validity = Validity::new([&left, &right], candidates);
+        prop_assert_eq!(validity.is_none(), left.mask.is_none() && right.mask.is_none());
+        let Some(validity) = validity else { return Ok(()) };
         for (y, x) in (0..2).flat_map(|y| (0..6).map(move |x| (y, x))) {
-            prop_assert_eq!(votes.is_masked(y, x), !left.is_valid(y, x));
+            prop_assert_eq!(validity.is_masked(y, x), !left.is_valid(y, x));
             for k in 0..4 {
                 let column = candidates.column(x, k, 6);
                 let both = left.is_valid(y, x) && right.is_valid(y, column);
-                prop_assert_eq!(votes.has(y, x, k), both);
+                prop_assert_eq!(validity.is_valid(y, x, k), both);
             }
         }
     }

@@ -104,7 +104,7 @@ fn found(pair: &Pair, is_told: bool, threads: usize, level: Level) -> Estimates 
     let (matcher, control) = (Matcher::new(threads).expect("threads"), Control::default());
     let means = Means { matcher: &matcher, how: Execution { threads, level }, control: &control };
     let known = Known { candidates: is_told.then(|| pair.candidates()), ..Known::default() };
-    prepare(pair.clone(), known, &settings(), means).expect("it runs").found
+    prepare(pair.clone(), known, &settings(), means).expect("it runs").estimates
 }
 
 fn found_by_rows(pair: &Pair, is_told: bool, most: usize) -> Estimates {
@@ -232,7 +232,7 @@ fn a_negative_is_found_by_rows_as_in_memory_and_may_be_known() {
     let means = Means { matcher: &matcher, how, control: &control };
     let known = || Known { is_inverted: true, ..Known::default() };
     let prepared = prepare(pair.clone(), known(), &settings(), means).expect("it runs");
-    assert_same(&prepared.found, &expected, "known");
+    assert_same(&prepared.estimates, &expected, "known");
     assert_eq!(prepared.pair.views()[1].image, pair.inverted().views()[1].image);
     let slow = Slow::new(&pair, 50);
     let by_rows = prepare_by_rows(&slow, known(), &settings(), means).expect("it runs");
@@ -251,7 +251,7 @@ fn a_part_is_straightened_as_the_whole() {
     let whole = straightened(&right, &exact, Level::best(), &control).expect("memory");
     for (first, end) in [(0, 40), (100, 150), (200, SIZE.0)] {
         let (top, bottom) =
-            (first.max(exact.reach()) - exact.reach(), (end + exact.reach()).min(SIZE.0));
+            (first.max(exact.halo()) - exact.halo(), (end + exact.halo()).min(SIZE.0));
         let part = right.of_rows(top..bottom);
         let part =
             straightened(&part, &exact.clone().starting_at_row(top), Level::best(), &control)

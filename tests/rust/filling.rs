@@ -1,6 +1,6 @@
 //! Pixels filled from the trusted ones of their row, against a search for each.
 
-use crate::common::maps::{Map, bits, maps, row};
+use crate::common::maps::{FlaggedMap, bits, maps, row};
 use crate::common::{at_every_level, hash, random};
 use crate::reference;
 use phasestereo::internals::image::plane::Plane;
@@ -11,9 +11,9 @@ use proptest::prelude::*;
 
 const NAN: f32 = f32::NAN;
 
-fn filled(map: &Map) -> (Plane<f32>, Plane<u16>) {
+fn filled(map: &FlaggedMap) -> (Plane<f32>, Plane<u16>) {
     let (disparity, flags) = at_every_level(|level| {
-        let Map { mut disparity, mut flags } = map.clone();
+        let FlaggedMap { mut disparity, mut flags } = map.clone();
         fill(&mut disparity, &mut flags, level, &Control::default()).expect("memory");
         (bits(&disparity), flags)
     });
@@ -23,7 +23,7 @@ fn filled(map: &Map) -> (Plane<f32>, Plane<u16>) {
 /// A row filled, its flagged pixels given as such.
 fn filled_row(values: &[f32], flags: &[u16]) -> (Vec<f32>, Vec<u16>) {
     let flags = Plane::from_vec(1, flags.len(), flags.to_vec()).expect("one row");
-    let (disparity, flags) = filled(&Map { disparity: row(values), flags });
+    let (disparity, flags) = filled(&FlaggedMap { disparity: row(values), flags });
     (disparity.into_vec(), flags.into_vec())
 }
 
@@ -64,7 +64,7 @@ fn empty_rows_take_what_the_nearest_has_there() {
     let lost = [flag::OCCLUDED; 2];
     let flags = [[0, 0], lost, lost, lost, [0, flag::MISMATCHED]];
     let plane = |values: &[f32]| Plane::from_vec(5, 2, values.to_vec()).expect("all rows");
-    let map = Map {
+    let map = FlaggedMap {
         disparity: plane(values.as_flattened()),
         flags: Plane::from_vec(5, 2, flags.as_flattened().to_vec()).expect("all rows"),
     };
@@ -82,7 +82,7 @@ fn a_map_without_a_trusted_pixel_stays() {
 }
 
 /// A tall map of which these rows are trusted, at least at one pixel.
-fn tall(rows: usize, is_trusted: impl Fn(usize) -> bool) -> Map {
+fn tall(rows: usize, is_trusted: impl Fn(usize) -> bool) -> FlaggedMap {
     let disparity = Plane::from_fn(rows, 3, |y, x| 1.0 + (hash(4, y, x) % 1000) as f32);
     let trusted = |y: usize, x: usize| x as u64 == hash(5, y, 0) % 3;
     let flags =
@@ -93,7 +93,7 @@ fn tall(rows: usize, is_trusted: impl Fn(usize) -> bool) -> Map {
                 if is_trusted(y) && trusted(y, x) { 0 } else { flag::OCCLUDED }
             },
         );
-    Map { disparity, flags }
+    FlaggedMap { disparity, flags }
 }
 
 #[test]

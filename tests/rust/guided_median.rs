@@ -1,6 +1,6 @@
 //! Medians of like pixels near jumps, against sorting.
 
-use crate::common::maps::{Map, bits, drawn, maps, patches};
+use crate::common::maps::{FlaggedMap, bits, drawn, maps, patches};
 use crate::common::{hash, random};
 use crate::reference;
 use phasestereo::internals::image::plane::Plane;
@@ -25,7 +25,7 @@ proptest! {
         largest in select(vec![0, 1, 3, 255, 1 << 25]),
         seed: u64,
     ) {
-        let Map { disparity, .. } = map;
+        let FlaggedMap { disparity, .. } = map;
         let gray = patches(disparity.rows(), disparity.cols(), largest, seed);
         prop_assert_eq!(
             bits(&guided(&disparity, &gray)),
@@ -47,13 +47,13 @@ fn an_edge_is_drawn_to_that_of_the_image() {
 
 #[test]
 fn contrast_and_offset_change_nothing() {
-    let Map { disparity, .. } = Map::random((33, 50), 20, 77);
+    let FlaggedMap { disparity, .. } = FlaggedMap::random((33, 50), 20, 77);
     let gray = patches(33, 50, 255, 8);
     let guided_by = |factor: i32, offset: i32| {
         bits(&guided(&disparity, &gray.map(|value| value * factor + offset)))
     };
     let noise = Plane::from_fn(33, 50, |y, x| if (x + y) % 2 == 0 { 0 } else { 10 });
-    assert_eq!(likeness(Roughness::of(noise.as_slice(), 50)), 10);
+    assert_eq!(likeness(Roughness::of_rows(noise.as_slice(), 50)), 10);
     assert_eq!(guided_by(1, 0), guided_by(1, 1000));
     assert_eq!(guided_by(-1, 0), guided_by(1, 0));
 }
@@ -67,7 +67,7 @@ fn slopes_stay_as_they_are() {
 #[test]
 fn differences_of_the_largest_grays_are_counted() {
     let gray = Plane::from_fn(2, 3, |_, x| if x == 1 { 1 << 25 } else { -(1 << 25) });
-    let of = |gray: &Plane<i32>| likeness(Roughness::of(gray.as_slice(), gray.cols()));
+    let of = |gray: &Plane<i32>| likeness(Roughness::of_rows(gray.as_slice(), gray.cols()));
     assert_eq!(of(&gray), 1 << 26);
     assert_eq!(of(&Plane::from_fn(3, 1, |y, _| y as i32)), 0, "no neighbors");
     assert_eq!(of(&Plane::from_fn(1, 4, |_, x| i32::from(x == 3))), 1, "rounded up");

@@ -2,7 +2,7 @@
 
 use crate::common::{at_every_level, grays, hash, random};
 use crate::reference;
-use phasestereo::internals::image::impulses::{are_there, doubtless, repaired};
+use phasestereo::internals::image::impulses::{count_doubtless, has_impulses, repaired};
 use phasestereo::internals::image::intensity::Gray;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::{Image, View};
@@ -47,7 +47,7 @@ proptest! {
         let plane = spoilt(rows, cols, seed);
         let cut = seed as usize % (rows + 1);
         let found = at_every_level(|level| {
-            let part = |rows| doubtless(&plane, rows, steps, level).expect("memory");
+            let part = |rows| count_doubtless(&plane, rows, steps, level).expect("memory");
             part(0..cut) + part(cut..rows)
         });
         prop_assert_eq!(found, reference::doubtless(&plane, (40.0 * steps) as i32));
@@ -69,13 +69,13 @@ fn what_stands_out_alone_goes_and_edges_stay() {
     let clean = Plane::from_fn(30, 40, |_, x| if x < 20 { 40 } else { 120 });
     assert_eq!(repair(&plane, 20), clean);
     assert_eq!(repair(&clean, 0), clean);
-    assert_eq!(doubtless(&plane, 0..30, 1.0, Level::best()), Ok(4));
+    assert_eq!(count_doubtless(&plane, 0..30, 1.0, Level::best()), Ok(4));
 }
 
 #[test]
 fn a_few_outliers_are_details() {
-    assert!(!are_there(0, 10) && !are_there(40, 1_000_000));
-    assert!(are_there(41, 1_000_000));
+    assert!(!has_impulses(0, 10) && !has_impulses(40, 1_000_000));
+    assert!(has_impulses(41, 1_000_000));
 }
 
 #[test]

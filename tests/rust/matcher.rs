@@ -1,15 +1,14 @@
-//! Whole matches: any way to cut up the work, any integers, any memory used before, against the chain of the
-//! reference implementations.
+//! Whole matches: whatever the threads, integers and memory used before, they equal the chain of reference implementations.
 
 use std::io::Write;
 use std::sync::Arc;
 
-use crate::common::naive::{self, Seen};
+use crate::common::naive::{self, ResultBits};
 use crate::common::{
-    OPTIMIZERS, affordable, blur_compensation, eight_votes, hash, levels, mask, noises, random,
-    refinements, robust, settings, view, views,
+    OPTIMIZERS, affordable, blur_compensation, eight_valid_pairs, hash, levels, mask, noises,
+    random, refinements, robust, settings, view, views,
 };
-use phasestereo::internals::cost::votes::Votes;
+use phasestereo::internals::cost::validity::Validity;
 use phasestereo::internals::error::Error;
 use phasestereo::internals::image::convolution::Kernel;
 use phasestereo::internals::image::plane::Plane;
@@ -27,41 +26,48 @@ use phasestereo::internals::value::Value;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-/// What the naive chain may cost: pixels x (candidates x places of the window, or the like of the codes).
+/// Limit on the work of the naive chain: pixels x candidates x places of the window, and likewise for the codes.
 const AFFORDABLE: usize = 1 << 21;
 
 /// A pair and the settings to match it with.
 #[derive(Debug, Clone)]
-struct Job {
+struct MatchJob {
     pair: Pair,
     settings: Settings,
 }
 
-impl Job {
+impl MatchJob {
     fn new([left, right]: [View; 2], min: i64, count: i64, settings: Settings) -> Self {
         settings.check().expect("legal settings");
+
         let pair = Pair::new(left, right, min, count).expect("a legal pair");
-        // Weak components are told by the noise.
+        // The weak level depends on the noise.
         let known = settings.has_weak().then(|| noise_alone([1.0; 2]));
         Self { pair: pair.with_blur_compensation(known), settings }
     }
 
-    fn run(&self, how: Execution) -> Seen {
+    /// The result, by a matcher of its own.
+    fn run(&self, how: Execution) -> ResultBits {
         self.run_with(&Matcher::new(how.threads).expect("threads"), how)
     }
 
-    fn run_with(&self, matcher: &Matcher, how: Execution) -> Seen {
+    /// The result, by a matcher that may have been used before.
+    fn run_with(&self, matcher: &Matcher, how: Execution) -> ResultBits {
         let control = Control::default();
-        let map = matcher.run(&self.pair, &self.settings, how, &control).expect("a legal match");
+
+        let map =
+            matcher.match_pair(&self.pair, &self.settings, how, &control).expect("a legal match");
         assert_eq!(control.rows_done(), self.pair.size().0);
-        Seen::of(map)
+
+        ResultBits::of(map)
     }
 
-    fn expected(&self) -> Seen {
+    /// The result of the naive chain.
+    fn expected(&self) -> ResultBits {
         naive::matched(&self.pair, &self.settings)
     }
 
-    /// Holds the match to the naive chain, at every level.
+    /// Compares the match with the naive chain, at every level.
     fn check(&self) {
         let expected = self.expected();
         for level in levels() {
@@ -71,15 +77,18 @@ impl Job {
 
     /// Bytes of the integers that are wide enough for the costs and the totals of this match.
     fn bytes(&self) -> usize {
-        let (window, steps) = naive::scale(&self.pair, &self.settings);
-        let is_masked = Votes::new(self.pair.views(), self.pair.candidates()).is_some();
+        let (window, penalties) = naive::scale(&self.pair, &self.settings);
+        let is_masked = Validity::new(self.pair.views(), self.pair.candidates()).is_some();
+
         let total = match self.settings.optimizer {
             Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
             Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
-                steps.largest_total(window.largest_sum())
+                penalties.largest_total(window.largest_sum())
             }
         };
+
         let largest = total.max(window.largest_value(is_masked));
+
         if largest <= u8::LARGEST_TOTAL {
             1
         } else if largest <= u16::LARGEST_TOTAL {
@@ -90,7 +99,7 @@ impl Job {
     }
 }
 
-impl std::fmt::Display for Job {
+impl std::fmt::Display for MatchJob {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         let (size, candidates) = (self.pair.size(), self.pair.candidates());
         write!(f, "{size:?}, {candidates:?}, {:?}", self.settings)
@@ -105,11 +114,12 @@ fn executions() -> impl Strategy<Value = Execution> {
     (1usize..=8, select(levels())).prop_map(|(threads, level)| how(threads, level))
 }
 
-/// Small pairs of any pixels; or pairs about as large as bands and panels, with few gray values (and so with
-/// ties galore) or many.
+/// Small pairs of any pixels, or pairs about as large as bands and panels: with few gray values, and so with many ties, or
+/// with many.
 fn pairs() -> impl Strategy<Value = Pair> {
     let small = (1usize..=14, 1usize..=14, 0u8..4)
         .prop_flat_map(|(rows, cols, kind)| [views(rows, cols, kind), views(rows, cols, kind)]);
+
     let heights = select(vec![1usize, 2, 17, 63, 64, 65, 81, 130]);
     let widths = select(vec![1, 2, 31, 63, 64, 65, 97, 131]);
     let masked = prop::option::of(0u64..=100);
@@ -121,29 +131,36 @@ fn pairs() -> impl Strategy<Value = Pair> {
             })
         },
     );
+
     let range = (any::<prop::sample::Index>(), any::<prop::sample::Index>());
+
     (prop_oneof![2 => small, 1 => seeded], range).prop_map(|([left, right], (min, count))| {
         let cols = left.image.shape().1;
         let count = 1 + count.index(cols.min(70)) as i64;
         let lowest = 1 - cols as i64 - (count - 1);
         let min = lowest + min.index((2 * cols as i64 + count - 2) as usize) as i64;
+
         Pair::new(left, right, min, count).expect("in reach")
     })
 }
 
-fn jobs() -> impl Strategy<Value = Job> {
+fn jobs() -> impl Strategy<Value = MatchJob> {
     let known = prop_oneof![1 => noises().prop_map(noise_alone), 1 => blur_compensation()];
     (pairs(), settings(), known).prop_map(|(pair, mut settings, known)| {
         let (rows, cols) = pair.size();
+
         let places = AFFORDABLE / (rows * cols * pair.candidates().count());
         settings.window = affordable(settings.window, places);
+
         let places = AFFORDABLE / (rows * cols * settings.components());
         let (r, s) = settings.frequencies;
         let least = (2 * r.max(s) + 1).max(3);
         settings.neighborhood = affordable(settings.neighborhood, places).max(least);
+
         let is_phase = settings.cost == CostKind::Phase;
         let known = if is_phase { known } else { noise_alone(known.noise()) };
-        Job { pair: pair.with_blur_compensation(known), settings }
+
+        MatchJob { pair: pair.with_blur_compensation(known), settings }
     })
 }
 
@@ -175,7 +192,7 @@ proptest! {
     }
 }
 
-/// A scene and the same further left by `shift`, so that costs range from none to all there are.
+/// A scene and the same further left by `shift`, so that costs range from 0 to the largest.
 fn shifted(rows: usize, cols: usize, shift: usize) -> [View; 2] {
     [0, shift].map(|shift| view(rows, cols, |y, x| hash(9, y, x + shift) as u8))
 }
@@ -190,12 +207,16 @@ fn with_masks([left, right]: [View; 2], percent: u64) -> [View; 2] {
 /// Settings that need integers of every width, whatever the optimizer, and their bytes.
 fn settings_of_every_width() -> Vec<(Settings, usize)> {
     use Optimizer::{DynamicProgramming, ScanlineOptimization, SemiGlobal, WinnerTakesAll};
+
     let phase = Settings { neighborhood: 5, ..Preset::Paper.settings() };
     let byte = Settings { precision: Precision::Byte, ..phase };
+
     let cheap = (0.05, 0.1);
+
     let dear = (LARGEST_PENALTY, LARGEST_PENALTY);
     let sad = Settings { cost: CostKind::Sad, ..phase };
     let normalized = Settings { cost: CostKind::NormalizedSad, ..byte };
+
     let by = |optimizer, (p1, p2), settings: &Settings| Settings {
         optimizer,
         p1,
@@ -203,8 +224,10 @@ fn settings_of_every_width() -> Vec<(Settings, usize)> {
         ..settings.clone()
     };
     let of = |window, settings: &Settings| Settings { window, ..settings.clone() };
+
     let several = Settings { adaptive_p2: 0.5, ..by(SemiGlobal, dear, &phase) };
     let alone = Settings { shiftable: false, ..by(WinnerTakesAll, dear, &phase) };
+
     vec![
         (of(3, &by(ScanlineOptimization, cheap, &byte)), 1),
         (of(3, &by(SemiGlobal, cheap, &byte)), 1),
@@ -231,7 +254,7 @@ fn integers_of_every_width_give_the_bits_of_the_naive_chain() {
     for (settings, bytes) in settings_of_every_width() {
         let cols = if settings.window > 9 { 9 } else { PANEL + 3 };
         for views in [shifted(35, cols, 2), with_masks(shifted(35, cols, 2), 90)] {
-            let job = Job::new(views, -1, 8, settings.clone());
+            let job = MatchJob::new(views, -1, 8, settings.clone());
             assert_eq!(job.bytes(), bytes, "{job}");
             job.check();
         }
@@ -247,13 +270,13 @@ fn penalties_from_none_to_the_largest() {
             {
                 let settings =
                     Settings { cost, window, optimizer, p1, p2, ..Preset::Paper.settings() };
-                Job::new(shifted(4, 11, 3), 0, 9, settings).check();
+                MatchJob::new(shifted(4, 11, 3), 0, 9, settings).check();
             }
         }
     }
 }
 
-/// A row of waves, the right one half a wave on: at disparity 0 all bits differ, half a wave on none does.
+/// A row of waves, the right one half a wave further: at disparity 0 all bits differ, at half a wave none does.
 fn waves(rows: usize, cols: usize, half: usize) -> [View; 2] {
     [0, half].map(|shift| {
         let wave = |x: usize| math::cos(std::f64::consts::PI * (x + shift) as f64 / half as f64);
@@ -261,23 +284,26 @@ fn waves(rows: usize, cols: usize, half: usize) -> [View; 2] {
     })
 }
 
-/// At the very limit of bytes and of words and one above it: half of a penalty of 300 and 15 * (15 >> 1) = 105 are 255;
-/// 9 * 14 = 126 and 65 409 are 65 535.
+/// At the limits of bytes and of words, and one above: half of a penalty of 300 and 15 * (15 >> 1) = 105 are 255; 9 * 14 =
+/// 126 and 65 409 are 65 535.
 #[test]
 fn totals_about_the_largest_are_exact() {
     let codes = Settings { neighborhood: 3, frequencies: (1, 0), ..Preset::Paper.settings() };
     let bytes = Settings { bits: 1, window: 15, precision: Precision::Byte, ..codes };
     let words = Settings { neighborhood: 5, window: 3, ..Preset::Paper.settings() };
     let limits = [(&bytes, 300.0, 1), (&words, 65_409.0, 2)];
+
     for (settings, p2, width) in limits {
         let unit = settings.window.pow(2) as f64;
-        // One step more, of which half is dropped from sums.
+
+        // One step more is the smallest difference: half of a step is dropped from sums.
         for (p1, width) in [(p2, width), (p2 + 2.0, 2 * width)] {
             let (p1, p2) = (p1 / unit, p2 / unit);
+
             for optimizer in [Optimizer::ScanlineOptimization, Optimizer::SemiGlobal] {
                 for (half, min, count) in [(3, 0, 1), (3, 0, 7), (12, -3, 9), (3, -2, 31)] {
                     let settings = Settings { p1, p2, optimizer, ..settings.clone() };
-                    let job = Job::new(waves(17, 31, half), min, count, settings);
+                    let job = MatchJob::new(waves(17, 31, half), min, count, settings);
                     assert_eq!(job.bytes(), width, "{job}");
                     job.check();
                 }
@@ -287,7 +313,7 @@ fn totals_about_the_largest_are_exact() {
 }
 
 #[test]
-fn few_votes_do_not_overflow_a_byte() {
+fn few_valid_pixels_do_not_overflow_a_byte() {
     for (optimizer, shiftable) in OPTIMIZERS.into_iter().zip([true, false, false, true]) {
         let settings = Settings {
             frequencies: (3, 2),
@@ -298,7 +324,7 @@ fn few_votes_do_not_overflow_a_byte() {
             shiftable,
             ..Preset::Paper.settings()
         };
-        Job::new(eight_votes(), 0, 4, settings).check();
+        MatchJob::new(eight_valid_pairs(), 0, 4, settings).check();
     }
 }
 
@@ -309,8 +335,8 @@ fn windows_larger_than_the_image_and_single_pixels() {
             for optimizer in OPTIMIZERS {
                 let settings =
                     Settings { neighborhood: 5, window, optimizer, ..Preset::Paper.settings() };
-                Job::new(shifted(rows, cols, 1), 0, count, settings.clone()).check();
-                Job::new(with_masks(shifted(rows, cols, 1), 60), 0, count, settings).check();
+                MatchJob::new(shifted(rows, cols, 1), 0, count, settings.clone()).check();
+                MatchJob::new(with_masks(shifted(rows, cols, 1), 60), 0, count, settings).check();
             }
         }
     }
@@ -318,22 +344,25 @@ fn windows_larger_than_the_image_and_single_pixels() {
 
 #[test]
 fn nothing_valid_is_no_estimate_anywhere() {
-    let job = Job::new(with_masks(shifted(5, 9, 1), 0), -2, 5, Preset::Paper.settings());
+    let job = MatchJob::new(with_masks(shifted(5, 9, 1), 0), -2, 5, Preset::Paper.settings());
+
     job.check();
+
     let seen = job.run(how(2, levels()[0]));
     assert!(seen.disparity.into_iter().all(|bits| f32::from_bits(bits).is_nan()));
 }
 
-/// Jobs that leave the most in memory for the next: other sizes, costs, votes and integers.
-fn unlike_jobs() -> Vec<Job> {
+/// Jobs that leave the most in memory for the next: other sizes, costs, masks and integers.
+fn unlike_jobs() -> Vec<MatchJob> {
     let sizes = [(70, 3 * PANEL + 1, 33), (3, 17, 16), (33, PANEL, 9)];
     let every = settings_of_every_width().into_iter().zip(sizes.into_iter().cycle()).enumerate();
+
     every
         .map(|(i, ((settings, _), (rows, cols, count)))| {
             let settings = Settings { confidence: i % 3 > 0, bits: 1 + i % 4, ..settings };
             let views = shifted(rows, cols, 2);
             let views = if i % 2 == 0 { views } else { with_masks(views, 85) };
-            Job::new(views, -1, count, settings)
+            MatchJob::new(views, -1, count, settings)
         })
         .collect()
 }
@@ -372,7 +401,7 @@ fn one_matcher_serves_several_threads_at_once() {
 fn every_thread_count_gives_the_same_bits() {
     for optimizer in OPTIMIZERS {
         let settings = Settings { optimizer, ..Preset::Paper.settings() };
-        let job = Job::new(shifted(131, 67, 3), 0, 16, settings);
+        let job = MatchJob::new(shifted(131, 67, 3), 0, 16, settings);
         let expected = job.expected();
         for level in levels() {
             for threads in 1..=8 {
@@ -395,30 +424,35 @@ fn levels_that_this_machine_lacks_are_told() {
 
 #[test]
 fn a_shifted_image_is_found_again() {
-    let job = Job::new(shifted(40, 80, 3), 0, 9, Preset::Paper.settings());
+    let job = MatchJob::new(shifted(40, 80, 3), 0, 9, Preset::Paper.settings());
     let seen = job.run(how(2, Level::best()));
+
     for (place, (bits, flags)) in seen.disparity.iter().zip(&seen.flags).enumerate() {
         assert!(place % 80 < 8 || *bits == 3f32.to_bits() && *flags == 0, "{place}");
     }
 }
 
-/// A kernel of one tap: what it blurs is moved by so many columns, so that classes are told apart.
+/// A kernel of one tap: it moves the image by so many columns, which tells classes apart.
 fn moving(columns: isize) -> Kernel {
     let taps = Plane::from_fn(1, 33, |_, x| f64::from(u8::from(x as isize - 16 == columns)));
+
     Kernel::new(&taps).expect("a legal kernel")
 }
 
-/// As many classes as there may be, each of which finds another disparity.
-fn in_classes(count: usize, size: (usize, usize), tile: usize) -> Job {
+/// A match in so many classes, each of which finds another disparity.
+fn in_classes(count: usize, size: (usize, usize), tile: usize) -> MatchJob {
     let kernels = (0..count as isize).map(|class| [None, Some(moving(-class))]).collect();
     let tiles = (size.0.div_ceil(tile), size.1.div_ceil(tile));
     let labels = Plane::from_fn(tiles.0, tiles.1, |y, x| (hash(5, y, x) % count as u64) as u8);
+
     let compensation =
         BlurCompensation::new([0.5, 0.5], kernels, labels, tile).expect("legal compensation");
+
     let settings = Settings { noise_threshold: 1.0, confidence: false, ..Preset::Paper.settings() };
     let settings = Settings { neighborhood: 5, frequencies: (1, 1), window: 1, ..settings };
-    let Job { pair, settings } = Job::new(shifted(size.0, size.1, 1), 0, 20, settings);
-    Job { pair: pair.with_blur_compensation(compensation), settings }
+
+    let MatchJob { pair, settings } = MatchJob::new(shifted(size.0, size.1, 1), 0, 20, settings);
+    MatchJob { pair: pair.with_blur_compensation(compensation), settings }
 }
 
 #[test]
@@ -433,10 +467,12 @@ fn each_class_is_compared_in_its_own_version() {
     let job = in_classes(4, (64, 96), 32);
     let seen = job.run(how(1, Level::best()));
     let compensation = job.pair.blur_compensation().expect("classes");
+
     // Within a tile, beyond the reach of the windows and of the left border.
     for (y, x) in (8..56).flat_map(|y| (40..90).map(move |x| (y, x))) {
         let is_inner = |place: usize| (8..24).contains(&(place % 32));
         let expected = 1.0 + compensation.class(y, x) as f32;
+
         let found = f32::from_bits(seen.disparity[y * 96 + x]);
         assert!(
             !is_inner(y) || !is_inner(x) || (found - expected).abs() < 0.1,
@@ -449,29 +485,36 @@ fn each_class_is_compared_in_its_own_version() {
 fn classes_that_change_nothing_change_nothing() {
     let job = in_classes(1, (40, 50), 16);
     let known = job.pair.blur_compensation().expect("noise").noise();
+
     let labels = Plane::from_fn(3, 4, |y, x| (hash(1, y, x) % 3) as u8);
     let same =
         BlurCompensation::new(known, vec![[None, Some(moving(0))]; 3], labels, 16).expect("legal");
-    let alike =
-        Job { pair: job.pair.clone().with_blur_compensation(same), settings: job.settings.clone() };
-    let plain =
-        Job { pair: job.pair.with_blur_compensation(noise_alone(known)), settings: job.settings };
+    let alike = MatchJob {
+        pair: job.pair.clone().with_blur_compensation(same),
+        settings: job.settings.clone(),
+    };
+    let plain = MatchJob {
+        pair: job.pair.with_blur_compensation(noise_alone(known)),
+        settings: job.settings,
+    };
+
     let how = how(1, Level::best());
     assert!(alike.run(how) == plain.run(how));
 }
 
 #[test]
 fn kernels_are_for_phase_codes() {
-    let Job { pair, settings } = in_classes(2, (6, 30), 4);
+    let MatchJob { pair, settings } = in_classes(2, (6, 30), 4);
     let settings = Settings { cost: CostKind::Sad, noise_threshold: 0.0, ..settings };
+
     let how = how(1, Level::best());
     let refused = Matcher::new(how.threads)
-        .and_then(|matcher| matcher.run(&pair, &settings, how, &Control::default()))
+        .and_then(|matcher| matcher.match_pair(&pair, &settings, how, &Control::default()))
         .expect_err("refused");
     assert!(refused.to_string().starts_with("blur_compensation: got"), "{refused}");
 }
 
-/// A near patch in front of a surface: some of the latter is hidden on the right, and there is noise.
+/// A near patch in front of a surface: part of the surface is occluded on the right, and there is noise.
 fn layered(rows: usize, cols: usize) -> [View; 2] {
     let is_near = |y: usize, x: usize| {
         (rows / 4..rows - rows / 4).contains(&y) && (cols / 3..cols - cols / 3).contains(&x)
@@ -482,41 +525,46 @@ fn layered(rows: usize, cols: usize) -> [View; 2] {
         (_, true) => scene(y, x + 2),
         (_, false) => scene(y, x + 6),
     };
+
     [view(rows, cols, left), view(rows, cols, |y, x| scene(y, x + 8))]
 }
 
-/// The same in three classes, by tiles that fit into nothing.
-fn compensated(job: Job) -> Job {
+/// The same job in three classes, with tiles that fit neither bands nor panels.
+fn compensated(job: MatchJob) -> MatchJob {
     let labels = Plane::from_fn(4, 7, |y, x| (hash(2, y, x) % 3) as u8);
     let kernels = vec![[None, None], [Some(moving(1)), None], [None, Some(moving(-2))]];
     let compensation =
         BlurCompensation::new([0.5, 1.5], kernels, labels, 11).expect("legal compensation");
-    Job { pair: job.pair.with_blur_compensation(compensation), ..job }
+
+    MatchJob { pair: job.pair.with_blur_compensation(compensation), ..job }
 }
 
-/// Matches like those by default, of pairs large and tiny, with and without masks, in one version and in several.
-fn robust_jobs() -> Vec<Job> {
+/// Matches with about the default settings, of pairs large and tiny, with and without masks, in one version and in several.
+fn robust_jobs() -> Vec<MatchJob> {
     let sizes = [(1, 1, 1), (1, 40, 7), (40, 1, 1), (33, 65, 1), (3, 4, 4), (50, 70, 9)];
     let pairs = sizes.into_iter().flat_map(|(rows, cols, count)| {
         let views = layered(rows, cols);
         [views.clone(), with_masks(views, 85)].map(|views| (views, count))
     });
-    let jobs = pairs.map(|(views, count)| Job::new(views, -count / 4, count, robust()));
+
+    let jobs = pairs.map(|(views, count)| MatchJob::new(views, -count / 4, count, robust()));
     jobs.flat_map(|job| [job.clone(), compensated(job)]).collect()
 }
 
 #[test]
 fn matches_by_default_are_those_of_the_naive_chain() {
-    robust_jobs().iter().for_each(Job::check);
+    robust_jobs().iter().for_each(MatchJob::check);
 }
 
 /// Wide enough for several panels, and high enough for several bands.
 #[test]
-fn matches_by_default_are_the_same_however_they_are_worked_out() {
-    let wide = |views| compensated(Job::new(views, -2, 12, robust()));
+fn matches_by_default_are_the_same_on_any_threads_and_levels() {
+    let wide = |views| compensated(MatchJob::new(views, -2, 12, robust()));
+
     let views = layered(150, 200);
     let jobs = robust_jobs().into_iter().chain([wide(views.clone()), wide(with_masks(views, 90))]);
     let known: Vec<_> = jobs.map(|job| (job.run(how(1, levels()[0])), job)).collect();
+
     for threads in [1, 2, 4] {
         let matcher = Matcher::new(threads).expect("threads start");
         for level in levels() {
@@ -542,17 +590,18 @@ proptest! {
         let Settings { shiftable, precision, optimizer, p1, p2, adaptive_p2, .. } = robust();
         let settings = Settings { neighborhood, frequencies, noise_threshold, window, ..refinement };
         let settings = Settings { shiftable, precision, optimizer, p1, p2, adaptive_p2, ..settings };
-        let job = Job { pair: pair.with_blur_compensation(noise_alone([1.0; 2])), settings };
+
+        let job = MatchJob { pair: pair.with_blur_compensation(noise_alone([1.0; 2])), settings };
         prop_assert!(job.run(how) == job.expected(), "{}", job);
     }
 }
 
-fn disparities(seen: &Seen) -> Vec<f32> {
+fn disparities(seen: &ResultBits) -> Vec<f32> {
     seen.disparity.iter().map(|bits| f32::from_bits(*bits)).collect()
 }
 
-fn found_with(settings: Settings) -> Seen {
-    let job = Job::new(with_masks(layered(60, 80), 97), -1, 12, settings);
+fn found_with(settings: Settings) -> ResultBits {
+    let job = MatchJob::new(with_masks(layered(60, 80), 97), -1, 12, settings);
     job.check();
     job.run(how(2, Level::best()))
 }
@@ -561,9 +610,12 @@ fn found_with(settings: Settings) -> Seen {
 fn what_is_not_filled_is_missing() {
     let filled = found_with(robust());
     let bare = found_with(Settings { fill: false, ..robust() });
+
     assert!(filled.flags.iter().any(|flags| flags & flag::FILLED != 0));
+
     let pixels = disparities(&filled).into_iter().zip(disparities(&bare));
     let flags = filled.flags.iter().zip(&bare.flags);
+
     for ((filled, bare), (all, flags)) in pixels.zip(flags) {
         let is_trusted = flags & flag::UNTRUSTED == 0;
         assert_eq!(*flags, all & !flag::FILLED);
@@ -573,23 +625,29 @@ fn what_is_not_filled_is_missing() {
 }
 
 #[test]
-fn what_is_trusted_too_little_is_withdrawn() {
+fn low_confidence_is_masked_out() {
     let all = found_with(robust());
-    // What a third of all pixels stays below.
+
+    // A third of all pixels has a lower confidence.
     let mut least: Vec<_> =
         all.confidence.iter().flatten().map(|bits| f32::from_bits(*bits)).collect();
     least.sort_by(f32::total_cmp);
     let least = f64::from(least[least.len() / 3]);
+
     for confidence in [true, false] {
         let some = found_with(Settings { min_confidence: least, confidence, ..robust() });
         assert_eq!(some.confidence, all.confidence.clone().filter(|_| confidence));
+
         let confidences = all.confidence.as_ref().expect("asked for").iter();
-        let (mut kept, mut withdrawn) = (0, 0);
+
+        let (mut kept, mut invalid) = (0, 0);
+
         for (place, bits) in confidences.enumerate() {
             let is_low = f64::from(f32::from_bits(*bits)) < least;
             let was_there = !f32::from_bits(all.disparity[place]).is_nan();
+
             if is_low && was_there {
-                withdrawn += 1;
+                invalid += 1;
                 let flags = all.flags[place] & !flag::FILLED;
                 assert_eq!(some.flags[place], flags | flag::LOW_CONFIDENCE);
                 assert!(f32::from_bits(some.disparity[place]).is_nan());
@@ -599,7 +657,8 @@ fn what_is_trusted_too_little_is_withdrawn() {
                 assert_eq!(some.disparity[place], all.disparity[place]);
             }
         }
-        assert!(kept > 100 && withdrawn > 100, "{kept} and {withdrawn}");
+
+        assert!(kept > 100 && invalid > 100, "{kept} and {invalid}");
     }
 }
 
@@ -610,10 +669,12 @@ fn each_check_goes_by_itself_with_any_optimizer() {
         let plain = Settings { lr_check: None, speckle_size: 0, ..small };
         let speckles = found_with(Settings { speckle_size: 9, ..plain.clone() });
         let owners = found_with(Settings { lr_check: Some(0), ..plain.clone() });
-        let all = |seen: &Seen| seen.flags.iter().fold(0, |all, flags| all | flags);
+
+        let all = |seen: &ResultBits| seen.flags.iter().fold(0, |all, flags| all | flags);
         let owned = flag::OCCLUDED | flag::MISMATCHED;
         assert_eq!(all(&speckles) & (owned | flag::SPECKLE), flag::SPECKLE, "{optimizer:?}");
         assert_eq!(all(&owners) & (owned | flag::SPECKLE), owned, "{optimizer:?}");
+
         let none = all(&found_with(plain));
         assert_eq!(none & (owned | flag::SPECKLE | flag::FILLED), 0, "{optimizer:?}");
     }
@@ -623,8 +684,10 @@ fn each_check_goes_by_itself_with_any_optimizer() {
 #[test]
 fn negative_disparities_are_found() {
     let [right, left] = shifted(60, 90, 5);
-    let job = Job::new([left, right], -9, 9, robust());
+    let job = MatchJob::new([left, right], -9, 9, robust());
+
     job.check();
+
     let found = disparities(&job.run(how(1, Level::best())));
     let inner = (10..50).flat_map(|y| (10..75).map(move |x| y * 90 + x));
     for place in inner {
@@ -634,14 +697,19 @@ fn negative_disparities_are_found() {
 
 #[test]
 fn a_cancelled_match_stops_and_the_matcher_goes_on() {
-    let job = Job::new(shifted(200, 120, 3), 0, 60, Preset::Paper.settings());
+    let job = MatchJob::new(shifted(200, 120, 3), 0, 60, Preset::Paper.settings());
     let how = how(2, Level::best());
     let expected = job.run(how);
+
     let matcher = Matcher::new(2).expect("threads start");
     let cancelled = Control::default();
     cancelled.cancel();
-    assert_eq!(matcher.run(&job.pair, &job.settings, how, &cancelled), Err(Error::Cancelled));
-    // In the midst of it, after some rows: on a fast machine all may be done by then.
+    assert_eq!(
+        matcher.match_pair(&job.pair, &job.settings, how, &cancelled),
+        Err(Error::Cancelled)
+    );
+
+    // In the middle of a match, after some rows. A fast machine may be done by then.
     for rows in [1, 20, 100] {
         let control = Arc::new(Control::default());
         let watched = Arc::clone(&control);
@@ -651,10 +719,12 @@ fn a_cancelled_match_stops_and_the_matcher_goes_on() {
             }
             watched.cancel();
         });
-        match matcher.run(&job.pair, &job.settings, how, &control) {
-            Ok(map) => assert!(Seen::of(map) == expected),
+
+        match matcher.match_pair(&job.pair, &job.settings, how, &control) {
+            Ok(map) => assert!(ResultBits::of(map) == expected),
             Err(error) => assert_eq!(error, Error::Cancelled),
         }
+
         watch.join().expect("the watch ends");
         assert!(job.run_with(&matcher, how) == expected, "cancelled after {rows} rows");
     }
@@ -671,11 +741,12 @@ fn threads_are_counted() {
 
 #[test]
 fn settings_out_of_range_are_refused() {
-    let job = Job::new(shifted(2, 3, 1), 0, 1, Preset::Paper.settings());
+    let job = MatchJob::new(shifted(2, 3, 1), 0, 1, Preset::Paper.settings());
     let settings = Settings { window: 65, ..Preset::Paper.settings() };
     let how = how(1, Level::best());
+
     let refused = Matcher::new(how.threads)
-        .and_then(|matcher| matcher.run(&job.pair, &settings, how, &Control::default()))
+        .and_then(|matcher| matcher.match_pair(&job.pair, &settings, how, &Control::default()))
         .expect_err("refused");
     assert!(refused.to_string().starts_with("window: got 65"), "{refused}");
 }
@@ -688,18 +759,20 @@ fn images_of_two_sizes_or_types_are_refused() {
         range: None,
         impulses: 0.0,
     };
+
     let refused =
         |right| Pair::new(view(3, Image::U8), right, 0, 1).expect_err("refused").to_string();
     assert_eq!(
         refused(view(2, Image::U8)),
         "right: got 2 x 4 pixels; accepts the size of left, 3 x 4"
     );
+
     let wide = view(3, |pixels| Image::U16(pixels.mapv(u16::from)));
     assert_eq!(refused(wide), "right: got pixels of another type; accepts the type of left");
 }
 
 #[test]
-fn without_masks_nobody_is_asked_to_vote() {
-    let pair = Job::new(shifted(4, 9, 1), 0, 3, Preset::Paper.settings()).pair;
-    assert!(Votes::new(pair.views(), pair.candidates()).is_none());
+fn without_masks_every_pair_is_valid() {
+    let pair = MatchJob::new(shifted(4, 9, 1), 0, 3, Preset::Paper.settings()).pair;
+    assert!(Validity::new(pair.views(), pair.candidates()).is_none());
 }

@@ -1,9 +1,9 @@
-//! Searches along paths, in order and of each pixel by itself: lanes of narrow integers, band by band and panel by panel,
-//! against every path, every origin and every candidate by itself.
+//! Candidates chosen along paths, in order and pixel by pixel: lanes of narrow integers, band by band and panel by panel,
+//! against the reference implementations, which try every path, every origin and every candidate.
 
 use crate::common::{COUNTS, OPTIMIZERS, hash, heights, levels, naive, random, widths};
 use crate::reference;
-use crate::reference::Found;
+use crate::reference::PixelEvidence;
 use phasestereo::internals::cost::aggregation::Window;
 use phasestereo::internals::error::{Error, Result};
 use phasestereo::internals::image::intensity::LARGEST_REACH;
@@ -13,7 +13,8 @@ use phasestereo::internals::optimization::edges::Edges;
 use phasestereo::internals::optimization::evidence::NONE;
 use phasestereo::internals::optimization::selection::Selection;
 use phasestereo::internals::optimization::{
-    BAND, Known, LARGEST_STEP, LOOK_COLUMNS, LOOK_ROWS, PANEL, Search, Steps, Workspace, optimize,
+    BAND, CandidateSearch, CostVolume, LARGEST_SUMMED_PENALTY, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS,
+    PANEL, Penalties, Workspace, optimize,
 };
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::on_threads;
@@ -29,18 +30,18 @@ use proptest::sample::select;
 /// Values of a volume that the reference implementation has time for.
 const AFFORDABLE: usize = 40_000;
 
-/// Costs and how they are searched.
+/// Costs, and how candidates are chosen by them.
 #[derive(Debug, Clone)]
 struct Volume {
     costs: Plane<u32>,
     candidates: usize,
     optimizer: Optimizer,
-    steps: Steps,
-    /// Gray values, and by how much these are to jump.
+    penalties: Penalties,
+    /// Gray values, and the threshold of their jumps.
     gray: Option<(Plane<i32>, f64)>,
 }
 
-/// Memory of searches in integers of every width, used again and again.
+/// Buffers for integers of every width, reused from volume to volume.
 #[derive(Default)]
 struct Workspaces {
     bytes: Workspace<u8>,
@@ -49,31 +50,35 @@ struct Workspaces {
 }
 
 impl Volume {
-    /// Costs up to the largest one without any structure, or of patches of one disparity with some noise.
+    /// Costs up to the largest one: noise, or patches of one disparity with some noise.
     fn new(
         (rows, cols, candidates): (usize, usize, usize),
         largest: u64,
         optimizer: Optimizer,
-        steps: Steps,
+        penalties: Penalties,
         seed: u64,
     ) -> Self {
         let is_scene = seed & 1 == 0;
+
         let costs = Plane::from_fn(rows, cols * candidates, |y, place| {
             let (x, k) = (place / candidates, place % candidates);
             let truth = hash(seed, y / 9, x / 11) as usize % candidates;
             let noise = hash(!seed, y, place) % (largest + 1);
             let ramp = largest / 4 * k.abs_diff(truth) as u64 + noise / 4;
+
             if is_scene { ramp.min(largest) as u32 } else { noise as u32 }
         });
-        Self { costs, candidates, optimizer, steps, gray: None }
+
+        Self { costs, candidates, optimizer, penalties, gray: None }
     }
 
-    /// With gray values of patches and some noise: jumps of every size.
+    /// Adds gray values, patches with some noise: jumps of every size.
     fn with_gray(self, threshold: f64, seed: u64) -> Self {
         let (rows, cols) = self.size();
         let gray = Plane::from_fn(rows, cols, |y, x| {
             (hash(seed, y / 5, x / 7) % 200) as i32 + (hash(!seed, y, x) % 30) as i32
         });
+
         Self { gray: Some((gray, threshold)), ..self }
     }
 
@@ -82,74 +87,99 @@ impl Volume {
         (self.costs.rows(), self.costs.cols() / self.candidates)
     }
 
-    fn expected(&self) -> Plane<Found> {
+    /// The evidence by the reference implementations.
+    fn expected(&self) -> Plane<PixelEvidence> {
         let gray = self.gray.as_ref();
         let edges = gray.map(|(gray, threshold)| reference::edges(gray, *threshold));
-        let Self { costs, candidates, optimizer, steps, .. } = self;
-        naive::optimized(costs, *candidates, *optimizer, *steps, edges.as_ref())
+
+        let Self { costs, candidates, optimizer, penalties, .. } = self;
+        naive::optimized(costs, *candidates, *optimizer, *penalties, edges.as_ref())
     }
 
-    /// What is found by one band after another, from the last one on.
+    /// The evidence by bands, from the last one up, since bands must not depend on one another.
     fn found<T: Value>(
         &self,
         workspace: &mut Workspace<T>,
         weighs: bool,
         level: Level,
         control: &Control,
-    ) -> Result<Plane<Found>> {
-        let (size @ (rows, cols), calm) = (self.size(), Control::default());
+    ) -> Result<Plane<PixelEvidence>> {
+        let size @ (rows, cols) = self.size();
+        let calm = Control::default();
         let edges = match &self.gray {
             Some((gray, threshold)) => {
                 Edges::new(&Texture::new(gray.clone()), *threshold, level, &calm)
             }
             None => Edges::nowhere(cols),
         };
-        let Self { ref costs, candidates, optimizer, steps, .. } = *self;
+
+        let Self { ref costs, candidates, optimizer, penalties, .. } = *self;
         let edges = &edges.expect("memory");
-        let search =
-            Search { size, first: 0, candidates, optimizer, steps, edges, weighs, level, control };
-        let nothing = Found { chosen: u16::MAX, own: NONE, elsewhere: NONE, offset: f32::NAN };
+
+        let search = CandidateSearch {
+            size,
+            first: 0,
+            candidates,
+            optimizer,
+            penalties,
+            edges,
+            weighs,
+            level,
+            control,
+        };
+
+        let nothing =
+            PixelEvidence { chosen: u16::MAX, own: NONE, elsewhere: NONE, offset: f32::NAN };
         let mut found = Plane::from_fn(rows, cols, |_, _| nothing);
+
         let bands: Vec<_> = search.bands(0..rows).collect();
         for band in bands.into_iter().rev() {
-            let source = Known { volume: costs, candidates };
-            let evidence = search.run(band.clone(), &source, workspace)?;
+            let source = CostVolume { volume: costs, candidates };
+            let evidence = search.choose(band.clone(), &source, workspace)?;
+
             for (row, y) in band.enumerate() {
                 let seen = evidence.row(row);
                 for (x, found) in found.row_mut(y).iter_mut().enumerate() {
-                    // Of a band that is not weighed nothing but the choices is known.
+                    // A band that is not weighed has nothing but the choices.
                     let cost = |costs: &[u32]| costs.get(x).copied().unwrap_or(NONE);
                     let offset = seen.offset.get(x).copied().unwrap_or(f32::NAN);
                     let (own, elsewhere) = (cost(seen.own), cost(seen.elsewhere));
-                    *found = Found { chosen: seen.chosen[x], own, elsewhere, offset };
+
+                    *found = PixelEvidence { chosen: seen.chosen[x], own, elsewhere, offset };
                 }
             }
         }
+
         Ok(found)
     }
 
-    /// Holds all integers that are wide enough to the reference implementation, at every level.
+    /// Compares all integers that are wide enough with the reference implementation, at every level.
     fn check(&self, workspaces: &mut Workspaces) {
         let Workspaces { bytes, words, widest } = workspaces;
         let expected = self.expected();
+
         let largest_cost = self.costs.as_slice().iter().max().map_or(0, |cost| u64::from(*cost));
         let largest = match self.optimizer {
             Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => largest_cost,
             Optimizer::ScanlineOptimization | Optimizer::SemiGlobal => {
-                self.steps.largest_total(largest_cost)
+                self.penalties.largest_total(largest_cost)
             }
         };
+
         self.check_in(&expected, widest);
         if largest <= u16::LARGEST_TOTAL {
             self.check_in(&expected, words);
         }
+
         let runs = self.candidates.div_ceil(LANES) as u64;
+
         if largest <= u8::LARGEST_TOTAL && runs <= Selection::<u8>::MOST_RUNS {
             self.check_in(&expected, bytes);
         }
     }
 
-    fn check_in<T: Value>(&self, expected: &Plane<Found>, workspace: &mut Workspace<T>) {
+    /// Compares one width of integers with the reference implementation.
+    fn check_in<T: Value>(&self, expected: &Plane<PixelEvidence>, workspace: &mut Workspace<T>) {
         for (level, weighs) in
             levels().into_iter().flat_map(|level| [(level, true), (level, false)])
         {
@@ -158,6 +188,7 @@ impl Volume {
             let wrong = pairs.find(|(_, (found, expected))| {
                 if weighs { found != expected } else { found.chosen != expected.chosen }
             });
+
             assert!(
                 wrong.is_none(),
                 "{:?} of {:?}, {} candidates, {:?}, {:?}, edges: {}, {}, {}",
@@ -165,7 +196,7 @@ impl Volume {
                 self.size(),
                 self.candidates,
                 self.optimizer,
-                self.steps,
+                self.penalties,
                 self.gray.is_some(),
                 level.name(),
                 std::any::type_name::<T>(),
@@ -174,29 +205,44 @@ impl Volume {
     }
 }
 
-/// Largest costs, and penalties from none to more than any cost; many of which bytes or words just have room for.
-fn scales() -> impl Strategy<Value = (u64, Steps)> {
-    let largest =
-        select(vec![0, 1, 3, 20, 100, 200, 255, 256, 1000, 65_535, 1 << 20, LARGEST_STEP]);
+/// Largest costs, and penalties from none to more than any cost; often the largest that fit in bytes or words.
+fn scales() -> impl Strategy<Value = (u64, Penalties)> {
+    let largest = select(vec![
+        0,
+        1,
+        3,
+        20,
+        100,
+        200,
+        255,
+        256,
+        1000,
+        65_535,
+        1 << 20,
+        LARGEST_SUMMED_PENALTY,
+    ]);
+
     largest.prop_flat_map(|largest| {
-        let room = if largest > 255 { 65_535u64 } else { 255 }.saturating_sub(largest);
+        let spare = if largest > 255 { 65_535u64 } else { 255 }.saturating_sub(largest);
+
         let one = move || {
             prop_oneof![
                 2 => Just(0),
-                3 => 0..=room,
-                1 => Just(room),
-                1 => Just(room + 1),
+                3 => 0..=spare,
+                1 => Just(spare),
+                1 => Just(spare + 1),
                 1 => 0..=largest,
-                1 => Just(LARGEST_STEP),
+                1 => Just(LARGEST_SUMMED_PENALTY),
             ]
         };
+
         (Just(largest), one(), one(), any::<bool>()).prop_map(|(largest, p1, p2, is_one)| {
-            (largest, Steps { p1, p2: if is_one { p1 } else { p2 } })
+            (largest, Penalties { p1, p2: if is_one { p1 } else { p2 } })
         })
     })
 }
 
-/// As many rows and columns as are wanted, or as can be afforded.
+/// The wanted rows and columns, reduced to what the reference implementation has time for.
 fn affordable(rows: usize, cols: usize, candidates: usize, is_wide: bool) -> (usize, usize) {
     let places = AFFORDABLE / candidates;
     if is_wide {
@@ -210,11 +256,18 @@ fn volumes() -> impl Strategy<Value = Volume> {
     let size = (heights(), widths(), select(COUNTS.to_vec()), any::<bool>());
     let threshold = prop_oneof![3 => 0.05..3.0f64, 1 => Just(LARGEST_EDGES)];
     let optimizers = OPTIMIZERS.into_iter().chain([Optimizer::SemiGlobal; 2]).collect::<Vec<_>>();
-    let ways = (select(optimizers), prop::option::of(threshold));
-    (size, scales(), ways, any::<u64>()).prop_map(
-        |((rows, cols, candidates, is_wide), (largest, steps), (optimizer, threshold), seed)| {
+    let choices = (select(optimizers), prop::option::of(threshold));
+
+    (size, scales(), choices, any::<u64>()).prop_map(
+        |(
+            (rows, cols, candidates, is_wide),
+            (largest, penalties),
+            (optimizer, threshold),
+            seed,
+        )| {
             let (rows, cols) = affordable(rows, cols, candidates, is_wide);
-            let volume = Volume::new((rows, cols, candidates), largest, optimizer, steps, seed);
+            let volume = Volume::new((rows, cols, candidates), largest, optimizer, penalties, seed);
+
             match threshold {
                 Some(threshold) => volume.with_gray(threshold, seed),
                 None => volume,
@@ -249,14 +302,15 @@ proptest! {
 
     #[test]
     fn no_index_rises_by_more_than_one_in_order(cols in widths(), candidates in 1usize..=40, seed: u64) {
-        let (optimizer, steps) = (Optimizer::DynamicProgramming, Steps { p1: 0, p2: 0 });
-        let volume = Volume::new((1, cols, candidates), 5, optimizer, steps, seed);
+        let (optimizer, penalties) = (Optimizer::DynamicProgramming, Penalties { p1: 0, p2: 0 });
+        let volume = Volume::new((1, cols, candidates), 5, optimizer, penalties, seed);
         let found = volume.found(&mut Workspace::<u8>::default(), true, levels()[0], &Control::default());
+
         let found = found.expect("memory");
         prop_assert!(found.row(0).windows(2).all(|pair| pair[1].chosen <= pair[0].chosen + 1));
     }
 
-    /// Gray values from one to the largest, in patches and singly.
+    /// Gray values up to the largest, in patches and singly.
     #[test]
     fn edges_are_found_like_by_the_reference(
         (rows, cols, seed) in (1usize..=70, 1usize..=70, any::<u64>()),
@@ -266,7 +320,9 @@ proptest! {
         let part = |lot: u64| (lot % (2 * u64::from(largest) + 1)) as i32 - largest as i32;
         let side = if seed & 1 == 0 { (4, 5) } else { (1, 1) };
         let gray = Plane::from_fn(rows, cols, |y, x| part(hash(seed, y / side.0, x / side.1)));
+
         let expected = reference::edges(&gray, threshold);
+
         for level in levels() {
             let texture = Texture::new(gray.clone());
             let found = Edges::new(&texture, threshold, level, &Control::default()).expect("memory");
@@ -277,42 +333,50 @@ proptest! {
     }
 }
 
-/// About every border of bands, panels and runs of candidates.
+/// Sizes around every border of bands, panels and runs of candidates.
 #[test]
-fn sizes_about_every_border() {
-    let (mut workspaces, steps) = (Workspaces::default(), Steps { p1: 20, p2: 70 });
+fn sizes_around_every_border() {
+    let mut workspaces = Workspaces::default();
+    let penalties = Penalties { p1: 20, p2: 70 };
+
     let heights = [1, 15, 16, 17, 63, 64, 65, 79, 80, 81, 127, 128, 129];
     let widths = [1, 31, 32, 33, 63, 64, 65, 95, 96, 97, 127, 128, 129, 200];
     let sizes = heights.map(|rows| (rows, 5, 7)).into_iter();
     let sizes = sizes.chain(widths.map(|cols| (3, cols, 7))).chain(COUNTS.map(|k| (3, 9, k)));
+
     for (index, (rows, cols, candidates)) in sizes.chain([(81, 97, 3), (3, 97, 97)]).enumerate() {
         for optimizer in OPTIMIZERS {
-            let volume = Volume::new((rows, cols, candidates), 150, optimizer, steps, index as u64);
+            let volume =
+                Volume::new((rows, cols, candidates), 150, optimizer, penalties, index as u64);
             let volume = if index % 4 < 2 { volume.with_gray(1.0, 5) } else { volume };
             volume.check(&mut workspaces);
         }
     }
 }
 
-/// Costs of nothing or of all there is, so that totals come as far as they can: to the very limit of bytes and of words,
-/// one above it, and to the largest costs with the largest penalties.
+/// Costs of 0 or of the largest value, so that totals become as large as possible: up to the limits of bytes and of words,
+/// one above, and up to the largest costs with the largest penalties.
 #[test]
 fn totals_up_to_the_largest_are_exact() {
     let mut workspaces = Workspaces::default();
+
     let of_bytes =
         [(255, 0, 0), (200, 55, 55), (200, 55, 10), (200, 0, 55), (1, 254, 254), (0, 255, 255)];
     let of_words = [(65_535, 0, 0), (65_280, 255, 255), (255, 65_280, 65_280), (1, 0, 65_534)];
     let above = [(256, 0, 0), (200, 56, 56), (65_535, 1, 1), (1 << 28, 1 << 28, 1 << 28)];
     let all = of_bytes.into_iter().chain(of_words).chain(above);
+
     for (index, (largest, p1, p2)) in all.enumerate() {
-        let steps = Steps { p1, p2 };
+        let penalties = Penalties { p1, p2 };
+
         for odds in [1, 2, 8, 1 << 40] {
             let candidates = [1, 2, 3, 33][(index + odds.min(3) as usize) % 4];
             let cost = |y, place| if hash(1, y, place).is_multiple_of(odds) { largest } else { 0 };
             let costs = Plane::from_fn(20, 40 * candidates, cost);
+
             for optimizer in OPTIMIZERS {
                 let costs = costs.clone();
-                let volume = Volume { costs, candidates, optimizer, steps, gray: None };
+                let volume = Volume { costs, candidates, optimizer, penalties, gray: None };
                 let volume = if odds == 2 { volume.with_gray(1.0, 4) } else { volume };
                 volume.check(&mut workspaces);
             }
@@ -327,12 +391,15 @@ fn the_last_of_the_most_candidates_can_be_chosen() {
     for (candidates, optimizer) in
         [most, most + 1, MOST_DISPARITIES].into_iter().flat_map(|k| OPTIMIZERS.map(|o| (k, o)))
     {
-        let (last, steps) = (candidates - 1, Steps { p1: 1, p2: 1 });
-        // The only good ones are the last, then the last but one, then the first.
+        let last = candidates - 1;
+        let penalties = Penalties { p1: 1, p2: 1 };
+
+        // Good candidates: the last for the first pixel, the last but one for the second, the first for the third.
         let good = [last, last - 1, 0];
         let cost = |_, place| u32::from(place % candidates != good[place / candidates]) * 9;
         let costs = Plane::from_fn(1, 3 * candidates, cost);
-        let volume = Volume { costs, candidates, optimizer, steps, gray: None };
+
+        let volume = Volume { costs, candidates, optimizer, penalties, gray: None };
         let chosen = volume.expected().map(|found| usize::from(found.chosen));
         assert_eq!(chosen.row(0), good, "{optimizer:?}");
         volume.check(&mut Workspaces::default());
@@ -343,18 +410,21 @@ fn the_last_of_the_most_candidates_can_be_chosen() {
 #[test]
 fn a_pixel_is_drawn_to_its_neighbor() {
     let costs = Plane::from_vec(1, 6, vec![0, 9, 9, 4, 9, 3]).expect("two pixels");
-    let (optimizer, steps) = (Optimizer::ScanlineOptimization, Steps { p1: 1, p2: 4 });
+    let optimizer = Optimizer::ScanlineOptimization;
+    let penalties = Penalties { p1: 1, p2: 4 };
+
     // The second pixel's totals are 4, 10, 7 from the left and 4, 9, 3 from everywhere else.
-    let along = reference::scanline_optimization(&costs, 3, steps, None);
-    assert_eq!(along.row(0)[3..], [4, 10, 5]);
-    assert_eq!(reference::semi_global(&costs, 3, steps, None).row(0)[3..], [4, 10, 4]);
-    let volume = Volume { costs, candidates: 3, optimizer, steps, gray: None };
+    let sums = reference::scanline_optimization(&costs, 3, penalties, None);
+    assert_eq!(sums.row(0)[3..], [4, 10, 5]);
+    assert_eq!(reference::semi_global(&costs, 3, penalties, None).row(0)[3..], [4, 10, 4]);
+
+    let volume = Volume { costs, candidates: 3, optimizer, penalties, gray: None };
     let found = volume.expected().row(0)[1];
     assert_eq!((found.chosen, found.own, found.elsewhere), (0, 4, 5));
     volume.check(&mut Workspaces::default());
 }
 
-/// Whether what costs something at a single pixel is noticed at another one.
+/// Whether a cost at one pixel has an effect on the choice at another one.
 fn is_seen(
     from: (usize, usize),
     there: (usize, usize),
@@ -363,27 +433,32 @@ fn is_seen(
 ) -> bool {
     let is_there = |y, place| (y, place / 4) == there && place % 4 == 0;
     let costs = Plane::from_fn(rows, cols * 4, |y, place| 100 * u32::from(is_there(y, place)));
-    let steps = Steps { p1: 200, p2: 200 };
-    let volume = Volume { costs, candidates: 4, optimizer, steps, gray: None };
+
+    let penalties = Penalties { p1: 200, p2: 200 };
+    let volume = Volume { costs, candidates: 4, optimizer, penalties, gray: None };
+
     let found =
         volume.found(&mut Workspace::<u16>::default(), true, levels()[0], &Control::default());
     found.expect("memory").row(from.0)[from.1].chosen != 0
 }
 
 #[test]
-fn paths_begin_some_rows_beyond_the_band_and_some_columns_right_of_the_panel() {
+fn paths_start_in_the_look_ahead() {
     let size = (3 * BAND, 2);
     let is_seen_in = |from, y| is_seen((from, 1), (y, 1), size, Optimizer::SemiGlobal);
-    assert!(is_seen_in(BAND, 2 * BAND + LOOK_ROWS - 1), "the last row that is looked at");
-    assert!(!is_seen_in(2 * BAND - 1, 2 * BAND + LOOK_ROWS), "the one below it");
-    assert!(is_seen_in(2 * BAND - 1, BAND - LOOK_ROWS), "the first row that is looked at");
-    assert!(!is_seen_in(BAND, BAND - LOOK_ROWS - 1), "the one above it");
+
+    assert!(is_seen_in(BAND, 2 * BAND + LOOKAHEAD_ROWS - 1), "the last row of the look-ahead");
+    assert!(!is_seen_in(2 * BAND - 1, 2 * BAND + LOOKAHEAD_ROWS), "the one below it");
+    assert!(is_seen_in(2 * BAND - 1, BAND - LOOKAHEAD_ROWS), "the first row of the look-ahead");
+    assert!(!is_seen_in(BAND, BAND - LOOKAHEAD_ROWS - 1), "the one above it");
+
     for optimizer in [Optimizer::ScanlineOptimization, Optimizer::SemiGlobal] {
         let is_seen_in = |from, x| is_seen((1, from), (1, x), (2, 4 * PANEL), optimizer);
-        let beyond = 2 * PANEL + LOOK_COLUMNS;
-        assert!(is_seen_in(PANEL, beyond - 1), "the last column that is looked at");
+        let beyond = 2 * PANEL + LOOKAHEAD_COLUMNS;
+
+        assert!(is_seen_in(PANEL, beyond - 1), "the last column of the look-ahead");
         assert!(!is_seen_in(2 * PANEL - 1, beyond), "the one right of it");
-        assert!(is_seen_in(4 * PANEL - 1, 0), "any to the left");
+        assert!(is_seen_in(4 * PANEL - 1, 0), "paths from the left have no limit");
     }
 }
 
@@ -391,13 +466,27 @@ fn paths_begin_some_rows_beyond_the_band_and_some_columns_right_of_the_panel() {
 fn bands_are_those_of_the_whole() {
     let bands = |first, rows| {
         let edges = &Edges::nowhere(1).expect("memory");
-        let (optimizer, level, control) = (Optimizer::SemiGlobal, levels()[0], &Control::default());
-        let (size, steps) = ((1000, 1), Steps::default());
+        let optimizer = Optimizer::SemiGlobal;
+        let (level, control) = (levels()[0], &Control::default());
+        let size = (1000, 1);
+        let penalties = Penalties::default();
         let (candidates, weighs) = (1, true);
-        let search =
-            Search { size, first, candidates, optimizer, steps, edges, weighs, level, control };
+
+        let search = CandidateSearch {
+            size,
+            first,
+            candidates,
+            optimizer,
+            penalties,
+            edges,
+            weighs,
+            level,
+            control,
+        };
+
         search.bands(rows).collect::<Vec<_>>()
     };
+
     assert_eq!(bands(0, 0..130), [0..64, 64..128, 128..130]);
     assert_eq!(bands(63, 0..66), [0..1, 1..65, 65..66]);
     assert_eq!(bands(65, 3..64), [3..63, 63..64]);
@@ -408,11 +497,13 @@ fn bands_are_those_of_the_whole() {
 #[test]
 fn a_volume_is_optimized_as_a_whole_on_any_number_of_threads() {
     for optimizer in OPTIMIZERS {
-        let mut volume = Volume::new((200, 20, 9), 100, optimizer, Steps { p1: 10, p2: 60 }, 2);
+        let mut volume = Volume::new((200, 20, 9), 100, optimizer, Penalties { p1: 10, p2: 60 }, 2);
+
         let chosen = |volume: &Volume, level| {
-            let Volume { costs, candidates, steps, .. } = volume;
-            optimize(costs, *candidates, optimizer, *steps, level, &Control::default())
+            let Volume { costs, candidates, penalties, .. } = volume;
+            optimize(costs, *candidates, optimizer, *penalties, level, &Control::default())
         };
+
         let expected = Ok(volume.expected().map(|found| found.chosen));
         for threads in 1..=8 {
             for level in levels() {
@@ -420,13 +511,15 @@ fn a_volume_is_optimized_as_a_whole_on_any_number_of_threads() {
                 assert_eq!(found, expected);
             }
         }
-        // Larger penalties than any cost are all the same.
+        // All penalties larger than any cost give the same choices.
         volume.costs = volume.costs.map(|cost| cost << 21);
-        volume.steps = Steps { p1: LARGEST_STEP, p2: LARGEST_STEP };
+        volume.penalties = Penalties { p1: LARGEST_SUMMED_PENALTY, p2: LARGEST_SUMMED_PENALTY };
         let expected = Ok(volume.expected().map(|found| found.chosen));
-        volume.steps = Steps { p1: 1 << 40, p2: u64::MAX };
+
+        volume.penalties = Penalties { p1: 1 << 40, p2: u64::MAX };
         assert_eq!(chosen(&volume, levels()[0]), expected);
-        volume.costs.row_mut(9)[3] = LARGEST_STEP as u32 + 1;
+
+        volume.costs.row_mut(9)[3] = LARGEST_SUMMED_PENALTY as u32 + 1;
         let refused = chosen(&volume, levels()[0]).expect_err("refused").to_string();
         assert_eq!(refused, "costs: got 268435457; accepts costs up to 268435456");
     }
@@ -436,29 +529,47 @@ fn a_volume_is_optimized_as_a_whole_on_any_number_of_threads() {
 fn penalties_are_in_units_of_the_mean_cost() {
     let window =
         Window { rows: 1, cols: 1, candidates: 1, side: 9, ceiling: 14, ..Window::default() };
-    let penalties = Settings { p1: 0.5, p2: 2.0, ..Preset::Paper.settings() };
-    assert_eq!(Steps::new(&penalties, window, 1), Steps { p1: 41, p2: 162 }, "40.5 is rounded up");
-    assert_eq!(Steps::new(&penalties, window, 16), Steps { p1: 648, p2: 2592 });
+    let settings = Settings { p1: 0.5, p2: 2.0, ..Preset::Paper.settings() };
+
+    assert_eq!(
+        Penalties::new(&settings, window, 1),
+        Penalties { p1: 41, p2: 162 },
+        "40.5 is rounded up"
+    );
+    assert_eq!(Penalties::new(&settings, window, 16), Penalties { p1: 648, p2: 2592 });
+
     let coarse = Window { dropped: 2, ..window };
-    assert_eq!(Steps::new(&penalties, coarse, 1), Steps { p1: 10, p2: 41 }, "40.5 / 4 and 162 / 4");
-    let (largest, window) = (LARGEST_PENALTY, Window { side: 63, ..window });
-    let most = Steps { p1: LARGEST_STEP, p2: LARGEST_STEP };
-    let penalties = Settings { p1: largest, p2: largest, ..penalties };
-    assert_eq!(Steps::new(&penalties, window, 256), most);
+    assert_eq!(
+        Penalties::new(&settings, coarse, 1),
+        Penalties { p1: 10, p2: 41 },
+        "40.5 / 4 and 162 / 4"
+    );
+
+    let largest = LARGEST_PENALTY;
+    let window = Window { side: 63, ..window };
+    let most = Penalties { p1: LARGEST_SUMMED_PENALTY, p2: LARGEST_SUMMED_PENALTY };
+    let settings = Settings { p1: largest, p2: largest, ..settings };
+
+    assert_eq!(Penalties::new(&settings, window, 256), most);
 }
 
 #[test]
 fn a_cancelled_search_stops_and_the_next_one_is_right() {
     let control = Control::default();
     control.cancel();
+
     for optimizer in OPTIMIZERS {
-        let volume = Volume::new((70, 70, 9), 100, optimizer, Steps { p1: 10, p2: 60 }, 2);
-        let (mut workspace, level) = (Workspace::<u8>::default(), levels()[0]);
+        let volume = Volume::new((70, 70, 9), 100, optimizer, Penalties { p1: 10, p2: 60 }, 2);
+        let mut workspace = Workspace::<u8>::default();
+        let level = levels()[0];
+
         let stopped = volume.found(&mut workspace, true, level, &control);
         assert_eq!(stopped, Err(Error::Cancelled));
+
         let found = volume.found(&mut workspace, true, level, &Control::default());
         assert_eq!(found, Ok(volume.expected()));
-        let stopped = optimize(&volume.costs, 9, optimizer, volume.steps, level, &control);
+
+        let stopped = optimize(&volume.costs, 9, optimizer, volume.penalties, level, &control);
         assert_eq!(stopped, Err(Error::Cancelled));
     }
 }

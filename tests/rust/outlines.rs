@@ -1,6 +1,6 @@
 //! Weighted medians near jumps, against sorting.
 
-use crate::common::maps::{Map, bits, drawn, maps, patches};
+use crate::common::maps::{FlaggedMap, bits, drawn, maps, patches};
 use crate::common::{hash, random};
 use crate::reference;
 use phasestereo::internals::image::plane::Plane;
@@ -50,7 +50,7 @@ fn an_edge_is_drawn_to_that_of_the_image() {
 fn what_is_far_from_jumps_stays_as_it_is() {
     let slope = Plane::from_fn(30, 70, |y, x| (x + y) as f32 * 0.97);
     assert_eq!(outlined(&slope, &patches(30, 70, 255, 1)), slope);
-    let Map { disparity: noisy, .. } = Map::random((30, 70), 0, 5);
+    let FlaggedMap { disparity: noisy, .. } = FlaggedMap::random((30, 70), 0, 5);
     let half = Plane::from_fn(30, 70, |y, x| if x < 20 { noisy.row(y)[x] } else { 7.0 });
     let drawn = outlined(&half, &patches(30, 70, 255, 2));
     let is_kept = |y: usize, x: usize| drawn.row(y)[x].to_bits() == half.row(y)[x].to_bits();

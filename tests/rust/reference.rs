@@ -18,9 +18,11 @@ use phasestereo::internals::image::plane::{Plane, reflect};
 use phasestereo::internals::image::texture::Roughness;
 use phasestereo::internals::image::view::Mask;
 use phasestereo::internals::optimization::evidence::NONE;
-use phasestereo::internals::optimization::{BAND, LOOK_COLUMNS, LOOK_ROWS, PANEL, Steps};
+use phasestereo::internals::optimization::{
+    BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL, Penalties,
+};
 use phasestereo::internals::refinement::confidence::{
-    RADIUS, STEP, Scene, TOLERANCE, confidence, similar,
+    RADIUS, STEP, TOLERANCE, VotedMap, confidence, similar,
 };
 use phasestereo::internals::refinement::filling;
 use phasestereo::internals::refinement::flag;
@@ -37,12 +39,15 @@ use phasestereo::internals::settings::Settings;
 pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     let (rows, cols) = (plane.rows(), plane.cols());
     let is_seeded = |y: &usize| mask.row(*y).contains(&true);
+
     Plane::from_fn(rows, cols, |y, x| {
         let near = (0..rows).filter(|row| row.abs_diff(y) <= masking::REACH);
         let Some(from) = near.filter(is_seeded).min_by_key(|row| (row.abs_diff(y), *row)) else {
             return 0;
         };
+
         let valid = (0..cols).filter(|&col| mask.row(from)[col]);
+
         let nearest = valid.min_by_key(|col| (col.abs_diff(x), *col));
         nearest.map_or(0, |col| plane.row(from)[col])
     })
@@ -50,17 +55,23 @@ pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
 
 /// Reference implementation of [`phasestereo::internals::image::normalization::normalize`]: mean and variance of each window by themselves.
 pub fn normalize(plane: &Plane<u16>, window: usize) -> Plane<u16> {
-    let (radius, count) = ((window / 2) as isize, (window * window) as i64);
+    let radius = (window / 2) as isize;
+    let count = (window * window) as i64;
+
     Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
-        let (mut sum, mut squares) = (0i64, 0i64);
+        let mut sum = 0i64;
+        let mut squares = 0i64;
         for (dy, dx) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)))
         {
             let (row, col) = (y as isize + dy, x as isize + dx);
             let value = plane.row(reflect(row, plane.rows()))[reflect(col, plane.cols())];
-            (sum, squares) = (sum + i64::from(value), squares + i64::from(value).pow(2));
+            sum += i64::from(value);
+            squares += i64::from(value).pow(2);
         }
+
         let one_gray_level = (count * i64::from(LEVEL_STEPS)).pow(2);
         let variance = (count * squares - sum * sum + one_gray_level) as f64;
+
         let deviations = (count * i64::from(plane.row(y)[x]) - sum) as f64 / variance.sqrt();
         ((deviations.clamp(-16.0, 16.0) + 16.0) * f64::from(DEVIATION_STEPS)).round() as u16
     })
@@ -73,6 +84,7 @@ pub fn convolve(gray: &Plane<i32>, kernel: &Kernel, fraction: u32) -> Plane<i32>
         let rounded = |y, x| (weighted_sum(values, weights, y, x) + unit / 2).div_euclid(unit);
         Plane::from_fn(values.rows(), values.cols(), |y, x| rounded(y, x) as i32)
     };
+
     match kernel.weights() {
         Weights::All(weights) => pass(gray, weights, SHIFT - fraction),
         Weights::Factors { column, row } => {
@@ -81,47 +93,56 @@ pub fn convolve(gray: &Plane<i32>, kernel: &Kernel, fraction: u32) -> Plane<i32>
     }
 }
 
+/// The weighted sum around a pixel: a true convolution, the kernel flipped.
 fn weighted_sum(values: &Plane<i32>, weights: &Plane<i32>, y: usize, x: usize) -> i64 {
-    let (down, across) = ((weights.rows() / 2) as isize, (weights.cols() / 2) as isize);
+    let (vertical, horizontal) = ((weights.rows() / 2) as isize, (weights.cols() / 2) as isize);
+
     let mut sum = 0;
-    for dy in -down..=down {
+    for dy in -vertical..=vertical {
         let row = values.row(reflect(y as isize - dy, values.rows()));
-        for dx in -across..=across {
-            let weight = weights.row((dy + down) as usize)[(dx + across) as usize];
+        for dx in -horizontal..=horizontal {
+            let weight = weights.row((dy + vertical) as usize)[(dx + horizontal) as usize];
             sum += i64::from(weight) * i64::from(row[reflect(x as isize - dx, values.cols())]);
         }
     }
+
     sum
 }
 
 /// Reference implementation of [`phasestereo::internals::image::impulses::repaired`]: the neighbors of every pixel are sorted.
 pub fn repair(plane: &Plane<i32>, height: i32) -> Plane<i32> {
     Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
-        let (pixel, sorted) = (plane.row(y)[x], sorted_neighbors(plane, y, x));
+        let pixel = plane.row(y)[x];
+        let sorted = sorted_neighbors(plane, y, x);
         let spread = sorted[6] - sorted[1];
         let beyond = (pixel - sorted[6]).max(sorted[1] - pixel);
         let median = (sorted[3] + sorted[4]).div_euclid(2);
+
         if beyond - spread > height { median } else { pixel }
     })
 }
 
-/// Reference implementation of [`phasestereo::internals::image::impulses::doubtless`], for all rows.
+/// Reference implementation of [`phasestereo::internals::image::impulses::count_doubtless`], for all rows.
 pub fn doubtless(plane: &Plane<i32>, height: i32) -> u64 {
     let places = (0..plane.rows()).flat_map(|y| (0..plane.cols()).map(move |x| (y, x)));
     let is_doubtless = |(y, x): &(usize, usize)| {
-        let (pixel, sorted) = (plane.row(*y)[*x], sorted_neighbors(plane, *y, *x));
+        let pixel = plane.row(*y)[*x];
+        let sorted = sorted_neighbors(plane, *y, *x);
         let beyond = (pixel - sorted[6]).max(sorted[1] - pixel);
         beyond - 3 * (sorted[6] - sorted[1]) > height
     };
+
     places.filter(is_doubtless).count() as u64
 }
 
+/// The eight neighbors of a pixel in rising order.
 fn sorted_neighbors(plane: &Plane<i32>, y: usize, x: usize) -> Vec<i32> {
     let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dy, dx)));
     let value = |(dy, dx): (isize, isize)| {
         let row = plane.row(mirrored(y as isize + dy, plane.rows()));
         row[mirrored(x as isize + dx, plane.cols())]
     };
+
     let mut values: Vec<_> = around.filter(|place| *place != (0, 0)).map(value).collect();
     values.sort_unstable();
     values
@@ -130,6 +151,7 @@ fn sorted_neighbors(plane: &Plane<i32>, y: usize, x: usize) -> Vec<i32> {
 /// Reference implementation of [`phasestereo::internals::image::blocking::Extra::jump`]: phase by phase, differences clipped to `clip` half steps.
 pub fn jump(plane: &Plane<i32>, clip: i32) -> f64 {
     let turned = Plane::from_fn(plane.cols(), plane.rows(), |y, x| plane.row(x)[y]);
+
     let along = |plane: &Plane<i32>| {
         let mean = |phase: usize| {
             let places = (0..plane.cols().saturating_sub(3)).filter(|x| x % 8 == phase);
@@ -140,15 +162,18 @@ pub fn jump(plane: &Plane<i32>, clip: i32) -> f64 {
                     i64::from((2 * (of(1) - of(2)).abs() - inside).clamp(-clip, clip))
                 })
             });
+
             let extras: Vec<i64> = extras.collect();
             (!extras.is_empty()).then(|| extras.iter().sum::<i64>() as f64 / extras.len() as f64)
         };
+
         let means: Option<Vec<f64>> = (0..8).map(mean).collect();
         means.map_or(0.0, |mut means| {
             means.sort_unstable_by(f64::total_cmp);
             means[7] - means[6]
         })
     };
+
     along(plane).min(along(&turned)) / 2.0
 }
 
@@ -163,15 +188,18 @@ pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, scale: f64) -> Plane<i32>
         };
         (column(-2) + column(-1) + column(0) + column(1) + column(2)) / 25.0
     };
+
     let gray = |y: usize, x: usize| f64::from(plane.row(y)[x]);
     let noise = (deviation.min((1u64 << 40) as f64) * deviation.min((1u64 << 40) as f64))
         .max(f64::MIN_POSITIVE);
+
     let windows = Plane::from_fn(rows, cols, |y, x| {
         let center = mean(&gray, y, x);
         let squares = mean(&|y, x| gray(y, x) * gray(y, x), y, x);
         let share = noise / ((squares - center * center).max(0.0) + noise);
         (share, share * center)
     });
+
     Plane::from_fn(rows, cols, |y, x| {
         let share = mean(&|y, x| windows.row(y)[x].0, y, x);
         let drawn = mean(&|y, x| windows.row(y)[x].1, y, x);
@@ -186,13 +214,16 @@ pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane
     if settings.sizes == 1 {
         return components(gray, settings, threshold, |_| true);
     }
+
     let larger = Settings { neighborhood: settings.neighborhood + 2, ..settings.clone() };
     let axes = components(gray, &larger, threshold, |c| c.u + c.v.unsigned_abs() == 1);
     let all =
         components(gray, &Settings { noise_threshold: 0.0, ..settings.clone() }, 0.0, |_| true);
+
     let (r, s) = settings.frequencies;
     let bits =
         (r.min(1) + s.min(1)) << (settings.bits - 1) << usize::from(settings.noise_threshold > 0.0);
+
     Plane::from_fn(gray.rows(), gray.cols(), |y, x| axes.row(y)[x] | all.row(y)[x] << bits)
 }
 
@@ -203,32 +234,41 @@ fn components(
     threshold: f64,
     counts: impl Fn(&Component) -> bool,
 ) -> Plane<u64> {
-    let (basis, mut quantizer) = (Basis::new(settings), Quantizer::new(settings));
+    let basis = Basis::new(settings);
+    let mut quantizer = Quantizer::new(settings);
     if settings.has_weak() {
         quantizer = quantizer.with_weak_level(threshold);
     }
+
     let radius = basis.radius() as isize;
     let tap = |f: isize, j: isize| {
-        let (filter, distance) = (&basis.filters()[f.unsigned_abs()], j.unsigned_abs());
+        let filter = &basis.filters()[f.unsigned_abs()];
+        let distance = j.unsigned_abs();
         let imaginary =
             i64::from(filter.odd[distance]) * j.signum() as i64 * if f < 0 { -1 } else { 1 };
         (i64::from(filter.even[distance]), imaginary)
     };
+
     Plane::from_fn(gray.rows(), gray.cols(), |y, x| {
         let mut code = 0;
+
         for (c, component) in basis.components().into_iter().filter(&counts).enumerate() {
-            let (mut re, mut im) = (0, 0);
+            let mut re = 0;
+            let mut im = 0;
             for (dy, dx) in
                 (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)))
             {
                 let (row, col) = (y as isize + dy, x as isize + dx);
                 let pixel = gray.row(reflect(row, gray.rows()))[reflect(col, gray.cols())];
+                // The product of the filters along x and along y, (a + i b) (c + i d).
                 let ((a, b), (c, d)) = (tap(component.u as isize, dx), tap(component.v, dy));
                 re += (a * c - b * d) * i64::from(pixel);
                 im += (a * d + b * c) * i64::from(pixel);
             }
+
             code |= quantizer.code(re, im) << (c * quantizer.code_length());
         }
+
         code
     })
 }
@@ -237,6 +277,7 @@ fn components(
 /// image.
 pub fn phase_costs(left: &Plane<u64>, right: &Plane<u64>, candidates: Candidates) -> Plane<u16> {
     let (rows, cols, count) = (left.rows(), left.cols(), candidates.count());
+
     Plane::from_fn(rows, cols * count, |y, place| {
         let (x, k) = (place / count, place % count);
         let (a, b) = (left.row(y)[x], right.row(y)[candidates.column(x, k, cols)]);
@@ -251,6 +292,7 @@ pub fn absolute_differences(
     candidates: Candidates,
 ) -> Plane<u16> {
     let (rows, cols, count) = (left[0].rows(), left[0].cols(), candidates.count());
+
     Plane::from_fn(rows, cols * count, |y, place| {
         let (x, k) = (place / count, place % count);
         let column = candidates.column(x, k, cols);
@@ -259,26 +301,30 @@ pub fn absolute_differences(
 }
 
 /// Reference implementation of [`phasestereo::internals::cost::aggregation::Aggregator`]: each window summed by itself, over the whole image.
-pub fn aggregate(costs: &Plane<u16>, votes: &Plane<u16>, window: Window) -> Plane<u32> {
+pub fn aggregate(costs: &Plane<u16>, validity: &Plane<u16>, window: Window) -> Plane<u32> {
     let count = window.candidates;
     let boxes = Plane::from_fn(window.rows, window.cols * count, |y, place| {
         let (x, k) = (place / count, place % count);
-        let votes = box_sum(votes, Window { dropped: 0, ..window }, y, x, k);
-        window.share(box_sum(costs, window, y, x, k), votes) as u32
+        let support = box_sum(validity, Window { dropped: 0, ..window }, y, x, k);
+        window.scaled(box_sum(costs, window, y, x, k), support) as u32
     });
+
     if !window.shiftable {
         return boxes;
     }
+
     let radius = window.radius();
     Plane::from_fn(window.rows, window.cols * count, |y, place| {
         let (x, k) = (place / count, place % count);
         let (top, bottom) = (y.saturating_sub(radius), (y + radius).min(window.rows - 1));
         let (left, right) = (x.saturating_sub(radius), (x + radius).min(window.cols - 1));
+
         let centers = [(y, x), (top, x), (bottom, x), (y, left), (y, right)];
         centers.map(|(y, x)| boxes.row(y)[x * count + k]).into_iter().fold(u32::MAX, u32::min)
     })
 }
 
+/// The sum of one window; the bits that are dropped are those of each column.
 fn box_sum(volume: &Plane<u16>, window: Window, y: usize, x: usize, k: usize) -> u64 {
     let radius = window.radius() as isize;
     let column_sum = |dx: isize| {
@@ -287,39 +333,46 @@ fn box_sum(volume: &Plane<u16>, window: Window, y: usize, x: usize, k: usize) ->
         let cost = |dy| u64::from(volume.row(row(dy))[col * window.candidates + k]);
         (-radius..=radius).map(cost).sum::<u64>() >> window.dropped
     };
+
     (-radius..=radius).map(column_sum).sum()
 }
 
 /// Reference implementation of [`phasestereo::internals::optimization::ordered::Ordered`]: every origin of every state is tried.
-pub fn in_order(costs: &[u32], candidates: usize, steps: Steps) -> Vec<u16> {
+pub fn in_order(costs: &[u32], candidates: usize, penalties: Penalties) -> Vec<u16> {
     let mut totals = vec![0u64; candidates];
     let mut origins: Vec<Vec<usize>> = Vec::new();
+
     for costs in costs.chunks(candidates) {
+        // Total and origin of the best path to each candidate.
         let best: Vec<(u64, usize)> = (0..candidates)
             .map(|to| {
-                // Of equal ones the first counts.
+                // Among equal totals the first one counts.
                 let from = |from: usize, penalty: u64| (totals[from] + penalty, from);
                 let stayed = std::iter::once(from(to, 0));
-                let rose = to.checked_sub(1).map(|smaller| from(smaller, steps.p1));
-                let dropped = (to + 1..candidates).map(|larger| from(larger, steps.p2));
-                let ways = stayed.chain(rose).chain(dropped);
-                ways.min_by_key(|(total, _)| *total).unwrap_or((u64::MAX, to))
+                let rose = to.checked_sub(1).map(|smaller| from(smaller, penalties.p1));
+                let dropped = (to + 1..candidates).map(|larger| from(larger, penalties.p2));
+                let origins = stayed.chain(rose).chain(dropped);
+                origins.min_by_key(|(total, _)| *total).unwrap_or((u64::MAX, to))
             })
             .collect();
+
         totals =
             best.iter().zip(costs).map(|((total, _), &cost)| total + u64::from(cost)).collect();
         origins.push(best.into_iter().map(|(_, from)| from).collect());
     }
+
     let mut index = least(&totals);
     let mut chosen = vec![];
     for origins in origins.iter().rev() {
         chosen.push(index as u16);
         index = origins[index];
     }
+
     chosen.reverse();
     chosen
 }
 
+/// The index of the first of the least values.
 fn least<T: Ord + Copy>(values: &[T]) -> usize {
     let mut best = 0;
     for (index, value) in values.iter().enumerate() {
@@ -327,6 +380,7 @@ fn least<T: Ord + Copy>(values: &[T]) -> usize {
             best = index;
         }
     }
+
     best
 }
 
@@ -338,71 +392,78 @@ pub fn edges(gray: &Plane<i32>, threshold: f64) -> Plane<u8> {
     let sum: u64 = differences.map(|pair| u64::from(pair[0].abs_diff(pair[1]))).sum();
     let mean = sum as f64 / (rows * (cols - 1)).max(1) as f64;
     let small = (threshold * mean) as u64;
+
     Plane::from_fn(rows, cols, |y, x| {
         let jump = |neighbor: i32| {
             let difference = u64::from(neighbor.abs_diff(gray.row(y)[x]));
             u8::from(difference > small) + u8::from(difference > 3 * small)
         };
+
         let above = jump(gray.row(y.saturating_sub(1))[x]);
         let left = jump(gray.row(y)[x.saturating_sub(1)]);
         above | left << 2
     })
 }
 
-/// Reference implementation of the sums of [`phasestereo::internals::optimization`] that decide by paths along the rows alone: half of what both come to,
-/// rounded up, for every candidate of every pixel. `edges` are those of [`edges`](fn@edges).
+/// Reference implementation of the sums of [`phasestereo::internals::optimization`] that decide by horizontal paths alone: half
+/// the sum of both totals, rounded up, for every candidate of every pixel. `edges` are those of [`edges`](fn@edges).
 pub fn scanline_optimization(
     costs: &Plane<u32>,
     candidates: usize,
-    steps: Steps,
+    penalties: Penalties,
     edges: Option<&Plane<u8>>,
 ) -> Plane<u64> {
-    let image = Image { costs, candidates, steps, edges };
-    let (rows, cols) = (0..costs.rows(), costs.cols() / candidates);
+    let image = PathCosts { costs, candidates, penalties, edges };
+    let rows = 0..costs.rows();
+    let cols = costs.cols() / candidates;
+
     let left = image.totals((0, 1), rows.clone(), 0..cols);
     let right = |first: usize| {
-        let end = ((first + PANEL).min(cols) + LOOK_COLUMNS).min(cols);
+        let end = ((first + PANEL).min(cols) + LOOKAHEAD_COLUMNS).min(cols);
         image.totals((0, -1), rows.clone(), first..end)
     };
     let right: Vec<_> = (0..cols).step_by(PANEL).map(right).collect();
+
     Plane::from_fn(rows.end, costs.cols(), |y, place| {
         let panel = place / candidates / PANEL;
         (left.row(y)[place] + right[panel].row(y)[place]).div_ceil(2)
     })
 }
 
-/// Reference implementation of what decides in [`phasestereo::internals::optimization`] by four paths: the mean of those along the rows and, through each band
-/// and some rows around it, those from above and below.
+/// Reference implementation of the sums of [`phasestereo::internals::optimization`] that decide by four paths: the mean of the
+/// horizontal mean and, of each band with its look-ahead rows, the vertical mean.
 pub fn semi_global(
     costs: &Plane<u32>,
     candidates: usize,
-    steps: Steps,
+    penalties: Penalties,
     edges: Option<&Plane<u8>>,
 ) -> Plane<u64> {
-    let image = Image { costs, candidates, steps, edges };
+    let image = PathCosts { costs, candidates, penalties, edges };
     let (rows, cols) = (costs.rows(), costs.cols() / candidates);
-    let along = scanline_optimization(costs, candidates, steps, edges);
-    let across = |first: usize| {
-        let seen = first.saturating_sub(LOOK_ROWS)..(first + BAND + LOOK_ROWS).min(rows);
+
+    let horizontal = scanline_optimization(costs, candidates, penalties, edges);
+    let vertical = |first: usize| {
+        let seen = first.saturating_sub(LOOKAHEAD_ROWS)..(first + BAND + LOOKAHEAD_ROWS).min(rows);
         [1, -1].map(|dy| image.totals((dy, 0), seen.clone(), 0..cols))
     };
-    let across: Vec<_> = (0..rows).step_by(BAND).map(across).collect();
+    let vertical: Vec<_> = (0..rows).step_by(BAND).map(vertical).collect();
+
     Plane::from_fn(rows, costs.cols(), |y, place| {
-        let [above, below] = &across[y / BAND];
-        let across = (above.row(y)[place] + below.row(y)[place]).div_ceil(2);
-        (along.row(y)[place] + across).div_ceil(2)
+        let [above, below] = &vertical[y / BAND];
+        let vertical = (above.row(y)[place] + below.row(y)[place]).div_ceil(2);
+        (horizontal.row(y)[place] + vertical).div_ceil(2)
     })
 }
 
-/// What paths go through.
-struct Image<'a> {
+/// What the totals of paths depend on.
+struct PathCosts<'a> {
     costs: &'a Plane<u32>,
     candidates: usize,
-    steps: Steps,
+    penalties: Penalties,
     edges: Option<&'a Plane<u8>>,
 }
 
-impl Image<'_> {
+impl PathCosts<'_> {
     /// Totals of the paths that take steps of `(dy, dx)` through some rows and columns, at whose border they begin.
     fn totals(
         &self,
@@ -412,86 +473,95 @@ impl Image<'_> {
     ) -> Plane<u64> {
         let Self { costs, candidates, .. } = *self;
         let mut totals = costs.map(|_| 0);
+
         for y in by_steps(rows.clone(), dy) {
             for x in by_steps(columns.clone(), dx) {
                 let from = (y.wrapping_add_signed(-dy), x.wrapping_add_signed(-dx));
                 let is_inside = rows.contains(&from.0) && columns.contains(&from.1);
+
                 let places = |x: usize| x * candidates..(x + 1) * candidates;
-                let ways = if is_inside {
-                    self.ways(&totals.row(from.0)[places(from.1)], self.p2(from, (y, x)))
+                let steps = if is_inside {
+                    self.steps(&totals.row(from.0)[places(from.1)], self.p2(from, (y, x)))
                 } else {
                     vec![0; candidates]
                 };
+
                 let costs = &costs.row(y)[places(x)];
-                for ((total, way), cost) in
-                    totals.row_mut(y)[places(x)].iter_mut().zip(ways).zip(costs)
+                for ((total, step), cost) in
+                    totals.row_mut(y)[places(x)].iter_mut().zip(steps).zip(costs)
                 {
-                    *total = way + u64::from(*cost);
+                    *total = step + u64::from(*cost);
                 }
             }
         }
+
         totals
     }
 
-    /// What it takes to come to each candidate from the pixel before, beyond the least total there: to stay, to change
-    /// by one, or to come from wherever that least total is. (Should it be here or next to here, that costs no less.)
-    fn ways(&self, before: &[u64], p2: u64) -> Vec<u64> {
+    /// The cost of the step to each candidate, beyond the least total of the pixel before: to stay, to change by one, or to
+    /// come from the candidate with that least total. (If this is at most one away, P2 is no less than the right penalty.)
+    fn steps(&self, before: &[u64], p2: u64) -> Vec<u64> {
         let least = before[least(before)];
-        let way = |k: usize| {
+        let step = |k: usize| {
             let beside = [k.checked_sub(1), Some(k + 1)].into_iter().flatten();
-            let changed = beside.filter_map(|k| before.get(k)).map(|total| total + self.steps.p1);
+            let changed =
+                beside.filter_map(|k| before.get(k)).map(|total| total + self.penalties.p1);
             changed.chain([before[k], least + p2]).fold(u64::MAX, u64::min) - least
         };
-        (0..before.len()).map(way).collect()
+        (0..before.len()).map(step).collect()
     }
 
-    /// P2 between two neighbors: less where the gray value jumps, whichever way the path goes.
+    /// P2 between two neighbors: less where the gray value jumps, in whichever direction the path goes.
     fn p2(&self, a: (usize, usize), b: (usize, usize)) -> u64 {
         let (before, after) = (a.min(b), a.max(b));
+
         let neighbor = usize::from(before.0 == after.0);
         let jump = self.edges.map_or(0, |edges| edges.row(after.0)[after.1] >> (2 * neighbor) & 3);
-        (self.steps.p2 / u64::from(1 + jump)).max(self.steps.p1)
+
+        (self.penalties.p2 / u64::from(1 + jump)).max(self.penalties.p1)
     }
 }
 
-/// A range in the order in which steps of this sign go through it.
+/// A range in the order of steps of this sign.
 fn by_steps(range: Range<usize>, step: isize) -> Vec<usize> {
     if step < 0 { range.rev().collect() } else { range.collect() }
 }
 
-/// What is known of the candidate chosen for a pixel.
+/// The evidence of the candidate chosen for a pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
+pub struct PixelEvidence {
     /// Its index.
     pub chosen: u16,
-    /// What it costs.
+    /// Its cost.
     pub own: u32,
-    /// The least cost elsewhere: not next to it, where the same match shows again. [`NONE`]: there is no elsewhere.
+    /// The least cost of a candidate not next to it. [`NONE`]: there is no such candidate.
     pub elsewhere: u32,
-    /// Where the match lies, from the chosen candidate on, pixels.
+    /// Sub-pixel offset of the match from the chosen candidate, pixels.
     pub offset: f32,
 }
 
 /// Reference implementation of [`phasestereo::internals::optimization::selection`]: of one pixel, by what all paths come to and by its own costs.
-pub fn select(sums: &[u64], costs: &[u32]) -> Found {
+pub fn select(sums: &[u64], costs: &[u32]) -> PixelEvidence {
     let evidence =
         |(&sum, &cost): (&u64, &u32)| subpixel::evidence(capped(sum), capped(cost.into()));
     let valley: Vec<_> = sums.iter().zip(costs).map(evidence).collect();
     found(least(sums), sums, &valley)
 }
 
-/// The same of a pixel for which a candidate was chosen by whatever, by its costs alone.
-pub fn margin(chosen: u16, costs: &[u32]) -> Found {
+/// As [`select`], of a pixel for which something else has chosen a candidate, by its costs alone.
+pub fn margin(chosen: u16, costs: &[u32]) -> PixelEvidence {
     let valley: Vec<_> = costs.iter().map(|&cost| subpixel::evidence(cost, 0)).collect();
     let costs: Vec<u64> = costs.iter().map(|&cost| cost.into()).collect();
     found(chosen.into(), &costs, &valley)
 }
 
-fn found(chosen: usize, costs: &[u64], valley: &[u32]) -> Found {
+/// The evidence of a chosen candidate: its costs decide, `valley` gives the offset.
+fn found(chosen: usize, costs: &[u64], valley: &[u32]) -> PixelEvidence {
     let elsewhere = costs.iter().enumerate().filter(|(k, _)| k.abs_diff(chosen) > 1);
     let beside =
         chosen.checked_sub(1).and_then(|below| valley.get(below)).zip(valley.get(chosen + 1));
-    Found {
+
+    PixelEvidence {
         chosen: chosen as u16,
         own: capped(costs[chosen]),
         elsewhere: elsewhere.map(|(_, &cost)| capped(cost)).min().unwrap_or(NONE),
@@ -500,7 +570,7 @@ fn found(chosen: usize, costs: &[u64], valley: &[u32]) -> Found {
     }
 }
 
-/// As large a cost as there can be.
+/// A cost, clamped to the largest one.
 fn capped(cost: u64) -> u32 {
     cost.min(u64::from(NONE - 1)) as u32
 }
@@ -510,62 +580,76 @@ pub fn offset(below: u32, own: u32, above: u32) -> f64 {
     let [below, own, above] = [below, own, above].map(f64::from);
     let slope = (below - own).max(above - own).max(1.0);
     let tip = ((below - above) / (2.0 * slope)).clamp(-0.5, 0.5);
+
     tip * (1.0 + 0.6 * (1.0 - 2.0 * tip.abs()))
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::subpixel::smooth`]: every pair of neighbors asked for by itself.
+/// Reference implementation of [`phasestereo::internals::refinement::subpixel::smooth`]: every pair of neighbors by itself.
 pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
-    let (rows, cols, reach) = (disparity.rows(), disparity.cols(), subpixel::REACH as isize);
+    let (rows, cols) = (disparity.rows(), disparity.cols());
+    let reach = subpixel::REACH as isize;
     let at = |y: usize, x: usize, dy: isize, dx: isize| {
         let (y, x) = (y.checked_add_signed(dy)?, x.checked_add_signed(dx)?);
         (y < rows && x < cols).then(|| disparity.row(y)[x])
     };
     let pairs = (0..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dy, dx)));
     let pairs: Vec<(isize, isize)> = pairs.filter(|pair| *pair > (0, 0)).collect();
+
     Plane::from_fn(rows, cols, |y, x| {
         let own = disparity.row(y)[x];
-        let (mut sum, mut count) = (0.0, 1.0);
+        let mut sum = 0.0;
+        let mut count = 1.0;
+
         for &(dy, dx) in &pairs {
             let (Some(ahead), Some(behind)) = (at(y, x, dy, dx), at(y, x, -dy, -dx)) else {
                 continue;
             };
+
             if (ahead - own).abs() <= 1.0 && (behind - own).abs() <= 1.0 {
                 sum += (ahead - own) + (behind - own);
                 count += 2.0;
             }
         }
+
         own + sum / count
     })
 }
 
-/// Reference implementation of [`Scene::confidences`]: each pixel asks those around it.
-pub fn confidences(scene: Scene) -> Plane<f32> {
-    let (rows, cols) = (scene.disparity.rows(), scene.disparity.cols());
-    let (gray, similar) = (&scene.texture.gray, similar(scene.texture.roughness));
+/// Reference implementation of [`VotedMap::confidences`]: each pixel asks those around it.
+pub fn confidences(map: VotedMap) -> Plane<f32> {
+    let (rows, cols) = (map.disparity.rows(), map.disparity.cols());
+    let gray = &map.texture.gray;
+    let similar = similar(map.texture.roughness);
+
     let around = |here: usize, length: usize| {
         (0..length).filter(move |there| {
             let away = here.abs_diff(*there);
             away <= RADIUS && away.is_multiple_of(STEP)
         })
     };
+
     Plane::from_fn(rows, cols, |y, x| {
-        let own = scene.disparity.row(y)[x];
+        let own = map.disparity.row(y)[x];
         if own.is_nan() {
             return 0.0;
         }
-        let (mut weight, mut votes) = (0.0, 0.0);
+
+        let mut weight = 0.0;
+        let mut votes = 0.0;
         for (row, col) in around(y, rows).flat_map(|row| around(x, cols).map(move |col| (row, col)))
         {
-            let other = scene.disparity.row(row)[col];
+            let other = map.disparity.row(row)[col];
             let difference = (gray.row(y)[x] - gray.row(row)[col]) as f32;
             let alike = similar / (similar + difference * difference);
+
             if !other.is_nan() {
                 weight += alike;
             }
             if (own - other).abs() <= TOLERANCE {
-                votes += alike * scene.votes.row(row)[col];
+                votes += alike * map.votes.row(row)[col];
             }
         }
+
         confidence(votes / weight)
     })
 }
@@ -574,16 +658,19 @@ pub fn confidences(scene: Scene) -> Plane<f32> {
 pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
     let Choices { chosen, costs, candidates } = choices;
     let cols = chosen.len();
+
     let has_match = |x: usize| {
         flags[x] & (flag::MISSING | flag::OUTSIDE | flag::MATCH_MASKED) == 0
             && !candidates.is_outside(x, chosen[x].into(), cols)
     };
     let column = |x: usize| x as isize - candidates.disparity(chosen[x].into());
+
     let is_consistent = |x: usize| {
         let rivals = (0..cols).filter(|&other| has_match(other) && column(other) == column(x));
         let owner = rivals.min_by_key(|&other| (costs[other], Reverse(chosen[other])));
         has_match(x) && owner.is_some_and(|owner| chosen[owner].abs_diff(chosen[x]) <= most)
     };
+
     let reason = |x: usize| {
         let beside = x.saturating_sub(1)..(x + 2).min(cols);
         if !has_match(x) || is_consistent(x) {
@@ -594,6 +681,7 @@ pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
             flag::OCCLUDED
         }
     };
+
     (0..cols).map(|x| flags[x] | reason(x)).collect()
 }
 
@@ -604,32 +692,39 @@ pub fn flag_speckles(
     (size, range): (usize, f32),
 ) -> Plane<u16> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
+
     let region = |y: usize, x: usize| {
-        let (mut region, mut next) = (vec![(y, x)], 0);
+        let mut region = vec![(y, x)];
+        let mut next = 0;
         let mut seen = disparity.map(|_| false);
         seen.row_mut(y)[x] = true;
+
         while let Some(&(y, x)) = region.get(next)
             && region.len() <= size
         {
             let beside = [(y.wrapping_sub(1), x), (y + 1, x), (y, x.wrapping_sub(1)), (y, x + 1)];
             for (v, u) in beside.into_iter().filter(|&(v, u)| v < rows && u < cols) {
-                let is_step = (disparity.row(v)[u] - disparity.row(y)[x]).abs() <= range;
+                let is_connected = (disparity.row(v)[u] - disparity.row(y)[x]).abs() <= range;
                 let is_new = !seen.row(v)[u] && trusted(disparity, flags, v, u).is_some();
-                if is_step && is_new {
+                if is_connected && is_new {
                     seen.row_mut(v)[u] = true;
                     region.push((v, u));
                 }
             }
+
             next += 1;
         }
+
         region.len()
     };
+
     Plane::from_fn(rows, cols, |y, x| {
         let is_speckle = trusted(disparity, flags, y, x).is_some() && region(y, x) <= size;
         flags.row(y)[x] | if is_speckle { flag::SPECKLE } else { 0 }
     })
 }
 
+/// The disparity of a pixel, if it is trusted.
 fn trusted(disparity: &Plane<f32>, flags: &Plane<u16>, y: usize, x: usize) -> Option<f32> {
     let value = disparity.row(y)[x];
     (flags.row(y)[x] & flag::UNTRUSTED == 0 && !value.is_nan()).then_some(value)
@@ -639,27 +734,33 @@ fn trusted(disparity: &Plane<f32>, flags: &Plane<u16>, y: usize, x: usize) -> Op
 pub fn fill(disparity: &Plane<f32>, flags: &Plane<u16>) -> (Plane<f32>, Plane<u16>) {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let trusted = |y, x| trusted(disparity, flags, y, x);
+
     let filling = |y: usize, x: usize| {
         let seeded = (0..rows).filter(|&row| (0..cols).any(|col| trusted(row, col).is_some()));
         let from = seeded.min_by_key(|row| (row.abs_diff(y), *row))?;
         if from.abs_diff(y) > filling::REACH {
             return None;
         }
+
         let before = (0..=x).rev().find_map(|col| trusted(from, col));
         let after = (x..cols).find_map(|col| trusted(from, col));
         before.into_iter().chain(after).reduce(f32::min)
     };
+
     let is_masked = |y: usize, x: usize| flags.row(y)[x] & flag::MASKED != 0;
+
     let filled = Plane::from_fn(rows, cols, |y, x| match (trusted(y, x), filling(y, x)) {
         (Some(value), _) => value,
         _ if is_masked(y, x) => f32::NAN,
         (None, Some(value)) => value,
         (None, None) => disparity.row(y)[x],
     });
+
     let flags = Plane::from_fn(rows, cols, |y, x| {
         let is_filled = trusted(y, x).is_none() && !is_masked(y, x) && filling(y, x).is_some();
         flags.row(y)[x] | if is_filled { flag::FILLED } else { 0 }
     });
+
     (filled, flags)
 }
 
@@ -668,13 +769,16 @@ pub fn smooth(disparity: &Plane<f32>) -> Plane<f32> {
     let near = |at: usize, length: usize| {
         [-1, 0, 1].map(|step| (at as isize + step).clamp(0, length as isize - 1) as usize)
     };
+
     Plane::from_fn(disparity.rows(), disparity.cols(), |y, x| {
         let center = disparity.row(y)[x];
         let rows = near(y, disparity.rows()).map(|row| disparity.row(row));
         let window = rows.map(|row| near(x, disparity.cols()).map(|col| row[col]));
+
         let mut values = window.as_flattened().to_vec();
         values.iter_mut().filter(|value| value.is_nan()).for_each(|value| *value = center);
         values.sort_by(f32::total_cmp);
+
         if center.is_nan() { center } else { values[4] }
     })
 }
@@ -685,73 +789,84 @@ pub fn guide(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
     let differences = (0..rows).flat_map(|y| gray.row(y).windows(2));
     let sum: i64 = differences.map(|pair| (i64::from(pair[0]) - i64::from(pair[1])).abs()).sum();
     let tolerance = (sum as f64 / (rows * (cols - 1)).max(1) as f64).ceil() as i64;
+
     let is_jump = |y: usize, x: usize| {
         let neighbors = [(y + 1, x), (y, x + 1)].into_iter().filter(|&(v, u)| v < rows && u < cols);
         let step = |(v, u): (usize, usize)| disparity.row(v)[u] - disparity.row(y)[x];
         neighbors.map(step).any(|step| step.abs() > JUMP)
     };
+
     let window = |at: usize, length: usize| {
         at.saturating_sub(guided_median::REACH)..(at + guided_median::REACH + 1).min(length)
     };
+
     Plane::from_fn(rows, cols, |y, x| {
         let places = || window(y, rows).flat_map(|v| window(x, cols).map(move |u| (v, u)));
         if disparity.row(y)[x].is_nan() || !places().any(|(v, u)| is_jump(v, u)) {
             return disparity.row(y)[x];
         }
+
         let seen = places().filter(|(v, u)| v.abs_diff(y) % STRIDE + u.abs_diff(x) % STRIDE == 0);
         let like = seen.filter(|&(v, u)| {
             i64::from(gray.row(v)[u].abs_diff(gray.row(y)[x])) <= tolerance
                 && !disparity.row(v)[u].is_nan()
         });
+
         let mut values: Vec<f32> = like.map(|(v, u)| disparity.row(v)[u]).collect();
         values.sort_by(f32::total_cmp);
         values[(values.len() - 1) / 2]
     })
 }
 
-/// Codes of gray values of a side (0: left, 1: right), perhaps under a kernel.
+/// Codes of gray values of a side (0: left, 1: right), under a kernel if there is one.
 pub type Describe<'a> = dyn Fn(usize, &Plane<i32>, Option<&Kernel>) -> Plane<u64> + 'a;
 
-/// What [`synthesize`] looks at: of both images gray values and masks, of the pixels of the left one their classes, and
-/// how rows of planes are described.
+/// The inputs of [`synthesize`].
 #[derive(Clone, Copy)]
 pub struct Soft<'a> {
     /// Gray values.
     pub grays: [&'a Plane<i32>; 2],
-    /// Where they are valid.
+    /// Their masks.
     pub valid: [&'a Mask; 2],
-    /// Classes.
+    /// Class of each left pixel.
     pub classes: &'a Plane<usize>,
-    /// What they blur the left and the right image by.
+    /// The kernels of the classes, for the left and the right image.
     pub kernels: &'a [[Option<Kernel>; 2]],
-    /// Codes of gray values of a side, perhaps under a kernel.
+    /// Codes of gray values of a side, under a kernel if there is one.
     pub codes: &'a Describe<'a>,
     /// Steps of left gray values to one of the right ones, and their largest magnitude.
     pub left: (f64, i64),
 }
 
-/// Reference implementation of [`phasestereo::internals::refinement::synthesis::Scene::redraw`]: all of the image under all kernels, by each of the three maps.
+/// Reference implementation of [`phasestereo::internals::refinement::synthesis::BlurredPair::redraw`]: all of the image under all kernels, by each of the three maps.
 pub fn synthesize(disparity: &Plane<f32>, soft: Soft) -> Plane<f32> {
+    // Sums over windows, by each map; of a soft left image all classes lie in one view.
     let maps = [disparity.clone(), rival(disparity, false), rival(disparity, true)];
     let side_of = |class: usize| softness(&soft.kernels[class]).map(|(side, _)| side);
+
     let left = maps.each_ref().map(|map| {
         let distances: Vec<_> =
             (0..soft.kernels.len()).map(|c| distances(map, soft, 0, c)).collect();
+
         let of_class = |y: usize, x: usize| distances[soft.classes.row(y)[x]].as_ref();
         let all = Plane::from_fn(map.rows(), map.cols(), |y, x| {
             of_class(y, x).map_or(0, |distances| distances.row(y)[x])
         });
+
         windows(&all)
     });
+
     let right: Vec<_> = (0..soft.kernels.len())
         .map(|c| maps.each_ref().map(|map| distances(map, soft, 1, c).map(|all| windows(&all))))
         .collect();
+
     Plane::from_fn(disparity.rows(), disparity.cols(), |y, x| {
         let here = maps.each_ref().map(|map| map.row(y)[x]);
         let class = soft.classes.row(y)[x];
         let whole = here.map(whole);
         let places = [whole.into_iter().max(), whole.into_iter().min()];
         let place = |disparity: Option<i64>| beside(x, -disparity.unwrap_or(0), maps[0].cols());
+
         let unlike = |map: usize| match side_of(class) {
             Some(0) => left[map].row(y)[x],
             Some(_) => {
@@ -760,22 +875,26 @@ pub fn synthesize(disparity: &Plane<f32>, soft: Soft) -> Plane<f32> {
             }
             None => 0,
         };
+
         let best = (0..maps.len()).min_by_key(|map| (unlike(*map), *map));
         here[best.unwrap_or(0)]
     })
 }
 
-/// The least or the largest of the disparities about each pixel, where it is not about the same as its own.
+/// The least or the largest disparity around each pixel, where it does not count as the same as its own.
 fn rival(disparity: &Plane<f32>, is_largest: bool) -> Plane<f32> {
     let around = |at: usize, length: usize| {
         at.saturating_sub(synthesis::RADIUS)..(at + synthesis::RADIUS + 1).min(length)
     };
+
     Plane::from_fn(disparity.rows(), disparity.cols(), |y, x| {
         let own = disparity.row(y)[x];
+
         let rows =
             around(y, disparity.rows()).map(|row| &disparity.row(row)[around(x, disparity.cols())]);
         let mut known: Vec<f32> = rows.flatten().copied().filter(|value| !value.is_nan()).collect();
         known.sort_by(f32::total_cmp);
+
         let found = if is_largest { known.last() } else { known.first() }.copied();
         found.filter(|found| (found - own).abs() > synthesis::SAME).unwrap_or(own)
     })
@@ -786,13 +905,15 @@ fn whole(disparity: f32) -> i64 {
     if disparity.is_nan() { 0 } else { disparity.round_ties_even() as i64 }
 }
 
+/// The column `by` to the right, clamped into the image.
 fn beside(x: usize, by: i64, cols: usize) -> usize {
     (x as i64 + by).clamp(0, cols as i64 - 1) as usize
 }
 
-/// Hamming distances of a soft side and of what it should be by a map, for a class of which it is.
+/// Hamming distances of a soft side and of what it should be by a map, for one class; `None`: this class is not soft there.
 fn distances(map: &Plane<f32>, soft: Soft, side: usize, class: usize) -> Option<Plane<u32>> {
     let (_, blur) = softness(&soft.kernels[class]).filter(|(which, _)| *which == side)?;
+
     let shown = if side == 0 {
         Plane::from_fn(map.rows(), map.cols(), |y, x| {
             soft.grays[1].row(y)[beside(x, -whole(map.row(y)[x]), map.cols())]
@@ -801,8 +922,10 @@ fn distances(map: &Plane<f32>, soft: Soft, side: usize, class: usize) -> Option<
         let rows: Vec<_> = (0..map.rows()).map(|y| from_right(map.row(y), soft, y)).collect();
         Plane::from_fn(map.rows(), map.cols(), |y, x| rows[y][x])
     };
+
     let synthetic = (soft.codes)(1 - side, &shown, Some(blur));
     let there = (soft.codes)(side, soft.grays[side], None);
+
     Some(Plane::from_fn(map.rows(), map.cols(), |y, x| {
         let bits = (synthetic.row(y)[x] ^ there.row(y)[x]).count_ones();
         if soft.valid[side].row(y)[x] { bits } else { 0 }
@@ -811,25 +934,33 @@ fn distances(map: &Plane<f32>, soft: Soft, side: usize, class: usize) -> Option<
 
 /// A row of the left image as the right view shows it.
 fn from_right(map: &[f32], soft: Soft, y: usize) -> Vec<i32> {
-    let (left, right, cols) = (soft.grays[0].row(y), soft.grays[1].row(y), map.len());
+    let (left, right) = (soft.grays[0].row(y), soft.grays[1].row(y));
+    let cols = map.len();
+
+    // The disparity of each pixel of the right view: the largest that leads to it, else the larger one beside it.
     let hits = |at: usize| (0..cols).filter(move |&x| x as i64 - whole(map[x]) == at as i64);
     let nearest: Vec<_> = (0..cols).map(|at| hits(at).map(|x| whole(map[x])).max()).collect();
     let at = |x: Option<usize>| nearest.get(x?).copied().flatten();
     let seen = |x: usize| {
-        let about = at(x.checked_sub(1)).zip(at(Some(x + 1)));
-        nearest[x].or(about.map(|(before, after)| before.max(after)))
+        let around = at(x.checked_sub(1)).zip(at(Some(x + 1)));
+        nearest[x].or(around.map(|(before, after)| before.max(after)))
     };
+
     let shown = |x: usize| seen(x).map(|disparity| i64::from(left[beside(x, disparity, cols)]));
     let own = |x: usize| i64::from((f64::from(right[x]) * soft.left.0).round() as i32);
+
+    // In a gap the right image, as bright as the left one beside it.
     let gray = |x: usize| {
         let start = (0..x).rev().find(|x| seen(*x).is_some()).map_or(0, |x| x + 1);
         let end = (x..cols).find(|x| seen(*x).is_some()).unwrap_or(cols);
         let near = |other: &usize| start.saturating_sub(BESIDE) <= *other && *other < end + BESIDE;
+
         let brighter: Vec<_> =
             (0..cols).filter(near).filter_map(|x| Some(shown(x)? - own(x))).collect();
         let mean = brighter.iter().sum::<i64>().div_euclid(brighter.len().max(1) as i64);
         (own(x) + mean).clamp(-soft.left.1, soft.left.1)
     };
+
     (0..cols).map(|x| shown(x).unwrap_or_else(|| gray(x)) as i32).collect()
 }
 
@@ -837,6 +968,7 @@ fn from_right(map: &[f32], soft: Soft, y: usize) -> Vec<i32> {
 fn windows(values: &Plane<u32>) -> Plane<u32> {
     let reach = synthesis::WINDOW / 2;
     let around = |at: usize, length: usize| at.saturating_sub(reach)..(at + reach + 1).min(length);
+
     Plane::from_fn(values.rows(), values.cols(), |y, x| {
         let rows = around(y, values.rows()).map(|row| &values.row(row)[around(x, values.cols())]);
         rows.flatten().sum()
@@ -850,44 +982,54 @@ pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, roughness: Roughness) 
     let level =
         |y: usize, x: usize| (gray.row(y)[x] as f32 * scale).clamp(-16_383.0, 16_383.0) as i32;
     let steps = |y: usize, x: usize| (disparity.row(y)[x] * outlines::FINENESS) as i32;
+
     let is_jump = |y: usize, x: usize| {
         let beside = [(y + 1, x), (y, x + 1)].into_iter().filter(|&(v, u)| v < rows && u < cols);
         let mut steps = beside.map(|(v, u)| (disparity.row(v)[u] - disparity.row(y)[x]).abs());
         steps.any(|step| step > JUMP)
     };
     let jumps = Plane::from_fn(rows, cols, is_jump);
+
     let window =
         |at: usize, by: usize, length: usize| at.saturating_sub(by)..(at + by + 1).min(length);
     let places = move |y: usize, x: usize, by: usize| {
         window(y, by, rows).flat_map(move |v| window(x, by, cols).map(move |u| (v, u)))
     };
+
     Plane::from_fn(rows, cols, |y, x| {
         let own = disparity.row(y)[x];
         if own.is_nan() || !places(y, x, outlines::NEAR).any(|(v, u)| jumps.row(v)[u]) {
             return own;
         }
+
         let counts = places(y, x, outlines::REACH).filter(|&(v, u)| {
-            let (down, across) = (v.abs_diff(y), u.abs_diff(x));
-            down % outlines::STRIDE + across % outlines::STRIDE == 0
+            let (vertical, horizontal) = (v.abs_diff(y), u.abs_diff(x));
+            vertical % outlines::STRIDE + horizontal % outlines::STRIDE == 0
                 && !disparity.row(v)[u].is_nan()
         });
+
         let mut values: Vec<(i32, u32)> = counts
             .map(|(v, u)| {
-                let (down, across) = (v.abs_diff(y), u.abs_diff(x));
-                let largest = outlines::WEIGHTS[down / outlines::STRIDE][across / outlines::STRIDE];
+                let distances = [v.abs_diff(y), u.abs_diff(x)];
+                let [vertical, horizontal] = distances.map(|distance| distance / outlines::STRIDE);
+                let largest = outlines::WEIGHTS[vertical][horizontal];
                 let alike = 255u32.saturating_sub(level(v, u).abs_diff(level(y, x)));
                 let away = steps(v, u).wrapping_sub(steps(y, x)).clamp(-32_768, 32_767);
                 (away, (alike * u32::from(largest)) >> 8)
             })
             .collect();
+
         values.sort_unstable();
         let total: u32 = values.iter().map(|(_, weight)| weight).sum();
+
         let mut below = 0;
         let is_middle = |(_, weight): &&(i32, u32)| {
             below += weight;
             2 * below >= total
         };
+
         let median = values.iter().find(is_middle).map_or(0, |(away, _)| *away);
+
         if median == 0 { own } else { own + median as f32 / outlines::FINENESS }
     })
 }

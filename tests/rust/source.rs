@@ -5,7 +5,7 @@ use crate::common::parts::Slow;
 use crate::common::{hash, levels, mask, random};
 use ndarray::Array3;
 use phasestereo::internals::error::{Error, Result};
-use phasestereo::internals::image::intensity::{Gray, Range};
+use phasestereo::internals::image::intensity::{Gray, IntensityRange};
 use phasestereo::internals::image::masking;
 use phasestereo::internals::image::plane::{Plane, reflect};
 use phasestereo::internals::image::texture::{Roughness, Texture};
@@ -25,26 +25,29 @@ const SHIFT: usize = 6;
 /// The least rows that an estimation of blur asks for at a time: those of a block.
 const LEAST_ROWS: usize = 64;
 
-/// Squares of many sizes, seen by the camera that is so far to the left.
+/// Squares of many sizes, seen by a camera `shift` pixels further left.
 fn scene((rows, cols): (usize, usize), shift: usize) -> Plane<f32> {
     Plane::from_fn(rows, cols, |y, x| {
         let shade = |side: usize| hash(side as u64, y / side, (x + shift) / side) % 256;
+
         let weighed = [(13, 0.3), (7, 0.25), (4, 0.2), (2, 0.15), (1, 0.1)];
         weighed.iter().map(|(side, weight)| weight * shade(*side) as f32).sum()
     })
 }
 
+/// An image under a kernel.
 fn blurred(image: &Plane<f32>, taps: &Taps) -> Plane<f32> {
     Plane::from_fn(image.rows(), image.cols(), |y, x| {
         let tap = |(dy, dx, value): (isize, isize, f64)| {
             let row = image.row(reflect(y as isize - dy, image.rows()));
             row[reflect(x as isize - dx, image.cols())] * value as f32
         };
+
         taps.places().map(tap).sum()
     })
 }
 
-/// Both images of a scene, of which the left one is blurred where `is_soft` says so, with a little noise.
+/// Both images of a scene, the left one blurred where `is_soft`, with a little noise.
 fn shots(
     size: (usize, usize),
     taps: Option<&Taps>,
@@ -52,10 +55,12 @@ fn shots(
 ) -> [Plane<f32>; 2] {
     let [sharp, right] = [0, SHIFT].map(|shift| scene(size, shift));
     let soft = taps.map(|taps| blurred(&sharp, taps));
+
     let left = Plane::from_fn(size.0, size.1, |y, x| {
         let soft = soft.as_ref().filter(|_| is_soft(y, x));
         soft.unwrap_or(&sharp).row(y)[x]
     });
+
     let mut seed = 90;
     [left, right].map(|plane| {
         seed += 1;
@@ -65,6 +70,7 @@ fn shots(
     })
 }
 
+/// Pixels of some type.
 fn array<T>(plane: &Plane<f32>, pixel: impl Fn(f32) -> T) -> Array3<T> {
     Array3::from_shape_fn((plane.rows(), plane.cols(), 1), |(y, x, _)| pixel(plane.row(y)[x]))
 }
@@ -77,6 +83,7 @@ fn view(plane: &Plane<f32>, kind: usize) -> View {
         2 => Image::F32(array(plane, |value| 1e-3 * value - 7.0)),
         _ => Image::F64(array(plane, |value| 1e6 * f64::from(value))),
     };
+
     View::from(image)
 }
 
@@ -85,7 +92,7 @@ fn pair([left, right]: [View; 2]) -> Pair {
     Pair::new(left, right, 0, count).expect("a legal pair")
 }
 
-/// Rows in which nothing is valid: at both ends of the image, about the borders of parts, more than are looked across.
+/// Rows in which nothing is valid: at both ends of the image, around the borders of parts, more than masked rows copy from.
 fn empty_rows(y: usize, rows: usize) -> bool {
     y < 3 || (60..70).contains(&y) || (190..320).contains(&y) || y + 40 > rows
 }
@@ -103,27 +110,33 @@ fn how(threads: usize, level: Level) -> Execution {
     Execution { threads, level }
 }
 
-/// What is known of a pair in memory, or read by so many rows.
+/// The estimate of a pair, in memory or read by at most so many rows.
 fn estimated(pair: &Pair, most_rows: Option<usize>, threads: usize) -> Estimate {
     let matcher = Matcher::new(threads).expect("threads");
-    let (how, control) = (how(threads, Level::best()), Control::default());
+    let how = how(threads, Level::best());
+    let control = Control::default();
+
     let found = match most_rows {
         None => estimate(pair, &matcher, how, &control),
         Some(most) => {
-            // Floats are read with the range of the whole.
+            // Parts of float images need the range of the whole.
             let whole = Slow::new(pair, most);
             let known = ranges(&whole, &control).expect("all rows").map(Some);
             let source = Slow::new(&pair.clone().with_ranges(known), most);
+
             let found = estimate_by_rows(&source, &matcher, how, &control);
+
             let longest = source.asked().iter().map(ExactSizeIterator::len).max();
             let margins = 2 * (97 + 4);
             assert!(longest <= Some(most.max(LEAST_ROWS) + margins), "{longest:?}");
             found
         }
     };
+
     found.expect("it runs")
 }
 
+/// Compares estimates by rows with that of the whole.
 fn check(pair: &Pair, expected: &Estimate) {
     for (most, threads) in [(1, 1), (64, 1), (100, 2), (161, 3), (10_000, 1)] {
         assert_eq!(estimated(pair, Some(most), threads), *expected, "{most} rows at a time");
@@ -137,16 +150,20 @@ fn psf(family: Family, size: f64, angle: f64) -> Taps {
 #[test]
 fn blur_of_every_kind_is_that_of_the_whole() {
     let curve = curve();
+
     let (disk, motion) = (psf(Family::Disk, 4.0, 0.0), psf(Family::Motion, 9.0, 30.0));
     let size = (420, 150);
+
     let kinds = [(None, 1), (Some(&disk), 1), (Some(&motion), 1), (Some(&curve), 1)];
     for (kind, (taps, count)) in kinds.into_iter().enumerate() {
         let pair = pair(shots(size, taps, |_, _| true).map(|plane| view(&plane, kind)));
+
         let expected = estimated(&pair, None, 1);
         assert_eq!(expected.blurs.len(), count, "{expected:?}");
         assert_eq!(expected.blurs[0].taps.is_some(), taps.is_some(), "{expected:?}");
         let is_measured = expected.blurs[0].taps.is_some() && expected.blurs[0].psf.is_none();
         assert_eq!(is_measured, kind == 3, "{expected:?}");
+
         check(&pair, &expected);
     }
 }
@@ -158,8 +175,10 @@ fn maps_of_blur_are_those_of_the_whole() {
     for kind in 0..4 {
         let pair = pair(shots.each_ref().map(|plane| view(plane, kind)));
         let expected = estimated(&pair, None, 1);
+
         assert_eq!(expected.blurs.len(), 2, "{expected:?}");
         assert!(expected.labels.0 > 1, "{expected:?}");
+
         check(&pair, &expected);
     }
 }
@@ -172,26 +191,32 @@ fn curve() -> Taps {
     }))
 }
 
-/// Of several kinds each is measured on the tiles that tell it best, which lie anywhere.
+/// Each of several blurs is measured on its best tiles, which lie anywhere.
 #[test]
 fn measured_kernels_of_some_rows_are_those_of_the_whole() {
     let even = Taps::new(3, vec![1.0; 49]);
     let mut are_measured = vec![];
+
     for (taps, soft) in [(&even, 180..420), (&even, 0..230), (&curve(), 180..420)] {
         let shots = shots((420, 130), Some(taps), |y, _| soft.contains(&y));
         let pair = pair(shots.map(|plane| view(&plane, 0)));
+
         let expected = estimated(&pair, None, 1);
         let is_measured = |blur: &Blur| blur.taps.is_some() && blur.psf.is_none();
         are_measured.push(expected.blurs.len() > 1 && expected.blurs.iter().any(is_measured));
+
         check(&pair, &expected);
     }
+
     assert!(are_measured.contains(&true), "{are_measured:?}");
 }
 
 #[test]
 fn blur_beside_masks_is_that_of_the_whole() {
     let disk = psf(Family::Disk, 3.0, 0.0);
+
     let shots = shots((500, 150), Some(&disk), |y, _| y > 350);
+
     for (kind, percent) in [(0, 100), (1, 97), (2, 97), (3, 60)] {
         let views = with_masks(shots.each_ref().map(|plane| view(plane, kind)), percent);
         let pair = pair(views);
@@ -200,31 +225,33 @@ fn blur_beside_masks_is_that_of_the_whole() {
 }
 
 #[test]
-fn what_tells_nothing_does_so_by_rows() {
+fn images_without_texture_or_valid_pixels_have_no_estimate() {
     let sizes = [(1, 1), (63, 200), (200, 63), (64, 64), (300, 70)];
     for size in sizes {
         let flat =
             pair([70.0, 71.0].map(|value| view(&Plane::from_fn(size.0, size.1, |_, _| value), 0)));
+
         let expected = estimated(&flat, None, 1);
         assert!(expected.certainty <= 0.0);
         check(&flat, &expected);
     }
+
     let views = shots((200, 100), None, |_, _| true).map(|plane| view(&plane, 2));
     let nowhere =
         pair(views.map(|view| View { mask: Some(Mask::from_fn(200, 100, |_, _| false)), ..view }));
     check(&nowhere, &estimated(&nowhere, None, 1));
 }
 
-/// The same with what compression does in blocks of 8 x 8 pixels, which begin anywhere: gray values that are off by some in
-/// each.
+/// The image as if compressed in blocks of 8 x 8 pixels, which begin anywhere: each is off by a gray value of its own.
 fn in_blocks(plane: &Plane<f32>, seed: u64) -> Plane<f32> {
     Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
         let off = hash(seed, (y + 3) / 8, (x + 6) / 8) % 7;
+
         (plane.row(y)[x] * 0.8 + 20.0 + off as f32).round()
     })
 }
 
-/// The same where one pixel in some hundreds is black or white.
+/// The image with one pixel in 300 black or white.
 fn with_impulses(plane: &Plane<f32>, seed: u64) -> Plane<f32> {
     Plane::from_fn(plane.rows(), plane.cols(), |y, x| match hash(seed, y, x) % 600 {
         0 => 0.0,
@@ -243,20 +270,26 @@ fn smooth_shots(size: (usize, usize)) -> [Plane<f32>; 2] {
 fn impulses_and_blocks_are_those_of_the_whole() {
     let [left, right] = smooth_shots((300, 150));
     let shots = [with_impulses(&left, 4), in_blocks(&right, 5)];
+
     for (kind, percent) in [(0, 100), (0, 97), (1, 100), (1, 97), (2, 100), (3, 97)] {
         let views = shots.each_ref().map(|plane| view(plane, kind));
         let pair = pair(if percent < 100 { with_masks(views, percent) } else { views });
         let expected = estimated(&pair, None, 1);
+
         // 255 times 200 takes all 16 bits.
         let level = [1.0, 256.0, 1e-3 * 255.0 / 256.0, 1e6 * 255.0 / 256.0][kind];
+
         let height = expected.impulses[0] / (20.0 * level);
         assert!((height - 1.0).abs() < 0.1, "{:?}", expected.impulses);
         assert!(expected.impulses[1] <= 0.0, "{:?}", expected.impulses);
+
         let coding = expected.coding.map(|coding| coding / [1.0, 200.0, 1e-3, 1e6][kind]);
         // Masked pixels take the values of others, across borders of blocks; and the levels of floats are those of the
+
         // image's own range.
         let least = if percent == 100 && kind < 2 { 1.0 } else { 0.0 };
         assert!(coding[0] < 0.5 && coding[1] > least, "{kind} {percent} {coding:?}");
+
         check(&pair, &expected);
     }
 }
@@ -266,73 +299,87 @@ fn images_without_impulses_or_blocks_have_none() {
     for (kind, taps) in [(0, None), (1, None), (2, Some(psf(Family::Disk, 3.0, 0.0)))] {
         let shots = shots((200, 150), taps.as_ref(), |_, _| true);
         let found = estimated(&pair(shots.map(|plane| view(&plane, kind))), None, 1);
+
         assert!(found.impulses.iter().all(|height| *height <= 0.0), "{:?}", found.impulses);
     }
 }
 
-/// Pixels without structure, whole rows of them masked.
+/// Noise, with whole rows masked.
 fn noise(rows: usize, cols: usize, kind: usize, percent: Option<u64>, seed: u64) -> View {
     let plane = Plane::from_fn(rows, cols, |y, x| (hash(seed, y, x) % 251) as f32);
     let mask = percent.map(|percent| {
-        let (some, lost) = (mask(rows, cols, percent, seed), seed as usize % (rows + 1));
+        let some = mask(rows, cols, percent, seed);
+        let lost = seed as usize % (rows + 1);
+
         Mask::from_fn(rows, cols, |y, x| {
             some.row(y)[x]
                 && !(lost..lost + rows / 2).contains(&y)
                 && !hash(seed, y, cols).is_multiple_of(9)
         })
     });
+
     View { mask, ..view(&plane, kind) }
 }
 
-/// Black and white of a float image by the book: of all its valid pixels, or every so many-th of a large one.
-fn range_of(view: &View) -> Range {
+/// Reference implementation of the range of a float image: of all its valid pixels, or of every n-th one of a large image.
+fn range_of(view: &View) -> IntensityRange {
     let (rows, cols, _) = view.image.shape();
     let stride = (rows * cols).div_ceil(1 << 16);
+
     let of_every = |stride: usize| {
         let places = (0..rows * cols).step_by(stride).map(|place| (place / cols, place % cols));
         let valid = places.filter(|(y, x)| view.is_valid(*y, *x));
         let mut values: Vec<_> = valid.map(|(y, x)| view.image.luminance(y, x)).collect();
         values.sort_by(f64::total_cmp);
+
         values
     };
+
     let sample = of_every(stride);
     if let Some(last) = sample.len().checked_sub(1) {
         let outliers = last / 1000;
         let (black, white) = (sample[outliers], sample[last - outliers]);
         if black < white {
-            return Range { black, white };
+            return IntensityRange { black, white };
         }
     }
+
     match &of_every(1)[..] {
-        [] => Range { black: 0.0, white: 0.0 },
-        all => Range { black: all[0], white: all[all.len() - 1] },
+        [] => IntensityRange { black: 0.0, white: 0.0 },
+        all => IntensityRange { black: all[0], white: all[all.len() - 1] },
     }
 }
 
+/// The roughness of a whole view.
 fn roughness_of(view: &View) -> Roughness {
     let (level, control) = (Level::best(), Control::default());
     let gray = Gray::new(view, level, &control).and_then(|gray| gray.plane(level, &control));
     Texture::new(gray.expect("memory")).roughness
 }
 
-/// Holds what is found of a pair, by so many rows at a time, to what the whole of it tells; rows are read in order,
-/// each once unless more must be known.
+/// Compares ranges and roughness, read by at most so many rows, with those of the whole. Every row is read once, in order;
+/// twice, if the sample does not decide the range.
 fn check_scales(pair: &Pair, most_rows: usize) -> std::result::Result<(), TestCaseError> {
     let source = Slow::new(pair, most_rows);
     let control = Control::default();
+
     let found = ranges(&source, &control).expect("all rows");
     prop_assert_eq!(found, pair.views().map(range_of));
+
     let parts = pair.size().0.div_ceil(most_rows);
     prop_assert!([parts, 2 * parts].contains(&source.asked().len()));
+
     let known = pair.clone().with_ranges(found.map(Some));
     for level in levels() {
         let source = Slow::new(&known, most_rows);
         let rough = roughness(&source, 0.0, level, &control).expect("all rows");
         prop_assert_eq!(rough, roughness_of(pair.views()[0]));
+
         if pair.views()[0].mask.is_none() {
             prop_assert_eq!(source.asked().len(), parts);
         }
     }
+
     Ok(())
 }
 
@@ -379,10 +426,12 @@ fn integers_are_as_rough_in_parts_as_on_the_whole() {
     for kind in 0..2 {
         for percent in [None, Some(50), Some(0)] {
             let pair = pair([percent, None].map(|percent| noise(301, 33, kind, percent, 8)));
+
             for most_rows in [1, 95, 150] {
                 for impulses in [0.0, 3.0, 2000.0] {
                     let source = Slow::new(&pair, most_rows);
                     let found = roughness(&source, impulses, Level::best(), &Control::default());
+
                     let left = View { impulses, ..pair.views()[0].clone() };
                     assert_eq!(found.expect("all rows"), roughness_of(&left));
                 }
@@ -391,15 +440,17 @@ fn integers_are_as_rough_in_parts_as_on_the_whole() {
     }
 }
 
-/// Rows that copy one from as far as they may, and those beyond, which are zero.
+/// Empty rows up to the largest distance that rows copy from, and beyond, where they are zero.
 #[test]
 fn empty_rows_are_as_rough_as_those_they_copy_from_other_parts() {
     for (lost, above) in [(masking::REACH, 1), (masking::REACH + 1, 1), (2 * masking::REACH, 0)] {
         let rows = 1 + lost + 40;
         let valid = |y: usize| y < above || y > lost;
         let mask = Mask::from_fn(rows, 20, |y, _| valid(y));
+
         let left = View { mask: Some(mask), ..noise(rows, 20, 0, None, 3) };
         let pair = pair([left.clone(), noise(rows, 20, 0, None, 4)]);
+
         let expected = roughness_of(&left);
         for most_rows in (1..=5).chain(lost - 2..=lost + 3) {
             let source = Slow::new(&pair, most_rows);
@@ -410,10 +461,10 @@ fn empty_rows_are_as_rough_as_those_they_copy_from_other_parts() {
     }
 }
 
-/// Something that is found out by rows.
+/// Work on a source, by rows.
 type Work = fn(&Slow, &Matcher, &Control) -> Result<()>;
 
-/// All of that.
+/// Everything that is worked out by rows.
 const WORKS: [Work; 3] = [
     |source, _, control| ranges(source, control).map(drop),
     |source, _, control| roughness(source, 0.0, Level::best(), control).map(drop),
@@ -423,31 +474,39 @@ const WORKS: [Work; 3] = [
 ];
 
 #[test]
-fn what_a_source_refuses_is_what_comes_out() {
+fn an_error_of_a_source_is_passed_on() {
     let disk = psf(Family::Disk, 4.0, 0.0);
     let views = shots((330, 100), Some(&disk), |_, _| true).map(|plane| view(&plane, 2));
     let pair = pair(with_masks(views, 99));
     let matcher = Matcher::new(2).expect("threads");
+
     for work in WORKS {
         let whole = Slow::new(&pair, 64);
+
         work(&whole, &matcher, &Control::default()).expect("all rows");
+
         let count = whole.asked().len();
         assert!(count > 3, "{count}");
+
         for broken in [0, 1, count / 2, count - 1] {
             let source = Slow { broken: Some(broken), ..Slow::new(&pair, 64) };
             let refused = work(&source, &matcher, &Control::default()).expect_err("it is torn");
+
             assert_eq!(refused, Error::value("read", "a torn tape", "a whole one"));
-            assert_eq!(source.asked().len(), broken + 1, "nothing is read after that");
+            assert_eq!(source.asked().len(), broken + 1, "nothing is read after the error");
         }
     }
 }
 
 #[test]
-fn what_is_found_out_by_rows_can_be_stopped() {
+fn work_by_rows_can_be_cancelled() {
     let views = shots((200, 100), None, |_, _| true).map(|plane| view(&plane, 2));
-    let (pair, matcher) = (pair(views), Matcher::new(1).expect("a thread"));
+    let pair = pair(views);
+    let matcher = Matcher::new(1).expect("a thread");
+
     let control = Control::default();
     control.cancel();
+
     for work in WORKS {
         let stopped = work(&Slow::new(&pair, 64), &matcher, &control);
         assert_eq!(stopped, Err(Error::Cancelled));

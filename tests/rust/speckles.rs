@@ -1,6 +1,6 @@
 //! Regions that stand out, against walks from every pixel.
 
-use crate::common::maps::{Map, maps};
+use crate::common::maps::{FlaggedMap, maps};
 use crate::common::{at_every_level, levels, random};
 use crate::reference;
 use phasestereo::internals::error::Error;
@@ -12,7 +12,7 @@ use phasestereo::internals::refinement::speckles::flag_speckles;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-fn flagged(map: &Map, how: (usize, f32)) -> Plane<u16> {
+fn flagged(map: &FlaggedMap, how: (usize, f32)) -> Plane<u16> {
     at_every_level(|level| {
         let mut flags = map.flags.clone();
         let control = Control::default();
@@ -26,7 +26,7 @@ fn speckles(drawn: &[&str], how: (usize, f32)) -> Vec<String> {
     let digit = |y: usize, x: usize| f32::from(drawn[y].as_bytes()[x] - b'0');
     let disparity = Plane::from_fn(drawn.len(), drawn[0].len(), digit);
     let flags = disparity.map(|_| 0);
-    let flags = flagged(&Map { disparity, flags }, how);
+    let flags = flagged(&FlaggedMap { disparity, flags }, how);
     let mark = |&flags: &u16| if flags == flag::SPECKLE { 'x' } else { '.' };
     (0..flags.rows()).map(|y| flags.row(y).iter().map(mark).collect()).collect()
 }
@@ -67,7 +67,7 @@ fn a_serpent_through_all_bands_is_one_region() {
     };
     let disparity = Plane::from_fn(rows, cols, |y, x| if is_body(y, x) { 7.0 } else { f32::NAN });
     let body = disparity.as_slice().iter().filter(|value| !value.is_nan()).count();
-    let map = Map { flags: disparity.map(|_| 0), disparity };
+    let map = FlaggedMap { flags: disparity.map(|_| 0), disparity };
     assert!(flagged(&map, (body - 1, 0.0)).as_slice().iter().all(|&flags| flags == 0));
     let flags = flagged(&map, (body, 0.0));
     assert_eq!(flags.as_slice().iter().filter(|&&flags| flags == flag::SPECKLE).count(), body);
@@ -75,7 +75,7 @@ fn a_serpent_through_all_bands_is_one_region() {
 
 #[test]
 fn the_result_does_not_depend_on_threads() {
-    let map = Map::random((200, 37), 20, 5);
+    let map = FlaggedMap::random((200, 37), 20, 5);
     let [one, three] =
         [1, 3].map(|threads| on_threads(threads, || flagged(&map, (9, 1.0))).expect("threads"));
     assert_eq!(one, three);
@@ -85,7 +85,7 @@ fn the_result_does_not_depend_on_threads() {
 fn a_cancelled_search_stops() {
     let control = Control::default();
     control.cancel();
-    let Map { disparity, mut flags } = Map::random((3, 3), 0, 1);
+    let FlaggedMap { disparity, mut flags } = FlaggedMap::random((3, 3), 0, 1);
     let stopped = flag_speckles(&disparity, &mut flags, (1, 1.0), levels()[0], &control);
     assert_eq!(stopped, Err(Error::Cancelled));
 }

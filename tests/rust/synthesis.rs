@@ -1,6 +1,6 @@
 //! Maps by which a soft image can best be made again, against the reference implementation.
 
-use crate::common::maps::{Map, bits, drawn};
+use crate::common::maps::{FlaggedMap, bits, drawn};
 use crate::common::naive::synthesized;
 use crate::common::{blur_compensation, hash, random, robust, view, views, weak_descriptors};
 use phasestereo::internals::image::convolution::Kernel;
@@ -8,7 +8,7 @@ use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::view::View;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::Pair;
-use phasestereo::internals::refinement::synthesis::{Scene, is_asked_for};
+use phasestereo::internals::refinement::synthesis::{BlurredPair, is_asked_for};
 use phasestereo::internals::rig::blur_compensation::BlurCompensation;
 use phasestereo::internals::settings::Settings;
 use proptest::prelude::*;
@@ -21,7 +21,8 @@ fn redrawn(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> Plane<f3
     let (control, rows) = (Control::default(), pair.size().0);
     drawn(disparity, |out, level| {
         let (views, compensation) = (pair.views(), pair.blur_compensation());
-        let Some(scene) = Scene::new(views, compensation, 0..rows, settings, level, &control)?
+        let Some(scene) =
+            BlurredPair::new(views, compensation, 0..rows, settings, level, &control)?
         else {
             out.as_mut_slice().copy_from_slice(disparity.as_slice());
             return Ok(());
@@ -31,13 +32,13 @@ fn redrawn(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> Plane<f3
 }
 
 /// A pair of any type, with any kernels in areas of its own, and a map.
-fn scenes() -> impl Strategy<Value = (Pair, Map)> {
+fn scenes() -> impl Strategy<Value = (Pair, FlaggedMap)> {
     let rows = prop_oneof![4 => 1usize..=24, 1 => 120usize..=140];
     let size = (rows, 1usize..=40, 0u8..=3);
     let of = |(rows, cols, kind)| (views(rows, cols, kind), views(rows, cols, kind));
     (size, blur_compensation(), any::<u64>()).prop_flat_map(move |(size, compensation, seed)| {
         of(size).prop_map(move |(left, right)| {
-            let map = Map::random((size.0, size.1), seed % 20, seed);
+            let map = FlaggedMap::random((size.0, size.1), seed % 20, seed);
             (pair([left, right], compensation.clone()), map)
         })
     })

@@ -12,7 +12,7 @@ together; `runner` spreads such work over processes and remembers what is done.
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.methods import Method, available, method
 from phasestereo_bench.middlebury import default_methods, run_middlebury
-from phasestereo_bench.runner import Job, run
+from phasestereo_bench.runner import Job, run_jobs
 from phasestereo_bench.store import read_store
 
 __all__ = [
@@ -23,6 +23,6 @@ __all__ = [
     "default_methods",
     "method",
     "read_store",
-    "run",
+    "run_jobs",
     "run_middlebury",
 ]

@@ -130,15 +130,20 @@ def forget() -> None:
 def _pair(case: Case, true_blur: bool) -> Pair:  # noqa: FBT001 - lru_cache tells keywords apart
     pair = load(case.scene)
     side = side_of(case.scene) if case.side == ALTERNATING else case.side
+
     if true_blur and case.kernel is None:
         raise ValueError(f"there is no true blur of {case.degradation!r}")
+
     if isinstance(case.degrade, Fault):
         return case.degrade(pair, side)
+
     images = {"left": pair.left, "right": pair.right}
     images[side] = _degraded(images[side], case)
+
     if true_blur:
         sharp = "right" if side == "left" else "left"
         images[sharp] = Degradation(psf=case.kernel)(images[sharp])
+
     return replace(pair, left=images["left"], right=images["right"])
 
 

@@ -9,7 +9,7 @@ from phasestereo_bench.cases import Case, usual_side
 from phasestereo_bench.measurement import measured
 from phasestereo_bench.methods import method
 from phasestereo_bench.runner import Job
-from phasestereo_bench.worker import Worker
+from phasestereo_bench.worker import perform_alone
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from phasestereo_bench.datasets import Scene
 
 COST = "cost"
-"""What records are called."""
+"""The kind of the records."""
 
 CASES = (
     ("rigs", "sharp"),
@@ -27,7 +27,7 @@ CASES = (
     ("rigs", "jpeg 70"),
     ("rigs", "webcam"),
 )
-"""Suites and degradations that methods are timed on: what is found out takes time, too."""
+"""Suites and degradations that methods are timed on: some estimate more on a bad pair."""
 
 _ROUNDS = 3
 _SMALL = 64  # px: a process has matched so much before anything counts
@@ -38,6 +38,7 @@ def cost_jobs(scene: Scene, methods: Sequence[str]) -> list[Job]:
     jobs = []
     for suite, name in CASES:
         case = Case(scene, suite, name, usual_side(suite))
+
         for spec in methods:
             key = {"kind": COST, "scene": str(scene), "suite": suite, "degradation": name}
             key |= {"method": str(method(spec))}
@@ -53,12 +54,15 @@ def measure_case(case: Case, spec: str) -> dict[str, Any]:
     dict
         ``"seconds"``: the median; ``"peak_bytes"`` of a sharp pair: the rise of the peak of the
         resident memory in a fresh process over that of the process when it has matched a small
-        pair, None where the system does not tell, and of other pairs; ``"pixels"``.
+        pair, None where the system does not report it, and of other pairs; ``"pixels"``.
     """
     match, pair = method(spec).match, case.pair(true_blur=False)
     left, right, count = pair.left, pair.right, pair.num_disparities
+
+    # The first match does not count: it fills caches and memory pools.
     match(left, right, count)
     runs = [measured(lambda: match(left, right, count)) for _ in range(_ROUNDS)]
+
     return {
         "seconds": median(run.seconds for run in runs),
         "peak_bytes": _memory(case, spec) if case.degradation == "sharp" else None,
@@ -67,22 +71,18 @@ def measure_case(case: Case, spec: str) -> dict[str, Any]:
 
 
 def weigh(case: Case, spec: str) -> dict[str, Any]:
-    """Match a small pair and then the whole; tell what the latter took. The work of a process."""
+    """Match a small pair, then the whole one, and return the memory that the latter takes."""
     match, pair = method(spec).match, case.pair(true_blur=False)
+
+    # The small match loads code and buffers, which no pair should be charged for.
     small = (image[:_SMALL, : 2 * _SMALL].copy() for image in (pair.left, pair.right))
     match(*small, _SMALL // 4)
     done = measured(lambda: match(pair.left, pair.right, pair.num_disparities))
+
     return {"weight": done.peak_bytes}
 
 
 def _memory(case: Case, spec: str) -> int | None:
     """Weigh in a fresh process: some libraries keep what an earlier match took."""
-    worker = Worker.start()
-    try:
-        worker.receive()
-        worker.give(0, weigh, {"case": case, "spec": spec})
-        outcome = worker.receive() or {}
-    finally:
-        worker.stop()
-    weight: int | None = outcome.get("weight")
+    weight: int | None = perform_alone(weigh, {"case": case, "spec": spec}).get("weight")
     return weight

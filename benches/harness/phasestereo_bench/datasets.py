@@ -99,7 +99,7 @@ class Layout:
         How many disparities to search from 0, fixed by the collection and never by the truth: what
         the 8-bit code can hold (2001, 2003), 240 at full size (2005, 2006), 80 at a quarter of it
         (MiddEval3). A scene whose calib.txt asks for more gets more. None where there is no such
-        number: what calib.txt tells, rounded up to a multiple of 16 (2014, 2021).
+        number: what calib.txt gives, rounded up to a multiple of 16 (2014, 2021).
     masks
         Mask files, each of which may be missing.
     also
@@ -113,7 +113,7 @@ class Layout:
     offset
         File name of the disparity that cropping took off, in px at full size.
     max_width
-        The widest image the truth's scale holds for, px, where folders don't tell sizes apart.
+        The widest image the truth's scale holds for, px, where its folder leaves that open.
     """
 
     collection: str
@@ -312,6 +312,7 @@ class Scene:
                     f"there is {', '.join(images)}"
                 )
             chosen.append(images[0] if image is None else image)
+
         name = f"{self.folder.name} ({' '.join(chosen)})"
         return replace(self, name=name, left=chosen[0], right=chosen[1])
 
@@ -349,17 +350,21 @@ class Scene:
         layout = self.layout
         path_left = self.folder / (self.left or layout.left)
         path_right = self.folder / (self.right or layout.right)
+
         left, right = _read_view(path_left), _read_view(path_right)
         _require_shape(path_right, right.shape, left.shape)
         size = left.shape[:2]
+
         if layout.max_width is not None and size[1] > layout.max_width:
             raise ValueError(
                 f"{path_left} is {size[1]} px wide, but the scale of the truth in "
                 f"{self.collection} is only known for images up to {layout.max_width} px wide"
             )
+
         truth = self._read_truth(layout.truth, size)
         truth_right = self._read_truth(layout.truth_right, size)
         calibration = self._read_calibration()
+
         return Pair(
             name=self.name,
             left=left,
@@ -375,6 +380,7 @@ class Scene:
     def _read_truth(self, file: str | None, size: tuple[int, ...]) -> Truth | None:
         if file is None or not (self.folder / file).exists():
             return None
+
         path, scale = self.folder / file, self.layout.truth_scale
         truth = read_disparity(path) if scale is None else read_truth(path, scale=scale)
         _require_shape(path, truth.shape, size)
@@ -383,17 +389,21 @@ class Scene:
     def _read_calibration(self) -> Calibration | None:
         if self.layout.calibration is None:
             return None
+
         path = self.folder / self.layout.calibration
         return read_calibration(path) if path.exists() else None
 
     def _read_offset(self) -> float | None:
         if self.layout.offset is None or not (self.folder / self.layout.offset).exists():
             return None
+
         path = self.folder / self.layout.offset
         with decoding(path) as file:
             offset = float(file.read())
+
         if not (math.isfinite(offset) and offset >= 0):
             raise ValueError(f"{path} must hold a number >= 0, got {offset}")
+
         return offset / (self.layout.truth_scale or 1)
 
     def _num_disparities(self, calibration: Calibration | None) -> int:
@@ -406,22 +416,27 @@ class Scene:
         own = self.layout.num_disparities
         if own is not None:
             return own if bound is None else max(own, (bound + 8) // 16 * 16)
+
         if bound is None:
-            raise ValueError(f"{self.folder}: calib.txt must tell ndisp, and there is none")
+            raise ValueError(f"{self.folder}: calib.txt must give ndisp, and there is none")
         return (bound + 15) // 16 * 16
 
     def _read_masks(self, truth: Truth, truth_right: Truth | None) -> dict[str, Mask]:
         masks = {"all": np.isfinite(truth)}
         if truth_right is not None:
             masks["nonocc"] = _agree(truth, truth_right)
+
         for region, file, level in self.layout.masks:
             path = self.folder / file
             if path.exists():
                 gray = read_image(path)
                 _require_shape(path, gray.shape, truth.shape)
                 masks[region] = (gray >= level) & np.isfinite(truth)
+
+        # A match left of the first column cannot be seen in the right image.
         if "nonocc" in masks:
             masks["nonocc"] &= _match_column(truth) >= 0
+
         return masks
 
 
@@ -432,8 +447,8 @@ def find_scenes(root: str | os.PathLike[str]) -> list[Scene]:
     ----------
     root
         The folder that holds `scenes2001`, `MiddEval3` and so on, as many as there are; or one of
-        these; or one scene in it. Folders are told by the official names of their files and of the
-        folders they are in.
+        these; or one scene in it. Folders are recognized by the official names of their files and
+        of the folders they are in.
 
     Returns
     -------
@@ -452,17 +467,20 @@ def find_scenes(root: str | os.PathLike[str]) -> list[Scene]:
         raise FileNotFoundError(f"no such folder: {folder}")
     if not folder.is_dir():
         raise NotADirectoryError(f"root must be a folder, got the file {folder}")
+
     scenes: dict[Path, Scene] = {}
     for layout in LAYOUTS:
         for candidate in _candidates(folder, layout):
             if (candidate / layout.left).is_file():
                 scene = Scene(candidate.name, layout.collection, candidate, layout)
                 scenes.setdefault(candidate, scene)  # the first layout that fits is the one
+
     if not scenes:
         wanted = ", ".join(
             f"{layout.collection}/{layout.scenes}/{layout.left}" for layout in LAYOUTS
         )
         raise ValueError(f"no Middlebury scene in {folder}: looked for {wanted}")
+
     return sorted(scenes.values(), key=lambda scene: (scene.collection, scene.name))
 
 
@@ -488,11 +506,14 @@ def find_scene(root: str | os.PathLike[str], name: str) -> Scene:
     """
     if not isinstance(name, str):
         raise TypeError(f"name must be a string, got {type(name).__name__}")
+
     scenes = find_scenes(root)
     ending = f"/{name}".casefold()
     found = [scene for scene in scenes if f"/{scene}".casefold().endswith(ending)]
+
     if len(found) == 1:
         return found[0]
+
     problem, choice = ("is ambiguous", found) if found else ("is not a scene", scenes)
     raise ValueError(
         f"name {name!r} {problem} in {Path(root)}: there is {', '.join(map(str, choice))}"
@@ -514,6 +535,8 @@ def _folders(root: Path, parts: tuple[str, ...]) -> Iterator[Path]:
             folder = root.joinpath(*parts[known:])
             if folder.is_dir():
                 yield from folder.iterdir()
+
+    # The root may also be a scene itself.
     if root.parent.parts[-len(parts) :] == parts:
         yield root
 
@@ -536,10 +559,12 @@ def _match_column(truth: Truth) -> npt.NDArray[np.float32]:
 
 
 def _agree(truth: Truth, truth_right: Truth) -> Mask:
-    """Return where both truths are known and tell the same, to 1 px and float32's rounding."""
+    """Return where both truths are known and agree, to 1 px and float32's rounding."""
     width = truth.shape[1]
     column = np.floor(_match_column(truth) + 0.5)
     inside = (column >= 0) & (column < width)
+
+    # Columns outside are read at 0 and masked out at the end.
     at = np.where(inside, column, 0).astype(np.intp)
     seen = np.take_along_axis(truth_right, at, axis=1)
     agree: Mask = inside & (np.abs(truth - seen) <= 1 + _ROUNDING)

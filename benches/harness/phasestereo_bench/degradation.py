@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Level = TypeVar("Level", np.uint8, np.uint16)
 
-MAX_REACH = 1024  # taps on either side of a kernel's center: more than any lens, less than memory
+MAX_HALF_WIDTH = 1024  # taps on either side of a kernel's center: more than any lens needs
 DISK_SAMPLES = 8  # sub-samples of a pixel in each direction
 MOTION_SAMPLES = 16  # samples of the path per pixel of its length
 # A tap costs the direct sum 0.9 ns a pixel; the transform takes 45 ns a pixel for most kernels.
@@ -49,11 +49,13 @@ def gaussian_psf(sigma: float) -> Kernel:
     TypeError, ValueError
         If `sigma` is not a number, or out of range or NaN.
     """
-    sigma = _number("sigma", sigma, low=0.0, high=MAX_REACH / 4)
-    reach = int(4 * sigma + 0.5)
-    if reach == 0:
+    sigma = _number("sigma", sigma, low=0.0, high=MAX_HALF_WIDTH / 4)
+
+    half = int(4 * sigma + 0.5)
+    if half == 0:
         return np.ones((1, 1))
-    profile = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+
+    profile = np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
     profile /= profile.sum()
     return np.multiply.outer(profile, profile)
 
@@ -75,16 +77,21 @@ def disk_psf(radius: float) -> Kernel:
     TypeError, ValueError
         If `radius` is not a number, or out of range or NaN.
     """
-    radius = _number("radius", radius, low=0.0, high=MAX_REACH)
-    reach = max(0, int(np.ceil(radius - 0.5)))
-    taps = np.arange(-reach, reach + 1)
+    radius = _number("radius", radius, low=0.0, high=MAX_HALF_WIDTH)
+
+    half = max(0, int(np.ceil(radius - 0.5)))
+    taps = np.arange(-half, half + 1)
     offsets = (np.arange(DISK_SAMPLES) + 0.5) / DISK_SAMPLES - 0.5
+
+    # A tap counts the samples of its pixel that are inside the disk.
     counts = np.zeros((taps.size, taps.size))
     for dy in offsets:
         for dx in offsets:
             counts += np.add.outer((taps + dy) ** 2, (taps + dx) ** 2) <= radius**2
+
     if not counts.any():  # smaller than the grid of samples sees
         return np.ones((1, 1))
+
     counts /= counts.sum()
     return counts
 
@@ -112,17 +119,21 @@ def motion_psf(length: float, angle: float = 0.0) -> Kernel:
     TypeError, ValueError
         If an argument is not a number, or out of range or NaN.
     """
-    length = _number("length", length, low=1.0, high=2 * MAX_REACH + 1)
+    length = _number("length", length, low=1.0, high=2 * MAX_HALF_WIDTH + 1)
     radians = np.deg2rad(_number("angle", angle))
-    reach = int(np.ceil((length - 1) / 2))
+
+    half = int(np.ceil((length - 1) / 2))
     path = np.linspace(-(length - 1) / 2, (length - 1) / 2, round(length * MOTION_SAMPLES) + 1)
+
     # Rounded so that right angles are exact: cos(90 degrees) is 6e-17 in floating point.
     x, y = np.round(path * np.cos(radians), 12), np.round(path * np.sin(radians), 12)
     left, top = np.floor(x).astype(int), np.floor(y).astype(int)
-    psf = np.zeros((2 * reach + 2, 2 * reach + 2))  # one more for the far neighbors of the end
+
+    psf = np.zeros((2 * half + 2, 2 * half + 2))  # one more for the far neighbors of the end
     for row, weight_y in ((top, 1 - (y - top)), (top + 1, y - top)):
         for col, weight_x in ((left, 1 - (x - left)), (left + 1, x - left)):
-            np.add.at(psf, (row + reach, col + reach), weight_y * weight_x)
+            np.add.at(psf, (row + half, col + half), weight_y * weight_x)
+
     psf = psf[:-1, :-1].copy()
     psf /= psf.sum()
     return psf
@@ -149,15 +160,19 @@ def convolve(image: ArrayLike, psf: ArrayLike) -> NDArray[np.float64]:
     """
     pixels = _finite_array("image", image, ndim=(2, 3))
     kernel = _trimmed(_kernel("psf", psf))
+
     blurred = np.empty(pixels.shape)
     for channel in np.ndindex(pixels.shape[2:]):
         blurred[..., *channel] = _convolve_plane(pixels[..., *channel], kernel)
+
     return blurred
 
 
 def _convolve_plane(plane: NDArray[np.float64], kernel: Kernel) -> NDArray[np.float64]:
     up, across = (size // 2 for size in kernel.shape)
     padded = np.pad(plane, ((up, up), (across, across)), mode="symmetric")
+
+    # A direct sum costs by the tap, the transform almost the same for all kernels.
     if np.count_nonzero(kernel) > MAX_DIRECT_TAPS:
         from scipy import signal  # noqa: PLC0415  # slow to import, and most of the harness does without
 
@@ -181,6 +196,7 @@ def quantize(values: NDArray[np.float64], dtype: type[Level] | np.dtype[Level]) 
         raise TypeError(f"dtype must be uint8 or uint16, got {levels}")
     if np.isnan(values).any():
         raise ValueError("values must not contain NaN")
+
     return np.clip(np.rint(values), 0, np.iinfo(levels).max).astype(levels)
 
 
@@ -263,6 +279,7 @@ class Degradation:
             psf = _kernel("psf", self.psf).copy()
             psf.flags.writeable = False
             object.__setattr__(self, "psf", psf)
+
         _number("gamma", self.gamma, low=np.finfo(float).tiny)
         _number("gain", self.gain, low=0.0)
         _number("offset", self.offset)
@@ -272,13 +289,16 @@ class Degradation:
     def __call__(self, image: NDArray[Level]) -> NDArray[Level]:
         """Return the degraded image, same shape and dtype."""
         _check_levels(image)
+
         top = float(np.iinfo(image.dtype).max)
         values = image.astype(np.float64) if self.psf is None else convolve(image, self.psf)
         if self.gamma != 1:  # the clip removes what the transform leaves below zero
             values = top * (np.clip(values, 0, None) / top) ** self.gamma
+
         degraded = quantize(self.gain * values + self.offset, image.dtype)
         if self.noise == 0:
             return degraded
+
         grain = np.random.default_rng(self.seed).normal(0.0, self.noise, image.shape)
         return quantize(degraded + grain, image.dtype)
 
@@ -316,6 +336,7 @@ def areas(
     """
     _check_levels(image)
     index = _layout(layout, image.shape[:2], len(versions))
+
     mosaic = np.empty_like(image)
     for number in np.unique(index):
         version = versions[number](image)
@@ -325,6 +346,7 @@ def areas(
                 f"got {version.shape} and {version.dtype}"
             )
         mosaic[index == number] = version[index == number]
+
     return add_noise(mosaic, noise, seed=seed)
 
 
@@ -344,13 +366,16 @@ def suite(
         "motion 9": motion_psf(9),
         "motion 15": motion_psf(15),
     }
+
     versions = [
         Degradation(gain=0.6, offset=20),
         Degradation(motion_psf(11)),
         Degradation(),
         Degradation(disk_psf(5)),
     ]
+
     grid = np.add.outer(np.arange(4), np.arange(4)) % 4
+
     return {
         "sharp": Degradation(),
         **{name: Degradation(psf, noise=noise, seed=seed) for name, psf in blurs.items()},
@@ -379,19 +404,21 @@ def _finite_array(name: str, values: ArrayLike, *, ndim: tuple[int, ...]) -> NDA
     array: NDArray[Any] = np.asarray(values)
     if array.dtype.kind not in "uif":
         raise TypeError(f"{name} must be an array of integers or floats, got dtype {array.dtype}")
+
     if array.ndim not in ndim or array.size == 0:
         wanted = " or ".join(map(str, ndim))
         raise ValueError(f"{name} must have {wanted} dimensions, none empty, got {array.shape}")
     if not np.isfinite(array).all():
         raise ValueError(f"{name} must not contain NaN or infinity")
+
     return array.astype(np.float64)
 
 
 def _kernel(name: str, values: ArrayLike) -> Kernel:
     kernel = _finite_array(name, values, ndim=(2,))
-    if any(size % 2 == 0 or size > 2 * MAX_REACH + 1 for size in kernel.shape):
+    if any(size % 2 == 0 or size > 2 * MAX_HALF_WIDTH + 1 for size in kernel.shape):
         raise ValueError(
-            f"{name} must have odd sides of at most {2 * MAX_REACH + 1}, got {kernel.shape}"
+            f"{name} must have odd sides of at most {2 * MAX_HALF_WIDTH + 1}, got {kernel.shape}"
         )
     return kernel
 
@@ -401,7 +428,9 @@ def _trimmed(kernel: Kernel) -> Kernel:
     rows, cols = (np.flatnonzero(kernel.any(axis=axis)) for axis in (1, 0))
     if rows.size == 0:
         return np.zeros((1, 1))
+
     center_y, center_x = kernel.shape[0] // 2, kernel.shape[1] // 2
+
     up, across = np.abs(rows - center_y).max(), np.abs(cols - center_x).max()
     return kernel[center_y - up : center_y + up + 1, center_x - across : center_x + across + 1]
 
@@ -417,6 +446,7 @@ def _check_levels(image: object) -> None:
 def _layout(layout: ArrayLike, shape: tuple[int, ...], count: int) -> NDArray[np.intp]:
     """Spread a grid of indices over the pixels of an image."""
     grid = np.asarray(layout)
+
     if grid.dtype.kind not in "ui":
         raise TypeError(f"layout must be an array of integers, got dtype {grid.dtype}")
     if grid.ndim != len(shape) or grid.size == 0 or (np.array(grid.shape) > shape).any():
@@ -427,9 +457,12 @@ def _layout(layout: ArrayLike, shape: tuple[int, ...], count: int) -> NDArray[np
         raise ValueError(
             f"layout must hold indices of the {count} versions, got {grid.min()} to {grid.max()}"
         )
+
+    # Cell i of n covers the pixels from size * i // n to size * (i + 1) // n.
     rows, cols = (
         np.repeat(np.arange(n), np.diff(size * np.arange(n + 1) // n))
         for n, size in zip(grid.shape, shape, strict=True)
     )
+
     spread: NDArray[np.intp] = grid[np.ix_(rows, cols)].astype(np.intp)
     return spread

@@ -50,6 +50,7 @@ def describe_environment() -> dict[str, Any]:
         },
         "commit": _commit(Path(phasestereo.__file__)),
     }
+
     digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
     today = datetime.now(UTC).date().isoformat()
     return {"kind": "environment", "id": digest[:12], **facts, "date": today}
@@ -68,6 +69,7 @@ def _cpu() -> str:
         lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
     except OSError:
         lines = []
+
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor() or platform.machine()
 

@@ -47,15 +47,20 @@ def match_mccnn(left: Image, right: Image, num_disparities: int) -> Map:
     gray = [np.pad(_gray(image), _REACH, mode="edge") for image in (left, right)]
     path = str(weights.get_weights(WEIGHTS))
     cost = network.run_mc_cnn_fast(*gray, 1 - num_disparities, 0, path)  # from the largest to 0
+
+    # libSGM takes no NaN: places without a match cost the most, and are never chosen below.
     outside = np.isnan(cost)
     cost[outside] = _WORST
+
     shape = (*cost.shape[:2], len(_EIGHT))
     low, high = (np.full(shape, penalty, np.float32) for penalty in PENALTIES)
     whole = np.ones(cost.shape[:2], np.float32)  # one segment
     directions = np.array(_EIGHT, np.int32)
     options = (False, False, False)  # no paths kept, no overcounting, no edges
+
     total = sgm.sgm_api(cost, low, high, directions, _WORST, whole, *options)["cv"]
     total[outside] = np.inf
+
     found: Map = (num_disparities - 1 - total.argmin(axis=2)).astype(np.float32)
     return found
 
@@ -75,6 +80,7 @@ def needed() -> tuple[Any, Any, Any]:
         if error.name is not None and not error.name.startswith("mc_cnn"):
             raise ImportError(f"mccnn needs {error.name}, {_HOW}") from error
         raise ImportError("mccnn is not installed; pip install --no-deps mccnn") from error
+
     return network, weights, require("c_libsgm", extra="mccnn", of="phasestereo-bench")
 
 

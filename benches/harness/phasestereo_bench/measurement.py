@@ -39,12 +39,14 @@ def measured(call: Callable[[], Answer]) -> Measured[Answer]:
     -------
     Measured
         `peak_bytes` is the peak of the resident memory of the whole process during the call, less
-        what was resident before; None where the system does not tell (it does on Linux).
+        what was resident before; None where the system does not report it (Linux does).
     """
     before = _restart_peak()
+
     start = time.perf_counter()
     answer = call()
     seconds = time.perf_counter() - start
+
     after = None if before is None else _peak()
     rise = None if before is None or after is None else max(0, after - before)
     return Measured(answer, seconds, rise)
@@ -58,6 +60,7 @@ def _restart_peak() -> int | None:
     gc.collect()
     with suppress(OSError, AttributeError, TypeError):  # another system, or another C library
         ctypes.CDLL(None).malloc_trim(0)
+
     try:
         _RESET.write_text("5", "ascii")
     except OSError:

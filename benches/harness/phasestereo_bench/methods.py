@@ -92,6 +92,7 @@ def available() -> list[str]:
     names = [*PRESETS, *BASELINES]
     if _opencv_is_installed():
         names += _OPENCV
+
     return [*names, *sorted(_plugins())]
 
 
@@ -103,7 +104,7 @@ def method(spec: str | Matcher | Method) -> Method:
     spec
         The name of a preset or a baseline, settings of it replaced if need be:
         ``"paper:neighborhood=11,window=9"``, ``"sad:p1=5,p2=8"``, and with
-        ``"num_disparities=auto"`` told no range; ``"opencv:bm"``, ``"opencv:sgbm"``,
+        ``"num_disparities=auto"`` given no range; ``"opencv:bm"``, ``"opencv:sgbm"``,
         ``"opencv:sgbm-3x3"`` or ``"opencv:sgbm-3way"``; a network by its file,
         ``"hitnet:FILE.onnx"``, ``"onnx:FILE.onnx"``, or ``"mccnn"``; a program,
         ``"program:COMMAND {left} {right} {num_disparities} {output}"``; an entry point of the group
@@ -122,12 +123,15 @@ def method(spec: str | Matcher | Method) -> Method:
     """
     if isinstance(spec, Method):
         return spec
+
     if isinstance(spec, str):
         name = spec.removesuffix(TRUE_BLUR)
         return replace(_named(name), true_blur=name != spec)
+
     if not callable(spec):
         kind = type(spec).__name__
         raise TypeError(f"method: got {kind}; accepts a name, a function or a Method")
+
     if not hasattr(spec, "__qualname__"):
         kind = type(spec).__name__
         raise TypeError(f"method: got {kind}, which has no name; give it one: Method(name, ...)")
@@ -157,16 +161,20 @@ def _named(name: str) -> Method:
     stem, _, rest = name.partition(":")
     if stem in PRESETS or stem in BASELINES:
         return _ours(name, {**PRESETS, **BASELINES}[stem], rest)
+
     if name in _OPENCV:
         require("cv2", extra="opencv")
         return Method(name, *_OPENCV[name])
+
     if stem in _FROM_OUTSIDE:
         return _FROM_OUTSIDE[stem](name, rest)
+
     plugins = _plugins()
     if name in plugins:
         return _plugged(plugins[name])
     if rest and stem != "opencv":
         return _imported(name)
+
     raise ValueError(
         f"method: got {name!r}; accepts {', '.join(available())}, with other settings as in "
         f"paper:neighborhood=11,window=9, package.module:function, and {TRUE_BLUR} after any"
@@ -176,27 +184,29 @@ def _named(name: str) -> Method:
 def _ours(name: str, base: Settings, overrides: str) -> Method:
     try:
         options = _parsed(overrides)
-        told = _is_told(options.pop("num_disparities", None))
+        ranged = _has_range(options.pop("num_disparities", None))
         settings = resolve(None, base, options)
     except (TypeError, ValueError) as error:
         raise type(error)(f"method: got {name!r}: {error}") from error
-    return Method(name, partial(_match, settings=settings, told=told), asdict(settings))
+    return Method(name, partial(_match, settings=settings, ranged=ranged), asdict(settings))
 
 
-def _is_told(num_disparities: object) -> bool:
-    """Tell whether the range is told, which it is unless the specification says otherwise."""
+def _has_range(num_disparities: object) -> bool:
+    """Return whether a method gets the number of disparities; only ``auto`` withholds it."""
     if num_disparities not in (None, "auto"):
         raise ValueError(f"num_disparities: got {num_disparities!r}; accepts auto alone")
+
     return num_disparities is None
 
 
 def _match(
-    left: Image, right: Image, num_disparities: int, *, settings: Settings, told: bool
+    left: Image, right: Image, num_disparities: int, *, settings: Settings, ranged: bool
 ) -> Map | tuple[Map, Map]:
-    count = num_disparities if told else None
+    count = num_disparities if ranged else None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatchWarning)  # a bad map is what its score says
         result = match(left, right, num_disparities=count, settings=settings, threads=1)
+
     return result.disparity if result.confidence is None else (result.disparity, result.confidence)
 
 
@@ -205,12 +215,13 @@ def _network(name: str, path: str) -> Method:
     stem = name.partition(":")[0]
     if not path:
         raise ValueError(f"method: got {name!r}; accepts {stem}:FILE.onnx")
+
     networks.runtime()
     if stem == "hitnet":
         networks.require_hitnet(path)
-    told = stem if stem == "hitnet" else f"{stem}:{Path(path).stem}"
+    label = stem if stem == "hitnet" else f"{stem}:{Path(path).stem}"
     digest = networks.digest_of(path)
-    return Method(told, partial(networks.match_onnx, path=path), {"sha256": digest})
+    return Method(label, partial(networks.match_onnx, path=path), {"sha256": digest})
 
 
 def _mccnn(name: str, rest: str) -> Method:
@@ -223,8 +234,8 @@ def _mccnn(name: str, rest: str) -> Method:
 def _program(_name: str, command: str) -> Method:
     """Return a program; its name is that of its file, without its folder."""
     program.require_places(command)
-    told = f"program:{Path(command.split(maxsplit=1)[0]).name}"
-    return Method(told, partial(program.match_program, command=command), {"command": command})
+    label = f"program:{Path(command.split(maxsplit=1)[0]).name}"
+    return Method(label, partial(program.match_program, command=command), {"command": command})
 
 
 _FROM_OUTSIDE: Mapping[str, Callable[[str, str], Method]] = {
@@ -245,7 +256,9 @@ def _parsed(overrides: str) -> dict[str, Any]:
             words[name.strip()] = []
         elif not words:
             raise ValueError(f"got {part!r}; accepts settings such as window=9")
+        # A part without an equals sign continues the values of the setting before it.
         words[list(words)[-1]].append(_value(value.strip()))
+
     return {name: tuple(values) if values[1:] else values[0] for name, values in words.items()}
 
 
@@ -253,6 +266,7 @@ def _value(text: str) -> int | float | bool | str | None:
     known = {"true": True, "false": False, "none": None}
     if text.lower() in known:
         return known[text.lower()]
+
     for kind in (int, float):
         try:
             return kind(text)
@@ -280,6 +294,7 @@ def _imported(name: str) -> Method:
             found = getattr(found, part)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(f"method: got {name!r}, which cannot be imported: {error}") from error
+
     return Method(name, _callable(name, found))
 
 

@@ -16,7 +16,7 @@ from phasestereo_bench import cases
 from phasestereo_bench.cases import SIDES, SUITES, Case, usual_side
 from phasestereo_bench.measurement import measured
 from phasestereo_bench.methods import Method, available, method
-from phasestereo_bench.runner import Job, run
+from phasestereo_bench.runner import Job, run_jobs
 from phasestereo_bench.worker import require_portable
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def run_middlebury(
         File of JSON lines which keeps every record as soon as it is there; a run goes on where an
         earlier one with the same file stopped. None: keep nothing.
     workers, progress
-        As for `phasestereo_bench.run`.
+        As for `phasestereo_bench.run_jobs`.
 
     Returns
     -------
@@ -107,16 +107,18 @@ def run_middlebury(
     ImportError
         If what a method needs is not installed.
     OSError, RuntimeError, KeyboardInterrupt
-        As `phasestereo_bench.run`.
+        As `phasestereo_bench.run_jobs`.
     """
     jobs = middlebury_jobs(scenes, methods, degradations, suite=suite, sides=sides)
+
     if workers != 0:
         _require_portable(jobs)
     cases.forget()
+
     if store is not None:
-        return run(jobs, Path(store), workers=workers, progress=progress)
+        return run_jobs(jobs, Path(store), workers=workers, progress=progress)
     with TemporaryDirectory() as folder:
-        return run(jobs, Path(folder) / "records.jsonl", workers=workers, progress=progress)
+        return run_jobs(jobs, Path(folder) / "records.jsonl", workers=workers, progress=progress)
 
 
 def middlebury_jobs(
@@ -130,18 +132,21 @@ def middlebury_jobs(
     """Return the jobs of `run_middlebury`, whose arguments these are, without running them."""
     _require_known("suite", suite, SUITES)
     entrants = _entrants(default_methods(suite) if methods is None else methods)
+
     rows = [
         Case(scene, name, degradation, side, recipe)
         for scene in _require_truth(scenes)
         for name, degradation, recipe in _degradations(suite, degradations)
         for side in _sides(sides or (usual_side(suite),))
     ]
+
     jobs = [
         Job(_key(case, entrant), score_case, {"case": case, "spec": spec})
         for case in rows
         for entrant, spec in entrants
         if case.kernel is not None or not entrant.true_blur
     ]
+
     if not jobs:
         raise ValueError("no cell is left: only degradations with a kernel have a true blur")
     return jobs
@@ -150,6 +155,7 @@ def middlebury_jobs(
 def default_methods(suite: str) -> list[str]:
     """Return the methods of a suite that can run here: OpenCV's only if it is installed."""
     _require_known("suite", suite, SUITES)
+
     without_opencv = "opencv:sgbm" not in available()
     return [
         name for name in _DEFAULTS[suite] if not (without_opencv and name.startswith("opencv:"))
@@ -166,9 +172,11 @@ def score_case(case: Case, spec: str | Method) -> dict[str, Any]:
     entrant = method(spec)
     pair = case.pair(true_blur=entrant.true_blur)
     done = measured(lambda: entrant.match(pair.left, pair.right, pair.num_disparities))
+
     height, width = pair.left.shape[:2]
     answer = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
     disparity, confidence = _checked(*answer, size=(height, width))
+
     return {
         **_metrics(disparity, pair),
         "roc": None if confidence is None else _roc(confidence, disparity, pair),
@@ -184,12 +192,15 @@ def score_case(case: Case, spec: str | Method) -> dict[str, Any]:
 def _metrics(disparity: Floats, pair: Pair) -> dict[str, Any]:
     if pair.truth is None:
         raise ValueError("the scene has no truth")
+
     by_region = middlebury_v2(disparity, pair)
     regions = {region: getattr(by_region, region) for region in ("nonocc", "all", "disc")}
+
     numbers: dict[str, Any] = dict.fromkeys(field.name for field in fields(Score))
     if "nonocc" in pair.masks:
         mask, count = pair.masks["nonocc"], pair.num_disparities
         numbers = asdict(score(disparity, pair.truth, mask=mask, num_disparities=count))
+
     d1, epe = numbers.pop("d1"), numbers.pop("epe")
     return {"v2": regions, "v3": numbers, "d1": d1, "epe": epe}
 
@@ -198,6 +209,7 @@ def _roc(confidence: Floats, disparity: Floats, pair: Pair) -> float | None:
     """Return the area under the ROC curve; None without a mask, or if all pixels are alike."""
     if pair.truth is None or "nonocc" not in pair.masks:
         return None
+
     area = roc_area(confidence, disparity, pair.truth, mask=pair.masks["nonocc"])
     return area if math.isfinite(area) else None
 
@@ -206,6 +218,7 @@ def _checked(*returned: object, size: tuple[int, int]) -> tuple[Floats, Floats |
     """Return what a method returned, if that is a disparity map, and a confidence or None."""
     if len(returned) != 2:
         raise TypeError(f"the method returned {len(returned)} things, not disparities, confidences")
+
     disparity, confidence = returned
     checked = _map(disparity, size)
     return checked, None if confidence is None else _map(confidence, size)
@@ -240,6 +253,7 @@ def _entrants(specs: Specs) -> list[tuple[Method, str | Method]]:
     """Return the methods by name, beside what other processes make them of: the name is lighter."""
     if isinstance(specs, str) or not hasattr(specs, "__iter__"):
         raise TypeError(f"methods: got {type(specs).__name__}; accepts a list of methods")
+
     entrants: dict[str, tuple[Method, str | Method]] = {}
     for spec in specs:
         entrant = method(spec)
@@ -247,6 +261,7 @@ def _entrants(specs: Specs) -> list[tuple[Method, str | Method]]:
         _, earlier = entrants.setdefault(str(entrant), (entrant, sent))
         if earlier != sent:
             raise ValueError(f"methods: two of them are called {entrant}; give them other names")
+
     if not entrants:
         raise ValueError("methods: got none; accepts one or more")
     return list(entrants.values())
@@ -256,9 +271,11 @@ def _degradations(suite: str, wanted: Degradations | None) -> list[tuple[str, st
     """Return the name of the suite and of the degradation, and what it is if it is the user's."""
     if isinstance(wanted, Mapping):
         return [(CUSTOM, name, recipe) for name, recipe in wanted.items()]
+
     names = list(SUITES[suite]) if wanted is None else list(dict.fromkeys(wanted))
     for name in names:
         _require_known("degradation", name, SUITES[suite])
+
     return [(suite, name, None) for name in names]
 
 
@@ -283,10 +300,12 @@ def _require_known(argument: str, value: object, known: Iterable[str]) -> None:
 
 def _require_portable(jobs: Iterable[Job]) -> None:
     """Refuse functions of the user's that cannot be sent to other processes."""
+    # Jobs share their functions, so each is tried once.
     things: dict[int, tuple[str, object]] = {}
     for job in jobs:
         spec, recipe = job.arguments["spec"], job.arguments["case"].recipe
         things[id(spec)] = "method", spec.match if isinstance(spec, Method) else None
         things[id(recipe)] = "degradation", recipe
+
     for argument, thing in things.values():
         require_portable(argument, thing)

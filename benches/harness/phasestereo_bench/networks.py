@@ -39,7 +39,7 @@ _GRAY = np.array([0.299, 0.587, 0.114])
 _CHANNELS = {1: (2, 6), 2: (1, 3)}  # of each input, by how many inputs there are
 
 
-class Layout(NamedTuple):
+class NetworkInputs(NamedTuple):
     """How a network takes its inputs.
 
     Attributes
@@ -61,7 +61,7 @@ class Layout(NamedTuple):
 
 
 def match_onnx(left: Image, right: Image, num_disparities: int, *, path: str) -> Map:  # noqa: ARG001 - as all methods
-    """Match with the network in an ONNX file, which is told no range.
+    """Match with the network in an ONNX file, which gets no range.
 
     Raises
     ------
@@ -75,14 +75,17 @@ def match_onnx(left: Image, right: Image, num_disparities: int, *, path: str) ->
     """
     session = _session(path)
     layout = layout_of(session, path)
+
     height, width = left.shape[:2]
     fed = _fed(left, right, layout, _padding((height, width), layout, path))
     answer = np.asarray(session.run(None, fed)[0], np.float32)
+
     shape = tuple(side for side in answer.shape if side != 1)
     if len(shape) != 2 or shape[0] < height or shape[1] < width:
         raise ValueError(
             f"{path}: its first output is {answer.shape}, no map of {height} x {width}"
         )
+
     found: Map = answer.reshape(shape)[:height, :width].copy()
     return found
 
@@ -122,7 +125,7 @@ def digest_of(path: str) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
-def layout_of(session: Any, path: str) -> Layout:
+def layout_of(session: Any, path: str) -> NetworkInputs:
     """Return how a network takes its inputs.
 
     Raises
@@ -131,16 +134,18 @@ def layout_of(session: Any, path: str) -> Layout:
         If these are not those of a pair.
     """
     inputs = session.get_inputs()
-    told = ", ".join(f"{each.name} {each.type} {each.shape}" for each in inputs)
+    described = ", ".join(f"{each.name} {each.type} {each.shape}" for each in inputs)
     accepted = _CHANNELS.get(len(inputs), ())
+
     for last in (False, True):
         found = {each.shape[3 if last else 1] for each in inputs if len(each.shape) == 4}
         if len(found) == 1 and found <= set(accepted) and _are_floats(inputs):
             rows, cols = inputs[0].shape[1:3] if last else inputs[0].shape[2:4]
             size = _fixed(rows), _fixed(cols)
-            return Layout(tuple(each.name for each in inputs), found.pop(), last, size)
+            return NetworkInputs(tuple(each.name for each in inputs), found.pop(), last, size)
+
     raise ValueError(
-        f"{path}: takes {told or 'nothing'}; accepts float32 inputs of rank 4: one of 2 or 6 "
+        f"{path}: takes {described or 'nothing'}; accepts float32 inputs of rank 4: one of 2 or 6 "
         "channels, or two of 1 or 3"
     )
 
@@ -151,9 +156,11 @@ def _session(path: str) -> Any:
     ort = runtime()
     if not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file")
+
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3  # errors; warnings are about constants that are not used
+
     try:
         return ort.InferenceSession(path, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's own exceptions share no base but this
@@ -169,25 +176,31 @@ def _fixed(side: Any) -> int | None:
     return side if isinstance(side, int) and side > 0 else None
 
 
-def _padding(size: tuple[int, int], layout: Layout, path: str) -> tuple[int, int]:
+def _padding(size: tuple[int, int], layout: NetworkInputs, path: str) -> tuple[int, int]:
     """Return how many rows and columns the images lack."""
     wanted = [
         fixed or -(-side // _MULTIPLE) * _MULTIPLE
         for side, fixed in zip(size, layout.size, strict=True)
     ]
+
     if wanted[0] < size[0] or wanted[1] < size[1]:
         raise ValueError(
             f"{path}: takes {wanted[1]} x {wanted[0]} pixels, the pair has {size[1]} x {size[0]}"
         )
+
     return wanted[0] - size[0], wanted[1] - size[1]
 
 
-def _fed(left: Image, right: Image, layout: Layout, padding: tuple[int, int]) -> dict[str, Any]:
+def _fed(
+    left: Image, right: Image, layout: NetworkInputs, padding: tuple[int, int]
+) -> dict[str, Any]:
     """Return the inputs by name."""
     gray = layout.channels in (1, 2)
+
     images = [_continued(_planes(image, gray=gray), padding) for image in (left, right)]
     if len(layout.names) == 1:
         images = [np.concatenate(images, axis=0)]
+
     arranged = [np.moveaxis(image, 0, 2) if layout.last else image for image in images]
     batches = [np.ascontiguousarray(image[np.newaxis]) for image in arranged]
     return dict(zip(layout.names, batches, strict=True))

@@ -25,7 +25,7 @@ BM: dict[str, Any] = {"blockSize": 9}
 
 
 def _sgbm(block: int) -> dict[str, Any]:
-    """Return what StereoSGBM is told; its penalties grow with the block, as OpenCV advises."""
+    """Return the options of StereoSGBM; its penalties grow with the block, as OpenCV advises."""
     return {
         "blockSize": block,
         "P1 per channel": 8 * block**2,
@@ -64,7 +64,7 @@ def create_sgbm(
     channels
         Of the images it is meant for; the penalties grow with them.
     options
-        What else it is told: `SGBM` or `SGBM_3X3`.
+        Its other options: `SGBM` or `SGBM_3X3`.
 
     Raises
     ------
@@ -97,10 +97,12 @@ def match_bm(left: Image, right: Image, num_disparities: int) -> Map:
     cv2 = require("cv2", extra="opencv")
     count, margin = _sixteens(num_disparities), BM["blockSize"] // 2
     matcher = create_bm(count)
+
     gray = [
         image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         for image in (left, right)
     ]
+
     found = matcher.compute(*(_continued(image, count + margin, margin) for image in gray))
     return _disparities(found[margin:-margin, count + margin : -margin])
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     Map = NDArray[np.float32]
 
 PLACES = ("{left}", "{right}", "{num_disparities}", "{output}")
-"""What a command line has in the place of files and of the number."""
+"""The placeholders of a command line: the files and the number of disparities."""
 
 
 def match_program(left: Image, right: Image, num_disparities: int, *, command: str) -> Map:
@@ -40,12 +40,15 @@ def match_program(left: Image, right: Image, num_disparities: int, *, command: s
         root = Path(folder)
         write_image(root / "left.png", left)
         write_image(root / "right.png", right)
-        told = (root / "left.png", root / "right.png", num_disparities, root / "output.pfm")
-        words = [_filled(word, told) for word in shlex.split(command)]
+
+        values = (root / "left.png", root / "right.png", num_disparities, root / "output.pfm")
+        words = [_filled(word, values) for word in shlex.split(command)]
+
         done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603 - named by the user
         if done.returncode != 0:
             last = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
             raise ValueError(f"{words[0]}: exit code {done.returncode}: {last}")
+
         found: Map = read_disparity(root / "output.pfm")
         return found
 
@@ -63,7 +66,7 @@ def require_places(command: str) -> None:
         raise ValueError(f"method: got program:{command}, without {' and '.join(missing)}")
 
 
-def _filled(word: str, told: tuple[object, ...]) -> str:
-    for place, value in zip(PLACES, told, strict=True):
+def _filled(word: str, values: tuple[object, ...]) -> str:
+    for place, value in zip(PLACES, values, strict=True):
         word = word.replace(place, str(value))
     return word

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from phasestereo_bench.worker import Outcome
+    from phasestereo_bench.worker import JobFields
 
-    Cell = tuple[tuple[str, ...], str]
-    Outcomes = Generator[tuple[int, Outcome], None, None]
+    CellKey = tuple[tuple[str, ...], str]
+    Outcomes = Generator[tuple[int, JobFields], None, None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Job:
     Parameters
     ----------
     key
-        What tells the cell from others; jobs with equal keys are the same cell.
+        What identifies the cell; jobs with equal keys are the same cell.
     work
         What to call: a function of a module, since another process has to find it. It returns what
         belongs into the record, as JSON has it.
@@ -44,7 +44,7 @@ class Job:
     arguments: Mapping[str, Any]
 
 
-def run(
+def run_jobs(
     jobs: Sequence[Job],
     store: Path,
     *,
@@ -95,18 +95,22 @@ def run(
         here = describe_environment()
         if all(line.get("id") != here["id"] for line in lines):
             append(here)
+
         records = _finished(jobs, lines)
         todo = list({_cell(job): job for job in jobs if _cell(job) not in records}.values())
         if progress is not None:
             progress(0, len(todo))
+
         with closing(_outcomes(todo, count)) as outcomes:
             for done, (number, outcome) in enumerate(outcomes, start=1):
                 key = todo[number].key
+                # The key comes first for readers, and again so that no result can replace it.
                 record = {**key, **outcome, **key, "environment": here["id"]}
                 append(record)
                 records[_cell(todo[number])] = record
                 if progress is not None:
                     progress(done, len(todo))
+
     return [records[_cell(job)] for job in jobs]
 
 
@@ -118,11 +122,11 @@ def finished(jobs: Sequence[Job], lines: Iterable[Mapping[str, Any]]) -> list[di
 
 def _finished(
     jobs: Iterable[Job], lines: Iterable[Mapping[str, Any]]
-) -> dict[Cell, dict[str, Any]]:
-    """Return the good records by cell, told by the fields that the keys of these jobs have."""
+) -> dict[CellKey, dict[str, Any]]:
+    """Return the good records by cell, identified by the fields of the keys of these jobs."""
     shapes = {tuple(sorted(job.key)) for job in jobs}
     return {
-        (names, _told(line, names)): dict(line)
+        (names, _values(line, names)): dict(line)
         for line in lines
         if line.get("status") == "ok"
         for names in shapes
@@ -130,12 +134,12 @@ def _finished(
     }
 
 
-def _cell(job: Job) -> Cell:
+def _cell(job: Job) -> CellKey:
     names = tuple(sorted(job.key))
-    return names, _told(job.key, names)
+    return names, _values(job.key, names)
 
 
-def _told(fields: Mapping[str, Any], names: tuple[str, ...]) -> str:
+def _values(fields: Mapping[str, Any], names: tuple[str, ...]) -> str:
     return json.dumps([fields[name] for name in names], allow_nan=False)
 
 
@@ -154,31 +158,34 @@ def _outcomes(jobs: Sequence[Job], workers: int) -> Outcomes:
     if workers == 0:
         yield from ((number, perform(job.work, job.arguments)) for number, job in enumerate(jobs))
         return
+
     waiting = deque(range(len(jobs)))
-    crew: list[Worker] = []
+    running: list[Worker] = []
     try:
-        while waiting or any(worker.job is not None for worker in crew):
-            busy = sum(worker.job is not None for worker in crew)
-            while len(crew) < min(workers, busy + len(waiting)):
-                crew.append(Worker.start())
-            yield from _next_outcomes(jobs, crew, waiting)
+        while waiting or any(worker.job is not None for worker in running):
+            busy = sum(worker.job is not None for worker in running)
+            # A process takes long to start, so there are never more than jobs for them.
+            while len(running) < min(workers, busy + len(waiting)):
+                running.append(Worker.start())
+            yield from _next_outcomes(jobs, running, waiting)
     finally:
-        for worker in crew:
+        for worker in running:
             worker.stop()
 
 
-def _next_outcomes(jobs: Sequence[Job], crew: list[Worker], waiting: deque[int]) -> Outcomes:
-    """Wait until a worker has something to say, hand out jobs, and yield what was done."""
-    heard = wait([worker.connection for worker in crew])
-    for worker in [worker for worker in crew if worker.connection in heard]:
+def _next_outcomes(jobs: Sequence[Job], running: list[Worker], waiting: deque[int]) -> Outcomes:
+    """Wait for a message of any worker, hand out jobs, and yield what was done."""
+    heard = wait([worker.connection for worker in running])
+    for worker in [worker for worker in running if worker.connection in heard]:
         number = worker.job
         try:
             outcome = worker.receive()
         except EOFError:
-            crew.remove(worker)
+            running.remove(worker)
             outcome = _death(worker)
         else:
             yield from _hand_out(jobs, worker, waiting)
+
         if outcome is not None and number is not None:
             yield number, outcome
 
@@ -193,9 +200,9 @@ def _hand_out(jobs: Sequence[Job], worker: Worker, waiting: deque[int]) -> Outco
             yield number, failure(error)
 
 
-def _death(worker: Worker) -> Outcome:
+def _death(worker: Worker) -> JobFields:
     """Return the outcome of the job during which a process died."""
-    reason = worker.bury()
+    reason = worker.reap()
     if not worker.ready:
         raise RuntimeError(
             f"no process to work in: {reason} as it started; a script that runs benchmarks must "

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
 _OPENING = '{"kind": "environment"'
-"""What every store begins with, which tells it from files that must not be touched."""
+"""What every store begins with, which distinguishes it from files that must not be touched."""
 
 
 def read_store(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
@@ -54,6 +54,7 @@ def appending(
     target = Path(path)
     content = target.read_bytes() if target.exists() else b""
     lines, whole = _parse(target, content)
+
     with target.open("ab", buffering=0) as file:
         file.truncate(whole)
         if content[:whole] and not content[:whole].endswith(b"\n"):
@@ -78,6 +79,7 @@ def _parse(path: Path, content: bytes) -> tuple[list[dict[str, Any]], int]:
         if line is not None:
             lines.append(line)
             whole += len(raw)
+
     return lines, whole
 
 
@@ -90,6 +92,6 @@ def _line(raw: bytes) -> dict[str, Any] | None:
 
 
 def _begins(raw: bytes) -> bool:
-    """Tell whether a file's first line is that of a store, or the beginning of one."""
+    """Return whether a file's first line is that of a store, or the beginning of one."""
     opening = _OPENING.encode()
     return opening.startswith(raw[: len(opening)])

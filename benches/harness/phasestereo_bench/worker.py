@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
 
     Work = Callable[..., Mapping[str, Any]]
-    Outcome = dict[str, Any]
+    JobFields = dict[str, Any]
 
 # Read by the libraries as they load, so they must be set before the process starts.
 _SINGLE = (
@@ -57,12 +57,15 @@ class Worker:
         """Start a process; it says when it is ready."""
         if os.name == "posix":
             resource_tracker.ensure_running()  # the thread that starts it would hear Ctrl-C again
+
         context = get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(theirs,))
+
         with _single_threaded(), unheard():
             process.start()
         theirs.close()
+
         return cls(process, ours)
 
     def give(self, job: int, work: Work, arguments: Mapping[str, Any]) -> None:
@@ -77,10 +80,10 @@ class Worker:
         self.job = job
         try:
             self.connection.send_bytes(parcel)
-        except OSError:  # it has died, which `receive` will tell
+        except OSError:  # it has died, which `receive` will report
             return
 
-    def receive(self) -> Outcome | None:
+    def receive(self) -> JobFields | None:
         """Take what it has to say: the outcome of its job, or None when it has become ready.
 
         Raises
@@ -92,11 +95,13 @@ class Worker:
             message = self.connection.recv_bytes()
         except OSError as error:
             raise EOFError from error
+
         if not self.ready:
             self.ready = True
             return None
+
         self.job = None
-        outcome: Outcome = json.loads(message)
+        outcome: JobFields = json.loads(message)
         return outcome
 
     def stop(self) -> None:
@@ -105,17 +110,18 @@ class Worker:
         self.process.kill()
         self.process.join()
 
-    def bury(self) -> str:
-        """Say how a process ended that has died by itself."""
+    def reap(self) -> str:
+        """Wait for a process that has died by itself, and say how it ended."""
         self.connection.close()
         self.process.join()
+
         code = self.process.exitcode
         if code is not None and code < 0:
             return f"the process was killed by {signal.Signals(-code).name}"
         return f"the process ended with exit code {code}"
 
 
-def perform(work: Work, arguments: Mapping[str, Any]) -> Outcome:
+def perform(work: Work, arguments: Mapping[str, Any]) -> JobFields:
     """Do a job in this process.
 
     Returns
@@ -128,18 +134,39 @@ def perform(work: Work, arguments: Mapping[str, Any]) -> Outcome:
     try:
         done = measured(lambda: work(**arguments))
         cost = {"seconds": done.seconds, "peak_bytes": done.peak_bytes}
-        outcome: Outcome = _plain({"status": "ok", **cost, **done.answer})
+        outcome: JobFields = _plain({"status": "ok", **cost, **done.answer})
         json.dumps(outcome)
     except Exception as error:  # noqa: BLE001 - whatever a matcher may raise fails its cell alone
         return failure(error)
     return outcome
 
 
-def failure(error: Exception) -> Outcome:
+def perform_alone(work: Work, arguments: Mapping[str, Any]) -> JobFields:
+    """Do a job in a fresh process, which ends with it.
+
+    Returns
+    -------
+    dict
+        As `perform`; ``"status"``: ``"failed"`` and ``"error"`` where the process died.
+    """
+    worker = Worker.start()
+    try:
+        worker.receive()  # that it is ready
+        worker.give(0, work, arguments)
+        outcome = worker.receive()
+    except EOFError:
+        return {"status": "failed", "error": worker.reap()}
+    finally:
+        worker.stop()
+
+    return outcome or {}
+
+
+def failure(error: Exception) -> JobFields:
     """Return the outcome of a job that raised."""
-    told = " ".join(f"{type(error).__name__}: {error}".split())
-    story = "".join(traceback.format_exception(error))
-    return {"status": "failed", "error": told, "traceback": story}
+    message = " ".join(f"{type(error).__name__}: {error}".split())
+    trace = "".join(traceback.format_exception(error))
+    return {"status": "failed", "error": message, "traceback": trace}
 
 
 def require_portable(name: str, value: object) -> None:
@@ -151,8 +178,10 @@ def require_portable(name: str, value: object) -> None:
         If it cannot; the message begins with the name.
     """
     main = sys.modules["__main__"]
+    # A spawned process imports the main module by name or file; a notebook has neither.
     homeless = getattr(main, "__spec__", None) is None and not hasattr(main, "__file__")
     reason = "it is of a notebook or an interactive session"
+
     try:
         ForkingPickler.dumps(value)
         if not (homeless and getattr(value, "__module__", None) == "__main__"):
@@ -178,7 +207,7 @@ def _serve(connection: Connection) -> None:
             return
 
 
-def _answer(parcel: bytes) -> Outcome:
+def _answer(parcel: bytes) -> JobFields:
     try:
         work, arguments = pickle.loads(parcel)  # noqa: S301 - from our own parent
     except Exception as error:  # noqa: BLE001 - importing the module of the work may raise anything
@@ -204,6 +233,7 @@ def _single_threaded() -> Iterator[None]:
     """Let processes that start in this block find one thread per library in their environment."""
     earlier = {name: os.environ.get(name) for name in _SINGLE}
     os.environ.update(dict.fromkeys(_SINGLE, "1"))
+
     try:
         yield
     finally:
@@ -215,7 +245,7 @@ def _single_threaded() -> Iterator[None]:
 
 
 def _leave_interrupts_to_parent() -> None:
-    """Take no notice of Ctrl-C, but let programs that a job starts end by it, unlike SIG_IGN."""
+    """Ignore Ctrl-C by a handler: programs that a job starts would inherit SIG_IGN."""
     signal.signal(signal.SIGINT, lambda *_: None)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

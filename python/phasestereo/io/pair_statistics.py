@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 _MOST_CLASSES = 16  # that a compensation has
 _ESTIMATE = "tile", "certainty", "contrast", "noise", "gain", "gamma", "impulses", "coding"
 _BOTH = "noise", "impulses", "coding"  # of the left and of the right image
-_KIND = "side", "kind", "size", "angle"
 
 
 def as_arrays(statistics: PairStatistics) -> Arrays:
@@ -122,7 +121,7 @@ def _blur_compensation(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> Blur
 
 def _put_blur(estimate: BlurEstimate, plain: Plain, arrays: Arrays) -> None:
     plain["blur"] = {name: getattr(estimate, name) for name in _ESTIMATE}
-    plain["blurs"] = [{name: getattr(blur, name) for name in _KIND} for blur in estimate.blurs]
+    plain["blurs"] = [blur.as_dict() for blur in estimate.blurs]
 
     arrays["blur_labels"] = estimate.labels
     if estimate.glance is not None:
@@ -130,11 +129,21 @@ def _put_blur(estimate: BlurEstimate, plain: Plain, arrays: Arrays) -> None:
     for number, blur in enumerate(estimate.blurs):
         if blur.psf is not None:
             arrays[f"psf_{number}"] = blur.psf
+        if blur.other is not None and blur.other.psf is not None:
+            arrays[f"other_psf_{number}"] = blur.other.psf
 
 
 def _blur(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> BlurEstimate:
     blurs = tuple(
-        Blur(**kind, psf=arrays.get(f"psf_{number}")) for number, kind in enumerate(plain["blurs"])
+        Blur(
+            **kind
+            | {
+                "psf": arrays.get(f"psf_{number}"),
+                "other": kind["other"]
+                and Blur(**kind["other"] | {"psf": arrays.get(f"other_psf_{number}")}),
+            }
+        )
+        for number, kind in enumerate(plain["blurs"])
     )
     numbers = plain["blur"] | {name: tuple(plain["blur"][name]) for name in _BOTH}
 

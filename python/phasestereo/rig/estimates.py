@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass, fields, replace
+from itertools import chain
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import as_estimate
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.search_range import SearchRange
+from phasestereo.settings import Settings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,9 +19,10 @@ if TYPE_CHECKING:
 
     from phasestereo.rig.alignment import Field
     from phasestereo.rig.blur import BlurEstimate, Estimated
-    from phasestereo.settings import Settings
 
     _Taps: TypeAlias = NDArray[np.float32] | None
+
+_Checked = TypeVar("_Checked", Settings, BlurCompensation)
 
 Found: TypeAlias = tuple[
     tuple[int, int],
@@ -41,9 +44,12 @@ Matched: TypeAlias = (
 )
 """What a match gives: disparities, flags, confidence, seconds of its stages."""
 
+Summarized: TypeAlias = tuple[float, float, float, float, float]
+"""What a map says about itself: the fields of `phasestereo.Summary`."""
+
 Known: TypeAlias = "tuple[tuple[float, float] | None, BlurCompensation | None, Field | None, bool]"
-"""What the core is given: noise, versions, the field of the rows, whether the right image is to be
-inverted."""
+"""What the core is given: noise, the blur compensation, the field of
+the rows, whether the right image is to be inverted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,15 +76,22 @@ def as_estimates(
     # What the core found calls for a compensation, and for sizes that suit it.
     if suited is not None:
         (noise, impulses, smoothing), kernels, labels, tile, (neighborhood, window) = suited
-        blur_compensation = BlurCompensation(
+        for array in (labels, *chain.from_iterable(kernels)):
+            if array is not None:
+                array.flags.writeable = False
+
+        blur_compensation = _from_core(
+            BlurCompensation,
             noise=noise,
-            kernels=kernels,
+            kernels=tuple(kernels),
             labels=labels,
             tile=tile,
             impulses=impulses,
             smoothing=smoothing,
         )
-        settings = replace(settings, neighborhood=neighborhood, window=window)
+        same = {field.name: getattr(settings, field.name) for field in fields(settings)}
+        suits = {"neighborhood": neighborhood, "window": window}
+        settings = _from_core(Settings, **(same | suits))
 
     return Estimates(
         settings=settings,
@@ -91,6 +104,14 @@ def as_estimates(
         blur_compensation=blur_compensation,
         seconds=seconds,
     )
+
+
+def _from_core(kind: type[_Checked], **values: object) -> _Checked:
+    """Return a frozen dataclass of what the core found, which the core need not check again."""
+    made = object.__new__(kind)
+    for name, value in values.items():
+        object.__setattr__(made, name, value)
+    return made
 
 
 def _search(

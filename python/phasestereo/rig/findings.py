@@ -340,11 +340,16 @@ def _blur_of(estimate: BlurEstimate) -> Iterator[Finding]:
         where = "" if len(estimate.blurs) == 1 else f", over {share:.0%} of the image"
         probably = "" if estimate.certainty >= _SURE else "probably "
         other = "right" if blur.side == "left" else "left"
+        if blur.other is None:
+            what = f"softer than the {other} by {_shape(blur)}"
+        else:
+            what = f"blurred by {_shape(blur)}, the {other} one by {_shape(blur.other)}"
+
         yield Finding(
             "blur",
             "warning" if grave else "note",
-            f"the {blur.side} image is {probably}softer than the {other} by {_shape(blur)}{where}: "
-            f"{_hint(blur)}; robust matching will compensate",
+            f"the {blur.side} image is {probably}{what}{where}: {_hint(blur)}; robust matching "
+            "will compensate",
         )
 
     if not seen:

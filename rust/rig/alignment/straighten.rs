@@ -1,26 +1,26 @@
-//! The right image with its rows where the left one has them: resampled along its columns.
+//! The right image with its rows aligned to those of the left one: resampled along its columns.
 //!
-//! Pixel `(x, y)` becomes a weighted mean of the eight pixels of its column about `y + v(x, y)`, rounded to a
-//! sixty-fourth of a row: the weights are those of Lanczos' kernel, which keeps fine texture where linear interpolation
-//! would blur it and so make one image softer than the other (bad-1.0 of 12 scenes turned by 1 degree: see `docs`).
-//! Rows beyond the image repeat its first or last one.
+//! Pixel `(x, y)` becomes a weighted mean of the eight pixels of its column about `y + v(x, y)`, rounded to 1/64 of a
+//! row. The weights are those of a Lanczos kernel. It keeps fine texture, where linear interpolation would blur it and
+//! so make one image softer than the other (bad-1.0 of 12 scenes rotated by 1 degree: see `docs`). Rows beyond the
+//! image repeat its first or last one.
 //!
 //! ```text
 //! place = y + v(x, y);  row = floor(place);  weights = WEIGHTS[64 (place - row)]
 //! out(x, y) = sum over k in 0..8 of weights[k] right(x, row - 3 + k)
 //! ```
 //!
-//! Rows are worked out one by one. Fields change slowly, so a row is cut into runs of pixels with one offset, whose eight
-//! source rows and weights are the same. Integer images are summed in integers, floats in double precision in a fixed
-//! order.
+//! Rows are resampled one by one. Fields change slowly, so a row is divided into runs of pixels with one offset, whose
+//! eight source rows and weights are the same. Integer images are summed in integers, floats in double precision in a
+//! fixed order.
 
 use std::sync::OnceLock;
 
 use ndarray::Array3;
 
-use super::{Alignment, Along};
+use super::{Alignment, RowPolynomial};
 use crate::error::Result;
-use crate::image::intensity::{Gray, Range};
+use crate::image::intensity::{Gray, IntensityRange};
 use crate::image::plane::{Plane, zeroed};
 use crate::image::view::{Image, View};
 use crate::math;
@@ -28,16 +28,16 @@ use crate::pipeline::control::Control;
 use crate::simd::{Level, Loop};
 use crate::value::nearest;
 
-/// Pixels that a resampled one is a mean of.
+/// Number of pixels that a resampled one is a mean of.
 pub const TAPS: usize = 8;
-/// Places between two rows.
+/// Steps between two rows to which offsets are rounded.
 const STEPS: i32 = 64;
 /// Weights are multiples of `2^-WEIGHT_BITS`.
 const WEIGHT_BITS: u32 = 14;
-/// The tap at the place itself.
+/// The tap at the rounded-down row itself.
 const CENTER: isize = TAPS as isize / 2 - 1;
 
-/// The weights at every step; each eight have the sum `2^WEIGHT_BITS`.
+/// The weights at every step; the eight of a step have the sum `2^WEIGHT_BITS`.
 fn weights() -> &'static [[i32; TAPS]; STEPS as usize] {
     static WEIGHTS: OnceLock<[[i32; TAPS]; STEPS as usize]> = OnceLock::new();
     WEIGHTS.get_or_init(|| {
@@ -48,7 +48,8 @@ fn weights() -> &'static [[i32; TAPS]; STEPS as usize] {
             for (weight, exact) in weights.iter_mut().zip(exact) {
                 *weight = (exact * scale).round() as i32;
             }
-            // What rounding leaves goes to the tap that is nearest.
+
+            // The nearest tap takes the rounding error.
             let nearest = if 2 * step <= STEPS as usize { CENTER } else { CENTER + 1 } as usize;
             weights[nearest] += (1 << WEIGHT_BITS) - weights.iter().sum::<i32>();
         }
@@ -56,22 +57,24 @@ fn weights() -> &'static [[i32; TAPS]; STEPS as usize] {
     })
 }
 
-/// Lanczos' kernel, `sinc(t) sinc(t / 4)`, at the distance of a tap from a step.
+/// The Lanczos kernel, `sinc(t) sinc(t / 4)`, at the distance of a tap from a step.
 fn lanczos(tap: usize, step: usize) -> f64 {
     let sinc = |t: f64| if t == 0.0 { 1.0 } else { math::sin(t * PI) / (t * PI) };
+
     let distance = tap as f64 - CENTER as f64 - step as f64 / f64::from(STEPS);
     sinc(distance) * sinc(distance / (TAPS / 2) as f64)
 }
 
 const PI: f64 = std::f64::consts::PI;
 
-/// The straightened right view; one with impulses comes out gray and without them, or they would spread.
+/// The straightened right view. One with impulses becomes gray, and its impulses are repaired, since they would spread.
 pub fn straightened(
     view: &View,
     alignment: &Alignment,
     level: Level,
     control: &Control,
 ) -> Result<View> {
+    // Impulses and masked pixels must not spread over the taps.
     let whole;
     let view = if view.impulses > 0.0 {
         whole = without_impulses(view, level, control)?;
@@ -82,18 +85,20 @@ pub fn straightened(
     } else {
         view
     };
+
     let image = match &view.image {
         Image::U8(pixels) => Image::U8(resampled(pixels, alignment, level, control)?),
         Image::U16(pixels) => Image::U16(resampled(pixels, alignment, level, control)?),
         Image::F32(pixels) => Image::F32(resampled(pixels, alignment, level, control)?),
         Image::F64(pixels) => Image::F64(resampled(pixels, alignment, level, control)?),
     };
+
     let mask = view.mask.as_ref();
     let mask = mask.map(|mask| straightened_mask(mask, alignment, level, control));
     Ok(View { image, mask: mask.transpose()?, range: view.range, impulses: 0.0 })
 }
 
-/// A pixel is valid if the one that is nearest to its place is.
+/// The mask of the straightened view: a pixel is valid if the one nearest to its place is.
 fn straightened_mask(
     mask: &Plane<bool>,
     alignment: &Alignment,
@@ -104,27 +109,30 @@ fn straightened_mask(
     Plane::by_bands((mask.rows(), mask.cols()), 1, |y, out| {
         control.checkpoint()?;
         let offsets = offsets(alignment, y, out.len(), level)?;
+
         for (x, valid) in out.iter_mut().enumerate() {
             let nearest = y as isize + (offsets[x] + STEPS / 2).div_euclid(STEPS) as isize;
             *valid = mask.row(nearest.clamp(0, last) as usize)[x];
         }
+
         Ok(())
     })
 }
 
-/// Where the pixels of row `y` come from: steps below the row itself.
+/// The offsets of the pixels of row `y`: steps below the row itself.
 fn offsets(alignment: &Alignment, y: usize, cols: usize, level: Level) -> Result<Vec<i32>> {
     let mut offsets = zeroed(cols)?;
-    level.run(Offsets { along: alignment.along(y as f64), offsets: &mut offsets });
+    level.run(WriteOffsets { along: alignment.along(y as f64), offsets: &mut offsets });
     Ok(offsets)
 }
 
-struct Offsets<'a> {
-    along: Along,
+/// Computes the offsets of a row.
+struct WriteOffsets<'a> {
+    along: RowPolynomial,
     offsets: &'a mut [i32],
 }
 
-impl Loop for Offsets<'_> {
+impl Loop for WriteOffsets<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -136,14 +144,14 @@ impl Loop for Offsets<'_> {
 }
 
 /// A pixel that can be resampled.
-trait Sample: Copy + Default + Send + Sync {
-    /// Writes the weighted means of pixels of eight rows.
+trait ResampledPixel: Copy + Default + Send + Sync {
+    /// Writes the weighted means of the pixels of eight rows.
     fn write_means(rows: &[&[Self]; TAPS], weights: &[i32; TAPS], out: &mut [Self]);
 }
 
-macro_rules! integer_sample {
+macro_rules! integer_pixel {
     ($pixel:ty) => {
-        impl Sample for $pixel {
+        impl ResampledPixel for $pixel {
             #[inline(always)]
             fn write_means(rows: &[&[Self]; TAPS], weights: &[i32; TAPS], out: &mut [Self]) {
                 let rows = rows.map(|row| &row[..out.len()]);
@@ -159,9 +167,9 @@ macro_rules! integer_sample {
     };
 }
 
-macro_rules! float_sample {
+macro_rules! float_pixel {
     ($pixel:ty) => {
-        impl Sample for $pixel {
+        impl ResampledPixel for $pixel {
             #[inline(always)]
             fn write_means(rows: &[&[Self]; TAPS], weights: &[i32; TAPS], out: &mut [Self]) {
                 let rows = rows.map(|row| &row[..out.len()]);
@@ -177,12 +185,12 @@ macro_rules! float_sample {
     };
 }
 
-integer_sample!(u8);
-integer_sample!(u16);
-float_sample!(f32);
-float_sample!(f64);
+integer_pixel!(u8);
+integer_pixel!(u16);
+float_pixel!(f32);
+float_pixel!(f64);
 
-fn resampled<T: Sample>(
+fn resampled<T: ResampledPixel>(
     pixels: &Array3<T>,
     alignment: &Alignment,
     level: Level,
@@ -191,12 +199,14 @@ fn resampled<T: Sample>(
     let (rows, cols, channels) = pixels.dim();
     let pixels = pixels.as_standard_layout();
     let source = pixels.as_slice().unwrap_or_default();
+
     let out = Plane::by_bands((rows, cols * channels), 1, |y, out: &mut [T]| {
         control.checkpoint()?;
         let offsets = &offsets(alignment, y, cols, level)?;
         level.run(Resample { source, rows, channels, y, offsets, out });
         Ok(())
     })?;
+
     // The plane has as many values as the shape says.
     Ok(Array3::from_shape_vec((rows, cols, channels), out.into_vec()).unwrap_or_default())
 }
@@ -212,13 +222,15 @@ struct Resample<'a, T> {
     out: &'a mut [T],
 }
 
-impl<T: Sample> Loop for Resample<'_, T> {
+impl<T: ResampledPixel> Loop for Resample<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
         let Self { source, rows, channels, y, offsets, out } = self;
-        let (width, weights, last) = (out.len(), weights(), rows as isize - 1);
+        let weights = weights();
+        let (width, last) = (out.len(), rows as isize - 1);
+
         let mut end = 0;
         for run in offsets.chunk_by(|a, b| a == b) {
             let start = end;
@@ -230,6 +242,7 @@ impl<T: Sample> Loop for Resample<'_, T> {
                 let row = (above - CENTER + tap).clamp(0, last) as usize;
                 *pixels = &source[row * width..][start..end];
             }
+
             T::write_means(
                 &taps,
                 &weights[run[0].rem_euclid(STEPS) as usize],
@@ -239,39 +252,50 @@ impl<T: Sample> Loop for Resample<'_, T> {
     }
 }
 
-/// The gray values of a view, impulses repaired and masked pixels filled, in the unit of its pixels.
+/// The gray values of a view, with impulses repaired and masked pixels filled, in the unit of its pixels.
 fn without_impulses(view: &View, level: Level, control: &Control) -> Result<View> {
     let gray = Gray::new(view, level, control)?;
-    let ((rows, cols), unit) = (gray.size(), gray.steps(1.0));
+
+    let unit = gray.steps(1.0);
+    let (rows, cols) = gray.size();
+
     let plane = gray.plane(level, control)?;
     let values = plane.map(|value| f64::from(*value) / unit).into_vec();
+
     let pixels = Array3::from_shape_vec((rows, cols, 1), values).unwrap_or_default();
-    // In thousandths.
+
+    // Ranges are in thousandths of the unit.
     let white = 1000.0 * f64::from(gray.reach()) / unit;
-    let range = Some(Range { black: -white, white });
+    let range = Some(IntensityRange { black: -white, white });
+
     Ok(View { image: Image::F64(pixels), mask: view.mask.clone(), range, impulses: 0.0 })
 }
 
-/// The view with masked pixels, which may be NaN, replaced by the nearest valid ones of their column within the reach of
-/// the taps, or else by zero.
+/// The view with masked pixels, which may be NaN, replaced by the nearest valid ones of their column within the taps,
+/// or else by zero.
 fn without_masked(view: &View, control: &Control) -> Result<View> {
-    let Some(mask) = &view.mask else { return Ok(view.clone()) };
+    let Some(mask) = &view.mask else {
+        return Ok(view.clone());
+    };
+
     let image = match &view.image {
         Image::U8(pixels) => Image::U8(filled(pixels, mask, control)?),
         Image::U16(pixels) => Image::U16(filled(pixels, mask, control)?),
         Image::F32(pixels) => Image::F32(filled(pixels, mask, control)?),
         Image::F64(pixels) => Image::F64(filled(pixels, mask, control)?),
     };
+
     Ok(View { image, mask: Some(mask.clone()), range: view.range, impulses: 0.0 })
 }
 
-fn filled<T: Sample>(
+fn filled<T: ResampledPixel>(
     pixels: &Array3<T>,
     mask: &Plane<bool>,
     control: &Control,
 ) -> Result<Array3<T>> {
     let (rows, cols, channels) = pixels.dim();
     let mut values = zeroed(rows * cols * channels)?;
+
     for y in 0..rows {
         control.checkpoint()?;
         for x in 0..cols {
@@ -279,6 +303,7 @@ fn filled<T: Sample>(
             let Some(from) = near.filter(|row| *row < rows).find(|row| mask.row(*row)[x]) else {
                 continue;
             };
+
             for c in 0..channels {
                 values[(y * cols + x) * channels + c] = pixels[(from, x, c)];
             }

@@ -1,4 +1,4 @@
-//! The blurs that are told apart: which image is the softer one, and by which point-spread function.
+//! The bank: blurs to tell apart, by which image is the softer one and by the point-spread function.
 
 use std::sync::OnceLock;
 
@@ -16,7 +16,7 @@ pub enum Side {
     Right,
 }
 
-/// A point-spread function with what it leaves of the power in every bin.
+/// A point-spread function with the share of the power that it leaves in every bin.
 #[derive(Debug, Clone)]
 pub struct Entry {
     /// The function.
@@ -28,9 +28,9 @@ pub struct Entry {
 const SIGMAS: [f64; 7] = [1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.0];
 const RADII: [f64; 7] = [2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
 const LENGTHS: [f64; 9] = [5.0, 7.0, 9.0, 11.0, 13.0, 15.0, 18.0, 21.0, 25.0];
-/// Degrees between the directions of motions.
+/// Step between the directions of motions, degrees.
 const TURN: u8 = 15;
-/// Outer radii of annuli, and the shares of them that are covered.
+/// Outer radii of annuli, pixels, and inner ones as shares of these.
 const OUTER: [f64; 6] = [3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
 const INNER: [f64; 2] = [0.5, 0.75];
 
@@ -41,26 +41,30 @@ impl Entry {
     }
 }
 
-/// A coarse choice from all families: finer than this, `refine` goes by itself.
+/// A coarse selection from all families; `refine` finds the sizes and directions between them.
 pub fn bank() -> &'static [Entry] {
     static BANK: OnceLock<Vec<Entry>> = OnceLock::new();
     BANK.get_or_init(|| {
         let round = |family: Family, sizes: &'static [f64]| {
             sizes.iter().map(move |size| Psf::round(family, *size))
         };
+
         let motions = LENGTHS.iter().flat_map(|length| {
             let angles = (0..180u8).step_by(TURN.into());
             angles.map(move |angle| Psf::motion(*length, f64::from(angle)))
         });
+
         let annuli =
             OUTER.iter().flat_map(|radius| INNER.map(|inner| Psf::annulus(*radius, inner)));
+
         let rounds = round(Family::Gaussian, &SIGMAS).chain(round(Family::Disk, &RADII));
         let all = rounds.chain(motions).chain(annuli);
         all.map(|psf| Entry::new(psf, Level::best())).collect()
     })
 }
 
-/// A few of all these: what is better explained by one of the others is so by one of them, if less.
+/// A few entries of the bank. A blur that explains blocks better than these would be explained better by one of them,
+/// too, if by less.
 pub fn probes() -> impl Iterator<Item = &'static Entry> {
     bank().iter().filter(|Entry { psf, .. }| match psf.family {
         Family::Gaussian => false,

@@ -1,6 +1,6 @@
-//! The frequency plane cut into bins, in which powers are compared.
+//! Bins of the frequency plane, in which powers are averaged and compared.
 //!
-//! Fine where the frequencies are low, since there the zeros of wide kernels lie close together.
+//! The bins are small at low frequencies, since the zeros of wide kernels lie close together there.
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -9,23 +9,23 @@ use crate::math;
 
 /// Side of a block whose spectrum is taken, pixels.
 pub const SIDE: usize = 64;
-/// Values are grouped by so many, so that loops over them are vectorized.
-pub const LANES: usize = 16;
-/// Such a group.
-pub type Lanes = [f32; LANES];
+/// Values are processed in groups of so many, so that the compiler vectorizes loops over them.
+pub const FLOAT_LANES: usize = 16;
+/// A group of values.
+pub type FloatLanes = [f32; FLOAT_LANES];
 
-/// Frequencies up to here are seen in fine cells, cycles per block.
+/// Below this frequency cells are small, cycles per block.
 const COARSE_FROM: isize = 16;
-/// Below so many cycles per block the window's own spectrum covers everything.
+/// Below this frequency, cycles per block, the spectrum of the window covers that of the image.
 const LOWEST: f64 = 1.2;
-/// Up to so many cycles per block a blur leaves enough to tell the gain by.
+/// Up to this frequency, cycles per block, a blur leaves enough power to estimate the gain.
 const LOW: f64 = 5.0;
-/// From so many cycles per block on there is little but noise, or at least in some directions.
+/// From this frequency on, cycles per block, there is little but noise, at least in some directions.
 const HIGH: f64 = 0.35 * SIDE as f64;
-/// Directions in which noise is looked for.
+/// Directions in which the noise is measured.
 const SECTORS: usize = 8;
 
-/// Directions in which blur is told apart at a glance.
+/// Directions in which a glance compares the blur.
 pub const DIRECTIONS: usize = 4;
 
 /// Bins of half the frequency plane (the other half mirrors it), by rising frequency.
@@ -33,18 +33,18 @@ pub const DIRECTIONS: usize = 4;
 pub struct Bins {
     /// The coefficients in each bin, at `kx * SIDE / 2 + ky`.
     members: Vec<Vec<u16>>,
-    /// How much each bin counts: one over the frequency, so that every octave counts as much as its area in
-    /// one dimension; sum 1.
+    /// The weight of each bin: one over the frequency, so that every octave counts as much as its area in one
+    /// dimension; sum 1.
     pub weights: Vec<f32>,
-    /// How much each bin counts when gains are looked for: only low ones do; sum 1.
+    /// The weight of each bin in the gain: equal at low frequencies, else 0; sum 1.
     pub low: Vec<f32>,
-    /// How much each bin counts in its direction, as in all of them, and in others not at all; sum 1 each.
+    /// The weight of each bin in its own direction, 0 in the others; sum 1 for each direction.
     pub directions: [Vec<f32>; DIRECTIONS],
-    /// Coefficients of high frequency by direction.
+    /// The coefficients of high frequency by direction.
     sectors: [Vec<u16>; SECTORS],
 }
 
-/// The bins; there is but one way to cut the plane.
+/// The bins, which are computed once.
 pub fn bins() -> &'static Bins {
     static BINS: OnceLock<Bins> = OnceLock::new();
     BINS.get_or_init(Bins::new)
@@ -52,6 +52,7 @@ pub fn bins() -> &'static Bins {
 
 impl Bins {
     fn new() -> Self {
+        // Cells of 2 x 2 coefficients at low frequencies, of 4 x 4 at others.
         let mut cells: BTreeMap<(isize, isize, isize), Vec<usize>> = BTreeMap::new();
         for place in 0..SIDE * SIDE / 2 {
             let (kx, ky) = wave(place);
@@ -59,9 +60,12 @@ impl Bins {
             let size = if fine { 2 } else { 4 };
             cells.entry((size, ky / size, (kx + 1).div_euclid(size))).or_default().push(place);
         }
+
         let mut cells: Vec<Vec<usize>> = cells.into_values().collect();
         cells.sort_by(|a, b| mean_frequency(a).total_cmp(&mean_frequency(b)));
-        let count = cells.len().next_multiple_of(LANES);
+        // Empty bins at the end fill the last group.
+        let count = cells.len().next_multiple_of(FLOAT_LANES);
+
         let mut bins = Self {
             members: vec![vec![]; count],
             weights: vec![0.0; count],
@@ -69,58 +73,68 @@ impl Bins {
             directions: std::array::from_fn(|_| vec![0.0; count]),
             sectors: Default::default(),
         };
+
         for (index, cell) in cells.iter().enumerate() {
             bins.members[index] = cell.iter().map(|place| *place as u16).collect();
+            // The lowest frequencies have no weight, but their bins are kept.
             let counted = cell.iter().map(|place| frequency(*place)).filter(|f| *f > LOWEST);
             bins.weights[index] = counted.map(|f| 1.0 / f).sum::<f64>() as f32;
             bins.directions[sector(cell[0], DIRECTIONS)][index] = bins.weights[index];
+
             let is_low = (LOWEST..LOW).contains(&mean_frequency(cell));
             bins.low[index] = if is_low { 1.0 } else { 0.0 };
         }
+
         normalize(&mut bins.weights);
         normalize(&mut bins.low);
         bins.directions.iter_mut().for_each(|weights| normalize(weights));
+
         let above = |place: &usize| wave(*place).1 > 0 && frequency(*place) > HIGH;
         for place in (0..SIDE * SIDE / 2).filter(above) {
             bins.sectors[sector(place, SECTORS)].push(place as u16);
         }
+
         bins
     }
 
-    /// Number of bins, a multiple of [`LANES`]; the last ones may be empty and count for nothing.
+    /// Number of bins, a multiple of [`FLOAT_LANES`]; the last ones may be empty and have no weight then.
     pub fn count(&self) -> usize {
         self.weights.len()
     }
 
-    /// The mean in every bin of powers at `kx * SIDE / 2 + ky`; 1 in empty ones, which have a logarithm then.
+    /// The mean of the powers in every bin, from powers at `kx * SIDE / 2 + ky`; 1 in empty bins, whose logarithm is
+    /// finite.
     pub fn pooled(&self, powers: &[f32]) -> Vec<f32> {
         let of_bin =
             |members: &Vec<u16>| if members.is_empty() { 1.0 } else { mean(powers, members) };
+
         self.members.iter().map(of_bin).collect()
     }
 
-    /// The least mean power at high frequencies in any direction: a motion leaves the direction across it as
-    /// it was.
+    /// The least mean power at high frequencies in any direction: a motion leaves the perpendicular direction
+    /// unchanged, so the quietest direction has the noise.
     pub fn least_high(&self, powers: &[f32]) -> f32 {
         let means = self.sectors.iter().map(|members| mean(powers, members));
         means.fold(f32::INFINITY, f32::min)
     }
 }
 
-/// The mean of some powers.
+/// The mean of the powers with these indices.
 fn mean(powers: &[f32], members: &[u16]) -> f32 {
     let power = |place: &u16| powers[usize::from(*place)];
     let (fours, rest) = members.as_chunks();
-    // By fours, so that not every sum waits for the one before.
+    // Sums of four values each shorten the chain of dependent additions.
+
     let of_four = |[a, b, c, d]: &[u16; 4]| power(a) + power(b) + (power(c) + power(d));
     let sum = fours.iter().map(of_four).sum::<f32>() + rest.iter().map(power).sum::<f32>();
+
     sum / members.len() as f32
 }
 
-/// The sum of all lanes, by halves: one after another, sums would take as long as all else.
+/// The sum of all lanes, by halves: a chain of additions would take as long as all else.
 #[inline(always)]
-pub fn total(mut sums: Lanes) -> f32 {
-    let mut half = LANES / 2;
+pub fn total(mut sums: FloatLanes) -> f32 {
+    let mut half = FLOAT_LANES / 2;
     while half > 0 {
         for lane in 0..half {
             sums[lane] += sums[lane + half];
@@ -132,7 +146,10 @@ pub fn total(mut sums: Lanes) -> f32 {
 
 /// The cycles per block along x and y of coefficient `kx * SIDE / 2 + ky`.
 fn wave(place: usize) -> (isize, isize) {
-    let (kx, ky) = ((place / (SIDE / 2)) as isize, (place % (SIDE / 2)) as isize);
+    let kx = (place / (SIDE / 2)) as isize;
+    let ky = (place % (SIDE / 2)) as isize;
+
+    // The upper half of the coefficients along x are negative frequencies.
     (if kx < SIDE as isize / 2 { kx } else { kx - SIDE as isize }, ky)
 }
 
@@ -145,9 +162,10 @@ fn mean_frequency(cell: &[usize]) -> f64 {
     cell.iter().map(|place| frequency(*place)).sum::<f64>() / cell.len() as f64
 }
 
-/// In which of so many directions it is.
+/// The index of the direction of a coefficient, of `count` directions over half a turn.
 fn sector(place: usize, count: usize) -> usize {
     let (kx, ky) = wave(place);
+
     let turns = math::atan2(ky as f64, kx as f64) / std::f64::consts::PI;
     (turns * count as f64).round().rem_euclid(count as f64) as usize
 }
@@ -180,7 +198,7 @@ mod tests {
         let mut places = bins().members.concat();
         places.sort_unstable();
         assert!(places.into_iter().map(usize::from).eq(0..SIDE * SIDE / 2));
-        assert_eq!(bins().count() % LANES, 0);
+        assert_eq!(bins().count() % FLOAT_LANES, 0);
     }
 
     #[test]

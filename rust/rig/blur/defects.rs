@@ -1,5 +1,5 @@
-//! What else is wrong with images, beside blur and noise, and is decided once for the whole of a pair: whether there are
-//! impulses ([`crate::image::impulses`]), and how much compression has left of its blocks ([`crate::image::blocking`]).
+//! Defects of images beside blur and noise, which are detected once for a whole pair: impulses
+//! ([`crate::image::impulses`]), and blocks that compression has left ([`crate::image::blocking`]).
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -10,33 +10,33 @@ use super::parts::Means;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::image::blocking::{self, Extra};
-use crate::image::impulses::{self, HEIGHT, are_there, doubtless};
+use crate::image::impulses::{self, HEIGHT, count_doubtless, has_impulses};
 use crate::image::intensity::{Gray, float_range};
 use crate::image::masking;
 use crate::image::view::{Image, View};
 use crate::pipeline::matcher::Pair;
 use crate::pipeline::source::{Source, bands, has_empty_row, widened};
 
-/// The noise, in gray levels, that does as much harm as what compression has lost where blocks stand out by one. Means of
-/// bad-1.0 (%) over 12 scenes, JPEG of quality 90, 70 and 30 in both images, of 70 and 30 in the right one: without: 8.8,
-/// 14.1, 25.7; 6: 8.39, 12.56, 22.2, 9.97, 16.1; 9: 8.35, 12.53, 21.9, 10.43, 16.7.
+/// The noise, in gray levels, that does as much harm as the loss of compression where blocks stand out by one level.
+/// Means of bad-1.0 (%) over 12 scenes, JPEG of quality 90, 70 and 30 in both images, of 70 and 30 in the right one:
+/// without: 8.8, 14.1, 25.7; 6: 8.39, 12.56, 22.2, 9.97, 16.1; 9: 8.35, 12.53, 21.9, 10.43, 16.7.
 const HARM: f64 = 6.0;
-/// Rows that one task looks at.
+/// Rows of one task.
 const ROWS: usize = 64;
-/// Rows above and below one that count.
+/// Rows above and below one that its defects depend on.
 const REACH: usize =
     if impulses::REACH > blocking::REACH { impulses::REACH } else { blocking::REACH };
 
-/// What is wrong with the left and the right image, in units of their pixels.
+/// The defects of the left and the right image, in units of their pixels.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Defects {
     /// The least height of their impulses; 0: there are none.
     pub impulses: [f64; 2],
-    /// Standard deviations of a noise that would do as much harm as what compression has lost.
+    /// Standard deviations of a noise that would do as much harm as the loss of compression.
     pub coding: [f64; 2],
 }
 
-/// A pair that is read by rows, whose impulses are known.
+/// A source whose pairs have known impulses, which are repaired.
 pub struct Repaired<'a> {
     /// The pair as it is.
     pub source: &'a dyn Source,
@@ -62,75 +62,91 @@ impl Source for Repaired<'_> {
     }
 }
 
-/// What is counted of one image.
+/// What is counted in an image.
 #[derive(Debug, Clone, Copy, Default)]
-struct Counts {
+struct DefectCounts {
     doubtless: u64,
     extra: Extra,
-    /// Steps of the gray values to the unit of the pixels.
+    /// Steps of gray values per unit of the pixels.
     steps: f64,
 }
 
 impl Defects {
-    /// Those of a pair in memory.
+    /// The defects of a pair in memory.
     pub fn of_pair(pair: &Pair, means: Means) -> Result<Self> {
         let levels = gray_levels(pair, largest(pair), means)?;
+
         let height = pair.size().0;
         let left = counts(pair, 0, 0..height, (0, height), levels[0], means)?;
         let right = counts(pair, 1, 0..height, (0, height), levels[1], means)?;
-        Ok(Self::told(&[left, right], levels, pair.size()))
+
+        Ok(Self::from_counts(&[left, right], levels, pair.size()))
     }
 
-    /// The same of one that is read by rows.
+    /// The defects of a pair that is read by rows.
     pub fn of_source(source: &dyn Source, means: Means) -> Result<Self> {
         let (height, cols) = source.size();
         let sample = source.rows(0..1)?;
+
         let mut brightest = 0;
+        // Gray levels of 16 bits depend on the brightest pixel of the whole pair.
         if matches!(sample.views()[0].image, Image::U16(_)) {
             for rows in bands(source) {
                 brightest = largest(&source.rows(rows)?).max(brightest);
             }
         }
+
         let levels = gray_levels(&sample, brightest, means)?;
-        let mut found = [Counts::default(); 2];
+
+        let mut found = [DefectCounts::default(); 2];
         for rows in bands(source) {
             let mut read = widened(&rows, REACH, height);
             let mut pair = source.rows(read.clone())?;
+
             if pair.views().iter().any(|view| view.mask.as_ref().is_some_and(has_empty_row)) {
-                // Such rows copy others, which may lie beyond.
+                // Rows without a valid pixel copy the nearest ones that have some, which may not have been read.
                 read = widened(&read, masking::REACH, height);
                 pair = source.rows(read.clone())?;
             }
+
             let here = rows.start - read.start..rows.end - read.start;
             for (side, found) in found.iter_mut().enumerate() {
                 let place = (read.start, height);
                 *found = found.and(counts(&pair, side, here.clone(), place, levels[side], means)?);
             }
         }
-        Ok(Self::told(&found, levels, (height, cols)))
+
+        Ok(Self::from_counts(&found, levels, (height, cols)))
     }
 
-    /// The pair with what is known of its impulses.
+    /// The pair with the heights of its impulses.
     pub fn repaired<'a>(&self, pair: &'a Pair) -> Cow<'a, Pair> {
         if self.impulses.iter().all(|height| *height <= 0.0) {
             return Cow::Borrowed(pair);
         }
+
         Cow::Owned(pair.clone().with_impulses(self.impulses))
     }
 
-    fn told(found: &[Counts; 2], levels: [f64; 2], (rows, cols): (usize, usize)) -> Self {
-        let mut told = Self { impulses: [0.0; 2], coding: [0.0; 2] };
-        for (side, Counts { doubtless, extra, steps }) in found.iter().enumerate() {
-            if are_there(*doubtless, rows * cols) {
-                told.impulses[side] = HEIGHT * levels[side];
+    fn from_counts(
+        found: &[DefectCounts; 2],
+        levels: [f64; 2],
+        (rows, cols): (usize, usize),
+    ) -> Self {
+        let mut defects = Self { impulses: [0.0; 2], coding: [0.0; 2] };
+
+        for (side, DefectCounts { doubtless, extra, steps }) in found.iter().enumerate() {
+            if has_impulses(*doubtless, rows * cols) {
+                defects.impulses[side] = HEIGHT * levels[side];
             }
-            told.coding[side] = HARM * extra.jump() / steps;
+            defects.coding[side] = HARM * extra.jump() / steps;
         }
-        told
+
+        defects
     }
 }
 
-impl Counts {
+impl DefectCounts {
     fn and(self, other: Self) -> Self {
         Self {
             doubtless: self.doubtless + other.doubtless,
@@ -140,7 +156,7 @@ impl Counts {
     }
 }
 
-/// What is counted of some rows of an image of a pair that begins with row `first` of one of `height` rows.
+/// Counts in some rows of an image, of a pair that begins with row `first` of `height` rows.
 fn counts(
     pair: &Pair,
     side: usize,
@@ -148,24 +164,28 @@ fn counts(
     (first, height): (usize, usize),
     gray_level: f64,
     Means { how, control, .. }: Means,
-) -> Result<Counts> {
+) -> Result<DefectCounts> {
     let gray = Gray::new(pair.views()[side], how.level, control)?;
-    let (plane, level) = (gray.plane(how.level, control)?, gray.steps(gray_level));
-    let of_rows = |start: usize| -> Result<Counts> {
+    let plane = gray.plane(how.level, control)?;
+    let level = gray.steps(gray_level);
+
+    let of_rows = |start: usize| -> Result<DefectCounts> {
         control.checkpoint()?;
+
         let rows = start..(start + ROWS).min(rows.end);
-        Ok(Counts {
-            doubtless: doubtless(&plane, rows.clone(), level, how.level)?,
-            extra: Extra::of(&plane, rows, (first, height), level, how.level)?,
+        Ok(DefectCounts {
+            doubtless: count_doubtless(&plane, rows.clone(), level, how.level)?,
+            extra: Extra::of_rows(&plane, rows, (first, height), level, how.level)?,
             steps: gray.steps(1.0),
         })
     };
+
     let starts: Vec<usize> = rows.clone().step_by(ROWS).collect();
     let found = starts.into_par_iter().map(of_rows);
-    found.try_reduce(Counts::default, |a, b| Ok(a.and(b)))
+    found.try_reduce(DefectCounts::default, |a, b| Ok(a.and(b)))
 }
 
-/// The largest valid pixel of either image, of 16 bits; 0 of others.
+/// The largest valid pixel of both images if they have 16 bits, else 0.
 fn largest(pair: &Pair) -> u16 {
     let of_view = |view: &View| match (&view.image, &view.mask) {
         (Image::U16(pixels), None) => pixels.iter().copied().max(),
@@ -175,20 +195,23 @@ fn largest(pair: &Pair) -> u16 {
         }
         _ => None,
     };
+
     let [left, right] = pair.views().map(of_view);
     left.max(right).unwrap_or(0)
 }
 
-/// A gray level of either image, in units of the pixels, of which there are 256 from black to white; of 16 bits, of which
-/// few cameras use all, as many count as are used.
+/// The gray level of either image, in units of its pixels: one of 256 steps from black to white. Few cameras use all 16
+/// bits, so of those as many count as the brightest pixel has.
 fn gray_levels(pair: &Pair, largest: u16, means: Means) -> Result<[f64; 2]> {
     let bits = (u16::BITS - largest.leading_zeros()).max(u8::BITS);
+
     let level = |view: &View| match &view.image {
         Image::U8(_) => Ok(1.0),
         Image::U16(_) => Ok(f64::from(1u32 << (bits - u8::BITS))),
-        // In thousandths.
+        // Ranges are in thousandths of the unit.
         Image::F32(_) | Image::F64(_) => Ok(float_range(view, means.control)?.width() / 256e3),
     };
+
     let [left, right] = pair.views();
     Ok([level(left)?, level(right)?])
 }

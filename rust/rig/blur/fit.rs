@@ -1,67 +1,78 @@
-//! How well a blur explains what two power spectra differ by.
+//! The fit of a blur to the power spectra of two blocks.
+//!
+//! The model, in every bin, is
+//!
+//! ```text
+//! blurred = gain x response x (sharp - noise of the sharp) + noise of the blurred
+//! ```
+//!
+//! and the loss is the weighted mean magnitude of the residuals of its logarithm. The gain is first that of the low
+//! frequencies, which blur hardly changes; then one Gauss-Newton step corrects it.
 
-use super::bins::{LANES, Lanes, bins, total};
+use super::bins::{FLOAT_LANES, FloatLanes, bins, total};
 use super::spectrum::Powers;
 use crate::math;
 use crate::simd::{Level, Loop};
 
-/// Residuals beyond this, in nepers, count for no more: blocks need not show the same altogether.
+/// Residuals beyond this, nepers, are clipped: blocks do not always show quite the same.
 const LARGEST_RESIDUAL: f32 = 2.0;
-/// Of an image's power at least this share is taken for signal.
+/// Least share of an image's power that is taken for signal.
 const LEAST_SIGNAL: f32 = 0.02;
-/// Gains of power lie within this many nepers of 1, corrections of them within one.
+/// Least share of the power that a blur is taken to leave, where it is undone.
+const LEAST_LEFT: f32 = 1e-3;
+/// The logarithm of the gain of power lies within so many nepers of 0, that of its correction within one.
 const LARGEST_GAIN: f32 = 20.0;
 
-/// Most bins there can be.
+/// Most bins that residuals are stored for.
 const MOST_BINS: usize = 256;
 
-/// What a kernel leaves of the power in every bin.
+/// The share of the power that a kernel leaves in every bin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Response {
     values: Vec<f32>,
-    /// The mean logarithm of the low ones.
+    /// The mean logarithm at low frequencies.
     low: f32,
 }
 
-/// What the spectra of two blocks, one of which may be blurrier, have to say.
+/// Power spectra of two blocks, one of which may be blurrier.
 #[derive(Debug, Clone)]
 pub struct BlurEvidence {
-    /// Logarithms of the blurrier one's power.
-    blurred: Vec<Lanes>,
-    /// The sharper one's power without its noise.
-    sharp: Vec<Lanes>,
-    /// The power of the blurrier one's noise.
+    /// Logarithms of the power of the blurrier one.
+    blurred: Vec<FloatLanes>,
+    /// Power of the sharper one without its noise.
+    sharp: Vec<FloatLanes>,
+    /// Power of the noise of the blurrier one.
     noise: f32,
     /// Mean logarithm of the quotient of both signals where frequencies are low.
     low: f32,
 }
 
-/// How a blur explains the evidence.
+/// How well a blur explains the evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fit {
     /// Mean magnitude of the residuals, nepers of power; 0 is a perfect fit.
     pub loss: f32,
-    /// By how much the image that is taken for the blurrier one has less power than that, nepers on average, as
-    /// long as the gain is that of the low frequencies.
+    /// How much less power the image that is taken for the blurrier one has than expected, nepers on average, with the
+    /// gain of the low frequencies.
     pub lack: f32,
     /// Logarithm of the gain of power.
     log_gain: f32,
 }
 
 impl Response {
-    /// That of one value in every bin.
+    /// The response with one value for every bin.
     pub fn new(values: Vec<f32>) -> Self {
         let low = bins().low.iter().zip(&values).map(|(weight, value)| weight * ln(*value)).sum();
         Self { values, low }
     }
 
-    /// What is left in every bin.
+    /// The share that is left in every bin.
     #[cfg(test)]
     pub fn values(&self) -> &[f32] {
         &self.values
     }
 
-    /// That of no blur.
+    /// The response of no blur.
     pub fn flat() -> Self {
         Self::new(vec![1.0; bins().count()])
     }
@@ -75,9 +86,24 @@ impl Fit {
 }
 
 impl BlurEvidence {
-    /// That for a blur of the left image and for one of the right image, given the powers of the noise of both.
+    /// Evidence for a blur of the left image and for one of the right image, given the powers of the noise of both.
     pub fn of_both(powers: &Powers, noise: [f32; 2], level: Level) -> [Self; 2] {
         level.run(Signals { powers, noise })
+    }
+
+    /// The evidence with a blur of the sharper image undone, of which this is the response.
+    pub fn against(&self, response: &Response) -> Self {
+        let (responses, _) = response.values.as_chunks::<FLOAT_LANES>();
+
+        let mut undone = self.clone();
+        for (sharp, response) in undone.sharp.iter_mut().zip(responses) {
+            for (sharp, left) in sharp.iter_mut().zip(response) {
+                *sharp /= left.max(LEAST_LEFT);
+            }
+        }
+
+        undone.low += response.low;
+        undone
     }
 
     /// Fits the model: blurred = gain x response x (sharp - its noise) + noise.
@@ -95,7 +121,7 @@ impl BlurEvidence {
     }
 }
 
-/// What is there but noise, as evidence for either side.
+/// Subtracts the noise and takes logarithms, as evidence for either side.
 struct Signals<'a> {
     powers: &'a Powers,
     noise: [f32; 2],
@@ -108,31 +134,42 @@ impl Loop for Signals<'_> {
     fn run(self) -> [BlurEvidence; 2] {
         let Self { powers, noise } = self;
         let [left, right] = &powers.binned;
-        let (left, right) = (left.as_chunks::<LANES>().0, right.as_chunks::<LANES>().0);
-        let room = || Vec::with_capacity(left.len());
-        let evidence = |noise| BlurEvidence { blurred: room(), sharp: room(), noise, low: 0.0 };
+        let (left, right) = (left.as_chunks::<FLOAT_LANES>().0, right.as_chunks::<FLOAT_LANES>().0);
+        let with_capacity = || Vec::with_capacity(left.len());
+        let evidence = |noise| BlurEvidence {
+            blurred: with_capacity(),
+            sharp: with_capacity(),
+            noise,
+            low: 0.0,
+        };
         let (mut for_left, mut for_right) = (evidence(noise[0]), evidence(noise[1]));
-        let mut low = [0.0; LANES];
+
+        let mut low = [0.0; FLOAT_LANES];
         for ((left, right), weights) in
-            left.iter().zip(right).zip(bins().low.as_chunks::<LANES>().0)
+            left.iter().zip(right).zip(bins().low.as_chunks::<FLOAT_LANES>().0)
         {
-            let (left_signal, right_signal) = (signal(*left, noise[0]), signal(*right, noise[1]));
+            let left_signal = signal(*left, noise[0]);
+            let right_signal = signal(*right, noise[1]);
             let (left_log, right_log) = (logarithms(left_signal), logarithms(right_signal));
-            for lane in 0..LANES {
+
+            for lane in 0..FLOAT_LANES {
                 low[lane] += weights[lane] * (left_log[lane] - right_log[lane]);
             }
+
             for_left.blurred.push(logarithms(*left));
             for_left.sharp.push(right_signal);
             for_right.blurred.push(logarithms(*right));
             for_right.sharp.push(left_signal);
         }
+
         for_left.low = total(low);
         for_right.low = -for_left.low;
+
         [for_left, for_right]
     }
 }
 
-/// A response to be fitted.
+/// Fits one response.
 struct Model<'a> {
     evidence: &'a BlurEvidence,
     response: &'a Response,
@@ -147,7 +184,7 @@ impl Loop for Model<'_> {
     }
 }
 
-/// Responses to be fitted one after another: what is set up for each of them takes as long as a third of a fit.
+/// Fits responses one after another: what is set up for each fit alone takes a third of its time.
 struct Models<'e, R> {
     evidence: &'e BlurEvidence,
     responses: R,
@@ -160,69 +197,84 @@ impl<'r, R: Iterator<Item = &'r Response>> Loop for Models<'_, R> {
     fn run(self) -> Vec<f32> {
         let mut losses = Vec::with_capacity(self.responses.size_hint().0);
         let mut residuals = NO_RESIDUALS;
+
         for response in self.responses {
             losses.push(fitted(self.evidence, response, &mut residuals).loss);
         }
+
         losses
     }
 }
 
-/// Residuals of some bins, and how much of them is signal.
-type Residuals = [(Lanes, Lanes); MOST_BINS / LANES];
-const NO_RESIDUALS: Residuals = [([0.0; LANES], [0.0; LANES]); MOST_BINS / LANES];
+/// Residuals of groups of bins, and the share of the signal in what is expected.
+type Residuals = [(FloatLanes, FloatLanes); MOST_BINS / FLOAT_LANES];
+const NO_RESIDUALS: Residuals = [([0.0; FLOAT_LANES], [0.0; FLOAT_LANES]); MOST_BINS / FLOAT_LANES];
 
 #[inline(always)]
 fn fitted(evidence: &BlurEvidence, response: &Response, residuals: &mut Residuals) -> Fit {
     let log_gain = (evidence.low - response.low).clamp(-LARGEST_GAIN, LARGEST_GAIN);
-    let (gain, noise) = (math::exp(f64::from(log_gain)) as f32, evidence.noise);
-    let (responses, _) = response.values.as_chunks::<LANES>();
-    let (weights, _) = bins().weights.as_chunks::<LANES>();
-    let (mut pull, mut trusted, mut excess) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    let gain = math::exp(f64::from(log_gain)) as f32;
+    let noise = evidence.noise;
+
+    let (responses, _) = response.values.as_chunks::<FLOAT_LANES>();
+    let (weights, _) = bins().weights.as_chunks::<FLOAT_LANES>();
+
+    // Sums for the correction of the gain and for what the softer image lacks.
+    let (mut pull, mut trusted, mut excess) =
+        ([0.0; FLOAT_LANES], [0.0; FLOAT_LANES], [0.0; FLOAT_LANES]);
     let powers = evidence.blurred.iter().zip(&evidence.sharp).zip(responses).zip(weights);
     for ((((blurred, sharp), response), weights), kept) in powers.zip(residuals.iter_mut()) {
         let (residual, trust) = residual(*blurred, *sharp, *response, gain, noise);
-        for lane in 0..LANES {
+
+        for lane in 0..FLOAT_LANES {
             let clipped = residual[lane].clamp(-LARGEST_RESIDUAL, LARGEST_RESIDUAL);
             pull[lane] += weights[lane] * trust[lane] * clipped;
             trusted[lane] += weights[lane] * trust[lane];
             excess[lane] += weights[lane] * residual[lane];
         }
+
         *kept = (residual, trust);
     }
+
     let correction = (total(pull) / total(trusted).max(1e-9)).clamp(-1.0, 1.0);
-    let mut loss = [0.0; LANES];
+
+    let mut loss = [0.0; FLOAT_LANES];
     for (weights, (residual, trust)) in weights.iter().zip(residuals) {
-        for lane in 0..LANES {
-            // To the first order, what a little more gain does where there is signal and where there is noise.
+        for lane in 0..FLOAT_LANES {
+            // The residual changes with the logarithm of the gain by the share of the signal, to the first order.
             let residual = (residual[lane] - trust[lane] * correction).abs();
             loss[lane] += weights[lane] * residual.min(LARGEST_RESIDUAL);
         }
     }
+
     Fit { loss: total(loss), lack: -total(excess), log_gain: log_gain + correction }
 }
 
-/// Logarithmic residuals, and the share of the signal in what is expected.
+/// Residuals of the logarithm, and the share of the signal in what is expected.
 #[inline(always)]
 fn residual(
-    blurred: Lanes,
-    sharp: Lanes,
-    response: Lanes,
+    blurred: FloatLanes,
+    sharp: FloatLanes,
+    response: FloatLanes,
     gain: f32,
     noise: f32,
-) -> (Lanes, Lanes) {
-    let (mut residual, mut trust) = ([0.0; LANES], [0.0; LANES]);
-    for lane in 0..LANES {
+) -> (FloatLanes, FloatLanes) {
+    let mut residual = [0.0; FLOAT_LANES];
+    let mut trust = [0.0; FLOAT_LANES];
+
+    for lane in 0..FLOAT_LANES {
         let signal = gain * response[lane] * sharp[lane];
         let expected = signal + noise;
         residual[lane] = blurred[lane] - ln(expected);
         trust[lane] = signal / expected.max(f32::MIN_POSITIVE);
     }
+
     (residual, trust)
 }
 
-/// Powers without that of the noise.
+/// Powers less that of the noise.
 #[inline(always)]
-fn signal(powers: Lanes, noise: f32) -> Lanes {
+fn signal(powers: FloatLanes, noise: f32) -> FloatLanes {
     let mut signal = powers;
     for value in &mut signal {
         *value = (*value - noise).max(LEAST_SIGNAL * *value);
@@ -231,7 +283,7 @@ fn signal(powers: Lanes, noise: f32) -> Lanes {
 }
 
 #[inline(always)]
-fn logarithms(values: Lanes) -> Lanes {
+fn logarithms(values: FloatLanes) -> FloatLanes {
     let mut logarithms = values;
     for value in &mut logarithms {
         *value = ln(*value);
@@ -239,14 +291,17 @@ fn logarithms(values: Lanes) -> Lanes {
     logarithms
 }
 
-/// The natural logarithm of a positive number, to 4e-5: this one is the same on every machine, and the loops
-/// around it are vectorized.
+/// The natural logarithm of a positive number, to 4e-5. It is the same on every machine, and loops over it are
+/// vectorized.
 #[inline(always)]
 fn ln(value: f32) -> f32 {
     let bits = value.max(f32::MIN_POSITIVE).to_bits() as i32;
+
+    // The value is (1 + t) 2^exponent, as its bits say.
     let exponent = ((bits >> 23) - 127) as f32;
     let t = f32::from_bits((bits & 0x007f_ffff | 0x3f80_0000) as u32) - 1.0;
-    // Least squares of ln(1 + t) / t at Chebyshev nodes.
+
+    // A polynomial for ln(1 + t) / t, by least squares at Chebyshev nodes.
     let series = 0.041_551_114 * t - 0.157_838_38;
     let series = (series * t + 0.306_561_1) * t - 0.497_030_84;
     (series * t + 0.999_945) * t + exponent * std::f32::consts::LN_2

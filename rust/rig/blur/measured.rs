@@ -1,77 +1,89 @@
-//! A kernel that no family knows, measured from what both images show.
+//! Measurement of a kernel that belongs to no family, from what both images show.
 
 use super::bank::Side;
 use super::bins::SIDE;
 use super::rough::{Rough, Shades};
-use super::spectrum::{Cross, Place, kernel};
+use super::spectrum::{BlockPlace, Cross, kernel};
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
 use crate::rig::psf::Taps;
 use crate::simd::Level;
 
-/// Taps on either side of the center: of larger kernels blocks see too little.
+/// Taps on either side of the center: blocks are too small for larger kernels.
 const REACH: usize = 15;
 /// Taps below this share of the largest are noise.
 const LEAST_TAP: f32 = 0.08;
-/// Share of the mean power of the sharp image that is added to every power, against division by nothing.
+/// Share of the mean power of the sharp image that is added to every power: it regularizes the division.
 const REGULAR: f32 = 1e-3;
 
-/// Adds what blocks of the left image have in common with the right one as seen from the left.
-pub fn look(
+/// Adds the cross-spectra of blocks of the left image and of the right image warped to the left one.
+pub fn add_cross_spectra(
     shades: &[Shades; 2],
     rough: &Rough,
-    places: &[Place],
+    places: &[BlockPlace],
     sums: &mut Cross,
     level: Level,
     control: &Control,
 ) -> Result<()> {
-    let seen = warped(&shades[1].plane, rough, control)?;
-    let there = |place: &Place| Place { right_top: place.top, right: place.left, ..*place };
-    let places: Vec<Place> = places.iter().map(there).collect();
-    sums.add_all([&shades[0].plane, &seen], &places, level, control)
+    let warped = warped(&shades[1].plane, rough, control)?;
+
+    // In the warped image, the right block has the corner of the left one.
+    let same_corner =
+        |place: &BlockPlace| BlockPlace { right_top: place.top, right: place.left, ..*place };
+    let places: Vec<BlockPlace> = places.iter().map(same_corner).collect();
+
+    sums.add_all([&shades[0].plane, &warped], &places, level, control)
 }
 
-/// The kernel that turns the sharp image into the soft one, by least squares over what was looked at: the sum of
-/// cross-spectra over that of powers.
-///
-/// `None` if there is nothing to see it by.
+/// The kernel that turns the sharp image into the soft one, by regularized least squares: the sum of cross-spectra over
+/// the sum of powers. `None` where the images have nothing in common.
 pub fn measured(sums: &Cross, side: Side, level: Level) -> Option<Taps> {
     let sharp = &sums.powers[1 - side.index()];
     let regular = sharp.iter().sum::<f32>() / sharp.len() as f32 * REGULAR;
+
     let over = |product: &[f32], sign: f32| -> Vec<f32> {
         let quotient = |(product, power): (&f32, &f32)| {
             sign * product / (power + regular).max(f32::MIN_POSITIVE)
         };
         product.iter().zip(sharp).map(quotient).collect()
     };
+
+    // The product is left times conjugate right: its conjugate belongs to a soft right image.
     let sign = if side == Side::Left { 1.0 } else { -1.0 };
     let [re, im] = &sums.product;
     cleaned(&kernel(&[over(re, 1.0), over(im, sign)], level))
 }
 
-/// The right image as seen from the left one.
+/// The right image warped to the left one by the rough disparities.
 fn warped(right: &Plane<f32>, rough: &Rough, control: &Control) -> Result<Plane<f32>> {
     let last = right.cols() as isize - 1;
+
     Plane::by_rows((right.rows(), right.cols()), control, |y, row: &mut [f32]| {
         for (x, value) in row.iter_mut().enumerate() {
             let from = (x as isize - rough.at(y, x).round() as isize).clamp(0, last) as usize;
             let below = y as isize + rough.rows_at(y, from);
+
             *value = right.row(below.clamp(0, right.rows() as isize - 1) as usize)[from];
         }
     })
 }
 
-/// What is a point-spread function of it: positive taps that hang together about the largest.
+/// The point-spread function in a measured kernel: the connected positive taps about the largest one.
 fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
-    let (corner, side) = (SIDE / 2 - REACH, 2 * REACH + 1);
+    let corner = SIDE / 2 - REACH;
+    let side = 2 * REACH + 1;
     let inner = Plane::from_fn(side, side, |y, x| kernel.row(corner + y)[corner + x]);
+
     let taps = inner.as_slice();
     let start = (0..taps.len()).max_by(|a, b| taps[*a].total_cmp(&taps[*b]))?;
+
     let floor = taps[start] * LEAST_TAP;
     if floor <= 0.0 {
         return None;
     }
+
+    // A flood fill from the largest tap.
     let mut values = vec![0.0; side * side];
     let mut open = vec![start];
     while let Some(place) = open.pop() {
@@ -79,12 +91,15 @@ fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
         if tap < floor || values[place] != 0.0 {
             continue;
         }
+
         values[place] = f64::from(tap);
+
         let (y, x) = (place / side, place % side);
         for row in y.saturating_sub(1)..(y + 2).min(side) {
             open.extend((x.saturating_sub(1)..(x + 2).min(side)).map(|col| row * side + col));
         }
     }
+
     Some(Taps::new(REACH, values))
 }
 
@@ -94,7 +109,7 @@ mod tests {
     use crate::image::plane::reflect;
     use crate::image::view::{Image, View};
     use crate::pipeline::matcher::{Execution, Matcher, Pair};
-    use crate::rig::blur::rough::{Known, Scale};
+    use crate::rig::blur::rough::{Correspondence, RoughScale};
     use crate::rig::psf::path;
 
     /// An image of squares of a few sizes.
@@ -142,7 +157,7 @@ mod tests {
         let (control, level) = (Control::default(), Level::best());
         let how = Execution { threads: 1, level };
         let matcher = Matcher::new(1).expect("a thread");
-        let scale = Scale { factor: 2, neighborhood: 9 };
+        let scale = RoughScale { factor: 2, neighborhood: 9 };
         let sharp = Plane::from_fn(150, 200, scene);
         let soft = convolved(&sharp, &hook());
         for side in [Side::Left, Side::Right] {
@@ -159,18 +174,19 @@ mod tests {
             };
             let pair = Pair::new(view(shots[0]), view(shots[1]), 0, 8).expect("a legal pair");
             let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
-            let known = Known { candidates: pair.candidates(), alignment: None };
+            let known = Correspondence { candidates: pair.candidates(), alignment: None };
             let rough =
                 Rough::new(&shades, known, scale, &matcher, how, &control).expect("a match");
-            let corner = |i: usize| Place {
+            let corner = |i: usize| BlockPlace {
                 top: i / 4 * 40,
                 left: i % 4 * 40,
                 right_top: i / 4 * 40,
                 right: i % 4 * 40,
             };
-            let places: Vec<Place> = (0..12).map(corner).collect();
+            let places: Vec<BlockPlace> = (0..12).map(corner).collect();
             let mut sums = Cross::default();
-            look(&shades, &rough, &places, &mut sums, level, &control).expect("not cancelled");
+            add_cross_spectra(&shades, &rough, &places, &mut sums, level, &control)
+                .expect("not cancelled");
             let found = measured(&sums, side, level).expect("there is contrast");
             let mirrored = Taps::new(hook().reach, hook().values.into_iter().rev().collect());
             let (alike, unlike) = (likeness(&found, &hook()), likeness(&found, &mirrored));

@@ -1,4 +1,4 @@
-//! From the nearest of a coarse choice to the size and the direction of a blur.
+//! Refinement of a coarse choice from the bank to the size and the direction of a blur.
 
 use std::ops::RangeInclusive;
 
@@ -7,24 +7,25 @@ use super::fit::{BlurEvidence, Fit};
 use crate::rig::psf::{Family, Psf};
 use crate::simd::Level;
 
-/// First step of the size, as a share of it; halved until it is a fiftieth of that.
+/// First step of the size, as a share of it.
 const STEP: f64 = 0.2;
-/// First step of the direction, degrees; halved along with that of the size.
+/// First step of the direction, degrees.
 const TURN: f64 = 8.0;
-/// Shares of the radius of an annulus that may be covered: one with a smaller hole is hardly any other than a disk.
+/// Shares of the radius of an annulus that may be covered: one with a smaller hole hardly differs from a disk.
 const COVERED: RangeInclusive<f64> = 0.4..=0.9;
-/// An annulus is believed where it has no more than this share of the loss of all other families: its many zeros resemble
-/// what compression leaves of a blur, and areas of several blurs. On four scenes annuli 6/3 and 6/4.5 have 0.27 to 0.35 of
-/// the loss of the best disk, annuli that are fitted to a Gaussian of 2 after JPEG of quality 70 have 0.76 to 1.
+/// An annulus is accepted if its loss is at most this share of that of all other families: its many zeros resemble
+/// what compression leaves of a blur, and areas of several blurs. On four scenes annuli 6/3 and 6/4.5 have 0.27 to
+/// 0.35 of the loss of the best disk, annuli that are fitted to a Gaussian of 2 after JPEG of quality 70 have 0.76 to
+/// 1.
 const CLEARLY: f32 = 0.5;
-/// How often steps are halved.
+/// How often the steps of size and direction are halved.
 const HALVINGS: usize = 5;
-/// Families that start with more than this times the least loss (plus a little) do not come in question.
+/// Families whose first loss is more than the least one times this (plus a little) are not refined.
 const HOPELESS: f32 = 1.6;
 
-/// A blur and how well it explains the powers.
+/// A blur and how well it explains the evidence.
 #[derive(Debug, Clone)]
-pub struct Found {
+pub struct RefinedBlur {
     /// The blur.
     pub entry: Entry,
     /// How well.
@@ -32,30 +33,35 @@ pub struct Found {
 }
 
 /// The blur of any family that explains the evidence best.
-pub fn refine(evidence: &BlurEvidence, level: Level) -> Found {
+pub fn refine(evidence: &BlurEvidence, level: Level) -> RefinedBlur {
     let judge = |entry: Entry| {
         let fit = evidence.fit(&entry.response, level);
-        Found { entry, fit }
+        RefinedBlur { entry, fit }
     };
     let judge_new = |psf| judge(Entry::new(psf, level));
+
     let families = [Family::Gaussian, Family::Disk, Family::Motion, Family::Annulus];
     let seeds = families.map(|family| {
         let members = bank().iter().filter(|entry| entry.psf.family == family);
         best(members.cloned().map(judge))
     });
+
     let (annuli, others): (Vec<_>, Vec<_>) =
         seeds.into_iter().flatten().partition(|found| found.entry.psf.family == Family::Annulus);
+
     let least = others.iter().map(|found| found.fit.loss).fold(f32::INFINITY, f32::min);
-    let is_hopeful = |found: &Found| found.fit.loss <= HOPELESS * least + 0.02;
+    let is_hopeful = |found: &RefinedBlur| found.fit.loss <= HOPELESS * least + 0.02;
+
     let refined = others.into_iter().filter(is_hopeful).map(|seed| descend(seed, &judge_new));
-    // There is always the one with the least loss.
+    // The family with the least loss passes the filter, so there is one unless all losses are NaN.
     let usual = best(refined).unwrap_or_else(|| judge(bank()[0].clone()));
+
     let annuli = annuli.into_iter().filter(is_hopeful).map(|seed| descend(seed, &judge_new));
     best(annuli.filter(|found| found.fit.loss <= CLEARLY * usual.fit.loss)).unwrap_or(usual)
 }
 
-/// Goes where the loss falls, in ever smaller steps.
-fn descend(seed: Found, judge: &impl Fn(Psf) -> Found) -> Found {
+/// Pattern search: goes to the best neighbor while the loss falls, then halves the steps.
+fn descend(seed: RefinedBlur, judge: &impl Fn(Psf) -> RefinedBlur) -> RefinedBlur {
     let mut found = seed;
     for halving in 0..HALVINGS {
         let (grow, turn) = (STEP / f64::from(1 << halving), TURN / f64::from(1 << halving));
@@ -65,15 +71,20 @@ fn descend(seed: Found, judge: &impl Fn(Psf) -> Found) -> Found {
             found = better;
         }
     }
+
     found
 }
 
+/// The blurs that differ from one by a step in one parameter, within what is allowed.
 fn neighbors(psf: Psf, grow: f64, turn: f64) -> impl Iterator<Item = Psf> {
     let sizes = [1.0 - grow, 1.0 + grow].map(|factor| Psf { size: psf.size * factor, ..psf });
     let angles = [turn, -turn].map(|by| Psf { angle: (psf.angle + by).rem_euclid(180.0), ..psf });
     let holes = [grow, -grow].map(|by| Psf { inner: psf.inner + by / 2.0, ..psf });
+
+    // Only motions have a direction, only annuli a hole.
     let turns = if psf.family == Family::Motion { 2 } else { 0 };
     let covers = if psf.family == Family::Annulus { 2 } else { 0 };
+
     let within = |psf: &Psf| {
         let is_annulus = psf.family == Family::Annulus;
         psf.size <= largest(psf.family) && (!is_annulus || COVERED.contains(&psf.inner))
@@ -82,7 +93,7 @@ fn neighbors(psf: Psf, grow: f64, turn: f64) -> impl Iterator<Item = Psf> {
     sizes.into_iter().chain(shapes).filter(within)
 }
 
-/// Blocks see no kernels that are larger than half of them.
+/// The largest size: blocks are too small for kernels that are larger than half of them.
 fn largest(family: Family) -> f64 {
     match family {
         Family::Gaussian => 8.0,
@@ -91,7 +102,7 @@ fn largest(family: Family) -> f64 {
     }
 }
 
-fn best(found: impl Iterator<Item = Found>) -> Option<Found> {
+fn best(found: impl Iterator<Item = RefinedBlur>) -> Option<RefinedBlur> {
     found.reduce(|a, b| if b.fit.loss < a.fit.loss { b } else { a })
 }
 

@@ -1,6 +1,6 @@
-//! Where in the image which blur is: as few kinds as explain the tiles, and a map without specks.
+//! The kinds of blur in an image and their areas: as few kinds as explain the tiles, and a map without specks.
 
-/// How much worse than the best of the tile every choice explains it: tiles by rows, choices innermost.
+/// The loss of every choice on every tile: tiles by rows, choices innermost.
 #[derive(Debug, Clone)]
 pub struct Losses {
     /// Rows of tiles.
@@ -9,22 +9,21 @@ pub struct Losses {
     pub cols: usize,
     /// Number of choices.
     pub choices: usize,
-    /// One loss each, nepers; infinite, all of them, where a tile tells nothing.
+    /// The losses, nepers; infinite, all of them, for a tile without evidence.
     pub values: Vec<f32>,
 }
 
-/// A further choice must explain a tile better than those there are by more than this, nepers, to count:
-/// on sharp pairs some are better by chance.
+/// Differences up to this, nepers, do not count for a further choice: on sharp pairs some are better by chance.
 const MARGIN: f32 = 0.06;
-/// ... and the mean over all tiles of what is beyond that must be this, nepers: 1 % of the tiles, all of
-/// which were explained as badly as can be, or 10 % of them a little.
+/// ... and the mean of what is beyond over all tiles must be at least this, nepers: 1 % of the tiles, all of which were
+/// explained as badly as can be, or 10 % of them a little.
 const WORTH: f32 = 0.01;
 /// Most choices.
 pub const MOST: usize = 8;
-/// What a neighboring tile of another choice costs, nepers; diagonal ones half. Mean bad-1.0 of the `mixed`
+/// Cost of a neighboring tile of another choice, nepers; half of it for diagonal ones. Mean bad-1.0 of the `mixed`
 /// areas over 12 scenes: 0.15: 16.2 %, 0.3: 16.2 %.
 const BOUNDARY: f32 = 0.15;
-/// Rounds in which tiles look at their neighbors.
+/// Most rounds in which tiles agree with their neighbors.
 const ROUNDS: usize = 8;
 
 impl Losses {
@@ -33,15 +32,20 @@ impl Losses {
         &self.values[tile * self.choices..][..self.choices]
     }
 
-    fn told(&self) -> impl Iterator<Item = &[f32]> {
+    /// The losses of the tiles with evidence.
+    fn informative(&self) -> impl Iterator<Item = &[f32]> {
         self.values.chunks(self.choices).filter(|losses| losses[0].is_finite())
     }
 
-    /// The fewest choices that explain the tiles: the best for all, then whatever explains enough of them
-    /// better; choice 0 is preferred as the first one. Empty if no tile tells anything.
+    /// The fewest choices that explain the tiles: the best for all, then those that explain enough tiles better; choice
+    /// 0 is preferred as the first one. Empty if no tile has evidence.
     pub fn chosen(&self) -> Vec<usize> {
-        let count = self.told().count() as f32;
-        let Some(first) = first(self.told()) else { return Vec::new() };
+        let count = self.informative().count() as f32;
+        let Some(first) = first(self.informative()) else {
+            return Vec::new();
+        };
+
+        // Greedy: in every round the choice that adds most.
         let mut chosen = vec![first];
         while chosen.len() < MOST {
             let (next, worth) = self.next(&chosen);
@@ -50,67 +54,77 @@ impl Losses {
             }
             chosen.push(next);
         }
+
         chosen
     }
 
-    /// The choice that adds most to those there are, and how much.
+    /// The choice that lowers the losses of the chosen ones most, and by how much.
     fn next(&self, chosen: &[usize]) -> (usize, f32) {
         let mut worth = vec![0.0; self.choices];
-        for losses in self.told() {
+        for losses in self.informative() {
             let so_far = chosen.iter().map(|choice| losses[*choice]).fold(f32::INFINITY, f32::min);
+
             for (worth, loss) in worth.iter_mut().zip(losses) {
                 *worth += (so_far - loss - MARGIN).max(0.0);
             }
         }
+
         let best = (0..self.choices).max_by(|a, b| worth[*a].total_cmp(&worth[*b])).unwrap_or(0);
         (best, worth[best])
     }
 
-    /// The tiles that a choice explains better than others do; of several choices the better half of these,
-    /// since those that straddle a boundary are not of one kind.
+    /// The tiles that a choice explains better than the others do. With several choices, only the better half of these:
+    /// tiles on a boundary are not of one kind.
     pub fn best_members(&self, choice: usize) -> Vec<usize> {
         let is_member =
             |tile: &usize| self.of(*tile)[0].is_finite() && least(self.of(*tile)) == choice;
         let mut members: Vec<usize> = (0..self.rows * self.cols).filter(is_member).collect();
+
         if self.choices > 1 {
             members.sort_by(|a, b| self.of(*a)[choice].total_cmp(&self.of(*b)[choice]));
             members.truncate(members.len().div_ceil(2));
         }
+
         members
     }
 
-    /// Every tile's losses replaced by those of the best explained tile around it: blocks that straddle a
-    /// boundary, which nothing explains well, take over from those that do not.
+    /// The losses with those of every tile replaced by those of the best explained tile around it: tiles on a boundary,
+    /// which no choice explains well, take over from others.
     pub fn steadied(&self) -> Self {
         let best = |tile: usize| self.of(tile).iter().copied().fold(f32::INFINITY, f32::min);
+
         let mut steadied = self.clone();
         for (tile, losses) in steadied.values.chunks_mut(self.choices).enumerate() {
             let steadiest =
                 self.around(tile).fold(tile, |a, b| if best(b) < best(a) { b } else { a });
             losses.copy_from_slice(self.of(steadiest));
         }
+
         steadied
     }
 
-    /// Whether not all of the tiles about one are of the same choice.
+    /// Whether the tiles around one have different best choices.
     pub fn is_boundary(&self, tile: usize) -> bool {
-        let told = self.around(tile).filter(|tile| self.of(*tile)[0].is_finite());
-        let mut choices = told.map(|tile| least(self.of(tile)));
+        let informative = self.around(tile).filter(|tile| self.of(*tile)[0].is_finite());
+        let mut choices = informative.map(|tile| least(self.of(tile)));
+
         let first = choices.next();
         choices.any(|choice| Some(choice) != first)
     }
 
+    /// The tile and its up to eight neighbors.
     fn around(&self, tile: usize) -> impl Iterator<Item = usize> {
         let (y, x, cols) = (tile / self.cols, tile % self.cols, self.cols);
         let rows = y.saturating_sub(1)..(y + 2).min(self.rows);
         rows.flat_map(move |y| (x.saturating_sub(1)..(x + 2).min(cols)).map(move |x| y * cols + x))
     }
 
-    /// The choice of every tile: what explains it, and agrees with its neighbors unless the evidence says
-    /// otherwise (iterated conditional modes of a Potts model; Besag 1986).
+    /// The choice of every tile: the one that explains it, smoothed by agreement with its neighbors (iterated
+    /// conditional modes of a Potts model; Besag 1986).
     pub fn labels(&self) -> Vec<u8> {
         let mut labels: Vec<u8> =
             self.values.chunks(self.choices).map(|losses| least(losses) as u8).collect();
+
         for _ in 0..ROUNDS {
             let next: Vec<u8> = (0..labels.len()).map(|tile| self.agreed(tile, &labels)).collect();
             if next == labels {
@@ -118,33 +132,40 @@ impl Losses {
             }
             labels = next;
         }
+
         labels
     }
 
+    /// The choice of least energy given those of the neighbors.
     fn agreed(&self, tile: usize, labels: &[u8]) -> u8 {
         let mut energy: Vec<f32> =
             self.of(tile).iter().map(|loss| if loss.is_finite() { *loss } else { 0.0 }).collect();
+
         for other in self.around(tile).filter(|other| *other != tile) {
             let beside =
                 other / self.cols == tile / self.cols || other % self.cols == tile % self.cols;
             energy[usize::from(labels[other])] -= if beside { BOUNDARY } else { BOUNDARY / 2.0 };
         }
+
         least(&energy) as u8
     }
 }
 
-/// The choice that explains tiles best by the mean of their losses; choice 0 is preferred. `None` if there are no tiles.
+/// The choice with the least mean loss; choice 0 is preferred unless another is clearly better. `None` without tiles.
 pub fn first<'a>(tiles: impl Iterator<Item = &'a [f32]>) -> Option<usize> {
     let mut tiles = tiles.peekable();
     let mut means = vec![0.0; tiles.peek()?.len()];
+
     let mut count = 0.0;
     for losses in tiles {
         means.iter_mut().zip(losses).for_each(|(sum, loss)| *sum += loss);
         count += 1.0;
     }
+
     for mean in &mut means {
         *mean /= count;
     }
+
     let best = least(&means);
     Some(if means[0] <= means[best] + MARGIN / 2.0 { 0 } else { best })
 }

@@ -1,11 +1,10 @@
-//! What both images show in common, roughly: planes of gray values, disparities at a fraction of the size, and
-//! blocks that lie on the same things.
+//! Rough matches: gray values of both images, disparities of reduced copies, and pairs of blocks that show the same.
 
 use super::bins::SIDE;
-use super::spectrum::Place;
+use super::spectrum::BlockPlace;
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
-use crate::image::intensity::{Gray, Range};
+use crate::image::intensity::{Gray, IntensityRange};
 use crate::image::plane::Plane;
 use crate::image::view::{Image, View};
 use crate::pipeline::control::Control;
@@ -16,38 +15,39 @@ use crate::settings::{Optimizer, Precision, Settings};
 use crate::simd::Level;
 use crate::value::nearest;
 
-/// Gray values lie within this many of zero, whatever the type of the image.
+/// Gray values lie within so many of zero, whatever the type of the image.
 const REACH: f64 = 128.0;
-/// Side of the area about a block's center whose median disparity is the block's, pixels.
+/// Side of the area about the center of a block whose median disparity the block takes, pixels.
 const CORE: usize = SIDE / 2;
 /// Of a block at most one pixel in so many may be masked.
 const MASKED_SHARE: usize = 10;
-/// Steps of a row at which a reduced image is sampled.
+/// Steps of a row in which the offsets of a reduced image are rounded.
 const RAISED_STEPS: isize = 64;
 
-/// Gray values of an image.
+/// Gray values of an image, in one range for all types.
 #[derive(Debug)]
 pub struct Shades {
-    /// Centered about the middle of the image's range.
+    /// Gray values around the middle of the image's range.
     pub plane: Plane<f32>,
 }
 
-/// How many shades make one unit of the pixels of a view.
+/// Number of gray values per unit of the pixels of a view.
 pub fn shades_per_unit(view: &View, level: Level, control: &Control) -> Result<f64> {
     let gray = Gray::new(view, level, control)?;
     Ok(gray.steps(1.0) * scale(&gray))
 }
 
-/// How many shades a step of gray values is.
+/// Gray values per step of [`Gray`].
 fn scale(gray: &Gray) -> f64 {
     REACH / f64::from(gray.reach())
 }
 
 impl Shades {
-    /// Those of a view; masked pixels take the values of valid neighbors.
+    /// The gray values of a view; masked pixels take the values of valid neighbors.
     pub fn new(view: &View, how: Execution, control: &Control) -> Result<Self> {
         let gray = Gray::new(view, how.level, control)?;
         let scale = scale(&gray) as f32;
+
         let plane = Plane::by_bands(gray.size(), 1, |y, row| {
             control.checkpoint()?;
             let mut steps = vec![0; row.len()];
@@ -55,10 +55,11 @@ impl Shades {
             row.iter_mut().zip(steps).for_each(|(to, from)| *to = from as f32 * scale);
             Ok(())
         })?;
+
         Ok(Self { plane })
     }
 
-    /// Whether the block with this corner shows anything: what is of one value tells nothing about blur.
+    /// Whether the block with this corner has more than one value: without contrast there is no evidence of blur.
     pub fn has_contrast(&self, top: usize, left: usize) -> bool {
         let mut values = (top..top + SIDE).flat_map(|y| &self.plane.row(y)[left..left + SIDE]);
         let first = values.next().map(|value| value.to_bits());
@@ -66,10 +67,11 @@ impl Shades {
     }
 }
 
-/// Means over squares of `factor` pixels; what is left over at the far ends is left out.
+/// Means over squares of `factor` pixels; incomplete squares at the far ends are left out.
 pub fn reduced(plane: &Plane<f32>, factor: usize, control: &Control) -> Result<Plane<f32>> {
     let size = (plane.rows() / factor, plane.cols() / factor);
     let share = 1.0 / (factor * factor) as f32;
+
     Plane::by_rows(size, control, |y, row: &mut [f32]| {
         for below in 0..factor {
             let source = plane.row(y * factor + below).chunks_exact(factor);
@@ -77,31 +79,32 @@ pub fn reduced(plane: &Plane<f32>, factor: usize, control: &Control) -> Result<P
                 *sum += part.iter().sum::<f32>();
             });
         }
+
         for sum in row {
             *sum *= share;
         }
     })
 }
 
-/// How roughly a pair is matched.
+/// The scale of a rough match.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Scale {
-    /// By what it is reduced.
+pub struct RoughScale {
+    /// The factor by which the images are reduced.
     pub factor: usize,
-    /// Side of the neighborhoods that codes describe, then.
+    /// Side of the neighborhoods of the descriptor in the reduced images.
     pub neighborhood: usize,
 }
 
-/// What is known of where the right image shows what the left one does.
+/// What is known of the geometry of a pair.
 #[derive(Debug, Clone)]
-pub struct Known {
+pub struct Correspondence {
     /// The disparities to search.
     pub candidates: Candidates,
-    /// How the rows of the pair at hand correspond; `None`: each to its own.
+    /// The field of vertical offsets of the pair; `None`: its rows correspond.
     pub alignment: Option<Alignment>,
 }
 
-/// Disparities at a fraction of the size.
+/// Disparities of reduced images.
 #[derive(Debug)]
 pub struct Rough {
     disparity: Plane<f32>,
@@ -109,23 +112,28 @@ pub struct Rough {
     alignment: Option<Alignment>,
 }
 
-/// The right image, reduced by a factor, with its rows where the left one has them; between rows linearly.
+/// The right image, reduced by a factor, resampled by the field of vertical offsets; linear between rows.
 pub fn raised(
     right: &Plane<f32>,
     alignment: &Alignment,
     factor: usize,
     control: &Control,
 ) -> Result<Plane<f32>> {
+    // The center of a reduced pixel in the whole image.
     let center = |at: usize| (at as f64 + 0.5) * factor as f64 - 0.5;
+
     let last = right.rows() as isize - 1;
+
     Plane::by_rows((right.rows(), right.cols()), control, |y, row: &mut [f32]| {
         let along = alignment.along(center(y));
+
         for (x, value) in row.iter_mut().enumerate() {
-            // In whole steps, so that it makes no difference where a part of the image begins.
+            // Offsets are rounded to steps, so that it makes no difference where a part of the image begins.
             let offset =
                 nearest(along.at(center(x)) * RAISED_STEPS as f64 / factor as f64) as isize;
             let above = y as isize + offset.div_euclid(RAISED_STEPS);
             let share = offset.rem_euclid(RAISED_STEPS) as f32 / RAISED_STEPS as f32;
+
             let [upper, lower] =
                 [above, above + 1].map(|y| right.row(y.clamp(0, last) as usize)[x]);
             *value = upper + share * (lower - upper);
@@ -134,29 +142,33 @@ pub fn raised(
 }
 
 impl Rough {
-    /// Matches the pair, reduced by a factor, on neighborhoods of a certain side: the blur shrinks with the
-    /// images, and larger neighborhoods see past what is left of it.
+    /// Matches a pair reduced by a factor, on neighborhoods of a certain side: blur shrinks with the images, and larger
+    /// neighborhoods tolerate what is left of it.
     pub fn new(
         shades: &[Shades; 2],
-        known: Known,
-        Scale { factor, neighborhood }: Scale,
+        known: Correspondence,
+        RoughScale { factor, neighborhood }: RoughScale,
         matcher: &Matcher,
         how: Execution,
         control: &Control,
     ) -> Result<Self> {
-        let Known { candidates, alignment } = known;
+        let Correspondence { candidates, alignment } = known;
         let left = as_view(reduced(&shades[0].plane, factor, control)?);
         let right = reduced(&shades[1].plane, factor, control)?;
         let right = as_view(match &alignment {
             Some(alignment) => raised(&right, alignment, factor, control)?,
             None => right,
         });
+
+        // The reduced range holds the whole one, within what the reduced width allows.
         let (low, high) = (candidates.min(), candidates.disparity(candidates.count() - 1));
         let low = low.div_euclid(factor as isize) as i64;
         let width = left.image.shape().1 as i64;
         let count = (high.div_euclid(factor as isize) as i64 + 2 - low).min(width);
         let low = low.clamp(1 - width - (count - 1), width - 1);
+
         let pair = Pair::new(left, right, low, count)?;
+
         let settings = Settings {
             neighborhood,
             frequencies: (1, 1),
@@ -168,18 +180,20 @@ impl Rough {
             confidence: false,
             ..Preset::Paper.settings()
         };
+
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
-        let map = matcher.run(&pair, &settings, how, &control.aside())?;
+        let map = matcher.match_pair(&pair, &settings, how, &control.aside())?;
+
         Ok(Self { disparity: map.disparity, factor, alignment })
     }
 
-    /// How many rows lower the right image shows at column `x` what is in row `y` of the left one.
+    /// The number of rows by which column `x` of the right image is lower than row `y` of the left one.
     pub fn rows_at(&self, y: usize, x: usize) -> isize {
         let offset = |alignment: &Alignment| alignment.at(x as f64, y as f64).round() as isize;
         self.alignment.as_ref().map_or(0, offset)
     }
 
-    /// The disparity at a pixel of the whole image, between those of the nearest four of the reduced one.
+    /// The disparity at a pixel of the whole image, interpolated bilinearly.
     pub fn at(&self, y: usize, x: usize) -> f32 {
         let place = |at: usize, length: usize| {
             let exact = (at as f32 + 0.5) / self.factor as f32 - 0.5;
@@ -187,54 +201,71 @@ impl Rough {
             let first = (exact as usize).min(length.saturating_sub(2));
             (first, (first + 1).min(length - 1), exact - first as f32)
         };
+
         let (top, bottom, down) = place(y, self.disparity.rows());
         let (left, right, along) = place(x, self.disparity.cols());
+
         let row = |y: usize| {
             let row = self.disparity.row(y);
             row[left] + along * (row[right] - row[left])
         };
+
         (row(top) + down * (row(bottom) - row(top))) * self.factor as f32
     }
 
-    /// The median about the center of a left block.
+    /// The median disparity about the center of a left block.
     fn of_block(&self, top: usize, left: usize) -> f32 {
         let span = |corner: usize, length: usize| {
             let first = ((corner + (SIDE - CORE) / 2) / self.factor).min(length - 1);
             first..(first + CORE / self.factor).min(length)
         };
+
         let cols = span(left, self.disparity.cols());
         let rows = span(top, self.disparity.rows());
         let mut values: Vec<f32> =
             rows.flat_map(|y| self.disparity.row(y)[cols.clone()].iter().copied()).collect();
+
         let middle = values.len() / 2;
         *values.select_nth_unstable_by(middle, f32::total_cmp).1 * self.factor as f32
     }
 
-    /// The pair of blocks whose left one has this corner; `None` where the right one would not be inside its
-    /// image, or too much of either is masked.
-    pub fn place(&self, pair: &Pair, top: usize, left: usize) -> Option<Place> {
+    /// The pair of blocks whose left one has this corner; `None` where the right one would leave its image, or too much
+    /// of either is masked.
+    pub fn place(&self, pair: &Pair, top: usize, left: usize) -> Option<BlockPlace> {
         let right = left as isize - self.of_block(top, left).round() as isize;
+
         let right = usize::try_from(right).ok().filter(|x| x + SIDE <= pair.size().1)?;
+
         let below = self.rows_at(top + SIDE / 2, right + SIDE / 2);
         let right_top = top.checked_add_signed(below).filter(|y| y + SIDE <= pair.size().0)?;
-        let place = Place { top, left, right_top, right };
+
+        let place = BlockPlace { top, left, right_top, right };
+
         let [left_view, right_view] = pair.views();
         (is_valid(left_view, top, left) && is_valid(right_view, right_top, right)).then_some(place)
     }
 }
 
+/// Whether most pixels of a block are valid.
 fn is_valid(view: &View, top: usize, left: usize) -> bool {
-    let Some(mask) = &view.mask else { return true };
+    let Some(mask) = &view.mask else {
+        return true;
+    };
+
     let rows = (top..top + SIDE).map(|y| &mask.row(y)[left..left + SIDE]);
     let masked = rows.flatten().filter(|valid| !**valid).count();
     masked * MASKED_SHARE <= SIDE * SIDE
 }
 
+/// A plane of gray values as a view.
 pub fn as_view(plane: Plane<f32>) -> View {
     let shape = (plane.rows(), plane.cols(), 1);
     let pixels = ndarray::Array3::from_shape_vec(shape, plane.into_vec());
-    // The plane has as many values as its shape says.
-    let range = Range { black: -1000.0 * REACH, white: 1000.0 * REACH };
+
+    // A fixed range keeps the scale the same for every part of an image; in thousandths.
+    let range = IntensityRange { black: -1000.0 * REACH, white: 1000.0 * REACH };
+
+    // The plane has as many values as its shape, so there is no error.
     View {
         image: Image::F32(pixels.unwrap_or_default()),
         mask: None,
@@ -279,8 +310,8 @@ mod tests {
         let control = Control::default();
         let matcher = Matcher::new(1).expect("a thread");
         let shades = pair.views().map(|view| Shades::new(view, how, &control).expect("memory"));
-        let known = Known { candidates: pair.candidates(), alignment: None };
-        Rough::new(&shades, known, Scale { factor, neighborhood: 9 }, &matcher, how, &control)
+        let known = Correspondence { candidates: pair.candidates(), alignment: None };
+        Rough::new(&shades, known, RoughScale { factor, neighborhood: 9 }, &matcher, how, &control)
             .expect("a match")
     }
 
@@ -289,7 +320,10 @@ mod tests {
         let pair = pair([None, None]);
         for factor in [2, 4] {
             let place = rough(&pair, factor).place(&pair, 20, 70);
-            assert_eq!(place, Some(Place { top: 20, left: 70, right_top: 20, right: 70 - SHIFT }));
+            assert_eq!(
+                place,
+                Some(BlockPlace { top: 20, left: 70, right_top: 20, right: 70 - SHIFT })
+            );
         }
     }
 

@@ -1,4 +1,4 @@
-//! Which blurs explain what two blocks differ by: the whole bank where need be, few of it elsewhere.
+//! The search for the blurs that explain pairs of blocks: over the whole bank where needed, over few of it elsewhere.
 
 use std::sync::OnceLock;
 
@@ -11,45 +11,46 @@ use super::spectrum::Powers;
 use crate::rig::psf::Family;
 use crate::simd::Level;
 
-/// The least loss of what is not worth trying, nepers: what a blur of the wrong side costs, more or less. With 4, a
-/// few blocks that do not quite show the same outweigh all others.
+/// Least loss of choices that are not tried, nepers: about that of a blur of the wrong side. With 4, a few blocks that
+/// do not quite show the same outweigh all others.
 const UNTRIED: f32 = 1.0;
-/// An image that lacks so much more power than the other one is the softer one, nepers. Where blocks show next to
-/// nothing, either may seem to lack a little: trials of `bench blur` that are told a second kind of blur, with 0
+/// An image that lacks so much more power than the other one is the softer one, nepers. Where blocks have little
+/// contrast, either may seem to lack a little. Trials of `bench blur` in which a second kind of blur is found, with 0
 /// here and 4 above: 468 of 1308; with 0.3 and 4: 22.
 const CLEAR: f32 = 0.3;
-/// What the first blur explains is tried on all others where one of a few of them explains it better by this, nepers.
-/// A further blur is worth 0.01 (see `regions`). Of that are lost, in 39 trials of `bench blur` and 13 sharp pairs, counting
-/// blocks that the first blur explains worse than to 0.4: with 0 no more than 0.0001; 0.02: 0.0001; 0.04: 0.0002; 0.06:
-/// 0.0006. Of these blocks one in ten is left to be tried with 0, one in twenty with 0.02.
+/// Blocks that the first blur explains are tried on all others where one of a few of these is better by this, nepers.
+/// A further blur must gain 0.01 (see `regions`). Of that are lost, in 39 trials of `bench blur` and 13 sharp pairs,
+/// counting blocks that the first blur explains worse than to 0.4: with 0 no more than 0.0001; 0.02: 0.0001; 0.04:
+/// 0.0002; 0.06: 0.0006. Of these blocks one in ten is left to be tried with 0, one in twenty with 0.02.
 const BETTER: f32 = 0.02;
 
-/// By how much an annulus has to explain blocks better than other blurs, nepers: lenses whose middle is covered are rare.
-/// Means of bad-1.0 (%) over 12 scenes, a Gaussian of 2 with JPEG of quality 70, opposite defocus of 8 px: with 0: 24.8, 38.8;
-/// with 0.1: 22.2, 38.1; annuli themselves 16.0 and 15.1 with either.
+/// By how much an annulus has to explain blocks better than other blurs, nepers: lenses with a covered middle are
+/// rare. Means of bad-1.0 (%) over 12 scenes, a Gaussian of 2 with JPEG of quality 70, opposite defocus of 8 px: with
+/// 0: 24.8, 38.8; with 0.1: 22.2, 38.1; annuli themselves 16.0 and 15.1 with either.
 const RARE: f32 = 0.1;
 
-/// A blur to choose: of a side, or none.
+/// A hypothesis about the blur: of one image, or none.
 #[derive(Debug, Clone, Copy)]
 pub struct Choice<'a> {
     /// The softer image; `None`: both are alike.
     pub side: Option<Side>,
-    /// What the blur leaves of its power.
+    /// The share of the power that the blur leaves.
     pub response: &'a Response,
 }
 
 impl Choice<'static> {
-    /// None is the first choice, then comes every blur of the bank for the left image, then for the right one.
+    /// Choice 0 is none; then comes every blur of the bank for the left image, then for the right one.
     pub fn at(index: usize) -> Self {
         let Some(blurred) = index.checked_sub(1) else {
             return Self { side: None, response: flat() };
         };
+
         let side = if blurred < bank().len() { Side::Left } else { Side::Right };
         Self { side: Some(side), response: &bank()[blurred % bank().len()].response }
     }
 }
 
-/// What an entry has to explain better than others to be chosen.
+/// The loss that is added to that of an entry because it is rare.
 fn prior(entry: &Entry) -> f32 {
     if entry.psf.family == Family::Annulus { RARE } else { 0.0 }
 }
@@ -60,39 +61,40 @@ pub fn flat() -> &'static Response {
     FLAT.get_or_init(Response::flat)
 }
 
-/// What a pair of blocks has to say.
+/// The evidence of a pair of blocks.
 pub struct Blocks {
-    /// For a blur of the left one and for one of the right one.
+    /// The evidence for a blur of the left one and for one of the right one.
     pub evidence: [BlurEvidence; 2],
-    /// How no blur explains either.
+    /// How well no blur explains each of them.
     unblurred: [Fit; 2],
 }
 
 impl Blocks {
-    /// Those of these powers, given the powers of the noise of both images.
+    /// The evidence of these powers, given the powers of the noise of both images.
     pub fn new(powers: &Powers, noise: [f32; 2], level: Level) -> Self {
         let evidence = BlurEvidence::of_both(powers, noise, level);
         let unblurred = evidence.each_ref().map(|evidence| evidence.fit(flat(), level));
+
         Self { evidence, unblurred }
     }
 
-    /// How no blur explains them, with the mean of the losses that the left block has from the right one
-    /// and the other way round: what one of them lacks may look like noise of the other one, but not both ways.
+    /// The fit of no blur, whose loss is the mean of both directions: what one block lacks may look like noise of the
+    /// other one, but not both ways.
     pub fn none(&self) -> Fit {
         let [mut left, right] = self.unblurred;
         left.loss = 0.5 * (left.loss + right.loss);
+
         left
     }
 
-    /// How badly a choice explains them.
+    /// The loss of a choice.
     pub fn loss(&self, choice: Choice, level: Level) -> f32 {
         choice.side.map_or(self.none().loss, |side| {
             self.evidence[side.index()].fit(choice.response, level).loss
         })
     }
 
-    /// How badly each of all choices does. Those for an image that clearly lacks less power than the other one are
-    /// not tried.
+    /// The losses of all choices. Blurs of an image that clearly lacks less power than the other one are not tried.
     pub fn losses(&self, level: Level) -> Vec<f32> {
         let none = self.none().loss;
         let mut losses = vec![none];
@@ -105,46 +107,54 @@ impl Blocks {
                 losses.extend(vec![none.max(UNTRIED); bank().len()]);
             }
         }
+
         losses
     }
 
-    /// Whether any of a few blurs explains them better than this.
+    /// Whether one of a few blurs has a smaller loss than this.
     fn may_be_explained_better(&self, than: f32, level: Level) -> bool {
         let tried = self.evidence.iter().zip(self.may_be_softer()).filter(|(_, tried)| *tried);
+
         tried.into_iter().any(|(evidence, _)| {
             let responses = probes().map(|entry| &entry.response);
             evidence.losses(responses, level).into_iter().any(|loss| loss < than)
         })
     }
 
-    /// Which of both blocks may be the softer one.
+    /// Whether the left and the right block may be the softer one.
     fn may_be_softer(&self) -> [bool; 2] {
         let [left, right] = self.unblurred.map(|fit| fit.lack);
+
         [right - left <= CLEAR, left - right <= CLEAR]
     }
 
-    /// The losses of all choices, of which only none and the first one are tried where no other one explains the blocks
-    /// better.
+    /// The losses of all choices. Where none of a few blurs is better than the first choice, only this and none are
+    /// tried.
     fn losses_unless_explained(&self, first: usize, level: Level) -> Vec<f32> {
-        let (none, own) = (self.none().loss, self.loss(Choice::at(first), level));
+        let none = self.none().loss;
+        let own = self.loss(Choice::at(first), level);
         if self.may_be_explained_better(own - BETTER, level) {
             return self.losses(level);
         }
+
         let mut losses = vec![own.max(UNTRIED); 1 + 2 * bank().len()];
         (losses[0], losses[first]) = (none, own);
+
         losses
     }
 }
 
-/// How badly each of all choices explains each of many pairs of blocks. Those of a sample are tried with all of them;
-/// the others only if something explains them better than what explains the sample best.
+/// The losses of all choices on many pairs of blocks. Those of a sample are tried with all choices; the others only if
+/// something explains them better than what explains the sample best.
 pub fn searched(all: &[Blocks], is_sample: &[bool], level: Level) -> Vec<Vec<f32>> {
     let of_sample: Vec<Option<Vec<f32>>> = all
         .par_iter()
         .zip(is_sample)
         .map(|(blocks, is_sample)| is_sample.then(|| blocks.losses(level)))
         .collect();
+
     let first = first(of_sample.iter().flatten().map(Vec::as_slice)).unwrap_or(0);
+
     let of_others = all.par_iter().zip(of_sample);
     of_others
         .map(|(blocks, tried)| {

@@ -1,12 +1,12 @@
-//! Power spectra of blocks that show the same in both images, and kernels' responses on the same bins.
+//! Power spectra of blocks that show the same in both images, and responses of kernels in the same bins.
 
 use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
-use super::bins::{LANES, Lanes, SIDE, bins, total};
+use super::bins::{FLOAT_LANES, FloatLanes, SIDE, bins, total};
 use super::fit::Response;
-use super::transform::{Block, HALF, Kind, Work};
+use super::transform::{ComplexBlock, Content, HALF, Work};
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::math;
@@ -14,9 +14,9 @@ use crate::pipeline::control::Control;
 use crate::rig::psf::Taps;
 use crate::simd::{Level, Loop};
 
-/// A place in both images: the corner of a left block, and of the right one that shows the same.
+/// The corners of a pair of blocks that show the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
+pub struct BlockPlace {
     /// Row of the left one.
     pub top: usize,
     /// Column of the left one.
@@ -27,52 +27,54 @@ pub struct Place {
     pub right: usize,
 }
 
-/// What is kept of a pair of blocks.
+/// Statistics of the spectra of a pair of blocks.
 #[derive(Debug, Clone)]
 pub struct Powers {
     /// Mean power in every bin, left and right.
     pub binned: [Vec<f32>; 2],
-    /// Least mean power of any direction at high frequencies.
+    /// Least mean power of any direction at high frequencies, left and right.
     pub least_high: [f32; 2],
 }
 
-/// Sums of products of the spectra of blocks.
+/// Sums of cross-spectra and powers over pairs of blocks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cross {
-    /// Of each left coefficient and the conjugate of the right one: real and imaginary parts.
+    /// Each left coefficient times the conjugate of the right one: real and imaginary parts.
     pub product: [Vec<f32>; 2],
     /// Powers, left and right.
     pub powers: [Vec<f32>; 2],
 }
 
-/// What blocks are multiplied by: a raised cosine, of which the sum of squares over the block is 1.
-struct Window {
-    values: Vec<Lanes>,
+/// A Hann window, whose sum of squares over the block is 1.
+struct HannWindow {
+    values: Vec<FloatLanes>,
     sum: f32,
 }
 
-fn window() -> &'static Window {
-    static WINDOW: OnceLock<Window> = OnceLock::new();
+fn window() -> &'static HannWindow {
+    static WINDOW: OnceLock<HannWindow> = OnceLock::new();
     WINDOW.get_or_init(|| {
+        // Samples lie at the centers of pixels, so the window is symmetric.
         let wave = |i: usize| (i as f64 + 0.5) / SIDE as f64 * std::f64::consts::TAU;
         let hann: Vec<f64> = (0..SIDE).map(|i| 0.5 - 0.5 * math::cos(wave(i))).collect();
         let square: f64 = hann.iter().map(|value| value * value).sum();
+
         let rows = hann.iter().flat_map(|a| hann.iter().map(move |b| a * b / square));
         let window: Vec<f32> = rows.map(|value| value as f32).collect();
-        Window { values: window.as_chunks().0.to_vec(), sum: window.iter().sum() }
+        HannWindow { values: window.as_chunks().0.to_vec(), sum: window.iter().sum() }
     })
 }
 
-/// Puts the blocks at a place into the real and the imaginary parts of one, without their mean under the window, and
-/// multiplied by it.
-struct Windowed<'a> {
+/// Cuts out the blocks at a place as real and imaginary parts of one, subtracts their means under the window, and
+/// multiplies them by it.
+struct CutBlocks<'a> {
     images: [&'a Plane<f32>; 2],
-    place: Place,
-    window: &'a Window,
-    block: &'a mut Block,
+    place: BlockPlace,
+    window: &'a HannWindow,
+    block: &'a mut ComplexBlock,
 }
 
-impl Loop for Windowed<'_> {
+impl Loop for CutBlocks<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -80,18 +82,23 @@ impl Loop for Windowed<'_> {
         let Self { images, place, window, block } = self;
         let corners = [(place.top, place.left), (place.right_top, place.right)];
         let parts = [&mut block.re, &mut block.im];
+        // Copies the pixels.
         for ((image, (top, left)), part) in images.into_iter().zip(corners).zip(parts) {
-            for (y, row) in part.chunks_exact_mut(SIDE / LANES).enumerate() {
+            for (y, row) in part.chunks_exact_mut(SIDE / FLOAT_LANES).enumerate() {
                 let pixels = &image.row(top + y)[left..left + SIDE];
                 row.copy_from_slice(pixels.as_chunks().0);
             }
-            let mut weighted = [0.0; LANES];
+
+            // Subtracts the mean under the window, so that the brightness does not leak into low frequencies.
+            let mut weighted = [0.0; FLOAT_LANES];
             for (values, weights) in part.iter().zip(&window.values) {
-                for lane in 0..LANES {
+                for lane in 0..FLOAT_LANES {
                     weighted[lane] += values[lane] * weights[lane];
                 }
             }
+
             let mean = total(weighted) / window.sum;
+
             let values = part.as_flattened_mut().iter_mut();
             for (value, weight) in values.zip(window.values.as_flattened()) {
                 *value = (*value - mean) * weight;
@@ -100,45 +107,49 @@ impl Loop for Windowed<'_> {
     }
 }
 
-/// Replaces the real parts of a block by powers.
-struct Norms<'a>(&'a mut Block);
+/// Replaces the real parts of a block by its powers.
+struct Norms<'a>(&'a mut ComplexBlock);
 
 impl Loop for Norms<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let Block { re, im } = self.0;
+        let ComplexBlock { re, im } = self.0;
+
         for (re, im) in re.as_flattened_mut().iter_mut().zip(im.as_flattened()) {
             *re = *re * *re + im * im;
         }
     }
 }
 
-/// Has the lower halves of the spectra of the blocks at a place worked out.
-fn take_spectra(images: [&Plane<f32>; 2], place: Place, work: &mut Work, level: Level) {
-    level.run(Windowed { images, place, window: window(), block: &mut work.block });
-    work.transform(Kind::Pair, level);
+/// Computes the lower halves of the spectra of the blocks at a place.
+fn take_spectra(images: [&Plane<f32>; 2], place: BlockPlace, work: &mut Work, level: Level) {
+    level.run(CutBlocks { images, place, window: window(), block: &mut work.block });
+    work.transform(Content::Pair, level);
 }
 
 /// The powers of every pair of blocks, in the order of their places.
 pub fn powers(
     images: [&Plane<f32>; 2],
-    places: &[Place],
+    places: &[BlockPlace],
     level: Level,
     control: &Control,
 ) -> Result<Vec<Powers>> {
-    let of_pair = |work: &mut Work, place: &Place| {
+    let of_pair = |work: &mut Work, place: &BlockPlace| {
         control.checkpoint()?;
         take_spectra(images, *place, work, level);
+
         level.run(Norms(&mut work.block));
         let (left, right) = work.block.re.as_flattened().split_at(HALF);
+
         let bins = bins();
         Ok(Powers {
             binned: [bins.pooled(left), bins.pooled(right)],
             least_high: [bins.least_high(left), bins.least_high(right)],
         })
     };
+
     places.par_iter().map_init(Work::new, of_pair).collect()
 }
 
@@ -150,18 +161,20 @@ impl Default for Cross {
 }
 
 impl Cross {
-    /// Adds the products of pairs of blocks, each scaled so that strong contrast counts no more.
+    /// Adds the spectra of pairs of blocks, each scaled so that all have the same total power.
     pub fn add_all(
         &mut self,
         images: [&Plane<f32>; 2],
-        places: &[Place],
+        places: &[BlockPlace],
         level: Level,
         control: &Control,
     ) -> Result<()> {
-        // In groups that depend neither on the threads nor on how many rows of blocks there are, one after another.
+        // Groups are summed one after another, and depend neither on the threads nor on the number of rows that are
+        // read.
         let rows = places.chunk_by(|a, b| a.top == b.top);
-        let groups: Vec<&[Place]> = rows.flat_map(|row| row.chunks(16)).collect();
-        let sums_of = |work: &mut Work, group: &&[Place]| {
+        let groups: Vec<&[BlockPlace]> = rows.flat_map(|row| row.chunks(16)).collect();
+
+        let sums_of = |work: &mut Work, group: &&[BlockPlace]| {
             control.checkpoint()?;
             let mut sums = Self::default();
             for place in *group {
@@ -170,15 +183,17 @@ impl Cross {
             }
             Ok(sums)
         };
+
         let sums: Result<Vec<Self>> = groups.par_iter().map_init(Work::new, sums_of).collect();
         sums?.iter().for_each(|sums| self.add(sums));
         Ok(())
     }
 
-    fn add_pair(&mut self, spectra: &Block) {
+    fn add_pair(&mut self, spectra: &ComplexBlock) {
         let (re, im) = (spectra.re.as_flattened(), spectra.im.as_flattened());
         let norms: Vec<f32> = re.iter().zip(im).map(|(re, im)| re * re + im * im).collect();
         let scale = HALF as f32 / norms.iter().sum::<f32>().max(f32::MIN_POSITIVE);
+
         for place in 0..HALF {
             let (left, right) = (place, HALF + place);
             self.product[0][place] += (re[left] * re[right] + im[left] * im[right]) * scale;
@@ -197,54 +212,66 @@ impl Cross {
     }
 }
 
-/// What a kernel leaves of the power in every bin, seen through the window of the blocks.
+/// The share of the power that a kernel leaves in every bin, smeared by the window of the blocks.
 pub fn response(taps: &Taps, level: Level) -> Response {
     let mut work = Work::new();
     let block = work.block.re.as_flattened_mut();
+
     let wrapped = |offset: isize| offset.rem_euclid(SIDE as isize) as usize;
     for (dy, dx, value) in taps.places() {
         block[wrapped(dy) * SIDE + wrapped(dx)] += value as f32;
     }
-    work.transform(Kind::Complex, level);
+
+    work.transform(Content::Complex, level);
     level.run(Norms(&mut work.block));
     Response::new(bins().pooled(&smeared(work.block.re.as_flattened())))
 }
 
-/// The first half of powers that are convolved with the power spectrum of the window along both axes.
+/// The first half of powers that are convolved with the power spectrum of the Hann window along both axes.
 fn smeared(powers: &[f32]) -> Vec<f32> {
+    // The coefficients of a Hann window are 1/2 and twice -1/4: their squares, of sum 1, are 2/3 and twice 1/6.
     let smear =
         |before: f32, here: f32, after: f32| here * (2.0 / 3.0) + (before + after) * (1.0 / 6.0);
+
     let (lower, upper) = powers.split_at(HALF);
     let mut smeared = Vec::with_capacity(HALF);
     for (lower, upper) in lower.chunks(SIDE / 2).zip(upper.chunks(SIDE / 2)) {
-        // Along y there are no more than the half and one on either side of it.
+        // Along y, the half needs one more coefficient on either side, from the other half.
         let row = [&upper[SIDE / 2 - 1..], lower, &upper[..1]].concat();
         smeared.extend(row.windows(3).map(|three| smear(three[0], three[1], three[2])));
     }
+
     let row = |kx: usize| &smeared[kx % SIDE * (SIDE / 2)..][..SIDE / 2];
     let along_x = |kx: usize| {
         let three = row(kx + SIDE - 1).iter().zip(row(kx)).zip(row(kx + 1));
         three.map(|((before, here), after)| smear(*before, *here, *after))
     };
+
     (0..SIDE).flat_map(along_x).collect()
 }
 
-/// The kernel, centered, that has these coefficients: the lower half of a spectrum, real and imaginary parts.
+/// The centered kernel with these coefficients: the lower half of a spectrum, real and imaginary parts.
 pub fn kernel([re, im]: &[Vec<f32>; 2], level: Level) -> Plane<f32> {
     let mut work = Work::new();
     let block = [work.block.re.as_flattened_mut(), work.block.im.as_flattened_mut()];
     let mirror = |k: usize| (SIDE - k) % SIDE;
+
     for place in 0..HALF {
         let (kx, ky) = (place / (SIDE / 2), place % (SIDE / 2));
-        // Conjugated, so that the forward transform goes back; and real, so that the mirror image is its conjugate.
+        // The coefficients are conjugated, so that the forward transform inverts. The kernel is real, so mirrored ones
+        // are conjugates.
         let (there, mirrored) = (ky * SIDE + kx, mirror(ky) * SIDE + mirror(kx));
         (block[0][mirrored], block[1][mirrored]) = (re[place], im[place]);
         (block[0][there], block[1][there]) = (re[place], -im[place]);
     }
-    work.transform(Kind::Complex, level);
+
+    work.transform(Content::Complex, level);
+
     let values = work.block.re.as_flattened();
+
     let scale = 1.0 / (SIDE * SIDE) as f32;
     let center = SIDE / 2;
+    // The transform leaves the values transposed, in halves; the kernel's center is at the corner.
     Plane::from_fn(SIDE, SIDE, |y, x| {
         let (y, x) = ((y + center) % SIDE, (x + center) % SIDE);
         values[y / center * HALF + x * center + y % center] * scale
@@ -299,7 +326,7 @@ mod tests {
     #[test]
     fn powers_of_a_pair_are_those_of_a_naive_transform() {
         let images = [noise(1), noise(2)];
-        let place = Place { top: 3, left: 11, right_top: 5, right: 25 };
+        let place = BlockPlace { top: 3, left: 11, right_top: 5, right: 25 };
         let found = powers([&images[0], &images[1]], &[place], Level::best(), &Control::default());
         let found = &found.expect("not cancelled")[0];
         let corners = [(place.top, place.left), (place.right_top, place.right)];
@@ -317,7 +344,7 @@ mod tests {
     fn cross_spectra_scale_every_pair_of_blocks_alike() {
         let image = noise(3);
         let loud = image.map(|value| 10.0 * value);
-        let place = Place { top: 0, left: 5, right_top: 0, right: 5 };
+        let place = BlockPlace { top: 0, left: 5, right_top: 0, right: 5 };
         let sums = |image| {
             let mut sums = Cross::default();
             sums.add_all([image, image], &[place], Level::best(), &Control::default())
@@ -340,8 +367,8 @@ mod tests {
     fn sums_over_blocks_do_not_depend_on_the_threads() {
         let images = [noise(4), noise(5)];
         let place =
-            |i: usize| Place { top: i / 40, left: i % 23, right_top: i / 40, right: i % 19 };
-        let places: Vec<Place> = (0..50).map(place).collect();
+            |i: usize| BlockPlace { top: i / 40, left: i % 23, right_top: i / 40, right: i % 19 };
+        let places: Vec<BlockPlace> = (0..50).map(place).collect();
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
             let mut sums = Cross::default();
@@ -421,8 +448,8 @@ mod tests {
             let block = work.block.re.as_flattened_mut();
             block[wrapped(dy) * SIDE + wrapped(dx)] = value as f32;
         }
-        work.transform(Kind::Complex, Level::best());
-        let half = |values: &[Lanes]| values.as_flattened()[..HALF].to_vec();
+        work.transform(Content::Complex, Level::best());
+        let half = |values: &[FloatLanes]| values.as_flattened()[..HALF].to_vec();
         let found = kernel(&[half(&*work.block.re), half(&*work.block.im)], Level::best());
         for (dy, dx, value) in taps.places() {
             let place = |offset: isize| (SIDE as isize / 2 + offset) as usize;

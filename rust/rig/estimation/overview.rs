@@ -1,4 +1,4 @@
-//! Both images at some hundred columns, and where they show the same there.
+//! Both images reduced to some hundred columns, and their rough disparities.
 
 use super::range::extent;
 use crate::cost::candidates::Candidates;
@@ -7,54 +7,54 @@ use crate::image::plane::Plane;
 use crate::pipeline::matcher::Pair;
 use crate::refinement::flag;
 use crate::rig::alignment::{Alignment, TERMS};
-use crate::rig::blur::parts::{Look, MARGIN, Means, Rows};
+use crate::rig::blur::parts::{HALO, Means, PairRows, Strips};
 use crate::rig::blur::rough::{as_view, raised, reduced};
 use crate::settings::presets::Preset;
 use crate::settings::{Optimizer, Precision, Settings};
 
-/// Most columns of the reduced images: few enough that all disparities can be tried, and that little is left of a blur of
+/// Most columns of the reduced images: so few that all disparities can be tried, and that little is left of a blur of
 /// ten pixels.
 const WIDTH: usize = 256;
-/// Columns of the smallest copies, on which all disparities are tried.
+/// Most columns of the still smaller copies, on which all disparities are tried.
 const COARSE_WIDTH: usize = 128;
 /// Largest disparity that is tried, as a share of the width.
 const REACH: f64 = 0.45;
-/// Rows of the smallest copies, up and down, that are tried where nothing matches.
+/// Vertical shifts of the smallest copies, in rows up and down, that are tried where nothing matches.
 const MOST_ROWS: isize = 6;
-/// Fewest rows of a reduced image: what is very wide stays wider.
+/// Fewest rows of a reduced image: a very wide one keeps more columns instead.
 const LEAST_ROWS: usize = 24;
-/// Images with fewer rows or columns are too small to tell much of.
+/// Images with fewer rows or columns are too small for estimates.
 pub const LEAST_SIZE: usize = 48;
-/// Mean confidence from which on nothing better is looked for.
+/// From this mean confidence on, no other rows, range or inversion is tried.
 pub const GOOD_CONFIDENCE: f64 = 0.65;
-/// Disparities of at least this confidence are known.
+/// Disparities of at least this confidence are kept.
 const SURE: f32 = 0.5;
 /// Regions of so few pixels are mistakes.
 const SPECKLE: usize = 12;
 
 /// Both images, reduced.
 pub struct Overview {
-    /// By what they are reduced.
+    /// The factor by which they are reduced.
     pub factor: usize,
     /// Their gray values.
     pub planes: [Plane<f32>; 2],
-    /// Which pixels of the left one are valid for the most part.
+    /// Whether most of the pixels under each pixel of the left one are valid.
     valid: Plane<bool>,
 }
 
-/// Disparities of a copy, from the least to the largest.
+/// Least and largest disparity of a copy, both included.
 type Span = (isize, isize);
 
 /// Disparities of a reduced image.
 pub struct RoughMap {
     /// Whole pixels of the reduced image; NaN where the images do not agree.
     pub disparity: Plane<f32>,
-    /// Mean confidence: 0.66 to 0.95 on small copies of 12 pairs, 0.19 to 0.39 on those of unrelated images, of noise, and of
-    /// rows that are four or more off there.
+    /// Mean confidence: 0.66 to 0.95 on small copies of 12 pairs; 0.19 to 0.39 on those of unrelated images, of
+    /// noise, and of pairs whose rows are four or more off there.
     pub confidence: f64,
 }
 
-/// By what an image of so many rows and columns is reduced to have at most so many columns: a power of two.
+/// The power of two by which an image is reduced so that it has at most `width` columns.
 pub fn reduction((rows, cols): (usize, usize), width: usize) -> usize {
     let mut factor = 1;
     while cols > width * factor && rows >= 2 * factor * LEAST_ROWS {
@@ -64,8 +64,8 @@ pub fn reduction((rows, cols): (usize, usize), width: usize) -> usize {
 }
 
 impl Overview {
-    /// That of a pair; `None` where it is too small to tell much of.
-    pub fn new(rows: Rows, means: Means) -> Result<Option<Self>> {
+    /// Reduces a pair; `None` where it is too small for estimates.
+    pub fn new(rows: PairRows, means: Means) -> Result<Option<Self>> {
         let size = rows.size();
         if size.0.min(size.1) < LEAST_SIZE {
             return Ok(None);
@@ -73,15 +73,17 @@ impl Overview {
         let factor = reduction(size, WIDTH);
         let (height, cols) = (size.0 / factor, size.1 / factor);
         let tops: Vec<usize> = (0..height).map(|y| y * factor).collect();
-        let look = Look { tops: &tops, rows: factor, margin: MARGIN, unit: factor };
+        let strips = Strips { tops: &tops, rows: factor, halo: HALO, unit: factor };
+
         let (mut left, mut right, mut valid) = (vec![], vec![], vec![]);
-        rows.look(look, means, |part, looked| {
-            let skipped = looked.start - part.first / factor;
-            let places = skipped * cols..(skipped + looked.len()) * cols;
+        rows.visit(strips, means, |part, visited| {
+            let skipped = visited.start - part.first / factor;
+            let places = skipped * cols..(skipped + visited.len()) * cols;
             for (side, shades) in [&mut left, &mut right].into_iter().zip(&part.shades) {
                 let plane = reduced(&shades.plane, factor, means.control)?;
                 side.extend_from_slice(&plane.as_slice()[places.clone()]);
             }
+
             let view = part.pair.views()[0];
             let is_valid = |y: usize, x: usize| {
                 let area = (0..factor * factor).map(|i| (i / factor, i % factor));
@@ -90,18 +92,20 @@ impl Overview {
                     area.filter(|(dy, dx)| view.is_valid(top + dy, x * factor + dx)).count();
                 2 * count >= factor * factor
             };
-            for y in looked {
+
+            for y in visited {
                 valid.extend((0..cols).map(|x| view.mask.is_none() || is_valid(y, x)));
             }
             Ok(())
         })?;
+
         let plane = |values| Plane::from_vec(height, cols, values);
         let valid = Plane::from_vec(height, cols, valid)?;
         Ok(Some(Self { factor, planes: [plane(left)?, plane(right)?], valid }))
     }
 
-    /// Matches the reduced images, with the rows of the right one where the field says. If the disparities are not known, all
-    /// are tried on smaller copies, and here those that were found there, and some more.
+    /// Matches the reduced images, the right one resampled by the field. If the disparities are unknown, all are
+    /// tried on still smaller copies, and here only those that were found there, and some around them.
     pub fn rough(
         &self,
         candidates: Option<Candidates>,
@@ -110,15 +114,18 @@ impl Overview {
     ) -> Result<RoughMap> {
         if let Some(all) = candidates {
             return self.matched(self.span(all), field, means);
+
+            // Coarse to fine: a wide search on few pixels, then a narrow one on more.
         }
         let coarse = self.reduced(means)?;
         let map = coarse.matched(coarse.widest(), field, means)?;
         let (low, high) = extent(&map).unwrap_or_else(|| coarse.widest());
-        let (finer, around) = ((coarse.factor / self.factor) as isize, ((high - low) / 4).max(2));
+        let around = ((high - low) / 4).max(2);
+        let finer = (coarse.factor / self.factor) as isize;
         self.matched(((low - around) * finer, (high + around + 1) * finer), field, means)
     }
 
-    /// The shift of the rows with which smaller copies match best; `None`: that is none.
+    /// The vertical shift with which still smaller copies match best; `None`: without any shift.
     pub fn shift(
         &self,
         candidates: Option<Candidates>,
@@ -127,51 +134,61 @@ impl Overview {
     ) -> Result<Option<Alignment>> {
         let coarse = self.reduced(means)?;
         let span = candidates.map_or_else(|| coarse.widest(), |all| coarse.span(all));
-        let (mut most, mut best) = (coarse.matched(span, None, means)?.confidence, None);
+
+        let mut most = coarse.matched(span, None, means)?.confidence;
+        let mut best = None;
+
+        // Small shifts first: of equal ones, the smallest is kept.
         for by in (1..=MOST_ROWS).flat_map(|by| [by, -by]) {
             let mut coefficients = [0.0; TERMS];
             coefficients[0] = (by * coarse.factor as isize) as f64;
             let shift = Alignment::new(coefficients, size)?;
+
             let found = coarse.matched(span, Some(&shift), means)?.confidence;
             if found > most {
                 (most, best) = (found, Some(shift));
             }
         }
+
         Ok(best)
     }
 
-    /// The same with the right image inverted.
+    /// The same with the negative of the right image.
     pub fn inverted(&self) -> Self {
         let [left, right] = &self.planes;
         let planes = [left.clone(), right.map(|value| -value)];
+
         Self { factor: self.factor, planes, valid: self.valid.clone() }
     }
 
-    /// The same, reduced once more.
+    /// The same, reduced still more.
     fn reduced(&self, means: Means) -> Result<Self> {
         let by = reduction((self.valid.rows(), self.valid.cols()), COARSE_WIDTH);
         let [left, right] = &self.planes;
         let planes = [reduced(left, by, means.control)?, reduced(right, by, means.control)?];
+
         let (rows, cols) = (planes[0].rows(), planes[0].cols());
         let valid = Plane::from_fn(rows, cols, |y, x| self.valid.row(y * by)[x * by]);
         Ok(Self { factor: self.factor * by, planes, valid })
     }
 
-    /// These disparities of the whole images, here.
+    /// The span here of disparities of the whole images, and one more on either side.
     fn span(&self, all: Candidates) -> Span {
         let factor = self.factor as isize;
-        let (low, high) = (all.min(), all.disparity(all.count() - 1));
+        let low = all.min();
+        let high = all.disparity(all.count() - 1);
+
         (low.div_euclid(factor) - 1, high.div_euclid(factor) + 2)
     }
 
-    /// All disparities that are tried.
+    /// The span of all disparities that are tried.
     fn widest(&self) -> Span {
         let reach = (REACH * self.planes[0].cols() as f64) as isize;
         (-reach, reach)
     }
 
-    /// Matches the reduced images over the disparities `[low, high]` of them, with the rows of the right one where the
-    /// field says: roughly, with a left-right check.
+    /// Matches the reduced images over a span of their disparities, the right one resampled by the field: roughly,
+    /// with a left-right check.
     fn matched(
         &self,
         (low, high): Span,
@@ -183,9 +200,11 @@ impl Overview {
             Some(field) => raised(right, field, self.factor, control)?,
             None => right.clone(),
         };
+
         let width = left.cols() as i64;
         let count = (high - low + 1).clamp(1, left.cols() as isize) as i64;
         let low = (low as i64).clamp(1 - width - (count - 1), width - 1);
+
         let pair = Pair::new(as_view(left.clone()), as_view(right), low, count)?;
         let settings = Settings {
             neighborhood: 9,
@@ -201,23 +220,30 @@ impl Overview {
             confidence: true,
             ..Preset::Paper.settings()
         };
+
         // Rows of the reduced pair are not rows of the result: its progress is counted apart.
-        let map = matcher.run(&pair, &settings, how, &control.aside())?;
-        let (mut disparity, mut sum, mut count) = (map.disparity, 0.0, 0);
+        let map = matcher.match_pair(&pair, &settings, how, &control.aside())?;
+
+        let mut disparity = map.disparity;
+        let (mut sum, mut count) = (0.0, 0);
         for y in 0..disparity.rows() {
-            let (flags, is_valid) = (map.flags.row(y), self.valid.row(y));
+            let flags = map.flags.row(y);
+            let is_valid = self.valid.row(y);
             let confidences = map.confidence.as_ref().map_or(&[][..], |plane| plane.row(y));
+
             for (x, value) in disparity.row_mut(y).iter_mut().enumerate() {
                 let is_known = confidences[x] >= SURE && flags[x] & flag::OUTSIDE == 0;
                 if !is_valid[x] || !is_known {
                     *value = f32::NAN;
                 }
+
                 if is_valid[x] {
                     sum += f64::from(confidences[x]);
                     count += 1;
                 }
             }
         }
+
         Ok(RoughMap { disparity, confidence: sum / f64::from(count.max(1)) })
     }
 }

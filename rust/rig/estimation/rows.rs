@@ -1,9 +1,10 @@
-//! How the rows of a pair correspond: a smooth field of vertical offsets, fitted to blocks that were found in both images.
+//! How the rows of a pair correspond: a smooth field of vertical offsets, fitted to blocks that were found in both
+//! images.
 //!
-//! Where the images do not show the same, at jumps in depth above all, blocks lead astray: the fit is by least squares that
-//! are weighted anew, first as those of absolute deviations, then with Tukey's biweight. Blocks are followed from the small
-//! copies, which stand blur and noise, to the whole images, which are exact; which of them to believe, the standard errors
-//! tell. The field is linear unless keystone and distortion explain much more.
+//! Blocks lead astray where the images do not show the same, at jumps in depth above all. So the fit is by iteratively
+//! reweighted least squares, first of absolute deviations, then with Tukey's biweight. Blocks are followed from the
+//! reduced copies, which withstand blur and noise, to the whole images, which are exact; the fit with the least
+//! standard error is kept. The field is linear unless keystone and distortion explain much more.
 
 use super::overview::{GOOD_CONFIDENCE, Overview, RoughMap};
 use super::tracks::{BLOCK, Seed, Track, follow};
@@ -11,83 +12,90 @@ use crate::cost::candidates::Candidates;
 use crate::error::Result;
 use crate::math;
 use crate::rig::alignment::{Alignment, LINEAR, TERMS, places, terms};
-use crate::rig::blur::parts::{Means, Rows};
+use crate::rig::blur::parts::{Means, PairRows};
 
-/// Blocks that are followed.
+/// Number of blocks that are followed.
 const BLOCKS: usize = 400;
-/// Fewest blocks that tell a field.
+/// Fewest blocks to fit a field to.
 const LEAST_BLOCKS: usize = 24;
-/// Fewest blocks that tell one with all terms.
+/// Fewest blocks to fit a field with all terms to.
 const ENOUGH_BLOCKS: usize = 60;
-/// Beyond this error, pixels, nothing is known.
+/// Fields with a larger standard error, pixels, are not used.
 const LARGEST_ERROR: f64 = 0.5;
-/// Times the rough match is made again with what was found; rows that were far off come nearer each time.
+/// Times that the rough match is repeated with the last field; rows that were far off come nearer each time.
 const ROUNDS: usize = 3;
-/// Offsets in rows of the copy that a rough match stands.
-const STANDS: f64 = 0.4;
-/// All terms are taken if what they make of the field differs from what the linear ones do by so many standard errors,
+/// Vertical offsets, in rows of the copy, that a rough match withstands.
+const TOLERATED: f64 = 0.4;
+/// All terms are used if their field differs from the linear one by so many standard errors,
 const RICHER: f64 = 2.0;
-/// ... and of these each is at least so many pixels.
+/// ... each of which is at least so many pixels.
 const LEAST_RICHER: f64 = 0.02;
-/// Reweightings, and those of them that are of absolute deviations.
+/// Reweightings, and how many of them are for absolute deviations.
 const STEPS: (usize, usize) = (20, 6);
-/// Residuals beyond it, in robust standard deviations, do not count.
+/// Residuals beyond so many robust standard deviations have no weight.
 const CUT: f64 = 4.0;
-/// No correlation is more exact, pixels.
+/// Least robust standard deviation: no correlation is more exact, pixels.
 const FLOOR: f64 = 0.02;
-/// Error that no averaging over blocks removes, of a pixel of the copy.
+/// Error that no averaging over blocks removes, as a share of a pixel of the copy.
 const BIAS: f64 = 0.02;
-/// Largest ratio of the pivots of the normal equations: beyond it blocks lie along a line.
+/// Largest ratio of the pivots of the normal equations: beyond it, the blocks lie along a line.
 const LARGEST_CONDITION: f64 = 1e6;
-/// Offsets below this, pixels root mean square, are left alone: on 12 aligned scenes up to 0.05 are found.
+/// Offsets below this, pixels root mean square, are ignored: on 12 aligned scenes up to 0.05 are found.
 const LEAST_RMS: f64 = 0.12;
-/// ... and those that are not so many standard errors.
+/// ... and so are offsets of fewer standard errors than this.
 const LEAST_ERRORS: f64 = 2.0;
 
-/// Where the rows lie.
+/// The vertical offsets of a pair.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Offsets {
+pub struct RowOffsets {
     /// The vertical offset at every place.
     pub field: Alignment,
-    /// Its standard error, pixels, root mean square over the image.
+    /// Its standard error, root mean square over the image, pixels.
     pub error: f64,
-    /// Blocks that agree with it.
+    /// Number of blocks that agree with it.
     pub blocks: usize,
-    /// Robust standard deviation of blocks from it, pixels.
+    /// Robust standard deviation of the blocks from it, pixels.
     pub spread: f64,
 }
 
-impl Offsets {
-    /// Whether there is more than nothing.
+impl RowOffsets {
+    /// Whether the offsets are too large to be an error of the estimate.
     pub fn is_significant(&self) -> bool {
         let rms = self.field.rms();
         rms > LEAST_RMS && rms > LEAST_ERRORS * self.error
     }
 }
 
-/// Finds the field of a pair, from a rough match of it as it is; `None` where there is too little texture or too little in common.
+/// Estimates the field of a pair from a rough match of the unaligned pair; `None` where there is too little texture or
+/// too little in common.
 pub fn offsets(
-    rows: Rows,
+    rows: PairRows,
     overview: &Overview,
     rough: &RoughMap,
     candidates: Option<Candidates>,
     means: Means,
-) -> Result<Option<Offsets>> {
+) -> Result<Option<RowOffsets>> {
     let Some((mut fit, mut tracks)) = first(rows, overview, rough, candidates, means)? else {
         return Ok(None);
     };
-    let (mut fits, mut factor, mut most) = (vec![], overview.factor, tracks.len());
+    let mut fits = vec![];
+    let mut factor = overview.factor;
+    let mut most = tracks.len();
+
+    // Coarse to fine: each field places the blocks in copies four times as large.
     loop {
         fits.push(fit.clone());
         if factor == 1 {
             break;
         }
+
         factor = (factor / 4).max(1);
         let seed = |track: &Track| {
             let Seed { x, y, dx, .. } = track.place;
             Seed { x, y, dx, dy: fit.field.at(x + dx, y) }
         };
         let seeds: Vec<Seed> = tracks.iter().map(seed).collect();
+
         tracks = follow(rows, &seeds, factor, means)?;
         most = most.max(tracks.len());
         match fitted(&tracks, rows.size(), spacing(overview), factor, most) {
@@ -95,88 +103,105 @@ pub fn offsets(
             None => break,
         }
     }
+
     let best = fits.into_iter().filter(|fit| fit.error < LARGEST_ERROR);
     Ok(best.min_by(|a, b| a.error.total_cmp(&b.error)))
 }
 
-/// The field in the small copies, and the blocks that tell it.
+/// The field in the reduced copies, and the blocks that it was fitted to.
 fn first(
-    rows: Rows,
+    rows: PairRows,
     overview: &Overview,
     rough: &RoughMap,
     candidates: Option<Candidates>,
     means: Means,
-) -> Result<Option<(Offsets, Vec<Track>)>> {
+) -> Result<Option<(RowOffsets, Vec<Track>)>> {
     let (mut field, mut best, mut map) = (None, None, None);
+    // A poor match may mean that the rows are far off.
     if rough.confidence < GOOD_CONFIDENCE {
         field = overview.shift(candidates, rows.size(), means)?;
     }
+
+    // A better field gives a better map, which gives more and better blocks.
     for round in 1.. {
         if field.is_some() {
             map = Some(overview.rough(candidates, field.as_ref(), means)?);
         }
+
         let seeds = seeds(overview, map.as_ref().unwrap_or(rough), field.as_ref());
         let tracks = follow(rows, &seeds, overview.factor, means)?;
         let count = tracks.len();
         let found = fitted(&tracks, rows.size(), spacing(overview), overview.factor, count);
         let Some(found) = found else { break };
-        let stands = STANDS * overview.factor as f64;
-        let is_near = difference(&found.field, field.as_ref()) < stands;
+        let tolerated = TOLERATED * overview.factor as f64;
+        let is_near = difference(&found.field, field.as_ref()) < tolerated;
         field = Some(found.field.clone());
         best = Some((found, tracks));
+
         if is_near || round == ROUNDS {
             break;
         }
     }
+
     Ok(best)
 }
 
-/// Pixels between blocks.
+/// Distance of neighboring blocks, pixels of the whole image, so that about [`BLOCKS`] cover it.
 fn spacing(overview: &Overview) -> usize {
     let size = overview.planes[0].as_slice().len();
+
     (((size / BLOCKS) as f64).sqrt() as usize).max(1) * overview.factor
 }
 
-/// Blocks all over the image, where the disparity is known.
+/// Blocks all over the image, wherever the disparity is known.
 fn seeds(overview: &Overview, map: &RoughMap, field: Option<&Alignment>) -> Vec<Seed> {
-    let (factor, step) = (overview.factor, spacing(overview) / overview.factor);
+    let factor = overview.factor;
+    let step = spacing(overview) / factor;
+    // The center of a pixel of the copy, in pixels of the whole image.
     let center = |at: usize| factor as f64 * (at as f64 + 0.5) - 0.5;
+
     let mut seeds = vec![];
     for row in (step / 2..map.disparity.rows()).step_by(step) {
         for col in (step / 2..map.disparity.cols()).step_by(step) {
             let disparity = f64::from(map.disparity.row(row)[col]);
             if disparity.is_finite() {
-                let (x, y, dx) = (center(col), center(row), -disparity * factor as f64);
+                let (x, y) = (center(col), center(row));
+                let dx = -disparity * factor as f64;
                 let dy = field.map_or(0.0, |field| field.at(x + dx, y));
                 seeds.push(Seed { x, y, dx, dy });
             }
         }
     }
+
     seeds
 }
 
-/// Root mean square of what two fields differ by, pixels.
+/// Root mean square of the difference of two fields, pixels.
 fn difference(field: &Alignment, other: Option<&Alignment>) -> f64 {
     let mut coefficients = *field.coefficients();
     if let Some(other) = other {
         coefficients.iter_mut().zip(other.coefficients()).for_each(|(a, b)| *a -= b);
     }
+
     Alignment::new(coefficients, field.size()).map_or(f64::INFINITY, |field| field.rms())
 }
 
-/// The field through blocks that were found in copies reduced by a factor, `spacing` pixels apart. `most` is how many there
-/// were in smaller copies: where only few of them are found again, as in a blurred image, these may be there by chance,
-/// and the error grows by as much.
+/// The field through blocks that were found in copies reduced by a factor, `spacing` pixels apart.
+///
+/// `most` is the largest number of blocks that were found in any copies. Where only few of them are found again, as in a
+/// blurred image, these may be there by chance: the error grows by as much.
 fn fitted(
     tracks: &[Track],
     (rows, cols): (usize, usize),
     spacing: usize,
     factor: usize,
     most: usize,
-) -> Option<Offsets> {
+) -> Option<RowOffsets> {
     if tracks.len() < LEAST_BLOCKS {
         return None;
     }
+
+    // Fields are functions of places from -1 to 1 of the right image.
     let fraction = |at: f64, length: usize| (at + 0.5) / (length as f64 / 2.0) - 1.0;
     let point = |Track { place, weight }: &Track| Point {
         terms: terms(fraction(place.x + place.dx, cols), fraction(place.y, rows)),
@@ -184,20 +209,24 @@ fn fitted(
         weight: *weight,
     };
     let points: Vec<Point> = tracks.iter().map(point).collect();
+
     let mut fit = robust(&points, LINEAR)?;
-    // Blocks that overlap do not err independently.
+    // Overlapping blocks do not err independently, so there are fewer independent points than blocks.
     let overlap = ((BLOCK * factor) as f64 / spacing as f64).max(1.0);
     let excess = overlap * most as f64 / points.len() as f64;
+
     if points.len() >= ENOUGH_BLOCKS
         && let Some(all) = robust(&points, TERMS)
         && all.difference(&fit) > RICHER * all.error(excess).max(LEAST_RICHER)
     {
         fit = all;
     }
+
     if fit.agreeing < LEAST_BLOCKS.max(points.len() / 2) {
         return None;
     }
-    Some(Offsets {
+
+    Some(RowOffsets {
         field: Alignment::new(fit.coefficients, (rows, cols)).ok()?,
         error: math::hypot(fit.error(excess), BIAS * factor as f64),
         blocks: fit.agreeing,
@@ -205,46 +234,49 @@ fn fitted(
     })
 }
 
-/// One equation.
+/// One equation of the fit.
 struct Point {
     terms: [f64; TERMS],
     value: f64,
     weight: f64,
 }
 
-/// What a robust fit tells.
-struct Fit {
+/// The result of a robust fit.
+struct RobustFit {
     coefficients: [f64; TERMS],
-    /// Robust standard deviation of the residuals.
+    /// Robust standard deviation of the residuals, pixels.
     spread: f64,
-    /// Points that count.
+    /// Number of points with any weight.
     agreeing: usize,
     /// Mean over the image of the variance of the field, for residuals of variance 1.
     mean_variance: f64,
 }
 
-impl Fit {
-    /// Standard error of the field, root mean square over the image; `excess` is how much more it is than that of
+impl RobustFit {
+    /// Standard error of the field, root mean square over the image; `excess` is the ratio of its variance to that for
     /// independent points.
     fn error(&self, excess: f64) -> f64 {
         self.spread * (excess * self.mean_variance).sqrt()
     }
 
-    /// Root mean square of what two fields differ by.
+    /// Root mean square of the difference of two fields.
     fn difference(&self, other: &Self) -> f64 {
         let field = |(x, y)| -> f64 {
             let terms = terms(x, y);
             (0..TERMS).map(|i| (self.coefficients[i] - other.coefficients[i]) * terms[i]).sum()
         };
+
         let squares: Vec<f64> = places().map(|place| field(place).powi(2)).collect();
         (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
     }
 }
 
-/// Fits the first terms by least squares that are weighted anew.
-fn robust(points: &[Point], count: usize) -> Option<Fit> {
+/// Fits the first `count` terms by iteratively reweighted least squares; `None` where they are not determined.
+fn robust(points: &[Point], count: usize) -> Option<RobustFit> {
     let mut weights: Vec<f64> = points.iter().map(|point| point.weight).collect();
-    let (mut coefficients, mut spread) = ([0.0; TERMS], 0.0);
+    let mut coefficients = [0.0; TERMS];
+    let mut spread = 0.0;
+
     for step in 0..STEPS.0 {
         coefficients = Normal::new(points, &weights, count).solved()?;
         let residual = |point: &Point| {
@@ -252,7 +284,10 @@ fn robust(points: &[Point], count: usize) -> Option<Fit> {
             (point.value - field).abs()
         };
         let residuals: Vec<f64> = points.iter().map(residual).collect();
+        // 1.4826 times the median absolute deviation is the standard deviation of normal errors.
         spread = 1.4826 * median(residuals.clone()) + FLOOR;
+
+        // Absolute deviations lead near the solution from anywhere; the biweight then ignores outliers entirely.
         for ((weight, point), residual) in weights.iter_mut().zip(points).zip(&residuals) {
             *weight = point.weight
                 * if step < STEPS.1 {
@@ -262,10 +297,11 @@ fn robust(points: &[Point], count: usize) -> Option<Fit> {
                 };
         }
     }
+
     let agree: Vec<f64> = weights.iter().map(|weight| f64::from(*weight > 0.0)).collect();
     let agreeing = agree.iter().filter(|weight| **weight > 0.0).count();
-    let normal = Normal::new(points, &agree, count);
-    Some(Fit { coefficients, spread, agreeing, mean_variance: normal.mean_variance()? })
+    let mean_variance = Normal::new(points, &agree, count).mean_variance()?;
+    Some(RobustFit { coefficients, spread, agreeing, mean_variance })
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -273,7 +309,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// Normal equations of so many terms.
+/// The normal equations of the first `count` terms; of the symmetric matrix, the lower triangle.
 struct Normal {
     matrix: [[f64; TERMS]; TERMS],
     target: [f64; TERMS],
@@ -283,6 +319,7 @@ struct Normal {
 impl Normal {
     fn new(points: &[Point], weights: &[f64], count: usize) -> Self {
         let (mut matrix, mut target) = ([[0.0; TERMS]; TERMS], [0.0; TERMS]);
+
         for (Point { terms, value, .. }, weight) in points.iter().zip(weights) {
             for row in 0..count {
                 let weighted = weight * terms[row];
@@ -292,16 +329,18 @@ impl Normal {
                 }
             }
         }
+
         Self { matrix, target, count }
     }
 
-    /// Cholesky's factor; `None` where the equations do not tell all terms.
+    /// The Cholesky factor; `None` where the equations do not determine all terms.
     fn factor(&self) -> Option<[[f64; TERMS]; TERMS]> {
         let mut lower = [[0.0f64; TERMS]; TERMS];
         for row in 0..self.count {
             for col in 0..=row {
-                let known: f64 = (0..col).map(|k| lower[row][k] * lower[col][k]).sum();
-                let rest = self.matrix[row][col] - known;
+                let done: f64 = (0..col).map(|k| lower[row][k] * lower[col][k]).sum();
+                let rest = self.matrix[row][col] - done;
+
                 if row > col {
                     lower[row][col] = rest / lower[col][col];
                 } else if rest * LARGEST_CONDITION > self.matrix[0][0] {
@@ -311,38 +350,46 @@ impl Normal {
                 }
             }
         }
+
         Some(lower)
     }
 
+    /// The coefficients, by substitution forward and backward.
     fn solved(&self) -> Option<[f64; TERMS]> {
         let lower = self.factor()?;
         let mut solution = forward(&lower, self.target, self.count);
+
         for row in (0..self.count).rev() {
             let known: f64 = (row + 1..self.count).map(|k| lower[k][row] * solution[k]).sum();
             solution[row] = (solution[row] - known) / lower[row][row];
         }
+
         solution[self.count..].fill(0.0);
+
         Some(solution)
     }
 
-    /// Mean over the image of the variance of the field.
+    /// Mean over the image of the variance of the field, for residuals of variance 1.
     fn mean_variance(&self) -> Option<f64> {
+        // The variance at a place is t' A^-1 t = |L^-1 t|^2 for its terms t.
         let lower = self.factor()?;
         let variance = |(x, y)| -> f64 {
             let half = forward(&lower, terms(x, y), self.count);
             half[..self.count].iter().map(|value| value * value).sum()
         };
+
         let variances: Vec<f64> = places().map(variance).collect();
         Some(variances.iter().sum::<f64>() / variances.len() as f64)
     }
 }
 
-/// Solves a lower triangle.
+/// Solves the equations of a lower triangle.
 fn forward(lower: &[[f64; TERMS]; TERMS], mut values: [f64; TERMS], count: usize) -> [f64; TERMS] {
     for row in 0..count {
         let known: f64 = (0..row).map(|k| lower[row][k] * values[k]).sum();
         values[row] = (values[row] - known) / lower[row][row];
     }
+
     values
 }
 
@@ -358,6 +405,7 @@ mod tests {
             let astray = if index.is_multiple_of(wrong) { 3.0 } else { 0.0 };
             Point { terms, value: exact + astray, weight: 1.0 }
         };
+
         (1..200).map(point).collect()
     }
 
@@ -367,6 +415,7 @@ mod tests {
         let fit = robust(&points(&field, 5), LINEAR).expect("enough points");
         assert!((0..TERMS).all(|term| (fit.coefficients[term] - field[term]).abs() < 1e-6));
         assert_eq!(fit.agreeing, 160);
+
         let field = [1.5, -2.0, 0.5, 1.0, -0.25, 0.75, -1.0, 0.5];
         let fit = robust(&points(&field, 6), TERMS).expect("enough points");
         assert!((0..TERMS).all(|term| (fit.coefficients[term] - field[term]).abs() < 1e-6));

@@ -1,7 +1,7 @@
-//! Blocks of the left image found again in the right one, in both directions, to parts of a pixel.
+//! Blocks of the left image that are found again in the right one, in both directions, with sub-pixel precision.
 //!
-//! A block of the left image is correlated with those of the right one about where it should be, from there on with those
-//! about the best of nine, until the best is the middle one. A paraboloid through the nine correlations tells parts of a pixel.
+//! A block of the left image is correlated with the nine right ones about its expected place, then with those about the
+//! best of the nine, until the best is the middle one. A paraboloid through the nine correlations gives the fractions.
 //!
 //! ```text
 //! c(dx, dy) = sum l(x, y) r(x + dx, y + dy) / sqrt(sum l^2 sum r^2)     both less their means, after a 5 x 5 binomial
@@ -18,74 +18,80 @@ use rayon::prelude::*;
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
-use crate::rig::blur::parts::{Look, Means, Part, Rows};
+use crate::rig::blur::parts::{Means, PairRows, Part, Strips};
 use crate::rig::blur::rough::reduced;
 use crate::simd::{Level, Loop};
 
-/// Side of a block, pixels of the copy it is looked for in.
+/// Side of a block, pixels of the reduced copy.
 pub const BLOCK: usize = 24;
-/// Pixels by which a block may be from where it should be.
-const ROOM: usize = 4;
-/// Side of what surrounds it in the right image.
-const AREA: usize = BLOCK + 2 * ROOM;
-/// Pixels that a binomial takes on either side.
+/// Largest distance of a block from its expected place along either axis.
+const SEARCH: usize = 4;
+/// Side of the part of the right image that is searched.
+const AREA: usize = BLOCK + 2 * SEARCH;
+/// Pixels that the binomial filter reads on either side.
 const SMOOTH: usize = 2;
-/// Blocks that correlate less are not the same.
+/// Least correlation of blocks that show the same.
 const LEAST_CORRELATION: f32 = 0.5;
-/// Of a block at most one pixel in so many may be masked.
+/// Of a block, at most one pixel in so many may be masked.
 const MASKED_SHARE: usize = 10;
 
-/// Where a block should be: its center in the left image, and from there to that in the right one, pixels of the images.
+/// The expected place of a block: its center in the left image, and the offset to that in the right one, pixels of the
+/// whole images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Seed {
     /// Column of the center.
     pub x: f64,
     /// Row of the center.
     pub y: f64,
-    /// Columns to the right one's.
+    /// Columns from the left center to the right one.
     pub dx: f64,
-    /// Rows to the right one's.
+    /// Rows from the left center to the right one.
     pub dy: f64,
 }
 
-/// Where a block is.
+/// A block that was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Track {
-    /// Its place in both images.
+    /// Its place in both images, with sub-pixel precision.
     pub place: Seed,
-    /// How well the correlation fixes `dy`: the inverse of its variance, of arbitrary scale.
+    /// Inverse variance of `dy`, of arbitrary scale: how well the correlation fixes it.
     pub weight: f64,
 }
 
-/// What surrounds a place of an image, smoothed, without its mean.
+/// A smoothed part of an image, less its mean.
 struct Patch<const SIDE: usize> {
     values: Vec<[f32; SIDE]>,
 }
 
-/// Looks for every block about where it should be, in copies of the images that are reduced by a factor; leaves out what is
-/// not found. The seeds are in the order of their rows.
-pub fn follow(rows: Rows, seeds: &[Seed], factor: usize, means: Means) -> Result<Vec<Track>> {
-    let around = BLOCK / 2 + ROOM + SMOOTH + 1;
+/// Searches every block about its expected place, in copies of the images that are reduced by a factor, and leaves out
+/// those that are not found. The seeds are in the order of their rows.
+pub fn follow(rows: PairRows, seeds: &[Seed], factor: usize, means: Means) -> Result<Vec<Track>> {
+    let around = BLOCK / 2 + SEARCH + SMOOTH + 1;
     let top = |seed: &Seed| (in_copy(seed.y, factor) - around as isize).max(0) as usize * factor;
     let mut tops: Vec<usize> = seeds.iter().map(top).collect();
     tops.dedup();
+
     let largest = seeds.iter().fold(0.0f64, |most, seed| most.max(seed.dy.abs()));
-    let margin = largest.ceil() as usize + crate::rig::blur::parts::MARGIN;
-    let look = Look { tops: &tops, rows: 2 * around * factor, margin, unit: factor };
+    let halo = largest.ceil() as usize + crate::rig::blur::parts::HALO;
+    let strips = Strips { tops: &tops, rows: 2 * around * factor, halo, unit: factor };
+
     let mut found = vec![];
-    rows.look(look, means, |part, looked| {
-        let wanted = &tops[looked];
+    rows.visit(strips, means, |part, visited| {
+        let wanted = &tops[visited];
         let first = seeds.partition_point(|seed| top(seed) < wanted[0]);
         let end = seeds.partition_point(|seed| top(seed) <= wanted[wanted.len() - 1]);
+
         let planes = copies(part, factor, means.control)?;
         let here = |seed: &Seed| {
             let copies = [&*planes[0], &*planes[1]];
             track(copies, part, seed, factor, means.how.level)
         };
+
         let tracks: Vec<Option<Track>> = seeds[first..end].par_iter().map(here).collect();
         found.extend(tracks.into_iter().flatten());
         Ok(())
     })?;
+
     Ok(found)
 }
 
@@ -105,11 +111,12 @@ fn copies<'a>(
     Ok([copy(0)?, copy(1)?])
 }
 
-/// The pixel of a copy that lies at a place of the image.
+/// The row or column of a copy that contains a place of the whole image.
 fn in_copy(place: f64, factor: usize) -> isize {
     ((place + 0.5) / factor as f64).floor() as isize
 }
 
+/// Searches one block.
 fn track(
     images: [&Plane<f32>; 2],
     part: &Part,
@@ -119,24 +126,27 @@ fn track(
 ) -> Option<Track> {
     let above = (part.first / factor) as isize;
     let (x, y) = (in_copy(seed.x, factor), in_copy(seed.y, factor) - above);
-    let there = [seed.dx, seed.dy].map(|by| (by / factor as f64).round() as isize);
-    let (right_x, right_y) = (x + there[0], y + there[1]);
+    let shift = [seed.dx, seed.dy].map(|by| (by / factor as f64).round() as isize);
+    let (right_x, right_y) = (x + shift[0], y + shift[1]);
+
     let is_valid =
         is_valid(part, (x, y), factor, 0) && is_valid(part, (right_x, right_y), factor, 1);
     if !is_valid {
         return None;
     }
-    let block = level.run(Cut::<BLOCK> { image: images[0], x, y })?;
-    let area = level.run(Cut::<AREA> { image: images[1], x: right_x, y: right_y })?;
+
+    let block = level.run(CutPatch::<BLOCK> { image: images[0], x, y })?;
+    let area = level.run(CutPatch::<AREA> { image: images[1], x: right_x, y: right_y })?;
     let (offset, weight) = level.run(Climb { block: &block, area: &area })?;
+
     // The center of a block of an even side lies between pixels.
     let place = |at: isize| factor as f64 * at as f64 - 0.5;
-    let [dx, dy] = [0, 1].map(|axis| factor as f64 * (there[axis] as f64 + offset[axis]));
+    let [dx, dy] = [0, 1].map(|axis| factor as f64 * (shift[axis] as f64 + offset[axis]));
     let place = Seed { x: place(x), y: place(y + above), dx, dy };
     Some(Track { place, weight })
 }
 
-/// Whether most of a block is valid.
+/// Whether most pixels of a block are valid.
 fn is_valid(part: &Part, (x, y): (isize, isize), factor: usize, side: usize) -> bool {
     let Some(mask) = &part.pair.views()[side].mask else { return true };
     let span = |at: isize, length: usize| {
@@ -144,20 +154,21 @@ fn is_valid(part: &Part, (x, y): (isize, isize), factor: usize, side: usize) -> 
         let end = |at: isize| (at * factor as isize).clamp(0, length as isize) as usize;
         end(at - half)..end(at + half)
     };
+
     let (rows, cols) = (span(y, mask.rows()), span(x, mask.cols()));
     let total = rows.len() * cols.len();
     let masked = rows.flat_map(|y| &mask.row(y)[cols.clone()]).filter(|valid| !**valid).count();
     masked * MASKED_SHARE <= total
 }
 
-/// Cuts out what surrounds a place; `None` where that is not all inside the image, or of one value.
-struct Cut<'a, const SIDE: usize> {
+/// Cuts a smoothed part about a place; `None` where it would leave the image.
+struct CutPatch<'a, const SIDE: usize> {
     image: &'a Plane<f32>,
     x: isize,
     y: isize,
 }
 
-impl<const SIDE: usize> Loop for Cut<'_, SIDE> {
+impl<const SIDE: usize> Loop for CutPatch<'_, SIDE> {
     type Output = Option<Patch<SIDE>>;
 
     #[inline(always)]
@@ -165,10 +176,13 @@ impl<const SIDE: usize> Loop for Cut<'_, SIDE> {
         let Self { image, x, y } = self;
         let corner = |at: isize| usize::try_from(at - (SIDE / 2 + SMOOTH) as isize).ok();
         let (left, top) = (corner(x)?, corner(y)?);
+
         let side = SIDE + 2 * SMOOTH;
         if left + side > image.cols() || top + side > image.rows() {
             return None;
         }
+
+        // The binomial is separable: first along the rows, then along the columns.
         let mut along = vec![[0.0f32; SIDE]; side];
         for (row, out) in along.iter_mut().enumerate() {
             let pixels = &image.row(top + row)[left..left + side];
@@ -176,6 +190,7 @@ impl<const SIDE: usize> Loop for Cut<'_, SIDE> {
                 *out = binomial(from_fn(|tap| pixels[at + tap]));
             }
         }
+
         let mut values = vec![[0.0f32; SIDE]; SIDE];
         let mut sums = [0.0f32; SIDE];
         for (row, out) in values.iter_mut().enumerate() {
@@ -185,23 +200,25 @@ impl<const SIDE: usize> Loop for Cut<'_, SIDE> {
                 sums[at] += out[at];
             }
         }
+
         let mean = total(sums) / (SIDE * SIDE) as f32;
         for row in &mut values {
             for value in row {
                 *value -= mean;
             }
         }
+
         Some(Patch { values })
     }
 }
 
-/// The mean of five values whose weights are a binomial.
+/// The mean of five values with the weights 1, 4, 6, 4, 1 of the binomial.
 #[inline(always)]
 fn binomial(values: [f32; 2 * SMOOTH + 1]) -> f32 {
     0.0625 * (values[0] + values[4]) + 0.25 * (values[1] + values[3]) + 0.375 * values[2]
 }
 
-/// Climbs to the largest correlation.
+/// Hill climbing from the middle of the searched part to the largest correlation.
 struct Climb<'a> {
     block: &'a Patch<BLOCK>,
     area: &'a Patch<AREA>,
@@ -219,9 +236,12 @@ impl Loop for Climb<'_> {
                 squares[at] += row[at] * row[at];
             }
         }
+
         let energy = total(squares);
-        let mut known = [[f32::NAN; 2 * ROOM + 1]; 2 * ROOM + 1];
-        let (mut x, mut y) = (ROOM, ROOM);
+        // Steps overlap, so correlations are remembered.
+        let mut known = [[f32::NAN; 2 * SEARCH + 1]; 2 * SEARCH + 1];
+        let (mut x, mut y) = (SEARCH, SEARCH);
+
         loop {
             let mut nine = [0.0; 9];
             for (index, value) in nine.iter_mut().enumerate() {
@@ -233,10 +253,11 @@ impl Loop for Climb<'_> {
             }
             let best = (0..9).fold(4, |best, at| if nine[at] > nine[best] { at } else { best });
             if best == 4 {
-                return peak(nine, [x as f64 - ROOM as f64, y as f64 - ROOM as f64]);
+                return peak(nine, [x as f64 - SEARCH as f64, y as f64 - SEARCH as f64]);
             }
             (x, y) = (x + best % 3 - 1, y + best / 3 - 1);
-            let inside = 1..2 * ROOM;
+
+            let inside = 1..2 * SEARCH;
             if !inside.contains(&x) || !inside.contains(&y) {
                 return None;
             }
@@ -244,7 +265,7 @@ impl Loop for Climb<'_> {
     }
 }
 
-/// The sum of a multiple of eight lanes: eight at a time, then halves, so that it takes few steps.
+/// The sum of a multiple of eight values: eight lanes at a time, then their halves, which takes few dependent steps.
 #[inline(always)]
 fn total<const COUNT: usize>(lanes: [f32; COUNT]) -> f32 {
     let mut eight = [0.0f32; 8];
@@ -253,6 +274,7 @@ fn total<const COUNT: usize>(lanes: [f32; COUNT]) -> f32 {
             eight[lane] += lanes[first + lane];
         }
     }
+
     let mut four = [0.0f32; 4];
     for lane in 0..4 {
         four[lane] = eight[lane] + eight[lane + 4];
@@ -260,7 +282,7 @@ fn total<const COUNT: usize>(lanes: [f32; COUNT]) -> f32 {
     (four[0] + four[2]) + (four[1] + four[3])
 }
 
-/// The normalized correlation of a block with the one of an area that begins at `(x, y)`.
+/// The normalized correlation of a block with that of the searched part that begins at `(x, y)`.
 #[inline(always)]
 fn correlation(block: &Patch<BLOCK>, area: &Patch<AREA>, energy: f32, x: usize, y: usize) -> f32 {
     let (mut products, mut squares, mut sums) = ([0.0f32; BLOCK], [0.0f32; BLOCK], [0.0f32; BLOCK]);
@@ -272,29 +294,39 @@ fn correlation(block: &Patch<BLOCK>, area: &Patch<AREA>, energy: f32, x: usize, 
             sums[at] += right[at];
         }
     }
+
     let (product, square, sum) = (total(products), total(squares), total(sums));
+    // The block has no mean, so the product needs none subtracted; the squares of the right one do.
     let norm = energy * (square - sum * sum / (BLOCK * BLOCK) as f32);
     if norm > f32::MIN_POSITIVE { product / norm.sqrt() } else { 0.0 }
 }
 
-/// Where the paraboloid through nine correlations has its maximum, and how well it fixes the row.
+/// The maximum of the paraboloid through nine correlations, and how well it fixes the row; `None` if it has none nearby.
 fn peak(nine: [f32; 9], at: [f64; 2]) -> Option<([f64; 2], f64)> {
     let [above, middle, below] =
         [0, 3, 6].map(|row| [0, 1, 2].map(|col| f64::from(nine[row + col])));
+
     let best = middle[1];
+    // First and second derivatives by central differences.
     let (slope_x, slope_y) = ((middle[2] - middle[0]) / 2.0, (below[1] - above[1]) / 2.0);
     let bend_x = middle[2] + middle[0] - 2.0 * best;
     let bend_y = below[1] + above[1] - 2.0 * best;
     let twist = (below[2] - below[0] - above[2] + above[0]) / 4.0;
+
     let determinant = bend_x * bend_y - twist * twist;
     if nine[4] <= LEAST_CORRELATION || bend_x >= 0.0 || bend_y >= 0.0 || determinant <= 0.0 {
         return None;
     }
+
+    // The zero of the gradient: a step of Newton's method.
     let x = (twist * slope_y - bend_y * slope_x) / determinant;
     let y = (twist * slope_x - bend_x * slope_y) / determinant;
     if x.abs() >= 1.0 || y.abs() >= 1.0 {
         return None;
     }
+
+    // The curvature along y with x at its best, over what the correlation lacks to 1, a measure of the noise. A little
+    // more than 1 keeps the weight finite.
     let sharpness = -determinant / bend_x;
     Some(([at[0] + x, at[1] + y], sharpness / (1.02 - best)))
 }

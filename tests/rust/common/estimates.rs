@@ -1,4 +1,4 @@
-//! What is found out of a pair before it is matched.
+//! The estimate of a pair before it is matched.
 
 use phasestereo::internals::error::Result;
 use phasestereo::internals::pipeline::control::Control;
@@ -9,7 +9,7 @@ use phasestereo::internals::rig::estimation::{Known, Means, prepare, prepare_by_
 use phasestereo::internals::settings::Settings;
 use phasestereo::internals::settings::presets::Preset;
 
-/// Settings that ask for noise and blur alone.
+/// Settings that only need noise and blur.
 pub fn of_blur() -> Settings {
     Settings { compensate_blur: true, ..Preset::Paper.settings() }
 }
@@ -23,11 +23,11 @@ pub fn estimate(
 ) -> Result<Estimate> {
     let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
     let means = Means { matcher, how, control };
-    let found = prepare(pair.clone(), known, &of_blur(), means)?.found;
+    let found = prepare(pair.clone(), known, &of_blur(), means)?.estimates;
     Ok(found.blur.expect("it was asked for"))
 }
 
-/// The same of a pair that is read.
+/// Noise and blur of a pair that is read by rows.
 pub fn estimate_by_rows(
     source: &dyn Source,
     matcher: &Matcher,

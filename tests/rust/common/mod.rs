@@ -1,4 +1,4 @@
-//! What the tests of several stages draw from: settings, images and volumes, awkward ones included.
+//! Generators that the tests of several stages share: settings, images and volumes, awkward ones included.
 
 pub mod estimates;
 pub mod maps;
@@ -23,10 +23,10 @@ use proptest::prelude::*;
 use proptest::sample::select;
 use proptest::test_runner::RngSeed;
 
-/// Numbers of candidates about those that fill one run of lanes, or two, three or four.
+/// Numbers of candidates around those that fill one run of lanes, or two, three or four.
 pub const COUNTS: [usize; 14] = [1, 2, 3, 7, 31, 32, 33, 64, 65, 96, 97, 128, 129, 257];
 
-/// Every way to choose.
+/// Every optimizer.
 pub const OPTIMIZERS: [Optimizer; 4] = [
     Optimizer::DynamicProgramming,
     Optimizer::ScanlineOptimization,
@@ -38,6 +38,7 @@ pub const OPTIMIZERS: [Optimizer; 4] = [
 pub fn random(cases: u32) -> ProptestConfig {
     let rng_seed = RngSeed::Fixed(0);
     let failure_persistence = None;
+
     ProptestConfig { cases, rng_seed, failure_persistence, max_shrink_iters: 200, ..<_>::default() }
 }
 
@@ -46,7 +47,7 @@ pub fn levels() -> Vec<Level> {
     Level::all().filter_map(|(_, level)| level).collect()
 }
 
-/// What some work comes to at every level, which is the same.
+/// The result of some work, which must be the same at every level.
 pub fn at_every_level<T: PartialEq + std::fmt::Debug>(work: impl Fn(Level) -> T) -> T {
     let mut found = levels().into_iter().map(work);
     let first = found.next().expect("a level");
@@ -54,26 +55,28 @@ pub fn at_every_level<T: PartialEq + std::fmt::Debug>(work: impl Fn(Level) -> T)
     first
 }
 
-/// Numbers of rows: a few, or about as many as paths look beyond a band, as a band has, and both together.
+/// Numbers of rows: a few, or about those of the look-ahead, of a band, and of both together.
 pub fn heights() -> impl Strategy<Value = usize> {
     let near = vec![15, 16, 17, 63, 64, 65, 79, 80, 81, 127, 128, 129];
     prop_oneof![3 => 1usize..=9, 1 => select(near)]
 }
 
-/// Numbers of columns: a few, or about as many as paths look beyond a panel, as a panel has, and both together.
+/// Numbers of columns: a few, or about those of the look-ahead, of a panel, and of both together.
 pub fn widths() -> impl Strategy<Value = usize> {
     let near = vec![31, 32, 33, 63, 64, 65, 95, 96, 97, 127, 128, 129, 200];
     prop_oneof![3 => 1usize..=12, 1 => select(near)]
 }
 
-/// Legal descriptors of any family; sizes lean to the small, where frequencies meet their bounds.
+/// Legal descriptors of any family; small sizes are frequent, as frequencies meet their bounds there.
 pub fn descriptors() -> impl Strategy<Value = Settings> {
     let size = prop_oneof![6 => 1usize..=5, 1 => 6usize..=31].prop_map(|radius| 2 * radius + 1);
+
     let taper = prop_oneof![
         3 => Just(Taper::Uniform),
         1 => Just(Taper::Gaussian),
         1 => Just(Taper::Hann)
     ];
+
     (size, taper, 0usize..=4, 0usize..=4, 1usize..=2, 1usize..=4).prop_filter_map(
         "no legal descriptor",
         |(neighborhood, taper, r, s, power, bits)| {
@@ -86,12 +89,13 @@ pub fn descriptors() -> impl Strategy<Value = Settings> {
                 bits,
                 ..Preset::Paper.settings()
             };
+
             settings.check().is_ok().then_some(settings)
         },
     )
 }
 
-/// Legal descriptors, many of those that may have a weak level with one.
+/// Legal descriptors, many of them with a weak level where one is allowed.
 pub fn weak_descriptors() -> impl Strategy<Value = Settings> {
     let weak = prop_oneof![1 => Just(0.0), 1 => Just(LARGEST_WEAK), 6 => 0.01..4.0f64];
     (descriptors(), weak, 1usize..=2).prop_map(|(descriptor, weak, sizes)| {
@@ -105,20 +109,21 @@ pub fn weak_descriptors() -> impl Strategy<Value = Settings> {
     })
 }
 
-/// Noise of a pair: none, some, and more than any image has contrast.
+/// Noise of a pair: none, some, and more than the contrast of any image.
 pub fn noises() -> impl Strategy<Value = [f64; 2]> {
     let one = || prop_oneof![1 => Just(0.0), 4 => 0.0..8.0f64, 2 => 0.0..1e-4f64, 1 => Just(1e300)];
     (one(), one()).prop_map(|(left, right)| [left, right])
 }
 
-/// Kernels of random taps, many of them zero, or none; at times larger than the image.
+/// Kernels of random taps, many of them zero, or none; some larger than the image.
 pub fn kernels() -> impl Strategy<Value = Option<Kernel>> {
     let radius = || prop_oneof![4 => 0usize..=2, 1 => 3usize..=8];
-    let taps = (radius(), radius()).prop_flat_map(|(down, across)| {
+    let taps = (radius(), radius()).prop_flat_map(|(vertical, horizontal)| {
         let tap = prop_oneof![1 => Just(0.0), 1 => 0.0..1.0f64];
-        let count = (2 * down + 1) * (2 * across + 1);
-        (Just(2 * down + 1), prop::collection::vec(tap, count))
+        let count = (2 * vertical + 1) * (2 * horizontal + 1);
+        (Just(2 * vertical + 1), prop::collection::vec(tap, count))
     });
+
     let kernel = taps.prop_map(|(rows, mut taps)| {
         taps[0] += 0.1;
         let total: f64 = taps.iter().sum();
@@ -126,6 +131,7 @@ pub fn kernels() -> impl Strategy<Value = Option<Kernel>> {
         let taps = Plane::from_vec(rows, taps.len() / rows, taps).expect("the right length");
         Kernel::new(&taps).expect("a legal kernel")
     });
+
     prop_oneof![1 => Just(None), 2 => kernel.prop_map(Some)]
 }
 
@@ -135,12 +141,16 @@ pub fn blur_compensation() -> impl Strategy<Value = BlurCompensation> {
     let labels = (1usize..=5, 1usize..=5).prop_flat_map(|(rows, cols)| {
         (Just((rows, cols)), prop::collection::vec(any::<prop::sample::Index>(), rows * cols))
     });
+
     let known = (noises(), impulses(), noises(), 1usize..=40);
+
     (known, kernels, labels).prop_map(|(known, kernels, (size, labels))| {
         let (noise, impulses, smoothing, tile) = known;
         let labels = labels.iter().map(|label| label.index(kernels.len()) as u8).collect();
         let labels = Plane::from_vec(size.0, size.1, labels).expect("the right length");
+
         let kernels = kernels.into_iter().map(|(left, right)| [left, right]).collect();
+
         let compensation =
             BlurCompensation::new(noise, kernels, labels, tile).expect("legal compensation");
         let compensation = compensation.with_impulses(impulses).expect("legal heights");
@@ -148,13 +158,13 @@ pub fn blur_compensation() -> impl Strategy<Value = BlurCompensation> {
     })
 }
 
-/// Heights of impulses of a pair: of none, of some, and of more than any image has contrast.
+/// Heights of impulses of a pair: none, some, and more than the contrast of any image.
 pub fn impulses() -> impl Strategy<Value = [f64; 2]> {
     let one = || prop_oneof![2 => Just(0.0), 3 => 0.01..60.0f64, 1 => Just(1e300)];
     (one(), one()).prop_map(|(left, right)| [left, right])
 }
 
-/// P1 and P2 in the range of the costs, none at all, and those that no cost makes up for.
+/// P1 and P2 in the range of the costs, none, and penalties larger than any cost.
 pub fn penalties() -> impl Strategy<Value = (f64, f64)> {
     let one = || prop_oneof![4 => 0.0..4.0f64, 2 => Just(0.0), 1 => Just(LARGEST_PENALTY)];
     (one(), one())
@@ -167,13 +177,16 @@ pub fn settings() -> impl Strategy<Value = Settings> {
         1 => Just(CostKind::Sad),
         1 => Just(CostKind::NormalizedSad)
     ];
+
     let radius = prop_oneof![6 => 0usize..=5, 1 => 6usize..=31];
     let precision = select(vec![Precision::Full, Precision::Byte]);
     let optimizers = OPTIMIZERS.into_iter().chain([Optimizer::SemiGlobal; 2]).collect::<Vec<_>>();
     let edges = prop_oneof![2 => Just(0.0), 2 => 0.1..3.0f64, 1 => Just(LARGEST_EDGES)];
-    let ways = (select(optimizers), penalties(), edges);
-    (weak_descriptors(), cost, radius, precision, ways, any::<bool>(), refinements()).prop_map(
-        |(descriptor, cost, radius, precision, ways, shiftable, refinement)| Settings {
+
+    let paths = (select(optimizers), penalties(), edges);
+
+    (weak_descriptors(), cost, radius, precision, paths, any::<bool>(), refinements()).prop_map(
+        |(descriptor, cost, radius, precision, paths, shiftable, refinement)| Settings {
             cost,
             neighborhood: descriptor.neighborhood,
             taper: descriptor.taper,
@@ -185,25 +198,26 @@ pub fn settings() -> impl Strategy<Value = Settings> {
             window: 2 * radius + 1,
             shiftable,
             precision,
-            optimizer: ways.0,
-            p1: ways.1.0,
-            p2: ways.1.1,
-            adaptive_p2: ways.2,
+            optimizer: paths.0,
+            p1: paths.1.0,
+            p2: paths.1.1,
+            adaptive_p2: paths.2,
             ..refinement
         },
     )
 }
 
-/// Legal ways to refine a map, with other defaults.
+/// Legal settings of refinement; all else is as in the paper.
 pub fn refinements() -> impl Strategy<Value = Settings> {
     let consistency = prop::option::of(select(vec![0, 1, 2, MOST_DISPARITIES]));
     let uniqueness = prop_oneof![2 => Just(0), 1 => 1..=MOST_UNIQUENESS];
     let speckles = (select(vec![0, 0, 1, 5, 100]), select(vec![0.0, 0.5, 1.0, 3.0]));
     let median = select(vec![0, 3]);
     let least = prop_oneof![2 => Just(0.0), 1 => 0.0..1.0f64, 1 => Just(1.0)];
-    let choices = [any::<bool>(); 5];
+
+    let switches = [any::<bool>(); 5];
     let checks = (consistency, uniqueness);
-    (checks, speckles, median, least, choices).prop_map(
+    (checks, speckles, median, least, switches).prop_map(
         |(
             checks,
             speckles,
@@ -229,7 +243,7 @@ pub fn refinements() -> impl Strategy<Value = Settings> {
     )
 }
 
-/// The settings that a pair is matched with by default, but for what is found out about its blur.
+/// The settings that a pair is matched with by default, without the estimation of its rig.
 pub fn robust() -> Settings {
     Settings {
         compensate_blur: false,
@@ -244,6 +258,7 @@ pub fn robust() -> Settings {
 pub fn every_descriptor(neighborhood: usize) -> impl Iterator<Item = Settings> {
     let frequencies = (0..=4).flat_map(|r| (0..=4).map(move |s| (r, s)));
     let families = frequencies.flat_map(|f| (1..=2).map(move |k| (f, k)));
+
     families.flat_map(|(f, k)| (1..=4).map(move |b| (f, k, b))).filter_map(
         move |(frequencies, power, bits)| {
             let settings =
@@ -253,7 +268,7 @@ pub fn every_descriptor(neighborhood: usize) -> impl Iterator<Item = Settings> {
     )
 }
 
-/// Gray planes from 1x1 up, of full range or of so few values that ties abound.
+/// Gray planes from 1x1 up, of full range or of so few values that there are many ties.
 pub fn grays(largest: usize) -> impl Strategy<Value = Plane<i32>> {
     let values = prop_oneof![Just(0..=2), Just(-32_767_500..=32_767_500)];
     (1..=largest, 1..=largest, values).prop_flat_map(|(rows, cols, values)| {
@@ -274,28 +289,32 @@ pub fn volumes(
         .prop_map(move |data| Plane::from_vec(rows, length, data).expect("the right length"))
 }
 
-/// A view of random pixels of any type, perhaps masked here and there.
+/// A view of random pixels of any type, with or without masked pixels.
 pub fn views(rows: usize, cols: usize, kind: u8) -> impl Strategy<Value = View> {
     let channels = prop_oneof![Just(1usize), Just(3usize)];
     let pixels = channels.prop_flat_map(move |channels| {
         (Just(channels), prop::collection::vec(any::<u16>(), rows * cols * channels))
     });
+
     let mask = prop::option::of(prop::collection::vec(prop::bool::weighted(0.8), rows * cols));
+
     (pixels, mask).prop_map(move |((channels, pixels), mask)| {
         let array =
             Array3::from_shape_vec((rows, cols, channels), pixels).expect("the right length");
+
         let image = match kind {
             0 => Image::U8(array.mapv(|value| value as u8)),
             1 => Image::U16(array),
             2 => Image::F32(array.mapv(|value| f32::from(value) / 65_535.0)),
             _ => Image::F64(array.mapv(|value| f64::from(value) * 1e6 - 3.0)),
         };
+
         let mask = mask.map(|mask| Mask::from_vec(rows, cols, mask).expect("the right length"));
         View { image, mask, range: None, impulses: 0.0 }
     })
 }
 
-/// The largest odd side up to `side` of squares with at most `places` places, but for one that is always had.
+/// The largest odd side up to `side` of squares with at most `places` places, but at least 1.
 pub fn affordable(side: usize, places: usize) -> usize {
     let most = places.isqrt().max(1);
     side.min(if most.is_multiple_of(2) { most - 1 } else { most })
@@ -307,30 +326,34 @@ pub fn view(rows: usize, cols: usize, pixel: impl Fn(usize, usize) -> u8) -> Vie
     View::from(Image::U8(pixels))
 }
 
-/// A number without any pattern for each place, the same in every run.
+/// A pseudo-random number for each place, the same in every run.
 pub fn hash(seed: u64, y: usize, x: usize) -> u64 {
     let mut bits = seed ^ (y as u64) << 20 ^ (x as u64) << 40;
+
     for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
         bits = (bits ^ bits >> 30).wrapping_add(0x9e37_79b9_7f4a_7c15).wrapping_mul(factor);
     }
+
     bits ^ bits >> 31
 }
 
-/// A mask of which about `percent` pixels are valid, in clumps and singly.
+/// A mask with about `percent` of valid pixels, in clumps and singly.
 pub fn mask(rows: usize, cols: usize, percent: u64, seed: u64) -> Mask {
     let valid = |seed, y, x| hash(seed, y, x) % 100 < percent;
     Mask::from_fn(rows, cols, |y, x| valid(seed, y, x) && valid(!seed, y / 5, x / 5))
 }
 
-/// A scene and its negative, of 11 x 42 pixels: every bit of their codes differs, and at disparity 0 nobody
-/// votes but 8 pixels in one column. Each row has three pixels of a value, of which one is valid on the left
-/// and the others on the right, so that the masks hide nothing of the scene.
-pub fn eight_votes() -> [View; 2] {
-    let votes = |y, x| x == 18 && y < 8;
+/// A scene and its negative, of 11 x 42 pixels: every bit of their codes differs, and at disparity 0 only 8 pairs are valid,
+/// in one column. Three pixels in a row share a value; one is valid on the left and the others on the right, so the masks
+/// hide nothing of the scene.
+pub fn eight_valid_pairs() -> [View; 2] {
+    let in_both = |y, x| x == 18 && y < 8;
     let valid = [0, 1].map(|side| {
-        Mask::from_fn(11, 42, |y, x| (x % 3 == 1) == (side == 0) || side == 0 && votes(y, x))
+        Mask::from_fn(11, 42, |y, x| (x % 3 == 1) == (side == 0) || side == 0 && in_both(y, x))
     });
+
     let scene = |y, x| hash(3, y, x / 3) as u8;
+
     let [left, right] = valid.map(Some);
     [
         View { mask: left, ..view(11, 42, scene) },
@@ -343,9 +366,11 @@ pub fn gray(view: &View) -> Plane<i32> {
     let plain = View { impulses: 0.0, ..view.clone() };
     let gray = Gray::new(&plain, Level::best(), &Control::default()).expect("not cancelled");
     let values = plane(&gray);
+
     if view.impulses == 0.0 {
         return values;
     }
+
     reference::repair(&values, gray.steps(view.impulses) as i32)
 }
 
@@ -353,20 +378,23 @@ pub fn gray(view: &View) -> Plane<i32> {
 pub fn plane(gray: &Gray) -> Plane<i32> {
     let (rows, cols) = gray.size();
     let mut plane = Plane::new(rows, cols).expect("memory");
+
     for y in 0..rows {
         gray.write_row(y, Level::best(), plane.row_mut(y)).expect("memory");
     }
+
     plane
 }
 
 /// The channel planes of a pair.
-pub fn level_pair(views: [&View; 2], told: Option<(f64, f64)>) -> [Vec<Plane<u16>>; 2] {
-    level_planes(views, told, &Control::default()).expect("not cancelled")
+pub fn level_pair(views: [&View; 2], given: Option<(f64, f64)>) -> [Vec<Plane<u16>>; 2] {
+    level_planes(views, given, &Control::default()).expect("not cancelled")
 }
 
 /// A gray plane of pseudo-random values, for the tests that need a size of their own.
 pub fn noise(rows: usize, cols: usize) -> Plane<i32> {
     let mut state = 1u32;
+
     Plane::from_fn(rows, cols, |_, _| {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         (state >> 24) as i32

@@ -1,7 +1,7 @@
-//! A whole match by the reference implementations: what every fast one must give, bit for bit.
+//! A whole match by the reference implementations, which every fast match must equal, bit for bit.
 
 use crate::reference;
-use crate::reference::Found;
+use crate::reference::PixelEvidence;
 use phasestereo::internals::cost::Costs;
 use phasestereo::internals::cost::aggregation::Window;
 use phasestereo::internals::cost::candidates::Candidates;
@@ -11,14 +11,14 @@ use phasestereo::internals::image::intensity::Gray;
 use phasestereo::internals::image::plane::Plane;
 use phasestereo::internals::image::texture::Texture;
 use phasestereo::internals::image::view::View;
-use phasestereo::internals::optimization::Steps;
+use phasestereo::internals::optimization::Penalties;
 use phasestereo::internals::optimization::evidence::NONE;
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Disparity, Pair};
-use phasestereo::internals::refinement::confidence::{Scene, vote};
+use phasestereo::internals::refinement::confidence::{VotedMap, vote};
 use phasestereo::internals::refinement::left_right_check::Choices;
 use phasestereo::internals::refinement::synthesis::is_asked_for;
-use phasestereo::internals::refinement::{Margin, flag};
+use phasestereo::internals::refinement::{CostMargin, flag};
 use phasestereo::internals::rig::blur_compensation::{
     self, {BlurCompensation, MOST_CLASSES},
 };
@@ -26,15 +26,15 @@ use phasestereo::internals::settings::{CostKind, Optimizer, Settings};
 
 use super::{gray, level_pair, levels, plane};
 
-/// What a caller sees of a match; floats by their bits, so that NaN equals NaN.
+/// The result of a match, floats by their bits, so that NaN equals NaN.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Seen {
+pub struct ResultBits {
     pub disparity: Vec<u32>,
     pub flags: Vec<u16>,
     pub confidence: Option<Vec<u32>>,
 }
 
-impl Seen {
+impl ResultBits {
     pub fn of(map: Disparity) -> Self {
         let bits = |plane: Plane<f32>| plane.into_vec().into_iter().map(f32::to_bits).collect();
         Self {
@@ -46,14 +46,15 @@ impl Seen {
 }
 
 /// Window and penalties of a match.
-pub fn scale(pair: &Pair, settings: &Settings) -> (Window, Steps) {
+pub fn scale(pair: &Pair, settings: &Settings) -> (Window, Penalties) {
     let (window, steps) = window(pair, settings);
-    (window, Steps::new(settings, window, steps))
+    (window, Penalties::new(settings, window, steps))
 }
 
-/// Window of a match, and steps to the unit of its costs.
+/// Window of a match, and steps of its costs per unit.
 fn window(pair: &Pair, settings: &Settings) -> (Window, u16) {
-    let (candidates, control) = (pair.candidates(), Control::default());
+    let candidates = pair.candidates();
+    let control = Control::default();
     let costs = Costs::new(
         pair.views(),
         candidates,
@@ -63,21 +64,23 @@ fn window(pair: &Pair, settings: &Settings) -> (Window, u16) {
         &control,
     )
     .expect("not cancelled");
+
     let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
     (window, costs.steps())
 }
 
-/// Costs, 0 where there is no vote.
+/// Costs, 0 where either pixel is invalid.
 pub fn costs(
     views: [&View; 2],
     candidates: Candidates,
     settings: &Settings,
     compensation: Option<&BlurCompensation>,
 ) -> Plane<u16> {
-    let votes = votes(views, candidates);
+    let validity = validity(views, candidates);
+
     let costs = if settings.cost == CostKind::Phase {
-        let untold = BlurCompensation::of_noise([0.0; 2]).expect("legal noise");
-        phase_costs(views, candidates, settings, compensation.unwrap_or(&untold))
+        let none = BlurCompensation::of_noise([0.0; 2]).expect("legal noise");
+        phase_costs(views, candidates, settings, compensation.unwrap_or(&none))
     } else {
         let [left, right] = level_pair(views, settings.intensity_range).map(|channels| {
             let normalized = |plane: &Plane<u16>| match settings.cost {
@@ -88,10 +91,13 @@ pub fn costs(
         });
         reference::absolute_differences(&left, &right, candidates)
     };
-    Plane::from_fn(costs.rows(), costs.cols(), |y, place| costs.row(y)[place] * votes.row(y)[place])
+
+    Plane::from_fn(costs.rows(), costs.cols(), |y, place| {
+        costs.row(y)[place] * validity.row(y)[place]
+    })
 }
 
-/// Costs of phase codes: of whole images for each class, of which every pixel then takes its own's.
+/// Costs of phase codes: of whole images for each class; every pixel then takes those of its own class.
 fn phase_costs(
     views: [&View; 2],
     candidates: Candidates,
@@ -101,6 +107,7 @@ fn phase_costs(
     let (rows, cols, _) = views[0].image.shape();
     let count = candidates.count();
     let classes = Plane::from_fn(rows, cols, |y, x| compensation.class(y, x));
+
     let of_class = |class: usize| {
         classes.as_slice().contains(&class).then(|| {
             let [left, right] = [0, 1].map(|side| {
@@ -111,16 +118,17 @@ fn phase_costs(
             reference::phase_costs(&left, &right, candidates)
         })
     };
+
     let volumes: Vec<_> = (0..MOST_CLASSES).map(of_class).collect();
+
     Plane::from_fn(rows, cols * count, |y, place| {
         let volume = &volumes[classes.row(y)[place / count]];
         volume.as_ref().expect("of a class that occurs").row(y)[place]
     })
 }
 
-/// Codes of an image, perhaps smoothed, in sixteenths of a byte, or else with four more bits, or as many as leave it below
-/// 2^17; and perhaps under a kernel,
-/// with four more bits, or as many as leave it below 2^25.
+/// Codes of an image. Smoothed ones are in sixteenths of a byte, or have four more bits, or as many as leave them below
+/// 2^17; ones under a kernel have four more bits, or as many as leave them below 2^25.
 fn codes(
     view: &View,
     smoothing: f64,
@@ -129,29 +137,35 @@ fn codes(
     noise: f64,
 ) -> Plane<u64> {
     let gray = Gray::new(view, levels()[0], &Control::default()).expect("memory");
-    let (mut values, mut reach) = (super::gray(view), gray.reach());
+    let mut values = super::gray(view);
+    let mut reach = gray.reach();
+
     let most = |reach: u32, limit: u32| {
         let bits = [4, 3, 2, 1].into_iter().find(|bits| reach << bits <= limit);
         bits.unwrap_or(0)
     };
+
     if smoothing > 0.0 {
         let is_of_bytes = matches!(reach, 128 | 128_000);
         let smoothed = if is_of_bytes { 2048 } else { reach << most(reach, 1 << 17) };
+
         let scale = f64::from(smoothed) / f64::from(reach);
         values = reference::smooth_gray(&values, gray.steps(smoothing), scale);
         reach = smoothed;
     }
+
     if let Some(kernel) = kernel {
         let bits = most(reach, 1 << 25);
         values = reference::convolve(&values, kernel, bits);
         reach <<= bits;
     }
+
     let scale = f64::from(reach) / f64::from(gray.reach());
     let threshold = weak_threshold(&gray, settings, noise * scale);
     reference::describe(&values, settings, threshold)
 }
 
-/// The same of gray values of this scale, which are as smooth as they are to be.
+/// Codes of gray values of this scale, which are smoothed already.
 fn codes_of(
     gray: &Gray,
     values: &Plane<i32>,
@@ -163,28 +177,34 @@ fn codes_of(
     let Some(kernel) = kernel else {
         return reference::describe(values, settings, threshold);
     };
+
     let finer = [4, 3, 2, 1].into_iter().find(|bits| gray.reach() << bits <= 1 << 25);
     let bits = finer.unwrap_or(0);
     let threshold = weak_threshold(gray, settings, noise * f64::from(1 << bits));
     reference::describe(&reference::convolve(values, kernel, bits), settings, threshold)
 }
 
-/// Magnitude up to which parts of components are weak: white noise gives each the energy of the window, of
-/// which half falls to either part.
+/// Magnitude up to which the parts of a component are weak: in white noise a component has the energy of the window, half of
+/// which belongs to either part.
 pub fn weak_threshold(gray: &Gray, settings: &Settings, noise: f64) -> f64 {
     let neighborhood = settings.neighborhood + 2 * (settings.sizes - 1);
     let window = Basis::new(&Settings { neighborhood, ..settings.clone() });
     let window = window.filters()[0].even.clone();
+
     let weight = |j: isize| f64::from(window[j.unsigned_abs()]);
     let radius = (neighborhood / 2) as isize;
+
     let places = (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)));
     let energy: f64 = places.map(|(dy, dx)| (weight(dy) * weight(dx)).powi(2)).sum();
+
     (settings.noise_threshold * gray.steps(noise) * (energy / 2.0).sqrt()).round()
 }
 
 /// 1 where left pixel and candidate are both valid, else 0.
-pub fn votes([left, right]: [&View; 2], candidates: Candidates) -> Plane<u16> {
-    let ((rows, cols, _), count) = (left.image.shape(), candidates.count());
+pub fn validity([left, right]: [&View; 2], candidates: Candidates) -> Plane<u16> {
+    let (rows, cols, _) = left.image.shape();
+    let count = candidates.count();
+
     Plane::from_fn(rows, cols * count, |y, place| {
         let (x, k) = (place / count, place % count);
         u16::from(left.is_valid(y, x) && right.is_valid(y, candidates.column(x, k, cols)))
@@ -192,55 +212,68 @@ pub fn votes([left, right]: [&View; 2], candidates: Candidates) -> Plane<u16> {
 }
 
 /// The whole match.
-pub fn matched(pair: &Pair, settings: &Settings) -> Seen {
+pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
     let found = found(pair, settings);
     let draft = drafted(pair, settings, &found);
     let texture = Texture::new(gray(pair.views()[0]));
+
     let unit = unit(pair, settings);
+
     let votes = found.map(|found| {
         let elsewhere = (found.elsewhere != NONE).then_some(found.elsewhere.into());
-        vote(Margin { own: found.own.into(), elsewhere }, unit)
+        vote(CostMargin { own: found.own.into(), elsewhere }, unit)
     });
+
     let (disparity, mut flags) = refined(pair, draft, &texture, settings);
-    let confidences =
-        reference::confidences(Scene { disparity: &disparity, votes: &votes, texture: &texture });
+    let confidences = reference::confidences(VotedMap {
+        disparity: &disparity,
+        votes: &votes,
+        texture: &texture,
+    });
+
     let mut disparity = disparity.into_vec();
     for (place, disparity) in disparity.iter_mut().enumerate() {
         let flags = &mut flags.as_mut_slice()[place];
         let is_doubtful = f64::from(confidences.as_slice()[place]) < settings.min_confidence;
         if is_doubtful && !disparity.is_nan() {
             let doubtful = (*flags | flag::LOW_CONFIDENCE) & !flag::FILLED;
-            (*disparity, *flags) = (f32::NAN, doubtful);
+            *disparity = f32::NAN;
+            *flags = doubtful;
         }
+
         if !settings.fill && *flags & flag::UNTRUSTED != 0 {
-            (*disparity, *flags) = (f32::NAN, *flags & !flag::FILLED);
+            *disparity = f32::NAN;
+            *flags &= !flag::FILLED;
         }
     }
+
     let bits = |values: Vec<f32>| values.into_iter().map(f32::to_bits).collect();
     let confidence = settings.confidence.then(|| bits(confidences.into_vec()));
-    Seen { disparity: bits(disparity), flags: flags.into_vec(), confidence }
+    ResultBits { disparity: bits(disparity), flags: flags.into_vec(), confidence }
 }
 
-/// What is known of the candidate chosen for each pixel.
-fn found(pair: &Pair, settings: &Settings) -> Plane<Found> {
+/// The evidence of the candidate chosen for each pixel.
+fn found(pair: &Pair, settings: &Settings) -> Plane<PixelEvidence> {
     let candidates = pair.candidates();
-    let (window, steps) = scale(pair, settings);
-    let votes = votes(pair.views(), candidates);
+    let (window, penalties) = scale(pair, settings);
+
+    let validity = validity(pair.views(), candidates);
     let costs = costs(pair.views(), candidates, settings, pair.blur_compensation());
-    let costs = reference::aggregate(&costs, &votes, window);
+    let costs = reference::aggregate(&costs, &validity, window);
+
     let gray = gray(pair.views()[0]);
     let edges = (settings.adaptive_p2 > 0.0).then(|| reference::edges(&gray, settings.adaptive_p2));
-    optimized(&costs, candidates.count(), settings.optimizer, steps, edges.as_ref())
+    optimized(&costs, candidates.count(), settings.optimizer, penalties, edges.as_ref())
 }
 
-/// What is found by aggregated costs; `adaptive_p2` are those of [`reference::edges`].
+/// The evidence by aggregated costs; `edges` are those of [`reference::edges`].
 pub fn optimized(
     costs: &Plane<u32>,
     candidates: usize,
     optimizer: Optimizer,
-    steps: Steps,
+    penalties: Penalties,
     edges: Option<&Plane<u8>>,
-) -> Plane<Found> {
+) -> Plane<PixelEvidence> {
     let (rows, cols) = (costs.rows(), costs.cols() / candidates);
     let of_pixel = |x: usize| x * candidates..(x + 1) * candidates;
     let by_sums = |sums: &Plane<u64>, costs: &Plane<u32>| {
@@ -248,66 +281,83 @@ pub fn optimized(
             reference::select(&sums.row(y)[of_pixel(x)], &costs.row(y)[of_pixel(x)])
         })
     };
+
     match optimizer {
         Optimizer::DynamicProgramming => {
-            let row = |y| reference::in_order(costs.row(y), candidates, steps);
+            let row = |y| reference::in_order(costs.row(y), candidates, penalties);
+
             let chosen: Vec<_> = (0..rows).map(row).collect();
             Plane::from_fn(rows, cols, |y, x| {
                 reference::margin(chosen[y][x], &costs.row(y)[of_pixel(x)])
             })
         }
         Optimizer::ScanlineOptimization => {
-            by_sums(&reference::scanline_optimization(costs, candidates, steps, edges), costs)
+            by_sums(&reference::scanline_optimization(costs, candidates, penalties, edges), costs)
         }
         Optimizer::WinnerTakesAll => by_sums(&costs.map(|&cost| cost.into()), &costs.map(|_| 0)),
         Optimizer::SemiGlobal => {
-            by_sums(&reference::semi_global(costs, candidates, steps, edges), costs)
+            by_sums(&reference::semi_global(costs, candidates, penalties, edges), costs)
         }
     }
 }
 
-/// What one unit of the mean cost is in the costs that decide.
+/// One unit of the mean cost, in steps of the aggregated costs.
 fn unit(pair: &Pair, settings: &Settings) -> f32 {
     let (window, steps) = window(pair, settings);
     window.unit(steps) as f32
 }
 
-/// Disparities and flags, of each row by itself.
-fn drafted(pair: &Pair, settings: &Settings, found: &Plane<Found>) -> (Plane<f32>, Plane<u16>) {
-    let (candidates, count) = (pair.candidates(), pair.candidates().count());
-    let votes = votes(pair.views(), candidates);
+/// Disparities and flags, each row by itself.
+fn drafted(
+    pair: &Pair,
+    settings: &Settings,
+    found: &Plane<PixelEvidence>,
+) -> (Plane<f32>, Plane<u16>) {
+    let candidates = pair.candidates();
+    let count = candidates.count();
+    let validity = validity(pair.views(), candidates);
+
     let mut all = vec![];
     for y in 0..found.rows() {
         let row = found.row(y);
-        let of_pixel = |x: usize| &votes.row(y)[x * count..(x + 1) * count];
-        let flags = (0..row.len()).map(|x| flags(pair, of_pixel(x), (y, x), row[x].chosen.into()));
-        let flags: Vec<_> = flags.collect();
+        let of_pixel = |x: usize| &validity.row(y)[x * count..(x + 1) * count];
+        let flags: Vec<_> = (0..row.len())
+            .map(|x| flags(pair, of_pixel(x), (y, x), row[x].chosen.into()))
+            .collect();
+
         let chosen: Vec<_> = row.iter().map(|found| found.chosen).collect();
         let costs: Vec<_> = row.iter().map(|found| found.own).collect();
         let choices = Choices { chosen: &chosen, costs: &costs, candidates };
+
         let flags = match settings.lr_check {
             Some(most) => reference::check_row(choices, most as u16, &flags),
             None => flags,
         };
+
         let ambiguous = row.iter().map(|found| ambiguous(found, settings.uniqueness as f64));
         all.extend(flags.iter().zip(ambiguous).map(|(&flags, ambiguous)| {
             if flags & flag::MISSING == 0 { flags | ambiguous } else { flags }
         }));
     }
+
     let flags = Plane::from_vec(found.rows(), found.cols(), all).expect("all rows");
+
     let disparity = Plane::from_fn(found.rows(), found.cols(), |y, x| {
-        let Found { chosen, offset, .. } = found.row(y)[x];
+        let PixelEvidence { chosen, offset, .. } = found.row(y)[x];
         let whole = candidates.disparity(chosen.into()) as f32;
         let is_missing = flags.row(y)[x] & flag::MISSING != 0;
+
         if is_missing { f32::NAN } else { whole + if settings.subpixel { offset } else { 0.0 } }
     });
+
     (disparity, flags)
 }
 
-/// The flag of a candidate that costs more than all but so many percent of the least cost elsewhere.
-fn ambiguous(found: &Found, percent: f64) -> u16 {
+/// The flag of a candidate whose cost is not lower than the least one elsewhere by so many percent.
+fn ambiguous(found: &PixelEvidence, percent: f64) -> u16 {
     let least = f64::from(found.elsewhere) * (100.0 - percent);
     let is_unique = percent == 0.0 || found.elsewhere == NONE;
+
     if !is_unique && f64::from(found.own) * 100.0 > least { flag::AMBIGUOUS } else { 0 }
 }
 
@@ -322,27 +372,33 @@ fn refined(
         let region = (settings.speckle_size, settings.speckle_range as f32);
         flags = reference::flag_speckles(&disparity, &flags, region);
     }
+
     let checks = [settings.lr_check.is_some(), settings.uniqueness > 0, settings.speckle_size > 0];
     if checks.contains(&true) {
         (disparity, flags) = reference::fill(&disparity, &flags);
     }
+
     if settings.guided_median {
         disparity = reference::guide(&disparity, &texture.gray);
     }
+
     if settings.median > 0 {
         disparity = reference::smooth(&disparity);
     }
+
     if is_asked_for(settings, pair.blur_compensation()) {
         disparity = synthesized(&disparity, pair, settings);
         disparity = reference::outline(&disparity, &texture.gray, texture.roughness);
     }
+
     if settings.subpixel {
         disparity = reference::smooth_surfaces(&disparity);
     }
+
     (disparity, flags)
 }
 
-/// The map by which the soft image of a pair can best be made again.
+/// The map that explains the soft image of a pair best.
 pub fn synthesized(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> Plane<f32> {
     let (views, (rows, cols)) = (pair.views(), pair.size());
     let compensation = pair.blur_compensation().expect("kernels");

@@ -1,4 +1,4 @@
-//! Pairs that are read, and matched, a few rows at a time.
+//! Pairs that are read and matched a few rows at a time.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -12,7 +12,7 @@ use phasestereo::internals::image::view::{Image, View};
 use phasestereo::internals::pipeline::matcher::Pair;
 use phasestereo::internals::pipeline::source::Source;
 
-/// A pair in memory that is read so many rows at a time, and what was read of it.
+/// A pair in memory that gives at most so many rows at a time, with a record of what was read.
 pub struct Slow {
     pub pair: Pair,
     pub most_rows: usize,
@@ -26,7 +26,7 @@ impl Slow {
         Self { pair: pair.clone(), most_rows, reads: Mutex::default(), broken: None }
     }
 
-    /// The rows that were asked for, one time after another.
+    /// The rows of every read, in order.
     pub fn asked(&self) -> Vec<Range<usize>> {
         self.reads.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -48,6 +48,7 @@ impl Source for Slow {
     fn rows(&self, rows: Range<usize>) -> Result<Pair> {
         let mut reads = self.reads.lock().unwrap_or_else(PoisonError::into_inner);
         reads.push(rows.clone());
+
         if Some(reads.len() - 1) == self.broken {
             return Err(Error::value("read", "a torn tape", "a whole one"));
         }
@@ -62,12 +63,17 @@ pub fn part(pair: &Pair, rows: &Range<usize>) -> Pair {
     Pair::new(left, right, candidates.min() as i64, count as i64).expect("a legal part")
 }
 
-/// The same with these ranges, with the blur compensation of the whole.
-pub fn known_part(pair: &Pair, rows: &Range<usize>, ranges: [intensity::Range; 2]) -> Pair {
+/// Some rows of a pair, with these ranges and the blur compensation of the whole.
+pub fn known_part(
+    pair: &Pair,
+    rows: &Range<usize>,
+    ranges: [intensity::IntensityRange; 2],
+) -> Pair {
     let compensation = pair
         .blur_compensation()
         .cloned()
         .map(|compensation| compensation.starting_at_row(rows.start));
+
     part(pair, rows).with_blur_compensation(compensation).with_ranges(ranges.map(Some))
 }
 
@@ -75,6 +81,7 @@ fn view_of(view: &View, rows: &Range<usize>) -> View {
     fn cut<T: Clone>(pixels: &Array3<T>, rows: &Range<usize>) -> Array3<T> {
         pixels.slice(s![rows.clone(), .., ..]).to_owned()
     }
+
     let image = match &view.image {
         Image::U8(pixels) => Image::U8(cut(pixels, rows)),
         Image::U16(pixels) => Image::U16(cut(pixels, rows)),

@@ -11,14 +11,14 @@ Data flow: `trials` -> records, in a store -> `verdicts` -> the table of `result
 """
 
 from phasestereo_bench.blur.results import BlurResults, blur_table, explain_blur, read_blur
-from phasestereo_bench.blur.trials import KIND, Trial, blur_jobs, run_blur, try_out
-from phasestereo_bench.blur.verdicts import Verdict, verdict
+from phasestereo_bench.blur.trials import KIND, BlurTrial, blur_jobs, run_blur, try_out
+from phasestereo_bench.blur.verdicts import BlurVerdict, verdict
 
 __all__ = [
     "KIND",
     "BlurResults",
-    "Trial",
-    "Verdict",
+    "BlurTrial",
+    "BlurVerdict",
     "blur_jobs",
     "blur_table",
     "explain_blur",

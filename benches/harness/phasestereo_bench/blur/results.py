@@ -7,7 +7,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from phasestereo_bench.blur.trials import KIND
-from phasestereo_bench.blur.verdicts import ANGLE, SIZE_PIXELS, SIZE_SHARE, Verdict, verdict
+from phasestereo_bench.blur.verdicts import ANGLE, SIZE_PIXELS, SIZE_SHARE, BlurVerdict, verdict
 from phasestereo_bench.report.tables import MISSING, Entry, Table
 from phasestereo_bench.store import read_store
 
@@ -50,36 +50,41 @@ def read_blur(paths: Sequence[str | os.PathLike[str]]) -> BlurResults | None:
     ------
     ValueError
         If a file is not what it should be, all trials failed, or there are records of other kinds,
-        too: they are told of apart.
+        too; each benchmark has a report of its own.
     OSError
         If a file cannot be read.
     """
     stored = [record for path in paths for record in read_store(path)]
     kinds = {str(record.get("kind")) for record in stored} - {_ENVIRONMENT}
+
     if KIND not in kinds:
         return None
     if len(kinds) > 1:
         raise ValueError(f"results of several benchmarks: {', '.join(sorted(kinds))}; give one")
+
     try:
-        told = _last(record for record in stored if record["kind"] == KIND)
-        for record in told:
+        trials = _last(record for record in stored if record["kind"] == KIND)
+        for record in trials:
             verdict(record)
-        used = dict.fromkeys(str(record["environment"]) for record in told)
+        used = dict.fromkeys(str(record["environment"]) for record in trials)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"a record of kind {KIND!r} is not whole: {error!r}") from error
-    if not told:
+
+    if not trials:
         raise ValueError("no results: all trials failed")
+
     known = {record["id"]: record for record in stored if record["kind"] == _ENVIRONMENT}
     return BlurResults(
-        records=tuple(told), environments={name: known.get(name, {}) for name in used}
+        records=tuple(trials), environments={name: known.get(name, {}) for name in used}
     )
 
 
 def blur_table(results: BlurResults) -> Table:
     """Return how much of it is right, a row for each blur, and one for all."""
-    groups: dict[str, list[Verdict]] = {}
+    groups: dict[str, list[BlurVerdict]] = {}
     for record in sorted(results.records, key=_order):
         groups.setdefault(_name(record), []).append(verdict(record))
+
     everything = [judged for group in groups.values() for judged in group]
     rows = [_row(name, group) for name, group in groups.items()]
     return Table(_HEADER, (*rows, _row("all", everything)))
@@ -90,6 +95,7 @@ def explain_blur(results: BlurResults) -> str:
     scenes = {(record["collection"], record["scene"]) for record in results.records}
     noises = sorted({record["noise"] for record in results.records if record["noise"]})
     levels = " or ".join(f"{noise:g}" for noise in noises)
+
     return (
         f"Trials on {len(scenes)} scenes; a blurred image has 8 bits and noise of {levels or 'no'} "
         "gray levels. %: share of the trials that are right. Size: Gaussians by their standard "
@@ -105,6 +111,7 @@ def _last(records: Iterable[Record]) -> list[Record]:
     """Return the good ones, of several of a trial the last."""
     names = ("collection", "scene", "family", "size", "angle", "side", "noise")
     good = [record for record in records if record["status"] == "ok"]
+
     return list({tuple(record[name] for name in names): record for record in good}.values())
 
 
@@ -122,11 +129,14 @@ def _name(record: Record) -> str:
     return f"{record['family']} {record['size']:g}"
 
 
-def _row(name: str, group: Sequence[Verdict]) -> tuple[Entry, ...]:
+def _row(name: str, group: Sequence[BlurVerdict]) -> tuple[Entry, ...]:
     sized = [judged.size_error for judged in group if judged.size_error is not None]
     turned = [judged.angle_error for judged in group if judged.angle_error is not None]
+
+    # A size means nothing without a blur, an angle only something for a motion.
     blurred = not name.startswith("none")
     moved = name.startswith(("motion", "all"))
+
     return (
         Entry(name),
         Entry(str(len(group))),
@@ -141,7 +151,7 @@ def _row(name: str, group: Sequence[Verdict]) -> tuple[Entry, ...]:
     )
 
 
-def _share(group: Sequence[Verdict], right: Callable[[Verdict], bool]) -> Entry:
+def _share(group: Sequence[BlurVerdict], right: Callable[[BlurVerdict], bool]) -> Entry:
     """Return the share in %, 100 only of all."""
     count = sum(map(right, group))
     return Entry("100" if count == len(group) else f"{100 * count / len(group):.1f}")

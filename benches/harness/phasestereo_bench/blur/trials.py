@@ -1,4 +1,4 @@
-"""Trials: a scene of which one image, both or neither are blurred, and what is found of it."""
+"""Trials: scenes with one image, both or none blurred, and the blur that is estimated."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from phasestereo.rig.estimation import estimate_blur
 from phasestereo_bench import cases
 from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
 from phasestereo_bench.measurement import measured
-from phasestereo_bench.runner import Job, run
+from phasestereo_bench.runner import Job, run_jobs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -43,7 +43,7 @@ _SEEDS = {"left": 1, "right": 2}
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class BlurTrial:
     """A scene, and what was done to its images.
 
     Attributes
@@ -97,12 +97,12 @@ def run_blur(
     workers: int | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> list[dict[str, Any]]:
-    """Try out on scenes whether blur is found that is known, and keep a record of each trial.
+    """Blur scenes by known kernels, estimate the blur, and keep a record of each trial.
 
     Every scene is tried as it is; with one image blurred, the left or the right one, by 26
     point-spread functions (Gaussians of standard deviation 1 to 4 px, disks of radius 2 to 8 px,
     motions of 5 to 21 px in four directions), with noise of 1 or 2 gray levels; and with both
-    images blurred alike, which is to be found no blur.
+    images blurred alike, for which no relative blur is the right answer.
 
     Parameters
     ----------
@@ -114,15 +114,15 @@ def run_blur(
     every
         Only every so many trials, 1 or more: 7 gives a quick look at all kinds of them.
     workers, progress
-        As for `phasestereo_bench.run`.
+        As for `phasestereo_bench.run_jobs`.
 
     Returns
     -------
     list of dict
         A record per trial: "kind", "collection", "scene", "family", "size", "angle", "side" and
-        "noise" tell which, as `Trial` has them; "status" is "ok" or "failed". With "ok" there are
-        "found" ("side", "kind", "size" and "angle" of the blur of the largest area), "kinds" (how
-        many there are) and "areas" (the share of each), "certainty", "contrast", "noise_found",
+        "noise" identify it, as `BlurTrial` has them; "status" is "ok" or "failed". With "ok" there
+        are "found" ("side", "kind", "size" and "angle" of the blur of the largest area), "kinds"
+        (how many), "areas" (the share of each), "certainty", "contrast", "noise_found",
         "num_disparities", "width", "height", "seconds" and "peak_bytes" of the estimation, on one
         thread. Otherwise "error" says why.
 
@@ -131,37 +131,42 @@ def run_blur(
     ValueError
         If there is no trial, or `every` is less than 1.
     OSError, TypeError, RuntimeError, KeyboardInterrupt
-        As `phasestereo_bench.run`.
+        As `phasestereo_bench.run_jobs`.
     """
-    return run(blur_jobs(scenes, every=every), store, workers=workers, progress=progress)
+    return run_jobs(blur_jobs(scenes, every=every), store, workers=workers, progress=progress)
 
 
 def blur_jobs(scenes: Iterable[Scene], *, every: int = 1) -> list[Job]:
     """Return the jobs of `run_blur`, whose arguments these are, without running them."""
     if every < 1:
         raise ValueError(f"every: got {every}; accepts 1 and more")
+
     trials = [trial for scene in scenes for trial in _trials(scene)][::every]
     if not trials:
         raise ValueError("there is no scene to blur")
+
+    # Files may have changed since an earlier call in this process.
     cases.forget()
     return [Job(_key(trial), try_out, {"trial": trial}) for trial in trials]
 
 
-def try_out(trial: Trial) -> dict[str, Any]:
+def try_out(trial: BlurTrial) -> dict[str, Any]:
     """Estimate the blur of a trial and return what is to be recorded of it."""
     pair = cases.load(trial.scene)
     left, right = trial.views(pair)
     count = pair.num_disparities
+
     done = measured(lambda: estimate_blur(left, right, num_disparities=count, threads=1))
-    told, blur = done.answer, done.answer.blur
+    estimate, blur = done.answer, done.answer.blur
     height, width = left.shape[:2]
+
     return {
         "found": {name: getattr(blur, name) for name in ("side", "kind", "size", "angle")},
-        "kinds": len(told.blurs),
-        "areas": told.areas(),
-        "certainty": told.certainty,
-        "contrast": told.contrast,
-        "noise_found": told.noise,
+        "kinds": len(estimate.blurs),
+        "areas": estimate.areas(),
+        "certainty": estimate.certainty,
+        "contrast": estimate.contrast,
+        "noise_found": estimate.noise,
         "num_disparities": count,
         "width": width,
         "height": height,
@@ -170,16 +175,17 @@ def try_out(trial: Trial) -> dict[str, Any]:
     }
 
 
-def _trials(scene: Scene) -> Sequence[Trial]:
+def _trials(scene: Scene) -> Sequence[BlurTrial]:
     one_sided = [
-        Trial(scene, *blur, side, noise)
+        BlurTrial(scene, *blur, side, noise)
         for blur, side, noise in product(_BLURS, ("left", "right"), _NOISES)
     ]
-    alike = [Trial(scene, *blur, "both", 1.0) for blur in _BLURS_OF_BOTH]
-    return [Trial(scene, "none", 0.0, 0.0, "neither", 0.0), *one_sided, *alike]
+    alike = [BlurTrial(scene, *blur, "both", 1.0) for blur in _BLURS_OF_BOTH]
+
+    return [BlurTrial(scene, "none", 0.0, 0.0, "neither", 0.0), *one_sided, *alike]
 
 
-def _key(trial: Trial) -> dict[str, str | int | float | bool | None]:
+def _key(trial: BlurTrial) -> dict[str, str | int | float | bool | None]:
     return {
         "kind": KIND,
         "collection": trial.scene.collection,

@@ -1,4 +1,4 @@
-"""Verdicts: whether what was found in a trial is what was done to the images."""
+"""Verdicts: whether the estimate of a trial matches what was done to the images."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ if TYPE_CHECKING:
 SIZE_PIXELS, SIZE_SHARE, ANGLE = 0.5, 0.1, 15.0
 """How far a size may be off, in pixels or as a share of it, and an angle, in degrees."""
 
-_TWINS = {"gaussian": 1.5, "disk": 2.0}
-"""Up to these sizes a Gaussian and a disk of twice its size are too much alike to be told apart."""
+_ALIKE_UP_TO = {"gaussian": 1.5, "disk": 2.0}
+"""Up to these sizes a Gaussian and a disk of twice its size cannot be distinguished."""
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class BlurVerdict:
     """What is right about an estimate.
 
     Attributes
@@ -51,19 +51,24 @@ class Verdict:
         return self.kind and self.side and self.size and self.angle and self.single
 
 
-def verdict(record: Mapping[str, Any]) -> Verdict:
+def verdict(record: Mapping[str, Any]) -> BlurVerdict:
     """Judge a good record of a trial."""
     found, single = record["found"], record["kinds"] == 1
+
     if record["side"] in ("neither", "both"):
         none = found["side"] == "none"
-        return Verdict(none, none, None, size=True, angle_error=None, angle=True, single=single)
+        return BlurVerdict(none, none, None, size=True, angle_error=None, angle=True, single=single)
+
     family, true = record["family"], float(record["size"])
-    twins = {found["kind"], family} == set(_TWINS) and true <= _TWINS[family]
-    kind = found["kind"] == family or twins
+    alike = {found["kind"], family} == set(_ALIKE_UP_TO) and true <= _ALIKE_UP_TO[family]
+    kind = found["kind"] == family or alike
+
+    # Sizes and angles are compared only where the family is right.
     size = _as(family, found) if kind else None
     error = None if size is None else abs(size - true)
     turn = _turn(found["angle"], record["angle"]) if kind and family == "motion" else None
-    return Verdict(
+
+    return BlurVerdict(
         kind=kind,
         side=found["side"] == record["side"],
         size_error=error,
@@ -83,4 +88,5 @@ def _as(family: str, found: Mapping[str, Any]) -> float:
 
 
 def _turn(angle: float, other: float) -> float:
+    # A motion has a direction but no sense: angles repeat after 180 degrees.
     return abs((angle - other + 90) % 180 - 90)

@@ -15,7 +15,7 @@ from phasestereo_bench.cli.stores import put_aside
 from phasestereo_bench.report.documents import fill_places
 from phasestereo_bench.report.markdown import marked
 from phasestereo_bench.speed import find_pairs, run_speed
-from phasestereo_bench.tables import export, stages, table_texts
+from phasestereo_bench.tables import export, job_groups, table_texts
 from phasestereo_bench.tables.plan import HITNET
 
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
@@ -73,17 +73,21 @@ def tables(
     with refusals(options=_OPTIONS):
         weights = hitnet or data / HITNET
         learned = rivals(weights if hitnet or weights.is_file() else None, ["mccnn"])
+
         output.mkdir(parents=True, exist_ok=True)
         failed: list[dict[str, Any]] = []
-        for stage in stages(data, learned, quick=quick):
-            store = output / f"{stage.name}.jsonl"
-            prepare(store, stage.jobs, cells="cells", fresh=fresh)
-            count = 1 if stage.alone else workers
-            title = stage.name.capitalize()
-            records = run_cells(stage.jobs, store, workers=count, title=title, cells="cells")
+
+        for group in job_groups(data, learned, quick=quick):
+            store = output / f"{group.name}.jsonl"
+            prepare(store, group.jobs, cells="cells", fresh=fresh)
+            count = 1 if group.alone else workers
+            title = group.name.capitalize()
+            records = run_cells(group.jobs, store, workers=count, title=title, cells="cells")
             failed += [record for record in records if record["status"] != "ok"]
+
         if speed_rounds and not quick:
             _time(data, output, speed_rounds, fresh=fresh)
+
         export(output, export_to or output / "results.json")
         if not quick:
             _fill(readme, output)
@@ -97,9 +101,11 @@ def _time(data: Path, output: Path, rounds: int, *, fresh: bool) -> None:
     store = output / "speed.jsonl"
     if fresh and store.exists():
         say(f"renamed {store} to {put_aside(store)}")
+
     pairs, left_out = find_pairs(data, cache=output, names=())
     for line in left_out:
         say(line)
+
     with progress_bar("Speed") as progress:
         run_speed(pairs, store, rounds=rounds, progress=progress)
 

@@ -13,7 +13,7 @@ from phasestereo.cli.errors import CommandError, refusals
 from phasestereo.cli.terminal import printable, say
 from phasestereo_bench.blur import BlurResults, blur_jobs
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
-from phasestereo_bench.cli.bench_scenes import Choice
+from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.cli.bench_tables import blur_screen
 
 _OPTIONS = {"scene", "every"}
@@ -22,19 +22,19 @@ _RUN = Group.create_ordered("Run")
 _SUITE = "one-sided-blur"
 _COUNT = validators.Number(gte=0)
 _STEP = validators.Number(gte=1)
-_ALL = Choice()
+_ALL = SceneChoice()
 _PIPED_WIDTH = 120
 
 
 def blur(
     *folders: Annotated[Path, Parameter(group=_SCENES)],
-    choice: Annotated[Choice, Parameter(name="*", group=_SCENES)] = _ALL,
+    choice: Annotated[SceneChoice, Parameter(name="*", group=_SCENES)] = _ALL,
     every: Annotated[int, Parameter(group=_RUN, validator=_STEP)] = 1,
     output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("blur.jsonl"),
     workers: Annotated[int | None, Parameter(group=_RUN, validator=_COUNT)] = None,
     fresh: Annotated[bool, Parameter(negative=(), show_default=False, group=_RUN)] = False,
 ) -> None:
-    """Try out whether the blur of Middlebury pairs is found that one of their images was given.
+    """Blur Middlebury pairs by known kernels, and check whether that blur is found.
 
     Every scene is tried 109 times: as it is; with the left or the right image blurred by Gaussians,
     disks and motions of many sizes, with noise of 1 or 2 gray levels; and with both images blurred
@@ -67,18 +67,22 @@ def blur(
         jobs = blur_jobs(scenes, every=every)
         if left_out:
             say(left_out)
+
         prepare(output, jobs, cells="trials", fresh=fresh)
         records = run_cells(jobs, output, workers=workers, title="Estimating", cells="trials")
+
     failed = [record for record in records if record["status"] != "ok"]
     good = tuple(record for record in records if record["status"] == "ok")
+
     if good:
         console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
         console.print(blur_screen(BlurResults(records=good)))
         command = f"phasestereo bench report {output} --readme FILE.md"
-        told = f"Records: {output}; into a document: {command}"
-        console.print(printable(told), markup=False, soft_wrap=True)
+        message = f"Records: {output}; into a document: {command}"
+        console.print(printable(message), markup=False, soft_wrap=True)
+
     if failed:
         first = failed[0]
         case = f"{first['family']} {first['size']:g} on {first['scene']}"
-        told = f"{len(failed)} of {len(records)} trials failed, the first of them {case}"
-        raise CommandError(f"{told}: {first['error']}")
+        message = f"{len(failed)} of {len(records)} trials failed, the first of them {case}"
+        raise CommandError(f"{message}: {first['error']}")

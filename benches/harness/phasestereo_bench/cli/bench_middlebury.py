@@ -15,7 +15,7 @@ from phasestereo.cli.errors import CommandError, refusals
 from phasestereo.cli.terminal import printable, say
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.cli.bench_runs import prepare, run_cells
-from phasestereo_bench.cli.bench_scenes import Choice
+from phasestereo_bench.cli.bench_scenes import SceneChoice
 from phasestereo_bench.cli.bench_tables import costs_table, means_table, name_of
 from phasestereo_bench.methods import present
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
@@ -28,13 +28,13 @@ _CELLS = Group.create_ordered("Degradations and methods")
 _RUN = Group.create_ordered("Run")
 _SUITE_HELP = f"Which degradations: {', '.join(SUITES)}."
 _COUNT = validators.Number(gte=0)
-_ALL = Choice()
+_ALL = SceneChoice()
 _PIPED_WIDTH = 120
 
 
 def middlebury(
     *folders: Annotated[Path, Parameter(group=_SCENES)],
-    choice: Annotated[Choice, Parameter(name="*", group=_SCENES)] = _ALL,
+    choice: Annotated[SceneChoice, Parameter(name="*", group=_SCENES)] = _ALL,
     suite: Annotated[str, Parameter(group=_CELLS, help=_SUITE_HELP)] = "one-sided-blur",
     degradation: Annotated[tuple[str, ...], _SEVERAL, Parameter(group=_CELLS)] = (),
     side: Annotated[tuple[str, ...], _SEVERAL, Parameter(group=_CELLS)] = (),
@@ -70,7 +70,7 @@ def middlebury(
         one of every other scene. Without it, alternating for the suite rigs, else left.
     method
         What to compare: a preset or baseline (robust, paper, fast, sad, nsad), other settings of it
-        (paper:neighborhood=11,window=9; robust:num_disparities=auto is told no range), opencv:bm,
+        (paper:neighborhood=11,window=9; robust:num_disparities=auto gets no range), opencv:bm,
         opencv:sgbm, opencv:sgbm-3x3, opencv:sgbm-3way, mccnn, onnx:FILE.onnx, "program:COMMAND
         {left} {right} {num_disparities} {output}", an entry point of the group phasestereo.methods,
         or package.module:function; with +true-blur after it, the sharp image is first blurred like
@@ -88,21 +88,27 @@ def middlebury(
     with refusals(options=_OPTIONS):
         if quick and not choice.scene:
             choice = replace(choice, scene=tuple(sorted(QUICK_SCENES)))
+
         scenes, left_out = choice.select(folders, suite)
         methods = [*(method or default_methods(suite)), *rivals(hitnet)]
         jobs = middlebury_jobs(
             scenes, methods, degradation or None, suite=suite, sides=side or None
         )
+
         if left_out:
             say(left_out)
+
         prepare(output, jobs, cells="cells", fresh=fresh)
         records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")
+
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
     for table in (means_table(records), costs_table(records)):
         console.print(table)
         console.print()
-    told = f"Records: {output}; tables and plots of them: phasestereo bench report {output}"
-    console.print(printable(told), markup=False, soft_wrap=True)
+
+    message = f"Records: {output}; tables and plots of them: phasestereo bench report {output}"
+    console.print(printable(message), markup=False, soft_wrap=True)
+
     failed = [record for record in records if record["status"] != "ok"]
     if failed:
         raise CommandError(_failure(failed, len(records)))

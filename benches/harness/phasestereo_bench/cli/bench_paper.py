@@ -11,7 +11,7 @@ from rich.table import Table
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import printable, progress_bar, say
-from phasestereo_bench.paper import Finding, findings, load_pairs, run_study, write_study
+from phasestereo_bench.paper import ClaimResult, judge_claims, load_pairs, run_study, write_study
 
 
 def paper(
@@ -50,19 +50,22 @@ def paper(
         pairs = load_pairs(folder)
         output.mkdir(parents=True, exist_ok=True)
         store = output / "results.jsonl"
+
         try:
             study = run_study(pairs, store, quick=quick, workers=workers, watch=progress_bar)
         except KeyboardInterrupt:
             say(f"{store} keeps what is done; the same command goes on")
             raise
+
         page = write_study(study, store, output)[-1]
+
     console = Console(highlight=False)
-    console.print(_table(findings(study.readings)))
+    console.print(_table(judge_claims(study.readings)))
     console.print(printable(f"All tables: {page}"), markup=False, soft_wrap=True)
 
 
-def _table(found: list[Finding]) -> Table:
+def _table(found: list[ClaimResult]) -> Table:
     table = Table("claim", "settings", "verdict", "holds at", title="The paper's claims")
     for each in found:
-        table.add_row(each.claim, each.way, each.verdict.value, each.holds_at)
+        table.add_row(each.claim, each.setup, each.verdict.value, each.holds_at)
     return table

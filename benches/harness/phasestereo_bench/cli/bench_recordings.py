@@ -58,15 +58,19 @@ def recordings(
     with refusals(options={"method", "hitnet"}):
         if not folders:
             raise ValueError("no folder given: where are the frames?")
+
         methods = [*(method or TIMED), *rivals(hitnet)]
         jobs = [job for place in folders for job in recording_jobs(find_recording(place), methods)]
+
         prepare(output, jobs, cells="cells", fresh=fresh)
         records = run_cells(jobs, output, workers=workers, title="Matching", cells="cells")
+
     good = [record for record in records if record["status"] == "ok"]
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
     console.print(filled("Rows off, px rms: mean, worst frame", rows_table(good)))
     console.print(filled("Left and right agree; the method trusts itself", agreement_table(good)))
     console.print(printable(f"Records: {output}"), markup=False, soft_wrap=True)
+
     failed = [record for record in records if record["status"] != "ok"]
     if failed:
         raise CommandError(

@@ -46,7 +46,7 @@ def report(
     suite: str | None = None,
     side: str | None = None,
 ) -> None:
-    """Tell what came out of ``bench middlebury``, ``speed`` or ``blur``: tables, plots, a page.
+    """Report on ``bench middlebury``, ``speed`` or ``blur``: tables, plots, a page.
 
     Prints the means over the scenes, the times, or what was found, and writes whatever else is
     asked for; of ``speed`` and ``blur`` there is no page. For example:
@@ -81,6 +81,7 @@ def report(
     with refusals(options=_OPTIONS):
         if not results:
             raise ValueError("no file of records given")
+
         for benchmark, shown in (("speed", _speed(results)), ("blur", _blur(results))):
             if shown is not None:
                 others = {"output": output, "method": method, "suite": suite, "side": side}
@@ -91,39 +92,45 @@ def report(
                     )
                 _show(shown, readme)
                 return
-        told = read_results(results, suite=suite, side=side, methods=method)
-        told.require_metric(metric)
+
+        loaded = read_results(results, suite=suite, side=side, methods=method)
+        loaded.require_metric(metric)
+
         for document in readme:  # refused before anything is written
-            render_document(document, told, metric=metric)
-        written = [] if output is None else write_report(told, output, metric=metric)[-1:]
+            render_document(document, loaded, metric=metric)
+
+        written = [] if output is None else write_report(loaded, output, metric=metric)[-1:]
         for document in readme:
-            fill_document(document, told, metric=metric)
+            fill_document(document, loaded, metric=metric)
+
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
-    console.print(_screen(mean_table(told, metric)))
-    for title, (_, table) in sharp_tables(told).items():
+    console.print(_screen(mean_table(loaded, metric)))
+
+    for title, (_, table) in sharp_tables(loaded).items():
         console.print(title, _screen(table), sep="\n")
-    for line in (explain(told, metric), *(f"Wrote {path}" for path in (*written, *readme))):
+    for line in (explain(loaded, metric), *(f"Wrote {path}" for path in (*written, *readme))):
         console.print(printable(line), markup=False, soft_wrap=True)
 
 
 def _speed(results: tuple[Path, ...]) -> Shown | None:
-    told = read_speed(results)
-    if told is None:
+    loaded = read_speed(results)
+    if loaded is None:
         return None
-    return speed_screen(told), lambda document: fill_places(document, {SPEED: speed_text(told)})
+    return speed_screen(loaded), lambda document: fill_places(document, {SPEED: speed_text(loaded)})
 
 
 def _blur(results: tuple[Path, ...]) -> Shown | None:
-    told = read_blur(results)
-    if told is None:
+    loaded = read_blur(results)
+    if loaded is None:
         return None
-    return blur_screen(told), lambda document: fill_places(document, {BLUR: blur_text(told)})
+    return blur_screen(loaded), lambda document: fill_places(document, {BLUR: blur_text(loaded)})
 
 
 def _show(shown: Shown, readme: tuple[Path, ...]) -> None:
     screen, fill = shown
     for document in readme:
         fill(document)
+
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
     console.print(screen)
     for document in readme:
@@ -133,11 +140,14 @@ def _show(shown: Shown, readme: tuple[Path, ...]) -> None:
 def _screen(table: Table) -> Screen:
     """Return a table for the terminal, narrow headings over numbers."""
     screen = Screen(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+
     first, *others = table.header
     screen.add_column(first, overflow="fold")
     for heading in others:
         screen.add_column(heading.replace(" ", "\n"), justify="right")
+
     for name, *row in table.rows:
         texts = [Text(entry.text, "bold" if entry.best else "") for entry in row]
         screen.add_row(Text(name.text.replace(TRUE_BLUR, f"\n{TRUE_BLUR}")), *texts)
+
     return screen

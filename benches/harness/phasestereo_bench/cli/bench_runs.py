@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from phasestereo.cli.terminal import progress_bar, say
 from phasestereo_bench.cli.stores import put_aside
 from phasestereo_bench.environment import describe_environment
-from phasestereo_bench.runner import Job, finished, run
+from phasestereo_bench.runner import Job, finished, run_jobs
 from phasestereo_bench.store import read_store
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ def prepare(output: Path, jobs: Sequence[Job], *, cells: str, fresh: bool) -> No
     """Put an earlier file of records aside, or say what is kept of it; `cells` is their name."""
     if not output.exists():
         return
+
     kept = finished(jobs, read_store(output))
     if fresh:
         say(f"renamed {output} to {put_aside(output)}")
@@ -26,8 +27,8 @@ def prepare(output: Path, jobs: Sequence[Job], *, cells: str, fresh: bool) -> No
         here = describe_environment()["id"]
         foreign = sum(record["environment"] != here for record in kept)
         reason = f", {foreign} of them from other versions or machines" if foreign else ""
-        told = f"{len(kept)} of {len(jobs)} {cells} are in {output} already{reason}"
-        say(f"{told}; --fresh reruns them")
+        kept_already = f"{len(kept)} of {len(jobs)} {cells} are in {output} already{reason}"
+        say(f"{kept_already}; --fresh reruns them")
 
 
 def run_cells(
@@ -36,7 +37,7 @@ def run_cells(
     """Run jobs under a progress bar; when interrupted, say how to go on."""
     try:
         with progress_bar(title) as progress:
-            return run(jobs, output, workers=workers, progress=progress)
+            return run_jobs(jobs, output, workers=workers, progress=progress)
     except KeyboardInterrupt:
         done = len(finished(jobs, read_store(output))) if output.exists() else 0
         say(f"{done} of {len(jobs)} {cells} are in {output}; the same command does the others")

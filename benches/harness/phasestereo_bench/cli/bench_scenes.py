@@ -15,11 +15,11 @@ from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.middlebury import has_truth
 
 _SEVERAL = Parameter(consume_multiple=True, show_default=False)
-_TOLD = 5  # names of scenes in a line
+_LISTED = 5  # names of scenes in a line
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Choice:
+class SceneChoice:
     """Which scenes of those there are.
 
     Parameters
@@ -49,10 +49,12 @@ class Choice:
         """
         if not folders:
             raise ValueError("no folder given: where are the scenes?")
+
         scenes = {scene.folder: scene for folder in folders for scene in find_scenes(folder)}
         there = list(scenes.values())
         named = [scene for name in self.scene for scene in _named(name, there)]
         chosen, left_out = (list(dict.fromkeys(named)), "") if named else _scored(there, suite)
+
         return [variant for scene in chosen for variant in self._variants(scene)], left_out
 
     def _variants(self, scene: Scene) -> list[Scene]:
@@ -74,19 +76,21 @@ def _named(name: str, scenes: Sequence[Scene]) -> list[Scene]:
 
 
 def _scored(scenes: Sequence[Scene], suite: str) -> tuple[list[Scene], str]:
-    """Return those of the suite, or else all; never one without a truth. Tell what is left out."""
+    """Return those of the suite, or else all with a truth, and what to say of those left out."""
     known = [scene for scene in scenes if has_truth(scene)]
     if not known:
         raise ValueError(f"nothing to score, no truth is known: {_listed(scenes)}")
+
     of_suite = [scene for scene in known if str(scene) in SUITE_SCENES.get(suite, ())]
     others = [scene for scene in scenes if scene not in (of_suite or known)]
     reason = f"not of {suite}; --scene takes any" if of_suite else "without a known truth"
+
     return of_suite or known, f"left out, {reason}: {_listed(others)}" if others else ""
 
 
 def _listed(scenes: Sequence[Scene]) -> str:
-    more = f" and {len(scenes) - _TOLD} more" if len(scenes) > _TOLD else ""
-    return ", ".join(map(str, scenes[:_TOLD])) + more
+    more = f" and {len(scenes) - _LISTED} more" if len(scenes) > _LISTED else ""
+    return ", ".join(map(str, scenes[:_LISTED])) + more
 
 
 def _fitting(pattern: str | None, images: Sequence[str]) -> Sequence[str | None]:

@@ -68,24 +68,29 @@ def speed(
     """
     with refusals(options={"pairs", "rounds"}):
         require("cv2", extra="opencv")  # known before anybody has waited
+
         output.parent.mkdir(parents=True, exist_ok=True)
         there = _load(data, output.parent, pairs)
         _prepare(output, there, rounds, fresh=fresh)
+
         try:
             with progress_bar("Matching") as progress:
                 records = run_speed(there, output, rounds=rounds, progress=progress)
         except KeyboardInterrupt:
             say(f"{output} keeps what is done; the same command goes on")
             raise
+
         _show(output, records)
 
 
 def _load(data: Path | None, cache: Path, names: tuple[str, ...]) -> list[GrayPair]:
     if "rendered" in (names or PAIRS) and not is_rendered(cache):
         say(f"rendering a pair into {cache} for this and later runs, about a minute")
+
     there, left_out = find_pairs(data, cache=cache, names=names)
     for line in left_out:
         say(line)
+
     if not there:
         raise ValueError("there is no pair to match")
     return there
@@ -95,9 +100,11 @@ def _prepare(output: Path, pairs: list[GrayPair], rounds: int, *, fresh: bool) -
     """Put an earlier file of records aside, or say what is kept of it."""
     if not output.exists():
         return
+
     if fresh:
         say(f"renamed {output} to {put_aside(output)}")
         return
+
     jobs = speed_jobs(pairs, rounds=rounds)
     kept = finished(jobs, read_store(output))
     if kept:
@@ -107,13 +114,16 @@ def _prepare(output: Path, pairs: list[GrayPair], rounds: int, *, fresh: bool) -
 def _show(output: Path, records: list[dict[str, Any]]) -> None:
     failed = [record for record in records if record["status"] != "ok"]
     if len(failed) < len(records):
-        told = read_speed([output])
+        results = read_speed([output])
+
         console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
-        if told is not None:
-            console.print(speed_screen(told))
+        if results is not None:
+            console.print(speed_screen(results))
+
         command = f"phasestereo bench report {output} --readme FILE.md"
-        told_where = f"Records: {output}; into a document: {command}"
-        console.print(printable(told_where), markup=False, soft_wrap=True)
+        message = f"Records: {output}; into a document: {command}"
+        console.print(printable(message), markup=False, soft_wrap=True)
+
     if failed:
         first = failed[0]
         raise CommandError(

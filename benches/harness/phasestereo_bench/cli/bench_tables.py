@@ -33,11 +33,14 @@ def means_table(records: Sequence[Record]) -> Table:
     table = _table(
         f"More than 1 px off, % of the non-occluded pixels, mean of {len(scenes)} scenes"
     )
+
     degradations = list(dict.fromkeys(record["degradation"] for record in records))
     rows = {
         name: [_mean_bad([r for r in row if r["degradation"] == each]) for each in degradations]
         for name, row in _by_method(records).items()
     }
+
+    # Rows and columns change places where that many columns do not fit the screen.
     across, down = degradations, list(rows.items())
     if len(degradations) > MOST_COLUMNS:
         table.columns[0].header = "degradation"
@@ -48,12 +51,15 @@ def means_table(records: Sequence[Record]) -> Table:
                 for number, each in enumerate(degradations)
             ],
         )
+
     for heading in across:
         table.add_column(heading.replace(" ", "\n"), justify="right")
     for name, cells in down:
         table.add_row(name, *cells)
+
     if not all(map(_is_good, records)):
         table.caption = "* without the scenes on which the method failed"
+
     return table
 
 
@@ -62,6 +68,7 @@ def costs_table(records: Sequence[Record]) -> Table:
     table = _table("One pair, on one thread")
     for heading in ("mean seconds", "peak MB"):
         table.add_column(heading, justify="right")
+
     for name, row in _by_method(records).items():
         done = list(filter(_is_good, row))
         peaks = [record["peak_bytes"] for record in done if record["peak_bytes"] is not None]
@@ -93,11 +100,14 @@ def name_of(record: Record) -> str:
 def filled(title: str, contents: Contents) -> Table:
     """Return a table of a report as the screen shows it."""
     table = _table(title, contents.header[0])
+
     for number, heading in enumerate(contents.header[1:], start=1):
         justify: Literal["left", "right"] = "left" if number < contents.labels else "right"
         table.add_column(heading.replace(" ", "\n", 1), justify=justify)
+
     for row in contents.rows:
         table.add_row(*(entry.text for entry in row))
+
     return table
 
 
@@ -109,6 +119,7 @@ def _table(title: str, first: str = "method") -> Table:
         padding=(0, 1, 0, 0),
         show_edge=False,
     )
+
     table.add_column(first, overflow="fold")
     return table
 
@@ -124,6 +135,7 @@ def _mean_bad(records: Sequence[Record]) -> str:
     """Return the mean of the good records, with a mark if there are others."""
     bad = [record["v2"]["nonocc"] for record in records if _is_good(record)]
     known = [value for value in bad if value is not None]
+
     mark = "*" if len(bad) < len(records) else ""
     return (f"{mean(known):.1f}" if known else "-") + mark
 

@@ -1,4 +1,4 @@
-"""``phasestereo demo``: a rendered pair with one image degraded, matched, drawn and told."""
+"""``phasestereo demo``: a rendered pair with one image degraded, matched and drawn."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -40,10 +40,12 @@ def demo(
         with progress_bar("Rendering and matching") as progress:
             shown = run_demo(seed, progress=progress)
         page = write_demo(shown, output)[-1]
+
     console = Console(highlight=False)
     console.print(_table(shown))
-    told = printable(f"{verdict(shown)} The whole story: {page}")
-    console.print(told, markup=False, soft_wrap=True)
+    story = printable(f"{verdict(shown)} The whole story: {page}")
+    console.print(story, markup=False, soft_wrap=True)
+
     if open_page:
         webbrowser.open(page.absolute().as_uri())
 
@@ -52,6 +54,7 @@ def _table(shown: Demo) -> Table:
     table = Table("method", title="Wrong by more than 1 pixel, of what both views see")
     for heading in ("both sharp", "left degraded", "seconds"):
         table.add_column(heading, justify="right")
+
     for outcome in shown.outcomes:
         table.add_row(
             outcome.method.name,

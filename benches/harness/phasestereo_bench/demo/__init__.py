@@ -6,16 +6,16 @@ came of it becomes a folder of maps, pictures and a page that tells the story (`
 """
 
 from phasestereo_bench.demo.exhibit import write_demo
-from phasestereo_bench.demo.methods import METHODS, SGBM, Method
-from phasestereo_bench.demo.trials import Demo, Outcome, Trial, run_demo, verdict
+from phasestereo_bench.demo.methods import METHODS, SGBM, DemoMethod
+from phasestereo_bench.demo.trials import Comparison, Demo, ScoredMap, run_demo, verdict
 
 __all__ = [
     "METHODS",
     "SGBM",
+    "Comparison",
     "Demo",
-    "Method",
-    "Outcome",
-    "Trial",
+    "DemoMethod",
+    "ScoredMap",
     "run_demo",
     "verdict",
     "write_demo",

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     import os
 
     from phasestereo.views.picture import Picture
-    from phasestereo_bench.demo.methods import Map, Method
-    from phasestereo_bench.demo.trials import Demo, Outcome
+    from phasestereo_bench.demo.methods import DemoMethod, Map
+    from phasestereo_bench.demo.trials import Comparison, Demo
 
 
 def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
@@ -47,16 +47,20 @@ def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
     """
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
+
     truth = cast("Map", demo.pair.truth)
     maps = {"truth": truth}
     maps |= {f"disparity_{o.method.key}": o.degraded.disparity for o in demo.outcomes}
+
     written = []
     for name, disparity in maps.items():
         written.append(target / f"{name}.pfm")
         write_disparity(written[-1], disparity)
+
     for name, picture in _pictures(demo).items():
         written.append(target / f"{name}.png")
         write_image(written[-1], picture)
+
     written.append(target / "report.html")
     with replacing(written[-1]) as file:
         file.write(_page(demo, target).encode())
@@ -67,6 +71,7 @@ def _pictures(demo: Demo) -> dict[str, Picture]:
     """Return everything there is to look at, by file name."""
     pair, truth = demo.pair, cast("Map", demo.pair.truth)
     nonocc = pair.masks["nonocc"]
+
     pictures = {
         "left": demo.degraded,
         "left_sharp": pair.left,
@@ -75,11 +80,13 @@ def _pictures(demo: Demo) -> dict[str, Picture]:
         "truth": disparity_picture(truth, title="Truth", **_ends(truth)),
         "overview": _overview(demo),
     }
+
     for outcome in demo.outcomes:
         key, disparity = outcome.method.key, outcome.degraded.disparity
         title = _title(outcome)
         pictures[f"disparity_{key}"] = disparity_picture(disparity, title=title, **_ends(truth))
         pictures[f"error_{key}"] = error_picture(disparity, truth, nonocc)
+
     return pictures
 
 
@@ -88,9 +95,11 @@ def _overview(demo: Demo) -> Picture:
     pair, truth = demo.pair, cast("Map", demo.pair.truth)
     shown = [outcome for outcome in demo.outcomes if outcome.method in (ROBUST, SGBM, NSAD)]
     found = [outcome.degraded.disparity for outcome in shown]
+
     pictures = [demo.degraded, pair.right, colorize(truth, **_ends(truth))]
     pictures += [colorize(disparity, **_ends(truth)) for disparity in found]
     pictures += [error_picture(disparity, truth, pair.masks["nonocc"]) for disparity in found]
+
     titles = [
         "Left: out of focus, dim and noisy",
         "Right: sharp",
@@ -98,11 +107,12 @@ def _overview(demo: Demo) -> Picture:
     ]
     titles += [_title(outcome) for outcome in shown]
     titles += ["Errors: white is right, dark red is 4 pixels off or more", "Errors", "Errors"]
+
     heading = "One image out of focus: what is left of the disparities?"
     return panel(pictures, titles, columns=len(shown), heading=heading)
 
 
-def _title(outcome: Outcome) -> str:
+def _title(outcome: Comparison) -> str:
     name = outcome.method.name
     sharp, degraded = outcome.sharp.bad, outcome.degraded.bad
     return f"{name[0].upper()}{name[1:]}: {degraded:.1f} % wrong (both sharp: {sharp:.1f} %)"
@@ -118,6 +128,7 @@ def _page(demo: Demo, folder: Path) -> str:
     count = demo.pair.num_disparities
     ours = [outcome.method for outcome in demo.outcomes if outcome.method.settings is not None]
     arguments = {"num_disparities": count, **_changes(demo.outcomes[0].method)}
+
     return render_page(
         "demo.html.j2",
         package="phasestereo_bench",
@@ -138,15 +149,15 @@ def _page(demo: Demo, folder: Path) -> str:
     )
 
 
-def _changes(method: Method) -> dict[str, object]:
+def _changes(method: DemoMethod) -> dict[str, object]:
     """Return the preset and the fields that are not as in it, by name."""
-    told = PRESETS[method.preset]
-    names = [field.name for field in fields(told)]
-    changed = [name for name in names if getattr(method.settings, name) != getattr(told, name)]
+    preset = PRESETS[method.preset]
+    names = [field.name for field in fields(preset)]
+    changed = [name for name in names if getattr(method.settings, name) != getattr(preset, name)]
     return {"preset": method.preset, **{name: getattr(method.settings, name) for name in changed}}
 
 
-def _command(num_disparities: int, method: Method) -> str:
+def _command(num_disparities: int, method: DemoMethod) -> str:
     options = {"num-disparities": num_disparities, **_changes(method)}
     spelt = " ".join(f"--{name} {value}" for name, value in options.items())
     return f"phasestereo match left.png right.png {spelt} --truth truth.pfm --truth-mask nonocc.png"

@@ -27,7 +27,7 @@ NEIGHBORHOOD = 13
 
 
 @dataclass(frozen=True, slots=True)
-class Method:
+class DemoMethod:
     """One way to match a pair.
 
     Attributes
@@ -39,7 +39,7 @@ class Method:
     settings
         Those of `phasestereo.match`; None stands for OpenCV's StereoSGBM.
     preset
-        The preset that they are told from.
+        The preset of which `settings` are shown as changes.
     """
 
     key: str
@@ -56,29 +56,30 @@ class Method:
         """Return the disparities of the left image, NaN where there is no estimate."""
         if self.settings is None:
             return match_sgbm(left, right, num_disparities)
+
         result = match(left, right, num_disparities=num_disparities, settings=self.settings)
         return result.disparity
 
 
 _PAPER = PRESETS["paper"]
 
-# Told nothing of the blur, and with nothing chosen for these scenes.
-ROBUST = Method("robust", "robust (finds the blur itself)", PRESETS["robust"], "robust")
+# Knows nothing of the blur, and nothing of it is tuned on these scenes.
+ROBUST = DemoMethod("robust", "robust (finds the blur itself)", PRESETS["robust"], "robust")
 
 # Penalties are the best for each on the scenes of seeds 5 to 8, both images sharp; in bits, gray
 # levels and standard deviations. Means, % wrong:
 #   phase codes      2: 14.4   4: 13.4   6: 13.0   8: 12.9   12: 13.6  (6 is better with blur)
 #   SAD              2: 4.7    5: 4.2   10: 4.0   15: 4.2    20: 4.6
 #   normalized SAD  .5: 6.5   .75: 6.3   1: 6.3  1.5: 6.4     2: 6.7   (1 is better with blur)
-PHASE = Method(
+PHASE = DemoMethod(
     "phase",
     f"phase codes, L = {NEIGHBORHOOD}",
     replace(_PAPER, neighborhood=NEIGHBORHOOD, window=WINDOW, p1=6, p2=6),
 )
 # What one would take if both images were sharp: outlines are crisper, and blur does more harm.
-SMALL = Method("phase7", "phase codes, L = 7", replace(_PAPER, window=WINDOW, p1=6, p2=6))
-SAD = Method("sad", "SAD", replace(_PAPER, cost="sad", window=WINDOW, p1=10, p2=10))
-NSAD = Method("nsad", "normalized SAD", replace(_PAPER, cost="nsad", window=WINDOW, p1=1, p2=1))
-SGBM = Method("sgbm", "StereoSGBM (OpenCV)", None)
+SMALL = DemoMethod("phase7", "phase codes, L = 7", replace(_PAPER, window=WINDOW, p1=6, p2=6))
+SAD = DemoMethod("sad", "SAD", replace(_PAPER, cost="sad", window=WINDOW, p1=10, p2=10))
+NSAD = DemoMethod("nsad", "normalized SAD", replace(_PAPER, cost="nsad", window=WINDOW, p1=1, p2=1))
+SGBM = DemoMethod("sgbm", "StereoSGBM (OpenCV)", None)
 
-METHODS: tuple[Method, ...] = (ROBUST, PHASE, SMALL, SAD, NSAD, SGBM)
+METHODS: tuple[DemoMethod, ...] = (ROBUST, PHASE, SMALL, SAD, NSAD, SGBM)

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from phasestereo_bench.datasets import Pair
-    from phasestereo_bench.demo.methods import Image, Map, Method
+    from phasestereo_bench.demo.methods import DemoMethod, Image, Map
 
 RADIUS, GAIN, OFFSET, NOISE = 3.0, 0.6, 10.0, 2.0
 """The degradation of the left image: disk of defocus in pixels; then gray levels of 255."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trial:
+class ScoredMap:
     """What a method made of a pair: disparities in pixels, bad-1.0 in %, wall-clock seconds."""
 
     disparity: Map
@@ -31,12 +31,12 @@ class Trial:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class Comparison:
     """A method's trials on the sharp pair and on the one whose left image is degraded."""
 
-    method: Method
-    sharp: Trial
-    degraded: Trial
+    method: DemoMethod
+    sharp: ScoredMap
+    degraded: ScoredMap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class Demo:
     seed: int
     pair: Pair
     degraded: Image
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[Comparison, ...]
 
 
 def run_demo(
@@ -78,13 +78,15 @@ def run_demo(
     """
     pair = render_pair(seed, height=height, width=width, num_disparities=num_disparities)
     degraded = degradation(seed)(pair.left)
+
     attempts = [(method, left) for method in METHODS for left in (pair.left, degraded)]
-    trials: list[Trial] = []
+    trials: list[ScoredMap] = []
     for method, left in attempts:
         trials.append(_attempt(method, left, pair))
         if progress is not None:
             progress(len(trials), len(attempts))
-    outcomes = tuple(map(Outcome, METHODS, trials[::2], trials[1::2]))
+
+    outcomes = tuple(map(Comparison, METHODS, trials[::2], trials[1::2]))
     return Demo(seed, pair, degraded, outcomes)
 
 
@@ -93,21 +95,24 @@ def degradation(seed: int) -> Degradation:
     return Degradation(disk_psf(RADIUS), gain=GAIN, offset=OFFSET, noise=NOISE, seed=seed)
 
 
-def _attempt(method: Method, left: Image, pair: Pair) -> Trial:
+def _attempt(method: DemoMethod, left: Image, pair: Pair) -> ScoredMap:
     start = time.perf_counter()
     disparity = method.match(left, pair.right, pair.num_disparities)
     seconds = time.perf_counter() - start
+
     bad = bad_pixels(disparity, cast("Map", pair.truth), 1.0, pair.masks["nonocc"])
-    return Trial(disparity, bad, seconds)
+    return ScoredMap(disparity, bad, seconds)
 
 
 def verdict(demo: Demo) -> str:
     """Say in a sentence what the figures mean."""
     phase = demo.outcomes[0]
     others = [outcome for outcome in demo.outcomes if not outcome.method.is_ours]
+
     best = min(others, key=lambda outcome: outcome.degraded.bad)
     sharp = min(demo.outcomes, key=lambda outcome: outcome.sharp.bad)
     ratio = best.degraded.bad / max(phase.degraded.bad, 1e-9)
+
     return (
         f"With its left image out of focus, dim and noisy, phase codes get "
         f"{phase.degraded.bad:.1f} % of the pixels wrong and the best of the others, "

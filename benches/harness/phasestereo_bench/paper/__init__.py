@@ -11,15 +11,15 @@
 Fast Stereo Matching*, ACIVS 2008.
 """
 
-from phasestereo_bench.paper.claims import Finding, findings
+from phasestereo_bench.paper.claims import ClaimResult, judge_claims
 from phasestereo_bench.paper.page import write_study
 from phasestereo_bench.paper.study import Pairs, Study, load_pairs, run_study
 
 __all__ = [
-    "Finding",
+    "ClaimResult",
     "Pairs",
     "Study",
-    "findings",
+    "judge_claims",
     "load_pairs",
     "run_study",
     "write_study",

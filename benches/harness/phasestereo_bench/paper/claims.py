@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CLAIMS",
-    "WAYS",
-    "Case",
-    "Finding",
-    "Line",
-    "Verdict",
-    "Way",
+    "SETUPS",
+    "BitsLine",
+    "ClaimCase",
+    "ClaimResult",
+    "ClaimVerdict",
+    "Setup",
     "bits_table",
     "cases",
     "cases_table",
     "claims_table",
-    "findings",
+    "judge_claims",
     "lines",
     "prototype_table",
     "settings_table",
@@ -52,7 +52,7 @@ CLAIMS = {
 """The claims in short, and in the paper's words."""
 
 
-class Verdict(Enum):
+class ClaimVerdict(Enum):
     """Whether a claim holds here."""
 
     YES = "reproduced"
@@ -60,7 +60,7 @@ class Verdict(Enum):
     NO = "not reproduced"
 
 
-class Way(NamedTuple):
+class Setup(NamedTuple):
     """How the methods are set up: a protocol, and which of an experiment's rules for L."""
 
     name: str
@@ -74,15 +74,15 @@ class Way(NamedTuple):
         return experiment.rules[min(self.number, len(experiment.rules) - 1)]
 
 
-WAYS = (
-    Way("tied to the blur, L = 2n + 1", "tied", 0),
-    Way("tied to the blur, L = 3n", "tied", 1),
-    Way("fixed by the sharp pair", "fixed"),
+SETUPS = (
+    Setup("tied to the blur, L = 2n + 1", "tied", 0),
+    Setup("tied to the blur, L = 3n", "tied", 1),
+    Setup("fixed by the sharp pair", "fixed"),
 )
-_WAYS_OF_GAUSS = {"tied": "tied to the blur, L = 4 sigma + 1", "fixed": "fixed by the sharp pair"}
+_SETUPS_OF_GAUSS = {"tied": "tied to the blur, L = 4 sigma + 1", "fixed": "fixed by the sharp pair"}
 
 
-class Case(NamedTuple):
+class ClaimCase(NamedTuple):
     """An experiment on a pair, and by how many points phase codes are better there.
 
     Attributes
@@ -104,7 +104,7 @@ class Case(NamedTuple):
         return [gain for level, gain in self.gains.items() if level >= middle]
 
 
-class Line(NamedTuple):
+class BitsLine(NamedTuple):
     """A line of Figure 3: % of bad pixels by the bits b, under a Gaussian blur of sigma."""
 
     protocol: str
@@ -118,23 +118,24 @@ class Line(NamedTuple):
         return max(self.bad.values()) - min(self.bad.values())
 
 
-class Finding(NamedTuple):
+class ClaimResult(NamedTuple):
     """What became of a claim, by which settings, and where it holds."""
 
     claim: str
-    way: str
-    verdict: Verdict
+    setup: str
+    verdict: ClaimVerdict
     holds_at: str
 
 
-def findings(readings: Sequence[Reading]) -> list[Finding]:
+def judge_claims(readings: Sequence[Reading]) -> list[ClaimResult]:
     """Judge the claims.
 
     Phase codes are to be better at every level of every case; better by 5 points at half of the
     levels in the upper halves of the ranges ("in many cases"); and every line of Figure 3 is to
     spread over no more than 2 points. Two thirds of that reproduce a claim in part.
     """
-    found = {way.name: cases(readings, way) for way in WAYS}
+    found = {setup.name: cases(readings, setup) for setup in SETUPS}
+
     better, much = (
         {
             name: [gain > 0 for case in each for gain in case.gains.values()]
@@ -145,41 +146,47 @@ def findings(readings: Sequence[Reading]) -> list[Finding]:
             for name, each in found.items()
         },
     )
+
     flat = {
         name: [each.spread <= _FLAT for each in lines(readings) if each.protocol == protocol]
-        for protocol, name in _WAYS_OF_GAUSS.items()
+        for protocol, name in _SETUPS_OF_GAUSS.items()
     }
+
     return [
-        *(_judge(BETTER, way, flags, "levels") for way, flags in better.items()),
-        *(_judge(GAINS, way, flags, "levels", enough=0.5) for way, flags in much.items()),
-        *(_judge(CONSTANT, way, flags, "lines") for way, flags in flat.items()),
+        *(_judge(BETTER, setup, flags, "levels") for setup, flags in better.items()),
+        *(_judge(GAINS, setup, flags, "levels", enough=0.5) for setup, flags in much.items()),
+        *(_judge(CONSTANT, setup, flags, "lines") for setup, flags in flat.items()),
     ]
 
 
 def _judge(
-    claim: str, way: str, flags: Sequence[bool], what: str, *, enough: float = 1.0
-) -> Finding:
+    claim: str, setup: str, flags: Sequence[bool], what: str, *, enough: float = 1.0
+) -> ClaimResult:
     share = sum(flags) / len(flags)
-    in_part = Verdict.PARTLY if share >= _PARTLY * enough else Verdict.NO
-    verdict = Verdict.YES if share >= enough else in_part
-    return Finding(claim, way, verdict, f"{sum(flags)} of {len(flags)} {what}")
+    in_part = ClaimVerdict.PARTLY if share >= _PARTLY * enough else ClaimVerdict.NO
+    verdict = ClaimVerdict.YES if share >= enough else in_part
+
+    return ClaimResult(claim, setup, verdict, f"{sum(flags)} of {len(flags)} {what}")
 
 
-def cases(readings: Sequence[Reading], way: Way) -> list[Case]:
-    """Return all the cases that the claims are about, for one way to set the methods up."""
-    return [_case(readings, each, scene, way) for each in EXPERIMENTS for scene in SCENES]
+def cases(readings: Sequence[Reading], setup: Setup) -> list[ClaimCase]:
+    """Return all the cases that the claims are about, for one setup of the methods."""
+    return [_case(readings, each, scene, setup) for each in EXPERIMENTS for scene in SCENES]
 
 
-def _case(readings: Sequence[Reading], experiment: Experiment, scene: str, way: Way) -> Case:
+def _case(
+    readings: Sequence[Reading], experiment: Experiment, scene: str, setup: Setup
+) -> ClaimCase:
     def line(method: str, rule: str = "") -> dict[float, float]:
-        where = {"experiment": experiment.key, "scene": scene, "protocol": way.protocol}
+        where = {"experiment": experiment.key, "scene": scene, "protocol": setup.protocol}
         return curve(readings, **where, method=method, rule=rule)
 
-    ours = line("phase", way.rule(experiment))
+    ours = line("phase", setup.rule(experiment))
     rivals = {method.cost: line(method.cost) for method in (SAD, NSAD)}
     levels = sorted(level for level in ours if not experiment.is_sharp(level))
     theirs = rivals[experiment.rival.cost]
-    return Case(
+
+    return ClaimCase(
         experiment,
         scene,
         gains={level: theirs[level] - ours[level] for level in levels},
@@ -189,7 +196,7 @@ def _case(readings: Sequence[Reading], experiment: Experiment, scene: str, way: 
     )
 
 
-def lines(readings: Sequence[Reading]) -> list[Line]:
+def lines(readings: Sequence[Reading]) -> list[BitsLine]:
     """Return the lines of Figure 3."""
     found = []
     for protocol in PROTOCOLS:
@@ -198,25 +205,27 @@ def lines(readings: Sequence[Reading]) -> list[Line]:
             points = [r for r in readings if (r.experiment, r.protocol, r.scene) == where]
             for sigma in sorted({point.level for point in points}):
                 bad = {p.bits: p.nonocc for p in points if p.level == sigma and p.bits is not None}
-                found.append(Line(protocol, scene, sigma, bad))
+                found.append(BitsLine(protocol, scene, sigma, bad))
+
     return found
 
 
 # Tables
 
 
-def claims_table(found: Sequence[Finding]) -> Table:
+def claims_table(found: Sequence[ClaimResult]) -> Table:
     """Return the verdicts."""
-    rows = ((each.claim, each.way, each.verdict.value, each.holds_at) for each in found)
+    rows = ((each.claim, each.setup, each.verdict.value, each.holds_at) for each in found)
     return _table(("claim", "settings", "verdict", "holds at"), rows, labels=3)
 
 
-def cases_table(found: Sequence[Case]) -> Table:
-    """Return how phase codes fare in every case of one way to set the methods up."""
+def cases_table(found: Sequence[ClaimCase]) -> Table:
+    """Return how phase codes fare in every case of one setup of the methods."""
     header = (
         *("pair", "left image", "the paper's rival", "better at", "better than both at"),
         *("gain at the larger blurs, points", f"{_GAIN:g} points or more at"),
     )
+
     rows = (
         (
             case.scene.title(),
@@ -229,12 +238,14 @@ def cases_table(found: Sequence[Case]) -> Table:
         )
         for case in found
     )
+
     return _table(header, rows, labels=3)
 
 
-def bits_table(found: Sequence[Line]) -> Table:
+def bits_table(found: Sequence[BitsLine]) -> Table:
     """Return the figures of Figure 3."""
     header = ("settings", "pair", "sigma", *(f"b = {b}" for b in found[0].bad), "spread")
+
     rows = (
         (
             *(line.protocol, line.scene.title(), f"{line.sigma:g}"),
@@ -242,6 +253,7 @@ def bits_table(found: Sequence[Line]) -> Table:
         )
         for line in found
     )
+
     return _table(header, rows, labels=2)
 
 
@@ -251,6 +263,7 @@ def prototype_table(study: Study) -> Table:
         *("pair", "left image", "level", "method", "window", "penalty"),
         *("prototype", "here", "difference", "by the suite's recipe", "in Figure 2, tied"),
     )
+
     rows = []
     for figure, measured, suite in study.prototype:
         beside = curve(
@@ -261,6 +274,7 @@ def prototype_table(study: Study) -> Table:
             method=figure.method.cost,
             rule=figure.rule,
         ).get(float(figure.level))
+
         rows.append(
             (
                 figure.scene.title(),
@@ -276,6 +290,7 @@ def prototype_table(study: Study) -> Table:
                 MISSING if beside is None else f"{beside:.1f}",
             )
         )
+
     return _table(header, rows, labels=4)
 
 
@@ -285,14 +300,15 @@ def settings_table(study: Study) -> Table:
         *("pair", "method", "unit of the penalty", "fixed: L", "fixed: window", "fixed: penalty"),
         *("fixed: bad, %", "tied: penalty", "tied: bad, %"),
     )
+
     rows = []
-    for whose, choice in study.choices.items():
-        is_phase = whose.method.cost == "phase"
+    for task, choice in study.choices.items():
+        is_phase = task.method.cost == "phase"
         rows.append(
             (
-                whose.scene.title(),
-                whose.method.name + (f", k = {whose.power}" if is_phase else ""),
-                whose.method.unit,
+                task.scene.title(),
+                task.method.name + (f", k = {task.power}" if is_phase else ""),
+                task.method.unit,
                 str(choice.fixed.neighborhood) if is_phase else MISSING,
                 str(choice.fixed.window),
                 f"{choice.fixed.p1:g}",
@@ -301,6 +317,7 @@ def settings_table(study: Study) -> Table:
                 f"{choice.penalty_bad:.1f}",
             )
         )
+
     return _table(header, rows, labels=3)
 
 

@@ -48,10 +48,10 @@ __all__ = [
     "SAD",
     "SHARP",
     "SMALLEST",
-    "Blur",
     "Experiment",
     "Grid",
-    "Method",
+    "MatchingCost",
+    "PaperBlur",
     "Series",
     "box_psf",
     "odd",
@@ -67,7 +67,7 @@ _GRID = np.add.outer(np.arange(4), np.arange(4)) % 4  # contrast, motion, as it 
 
 
 @dataclass(frozen=True, slots=True)
-class Blur:
+class PaperBlur:
     """A degradation of the left image.
 
     Parameters
@@ -90,10 +90,12 @@ class Blur:
     def __call__(self, image: Image) -> Image:
         """Return the degraded image, of the same shape and type."""
         noise = 1.0 if self.recipe == "suite" else 0.0
+
         if self.kind == "gauss":
             return Degradation(gaussian_psf(self.amount), noise=noise)(image)
         if self.kind != "areas":
             return Degradation(self._motion(along_x=self.kind == "motion x"), noise=noise)(image)
+
         disk = disk_psf((self.amount - (self.recipe == "suite")) / 2)
         versions: list[Callable[[Image], Image]] = [
             _CONTRAST,
@@ -101,11 +103,13 @@ class Blur:
             Degradation(),
             Degradation(disk),
         ]
+
         return areas(image, _GRID, versions, noise=noise)
 
     def _motion(self, *, along_x: bool) -> Kernel:
         if self.recipe == "suite":
             return motion_psf(self.amount, angle=0 if along_x else 90)
+
         box = box_psf(self.amount)
         return box if along_x else box.T
 
@@ -116,13 +120,13 @@ def box_psf(length: float) -> Kernel:
     float64 (1, odd), sum 1: each tap is the share of the path over its pixel. Its transform has its
     first zero at the frequency 1 / length.
     """
-    reach = int(np.ceil((length - 1) / 2))
-    distance = np.abs(np.arange(-reach, reach + 1))
+    half = int(np.ceil((length - 1) / 2))
+    distance = np.abs(np.arange(-half, half + 1))
     taps = np.clip(length / 2 - (distance - 0.5), 0, 1)
     return np.asarray(taps / taps.sum())[np.newaxis]
 
 
-SHARP = Blur("gauss", 0)
+SHARP = PaperBlur("gauss", 0)
 """The degradation that changes nothing."""
 
 # Methods
@@ -135,7 +139,7 @@ class Grid(NamedTuple):
     neighborhoods: tuple[int, ...] = (7, 11, 15, 21)
 
 
-class Method(NamedTuple):
+class MatchingCost(NamedTuple):
     """A way to compare two pixels; windows and dynamic programming are the same for all.
 
     Attributes
@@ -172,6 +176,7 @@ class Method(NamedTuple):
         paper = Settings.preset("paper")
         if self.cost != "phase" or neighborhood is None:
             return replace(paper, cost=self.cost, window=window, p1=penalty, p2=penalty)
+
         return replace(
             paper, neighborhood=neighborhood, window=window, power=power, p1=penalty, p2=penalty
         )
@@ -192,9 +197,9 @@ SMALLEST = 7
 
 FULL_GRID, QUICK_GRID = Grid(), Grid((SMALLEST,), (SMALLEST,))
 
-PHASE = Method("phase", "phase codes", "bits", (0.5, 1, 2, 4))
-SAD = Method("sad", "SAD", "gray levels", (5, 10, 15, 20, 30))
-NSAD = Method("nsad", "normalized SAD", "standard deviations", (0.25, 0.5, 1, 2))
+PHASE = MatchingCost("phase", "phase codes", "bits", (0.5, 1, 2, 4))
+SAD = MatchingCost("sad", "SAD", "gray levels", (5, 10, 15, 20, 30))
+NSAD = MatchingCost("nsad", "normalized SAD", "standard deviations", (0.25, 0.5, 1, 2))
 
 METHODS = (PHASE, SAD, NSAD)
 
@@ -216,7 +221,7 @@ class Series(NamedTuple):
     """A line in a figure: a method set up by a protocol; `rule` gives L, if that follows one."""
 
     protocol: str
-    method: Method
+    method: MatchingCost
     rule: str = ""
 
 
@@ -255,15 +260,15 @@ class Experiment:
     quick_levels: tuple[float, ...]
     power: int
     rules: tuple[str, ...] = ("2n + 1", "3n")
-    rival: Method = SAD
+    rival: MatchingCost = SAD
 
     def levels_of(self, *, quick: bool) -> tuple[float, ...]:
         """Return the levels that are measured."""
         return self.quick_levels if quick else self.levels
 
-    def blur(self, level: float) -> Blur:
+    def blur(self, level: float) -> PaperBlur:
         """Return what is done to the left image; nothing is the same everywhere."""
-        return SHARP if self.is_sharp(level) else Blur(self.kind, level)
+        return SHARP if self.is_sharp(level) else PaperBlur(self.kind, level)
 
     def is_sharp(self, level: float) -> bool:
         """Tell whether nothing is done."""

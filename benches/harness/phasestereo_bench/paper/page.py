@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 from phasestereo.io.files import replacing
 from phasestereo_bench.paper.claims import (
     CLAIMS,
-    WAYS,
+    SETUPS,
     bits_table,
     cases,
     cases_table,
     claims_table,
-    findings,
+    judge_claims,
     lines,
     prototype_table,
     settings_table,
@@ -86,20 +86,23 @@ def _page(study: Study, environments: Sequence[Mapping[str, Any]]) -> str:
     """Return the page as Markdown."""
     readings = study.readings
     tables = {
-        "The claims": claims_table(findings(readings)),
-        **{f"Gains, {way.name}": cases_table(cases(readings, way)) for way in WAYS},
+        "The claims": claims_table(judge_claims(readings)),
+        **{f"Gains, {setup.name}": cases_table(cases(readings, setup)) for setup in SETUPS},
         "Figure 3: bad pixels in % by the bits b of the phase": bits_table(lines(readings)),
         "Beside the figures of an earlier prototype in NumPy": prototype_table(study),
         "Settings chosen on the sharp pairs": settings_table(study),
     }
+
     trial = "**This is a quick trial of few levels and settings: no verdict on the paper.**"
     parts = ["# The paper's experiments, measured again", _INTRODUCTION.strip()]
     parts += [trial] if study.quick else []
     parts.append("\n".join(f"- {name}: “{markdown_text(q)}”" for name, q in CLAIMS.items()))
+
     for title, table in tables.items():
         parts += [f"## {title}", markdown_table(table)]
     parts.append("## Figures")
     parts += [f"![Figure {n}, {p}](figure{n}_{p}.svg)" for n in (2, 3) for p in PROTOCOLS]
+
     return "\n\n".join([*parts, made_with(environments)]) + "\n"
 
 
@@ -109,18 +112,21 @@ def _write_tables(study: Study, folder: Path) -> list[Path]:
     readings: dict[str, list[dict[str, Any]]] = {}
     for each in study.readings:
         readings.setdefault(numbers[each.experiment], []).append(asdict(each))
+
     files = [
         _write_csv(folder / f"{name}.csv", list(rows[0]), (row.values() for row in rows))
         for name, rows in readings.items()
     ]
+
     tables = {
-        "claims": claims_table(findings(study.readings)),
+        "claims": claims_table(judge_claims(study.readings)),
         "prototype": prototype_table(study),
         "settings": settings_table(study),
     }
     for name, table in tables.items():
         rows = ([entry.text for entry in row] for row in table.rows)
         files.append(_write_csv(folder / f"{name}.csv", table.header, rows))
+
     return files
 
 
@@ -129,6 +135,7 @@ def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[Any]])
     writer = csv.writer(text)
     writer.writerow(header)
     writer.writerows(rows)
+
     return _write(path, text.getvalue())
 
 
@@ -152,13 +159,16 @@ def _draw_figures(readings: Sequence[Reading], folder: Path) -> list[Path]:
                     )
                     for _, method, rule in each.series(protocol)
                 }
+
         bits: dict[str, dict[str, dict[int, float]]] = {}
         for line in lines(readings):
             if line.protocol == protocol:
                 panel = bits.setdefault(f"{line.scene.title()}: bits b of the phase", {})
                 panel[f"sigma = {line.sigma:g}"] = line.bad
+
         files.append(_draw(blur, folder / f"figure2_{protocol}.svg"))
         files.append(_draw(bits, folder / f"figure3_{protocol}.svg"))
+
     return files
 
 
@@ -169,6 +179,7 @@ def _draw(panels: Panels, path: Path) -> Path:
     height = len(panels) // 2
     figure = Figure((8, 2.4 * height), layout="constrained")
     grid = figure.subplots(height, 2, squeeze=False)
+
     for axes, (title, named) in zip(grid.flat, panels.items(), strict=True):
         for name, line in named.items():
             axes.plot(
@@ -179,10 +190,12 @@ def _draw(panels: Panels, path: Path) -> Path:
                 label=name,
                 color=_RIVALS.get(name),
             )
+
         axes.set_title(title, fontsize=9)
         axes.set_ylabel("bad pixels, %")
         axes.set_ylim(bottom=0)
         axes.grid(visible=True, alpha=0.3)
         axes.legend(fontsize=6)
+
     save_plot(figure, path)
     return path

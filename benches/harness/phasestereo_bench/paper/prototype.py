@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from phasestereo.settings import Settings
-    from phasestereo_bench.paper.experiments import Method
+    from phasestereo_bench.paper.experiments import MatchingCost
 
 __all__ = ["Figure", "figures"]
 
@@ -39,7 +39,7 @@ class Figure(NamedTuple):
     scene: str
     experiment: Experiment
     level: float
-    method: Method
+    method: MatchingCost
     rule: str
     settings: Settings
     published: float
@@ -50,7 +50,7 @@ class _Row(NamedTuple):
 
     scene: str
     experiment: Experiment
-    method: Method
+    method: MatchingCost
     rule: str
     penalty: float
     published: Mapping[float, float]
@@ -101,4 +101,5 @@ def _side(rule: str, level: float) -> int | None:
         return None
     if rule == "n":
         return odd(level)
+
     return odd(RULES[rule](level)) if rule in RULES else int(rule)

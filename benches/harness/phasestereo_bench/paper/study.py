@@ -31,7 +31,7 @@ from phasestereo_bench.paper.experiments import (
     recoded,
 )
 from phasestereo_bench.paper.prototype import figures
-from phasestereo_bench.runner import Job, run
+from phasestereo_bench.runner import Job, run_jobs
 
 if TYPE_CHECKING:
     import os
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from phasestereo.settings import Settings
     from phasestereo_bench.datasets import Pair
-    from phasestereo_bench.paper.experiments import Blur, Experiment, Method, Series
+    from phasestereo_bench.paper.experiments import Experiment, MatchingCost, PaperBlur, Series
     from phasestereo_bench.paper.prototype import Figure
 
     Progress = Callable[[int, int], object] | None
@@ -51,13 +51,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SCENES",
-    "Again",
-    "Cell",
-    "Choice",
+    "ChosenSettings",
     "Pairs",
+    "PaperCell",
     "Reading",
+    "Remeasured",
     "Study",
-    "Whose",
+    "TuningTask",
     "curve",
     "load_pairs",
     "measure",
@@ -98,11 +98,13 @@ def load_pair(folder: str, scene: str) -> Pair:
     """Return a pair that can be scored; errors as those of `load_pairs`."""
     found = find_scene(folder, SCENES[scene])
     pair = found.load()
+
     if pair.truth is None or "nonocc" not in pair.masks:
         raise ValueError(
             f"{found.folder}: has no truth with a mask of the pixels that both images see "
             f"({found.layout.truth} and mask_nonocc.png, or the truth of either image)"
         )
+
     return pair
 
 
@@ -125,11 +127,11 @@ class Scores(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class PaperCell:
     """What is measured once, however many figures and tables show it."""
 
     scene: str
-    blur: Blur
+    blur: PaperBlur
     settings: Settings
 
     def told(self) -> dict[str, Any]:
@@ -163,17 +165,18 @@ class Cell:
         return Job(key, score_cell, {"folder": str(pairs.folder), "cell": self})
 
 
-def score_cell(folder: str, cell: Cell) -> dict[str, Any]:
+def score_cell(folder: str, cell: PaperCell) -> dict[str, Any]:
     """Match and return the `Scores` by name."""
     pair = load_pair(folder, cell.scene)
     left, count = degraded(folder, cell.scene, cell.blur), pair.num_disparities
     found = match(left, pair.right, num_disparities=count, settings=cell.settings, threads=1)
+
     scores = middlebury_v2(found.disparity, pair)
     return {"nonocc": scores.nonocc, "all": scores.all, "disc": scores.disc}
 
 
 @lru_cache(maxsize=4)
-def degraded(folder: str, scene: str, blur: Blur) -> NDArray[np.uint8]:
+def degraded(folder: str, scene: str, blur: PaperBlur) -> NDArray[np.uint8]:
     """Return the left image of a pair, degraded; cells of one image are measured in a row."""
     image: NDArray[np.uint8] = blur(load_pair(folder, scene).left)
     image.flags.writeable = False
@@ -181,13 +184,13 @@ def degraded(folder: str, scene: str, blur: Blur) -> NDArray[np.uint8]:
 
 
 def measure(
-    cells: Iterable[Cell],
+    cells: Iterable[PaperCell],
     pairs: Pairs,
     store: Path,
     *,
     workers: int | None = None,
     progress: Progress = None,
-) -> dict[Cell, Scores]:
+) -> dict[PaperCell, Scores]:
     """Measure cells, but for those which a store has already; any may come more than once.
 
     Raises
@@ -195,18 +198,20 @@ def measure(
     RuntimeError
         If a cell failed; those that did not are in the store.
     OSError, TypeError, ValueError, KeyboardInterrupt
-        As `phasestereo_bench.run`, whose arguments the others are.
+        As `phasestereo_bench.run_jobs`, whose arguments the others are.
     """
     # One image after another: a process keeps the last few that it degraded.
     ordered = sorted(dict.fromkeys(cells), key=lambda cell: (cell.scene, str(cell.blur)))
     jobs = [cell.job(pairs) for cell in ordered]
-    records = run(jobs, store, workers=workers, progress=progress)
+    records = run_jobs(jobs, store, workers=workers, progress=progress)
+
     failed = [record for record in records if record["status"] != "ok"]
     if failed:
         raise RuntimeError(
             f"{len(failed)} of {len(records)} cells failed, the first with: {failed[0]['error']}; "
             f"the others are kept in {store}"
         )
+
     scores = [Scores(*(record[name] for name in Scores._fields)) for record in records]
     return dict(zip(ordered, scores, strict=True))
 
@@ -214,11 +219,11 @@ def measure(
 # Choices
 
 
-class Whose(NamedTuple):
-    """Whose settings are chosen: those of a method for a pair, and for a power k of the codes."""
+class TuningTask(NamedTuple):
+    """A choice to make: the settings of a method for a pair, and for a power k of the codes."""
 
     scene: str
-    method: Method
+    method: MatchingCost
     power: int
 
     def candidates(self, grid: Grid) -> list[Settings]:
@@ -230,13 +235,13 @@ class Whose(NamedTuple):
         """What the protocol "tied" chooses its penalty from."""
         return self.candidates(Grid((SMALLEST,), (SMALLEST,)))
 
-    def cells(self, grid: Grid) -> list[Cell]:
+    def cells(self, grid: Grid) -> list[PaperCell]:
         """Return all that has to be measured to choose."""
         wanted = dict.fromkeys([*self.candidates(grid), *self.tied])
-        return [Cell(self.scene, SHARP, settings) for settings in wanted]
+        return [PaperCell(self.scene, SHARP, settings) for settings in wanted]
 
 
-class Choice(NamedTuple):
+class ChosenSettings(NamedTuple):
     """What was chosen on the sharp pair, and the % of bad pixels there.
 
     Attributes
@@ -253,25 +258,25 @@ class Choice(NamedTuple):
     penalty_bad: float
 
 
-def whose(scene: str, method: Method, experiment: Experiment) -> Whose:
-    """Return whose settings an experiment takes; methods without a power k have one of 1."""
-    return Whose(scene, method, experiment.power if method is PHASE else 1)
+def tuning_task(scene: str, method: MatchingCost, experiment: Experiment) -> TuningTask:
+    """Return the task whose settings an experiment takes; only phase codes have a power k."""
+    return TuningTask(scene, method, experiment.power if method is PHASE else 1)
 
 
-def everyone() -> list[Whose]:
-    """Return whose settings have to be chosen."""
-    found = (whose(s, m, e) for s in SCENES for m in METHODS for e in EXPERIMENTS)
+def tuning_tasks() -> list[TuningTask]:
+    """Return all the tasks, each once."""
+    found = (tuning_task(s, m, e) for s in SCENES for m in METHODS for e in EXPERIMENTS)
     return list(dict.fromkeys(found))
 
 
-def choose(one: Whose, grid: Grid, bad: Mapping[Cell, float]) -> Choice:
+def choose(one: TuningTask, grid: Grid, bad: Mapping[PaperCell, float]) -> ChosenSettings:
     """Return the best settings, the first of them where several are equally good."""
 
     def badness(settings: Settings) -> float:
-        return bad[Cell(one.scene, SHARP, settings)]
+        return bad[PaperCell(one.scene, SHARP, settings)]
 
     fixed, tied = min(one.candidates(grid), key=badness), min(one.tied, key=badness)
-    return Choice(fixed, badness(fixed), tied.p1, badness(tied))
+    return ChosenSettings(fixed, badness(fixed), tied.p1, badness(tied))
 
 
 # The study
@@ -318,7 +323,7 @@ def curve(readings: Iterable[Reading], **wanted: str | float) -> dict[float, flo
     }
 
 
-class Again(NamedTuple):
+class Remeasured(NamedTuple):
     """A figure of the prototype and what was measured: likewise, and by the suite's recipe."""
 
     figure: Figure
@@ -343,16 +348,16 @@ class Study:
     """
 
     quick: bool
-    choices: Mapping[Whose, Choice]
+    choices: Mapping[TuningTask, ChosenSettings]
     readings: list[Reading]
-    prototype: list[Again]
+    prototype: list[Remeasured]
 
 
 class _Point(NamedTuple):
     experiment: str
     series: Series
     level: float
-    cell: Cell
+    cell: PaperCell
 
 
 def run_study(
@@ -370,12 +375,12 @@ def run_study(
     pairs
         As of `load_pairs`.
     store, workers
-        As for `phasestereo_bench.run`.
+        As for `phasestereo_bench.run_jobs`.
     quick
         Whether a few levels and settings are enough.
     watch
-        Called with the name of a stage, it returns a context manager for the callable that is told
-        of the progress of the stage, or for None.
+        Called with the name of a stage, it returns a context manager for the callable that gets
+        the progress of the stage, or for None.
 
     Raises
     ------
@@ -383,30 +388,38 @@ def run_study(
         As `measure`.
     """
     grid = QUICK_GRID if quick else FULL_GRID
-    asked = [cell for one in everyone() for cell in one.cells(grid)]
+    asked = [cell for one in tuning_tasks() for cell in one.cells(grid)]
     with watch("Choosing settings on the sharp pairs") as progress:
         scores = measure(asked, pairs, store, workers=workers, progress=progress)
+
     bad = {cell: score.nonocc for cell, score in scores.items()}
-    choices = {one: choose(one, grid, bad) for one in everyone()}
+    choices = {one: choose(one, grid, bad) for one in tuning_tasks()}
+
     points = [*_points(choices, quick=quick), *_bits_points(choices, quick=quick)]
     known = [each for each in figures() if each.level in each.experiment.levels_of(quick=quick)]
     cells = [point.cell for point in points]
     cells += [cell for each in known for cell in _cells(each)]
+
     with watch("Running the experiments") as progress:
         scores = measure(cells, pairs, store, workers=workers, progress=progress)
+
     return Study(
         quick=quick,
         choices=choices,
         readings=[_reading(point, scores[point.cell]) for point in points],
-        prototype=[Again(each, *(scores[cell].nonocc for cell in _cells(each))) for each in known],
+        prototype=[
+            Remeasured(each, *(scores[cell].nonocc for cell in _cells(each))) for each in known
+        ],
     )
 
 
-def _cells(figure: Figure) -> tuple[Cell, Cell]:
+def _cells(figure: Figure) -> tuple[PaperCell, PaperCell]:
     """Return a figure of the prototype here, and degraded by the recipe of the suite."""
     blur = figure.experiment.blur(figure.level)
     suite = blur if blur == SHARP else replace(blur, recipe="suite")
-    return Cell(figure.scene, blur, figure.settings), Cell(figure.scene, suite, figure.settings)
+    return PaperCell(figure.scene, blur, figure.settings), PaperCell(
+        figure.scene, suite, figure.settings
+    )
 
 
 def _cell_at(
@@ -414,11 +427,12 @@ def _cell_at(
     experiment: Experiment,
     scene: str,
     level: float,
-    choices: Mapping[Whose, Choice],
-) -> Cell:
+    choices: Mapping[TuningTask, ChosenSettings],
+) -> PaperCell:
     """Return what a line of a figure shows of a pair at a level of the blur."""
-    choice = choices[whose(scene, series.method, experiment)]
+    choice = choices[tuning_task(scene, series.method, experiment)]
     settings = choice.fixed
+
     if series.protocol == "tied":
         settings = series.method.settings(
             window=experiment.window(level),
@@ -426,10 +440,11 @@ def _cell_at(
             neighborhood=experiment.neighborhood(level, series.rule) if series.rule else None,
             power=experiment.power,
         )
-    return Cell(scene, experiment.blur(level), settings)
+
+    return PaperCell(scene, experiment.blur(level), settings)
 
 
-def _points(choices: Mapping[Whose, Choice], *, quick: bool) -> list[_Point]:
+def _points(choices: Mapping[TuningTask, ChosenSettings], *, quick: bool) -> list[_Point]:
     """Return the points of Figure 2."""
     return [
         _Point(experiment.key, series, level, _cell_at(series, experiment, scene, level, choices))
@@ -441,7 +456,7 @@ def _points(choices: Mapping[Whose, Choice], *, quick: bool) -> list[_Point]:
     ]
 
 
-def _bits_points(choices: Mapping[Whose, Choice], *, quick: bool) -> list[_Point]:
+def _bits_points(choices: Mapping[TuningTask, ChosenSettings], *, quick: bool) -> list[_Point]:
     """Return the points of Figure 3: the settings of the second experiment, but for the bits."""
     points = []
     for scene in SCENES:
@@ -452,6 +467,7 @@ def _bits_points(choices: Mapping[Whose, Choice], *, quick: bool) -> list[_Point
                 for bits in BITS:
                     other = replace(cell, settings=recoded(cell.settings, bits))
                     points.append(_Point(BITS_KEY, series, sigma, other))
+
     return points
 
 

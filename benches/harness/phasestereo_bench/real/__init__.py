@@ -5,7 +5,7 @@ calibration, `agreement` asks a matcher twice, `pairs` are those with a truth, a
 together.
 """
 
-from phasestereo_bench.real.frames import Recording, find_recording
+from phasestereo_bench.real.frames import RigRecording, find_recording
 from phasestereo_bench.real.jobs import real_jobs, recording_jobs
 
-__all__ = ["Recording", "find_recording", "real_jobs", "recording_jobs"]
+__all__ = ["RigRecording", "find_recording", "real_jobs", "recording_jobs"]

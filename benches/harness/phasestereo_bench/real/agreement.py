@@ -1,4 +1,4 @@
-"""What can be said of a map without its truth: whether a matcher says the same from either side.
+"""What can be said of a map without its truth: whether a matcher agrees with itself.
 
 A pair seen in a mirror, its images exchanged, is a pair again, whose disparities are those of the
 right image. Every matcher takes it, so every one can be asked twice. What only one camera sees can
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Image = NDArray[np.uint8]
 
 NUM_DISPARITIES = 64
-"""What methods are told that have to be told a range."""
+"""The number of disparities for methods that need one."""
 
 CONFIDENT = 0.5
 """From this confidence on a disparity counts as trusted by the method itself."""
@@ -52,14 +52,17 @@ def score_frame(folder: Path, files: tuple[Path, ...], spec: str, *, rectified: 
     if rectified:
         rig = ps.rectify(left, right, folder)
         left, right, valid = rig.left, rig.right, rig.left_mask
+
     match = method(spec).match
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ps.MatchWarning)
         done = measured(lambda: match(left, right, NUM_DISPARITIES))
         mirrored = match(_mirrored(right), _mirrored(left), NUM_DISPARITIES)
+
     disparity, confidence = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
     other = mirrored[0] if isinstance(mirrored, tuple) else mirrored
     trusted = None if confidence is None else float((confidence >= CONFIDENT)[valid].mean())
+
     return {
         "agreement": float(confirmed(disparity, _mirrored(other))[valid].mean()),
         "trusted": trusted,
@@ -69,7 +72,7 @@ def score_frame(folder: Path, files: tuple[Path, ...], spec: str, *, rectified: 
 
 
 def confirmed(disparity: Floats, of_right: Floats) -> NDArray[np.bool_]:
-    """Tell of every left pixel whether the right map has the same disparity there, within 1 px.
+    """Return for every left pixel whether the right map confirms its disparity, within 1 px.
 
     Parameters
     ----------
@@ -79,6 +82,8 @@ def confirmed(disparity: Floats, of_right: Floats) -> NDArray[np.bool_]:
     cols = disparity.shape[1]
     column = np.rint(np.arange(cols) - np.nan_to_num(disparity, nan=np.inf))
     inside = (column >= 0) & (column < cols)
+
+    # Columns outside are read at 0, and masked out below.
     index = np.where(inside, column, 0).astype(np.intp)
     there = np.take_along_axis(of_right, index, axis=1)
     agreeing: NDArray[np.bool_] = inside & (np.abs(there - disparity) <= 1)

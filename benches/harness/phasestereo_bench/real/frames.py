@@ -22,7 +22,7 @@ _PLACES = (("cam0", "cam1"), ("cam0/data", "cam1/data"), ("left", "right"), ("im
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class RigRecording:
     """The raw frames of one rig.
 
     Attributes
@@ -43,7 +43,7 @@ class Recording:
         return self.folder.name
 
 
-def find_recording(folder: str | os.PathLike[str]) -> Recording:
+def find_recording(folder: str | os.PathLike[str]) -> RigRecording:
     """Find the frames of a recording.
 
     Parameters
@@ -64,25 +64,32 @@ def find_recording(folder: str | os.PathLike[str]) -> Recording:
     root = Path(folder)
     if not root.is_dir():
         raise NotADirectoryError(f"{root}: no such folder")
+
     frames = [pair for places in _PLACES for pair in _of_folders(root, *places)]
     pictures = [path for path in sorted(root.iterdir()) if path.suffix.lower() in _ENDINGS]
     by_name = {path.name: path for path in pictures}
+
+    # Files left* and right* whose names end alike are pairs.
     frames += [
         (path, by_name[f"right{path.name.removeprefix('left')}"])
         for path in pictures
         if path.name.startswith("left") and f"right{path.name.removeprefix('left')}" in by_name
     ]
+
+    # All other wide pictures hold both views.
     frames += [
         (path,)
         for path in pictures
         if not path.name.startswith(("left", "right")) and _is_wide(path)
     ]
+
     if not frames:
         raise ValueError(
             f"{root}: no frames; accepts cam0 and cam1, left and right or image_0 and image_1 with "
             "files of the same names, files left* and right*, or pictures of both views"
         )
-    return Recording(root, tuple(frames))
+
+    return RigRecording(root, tuple(frames))
 
 
 def read_frame(files: tuple[Path, ...]) -> tuple[Image, Image]:
@@ -97,6 +104,7 @@ def read_frame(files: tuple[Path, ...]) -> tuple[Image, Image]:
         left, right = read_pair(files[0], "side-by-side")
     else:
         left, right = (read_image(path) for path in files)
+
     return _opaque(left), _opaque(right)
 
 
@@ -108,6 +116,7 @@ def _opaque(image: NDArray[np.generic]) -> Image:
 def _of_folders(root: Path, left: str, right: str) -> list[tuple[Path, ...]]:
     if not (root / left).is_dir():
         return []
+
     names = [path for path in sorted((root / left).iterdir()) if path.suffix.lower() in _ENDINGS]
     pairs = [(path, root / right / path.name) for path in names]
     return [(path, other) for path, other in pairs if other.is_file()]

@@ -14,25 +14,27 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from phasestereo_bench.real.frames import Recording
+    from phasestereo_bench.real.frames import RigRecording
 
 ROWS, FRAMES, PAIRS = "recording-rows", "recording-frame", "real-pair"
-"""What records of these are called."""
+"""The kinds of these records."""
 
 
-def recording_jobs(recording: Recording, methods: Sequence[str]) -> list[Job]:
+def recording_jobs(recording: RigRecording, methods: Sequence[str]) -> list[Job]:
     """Return the jobs of a recording: the rows of each frame, and each method on it, twice."""
     jobs = []
     for files in recording.frames:
         here = {"recording": recording.name, "frame": files[0].stem}
         arguments = {"folder": recording.folder, "files": files}
         jobs.append(Job({"kind": ROWS, **here}, score_rows, arguments))
+
         for spec in methods:
             name = str(method(spec))
             for rectified in (False, True):
                 key = {"kind": FRAMES, **here, "method": name, "rectified": rectified}
                 more = {"spec": spec, "rectified": rectified}
                 jobs.append(Job(key, score_frame, arguments | more))
+
     return jobs
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _EXPOSURE = "MotorcycleE"  # as Motorcycle, the right image exposed otherwise
 _FOCUS = "real_defocus/breakfast"
 _SHIFT = 16  # px: the disparity that the pair is given
-_COUNT = 64
+_COUNT = 64  # disparities that are searched
 
 
 def find_pairs(root: Path) -> dict[str, Path]:
@@ -35,8 +35,10 @@ def find_pairs(root: Path) -> dict[str, Path]:
         for scene in find_scenes(root / "middlebury"):
             if scene.name == _EXPOSURE:
                 pairs["exposure"] = scene.folder
+
     if (root / _FOCUS / "left.png").is_file():
         pairs["focus"] = root / _FOCUS
+
     return pairs
 
 
@@ -50,14 +52,18 @@ def load_pair(name: str, folder: Path) -> Pair:
     """
     if name == "exposure":
         return find_scenes(folder)[0].load()
+
     left, right = (
         read_image(folder / f"{side}.png").astype(np.uint8, copy=False)
         for side in ("left", "right")
     )
+
+    # The first columns have no match: it would lie left of the right image.
     known = np.zeros(left[:, _SHIFT:].shape[:2], np.bool_)
     known[:, _SHIFT:] = True
     truth = np.full(known.shape, _SHIFT, np.float32)
     left, right = left[:, :-_SHIFT].copy(), right[:, _SHIFT:].copy()
+
     return Pair(name, left, right, truth, None, {"nonocc": known}, _COUNT, None)
 
 
@@ -68,5 +74,6 @@ def score_pair(name: str, folder: Path, spec: str) -> dict[str, Any]:
     disparity = answer[0] if isinstance(answer, tuple) else answer
     if pair.truth is None:
         raise ValueError(f"{name}: the pair has no truth")
+
     mask = pair.masks["nonocc"]
     return {f"bad_{px}": bad_pixels(disparity, pair.truth, float(px), mask) for px in (1, 2)}

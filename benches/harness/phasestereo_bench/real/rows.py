@@ -57,14 +57,17 @@ def score_rows(folder: Path, files: tuple[Path, ...]) -> dict[str, Any]:
     """
     left, right = read_frame(files)
     truth = ps.rectify(left, right, folder)
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ps.MatchWarning)  # what is off is what is measured here
         places = corresponding(truth, _disparities(truth), (left.shape[0], left.shape[1]))
         alignment = ps.match(left, right, threads=1).alignment
+
     off = places.right_y - places.left_y
     straightened = off
     if alignment is not None and alignment.applied:
         straightened = off - alignment.offsets(places.right_x, places.left_y)
+
     return {
         "delivered": _rms(off),
         "match": _rms(straightened),
@@ -89,11 +92,14 @@ def corresponding(truth: Rectification, disparities: Floats, size: tuple[int, in
     (left_x, left_y), (right_x, right_y) = truth.maps
     rows, cols = left_x.shape
     y, x = (grid.ravel() for grid in np.mgrid[0:rows:_STEP, 0:cols:_STEP])
+
     parts = []
     for disparity in disparities.astype(int):
         inside = (x >= disparity) & (x - disparity < cols)
         at, here, there = y[inside], x[inside], x[inside] - disparity
         parts.append([left_x[at, here], left_y[at, here], right_x[at, there], right_y[at, there]])
+
+    # Places that one of the raw images does not show correspond to nothing.
     found = np.concatenate([np.asarray(part, np.float64) for part in parts], axis=1)
     limits = np.array([size[1], size[0], size[1], size[0]])[:, np.newaxis] - 1
     return Places(*found[:, ((found >= 0) & (found <= limits)).all(axis=0)])
@@ -108,6 +114,7 @@ def _disparities(truth: Rectification) -> Floats:
         right_mask=truth.right_mask,
         threads=1,
     )
+
     trusted = result.disparity[np.isfinite(result.disparity) & (result.flags == 0)]
     low, high = np.percentile(trusted, (2.0, 98.0))
     found: Floats = np.rint(np.linspace(float(low), float(high), _DISTANCES))
@@ -120,6 +127,7 @@ def _rectified(left: Any, right: Any, places: Places) -> float | None:
         found = ps.rectify(left, right)
     except ValueError:
         return None
+
     (left_x, left_y), (right_x, right_y) = found.maps
     off = _turned_around(left_x, left_y, places.left_x, places.left_y) - _turned_around(
         right_x, right_y, places.right_x, places.right_y
@@ -132,6 +140,8 @@ def _turned_around(x_map: Any, y_map: Any, x: Floats, y: Floats) -> Floats:
     rows, cols = x_map.shape
     at, across = np.mgrid[0:rows:_COARSE, 0:cols:_COARSE]
     points = np.stack([x_map[at, across].ravel(), y_map[at, across].ravel()], axis=1)
+
+    # Maps lead from rectified to raw pixels; interpolation between scattered points inverts them.
     row = interpolate.CloughTocher2DInterpolator(
         points.astype(np.float64), at.ravel().astype(float)
     )

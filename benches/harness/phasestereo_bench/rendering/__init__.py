@@ -58,13 +58,18 @@ def render_pair(
     height = _integer("height", height, low=MIN_SIDE, high=MAX_SIDE)
     width = _integer("width", width, low=MIN_SIDE, high=MAX_SIDE)
     count = _integer("num_disparities", num_disparities, low=MIN_DISPARITIES, high=width // 2)
+
+    # The scene and the noise of either view have generators of their own.
     scene_seed, left_seed, right_seed = np.random.SeedSequence(seed).spawn(3)
     camera = Camera(height=height, width=width)
     scene = furnish(np.random.default_rng(scene_seed), camera)
+    # The baseline follows from the nearest thing, which has the largest disparity.
     camera = replace(camera, near=scene.near, near_disparity=count - 2.0)
     exposure = exposure_of(scene, camera)
+
     truth = disparities(scene.shapes, camera, LEFT)
     nonocc = visible_in_both(scene.shapes, camera, truth)
+
     return Pair(
         name=f"rendered-{seed}",
         left=photograph(scene, camera, LEFT, exposure, np.random.default_rng(left_seed)),
@@ -89,7 +94,7 @@ def _calibration(camera: Camera, num_disparities: int) -> Calibration:
         cam0=intrinsics,
         cam1=intrinsics,
         doffs=0.0,
-        baseline=1000 * camera.reach / camera.focal,
+        baseline=1000 * camera.focal_baseline / camera.focal,
         width=camera.width,
         height=camera.height,
         ndisp=num_disparities,

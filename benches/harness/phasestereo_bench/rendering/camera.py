@@ -63,7 +63,7 @@ class Camera:
         return 1.1 * max(self.width, self.height * 4 / 3)
 
     @property
-    def reach(self) -> float:
+    def focal_baseline(self) -> float:
         """Disparity times depth, which is focal length times baseline."""
         return self.near_disparity * self.near
 
@@ -72,16 +72,17 @@ class Camera:
         across = (x - (self.width - 1) / 2) / self.focal
         down = (y - (self.height - 1) / 2) / self.focal
         cos, sin = math.cos(self.pitch), math.sin(self.pitch)
-        origin = (side * self.reach / self.focal, self.eye, 0.0)
+        origin = (side * self.focal_baseline / self.focal, self.eye, 0.0)
         return Rays(origin, across, -down * cos - sin, cos - down * sin)
 
     def project(self, points: Array, side: int) -> tuple[Array, Array, Array]:
         """Columns, rows (px) and depths of world points (n, 3)."""
         cos, sin = math.cos(self.pitch), math.sin(self.pitch)
-        x, y, z = (points - [side * self.reach / self.focal, self.eye, 0.0]).T
+        x, y, z = (points - [side * self.focal_baseline / self.focal, self.eye, 0.0]).T
         depth = z * cos - y * sin
         with np.errstate(divide="ignore", invalid="ignore"):
             column, row = x / depth, (-y * cos - z * sin) / depth
+
         return (
             column * self.focal + (self.width - 1) / 2,
             row * self.focal + (self.height - 1) / 2,
@@ -92,6 +93,7 @@ class Camera:
         """Bands of rows: the slice, columns (1, W) and rows (n, 1) of the pixel centers."""
         columns = np.arange(self.width, dtype=np.float64)[None]
         step = max(1, RAYS_IN_BAND // (self.width * rays_per_pixel))
+
         for start in range(0, self.height, step):
             stop = min(start + step, self.height)
             yield slice(start, stop), columns, np.arange(start, stop, dtype=np.float64)[:, None]

@@ -34,9 +34,11 @@ def windows(
         if depth.min() <= 0:  # reaches behind the camera: may be anywhere
             bounds.append((0, camera.height, 0, camera.width))
             continue
+
         top, bottom = np.clip([y.min() - 1, y.max() + 2], 0, camera.height)
         left, right = np.clip([x.min() - 1 + slack[0], x.max() + 2 + slack[1]], 0, camera.width)
         bounds.append((int(top), int(bottom), int(left), int(right)))
+
     return bounds
 
 
@@ -47,16 +49,19 @@ def cast(
     size = np.broadcast_shapes(rays.x.shape, rays.y.shape)
     depth = np.full(size, np.inf, dtype=rays.x.dtype)
     index = np.zeros(size, dtype=np.uint16)
+
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # rays that miss
         for number, (top, bottom, left, right) in enumerate(bounds):
             rows = slice(max(top - first_row, 0), min(bottom - first_row, size[-2]))
             cols = slice(left, right)
             if rows.start >= rows.stop or left >= right:
                 continue
+
             met = shapes[number].hit(rays.window(rows, cols))
             nearer = (met > 0) & (met < depth[..., rows, cols])
             np.copyto(depth[..., rows, cols], met, where=nearer)
             np.copyto(index[..., rows, cols], np.uint16(number), where=nearer)
+
     return depth, index
 
 
@@ -64,9 +69,11 @@ def disparities(shapes: Sequence[Shape], camera: Camera, side: int) -> Disparity
     """Disparities at the pixel centers of a view."""
     bounds = windows(shapes, camera, side)
     disparity = np.empty((camera.height, camera.width))
+
     for band, columns, rows in camera.bands():
         depth, _ = cast(shapes, camera.rays(columns, rows, side), bounds, band.start)
-        disparity[band] = camera.reach / depth
+        disparity[band] = camera.focal_baseline / depth
+
     return disparity
 
 
@@ -74,11 +81,13 @@ def visible_in_both(shapes: Sequence[Shape], camera: Camera, truth: Disparity) -
     """Whether the point seen at each left pixel's center is the front-most in the right view."""
     bounds = windows(shapes, camera, RIGHT, slack=(truth.min(), truth.max()))
     visible = np.empty(truth.shape, dtype=bool)
+
     for band, columns, rows in camera.bands():
         matched = columns - truth[band]
         depth, _ = cast(shapes, camera.rays(matched, rows, RIGHT), bounds, band.start)
         inside = columns >= truth[band].astype(np.float32)  # as those see it who get the truth
-        visible[band] = (camera.reach / depth <= truth[band] + GRAZING) & inside
+        visible[band] = (camera.focal_baseline / depth <= truth[band] + GRAZING) & inside
+
     return visible
 
 
@@ -95,5 +104,7 @@ def near_jumps(truth: Disparity) -> Mask:
         (np.s_[:-1], down),
     ):
         jumps[side] |= jump
+
+    # A jump has marked the pixels on both of its sides, which is the first of the steps.
     near: Mask = ndimage.maximum_filter(jumps, size=2 * DISC_REACH - 1)
     return near

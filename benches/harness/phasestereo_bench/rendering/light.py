@@ -56,6 +56,7 @@ class Lightmap:
         column, row = x.astype(np.intp), y.astype(np.intp)
         across, along = x - column, y - row
         light, corner = self.light.ravel(), row * n + column
+
         upper = light[corner] * (1 - across) + light[corner + 1] * across
         lower = light[corner + n] * (1 - across) + light[corner + n + 1] * across
         blended: Array = upper * (1 - along) + lower * along
@@ -74,7 +75,7 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class Scenery:
     """All there is to see, and the detail finer than any texture that is laid over all of it.
 
     No depth in either view is below `near`.
@@ -91,32 +92,38 @@ class Scene:
 
 
 def photograph(
-    scene: Scene, camera: Camera, side: int, exposure: float, rng: np.random.Generator
+    scene: Scenery, camera: Camera, side: int, exposure: float, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """Take one view: light through a lens that darkens the corners, film-like tones, noise."""
     bounds = windows(scene.shapes, camera, side)
     picture = np.empty((camera.height, camera.width, 3), dtype=np.uint8)
     center_x, center_y = (camera.width - 1) / 2, (camera.height - 1) / 2
     dx, dy = LATTICE.T[:, :, None, None]
+
     for band, columns, rows in camera.bands(len(LATTICE)):
         x, y = (columns + dx).astype(np.float32), (rows + dy).astype(np.float32)
         light = _radiance(scene, camera, camera.rays(x, y, side), bounds, band.start).mean(axis=0)
+
         corner = ((columns - center_x) ** 2 + (rows - center_y) ** 2) / (center_x**2 + center_y**2)
         light *= (exposure * (1 - VIGNETTE * corner))[..., None].astype(np.float32)
+
         tones = 255 * (1 - np.exp(-light)) ** (1 / GAMMA)
         tones += rng.normal(0.0, SENSOR_NOISE, tones.shape)
         picture[band] = np.clip(np.rint(tones), 0, 255)
+
     return picture
 
 
-def exposure_of(scene: Scene, camera: Camera) -> float:
+def exposure_of(scene: Scenery, camera: Camera) -> float:
     """Find the exposure that makes the median of the left view a middle gray, from a thumbnail."""
     shrink = 96 / max(camera.height, camera.width)
     height, width = (max(1, round(n * shrink)) for n in (camera.height, camera.width))
     thumbnail = replace(camera, height=height, width=width)
+
     x, y = np.arange(width, dtype=np.float32)[None], np.arange(height, dtype=np.float32)[:, None]
     bounds = windows(scene.shapes, thumbnail, LEFT)
     light = _radiance(scene, thumbnail, thumbnail.rays(x, y, LEFT), bounds, 0)
+
     return -math.log(1 - MIDDLE_GRAY**GAMMA) / float(np.median(light))
 
 
@@ -129,8 +136,11 @@ def light_falling_on(patch: Patch, occluders: Sequence[Shape]) -> Lightmap:
         c + across * a + along * b
         for c, a, b in zip(patch.center, patch.right, patch.up, strict=True)
     )
+
     light = np.zeros((n, n), dtype=np.float32)
+    # Hulls bound the shadows, so that rays are cast only where there may be one.
     hulls = np.array([np.resize(shape.corners(), (8, 3)) for shape in occluders]) - patch.center
+
     for weight, direction in _lights():
         slant = _dot(direction, patch.normal)
         if slant > 0:
@@ -139,21 +149,25 @@ def light_falling_on(patch: Patch, occluders: Sequence[Shape]) -> Lightmap:
                 points = (x[area], y[area], z[area])
                 lit[area] &= ~_blocked(occluders[number], points, direction)
             light += np.float32(weight * slant) * lit
+
     return Lightmap(light, patch.half_width, patch.half_height)
 
 
 def _lights() -> list[tuple[float, Vector]]:
     """Weights and directions: a sun wide enough for soft shadows, and two rings of sky."""
     lights = []
+    # A spiral by the golden angle covers the sun's disk evenly.
     for k in range(SUN_RAYS):
         turn, radius = 2.4 * k, 0.1 * math.sqrt(k / SUN_RAYS)
         x, y, z = SUN[0] + radius * math.cos(turn), SUN[1], SUN[2] + radius * math.sin(turn)
         lights.append((SUNLIGHT / SUN_RAYS, (x, y, z)))
+
     for rise, count in ((0.5, 5), (1.1, 4)):
         for k in range(count):
             turn, flat = math.tau * (k + rise) / count, math.cos(rise)
             direction = (flat * math.cos(turn), math.sin(rise), flat * math.sin(turn))
             lights.append((SKYLIGHT / 6, direction))
+
     return lights
 
 
@@ -165,12 +179,15 @@ def _shadows(
     patch: Patch, hulls: Array, direction: Vector
 ) -> Iterator[tuple[int, tuple[slice, slice]]]:
     """Bound the shadows of convex hulls (k, 8, 3) around the patch's center on its light map."""
+    # Hulls are projected along the light onto the plane of the patch.
     rise = hulls @ np.array(patch.normal) / _dot(direction, patch.normal)
     feet = hulls - rise[..., None] * np.array(direction)
+
     spans = []
     for axis, size in ((patch.up, patch.half_height), (patch.right, patch.half_width)):
         texel = (feet @ np.array(axis) / size + 1) * (LIGHTMAP_SIZE / 2)
         spans.append(np.clip([texel.min(axis=1), texel.max(axis=1) + 1], 0, LIGHTMAP_SIZE))
+
     (top, bottom), (left, right) = (span.astype(int) for span in spans)
     for k in np.flatnonzero((rise.max(axis=1) > 0) & (top < bottom) & (left < right)).tolist():
         yield k, (slice(top[k], bottom[k]), slice(left[k], right[k]))
@@ -186,13 +203,16 @@ def _blocked(shape: Shape, points: Points, direction: Vector) -> NDArray[np.bool
 
 
 def _radiance(
-    scene: Scene, camera: Camera, rays: Rays, bounds: Sequence[Window], first_row: int
+    scene: Scenery, camera: Camera, rays: Rays, bounds: Sequence[Window], first_row: int
 ) -> NDArray[np.float32]:
     """Light (..., rows, columns, 3) along the rays of a band."""
     depth, index = cast(scene.shapes, rays, bounds, first_row)
+
+    # Rays are sorted by the surface that they meet, so that each is shaded once.
     by_surface = np.argsort(index, axis=None, kind="stable")
     ends = np.cumsum(np.bincount(index.ravel(), minlength=len(scene.surfaces)))
     light = np.empty((index.size, 3), dtype=np.float32)
+
     for number in np.flatnonzero(np.diff(ends, prepend=0)):
         pixels = by_surface[ends[number - 1] if number else 0 : ends[number]]
         where = np.unravel_index(pixels, index.shape)
@@ -201,16 +221,19 @@ def _radiance(
         chosen = Rays(rays.origin, x, y, z)
         spacing = distance * (RAY_SPACING / camera.focal)
         light[pixels] = _shade(scene, scene.surfaces[number], chosen.at(distance), spacing)
+
     return light.reshape(*index.shape, 3)
 
 
-def _shade(scene: Scene, surface: Surface, point: Points, spacing: Array) -> NDArray[np.float32]:
+def _shade(scene: Scenery, surface: Surface, point: Points, spacing: Array) -> NDArray[np.float32]:
     """Light (n, 3) that points of a surface send back."""
     chart = surface.shape.chart(*point)
     u, v = chart.u + surface.shift[0], chart.v + surface.shift[1]
     colors = look_up(surface.texture, u, v, spacing)
+
     # Turned by the 3-4-5 triangle, lest its period and the texture's own fall together.
     fine = look_up(scene.detail, 0.8 * u + 0.6 * v, 0.8 * v - 0.6 * u, spacing)[:, 0]
+
     light = _illumination(surface, chart, point[1])
     colors *= (light * (1 + surface.texture.relief * fine))[:, None]
     return colors
@@ -220,9 +243,11 @@ def _illumination(surface: Surface, chart: Chart, height: Array) -> Array:
     """Sunlight by the slant, light of the sky by how much of it the surface sees."""
     if surface.light is not None:
         return surface.light.at(chart.u, chart.v)
+
     x, y, z = chart.normal
     slant = x * SUN[0] + y * SUN[1] + z * SUN[2]
     sun = 0.3 + 0.5 * abs(slant) if surface.thin else np.maximum(slant, 0)
     near_ground = 0.5 * np.exp(height * (-1 / 0.07))
+
     light: Array = SUNLIGHT * sun + SKYLIGHT * (0.65 + 0.35 * y) * (1 - near_ground)
     return light

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phasestereo_bench.rendering.light import Scene, Surface, light_falling_on
+from phasestereo_bench.rendering.light import Scenery, Surface, light_falling_on
 from phasestereo_bench.rendering.shapes import Patch
 from phasestereo_bench.rendering.textures import GREENS, STONES, WOODS, Studio, Texture, fractal
 from phasestereo_bench.rendering.things import EAST, TOWARDS, Spot, Workshop, upright
@@ -43,23 +43,29 @@ class Row:
     builders: Sequence[Builder]
 
 
-def furnish(rng: np.random.Generator, camera: Camera) -> Scene:
+def furnish(rng: np.random.Generator, camera: Camera) -> Scenery:
     """Build a scene with textures as fine as the camera can use."""
     wanted = 2 ** math.ceil(math.log2(2 * max(camera.width, camera.height)))
     texels = min(max(wanted, MIN_TEXELS), MAX_TEXELS)
+
     studio = Studio(rng, texels)
     workshop = Workshop(rng, Studio(rng, texels // 2))
+
     things = [thing for spot, build in _arrangement(rng, workshop) for thing in build(spot)]
     shapes = [thing.shape for thing in things]
+
     floor = _floor(rng, studio)
     lit = [
         Surface(patch, texture, light=light_falling_on(patch, shapes))
         for patch, texture in [floor, *_walls(rng, studio)]
     ]
+
+    # A generator of its own, so that the number of texels changes no other choice.
     (grains,) = rng.spawn(1)
     detail = Texture.of(fractal(grains, texels)[..., None], DETAIL * texels / camera.focal)
+
     surfaces = [*lit, _trees(studio), *things]
-    return Scene(surfaces, detail, _nearest(camera, floor[0], shapes))
+    return Scenery(surfaces, detail, _nearest(camera, floor[0], shapes))
 
 
 def _floor(rng: np.random.Generator, studio: Studio) -> tuple[Patch, Texture]:
@@ -70,6 +76,7 @@ def _floor(rng: np.random.Generator, studio: Studio) -> tuple[Patch, Texture]:
         (partial(studio.cobbles, STONES, across=9, dome=0.3), 2.8),
         (partial(studio.cobbles, STONES[:3], across=30, dome=1.2), 2.4),
     ]
+
     make, size = kinds[int(rng.integers(len(kinds)))]
     return Patch((0.0, 0.0, 4.0), EAST, TOWARDS, 6.0, 4.0), Texture.of(make(), size)
 
@@ -85,11 +92,14 @@ def _walls(rng: np.random.Generator, studio: Studio) -> Iterator[tuple[Patch, Te
     ]
     corner_x, corner_z = rng.uniform((-1.2, 5.4), (1.2, 6.2)).tolist()
     low_side = int(rng.choice([-1, 1]))
+
     for side, kind in zip((-1, 1), rng.permutation(len(kinds)), strict=False):
         yaw, low = (-side * rng.uniform(0.15, 0.45), rng.uniform(0.85, 1.1))
         half_width, top = (3.0, low) if side == low_side else (6.0, 3.0)
+
         # The high wall may run on behind the low one; the low one ends at the corner.
         x, z = (c + side * 3.0 * f(yaw) for c, f in ((corner_x, math.cos), (corner_z, math.sin)))
+
         make, size, relief = kinds[int(kind)]
         texture = Texture.of(make(), size, relief=relief)
         yield upright((x, top / 2, z), float(yaw), half_width, top / 2), texture
@@ -110,6 +120,7 @@ def _arrangement(rng: np.random.Generator, workshop: Workshop) -> Iterator[tuple
         Row((-0.8, 0.0, 0.75), (2.3, 2.8), (0.4, 0.6), [pot, box, pot, crate]),
         Row((-0.5, 0.05, 0.5), (1.55, 1.8), (0.14, 0.24), low),
     ]
+
     for row in rows:
         for place, kind in zip(row.places, rng.permutation(len(row.builders)), strict=False):
             x = place + float(rng.uniform(-0.12, 0.12))
@@ -122,5 +133,6 @@ def _nearest(camera: Camera, floor: Shape, things: list[Shape]) -> float:
     x, y = (np.array([0.0, size - 1.0]) for size in (camera.width, camera.height))
     with np.errstate(invalid="ignore", divide="ignore"):
         seen = floor.hit(camera.rays(x[None], y[:, None], 0))
+
     corners = np.concatenate([thing.corners() for thing in things])
     return min(float(seen[seen > 0].min()), float(camera.project(corners, 0)[2].min()))

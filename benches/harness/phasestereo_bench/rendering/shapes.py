@@ -76,14 +76,17 @@ class Patch:
         nx, ny, nz = self.normal
         ox, oy, oz = (c - o for c, o in zip(self.center, rays.origin, strict=True))
         depth = (nx * ox + ny * oy + nz * oz) / ((ny * rays.y + nz * rays.z) + nx * rays.x)
+
         u, v, _ = self.chart(*rays.at(depth))
         a, b = u / self.half_width, v / self.half_height
+
         if self.outline == "rectangle":  # a hair larger, or rays slip between two sides of a box
             inside = np.maximum(abs(a), abs(b)) <= 1 + 1e-6
         elif self.outline == "ellipse":
             inside = a * a + b * b <= 1
         else:
             inside = abs(b) <= 1 - a * a
+
         return np.where(inside, depth, np.inf)
 
     def chart(self, x: Array, y: Array, z: Array) -> Chart:
@@ -108,10 +111,12 @@ class Ellipsoid:
 
     def hit(self, rays: Rays) -> Array:
         """See `Shape.hit`."""
+        # In units of the radii, the ellipsoid is a unit sphere.
         qx, qy, qz = (
             (o - c) / r for o, c, r in zip(rays.origin, self.center, self.radii, strict=True)
         )
         x, y, z = (d / r for d, r in zip((rays.x, rays.y, rays.z), self.radii, strict=True))
+
         square = (y * y + z * z) + x * x
         half = (qy * y + qz * z) + qx * x
         root = half * half - square * (qx * qx + qy * qy + qz * qz - 1)
@@ -120,9 +125,12 @@ class Ellipsoid:
     def chart(self, x: Array, y: Array, z: Array) -> Chart:
         """See `Shape.chart`; u, v keep their length along lines from the point facing -z."""
         x, y, z = ((p - c) / r for p, c, r in zip((x, y, z), self.center, self.radii, strict=True))
+
         across = np.hypot(x, y)
         spread = np.arctan2(across, -z) / np.maximum(across, 1e-6)
         u, v = self.radii[0] * x * spread, self.radii[1] * y * spread
+
+        # The gradient of the ellipsoid's equation is normal to it.
         x, y, z = (p / r for p, r in zip((x, y, z), self.radii, strict=True))
         length = np.sqrt(x * x + y * y + z * z)
         return Chart(u, v, (x / length, y / length, z / length))
@@ -152,10 +160,13 @@ class Frustum:
         qx, qy, qz = (o - c for o, c in zip(rays.origin, self.foot, strict=True))
         slope = self.slope
         radius = self.low_radius + slope * qy
+
         square = (rays.z**2 - (slope * rays.y) ** 2) + rays.x**2
         half = (qz * rays.z - slope * radius * rays.y) + qx * rays.x
         root = half * half - square * (qx * qx + qz * qz - radius * radius)
         depth = _first(square, half, root)
+
+        # The endless cone is cut at both rims.
         above = qy + depth * rays.y
         return np.where((above >= 0) & (above <= self.height), depth, np.inf)
 

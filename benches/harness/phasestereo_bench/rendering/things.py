@@ -61,12 +61,14 @@ class Workshop:
         self._prints = [
             Texture.of(studio.print(paper, INKS), relief=0.04) for paper in self._some(PAPERS, 4)
         ]
+
         wood, stone, glaze = (self._some(choice, 1)[0] for choice in (WOODS, STONES, GLAZES))
         self._wood = Texture.of(studio.planks(wood, count=6, joints=False))
         self._stone = Texture.of(studio.plain(stone, tone=0.35), 0.7)
         self._clay = Texture.of(studio.plain(CLAY, tone=0.14), 0.8)
         self._glaze = Texture.of(studio.plain(glaze, tone=0.05), 0.8, relief=0.025)
         self._earth = Texture.of(studio.plain(EARTH, tone=0.5), 0.4)
+
         self._fruits = [
             Texture.of(studio.plain(fruit, tone=0.07), 0.5, relief=0.04)
             for fruit in self._some(FRUITS, 2)
@@ -97,9 +99,11 @@ class Workshop:
         """Put a plant in a pot of clay or glaze."""
         tall = 0.34 * spot.height
         radius = tall * float(self.rng.uniform(0.5, 0.65))
+
         pottery = self._pick([self._clay, self._clay, self._glaze])
         body = Frustum((spot.x, 0.0, spot.z), tall, 0.72 * radius, radius)
         rim = Frustum((spot.x, 0.86 * tall, spot.z), 0.14 * tall, 1.1 * radius, 1.12 * radius)
+
         yield self._cut(body, pottery)
         yield self._cut(rim, pottery)
         yield self._cut(disc((spot.x, tall, spot.z), 1.1 * radius), self._earth)
@@ -150,12 +154,14 @@ class Workshop:
         """Four sides and a lid, turned by up to 35 degrees."""
         width, height, depth = size
         yaw = float(self.rng.uniform(-0.6, 0.6))
+
         for k in range(4):
             turn = yaw + k * math.pi / 2
             wide, out = (width, depth) if k % 2 == 0 else (depth, width)
             x, z = spot.x + out / 2 * math.sin(turn), spot.z - out / 2 * math.cos(turn)
             side = upright((x, floor + height / 2, z), turn, wide / 2, height / 2)
             yield printed(side, texture)
+
         right, front = (math.cos(yaw), 0.0, math.sin(yaw)), (math.sin(yaw), 0.0, -math.cos(yaw))
         lid = Patch((spot.x, floor + height, spot.z), right, front, width / 2, depth / 2)
         yield printed(lid, texture)
@@ -166,6 +172,7 @@ class Workshop:
         for _ in range(int(self.rng.integers(18, 28))):
             leaf = self._leaf(np.array(foot), height * float(self.rng.uniform(0.6, 1.05)))
             yield printed(leaf, self._pick(kinds), thin=True)
+
         stake = Frustum(foot, height * float(self.rng.uniform(0.8, 1.2)), 0.012, 0.012)
         yield self._cut(stake, self._wood)
 
@@ -174,8 +181,10 @@ class Workshop:
         turn, rise = rng.uniform(0, math.tau), rng.uniform(0.35, 1.45)
         flat = math.cos(rise)
         along = np.array([flat * math.cos(turn), math.sin(rise), flat * math.sin(turn)])
+
         aside = np.cross(along, rng.normal(size=3))
         aside /= np.linalg.norm(aside)
+
         center = foot + along * length * (0.5 + rng.uniform(0, 0.25))
         x, y, z = ((float(a), float(b), float(c)) for a, b, c in (center, along, aside))
         return Patch(x, y, z, length / 2, length * float(rng.uniform(0.1, 0.16)), "leaf")

@@ -1,4 +1,4 @@
-"""Cells: what one method made of one scene, as the records of a Middlebury benchmark tell it."""
+"""Cells: the scores of one method on one scene, from the records of a Middlebury benchmark."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
 
 
 class Place(NamedTuple):
-    """A scene, told from those of the same name in other collections."""
+    """A scene, identified by its collection, too."""
 
     collection: str
     scene: str
@@ -93,7 +93,7 @@ class Cell:
     suite, place, degradation, side
         Which scene, and what was done to which image of it.
     method
-        The method's name, with its ending where it was told the blur.
+        The method's name, with its ending where it knows the blur.
     metrics
         Finite values by the names in `METRICS`, as many as there are.
     seconds, peak_bytes
@@ -123,7 +123,7 @@ class Cell:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What tells it from other cells."""
+        """What identifies the cell."""
         return self.suite, self.place, self.degradation, self.side, self.method
 
 
@@ -137,6 +137,7 @@ def read_cell(record: Record) -> Cell:
     """
     ok = _text(record, "status") == "ok"
     settings = record.get("settings")
+
     return Cell(
         suite=_text(record, "suite"),
         place=Place(_text(record, "collection"), _text(record, "scene")),
@@ -154,8 +155,8 @@ def read_cell(record: Record) -> Cell:
 
 
 def _method(record: Record) -> str:
-    told = bool(record.get("true_blur"))
-    return _text(record, "method").removesuffix(TRUE_BLUR) + TRUE_BLUR * told
+    true_blur = bool(record.get("true_blur"))
+    return _text(record, "method").removesuffix(TRUE_BLUR) + TRUE_BLUR * true_blur
 
 
 def _metrics(record: Record) -> dict[str, float]:
@@ -166,6 +167,7 @@ def _metrics(record: Record) -> dict[str, float]:
         value = _number(holder.get(member)) if isinstance(holder, dict) else None
         if value is not None:
             found[name] = value
+
     return found
 
 

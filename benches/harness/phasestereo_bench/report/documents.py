@@ -80,7 +80,7 @@ def fill_document(
     results
         What to show.
     metric
-        Which number, a name in `METRICS`; tables of several metrics do not ask.
+        Which number, a name in `METRICS`; tables of several metrics ignore it.
 
     Raises
     ------
@@ -120,6 +120,7 @@ def document_texts(results: Results, *, metric: str = "v2.nonocc") -> dict[str, 
     """
     results.require_metric(metric)
     made = origin(results)
+
     return {
         name: f"{markdown_table(table(results, metric))}\n\n"
         + small_print(f"{words(results, metric)} {made}")

@@ -32,6 +32,7 @@ def explain_faults(results: Results, metric: str) -> str:
     """Say what the figures of `fault_table` are."""
     count = min(means(results, metric, (name,)).scenes for name in results.degradations)
     title = METRICS[metric].label
+
     return (
         f"{title[0].upper()}{title[1:]}: {METRICS[metric].better}. Means over {count} scenes, "
         f"{results.state}. Bold: the best."

@@ -61,15 +61,18 @@ def fill_markers(document: str, texts: Mapping[str, str], *, others: Collection[
     """
     newline = "\r\n" if "\r\n" in document else "\n"
     parts, done = [], 0
+
     for start, end in _places(document, (*texts, *others)):
         if start["name"] in texts:
             text = texts[start["name"]].replace("\n", newline)
             # Markdown needs the empty lines: a comment would take the table for its own.
             parts += [document[done : start.end()], newline * 2, text, newline * 2]
             done = end.start()
+
     if not parts:
         names = ", ".join(f"<!-- bench:{name} -->" for name in texts)
         raise ValueError(f"no marker to fill; accepts {names}, each with its end")
+
     return "".join([*parts, document[done:]])
 
 
@@ -84,11 +87,13 @@ def _places(document: str, known: Collection[str]) -> list[tuple[re.Match[str], 
     for marker in markers:
         if marker["name"] not in known:
             raise ValueError(f"unknown marker {marker[0]}; accepts the names {', '.join(known)}")
+
     pairs = list(zip_longest(markers[::2], markers[1::2]))
     for start, end in pairs:
         if start["end"] or end is None or not end["end"] or end["name"] != start["name"]:
             what = "has no start" if start["end"] else "has no end"
             raise ValueError(f"marker {start[0]} {what}")
+
     return pairs
 
 

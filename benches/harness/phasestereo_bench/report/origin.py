@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from itertools import starmap
 from typing import TYPE_CHECKING, Any
 
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
@@ -21,6 +22,7 @@ __all__ = ["commands", "explain", "made_with", "origin"]
 _COMMIT = 12  # characters of it in running text
 _VARIANT = re.compile(r"(?P<scene>.+) \((?P<left>\S+) (?P<right>\S+)\)")
 _STORE = "results.jsonl"
+_COMMITS = "<commits>"  # where the commits of an environment are to stand
 
 
 def explain(results: Results, metric: str) -> str:
@@ -39,8 +41,12 @@ def origin(results: Results) -> str:
 
 
 def made_with(environments: Iterable[Mapping[str, Any]]) -> str:
-    """Say which environments these are."""
-    return "Made with " + "; ".join(map(_environment, environments)) + "."
+    """Say which environments these are; those that differ in the commit alone are named once."""
+    commits: dict[str, list[str]] = {}
+    for known in environments:
+        commits.setdefault(_environment(known), []).append(_commit(known))
+
+    return "Made with " + "; ".join(starmap(_with_commits, commits.items())) + "."
 
 
 def commands(results: Results, metric: str) -> list[str]:
@@ -52,16 +58,20 @@ def commands(results: Results, metric: str) -> list[str]:
     shown = ["--suite", results.suite, "--side", results.side, "--metric", metric, "-o", "report"]
     if results.suite not in SUITES:
         return [_line(["report", *results.sources, *shown])]
+
     cells = [*results.cells.values(), *results.failures]
     methods = dict.fromkeys([*results.methods, *(cell.method for cell in results.failures)])
     options = ["--suite", results.suite, "--side", results.side, "--method", *methods]
+
     rows = {cell.degradation for cell in cells}
     if rows != set(SUITES[results.suite]):
         options += ["--degradation", *sorted(rows)]
+
     makers = [
         ["middlebury", "FOLDER", *options, *scenes, "-o", _STORE]
         for scenes in _scenes(results.suite, sorted({cell.place for cell in cells}))
     ]
+
     return [_line(command) for command in (*makers, ["report", _STORE, *shown])]
 
 
@@ -69,6 +79,7 @@ def _scenes(suite: str, places: Sequence[Place]) -> list[list[str]]:
     """Return the options that choose these scenes, one list for each choice of their images."""
     if {str(place) for place in places} == SUITE_SCENES.get(suite, frozenset()):
         return [[]]
+
     names: dict[tuple[str, ...], list[str]] = {}
     for place in places:
         variant = _VARIANT.fullmatch(str(place))
@@ -77,6 +88,7 @@ def _scenes(suite: str, places: Sequence[Place]) -> list[list[str]]:
         else:
             images = ("--left-image", variant["left"], "--right-image", variant["right"])
             names.setdefault(images, []).append(variant["scene"])
+
     return [["--scene", *scenes, *images] for images, scenes in names.items()]
 
 
@@ -85,12 +97,32 @@ def _line(arguments: Sequence[str]) -> str:
 
 
 def _environment(known: Mapping[str, Any]) -> str:
-    versions, (commit, dash, state) = known.get("versions"), str(known.get("commit")).partition("-")
+    """Return an environment in words, with a mark where its commits are to stand."""
+    versions = known.get("versions")
     if not isinstance(versions, dict):
         return "versions that are not known"
-    names = {"phasestereo": "phasestereo", "opencv": "OpenCV", "numpy": "NumPy", "python": "Python"}
-    parts = {name: f"{title} {versions.get(name)}" for name, title in names.items()}
-    if known.get("commit"):
-        parts["phasestereo"] += f" (commit {commit[:_COMMIT]}{dash}{state})"
-    made = ", ".join(part for name, part in parts.items() if versions.get(name))
-    return f"{made} on {known.get('cpu')}, {known.get('date')}"
+
+    names = {
+        "phasestereo": f"phasestereo {{version}}{_COMMITS}",
+        "opencv": "OpenCV {version}",
+        "numpy": "NumPy {version}",
+        "python": "Python {version}",
+    }
+    made = [
+        words.format(version=versions[name]) for name, words in names.items() if versions.get(name)
+    ]
+    return f"{', '.join(made)} on {known.get('cpu')}, {known.get('date')}"
+
+
+def _commit(known: Mapping[str, Any]) -> str:
+    commit, dash, state = str(known.get("commit") or "unknown").partition("-")
+    return f"{commit[:_COMMIT]}{dash}{state}"
+
+
+def _with_commits(environment: str, commits: Sequence[str]) -> str:
+    """Put the commits where an environment has the mark; nothing where none is known."""
+    if set(commits) == {"unknown"}:
+        return environment.replace(_COMMITS, "")
+
+    plural = "s" if len(commits) > 1 else ""
+    return environment.replace(_COMMITS, f" (commit{plural} {', '.join(commits)})")

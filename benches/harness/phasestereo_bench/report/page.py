@@ -14,7 +14,7 @@ from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.markdown import markdown_table, markdown_text
 from phasestereo_bench.report.origin import commands, explain, origin
 from phasestereo_bench.report.plots import RIVAL, draw_duel, draw_means, leader, save_plot
-from phasestereo_bench.report.results import is_given
+from phasestereo_bench.report.results import knows_blur
 from phasestereo_bench.report.sharp import sharp_tables
 from phasestereo_bench.report.tables import (
     blurs,
@@ -71,11 +71,11 @@ def write_report(
     Parameters
     ----------
     results
-        What to tell.
+        What to write about.
     folder
         Where to; made if need be.
     metric
-        Which number to tell, a name in `METRICS`.
+        Which number, a name in `METRICS`.
 
     Returns
     -------
@@ -94,16 +94,21 @@ def write_report(
     results.require_metric(metric)
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
+
     figures = {"means": draw_means(results, metric)}
     duel = _duel(results, metric)
     if duel is not None:
         figures["scenes"] = draw_duel(results, metric, duel)
+
     written = [target / f"{name}.{kind}" for name in figures for kind in _KINDS]
     for path in written:
         save_plot(figures[path.stem], path)
+
+    # An earlier report may have had plots that this one lacks.
     earlier = {target / f"{name}.{kind}" for name in _PLOTS for kind in _KINDS}
     for path in earlier.difference(written):
         path.unlink(missing_ok=True)
+
     parts = _sections(results, metric, duel)
     story = {
         "title": f"Benchmark {results.suite}",
@@ -111,6 +116,7 @@ def write_report(
         "verdict": _verdict(results, metric),
         "commands": commands(results, metric),
     }
+
     texts = {
         "tables.csv": _csv(results),
         "report.md": _markdown(parts, story),
@@ -122,10 +128,12 @@ def write_report(
             **story,
         ),
     }
+
     for name, text in texts.items():
         written.append(target / name)
         with replacing(written[-1]) as file:
             file.write(text.encode())
+
     return written
 
 
@@ -134,12 +142,14 @@ def _duel(results: Results, metric: str) -> tuple[str, str] | None:
     ours = leader(results, metric, results.ours)
     others = [method for method in results.methods if method not in results.ours]
     rival = leader(results, metric, [RIVAL]) or leader(results, metric, others)
+
     return None if ours is None or rival is None else (ours, rival)
 
 
 def _sections(results: Results, metric: str, duel: tuple[str, str] | None) -> list[Section]:
     """Return the parts of the page, without the commands."""
     made = origin(results)
+
     parts = [
         Section(
             title="Means over the scenes",
@@ -158,17 +168,21 @@ def _sections(results: Results, metric: str, duel: tuple[str, str] | None) -> li
         Section(title="Settings", table=settings_table(results)),
         Section(title="Environments", table=environment_table(results)),
     ]
+
     if duel is not None:
         ours, rival = duel
         text = f"Of the methods that compare phase codes, {ours} has the best {_span(results)}."
         title = f"{ours} against {rival}"
         parts.insert(1, Section(title=title, text=text, plot="scenes"))
+
     parts[1:1] = [
         Section(title=title, text=f"{text} {made}", table=table)
         for title, (text, table) in sharp_tables(results).items()
     ]
+
     if results.failures:
         parts.insert(-2, Section(title="Failed cells", table=failure_table(results)))
+
     return parts
 
 
@@ -181,14 +195,16 @@ def _lead(results: Results) -> str:
 
 
 def _verdict(results: Results, metric: str) -> str:
-    """List the methods from the best to the worst, those that were told the blur apart."""
+    """List the methods from the best to the worst, those that know the blur apart."""
     scenes, values = overall(results, metric)
     ranked = sorted(values, key=lambda method: METRICS[metric].rank(values[method]))
     unit = METRICS[metric].unit
     texts = {m: f"{m} {METRICS[metric].format(values[m])} {unit}".strip() for m in ranked}
-    told = [texts[method] for method in ranked if is_given(method)]
-    others = [texts[method] for method in ranked if not is_given(method)]
-    parts = [", ".join(others), *([f"told the blur: {', '.join(told)}"] if told else [])]
+
+    given = [texts[method] for method in ranked if knows_blur(method)]
+    others = [texts[method] for method in ranked if not knows_blur(method)]
+    parts = [", ".join(others), *([f"told the blur: {', '.join(given)}"] if given else [])]
+
     title = f"{METRICS[metric].title}, {_span(results)} of {scenes} scenes"
     return f"{title[0].upper()}{title[1:]}: {'; '.join(filter(None, parts))}."
 
@@ -202,22 +218,27 @@ def _csv(results: Results) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(_COLUMNS)
+
     for cell in results.cells.values():
         costs = {"seconds": cell.seconds, "peak_bytes": cell.peak_bytes}
         key = (cell.suite, cell.side, *cell.place, cell.degradation, cell.method)
         for name, value in {**cell.metrics, **costs}.items():
             if value is not None:
                 writer.writerow((*key, name, repr(value)))
+
     return text.getvalue()
 
 
 def _markdown(sections: Sequence[Section], story: Mapping[str, Any]) -> str:
     blocks = [f"# {markdown_text(story['title'])}", markdown_text(story["lead"])]
     blocks.append(markdown_text(story["verdict"]))
+
     for section in sections:
         blocks += [f"## {markdown_text(section.title)}", markdown_text(section.text)]
         blocks.append(f"![{markdown_text(section.title)}]({section.plot}.png)" * bool(section.plot))
         blocks.append(markdown_table(section.table) if section.table is not None else "")
+
     lines = "\n".join(story["commands"])
     blocks += ["## Again", f"```sh\n{lines}\n```"]
+
     return "\n\n".join(filter(None, blocks)) + "\n"

@@ -1,7 +1,7 @@
 """Plots: the means of all methods at one glance, and two methods against each other by scene.
 
-Every method keeps its color and its mark in all plots: phase codes are blue, what was told the
-blur is hollow. Figures are matplotlib's own objects, which no global state knows of.
+Every method keeps its color and its mark in all plots: phase codes are blue, methods that know the
+blur are hollow. Figures are matplotlib's own objects, which pyplot does not manage.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from phasestereo.io.files import replacing
 from phasestereo_bench.methods import TRUE_BLUR
 from phasestereo_bench.report.cells import METRICS
-from phasestereo_bench.report.results import is_given
+from phasestereo_bench.report.results import knows_blur
 from phasestereo_bench.report.tables import groups, means, overall, place_names, scene_count
 
 if TYPE_CHECKING:
@@ -57,23 +57,26 @@ class Style(NamedTuple):
 def styles(results: Results, metric: str) -> dict[str, Style]:
     """Return how each method is drawn.
 
-    Our best one has the color that stands out. What was told the blur is drawn as the method
+    Our best one has the color that stands out. A method that knows the blur is drawn as the method
     itself, but hollow.
     """
     stems = {method: method.removesuffix(TRUE_BLUR) for method in results.methods}
+
     best = leader(results, metric, results.ours)
     ours = dict.fromkeys(stems[method] for method in (best, *results.ours) if method is not None)
     known = [RIVAL] if RIVAL in stems.values() else []  # so that its color is always the same
     others = dict.fromkeys(stem for stem in (*known, *stems.values()) if stem not in ours)
+
     looks = dict(zip(ours, zip(cycle(_OURS), cycle(_OUR_MARKS), strict=False), strict=False))
     looks |= dict(zip(others, zip(cycle(_OTHERS), cycle(_OTHER_MARKS), strict=False), strict=False))
-    return {method: Style(*looks[stem], is_given(method)) for method, stem in stems.items()}
+
+    return {method: Style(*looks[stem], knows_blur(method)) for method, stem in stems.items()}
 
 
 def leader(results: Results, metric: str, methods: Collection[str]) -> str | None:
-    """Return the best over all blurs of those methods which were told nothing; None without any."""
+    """Return the best over all blurs of the methods that do not know the blur; None without any."""
     values = overall(results, metric).values
-    running = [method for method in methods if method in values and not is_given(method)]
+    running = [method for method in methods if method in values and not knows_blur(method)]
     return min(running, key=lambda m: METRICS[metric].rank(values[m]), default=None)
 
 
@@ -88,19 +91,24 @@ def draw_means(results: Results, metric: str) -> Any:
     rows, looks = groups(results), styles(results, metric)
     figure = _figure(9.0, 1.3 + max(0.4 * len(rows), 0.24 * len(results.methods)))
     axes, labels, uniform = figure.add_subplot(), [], scene_count(results, metric)
+
     for line, (name, degradations) in enumerate(rows.items()):
         scenes, values = means(results, metric, degradations)
         labels.append(name if uniform else f"{name}  ({scenes})")
         for method, value in values.items():
             axes.plot([value], [line], **looks[method].marker(9))
+
     for method in results.methods:
         axes.plot([], [], label=method, **looks[method].marker(9))
+
     _rule(axes, labels)
     axes.set_xlim(left=min(0, axes.get_xlim()[0]))
     axes.set_xlabel(_axis(metric), color=_SOFT)
     over = uniform or "scenes (how many)"
+
     _title(figure, f"Means over {over}, {results.state}")
     figure.legend(loc="outside right upper", frameon=False, handletextpad=0.2)
+
     return figure
 
 
@@ -116,25 +124,31 @@ def draw_duel(results: Results, metric: str, methods: tuple[str, str]) -> Any:
     columns = min(3, len(rows))
     lines = -(-len(rows) // columns)
     height = 0.6 + 0.21 * len(results.places)
+
     figure = _figure(1.6 + 2.6 * max(columns, 2), 1.1 + height * lines)
     panels = list(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).flat)
+
     for panel, row in zip(panels, rows, strict=False):
         values = [results.values(metric, method, row) for method in methods]
         _draw_pairs(panel, results, metric, values, [looks[method] for method in methods])
         panel.set_title(row, loc="left", color=_INK, size=10)
+
     for panel in panels[max(0, len(rows) - columns) : len(rows)]:
         panel.tick_params(labelbottom=True)  # also where the panel below is removed
     for panel in panels[len(rows) :]:
         panel.remove()
+
     panels[0].set_xlim(left=min(0, panels[0].get_xlim()[0]))
     for method in methods:
         panels[0].plot([], [], label=method, **looks[method].marker(7))
+
     _title(figure, f"Scene by scene, {results.state}")
     # A label of the figure's own would be drawn over the legend, so that is its title.
     legend = figure.legend(
         title=_axis(metric), loc="outside lower center", frameon=False, ncols=2, handletextpad=0.2
     )
     legend.get_title().set_color(_SOFT)
+
     return figure
 
 
@@ -164,14 +178,18 @@ def _draw_pairs(
 ) -> None:
     """Draw the first method against the second; the line between takes the better one's color."""
     names = place_names(results.places)
+
     for line, place in enumerate(results.places):
         found = [row.get(place) for row in values]
         pairs = [(v, look) for v, look in zip(found, looks, strict=True) if v is not None]
+
         if len(pairs) == len(looks):
             _, winner = min(pairs, key=lambda pair: METRICS[metric].rank(pair[0]))
             panel.plot([v for v, _ in pairs], [line, line], color=winner.color, lw=2, alpha=0.45)
+
         for value, look in pairs:
             panel.plot([value], [line], **look.marker(6.5))
+
     _rule(panel, [names[place] for place in results.places])
 
 
@@ -187,6 +205,7 @@ def _rule(axes: Any, labels: Sequence[str]) -> None:
     axes.set_yticks(range(len(labels)), labels)
     axes.set_ylim(len(labels) - 0.5, -0.5)
     axes.tick_params(length=0, colors=_INK, labelsize=9)
+
     axes.grid(color=_GRID, linewidth=0.8)
     axes.set_axisbelow(True)
     for spine in axes.spines.values():

@@ -1,7 +1,6 @@
 """Results: the cells of a benchmark run, read back from the stores that the run left behind.
 
-Here is decided which cells are told of, and in which order; how their numbers are averaged and
-shown is the business of `tables` and `plots`.
+This module chooses the cells and their order; `tables` and `plots` average and show them.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     Environments = Mapping[str, Mapping[str, Any]]
     Natural = list[tuple[int, str]]
 
-__all__ = ["Results", "is_given", "read_results"]
+__all__ = ["Results", "knows_blur", "read_results"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +37,7 @@ class Results:
     suite, side
         The name of the suite, and which image was degraded.
     methods, places, degradations
-        Those of the cells, in the order in which they are told.
+        Those of the cells, in the order of the tables.
     cells
         Those with metrics, at least one, by place, degradation and method, in that order.
     failures
@@ -108,8 +107,8 @@ class Results:
         }
 
 
-def is_given(method: str) -> bool:
-    """Tell by its name whether a method was told the blur."""
+def knows_blur(method: str) -> bool:
+    """Return whether a method knows the blur, by its name."""
     return method.endswith(TRUE_BLUR)
 
 
@@ -129,12 +128,12 @@ def read_results(
     paths
         The stores, at least one.
     suite
-        Tell of this suite; None: the only one there is.
+        Only this suite; None: the only one there is.
     side
-        Tell of the cells with this image degraded, "left" or "right"; None: the only one there is.
+        Only cells with this image degraded, "left" or "right"; None: the only one there is.
     methods
-        Tell of these methods, by name and in this order; none: of all, phase codes first and those
-        that were told the blur last.
+        Only these methods, by name and in this order; none: all, phase codes first and those that
+        know the blur last.
 
     Raises
     ------
@@ -146,6 +145,7 @@ def read_results(
     """
     cells: dict[tuple[object, ...], Cell] = {}
     environments: dict[str, Mapping[str, Any]] = {}
+
     for path in paths:
         for number, record in enumerate(read_store(path), start=1):
             if record.get("kind") == "environment":
@@ -156,24 +156,29 @@ def read_results(
                 except ValueError as error:
                     raise ValueError(f"{path}: line {number}: {error}") from error
                 cells[cell.key] = cell
+
     sources = tuple(map(str, paths))
     if not cells:
         raise ValueError(f"{', '.join(sources)}: no record of the kind {KIND!r}")
+
     chosen = _chosen(list(cells.values()), suite, side, methods)
-    return _told(chosen, methods, environments, sources)
+    return _ordered(chosen, methods, environments, sources)
 
 
 def _chosen(
     cells: Sequence[Cell], suite: str | None, side: str | None, methods: Sequence[str]
 ) -> list[Cell]:
-    """Return the cells to tell of; refuse where there are none, or no knowing which."""
+    """Return the cells that are wanted; refuse where there are none, or the choice is open."""
     suite = _choice("suite", suite, {cell.suite for cell in cells})
     of_suite = [cell for cell in cells if cell.suite == suite]
+
     side = _choice("side", side, {cell.side for cell in of_suite})
     of_side = [cell for cell in of_suite if cell.side == side]
+
     there = {cell.method for cell in of_side}
     for method in methods:
         _choice("method", method, there)
+
     chosen = [cell for cell in of_side if not methods or cell.method in methods]
     if all(cell.error is not None for cell in chosen):
         raise ValueError(f"no results: all {len(chosen)} cells failed, {chosen[0].error}")
@@ -186,34 +191,39 @@ def _choice(argument: str, wanted: str | None, there: set[str]) -> str:
         return wanted
     if wanted is None and len(there) == 1:
         return next(iter(there))
+
     names = ", ".join(sorted(there, key=_natural))
     if wanted is None:
         raise ValueError(f"{argument}: got none, and there are results of several; accepts {names}")
     raise ValueError(f"{argument}: got {wanted!r}; accepts those with results: {names}")
 
 
-def _told(
+def _ordered(
     cells: Sequence[Cell],
     methods: Sequence[str],
     environments: Environments,
     sources: tuple[str, ...],
 ) -> Results:
-    """Put the cells in the order in which they are told."""
+    """Put the cells in the order of the tables."""
     done = [cell for cell in cells if cell.error is None]
     order = _unique(cell.method for cell in sorted(done, key=_rank))
     if methods:
         order = tuple(method for method in _unique(methods) if method in order)
+
     collections = [layout.collection for layout in LAYOUTS]
     places = sorted(
         {cell.place for cell in done},
         key=lambda place: (_index(collections, place.collection), *map(_natural, place)),
     )
+
     rows = list(SUITES.get(cells[0].suite, ()))
     degradations = sorted(
         {cell.degradation for cell in done}, key=lambda row: (_index(rows, row), _natural(row))
     )
+
     found = {(cell.place, cell.degradation, cell.method): cell for cell in done}
     keys = [(place, row, method) for place in places for row in degradations for method in order]
+
     return Results(
         suite=cells[0].suite,
         side=cells[0].side,
@@ -230,7 +240,7 @@ def _told(
 
 
 def _rank(cell: Cell) -> tuple[bool, int, Natural]:
-    return is_given(cell.method), _family(cell), _natural(cell.method)
+    return knows_blur(cell.method), _family(cell), _natural(cell.method)
 
 
 def _family(cell: Cell) -> int:

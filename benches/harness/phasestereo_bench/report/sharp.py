@@ -53,7 +53,7 @@ def sharp_tables(results: Results) -> dict[str, tuple[str, Table]]:
         "As in version 2 of the Middlebury evaluation": (explain_v2(results), v2_table(results)),
         "As in version 3": (explain_v3(results), v3_table(results)),
     }
-    return {title: told for title, told in tables.items() if told[1].header[1:]}
+    return {title: both for title, both in tables.items() if both[1].header[1:]}
 
 
 def v2_table(results: Results, _metric: str = "") -> Table:
@@ -61,25 +61,29 @@ def v2_table(results: Results, _metric: str = "") -> Table:
 
     Regions without any number are left out. Only methods that have all the others have a mean.
     """
-    told = _of_v2(results, wanted=True)
-    names = place_names(told.places)
+    chosen = _of_v2(results, wanted=True)
+    names = place_names(chosen.places)
     columns = {
-        f"{names[place]} {region.partition('.')[2]}": _means(replace(told, places=(place,)), region)
-        for place in told.places
+        f"{names[place]} {region.partition('.')[2]}": _means(
+            replace(chosen, places=(place,)), region
+        )
+        for place in chosen.places
         for region in _REGIONS
     }
+
     columns = {heading: values for heading, values in columns.items() if values}
     if columns:
         whole = set.intersection(*(set(values) for values in columns.values()))
         columns["mean"] = {m: fmean(values[m] for values in columns.values()) for m in whole}
+
     return _table(results, {name: (values, _REGIONS[0]) for name, values in columns.items()})
 
 
 def v3_table(results: Results, _metric: str = "") -> Table:
     """Return methods x metrics of version 3 and the ROC area: means over all other scenes."""
-    told = _of_v2(results, wanted=False)
-    columns = {title: (_means(told, name), name) for name, title in _V3.items()}
-    return _table(results, {title: told for title, told in columns.items() if told[0]})
+    chosen = _of_v2(results, wanted=False)
+    columns = {title: (_means(chosen, name), name) for name, title in _V3.items()}
+    return _table(results, {title: column for title, column in columns.items() if column[0]})
 
 
 def two_table(results: Results, _metric: str = "") -> Table:

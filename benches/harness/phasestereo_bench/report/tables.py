@@ -1,7 +1,7 @@
 """Tables: what the results come to, in rows and columns.
 
 A mean is only ever taken over the scenes that all methods have, so that none gains by leaving one
-out. The best figure of each degradation is marked; methods that were told the blur show what could
+out. The best figure of each degradation is marked; methods that know the blur show what could
 be had, and do not compete with the others.
 """
 
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.report.cells import METRICS
-from phasestereo_bench.report.results import is_given
+from phasestereo_bench.report.results import knows_blur
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -121,9 +121,11 @@ def means(results: Results, metric: str, degradations: Sequence[str]) -> Means:
         whole = set.intersection(set(results.counted), *rows)
         if whole:
             by_method[method] = {place: fmean(row[place] for row in rows) for place in whole}
+
     shared = _shared(results.counted, by_method.values())
     if not shared:
         return Means(0, {})
+
     averages = {m: fmean(row[place] for place in shared) for m, row in by_method.items()}
     return Means(len(shared), averages)
 
@@ -160,12 +162,15 @@ def mean_table(results: Results, metric: str) -> Table:
         count, values = means(results, metric, degradations)
         column = figures(results.methods, values, METRICS[metric])
         columns.append((*column, Entry(_share(results, count))))
+
     *rows, counts = zip(*columns, strict=True)
     names = [*results.methods, "scenes"] if len(set(counts)) > 1 else results.methods
-    told = [(Entry(name), *row) for name, row in zip(names, [*rows, counts], strict=False)]
+    labeled = [(Entry(name), *row) for name, row in zip(names, [*rows, counts], strict=False)]
+
     if len(columns) <= MOST_COLUMNS:
-        return Table(("method", *groups(results)), tuple(told))
-    turned = zip(map(Entry, groups(results)), *(row[1:] for row in told), strict=True)
+        return Table(("method", *groups(results)), tuple(labeled))
+
+    turned = zip(map(Entry, groups(results)), *(row[1:] for row in labeled), strict=True)
     return Table(("degradation", *names), tuple(turned))
 
 
@@ -180,16 +185,19 @@ def scene_table(results: Results, metric: str) -> Table:
     names = place_names(results.places)
     several = len(results.degradations) > 1
     rows = []
+
     for place, degradation in product(results.places, results.degradations):
         found = {m: results.values(metric, m, degradation).get(place) for m in results.methods}
         values = {method: value for method, value in found.items() if value is not None}
         if values:
             labels = [Entry(names[place]), *[Entry(degradation)] * several]
             rows.append((*labels, *figures(results.methods, values, METRICS[metric])))
+
     if not several:
         count, averages = means(results, metric, results.degradations)
         last = figures(results.methods, averages, METRICS[metric])
         rows.append((Entry(f"mean of {_share(results, count)}"), *last))
+
     header = ("scene", *[f"{results.side} image"] * several, *results.methods)
     return Table(header, tuple(rows), labels=1 + several)
 
@@ -213,10 +221,12 @@ def cost_table(results: Results) -> Table:
         for cell in results.cells.values():
             if cell.environment == environment:
                 ran[cell.method].append(cell)
+
         shared = _shared(results.places, [{c.place for c in cells} for cells in ran.values()])
         for method in filter(ran.get, results.methods):
             cells = [cell for cell in ran[method] if cell.place in shared]
             rows.append((Entry(method), Entry(environment), *_costs(cells)))
+
     header = ("method", "environment", "cells", "seconds", "ns / (px disparity)")
     return Table((*header, "peak MB", "bytes / (px disparity)"), tuple(rows), labels=2)
 
@@ -242,8 +252,10 @@ def settings_table(results: Results) -> Table:
         for cell in results.cells.values():
             for name, value in cell.settings.items() if cell.method == method else ():
                 values[name][value if isinstance(value, str) else json.dumps(value)] = None
+
         text = ", ".join(f"{name} = {' or '.join(found)}" for name, found in values.items())
         rows.append((Entry(method), Entry(text or MISSING)))
+
     return Table(("method", "settings"), tuple(rows), labels=2)
 
 
@@ -255,6 +267,7 @@ def environment_table(results: Results) -> Table:
         for fact, path in _FACTS.items()
     ]
     rows.append((Entry("cells"), *(Entry(str(ran.count(name))) for name in results.environments)))
+
     header = ("environment", *results.environments)
     return Table(header, tuple(rows), labels=len(header))
 
@@ -267,6 +280,7 @@ def failure_table(results: Results) -> Table:
         tuple(map(Entry, (names[c.place], c.degradation, c.method, " ".join(str(c.error).split()))))
         for c in results.failures
     ]
+
     header = ("scene", f"{results.side} image", "method", "reason")
     return Table(header, tuple(rows), labels=len(header))
 
@@ -276,9 +290,10 @@ def figures(
 ) -> tuple[Entry, ...]:
     """Return the figures of methods; the best is marked where several compete."""
     texts = {method: metric.format(value) for method, value in values.items()}
-    rivals = [method for method in values if not is_given(method)]
+    rivals = [method for method in values if not knows_blur(method)]
     ranked = sorted(rivals, key=lambda method: metric.rank(values[method]))
     best = texts[ranked[0]] if len(ranked) > 1 else None
+
     return tuple(
         Entry(texts.get(method, MISSING), best=method in rivals and texts[method] == best)
         for method in methods

@@ -53,14 +53,17 @@ class DepthOfField:
         """
         if pair.truth is None:
             raise ValueError("depth of field: the pair has no truth")
+
         far, near = np.percentile(filled(pair.truth), (_FAR, _NEAR))
         images = {"left": pair.left, "right": pair.right}
         maps = {"left": filled(pair.truth), "right": filled(seen_from_right(pair.truth))}
         focused = {side: far} | ({_other(side): near} if self.opposite else {})
+
         for name, focus in focused.items():
             radii = self.radius / max(near - far, 1e-6)
             soft = quantize(_layered(images[name], maps[name], focus, radii), np.uint8)
             images[name] = noise(soft, SEEDS[name], sigma=BLURRED_NOISE)
+
         return replace(pair, left=images["left"], right=images["right"])
 
 
@@ -71,10 +74,14 @@ def filled(disparity: NDArray[np.floating]) -> Plane:
     """
     known = np.isfinite(disparity)
     cols = np.arange(disparity.shape[1])
+    # Columns of the next known value on either side.
     before = np.maximum.accumulate(np.where(known, cols, -1), axis=1)
     after = np.minimum.accumulate(np.where(known, cols, cols.size)[:, ::-1], axis=1)[:, ::-1]
+
     left = _taken(disparity, before, before >= 0)
     right = _taken(disparity, after, after < cols.size)
+
+    # Gaps are mostly occlusions, which show what is farther away.
     nearest = np.fmin(left, right)
     return np.where(np.isfinite(nearest), nearest, np.nanmedian(disparity)).astype(np.float64)
 
@@ -86,6 +93,8 @@ def seen_from_right(disparity: NDArray[np.floating]) -> Plane:
     values = disparity[y, x].astype(np.float64)
     column = np.rint(x - values).astype(int)
     inside = column >= 0
+
+    # What is nearer hides what is behind it.
     np.maximum.at(seen, (y[inside], column[inside]), values[inside])
     return np.where(np.isfinite(seen), seen, np.nan)
 
@@ -98,15 +107,20 @@ def _layered(image: Image, disparity: Plane, focus: float, radii: float) -> Plan
     edges = np.linspace(disparity.min(), disparity.max() + 1e-6, _LAYERS + 1)
     colors = np.atleast_3d(image).astype(np.float64)
     total, cover = np.zeros(colors.shape), np.zeros(disparity.shape)
+
     for low, high in pairwise(edges):
         layer = ((disparity >= low) & (disparity < high)).astype(np.float64)
         shown = colors * layer[:, :, np.newaxis]
         radius = radii * abs((low + high) / 2 - focus)
+
+        # Colors and cover are blurred alike, so that a layer's rim lets through what is behind it.
         if radius >= _SHARP:
             psf = disk_psf(radius)
             layer, shown = convolve(layer, psf), convolve(shown, psf)
+
         total = shown + total * (1 - layer)[:, :, np.newaxis]
         cover = layer + cover * (1 - layer)
+
     return (total / np.maximum(cover, _LEAST_COVER)[:, :, np.newaxis]).reshape(image.shape)
 
 

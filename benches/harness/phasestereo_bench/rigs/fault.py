@@ -1,8 +1,7 @@
 """Faults of rigs: what is done to a whole pair, and how simple ones make up others.
 
 A step takes a pair and the side that is the worse one, and returns the pair as that rig would have
-delivered it. What is random depends on a seed that each image has for itself, so that the two never
-have the same noise.
+delivered it. Either image has a seed of its own, so that the two never have the same noise.
 """
 
 from __future__ import annotations
@@ -78,6 +77,7 @@ class Fault:
         """
         if side not in SEEDS:
             raise ValueError(f"side: got {side!r}; accepts left and right")
+
         for step in self.steps:
             pair = step(pair, side)
         return pair

@@ -68,10 +68,13 @@ class Misaligned:
         rows, cols = size
         y, x = np.mgrid[0:rows, 0:cols].astype(np.float64)
         right = quantize(_sampled(pair.right, *self._came_from(x, y, sign)), np.uint8)
+
         if pair.truth is None:
             return replace(pair, right=right)
+
         at_x, at_y = self.moved(x - pair.truth, y, size, sign)
         seen = (at_x >= 0) & (at_x <= cols - 1) & (at_y >= 0) & (at_y <= rows - 1)
+
         return replace(
             pair,
             right=right,
@@ -88,15 +91,19 @@ class Misaligned:
         rows, cols = size
         middle_x, middle_y = (cols - 1) / 2, (rows - 1) / 2
         u, v = x - middle_x, y - middle_y
+
         outward = 1 + sign * self.distortion * (u * u + v * v) / cols**2
         u, v = u * outward, v * outward
+
         turn, scale = np.deg2rad(sign * self.turn), 1 + sign * self.focal
         u, v = (
             scale * (np.cos(turn) * u - np.sin(turn) * v),
             scale * (np.sin(turn) * u + np.cos(turn) * v),
         )
+
         slant = sign * self.keystone / (middle_x * middle_y)
         u, v = u + slant * (u * u - middle_x**2 / 3), v + slant * u * v
+
         waves = sign * self.wobble * np.sin(2 * np.pi * _WAVES * y / rows)
         return middle_x + u - self.margin, middle_y + v + sign * self.down + waves
 
@@ -104,9 +111,11 @@ class Misaligned:
         """Return where what is at these places was before, by a fixed point."""
         size = x.shape[0], x.shape[1]
         from_x, from_y = x + self.margin, y.copy()
+
         for _ in range(_ROUNDS):
             at_x, at_y = self.moved(from_x, from_y, size, sign)
             from_x, from_y = from_x - (at_x - x), from_y - (at_y - y)
+
         return from_x, from_y
 
 

@@ -37,14 +37,16 @@ def annulus_psf(outer: float, inner: float) -> Plane:
     outer, inner
         Radii, px, outer > inner >= 0.
     """
-    reach = max(0, int(np.ceil(outer - 0.5)))
-    taps = np.arange(-reach, reach + 1)
+    half = max(0, int(np.ceil(outer - 0.5)))
+    taps = np.arange(-half, half + 1)
     offsets = (np.arange(DISK_SAMPLES) + 0.5) / DISK_SAMPLES - 0.5
+
     counts = np.zeros((taps.size, taps.size))
     for dy in offsets:
         for dx in offsets:
             square = np.add.outer((taps + dy) ** 2, (taps + dx) ** 2)
             counts += (square <= outer**2) & (square > inner**2)
+
     counts /= counts.sum()
     return counts
 
@@ -79,27 +81,36 @@ def vignette(image: Image, _seed: int) -> Image:
 
 def dirt(image: Image, seed: int) -> Image:
     """Put 12 dark spots of about 14 px on the lens, each of another gray."""
-    rng, spoiled = np.random.default_rng(seed), image.astype(np.float64)
+    rng = np.random.default_rng(seed)
+    spoiled = image.astype(np.float64)
+
     for distance in _spots(image.shape, rng, count=12, radius=14.0):
         cover = _like(np.clip(1.5 - distance, 0, 1), image)
         spoiled += cover * (DIRT + rng.uniform(-15, 15) - spoiled)
+
     return quantize(spoiled, np.uint8)
 
 
 def rain(image: Image, seed: int) -> Image:
     """Put 40 drops of about 18 px on the lens, each of which shows the scene out of focus."""
-    rng, spoiled = np.random.default_rng(seed), image.astype(np.float64)
+    rng = np.random.default_rng(seed)
+    spoiled = image.astype(np.float64)
     behind = convolve(image, disk_psf(DROP_BLUR))
+
     for distance in _spots(image.shape, rng, count=40, radius=18.0):
         spoiled += _like(np.clip(1.5 - distance, 0, 1), image) * (behind - spoiled)
+
     return quantize(spoiled, np.uint8)
 
 
 def haze(image: Image, seed: int) -> Image:
     """Lay three bright clouds of about 120 px over the image, as of stray light or breath."""
-    rng, spoiled = np.random.default_rng(seed), image.astype(np.float64)
+    rng = np.random.default_rng(seed)
+    spoiled = image.astype(np.float64)
+
     for distance in _spots(image.shape, rng, count=3, radius=120.0):
         spoiled += _like(0.75 * np.exp(-(distance**2)), image) * (HAZE - spoiled)
+
     return quantize(spoiled, np.uint8)
 
 

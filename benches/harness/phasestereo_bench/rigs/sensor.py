@@ -48,6 +48,7 @@ def hot(image: Image, seed: int, *, share: float) -> Image:
     rng = np.random.default_rng(seed)
     broken = rng.random(image.shape[:2]) < share
     levels = rng.choice(np.array([0, 255], np.uint8), (np.count_nonzero(broken), 1))
+
     spoiled = image.copy()
     spoiled[broken] = levels if image.ndim == 3 else levels[:, 0]
     return spoiled

@@ -27,9 +27,11 @@ def pinned() -> Iterator[int | None]:
     if not hasattr(os, "sched_setaffinity"):
         yield None
         return
+
     everywhere = os.sched_getaffinity(0)
     core = min(everywhere)
     _settle({core})
+
     try:
         yield core
     finally:

@@ -62,7 +62,7 @@ CONTENDERS: Mapping[str, Callable[[int, int | None], Call]] = MappingProxyType(
 )
 """What makes each of them for a number of disparities and threads, None being all there are.
 
-OpenCV's go by `set_opencv_threads`, whatever they are told here.
+OpenCV's matchers take theirs from `set_opencv_threads` instead.
 """
 
 
@@ -76,15 +76,16 @@ def set_opencv_threads(count: int) -> None:
 
 
 def opencv_build() -> str:
-    """Return the instruction sets that OpenCV was compiled for, as it tells them.
+    """Return the instruction sets that OpenCV was compiled for, as it reports them.
 
     Such as "baseline: SSE SSE2 SSE3; dispatched: SSE4_1 AVX2": the latter are used where there is
     code that was written for them, which StereoBM has none of.
     """
-    told = require("cv2", extra="opencv").getBuildInformation()
+    report = require("cv2", extra="opencv").getBuildInformation()
     names = {"Baseline": "baseline", "Dispatched code generation": "dispatched"}
     found = {
-        name: re.search(rf"^\s*{line}:[ \t]*(.*?)\s*$", told, re.MULTILINE)
+        name: re.search(rf"^\s*{line}:[ \t]*(.*?)\s*$", report, re.MULTILINE)
         for line, name in names.items()
     }
+
     return "; ".join(f"{name}: {match[1] or 'none'}" for name, match in found.items() if match)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from phasestereo.result import Result
 from phasestereo_bench.measurement import measured
 from phasestereo_bench.speed.contenders import CONTENDERS, OURS, set_opencv_threads
-from phasestereo_bench.worker import Worker
+from phasestereo_bench.worker import perform_alone
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -28,31 +28,24 @@ def memory_of(name: str, pair: GrayPair, *, threads: int) -> dict[str, Any]:
     pair
         What to match.
     threads
-        How many. A fresh process would not find out by itself, as it is told to keep every library
-        to one.
+        How many. A fresh process holds every library to one thread, so it cannot find out by
+        itself.
 
     Returns
     -------
     dict
         ``"peak_bytes"``: the rise of the peak of the resident memory over that of the process when
-        it has matched a small pair, None where the system does not tell; ``"result_bytes"``: how
+        it has matched a small pair, None where it is not known; ``"result_bytes"``: how
         much of that the arrays are which were returned. Or ``"error"``: why neither is known.
     """
-    worker = Worker.start()
-    try:
-        worker.receive()
-        arguments = {
-            "name": name,
-            "images": (pair.left, pair.right),
-            "num_disparities": pair.num_disparities,
-            "threads": threads,
-        }
-        worker.give(0, weigh, arguments)
-        outcome = worker.receive() or {}
-    except EOFError:
-        return {"error": worker.bury()}
-    finally:
-        worker.stop()
+    arguments = {
+        "name": name,
+        "images": (pair.left, pair.right),
+        "num_disparities": pair.num_disparities,
+        "threads": threads,
+    }
+    outcome = perform_alone(weigh, arguments)
+
     return {
         name: outcome[name] for name in ("peak_bytes", "result_bytes", "error") if name in outcome
     }
@@ -61,11 +54,14 @@ def memory_of(name: str, pair: GrayPair, *, threads: int) -> dict[str, Any]:
 def weigh(
     *, name: str, images: tuple[Gray, Gray], num_disparities: int, threads: int
 ) -> Mapping[str, Any]:
-    """Match a small pair and then the whole; tell what the latter took. The work of the process."""
+    """Match a small pair, then the whole one, and return the memory that the latter takes."""
     make = CONTENDERS[name]
     if name != OURS:
         set_opencv_threads(threads)
+
+    # The small match loads code and buffers, which no pair should be charged for.
     make(_FEW, threads)(*(image[:_SMALL, :_SMALL].copy() for image in images))
+
     done = measured(lambda: make(num_disparities, threads)(*images))
     return {"peak_bytes": done.peak_bytes, "result_bytes": _size(done.answer)}
 

@@ -42,7 +42,7 @@ class GrayPair:
         return self.left.size * self.num_disparities
 
 
-class Source(NamedTuple):
+class PairSource(NamedTuple):
     """Where a pair comes from: called with a folder of data and one for what is made."""
 
     num_disparities: int
@@ -82,6 +82,7 @@ def find_pairs(
     unknown = [name for name in names if name not in PAIRS]
     if unknown:
         raise ValueError(f"pairs: got {unknown[0]!r}; accepts {', '.join(PAIRS)}")
+
     found, left_out = [], []
     for name in dict.fromkeys(names or PAIRS):
         source = PAIRS[name]
@@ -91,11 +92,12 @@ def find_pairs(
             left_out.append(f"left out: {name}, {error}")
         else:
             found.append(GrayPair(name, left, right, source.num_disparities))
+
     return found, left_out
 
 
 def is_rendered(cache: Path) -> bool:
-    """Tell whether the pair that takes a minute to render is there already."""
+    """Return whether the pair that takes a minute to render is there already."""
     return all((cache / file).exists() for file in _RENDERED)
 
 
@@ -107,6 +109,7 @@ def _scene(name: str, data: Path | None, _cache: Path) -> Views:
     """Read a scene of Middlebury's."""
     if data is None:
         raise Missing("which takes a folder of data")
+
     tree = data / "middlebury"
     try:
         pair = find_scene(tree if tree.is_dir() else data, name).load()
@@ -135,6 +138,7 @@ def _read(folder: Path, left: str, right: str) -> Views:
         views = _gray(read_image(folder / left)), _gray(read_image(folder / right))
     except (OSError, ValueError) as error:
         raise Missing(str(error)) from error
+
     if views[0].shape != views[1].shape:
         raise Missing(f"whose images in {folder} differ in size")
     return views
@@ -146,17 +150,18 @@ def _gray(image: NDArray[np.generic]) -> Gray:
         raise ValueError(f"images must be of 8 bits, got {image.dtype}")
     if image.ndim == 2:
         return np.ascontiguousarray(image, np.uint8)
+
     cv2 = require("cv2", extra="opencv")
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_RGB2GRAY))
 
 
-PAIRS: MappingProxyType[str, Source] = MappingProxyType(
+PAIRS: MappingProxyType[str, PairSource] = MappingProxyType(
     {
-        "tsukuba": Source(16, partial(_scene, "scenes2001/tsukuba")),
-        "cones": Source(64, partial(_scene, "scenes2003/cones")),
-        "Motorcycle": Source(64, partial(_scene, "trainingQ/Motorcycle")),
-        "chess": Source(256, _chess),
-        "rendered": Source(_COUNT, _rendered),
+        "tsukuba": PairSource(16, partial(_scene, "scenes2001/tsukuba")),
+        "cones": PairSource(64, partial(_scene, "scenes2003/cones")),
+        "Motorcycle": PairSource(64, partial(_scene, "trainingQ/Motorcycle")),
+        "chess": PairSource(256, _chess),
+        "rendered": PairSource(_COUNT, _rendered),
     }
 )
 """The pairs by name, in the order of their size."""

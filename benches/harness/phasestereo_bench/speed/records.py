@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from phasestereo import _core
 from phasestereo_bench.environment import describe_environment, usable_cpus
-from phasestereo_bench.runner import Job, run
+from phasestereo_bench.runner import Job, run_jobs
 from phasestereo_bench.speed.contenders import OURS, opencv_build
 from phasestereo_bench.speed.memory import memory_of
 from phasestereo_bench.speed.results import KIND
@@ -44,33 +44,35 @@ def run_speed(
     rounds
         How often everybody matches everything, at least once.
     progress
-        As of `phasestereo_bench.run`: there are two records a pair.
+        As of `phasestereo_bench.run_jobs`: there are two records a pair.
 
     Returns
     -------
     list of dict
-        As of `phasestereo_bench.run`; see `measure` for what a record holds.
+        As of `phasestereo_bench.run_jobs`; see `measure` for what a record holds.
 
     Raises
     ------
     ImportError
         If OpenCV is not installed.
     OSError, TypeError, ValueError, RuntimeError, KeyboardInterrupt
-        As `phasestereo_bench.run`; ValueError also if there are no rounds.
+        As `phasestereo_bench.run_jobs`; ValueError also if there are no rounds.
     """
-    return run(speed_jobs(pairs, rounds=rounds), store, workers=0, progress=progress)
+    return run_jobs(speed_jobs(pairs, rounds=rounds), store, workers=0, progress=progress)
 
 
 def speed_jobs(pairs: Sequence[GrayPair], *, rounds: int = ROUNDS) -> list[Job]:
     """Return the jobs of `run_speed`, which have to run one by one and in this process."""
     if rounds < 1:
         raise ValueError(f"rounds: got {rounds}; accepts 1 and more")
+
     made_with: dict[str, str] = {
         "environment": describe_environment()["id"],
         "core": _digest(_core.__file__),
         "simd": _core.simd_level(),
         "opencv_build": opencv_build(),
     }
+
     return [
         Job(
             {
@@ -118,11 +120,14 @@ def measure(pair: GrayPair, threads: str, rounds: int) -> dict[str, Any]:
         entrants, core = time_one_thread(pair, rounds)
     else:
         entrants, core = time_all_threads(pair, rounds), None
+
     by_name: dict[str, list[Entrant]] = {}
     for entrant in entrants:
         by_name.setdefault(entrant.name, []).append(entrant)
+
     count = 1 if threads == "one" else usable_cpus()
     (ours,) = by_name.pop(OURS)
+
     return {
         "thread_count": count,
         "pinned_to": core,
@@ -167,7 +172,7 @@ def _rivalry(same: Sequence[Entrant], ours: Entrant, pair: GrayPair) -> dict[str
 
 
 def _digest(file: str | None) -> str:
-    """Return what tells one build of the core from others, whose version may be the same."""
+    """Return a digest that identifies a build of the core; builds of one version may differ."""
     if file is None:
         return "unknown"
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12]

@@ -31,7 +31,7 @@ _MEGA = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Line:
+class SpeedRow:
     """A pair on one thread or on all: what both tables have of it.
 
     Attributes
@@ -67,7 +67,7 @@ class Line:
 
     @property
     def labels(self) -> tuple[Entry, ...]:
-        """What tells it from the others."""
+        """The columns that identify it."""
         size = f"{self.width} x {self.height}"
         return Entry(self.pair), Entry(size), Entry(str(self.num_disparities))
 
@@ -88,7 +88,7 @@ class SpeedResults:
         Whether single threads were held to one processor.
     """
 
-    lines: tuple[Line, ...]
+    lines: tuple[SpeedRow, ...]
     environments: Mapping[str, Mapping[str, Any]]
     levels: tuple[str, ...]
     builds: tuple[str, ...]
@@ -104,21 +104,24 @@ def read_speed(paths: Sequence[str | os.PathLike[str]]) -> SpeedResults | None:
     ------
     ValueError
         If a file is not what it should be, all measurements failed, or there are records of other
-        kinds, too: they are told of apart.
+        kinds, too; each benchmark has a report of its own.
     OSError
         If a file cannot be read.
     """
     stored = [record for path in paths for record in read_store(path)]
     kinds = {str(record.get("kind")) for record in stored} - {_ENVIRONMENT}
+
     if KIND not in kinds:
         return None
     if len(kinds) > 1:
         raise ValueError(f"results of several benchmarks: {', '.join(sorted(kinds))}; give one")
-    told = _told(record for record in stored if record["kind"] == KIND)
-    records = [record for _, record in told]
+
+    lines = _lines(record for record in stored if record["kind"] == KIND)
+    records = [record for _, record in lines]
     known = {record["id"]: record for record in stored if record["kind"] == _ENVIRONMENT}
+
     return SpeedResults(
-        lines=tuple(line for line, _ in told),
+        lines=tuple(line for line, _ in lines),
         environments={name: known.get(name, {}) for name in _unique(records, "environment")},
         levels=_unique(records, "simd"),
         builds=_unique(records, "opencv_build"),
@@ -173,9 +176,9 @@ def explain_speed(results: SpeedResults) -> str:
     )
 
 
-def _told(records: Iterable[Mapping[str, Any]]) -> list[tuple[Line, Mapping[str, Any]]]:
+def _lines(records: Iterable[Mapping[str, Any]]) -> list[tuple[SpeedRow, Mapping[str, Any]]]:
     """Return the lines in order, each with its record."""
-    lines: dict[tuple[object, ...], tuple[Line, Mapping[str, Any]]] = {}
+    lines: dict[tuple[object, ...], tuple[SpeedRow, Mapping[str, Any]]] = {}
     errors = []
     for record in records:
         if record["status"] != "ok":
@@ -186,16 +189,18 @@ def _told(records: Iterable[Mapping[str, Any]]) -> list[tuple[Line, Mapping[str,
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"a record of kind {KIND!r} is not whole: {error!r}") from error
         lines[line.labels, record["threads"]] = line, record
+
     if not lines:
         raise ValueError(f"no results: all {len(errors)} cells failed, {errors[-1]}")
     return sorted(lines.values(), key=lambda both: _size(both[0]))
 
 
-def _line(record: Mapping[str, Any]) -> Line:
+def _line(record: Mapping[str, Any]) -> SpeedRow:
     ours, rivals = record["ours"], record["rivals"]
     memory = {"ours": ours["memory"], **{name: rivals[name]["memory"] for name in rivals}}
     peaks = {name: weight.get("peak_bytes") for name, weight in memory.items()}
-    return Line(
+
+    return SpeedRow(
         pair=str(record["pair"]),
         width=int(record["width"]),
         height=int(record["height"]),
@@ -211,7 +216,7 @@ def _line(record: Mapping[str, Any]) -> Line:
     )
 
 
-def _size(line: Line) -> tuple[int, str, int]:
+def _size(line: SpeedRow) -> tuple[int, str, int]:
     return line.width * line.height * line.num_disparities, line.pair, line.threads
 
 

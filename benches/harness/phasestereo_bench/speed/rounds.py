@@ -76,16 +76,19 @@ def _timed(
         for name, make in CONTENDERS.items()
         for count in ((None,) if name == OURS else opencv_threads)
     ]
+
     for entrant in entrants:  # the first call allocates, and has caches to fill
         _enter(entrant, pair)
         entrant.seconds.clear()
         entrant.stages.clear()
+
     shuffle = random.Random(0).shuffle  # noqa: S311 - no secret
     for _ in range(rounds):
         order = list(entrants)
         shuffle(order)  # nobody always comes after the same one
         for entrant in order:
             _enter(entrant, pair)
+
     return entrants
 
 
@@ -93,9 +96,11 @@ def _enter(entrant: Entrant, pair: GrayPair) -> None:
     """Match once, and note what it took."""
     if entrant.opencv_threads is not None:
         set_opencv_threads(entrant.opencv_threads)
+
     time.sleep(_REST)
     start = time.perf_counter()
     answer = entrant.call(pair.left, pair.right)
     entrant.seconds.append(time.perf_counter() - start)
+
     if isinstance(answer, Result):
         entrant.stages.append(dict(answer.timings))

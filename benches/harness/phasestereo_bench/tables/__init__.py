@@ -4,7 +4,7 @@
 """
 
 from phasestereo_bench.tables.export import export
-from phasestereo_bench.tables.plan import Stage, stages
+from phasestereo_bench.tables.plan import JobGroup, job_groups
 from phasestereo_bench.tables.texts import table_texts
 
-__all__ = ["Stage", "export", "stages", "table_texts"]
+__all__ = ["JobGroup", "export", "job_groups", "table_texts"]

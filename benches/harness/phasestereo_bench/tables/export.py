@@ -20,7 +20,7 @@ FORMAT = 1
 _METRICS = {"bad_1": "v2.nonocc", "bad_2": "v3.bad_2"}
 _DIGITS = 3
 _LEAF = re.compile(r"[\[{][^\[\]{}]+[\]}]")  # what holds plain values alone
-_NOT_TOLD = ("kind", "status", "environment", "seconds", "peak_bytes", "error", "traceback")
+_LEFT_OUT = ("kind", "status", "environment", "seconds", "peak_bytes", "error", "traceback")
 
 
 def export(folder: Path, path: Path) -> None:
@@ -41,21 +41,25 @@ def export(folder: Path, path: Path) -> None:
     environments: dict[str, Any] = {}
     for results in suites.values():
         environments |= dict(results.environments)
-    told: dict[str, list[dict[str, Any]]] = {"recordings": [], "pairs": []}
+
+    real: dict[str, list[dict[str, Any]]] = {"recordings": [], "pairs": []}
     records, seen_in = read_records(folder, "real")
     for record in records:
-        numbers = {key: value for key, value in record.items() if key not in _NOT_TOLD}
-        told["pairs" if "pair" in record else "recordings"].append(_rounded(numbers))
+        numbers = {key: value for key, value in record.items() if key not in _LEFT_OUT}
+        real["pairs" if "pair" in record else "recordings"].append(_rounded(numbers))
+
     costs, timed_in = read_records(folder, "costs")
     environments |= {known["id"]: known for known in (*seen_in, *timed_in)}
+
     content = {
         "format": FORMAT,
         "environments": list(environments.values()),
         "headline": _rounded(headline_values(suites)),
         "suites": {name: _suite(results) for name, results in suites.items()},
-        **told,
+        **real,
         "costs": costs,
     }
+
     with replacing(path) as file:
         file.write(_readable(content).encode())
 
@@ -73,6 +77,7 @@ def _suite(results: Results) -> dict[str, Any]:
         }
         for name, metric in _METRICS.items()
     }
+
     return {"side": results.side, "scenes": [str(place) for place in results.counted], **metrics}
 
 

@@ -43,16 +43,17 @@ def headline_values(results: Mapping[str, Results]) -> dict[str, Mapping[str, fl
     columns = {}
     for title, (suite, names) in COLUMNS.items():
         if suite in results:
-            told = results[suite]
-            columns[title] = means(told, METRIC, names or blurs(told)).values
+            found = results[suite]
+            columns[title] = means(found, METRIC, names or blurs(found)).values
     return columns
 
 
 def headline_table(results: Mapping[str, Results], costs: Sequence[Record]) -> Table:
     """Return methods x faults, and what a sharp pair takes."""
     columns = headline_values(results)
-    there = {method for told in results.values() for method in told.methods}
+    there = {method for found in results.values() for method in found.methods}
     methods = [method for method in TITLES if method in there]
+
     rows = []
     for number, method in enumerate(methods):
         entries = [
@@ -62,6 +63,7 @@ def headline_table(results: Mapping[str, Results], costs: Sequence[Record]) -> T
             for values in columns.values()
         ]
         rows.append((Entry(TITLES[method]), *entries, *_cost(costs, method)))
+
     return Table(("method", *columns, "s / MP", "MB"), tuple(rows))
 
 
@@ -71,13 +73,16 @@ def cost_table(costs: Sequence[Record]) -> Table:
     for scene, method in dict.fromkeys((record["scene"], record["method"]) for record in costs):
         mine = [r for r in costs if (r["scene"], r["method"]) == (scene, method)]
         own = {record["degradation"]: record for record in mine}
+
         times = [
             Entry(f"{1000 * own[name]['seconds']:.0f}" if name in own else MISSING)
             for _, name in CASES
         ]
+
         peaks = [record["peak_bytes"] for record in own.values() if record["peak_bytes"]]
         memory = Entry(f"{max(peaks) / 1e6:.0f}" if peaks else MISSING)
         rows.append((Entry(scene.rpartition("/")[2]), Entry(method), *times, memory))
+
     header = ("scene", "method", *(f"{name}, ms" for _, name in CASES), "MB")
     return Table(header, tuple(rows), labels=2)
 
@@ -87,6 +92,7 @@ def _cost(costs: Sequence[Record], method: str) -> tuple[Entry, Entry]:
     sharp = [r for r in costs if (r["method"], r["degradation"]) == (method, "sharp")]
     if not sharp:
         return Entry(MISSING), Entry(MISSING)
+
     largest = max(sharp, key=lambda record: float(record["pixels"]))
     peak = largest["peak_bytes"]
     memory = Entry(f"{peak / 1e6:.0f}" if peak else MISSING)

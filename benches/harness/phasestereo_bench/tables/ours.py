@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Record = Mapping[str, Any]
 
 RENDERED = "rendered"
-"""What records of rendered pairs are called."""
+"""The kind of the records of rendered pairs."""
 
 PARTS = {
     "robust": "as it is",
@@ -73,6 +73,7 @@ def score_rendered(seed: int, spec: str) -> dict[str, float]:
     disparity = answer[0] if isinstance(answer, tuple) else answer
     if pair.truth is None:
         raise ValueError("a rendered pair has a truth")
+
     mask = pair.masks["nonocc"]
     return {f"bad_{px}": bad_pixels(disparity, pair.truth, float(px), mask) for px in (1, 2)}
 
@@ -89,9 +90,9 @@ def rendered_table(records: Sequence[Record]) -> Table:
 def parts_table(records: Sequence[Record]) -> Table:
     """Return what is left out of `robust` x bad-1.0 and bad-2.0, means over the scenes."""
     rows = []
-    for name, told in PARTS.items():
+    for name, change in PARTS.items():
         own = [_bad(record) for record in records if record["method"] == name]
-        rows.append((Entry(told), *_means(own, "bad_1", "bad_2")))
+        rows.append((Entry(change), *_means(own, "bad_1", "bad_2")))
     return Table(("robust", "bad-1.0", "bad-2.0"), tuple(rows))
 
 
@@ -99,13 +100,16 @@ def synthesis_table(records: Sequence[Record], names: Sequence[str]) -> Table:
     """Return the side and whether there is synthesis x degradations; last the mean of the blurs."""
     rows = []
     blurs = [name for name in names if name != "mixed"]
+
     for side in ("left", "right"):
         for spec, words in ((WITHOUT_SYNTHESIS, ", synthesis=False"), ("robust", "")):
             mine = [r for r in records if (r["side"], r["method"]) == (side, spec)]
+
             columns = [[_bad(r) for r in mine if r["degradation"] == name] for name in names]
             columns.append([_bad(r) for r in mine if r["degradation"] in blurs])
             entries = [entry for column in columns for entry in _means(column, "bad_1")]
             rows.append((Entry(f"{side} image blurred{words}"), *entries))
+
     return Table(("", *names, "mean of the blurs"), tuple(rows))
 
 

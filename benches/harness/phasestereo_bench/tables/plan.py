@@ -25,7 +25,7 @@ RECORDINGS = ("rigs/euroc", "rigs/stereopi")
 HITNET = "rivals/hitnet_eth3d.onnx"
 
 AUTO = "robust:num_disparities=auto"
-"""Ours as a user meets it: told nothing, not even a range."""
+"""Ours as a user meets it: nothing is given, not even a range."""
 
 TIMED = ("fast", "robust", AUTO, "opencv:bm", "opencv:sgbm")
 _ALSO_TIMED = ("opencv:sgbm-3way",)  # what `robust` is compared with where time matters
@@ -37,13 +37,13 @@ TIMED_ON = ("scenes2003/cones", "MiddEval3/trainingQ/Motorcycle")
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class JobGroup:
     """Jobs that share a file of records.
 
     Attributes
     ----------
     name
-        Of the stage, and of its file without the ending.
+        Of the group, and of its file without the ending.
     jobs
         What is to be done.
     alone
@@ -55,7 +55,7 @@ class Stage:
     alone: bool = False
 
 
-def stages(root: Path, rivals: Sequence[str], *, quick: bool = False) -> list[Stage]:
+def job_groups(root: Path, rivals: Sequence[str], *, quick: bool = False) -> list[JobGroup]:
     """Return what is to be run.
 
     Parameters
@@ -76,26 +76,31 @@ def stages(root: Path, rivals: Sequence[str], *, quick: bool = False) -> list[St
     scenes = _scenes(root, quick=quick)
     timed = [scene for scene in scenes if str(scene) in TIMED_ON] or scenes[:1]
     ours = [*TIMED, *rivals]
+
     found = [
-        Stage(suite, middlebury_jobs(scenes, _methods(suite, rivals), suite=suite))
+        JobGroup(suite, middlebury_jobs(scenes, _methods(suite, rivals), suite=suite))
         for suite in SUITES
     ]
-    found.append(Stage("parts", middlebury_jobs(scenes, list(PARTS), suite="sharp")))
-    found.append(Stage("synthesis", _synthesis_jobs(scenes)))
+
+    found.append(JobGroup("parts", middlebury_jobs(scenes, list(PARTS), suite="sharp")))
+    found.append(JobGroup("synthesis", _synthesis_jobs(scenes)))
     if not quick:
-        found.append(Stage("rendered", rendered_jobs(rivals)))
-    found.append(Stage("blur", blur_jobs(scenes, every=1)))
+        found.append(JobGroup("rendered", rendered_jobs(rivals)))
+    found.append(JobGroup("blur", blur_jobs(scenes, every=1)))
+
     frames = [
         job
         for place in RECORDINGS
         if (root / place).is_dir()
         for job in recording_jobs(find_recording(root / place), ours)
     ]
-    found.append(Stage("real", [*frames, *real_jobs(root, ours)]))
+
+    found.append(JobGroup("real", [*frames, *real_jobs(root, ours)]))
     found.append(
-        Stage("costs", [job for s in timed for job in cost_jobs(s, _timed(rivals))], alone=True)
+        JobGroup("costs", [job for s in timed for job in cost_jobs(s, _timed(rivals))], alone=True)
     )
-    return [stage for stage in found if stage.jobs]
+
+    return [group for group in found if group.jobs]
 
 
 def _scenes(root: Path, *, quick: bool) -> list[Scene]:

@@ -31,6 +31,7 @@ def rows_table(records: Sequence[Record]) -> Table:
         own = [record for record in mine if record["recording"] == name]
         entries = [_mean_and_worst([record[key] for record in own]) for key in _ROWS]
         rows.append((Entry(name), Entry(str(len(own))), *entries))
+
     return Table(("recording", "frames", *_ROWS.values()), tuple(rows))
 
 
@@ -38,13 +39,15 @@ def agreement_table(records: Sequence[Record]) -> Table:
     """Return recordings x methods: agreement of left and right, %, and its spread over frames."""
     mine = [record for record in records if record["kind"] == FRAMES]
     methods = _unique(mine, "method")
+
     rows = []
     for name in _unique(mine, "recording"):
-        for state, told in _STATES.items():
+        for state, words in _STATES.items():
             own = [r for r in mine if r["recording"] == name and r["rectified"] == state]
             for key in ("agreement", "trusted"):
                 entries = [_share([r[key] for r in own if r["method"] == m]) for m in methods]
-                rows.append((Entry(f"{name}, {told}"), Entry(key), *entries))
+                rows.append((Entry(f"{name}, {words}"), Entry(key), *entries))
+
     return Table(("recording", "share, %", *methods), tuple(rows), labels=2)
 
 
@@ -52,10 +55,12 @@ def pairs_table(records: Sequence[Record]) -> Table:
     """Return real pairs x methods: bad-1.0, %."""
     mine = [record for record in records if record["kind"] == PAIRS]
     methods = _unique(mine, "method")
+
     rows = []
     for name in _unique(mine, "pair"):
         values = {r["method"]: r["bad_1"] for r in mine if r["pair"] == name}
         rows.append((Entry(name), *figures(methods, values, METRICS["v2.nonocc"])))
+
     return Table(("pair", *methods), tuple(rows))
 
 
@@ -67,6 +72,7 @@ def _mean_and_worst(values: Sequence[float | None]) -> Entry:
     known = [value for value in values if value is not None]
     if not known:
         return Entry(MISSING)
+
     without = f", {len(values) - len(known)} refused" if len(known) < len(values) else ""
     return Entry(f"{fmean(known):.2f} ({max(known):.2f}{without})")
 

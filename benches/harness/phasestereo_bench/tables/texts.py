@@ -69,7 +69,7 @@ _CELL = (
     "side",
     "method",
 )
-"""What tells records apart, of whatever kind they are."""
+"""The fields that identify a record, of whatever kind it is."""
 
 
 def read_suites(folder: Path) -> dict[str, Results]:
@@ -84,11 +84,12 @@ def read_suites(folder: Path) -> dict[str, Results]:
     return {suite: read_results([file]) for suite, file in files.items() if file.is_file()}
 
 
-def read_records(folder: Path, stage: str) -> tuple[list[Record], list[Record]]:
-    """Return the good records of a stage, the last of each cell, and their environments."""
-    file = folder / f"{stage}.jsonl"
+def read_records(folder: Path, group: str) -> tuple[list[Record], list[Record]]:
+    """Return the good records of a group, the last of each cell, and their environments."""
+    file = folder / f"{group}.jsonl"
     lines = read_store(file) if file.is_file() else []
     good = {_cell(line): line for line in lines if line.get("status") == "ok"}
+
     ran = {line["environment"] for line in good.values()}
     return list(good.values()), [line for line in lines if line.get("id") in ran]
 
@@ -102,23 +103,28 @@ def table_texts(folder: Path) -> dict[str, str]:
         If a file cannot be read.
     """
     suites = read_suites(folder)
+
     texts: dict[str, str] = {}
     for results in suites.values():
         texts |= document_texts(results)
+
     costs, timed_in = read_records(folder, "costs")
     real, seen_in = read_records(folder, "real")
+
     if suites:
         scenes = min(len(results.counted) for results in suites.values())
         ran_in: list[Mapping[str, Any]] = [
-            known for told in suites.values() for known in told.environments.values()
+            known for found in suites.values() for known in found.environments.values()
         ]
         words = _WORDS["headline"].format(scenes=scenes)
         texts["headline"] = _text(headline_table(suites, costs), words, [*ran_in, *timed_in])
+
     if costs:
         sizes = sorted({record["pixels"] for record in costs})
-        told = " and ".join(f"{pixels / 1e6:.2f}" for pixels in sizes)
-        words = _WORDS["costs"].format(size=f"{told} megapixels")
+        megapixels = " and ".join(f"{pixels / 1e6:.2f}" for pixels in sizes)
+        words = _WORDS["costs"].format(size=f"{megapixels} megapixels")
         texts["costs"] = _text(cost_table(costs), words, timed_in)
+
     if real:
         tables = {
             "recordings-rows": rows_table(real),
@@ -126,6 +132,7 @@ def table_texts(folder: Path) -> dict[str, str]:
             "real-pairs": pairs_table(real),
         }
         texts |= {name: _text(table, _WORDS[name], seen_in) for name, table in tables.items()}
+
     return texts | _own(folder) | _others(folder)
 
 
@@ -137,10 +144,12 @@ def _own(folder: Path) -> dict[str, str]:
         "synthesis": partial(synthesis_table, names=SYNTHESIZED),
     }
     texts = {}
+
     for name, make in tables.items():
         records, ran_in = read_records(folder, name)
         if records:
             texts[name] = _text(make(records), _WORDS[name], ran_in)
+
     return texts
 
 
@@ -149,9 +158,11 @@ def _others(folder: Path) -> dict[str, str]:
     blur = read_blur([folder / "blur.jsonl"]) if (folder / "blur.jsonl").is_file() else None
     if blur is not None:
         texts[BLUR] = blur_text(blur)
+
     speed = read_speed([folder / "speed.jsonl"]) if (folder / "speed.jsonl").is_file() else None
     if speed is not None:
         texts[SPEED] = speed_text(speed)
+
     return texts
 
 

@@ -93,6 +93,9 @@ def _verdict(blur: BlurEstimate) -> str:
     if sides == {"none"}:
         return "No relative blur: neither image is softer than the other."
 
+    if any(kind.other for kind in blur.blurs):
+        return "Relative blur: each image lacks something that the other one has."
+
     softer = sorted(sides - {"none"})
     which = f"the {softer[0]} image is" if len(softer) == 1 else "now one image, now the other is"
     where = "" if len(blur.blurs) == 1 else ", not everywhere alike"
@@ -102,7 +105,9 @@ def _verdict(blur: BlurEstimate) -> str:
 def _words(kind: Blur) -> str:
     if kind.side == "none":
         return "no relative blur"
-    return f"{kind.side} image: {_KINDS[kind.kind].format(size=kind.size, angle=kind.angle)}"
+
+    own = f"{kind.side} image: {_KINDS[kind.kind].format(size=kind.size, angle=kind.angle)}"
+    return own if kind.other is None else f"{own}; {_words(kind.other)}"
 
 
 def _psf_uri(kind: Blur) -> str | None:

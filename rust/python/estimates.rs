@@ -1,4 +1,4 @@
-//! What was found out of a pair, as Python has it, and back.
+//! Estimates of a pair, converted to Python, and what Python hands back.
 
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
@@ -7,60 +7,74 @@ use super::{internal, wrap};
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::rig::alignment::{Alignment, TERMS};
-use crate::rig::blur::{self, Glance, Place, Side};
+use crate::rig::blur::{self, BlockPlace, Glance, Side};
 use crate::rig::estimation::Estimates;
-use crate::rig::estimation::compensation::Compensation;
+use crate::rig::estimation::compensation_plan::CompensationPlan;
 use crate::rig::estimation::range::SearchRange;
-use crate::rig::estimation::rows::Offsets;
+use crate::rig::estimation::rows::RowOffsets;
 use crate::rig::psf::{Family, Taps};
 
-/// Softer image (0 none, 1 left, 2 right), kind, size, angle and kernel of a blur.
-type Kind<'py> = (u8, &'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
+/// Family, size, angle and kernel of a blur.
+type KernelTuple<'py> = (&'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
 
-/// Rows of places (top, left, top and left of the right one), and what was seen there.
-pub type Seen<'py> = (Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<f32>>);
+/// Softer image (0 none, 1 left, 2 right), its blur, and that of the other image, if this one lacks something as well.
+type BlurTuple<'py> = (u8, KernelTuple<'py>, Option<KernelTuple<'py>>);
 
-/// The kinds of blur, the map of them, side of its tiles, certainty, gain, noise, impulses and coding left and right,
-/// and a glance.
-type Estimated<'py> =
-    (Vec<Kind<'py>>, Bound<'py, PyArray2<u8>>, usize, f32, f64, [(f64, f64); 3], Seen<'py>);
+/// Rows of places (top, left, top and left of the right one), and the statistics of their blocks.
+pub type GlanceTuple<'py> = (Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<f32>>);
 
-/// Kernel of the left and of the right image.
+/// The kinds of blur, their map, the side of its tiles, certainty, gain; noise, impulses and coding, each left and
+/// right; and a glance.
+type EstimateTuple<'py> = (
+    Vec<BlurTuple<'py>>,
+    Bound<'py, PyArray2<u8>>,
+    usize,
+    f32,
+    f64,
+    [(f64, f64); 3],
+    GlanceTuple<'py>,
+);
+
+/// The kernels of the left and of the right image.
 type Kernels<'py> = (Option<Bound<'py, PyArray2<f32>>>, Option<Bound<'py, PyArray2<f32>>>);
 
-/// Noise, impulses and smoothing, kernels, labels and tile of a blur compensation; neighborhood and window that suit it.
-type Compensated<'py> =
+/// Noise, impulses and smoothing, kernels, labels and tile of a blur compensation; neighborhood and window that suit
+/// it.
+type PlanTuple<'py> =
     ([(f64, f64); 3], Vec<Kernels<'py>>, Bound<'py, PyArray2<u8>>, usize, (usize, usize));
 
 /// Least disparity, number of disparities, low and high end, swapped, mixed.
-type Range = (i64, i64, f64, f64, bool, bool);
+type RangeTuple = (i64, i64, f64, f64, bool, bool);
 
-/// A field of vertical offsets: its coefficients, rows and columns of the image, and the column of it that the pair
-/// begins with.
+/// A field of vertical offsets: its coefficients, rows and columns of its image, and the column of it that is the first
+/// of the pair.
 pub type Field = ([f64; TERMS], (usize, usize), usize);
 
-/// A field, its standard error, blocks that agree, their spread.
-type Measured = (Field, f64, usize, f64);
+/// A field, its standard error, the number of blocks that agree, their spread.
+type OffsetsTuple = (Field, f64, usize, f64);
 
-/// Disparities (least, number), the confidence of a rough match, whether it takes an inverted image, the range and the
-/// offsets that were found, the field that is applied, blur, what suits it, and wall-clock seconds.
-pub type Found<'py> = (
+/// Disparities (least, number), the confidence of a rough match, whether one image is inverted, the range and the
+/// offsets that were estimated, the field that is applied, blur, the plan of its compensation, and wall-clock seconds.
+pub type EstimatesTuple<'py> = (
     (i64, i64),
     Option<f64>,
     bool,
-    Option<Range>,
-    Option<Measured>,
+    Option<RangeTuple>,
+    Option<OffsetsTuple>,
     Option<Field>,
-    Option<Estimated<'py>>,
-    Option<Compensated<'py>>,
+    Option<EstimateTuple<'py>>,
+    Option<PlanTuple<'py>>,
     f64,
 );
 
-pub fn found_to_py(py: Python<'_>, found: Estimates) -> PyResult<Found<'_>> {
+/// The estimates for Python.
+pub fn estimates_to_py(py: Python<'_>, found: Estimates) -> PyResult<EstimatesTuple<'_>> {
     let Estimates { candidates, confidence, is_inverted, range, .. } = found;
     let Estimates { offsets, alignment, blur, compensation, time, .. } = found;
+
     let blur = blur.map(|blur| estimate_to_py(py, blur)).transpose()?;
     let compensation = compensation.map(|found| compensation_to_py(py, found)).transpose()?;
+
     Ok((
         (candidates.min() as i64, candidates.count() as i64),
         confidence,
@@ -74,12 +88,12 @@ pub fn found_to_py(py: Python<'_>, found: Estimates) -> PyResult<Found<'_>> {
     ))
 }
 
-fn range_to_py(range: &SearchRange) -> Range {
+fn range_to_py(range: &SearchRange) -> RangeTuple {
     let SearchRange { min, count, low, high, swapped, mixed } = *range;
     (min, count, low, high, swapped, mixed)
 }
 
-fn offsets_to_py(found: &Offsets) -> Measured {
+fn offsets_to_py(found: &RowOffsets) -> OffsetsTuple {
     (field_to_py(&found.field), found.error, found.blocks, found.spread)
 }
 
@@ -87,37 +101,45 @@ fn field_to_py(field: &Alignment) -> Field {
     (*field.coefficients(), field.size(), 0)
 }
 
+/// The field that Python hands back.
 pub fn read_field(field: Option<Field>) -> Result<Option<Alignment>> {
     let field = field.map(|(coefficients, size, first)| {
         Ok(Alignment::new(coefficients, size)?.starting_at_column(first))
     });
+
     field.transpose()
 }
 
-fn compensation_to_py(py: Python<'_>, found: Compensation) -> PyResult<Compensated<'_>> {
-    let sides = (found.settings.neighborhood, found.settings.window);
+fn compensation_to_py(py: Python<'_>, plan: CompensationPlan) -> PyResult<PlanTuple<'_>> {
+    let sides = (plan.settings.neighborhood, plan.settings.window);
+
     let kernel = |taps: Option<Plane<f32>>| taps.map(|taps| wrap(py, taps)).transpose();
-    let kernels =
-        found.kernels.into_iter().map(|[left, right]| Ok((kernel(left)?, kernel(right)?)));
+    let kernels = plan.kernels.into_iter().map(|[left, right]| Ok((kernel(left)?, kernel(right)?)));
     let kernels: PyResult<Vec<_>> = kernels.collect();
-    let both = [found.noise, found.impulses, found.smoothing].map(|[left, right]| (left, right));
-    Ok((both, kernels?, wrap(py, found.labels)?, found.tile, sides))
+
+    let both = [plan.noise, plan.impulses, plan.smoothing].map(|[left, right]| (left, right));
+
+    Ok((both, kernels?, wrap(py, plan.labels)?, plan.tile, sides))
 }
 
-fn estimate_to_py(py: Python<'_>, found: blur::Estimate) -> PyResult<Estimated<'_>> {
+fn estimate_to_py(py: Python<'_>, found: blur::Estimate) -> PyResult<EstimateTuple<'_>> {
     let blurs: PyResult<_> = found.blurs.iter().map(|blur| blur_to_py(py, blur)).collect();
+
     let (rows, cols, labels) = found.labels;
     let labels = wrap(py, Plane::from_vec(rows, cols, labels)?)?;
+
     let both = [found.noise, found.impulses, found.coding].map(|[left, right]| (left, right));
     let glance = glance_to_py(py, found.glance)?;
+
     Ok((blurs?, labels, found.tile, found.certainty, found.gain, both, glance))
 }
 
-fn blur_to_py<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Kind<'py>> {
+fn blur_to_py<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<BlurTuple<'py>> {
     let kernel = |taps: &Taps| {
         let kernel = Plane::from_vec(taps.side(), taps.side(), taps.values.clone())?;
         wrap(py, kernel)
     };
+
     let softer = match blur.side {
         None => 0,
         Some(Side::Left) => 1,
@@ -128,7 +150,14 @@ fn blur_to_py<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<Kind<'py>> {
         (None, Some(taps)) => ("other", taps.radius(), 0.0),
         (None, None) => ("none", 0.0, 0.0),
     };
-    Ok((softer, family, size, angle, blur.taps.as_ref().map(kernel).transpose()?))
+
+    let own = (family, size, angle, blur.taps.as_ref().map(kernel).transpose()?);
+    let other = blur.other.map(|psf| {
+        let kernel = kernel(&psf.taps())?;
+        PyResult::Ok((family_name(psf.family), psf.size, psf.angle, Some(kernel)))
+    });
+
+    Ok((softer, own, other.transpose()?))
 }
 
 fn family_name(family: Family) -> &'static str {
@@ -140,19 +169,23 @@ fn family_name(family: Family) -> &'static str {
     }
 }
 
-pub fn read_glance((places, excess): Seen) -> PyResult<Glance> {
+/// The glance that Python hands back.
+pub fn read_glance((places, excess): GlanceTuple) -> PyResult<Glance> {
     let places: Vec<u32> = places.to_vec().map_err(internal)?;
     let (places, _) = places.as_chunks();
+
     let place = |corners: &[u32; 4]| {
         let [top, left, right_top, right] = corners.map(|value| value as usize);
-        Place { top, left, right_top, right }
+        BlockPlace { top, left, right_top, right }
     };
+
     let places = places.iter().map(place).collect();
     Ok(Glance { places, excess: excess.to_vec().map_err(internal)? })
 }
 
-fn glance_to_py(py: Python<'_>, Glance { places, excess }: Glance) -> PyResult<Seen<'_>> {
-    let corners = |place: &Place| [place.top, place.left, place.right_top, place.right];
+fn glance_to_py(py: Python<'_>, Glance { places, excess }: Glance) -> PyResult<GlanceTuple<'_>> {
+    let corners = |place: &BlockPlace| [place.top, place.left, place.right_top, place.right];
     let values = places.iter().flat_map(corners).map(|value| value as u32).collect();
+
     Ok((wrap(py, Plane::from_vec(places.len(), 4, values)?)?, excess.into_pyarray(py)))
 }

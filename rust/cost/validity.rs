@@ -1,21 +1,22 @@
-//! Which (pixel, candidate) pairs may vote for a match: those whose pixels are valid in both images.
+//! Which pairs of a pixel and a candidate count: those whose pixels are valid in both images.
 
 use crate::cost::candidates::Candidates;
 use crate::image::view::{Mask, View};
 
-/// The votes of a pair of which at least one image is masked.
+/// The valid pairs of two images of which at least one image is masked.
 #[derive(Debug)]
-pub struct Votes<'a> {
+pub struct Validity<'a> {
     masks: [Option<&'a Mask>; 2],
     width: usize,
     candidates: Candidates,
 }
 
-impl<'a> Votes<'a> {
-    /// The votes of a pair; `None` where both images are valid everywhere.
+impl<'a> Validity<'a> {
+    /// The valid pairs of two images; `None` if neither has a mask.
     pub fn new([left, right]: [&'a View; 2], candidates: Candidates) -> Option<Self> {
         let masks = [left.mask.as_ref(), right.mask.as_ref()];
         let width = left.image.shape().1;
+
         masks.iter().any(Option::is_some).then_some(Self { masks, width, candidates })
     }
 
@@ -24,8 +25,8 @@ impl<'a> Votes<'a> {
         self.masks[0].is_some_and(|mask| !mask.row(y)[x])
     }
 
-    /// Whether the left pixel may vote for candidate `k`.
-    pub fn has(&self, y: usize, x: usize, k: usize) -> bool {
+    /// Whether the left pixel and its candidate `k` are both valid.
+    pub fn is_valid(&self, y: usize, x: usize, k: usize) -> bool {
         let column = self.candidates.column(x, k, self.width);
         !self.is_masked(y, x) && self.masks[1].is_none_or(|mask| mask.row(y)[column])
     }

@@ -1,71 +1,76 @@
-//! What evens out a blur that one image alone has: the sharper one is given it, area by area.
+//! The plan that compensates for estimated noise and blur: area by area, the sharper image is given the blur of the
+//! other.
 
 use crate::error::Result;
 use crate::image::convolution::Kernel;
 use crate::image::plane::Plane;
 use crate::rig::blur::{Blur, Estimate, Side};
 use crate::rig::blur_compensation::BlurCompensation;
-use crate::rig::psf::Family;
+use crate::rig::psf::{Family, Taps};
 use crate::settings::{LARGEST_PIXEL, LARGEST_WINDOW, Settings};
 
-/// Pixels by which neighborhoods and windows are larger where there is blur: what is left of it is described by larger ones.
+/// Pixels by which neighborhoods and windows grow where there is blur: larger ones describe what is left of the texture.
 pub const LARGER: usize = 2;
-/// Pixels by which neighborhoods are larger where all blur is Gaussian, of at least [`WIDE`].
+/// Pixels by which neighborhoods grow where all blur is Gaussian, of at least [`WIDE`].
 ///
-/// They pay where nothing finer is left in any direction. Wrong pixels of twelve scenes with 2 and with 4 pixels more, in %:
-/// Gaussian 1.5: 10.9, 11.2; 2: 13.5, 13.5; 2.5: 16.7, 16.1; 3: 20.0, 19.0; 4: 26.5, 24.7; disk 3: 11.6, 12.2; disk 6:
-/// 18.2, 18.4; motion 15: 15.8, 16.4.
+/// They pay off where nothing finer is left in any direction. Wrong pixels of twelve scenes with 2 and with 4 pixels
+/// more, in %: Gaussian 1.5: 10.9, 11.2; 2: 13.5, 13.5; 2.5: 16.7, 16.1; 3: 20.0, 19.0; 4: 26.5, 24.7; disk 3: 11.6,
+/// 12.2; disk 6: 18.2, 18.4; motion 15: 15.8, 16.4.
 pub const MUCH_LARGER: usize = 4;
 /// Standard deviation of a wide Gaussian, pixels.
 pub const WIDE: f64 = 2.25;
 
-/// Standard deviations of the noise that are smoothed away. Means of bad-1.0 (%) over the 12 scenes of the one-sided-blur
-/// suite: sharp, both images with noise of 5 and 20 gray levels, JPEG of quality 70 and 30, after a disk of 3 px; the right
-/// one with noise of 20: 1.5: 5.17 12.1 28.3 12.8 22.6 14.8 17.2; 2: 5.20 12.0 28.1 12.6 22.2 14.5 16.6.
+/// Standard deviations of the noise that are smoothed away. Means of bad-1.0 (%) over the 12 scenes of the
+/// one-sided-blur suite: sharp, both images with noise of 5 and 20 gray levels, JPEG of quality 70 and 30, after a
+/// disk of 3 px; the right one with noise of 20: 1.5: 5.17 12.1 28.3 12.8 22.6 14.8 17.2; 2: 5.20 12.0 28.1 12.6 22.2
+/// 14.5 16.6.
 const DEVIATIONS: f64 = 2.0;
 
-/// Taps that the left and the right image are convolved with; `None`: an image stays as it is.
-pub type Taps = [Option<Plane<f32>>; 2];
+/// The kernels that the left and the right image are convolved with; `None`: the image stays as it is.
+pub type KernelPair = [Option<Plane<f32>>; 2];
 
-/// What suits the noise and the blur of a pair.
+/// The settings and kernels that suit the noise and the blur of a pair.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Compensation {
-    /// The settings, some of them larger where there is blur.
+pub struct CompensationPlan {
+    /// The settings, with larger neighborhoods and windows where there is blur.
     pub settings: Settings,
     /// Standard deviations of the noise under which a component is weak, left and right.
     pub noise: [f64; 2],
-    /// By how much impulses stand out at least, left and right; 0: there are none.
+    /// The height from which on impulses stand out, left and right; 0: there are none.
     pub impulses: [f64; 2],
     /// Standard deviations with which the left and the right image are smoothed; 0: not at all.
     pub smoothing: [f64; 2],
-    /// What each class of pixels is convolved with.
-    pub kernels: Vec<Taps>,
+    /// The kernels of each class of pixels.
+    pub kernels: Vec<KernelPair>,
     /// The class of every tile.
     pub labels: Plane<u8>,
     /// Side of a tile, pixels.
     pub tile: usize,
 }
 
-impl Compensation {
-    /// What suits images of which this was found out; `noise` is that which is told, if any.
+impl CompensationPlan {
+    /// The plan for an estimate; `noise` is the known noise, if any.
     pub fn new(found: &Estimate, noise: Option<[f64; 2]>, settings: &Settings) -> Result<Self> {
         let plain = Self {
             impulses: if settings.despike { found.impulses } else { [0.0; 2] },
             smoothing: if settings.denoise { smoothing(found, noise) } else { [0.0; 2] },
             ..Self::of_noise(noise.unwrap_or_else(|| weak_level(found)), settings)?
         };
+
         if !settings.compensate_blur || found.blurs.iter().all(|blur| blur.taps.is_none()) {
             return Ok(plain);
         }
+
         let (rows, cols, labels) = &found.labels;
         let largest = LARGEST_WINDOW - (settings.largest_neighborhood() - settings.neighborhood);
         let is_wide = found.blurs.iter().filter(|blur| blur.taps.is_some()).all(is_wide);
-        let by = if is_wide { MUCH_LARGER } else { LARGER };
+        let growth = if is_wide { MUCH_LARGER } else { LARGER };
         let settings = Settings {
-            neighborhood: (settings.neighborhood + by).min(largest),
+            neighborhood: (settings.neighborhood + growth).min(largest),
             window: (settings.window + LARGER).min(LARGEST_WINDOW),
             ..settings.clone()
         };
+
         Ok(Self {
             settings,
             kernels: found.blurs.iter().map(kernels).collect::<Result<_>>()?,
@@ -75,23 +80,29 @@ impl Compensation {
         })
     }
 
-    /// The images as they are, with noise of these standard deviations.
+    /// A plan that leaves the images as they are, with noise of these standard deviations.
     pub fn of_noise(noise: [f64; 2], settings: &Settings) -> Result<Self> {
-        let labels = Plane::new(1, 1)?;
-        let settings = settings.clone();
-        let (impulses, smoothing) = ([0.0; 2], [0.0; 2]);
-        let kernels = vec![[None, None]];
-        Ok(Self { settings, noise, impulses, smoothing, kernels, labels, tile: 1 })
+        Ok(Self {
+            settings: settings.clone(),
+            noise,
+            impulses: [0.0; 2],
+            smoothing: [0.0; 2],
+            kernels: vec![[None, None]],
+            labels: Plane::new(1, 1)?,
+            tile: 1,
+        })
     }
 
-    /// The versions of both images in which pixels are compared.
+    /// The blur compensation of a match.
     pub fn blur_compensation(&self) -> Result<BlurCompensation> {
         let kernel = |taps: &Option<Plane<f32>>| {
             let kernel = |taps: &Plane<f32>| Kernel::new(&taps.map(|tap| f64::from(*tap)));
             taps.as_ref().map(kernel).transpose()
         };
-        let both = |[left, right]: &Taps| Ok([kernel(left)?, kernel(right)?]);
+
+        let both = |[left, right]: &KernelPair| Ok([kernel(left)?, kernel(right)?]);
         let kernels = self.kernels.iter().map(both).collect::<Result<_>>()?;
+
         let compensation =
             BlurCompensation::new(self.noise, kernels, self.labels.clone(), self.tile)?;
         compensation.with_impulses(self.impulses)?.with_smoothing(self.smoothing)
@@ -99,34 +110,46 @@ impl Compensation {
 }
 
 fn is_wide(blur: &Blur) -> bool {
-    blur.psf.is_some_and(|psf| psf.family == Family::Gaussian && psf.size >= WIDE)
+    blur.other.is_none()
+        && blur.psf.is_some_and(|psf| psf.family == Family::Gaussian && psf.size >= WIDE)
 }
 
-/// What the images are convolved with: the sharper one with what it lacks.
-fn kernels(blur: &Blur) -> Result<Taps> {
-    let (Some(side), Some(taps)) = (blur.side, &blur.taps) else { return Ok([None, None]) };
-    let values = taps.values.iter().map(|tap| *tap as f32).collect();
-    let kernel = Some(Plane::from_vec(taps.side(), taps.side(), values)?);
+/// The kernels of a class: each image is convolved with the blur that it lacks.
+fn kernels(blur: &Blur) -> Result<KernelPair> {
+    let (Some(side), Some(taps)) = (blur.side, &blur.taps) else {
+        return Ok([None, None]);
+    };
+
+    let kernel = |taps: &Taps| {
+        let values = taps.values.iter().map(|tap| *tap as f32).collect();
+        Plane::from_vec(taps.side(), taps.side(), values)
+    };
+    let for_sharper = Some(kernel(taps)?);
+    let for_softer = blur.other.map(|psf| kernel(&psf.taps())).transpose()?;
+
     Ok(match side {
-        Side::Left => [None, kernel],
-        Side::Right => [kernel, None],
+        Side::Left => [for_softer, for_sharper],
+        Side::Right => [for_sharper, for_softer],
     })
 }
 
-/// How both images are smoothed: each by its own noise, and by what compression has lost. Where one image is softer, fine
-/// texture of the sharper one looks like noise: then the level at which components are weak counts. `told` is the noise
-/// that is told.
-fn smoothing(found: &Estimate, told: Option<[f64; 2]>) -> [f64; 2] {
+/// The standard deviations by which both images are smoothed: each by its own noise, and by what compression has lost.
+///
+/// Where one image is softer, fine texture of the sharper one looks like noise: then the level at which components are
+/// weak counts. `known` is the known noise.
+fn smoothing(found: &Estimate, known: Option<[f64; 2]>) -> [f64; 2] {
     let is_blurred = found.blurs.iter().any(|blur| blur.side.is_some());
     let own = if is_blurred { weak_level(found) } else { found.noise };
-    let noise = told.unwrap_or(own);
+
+    let noise = known.unwrap_or(own);
+
     [0, 1].map(|side| (DEVIATIONS * noise[side].max(found.coding[side])).min(LARGEST_PIXEL))
 }
 
-/// The noise under which a component is weak: one level, at the contrast of each image.
+/// The noise under which a component is weak: the same level for both images, scaled by the contrast of each.
 ///
-/// The noise of the softer image is what is left in both once the sharper one is blurred; and fine texture of the sharper
-/// one, which looks like noise, is not counted.
+/// The noise of the softer image is what is left in both once the sharper one is blurred. The noise of the sharper one
+/// would include fine texture, which looks like noise.
 fn weak_level(found: &Estimate) -> [f64; 2] {
     let [left, right] = found.noise;
     let level = match found.blurs[0].side {
@@ -134,6 +157,7 @@ fn weak_level(found: &Estimate) -> [f64; 2] {
         Some(Side::Right) => right * found.gain,
         None => left.max(right * found.gain),
     };
+
     [level, level / found.gain]
 }
 
@@ -142,13 +166,14 @@ mod tests {
     use super::*;
     use crate::rig::psf::Psf;
 
-    /// Neighborhood and window where blurs of these families and sizes are found, beside areas without any.
+    /// Neighborhood and window that suit areas of blurs of these families and sizes, beside areas without blur.
     fn sizes(kinds: &[(Family, f64)]) -> (usize, usize) {
         let blur = |&(family, size): &(Family, f64)| {
             let psf = Psf::round(family, size);
-            Blur { side: Some(Side::Left), psf: Some(psf), taps: Some(psf.taps()) }
+            Blur { side: Some(Side::Left), psf: Some(psf), taps: Some(psf.taps()), other: None }
         };
-        let none = Blur { side: None, psf: None, taps: None };
+        let none = Blur { side: None, psf: None, taps: None, other: None };
+
         let found = Estimate {
             blurs: kinds.iter().map(blur).chain([none]).collect(),
             labels: (1, 1, vec![0]),
@@ -160,8 +185,9 @@ mod tests {
             noise: [1.0; 2],
             glance: <_>::default(),
         };
+
         let settings = Settings { noise_threshold: 0.0, sizes: 1, ..Settings::default() };
-        let settings = Compensation::new(&found, None, &settings).expect("legal").settings;
+        let settings = CompensationPlan::new(&found, None, &settings).expect("legal").settings;
         (settings.neighborhood, settings.window)
     }
 
