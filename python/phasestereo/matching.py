@@ -138,6 +138,7 @@ def match(
         progress=progress,
         given=(noise, blur_compensation),
     )
+
     warn(result.findings)
     return result
 
@@ -225,6 +226,7 @@ class Matcher:
             given=(noise, blur_compensation),
             before=before,
         )
+
         warn(result.findings)
         return result
 

@@ -270,6 +270,7 @@ def _types(meta: Any) -> dict[str, Any]:
     """Return the type of each field, with the bounds that a run keeps to."""
     natural: Any = Annotated[int, meta(ge=0, le=2**53)]
     file: Any = Annotated[str, meta(pattern=_FILE)]
+
     return {
         "name": Annotated[str, meta(min_length=1)],
         "state": State,

@@ -236,9 +236,11 @@ class _Run:
         self._pairs, self._order, self._retries = pairs, order, retries
         self._progress, self._on_failure = progress, on_failure
         self._manifest = Manifest(order.folder)
+
         self._later: deque[_Job] = deque()
         self._suspects: deque[_Job] = deque()
         self._skipped, self._done, self._failed = 0, 0, 0
+
         self._started = monotonic()
         self._token = secrets.token_hex(4)  # keys of tasks are not those of an earlier run
 
@@ -361,8 +363,10 @@ class _Run:
 def _check(suffix: str, layers: tuple[str, ...], settings: Settings) -> None:
     if suffix not in FLOAT_SUFFIXES:
         raise ValueError(f"suffix: got {suffix!r}; accepts {', '.join(FLOAT_SUFFIXES)}")
+
     for layer in layers:
         if layer not in LAYERS:
             raise ValueError(f"layers: got {layer!r}; accepts {', '.join(LAYERS)}")
+
     if "confidence" in layers and not settings.confidence:
         raise ValueError("layers: got 'confidence' with settings that work out none")

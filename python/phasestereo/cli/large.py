@@ -113,6 +113,7 @@ def match_large(
     """
     left, right = pair
     given: dict[str, Any] = {**arguments, **large.arguments()}
+
     try:
         with refusals(options=options | _OPTIONS), progress_bar("Matching") as progress:
             report = outofcore.match(
@@ -121,6 +122,7 @@ def match_large(
     except KeyboardInterrupt:
         say("finished bands are kept: the same command goes on from there")
         raise
+
     _show(report, as_json=as_json)
 
 
@@ -163,6 +165,7 @@ def _lines(report: MapReport) -> list[str]:
     blur = report.statistics.blur
     peak = "" if report.peak_memory is None else f", {format_bytes(report.peak_memory)} of memory"
     flags = format_counts(report.flags, rows * cols)
+
     return [
         f"{cols} x {rows} pixels, {report.plan.num_disparities} disparities, "
         f"{report.seconds:.3f} s{peak}",

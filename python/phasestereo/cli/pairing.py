@@ -91,12 +91,14 @@ def as_calibration(names: Sequence[str]) -> Sequence[str] | None:
     """
     if list(names) == [AUTO]:
         return None
+
     if AUTO in names or len(names) > 2:
         given = " ".join(names)
         raise CommandError(
             f"--rectify: got {given}; accepts auto, a file, or the files of both cameras",
             WRONG_USAGE,
         )
+
     for name in names:
         refuse_picture("rectify", name)
     return names

@@ -495,6 +495,7 @@ def placed(place: Georeference) -> dict[str, Any]:
 def _as_crs(crs: Any) -> Any:
     if crs is None:
         return None
+
     errors = require("rasterio.errors", extra="geo")
     try:
         return require("rasterio.crs", extra="geo").CRS.from_user_input(crs)

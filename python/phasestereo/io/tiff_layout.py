@@ -72,6 +72,7 @@ class Directory:
             if default is None:
                 raise ValueError(f"the TIFF has no tag {tag}")
             return default
+
         if kind not in _WHOLE or isinstance(content, int):
             raise ValueError(f"the TIFF's tag {tag} is no whole number")
         return int(np.frombuffer(content, self.order + _WHOLE[kind], 1)[0])

@@ -447,6 +447,7 @@ def _open_npy(stack: ExitStack, path: str, max_bytes: int) -> Raster:
         file.seek(start + rows.start * row)
         count = (rows.stop - rows.start) * row // max(dtype.itemsize, 1)
         samples = np.fromfile(file, dtype, count)
+
         if samples.size != count:
             raise ValueError("the file ends before")
         return _plain(samples.reshape(-1, *shape[1:])[:, across], [])

@@ -55,6 +55,7 @@ class Request:
         """Return all of it as JSON has it: two runs of which it is the same have one result."""
         names = "left", "right", "left_mask", "right_mask"
         files = zip(names, self.sources, strict=True)
+
         return {
             "version": phasestereo.__version__,
             **{name: None if path is None else _identity(path) for name, path in files},

@@ -314,6 +314,7 @@ def _differences(earlier: dict[str, Any], now: dict[str, Any]) -> str:
             parts.append(_differences(before, after) if name == "settings" else f"another {name}")
         elif before != after:
             parts.append(f"{name} {before} (now {after})")
+
     return ", ".join(parts)
 
 

@@ -139,6 +139,7 @@ class Cameras:
     def _maps(self, size: tuple[int, int], poses: Mapping[str, Matrix]) -> Maps:
         cv2 = require("cv2", extra="rectify")
         model = cv2.fisheye if self.fisheye else cv2
+
         left, right = (
             model.initUndistortRectifyMap(
                 self.matrices[f"K{side}"],

@@ -216,12 +216,14 @@ def _found(best: _Tried, pairs: int, *, negative: bool) -> EstimatedMaps:
             "left, right: got images that fit no two cameras but such as show things twice; "
             "accepts pairs that tell more: give others of the same cameras, or a calibration"
         )
+
     if not best.error <= _LARGEST_ERROR:
         raise ValueError(
             f"left, right: got images that tell rows to {best.error:.1f} px only, since they show "
             f"too little in common, or only in a part; accepts {_LARGEST_ERROR:g} px: give more "
             "pairs of the same cameras (others), or a calibration"
         )
+
     said = ("the right image seems to be a negative of the left one",) if negative else ()
     return EstimatedMaps(best.maps, best.error, (*_sentences(best, pairs), *said))
 

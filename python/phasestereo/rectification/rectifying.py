@@ -121,8 +121,10 @@ def rectify(
 def _check_options(alpha: float | None, interpolation: str | None) -> None:
     if alpha is not None and (isinstance(alpha, bool) or not isinstance(alpha, Real)):
         raise TypeError(f"alpha: got {type(alpha).__name__}; accepts a number or None")
+
     if alpha is not None and not (alpha == -1 or 0 <= alpha <= 1):
         raise ValueError(f"alpha: got {alpha}; accepts -1, or 0 to 1")
+
     if interpolation is not None and interpolation not in INTERPOLATIONS:
         names = ", ".join(map(repr, INTERPOLATIONS))
         raise ValueError(f"interpolation: got {interpolation!r}; accepts {names}")
@@ -137,6 +139,7 @@ def _rectified(
 ) -> Rectification:
     left, right = warped(pair, warp.maps, interpolation)
     left_mask, right_mask = masks_of(warp.maps, pair[0].shape, masks)
+
     return Rectification(
         left=left,
         right=right,

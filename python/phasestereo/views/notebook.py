@@ -161,9 +161,11 @@ def _beside(result: Result, known: NDArray[np.float32]) -> Iterable[str]:
     """Yield what stands beside the map: its scale, the pair, the confidences."""
     if known.size:
         yield _figure(_scale(known, limits(known)), "Disparity, pixels: how often which occurs")
+
     if result.pair is not None:
         for side, picture in zip(("Left", "Right"), _thumbnails(result.pair), strict=True):
             yield _figure(_image(picture, f"{side} image", photograph=True), f"{side} image")
+
     if result.confidence is not None:
         caption = f"Confidence, mean {result.confidence.mean():.2f}"
         yield _figure(_confidence(result.confidence), caption)

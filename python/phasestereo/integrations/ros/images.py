@@ -123,6 +123,7 @@ def encode_image(array: NDArray[Any]) -> dict[str, Any]:
     names = {"uint8": "mono8", "uint16": "16UC1", "float32": "32FC1"}
     plain = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
     rows, cols = plain.shape[:2]
+
     return {
         "height": rows,
         "width": cols,

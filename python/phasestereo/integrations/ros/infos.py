@@ -59,8 +59,11 @@ def _document(message: Any) -> dict[str, Any]:
         name: np.asarray(getattr(message, name, getattr(message, name.lower(), ())), np.float64)
         for name in "KDRP"
     }
+
+    # A camera without distortion may leave D out.
     if not fields["D"].size:
         fields["D"] = np.zeros(5)
+
     return fields | {
         "width": message.width,
         "height": message.height,

@@ -192,6 +192,7 @@ def diagnostics(make: Make, header: Header, diagnosis: Diagnosis) -> Any:
     """
     topics = dict.fromkeys(found.topic for found in diagnosis.findings)
     numbers = diagnosis.as_dict()
+
     return make(
         "diagnostic_msgs/msg/DiagnosticArray",
         header=header_of(make, header),
@@ -208,6 +209,7 @@ def _status(make: Make, diagnosis: Diagnosis, topic: str, numbers: Any) -> Any:
         make("diagnostic_msgs/msg/KeyValue", key=key, value=f"{value:.6g}")
         for key, value in _flat(numbers)
     ]
+
     return make(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=max(_LEVELS[one.severity] for one in found),

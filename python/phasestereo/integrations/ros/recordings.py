@@ -215,4 +215,5 @@ def _decoded(left: Any, right: Any) -> Pair:
             images.append(decode_image(message))
         except ValueError as error:
             raise ValueError(f"{side}: {error}") from error
+
     return images[0], images[1]

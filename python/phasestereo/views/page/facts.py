@@ -135,6 +135,7 @@ def metric_rows(score: Score) -> list[tuple[str, str]]:
         else:
             words = f"{value:.2f} {unit_of(name)}" if math.isfinite(value) else "\N{EN DASH}"
             rows.append((_NAMES.get(name, name), words))
+
     return rows
 
 

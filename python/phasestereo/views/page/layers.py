@@ -156,6 +156,7 @@ def arrays_of(
         "truth": None if truth is None else coding.encode(truth),
         "scored": None if scored is None else scored.astype(np.uint8),
     }
+
     return {name: packed(array[thin]) for name, array in found.items() if array is not None}
 
 
