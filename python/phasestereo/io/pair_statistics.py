@@ -134,22 +134,19 @@ def _put_blur(estimate: BlurEstimate, plain: Plain, arrays: Arrays) -> None:
 
 
 def _blur(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> BlurEstimate:
-    blurs = tuple(
-        Blur(
-            **kind
-            | {
-                "psf": arrays.get(f"psf_{number}"),
-                "other": kind["other"]
-                and Blur(**kind["other"] | {"psf": arrays.get(f"other_psf_{number}")}),
-            }
-        )
-        for number, kind in enumerate(plain["blurs"])
-    )
+    kinds = enumerate(plain["blurs"])
+    blurs = tuple(_kind(kind, arrays, f"psf_{number}") for number, kind in kinds)
     numbers = plain["blur"] | {name: tuple(plain["blur"][name]) for name in _BOTH}
 
     is_seen = "blur_places" in arrays
     glance = (arrays["blur_places"], arrays["blur_excess"]) if is_seen else None
     return BlurEstimate(blurs=blurs, labels=arrays["blur_labels"], glance=glance, **numbers)
+
+
+def _kind(plain: Plain, arrays: Mapping[str, NDArray[Any]], psf: str) -> Blur:
+    """Return a blur, and that of the other image if it lacks something, too."""
+    other = plain["other"] and _kind(plain["other"], arrays, f"other_{psf}")
+    return Blur(**plain | {"psf": arrays.get(psf), "other": other})
 
 
 def _alignment(plain: Plain) -> Alignment:

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 
 Side = Literal["none", "left", "right"]
-Kind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
+BlurKind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
 
 Glance: TypeAlias = tuple["NDArray[np.uint32]", "NDArray[np.float32]"]
 """What the core compares a later pair of the same cameras with."""
 
-_Kernel: TypeAlias = tuple[Kind, float, float, "NDArray[np.float64] | None"]
+_Kernel: TypeAlias = tuple[BlurKind, float, float, "NDArray[np.float64] | None"]
 
 Estimated: TypeAlias = tuple[
     list[tuple[int, _Kernel, _Kernel | None]],
@@ -70,7 +70,7 @@ class Blur:
     """
 
     side: Side
-    kind: Kind
+    kind: BlurKind
     size: float
     angle: float
     psf: NDArray[np.float64] | None = None
@@ -121,8 +121,8 @@ class BlurEstimate:
     gain, gamma
         How intensities correspond, as fractions of their range: left = gain * right ** gamma. NaN
         in the result of a match, which does without.
-    Whether it was estimated of an earlier pair, and taken over since the blur of this one is as it
-        Whether it was made of an earlier pair, and taken over since the blur of this one is as it
+    reused
+        Whether it is of an earlier pair, and was taken over since the blur of this one is as it
         was: `Matcher.match` with ``before``, and `stream`.
     glance
         What a later pair of the same cameras is compared with; None: nothing can be.

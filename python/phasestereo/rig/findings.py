@@ -162,7 +162,7 @@ def warn(found: tuple[Finding, ...]) -> None:
 
 
 def _match(search: SearchRange, summary: Summary, *, evened: bool) -> Iterator[Finding]:
-    """Say whether a match is one at all, and whether its range was right."""
+    """Yield findings on the match as a whole, and on its range."""
     if search.swapped:
         yield _swapped(f"{round(search.low)} to {round(search.high)} px")
         return
@@ -206,7 +206,7 @@ def _match(search: SearchRange, summary: Summary, *, evened: bool) -> Iterator[F
 
 
 def _matched_rows(result: Result) -> Iterator[Finding]:
-    """Say what was wrong with the rows, and what was done."""
+    """Yield findings on the rows, and on what was done about them."""
     found = result.alignment
     if found is None:
         return
@@ -227,6 +227,7 @@ def _matched_rows(result: Result) -> Iterator[Finding]:
             "baseline may not be level",
         )
 
+    # Where one image is blurred, the blocks scatter anyway.
     is_blurred = result.blur is not None and result.blur.blur.side != "none"
     if found.spread > _SCATTERED and not is_blurred:
         yield Finding(
@@ -289,6 +290,7 @@ def _rows(diagnosis: Diagnosis) -> Finding:
             "too little is found in both images to tell whether rows correspond",
         )
 
+    # An offset must be large, and clearly larger than its own error.
     least, much = (
         max(rows, errors * found.error) for rows, errors in zip(_ROWS, _ERRORS, strict=True)
     )

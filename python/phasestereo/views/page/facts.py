@@ -135,6 +135,7 @@ def metric_rows(score: Score) -> list[tuple[str, str]]:
         else:
             words = f"{value:.2f} {unit_of(name)}" if math.isfinite(value) else "\N{EN DASH}"
             rows.append((_NAMES.get(name, name), words))
+
     return rows
 
 
@@ -188,6 +189,7 @@ def charts(
 
     if truth is not None and scored is not None and scored.any():
         error = np.abs(result.disparity[scored].astype(np.float64) - truth[scored])
+        # Sorted errors give the share at every threshold; a missing estimate is never good.
         present = np.sort(error[np.isfinite(error)])
         good = np.searchsorted(present, _THRESHOLDS, side="right")
         wrong = 100 * (1 - good / error.size)
