@@ -214,7 +214,7 @@ def bins() -> Bins:
     ]
 
     counted = [frequency[member][frequency[member] > 1.2] for member in members]
-    weights = np.array([(1 / told).sum() for told in counted])
+    weights = np.array([(1 / found).sum() for found in counted])
     means = np.array([frequency[member].mean() for member in members])
 
     low = ((means >= 1.2) & (means < 5)).astype(float)
@@ -312,7 +312,7 @@ class Grid:
     highs: Floats
 
     @property
-    def told(self) -> Bools:
+    def known(self) -> Bools:
         return np.array([place is not None for place in self.places])
 
 
@@ -332,7 +332,7 @@ def grid(scene: Scene, disparity: Floats, step: int) -> Grid:
 
 
 def noise_of(there: Grid) -> tuple[float, float]:
-    highs = np.sort(there.highs[there.told], axis=0)
+    highs = np.sort(there.highs[there.known], axis=0)
     if len(highs) == 0:
         return 0.0, 0.0
     left, right = highs[len(highs) // 10] * 1.28
@@ -379,24 +379,24 @@ def losses_on(
 ) -> Floats:
     """Return the losses of all tiles (tiles, blurs)."""
     losses = np.full((len(there.places), sum(len(each) for _, each in choices)), UNTOLD)
-    for tile in np.flatnonzero(there.told):
+    for tile in np.flatnonzero(there.known):
         losses[tile] = losses_of(there.powers[tile], noise, choices)
     return losses
 
 
 def chosen(losses: Floats) -> list[int]:
     """Return the fewest choices that explain the tiles, of losses (tiles, choices)."""
-    told = losses[np.isfinite(losses[:, 0])]
-    if len(told) == 0:
+    known = losses[np.isfinite(losses[:, 0])]
+    if len(known) == 0:
         return []
 
-    means = told.mean(0)
+    means = known.mean(0)
     best = int(means.argmin())
     choices = [0 if means[0] <= means[best] + 0.03 else best]
 
     while len(choices) < 8:
-        so_far = told[:, choices].min(1)
-        worth = np.maximum(so_far[:, None] - told - 0.06, 0).mean(0)
+        so_far = known[:, choices].min(1)
+        worth = np.maximum(so_far[:, None] - known - 0.06, 0).mean(0)
         if worth.max() < 0.01:
             break
         choices.append(int(worth.argmax()))

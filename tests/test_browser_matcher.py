@@ -172,7 +172,7 @@ def test_what_is_found_is_what_python_finds(page: Page, rendered: Pair) -> None:
     assert (found["range"]["origin"], found["inverted"]) == ("given", False)
 
 
-def test_faults_are_told_and_the_next_call_works(page: Page, rendered: Pair) -> None:
+def test_faults_are_reported_and_the_next_call_works(page: Page, rendered: Pair) -> None:
     left, right = rendered
     small = right[:100]
 
@@ -191,7 +191,7 @@ def test_faults_are_told_and_the_next_call_works(page: Page, rendered: Pair) -> 
     )
 
 
-def test_a_module_that_is_not_there_is_told(page: Page, address: str) -> None:
+def test_a_module_that_is_not_there_is_reported(page: Page, address: str) -> None:
     page.browser.run(
         "import(arguments[0]).then((module) => module.createMatcher({ wasm: 'nothing.wasm' }))"
         ".catch((error) => { window.refused = error.message; })",

@@ -150,7 +150,7 @@ def test_command_lines_are_such_as_the_program_takes(words: list[str], here: Pat
     _parse(words)
 
 
-def test_a_wrong_command_line_is_told() -> None:
+def test_a_wrong_command_line_is_reported() -> None:
     cyclopts = pytest.importorskip("cyclopts")
     with pytest.raises(cyclopts.CycloptsError):
         _parse(["match", "left.png", "right.png", "--num-disparitys", "64"])
@@ -278,10 +278,10 @@ def test_no_page_asks_another_host_for_anything(site: Path, pages: dict[str, Pag
 def test_the_glossary_has_a_sentence_on_every_setting_and_every_flag() -> None:
     text = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
-    told = {row[0].strip("`"): row[1] for row in rows if len(row) > 2 and row[0].startswith("`")}
+    entries = {row[0].strip("`"): row[1] for row in rows if len(row) > 2 and row[0].startswith("`")}
     settings = [field.name for field in fields(ps.Settings)]
-    assert list(told) == [*settings, *(flag.name for flag in ps.Flag)]
-    assert all(sentence.endswith(".") for sentence in told.values())
+    assert list(entries) == [*settings, *(flag.name for flag in ps.Flag)]
+    assert all(sentence.endswith(".") for sentence in entries.values())
 
 
 def test_what_pages_load_and_link_to_is_there(site: Path, pages: dict[str, Page]) -> None:

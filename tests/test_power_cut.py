@@ -159,8 +159,8 @@ def test_whatever_file_of_the_draft_is_missing_or_damaged_the_rerun_comes_to_the
         fault(FOLDER / name, Path("older"))
         same = (FOLDER / name).exists() and (FOLDER / name).read_bytes() == before
 
-        told: list[str] = []
-        report = match(stage=told.append, **options)
+        stages: list[str] = []
+        report = match(stage=stages.append, **options)
         assert {name: Path(name).read_bytes() for name in OUTPUTS} == expected, name
         assert not FOLDER.exists()
         # That there was a last band nobody can know when its file is gone.
@@ -168,7 +168,7 @@ def test_whatever_file_of_the_draft_is_missing_or_damaged_the_rerun_comes_to_the
         last = name.startswith("rows00000096")
         if name.startswith("rows") and not same and not (fault is delete and last):
             assert report.again, (name, fault)
-            assert set(report.again) <= set(told)
+            assert set(report.again) <= set(stages)
             assert report.plan.bands >= 2
 
 

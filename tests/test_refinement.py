@@ -395,10 +395,10 @@ def test_withdrawal_by_hand() -> None:
     trust = np.array([[0.2, 0.9, 0.9]])
     disparity = a_map([1, 2, 3])
 
-    found, told = refinement.withdraw(disparity, flags, trust, least=0.5, filled=True)
+    found, marked = refinement.withdraw(disparity, flags, trust, least=0.5, filled=True)
     np.testing.assert_array_equal(found, a_map([NAN, 2, 3]))
-    assert told.tolist() == [[64, 16 | 256, 0]]
+    assert marked.tolist() == [[64, 16 | 256, 0]]
 
-    found, told = refinement.withdraw(disparity, flags, trust, least=0.0, filled=False)
+    found, marked = refinement.withdraw(disparity, flags, trust, least=0.0, filled=False)
     np.testing.assert_array_equal(found, a_map([1, NAN, 3]))
-    assert told.tolist() == [[0, 16, 0]]
+    assert marked.tolist() == [[0, 16, 0]]

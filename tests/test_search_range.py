@@ -1,4 +1,4 @@
-"""The range of disparities: it holds the truth, without much else; swapped pairs are told."""
+"""The range of disparities: it holds the truth, without much else; swapped pairs are recognized."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_range_holds_the_truth_and_little_else(data: Path, radius: int) -> None:
         assert (search.swapped, search.mixed) == (False, False), name
 
 
-def test_exchanged_images_are_told_and_their_range_found(data: Path) -> None:
+def test_exchanged_images_are_reported_and_their_range_found(data: Path) -> None:
     for name in SCENES:
         pair = find_scene(data / "middlebury", name).load()
         assert pair.truth is not None
@@ -106,5 +106,5 @@ def test_toed_in_cameras_are_not_called_swapped() -> None:
         (noise(0, (1, 1)), noise(0, (1, 1))),
     ],
 )
-def test_nothing_is_told_of_what_is_no_pair(pair: tuple[Plane, Plane]) -> None:
+def test_nothing_is_found_in_what_is_no_pair(pair: tuple[Plane, Plane]) -> None:
     assert find_range(*pair) is None

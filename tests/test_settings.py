@@ -79,8 +79,8 @@ def test_overrides_take_precedence() -> None:
 
 def test_every_field_is_documented_with_its_default() -> None:
     fields = dataclasses.fields(ps.Settings)
-    told = inspect.getdoc(ps.Settings) or ""
-    defaults = re.findall(r"^(\w+)\n(?:    .*\n|\n)*?    .*?Default\s+(.+?)\.$", told, re.MULTILINE)
+    text = inspect.getdoc(ps.Settings) or ""
+    defaults = re.findall(r"^(\w+)\n(?:    .*\n|\n)*?    .*?Default\s+(.+?)\.$", text, re.MULTILINE)
     assert {name: ast.literal_eval(value.strip("`")) for name, value in defaults} == {
         field.name: field.default for field in fields
     }
