@@ -65,7 +65,7 @@ CASES: dict[str, tuple[dict[str, Any], str, bool, slice | None]] = {
 }  # fmt: skip
 
 
-class Case:
+class BandCase:
     """A pair, what is known of it, and how it is matched as a whole."""
 
     def __init__(self, name: str) -> None:
@@ -93,13 +93,13 @@ def assert_rows(found: ps.Result, whole: ps.Result, first: int, last: int) -> No
     assert found.pair is None
 
 
-_known: dict[str, Case] = {}
+_known: dict[str, BandCase] = {}
 
 
-def case(name: str) -> Case:
+def case(name: str) -> BandCase:
     """Return a case, made once."""
     if name not in _known:
-        _known[name] = Case(name)
+        _known[name] = BandCase(name)
     return _known[name]
 
 

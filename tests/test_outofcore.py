@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
+from conftest import EndingError, counterpart
 from phasestereo import outofcore
 from phasestereo.io import Georeference, read_geotiff, write_geotiff
 from phasestereo.io.windows import open_raster
@@ -220,10 +220,6 @@ def test_sizes_are_rounded_up(count: int, words: str) -> None:
 
 
 # What ends a run
-
-
-class EndingError(Exception):
-    """What a progress raises."""
 
 
 def end_after(bands: int, error: type[BaseException] = EndingError) -> Any:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from conftest import counterpart
+from conftest import EndingError, counterpart
 from phasestereo import outofcore
 from phasestereo.batch import PairFiles, Record, run
 from phasestereo.batch.manifest import Manifest
@@ -33,10 +33,6 @@ pytestmark = [
 
 OUTPUTS = "out.npy", "flags.npy"
 FOLDER = Path("out.npy.part")
-
-
-class EndingError(Exception):
-    """What a progress raises."""
 
 
 @pytest.fixture

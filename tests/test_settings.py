@@ -59,8 +59,8 @@ def test_fast_fits_bytes_from_costs_to_paths() -> None:
     assert fast.window * ceiling <= 255
 
     dropped = oracle.dropped_bits(fast.window, ceiling, fast.p2)
-    far = oracle.window_penalty(fast.p2, fast.window, dropped)
-    assert fast.window * (fast.window * ceiling >> dropped) + far <= 255
+    p2 = oracle.window_penalty(fast.p2, fast.window, dropped)
+    assert fast.window * (fast.window * ceiling >> dropped) + p2 <= 255
 
 
 def test_settings_are_frozen_hashable_and_picklable() -> None:
