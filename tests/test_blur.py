@@ -92,8 +92,8 @@ def load(data: Path, name: str) -> Pair:
 
 
 def agree(found: ps.BlurEstimate, expected: oracle_blur.Estimate) -> None:
-    told = [(blur.side, blur.kind) for blur in found.blurs]
-    assert told == [(kind.side, kind.psf[0]) for kind in expected.kinds]
+    blurs = [(blur.side, blur.kind) for blur in found.blurs]
+    assert blurs == [(kind.side, kind.psf[0]) for kind in expected.kinds]
 
     for blur, kind in zip(found.blurs, expected.kinds, strict=True):
         assert blur.size == pytest.approx(kind.psf[1], rel=0.02)
@@ -316,7 +316,7 @@ def test_a_curved_path_is_measured(data: Path, name: str, side: str) -> None:
     assert likeness(found.psf, kernel) > likeness(found.psf, kernel[::-1, ::-1]) + 0.2
 
 
-# What is told
+# What is found
 
 
 @pytest.mark.parametrize(
@@ -363,9 +363,9 @@ def test_an_estimate_tells_itself() -> None:
 def test_by_default_a_third_of_the_width_is_searched() -> None:
     images = shots(disk_psf(3))
     third = -(-SIZE[1] // 3)
-    told = [ps.estimate_blur(*images, **kwargs) for kwargs in ({}, {"num_disparities": third})]
-    assert told[0].noise == told[1].noise
-    assert told[0].blur.size == told[1].blur.size
+    estimates = [ps.estimate_blur(*images, **kwargs) for kwargs in ({}, {"num_disparities": third})]
+    assert estimates[0].noise == estimates[1].noise
+    assert estimates[0].blur.size == estimates[1].blur.size
 
 
 def crossings(call: Callable[[], ps.Result]) -> tuple[list[str], ps.Result]:

@@ -142,10 +142,10 @@ def test_news_come_as_soon_as_there_are_any(server: Server, show: Show) -> None:
     assert first["frame"] is None
 
     threading.Timer(0.2, show.add, [frame(3)]).start()
-    told = ask(server, f"state?after={first['version']}").json()
-    assert told["version"] > first["version"]
+    response = ask(server, f"state?after={first['version']}").json()
+    assert response["version"] > first["version"]
 
-    shown = told["frame"]
+    shown = response["frame"]
     assert (shown["index"], shown["width"], shown["height"]) == (3, COLS, ROWS)
     assert (shown["low"], shown["high"]) == (0, COUNT)
 
@@ -167,8 +167,8 @@ def test_pictures_are_those_of_the_frame(server: Server, show: Show) -> None:
 def test_values_are_those_under_the_cursor(server: Server, show: Show) -> None:
     given = frame()
     show.add(given)
-    told = ask(server, "value?x=40&y=20").json()
-    assert told == {"disparity": float(SHIFT), "depth": None, "flags": []}
+    response = ask(server, "value?x=40&y=20").json()
+    assert response == {"disparity": float(SHIFT), "depth": None, "flags": []}
 
     show.know(Calibration.from_focal(100, 0.2, width=COLS, height=ROWS), "m")
     assert ask(server, "value?x=40&y=20").json()["depth"] == pytest.approx(100 * 0.2 / SHIFT)
@@ -187,14 +187,14 @@ def test_values_are_those_under_the_cursor(server: Server, show: Show) -> None:
 def test_what_fails_is_said_and_counted(server: Server, show: Show) -> None:
     for index in range(3):
         show.fail(Failure(index, None, OSError("camera 1: gave no frame")))
-    told = ask(server, "state?after=-1").json()
-    assert told["failure"] == {"text": "camera 1: gave no frame", "times": 3}
-    assert told["failed"] == 3
+    response = ask(server, "state?after=-1").json()
+    assert response["failure"] == {"text": "camera 1: gave no frame", "times": 3}
+    assert response["failed"] == 3
     show.fail(Failure(3, None, ValueError("right: got 4 rows")))
     assert ask(server, "state?after=-1").json()["failure"]["times"] == 1
 
 
-def test_cameras_that_are_not_synchronized_are_told(server: Server, show: Show) -> None:
+def test_cameras_that_are_not_synchronized_are_reported(server: Server, show: Show) -> None:
     show.add(frame(0, 0.02))
     (note,) = ask(server, "state?after=-1").json()["notes"]
     assert note.startswith("the cameras are not synchronized: the right one comes 20 ms later")
@@ -206,17 +206,17 @@ def test_findings_are_those_of_check_the_worst_first(show: Show) -> None:
     show.add(frame())
     thread = diagnosing(show)
     for version in range(100):
-        told = show.wait(version, 0.2)
-        if told["findings"]:
+        state = show.wait(version, 0.2)
+        if state["findings"]:
             break
 
     show.close()
     thread.join()
 
     expected = [[one.topic, one.severity, one.sentence] for one in ps.check(LEFT, RIGHT).findings]
-    assert sorted(told["findings"]) == sorted(expected)
+    assert sorted(state["findings"]) == sorted(expected)
 
-    order = [["warning", "note", "ok"].index(severity) for _, severity, _ in told["findings"]]
+    order = [["warning", "note", "ok"].index(severity) for _, severity, _ in state["findings"]]
     assert order == sorted(order)
 
 
@@ -240,8 +240,8 @@ def test_settings_change_the_coming_frames(server: Server, show: Show) -> None:
     assert found.search is not None
     assert found.search.num_disparities == 8
 
-    told = ask(server, "state?after=-1").json()["settings"]
-    assert told == wanted | {"num_disparities": 8}
+    response = ask(server, "state?after=-1").json()["settings"]
+    assert response == wanted | {"num_disparities": 8}
 
 
 @pytest.mark.parametrize(
@@ -274,9 +274,9 @@ def test_a_pair_is_saved_with_its_report(server: Server, show: Show, tmp_path: P
 
     show.add(frame(7))
     for stem in ("pair-000007", "pair-000007-2"):
-        told = ask(server, "save", "POST").json()
+        response = ask(server, "save", "POST").json()
         names = [f"{stem}-left.png", f"{stem}-right.png", f"{stem}.html"]
-        assert told == {"saved": names, "folder": str(tmp_path)}
+        assert response == {"saved": names, "folder": str(tmp_path)}
         np.testing.assert_array_equal(read_image(tmp_path / names[0]), LEFT)
         np.testing.assert_array_equal(read_image(tmp_path / names[1]), RIGHT)
         assert "16 disparities searched" in (tmp_path / names[2]).read_text("utf-8")
@@ -311,10 +311,10 @@ def live(
             return self
 
     def watch(server: Server) -> None:
-        told: dict[str, Any] = {"version": -1, "ended": ""}
-        while not told["ended"]:
-            told = ask(server, f"state?after={told['version']}").json()
-            looked.append(told)
+        state: dict[str, Any] = {"version": -1, "ended": ""}
+        while not state["ended"]:
+            state = ask(server, f"state?after={state['version']}").json()
+            looked.append(state)
         ask(server, "close", "POST")
 
     monkeypatch.setattr(home, "Server", Watched)
@@ -361,11 +361,13 @@ def test_frames_of_another_size_are_said_and_do_not_end_the_run(
     code, err, looked = live(monkeypatch, capsys, "left", "right", "--show", *SEARCH)
     assert code == 0
     assert "skipped frame 1: right: got" in err
-    assert any((told["failure"] or {}).get("text", "").startswith("right: got") for told in looked)
+    assert any(
+        (state["failure"] or {}).get("text", "").startswith("right: got") for state in looked
+    )
     assert (looked[-1]["frame"]["index"], looked[-1]["failed"]) == (2, 1)
 
 
-def test_a_wrong_calibration_is_told_once_and_at_once(
+def test_a_wrong_calibration_is_reported_once_and_at_once(
     rig: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     camera = "[100 0 45; 0 100 30; 0 0 1]"
