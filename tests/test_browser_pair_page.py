@@ -91,7 +91,7 @@ def opened(browser: Browser, page: Path) -> Browser:
         document.querySelector("input[value=wipe]").click();
         setMix(1);
         choose("disparity");
-        tell({ x: 24, y: 18 });
+        readOut({ x: 24, y: 18 });
         """
     )
 

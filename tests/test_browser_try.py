@@ -113,7 +113,7 @@ def test_its_policy_lets_nothing_out(opened: Browser) -> None:
 def test_a_slider_matches_at_once_and_again_when_it_rests(opened: Browser) -> None:
     slider = opened.driver.find_element("css selector", "#dim")
     slider.send_keys(END)
-    assert opened.text("dim-told") == "90 %"
+    assert opened.text("dim-shown") == "90 %"
     assert slider.get_attribute("aria-valuetext") == "90 %"
     matched(opened)
 
@@ -129,8 +129,8 @@ def test_a_slider_matches_at_once_and_again_when_it_rests(opened: Browser) -> No
     assert "warning the right image shows things 2.5 px lower than the left one" in findings
     assert "note noise of 1.0 gray levels in the left image, 8.2 in the right" in findings
 
-    assert opened.text("time-told") == "12 ms"
-    assert "with robust" in opened.text("preset-told")
+    assert opened.text("time-shown") == "12 ms"
+    assert "with robust" in opened.text("preset-shown")
 
 
 def test_the_other_side_is_spoiled_and_all_goes_back(opened: Browser) -> None:
@@ -143,7 +143,7 @@ def test_the_other_side_is_spoiled_and_all_goes_back(opened: Browser) -> None:
 
     opened.driver.find_element("css selector", "#reset").click()
     matched(opened)
-    assert opened.text("dim-told") == "0 %"
+    assert opened.text("dim-shown") == "0 %"
     assert opened.run("return calls.at(-1).second") > call["second"]
 
     opened.driver.find_element("css selector", ".chip:has(#side-left)").click()
@@ -162,7 +162,7 @@ def test_the_viewer_is_the_report_pages(opened: Browser) -> None:
 
     opened.run("element('cloud').scrollIntoView()")
     opened.wait("element('cloud').dataset.drawn === 'yes'")
-    assert opened.text("cloud-told") == f"{448 * 336 - 1:,} points"
+    assert opened.text("cloud-shown") == f"{448 * 336 - 1:,} points"
     opened.run("scrollTo(0, 0)")
 
 
@@ -222,7 +222,7 @@ def test_two_images_are_dropped(opened: Browser) -> None:
     call = opened.run("return calls.at(-1)")
     assert (call["size"], call["first"], call["second"]) == ([120, 80], 128, 64)
     assert call["numDisparities"] == 0  # to be found
-    assert opened.text("told") == "120 \N{MULTIPLICATION SIGN} 80 pixels."
+    assert opened.text("pair-note") == "120 \N{MULTIPLICATION SIGN} 80 pixels."
     assert opened.run("return [page.cols, page.rows, stage.cols]") == [120, 80, 120]
     assert not opened.run("return isThere('truth')")
 
@@ -246,7 +246,7 @@ def test_one_image_is_dropped_with_both_views(opened: Browser) -> None:
 
     width, height = call["size"]
     assert 499_000 < width * height < 501_000
-    assert opened.text("told").endswith(f"matched at {width} \N{MULTIPLICATION SIGN} {height}.")
+    assert opened.text("pair-note").endswith(f"matched at {width} \N{MULTIPLICATION SIGN} {height}.")
 
 
 @pytest.mark.parametrize(
@@ -297,7 +297,7 @@ def test_every_control_has_a_name_and_a_place_in_the_order(opened: Browser) -> N
     other = "[tabindex]:not([tabindex='0'])"
     assert opened.run("return document.querySelectorAll(arguments[0]).length", other) == 0
 
-    message = "return ['findings', 'told', 'trouble'].map((id) => element(id).role ?? '')"
+    message = "return ['findings', 'pair-note', 'trouble'].map((id) => element(id).role ?? '')"
     assert opened.run(message)[1:] == ["status", "alert"]
     assert opened.run("return element('findings').ariaLive") == "polite"
 
@@ -343,4 +343,4 @@ def test_the_core_matches_what_sliders_spoil(browser: Browser, site: str, core: 
 
 def wrong(browser: Browser) -> float:
     """Return the share of wrong pixels that the page tells, in percent."""
-    return float(browser.text("wrong-told").removesuffix(" %"))
+    return float(browser.text("wrong-shown").removesuffix(" %"))

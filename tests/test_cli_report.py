@@ -56,7 +56,7 @@ def test_page_has_what_was_asked_for(browser: Browser, match: Callable[[str], Ru
     assert browser.driver.title.startswith("left.png and right.png")
 
     found = io.read_disparity("out.npy")[15, 23]
-    browser.run("tell({ x: 23, y: 15 })")
+    browser.run("readOut({ x: 23, y: 15 })")
     shown = {key: browser.run(f"return element('value-{key}').textContent") for key in TOLD}
     assert float(shown["disparity"].removesuffix(" px")) == pytest.approx(found, abs=0.01)
     assert float(shown["truth"].removesuffix(" px")) == pytest.approx(3, abs=0.01)
