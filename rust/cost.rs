@@ -223,6 +223,7 @@ impl<'a> Costs<'a> {
             }
         }
 
+        // Invalid pairs add nothing to sums, which aggregation scales by the number of valid ones.
         if let Some([left, right]) = &self.valid {
             let left = &left.row(y)[columns.clone()];
             for ((x, left), out) in columns.zip(left).zip(self.pixels(out)) {
@@ -348,6 +349,7 @@ impl PairCodes {
         let of_right = gray(1)?;
         let rights: Vec<_> =
             kernels.iter().map(|k| unrolled(&of_right, *k)).collect::<Result<_>>()?;
+        // With a single version there is nothing to look up.
         let labels = (rights.len() > 1).then_some(labels);
 
         Ok(Self { left, rights, labels })
@@ -391,6 +393,7 @@ fn unroll<T: Copy + Sync, U: Clone + Default + Send>(
     value: impl Fn(T) -> U + Sync,
 ) -> Result<Plane<U>> {
     let cols = plane.cols();
+    // The last run of candidates reads up to `LANES - 1` places beyond the last candidate.
     let width = cols + candidates.count().next_multiple_of(LANES) - 1;
     // From place 0 on there are places right of the image, places within it, and places left of it. Place 0 would
     // show column `cols - 1 - min` if the image had no border.

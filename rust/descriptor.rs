@@ -187,7 +187,11 @@ fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<La
 /// The magnitude up to which a real or imaginary part of a component is weak, a whole number.
 fn weak_threshold(gray: &Gray, basis: &Basis, weak: f64, noise: Option<f64>) -> Result<f64> {
     let missing = || {
-        Error::value("noise", "None", "the noise of the images, which the weak level depends on")
+        Error::value(
+            "noise",
+            "None",
+            "the noise of the images, which noise_threshold is relative to",
+        )
     };
     let noise = check_noise(noise.ok_or_else(missing)?)?;
 
@@ -217,6 +221,7 @@ impl DescribedBand<'_> {
             Ok((spectrum, pixels))
         };
 
+        // Buffers are per band: bands run on any thread.
         let mut prepared = self.layers.iter().map(prepare).collect::<Result<Vec<_>>>()?;
         let mut words = [zeroed(padded(cols))?, zeroed(padded(cols))?];
 
@@ -258,7 +263,8 @@ impl DescribedBand<'_> {
     }
 }
 
-/// A row of pixels and its surroundings -> one size's bits of the codes, bits 0 to 31 in the first words, the others in the second.
+/// A row of pixels and its surroundings -> the bits of one size of neighborhoods: bits 0 to 31 of the codes in the first
+/// words, the others in the second.
 struct TransformRow<'a, T: Lane> {
     spectrum: &'a mut Spectrum<T>,
     surroundings: &'a [i32],

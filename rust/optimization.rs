@@ -266,6 +266,7 @@ impl CandidateSearch<'_> {
         let is_vertical = self.optimizer == Optimizer::SemiGlobal;
         let runs = self.runs();
         let cols = self.size.1;
+        // Vertical paths also need the costs of the look-ahead rows.
         let seen = if is_vertical { self.seen(&rows) } else { rows.clone() };
 
         let Workspace { aggregator, costs, horizontal, vertical, evidence, .. } = workspace;
@@ -325,6 +326,7 @@ impl CandidateSearch<'_> {
                 self.level.run(SelectPixels { search: self, block, totals, costs, evidence });
             }
 
+            // The costs of the next panel are loaded already.
             std::mem::swap(here, next);
         }
 
@@ -471,6 +473,7 @@ pub fn optimize(
     control: &Control,
 ) -> Result<Plane<u16>> {
     let size @ (rows, cols) = (volume.rows(), volume.cols() / candidates);
+    // Costs and penalties up to this limit have totals that 32 bits hold.
     if let Some(cost) =
         volume.as_slice().iter().find(|cost| u64::from(**cost) > LARGEST_SUMMED_PENALTY)
     {

@@ -179,7 +179,7 @@ pub struct Draft<'a> {
 }
 
 impl Draft<'_> {
-    /// Flags speckles, fills, draws edges to the image's, smooths. Returns disparities and, from votes, confidences.
+    /// Flags speckles, fills, draws edges to those of the image, smooths. Returns disparities and, from votes, confidences.
     pub fn refine(
         self,
         settings: &Settings,
@@ -193,6 +193,7 @@ impl Draft<'_> {
             flag_speckles(&disparity, flags, region, level, control)?;
         }
 
+        // Filling comes after all checks: it spreads only what has passed them.
         if settings.has_checks() {
             fill(&mut disparity, flags, level, control)?;
         }
@@ -222,6 +223,7 @@ impl Draft<'_> {
             replace(&mut disparity, &mut spare, smooth)?;
         }
 
+        // Confidences come last: they are those of the final disparities.
         let confidences = match (votes, texture) {
             (Some(votes), Some(texture)) => {
                 let map = VotedMap { disparity: &disparity, votes, texture };

@@ -96,6 +96,7 @@ impl Level {
 
     /// The highest level of this machine that is not above the named one.
     fn at_most(name: Option<&str>) -> Self {
+        // Without a known name all levels are allowed.
         let named = Isa::ALL.iter().position(|(_, known)| Some(*known) == name);
         let allowed = &Isa::ALL[..=named.unwrap_or(Isa::ALL.len() - 1)];
 

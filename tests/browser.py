@@ -85,14 +85,14 @@ class Browser:
 
     def complaints(self) -> list[str]:
         """Return what the console said since the last call, but for hints on speed."""
-        told = self.driver.get_log("browser")
-        messages = [line["message"] for line in told if line["level"] in ("SEVERE", "WARNING")]
+        entries = self.driver.get_log("browser")
+        messages = [line["message"] for line in entries if line["level"] in ("SEVERE", "WARNING")]
         return [text for text in messages if not any(hint in text for hint in _HINTS)]
 
     def requests(self) -> list[str]:
         """Return what was asked for since the last call, but for data that the page holds."""
-        told = self.driver.get_log("performance")
-        events = [json.loads(line["message"])["message"] for line in told]
+        entries = self.driver.get_log("performance")
+        events = [json.loads(line["message"])["message"] for line in entries]
         urls = [
             event["params"]["request"]["url"]
             for event in events

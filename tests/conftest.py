@@ -33,6 +33,10 @@ hypothesis.settings.load_profile("fixed")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+class EndingError(Exception):
+    """What the progress callback of a test raises to end a run."""
+
+
 @pytest.fixture(scope="session")
 def data() -> Path:
     """Return the folder of real pairs; without it, skip visibly, or fail where it must be there."""

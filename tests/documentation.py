@@ -15,7 +15,7 @@ _COMMENT = re.compile(r"\s+#.*$")
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class CodeBlock:
     """A block of code: its language, what follows that on its first line, its text and line."""
 
     language: str
@@ -29,11 +29,11 @@ class Block:
         return "not run" not in self.options and "exec=" not in self.options
 
 
-def blocks(page: Path, language: str) -> list[Block]:
+def blocks(page: Path, language: str) -> list[CodeBlock]:
     """Return the blocks of a page in a language."""
     text = page.read_text(encoding="utf-8")
     return [
-        Block(found[2], found[3], found[4], text.count("\n", 0, found.start()) + 2)
+        CodeBlock(found[2], found[3], found[4], text.count("\n", 0, found.start()) + 2)
         for found in _BLOCK.finditer(text)
         if found[2] == language
     ]

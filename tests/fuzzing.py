@@ -413,8 +413,8 @@ def read_all(folder: Path, seed: int, files: int | None, seconds: float | None) 
         path = folder / f"{name}{ending}"
         path.write_bytes(content)
 
-        if told := complaint(name, path):
-            print(json.dumps({"file": str(path), "told": told}), flush=True)  # noqa: T201
+        if message := complaint(name, path):
+            print(json.dumps({"file": str(path), "raised": message}), flush=True)  # noqa: T201
             keep(path)
 
         read[name] += 1
@@ -473,11 +473,11 @@ def _watch(given: argparse.Namespace) -> int:
 
             for line in process.stdout or io.StringIO():
                 timer.hear()
-                told = json.loads(line)
-                counts.update(told.get("counts", {}))
-                if "told" in told:
+                content = json.loads(line)
+                counts.update(content.get("counts", {}))
+                if "raised" in content:
                     found += 1
-                    print(f"{told['file']}: {told['told']}")  # noqa: T201
+                    print(f"{content['file']}: {content['raised']}")  # noqa: T201
             if process.wait():
                 found += 1
                 if not (at_hand := list(Path(name).glob("*.*"))):

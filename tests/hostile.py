@@ -312,12 +312,12 @@ def main(folder: Path) -> None:
         try:
             every[reader](path)
             raised = "nothing"
-        except Exception as error:  # noqa: BLE001 -- whatever it is, it is told
+        except Exception as error:  # noqa: BLE001 -- whatever it is, it is recorded
             raised = f"{type(error).__name__}: {error}"
 
         taken = {"seconds": time.process_time() - started, "bytes": resident("VmHWM") - before}
-        told = {"reader": reader, "file": path.name, "raised": raised, **taken}
-        print(json.dumps(told), flush=True)  # noqa: T201
+        outcome = {"reader": reader, "file": path.name, "raised": raised, **taken}
+        print(json.dumps(outcome), flush=True)  # noqa: T201
 
 
 if __name__ == "__main__":

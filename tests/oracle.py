@@ -292,16 +292,18 @@ def nsad_costs(
 # --- aggregation ---
 
 
-def votes(left_mask: Bools, right_mask: Bools, min_disparity: int, num_disparities: int) -> Bools:
+def valid_candidates(
+    left_mask: Bools, right_mask: Bools, min_disparity: int, num_disparities: int
+) -> Bools:
     """Return which (pixel, candidate) has a valid pixel at both ends, (H, W, N)."""
     columns = right_columns(left_mask.shape[1], min_disparity, num_disparities)
     return np.stack([left_mask & right_mask[:, x] for x in columns.T], axis=-1)
 
 
-def dropped_bits(window: int, ceiling: int, far: float = 0.0) -> int:
+def dropped_bits(window: int, ceiling: int, p2: float = 0.0) -> int:
     """Return the least n for which window * (window * ceiling >> n) is at most 170.
 
-    One more where that, and a jump that costs far in each pixel of the window, fit a byte only so
+    One more where that, and a jump that costs p2 in each pixel of the window, fit a byte only so
     and at least 80 steps are left.
     """
 
@@ -309,7 +311,7 @@ def dropped_bits(window: int, ceiling: int, far: float = 0.0) -> int:
         return window * (window * ceiling >> n)
 
     least = next(n for n in range(64) if largest(n) <= 170)
-    fits = [largest(n) + window_penalty(far, window, n) <= 255 for n in (least, least + 1)]
+    fits = [largest(n) + window_penalty(p2, window, n) <= 255 for n in (least, least + 1)]
     return least + (fits == [False, True] and largest(least + 1) >= 80)
 
 
@@ -331,15 +333,15 @@ def box_sum(values: NDArray[Any], window: int, dropped: int = 0) -> NDArray[Any]
     return np.sum(kept, axis=0, dtype=kept[0].dtype)
 
 
-def full_box_sum(costs: Ints, window: int, voting: Bools, ceiling: int, dropped: int = 0) -> Ints:
-    """Return the box sum of the voting costs scaled to the full window, rounded half up.
+def full_box_sum(costs: Ints, window: int, valid: Bools, ceiling: int, dropped: int = 0) -> Ints:
+    """Return the box sum of the valid costs scaled to the full window, rounded half up.
 
-    Where nobody votes, every pixel of the window is taken to cost the ceiling: nothing is scaled
-    beyond that, either, as the little that is dropped from few votes would have it.
+    Where none is valid, every pixel of the window is taken to cost the ceiling. No sum is scaled
+    beyond that: a column with few valid costs may lose less to dropped bits than a full one.
     """
     most = window * (window * ceiling >> dropped)
-    count = box_sum(voting.astype(np.int64), window)
-    total = box_sum(np.where(voting, costs, 0), window, dropped)
+    count = box_sum(valid.astype(np.int64), window)
+    total = box_sum(np.where(valid, costs, 0), window, dropped)
     scaled = (total * window * window + count // 2) // np.maximum(count, 1)
     return np.where(count == 0, most, np.minimum(scaled, most))
 
@@ -349,23 +351,23 @@ def aggregate(
     window: int,
     *,
     shiftable: bool,
-    votes: Bools | None = None,
+    valid: Bools | None = None,
     ceiling: int | None = None,
     dropped: int = 0,
 ) -> NDArray[Any]:
     """Return the least of the five box sums which the pixel anchors (section 2.3), (H, W, N).
 
     Centered at (0, 0), (+-h, 0), (0, +-h), h = (window - 1) / 2, each center clamped to the image.
-    Not shiftable: the one at (0, 0) alone. With votes, and integer costs with their ceiling (the
-    largest cost of one vote), the sums are those of `full_box_sum`. Dropped are the lowest bits of
+    Not shiftable: the one at (0, 0) alone. With `valid`, and integer costs with their ceiling (the
+    largest of one pixel), the sums are those of `full_box_sum`. Dropped are the lowest bits of
     the sums of columns.
     """
-    if votes is None:
+    if valid is None:
         sums = box_sum(costs, window, dropped)
     elif ceiling is None:
-        raise ValueError("ceiling must be given with votes, got None")
+        raise ValueError("ceiling must be given with valid, got None")
     else:
-        sums = full_box_sum(costs, window, votes, ceiling, dropped)
+        sums = full_box_sum(costs, window, valid, ceiling, dropped)
 
     if not shiftable:
         return sums
@@ -450,25 +452,25 @@ def mean_step(gray: NDArray[Any]) -> float:
     return float(steps.mean()) if steps.size else 0.0
 
 
-def far_penalties(gray: Ints, near: int, far: int, edges: float, ahead: tuple[int, int]) -> Ints:
+def jump_penalties(gray: Ints, p1: int, p2: int, edges: float, ahead: tuple[int, int]) -> Ints:
     """Return what a jump of a path costs to each pixel from the one (dx, dy) ahead of it, (H, W).
 
     Where the gray value differs by more than `adaptive_p2` times the mean difference of neighbors,
-    in whole steps of gray, half of it, by more than thrice that a third; not less than near.
+    in whole steps of gray, it is half of p2, by more than thrice that a third; p1 at the least.
     """
     dx, dy = ahead
     step = int(edges * mean_step(gray))
     there = next(v for x, y, v in neighbors(gray, 1, "edge") if (x, y) == (dx, dy))
     jump = np.abs(gray - there)
     parts = np.select([(edges == 0) | (jump <= step), jump <= 3 * step], [1, 2], 3)
-    penalties: Ints = np.maximum(far // parts, near)
+    penalties: Ints = np.maximum(p2 // parts, p1)
     return penalties
 
 
-def path_totals(costs: Ints, far: Ints, near: int) -> Ints:
+def path_totals(costs: Ints, p2: Ints, p1: int) -> Ints:
     """Return the totals of paths that go down the columns, from the first row on, (H, W, N).
 
-    total(p, d) = cost(p, d) + the least of m(d), m(d - 1) + near, m(d + 1) + near and far(p), m
+    total(p, d) = cost(p, d) + the least of m(d), m(d - 1) + p1, m(d + 1) + p1 and p2(p), m
     being the totals of the pixel before, less the least of these.
     """
     totals = costs.astype(np.int64)
@@ -476,8 +478,8 @@ def path_totals(costs: Ints, far: Ints, near: int) -> Ints:
 
     for y in range(1, len(costs)):
         m = totals[y - 1] - totals[y - 1].min(axis=1, keepdims=True)
-        beside = np.pad(m, [(0, 0), (1, 1)], constant_values=unreachable) + near
-        jump = np.broadcast_to(far[y][:, np.newaxis], m.shape)
+        beside = np.pad(m, [(0, 0), (1, 1)], constant_values=unreachable) + p1
+        jump = np.broadcast_to(p2[y][:, np.newaxis], m.shape)
         totals[y] += np.min([m, beside[:, :-2], beside[:, 2:], jump], axis=0)
 
     return totals
@@ -489,14 +491,14 @@ def mean(a: Ints, b: Ints) -> Ints:
     return halves
 
 
-def both_ways(costs: Ints, far: tuple[Ints, Ints], near: int) -> Ints:
-    """Return the mean of the totals of paths down and up the columns; far is that of each."""
-    down = path_totals(costs, far[0], near)
-    return mean(down, path_totals(costs[::-1], far[1][::-1], near)[::-1])
+def both_directions(costs: Ints, p2: tuple[Ints, Ints], p1: int) -> Ints:
+    """Return the mean of the totals of paths down and up the columns, each with its own p2."""
+    down = path_totals(costs, p2[0], p1)
+    return mean(down, path_totals(costs[::-1], p2[1][::-1], p1)[::-1])
 
 
 def row_means(
-    aggregated: Ints, near: int, far: int, gray: Ints | None = None, edges: float = 0.0
+    aggregated: Ints, p1: int, p2: int, gray: Ints | None = None, edges: float = 0.0
 ) -> Ints:
     """Return the means of the totals of two paths along the rows, (H, W, N).
 
@@ -504,21 +506,21 @@ def row_means(
     """
     gray = np.zeros(aggregated.shape[:2], np.int64) if gray is None else gray
     columns = np.swapaxes(aggregated, 0, 1)
-    left, right = (far_penalties(gray, near, far, edges, (dx, 0)).T for dx in (-1, 1))
+    left, right = (jump_penalties(gray, p1, p2, edges, (dx, 0)).T for dx in (-1, 1))
 
-    totals = path_totals(columns, left, near)
+    totals = path_totals(columns, left, p1)
     means = np.empty_like(totals)
 
     for first in range(0, len(columns), PANEL):
         panel, seen = slice(first, first + PANEL), slice(first, first + PANEL + LOOK_COLUMNS)
-        back = path_totals(columns[seen][::-1], right[seen][::-1], near)[::-1]
+        back = path_totals(columns[seen][::-1], right[seen][::-1], p1)[::-1]
         means[panel] = mean(totals[panel], back[:PANEL])
 
     return np.swapaxes(means, 0, 1)
 
 
 def column_means(
-    aggregated: Ints, near: int, far: int, gray: Ints | None = None, edges: float = 0.0
+    aggregated: Ints, p1: int, p2: int, gray: Ints | None = None, edges: float = 0.0
 ) -> Ints:
     """Return the means of the totals of two paths down and up the columns, (H, W, N).
 
@@ -526,30 +528,30 @@ def column_means(
     """
     gray = np.zeros(aggregated.shape[:2], np.int64) if gray is None else gray
 
-    above, below = (far_penalties(gray, near, far, edges, (0, dy)) for dy in (-1, 1))
+    above, below = (jump_penalties(gray, p1, p2, edges, (0, dy)) for dy in (-1, 1))
 
     means = np.empty(aggregated.shape, np.int64)
 
     for first in range(0, len(aggregated), BAND):
         top = max(first - LOOK_ROWS, 0)
         seen = slice(top, first + BAND + LOOK_ROWS)
-        found = both_ways(aggregated[seen], (above[seen], below[seen]), near)
+        found = both_directions(aggregated[seen], (above[seen], below[seen]), p1)
         means[first : first + BAND] = found[first - top :][:BAND]
 
     return means
 
 
 def path_means(
-    aggregated: Ints, near: int, far: int, gray: Ints | None = None, edges: float = 0.0
+    aggregated: Ints, p1: int, p2: int, gray: Ints | None = None, edges: float = 0.0
 ) -> Ints:
     """Return the means of the totals of four paths: of the means along rows and columns."""
-    along = row_means(aggregated, near, far, gray, edges)
-    return mean(along, column_means(aggregated, near, far, gray, edges))
+    along = row_means(aggregated, p1, p2, gray, edges)
+    return mean(along, column_means(aggregated, p1, p2, gray, edges))
 
 
-def free_scanline(aggregated: Ints, near: int, far: int) -> Ints:
+def free_scanline(aggregated: Ints, p1: int, p2: int) -> Ints:
     """Return the candidates of the least mean of two paths along the row, (H, W)."""
-    return winner_takes_all(row_means(aggregated, near, far))
+    return winner_takes_all(row_means(aggregated, p1, p2))
 
 
 # --- the whole method ---

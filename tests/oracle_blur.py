@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     Block = tuple[int, int, int]
 
 SIDE = 64
-UNTOLD, UNTRIED = np.inf, 1.0
+UNKNOWN, UNTRIED = np.inf, 1.0
 
 
 # --- what both images show in common ---
 
 
 @dataclass
-class Scene:
+class MaskedPair:
     """A pair as gray values about the middle of 8 bits, and where its pixels are valid."""
 
     left: Floats
@@ -58,13 +58,13 @@ def scene_of(
     *,
     search: tuple[int, int],
     masks: tuple[Bools | None, Bools | None] = (None, None),
-) -> Scene:
+) -> MaskedPair:
     grays, valid = [], []
     for image, mask in zip((left, right), masks, strict=True):
         gray = oracle.to_gray(image) - 128
         valid.append(np.ones(gray.shape, bool) if mask is None else mask)
         grays.append(gray if mask is None else oracle.fill_masked(gray, mask))
-    return Scene(grays[0], grays[1], valid[0], valid[1], search)
+    return MaskedPair(grays[0], grays[1], valid[0], valid[1], search)
 
 
 def reduced(image: Floats, factor: int) -> Floats:
@@ -74,16 +74,16 @@ def reduced(image: Floats, factor: int) -> Floats:
     return mean
 
 
-def rough(scene: Scene, factor: int, neighborhood: int) -> Floats:
+def rough(pair: MaskedPair, factor: int, neighborhood: int) -> Floats:
     """Return disparities, in pixels of the whole image, of the pair reduced by a factor."""
-    pair = [reduced(image, factor).astype(np.float32) for image in (scene.left, scene.right)]
+    smaller = [reduced(image, factor).astype(np.float32) for image in (pair.left, pair.right)]
 
-    width = pair[0].shape[1]
-    low, high = (d // factor for d in (scene.search[0], sum(scene.search) - 1))
+    width = smaller[0].shape[1]
+    low, high = (d // factor for d in (pair.search[0], sum(pair.search) - 1))
     count = min(high + 2 - low, width)
 
     result = ps.match(
-        *pair,
+        *smaller,
         min_disparity=int(np.clip(low, 1 - width - (count - 1), width - 1)),
         num_disparities=count,
         preset="paper",
@@ -116,9 +116,9 @@ def between(disparity: Floats, factor: int, size: tuple[int, int]) -> Floats:
     return between
 
 
-def blocks(scene: Scene, disparity: Floats, factor: int, step: int) -> list[Block | None]:
+def blocks(pair: MaskedPair, disparity: Floats, factor: int, step: int) -> list[Block | None]:
     """Return top, left and right of the pair of blocks of every tile; None where there is none."""
-    rows, cols = scene.size
+    rows, cols = pair.size
     places: list[Block | None] = []
     for y in range(-(-rows // step)):
         for x in range(-(-cols // step)):
@@ -136,7 +136,7 @@ def blocks(scene: Scene, disparity: Floats, factor: int, step: int) -> list[Bloc
             # At most a tenth of either block may be masked.
             seen = 0 <= right <= cols - SIDE and all(
                 (~valid[top : top + SIDE, corner : corner + SIDE]).sum() <= SIDE**2 / 10
-                for valid, corner in ((scene.left_valid, left), (scene.right_valid, right))
+                for valid, corner in ((pair.left_valid, left), (pair.right_valid, right))
             )
 
             places.append((top, left, right) if seen else None)
@@ -175,9 +175,9 @@ def pair_spectra(
 def response(psf: Floats) -> Floats:
     """Return what a kernel leaves of the power in every bin, as the window smears it."""
     wrapped = np.zeros((SIDE, SIDE))
-    reach = psf.shape[0] // 2
+    half = psf.shape[0] // 2
     for (y, x), tap in np.ndenumerate(psf):
-        wrapped[(y - reach) % SIDE, (x - reach) % SIDE] += tap
+        wrapped[(y - half) % SIDE, (x - half) % SIDE] += tap
 
     power = np.abs(np.fft.fft2(wrapped)) ** 2
 
@@ -207,19 +207,24 @@ def bins() -> Bins:
     ky, kx = np.meshgrid(np.arange(32), np.fft.fftfreq(SIDE, 1 / SIDE).astype(int), indexing="ij")
 
     frequency = np.hypot(kx, ky)
+    # Squares of 2 x 2 coefficients at low frequencies, of 4 x 4 at high ones.
     size = np.where((ky < 16) & (kx >= -16) & (kx < 15), 2, 4)
     names = np.stack([size, ky // size, (kx + 1) // size], axis=-1)
     members: list[Any] = [
         np.nonzero((names == name).all(-1)) for name in np.unique(names.reshape(-1, 3), axis=0)
     ]
 
+    # A bin counts by one over its frequency, so that each octave counts alike. Below 1.2 cycles per
+    # block the spectrum of the window itself covers everything.
     counted = [frequency[member][frequency[member] > 1.2] for member in members]
-    weights = np.array([(1 / told).sum() for told in counted])
+    weights = np.array([(1 / found).sum() for found in counted])
     means = np.array([frequency[member].mean() for member in members])
 
+    # Up to 5 cycles per block a blur leaves enough to find the gain.
     low = ((means >= 1.2) & (means < 5)).astype(float)
     eighth = np.floor(np.arctan2(ky, kx) / np.pi * 8 + 0.5).astype(int) % 8
 
+    # Up here there is little but noise, in some direction at the least: motion blurs only one.
     high = (frequency > 0.35 * SIDE) & (ky > 0)
     sectors: list[Any] = [np.nonzero(high & (eighth == sector)) for sector in range(8)]
 
@@ -248,15 +253,18 @@ def fit(
         For each of the responses (n, bins).
     """
     weights, low = bins().weights, bins().low
+    # The gain of contrast, as power, from low frequencies, which a blur hardly changes.
     signal = np.maximum(sharp - noise[1], 0.02 * sharp)
     lows = np.log(np.maximum(soft - noise[0], 0.02 * soft)) - np.log(signal)
     gain = np.exp(np.clip((low * (lows - np.log(responses))).sum(1), -20, 20))
 
+    # One Newton step of the gain: what more of it does depends on how much of a bin is signal.
     there = gain[:, None] * responses * signal
     residual, trust = np.log(soft) - np.log(there + noise[0]), there / (there + noise[0])
     pull = (weights * trust * np.clip(residual, -2, 2)).sum(1)
 
     correction = np.clip(pull / np.maximum((weights * trust).sum(1), 1e-9), -1, 1)
+    # Residuals are limited to 2 nepers: blocks need not show the same altogether.
     left = np.abs(residual - trust * correction[:, None])
     return (weights * np.minimum(left, 2)).sum(1), gain * np.exp(correction)
 
@@ -304,7 +312,7 @@ FLAT = np.ones((1, 1))
 
 @dataclass
 class Grid:
-    """Tiles, and what the blocks about their centers have to say: powers (tiles, 2, bins)."""
+    """Tiles, and the powers of the blocks about their centers: (tiles, 2, bins)."""
 
     shape: tuple[int, int]
     places: list[Block | None]
@@ -312,29 +320,31 @@ class Grid:
     highs: Floats
 
     @property
-    def told(self) -> Bools:
+    def known(self) -> Bools:
         return np.array([place is not None for place in self.places])
 
 
-def grid(scene: Scene, disparity: Floats, step: int) -> Grid:
-    places = blocks(scene, disparity, 4, step)
+def grid(pair: MaskedPair, disparity: Floats, step: int) -> Grid:
+    places = blocks(pair, disparity, 4, step)
     powers = np.zeros((len(places), 2, len(bins().members)))
     highs = np.full((len(places), 2), np.nan)
 
     for tile, place in enumerate(places):
         if place is not None:
-            for side, half in enumerate(pair_spectra((scene.left, scene.right), place)):
+            for side, half in enumerate(pair_spectra((pair.left, pair.right), place)):
                 power = np.abs(half) ** 2
                 powers[tile, side], highs[tile, side] = pooled(power), least_high(power)
 
-    rows, cols = scene.size
+    rows, cols = pair.size
     return Grid((-(-rows // step), -(-cols // step)), places, powers, highs)
 
 
 def noise_of(there: Grid) -> tuple[float, float]:
-    highs = np.sort(there.highs[there.told], axis=0)
+    highs = np.sort(there.highs[there.known], axis=0)
     if len(highs) == 0:
         return 0.0, 0.0
+    # The quietest tenth of the blocks, each in its quietest direction, is quieter than the noise:
+    # 1.28 was measured for noise of a known level.
     left, right = highs[len(highs) // 10] * 1.28
     return float(left), float(right)
 
@@ -348,13 +358,14 @@ def losses_of(
     tried.
     """
     left, right = powers
-    ways = {"left": (left, right, noise), "right": (right, left, noise[::-1])}
+    by_side = {"left": (left, right, noise), "right": (right, left, noise[::-1])}
 
-    more = lack(*ways["left"]) - lack(*ways["right"])
+    more = lack(*by_side["left"]) - lack(*by_side["right"])
     many = sum(len(responses) for _, responses in choices) > 8
     untried = {"left": many and -more > 0.3, "right": many and more > 0.3}
 
-    none = (fit(*ways["left"], FLAT)[0] + fit(*ways["right"], FLAT)[0]) / 2
+    # What one image lacks may look like noise of the other, but not both ways around.
+    none = (fit(*by_side["left"], FLAT)[0] + fit(*by_side["right"], FLAT)[0]) / 2
 
     losses: list[Floats] = []
     for side, responses in choices:
@@ -363,7 +374,7 @@ def losses_of(
         elif untried[side]:
             losses.append(np.full(len(responses), max(float(none[0]), UNTRIED)))
         else:
-            losses.append(fit(*ways[side], responses)[0])
+            losses.append(fit(*by_side[side], responses)[0])
 
     return np.concatenate(losses)
 
@@ -378,25 +389,27 @@ def losses_on(
     there: Grid, noise: tuple[float, float], choices: Sequence[tuple[Side, Floats]]
 ) -> Floats:
     """Return the losses of all tiles (tiles, blurs)."""
-    losses = np.full((len(there.places), sum(len(each) for _, each in choices)), UNTOLD)
-    for tile in np.flatnonzero(there.told):
+    losses = np.full((len(there.places), sum(len(each) for _, each in choices)), UNKNOWN)
+    for tile in np.flatnonzero(there.known):
         losses[tile] = losses_of(there.powers[tile], noise, choices)
     return losses
 
 
 def chosen(losses: Floats) -> list[int]:
     """Return the fewest choices that explain the tiles, of losses (tiles, choices)."""
-    told = losses[np.isfinite(losses[:, 0])]
-    if len(told) == 0:
+    known = losses[np.isfinite(losses[:, 0])]
+    if len(known) == 0:
         return []
 
-    means = told.mean(0)
+    # No blur comes first, unless one choice is clearly better for all tiles together.
+    means = known.mean(0)
     best = int(means.argmin())
     choices = [0 if means[0] <= means[best] + 0.03 else best]
 
+    # A further choice counts where it is better by 0.06: on sharp pairs some are better by chance.
     while len(choices) < 8:
-        so_far = told[:, choices].min(1)
-        worth = np.maximum(so_far[:, None] - told - 0.06, 0).mean(0)
+        so_far = known[:, choices].min(1)
+        worth = np.maximum(so_far[:, None] - known - 0.06, 0).mean(0)
         if worth.max() < 0.01:
             break
         choices.append(int(worth.argmax()))
@@ -423,6 +436,10 @@ def around(tile: int, shape: tuple[int, int]) -> list[int]:
 
 
 def steadied(losses: Floats, shape: tuple[int, int]) -> Floats:
+    """Return for each tile the losses of the best explained one around it.
+
+    Blocks that straddle a boundary are explained well by nothing.
+    """
     best = losses.min(1)
     taken = [
         min([tile, *around(tile, shape)], key=lambda t: best[t]) for tile in range(len(losses))
@@ -431,7 +448,9 @@ def steadied(losses: Floats, shape: tuple[int, int]) -> Floats:
 
 
 def labels(losses: Floats, shape: tuple[int, int]) -> NDArray[np.intp]:
-    """Return the choice of every tile after up to eight rounds of listening to its neighbors."""
+    """Return the choice of every tile after up to eight rounds of comparison with its neighbors."""
+    # Iterated conditional modes of a Potts model (Besag 1986): a neighbor of another choice costs
+    # 0.15 nepers, a diagonal one half of that.
     known = np.where(np.isfinite(losses), losses, 0)
     now = losses.argmin(1)
     for _ in range(8):
@@ -463,10 +482,11 @@ class Kind:
     powers: Floats
     loss: float
     gain: float
+    other: Psf | None = None  # the blur of the other image, if it lacks something as well
 
 
 def unseen() -> Kind:
-    """Return no blur as it is where it was chosen first, but nothing of it was left."""
+    """Return the kind of no blur that was chosen first and lost all its tiles."""
     nothing = np.full((2, len(bins().members)), np.finfo(np.float32).tiny, float)
     return Kind("none", ("none", 0.0, 0.0), None, nothing, 2.0, 1.0)
 
@@ -486,6 +506,7 @@ def refined(soft: Floats, sharp: Floats, noise: tuple[float, float]) -> tuple[Ps
         members = [n for n, psf in enumerate(psfs) if psf[0] == family]
         seeds.append(judge(psfs[min(members, key=lambda n: losses[n])]))
 
+    # Families that begin much worse than the best have no chance.
     least = min(loss for _, loss, _ in seeds)
     found = [descended(seed, judge) for seed in seeds if seed[1] <= 1.6 * least + 0.02]
     return min(found, key=lambda each: each[1])
@@ -493,6 +514,7 @@ def refined(soft: Floats, sharp: Floats, noise: tuple[float, float]) -> tuple[Ps
 
 def descended(seed: tuple[Psf, float, float], judge: Any) -> tuple[Psf, float, float]:
     best, largest = seed, {"gaussian": 8, "disk": 14, "motion": 31}[seed[0][0]]
+    # Coordinate descent in size and angle, with steps that are halved where nothing gets better.
     for halving in range(5):
         grow, turn = 0.2 / 2**halving, 8 / 2**halving
 
@@ -513,9 +535,9 @@ def descended(seed: tuple[Psf, float, float], judge: Any) -> tuple[Psf, float, f
 
 
 def kind_of(
-    scene: Scene, there: Grid, tiles: NDArray[np.intp], noise: tuple[float, float], side: Side
+    pair: MaskedPair, there: Grid, tiles: NDArray[np.intp], noise: tuple[float, float], side: Side
 ) -> Kind:
-    """Return what the blocks of these tiles say together."""
+    """Return the kind of blur that the blocks of these tiles have together."""
     powers = there.powers[tiles].mean(0)
     left, right = powers
     loss = losses_of(powers, noise, [("none", FLAT)])
@@ -530,6 +552,7 @@ def kind_of(
     )
 
     psf, least, power = refined(soft, sharp, levels)
+    # Real pairs differ by such a small blur, too.
     if spread(psf) < 0.6 and least <= 0.3:
         return none
     family = Kind(side, psf, kernel_of(psf), powers, least, power)
@@ -537,7 +560,7 @@ def kind_of(
     # Enough tiles that no family explains well are measured without one.
     if least <= 0.3 or len(tiles) < 12:
         return family
-    taps = measured(scene, [there.places[tile] for tile in tiles], side)
+    taps = measured(pair, [there.places[tile] for tile in tiles], side)
     if taps is None:
         return family
 
@@ -555,27 +578,81 @@ def radius(taps: Floats) -> float:
     return float(np.sqrt((taps * ((y - y_mean) ** 2 + (x - x_mean) ** 2)).sum()))
 
 
-# --- a kernel that no family knows ---
+# --- blurs of both images ---
 
 
-def measured(scene: Scene, places: Sequence[Block | None], side: Side) -> Floats | None:
+def two_sided(there: Grid, noise: tuple[float, float]) -> Kind | None:
+    """Return the blurs of both images, if they explain all blocks clearly better than one does."""
+    if there.known.sum() < 12:
+        return None
+
+    powers = np.mean([there.powers[tile] for tile in np.flatnonzero(there.known)], axis=0)
+    one_sided = losses_of(powers, noise, everything()).min()
+    if one_sided <= 0.3:
+        return None
+
+    def against(side: int, undone: Floats) -> tuple[Floats, Floats, tuple[float, float]]:
+        """Return the evidence for a blur of a side, that of the other side undone."""
+        sharp = powers[1 - side]
+        signal = np.maximum(sharp - noise[1 - side], 0.02 * sharp)
+        return powers[side], signal / np.maximum(undone, 1e-3), (noise[side], 0.0)
+
+    psfs, responses = bank()
+    pairs = [
+        (fit(*against(side, response), responses)[0], side, psf)
+        for psf, response in zip(psfs, responses, strict=True)
+        for side in (0, 1)
+    ]
+    losses, side, known = min(pairs, key=lambda each: each[0].min())
+    best = psfs[int(losses.argmin())]
+    both = [best, known] if side == 0 else [known, best]
+
+    for _ in range(3):
+        for side in (0, 1):
+            both[side] = refined(*against(side, response(kernel_of(both[1 - side]))))[0]
+
+    fits = [
+        fit(
+            *against(side, response(kernel_of(both[1 - side]))),
+            response(kernel_of(both[side]))[None],
+        )
+        for side in (0, 1)
+    ]
+    is_slight = min(map(spread, both)) < 0.6
+    if is_slight or np.mean([loss[0] for loss, _ in fits]) > 0.7 * one_sided:
+        return None
+
+    softer = 0 if spread(both[0]) >= spread(both[1]) else 1
+    psf, (loss, gain) = both[softer], fits[softer]
+    name: Side = "left" if softer == 0 else "right"
+    numbers = float(loss[0]), float(gain[0])
+    return Kind(name, psf, kernel_of(psf), powers, *numbers, other=both[1 - softer])
+
+
+# --- a kernel of no family ---
+
+
+def measured(pair: MaskedPair, places: Sequence[Block | None], side: Side) -> Floats | None:
     """Return the kernel that least squares find between the images, one warped onto the other."""
-    disparity = between(rough(scene, 2, 9), 2, scene.size)
+    # The right image is warped onto the left one by a finer map, to whole pixels.
+    disparity = between(rough(pair, 2, 9), 2, pair.size)
     shift = np.copysign(np.floor(np.abs(disparity) + 0.5), disparity).astype(int)
-    from_x = np.clip(np.arange(scene.size[1]) - shift, 0, scene.size[1] - 1)
-    seen = np.take_along_axis(scene.right, from_x, axis=1)
+    from_x = np.clip(np.arange(pair.size[1]) - shift, 0, pair.size[1] - 1)
+    seen = np.take_along_axis(pair.right, from_x, axis=1)
 
     product = np.zeros((SIDE // 2, SIDE), complex)
     power = np.zeros((SIDE // 2, SIDE))
 
     for place in places:
         assert place is not None
-        left, right = pair_spectra((scene.left, seen), (place[0], place[1], place[1]))
+        left, right = pair_spectra((pair.left, seen), (place[0], place[1], place[1]))
         soft, sharp = (left, right) if side == "left" else (right, left)
+        # Blocks of strong contrast count no more than others.
         scale = product.size / (np.abs(left) ** 2 + np.abs(right) ** 2).sum()
         product += scale * soft * sharp.conj()
         power += scale * np.abs(sharp) ** 2
 
+    # Least squares with a little regularization, against division by nothing.
     return cleaned(kernel(product / (power + 1e-3 * power.mean())))
 
 
@@ -590,11 +667,12 @@ def kernel(half: NDArray[np.complex128]) -> Floats:
 
 
 def cleaned(taps: Floats) -> Floats | None:
-    """Return the positive taps that hang together about the largest, sum 1."""
+    """Return the connected group of strong taps about the largest, sum 1."""
     inner = taps[SIDE // 2 - 15 : SIDE // 2 + 16, SIDE // 2 - 15 : SIDE // 2 + 16]
     if inner.max() <= 0:
         return None
 
+    # Smaller taps are noise, as are those apart from the group of the largest.
     strong = np.pad(inner >= 0.08 * inner.max(), 1)
     group = np.zeros_like(strong)
     top = np.unravel_index(inner.argmax(), inner.shape)
@@ -619,7 +697,7 @@ def cleaned(taps: Floats) -> Floats | None:
 
 @dataclass
 class Estimate:
-    """What `phasestereo.estimate_blur` tells."""
+    """What `phasestereo.estimate_blur` finds."""
 
     kinds: list[Kind]
     labels: NDArray[np.intp]
@@ -630,23 +708,26 @@ class Estimate:
 
 
 def certainty_of(kind: Kind, noise: tuple[float, float]) -> float:
+    # The contrary of a blur is none, that of none is the best blur there is.
     losses = losses_of(kind.powers, noise, everything())
     contrary = losses[1:].min() if kind.side == "none" else losses[0]
     return float(np.clip(1 - kind.loss / contrary, 0, 1))
 
 
-def estimate(scene: Scene) -> Estimate:
-    """Return the blur of a scene of at least 64 x 64 pixels, some of whose tiles tell something."""
-    rows, cols = scene.size
+def estimate(pair: MaskedPair) -> Estimate:
+    """Return the blur of a pair of at least 64 x 64 pixels, of which some tiles have blocks."""
+    rows, cols = pair.size
+    # About 110 blocks, 32 to 64 pixels apart, show whether there is any blur.
     spacing = int(np.clip(np.floor(np.sqrt(rows * cols // 110) / 16 + 0.5) * 16, 32, 64))
-    disparity = rough(scene, 4, 9)
-    there = grid(scene, disparity, spacing)
+    disparity = rough(pair, 4, 9)
+    there = grid(pair, disparity, spacing)
 
     noise = noise_of(there)
     losses = losses_on(there, noise, everything())
-    choices = chosen(losses)
+    both = two_sided(there, noise)
+    choices = chosen(losses) if both is None else []
 
-    kinds: list[Kind] = []
+    kinds: list[Kind] = [] if both is None else [both]
 
     for number, choice in enumerate(choices):
         count = len(bank()[0])
@@ -658,15 +739,17 @@ def estimate(scene: Scene) -> Estimate:
                 kinds.append(unseen())
             continue
 
-        kind = kind_of(scene, there, members, noise, side)
+        kind = kind_of(pair, there, members, noise, side)
         if kind.side != "none" or all(other.side != "none" for other in kinds):
             kinds.append(kind)
 
+    # Several kinds are drawn on a finer map, of at most about 6000 tiles.
     tile, drawn = max(rows, cols), np.zeros((1, 1), int)
     if len(kinds) > 1:
         tile = max(16, -(-int(np.sqrt(rows * cols // 6000)) // 16) * 16)
-        drawn = map_of(grid(scene, disparity, tile), kinds, noise)
+        drawn = map_of(grid(pair, disparity, tile), kinds, noise)
 
+    # The kind of the largest area comes first; kinds without any tile are dropped.
     areas = np.bincount(drawn.ravel(), minlength=len(kinds))
     order = [int(n) for n in np.argsort(-areas, kind="stable") if areas[n] > 0]
     first = kinds[order[0]]

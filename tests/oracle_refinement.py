@@ -99,7 +99,7 @@ def first_flags(chosen: Ints, low: int, masks: tuple[Bools, Bools], number: int)
     """Return what is to be said of every pixel and the candidate chosen for it, by itself."""
     left_mask, right_mask = masks
     height, width = chosen.shape
-    voting = oracle.votes(left_mask, right_mask, low, number)
+    valid = oracle.valid_candidates(left_mask, right_mask, low, number)
     flags = np.zeros(chosen.shape, np.int64)
 
     for y, x in np.ndindex(height, width):
@@ -108,7 +108,7 @@ def first_flags(chosen: Ints, low: int, masks: tuple[Bools, Bools], number: int)
 
         if not left_mask[y, x]:
             flags[y, x] = ps.Flag.MASKED
-        elif not voting[y, x].any():
+        elif not valid[y, x].any():
             flags[y, x] = ps.Flag.NO_CANDIDATE
         else:
             flags[y, x] = ps.Flag.OUTSIDE * (column != inside)
@@ -290,17 +290,17 @@ def smooth(disparity: Map) -> Map:
 # --- trust ---
 
 
-def votes(evidence: Evidence, unit: float) -> Floats:
-    """Return how firmly each pixel votes: a / (a + 4), a being how far the chosen one is ahead."""
+def reliability(evidence: Evidence, unit: float) -> Floats:
+    """Return a / (a + 4) of each pixel, a being by how many units its disparity is ahead."""
     ahead = np.maximum(evidence.elsewhere - evidence.own, 0) / unit
     return np.where(np.isinf(ahead), 0, ahead / (np.where(np.isinf(ahead), 0, ahead) + 4))
 
 
-def confidence(disparity: Map, voices: Floats, gray: Ints, agree: float = 1.0) -> Floats:
-    """Return s^3 / (s^3 + 0.01), s being the share of the votes around that support a disparity.
+def confidence(disparity: Map, reliable: Floats, gray: Ints, agree: float = 1.0) -> Floats:
+    """Return s^3 / (s^3 + 0.01), s being the share of the support around for a disparity.
 
-    Of 9 x 9 pixels every second row and column votes, for disparities up to `agree` from its own;
-    it counts half where the gray value differs by twice the mean difference of neighbors.
+    Of 9 x 9 pixels every second row and column counts, for disparities up to `agree` from its own;
+    its weight is half where the gray value differs by twice the mean difference of neighbors.
     """
     half = max(2 * oracle.mean_step(gray), 1) ** 2
     weight, support = np.zeros(disparity.shape), np.zeros(disparity.shape)
@@ -310,14 +310,14 @@ def confidence(disparity: Map, voices: Floats, gray: Ints, agree: float = 1.0) -
         weight += np.where(np.isnan(there), 0, alike)
 
         agrees = np.abs(there - disparity) <= agree
-        support += np.where(agrees, alike * shifted(voices, dy, dx), 0)
+        support += np.where(agrees, alike * shifted(reliable, dy, dx), 0)
 
     known = ~np.isnan(disparity)
     share = (support / np.where(known, weight, 1)) ** 3
     return np.where(known, share / (share + 0.01), 0)
 
 
-def withdraw(
+def invalidate(
     disparity: Map, flags: Ints, trust: NDArray[Any], *, least: float, filled: bool
 ) -> tuple[Map, Ints]:
     """Return the map without what is trusted too little, and what is flagged if not filled."""
@@ -337,7 +337,7 @@ def refine(
     masks: tuple[Bools, Bools],
     settings: ps.Settings,
 ) -> tuple[Map, Ints]:
-    """Return disparities and flags, from candidates to smooth surfaces, before any is withdrawn."""
+    """Return disparities and flags, from candidates to smooth surfaces; none invalidated yet."""
     flags = first_flags(evidence.chosen, low, masks, number)
     if settings.lr_check is not None:
         flags = check(evidence, flags, low, settings.lr_check)

@@ -66,12 +66,12 @@ def euroc(data: Path) -> dict[str, Floats]:
     rig, poses = {}, []
     for side, camera in (("1", "cam0"), ("2", "cam1")):
         text = (data / f"rigs/euroc/{camera}/sensor.yaml").read_text().split("\n", 1)[1]
-        told = yaml.safe_load(text)
+        content = yaml.safe_load(text)
 
-        fu, fv, cu, cv = told["intrinsics"]
+        fu, fv, cu, cv = content["intrinsics"]
         rig[f"K{side}"] = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]])
-        rig[f"D{side}"] = np.array(told["distortion_coefficients"])
-        poses.append(np.array(told["T_BS"]["data"]).reshape(4, 4))
+        rig[f"D{side}"] = np.array(content["distortion_coefficients"])
+        poses.append(np.array(content["T_BS"]["data"]).reshape(4, 4))
 
     pose = np.linalg.inv(poses[1]) @ poses[0]
     return rig | {"R": pose[:3, :3], "T": pose[:3, 3]}

@@ -53,13 +53,13 @@ def image(types: Any, stamp: int, samples: NDArray[Any], encoding: str, pad: int
     )
 
 
-def compressed(types: Any, stamp: int, samples: NDArray[Any], kind: str, told: str) -> Any:
+def compressed(types: Any, stamp: int, samples: NDArray[Any], kind: str, text: str) -> Any:
     """Return a compressed image message."""
     file = io.BytesIO()
     Image.fromarray(samples).save(file, kind)
     data = np.frombuffer(file.getvalue(), np.uint8)
     name = "sensor_msgs/msg/CompressedImage"
-    return types.types[name](header=header(types, stamp), format=told, data=data)
+    return types.types[name](header=header(types, stamp), format=text, data=data)
 
 
 def info(

@@ -125,5 +125,5 @@ def test_one_sided_blur_does_not_hide_a_shift_nor_make_one(data: Path) -> None:
         (texture(120, 120), np.random.default_rng(1).normal(size=(120, 120)).astype(np.float32)),
     ],
 )
-def test_nothing_is_found_in_nothing(pair: tuple[Plane, Plane]) -> None:
+def test_nothing_is_concluded_from_nothing(pair: tuple[Plane, Plane]) -> None:
     assert estimated(*pair).alignment is None

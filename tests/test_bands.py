@@ -32,7 +32,7 @@ CASES: dict[str, tuple[dict[str, Any], str, bool, slice | None]] = {
     "robust": ({}, "uint8", False, None),
     "robust areas": ({}, "uint16", False, slice(150, None)),
     "robust soft masked floats": ({}, "float32", True, slice(0, None)),
-    "robust told": ({"noise": (0.5, 1.0), "min_disparity": -3}, "float64", True, None),
+    "robust, noise given": ({"noise": (0.5, 1.0), "min_disparity": -3}, "float64", True, None),
     "paper": ({"preset": "paper"}, "uint8", False, None),
     "paper masked": ({"preset": "paper"}, "uint16", True, None),
     "paper floats": ({"preset": "paper", "min_confidence": 0.3}, "float32", True, None),
@@ -65,7 +65,7 @@ CASES: dict[str, tuple[dict[str, Any], str, bool, slice | None]] = {
 }  # fmt: skip
 
 
-class Case:
+class BandCase:
     """A pair, what is known of it, and how it is matched as a whole."""
 
     def __init__(self, name: str) -> None:
@@ -93,13 +93,13 @@ def assert_rows(found: ps.Result, whole: ps.Result, first: int, last: int) -> No
     assert found.pair is None
 
 
-_known: dict[str, Case] = {}
+_known: dict[str, BandCase] = {}
 
 
-def case(name: str) -> Case:
+def case(name: str) -> BandCase:
     """Return a case, made once."""
     if name not in _known:
-        _known[name] = Case(name)
+        _known[name] = BandCase(name)
     return _known[name]
 
 
@@ -145,8 +145,8 @@ def test_all_rows_are_the_whole() -> None:
 
 def test_bands_match_with_statistics_that_was_pickled() -> None:
     known = case("fast areas")
-    told = pickle.loads(pickle.dumps(known.statistics))  # noqa: S301 - our own bytes
-    assert_rows(match_rows(known.read, told, 140, 190), known.whole, 140, 190)
+    statistics = pickle.loads(pickle.dumps(known.statistics))  # noqa: S301 - our own bytes
+    assert_rows(match_rows(known.read, statistics, 140, 190), known.whole, 140, 190)
 
 
 def test_masks_of_some_rows_alone_may_be_left_out() -> None:
@@ -165,7 +165,7 @@ def test_colors_and_strides_of_any_kind_match() -> None:
     plain = scene(SIZE)
     color = np.stack([plain.images[0], plain.images[0] // 2, plain.images[0]], -1)
     read = Reading(color, plain.images[1][..., None])
-    told = gathered(read, preset="paper")
+    statistics = gathered(read, preset="paper")
     whole = read.matched(num_disparities=16, preset="paper")
 
     doubled = [np.repeat(image, 2, axis=1) for image in read.images]
@@ -175,7 +175,7 @@ def test_colors_and_strides_of_any_kind_match() -> None:
         return [left, right.astype(right.dtype.newbyteorder()), None, None]
 
     for first, last in [(0, 50), (20, 33), (50, 300)]:
-        assert_rows(match_rows(strided, told, first, last), whole, first, last)
+        assert_rows(match_rows(strided, statistics, first, last), whole, first, last)
 
 
 # What is read
@@ -239,12 +239,12 @@ def test_the_halo_is_what_the_stages_reach() -> None:
 
 def test_working_memory_grows_with_what_it_should() -> None:
     for name in ("robust", "fast areas", "paper"):
-        told = case(name).statistics
-        base = working_memory(told, 100, threads=1, itemsize=1)
+        statistics = case(name).statistics
+        base = working_memory(statistics, 100, threads=1, itemsize=1)
         assert base > 0
-        assert working_memory(told, 200, threads=1, itemsize=1) > base
-        assert working_memory(told, 100, threads=2, itemsize=1) > base
-        assert working_memory(told, 100, threads=1, itemsize=240) > base
+        assert working_memory(statistics, 200, threads=1, itemsize=1) > base
+        assert working_memory(statistics, 100, threads=2, itemsize=1) > base
+        assert working_memory(statistics, 100, threads=1, itemsize=240) > base
 
 
 MEASURED = """
@@ -264,14 +264,14 @@ noise = np.random.default_rng(0).integers(0, 256, (64, cols + 4), np.uint8).asty
 def read(first, last):
     some = noise[np.arange(first, last) % 64]
     return some[:, 4:], some[:, :-4], None, None
-told = ps.pair_statistics(read, (3 * rows, cols), num_disparities=count, threads=1, **options)
+statistics = ps.pair_statistics(read, (3 * rows, cols), num_disparities=count, threads=1, **options)
 workers = _core.Workers(2)
-match_rows(read, told, 0, 1, threads=1)
+match_rows(read, statistics, 0, 1, threads=1)
 ctypes.CDLL("libc.so.6").malloc_trim(0)
 Path("/proc/self/clear_refs").write_text("5")
 before = memory("VmRSS")
-match_rows(read, told, rows, 2 * rows, threads=workers)
-expected = working_memory(told, rows, threads=2, itemsize=noise.itemsize)
+match_rows(read, statistics, rows, 2 * rows, threads=workers)
+expected = working_memory(statistics, rows, threads=2, itemsize=noise.itemsize)
 print(json.dumps([memory("VmHWM") - before, expected]))
 """
 
@@ -363,12 +363,12 @@ def test_rows_of_another_type_than_measured_are_refused() -> None:
 
 def test_pixels_that_are_no_numbers_are_refused_where_they_are() -> None:
     read = scene(SIZE, "float32")
-    told = gathered(read, preset="fast")
+    statistics = gathered(read, preset="fast")
     whole = read.matched(num_disparities=16, preset="fast")
     read.images[0][200, 7] = np.nan
-    assert_rows(match_rows(read, told, 0, 100), whole, 0, 100)
+    assert_rows(match_rows(read, statistics, 0, 100), whole, 0, 100)
     with pytest.raises(ValueError, match="^left: got NaN"):
-        match_rows(read, told, 100, 250)
+        match_rows(read, statistics, 100, 250)
 
 
 @pytest.mark.parametrize("name", ["robust", "fast"])
@@ -446,13 +446,13 @@ def test_statistics_and_bands_are_made_in_a_forked_child() -> None:
     finished = run_forking("""
 pair = np.random.default_rng(0).integers(0, 256, (2, 200, 90), np.uint8)
 read = lambda first, last: (pair[0][first:last], pair[1][first:last], None, None)
-told = ps.pair_statistics(read, (200, 90), num_disparities=8)
+statistics = ps.pair_statistics(read, (200, 90), num_disparities=8)
 expected = ps.match(*pair, num_disparities=8).disparity[60:]
 workers = ps._core.Workers(3)
-ps.match_rows(read, told, 0, 60, threads=workers)
+ps.match_rows(read, statistics, 0, 60, threads=workers)
 def same():
-    told = ps.pair_statistics(read, (200, 90), num_disparities=8)
-    found = ps.match_rows(read, told, 60, 200, threads=workers).disparity
+    statistics = ps.pair_statistics(read, (200, 90), num_disparities=8)
+    found = ps.match_rows(read, statistics, 60, 200, threads=workers).disparity
     return np.array_equal(found, expected, equal_nan=True)
 """)
     assert finished.returncode == 0, finished.stderr

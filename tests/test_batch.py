@@ -185,7 +185,7 @@ def test_a_list_says_all_that_can_be_said_of_a_pair(tmp_path: Path) -> None:
         ("left,right\n\xe9,b\n", "not a list in CSV and UTF-8"),
     ],
 )
-def test_a_list_that_is_wrong_is_told_by_its_line(text: str, message: str, tmp_path: Path) -> None:
+def test_a_list_that_is_wrong_is_named_by_its_line(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "pairs.csv"
     path.write_text(text, encoding="latin-1")
     with pytest.raises(ValueError, match=message):
@@ -213,13 +213,13 @@ def test_a_list_that_is_not_there(tmp_path: Path) -> None:
 
 
 def test_scenes_as_middlebury_has_them(tmp_path: Path) -> None:
-    for name, told in (("b", "ndisp=70\n"), ("a", None)):
+    for name, ndisp in (("b", "ndisp=70\n"), ("a", None)):
         (tmp_path / name).mkdir()
         (tmp_path / name / "im0.png").touch()
-        if told:
+        if ndisp:
             cameras = "cam0=[100 0 5; 0 100 5; 0 0 1]\ncam1=[100 0 5; 0 100 5; 0 0 1]\n"
             rest = "doffs=0\nbaseline=1\nwidth=10\nheight=10\n"
-            (tmp_path / name / "calib.txt").write_text(cameras + rest + told)
+            (tmp_path / name / "calib.txt").write_text(cameras + rest + ndisp)
 
     found = read_pairs(tmp_path, num_disparities=30)
     assert [(pair.name, pair.num_disparities) for pair in found] == [("a", 30), ("b", 70)]
@@ -334,8 +334,8 @@ def test_a_worker_of_another_version_that_came_late_matches_nothing(
     tmp_path: Path, pairs: list[PairFiles]
 ) -> None:
     record = match_files(pairs[0], order(tmp_path, version="99.0"), "recipe")
-    told = f"the worker has phasestereo {ps.__version__}; accepts 99.0"
-    assert (record.state, record.reason) == ("failed", told)
+    message = f"the worker has phasestereo {ps.__version__}; accepts 99.0"
+    assert (record.state, record.reason) == ("failed", message)
 
 
 FULL = """
@@ -353,7 +353,7 @@ print(match_files(pair, order, "recipe").reason)
 """
 
 
-def test_a_disk_that_is_full_is_told_and_leaves_nothing(images: Path, tmp_path: Path) -> None:
+def test_a_disk_that_is_full_is_reported_and_leaves_nothing(images: Path, tmp_path: Path) -> None:
     counterpart("resource")
 
     finished = subprocess.run(  # noqa: S603  # our own interpreter on our own code
@@ -364,13 +364,15 @@ def test_a_disk_that_is_full_is_told_and_leaves_nothing(images: Path, tmp_path: 
         check=True,
     )
 
-    told = rf"{tmp_path}/left0.tif cannot be written: .*(File too large|requested and \d+ written)"
-    assert re.match(told, finished.stdout)
+    message = (
+        rf"{tmp_path}/left0.tif cannot be written: .*(File too large|requested and \d+ written)"
+    )
+    assert re.match(message, finished.stdout)
     assert list(tmp_path.iterdir()) == []
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, error: OSError, free: int) -> str:
-    """Have no file be written, and say how many bytes are free; return what is to be told."""
+    """Fail every write with so many bytes free; return the reason to be reported."""
 
     def fail(*_: object) -> None:
         raise error
@@ -395,8 +397,8 @@ def test_a_full_disk_is_more_than_a_failed_pair(
     error: OSError,
     free: int,
 ) -> None:
-    told = failing(monkeypatch, error, free)
-    with pytest.raises(FullDiskError, match=re.escape(told)) as caught:
+    reason = failing(monkeypatch, error, free)
+    with pytest.raises(FullDiskError, match=re.escape(reason)) as caught:
         match_files(pairs[0], order(tmp_path), "recipe")
     assert type(pickle.loads(pickle.dumps(caught.value))) is FullDiskError  # noqa: S301  # ours
 
@@ -411,10 +413,10 @@ def test_a_full_disk_is_more_than_a_failed_pair(
 def test_another_fault_of_writing_is_that_of_a_pair(
     pairs: list[PairFiles], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: OSError
 ) -> None:
-    told = failing(monkeypatch, error, free=10**9)
+    reason = failing(monkeypatch, error, free=10**9)
     record = match_files(pairs[0], order(tmp_path), "recipe")
     assert record.state == "failed"
-    assert told in str(record.reason)
+    assert reason in str(record.reason)
 
 
 # Runs
@@ -423,12 +425,12 @@ def test_another_fault_of_writing_is_that_of_a_pair(
 def test_a_run_gives_the_bits_of_single_matches(
     pairs: list[PairFiles], matching: Callable[..., Any], tmp_path: Path
 ) -> None:
-    told = []
+    reported = []
 
-    report = matching(pairs, tmp_path / "out", progress=lambda *now: told.append(now))
+    report = matching(pairs, tmp_path / "out", progress=lambda *now: reported.append(now))
     assert (report.pairs, report.done, report.skipped, report.failed) == (6, 6, 0, [])
     assert_all_there(pairs, tmp_path / "out")
-    assert told == [(number, 6) for number in range(1, 7)]
+    assert reported == [(number, 6) for number in range(1, 7)]
 
     records = read_manifest(report.manifest)
     assert list(records) == [pair.name for pair in pairs]
@@ -674,9 +676,9 @@ def test_a_full_disk_ends_the_run_which_goes_on_when_there_is_room(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(running_module, "match_files", _full)
-    told = "left3.tif cannot be written: No space left on device; what is finished is kept, "
+    message = "left3.tif cannot be written: No space left on device; what is finished is kept, "
 
-    with pytest.raises(OSError, match=re.escape(told)):
+    with pytest.raises(OSError, match=re.escape(message)):
         matching(pairs, tmp_path / "out")
     before = states(tmp_path / "out")
     assert "left3" not in before
@@ -776,7 +778,7 @@ def test_a_run_that_is_killed_goes_on_from_its_log(
 
 
 @pytest.mark.parametrize("at_work", [False, True], ids=["workers start", "workers match"])
-def test_ctrl_c_is_told_in_one_line_and_leaves_no_process(
+def test_ctrl_c_is_reported_in_one_line_and_leaves_no_process(
     images: Path,
     tmp_path: Path,
     at_work: bool,  # noqa: FBT001 -- a parameter of a test
@@ -938,7 +940,7 @@ def test_a_scheduler_that_is_lost_ends_the_run_and_keeps_what_is_done(
     with pytest.raises(ConnectionError, match=LOST):
         matching(pairs, tmp_path, scheduler=mortal.scheduler_address, progress=lose)
 
-    assert [told for told in caplog.records if told.name == "distributed.client"] == []
+    assert [entry for entry in caplog.records if entry.name == "distributed.client"] == []
     assert list(states(tmp_path).values()) == ["done", "done"]
 
 
@@ -1115,9 +1117,10 @@ def test_the_command_does_it_and_says_so(
     assert read_image(tmp_path / "o/left0.flags.tif").dtype == np.uint16
 
     code, out, err = run(*words, "--json")
-    told = json.loads(out)
-    assert (code, err, told["done"], told["skipped"], told["failures"]) == (0, "", 0, 6, [])
-    assert told["settings"]["optimizer"] == "so"
+    content = json.loads(out)
+    assert (code, err) == (0, "")
+    assert (content["done"], content["skipped"], content["failures"]) == (0, 6, [])
+    assert content["settings"]["optimizer"] == "so"
 
 
 def test_the_command_fails_if_a_pair_does(

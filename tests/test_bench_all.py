@@ -54,12 +54,12 @@ def test_one_command_makes_all_tables_and_the_same_again(tmp_path: Path, run: Ru
     code, _, err = run(*command, "-o", tmp_path / "one")
     assert code == 0, err
 
-    told = json.loads((tmp_path / "one/results.json").read_text("utf-8"))
-    assert set(told["suites"]) == {"one-sided-blur", "rigs", "sharp"}
-    assert set(told["suites"]["rigs"]["bad_1"]) == set(FAULTS)
-    assert set(told["headline"]) == set(COLUMNS)
-    assert {"fast", "opencv:sgbm"} <= set(told["headline"]["webcam"])
-    assert {record["method"] for record in told["costs"]} >= {"fast", "opencv:sgbm-3way"}
+    content = json.loads((tmp_path / "one/results.json").read_text("utf-8"))
+    assert set(content["suites"]) == {"one-sided-blur", "rigs", "sharp"}
+    assert set(content["suites"]["rigs"]["bad_1"]) == set(FAULTS)
+    assert set(content["headline"]) == set(COLUMNS)
+    assert {"fast", "opencv:sgbm"} <= set(content["headline"]["webcam"])
+    assert {record["method"] for record in content["costs"]} >= {"fast", "opencv:sgbm-3way"}
 
     first = (tmp_path / "one/results.json").read_bytes()
     code, _, err = run(*command, "-o", tmp_path / "one")  # all of it is there already
@@ -104,35 +104,35 @@ def test_a_plan_has_all_that_there_is(data: Path) -> None:
 
 
 def test_the_first_table_is_that_of_the_results() -> None:
-    told, (header, *rows) = results(), table("headline")
+    message, (header, *rows) = results(), table("headline")
     assert header[1:-2] == list(COLUMNS)
 
     by_title = {title: method for method, title in TITLES.items()}
     assert [by_title[row[0]] for row in rows] == list(TITLES)
 
     for row in rows:
-        values = [told["headline"][column][by_title[row[0]]] for column in COLUMNS]
+        values = [message["headline"][column][by_title[row[0]]] for column in COLUMNS]
         assert row[1:-2] == [f"{value:.1f}" for value in values]
 
     for column, (suite, names) in COLUMNS.items():
         for name in names:
-            for method, value in told["headline"][column].items():
-                shown = fmean(told["suites"][suite]["bad_1"][name][method])
+            for method, value in message["headline"][column].items():
+                shown = fmean(message["suites"][suite]["bad_1"][name][method])
                 assert value == pytest.approx(shown, abs=2e-3)
 
 
 @pytest.mark.parametrize("marker", [name for name in MARKERS if name.startswith("rigs-")])
 def test_tables_of_rigs_are_those_of_the_results(marker: str) -> None:
-    told, (header, *rows) = results()["suites"]["rigs"], table(marker)
+    message, (header, *rows) = results()["suites"]["rigs"], table(marker)
 
     assert {row[0] for row in rows} == {
         name for name, fault in FAULTS.items() if f"rigs-{fault.group}" == marker
     }
 
-    assert len(told["scenes"]) == 12
+    assert len(message["scenes"]) == 12
 
     for name, *figures in rows:
-        means = [fmean(told["bad_1"][name][method]) for method in header[1:]]
+        means = [fmean(message["bad_1"][name][method]) for method in header[1:]]
         for figure, mean in zip(figures, means, strict=True):
             assert float(figure) == pytest.approx(mean, abs=0.0501)
 
@@ -146,11 +146,11 @@ def test_every_table_of_the_documentation_is_filled() -> None:
 def test_the_citation_is_of_this_version() -> None:
     yaml = counterpart("yaml")
 
-    told = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    content = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
     manifest = (ROOT / "Cargo.toml").read_text("utf-8")
     version = re.search(r'^version = "(.*)"$', manifest, re.MULTILINE)
 
     assert version is not None
-    assert told["version"] == told["preferred-citation"]["version"] == version[1]
-    assert told["cff-version"] == "1.2.0"
-    assert all(told[key] for key in ("message", "title", "authors", "license"))
+    assert content["version"] == content["preferred-citation"]["version"] == version[1]
+    assert content["cff-version"] == "1.2.0"
+    assert all(content[key] for key in ("message", "title", "authors", "license"))

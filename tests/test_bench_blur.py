@@ -74,7 +74,7 @@ def test_there_are_so_many_trials(scene: Scene) -> None:
     [("gaussian", gaussian_psf(3)), ("disk", disk_psf(3)), ("motion", motion_psf(3, 40))],
 )
 @pytest.mark.parametrize("side", ["left", "right", "both"])
-def test_images_are_blurred_as_told(scene: Scene, family: str, psf: Any, side: str) -> None:
+def test_images_are_blurred_as_given(scene: Scene, family: str, psf: Any, side: str) -> None:
     pair = scene.load()
     views = bench.BlurTrial(scene, family, 3.0, 40.0, side, 2.0).views(pair)
     for view, image, name, seed in zip(
@@ -145,7 +145,7 @@ def record(family: str, size: float, angle: float, side: str, /, **changes: Any)
 
 
 @pytest.mark.parametrize(
-    ("told", "wrong"),
+    ("measured", "wrong"),
     [
         (record("disk", 3, 0, "left"), set()),
         (record("disk", 3, 0, "left", size=3.5), set()),
@@ -168,8 +168,8 @@ def record(family: str, size: float, angle: float, side: str, /, **changes: Any)
         (record("disk", 3, 0, "both", side="left", kind="disk"), {"kind", "side"}),
     ],
 )
-def test_verdicts(told: dict[str, Any], wrong: set[str]) -> None:
-    judged = bench.verdict(told)
+def test_verdicts(measured: dict[str, Any], wrong: set[str]) -> None:
+    judged = bench.verdict(measured)
     names = ("kind", "side", "size", "angle", "single")
     assert {name for name in names if not getattr(judged, name)} == wrong
     assert judged.all == (not wrong)
@@ -211,10 +211,12 @@ RECORDS = [
 
 
 def test_the_table_has_a_row_for_each_blur(tmp_path: Path) -> None:
-    told = bench.read_blur([stored(tmp_path / "a.jsonl", *RECORDS)])
-    assert told is not None
+    results = bench.read_blur([stored(tmp_path / "a.jsonl", *RECORDS)])
+    assert results is not None
 
-    rows = {row[0].text: [entry.text for entry in row[1:]] for row in bench.blur_table(told).rows}
+    rows = {
+        row[0].text: [entry.text for entry in row[1:]] for row in bench.blur_table(results).rows
+    }
     assert rows == {
         "gaussian 2": ["1", "100", "100", "100", "-", "100", "100", "0.00", "-"],
         "disk 3": ["1", "100", "100", "100", "-", "100", "100", "0.00", "-"],
@@ -226,7 +228,7 @@ def test_the_table_has_a_row_for_each_blur(tmp_path: Path) -> None:
 
     assert list(rows)[-1] == "all"
     assert "1 scenes; a blurred image has 8 bits and noise of 1 gray levels" in (
-        bench.explain_blur(told)
+        bench.explain_blur(results)
     )
 
 
@@ -234,16 +236,16 @@ def test_of_several_records_of_a_trial_the_last_counts(tmp_path: Path) -> None:
     wrong = record("disk", 3, 0, "left", side="right")
     failed = record("gaussian", 2, 0, "left") | {"status": "failed", "error": "E: no luck"}
 
-    told = bench.read_blur(
+    results = bench.read_blur(
         [
-            stored(tmp_path / name, *told)
-            for name, told in (("a", [wrong]), ("b", [*RECORDS, failed]))
+            stored(tmp_path / name, *records)
+            for name, records in (("a", [wrong]), ("b", [*RECORDS, failed]))
         ]
     )
 
-    assert told is not None
-    assert len(told.records) == len(RECORDS)
-    assert all(bench.verdict(record).side for record in told.records)
+    assert results is not None
+    assert len(results.records) == len(RECORDS)
+    assert all(bench.verdict(record).side for record in results.records)
 
 
 @pytest.mark.parametrize(
@@ -254,7 +256,7 @@ def test_of_several_records_of_a_trial_the_last_counts(tmp_path: Path) -> None:
         ([RECORDS[0], {"kind": "speed"}], "results of several benchmarks: blur, speed; give one"),
     ],
 )
-def test_files_that_cannot_be_told(
+def test_files_of_mixed_or_wrong_records_are_refused(
     tmp_path: Path, records: list[dict[str, Any]], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
@@ -266,15 +268,15 @@ def test_other_benchmarks_are_none_of_blur(tmp_path: Path) -> None:
 
 
 def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
-    told = bench.read_blur([stored(tmp_path / "a.jsonl", *RECORDS)])
+    results = bench.read_blur([stored(tmp_path / "a.jsonl", *RECORDS)])
 
-    assert told is not None
+    assert results is not None
 
     document = tmp_path / "blur.md"
     other = "<!-- bench:speed -->kept<!-- /bench:speed -->\n"
     document.write_text(f"# A\n<!-- bench:blur -->old<!-- /bench:blur -->\n{other}")
 
-    fill_places(document, {"blur": blur_text(told)})
+    fill_places(document, {"blur": blur_text(results)})
 
     text = document.read_text()
     assert "| disk 3 | 1 | 100 | 100 | 100 | - | 100 | 100 | 0.00 | - |" in text
@@ -316,7 +318,7 @@ def test_the_command_and_its_report(
     assert "--suite: results of bench blur have no choice of it" in err
 
 
-def test_a_failure_is_recorded_and_told(
+def test_a_failure_is_recorded_and_reported(
     run_bench: Callable[..., Run], tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object, **__: object) -> None:
@@ -326,8 +328,8 @@ def test_a_failure_is_recorded_and_told(
 
     code, out, err = run_bench("blur", tree, "--every", 40, "--workers", 0)
     assert (code, out) == (1, "")
-    told = "3 of 3 trials failed, the first of them none 0 on squares: RuntimeError: no luck"
-    assert err == f"phasestereo: error: {told}\n"
+    message = "3 of 3 trials failed, the first of them none 0 on squares: RuntimeError: no luck"
+    assert err == f"phasestereo: error: {message}\n"
 
 
 @pytest.mark.usefixtures("tree")
@@ -344,6 +346,6 @@ def test_a_failure_is_recorded_and_told(
 def test_commands_that_are_refused(
     run_bench: Callable[..., Run], arguments: tuple[str, ...], code: int, message: str
 ) -> None:
-    told = run_bench("blur", *arguments)
-    assert (told[0], told[1]) == (code, "")
-    assert message in told[2]
+    answer = run_bench("blur", *arguments)
+    assert (answer[0], answer[1]) == (code, "")
+    assert message in answer[2]

@@ -263,14 +263,14 @@ def test_cells_are_all_combinations_that_exist(scenes: list[Scene]) -> None:
 def test_defaults_are_the_whole_suite(scenes: list[Scene]) -> None:
     keys = [job.key for job in middlebury_jobs(scenes[:1])]
 
-    told = {str(key["method"]) for key in keys if key["true_blur"]}
+    informed = {str(key["method"]) for key in keys if key["true_blur"]}
     plain = {str(key["method"]) for key in keys if not key["true_blur"]}
     lengths = {f"paper:neighborhood={length}" for length in (7, 11, 15, 21)}
     opencv = {"opencv:sgbm"} & set(bench.available())
 
     assert plain == {"robust"} | lengths | opencv
-    assert told == {"robust", "paper:neighborhood=7"} | opencv
-    assert len(keys) == 9 * len(plain) + 6 * len(told)
+    assert informed == {"robust", "paper:neighborhood=7"} | opencv
+    assert len(keys) == 9 * len(plain) + 6 * len(informed)
 
     keys = [job.key for job in middlebury_jobs(scenes[:1], suite="sharp")]
     assert {key["degradation"] for key in keys} == {"sharp"}
@@ -373,7 +373,7 @@ def test_command_prints_means_and_where_the_records_are(
 
     bad = np.mean([record["v2"]["nonocc"] for record in records if not record["true_blur"]])
     assert "mean of 2 scenes" in out
-    assert out.count(f"{bad:.1f}") == 6, "both sides: gauss 2 and sharp plain, gauss 2 told"
+    assert out.count(f"{bad:.1f}") == 6, "both sides: gauss 2 and sharp plain, gauss 2 given"
     assert "(right degraded)" in out
     assert "phasestereo bench report results.jsonl" in out
 
@@ -414,7 +414,7 @@ def test_command_tells_cells_of_other_versions(
     )
 
 
-def test_failed_cells_are_told_and_the_others_run(
+def test_failed_cells_are_reported_and_the_others_run(
     run_bench: Callable[..., Run], tree: Path
 ) -> None:
     methods = [f"{HERE}:{name}" for name in ("small", "integers", "nothing", "careless", "crash")]
@@ -432,12 +432,12 @@ def test_failed_cells_are_told_and_the_others_run(
     )
 
     errors = [record["error"] for record in read_store("results.jsonl")[1:-1]]
-    for error, told in zip(
+    for error, words in zip(
         errors,
         ("shape (48, 71)", "int16, not floats", "NoneType", "out of luck", "code 7"),
         strict=True,
     ):
-        assert told in error
+        assert words in error
 
     assert read_store("results.jsonl")[-1]["v2"]["nonocc"] < 5, "the images are as they were"
     assert out.count("-*") == 5

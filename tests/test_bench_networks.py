@@ -149,8 +149,8 @@ def test_without_onnxruntime_a_sentence_says_so(
     command = ["bench", "middlebury", root, "--suite", "sharp", "--method", "fast"]
     code, out, err = run(*command, "--hitnet", "hitnet.onnx", "--workers", 0)
 
-    told = "left out, hitnet: onnxruntime is not installed; it comes with: pip install"
-    assert (code, err.count(told)) == (0, 1)
+    message = "left out, hitnet: onnxruntime is not installed; it comes with: pip install"
+    assert (code, err.count(message)) == (0, 1)
     assert "phasestereo-bench[onnx]" in err
     assert "fast" in out
 
@@ -234,7 +234,7 @@ def test_programs_that_fail_say_why(tmp_path: Path) -> None:
         method(f"program:{missing} {{left}} {{right}} {{output}}").match(LEFT, RIGHT, 16)
 
 
-# Ours, told nothing
+# Ours, nothing given
 
 
 def test_the_range_may_be_left_to_the_match(tmp_path: Path) -> None:

@@ -96,11 +96,11 @@ def test_places_show_the_same_by_the_calibration() -> None:
 
 def test_rows_of_raw_frames_are_found_as_the_calibration_has_them(data: Path) -> None:
     recording = find_recording(data / "rigs/euroc")
-    told = score_rows(recording.folder, recording.frames[0])
-    assert told["delivered"] == pytest.approx(13.1, abs=0.2)
-    assert told["rectify"] < 0.4
-    assert told["match"] < 1.5
-    assert told["calibrated"] < 0.1
+    scores = score_rows(recording.folder, recording.frames[0])
+    assert scores["delivered"] == pytest.approx(13.1, abs=0.2)
+    assert scores["rectify"] < 0.4
+    assert scores["match"] < 1.5
+    assert scores["calibrated"] < 0.1
 
 
 # Agreement
@@ -122,9 +122,9 @@ def shifted(left: NDArray[np.uint8], _right: Any, _count: int) -> NDArray[np.flo
 def test_a_right_map_agrees_with_itself(data: Path) -> None:
     recording = find_recording(data / "rigs/euroc")
     spec = f"{__name__}:shifted"
-    told = score_frame(recording.folder, recording.frames[0], spec, rectified=False)
-    assert told["agreement"] == pytest.approx((752 - 6) / 752)
-    assert told["trusted"] is None
+    scores = score_frame(recording.folder, recording.frames[0], spec, rectified=False)
+    assert scores["agreement"] == pytest.approx((752 - 6) / 752)
+    assert scores["trusted"] is None
 
 
 def test_rectified_frames_agree_more_than_raw_ones(data: Path) -> None:

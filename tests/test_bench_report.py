@@ -63,7 +63,7 @@ def record(
     method: str, bad: float | None, scene: str = "tsukuba", row: str = "sharp", **fields: Any
 ) -> dict[str, Any]:
     """Return a record as the harness writes it; without a number, that of a failed cell."""
-    told = method.endswith("+true-blur")
+    knows_blur = method.endswith("+true-blur")
     ours = method.startswith("paper")
 
     key = {
@@ -74,7 +74,7 @@ def record(
         "degradation": row,
         "side": "left",
         "method": method.removesuffix("+true-blur"),
-        "true_blur": told,
+        "true_blur": knows_blur,
     }
 
     if bad is None:
@@ -177,14 +177,14 @@ def test_mean_of_the_blurs(whole: Results) -> None:
     table = mean_table(whole, "v2.nonocc")
     assert table.header == ("method", *SUITES[SUITE], "mean of the blurs")
 
-    ours, rival, told = texts(table)
+    ours, rival, informed = texts(table)
     rows = list(SUITES[SUITE])
     expected = np.mean([rows.index(row) for row in BLURS])
     assert ours[-1] == f"*{10 + expected:.1f}*"
     assert rival[-1] == f"{20 + expected:.1f}"
-    assert told[-1] == f"{5 + expected:.1f}"
+    assert informed[-1] == f"{5 + expected:.1f}"
 
-    assert [text for text, row in zip(told[1:], rows, strict=False) if row not in BLURS] == [
+    assert [text for text, row in zip(informed[1:], rows, strict=False) if row not in BLURS] == [
         "-"
     ] * 3
     assert "Means over 12 scenes" in explain(whole, "v2.nonocc")
@@ -223,10 +223,10 @@ def test_equal_figures_are_equally_good(tmp_path: Path) -> None:
 
 def test_scenes_beyond_the_suite_do_not_count(tmp_path: Path) -> None:
     records = [record("paper", 10.0), record("paper", 90.0, "sawtooth")]
-    told = read_results([store(tmp_path / "a", records)])
-    assert means(told, "v2.nonocc", ["sharp"]) == (1, {"paper": 10.0})
+    results = read_results([store(tmp_path / "a", records)])
+    assert means(results, "v2.nonocc", ["sharp"]) == (1, {"paper": 10.0})
 
-    assert [row[0].text for row in scene_table(told, "v2.nonocc").rows] == [
+    assert [row[0].text for row in scene_table(results, "v2.nonocc").rows] == [
         "sawtooth",
         "tsukuba",
         "mean of 1 of 12",
@@ -239,9 +239,9 @@ def test_scenes_beyond_the_suite_do_not_count(tmp_path: Path) -> None:
 def test_missing_numbers_are_no_scenes(tmp_path: Path) -> None:
     with_disc = {"nonocc": 10.0, "all": 10.0, "disc": 33.0}
     records = [record("paper", 10.0, v2=with_disc), record("paper", 10.0, "venus")]
-    told = read_results([store(tmp_path / "a", records)])
-    assert means(told, "v2.disc", ["sharp"]) == (1, {"paper": 33.0})
-    assert told.metrics == ("v2.nonocc", "v2.all", "v2.disc", "v3.bad_2", "v3.avgerr", "d1")
+    results = read_results([store(tmp_path / "a", records)])
+    assert means(results, "v2.disc", ["sharp"]) == (1, {"paper": 33.0})
+    assert results.metrics == ("v2.nonocc", "v2.all", "v2.disc", "v3.bad_2", "v3.avgerr", "d1")
 
 
 def test_pixels_have_two_places(small: Results) -> None:
@@ -250,14 +250,14 @@ def test_pixels_have_two_places(small: Results) -> None:
 
 def test_more_of_an_area_is_better(tmp_path: Path) -> None:
     records = [record("paper", 1.0, roc=0.9), record("sad", 1.0, roc=0.8), record("nsad", 1.0)]
-    told = read_results([store(tmp_path / "a", records)])
+    results = read_results([store(tmp_path / "a", records)])
 
-    found = texts(mean_table(told, "roc"))
+    found = texts(mean_table(results, "roc"))
     assert found == [["paper", "*0.900*"], ["nsad", "-"], ["sad", "0.800"]]
-    assert "pixels: more is better." in explain(told, "roc")
-    assert "pixels, %: less is better." in explain(told, "v2.nonocc")
+    assert "pixels: more is better." in explain(results, "roc")
+    assert "pixels, %: less is better." in explain(results, "v2.nonocc")
 
-    page = write_report(told, tmp_path / "out", metric="roc")[-2].read_text("utf-8")
+    page = write_report(results, tmp_path / "out", metric="roc")[-2].read_text("utf-8")
     assert "scenes: paper 0.900, sad 0.800." in page
 
 
@@ -281,30 +281,30 @@ def test_tables_of_sharp_pairs(tmp_path: Path) -> None:
         sharp_record("opencv:sgbm", "Piano", 6.0),
     ]
 
-    told = read_results([store(tmp_path / "a", records)])
+    results = read_results([store(tmp_path / "a", records)])
 
     regions = [f"{scene} {name}" for scene in ("tsukuba", "cones") for name in V2]
-    assert v2_table(told).header == ("method", *regions, "mean")
-    assert texts(v2_table(told)) == [
+    assert v2_table(results).header == ("method", *regions, "mean")
+    assert texts(v2_table(results)) == [
         ["paper", "*2.0*", "*3.0*", "*7.0*", "4.0", "5.0", "9.0", "5.0"],
         ["opencv:sgbm", "6.0", "7.0", "11.0", "-", "-", "-", "-"],
     ]
 
-    assert v3_table(told).header == ("method", "bad-2.0", "mean error", "ROC area")
-    assert texts(v3_table(told)) == [
+    assert v3_table(results).header == ("method", "bad-2.0", "mean error", "ROC area")
+    assert texts(v3_table(results)) == [
         ["paper", "4.0", "0.80", "0.900"],
         ["opencv:sgbm", "*3.0*", "*0.60*", "-"],
     ]
-    assert "over the other 1 scenes" in explain_v3(told)
+    assert "over the other 1 scenes" in explain_v3(results)
 
 
 def test_regions_without_numbers_are_left_out(tmp_path: Path) -> None:
     masks = {"nonocc": 2.0, "all": 4.0, "disc": None}
     records = [sharp_record("paper", "venus", 2.0, v2=masks)]
-    told = read_results([store(tmp_path / "a", records)])
-    assert v2_table(told).header == ("method", "venus nonocc", "venus all", "mean")
-    assert texts(v2_table(told)) == [["paper", "2.0", "4.0", "3.0"]]
-    assert list(sharp_tables(told)) == ["As in version 2 of the Middlebury evaluation"]
+    results = read_results([store(tmp_path / "a", records)])
+    assert v2_table(results).header == ("method", "venus nonocc", "venus all", "mean")
+    assert texts(v2_table(results)) == [["paper", "2.0", "4.0", "3.0"]]
+    assert list(sharp_tables(results)) == ["As in version 2 of the Middlebury evaluation"]
 
     elsewhere = read_results([store(tmp_path / "b", [sharp_record("paper", "Piano", 2.0)])])
     assert list(sharp_tables(elsewhere)) == ["As in version 3"]
@@ -314,13 +314,13 @@ def test_only_sharp_pairs_have_such_tables(small: Results, tmp_path: Path) -> No
     assert sharp_tables(small) == {}
 
     records = [sharp_record("paper", scene, 2.0) for scene in ("venus", "Piano")]
-    told = read_results([store(tmp_path / "a", records)])
-    page = write_report(told, tmp_path / "out")[-2].read_text("utf-8")
+    results = read_results([store(tmp_path / "a", records)])
+    page = write_report(results, tmp_path / "out")[-2].read_text("utf-8")
     path = tmp_path / "sharp.md"
     path.write_text("".join(f"<!-- bench:sharp{n} --><!-- /bench:sharp{n} -->" for n in ENDINGS))
 
-    fill_document(path, told)
-    for table in (v2_table(told), v3_table(told), scene_table(told, "v2.nonocc")):
+    fill_document(path, results)
+    for table in (v2_table(results), v3_table(results), scene_table(results, "v2.nonocc")):
         assert markdown_table(table) in page
         assert markdown_table(table) in path.read_text("utf-8")
 
@@ -340,8 +340,8 @@ def test_costs_are_medians(small: Results) -> None:
 
 def test_costs_of_unknown_size(tmp_path: Path) -> None:
     lean = record("paper", 1000.0, peak_bytes=None, width=None)
-    told = read_results([store(tmp_path / "a", [lean])])
-    assert texts(cost_table(told)) == [["paper", "e1", "1", "2.000", "-", "-", "-"]]
+    results = read_results([store(tmp_path / "a", [lean])])
+    assert texts(cost_table(results)) == [["paper", "e1", "1", "2.000", "-", "-", "-"]]
 
 
 def test_settings_with_all_their_values(tmp_path: Path) -> None:
@@ -355,16 +355,16 @@ def test_settings_with_all_their_values(tmp_path: Path) -> None:
 
 def test_environments(tmp_path: Path) -> None:
     records = [record("paper", 1.0), record("paper", 1.0, "venus", environment="e2")]
-    told = read_results([store(tmp_path / "a", records)])
+    results = read_results([store(tmp_path / "a", records)])
 
-    table = environment_table(told)
+    table = environment_table(results)
     assert table.header == ("environment", "e1", "e2")
     assert ["OpenCV", "5.0", "-"] in texts(table)
     assert texts(table)[-1] == ["cells", "1", "1"]
 
-    assert [row[1].text for row in cost_table(told).rows] == ["e1", "e2"]
-    assert "commit 0123456789ab-dirty" in origin(told)
-    assert "versions that are not known" in origin(told)
+    assert [row[1].text for row in cost_table(results).rows] == ["e1", "e2"]
+    assert "commit 0123456789ab-dirty" in origin(results)
+    assert "versions that are not known" in origin(results)
 
 
 def test_environments_that_differ_in_the_commit_alone_are_named_once() -> None:
@@ -385,10 +385,10 @@ def test_last_record_counts_also_over_files(tmp_path: Path) -> None:
     first = store(tmp_path / "a", [record("paper", None), record("paper", 1.0), record("sad", 1.0)])
     second = store(tmp_path / "b", [record("paper", 2.0)])
 
-    told = read_results([first, second])
-    assert means(told, "v2.nonocc", ["sharp"]).values == {"paper": 2.0, "sad": 1.0}
+    results = read_results([first, second])
+    assert means(results, "v2.nonocc", ["sharp"]).values == {"paper": 2.0, "sad": 1.0}
 
-    assert told.failures == ()
+    assert results.failures == ()
     assert read_results([second, first]).values("v2.nonocc", "paper", "sharp") == {
         Place("scenes2001", "tsukuba"): 1.0
     }
@@ -420,13 +420,13 @@ def test_order_of_telling(tmp_path: Path) -> None:
         for row in ("mixed", "gauss 2", "sharp")
     ]
 
-    told = read_results([store(tmp_path / "a", records)])
-    assert told.methods == (
+    results = read_results([store(tmp_path / "a", records)])
+    assert results.methods == (
         *("paper:neighborhood=7", "paper:neighborhood=11", "sad", "opencv:sgbm"),
         *("paper:neighborhood=7+true-blur", "opencv:sgbm+true-blur"),
     )
-    assert told.degradations == ("sharp", "gauss 2", "mixed")
-    assert [place.scene for place in told.places] == ["map", "venus", "Aloe", "Piano"]
+    assert results.degradations == ("sharp", "gauss 2", "mixed")
+    assert [place.scene for place in results.places] == ["map", "venus", "Aloe", "Piano"]
 
     chosen = ("opencv:sgbm", "paper:neighborhood=11")
     assert read_results([tmp_path / "a"], methods=chosen).methods == chosen
@@ -482,8 +482,8 @@ def test_refusals_of_choice(tmp_path: Path) -> None:
 
     sides = [record("paper", 1.0), record("paper", 2.0, side="right")]
     assert "side: got none" in refused(tmp_path, sides)
-    told = read_results([tmp_path / "refused.jsonl"], side="right")
-    assert means(told, "v2.nonocc", ["sharp"]).values == {"paper": 2.0}
+    results = read_results([tmp_path / "refused.jsonl"], side="right")
+    assert means(results, "v2.nonocc", ["sharp"]).values == {"paper": 2.0}
     assert "side: got 'top'; accepts" in refused(tmp_path, sides, side="top")
 
     message = refused(tmp_path, [record("paper", 1.0)], methods=["paper", "sad"])
@@ -616,10 +616,10 @@ def test_ours_stands_out(tmp_path: Path) -> None:
     assert looks["paper:window=9"].color == "#0b66c3"
     assert len({look.color for look in looks.values()}) == 4
 
-    plain, told = looks["paper:window=7"], looks["paper:window=7+true-blur"]
-    assert (plain.color, plain.mark, plain.hollow, told.hollow) == (
-        told.color,
-        told.mark,
+    plain, message = looks["paper:window=7"], looks["paper:window=7+true-blur"]
+    assert (plain.color, plain.mark, plain.hollow, message.hollow) == (
+        message.color,
+        message.mark,
         False,
         True,
     )
@@ -629,8 +629,8 @@ def test_without_a_rival_there_is_one_plot(tmp_path: Path) -> None:
     (tmp_path / "scenes.png").touch()
     (tmp_path / "other.txt").touch()
 
-    told = read_results([store(tmp_path / "a", [record("paper", 1.0, suite="sharp")])])
-    written = write_report(told, tmp_path)
+    results = read_results([store(tmp_path / "a", [record("paper", 1.0, suite="sharp")])])
+    written = write_report(results, tmp_path)
 
     assert {path.name for path in written} == {name for name in FILES if "scenes" not in name}
     assert {path.name for path in tmp_path.iterdir()} == {p.name for p in written} | {
@@ -647,9 +647,9 @@ def test_many_degradations_and_methods_fit(tmp_path: Path) -> None:
         for row in (1, 10, 2, 0)
     ]
 
-    told = read_results([store(tmp_path / "a", records)])
-    assert told.degradations == ("blur 0", "blur 1", "blur 2", "blur 10")
-    assert len(write_report(told, tmp_path / "out")) == len(FILES)
+    results = read_results([store(tmp_path / "a", records)])
+    assert results.degradations == ("blur 0", "blur 1", "blur 2", "blur 10")
+    assert len(write_report(results, tmp_path / "out")) == len(FILES)
 
 
 def test_command_makes_the_run_again(small: Results, whole: Results, tmp_path: Path) -> None:

@@ -87,8 +87,8 @@ def same(one: Pair, other: Pair) -> bool:
 
 
 def test_the_page_defines_every_fault_and_shows_every_table() -> None:
-    told = set(re.findall(r"(?<!`)`([^`\n]+)`(?!`)", PAGE))
-    assert set(FAULTS) <= told
+    defined = set(re.findall(r"(?<!`)`([^`\n]+)`(?!`)", PAGE))
+    assert set(FAULTS) <= defined
 
     for group in GROUPS:
         assert any(fault.group == group for fault in FAULTS.values())
@@ -164,8 +164,8 @@ def test_the_sums_of_the_documentation_are_those_of_the_suite(data: Path) -> Non
     pair, side = scene.load(), side_of(scene)
 
     _, *lines = (DOCS / "rigs-sums.csv").read_text("utf-8").splitlines()
-    told = {line.partition(",")[0]: line.partition(",")[2] for line in lines}
-    assert set(told) == set(FAULTS)
+    documented = {line.partition(",")[0]: line.partition(",")[2] for line in lines}
+    assert set(documented) == set(FAULTS)
 
     for name, fault in FAULTS.items():
         if "jpeg" in name or name in ("webcam", "two phones"):
@@ -173,7 +173,7 @@ def test_the_sums_of_the_documentation_are_those_of_the_suite(data: Path) -> Non
 
         spoiled = fault(pair, side)
         sums = [int(image.sum(dtype=np.int64)) for image in (spoiled.left, spoiled.right)]
-        assert told[name] == ",".join(map(str, [*sums, spoiled.masks["nonocc"].sum()]))
+        assert documented[name] == ",".join(map(str, [*sums, spoiled.masks["nonocc"].sum()]))
 
 
 # Rows

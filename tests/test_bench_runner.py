@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 HERE = Path(__file__).parent
-on_linux = pytest.mark.skipif(sys.platform != "linux", reason="told by /proc")
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="read from /proc")
 
 
 # Work
@@ -360,7 +360,7 @@ run_jobs([job("a", square, number=1), job("b", square, number=2)], Path(sys.argv
 """
 
 
-def test_a_script_without_a_guard_is_told(tmp_path: Path, store: Path) -> None:
+def test_a_script_without_a_guard_is_reported(tmp_path: Path, store: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(UNGUARDED)
     process = start([sys.executable, str(script), str(store)])

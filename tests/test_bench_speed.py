@@ -1,4 +1,4 @@
-"""The speed benchmark: who takes part, in which turns, what is recorded, and what is told of it."""
+"""The speed benchmark: who takes part, in which turns, what is recorded, what tables show."""
 
 from __future__ import annotations
 
@@ -102,10 +102,10 @@ def test_opencv_gets_its_threads(count: int) -> None:
 
 
 def test_opencv_tells_its_build(monkeypatch: pytest.MonkeyPatch) -> None:
-    told = "x:\n  CPU/HW features:\n    Baseline:      AVX2 \n      requested:  AVX\n"
-    monkeypatch.setattr(cv2, "getBuildInformation", lambda: told)
+    message = "x:\n  CPU/HW features:\n    Baseline:      AVX2 \n      requested:  AVX\n"
+    monkeypatch.setattr(cv2, "getBuildInformation", lambda: message)
     assert contenders.opencv_build() == "baseline: AVX2"
-    told += "    Dispatched code generation:\n      requested: X\n"
+    message += "    Dispatched code generation:\n      requested: X\n"
     assert contenders.opencv_build() == "baseline: AVX2; dispatched: none"
 
 
@@ -115,33 +115,33 @@ def test_opencv_tells_its_build(monkeypatch: pytest.MonkeyPatch) -> None:
 @on_linux
 def test_pinned_holds_threads_that_were_there_and_new_ones() -> None:
     everywhere = os.sched_getaffinity(0)
-    told: dict[str, set[int]] = {}
+    affinity: dict[str, set[int]] = {}
     go, stop = threading.Event(), threading.Event()
 
     def early() -> None:
         go.wait()
-        told["early"] = os.sched_getaffinity(0)
+        affinity["early"] = os.sched_getaffinity(0)
         stop.wait()
-        told["after"] = os.sched_getaffinity(0)
+        affinity["after"] = os.sched_getaffinity(0)
 
     thread = threading.Thread(target=early)
     thread.start()
 
     with pinned() as core:
         go.set()
-        late = threading.Thread(target=lambda: told.update(late=os.sched_getaffinity(0)))
+        late = threading.Thread(target=lambda: affinity.update(late=os.sched_getaffinity(0)))
         late.start()
         late.join()
-        while "early" not in told:
+        while "early" not in affinity:
             stop.wait(0.001)
-        told["main"] = os.sched_getaffinity(0)
+        affinity["main"] = os.sched_getaffinity(0)
 
     stop.set()
     thread.join()
 
-    held = {name: told.pop(name) for name in ("main", "early", "late")}
+    held = {name: affinity.pop(name) for name in ("main", "early", "late")}
     assert held == {"main": {core}, "early": {core}, "late": {core}}
-    assert told == {"after": everywhere}
+    assert affinity == {"after": everywhere}
     assert os.sched_getaffinity(0) == everywhere
 
 
@@ -337,7 +337,7 @@ def test_a_pair_is_rendered_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert (first.left != first.right).any()
 
 
-def test_real_pairs_have_the_sizes_that_are_told(data: Path, tmp_path: Path) -> None:
+def test_real_pairs_have_the_sizes_that_are_stated(data: Path, tmp_path: Path) -> None:
     names = ["tsukuba", "cones", "Motorcycle"]
     found, left_out = bench.find_pairs(data, cache=tmp_path, names=names)
 
@@ -352,7 +352,7 @@ def test_real_pairs_have_the_sizes_that_are_told(data: Path, tmp_path: Path) -> 
     assert [p.name for p in in_the_tree] == names
 
 
-# What is told
+# What the tables show
 
 
 ENVIRONMENT = {
@@ -410,12 +410,12 @@ def test_tables_show_the_last_record_of_each_cell_by_size(tmp_path: Path) -> Non
     lines[1]["rivals"]["opencv:bm"]["memory"] = {"error": "it died"}
     del lines[2]["rivals"]["opencv:sgbm-3way"]
 
-    told = bench.read_speed([stored(tmp_path / "speed.jsonl", *lines)])
-    assert told is not None
-    assert told.pinned
+    results = bench.read_speed([stored(tmp_path / "speed.jsonl", *lines)])
+    assert results is not None
+    assert results.pinned
 
     texts = [
-        [[entry.text for entry in row] for row in table(told).rows]
+        [[entry.text for entry in row] for row in table(results).rows]
         for table in (bench.time_table, bench.memory_table)
     ]
 
@@ -436,11 +436,11 @@ def test_tables_show_the_last_record_of_each_cell_by_size(tmp_path: Path) -> Non
     ]
 
 
-def test_it_is_told_whether_threads_were_held(tmp_path: Path) -> None:
+def test_it_is_stated_whether_threads_were_held(tmp_path: Path) -> None:
     for core, words in ((0, "was held to one"), (None, "was not held to any")):
-        told = bench.read_speed([stored(tmp_path / "speed.jsonl", record(pinned_to=core))])
-        assert told is not None
-        assert words in bench.explain_speed(told)
+        results = bench.read_speed([stored(tmp_path / "speed.jsonl", record(pinned_to=core))])
+        assert results is not None
+        assert words in bench.explain_speed(results)
 
 
 @pytest.mark.parametrize(
@@ -451,7 +451,7 @@ def test_it_is_told_whether_threads_were_held(tmp_path: Path) -> None:
         ([record(), {"kind": "middlebury"}], "several benchmarks: middlebury, speed; give one"),
     ],
 )
-def test_files_that_cannot_be_told(
+def test_files_of_mixed_or_wrong_records_are_refused(
     tmp_path: Path, lines: list[dict[str, Any]], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
@@ -464,14 +464,14 @@ def test_other_benchmarks_are_no_speed(tmp_path: Path) -> None:
 
 
 def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
-    told = bench.read_speed([stored(tmp_path / "speed.jsonl", record())])
-    assert told is not None
+    results = bench.read_speed([stored(tmp_path / "speed.jsonl", record())])
+    assert results is not None
 
     document = tmp_path / "speed.md"
     other = "<!-- bench:sharp -->kept<!-- /bench:sharp -->\n"
     document.write_text(f"# A\n<!-- bench:speed -->old<!-- /bench:speed -->\n{other}")
 
-    fill_places(document, {"speed": speed_text(told)})
+    fill_places(document, {"speed": speed_text(results)})
     text = document.read_text()
 
     assert "| cones | 450 x 375 | 64 | 1 | 12.3 | 0.88 | 1.50 | 1.50 | 1.50 | 40 |" in text
@@ -480,7 +480,7 @@ def test_a_document_is_filled_where_it_says_so(tmp_path: Path) -> None:
     assert text.endswith(other)
     assert "Made with phasestereo 1.2.3" in text
 
-    fill_places(document, {"speed": speed_text(told)})
+    fill_places(document, {"speed": speed_text(results)})
     assert document.read_text() == text
 
 
@@ -538,13 +538,13 @@ def test_the_command_and_its_report(folder: Path, run_bench: Callable[..., Run])
 def test_commands_that_are_refused(
     run_bench: Callable[..., Run], arguments: list[str], code: int, message: str
 ) -> None:
-    told = run_bench("speed", "-o", "out/speed.jsonl", *arguments)
-    assert told[0] == code
-    assert message in told[2].splitlines()[-1]
+    answer = run_bench("speed", "-o", "out/speed.jsonl", *arguments)
+    assert answer[0] == code
+    assert message in answer[2].splitlines()[-1]
 
 
 @pytest.mark.usefixtures("folder")
-def test_a_failure_is_recorded_and_told(
+def test_a_failure_is_recorded_and_reported(
     run_bench: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:

@@ -50,6 +50,7 @@ def shots(psf: NDArray[np.float64] | None, side: str = "left") -> tuple[Image, I
 
 
 SIDES = "left", "right"
+SCENES = ("tsukuba", "cones", "Art", "Lampshade1", "Motorcycle", "Piano")
 
 
 def arc(length: int, turn: float) -> NDArray[np.float64]:
@@ -91,12 +92,17 @@ def load(data: Path, name: str) -> Pair:
 
 
 def agree(found: ps.BlurEstimate, expected: oracle_blur.Estimate) -> None:
-    told = [(blur.side, blur.kind) for blur in found.blurs]
-    assert told == [(kind.side, kind.psf[0]) for kind in expected.kinds]
+    blurs = [(blur.side, blur.kind) for blur in found.blurs]
+    assert blurs == [(kind.side, kind.psf[0]) for kind in expected.kinds]
 
     for blur, kind in zip(found.blurs, expected.kinds, strict=True):
         assert blur.size == pytest.approx(kind.psf[1], rel=0.02)
         assert blur.angle == pytest.approx(kind.psf[2], abs=1)
+        assert (blur.other is None) is (kind.other is None)
+        if blur.other is not None and kind.other is not None:
+            assert {blur.side, blur.other.side} == {"left", "right"}
+            assert blur.other.kind == kind.other[0]
+            assert blur.other.size == pytest.approx(kind.other[1], rel=0.02)
         if kind.psf[0] == "other":
             assert kind.kernel is not None
             assert blur.psf is not None
@@ -143,6 +149,52 @@ def test_made_pairs_are_as_the_oracle_has_them(psf: NDArray[np.float64] | None, 
     found = ps.match(*images, num_disparities=COUNT, align_rows=False).blur
     assert found is not None
     agree(found, oracle_blur.estimate(oracle_blur.scene_of(*images, search=(0, COUNT))))
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        (motion_psf(15, 0), motion_psf(15, 90)),
+        (motion_psf(11, 45), disk_psf(3)),
+        (disk_psf(3), disk_psf(5)),
+    ],
+)
+def test_blurs_of_both_images_are_as_the_oracle_has_them(
+    left: NDArray[np.float64], right: NDArray[np.float64]
+) -> None:
+    images = shots(left)[0], shots(right, "right")[1]
+    found = ps.match(*images, num_disparities=COUNT, align_rows=False)
+    assert found.blur is not None
+    agree(found.blur, oracle_blur.estimate(oracle_blur.scene_of(*images, search=(0, COUNT))))
+
+    # Each image is convolved with what it lacks.
+    blur = found.blur.blur
+    assert blur.other is not None
+    compensation = found.blur_compensation
+    assert compensation is not None
+    (for_left, for_right), *more = compensation.kernels
+    assert not more
+    own, other = (for_right, for_left) if blur.side == "left" else (for_left, for_right)
+    for kernel, psf in ((own, blur.psf), (other, blur.other.psf)):
+        assert kernel is not None
+        assert psf is not None
+        np.testing.assert_allclose(np.asarray(kernel), psf, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_two_shakes_along_different_ways_are_told_apart(data: Path, name: str) -> None:
+    pair = load(data, name)
+    left = Degradation(motion_psf(15, 0), noise=1, seed=1)(pair.left)
+    right = Degradation(motion_psf(15, 90), noise=1, seed=2)(pair.right)
+    found = ps.estimate_blur(left, right, num_disparities=pair.num_disparities)
+
+    assert len(found.blurs) == 1
+    assert found.blur.other is not None
+    both = {str(blur.side): blur for blur in (found.blur, found.blur.other)}
+    assert [both[side].kind for side in SIDES] == ["motion", "motion"]
+    assert [both[side].size for side in SIDES] == pytest.approx([15, 15], abs=3)
+    assert abs((both["left"].angle + 90) % 180 - 90) <= 3
+    assert abs(both["right"].angle - 90) <= 3
 
 
 def test_masks_and_other_searches_are_as_the_oracle_has_them() -> None:
@@ -202,9 +254,6 @@ def test_known_blurs_are_found(
 ) -> None:
     judged, record = trial(data, name, blur, side=side, noise=noise)
     assert judged.all, record
-
-
-SCENES = ("tsukuba", "cones", "Art", "Lampshade1", "Motorcycle", "Piano")
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -267,7 +316,7 @@ def test_a_curved_path_is_measured(data: Path, name: str, side: str) -> None:
     assert likeness(found.psf, kernel) > likeness(found.psf, kernel[::-1, ::-1]) + 0.2
 
 
-# What is told
+# What is found
 
 
 @pytest.mark.parametrize(
@@ -314,9 +363,9 @@ def test_an_estimate_tells_itself() -> None:
 def test_by_default_a_third_of_the_width_is_searched() -> None:
     images = shots(disk_psf(3))
     third = -(-SIZE[1] // 3)
-    told = [ps.estimate_blur(*images, **kwargs) for kwargs in ({}, {"num_disparities": third})]
-    assert told[0].noise == told[1].noise
-    assert told[0].blur.size == told[1].blur.size
+    estimates = [ps.estimate_blur(*images, **kwargs) for kwargs in ({}, {"num_disparities": third})]
+    assert estimates[0].noise == estimates[1].noise
+    assert estimates[0].blur.size == estimates[1].blur.size
 
 
 def crossings(call: Callable[[], ps.Result]) -> tuple[list[str], ps.Result]:

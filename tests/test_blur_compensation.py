@@ -168,8 +168,8 @@ def test_a_weak_level_needs_the_noise() -> None:
         result = match(LEFT, RIGHT, **SEARCH)
         assert result.blur is not None, "a match estimates it"
 
-        told = ps.match(LEFT, RIGHT, **SEARCH, preset="paper", noise_threshold=1.0, noise=1.0)
-        assert told.blur is None
+        given = ps.match(LEFT, RIGHT, **SEARCH, preset="paper", noise_threshold=1.0, noise=1.0)
+        assert given.blur is None
 
 
 def test_arrays_are_copied_and_travel() -> None:

@@ -50,7 +50,7 @@ window.matcher[task](...images.map(image), options).then((value) => {
 """
 
 
-class Page:
+class MatcherPage:
     """A page that has the matcher."""
 
     def __init__(self, browser: Browser) -> None:
@@ -91,7 +91,7 @@ def address() -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def page(browser: Browser, address: str) -> Page:
+def page(browser: Browser, address: str) -> MatcherPage:
     """Return a page whose matcher is ready."""
     browser.visit(f"{address}/matcher.js")
     browser.run(
@@ -101,7 +101,7 @@ def page(browser: Browser, address: str) -> Page:
     )
 
     browser.wait("window.matcher !== undefined")
-    return Page(browser)
+    return MatcherPage(browser)
 
 
 @pytest.fixture(scope="module")
@@ -121,13 +121,15 @@ def _same(found: dict[str, Any], expected: ps.Result) -> None:
 
 
 @pytest.mark.parametrize("preset", ["robust", "fast", "paper"])
-def test_maps_are_those_of_python_to_the_bit(page: Page, rendered: Pair, preset: str) -> None:
+def test_maps_are_those_of_python_to_the_bit(
+    page: MatcherPage, rendered: Pair, preset: str
+) -> None:
     found = page.match(rendered, preset=preset, numDisparities=48)
     _same(found, ps.match(*rendered, preset=preset, num_disparities=48))
     assert found["milliseconds"] > 0
 
 
-def test_a_real_pair_is_matched_over_the_range_that_is_found(page: Page, data: Path) -> None:
+def test_a_real_pair_is_matched_over_the_range_that_is_found(page: MatcherPage, data: Path) -> None:
     folder = data / "middlebury" / "scenes2003" / "cones"
     pair = read_image(folder / "im2.png"), read_image(folder / "im6.png")
 
@@ -144,7 +146,7 @@ def test_a_real_pair_is_matched_over_the_range_that_is_found(page: Page, data: P
     )
 
 
-def test_what_is_found_is_what_python_finds(page: Page, rendered: Pair) -> None:
+def test_what_is_found_is_what_python_finds(page: MatcherPage, rendered: Pair) -> None:
     expected = ps.match(*rendered, num_disparities=48)
     found = page.call("check", rendered, numDisparities=48)["value"]
 
@@ -172,7 +174,7 @@ def test_what_is_found_is_what_python_finds(page: Page, rendered: Pair) -> None:
     assert (found["range"]["origin"], found["inverted"]) == ("given", False)
 
 
-def test_faults_are_told_and_the_next_call_works(page: Page, rendered: Pair) -> None:
+def test_faults_are_reported_and_the_next_call_works(page: MatcherPage, rendered: Pair) -> None:
     left, right = rendered
     small = right[:100]
 
@@ -191,7 +193,7 @@ def test_faults_are_told_and_the_next_call_works(page: Page, rendered: Pair) -> 
     )
 
 
-def test_a_module_that_is_not_there_is_told(page: Page, address: str) -> None:
+def test_a_module_that_is_not_there_is_reported(page: MatcherPage, address: str) -> None:
     page.browser.run(
         "import(arguments[0]).then((module) => module.createMatcher({ wasm: 'nothing.wasm' }))"
         ".catch((error) => { window.refused = error.message; })",

@@ -150,20 +150,20 @@ def hover(browser: Browser, x: float, y: float, *, clicked: bool = False) -> Non
     (actions.click() if clicked else actions).perform()
 
 
-def number(told: str) -> float:
+def number(text: str) -> float:
     """Return a number of pixels that is read out."""
-    return float(told.removesuffix(" px"))
+    return float(text.removesuffix(" px"))
 
 
 def read(browser: Browser) -> dict[str, str]:
     """Return what the read-out says, with plain minus signs."""
-    told = browser.run(
+    cells = browser.run(
         """
         const cells = [...document.querySelectorAll("#values dd")];
         return cells.map((cell) => [cell.id.replace("value-", ""), cell.textContent]);
         """
     )
-    return {name: text.replace("\N{MINUS SIGN}", "-") for name, text in told}
+    return {name: text.replace("\N{MINUS SIGN}", "-") for name, text in cells}
 
 
 def test_loads_without_a_word_and_without_a_network(browser: Browser, page: Path) -> None:
@@ -398,33 +398,33 @@ def test_readout_shows_the_right_numbers(opened: Browser, *, zoomed: bool) -> No
             opened.run("stage.move(arguments[0], arguments[1], 4)", x, y)
 
         hover(opened, x, y)
-        told = read(opened)
-        assert told["pixel"] == f"{x}, {y}"
+        shown = read(opened)
+        assert shown["pixel"] == f"{x}, {y}"
         found = float(result.disparity[y, x])
         assert result.confidence is not None
-        assert float(told["confidence"]) == pytest.approx(result.confidence[y, x], abs=0.007)
-        assert told["left"] == "{} {} {}".format(*left[y, x])
+        assert float(shown["confidence"]) == pytest.approx(result.confidence[y, x], abs=0.007)
+        assert shown["left"] == "{} {} {}".format(*left[y, x])
 
         if (x, y) == HIDDEN:
-            assert (told["disparity"], told["match"], told["error"]) == (
+            assert (shown["disparity"], shown["match"], shown["error"]) == (
                 "no estimate",
                 "\N{EN DASH}",
                 "missing",
             )
             continue
 
-        assert number(told["disparity"]) == pytest.approx(found, abs=NEARLY)
-        assert number(told["match"]) == pytest.approx(x - found, abs=NEARLY)
-        assert float(told["depth"]) == pytest.approx(50 * 0.2 / found, rel=0.004)
+        assert number(shown["disparity"]) == pytest.approx(found, abs=NEARLY)
+        assert number(shown["match"]) == pytest.approx(x - found, abs=NEARLY)
+        assert float(shown["depth"]) == pytest.approx(50 * 0.2 / found, rel=0.004)
 
         at = round(x - found)
-        assert told["right"] == ("outside" if at < 0 else "{} {} {}".format(*right[y, at]))
+        assert shown["right"] == ("outside" if at < 0 else "{} {} {}".format(*right[y, at]))
 
         unknown = np.isnan(truth[y, x])
         if unknown:
-            assert told["error"] == "not scored"
+            assert shown["error"] == "not scored"
         else:
-            assert number(told["error"]) == pytest.approx(found - truth[y, x], abs=2 * NEARLY)
+            assert number(shown["error"]) == pytest.approx(found - truth[y, x], abs=2 * NEARLY)
 
     opened.run("stage.zoomBy(0)")
     hover(opened, *FLAGGED)
@@ -562,8 +562,8 @@ def test_charts_say_what_is_under_the_pointer(opened: Browser) -> None:
     chart = opened.driver.find_element("css selector", "#chart-errors")
     opened.run("arguments[0].scrollIntoView({block: 'center'})", chart)
     counterpart("selenium.webdriver").ActionChains(opened.driver).move_to_element(chart).perform()
-    told = opened.driver.find_element("css selector", "#chart-errors .shown-here").text
-    assert "% are off by more than" in told
+    shown = opened.driver.find_element("css selector", "#chart-errors .shown-here").text
+    assert "% are off by more than" in shown
     assert opened.run("return document.querySelectorAll('#chart-disparities rect').length") == 120
 
 
@@ -685,8 +685,8 @@ def test_thinned_out_numbers_are_those_of_their_pixels(
     browser.open(tmp_path / "page.html")
 
     hover(browser, 5, 7)  # of those shown, which are every second one
-    told = read(browser)
+    shown = read(browser)
 
-    assert told["pixel"] == "10, 14"
-    assert number(told["disparity"]) == pytest.approx(result.disparity[14, 10], abs=NEARLY)
-    assert number(told["match"]) == pytest.approx(10 - result.disparity[14, 10], abs=NEARLY)
+    assert shown["pixel"] == "10, 14"
+    assert number(shown["disparity"]) == pytest.approx(result.disparity[14, 10], abs=NEARLY)
+    assert number(shown["match"]) == pytest.approx(10 - result.disparity[14, 10], abs=NEARLY)

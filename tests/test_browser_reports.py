@@ -32,8 +32,8 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         for row in ("sharp", "gauss 2")
     ]
 
-    told = read_results([store(folder / "results.jsonl", records)])
-    bench = write_report(told, folder / "bench", metric="v2.nonocc")
+    results = read_results([store(folder / "results.jsonl", records)])
+    bench = write_report(results, folder / "bench", metric="v2.nonocc")
 
     return {
         "bench": next(path for path in bench if path.suffix == ".html"),

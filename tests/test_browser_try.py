@@ -123,11 +123,11 @@ def test_a_slider_matches_at_once_and_again_when_it_rests(opened: Browser) -> No
     assert all(call["numDisparities"] == 64 for call in calls if call["task"] == "match")
     assert calls[-1]["first"] < 0.3 * calls[-1]["second"]  # the left image is dim
 
-    told = opened.text("findings")
-    assert "warning the left image is darker, its gray levels 0.1" in told
-    assert "warning the left image is softer than the right by a disk of radius 3.0 px" in told
-    assert "warning the right image shows things 2.5 px lower than the left one" in told
-    assert "note noise of 1.0 gray levels in the left image, 8.2 in the right" in told
+    findings = opened.text("findings")
+    assert "warning the left image is darker, its gray levels 0.1" in findings
+    assert "warning the left image is softer than the right by a disk of radius 3.0 px" in findings
+    assert "warning the right image shows things 2.5 px lower than the left one" in findings
+    assert "note noise of 1.0 gray levels in the left image, 8.2 in the right" in findings
 
     assert opened.text("time-told") == "12 ms"
     assert "with robust" in opened.text("preset-told")
@@ -265,7 +265,7 @@ def test_what_is_no_pair_is_refused(
     assert opened.text("trouble").replace("\N{MULTIPLICATION SIGN}", "x").startswith(message)
 
 
-def test_an_error_of_the_matcher_is_told_and_goes(opened: Browser) -> None:
+def test_an_error_of_the_matcher_is_reported_and_goes(opened: Browser) -> None:
     opened.run("window.refusal = 'left: got 9 rows; accepts 16 or more'")
 
     slider = opened.driver.find_element("css selector", "#defocus")
@@ -297,8 +297,8 @@ def test_every_control_has_a_name_and_a_place_in_the_order(opened: Browser) -> N
     other = "[tabindex]:not([tabindex='0'])"
     assert opened.run("return document.querySelectorAll(arguments[0]).length", other) == 0
 
-    told = "return ['findings', 'told', 'trouble'].map((id) => element(id).role ?? '')"
-    assert opened.run(told)[1:] == ["status", "alert"]
+    message = "return ['findings', 'told', 'trouble'].map((id) => element(id).role ?? '')"
+    assert opened.run(message)[1:] == ["status", "alert"]
     assert opened.run("return element('findings').ariaLive") == "polite"
 
 
@@ -331,9 +331,9 @@ def test_the_core_matches_what_sliders_spoil(browser: Browser, site: str, core: 
     matched(browser)
     assert wrong(browser) < 12
 
-    told = browser.text("findings")
-    assert "the left image is softer than the right by a disk of radius" in told
-    assert "the right image shows things 2.0 px higher than the left one" in told
+    findings = browser.text("findings")
+    assert "the left image is softer than the right by a disk of radius" in findings
+    assert "the right image shows things 2.0 px higher than the left one" in findings
 
     browser.run("setSlider('defocus', 0); setSlider('rows', 0); setSlider('turn', 1)")
     matched(browser)

@@ -55,10 +55,10 @@ class Program:
 
         rows, cols = size or pair[0].shape[:2]
 
-        told = stride or pair[0].nbytes // len(pair[0])
+        row_bytes = stride or pair[0].nbytes // len(pair[0])
         bits = 8 * pair[0].itemsize
         output = self.folder / "planes"
-        numbers = map(str, (cols, rows, channels, bits, told))
+        numbers = map(str, (cols, rows, channels, bits, row_bytes))
 
         command: list[str | Path] = [
             self.path,
@@ -222,7 +222,7 @@ def test_rows_lie_any_number_of_bytes_apart(program: Program, pair: Pair) -> Non
         ({"size": (0, 160)}, "1 left: got 0 x 160 pixels; accepts at least one pixel"),
     ],
 )
-def test_what_is_not_acceptable_is_told(
+def test_what_is_not_acceptable_is_reported(
     program: Program, pair: Pair, options: dict[str, Any], message: str
 ) -> None:
     code, lines, _ = program.run(pair, **options)

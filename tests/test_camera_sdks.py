@@ -55,7 +55,7 @@ def test_realsense(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch,
         "pyrealsense2",
         pipeline=lambda: SimpleNamespace(start=enabled.append, wait_for_frames=lambda: frames),
-        config=lambda: SimpleNamespace(enable_stream=lambda *told: enabled.append(told)),
+        config=lambda: SimpleNamespace(enable_stream=lambda *arguments: enabled.append(arguments)),
         stream=SimpleNamespace(infrared="infrared"),
         format=SimpleNamespace(y8="y8"),
     )

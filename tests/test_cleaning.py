@@ -218,14 +218,14 @@ def test_parts_are_those_of_the_whole(tmp_path: Path) -> None:
 
     known = ps.pair_statistics(read, left.shape[:2], **SEARCH)
     known.save(tmp_path / "statistics.npz")
-    for told in (known, bands.load(tmp_path / "statistics.npz")):
-        assert told.blur_compensation is not None
-        assert told.blur_compensation.impulses == whole.blur.impulses
-        assert told.blur is not None
-        assert told.blur.coding == whole.blur.coding
+    for statistics in (known, bands.load(tmp_path / "statistics.npz")):
+        assert statistics.blur_compensation is not None
+        assert statistics.blur_compensation.impulses == whole.blur.impulses
+        assert statistics.blur is not None
+        assert statistics.blur.coding == whole.blur.coding
 
         cuts = [0, 1, 64, 125, 130, 200]
-        parts = [ps.match_rows(read, told, a, b) for a, b in pairwise(cuts)]
+        parts = [ps.match_rows(read, statistics, a, b) for a, b in pairwise(cuts)]
 
         for name in ("disparity", "flags", "confidence"):
             joined = np.concatenate([getattr(part, name) for part in parts])

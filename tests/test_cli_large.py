@@ -184,7 +184,7 @@ def test_memory_stays_below_the_limit(preset: str, limit: int) -> None:
     assert 0 < most <= limit * 10**6
 
 
-def test_another_run_is_refused_unless_told_otherwise(run: Callable[..., Run]) -> None:
+def test_another_run_is_refused_unless_asked_for(run: Callable[..., Run]) -> None:
     end_half_way(signal.SIGTERM)
     code, _, err = run(*COMMAND, "-o", "out.tif", "--window", "7")
     assert code == 2
@@ -203,14 +203,16 @@ def test_another_run_is_refused_unless_told_otherwise(run: Callable[..., Run]) -
     ("-o out.tif --flags-output out.tif", "--flags-output: out.tif is in use already"),
     ("-o out.tif --min-disparity 400", "--min-disparity: got 400"),
 ])  # fmt: skip
-def test_a_wrong_command_line_is_told(run: Callable[..., Run], options: str, error: str) -> None:
+def test_a_wrong_command_line_is_reported(
+    run: Callable[..., Run], options: str, error: str
+) -> None:
     code, _, err = run(*COMMAND, *options.split())
     assert (code, err.split("error: ")[1][: len(error)]) == (2, error)
     assert names() == ["left.tif", "right.tif"]
 
 
 @pytest.mark.parametrize("memory", ["1MB", "little"])
-def test_what_is_no_memory_is_told(run: Callable[..., Run], memory: str) -> None:
+def test_what_is_no_memory_is_reported(run: Callable[..., Run], memory: str) -> None:
     code, _, err = run(*PAIR, "-o", "out.tif", "--max-memory", memory)
     assert code == 2
     assert "error: --max-memory: got " in err
@@ -228,7 +230,7 @@ def test_options_that_have_no_effect_are_refused(run: Callable[..., Run], option
     ({"crs": "EPSG:32632"}, "right.tif: got EPSG:32632; accepts the reference system of left.tif"),
     ({"size": (HEIGHT, WIDTH + 1)}, "right.tif: got (640, 161) pixels; accepts the size of left"),
 ])  # fmt: skip
-def test_images_that_are_no_pair_are_told(
+def test_images_that_are_no_pair_are_reported(
     run: Callable[..., Run], change: dict[str, Any], error: str
 ) -> None:
     image = np.zeros(change.get("size", (HEIGHT, WIDTH)), np.uint8)

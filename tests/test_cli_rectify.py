@@ -72,13 +72,13 @@ def test_images_alone_and_json(run: Callable[..., Run]) -> None:
 
     assert (code, err) == (0, "")
 
-    told = json.loads(out)
-    assert told["method"] == "images"
-    assert (told["width"], told["height"]) == SIZE
-    assert told["error"] < 0.5
-    assert "of 2 pairs" in told["sentences"][0]
-    assert told["q"] is None
-    assert told["files"] == []
+    content = json.loads(out)
+    assert content["method"] == "images"
+    assert (content["width"], content["height"]) == SIZE
+    assert content["error"] < 0.5
+    assert "of 2 pairs" in content["sentences"][0]
+    assert content["q"] is None
+    assert content["files"] == []
 
 
 def test_a_photograph_of_both_views(run: Callable[..., Run]) -> None:
@@ -115,11 +115,11 @@ def test_an_mpo_file_is_known_by_itself(run: Callable[..., Run], scene: tuple[An
     assert json.loads(out)["width"] == SIZE[0]
 
 
-@pytest.mark.parametrize("told", [["auto"], ["rig.npz"], ["saved.npz"]])
-def test_a_raw_pair_is_matched(run: Callable[..., Run], told: list[str]) -> None:
-    rig = ps.rectify("left.png", "right.png", None if told != ["rig.npz"] else "rig.npz")
+@pytest.mark.parametrize("sources", [["auto"], ["rig.npz"], ["saved.npz"]])
+def test_a_raw_pair_is_matched(run: Callable[..., Run], sources: list[str]) -> None:
+    rig = ps.rectify("left.png", "right.png", None if sources != ["rig.npz"] else "rig.npz")
     rig.save("saved.npz")
-    words = [word for name in told for word in ("--rectify", name)]
+    words = [word for name in sources for word in ("--rectify", name)]
 
     code, out, err = run(
         "match", "left.png", "right.png", "--num-disparities", 48, "-o", "o.npy", *words
@@ -173,17 +173,17 @@ def test_a_folder_of_frames_is_rectified(run: Callable[..., Run], scene: tuple[A
     rig = ps.rectify(*scene)
     rig.save("saved.npz")
 
-    for told in ("auto", "saved.npz"):
+    for source in ("auto", "saved.npz"):
         code, _, err = run(
             "live", "left", "right", "--num-disparities", 48, "--preset", "fast",
-            "--frames", f"{told}-%d.npy", "--rectify", told,
+            "--frames", f"{source}-%d.npy", "--rectify", source,
         )  # fmt: skip
         assert code == 0, err
         expected = ps.match(
             rig.left, rig.right, num_disparities=48, preset="fast",
             left_mask=rig.left_mask, right_mask=rig.right_mask,
         )  # fmt: skip
-        np.testing.assert_array_equal(np.load(f"{told}-0.npy"), expected.disparity)
+        np.testing.assert_array_equal(np.load(f"{source}-0.npy"), expected.disparity)
 
 
 @pytest.mark.parametrize(("line", "code", "message"), [

@@ -76,6 +76,6 @@ def test_normalized_sad_is_in_256ths_of_deviations(window: int) -> None:
 
 def test_the_intensity_range_sets_the_unit_of_sad() -> None:
     left, right = np.full((1, 3), 0.25, np.float32), np.full((1, 3), 0.75, np.float32)
-    told: dict[str, Any] = {"cost": "sad", "num_disparities": 1}
-    assert (ps.cost_volume(left, right, intensity_range=(0, 1), **told) == 16 * 127.5).all()
-    assert (ps.cost_volume(left, right, intensity_range=(0, 255), **told) == 8).all()
+    options: dict[str, Any] = {"cost": "sad", "num_disparities": 1}
+    assert (ps.cost_volume(left, right, intensity_range=(0, 1), **options) == 16 * 127.5).all()
+    assert (ps.cost_volume(left, right, intensity_range=(0, 255), **options) == 8).all()

@@ -256,7 +256,7 @@ def test_a_task_gets_the_rows_that_it_needs_and_no_other(monkeypatch: pytest.Mon
     reach = halo(ps.PRESETS["fast"])
     checked = []
 
-    def look(read: Any, told: Any, first: int, last: int, **options: Any) -> ps.Result:
+    def look(read: Any, statistics: Any, first: int, last: int, **options: Any) -> ps.Result:
         ends = max(0, first - reach), min(HEIGHT, last + reach)
         left, right, *masks = read(*ends)
         np.testing.assert_array_equal(left, LEFT[slice(*ends)])
@@ -266,7 +266,7 @@ def test_a_task_gets_the_rows_that_it_needs_and_no_other(monkeypatch: pytest.Mon
             with pytest.raises(IndexError):
                 read(*wrong)
         checked.append((first, last))
-        return match_rows(read, told, first, last, **options)
+        return match_rows(read, statistics, first, last, **options)
 
     monkeypatch.setattr(lazily, "match_rows", look)
 

@@ -256,7 +256,7 @@ def test_layouts_that_are_not_at_hand(
 
 
 @pytest.mark.parametrize(("name", "scale"), [("cones", 4), ("conesH", 2), ("conesF", 1)])
-def test_the_sizes_of_2003_are_told_by_the_names_of_their_folders(
+def test_the_sizes_of_2003_follow_from_the_names_of_their_folders(
     tmp_path: Path, name: str, scale: int
 ) -> None:
     put(

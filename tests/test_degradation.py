@@ -162,23 +162,23 @@ def test_convolution_with_nothing_is_nothing() -> None:
 def test_contrast_is_the_formula_at_every_level() -> None:
     levels = np.arange(256, dtype=np.uint8).reshape(16, 16)
     expected = np.rint(255 * 0.6 * (levels / 255) ** 1.5)
-    np.testing.assert_array_equal(dg.contrast(levels, gamma=1.5, gain=0.6), expected)
+    np.testing.assert_array_equal(dg.Degradation(gamma=1.5, gain=0.6)(levels), expected)
     np.testing.assert_array_equal(
-        dg.linear(levels, gain=0.6, offset=20), np.rint(0.6 * levels + 20)
+        dg.Degradation(gain=0.6, offset=20)(levels), np.rint(0.6 * levels + 20)
     )
 
 
 def test_sixteen_bits_have_their_own_white() -> None:
     levels = np.array([[0, 1000, 65535]], dtype=np.uint16)
     expected = np.rint(65535 * 0.5 * (levels / 65535) ** 2)
-    result = dg.contrast(levels, gamma=2, gain=0.5)
+    result = dg.Degradation(gamma=2, gain=0.5)(levels)
     assert result.dtype == np.uint16
     np.testing.assert_array_equal(result, expected)
 
 
 def test_values_are_clipped_to_the_type() -> None:
     image = np.array([[0, 100, 255]], dtype=np.uint8)
-    np.testing.assert_array_equal(dg.linear(image, gain=2, offset=-20), [[0, 180, 255]])
+    np.testing.assert_array_equal(dg.Degradation(gain=2, offset=-20)(image), [[0, 180, 255]])
 
 
 def test_quantize_rounds_to_nearest_and_ties_to_even() -> None:
@@ -201,7 +201,9 @@ def test_noise_is_the_generators_and_comes_after_rounding() -> None:
     np.testing.assert_array_equal(degrade(image), expected)
 
     np.testing.assert_array_equal(degrade(image), degrade(image))
-    assert (dg.add_noise(image, 1.5, seed=8) != dg.add_noise(image, 1.5, seed=7)).any()
+    assert (
+        dg.Degradation(noise=1.5, seed=8)(image) != dg.Degradation(noise=1.5, seed=7)(image)
+    ).any()
 
 
 def test_blur_comes_before_contrast() -> None:
@@ -288,7 +290,7 @@ def test_suite_leaves_sharp_and_contrast_without_noise() -> None:
 
     np.testing.assert_array_equal(suite["sharp"](image), image)
     np.testing.assert_array_equal(
-        suite["contrast 1.5 0.6"](image), dg.contrast(image, gamma=1.5, gain=0.6)
+        suite["contrast 1.5 0.6"](image), dg.Degradation(gamma=1.5, gain=0.6)(image)
     )
 
     for name in ("gauss 2", "gauss 4", "disk 3", "disk 6", "motion 9", "motion 15"):
@@ -370,7 +372,7 @@ def test_degradation_is_checked_when_made(fields: dict[str, Any], error: type[Ex
     ],
 )
 def test_images_that_cannot_be_degraded(image: Any, error: type[Exception]) -> None:
-    for call in (dg.Degradation(), dg.contrast, lambda i: dg.areas(i, [[0]], [dg.Degradation()])):
+    for call in (dg.Degradation(), lambda i: dg.areas(i, [[0]], [dg.Degradation()])):
         with pytest.raises(error, match="image must be"):
             call(image)
 

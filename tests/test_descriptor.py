@@ -278,9 +278,9 @@ def test_masked_pixels_have_no_effect_on_others() -> None:
     hidden = np.where(mask, image, np.nan)
     filled = oracle.fill_masked(image, mask)
 
-    told: dict[str, Any] = {"intensity_range": (0.0, 1.0)}
-    codes = ps.descriptor(hidden, mask=mask, **told)
-    np.testing.assert_array_equal(codes, ps.descriptor(filled, **told))
+    options: dict[str, Any] = {"intensity_range": (0.0, 1.0)}
+    codes = ps.descriptor(hidden, mask=mask, **options)
+    np.testing.assert_array_equal(codes, ps.descriptor(filled, **options))
 
 
 def test_threads_change_nothing() -> None:

@@ -59,10 +59,10 @@ def pair(shape: tuple[int, ...] = (80, 120)) -> Pair:
 
 
 @pytest.fixture
-def told(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Diagnosis]:
+def diagnosed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Diagnosis]:
     """Return what checks a pair, the estimate of blur being given."""
 
-    def told(images: Pair, given: BlurEstimate | None = None) -> Diagnosis:
+    def diagnosed(images: Pair, given: BlurEstimate | None = None) -> Diagnosis:
         module = importlib.import_module("phasestereo.rig.diagnosis")
         found = module.estimate_pair
 
@@ -72,7 +72,7 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Diagnosis]:
         monkeypatch.setattr(module, "estimate_pair", with_blur)
         return check(*images)
 
-    return told
+    return diagnosed
 
 
 def severities(diagnosis: Diagnosis) -> dict[str, str]:
@@ -88,21 +88,21 @@ def sentence(diagnosis: Diagnosis, topic: str) -> str:
     return " ".join(found.sentence for found in diagnosis.findings if found.topic == topic)
 
 
-def test_sound_pairs_are_not_accused(data: Path, told: Callable[..., Diagnosis]) -> None:
+def test_sound_pairs_are_not_accused(data: Path, diagnosed: Callable[..., Diagnosis]) -> None:
     for name in SCENES:
         scene = find_scene(data / "middlebury", name).load()
-        found = told((scene.left, scene.right))
+        found = diagnosed((scene.left, scene.right))
         assert set(severities(found).values()) == {"ok"}, f"{name}: {found}"
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_injected_faults_are_found_and_nothing_else(
-    data: Path, told: Callable[..., Diagnosis], fault: str
+    data: Path, diagnosed: Callable[..., Diagnosis], fault: str
 ) -> None:
     topic, severity, spoil = FAULTS[fault]
     for name in SCENES:
         scene = find_scene(data / "middlebury", name).load()
-        found = severities(told(spoil(scene.left, scene.right)))
+        found = severities(diagnosed(spoil(scene.left, scene.right)))
         assert found.pop(topic) == severity, name
         assert set(found.values()) == {"ok"}, name
 
@@ -119,9 +119,9 @@ def test_real_blur_and_exposure_are_found(data: Path) -> None:
         assert severities(found)["swap"] == severities(found)["alignment"] == "ok", name
 
 
-def test_blur_is_put_into_words(told: Callable[..., Diagnosis]) -> None:
+def test_blur_is_put_into_words(diagnosed: Callable[..., Diagnosis]) -> None:
     disk = Blur(side="left", kind="disk", size=3.1, angle=0.0)
-    assert sentence(told(pair(), estimate(disk)), "blur") == (
+    assert sentence(diagnosed(pair(), estimate(disk)), "blur") == (
         "the left image is softer than the right by a disk of radius 3.1 px: check its focus; "
         "robust matching will compensate"
     )
@@ -129,7 +129,7 @@ def test_blur_is_put_into_words(told: Callable[..., Diagnosis]) -> None:
     motion = Blur(side="right", kind="motion", size=9.0, angle=30.0)
     other = Blur(side="right", kind="other", size=2.0, angle=0.0)
 
-    words = sentence(told(pair(), estimate(NO_BLUR, motion, other)), "blur")
+    words = sentence(diagnosed(pair(), estimate(NO_BLUR, motion, other)), "blur")
     assert "the right image is softer than the left by a motion of 9.0 px at 30 degrees" in words
     assert "over 33% of the image" in words
     assert "no simple shape" in words
@@ -148,9 +148,9 @@ def test_blur_is_put_into_words(told: Callable[..., Diagnosis]) -> None:
     ],
 )
 def test_blur_is_as_grave_as_it_is_large_and_certain(
-    told: Callable[..., Diagnosis], blur: Blur, certainty: float, severity: str
+    diagnosed: Callable[..., Diagnosis], blur: Blur, certainty: float, severity: str
 ) -> None:
-    found = told(pair(), estimate(blur, certainty=certainty))
+    found = diagnosed(pair(), estimate(blur, certainty=certainty))
     assert severities(found)["blur"] == severity
 
 
@@ -164,33 +164,35 @@ def test_blur_is_as_grave_as_it_is_large_and_certain(
     ],
 )
 def test_contrast_is_judged_where_the_grays_are(
-    told: Callable[..., Diagnosis], gain: float, gamma: float, severity: str, words: str
+    diagnosed: Callable[..., Diagnosis], gain: float, gamma: float, severity: str, words: str
 ) -> None:
-    found = told(pair(), estimate(gain=gain, gamma=gamma))
+    found = diagnosed(pair(), estimate(gain=gain, gamma=gamma))
     assert severities(found)["contrast"] == severity
     assert words in sentence(found, "contrast")
 
 
-def test_noise_counts_as_a_share_of_the_range(told: Callable[..., Diagnosis]) -> None:
-    assert severities(told(pair(), estimate(noise=(1.0, 6.0))))["noise"] == "note"
-    assert severities(told(pair(), estimate(noise=(20.0, 1.0))))["noise"] == "warning"
+def test_noise_counts_as_a_share_of_the_range(diagnosed: Callable[..., Diagnosis]) -> None:
+    assert severities(diagnosed(pair(), estimate(noise=(1.0, 6.0))))["noise"] == "note"
+    assert severities(diagnosed(pair(), estimate(noise=(20.0, 1.0))))["noise"] == "warning"
     wide = tuple(image.astype(np.uint16) * 257 for image in pair())
-    assert severities(told(wide, estimate(noise=(20.0, 20.0))))["noise"] == "ok"
+    assert severities(diagnosed(wide, estimate(noise=(20.0, 20.0))))["noise"] == "ok"
 
 
-def test_saturation_and_texture_are_noted(told: Callable[..., Diagnosis]) -> None:
+def test_saturation_and_texture_are_noted(diagnosed: Callable[..., Diagnosis]) -> None:
     left, right = (image.copy() for image in pair())
     left[:, :30] = 255
-    found = told((left, right))
+    found = diagnosed((left, right))
     assert severities(found)["saturation"] == "warning"
     assert "25% of the left image is as bright as it can be" in sentence(found, "saturation")
     left[:, :80] = 128
-    assert severities(told((left, right)))["texture"] == "note"
+    assert severities(diagnosed((left, right)))["texture"] == "note"
 
 
-def test_unrelated_images_are_told(told: Callable[..., Diagnosis]) -> None:
+def test_unrelated_images_are_recognized(diagnosed: Callable[..., Diagnosis]) -> None:
     left, _ = pair()
-    found = told((left, np.random.default_rng(9).permutation(left.ravel()).reshape(left.shape)))
+    found = diagnosed(
+        (left, np.random.default_rng(9).permutation(left.ravel()).reshape(left.shape))
+    )
     assert "these are no pair" in sentence(found, "range")
     assert severities(found)["range"] == "warning"
     assert "too little in common" in sentence(found, "contrast")
@@ -207,9 +209,9 @@ def test_small_images_are_too_small_to_tell(size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("size", [(48, 48), (49, 1500), (900, 50)])
 def test_long_images_have_a_range_too(
-    size: tuple[int, int], told: Callable[..., Diagnosis]
+    size: tuple[int, int], diagnosed: Callable[..., Diagnosis]
 ) -> None:
-    found = told(pair(size)).search
+    found = diagnosed(pair(size)).search
     assert found is not None
     assert found.min_disparity <= 6 < found.min_disparity + found.num_disparities <= 24
 
@@ -222,10 +224,10 @@ def test_uniform_images_have_too_little_texture(levels: tuple[int, int]) -> None
         assert "too little texture to tell" in sentence(found, topic)
 
 
-def test_dict_is_json_and_holds_what_was_found(told: Callable[..., Diagnosis]) -> None:
+def test_dict_is_json_and_holds_what_was_found(diagnosed: Callable[..., Diagnosis]) -> None:
     blur = Blur("left", "motion", 9.0, 45.0)
     given = estimate(blur, NO_BLUR, gain=float("nan"), labels=np.array([[0, 1], [1, 1]], np.uint8))
-    found = told(pair(), given)
+    found = diagnosed(pair(), given)
 
     said = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     assert (said["width"], said["height"]) == (120, 80)
@@ -234,7 +236,7 @@ def test_dict_is_json_and_holds_what_was_found(told: Callable[..., Diagnosis]) -
     assert said["alignment"]["vertical"] == pytest.approx(0, abs=0.05)
 
     assert said["blur"]["blurs"][0] == {
-        "side": "left", "kind": "motion", "size": 9.0, "angle": 45.0, "share": 0.25,
+        "side": "left", "kind": "motion", "size": 9.0, "angle": 45.0, "other": None, "share": 0.25,
     }  # fmt: skip
 
     assert said["blur"]["labels"] == [[0, 1], [1, 1]]
@@ -243,8 +245,8 @@ def test_dict_is_json_and_holds_what_was_found(told: Callable[..., Diagnosis]) -
     assert len(said["findings"]) == len(found.findings)
 
 
-def test_text_has_a_line_a_finding(told: Callable[..., Diagnosis]) -> None:
-    found = told(pair())
+def test_text_has_a_line_a_finding(diagnosed: Callable[..., Diagnosis]) -> None:
+    found = diagnosed(pair())
     lines = str(found).splitlines()
     assert len(lines) == len(found.findings)
     assert all(line.startswith(("ok: ", "note: ", "warning: ")) for line in lines)

@@ -20,7 +20,7 @@ import pytest
 
 import phasestereo as ps
 from conftest import counterpart
-from documentation import PAGES, ROOT, Block, blocks, commands, name
+from documentation import PAGES, ROOT, CodeBlock, blocks, commands, name
 from phasestereo.io import Calibration, read_image, write_disparity, write_image
 from phasestereo.metrics import bad_pixels
 from phasestereo_bench.rendering import render_pair
@@ -75,7 +75,7 @@ def _calibration_text(calibration: Calibration) -> str:
 # Examples
 
 
-def run(found: list[Block], page: Path, names: dict[str, object]) -> None:
+def run(found: list[CodeBlock], page: Path, names: dict[str, object]) -> None:
     """Run the blocks of a page, one after the other, as one program."""
     for block in found:
         # Lines of tracebacks are those of the page.
@@ -98,7 +98,7 @@ def test_examples_run_as_they_stand(page: Path) -> None:
     run(found, page, names)
 
 
-def _foreign(found: list[Block]) -> list[str]:
+def _foreign(found: list[CodeBlock]) -> list[str]:
     """Return the optional packages that examples import themselves."""
     text = "".join(block.text for block in found)
     imported = re.findall(r"^\s*(?:import|from) (\w+)", text, re.MULTILINE)
@@ -150,7 +150,7 @@ def test_command_lines_are_such_as_the_program_takes(words: list[str], here: Pat
     _parse(words)
 
 
-def test_a_wrong_command_line_is_told() -> None:
+def test_a_wrong_command_line_is_reported() -> None:
     cyclopts = pytest.importorskip("cyclopts")
     with pytest.raises(cyclopts.CycloptsError):
         _parse(["match", "left.png", "right.png", "--num-disparitys", "64"])
@@ -183,7 +183,7 @@ def test_the_first_command_of_the_first_page_does_what_it_says(here: Path) -> No
 # The site
 
 
-class Page(HTMLParser):
+class LinkedPage(HTMLParser):
     """What a page loads, what it links to, what can be linked to, and its pictures."""
 
     def __init__(self) -> None:
@@ -236,17 +236,17 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def pages(site: Path) -> dict[str, Page]:
+def pages(site: Path) -> dict[str, LinkedPage]:
     """Return all pages by their address below the root of the site."""
     read = {}
     for path in sorted(site.rglob("*.html")):
-        page = Page()
+        page = LinkedPage()
         page.feed(path.read_text(encoding="utf-8"))
         read[path.relative_to(site).as_posix()] = page
     return read
 
 
-def test_every_page_is_there(pages: dict[str, Page]) -> None:
+def test_every_page_is_there(pages: dict[str, LinkedPage]) -> None:
     sources = [page.relative_to(ROOT / "docs") for page in PAGES if ROOT / "docs" in page.parents]
     wanted = {
         (source.parent / ("index.html" if source.stem == "index" else f"{source.stem}/index.html"))
@@ -256,7 +256,7 @@ def test_every_page_is_there(pages: dict[str, Page]) -> None:
     assert {"changelog/index.html", "contributing/index.html"} <= pages.keys()
 
 
-def test_no_page_asks_another_host_for_anything(site: Path, pages: dict[str, Page]) -> None:
+def test_no_page_asks_another_host_for_anything(site: Path, pages: dict[str, LinkedPage]) -> None:
     foreign = {
         (address, source)
         for address, page in pages.items()
@@ -278,13 +278,13 @@ def test_no_page_asks_another_host_for_anything(site: Path, pages: dict[str, Pag
 def test_the_glossary_has_a_sentence_on_every_setting_and_every_flag() -> None:
     text = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
-    told = {row[0].strip("`"): row[1] for row in rows if len(row) > 2 and row[0].startswith("`")}
+    entries = {row[0].strip("`"): row[1] for row in rows if len(row) > 2 and row[0].startswith("`")}
     settings = [field.name for field in fields(ps.Settings)]
-    assert list(told) == [*settings, *(flag.name for flag in ps.Flag)]
-    assert all(sentence.endswith(".") for sentence in told.values())
+    assert list(entries) == [*settings, *(flag.name for flag in ps.Flag)]
+    assert all(sentence.endswith(".") for sentence in entries.values())
 
 
-def test_what_pages_load_and_link_to_is_there(site: Path, pages: dict[str, Page]) -> None:
+def test_what_pages_load_and_link_to_is_there(site: Path, pages: dict[str, LinkedPage]) -> None:
     for address, page in pages.items():
         if address == "404.html":  # its links begin at the root of wherever the site will be
             continue
@@ -292,7 +292,7 @@ def test_what_pages_load_and_link_to_is_there(site: Path, pages: dict[str, Page]
             _follow(site, pages, address, link)
 
 
-def _follow(site: Path, pages: dict[str, Page], address: str, link: str) -> None:
+def _follow(site: Path, pages: dict[str, LinkedPage], address: str, link: str) -> None:
     parts = urlsplit(link)
     if parts.scheme or parts.netloc:
         return
@@ -306,7 +306,7 @@ def _follow(site: Path, pages: dict[str, Page], address: str, link: str) -> None
 
 
 @pytest.mark.parametrize(("page", "least"), PICTURES.items())
-def test_the_build_draws_pictures(page: str, least: int, pages: dict[str, Page]) -> None:
+def test_the_build_draws_pictures(page: str, least: int, pages: dict[str, LinkedPage]) -> None:
     image = counterpart("PIL.Image")
     found = pages["index.html" if page == "index" else f"{page}/index.html"].pictures
     assert len(found) >= least

@@ -37,7 +37,7 @@ def run_all(targets: list[Any]) -> None:
         barrier.wait()
         try:
             target()
-        except BaseException as error:  # noqa: BLE001 -- told in the thread of the test
+        except BaseException as error:  # noqa: BLE001 -- raised again in the thread of the test
             raised.append(error)
 
     threads = [threading.Thread(target=run, args=(target,)) for target in targets]

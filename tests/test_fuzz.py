@@ -45,7 +45,7 @@ def is_read(read: Callable[[Path], object], path: Path) -> bool:
     return True
 
 
-def test_a_byte_that_is_wrong_is_passed_over_or_told_of_the_file(corpus: list[Path]) -> None:
+def test_a_byte_that_is_wrong_is_passed_over_or_named_with_the_file(corpus: list[Path]) -> None:
     """Content that is damaged is a ValueError, and names the file; the system has no part in it."""
     folder, read, wrong = corpus[0].parent.parent, Counter[str](), []
 
@@ -57,8 +57,8 @@ def test_a_byte_that_is_wrong_is_passed_over_or_told_of_the_file(corpus: list[Pa
             for content in fuzzing.flipped(source.read_bytes()):
                 path.write_bytes(content)
                 read[name] += 1
-                if told := fuzzing.complaint(name, path):
-                    wrong.append((source.name, str(fuzzing.keep(path, folder / "wrong")), told))
+                if message := fuzzing.complaint(name, path):
+                    wrong.append((source.name, str(fuzzing.keep(path, folder / "wrong")), message))
 
     assert wrong == []
     assert min(read.values()) > 30
@@ -70,8 +70,8 @@ def test_mutated_files_are_read_or_refused(corpus: list[Path]) -> None:
     for name, suffix, content in islice(fuzzing.cases(corpus, seed=0), FILES):
         path = folder / f"{name}{suffix}"
         path.write_bytes(content)
-        if told := fuzzing.complaint(name, path):
-            wrong.append((str(fuzzing.keep(path, folder / "wrong")), told))
+        if message := fuzzing.complaint(name, path):
+            wrong.append((str(fuzzing.keep(path, folder / "wrong")), message))
     assert wrong == []
 
 

@@ -345,7 +345,7 @@ def test_bands_are_chosen(tmp_path: Path) -> None:
         read_geotiff(tmp_path / "a.tif", bands=[6])
 
 
-def test_colors_are_told_by_the_file_not_by_their_order(tmp_path: Path) -> None:
+def test_colors_follow_the_file_not_their_order(tmp_path: Path) -> None:
     planes = noise((4, 20, 30), "uint16")
     save(tmp_path / "a.tif", planes, colors=["blue", "green", "red", "undefined"])
     found = read_geotiff(tmp_path / "a.tif").image

@@ -50,16 +50,16 @@ def test_every_hostile_file_is_refused_soon_by_name_and_in_little_memory(folder:
     )
 
     assert (finished.returncode, finished.stderr) == (0, "")
-    told = [json.loads(line) for line in finished.stdout.splitlines()]
-    assert len(told) == len(list(hostile.cases(folder))) > 40
-    assert [each for each in told if not is_refused(each, folder)] == []
+    outcomes = [json.loads(line) for line in finished.stdout.splitlines()]
+    assert len(outcomes) == len(list(hostile.cases(folder))) > 40
+    assert [each for each in outcomes if not is_refused(each, folder)] == []
 
 
-def is_refused(told: dict[str, Any], folder: Path) -> bool:
-    named = f"{folder / told['file']}" in told["raised"]
-    kind = told["raised"].split(":")[0]
-    refused = kind in {"ValueError", "OSError"} and "\n" not in told["raised"]
-    return named and refused and told["seconds"] < SECONDS and told["bytes"] < BYTES
+def is_refused(outcome: dict[str, Any], folder: Path) -> bool:
+    named = f"{folder / outcome['file']}" in outcome["raised"]
+    kind = outcome["raised"].split(":")[0]
+    refused = kind in {"ValueError", "OSError"} and "\n" not in outcome["raised"]
+    return named and refused and outcome["seconds"] < SECONDS and outcome["bytes"] < BYTES
 
 
 def test_a_mask_beside_a_picture_is_bounded_too(tmp_path: Path) -> None:

@@ -175,7 +175,9 @@ def test_what_is_no_limit_is_refused(count: Any, error: type[Exception]) -> None
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
-def test_a_full_disk_is_told_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_named_with_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     full = partial(Path("/dev/full").open, "wb")
     monkeypatch.setattr("phasestereo.io.files.created", lambda _: full())
     with pytest.raises(OSError, match=rf"No space left on device: '{tmp_path}/a.npy'"):

@@ -104,7 +104,7 @@ def test_heif_comes_nearly_as_it_is_stored(tmp_path: Path, mode: str, dtype: str
     assert np.abs(loaded.astype(int) - image).max() <= np.iinfo(dtype).max / 64
 
 
-def test_heif_needs_its_extra_and_is_told_from_films(
+def test_heif_needs_its_extra_and_is_not_taken_for_a_film(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pillow_heif", None)

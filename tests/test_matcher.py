@@ -95,18 +95,18 @@ def test_codes_to_disparities_equal_the_oracle(
     byte = precision == "byte"
     dropped = oracle.dropped_bits(window, 7 * 2 ** (bits - 1), penalties[1]) if byte else 0
     volume = oracle.aggregate(costs, window, shiftable=shiftable, dropped=dropped)
-    near, far = (oracle.window_penalty(each, window, dropped) for each in penalties)
+    p1, p2 = (oracle.window_penalty(each, window, dropped) for each in penalties)
 
     evidence = {
-        "dp": lambda: refinement.of_scanlines(volume, oracle.scanline(volume, near, far)),
-        "so": lambda: refinement.of_paths(volume, oracle.row_means(volume, near, far)),
+        "dp": lambda: refinement.of_scanlines(volume, oracle.scanline(volume, p1, p2)),
+        "so": lambda: refinement.of_paths(volume, oracle.row_means(volume, p1, p2)),
         "wta": lambda: refinement.of_scanlines(volume, oracle.winner_takes_all(volume)),
     }[optimizer]()
 
     np.testing.assert_array_equal(result.disparity, evidence.chosen + low)
     unit = window**2 / 2**dropped
-    voices = refinement.votes(evidence, unit)
-    expected = refinement.confidence(result.disparity, voices, left.astype(np.int64))
+    reliable = refinement.reliability(evidence, unit)
+    expected = refinement.confidence(result.disparity, reliable, left.astype(np.int64))
     assert result.confidence is not None
     np.testing.assert_allclose(result.confidence, expected, rtol=0, atol=1e-5)
 
@@ -133,27 +133,27 @@ def test_fast_with_masks_equals_the_oracle() -> None:
         for image, mask in zip((left, right), masks, strict=True)
     ]
 
-    voting = oracle.votes(masks[0], masks[1], 0, 7)
+    valid = oracle.valid_candidates(masks[0], masks[1], 0, 7)
     dropped = oracle.dropped_bits(fast.window, 8, fast.p2)
     volume = oracle.aggregate(
         oracle.phase_costs(codes[0], codes[1], 0, 7, fast.bits),
         fast.window,
         shiftable=fast.shiftable,
-        votes=voting,
+        valid=valid,
         ceiling=8,
         dropped=dropped,
     )
 
-    near, far = (oracle.window_penalty(each, fast.window, dropped) for each in (fast.p1, fast.p2))
-    chosen = oracle.free_scanline(volume, near, far)
-    expected = np.where(voting.any(axis=2), chosen, np.nan)
+    p1, p2 = (oracle.window_penalty(each, fast.window, dropped) for each in (fast.p1, fast.p2))
+    chosen = oracle.free_scanline(volume, p1, p2)
+    expected = np.where(valid.any(axis=2), chosen, np.nan)
 
     assert (expected == 3).any()
     np.testing.assert_array_equal(result.disparity, expected)
 
 
-def test_few_votes_in_bytes_cost_no_more_than_none() -> None:
-    """What is dropped from few votes must not scale up beyond what a byte was found to hold."""
+def test_few_valid_costs_in_bytes_cost_no_more_than_none() -> None:
+    """Scaled to the full window, few valid costs must still fit a byte."""
     texture = np.random.default_rng(0).integers(1, 256, (1, 70), np.uint8).repeat(40, axis=0)
 
     left, right = texture[:, :60], 255 - texture[:, 3:63]  # every bit differs where it is shifted
@@ -161,11 +161,11 @@ def test_few_votes_in_bytes_cost_no_more_than_none() -> None:
     left_mask[::11] = False
 
     described: dict[str, Any] = {"num_disparities": 7, "frequencies": (3, 0), "window": 11}
-    voting = oracle.votes(left_mask, np.ones_like(left_mask), 0, 7)
+    valid = oracle.valid_candidates(left_mask, np.ones_like(left_mask), 0, 7)
     costs = ps.cost_volume(left, right, **described).astype(np.int64)
 
     volume = oracle.aggregate(
-        costs, 11, shiftable=False, votes=voting, ceiling=6, dropped=oracle.dropped_bits(11, 6)
+        costs, 11, shiftable=False, valid=valid, ceiling=6, dropped=oracle.dropped_bits(11, 6)
     )
 
     penalty = 167 * 8 / 121  # 167 and 11 * (66 >> 3) = 88 are 255

@@ -49,7 +49,7 @@ OVERVIEW = "ps.views.plot.overview(result)"
 EXPORTED = 60  # seconds that a notebook may take
 
 
-class Block(HTMLParser):
+class HtmlBlock(HTMLParser):
     """Images, tags and text of a piece of HTML."""
 
     def __init__(self, html: str) -> None:
@@ -87,8 +87,8 @@ def decoded(uri: str) -> NDArray[np.uint8]:
         return np.asarray(image.convert("RGB"))
 
 
-def shown(result: ps.Result) -> Block:
-    block = Block(result._repr_html_())
+def shown(result: ps.Result) -> HtmlBlock:
+    block = HtmlBlock(result._repr_html_())
     assert not block.open
     return block
 
@@ -234,7 +234,7 @@ def test_large_results_stay_small_and_true() -> None:
     html = result._repr_html_()
     assert len(html) < 1_000_000
 
-    picture = Block(html).picture("Disparity map, 2000 by 1500 pixels")
+    picture = HtmlBlock(html).picture("Disparity map, 2000 by 1500 pixels")
     assert picture.shape == (330, 440, 3)
 
     y, x = (((np.arange(size) + 0.5) * 1500 / 330).astype(int) for size in (330, 440))
@@ -247,7 +247,7 @@ def test_large_results_stay_small_and_true() -> None:
 
 def test_it_needs_nothing_from_elsewhere_and_survives_sanitizers(result: ps.Result) -> None:
     html = result._repr_html_()
-    block = Block(html)
+    block = HtmlBlock(html)
     assert set(block.tags) <= {"div", "b", "figure", "figcaption", "img", "span"}
     assert all(image["src"].startswith("data:image/") for image in block.images)
     assert all(image["alt"] for image in block.images)
@@ -269,7 +269,7 @@ def test_text_is_escaped(result: ps.Result) -> None:
 def test_estimates_of_blur_show_their_kinds() -> None:
     kinds = Blur("none", "none", 0.0, 0.0), Blur("left", "motion", 9.0, 45.0)
     labels = np.array([[0, 0, 0, 1]], np.uint8)
-    block = Block(BlurEstimate(kinds, labels, 16, 0.875, 1.0, (1.5, 0.25))._repr_html_())
+    block = HtmlBlock(BlurEstimate(kinds, labels, 16, 0.875, 1.0, (1.5, 0.25))._repr_html_())
     assert not block.open
     assert "none75.0%left, motion 9.00 px at 45 degrees25.0%" in block.text
     assert "certainty 0.88, noise 1.5 left, 0.25 right" in block.text
@@ -279,7 +279,7 @@ def test_diagnoses_show_their_findings() -> None:
     image = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
 
     diagnosis = ps.check(image[:, :120], 255 - image[:, 8:])
-    block = Block(diagnosis._repr_html_())
+    block = HtmlBlock(diagnosis._repr_html_())
 
     assert not block.open
     assert block.tags.count("tr") == len(diagnosis.findings) + 1
@@ -326,7 +326,7 @@ def test_a_notebook_shows_the_result(result: ps.Result, tmp_path: Path) -> None:
     assert output.output_type == "execute_result"
     assert output.data["text/plain"].startswith("<Result 120x90, 98.1% estimated")
 
-    block = Block(output.data["text/html"])
+    block = HtmlBlock(output.data["text/html"])
     assert len(block.images) == 5
     np.testing.assert_array_equal(block.picture("Disparity map"), colorize(result.disparity))
     assert "98.1% estimated" in block.text

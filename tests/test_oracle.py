@@ -384,34 +384,34 @@ def test_votes_need_a_valid_pixel_at_both_ends() -> None:
     left = np.array([[True, True, False]])
     right = np.array([[False, True, True]])
     expected = [[[False, False], [True, False], [False, False]]]
-    assert oracle.votes(left, right, 0, 2).tolist() == expected
-    assert oracle.votes(left, right, -1, 2).tolist() == [
+    assert oracle.valid_candidates(left, right, 0, 2).tolist() == expected
+    assert oracle.valid_candidates(left, right, -1, 2).tolist() == [
         [[True, False], [True, True], [False, False]]
     ]
 
 
 def test_votes_by_all_change_nothing() -> None:
     everyone = np.ones(NINE.shape, dtype=bool)
-    voted = oracle.aggregate(NINE, 3, shiftable=True, votes=everyone, ceiling=9)
+    voted = oracle.aggregate(NINE, 3, shiftable=True, valid=everyone, ceiling=9)
     assert voted.tolist() == oracle.aggregate(NINE, 3, shiftable=True).tolist()
 
 
 def test_missing_votes_are_scaled_up() -> None:
     """Without the middle: (45 - 5) * 9 / 8 = 45; corner 16 * 9 / 8 = 18; 22 * 9 / 8 = 24.75."""
-    voting = NINE != 5
-    sums = oracle.aggregate(NINE, 3, shiftable=False, votes=voting, ceiling=9)[:, :, 0]
+    valid = NINE != 5
+    sums = oracle.aggregate(NINE, 3, shiftable=False, valid=valid, ceiling=9)[:, :, 0]
     assert sums[1, 1] == 45
     assert sums[0, 0] == 18
     assert sums[0, 1] == 25
 
 
 def test_scaled_votes_round_half_up_and_none_cost_the_ceiling() -> None:
-    """Two votes of 1 and 2 around the middle: 3 * 9 / 2 = 13.5; column 4 sees nobody."""
+    """Two valid costs of 1 and 2 around the middle: 3 * 9 / 2 = 13.5; column 4 has none."""
     costs = one_row([7], [1], [2], [7], [7], [7])
-    voting = one_row([0], [1], [1], [0], [0], [0]) > 0
-    still = oracle.aggregate(costs, 3, shiftable=False, votes=voting, ceiling=14)[0, :, 0]
+    valid = one_row([0], [1], [1], [0], [0], [0]) > 0
+    still = oracle.aggregate(costs, 3, shiftable=False, valid=valid, ceiling=14)[0, :, 0]
     assert still.tolist() == [9, 14, 14, 18, 126, 126]
-    shifted = oracle.aggregate(costs, 3, shiftable=True, votes=voting, ceiling=14)[0, :, 0]
+    shifted = oracle.aggregate(costs, 3, shiftable=True, valid=valid, ceiling=14)[0, :, 0]
     assert shifted.tolist() == [9, 9, 14, 14, 18, 126]
 
 
@@ -424,7 +424,7 @@ def test_a_byte_holds_what_is_left_of_a_window() -> None:
 def test_a_byte_holds_the_cost_of_a_jump_if_one_bit_is_enough() -> None:
     """162 + 93 = 255; 162 + 94 exceed it, 81 + 47 do not; 81 + 174 = 255 and 81 + 175."""
     cases = [(4.59, 2), (4.64, 3), (17.18, 3), (17.3, 2)]
-    assert [oracle.dropped_bits(9, 8, far) for far, _ in cases] == [bits for _, bits in cases]
+    assert [oracle.dropped_bits(9, 8, p2) for p2, _ in cases] == [bits for _, bits in cases]
 
 
 def test_bits_are_dropped_from_the_sum_of_each_column() -> None:
@@ -432,23 +432,23 @@ def test_bits_are_dropped_from_the_sum_of_each_column() -> None:
     assert oracle.box_sum(NINE, 3, 1)[1, 1, 0] == 22
     assert oracle.aggregate(NINE, 3, shiftable=False, dropped=2)[1, 1, 0] == 3 + 3 + 4
 
-    voting = NINE != 5  # 12, 10, 18 without a bit make 20, of which 9 / 8 are 22.5
-    voted = oracle.aggregate(NINE, 3, shiftable=False, votes=voting, ceiling=9, dropped=1)
+    valid = NINE != 5  # 12, 10, 18 without a bit make 20, of which 9 / 8 are 22.5
+    voted = oracle.aggregate(NINE, 3, shiftable=False, valid=valid, ceiling=9, dropped=1)
     assert voted[1, 1, 0] == 23
 
-    nobody = oracle.aggregate(NINE, 3, shiftable=False, votes=NINE < 0, ceiling=9, dropped=1)
+    nobody = oracle.aggregate(NINE, 3, shiftable=False, valid=NINE < 0, ceiling=9, dropped=1)
     assert (nobody == 3 * 13).all()
 
-    # Each column has two votes of 9, that is 18, or 9 without a bit; 27 * 9 / 6 = 40.5 exceed 39.
+    # Two valid costs of 9 in each column: 18, or 9 without a bit; 27 * 9 / 6 = 40.5 exceeds 39.
     without_a_row = np.array([[[1]], [[1]], [[0]]] * 3) * np.ones((9, 9, 1), int) > 0
     highest = np.full((9, 9, 1), 9)
-    full = oracle.aggregate(highest, 3, shiftable=False, votes=without_a_row, ceiling=9, dropped=1)
+    full = oracle.aggregate(highest, 3, shiftable=False, valid=without_a_row, ceiling=9, dropped=1)
     assert full[4, 4, 0] == 39
 
 
 def test_votes_want_the_ceiling() -> None:
     with pytest.raises(ValueError, match="ceiling"):
-        oracle.aggregate(NINE, 3, shiftable=True, votes=NINE > 0)
+        oracle.aggregate(NINE, 3, shiftable=True, valid=NINE > 0)
 
 
 # --- optimization ---
@@ -513,30 +513,30 @@ def test_penalties_are_lower_where_gray_values_jump() -> None:
     gray = np.array([[0, 2, 12, 18], [19, 0, 12, 18]])
 
     assert oracle.mean_step(gray[:1]) == 6
-    left = oracle.far_penalties(gray[:1], 1, 13, 1.0, (-1, 0))
+    left = oracle.jump_penalties(gray[:1], 1, 13, 1.0, (-1, 0))
     assert left.tolist() == [[13, 13, 6, 13]]
-    assert oracle.far_penalties(gray[:1], 1, 13, 1.0, (1, 0)).tolist() == [[13, 6, 13, 13]]
-    assert oracle.far_penalties(gray[:1], 5, 13, 0.5, (-1, 0)).tolist() == [[13, 13, 5, 6]]
-    assert oracle.far_penalties(gray[:1], 1, 13, 0.0, (-1, 0)).tolist() == [[13] * 4]
+    assert oracle.jump_penalties(gray[:1], 1, 13, 1.0, (1, 0)).tolist() == [[13, 6, 13, 13]]
+    assert oracle.jump_penalties(gray[:1], 5, 13, 0.5, (-1, 0)).tolist() == [[13, 13, 5, 6]]
+    assert oracle.jump_penalties(gray[:1], 1, 13, 0.0, (-1, 0)).tolist() == [[13] * 4]
 
     steep = np.array([[0, 0, 0, 0], [40, 0, 10, 0]])  # steps 0 0 0 40 10 10: mean 10
-    assert oracle.far_penalties(steep, 1, 13, 1.0, (0, -1))[1].tolist() == [4, 13, 13, 13]
-    assert oracle.far_penalties(steep, 1, 13, 1.0, (0, 1))[0].tolist() == [4, 13, 13, 13]
+    assert oracle.jump_penalties(steep, 1, 13, 1.0, (0, -1))[1].tolist() == [4, 13, 13, 13]
+    assert oracle.jump_penalties(steep, 1, 13, 1.0, (0, 1))[0].tolist() == [4, 13, 13, 13]
 
 
 def test_path_totals_by_hand() -> None:
     """A row after another: to stay, to change by one, to jump; relative to the least before."""
     costs = np.array([[[0, 9, 9]], [[9, 0, 9]], [[9, 9, 0]], [[5, 5, 5]]])
-    far = np.full((4, 1), 3)
+    p2 = np.full((4, 1), 3)
     expected = [[0, 9, 9], [9, 2, 12], [11, 9, 2], [8, 7, 5]]
-    assert oracle.path_totals(costs, far, 2)[:, 0].tolist() == expected
+    assert oracle.path_totals(costs, p2, 2)[:, 0].tolist() == expected
 
 
-def free_path_cost(costs: NDArray[Any], path: tuple[int, ...], near: int, far: int) -> int:
+def free_path_cost(costs: NDArray[Any], path: tuple[int, ...], p1: int, p2: int) -> int:
     changes = [abs(after - before) for before, after in itertools.pairwise(path)]
     return int(
         sum(costs[x, d] for x, d in enumerate(path))
-        + sum(0 if apart == 0 else near if apart == 1 else far for apart in changes)
+        + sum(0 if apart == 0 else p1 if apart == 1 else p2 for apart in changes)
     )
 
 
@@ -546,14 +546,14 @@ def test_totals_are_those_of_the_cheapest_of_all_paths(width: int, number: int, 
     cells = st.lists(st.integers(0, 6), min_size=width * number, max_size=width * number)
     costs = np.array(data.draw(cells)).reshape(width, 1, number)
 
-    near = data.draw(st.integers(0, 5))
-    far = near + data.draw(st.integers(0, 5))
+    p1 = data.draw(st.integers(0, 5))
+    p2 = p1 + data.draw(st.integers(0, 5))
 
-    totals = oracle.path_totals(costs, np.full((width, 1), far), near)[-1, 0]
+    totals = oracle.path_totals(costs, np.full((width, 1), p2), p1)[-1, 0]
 
     least = [
         min(
-            free_path_cost(costs[:, 0], (*before, last), near, far)
+            free_path_cost(costs[:, 0], (*before, last), p1, p2)
             for before in itertools.product(range(number), repeat=width - 1)
         )
         for last in range(number)

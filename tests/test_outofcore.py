@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import phasestereo as ps
-from conftest import counterpart
+from conftest import EndingError, counterpart
 from phasestereo import outofcore
 from phasestereo.io import Georeference, read_geotiff, write_geotiff
 from phasestereo.io.windows import open_raster
@@ -98,7 +98,7 @@ def test_the_map_is_that_of_the_whole_pair(
 SETTINGS: dict[str, dict[str, Any]] = {
     "robust": {},
     "robust so": {"optimizer": "so"},
-    "robust told": {"noise": 1.0, "speckle_size": 9, "precision": "full"},
+    "robust, noise given": {"noise": 1.0, "speckle_size": 9, "precision": "full"},
     "paper": {"preset": "paper"},
     "paper sgm": {"preset": "paper", "optimizer": "sgm", "min_disparity": -3},
     "fast": {"preset": "fast"},
@@ -114,7 +114,7 @@ def test_any_band_with_any_setting_is_that_of_the_whole_pair(
     options = {"num_disparities": COUNT} | SETTINGS[name]
     whole = ps.match(*pair, **options).disparity
     for rows in (1, 7, 63, 64, 65, 1000, None):
-        if rows != 1 or name in ("robust told", "fast"):
+        if rows != 1 or name in ("robust, noise given", "fast"):
             report = match(band_rows=rows, **options)
             np.testing.assert_array_equal(np.load("out.npy"), whole, strict=True)
             assert report.plan.bands == (1 if rows is None else -(-HEIGHT // rows))
@@ -214,16 +214,12 @@ def test_what_is_no_size_is_refused(size: str) -> None:
     (12, "12 bytes"), (1000, "1 kB"), (812_000_001, "813 MB"), (1_340_000_000, "1.4 GB"),
     (99_900_000, "99.9 MB"),
 ])  # fmt: skip
-def test_sizes_are_told_so_that_they_suffice(count: int, words: str) -> None:
+def test_sizes_are_rounded_up(count: int, words: str) -> None:
     assert format_bytes(count) == words
     assert as_bytes(words.removesuffix("ytes"), "") >= count
 
 
 # What ends a run
-
-
-class EndingError(Exception):
-    """What a progress raises."""
 
 
 def end_after(bands: int, error: type[BaseException] = EndingError) -> Any:
@@ -356,21 +352,21 @@ def test_a_run_that_is_killed_again_and_again_comes_to_the_same(
 # What a run refuses
 
 
-@pytest.mark.parametrize(("change", "told"), [
+@pytest.mark.parametrize(("change", "words"), [
     ({"num_disparities": 16}, "with num_disparities 24 (now 16); accepts True to drop them"),
     ({"window": 7}, "with window 9 (now 7);"),
     ({"flags_output": "flags.npy"}, "with layers ['disparity'] (now ['disparity', 'flags']);"),
     ({"left_mask": "left.tif"}, "with left_mask None (now "),
 ])  # fmt: skip
 @pytest.mark.usefixtures("pair")
-def test_a_run_of_another_kind_is_refused(change: dict[str, Any], told: str) -> None:
+def test_a_run_of_another_kind_is_refused(change: dict[str, Any], words: str) -> None:
     with pytest.raises(EndingError):
         match(preset="fast", progress=end_after(3))
     before = blocks()
 
     with pytest.raises(ValueError, match=r"^restart: got False, but .*part holds") as error:
         match(preset="fast", **change)
-    assert told in str(error.value)
+    assert words in str(error.value)
     assert blocks() == before
 
     report = match(preset="fast", restart=True, **change)
@@ -415,11 +411,11 @@ def test_two_runs_that_have_an_output_in_common_do_not_share_its_draft() -> None
 
 @pytest.mark.usefixtures("pair")
 def test_two_runs_at_once_are_refused() -> None:
-    told: list[int] = []
+    seen: list[int] = []
 
     def progress(done: int, _rows: int) -> None:
-        if done == 64 and not told:
-            told.append(done)
+        if done == 64 and not seen:
+            seen.append(done)
             other = subprocess.run(  # noqa: S603  # our own
                 [sys.executable, "-c", SLOW, "robust"], capture_output=True, text=True, check=False
             )
@@ -427,7 +423,7 @@ def test_two_runs_at_once_are_refused() -> None:
             assert "out.npy.part: another run is at work there" in other.stderr
 
     assert match(progress=progress).plan.bands == 7
-    assert told
+    assert seen
 
 
 @pytest.mark.usefixtures("pair")
@@ -440,19 +436,19 @@ def test_folders_of_others_are_left_alone() -> None:
 
 
 @pytest.mark.usefixtures("pair")
-def test_too_little_memory_is_told_with_what_would_do() -> None:
+def test_too_little_memory_is_named_with_what_would_do() -> None:
     with pytest.raises(ValueError, match=r"^max_memory: got 1 MB; accepts .* or more") as error:
         match(max_memory="1MB", band_rows=None)
-    told = str(error.value)
-    assert "300 columns and 24 disparities" in told
+    message = str(error.value)
+    assert "300 columns and 24 disparities" in message
     assert left_over() == []
-    enough = re.findall(r"accepts (.*?) or more", told)[0]
+    enough = re.findall(r"accepts (.*?) or more", message)[0]
     assert match(max_memory=as_bytes(enough, "") + 10**8).plan.rows == 32
 
 
 @pytest.mark.usefixtures("pair")
 @pytest.mark.parametrize("memory", ["1MB", "50MB"], ids=["at opening", "with all else"])
-def test_large_blocks_of_a_file_are_told_where_they_are_to_blame(memory: str) -> None:
+def test_large_blocks_of_a_file_are_named_where_they_are_to_blame(memory: str) -> None:
     side = 6144
 
     for name in ("left.tif", "right.tif"):
@@ -498,7 +494,7 @@ def test_wrong_types_are_refused(options: dict[str, Any], error: str) -> None:
 
 
 @pytest.mark.usefixtures("pair")
-def test_outputs_that_cannot_be_are_told_before_anything_is_matched() -> None:
+def test_outputs_that_cannot_be_are_refused_before_anything_is_matched() -> None:
     Path("folder.npy").mkdir()
     Path("folder.zarr").mkdir()
     Path("folder.zarr/diary.txt").touch()
@@ -521,7 +517,7 @@ def test_outputs_that_cannot_be_are_told_before_anything_is_matched() -> None:
     ("rasterio", "out.tif", "geo"),
 ])  # fmt: skip
 @pytest.mark.usefixtures("pair")
-def test_what_is_missing_is_told(
+def test_what_is_missing_is_reported(
     monkeypatch: pytest.MonkeyPatch, module: str, output: str, extra: str
 ) -> None:
     images = texture(40, 40)
@@ -572,14 +568,14 @@ outofcore.match("left.npy", "right.npy", sys.argv[1], num_disparities=24, max_me
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the size of files cannot be limited")
-@pytest.mark.parametrize(("output", "limit", "told"), [
+@pytest.mark.parametrize(("output", "limit", "words"), [
     ("out.npy", 20_000, r"kB are needed\): '.*part/rows0"),
     ("out.npy", 200_000, "cannot be written .* is finished is kept .*'out.npy'"),
     ("out.tif", 200_000, "cannot be written .* is finished is kept .*'out.tif'"),
     ("out.zarr", 60_000, "cannot be written .* is finished is kept .*'out.zarr'"),
 ])  # fmt: skip
-def test_a_full_disk_is_told_and_what_is_finished_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: str, limit: int, told: str
+def test_a_full_disk_is_reported_and_what_is_finished_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: str, limit: int, words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
 
@@ -594,7 +590,7 @@ def test_a_full_disk_is_told_and_what_is_finished_kept(
 
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()[-1]
-    assert re.match(f"^OSError: .*{told}", last), last
+    assert re.match(f"^OSError: .*{words}", last), last
 
     kept = list(Path().glob("out.*.part/rows*.npz"))
     assert len(kept) == (0 if limit == 20_000 else 32)

@@ -126,7 +126,7 @@ def test_what_is_imported_when_it_is_asked_for_is_there(name: str) -> None:
     assert getattr(ps, name) is not None
 
 
-def test_a_name_that_is_not_there_is_told() -> None:
+def test_a_name_that_is_not_there_is_reported() -> None:
     with pytest.raises(AttributeError, match=r"^module 'phasestereo' has no attribute 'mach'$"):
         ps.mach  # type: ignore[attr-defined]  # noqa: B018  # that is what is tested
 
@@ -275,12 +275,12 @@ def test_the_extra_that_is_named_brings_the_module(module: str, extra: str) -> N
 
 
 @pytest.mark.parametrize(("module", "extra"), sorted({(m, e) for _, m, e in ASKED}))
-def test_a_missing_module_is_told_with_the_command_that_installs_it(
+def test_a_missing_module_is_named_with_the_command_that_installs_it(
     module: str, extra: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hide(module, monkeypatch)
-    told = f"{module} is not installed; it comes with: pip install 'phasestereo[{extra}]'"
-    with pytest.raises(ImportError, match=f"^{re.escape(told)}$"):
+    message = f"{module} is not installed; it comes with: pip install 'phasestereo[{extra}]'"
+    with pytest.raises(ImportError, match=f"^{re.escape(message)}$"):
         require(module, extra=extra)
 
 
@@ -402,7 +402,7 @@ CALLS = [
 
 
 @pytest.mark.parametrize(("module", "extra", "call"), CALLS)
-def test_users_are_told_the_command_when_they_call_what_needs_it(
+def test_users_are_given_the_command_when_they_call_what_needs_it(
     module: str,
     extra: str,
     call: Callable[[Path], object],
@@ -418,9 +418,9 @@ def test_users_are_told_the_command_when_they_call_what_needs_it(
 @pytest.mark.parametrize("module", ["cyclopts", "rich"])
 def test_the_command_without_its_extra_says_how_to_get_it(module: str) -> None:
     finished = run("-c", f"import sys; sys.modules[{module!r}] = None\n{MAIN}", COLUMNS="200")
-    told = f"{module} is not installed; it comes with: pip install 'phasestereo[cli]'"
+    message = f"{module} is not installed; it comes with: pip install 'phasestereo[cli]'"
     assert (finished.returncode, finished.stdout) == (1, "")
-    assert finished.stderr == f"phasestereo: error: {told}\n"
+    assert finished.stderr == f"phasestereo: error: {message}\n"
 
 
 def test_the_plugin_without_pandora_says_how_to_get_it() -> None:
@@ -428,12 +428,12 @@ def test_the_plugin_without_pandora_says_how_to_get_it() -> None:
         "-c", "import sys; sys.modules['pandora'] = None\nimport phasestereo.integrations.pandora"
     )
 
-    told = (
+    message = (
         "ImportError: pandora is not installed; it comes with: pip install 'phasestereo[pandora]'"
     )
 
     assert finished.returncode == 1
-    assert finished.stderr.endswith(f"{told}\n")
+    assert finished.stderr.endswith(f"{message}\n")
 
 
 MAIN = """
@@ -501,9 +501,9 @@ def test_a_command_of_the_harness_says_how_to_get_it_where_it_is_missing(
 ) -> None:
     counterpart("cyclopts")
     finished = run("-c", f"{WITHOUT_OTHERS}sys.argv[1:] = {arguments}\nsys.exit(main())")
-    told = "this command is not installed; it comes with: pip install phasestereo-bench"
+    message = "this command is not installed; it comes with: pip install phasestereo-bench"
     assert (finished.returncode, finished.stdout) == (1, "")
-    assert finished.stderr == f"phasestereo: error: {told}\n"
+    assert finished.stderr == f"phasestereo: error: {message}\n"
 
 
 WITHOUT_OTHERS = """
@@ -568,8 +568,8 @@ def test_a_script_that_uses_all_of_the_interface_type_checks(complaints: list[st
 
 def test_a_script_that_is_wrong_does_not(complaints: list[str]) -> None:
     wanted = [n for n, line in enumerate(WRONG.splitlines(), 1) if "# wrong" in line]
-    told = [re.match(r"wrong\.py:(\d+): error", line) for line in complaints]
-    assert [int(found[1]) for found in told if found] == wanted
+    errors = [re.match(r"wrong\.py:(\d+): error", line) for line in complaints]
+    assert [int(found[1]) for found in errors if found] == wanted
 
 
 def test_the_script_names_all_of_the_interface() -> None:

@@ -74,7 +74,7 @@ class Told(HTMLParser):
             self.text += data
 
 
-def told(page: Path) -> Any:
+def page_data(page: Path) -> Any:
     """Return the numbers that the page's scripts work with, refusing what JSON does not have."""
 
     def refuse(constant: str) -> None:
@@ -135,7 +135,7 @@ def test_without_any_estimate(tmp_path: Path, result: ps.Result) -> None:
     page = tmp_path / "page.html"
     nothing = replace(result, disparity=np.full(SHAPE, np.nan, dtype=np.float32))
     write_pair_page(page, *pair_of(), nothing, truth=np.ones(SHAPE))
-    assert told(page)["charts"]["errors"]["wrong"] == [100] * 80
+    assert page_data(page)["charts"]["errors"]["wrong"] == [100] * 80
     text = Told(page).text
     assert re.search("EPE\\)\\s*\N{EN DASH}", text)
     assert "No pixel has a depth" in text
@@ -147,7 +147,7 @@ def test_large_maps_are_thinned_out(
     monkeypatch.setattr(page_module, "MOST_PIXELS", 120)
     page = tmp_path / "page.html"
     write_pair_page(page, *pair_of(), result)
-    held = told(page)
+    held = page_data(page)
     assert (held["cols"], held["rows"], held["step"]) == (14, 8, 3)
     assert "every 3rd pixel of every 3rd row" in " ".join(Told(page).text.split())
 
@@ -210,7 +210,7 @@ def test_no_folder(tmp_path: Path, result: ps.Result) -> None:
         write_pair_page(tmp_path / "none" / "page.html", *pair_of(), result)
 
 
-# What is told
+# What the page says
 
 
 def test_intensities_are_stretched_alike() -> None:
@@ -225,8 +225,10 @@ def test_only_images_of_more_than_8_bits_are_stretched(tmp_path: Path, result: p
     for dtype in (np.uint8, np.uint16):
         left, right = (image.astype(dtype) for image in pair_of())
         write_pair_page(tmp_path / "page.html", left, right, result)
-        told = "Intensities are stretched" in (tmp_path / "page.html").read_text(encoding="utf-8")
-        assert told == (dtype is np.uint16)
+        message = "Intensities are stretched" in (tmp_path / "page.html").read_text(
+            encoding="utf-8"
+        )
+        assert message == (dtype is np.uint16)
 
 
 def test_what_is_not_finite_is_black() -> None:
@@ -262,9 +264,11 @@ def test_blur_in_words() -> None:
     assert say(none).verdict.startswith("No relative blur")
     assert say(disk).verdict == "Relative blur: the left image is softer than the other."
 
-    told = say(disk, none)
-    assert told.verdict.endswith("the left image is softer than the other, not everywhere alike.")
-    assert [(area.words, area.share) for area in told.areas] == [
+    description = say(disk, none)
+    assert description.verdict.endswith(
+        "the left image is softer than the other, not everywhere alike."
+    )
+    assert [(area.words, area.share) for area in description.areas] == [
         ("left image: out of focus, a disk of radius 4.00 px", 0.75),
         ("no relative blur", 0.25),
     ]
@@ -354,5 +358,5 @@ def test_full_hd_takes_no_more_than_a_few_megabytes(tmp_path: Path) -> None:
     write_pair_page(page, left, left, result)
 
     assert page.stat().st_size < 8e6  # noise, which nothing compresses, is most of it
-    assert not told(page)["exact"]
+    assert not page_data(page)["exact"]
     assert "compressed with loss" in Told(page).text

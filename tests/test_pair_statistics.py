@@ -104,7 +104,7 @@ def scene(
 
 
 def gathered(read: Reading, **options: Any) -> ps.PairStatistics:
-    """PairStatistics a pair with 16 disparities unless told otherwise."""
+    """Return the statistics of a pair, with 16 disparities unless others are given."""
     return ps.pair_statistics(read, read.size, **{"num_disparities": 16} | options)
 
 
@@ -129,40 +129,40 @@ def assert_same(ours: Any, theirs: Any) -> None:
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_statistics_knows_what_a_match_finds_out(dtype: str, masked: bool) -> None:  # noqa: FBT001 - a parameter
     read = scene((200, 150), dtype, soft=slice(0, None), masked=masked)
-    told, result = gathered(read), read.matched(num_disparities=16)
+    message, result = gathered(read), read.matched(num_disparities=16)
     assert result.blur is not None
     assert result.blur.blur.side == "left"
 
-    assert_same(told.blur, replace(result.blur, glance=None))
-    assert told.settings == result.settings
-    assert (told.size, told.dtype) == ((200, 150), dtype)
-    assert (told.min_disparity, told.num_disparities) == (0, 16)
-    assert told.blur_compensation is not None
-    assert (told.ranges is None) == (dtype in ("uint8", "uint16"))
+    assert_same(message.blur, replace(result.blur, glance=None))
+    assert message.settings == result.settings
+    assert (message.size, message.dtype) == ((200, 150), dtype)
+    assert (message.min_disparity, message.num_disparities) == (0, 16)
+    assert message.blur_compensation is not None
+    assert (message.ranges is None) == (dtype in ("uint8", "uint16"))
 
 
 def test_areas_of_blur_are_found() -> None:
     read = scene((420, 130), soft=slice(180, None))
 
-    told = gathered(read)
-    assert told.blur is not None
-    assert len(told.blur.blurs) == 2
-    assert told.blur_compensation is not None
-    assert_same(told.blur_compensation.labels, told.blur.labels)
+    statistics = gathered(read)
+    assert statistics.blur is not None
+    assert len(statistics.blur.blurs) == 2
+    assert statistics.blur_compensation is not None
+    assert_same(statistics.blur_compensation.labels, statistics.blur.labels)
 
     whole = read.matched(num_disparities=16).blur
     assert whole is not None
-    assert_same(told.blur, replace(whole, glance=None))
+    assert_same(statistics.blur, replace(whole, glance=None))
 
 
-def test_what_is_told_is_not_looked_for() -> None:
+def test_what_is_given_is_not_looked_for() -> None:
     read = scene()
     versions = ps.BlurCompensation(noise=(1.0, 2.0))
 
     assert gathered(read, blur_compensation=versions).blur_compensation is versions
-    told = gathered(read, noise=(1.0, 3.0), compensate_blur=False).blur_compensation
-    assert told is not None
-    assert told.noise == (1.0, 3.0)
+    statistics = gathered(read, noise=(1.0, 3.0), compensate_blur=False).blur_compensation
+    assert statistics is not None
+    assert statistics.noise == (1.0, 3.0)
 
     read.asked.clear()
     assert gathered(read, noise=1.0, preset="fast", adaptive_p2=0).blur is None
@@ -200,19 +200,19 @@ def test_large_pairs_are_read_some_rows_at_a_time() -> None:
     image = RNG.integers(0, 4, (130, 1), np.uint8) + np.zeros((1, 70_000), np.uint8)
     image[:, ::3] += 9
     read = Reading(image, image)
-    told = gathered(read, preset="paper")
+    statistics = gathered(read, preset="paper")
     assert read.asked == [(0, 1), (0, 59), (59, 118), (118, 130)]
     jumps = np.abs(np.diff(image.astype(int), axis=1))
-    assert told.roughness == (jumps.sum(), jumps.size)
+    assert statistics.roughness == (jumps.sum(), jumps.size)
 
 
 def test_ranges_are_those_of_all_but_outliers() -> None:
     image = RNG.random((150, 130)).astype(np.float32)
-    told = gathered(Reading(image, image * 2), preset="fast")
-    assert told.ranges is not None
+    statistics = gathered(Reading(image, image * 2), preset="fast")
+    assert statistics.ranges is not None
     inner = np.sort(image.astype(np.float64).ravel())[[19, -20]]
-    np.testing.assert_allclose(told.ranges[0], 1000 * inner, rtol=1e-12)
-    np.testing.assert_allclose(told.ranges[1], 2000 * inner, rtol=1e-12)
+    np.testing.assert_allclose(statistics.ranges[0], 1000 * inner, rtol=1e-12)
+    np.testing.assert_allclose(statistics.ranges[1], 2000 * inner, rtol=1e-12)
 
 
 # Kept
@@ -242,19 +242,19 @@ def kept() -> list[ps.PairStatistics]:
 
 
 def test_statistics_come_back_from_files_and_pickles(tmp_path: Path) -> None:
-    for number, told in enumerate(kept()):
+    for number, statistics in enumerate(kept()):
         for path in (tmp_path / f"{number}.npz", str(tmp_path / f"{number} of no suffix")):
-            told.save(path)
-            assert_same(bands.load(path), told)
-        assert_same(pickle.loads(pickle.dumps(told)), told)  # noqa: S301 - our own bytes
+            statistics.save(path)
+            assert_same(bands.load(path), statistics)
+        assert_same(pickle.loads(pickle.dumps(statistics)), statistics)  # noqa: S301 - our own bytes
     assert len(list(tmp_path.iterdir())) == 8
 
 
 def test_bands_match_alike_with_statistics_that_comes_from_a_file(tmp_path: Path) -> None:
     read = scene((420, 130), "float32", soft=slice(180, None), masked=True)
-    told = gathered(read)
+    statistics = gathered(read)
 
-    told.save(tmp_path / "statistics")
+    statistics.save(tmp_path / "statistics")
     found = bands.match_rows(read, bands.load(tmp_path / "statistics"), 0, 420)
 
     expected = read.matched(num_disparities=16)
@@ -271,19 +271,19 @@ def test_numbers_of_numpy_can_be_saved(tmp_path: Path) -> None:
     }  # fmt: skip
 
     read = scene()
-    told = ps.pair_statistics(read, (np.int64(150), np.int64(130)), **options)  # type: ignore[arg-type] # they do
-    told.save(tmp_path / "statistics")
+    statistics = ps.pair_statistics(read, (np.int64(150), np.int64(130)), **options)  # type: ignore[arg-type] # they do
+    statistics.save(tmp_path / "statistics")
 
     loaded = bands.load(tmp_path / "statistics")
-    assert loaded.settings == told.settings
+    assert loaded.settings == statistics.settings
     assert (loaded.size, loaded.num_disparities, loaded.min_disparity) == ((150, 130), 16, -2)
 
 
 def test_statistics_is_written_whole_or_not_at_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, told = tmp_path / "statistics", gathered(scene(), preset="fast")
-    told.save(path)
+    path, message = tmp_path / "statistics", gathered(scene(), preset="fast")
+    message.save(path)
     before = path.read_bytes()
 
     def fail(file: Any, **_: object) -> None:
@@ -292,12 +292,12 @@ def test_statistics_is_written_whole_or_not_at_all(
 
     monkeypatch.setattr(np, "savez", fail)
     with pytest.raises(OSError, match="No space"):
-        told.save(path)
+        message.save(path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
 
     with pytest.raises(OSError, match="folder"):
-        told.save(tmp_path / "missing" / "statistics")
+        message.save(tmp_path / "missing" / "statistics")
 
 
 def test_a_file_that_is_missing_or_a_folder_is_an_os_error(tmp_path: Path) -> None:
@@ -327,21 +327,21 @@ def test_what_is_no_statistics_is_refused(tmp_path: Path) -> None:
         np.save(file, np.zeros(3))
     refused_file(path)
 
-    whole_arrays = dict(np.load(_written(path, whole)))
-    text = str(whole_arrays["plain"])
+    members = dict(np.load(_written(path, whole)))
+    text = str(members["plain"])
 
     wrong: list[dict[str, Any]] = [
         {},
         {"other": np.zeros(3)},
-        whole_arrays | {"plain": np.array("[]")},
-        whole_arrays | {"plain": np.array("3")},
-        whole_arrays | {"plain": np.array("{")},
-        whole_arrays | {"plain": np.array(text.replace('"uint8"', '"uint8", "x": '))},
-        whole_arrays | {"plain": np.array(text.replace('"window"', '"widow"'))},
-        whole_arrays | {"plain": np.array(text.replace('"settings": {', '"settings": 3, "x": {'))},
-        whole_arrays | {"labels": np.zeros(3)},
-        whole_arrays | {"labels": np.full((2, 2), 200, np.uint8)},
-        {name: array for name, array in whole_arrays.items() if name != "labels"},
+        members | {"plain": np.array("[]")},
+        members | {"plain": np.array("3")},
+        members | {"plain": np.array("{")},
+        members | {"plain": np.array(text.replace('"uint8"', '"uint8", "x": '))},
+        members | {"plain": np.array(text.replace('"window"', '"widow"'))},
+        members | {"plain": np.array(text.replace('"settings": {', '"settings": 3, "x": {'))},
+        members | {"labels": np.zeros(3)},
+        members | {"labels": np.full((2, 2), 200, np.uint8)},
+        {name: array for name, array in members.items() if name != "labels"},
     ]
 
     for arrays in wrong:
@@ -566,7 +566,7 @@ pair = np.random.default_rng(0).integers(0, 256, (2, 100, 90), np.uint8)
 def read(first, last):
     ps.match(*pair, num_disparities=4)
     return pair[0][first:last], pair[1][first:last], None, None
-told = ps.pair_statistics(read, (100, 90), num_disparities=8)
-ps.match_rows(read, told, 0, 100)
+statistics = ps.pair_statistics(read, (100, 90), num_disparities=8)
+ps.match_rows(read, statistics, 0, 100)
 """)
     assert finished.returncode == 0, finished.stderr

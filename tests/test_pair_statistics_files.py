@@ -47,8 +47,8 @@ def test_what_is_no_integer_is_refused(name: str) -> None:
 def test_statistics_with_a_wrong_value_is_refused(path: Path, change: dict[str, Any]) -> None:
     with np.load(path) as file:
         arrays = dict(file)
-    told = json.loads(str(arrays["plain"])) | change
-    np.savez(path, **arrays | {"plain": np.array(json.dumps(told))})
+    content = json.loads(str(arrays["plain"])) | change
+    np.savez(path, **arrays | {"plain": np.array(json.dumps(content))})
     with pytest.raises(ValueError, match=r"statistics.npz: "):
         bands.load(path)
 

@@ -113,8 +113,8 @@ def run(pair: tuple[Plane, Plane], count: int, config: dict[str, Any]) -> Any:
     """Return the left result of a pipeline for Pandora's disparities -count to 0."""
     left, right = dataset(pair[0], (-count, 0)), dataset(pair[1], (0, count))
     machine = pandora.state_machine.PandoraMachine()
-    told = [image.assign_coords(band_im=[None]) for image in (left, right)]
-    checked = pandora.check_configuration.check_pipeline_section(config, *told, machine)
+    labelled = [image.assign_coords(band_im=[None]) for image in (left, right)]
+    checked = pandora.check_configuration.check_pipeline_section(config, *labelled, machine)
     return pandora.run(machine, left, right, checked)[0]
 
 

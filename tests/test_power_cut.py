@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from conftest import counterpart
+from conftest import EndingError, counterpart
 from phasestereo import outofcore
 from phasestereo.batch import PairFiles, Record, run
 from phasestereo.batch.manifest import Manifest
@@ -33,10 +33,6 @@ pytestmark = [
 
 OUTPUTS = "out.npy", "flags.npy"
 FOLDER = Path("out.npy.part")
-
-
-class EndingError(Exception):
-    """What a progress raises."""
 
 
 @pytest.fixture
@@ -159,8 +155,8 @@ def test_whatever_file_of_the_draft_is_missing_or_damaged_the_rerun_comes_to_the
         fault(FOLDER / name, Path("older"))
         same = (FOLDER / name).exists() and (FOLDER / name).read_bytes() == before
 
-        told: list[str] = []
-        report = match(stage=told.append, **options)
+        stages: list[str] = []
+        report = match(stage=stages.append, **options)
         assert {name: Path(name).read_bytes() for name in OUTPUTS} == expected, name
         assert not FOLDER.exists()
         # That there was a last band nobody can know when its file is gone.
@@ -168,7 +164,7 @@ def test_whatever_file_of_the_draft_is_missing_or_damaged_the_rerun_comes_to_the
         last = name.startswith("rows00000096")
         if name.startswith("rows") and not same and not (fault is delete and last):
             assert report.again, (name, fault)
-            assert set(report.again) <= set(told)
+            assert set(report.again) <= set(stages)
             assert report.plan.bands >= 2
 
 

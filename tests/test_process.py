@@ -127,7 +127,7 @@ def test_the_environment_may_limit_the_threads(monkeypatch: pytest.MonkeyPatch) 
     assert most_threads() == alone + 4
 
 
-def test_progress_is_told_to_the_end() -> None:
+def test_progress_is_reported_to_the_end() -> None:
     calls: list[tuple[int, int]] = []
     pair = RNG.integers(0, 256, (2, 300, 400), np.uint8)
     ps.match(*pair, num_disparities=128, progress=lambda *call: calls.append(call))

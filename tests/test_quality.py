@@ -135,8 +135,8 @@ def test_confidence_tells_right_from_wrong_better_than_the_margin(data: Path, na
     volume = ps.aggregate(costs, window=settings.window, shiftable=False).astype(np.int64)
 
     gray = np.rint(1000 * oracle.to_gray(pair.left)).astype(np.int64)
-    near, far = 4 * settings.window**2, 16 * settings.window**2
-    means = oracle.path_means(volume, near, far, gray, settings.adaptive_p2)
+    p1, p2 = 4 * settings.window**2, 16 * settings.window**2
+    means = oracle.path_means(volume, p1, p2, gray, settings.adaptive_p2)
 
     best = oracle.winner_takes_all(means)[:, :, np.newaxis]
     beside = np.abs(np.arange(means.shape[2]) - best) <= 1

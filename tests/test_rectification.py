@@ -48,8 +48,8 @@ def test_raw_frames_of_euroc_come_out_as_opencv_has_them(data: Path) -> None:
     expected = of_opencv(rig, (752, 480))
 
     files = folder / "cam0/sensor.yaml", folder / "cam1/sensor.yaml"
-    for told in (files, folder, rig):
-        found = of(pair, told)
+    for source in (files, folder, rig):
+        found = of(pair, source)
         assert_same_bits(found, expected["maps"], pair)
 
     assert found.Q is not None
@@ -92,7 +92,7 @@ def test_raw_frames_of_a_cheap_rig_come_out_as_opencv_has_them(data: Path) -> No
     assert Calibration.from_q(found.Q, width=320, height=240).baseline > 0
 
 
-def test_the_calibration_of_another_rig_is_told(data: Path) -> None:
+def test_the_calibration_of_another_rig_is_reported(data: Path) -> None:
     found = of(euroc_frames(data)[0], data / "rigs/stereopi")
     assert "the calibration is not of these cameras" in found.sentences[0]
 
@@ -131,8 +131,8 @@ def test_two_files_that_complete_each_other(tmp_path: Path) -> None:
     opencv_yaml(tmp_path / "intrinsics.yml", inner)
     opencv_yaml(tmp_path / "extrinsics.yml", {"R": rig["R"], "T": rig["T"]})
     names = [tmp_path / "intrinsics.yml", tmp_path / "extrinsics.yml"]
-    for told in (names, tmp_path):
-        assert_same_bits(rectified(told), of_opencv(rig, SIZE)["maps"])
+    for source in (names, tmp_path):
+        assert_same_bits(rectified(source), of_opencv(rig, SIZE)["maps"])
 
 
 @pytest.mark.parametrize("names", [
@@ -194,9 +194,9 @@ def test_maps_may_be_given_themselves(tmp_path: Path, names: str) -> None:
     assert found.Q is None
 
 
-def dump(told: Any) -> str:
+def dump(content: Any) -> str:
     """Return YAML."""
-    return str(yaml.safe_dump(told))
+    return str(yaml.safe_dump(content))
 
 
 def ros(k: Any, d: Any, r: Any, p: Any, **more: Any) -> str:
@@ -216,8 +216,8 @@ def test_a_pair_of_camera_info_of_ros(tmp_path: Path) -> None:
     rig = made_up()
     made = of_opencv(rig, SIZE, 0)
     for side, name in (("1", "left"), ("2", "right")):
-        told = ros(rig[f"K{side}"], rig[f"D{side}"], made[f"R{side}"], made[f"P{side}"])
-        (tmp_path / f"{name}.yaml").write_text(told)
+        text = ros(rig[f"K{side}"], rig[f"D{side}"], made[f"R{side}"], made[f"P{side}"])
+        (tmp_path / f"{name}.yaml").write_text(text)
 
     found = rectified((tmp_path / "left.yaml", tmp_path / "right.yaml"))
     assert_same_bits(found, made["maps"])
@@ -231,10 +231,10 @@ def test_a_pair_of_camera_info_as_it_is_recorded(tmp_path: Path) -> None:
     rig = made_up()
     made = of_opencv(rig, SIZE)
     for side in "12":
-        told = {"height": SIZE[1], "width": SIZE[0], "distortion_model": "plumb_bob"} | {
+        info = {"height": SIZE[1], "width": SIZE[0], "distortion_model": "plumb_bob"} | {
             name: np.ravel((rig | made)[f"{name}{side}"]).tolist() for name in "KDRP"
         }
-        (tmp_path / f"{side}.yaml").write_text(yaml.safe_dump(told))
+        (tmp_path / f"{side}.yaml").write_text(yaml.safe_dump(info))
 
     assert_same_bits(rectified([tmp_path / "1.yaml", tmp_path / "2.yaml"]), made["maps"])
 
@@ -331,7 +331,7 @@ def test_matrices_that_are_no_camera_pair(change: dict[str, Any], message: str) 
         rectified(made_up() | change)
 
 
-def test_what_is_missing_is_told() -> None:
+def test_what_is_missing_is_reported() -> None:
     rig = made_up()
     del rig["D2"]
     with pytest.raises(ValueError, match=r"^calibration: has no D2, only D1, K1, K2, R, T; a"):
@@ -366,10 +366,10 @@ def test_one_camera_is_no_pair(tmp_path: Path) -> None:
     ({"cam0": {"resolution": "large"}}, "resolution: "),
 ])  # fmt: skip
 def test_chains_that_tell_too_little(tmp_path: Path, change: Any, message: str) -> None:
-    told = yaml.safe_load(kalibr(made_up(), "radtan"))
+    chain = yaml.safe_load(kalibr(made_up(), "radtan"))
     for name, values in change.items():
-        told[name] = told[name] | values if values else {}
-    (tmp_path / "chain.yaml").write_text(yaml.safe_dump(told))
+        chain[name] = chain[name] | values if values else {}
+    (tmp_path / "chain.yaml").write_text(yaml.safe_dump(chain))
     with pytest.raises(ValueError, match=rf"chain\.yaml: .*{message}"):
         rectified(tmp_path / "chain.yaml")
 
@@ -523,12 +523,12 @@ def test_nothing_in_a_saved_file_is_pickled(tmp_path: Path) -> None:
 def test_a_stream_rectifies_its_frames() -> None:
     frames: Any = RNG.integers(0, 256, (3, 2, SIZE[1], SIZE[0]), np.uint8)
     rig = rectified(made_up(), alpha=1)
-    for told in (rig, made_up()):
-        with ps.stream(list(frames), num_disparities=16, preset="fast", rectify=told) as stream:
+    for source in (rig, made_up()):
+        with ps.stream(list(frames), num_disparities=16, preset="fast", rectify=source) as stream:
             matched = list(stream)
 
         for frame, pair in zip(matched, frames, strict=True):
-            wanted = of(pair, told)
+            wanted = of(pair, source)
 
             np.testing.assert_array_equal(frame.left, wanted.left)
             expected = ps.match(

@@ -63,7 +63,7 @@ def volume_of(
         costs,
         settings.window,
         shiftable=settings.shiftable,
-        votes=None if masks is None else oracle.votes(*masks, *search),
+        valid=None if masks is None else oracle.valid_candidates(*masks, *search),
         ceiling=ceiling,
         dropped=dropped,
     )
@@ -74,18 +74,18 @@ def evidence_of(
     volume: NDArray[np.int64], settings: ps.Settings, dropped: int, gray: NDArray[np.int64]
 ) -> tuple[refinement.Evidence, float]:
     """Return what the oracle chooses, and what one bit in every pixel of the window comes to."""
-    near, far = (
+    p1, p2 = (
         oracle.window_penalty(each, settings.window, dropped) for each in (settings.p1, settings.p2)
     )
 
     unit = settings.window**2 / 2**dropped
     if settings.optimizer in ("so", "sgm"):
         paths = oracle.row_means if settings.optimizer == "so" else oracle.path_means
-        means = paths(volume, near, far, gray, settings.adaptive_p2)
+        means = paths(volume, p1, p2, gray, settings.adaptive_p2)
         return refinement.of_paths(volume, means), unit
 
     dp = settings.optimizer == "dp"
-    chosen = oracle.scanline(volume, near, far) if dp else oracle.winner_takes_all(volume)
+    chosen = oracle.scanline(volume, p1, p2) if dp else oracle.winner_takes_all(volume)
     return refinement.of_scanlines(volume, chosen), unit
 
 
@@ -123,15 +123,15 @@ def assert_equals_the_oracle(
     trust: NDArray[Any] = np.ones(disparity.shape)
     if result.confidence is not None:
         # Whether disparities agree that are one apart may depend on the last bit.
-        voices = refinement.votes(evidence, unit)
+        reliable = refinement.reliability(evidence, unit)
         least, most = (
-            refinement.confidence(disparity, voices, gray, agree) for agree in (0.99999, 1.00001)
+            refinement.confidence(disparity, reliable, gray, agree) for agree in (0.99999, 1.00001)
         )
         assert (result.confidence >= least - 1e-5).all()
         assert (result.confidence <= most + 1e-5).all()
         trust = result.confidence
 
-    disparity, flags = refinement.withdraw(
+    disparity, flags = refinement.invalidate(
         disparity, flags, trust, least=settings.min_confidence, filled=settings.fill
     )
 
@@ -377,28 +377,28 @@ def test_smoothing_leaves_slants_and_steps() -> None:
 
 def test_votes_and_confidence_by_hand() -> None:
     found = replace(chosen_for([0, 0, 0], [10, 10, 20]), elsewhere=np.array([[50, np.inf, 10]]))
-    np.testing.assert_allclose(refinement.votes(found, 10.0), [[0.5, 0, 0]])
+    np.testing.assert_allclose(refinement.reliability(found, 10.0), [[0.5, 0, 0]])
 
-    voices, gray = np.array([[0.5, 0, 1.0]]), np.zeros((1, 3), np.int64)
+    reliable, gray = np.array([[0.5, 0, 1.0]]), np.zeros((1, 3), np.int64)
     cube = 0.75**3
     np.testing.assert_allclose(
-        refinement.confidence(a_map([1, 1, 2]), voices, gray)[0],
+        refinement.confidence(a_map([1, 1, 2]), reliable, gray)[0],
         [cube / (cube + 0.01), 0, cube / (cube + 0.01)],
     )
 
-    apart = refinement.confidence(a_map([1, NAN, 9]), voices, gray)[0]
+    apart = refinement.confidence(a_map([1, NAN, 9]), reliable, gray)[0]
     np.testing.assert_allclose(apart, [0.25**3 / (0.25**3 + 0.01), 0, 0.125 / 0.135])
 
 
-def test_withdrawal_by_hand() -> None:
+def test_invalidation_by_hand() -> None:
     flags = np.array([[0, ps.Flag.OCCLUDED | ps.Flag.FILLED, 0]])
     trust = np.array([[0.2, 0.9, 0.9]])
     disparity = a_map([1, 2, 3])
 
-    found, told = refinement.withdraw(disparity, flags, trust, least=0.5, filled=True)
+    found, marked = refinement.invalidate(disparity, flags, trust, least=0.5, filled=True)
     np.testing.assert_array_equal(found, a_map([NAN, 2, 3]))
-    assert told.tolist() == [[64, 16 | 256, 0]]
+    assert marked.tolist() == [[64, 16 | 256, 0]]
 
-    found, told = refinement.withdraw(disparity, flags, trust, least=0.0, filled=False)
+    found, marked = refinement.invalidate(disparity, flags, trust, least=0.0, filled=False)
     np.testing.assert_array_equal(found, a_map([1, NAN, 3]))
-    assert told.tolist() == [[0, 16, 0]]
+    assert marked.tolist() == [[0, 16, 0]]

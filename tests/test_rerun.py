@@ -29,8 +29,8 @@ def frames(count: int, failures: list[Failure] | None = None) -> ps.Stream:
     pairs: list[Any] = [pair(index) for index in range(count)]
     if failures is not None:
         pairs[1] = None
-    told = None if failures is None else failures.append
-    return ps.stream(pairs, num_disparities=COUNT, preset="fast", on_error=told)
+    on_error = None if failures is None else failures.append
+    return ps.stream(pairs, num_disparities=COUNT, preset="fast", on_error=on_error)
 
 
 def rows(path: str, entity: str) -> list[dict[str, Any]]:

@@ -278,11 +278,11 @@ def test_diagnostics_tell_what_check_finds_once_a_second(tmp_path: Path) -> None
         for frame in ps.stream(source, num_disparities=COUNT, preset="fast"):
             out.write(frame, source.headers.pop(frame.index), None)
 
-    told = robots.read(tmp_path / "out.mcap")["/diagnostics"]
-    assert [time - START for time, _ in told] == [0, 20 * STEP]
+    diagnostics = robots.read(tmp_path / "out.mcap")["/diagnostics"]
+    assert [time - START for time, _ in diagnostics] == [0, 20 * STEP]
 
     expected = ps.check(*cut(0))
-    status = {one.name: one for one in told[0][1].status}
+    status = {one.name: one for one in diagnostics[0][1].status}
     assert list(status) == list(
         dict.fromkeys(f"phasestereo: {one.topic}" for one in expected.findings)
     )
@@ -396,7 +396,7 @@ def test_without_camera_info_there_are_disparities(run: Callable[..., Run], tmp_
 # What goes wrong
 
 
-def test_frames_without_a_partner_are_counted_and_told(
+def test_frames_without_a_partner_are_counted_and_reported(
     run: Callable[..., Run], tmp_path: Path
 ) -> None:
     bag = Bag()
@@ -461,7 +461,7 @@ def test_a_damaged_frame_fails_alone(run: Callable[..., Run], tmp_path: Path) ->
 
 
 def test_what_is_finished_is_kept(run: Callable[..., Run], tmp_path: Path) -> None:
-    """A chunk in the middle is damaged: what came before is written, and the fault is told."""
+    """A chunk in the middle is damaged: what came before is written, and the fault is named."""
     path = tmp_path / "in.mcap"
     bag = Bag()
     large = np.random.default_rng(0).integers(0, 256, (600, 900), np.uint8)

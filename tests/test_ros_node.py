@@ -34,7 +34,7 @@ def message_class(kind: str) -> type:
 
 
 class Node:
-    """What a node is told and does."""
+    """What a node is given and does."""
 
     given: ClassVar[dict[str, Any]] = {}
 
@@ -126,7 +126,7 @@ def arrivals() -> list[Any]:
     views = [robots.image(ROS2, START, view, "rgb8") for view in pair()]
     for view in views:
         view.data = array.array("B", view.data.tobytes())
-    return [*views, *(robots.info(ROS2, (COLS, ROWS), told) for told in infos)]
+    return [*views, *(robots.info(ROS2, (COLS, ROWS), info) for info in infos)]
 
 
 def test_a_pair_is_matched_and_published(node: Callable[..., Any]) -> None:

@@ -110,15 +110,15 @@ def test_rows_are_straightened_beside_blur(load: Callable[[str], Pair]) -> None:
     assert bad(pair, result) < bad(pair, straight) + 1.5
 
 
-def test_rows_are_straightened_with_versions_that_are_told(load: Callable[[str], Pair]) -> None:
+def test_rows_are_straightened_with_versions_that_are_given(load: Callable[[str], Pair]) -> None:
     pair = load("cones")
     crooked = lowered(pair.right, down=2.0)
-    told = ps.BlurCompensation(noise=(1.0, 1.0))
-    result = ps.match(pair.left, crooked, blur_compensation=told)
+    given = ps.BlurCompensation(noise=(1.0, 1.0))
+    result = ps.match(pair.left, crooked, blur_compensation=given)
 
     assert result.alignment is not None
     assert result.alignment.applied
-    assert result.blur_compensation is told
+    assert result.blur_compensation is given
 
     noisy = ps.match(pair.left, crooked, noise=1.0)
     assert noisy.alignment is not None
@@ -149,27 +149,29 @@ def test_parts_of_a_crooked_pair_are_those_of_the_whole(dtype: str) -> None:
     assert whole.search is not None
     assert whole.search.origin == "found"
 
-    told = ps.pair_statistics(read, left.shape)
-    assert (told.alignment, told.search) == (whole.alignment, whole.search)
+    statistics = ps.pair_statistics(read, left.shape)
+    assert (statistics.alignment, statistics.search) == (whole.alignment, whole.search)
 
     for first, last in ((0, 40), (90, 170), (300, 340)):
-        part = ps.match_rows(read, told, first, last)
+        part = ps.match_rows(read, statistics, first, last)
         np.testing.assert_array_equal(part.disparity, whole.disparity[first:last])
         np.testing.assert_array_equal(part.flags, whole.flags[first:last])
         assert whole.confidence is not None
         np.testing.assert_array_equal(part.confidence, whole.confidence[first:last])
 
-    around = ps.halo(told.settings, told.blur_compensation, told.alignment)
-    assert around > ps.halo(told.settings, told.blur_compensation)
+    around = ps.halo(statistics.settings, statistics.blur_compensation, statistics.alignment)
+    assert around > ps.halo(statistics.settings, statistics.blur_compensation)
 
 
 def test_what_was_found_travels(tmp_path: Path) -> None:
     shot = np.random.default_rng(0).integers(0, 256, (120, 160), np.uint8)
-    told = ps.pair_statistics(lambda a, b: (shot[a:b, :-9], shot[a:b, 9:], None, None), (120, 151))
-    told.save(tmp_path / "statistics.npz")
+    statistics = ps.pair_statistics(
+        lambda a, b: (shot[a:b, :-9], shot[a:b, 9:], None, None), (120, 151)
+    )
+    statistics.save(tmp_path / "statistics.npz")
     again = importlib_load(tmp_path / "statistics.npz")
-    assert again.alignment == told.alignment
-    assert again.search == told.search
+    assert again.alignment == statistics.alignment
+    assert again.search == statistics.search
 
 
 def importlib_load(path: Path) -> ps.PairStatistics:
@@ -182,18 +184,18 @@ def importlib_load(path: Path) -> ps.PairStatistics:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_the_range_need_not_be_told(load: Callable[[str], Pair], name: str) -> None:
+def test_the_range_need_not_be_given(load: Callable[[str], Pair], name: str) -> None:
     pair = load(name)
 
-    told = ps.match(pair.left, pair.right, num_disparities=pair.num_disparities)
+    given = ps.match(pair.left, pair.right, num_disparities=pair.num_disparities)
     found = ps.match(pair.left, pair.right)
 
     assert found.search is not None
     assert found.search.origin == "found"
-    assert told.search is not None
-    assert (told.search.origin, told.search.num_disparities) == ("given", pair.num_disparities)
+    assert given.search is not None
+    assert (given.search.origin, given.search.num_disparities) == ("given", pair.num_disparities)
 
-    assert bad(pair, found) < bad(pair, told) + 0.5
+    assert bad(pair, found) < bad(pair, given) + 0.5
 
     assert_same(
         found,
@@ -230,19 +232,19 @@ def test_good_pairs_are_not_accused(data: Path) -> None:
 def faults(pair: Pair) -> dict[str, tuple[Any, Any, dict[str, Any], str]]:
     count = pair.num_disparities
     noise = np.random.default_rng(0).integers(0, 256, pair.left.shape, np.uint8)
-    told = {"num_disparities": count}
+    search = {"num_disparities": count}
     crooked = lowered(pair.right, down=2.0)
 
     return {
-        "swapped": (pair.right, pair.left, told, "swap"),
+        "swapped": (pair.right, pair.left, search, "swap"),
         "swapped, range to be found": (pair.right, pair.left, {}, "swap"),
         "a third of the range": (pair.left, pair.right, {"num_disparities": count // 3}, "range"),
-        "noise": (pair.left, noise, told, "match"),
+        "noise": (pair.left, noise, search, "match"),
         "noise, range to be found": (pair.left, noise, {}, "match"),
-        "black": (pair.left, np.zeros_like(pair.left), told, "match"),
-        "rows": (pair.left, crooked, {**told, "align_rows": False}, "match"),
-        "upside down": (pair.left, pair.right[::-1], told, "match"),
-        "inverted": (pair.left, 255 - pair.right, {**told, "compensate_blur": False}, "match"),
+        "black": (pair.left, np.zeros_like(pair.left), search, "match"),
+        "rows": (pair.left, crooked, {**search, "align_rows": False}, "match"),
+        "upside down": (pair.left, pair.right[::-1], search, "match"),
+        "inverted": (pair.left, 255 - pair.right, {**search, "compensate_blur": False}, "match"),
         "inverted, range to be found": (
             pair.left,
             255 - pair.right,

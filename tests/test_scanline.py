@@ -25,12 +25,10 @@ def test_dynamic_programming_follows_the_definition(
     np.testing.assert_array_equal(ps.optimize(costs, p1=rise, p2=drop), expected)
 
 
-@given(costs=VOLUMES, near=st.integers(0, 5), far=st.integers(0, 5))
-def test_scanline_optimization_follows_the_definition(
-    costs: np.ndarray, near: int, far: int
-) -> None:
-    expected = oracle.free_scanline(costs.astype(np.int64), near, far)
-    found = ps.optimize(costs, p1=near, p2=far, optimizer="so")
+@given(costs=VOLUMES, p1=st.integers(0, 5), p2=st.integers(0, 5))
+def test_scanline_optimization_follows_the_definition(costs: np.ndarray, p1: int, p2: int) -> None:
+    expected = oracle.free_scanline(costs.astype(np.int64), p1, p2)
+    found = ps.optimize(costs, p1=p1, p2=p2, optimizer="so")
     np.testing.assert_array_equal(found, expected)
 
 
@@ -40,12 +38,10 @@ def test_winner_takes_all_follows_the_definition(costs: np.ndarray) -> None:
     np.testing.assert_array_equal(ps.optimize(costs, p1=1, p2=1, optimizer="wta"), expected)
 
 
-@given(costs=VOLUMES, near=st.integers(0, 5), far=st.integers(0, 5))
-def test_semi_global_matching_follows_the_definition(
-    costs: np.ndarray, near: int, far: int
-) -> None:
-    expected = oracle.winner_takes_all(oracle.path_means(costs.astype(np.int64), near, far))
-    found = ps.optimize(costs, p1=near, p2=far, optimizer="sgm")
+@given(costs=VOLUMES, p1=st.integers(0, 5), p2=st.integers(0, 5))
+def test_semi_global_matching_follows_the_definition(costs: np.ndarray, p1: int, p2: int) -> None:
+    expected = oracle.winner_takes_all(oracle.path_means(costs.astype(np.int64), p1, p2))
+    found = ps.optimize(costs, p1=p1, p2=p2, optimizer="sgm")
     np.testing.assert_array_equal(found, expected)
 
 

@@ -56,7 +56,7 @@ def test_range_holds_the_truth_and_little_else(data: Path, radius: int) -> None:
         assert (search.swapped, search.mixed) == (False, False), name
 
 
-def test_exchanged_images_are_told_and_their_range_found(data: Path) -> None:
+def test_exchanged_images_are_reported_and_their_range_found(data: Path) -> None:
     for name in SCENES:
         pair = find_scene(data / "middlebury", name).load()
         assert pair.truth is not None

@@ -59,8 +59,8 @@ def test_fast_fits_bytes_from_costs_to_paths() -> None:
     assert fast.window * ceiling <= 255
 
     dropped = oracle.dropped_bits(fast.window, ceiling, fast.p2)
-    far = oracle.window_penalty(fast.p2, fast.window, dropped)
-    assert fast.window * (fast.window * ceiling >> dropped) + far <= 255
+    p2 = oracle.window_penalty(fast.p2, fast.window, dropped)
+    assert fast.window * (fast.window * ceiling >> dropped) + p2 <= 255
 
 
 def test_settings_are_frozen_hashable_and_picklable() -> None:
@@ -79,8 +79,8 @@ def test_overrides_take_precedence() -> None:
 
 def test_every_field_is_documented_with_its_default() -> None:
     fields = dataclasses.fields(ps.Settings)
-    told = inspect.getdoc(ps.Settings) or ""
-    defaults = re.findall(r"^(\w+)\n(?:    .*\n|\n)*?    .*?Default\s+(.+?)\.$", told, re.MULTILINE)
+    text = inspect.getdoc(ps.Settings) or ""
+    defaults = re.findall(r"^(\w+)\n(?:    .*\n|\n)*?    .*?Default\s+(.+?)\.$", text, re.MULTILINE)
     assert {name: ast.literal_eval(value.strip("`")) for name, value in defaults} == {
         field.name: field.default for field in fields
     }

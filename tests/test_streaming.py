@@ -137,13 +137,13 @@ def test_some_of_the_frames(options: dict[str, Any], indices: Any) -> None:
 
 def test_damaged_frames_are_reported_and_skipped() -> None:
     damage(film(Path("a.mkv"), side_by_side(8), **INTRA), Path("b.mkv"), {0, 4, 5})
-    told: list[Failure] = []
-    frames = ps.stream("b.mkv", on_error=told.append, **FAST)
+    failures: list[Failure] = []
+    frames = ps.stream("b.mkv", on_error=failures.append, **FAST)
 
     assert disparities(frames) == expected([1, 2, 3, 6, 7])
-    assert [failure.index for failure in told] == [0, 4, 5]
-    assert [failure.time for failure in told] == pytest.approx([0, 0.2, 0.25])
-    assert str(told[1]).startswith("frame 4: damaged")
+    assert [failure.index for failure in failures] == [0, 4, 5]
+    assert [failure.time for failure in failures] == pytest.approx([0, 0.2, 0.25])
+    assert str(failures[1]).startswith("frame 4: damaged")
     assert frames.failed == 3
 
 
@@ -165,10 +165,10 @@ def test_broken_images_and_images_of_other_sizes_are_skipped() -> None:
     io.write_image("right/3.png", pair(3)[1][:, :-1])
     Path("right/4.png").unlink()
 
-    told: list[Failure] = []
-    assert disparities(ps.stream(".", on_error=told.append, **FAST)) == expected([0, 2])
+    failures: list[Failure] = []
+    assert disparities(ps.stream(".", on_error=failures.append, **FAST)) == expected([0, 2])
 
-    errors = {failure.index: str(failure.error) for failure in told}
+    errors = {failure.index: str(failure.error) for failure in failures}
     assert set(errors) == {1, 3, 4}
     assert "left/1.png" in errors[1]
     assert errors[3].startswith("right: got (64, 95) pixels")
@@ -187,10 +187,10 @@ def test_broken_images_and_images_of_other_sizes_are_skipped() -> None:
     ],
 )
 def test_what_is_no_pair_is_skipped(item: Any) -> None:
-    told: list[Failure] = []
-    frames = ps.stream([pair(0), item, pair(2)], on_error=told.append, **FAST)
+    failures: list[Failure] = []
+    frames = ps.stream([pair(0), item, pair(2)], on_error=failures.append, **FAST)
     assert disparities(frames) == expected([0, 2])
-    assert [failure.index for failure in told] == [1]
+    assert [failure.index for failure in failures] == [1]
 
 
 def test_what_on_error_raises_ends_the_stream() -> None:

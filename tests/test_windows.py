@@ -229,13 +229,13 @@ def test_what_is_no_mask_is_refused(tmp_path: Path, mask: NDArray[Any], error: s
 
 
 def rows_of(error: pytest.ExceptionInfo[Exception]) -> tuple[int, int]:
-    told = re.search(r"rows (\d+) to (\d+)", str(error.value))
-    assert told, error.value
-    return int(told[1]), int(told[2])
+    found = re.search(r"rows (\d+) to (\d+)", str(error.value))
+    assert found, error.value
+    return int(found[1]), int(found[2])
 
 
 @pytest.mark.parametrize("compress", ["deflate", None])
-def test_rows_beyond_the_end_of_a_truncated_tiff_are_told(
+def test_rows_beyond_the_end_of_a_truncated_tiff_are_reported(
     tmp_path: Path, compress: str | None
 ) -> None:
     planes = noise(1, HEIGHT, WIDTH, dtype="uint16")
@@ -251,7 +251,7 @@ def test_rows_beyond_the_end_of_a_truncated_tiff_are_told(
     assert 128 <= first <= 200 <= last + 8
 
 
-def test_a_damaged_tile_is_told(tmp_path: Path) -> None:
+def test_a_damaged_tile_is_reported(tmp_path: Path) -> None:
     profile = {"tiled": True, "blockxsize": 64, "blockysize": 64, "compress": "deflate"}
     path = save(tmp_path / "image.tif", noise(1, HEIGHT, WIDTH), **profile)
 
@@ -269,7 +269,7 @@ def test_a_damaged_tile_is_told(tmp_path: Path) -> None:
         assert rows_of(error) == (128, 191)
 
 
-def test_a_damaged_chunk_of_a_zarr_array_is_told(tmp_path: Path) -> None:
+def test_a_damaged_chunk_of_a_zarr_array_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "image.zarr"
     zarr.create_array(path, data=noise(HEIGHT, WIDTH), chunks=(100, WIDTH))
     (path / "c/1/0").write_bytes(b"nonsense")
@@ -279,7 +279,7 @@ def test_a_damaged_chunk_of_a_zarr_array_is_told(tmp_path: Path) -> None:
             raster.read(0, HEIGHT)
 
 
-def test_a_file_that_shrinks_is_told(tmp_path: Path) -> None:
+def test_a_file_that_shrinks_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "image.npy"
     np.save(path, noise(HEIGHT, WIDTH))
     with open_raster(path) as raster:
@@ -332,7 +332,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("module", "extra"), [("rasterio", "geo"), ("zarr", "large")])
-def test_what_is_missing_is_told(
+def test_what_is_missing_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, extra: str
 ) -> None:
     tifffile.imwrite(tmp_path / "image.rasterio", noise(20, 30))

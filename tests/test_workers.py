@@ -199,7 +199,7 @@ def test_matches_at_the_same_time_share_their_threads(monkeypatch: pytest.Monkey
 
     pair = RNG.integers(0, 256, (2, 200, 300), np.uint8)
     shared = most_threads(lambda: ps.match(*pair, num_disparities=64), 10)
-    # Threads that have been told to end may be seen beside those that have just been started.
+    # Threads that were asked to end may be seen beside those that have just been started.
     assert 1 <= shared <= 6
 
     assert most_threads(lambda: ps.match(*pair, num_disparities=64, threads=3), 10) > 12

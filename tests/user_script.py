@@ -70,7 +70,7 @@ def matched(left: Image, right: Image) -> Map:
     return result.disparity
 
 
-def told(result: ps.Result) -> NDArray[np.bool_]:
+def all_of(result: ps.Result) -> NDArray[np.bool_]:
     """Ask a result for everything."""
     confidence: Map | None = result.confidence
     flags: NDArray[np.uint16] = result.flags

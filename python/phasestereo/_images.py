@@ -17,7 +17,7 @@ Pixels: TypeAlias = (
     NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32] | NDArray[np.float64]
 )
 
-Picture: TypeAlias = ArrayLike | os.PathLike[str]
+ImageOrPath: TypeAlias = ArrayLike | os.PathLike[str]
 """An image as an array, or the file of one (`ArrayLike` has names of files among its types)."""
 
 ACCEPTED = "uint8, uint16, float32 or float64"
@@ -58,12 +58,13 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
     if pixels.size == 0:
         raise ValueError(f"{name}: got shape {np.shape(image)}; accepts at least one pixel")
 
+    # Alpha is left out. The core takes contiguous pixels in the byte order of the machine.
     colors = pixels[:, :, :3]
     native: Pixels = np.require(colors, colors.dtype.newbyteorder("="), ["C", "ALIGNED"])
     return native
 
 
-def opened(image: Picture) -> ArrayLike:
+def opened(image: ImageOrPath) -> ArrayLike:
     """Return an image; where it is a path, read it, as `phasestereo.io.read_image` does.
 
     Raises
@@ -77,7 +78,7 @@ def opened(image: Picture) -> ArrayLike:
     return image
 
 
-def opened_pair(left: Picture, right: Picture) -> tuple[Pixels, Pixels]:
+def opened_pair(left: ImageOrPath, right: ImageOrPath) -> tuple[Pixels, Pixels]:
     """Return both images of a pair as `as_pair` does; those of which there is a path are read."""
     return as_pair(opened(left), opened(right))
 

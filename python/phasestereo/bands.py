@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairStatistics:
-    """What is known of a whole pair; `pair_statistics` makes it, and it can be pickled and saved.
+    """The statistics of a whole pair, by `pair_statistics`; they can be pickled and saved.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-    from phasestereo._images import Picture, Pixels
+    from phasestereo._images import ImageOrPath, Pixels
     from phasestereo.rig.estimates import Estimates, Matched, Summarized
 
     Mask = NDArray[np.bool_]
@@ -33,8 +33,8 @@ MOST_DISPARITIES = 16384
 
 
 def match(
-    left: Picture,
-    right: Picture,
+    left: ImageOrPath,
+    right: ImageOrPath,
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,
@@ -138,6 +138,7 @@ def match(
         progress=progress,
         given=(noise, blur_compensation),
     )
+
     warn(result.findings)
     return result
 
@@ -192,8 +193,8 @@ class Matcher:
 
     def match(
         self,
-        left: Picture,
-        right: Picture,
+        left: ImageOrPath,
+        right: ImageOrPath,
         *,
         num_disparities: int | None = None,
         min_disparity: int = 0,
@@ -225,6 +226,7 @@ class Matcher:
             given=(noise, blur_compensation),
             before=before,
         )
+
         warn(result.findings)
         return result
 
@@ -238,7 +240,7 @@ class Matcher:
 
 
 def match_silently(
-    images: tuple[Picture, Picture],
+    images: tuple[ImageOrPath, ImageOrPath],
     masks: tuple[ArrayLike | None, ArrayLike | None],
     search: Search,
     *,

@@ -72,7 +72,7 @@ def format_counts(counts: Mapping[Flag, int], pixels: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What is known of a disparity map as a whole.
+    """Shares of the pixels that describe a disparity map as a whole.
 
     Parameters
     ----------

@@ -1,9 +1,11 @@
 //! The estimates of a pair as C structures.
 
+use std::array;
+
 use crate::rig::alignment::TERMS;
 use crate::rig::blur::{self, Side};
 use crate::rig::estimation::Estimates;
-use crate::rig::psf::Family;
+use crate::rig::psf::{Family, Psf};
 
 /// Most kinds of blur in one image.
 pub const PHASESTEREO_MOST_BLURS: usize = 8;
@@ -86,7 +88,8 @@ pub struct Found {
     pub impulses: [f64; 2],
     /// Loss of compression in blocks, left and right, as the standard deviation of a noise that would do as much harm.
     pub coding: [f64; 2],
-    /// The kinds of blur, that of the largest area first.
+    /// The kinds of blur, that of the largest area first. Where each image lacks something that the other one has, both
+    /// blurs are there, one after the other, with the same share.
     pub blurs: [Blur; PHASESTEREO_MOST_BLURS],
     /// Number of kinds of blur; 0: blur was not estimated.
     pub num_blurs: u32,
@@ -112,6 +115,8 @@ impl Found {
     /// The estimates for C; `is_given`: the caller gave the disparities.
     pub fn new(estimates: &Estimates, is_given: bool) -> Self {
         let Estimates { range, offsets, blur, .. } = estimates;
+        let blurs = blur.as_ref().map(blurs).unwrap_or_default();
+
         // Numbers that were not estimated are NaN.
         let of_range = |value: fn(&_) -> f64| range.as_ref().map_or(f64::NAN, value);
         let of_rows = |value: fn(&_) -> f64| offsets.as_ref().map_or(f64::NAN, value);
@@ -132,8 +137,8 @@ impl Found {
             noise: of_both(|blur| blur.noise),
             impulses: of_both(|blur| blur.impulses),
             coding: of_both(|blur| blur.coding),
-            blurs: blur.as_ref().map_or([Blur::default(); PHASESTEREO_MOST_BLURS], blurs),
-            num_blurs: blur.as_ref().map_or(0, |blur| blur.blurs.len() as u32),
+            blurs: array::from_fn(|index| blurs.get(index).copied().unwrap_or_default()),
+            num_blurs: blurs.len() as u32,
             rows_blocks: offsets.as_ref().map_or(0, |rows| rows.blocks as u32),
             rows_applied: estimates.alignment.is_some().into(),
             min_disparity: estimates.candidates.min() as i32,
@@ -150,19 +155,25 @@ impl Found {
     }
 }
 
-/// The kinds of blur with their shares of the image.
-fn blurs(estimate: &blur::Estimate) -> [Blur; PHASESTEREO_MOST_BLURS] {
+/// The kinds of blur with their shares of the image; of a kind that both images have, both blurs with the same share.
+fn blurs(estimate: &blur::Estimate) -> Vec<Blur> {
     let (_, _, labels) = &estimate.labels;
     let share = |index: usize| {
         let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();
         tiles as f64 / labels.len() as f64
     };
 
-    let mut blurs = [Blur::default(); PHASESTEREO_MOST_BLURS];
-    for (index, (blur, kind)) in blurs.iter_mut().zip(&estimate.blurs).enumerate() {
-        *blur = Blur { share: share(index), ..Blur::new(kind) };
+    let mut blurs = vec![];
+    for (index, kind) in estimate.blurs.iter().enumerate() {
+        let own = Blur { share: share(index), ..Blur::new(kind) };
+        blurs.push(own);
+        if let Some(psf) = kind.other {
+            let side = PHASESTEREO_LEFT + PHASESTEREO_RIGHT - own.side;
+            blurs.push(Blur { side, ..Blur::of_psf(psf, own) });
+        }
     }
 
+    blurs.truncate(PHASESTEREO_MOST_BLURS);
     blurs
 }
 
@@ -182,6 +193,11 @@ impl Blur {
         };
 
         Self { size, angle, share: 0.0, side: softer, kind }
+    }
+
+    /// The blur of a family; the rest as of another one.
+    fn of_psf(psf: Psf, like: Self) -> Self {
+        Self { size: psf.size, angle: psf.angle, kind: kind(psf.family), ..like }
     }
 }
 

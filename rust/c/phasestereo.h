@@ -335,7 +335,8 @@ typedef struct phasestereo_found {
    */
   double coding[2];
   /**
-   * The kinds of blur, that of the largest area first.
+   * The kinds of blur, that of the largest area first. Where each image lacks something that the other one has, both
+   * blurs are there, one after the other, with the same share.
    */
   struct phasestereo_blur blurs[PHASESTEREO_MOST_BLURS];
   /**

@@ -254,6 +254,7 @@ impl<V: Value> Aggregate<'_, V> {
         let mut next = rows.start.saturating_sub(shift);
 
         for (y, out) in rows.zip(out.chunks_exact_mut(columns.len() * runs)) {
+            // Each row is summed once, when the first window is shifted to it.
             while next <= (y + shift).min(last) {
                 let row = &mut boxes[next % window.side * width..][..width];
                 let place = (next, around.clone());
@@ -377,6 +378,7 @@ impl<V: Value> BoxSums<V> {
             let leaving = &self.rows[leaving..][..width];
             for ((sum, new), old) in self.columns.iter_mut().zip(entering).zip(leaving) {
                 for j in 0..LANES {
+                    // Subtracts first, so that no sum exceeds the largest one of a window.
                     sum[j] = sum[j].minus(old[j]).plus(new[j]);
                 }
             }

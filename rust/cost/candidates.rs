@@ -58,13 +58,6 @@ impl Candidates {
     pub fn is_outside(self, x: usize, k: usize, width: usize) -> bool {
         !(0..width as isize).contains(&(x as isize - self.disparity(k)))
     }
-
-    /// The right column at each place of an unrolled row, clamped into the image: column `x` meets candidate `k` at place
-    /// `x + count - 1 - k`.
-    pub fn unrolled(self, width: usize) -> Vec<usize> {
-        let column = |place| self.column(place, self.count - 1, width);
-        (0..width + self.count - 1).map(column).collect()
-    }
 }
 
 #[cfg(test)]
@@ -72,22 +65,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_unrolled_row_holds_every_candidate() {
-        for min in -9..7 {
-            for count in 1..=7 {
-                let Ok(candidates) = Candidates::new(min, count, 7) else { continue };
-                let unrolled = candidates.unrolled(7);
-                let count = candidates.count();
-                for (x, k) in (0..7).flat_map(|x| (0..count).map(move |k| (x, k))) {
-                    assert_eq!(unrolled[x + count - 1 - k], candidates.column(x, k, 7));
-                }
-            }
-        }
-    }
-
-    #[test]
     fn ranges_are_refused_by_name() {
         let refused = |min, count| Candidates::new(min, count, 5).expect_err("refused").to_string();
+
         assert!(refused(0, 0).starts_with("num_disparities: got 0"));
         assert!(
             refused(0, 6).starts_with("num_disparities: got 6; accepts an integer from 1 to 5")
@@ -101,6 +81,7 @@ mod tests {
     fn the_extreme_ranges_touch_one_column() {
         let rightmost = Candidates::new(4, 1, 5).expect("accepted");
         assert!(!rightmost.is_outside(4, 0, 5) && rightmost.is_outside(3, 0, 5));
+
         let leftmost = Candidates::new(-5, 2, 5).expect("accepted");
         assert!(!leftmost.is_outside(0, 1, 5) && leftmost.is_outside(0, 0, 5));
     }

@@ -180,6 +180,7 @@ mod tests {
     fn every_basis() -> impl Iterator<Item = (Taper, usize, bool, Basis)> {
         let sizes = (3..=LARGEST_WINDOW).step_by(2).flat_map(|size| [(size, 1), (size, 2)]);
         let all = TAPERS.into_iter().flat_map(move |taper| sizes.clone().map(move |s| (taper, s)));
+
         all.map(|(taper, (neighborhood, sizes))| {
             let highest = 4.min((neighborhood - 1) / 2);
             let frequencies = (highest, highest);
@@ -191,6 +192,7 @@ mod tests {
                 sizes,
                 ..Preset::Paper.settings()
             };
+
             (taper, neighborhood, sizes == 2, Basis::new(&settings))
         })
     }
@@ -211,17 +213,20 @@ mod tests {
             let radius = (size / 2) as isize;
             let weight = |j: isize| weight(taper, size, j.unsigned_abs());
             let total: f64 = (-radius..=radius).map(weight).sum();
+
             for (f, filter) in basis.filters.iter().enumerate().skip(1) {
                 let angle = |j: isize| TAU * f as f64 * j as f64 / size as f64;
                 let kappa =
                     (-radius..=radius).map(|j| weight(j) * math::cos(angle(j))).sum::<f64>()
                         / total;
+
                 for (j, (even, odd)) in (0..).zip(filter.even.iter().zip(&filter.odd)) {
                     let scale = amplitude(size, is_coarse) as f64 * weight(j);
                     let error = math::hypot(
                         f64::from(*even) - scale * (math::cos(angle(j)) - kappa),
                         f64::from(*odd) + scale * math::sin(angle(j)),
                     );
+
                     assert!(error < 1.01, "{taper:?}, L = {size}, f = {f}, j = {j}: {error}");
                 }
             }
@@ -244,6 +249,7 @@ mod tests {
                 Basis::new(&Settings { frequencies, neighborhood: 9, ..Preset::Paper.settings() });
             basis.components().iter().map(|c| (c.u, c.v)).collect()
         };
+
         assert_eq!(order((2, 1)), [(0, 1), (1, -1), (1, 0), (1, 1), (2, -1), (2, 0), (2, 1)]);
         assert_eq!(order((4, 4)).len(), 40);
         assert_eq!(order((0, 2)), [(0, 1), (0, 2)]);

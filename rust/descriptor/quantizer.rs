@@ -294,6 +294,7 @@ mod tests {
                 let apart = a.abs_diff(b);
                 let around = apart.min(2 * half - apart);
                 let hamming = (johnson(a, half) ^ johnson(b, half)).count_ones() as usize;
+
                 assert_eq!(hamming, around, "b = {bits}: levels {a} and {b}");
             }
         }
@@ -302,19 +303,23 @@ mod tests {
     #[test]
     fn two_bits_are_the_gray_code() {
         let codes: Vec<_> = (0..4).map(|level| johnson(level, 2)).collect();
+
         assert_eq!(codes, [0b00, 0b01, 0b11, 0b10]);
     }
 
     #[test]
     fn sectors_follow_the_argument() {
         for (power, bits) in [1, 2].into_iter().flat_map(|k| (1..=4).map(move |b| (k, b))) {
-            let (quantizer, half) = (quantizer(power, bits), 1i64 << (bits - 1));
+            let quantizer = quantizer(power, bits);
+            let half = 1i64 << (bits - 1);
+
             for step in 0..720 {
                 // Boundaries lie at multiples of 11.25 degrees, none of which this meets.
                 let angle = (0.5 * f64::from(step) + 0.1).to_radians();
                 let (re, im) = ((math::cos(angle) * 1e9) as i64, (math::sin(angle) * 1e9) as i64);
                 let turned = angle * power as f64 / std::f64::consts::PI;
                 let level = ((half as f64 * turned).floor() as i64).rem_euclid(2 * half);
+
                 let expected = johnson(level as usize, half as usize);
                 assert_eq!(quantizer.code(re, im), expected, "k = {power}, b = {bits}, {step}");
             }
@@ -330,8 +335,10 @@ mod tests {
                 quantizer(power, bits)
                     .code((math::cos(angle) * 1e12) as i64, (math::sin(angle) * 1e12) as i64)
             };
+
             for boundary in 0..sectors {
                 let johnson = |sector: usize| johnson(sector % (1 << bits), 1 << (bits - 1));
+
                 assert_eq!(code(boundary, 1e-6), johnson(boundary), "k = {power}, b = {bits}");
                 assert_eq!(
                     code(boundary, -1e-6),
@@ -351,22 +358,27 @@ mod tests {
             quantizer.add(&re, &im, 3, &mut words);
             words.into_iter().map(|word| word.into() >> 3).collect()
         }
+
         let near = (-9..=9).flat_map(|re| (-9..=9).map(move |im| (re, im)));
         let far = near.clone().map(|(re, im)| (re * 150_000_001, im * 150_000_000));
         let components: Vec<_> = near.chain(far).collect();
+
         for (power, bits) in [1, 2].into_iter().flat_map(|k| (1..=4).map(move |b| (k, b))) {
             let quantizer = quantizer(power, bits);
             let code = |(re, im): &(i32, i32)| quantizer.code((*re).into(), (*im).into());
             let expected: Vec<_> = components.iter().map(code).collect();
+
             assert_eq!(row::<i32>(&quantizer, &components), expected, "k = {power}, b = {bits}");
             assert_eq!(row::<f64>(&quantizer, &components), expected, "k = {power}, b = {bits}");
         }
+
         for (power, threshold) in
             [1, 2].into_iter().flat_map(|k| [0.0, 4.0, 450_000_000.0, 1e12].map(|t| (k, t)))
         {
             let quantizer = quantizer(power, 2).with_weak_level(threshold);
             let code = |(re, im): &(i32, i32)| quantizer.code((*re).into(), (*im).into());
             let expected: Vec<_> = components.iter().map(code).collect();
+
             assert_eq!(
                 row::<i32>(&quantizer, &components),
                 expected,
@@ -384,6 +396,7 @@ mod tests {
     fn levels(power: usize, re: i32, im: i32, threshold: i32) -> [i128; 2] {
         let [re, im, threshold] = [re, im, threshold].map(i128::from);
         let level = |part: i128, weak: i128| if part.abs() <= weak { 0 } else { part.signum() };
+
         match power {
             1 => [re, im].map(|part| level(part, threshold)),
             _ => [re * re - im * im, 2 * re * im].map(|part| level(part, threshold.pow(2))),
@@ -403,6 +416,7 @@ mod tests {
                 let [a, b] = levels(power, re, im, threshold);
                 let bits = [a < 0, b < 0, a > 0, b > 0].map(u64::from);
                 let expected = (0..).zip(bits).map(|(place, bit)| bit << place).sum::<u64>();
+
                 assert_eq!(code, expected, "k = {power}, t = {threshold}: {re}, {im}");
             }
         }
@@ -413,8 +427,10 @@ mod tests {
         let quantizer = quantizer(1, 2).with_weak_level(2.0);
         let parts: Vec<_> =
             [-3, 0, 3].into_iter().flat_map(|re| [-3, 0, 3].map(|im| (re, im))).collect();
+
         for (a, b) in parts.iter().flat_map(|a| parts.iter().map(move |b| (a, b))) {
             let apart = (quantizer.code(a.0, a.1) ^ quantizer.code(b.0, b.1)).count_ones();
+
             assert_eq!(
                 u64::from(apart),
                 (a.0.abs_diff(b.0) + a.1.abs_diff(b.1)) / 3,

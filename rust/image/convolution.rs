@@ -125,6 +125,7 @@ pub fn convolve(
         control.checkpoint()?;
         level.run(Sums { pass: &first, pixels: &pixels.as_slice()[y * first.width..], out });
 
+        // The second pass needs one row only, so it follows at once, while the row is in the cache.
         if let Some(pass) = &second {
             let mut row = zeroed(pass.width)?;
             row[pass.columns(out.len())].copy_from_slice(out);
@@ -195,6 +196,7 @@ fn quantized(taps: &Plane<f64>) -> Plane<i32> {
         let remainder = exact.as_slice()[i].fract();
         let (dy, dx) = ((i / cols).abs_diff(taps.rows() / 2), (i % cols).abs_diff(cols / 2));
         let tie = (remainder * TIE_STEPS).round() as i64;
+        // `count - 1 - i` is the opposite tap: both have the same third key.
         (-tie, dy * dy + dx * dx, i.min(count - 1 - i), i)
     };
 
@@ -215,6 +217,7 @@ fn trimmed(weights: &Plane<i32>) -> Plane<i32> {
         [vertical.max(y.abs_diff(center[0])), horizontal.max(x.abs_diff(center[1]))]
     });
 
+    // The center stays the center: as much is kept on either side.
     let (rows, cols) = (2 * used[0] + 1, 2 * used[1] + 1);
     let at = |y: usize, x: usize| weights.row(y + center[0] - used[0])[x + center[1] - used[1]];
     Plane::from_fn(rows, cols, at)

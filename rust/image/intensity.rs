@@ -120,6 +120,7 @@ impl<'a> Gray<'a> {
         let mut plane = filled(gray.plane(level, control)?, view, control)?;
         if view.impulses > 0.0 {
             let height = gray.steps(view.impulses) as i32;
+            // After filling, as masked pixels may be anything.
             plane = impulses::repaired(&plane, height, level, control)?;
         }
 
@@ -379,6 +380,7 @@ impl RangeSample {
         let last = self.values.len().checked_sub(1)?;
         let outliers = (OUTLIERS * last as f64) as usize;
 
+        // Two ranks are selected, which takes less than sorting.
         let mut ranked = |rank: usize| *self.values.select_nth_unstable_by(rank, f64::total_cmp).1;
         let range = IntensityRange { black: ranked(outliers), white: ranked(last - outliers) };
 

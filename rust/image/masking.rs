@@ -54,6 +54,7 @@ fn fill_row<T: Copy>(row: &mut [T], valid: &[bool]) -> bool {
 
 /// For every place the nearest place that holds true (ties: the smaller one).
 pub(crate) fn nearest(present: &[bool]) -> Vec<Option<usize>> {
+    // Forward, the last one so far; backward, the better of it and the next one.
     let mut before = None;
     let mut places: Vec<Option<usize>> = Vec::with_capacity(present.len());
 

@@ -105,6 +105,7 @@ fn slide<S>(
     let radius = (window / 2) as isize;
     let first = places.start as isize;
 
+    // All of the first window but its last place.
     (first - radius..first + radius).for_each(|place| add(reflect(place, length), 1, &mut sum));
 
     for center in places {

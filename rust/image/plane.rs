@@ -77,6 +77,7 @@ impl<T> Plane<T> {
     /// Some of the rows, without the memory of the others.
     pub fn of_rows(mut self, rows: Range<usize>) -> Self {
         if rows != (0..self.rows) {
+            // The end goes first, so that fewer values are moved.
             self.data.truncate(rows.end * self.cols);
             self.data.drain(..rows.start * self.cols);
             self.data.shrink_to_fit();
@@ -168,6 +169,7 @@ pub fn parts<'a, T: Copy, const ROWS: usize, const COUNT: usize>(
     for (part, buffer) in parts.iter_mut().zip(buffer) {
         let row = *part;
 
+        // Only at the ends of a row values have to be copied.
         let inside = usize::try_from(first).ok().and_then(|first| row.get(first..first + COUNT));
 
         *part = if let Some(inside) = inside {

@@ -72,6 +72,7 @@ pub fn smooth(
             let out = [&mut shares[RADIUS..][..cols], &mut drawn[RADIUS..][..cols]];
             level.run(Windows { values, columns, noise, out });
 
+            // Shares continue by reflection, as the image does.
             continue_sides(shares, cols);
             continue_sides(drawn, cols);
         }

@@ -14,8 +14,11 @@ use crate::rig::estimation::range::SearchRange;
 use crate::rig::estimation::rows::RowOffsets;
 use crate::rig::psf::{Family, Taps};
 
-/// Softer image (0 none, 1 left, 2 right), family, size, angle and kernel of a blur.
-type BlurTuple<'py> = (u8, &'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
+/// Family, size, angle and kernel of a blur.
+type KernelTuple<'py> = (&'static str, f64, f64, Option<Bound<'py, PyArray2<f64>>>);
+
+/// Softer image (0 none, 1 left, 2 right), its blur, and that of the other image, if this one lacks something as well.
+type BlurTuple<'py> = (u8, KernelTuple<'py>, Option<KernelTuple<'py>>);
 
 /// Rows of places (top, left, top and left of the right one), and the statistics of their blocks.
 pub type GlanceTuple<'py> = (Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<f32>>);
@@ -149,7 +152,13 @@ fn blur_to_py<'py>(py: Python<'py>, blur: &blur::Blur) -> PyResult<BlurTuple<'py
         (None, None) => ("none", 0.0, 0.0),
     };
 
-    Ok((softer, family, size, angle, blur.taps.as_ref().map(kernel).transpose()?))
+    let own = (family, size, angle, blur.taps.as_ref().map(kernel).transpose()?);
+    let other = blur.other.map(|psf| {
+        let kernel = kernel(&psf.taps())?;
+        PyResult::Ok((family_name(psf.family), psf.size, psf.angle, Some(kernel)))
+    });
+
+    Ok((softer, own, other.transpose()?))
 }
 
 fn family_name(family: Family) -> &'static str {

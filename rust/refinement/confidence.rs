@@ -175,6 +175,7 @@ impl Loop for Support<'_> {
 
         for ((sum, weight), disparity) in sums.iter_mut().zip(weights).zip(here.disparity) {
             let is_known = !disparity.is_nan();
+            // A pixel with a disparity counts itself, so its weight is not 0.
             *sum = if is_known { confidence(*sum / *weight) } else { 0.0 };
         }
     }
@@ -197,6 +198,7 @@ fn add([here, there]: [PixelRow; 2], similar: f32, weights: &mut [f32], sums: &m
     for (((ours, gray), ((theirs, other), vote)), (weight, sum)) in ours.zip(theirs).zip(totals) {
         let difference = (gray - other) as f32;
         let alike = similar / (similar + difference * difference);
+        // A comparison with NaN is false: a missing neighbor never agrees.
         let agrees = (ours - theirs).abs() <= TOLERANCE;
 
         *weight += if theirs.is_nan() { 0.0 } else { alike };

@@ -58,6 +58,7 @@ pub fn guide(
         }
 
         for (y, out) in band.chunks_mut(cols).enumerate() {
+            // Row `y` of the band is row `y + REACH` of the jumps.
             let near = from_fn(|row| &jumps[(y + row) * cols..][..cols]);
             let row = |k: usize| (first + y + k * STRIDE) as isize - REACH as isize;
             let disparity = from_fn(|k| disparity.row_or_nothing(row(k)));
@@ -103,6 +104,7 @@ impl Loop for Guide<'_> {
                 }
             }
 
+            // Most pixels are far from any jump.
             if near == [0; LANES] {
                 out.copy_from_slice(&self.disparity[SIDE / 2][x..][..out.len()]);
                 continue;

@@ -77,6 +77,7 @@ impl Loop for MedianRow<'_> {
             let rows: [[i32; SPAN]; 3] = keys_of(parts(self.rows, first, &mut buffer, nearest));
             let center = lanes(&rows[1], REACH);
 
+            // Neighbors without a disparity count as the pixel itself.
             let mut keys = [[NONE; LANES]; 9];
             for (place, keys) in keys.iter_mut().enumerate() {
                 *keys = lanes(&rows[place / 3], place % 3);

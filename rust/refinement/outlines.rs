@@ -1,5 +1,5 @@
-//! Draws the outlines of surfaces to edges of the image: near a jump of the disparities each pixel takes the weighted median
-//! of the disparities around it, weighted by similarity of the gray values and by distance.
+//! Draws the outlines of surfaces to edges of the image: near a jump of the disparities each pixel takes the weighted
+//! median of the disparities around it, weighted by similarity of the gray values and by distance.
 //!
 //! ```text
 //! for pixels within NEAR of a jump:
@@ -143,6 +143,7 @@ impl Loop for Quantize<'_> {
         for x in 0..n {
             let level = (gray[x] as f32 * self.scale).clamp(-FARTHEST as f32, FARTHEST as f32);
             grays[x] = if disparity[x].is_nan() { NOTHING } else { level as i32 as i16 };
+            // NaN becomes 0 steps; its gray value takes its weight away.
             steps[x] = (disparity[x] * FINENESS) as i32;
         }
     }
@@ -187,6 +188,7 @@ impl Loop for Draw<'_> {
             let own = &self.disparity[x..][..out.len()];
             let near = &self.near[x..][..out.len()];
             out.copy_from_slice(own);
+            // Most pixels are far from any jump.
             if near.iter().all(|near| *near == 0) {
                 continue;
             }

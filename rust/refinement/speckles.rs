@@ -29,12 +29,14 @@ pub fn flag_speckles(
 ) -> Result<()> {
     let cols = disparity.cols();
     let count = disparity.as_slice().len();
+    // Runs are numbered in 32 bits, and there are no more runs than pixels.
     if u32::try_from(count).is_err() {
         return Err(Error::value("left", format!("{count} pixels"), "fewer than 2^32 pixels"));
     }
 
     let (bands, regions) = TrustedMap { disparity, flags, range, level }.find(control)?;
 
+    // Bands number their runs from 0, the forest those of all bands.
     let first_runs = bands.iter().scan(0, |next, band| {
         let first = *next;
         *next += band.runs.len();
@@ -107,6 +109,7 @@ impl TrustedMap<'_> {
             control.checkpoint()?;
             self.band(top, (top + BAND).min(rows))
         });
+        // Seams are united in order: that is little work.
         let mut bands: Vec<RunBand> = bands.collect::<Result<_>>()?;
 
         let mut regions = Forest::default();

@@ -358,7 +358,8 @@ impl<'a> BlurEstimation<'a> {
         }
 
         let found = two_sided(&blocks.evidence, self.level())?;
-        if found.loss > CLEARLY_BETTER * one_sided {
+        let is_slight = found.entries.iter().any(|entry| entry.psf.spread() < LEAST_SPREAD);
+        if is_slight || found.loss > CLEARLY_BETTER * one_sided {
             return None;
         }
 

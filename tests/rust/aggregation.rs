@@ -20,15 +20,17 @@ use phasestereo::internals::simd::Level;
 use phasestereo::internals::value::{LANES, Value};
 use proptest::prelude::*;
 
-/// What naive windows may cost: pixels x candidates x places.
+/// Limit on the work of naive windows: pixels x candidates x places.
 const AFFORDABLE: usize = 1 << 20;
 
 fn aggregated(costs: &Plane<u16>, window: Window, level: Level) -> Plane<u32> {
     aggregate(costs, window, level, &Control::default()).expect("memory")
 }
 
+/// Compares the sums at every level with the reference implementation.
 fn check(costs: &Plane<u16>, window: Window) {
     let expected = reference::aggregate(costs, &costs.map(|_| 1), window);
+
     for level in levels() {
         let found = aggregated(costs, window, level);
         assert!(found == expected, "{} {window:?}", level.name());
@@ -41,7 +43,7 @@ fn any_costs(window: Window) -> Plane<u16> {
     })
 }
 
-/// Windows over images of any size, as large as can be afforded.
+/// Windows over images of any size, as large as the reference implementation has time for.
 fn windows() -> impl Strategy<Value = Window> {
     let candidates = prop::sample::select(COUNTS[..9].to_vec());
     let ceiling = prop::sample::select(vec![1u16, 14, 64, 36_720, u16::MAX]);
@@ -77,27 +79,32 @@ proptest! {
     #[test]
     fn bytes_hold_the_sums_of_byte_precision(settings in settings(), ceiling in 1u16..=36_720) {
         let settings = Settings { precision: Precision::Byte, ..settings };
+
         let window = Window::new((9, 9), 5, &settings, ceiling);
         prop_assert!(window.largest_sum() <= 170, "{:?}", window);
+
         let finer = Window { dropped: window.dropped.saturating_sub(1), ..window };
+
         let holds_jumps = |window: Window| {
             let p2 = settings.p2 * window.unit(steps_of(settings.cost));
             window.largest_sum() as f64 + p2.round() <= 255.0
         };
+
         let is_worth_it = holds_jumps(window) && !holds_jumps(finer);
         let is_needed = finer.largest_sum() > 170 || is_worth_it;
         prop_assert!(window.dropped == 0 || is_needed, "{:?}", window);
     }
 
-    /// Integers are chosen by the largest sum: a mean of few votes must not lead beyond it.
+    /// Integers are chosen by the largest sum: the mean of few valid pixels must not exceed it.
     #[test]
-    fn no_share_is_above_the_largest_sum(settings in settings(), ceiling in 1u16..=64) {
+    fn no_scaled_sum_is_above_the_largest(settings in settings(), ceiling in 1u16..=64) {
         let settings = Settings { precision: Precision::Byte, ..settings };
         let window = Window::new((9, 9), 5, &settings, ceiling);
-        for votes in 1..=window.side as u64 {
-            let sum = (votes * u64::from(ceiling)) >> window.dropped;
-            let scaled = window.scaled(sum, votes);
-            prop_assert!(scaled <= window.largest_sum(), "{} by {}: {:?}", scaled, votes, window);
+
+        for support in 1..=window.side as u64 {
+            let sum = (support * u64::from(ceiling)) >> window.dropped;
+            let scaled = window.scaled(sum, support);
+            prop_assert!(scaled <= window.largest_sum(), "{} by {}: {:?}", scaled, support, window);
         }
     }
 }
@@ -110,6 +117,7 @@ fn every_window_and_larger_ones_than_the_image() {
             let window =
                 Window { rows: 35, cols, candidates: 1, side, shiftable, ceiling: 99, dropped };
             check(&any_costs(window), window);
+
             let window = Window { rows: 2, cols: 3, ..window };
             check(&any_costs(window), window);
         }
@@ -130,11 +138,12 @@ fn every_number_of_candidates_in_rows_of_any_width() {
 }
 
 #[test]
-fn the_greatest_costs_there_are_do_not_overflow() {
+fn the_largest_costs_do_not_overflow() {
     for shiftable in [true, false] {
         let ceiling = u16::MAX;
         let window =
             Window { rows: 33, cols: 34, candidates: 1, side: 63, shiftable, ceiling, dropped: 0 };
+
         let volume = Plane::from_fn(33, 34, |_, _| u16::MAX);
         let sums = aggregated(&volume, window, levels()[0]);
         assert!(sums.as_slice().iter().all(|&sum| sum == 63 * 63 * 65_535));
@@ -142,105 +151,125 @@ fn the_greatest_costs_there_are_do_not_overflow() {
 }
 
 #[test]
-fn the_mean_of_the_votes_counts() {
+fn sums_are_scaled_to_the_whole_window() {
     let window =
         Window { rows: 1, cols: 1, candidates: 1, side: 3, ceiling: 14, ..Window::default() };
-    assert_eq!(window.scaled(30, 9), 30, "everybody voted");
-    assert_eq!(window.scaled(10, 3), 30, "a third voted");
+
+    assert_eq!(window.scaled(30, 9), 30, "all are valid");
+    assert_eq!(window.scaled(10, 3), 30, "a third is valid");
     assert_eq!(window.scaled(1, 2), 5, "4.5 is rounded up");
-    assert_eq!(window.scaled(0, 0), 9 * 14, "nobody voted");
+    assert_eq!(window.scaled(0, 0), 9 * 14, "none is valid");
 }
 
 #[test]
 fn a_cancelled_sum_stops() {
     let control = Control::default();
     control.cancel();
+
     let window = Window { rows: 2, cols: 2, candidates: 1, side: 1, ..Window::default() };
     let stopped = aggregate(&any_costs(window), window, levels()[0], &control);
     assert_eq!(stopped, Err(Error::Cancelled));
 }
 
-/// A pair, its settings, and the rows and columns of the blocks that it is cut into.
+/// A masked pair, its settings, and the rows and columns of the blocks that it is cut into.
 #[derive(Debug)]
-struct Election {
+struct MaskedCosts {
     views: [View; 2],
     candidates: Candidates,
     settings: Settings,
     block: (usize, usize),
 }
 
-impl Election {
+impl MaskedCosts {
     fn window(&self, ceiling: u16) -> Window {
         let (rows, cols, _) = self.views[0].image.shape();
         Window::new((rows, cols), self.candidates.count(), &self.settings, ceiling)
     }
 
-    /// Aggregated costs, block after block in the same memory.
+    /// Aggregated costs, block after block with the same buffers.
     fn aggregated<V: Value>(&self, costs: &Costs, level: Level) -> Plane<u32> {
-        let (window, count) = (self.window(costs.ceiling()), self.candidates.count());
+        let window = self.window(costs.ceiling());
+        let count = self.candidates.count();
         let (high, wide) = self.block;
+
         let mut result = Plane::new(window.rows, window.cols * count).expect("memory");
         let mut aggregator = Aggregator::<V>::default();
+
         let places = (0..window.rows).step_by(high);
         for (y, x) in places.flat_map(|y| (0..window.cols).step_by(wide).map(move |x| (y, x))) {
             let rows = y..(y + high).min(window.rows);
             let columns = x..(x + wide).min(window.cols);
+
             let runs = rows.len() * columns.len() * costs.runs();
             let mut out = vec![[V::truncated(77); LANES]; runs];
             let block = PixelBlock { rows: rows.clone(), columns: columns.clone() };
             aggregator.aggregate(costs, window, block, level, &mut out).expect("memory");
+
             let mut pixels = out.chunks_exact(costs.runs()).map(<[_]>::as_flattened);
+
             for (y, x) in rows.flat_map(|y| columns.clone().map(move |x| (y, x))) {
                 let (sums, beyond) = pixels.next().expect("every pixel").split_at(count);
+
                 assert!(beyond.iter().all(|sum| *sum == V::FAR), "beyond the last candidate");
                 let row = &mut result.row_mut(y)[x * count..];
                 row.iter_mut().zip(sums).for_each(|(out, sum)| *out = sum.widened() as u32);
             }
         }
+
         result
     }
 
+    /// Compares all integers that are wide enough with the reference implementation.
     fn check(&self) {
         let views = [&self.views[0], &self.views[1]];
         let (settings, control) = (&self.settings, Control::default());
         let noise = BlurCompensation::of_noise([2.0; 2]).expect("legal noise");
         let noise = Some(&noise);
+
         let costs = Costs::new(views, self.candidates, settings, noise, levels()[0], &control)
             .expect("not cancelled");
+
         let window = self.window(costs.ceiling());
         let validity = naive::validity(views, self.candidates);
         let naive = naive::costs(views, self.candidates, settings, noise);
         let expected = reference::aggregate(&naive, &validity, window);
         let largest = window.largest_value(costs.validity().is_some());
+
         for level in levels() {
-            let told = format!("{window:?} {} {:?}", level.name(), self.block);
-            assert!(self.aggregated::<u32>(&costs, level) == expected, "u32: {told}");
+            let case = format!("{window:?} {} {:?}", level.name(), self.block);
+
+            assert!(self.aggregated::<u32>(&costs, level) == expected, "u32: {case}");
+
             if largest <= u16::MAX.into() {
-                assert!(self.aggregated::<u16>(&costs, level) == expected, "u16: {told}");
+                assert!(self.aggregated::<u16>(&costs, level) == expected, "u16: {case}");
             }
+
             if largest <= u8::MAX.into() {
-                assert!(self.aggregated::<u8>(&costs, level) == expected, "u8: {told}");
+                assert!(self.aggregated::<u8>(&costs, level) == expected, "u8: {case}");
             }
         }
     }
 }
 
-fn elections() -> impl Strategy<Value = Election> {
+fn masked_costs() -> impl Strategy<Value = MaskedCosts> {
     let masks = (0u64..=100, any::<u64>());
     let counts = prop_oneof![3 => 1i64..=9, 1 => 31i64..=33];
     let block = (1usize..=70, 1usize..=70);
+
     (heights(), widths(), settings(), masks, block, -9i64..9, counts).prop_filter_map(
         "too much to do, or out of reach",
         |(rows, cols, settings, (percent, seed), block, min, count)| {
             let work = rows * cols * count as usize * settings.window.pow(2);
             let described = rows * cols * settings.components() * settings.neighborhood.pow(2);
+
             let candidates = Candidates::new(min, count, cols).ok()?;
             let views = [seed, !seed].map(|seed| View {
                 mask: (seed % 3 > 0).then(|| mask(rows, cols, percent, seed)),
                 ..view(rows, cols, |y, x| hash(seed, y, x) as u8)
             });
+
             let affordable = work.max(described) <= AFFORDABLE;
-            affordable.then_some(Election { views, candidates, settings, block })
+            affordable.then_some(MaskedCosts { views, candidates, settings, block })
         },
     )
 }
@@ -249,15 +278,15 @@ proptest! {
     #![proptest_config(random(128))]
 
     #[test]
-    fn any_votes_in_any_blocks_of_any_integers(election in elections()) {
-        election.check();
+    fn any_masks_in_any_blocks_of_any_integers(costs in masked_costs()) {
+        costs.check();
     }
 }
 
-/// Of few votes the mean may be above the sum of a window in which all vote against: bits are dropped there.
+/// The mean of few valid pixels may exceed the largest sum of a window, as bits are dropped from that.
 #[test]
-fn few_votes_do_not_overflow_a_byte() {
-    Election {
+fn few_valid_pixels_do_not_overflow_a_byte() {
+    MaskedCosts {
         views: eight_valid_pairs(),
         candidates: Candidates::new(0, 4, 42).expect("in reach"),
         settings: Settings {

@@ -1,4 +1,4 @@
-//! The grid of blocks, against means phase by phase.
+//! The grid of blocks, against the means of every phase.
 
 use crate::common::{at_every_level, hash, random};
 use crate::reference;
@@ -8,23 +8,26 @@ use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-/// That of a plane whose rows are looked at in parts, each with two more rows on either side.
+/// The jump of a plane that is read in parts, each with two more rows on either side.
 fn by_parts(plane: &Plane<i32>, steps: f64, cuts: &[usize], level: Level) -> f64 {
     let height = plane.rows();
+
     let parts = cuts.windows(2).map(|ends| {
         let read = ends[0].saturating_sub(2)..(ends[1] + 2).min(height);
         let part = plane.clone().of_rows(read.clone());
         let rows = ends[0] - read.start..ends[1] - read.start;
         Extra::of_rows(&part, rows, (read.start, height), steps, level).expect("memory")
     });
+
     parts.fold(Extra::default(), Extra::and).jump()
 }
 
 /// Gray values in blocks of 8 x 8 pixels that begin anywhere.
 fn blocks(rows: usize, cols: usize, seed: u64) -> Plane<i32> {
-    let (down, across) = (seed as usize % 8, seed as usize / 8 % 8);
+    let (top, left) = (seed as usize % 8, seed as usize / 8 % 8);
+
     Plane::from_fn(rows, cols, |y, x| {
-        let block = hash(seed, (y + down) / 8, (x + across) / 8) % 20;
+        let block = hash(seed, (y + top) / 8, (x + left) / 8) % 20;
         (block + hash(!seed, y, x) % 9) as i32 * 100
     })
 }
@@ -42,7 +45,9 @@ proptest! {
     ) {
         let plane = blocks(rows, cols, seed);
         let cut = cut.min(rows);
+
         let found = at_every_level(|level| by_parts(&plane, steps, &[0, cut, rows], level).to_bits());
+
         let expected = reference::jump(&plane, (8.0 * steps) as i32);
         prop_assert_eq!(found, expected.to_bits());
     }
@@ -60,8 +65,10 @@ fn a_grid_is_found_wherever_it_begins() {
 fn images_without_a_grid_have_none() {
     let noise = Plane::from_fn(200, 200, |y, x| (hash(1, y, x) % 2000) as i32);
     assert!(by_parts(&noise, 100.0, &[0, 200], Level::best()) < 20.0);
+
     let stripes = Plane::from_fn(200, 200, |_, x| if x % 16 < 8 { 0 } else { 1000 });
-    assert!(by_parts(&stripes, 100.0, &[0, 200], Level::best()) <= 0.0, "along rows alone");
+    assert!(by_parts(&stripes, 100.0, &[0, 200], Level::best()) <= 0.0, "along rows only");
+
     let small = Plane::from_fn(9, 11, |_, x| x as i32);
     assert!(by_parts(&small, 1.0, &[0, 9], Level::best()) <= 0.0);
 }

@@ -13,7 +13,7 @@ use phasestereo::internals::refinement::CostMargin;
 use phasestereo::internals::refinement::confidence::{RADIUS, VotedMap, confidence, similar, vote};
 use proptest::prelude::*;
 
-/// Planes that a scene is of.
+/// The planes of a map with votes.
 #[derive(Debug)]
 struct Planes {
     disparity: Plane<f32>,
@@ -22,17 +22,17 @@ struct Planes {
 }
 
 impl Planes {
-    fn scene(&self) -> VotedMap<'_> {
+    fn map(&self) -> VotedMap<'_> {
         VotedMap { disparity: &self.disparity, votes: &self.votes, texture: &self.texture }
     }
 
-    /// Those of every level, which are the same.
+    /// The confidences, which must be the same at every level.
     fn confidences(&self) -> Plane<f32> {
         let control = Control::default();
-        drawn(&self.disparity, |out, level| self.scene().confidences(out, level, &control))
+        drawn(&self.disparity, |out, level| self.map().confidences(out, level, &control))
     }
 
-    /// One plane, on which all votes are the same.
+    /// A flat surface, on which all votes are the same.
     fn flat((rows, cols): (usize, usize), vote: f32) -> Self {
         Self {
             disparity: Plane::from_fn(rows, cols, |_, _| 7.0),
@@ -47,7 +47,7 @@ fn planes() -> impl Strategy<Value = Planes> {
     let contrast = prop_oneof![Just(1u64), Just(2), Just(256), Just(1 << 30)];
     let size = (1usize..=2 * RADIUS + 12, width);
     (size, contrast, any::<u64>()).prop_map(|((rows, cols), contrast, seed)| Planes {
-        // Quarters of pixels, so that some differ by just 1; a few missing.
+        // Quarters of pixels, so that some differ by just 1; some are missing.
         disparity: Plane::from_fn(rows, cols, |y, x| match hash(seed, y, x) % 20 {
             0 => f32::NAN,
             part => part as f32 / 4.0,
@@ -63,10 +63,12 @@ proptest! {
     #![proptest_config(random(256))]
 
     #[test]
-    fn every_pixel_is_as_by_itself(planes in planes()) {
+    fn every_pixel_equals_the_reference(planes in planes()) {
         let found = planes.confidences();
-        prop_assert_eq!(&found, &reference::confidences(planes.scene()));
+
+        prop_assert_eq!(&found, &reference::confidences(planes.map()));
         prop_assert!(found.as_slice().iter().all(|confidence| (0.0..=1.0).contains(confidence)));
+
         let missing = planes.disparity.as_slice().iter().zip(found.as_slice());
         prop_assert!(missing.filter(|(d, _)| d.is_nan()).all(|(_, confidence)| *confidence == 0.0));
     }
@@ -75,6 +77,7 @@ proptest! {
     fn votes_that_all_agree_are_the_support(rows in 1usize..20, cols in 1usize..20, percent in 0u8..=100) {
         let share = f32::from(percent) / 100.0;
         let found = Planes::flat((rows, cols), share).confidences();
+
         let expected = confidence(share);
         prop_assert!(found.as_slice().iter().all(|found| (found - expected).abs() < 1e-5));
     }
@@ -83,22 +86,29 @@ proptest! {
     fn neither_contrast_nor_brightness_matters(seed in any::<u64>()) {
         let mut planes = Planes::flat((12, 12), 0.5);
         planes.disparity = Plane::from_fn(12, 12, |y, x| (hash(seed, y, x) % 9) as f32);
+
         let found = planes.confidences();
+
         planes.texture = Texture::new(planes.texture.gray.map(|gray| 64 * gray + 1000));
         let scaled = planes.confidences();
+
         let pairs = found.as_slice().iter().zip(scaled.as_slice());
         prop_assert!(pairs.into_iter().all(|(one, other)| (one - other).abs() < 1e-5));
     }
 
     #[test]
-    fn a_vote_grows_with_what_is_between(own in any::<u32>(), ahead in any::<u32>(), unit in 1u16..) {
+    fn a_vote_grows_with_the_cost_margin(own in any::<u32>(), ahead in any::<u32>(), unit in 1u16..) {
         let unit = f32::from(unit);
+
         let margin = |ahead: u64| {
             let own = u64::from(own);
             CostMargin { own, elsewhere: Some(own + ahead) }
         };
+
         let ahead = u64::from(ahead);
+
         let [less, more] = [ahead, 2 * ahead + 1].map(|ahead| vote(margin(ahead), unit));
+
         prop_assert!(0.0 <= less && less <= more && more <= 1.0);
     }
 }
@@ -108,8 +118,8 @@ fn half_a_vote_is_four_units_ahead() {
     let margin = |own, elsewhere| CostMargin { own, elsewhere };
     assert_eq!(vote(margin(100, Some(900)), 200.0), 0.5);
     assert_eq!(vote(margin(0, Some(0)), 200.0), 0.0);
-    assert_eq!(vote(margin(100, None), 200.0), 0.0, "there is nothing to be ahead of");
-    assert_eq!(vote(margin(100, Some(90)), 200.0), 0.0, "another one is cheaper");
+    assert_eq!(vote(margin(100, None), 200.0), 0.0, "there is no other candidate");
+    assert_eq!(vote(margin(100, Some(90)), 200.0), 0.0, "another candidate is cheaper");
 }
 
 #[test]
@@ -120,9 +130,10 @@ fn half_of_the_disparities_with_the_support_of_a_fifth_are_right() {
 }
 
 #[test]
-fn a_difference_counts_by_what_is_usual() {
+fn differences_count_relative_to_the_mean_one() {
     let ramp = Plane::from_fn(3, 5, |y, x| (10 * x + 1000 * y) as i32);
     let similar = |gray: &Plane<i32>| similar(Roughness::of_rows(gray.as_slice(), gray.cols()));
+
     assert_eq!(similar(&ramp), 400.0, "twice 10, squared");
     assert_eq!(similar(&ramp.map(|_| 3)), 1.0, "at least one step");
     assert_eq!(similar(&Plane::from_fn(4, 1, |y, _| y as i32)), 1.0, "no neighbors");
@@ -134,30 +145,40 @@ fn a_firm_pixel_that_stands_alone_is_not_trusted_and_a_weak_one_among_firm_ones_
     planes.texture = Texture::new(planes.texture.gray.map(|_| 100));
     planes.disparity.row_mut(5)[5] = 9.0;
     planes.votes.row_mut(5)[5] = 1.0;
+
     let alone = planes.confidences();
+
     assert!(alone.row(5)[5] < 0.01 && alone.row(5)[4] > 0.9);
+
     planes.disparity.row_mut(5)[5] = 7.0;
     planes.votes.row_mut(5)[5] = 0.0;
+
     assert!(planes.confidences().row(5)[5] > 0.9);
 }
 
 #[test]
 fn the_surface_of_the_same_gray_value_counts_most() {
     let mut planes = Planes::flat((20, 20), 0.6);
-    // An edge in depth right of the edge in the image: the pixels between them are fattened foreground.
+    // An edge in depth right of the edge in the image: the pixels between them belong to fattened foreground.
     planes.texture = Texture::new(Plane::from_fn(20, 20, |_, x| if x < 10 { 20 } else { 200 }));
+
     planes.disparity = Plane::from_fn(20, 20, |_, x| if x < 12 { 9.0 } else { 3.0 });
+
     let found = planes.confidences();
+
     assert!(found.row(10)[11] < found.row(10)[9] / 2.0, "{found:?}");
 }
 
 #[test]
 fn missing_neighbors_speak_neither_for_nor_against() {
     let mut planes = Planes::flat((9, 9), 0.4);
+
     let all = planes.confidences().row(4)[4];
+
     for y in 0..4 {
         planes.disparity.row_mut(y).fill(f32::NAN);
     }
+
     assert!((planes.confidences().row(4)[4] - all).abs() < 1e-6);
 }
 
@@ -165,7 +186,8 @@ fn missing_neighbors_speak_neither_for_nor_against() {
 fn a_cancelled_search_stops() {
     let control = Control::default();
     control.cancel();
+
     let planes = Planes::flat((2, 2), 1.0);
-    let stopped = planes.scene().confidences(&mut planes.votes.clone(), levels()[0], &control);
+    let stopped = planes.map().confidences(&mut planes.votes.clone(), levels()[0], &control);
     assert_eq!(stopped, Err(Error::Cancelled));
 }

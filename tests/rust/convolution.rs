@@ -15,29 +15,32 @@ use phasestereo::internals::simd::Level;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-/// Largest magnitude at which sums of 32 bits leave room for the half that rounds them.
+/// Largest magnitude whose sums fit in 32 bits, with the half that rounds them.
 const NARROW: u32 = (1 << (31 - SHIFT)) - 1;
-/// Magnitudes of bytes, at either side of that bound, and the largest that leaves 3 bits.
+/// Magnitudes of bytes, on either side of that limit, and the largest that leaves 3 bits.
 const REACHES: [u32; 4] = [128, NARROW, NARROW + 1, 1 << 25];
 
-/// The plane under a kernel at every level of this machine, which must be the same.
+/// The plane under a kernel which must be the same at every level of this machine.
 fn convolved(plane: &Plane<i32>, kernel: &Kernel, fraction: u32, reach: u32) -> Plane<i32> {
     let gray = Gray::within(reach, plane.clone());
     let mut found = levels().into_iter().map(|level| {
         let found = convolve(&gray, kernel, fraction, level, &Control::default());
         (level.name(), found.expect("not cancelled"))
     });
+
     let (_, first) = found.next().expect("a level");
     found.for_each(|(name, found)| assert_eq!(found, first, "{name}"));
     first
 }
 
-/// Values without any pattern, both extremes among them.
+/// Noise, both extremes among it.
 fn extremes(rows: usize, cols: usize, reach: u32) -> Plane<i32> {
     let reach = i64::from(reach);
+
     Plane::from_fn(rows, cols, |y, x| {
         let bits = hash(7, y, x);
         let inside = (bits >> 8) as i64 % (2 * reach + 1) - reach;
+
         (match bits % 4 {
             0 => -reach,
             1 => reach,
@@ -46,13 +49,14 @@ fn extremes(rows: usize, cols: usize, reach: u32) -> Plane<i32> {
     })
 }
 
+/// A kernel of these taps, normalized.
 fn kernel(rows: usize, cols: usize, tap: impl Fn(usize, usize) -> f64) -> Result<Kernel> {
     let taps = Plane::from_fn(rows, cols, tap);
     let total: f64 = taps.as_slice().iter().sum();
     Kernel::new(&taps.map(|tap| tap / total))
 }
 
-/// Taps without any pattern, of which about `percent` are not zero, the first among them.
+/// Random taps; about `percent` are not zero, the first one never is.
 fn scattered(rows: usize, cols: usize, percent: u64) -> Kernel {
     let tap = |y, x| {
         let bits = hash(9, y, x);
@@ -61,30 +65,33 @@ fn scattered(rows: usize, cols: usize, percent: u64) -> Kernel {
     kernel(rows, cols, tap).expect("a legal kernel")
 }
 
-/// A row of taps without any pattern, of sum 1.
+/// A row of random taps, of sum 1.
 fn profile(length: usize, seed: u64) -> Vec<f64> {
     let taps: Vec<f64> = (0..length).map(|x| (hash(seed, 0, x) % 1000 + 1) as f64).collect();
     let total: f64 = taps.iter().sum();
     taps.into_iter().map(|tap| tap / total).collect()
 }
 
+/// An outer product of random taps.
 fn product(rows: usize, cols: usize) -> Kernel {
     Kernel::separable(&profile(rows, 1), &profile(cols, 2)).expect("a legal kernel")
 }
 
-/// One tap, in any place.
+/// One tap, in some place.
 fn single(rows: usize, cols: usize, place: (usize, usize)) -> Kernel {
     kernel(rows, cols, |y, x| if (y, x) == place { 1.0 } else { 0.0 }).expect("a legal kernel")
 }
 
-/// All there is in one corner, on a diagonal: no outer product, whose factors would be as good.
+/// All weight in one corner, on a diagonal: not an outer product, so both axes are applied at once.
 fn corner(side: usize, (bottom, right): (bool, bool)) -> Kernel {
     let depth = |place: usize, far: bool| if far { side - 1 - place } else { place };
+
     let tap = |y, x| match (depth(y, bottom), depth(x, right)) {
         (0, 0) => 2.0,
         (1, 1) => 1.0,
         _ => 0.0,
     };
+
     kernel(side, side, tap).expect("a legal kernel")
 }
 
@@ -97,10 +104,12 @@ fn convolution_is_that_of_scipy() {
     let taps = [0, 1, 2, 3, 4, 0, 0, 0, 6].map(|tap| f64::from(tap) / 16.0);
     let kernel = Kernel::new(&Plane::from_vec(3, 3, taps.to_vec()).expect("nine taps"));
     let plane = Plane::from_vec(2, 4, vec![10, -20, 30, 7, 5, 0, -60, 100]).expect("eight pixels");
+
     // floor(16 scipy.ndimage.convolve(plane, kernel, mode="reflect") + 1/2)
     let expected = vec![55, 80, -39, 209, 95, -110, -120, 860];
     let expected = Plane::from_vec(2, 4, expected).expect("eight pixels");
     assert_eq!(convolved(&plane, &kernel.expect("a legal kernel"), 4, 128), expected);
+
     let corner = single(7, 7, (0, 6));
     let expected = Plane::from_vec(2, 4, vec![30, -20, 10, 10, 30, -20, 10, 10]);
     assert_eq!(convolved(&plane, &corner, 0, 128), expected.expect("eight pixels"));
@@ -127,7 +136,9 @@ fn any_size_of_image_and_kernel_equals_its_definition() {
         corner(129, (true, true)),
         single(129, 129, (64, 64)),
     ];
+
     assert!(matches!(corner(129, (true, true)).weights(), Weights::All(all) if all.rows() == 129));
+
     for (rows, cols) in images {
         let plane = noise(rows, cols);
         for kernel in &kernels {
@@ -188,15 +199,19 @@ fn pixels_of_an_image_are_centered_first() {
 fn outer_products_are_recognized_and_nothing_else() {
     let gaussian = |y: usize, x: usize| {
         let squares = (y as f64 - 12.0).powi(2) + (x as f64 - 12.0).powi(2);
-        // As it comes from files and from Python: in single precision.
+        // In single precision, as files and Python give it.
         f64::from(math::exp(-squares / 18.0) as f32)
     };
+
     let found = kernel(25, 25, gaussian).expect("a legal kernel");
     assert!(matches!(found.weights(), Weights::Factors { .. }), "Gaussian");
     let disk = |y: usize, x: usize| f64::from(y.abs_diff(5).pow(2) + x.abs_diff(5).pow(2) <= 25);
+
     let disk = |y, x| if disk(y, x) > 0.0 { 1.0 } else { 0.0 };
+
     let found = kernel(11, 11, disk).expect("a legal kernel");
     assert!(matches!(found.weights(), Weights::All(_)), "disk");
+
     let row = kernel(7, 7, |y, x| if y == 3 { x as f64 + 1.0 } else { 0.0 });
     let expected = Kernel::new(&Plane::from_fn(1, 7, |_, x| (x as f64 + 1.0) / 28.0));
     assert_eq!(row, expected);
@@ -208,16 +223,22 @@ fn weights_are_within_a_step_of_the_taps_and_sum_to_a_power_of_two() {
     let disk = |y: usize, x: usize| {
         if y.abs_diff(10).pow(2) + x.abs_diff(10).pow(2) <= 100 { 1.0 } else { 0.0 }
     };
+
     let kernel = kernel(21, 21, disk).expect("a legal kernel");
     let Weights::All(weights) = kernel.weights() else { panic!("a disk is no outer product") };
     assert_eq!(total(weights), 1 << SHIFT);
+
     let inside = weights.as_slice().iter().filter(|weight| **weight > 0).count() as f64;
     let exact = f64::from(1 << SHIFT) / inside;
+
     assert!(weights.as_slice().iter().all(|&w| w == 0 || (f64::from(w) - exact).abs() < 1.0));
+
     // Opposite weights are equal but for one pair: the disk has not been shifted.
+
     let opposite = weights.as_slice().iter().rev();
     let differing = weights.as_slice().iter().zip(opposite).filter(|(a, b)| a != b).count();
     assert!(differing <= 2, "{differing} weights differ");
+
     let product = product(9, 5);
     let Weights::Factors { column, row } = product.weights() else { panic!("an outer product") };
     assert_eq!([total(column), total(row)], [1 << SHIFT; 2]);
@@ -231,19 +252,23 @@ fn rows_and_columns_without_weights_are_left_out() {
 }
 
 #[test]
-fn what_is_no_kernel_is_refused() {
+fn illegal_kernels_are_refused() {
     let of = |rows, cols, tap: f64| Kernel::new(&Plane::from_fn(rows, cols, |_, _| tap));
     let too_large = LARGEST_KERNEL + 2;
+
     for (rows, cols) in [(2, 3), (3, 2), (0, 0), (0, 3), (too_large, 1), (1, too_large)] {
         let refused = of(rows, cols, 1.0 / (rows * cols).max(1) as f64).map_err(|e| e.to_string());
         assert!(refused.is_err_and(|e| e.contains("odd sides")), "{rows} x {cols}");
     }
+
     for tap in [f64::NAN, f64::INFINITY, -1.0] {
         assert!(of(1, 1, tap).map_err(|e| e.to_string()).is_err_and(|e| e.contains("the tap")));
     }
+
     for tap in [0.0, 0.998, 1.002] {
         assert!(of(1, 1, tap).map_err(|e| e.to_string()).is_err_and(|e| e.contains("of sum")));
     }
+
     assert!(of(1, 1, 1.0009).is_ok());
     assert!(Kernel::separable(&[1.0], &[0.5, 0.5]).is_err());
 }
@@ -255,6 +280,7 @@ fn a_fraction_that_does_not_fit_is_refused() {
         let gray = Gray::within(reach, noise(2, 2));
         convolve(&gray, &kernel, fraction, Level::best(), &Control::default())
     };
+
     assert!(with(MOST_FRACTION, 255).is_ok());
     assert!(with(MOST_FRACTION + 1, 255).is_err());
     assert!(with(5 - GUARD, 1 << 25).is_ok());
@@ -265,6 +291,7 @@ fn a_fraction_that_does_not_fit_is_refused() {
 fn a_cancelled_convolution_stops() {
     let control = Control::default();
     control.cancel();
+
     let gray = Gray::within(255, noise(3, 3));
     let stopped = convolve(&gray, &scattered(3, 3, 100), 4, Level::best(), &control);
     assert_eq!(stopped, Err(Error::Cancelled));

@@ -13,17 +13,21 @@ use phasestereo::internals::settings::presets::Preset;
 use phasestereo::internals::settings::{CostKind, Settings};
 use proptest::prelude::*;
 
-/// The costs of a pair, alike at every level.
+/// The costs of a pair, which must be the same at every level.
 fn volume(views: [&View; 2], candidates: Candidates, settings: &Settings) -> Plane<u16> {
     let control = Control::default();
     let (rows, ..) = views[0].image.shape();
+
     let at = |level| {
         let costs = Costs::new(views, candidates, settings, None, level, &control).expect("memory");
         let volume = costs.volume(rows, level, &control).expect("memory");
         assert!(volume.as_slice().iter().all(|&cost| cost <= costs.ceiling()));
+
         volume
     };
+
     let volumes: Vec<_> = levels().into_iter().map(at).collect();
+
     assert!(volumes.iter().all(|volume| *volume == volumes[0]), "levels differ");
     volumes.into_iter().next().expect("every machine has one level")
 }
@@ -37,15 +41,18 @@ fn level(code: u64, length: usize) -> usize {
 /// Similarity of two descriptors by its definition (paper, eq. 4 to 6).
 fn circular_distance(a: u64, b: u64, settings: &Settings) -> usize {
     let half = 1 << (settings.bits - 1);
+
     let part = |code: u64, c: usize| (code >> (c * half)) & ((1 << half) - 1);
+
     let around = |c| {
         let apart = level(part(a, c), half).abs_diff(level(part(b, c), half));
         if apart <= half { apart } else { 2 * half - apart }
     };
+
     (0..settings.components()).map(around).sum()
 }
 
-/// A pair of unlike views, perhaps masked.
+/// A pair of unlike views, with masks or without.
 fn unlike(rows: usize, cols: usize, is_masked: bool) -> [View; 2] {
     [1, 2].map(|seed| View {
         mask: is_masked.then(|| mask(rows, cols, 80, seed)),
@@ -61,7 +68,9 @@ fn ceilings_and_steps_are_those_of_the_unit() {
         range: None,
         impulses: 0.0,
     };
+
     let candidates = Candidates::new(0, 1, 1).expect("in reach");
+
     let scale = |cost, bits| {
         let settings = Settings { cost, bits, ..Preset::Paper.settings() };
         let costs = Costs::new(
@@ -72,8 +81,10 @@ fn ceilings_and_steps_are_those_of_the_unit() {
             levels()[0],
             &Control::default(),
         );
+
         costs.map(|costs| (costs.ceiling(), costs.steps()))
     };
+
     assert_eq!(scale(CostKind::Phase, 2), Ok((14, 1)), "bits");
     assert_eq!(scale(CostKind::Phase, 3), Ok((28, 1)), "bits");
     assert_eq!(scale(CostKind::Sad, 2), Ok((3 * 3 * 255 * 16, 16)), "sixteenths of gray levels");
@@ -85,10 +96,13 @@ fn codes_of_one_to_eight_bytes_fill_any_lanes() {
     let few = [(1, 0, 1), (1, 0, 4), (2, 1, 2), (2, 0, 4), (3, 1, 2), (3, 0, 4), (4, 1, 2)];
     let many = [(1, 1, 4), (3, 2, 2), (4, 4, 1), (2, 2, 3), (2, 1, 4), (4, 3, 2)];
     let mut bytes = [false; 8];
+
     for (r, s, bits) in few.into_iter().chain(many) {
         let frequencies = (r, s);
         let settings = Settings { neighborhood: 9, frequencies, bits, ..Preset::Paper.settings() };
+
         bytes[settings.code_length().div_ceil(8) - 1] = true;
+
         for (rows, cols, min, count) in [(33, 9, -2, 9), (2, 35, 1, 17), (1, 1, 0, 1)] {
             let [left, right] = unlike(rows, cols, false);
             let candidates = Candidates::new(min, count, cols).expect("in reach");
@@ -96,11 +110,12 @@ fn codes_of_one_to_eight_bytes_fill_any_lanes() {
             assert_eq!(volume([&left, &right], candidates, &settings), expected, "{settings:?}");
         }
     }
+
     assert_eq!(bytes, [true; 8]);
 }
 
 #[test]
-fn any_number_of_candidates_at_any_offset_is_within_reach() {
+fn any_number_of_candidates_at_any_offset_equals_the_reference() {
     for (cost, rows, count) in [CostKind::Phase, CostKind::Sad, CostKind::NormalizedSad]
         .into_iter()
         .flat_map(|cost| COUNTS.into_iter().map(move |count| (cost, 1 + count % 3, count)))
@@ -123,6 +138,7 @@ fn any_number_of_candidates_at_any_offset_is_within_reach() {
 fn cancelled_costs_stop() {
     let [left, right] = unlike(3, 4, false);
     let candidates = Candidates::new(0, 2, 4).expect("in reach");
+
     let control = Control::default();
     let costs = Costs::new(
         [&left, &right],
@@ -133,6 +149,7 @@ fn cancelled_costs_stop() {
         &control,
     )
     .expect("not cancelled");
+
     control.cancel();
     assert_eq!(costs.volume(3, levels()[0], &control), Err(Error::Cancelled));
 }
@@ -148,15 +165,19 @@ proptest! {
     ) {
         let count = (gray.cols() as i64).min(5);
         let Ok(candidates) = Candidates::new(min, count, gray.cols()) else { return Ok(()) };
+
         let left = view(gray.rows(), gray.cols(), |y, x| gray.row(y)[x] as u8);
         let right = view(gray.rows(), gray.cols(), |y, x| (gray.row(y)[x] / 3) as u8);
         let [a, b] = [&left, &right].map(|view| reference::describe(&crate::common::gray(view), &settings, 0.0));
+
         let volume = volume([&left, &right], candidates, &settings);
         prop_assert_eq!(&volume, &reference::phase_costs(&a, &b, candidates));
+
         for (place, &cost) in volume.as_slice().iter().enumerate() {
             let (pixel, k) = (place / candidates.count(), place % candidates.count());
             let (y, x) = (pixel / gray.cols(), pixel % gray.cols());
             let column = candidates.column(x, k, gray.cols());
+
             let expected = circular_distance(a.row(y)[x], b.row(y)[column], &settings);
             prop_assert_eq!(usize::from(cost), expected);
         }
@@ -171,18 +192,21 @@ proptest! {
     ) {
         let candidates = Candidates::new(min, 4, 7).expect("in reach");
         let settings = Settings { cost, window: 5, ..Preset::Paper.settings() };
+
         let expected = naive::costs([&left, &right], candidates, &settings, None);
         prop_assert_eq!(volume([&left, &right], candidates, &settings), expected);
     }
 
     #[test]
-    fn both_pixels_of_a_vote_are_valid(left in views(2, 6, 0), right in views(2, 6, 0)) {
+    fn both_pixels_of_a_valid_pair_are_valid(left in views(2, 6, 0), right in views(2, 6, 0)) {
         let candidates = Candidates::new(-1, 4, 6).expect("in reach");
         let validity = Validity::new([&left, &right], candidates);
         prop_assert_eq!(validity.is_none(), left.mask.is_none() && right.mask.is_none());
         let Some(validity) = validity else { return Ok(()) };
+
         for (y, x) in (0..2).flat_map(|y| (0..6).map(move |x| (y, x))) {
             prop_assert_eq!(validity.is_masked(y, x), !left.is_valid(y, x));
+
             for k in 0..4 {
                 let column = candidates.column(x, k, 6);
                 let both = left.is_valid(y, x) && right.is_valid(y, column);

@@ -21,14 +21,15 @@ use proptest::prelude::*;
 /// The largest magnitude that a plane may announce.
 const REACH: u32 = 1 << 25;
 
-/// Codes of a plane in either arithmetic at every level of this machine, which must be the same.
+/// Codes of a plane which must be the same in either arithmetic and at every level of this machine.
 fn codes(plane: &Plane<i32>, settings: &Settings) -> Codes {
     noisy_codes(plane, settings, 0.0)
 }
 
-/// The same where the image has noise of this deviation.
+/// The codes of a plane whose noise has this deviation.
 fn noisy_codes(plane: &Plane<i32>, settings: &Settings, noise: f64) -> Codes {
     let largest = plane.as_slice().iter().map(|value| value.unsigned_abs()).max();
+
     let mut found = [largest.expect("a pixel"), REACH].into_iter().flat_map(|reach| {
         let gray = Gray::within(reach, plane.clone());
         Level::all().filter_map(move |(name, level)| {
@@ -36,8 +37,10 @@ fn noisy_codes(plane: &Plane<i32>, settings: &Settings, noise: f64) -> Codes {
             Some((name, codes.expect("not cancelled")))
         })
     });
+
     let (_, first) = found.next().expect("a level");
     found.for_each(|(name, codes)| assert_eq!(codes, first, "{name}, {settings:?}"));
+
     first
 }
 
@@ -46,7 +49,9 @@ fn every_family_equals_its_definition() {
     for (name, _) in Level::all().filter(|(_, level)| level.is_none()) {
         println!("{name}: not run, this machine does not have it");
     }
+
     let gray = noise(4, 5);
+
     for settings in [3, 5, 7, 9, 11].into_iter().flat_map(every_descriptor) {
         let expected = reference::describe(&gray, &settings, 0.0);
         assert_eq!(codes(&gray, &settings).widened(), expected, "{settings:?}");
@@ -55,9 +60,10 @@ fn every_family_equals_its_definition() {
 
 #[test]
 fn rows_of_any_length_equal_their_definition() {
-    // Beside the awkward: more columns than are computed together.
+    // Beside awkward lengths: more columns than are computed together.
     for cols in [1, 2, 15, 16, 17, 1023, 1024, 1025, 1041] {
         let gray = noise(2, cols);
+
         for settings in [3, 7, 63].map(|neighborhood| Settings {
             neighborhood,
             frequencies: (1, 1),
@@ -91,11 +97,13 @@ fn the_largest_neighborhood_holds_the_brightest_image() {
 
 #[test]
 fn the_strongest_component_there_can_be_does_not_overflow() {
-    // A square wave in step with u = 4: rows and columns of one sign add up to 2 / pi of all there is.
+    // A square wave in step with u = 4: rows and columns of one sign add up to 2 / pi of the largest sum.
     let wave = |x: usize| math::cos(std::f64::consts::TAU * 4.0 * x as f64 / 63.0) > 0.0;
     let gray = Plane::from_fn(1, 126, |_, x| if wave(x) { 32_767_500 } else { -32_767_500 });
+
     let settings =
         Settings { neighborhood: 63, frequencies: (4, 0), bits: 4, ..Preset::Paper.settings() };
+
     assert_eq!(codes(&gray, &settings).widened(), reference::describe(&gray, &settings, 0.0));
 }
 
@@ -110,6 +118,7 @@ fn codes_are_those_of_every_version() {
             (hash ^ code).wrapping_mul(0x0100_0000_01b3)
         })
     };
+
     assert_eq!(digest(Taper::Uniform, 7, 2), 0x9f02_3c2a_6bc4_4f98);
     assert_eq!(digest(Taper::Uniform, 15, 4), 0x20b5_faf5_a371_3f61);
     assert_eq!(digest(Taper::Uniform, 63, 2), 0x4c69_7115_be63_5632);
@@ -122,6 +131,7 @@ fn bands_and_threads_leave_no_seam() {
     let gray = noise(300, 9);
     for taper in [Taper::Uniform, Taper::Hann] {
         let settings = Settings { taper, ..Preset::Paper.settings() };
+
         let expected = reference::describe(&gray, &settings, 0.0);
         for threads in 1..=8 {
             let found = on_threads(threads, || codes(&gray, &settings)).expect("threads start");
@@ -136,6 +146,7 @@ fn words_are_the_narrowest_that_hold_the_code() {
     let with = |frequencies, bits| {
         codes(&gray, &Settings { neighborhood: 9, frequencies, bits, ..Preset::Paper.settings() })
     };
+
     assert!(matches!(with((2, 1), 2), Codes::U16(_)), "14 bits");
     assert!(matches!(with((2, 0), 4), Codes::U16(_)), "16 bits");
     assert!(matches!(with((1, 1), 4), Codes::U32(_)), "32 bits");
@@ -143,7 +154,7 @@ fn words_are_the_narrowest_that_hold_the_code() {
 }
 
 #[test]
-fn what_holds_no_signal_has_the_code_of_zero() {
+fn flat_images_have_the_code_of_zero() {
     for settings in [3, 7, 15].into_iter().flat_map(every_descriptor) {
         let flat = codes(&Plane::from_fn(5, 6, |_, _| 12_345), &settings).widened();
         assert!(flat.as_slice().iter().all(|&code| code == 0), "{settings:?}");
@@ -154,20 +165,23 @@ fn what_holds_no_signal_has_the_code_of_zero() {
 fn a_cancelled_description_stops() {
     let control = Control::default();
     control.cancel();
+
     let gray = Gray::within(REACH, noise(3, 3));
     let stopped = describe(&gray, &Preset::Paper.settings(), None, Level::best(), &control);
     assert_eq!(stopped, Err(Error::Cancelled));
 }
 
 #[test]
-fn a_weak_level_wants_to_know_the_noise() {
+fn a_weak_level_needs_the_noise() {
     let settings = Settings { noise_threshold: 1.0, ..Preset::Paper.settings() };
     let gray = Gray::within(REACH, noise(3, 3));
     let refused = |noise| {
         let codes = describe(&gray, &settings, noise, Level::best(), &Control::default());
         codes.expect_err("must be refused").to_string()
     };
+
     assert!(refused(None).starts_with("noise: got None; accepts"));
+
     for value in [-1.0, f64::NAN, f64::INFINITY] {
         assert!(refused(Some(value)).starts_with("noise: got"));
     }
@@ -176,7 +190,9 @@ fn a_weak_level_wants_to_know_the_noise() {
 #[test]
 fn noise_of_its_own_deviation_is_weak_to_two_thirds() {
     // Uniform noise of 256 levels: the sums of many pixels are normal, and 68 % lie within one deviation.
-    let (gray, deviation) = (noise(200, 200), 256.0 / 12f64.sqrt());
+    let gray = noise(200, 200);
+    let deviation = 256.0 / 12f64.sqrt();
+
     for taper in [Taper::Uniform, Taper::Gaussian, Taper::Hann] {
         let settings = Settings {
             taper,
@@ -185,14 +201,17 @@ fn noise_of_its_own_deviation_is_weak_to_two_thirds() {
             noise_threshold: 1.0,
             ..Preset::Paper.settings()
         };
+
         let clear: u32 = noisy_codes(&gray, &settings, deviation)
             .widened()
             .as_slice()
             .iter()
             .map(|code| code.count_ones())
             .sum();
+
         let parts = 200.0 * 200.0 * 2.0 * settings.components() as f64;
         let weak = 1.0 - f64::from(clear) / parts;
+
         let about = if taper == Taper::Uniform { 0.66..0.70 } else { 0.6..0.8 };
         assert!(about.contains(&weak), "{taper:?}: {weak}");
     }
@@ -209,6 +228,7 @@ proptest! {
     ) {
         let threshold =
             weak_threshold(&Gray::within(REACH, gray.clone()), &settings, noise[0]);
+
         let expected = reference::describe(&gray, &settings, threshold);
         prop_assert_eq!(noisy_codes(&gray, &settings, noise[0]).widened(), expected);
     }

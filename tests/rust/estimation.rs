@@ -21,18 +21,21 @@ const SIZE: (usize, usize) = (260, 330);
 /// Disparity of the left half of a scene, and of its right half.
 const DEPTHS: [usize; 2] = [9, 21];
 
-/// Squares of many sizes, at a place between pixels too.
+/// Squares of many sizes, at any place, also between pixels.
 fn texture(y: f64, x: f64) -> f64 {
     let shade = |side: f64, salt: u64| {
         let (row, col) = (y / side, x / side);
+
         let corner = |dy: usize, dx: usize| {
             let (row, col) = (row.floor() as i64 + 4096, col.floor() as i64 + 4096);
             (hash(salt, row as usize + dy, col as usize + dx) % 256) as f64
         };
-        let (down, across) = (row - row.floor(), col - col.floor());
-        let along = |dy| corner(dy, 0) + across * (corner(dy, 1) - corner(dy, 0));
-        along(0) + down * (along(1) - along(0))
+
+        let (vertical, horizontal) = (row - row.floor(), col - col.floor());
+        let row = |dy| corner(dy, 0) + horizontal * (corner(dy, 1) - corner(dy, 0));
+        row(0) + vertical * (row(1) - row(0))
     };
+
     [(13.0, 0.35), (7.0, 0.3), (4.0, 0.35)]
         .iter()
         .map(|(side, part)| part * shade(*side, *side as u64))
@@ -47,17 +50,20 @@ fn depth(x: f64) -> f64 {
 /// Both images of a scene; the right one shows what is in row `y` of the left one at `y + field(x, y)`.
 fn shots(field: &Alignment) -> [Plane<f64>; 2] {
     let left = Plane::from_fn(SIZE.0, SIZE.1, |y, x| texture(y as f64, x as f64 - depth(x as f64)));
+
     let right = Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
-        // The row of the left image that is seen here: the field is smooth.
+        // The row of the left image that is seen here, by iteration: the field is smooth.
         let mut row = y as f64;
         for _ in 0..8 {
             row = y as f64 - field.at(x as f64, row);
         }
         texture(row, x as f64)
     });
+
     [left, right]
 }
 
+/// Gray pixels.
 fn bytes(plane: &Plane<f64>) -> Image {
     let pixels = Array3::from_shape_fn((plane.rows(), plane.cols(), 1), |(y, x, _)| {
         plane.row(y)[x].round().clamp(0.0, 255.0) as u8
@@ -65,6 +71,7 @@ fn bytes(plane: &Plane<f64>) -> Image {
     Image::U8(pixels)
 }
 
+/// Pixels in color.
 fn floats(plane: &Plane<f64>) -> Image {
     let shape = (plane.rows(), plane.cols(), 3);
     Image::F32(Array3::from_shape_fn(shape, |(y, x, _)| plane.row(y)[x] as f32))
@@ -81,7 +88,7 @@ fn field(coefficients: &[f64]) -> Alignment {
     Alignment::new(all, SIZE).expect("legal")
 }
 
-/// Settings that ask for rows, and for noise and blur.
+/// Settings that need rows, noise and blur.
 fn settings() -> Settings {
     Settings {
         neighborhood: 3,
@@ -100,18 +107,25 @@ fn settings() -> Settings {
     }
 }
 
-fn found(pair: &Pair, is_told: bool, threads: usize, level: Level) -> Estimates {
-    let (matcher, control) = (Matcher::new(threads).expect("threads"), Control::default());
+/// The estimates of a pair, whose disparities are known or not.
+fn found(pair: &Pair, is_known: bool, threads: usize, level: Level) -> Estimates {
+    let matcher = Matcher::new(threads).expect("threads");
+    let control = Control::default();
     let means = Means { matcher: &matcher, how: Execution { threads, level }, control: &control };
-    let known = Known { candidates: is_told.then(|| pair.candidates()), ..Known::default() };
+    let known = Known { candidates: is_known.then(|| pair.candidates()), ..Known::default() };
+
     prepare(pair.clone(), known, &settings(), means).expect("it runs").estimates
 }
 
-fn found_by_rows(pair: &Pair, is_told: bool, most: usize) -> Estimates {
-    let (matcher, control) = (Matcher::new(2).expect("threads"), Control::default());
+/// The same of a pair that is read by at most so many rows.
+fn found_by_rows(pair: &Pair, is_known: bool, most: usize) -> Estimates {
+    let matcher = Matcher::new(2).expect("threads");
+    let control = Control::default();
+
     let how = Execution { threads: 2, level: Level::best() };
     let means = Means { matcher: &matcher, how, control: &control };
-    let known = Known { candidates: is_told.then(|| pair.candidates()), ..Known::default() };
+    let known = Known { candidates: is_known.then(|| pair.candidates()), ..Known::default() };
+
     let whole = Slow::new(pair, most);
     let pair = match pair.views()[0].image {
         Image::F32(_) => {
@@ -120,15 +134,18 @@ fn found_by_rows(pair: &Pair, is_told: bool, most: usize) -> Estimates {
         }
         _ => pair.clone(),
     };
+
     prepare_by_rows(&Slow::new(&pair, most), known, &settings(), means).expect("it runs")
 }
 
+/// Compares all but the times.
 fn assert_same(found: &Estimates, expected: &Estimates, what: &str) {
     let parts = |found: &Estimates| {
         let Estimates { candidates, range, offsets, alignment, blur, compensation, .. } = found;
         let blur = blur.clone();
         (*candidates, *range, offsets.clone(), alignment.clone(), blur, compensation.clone())
     };
+
     assert_eq!(parts(found), parts(expected), "{what}");
 }
 
@@ -142,39 +159,48 @@ fn rows_that_do_not_correspond_are_found_and_straightened() {
         &[0.2, 0.0, 3.0],
         &[0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 1.5, 0.0],
     ];
+
     for coefficients in injected {
         let exact = field(coefficients);
         let pair = pair_of(&shots(&exact), bytes);
         let found = found(&pair, true, 1, Level::best());
+
         let measured = found.offsets.expect("there is texture").field;
+
         let coefficients = measured.coefficients().iter().zip(exact.coefficients());
         let mut rest = [0.0; 8];
         rest.iter_mut().zip(coefficients).for_each(|(rest, (a, b))| *rest = a - b);
         let rest = Alignment::new(rest, SIZE).expect("legal").rms();
+
         assert!(rest < 0.06, "{exact:?}: off by {rest}");
-        assert_eq!(found.alignment, Some(measured), "it helps");
+        assert_eq!(found.alignment, Some(measured), "the pair is aligned");
     }
 }
 
 #[test]
-fn what_is_aligned_is_left_alone() {
+fn aligned_pairs_are_not_aligned_again() {
     let pair = pair_of(&shots(&field(&[])), bytes);
     let found = found(&pair, true, 1, Level::best());
+
     let offsets = found.offsets.expect("there is texture");
     assert!(offsets.field.rms() < 0.05 && found.alignment.is_none(), "{offsets:?}");
 }
 
 #[test]
-fn a_range_that_is_not_told_holds_the_disparities() {
+fn an_estimated_range_contains_the_disparities() {
     for coefficients in [&[][..], &[3.0], &[0.0, 3.0]] {
         let pair = pair_of(&shots(&field(coefficients)), bytes);
         let found = found(&pair, false, 1, Level::best());
+
         let range = found.range.expect("there is texture");
+
         assert!(!range.swapped && !range.mixed);
         assert_eq!(found.candidates.min(), 0);
         assert!((24..=36).contains(&found.candidates.count()), "{range:?}");
+
         let [left, right] = pair.views();
         let swapped = Pair::new(right.clone(), left.clone(), 0, 48).expect("legal");
+
         let found = self::found(&swapped, false, 1, Level::best());
         assert!(found.range.expect("there is texture").swapped);
         assert!(found.candidates.min() <= -21);
@@ -184,12 +210,14 @@ fn a_range_that_is_not_told_holds_the_disparities() {
 #[test]
 fn estimates_depend_on_nothing_but_the_images() {
     let pair = pair_of(&shots(&field(&[1.5, 1.0, -0.5])), bytes);
-    for is_told in [true, false] {
-        let expected = found(&pair, is_told, 1, Level::best());
+
+    for is_known in [true, false] {
+        let expected = found(&pair, is_known, 1, Level::best());
         assert!(expected.alignment.is_some());
+
         for level in levels() {
             for threads in [1, 3] {
-                let found = found(&pair, is_told, threads, level);
+                let found = found(&pair, is_known, threads, level);
                 assert_same(&found, &expected, level.name());
             }
         }
@@ -197,8 +225,9 @@ fn estimates_depend_on_nothing_but_the_images() {
 }
 
 #[test]
-fn pairs_that_are_read_give_what_whole_ones_do() {
+fn pairs_that_are_read_have_the_estimates_of_whole_ones() {
     let shots = shots(&field(&[1.5, 1.0, -0.5]));
+
     let masked = |pair: &Pair| {
         let [left, right] = pair.views().map(|view| {
             let is_valid = |y: usize, x: usize| !((90..130).contains(&y) && x < 120 + y);
@@ -206,12 +235,15 @@ fn pairs_that_are_read_give_what_whole_ones_do() {
         });
         Pair::new(left, right, 0, 48).expect("legal")
     };
+
     let plain = [pair_of(&shots, bytes), pair_of(&shots, floats)];
+
     for pair in [plain[0].clone(), masked(&plain[0]), plain[1].clone(), masked(&plain[1])] {
-        for is_told in [true, false] {
-            let expected = found(&pair, is_told, 1, Level::best());
+        for is_known in [true, false] {
+            let expected = found(&pair, is_known, 1, Level::best());
+
             for most in [1, 70, 131, 10_000] {
-                let found = found_by_rows(&pair, is_told, most);
+                let found = found_by_rows(&pair, is_known, most);
                 assert_same(&found, &expected, &format!("{most} rows at a time"));
             }
         }
@@ -223,6 +255,7 @@ fn a_negative_is_found_by_rows_as_in_memory_and_may_be_known() {
     let pair = pair_of(&shots(&field(&[0.0; 8])), bytes).inverted();
     let expected = found(&pair, false, 2, Level::best());
     assert!(expected.is_inverted);
+
     let by_rows = found_by_rows(&pair, false, 50);
     assert_same(&by_rows, &expected, "by rows");
     assert!(by_rows.is_inverted);
@@ -231,9 +264,11 @@ fn a_negative_is_found_by_rows_as_in_memory_and_may_be_known() {
     let how = Execution { threads: 2, level: Level::best() };
     let means = Means { matcher: &matcher, how, control: &control };
     let known = || Known { is_inverted: true, ..Known::default() };
+
     let prepared = prepare(pair.clone(), known(), &settings(), means).expect("it runs");
     assert_same(&prepared.estimates, &expected, "known");
     assert_eq!(prepared.pair.views()[1].image, pair.inverted().views()[1].image);
+
     let slow = Slow::new(&pair, 50);
     let by_rows = prepare_by_rows(&slow, known(), &settings(), means).expect("it runs");
     assert_same(&by_rows, &expected, "known, by rows");
@@ -247,8 +282,10 @@ fn a_part_is_straightened_as_the_whole() {
         mask: Some(Mask::from_fn(SIZE.0, SIZE.1, |y, x| !hash(3, y / 3, x / 5).is_multiple_of(9))),
         ..pair.views()[1].clone()
     };
+
     let control = Control::default();
     let whole = straightened(&right, &exact, Level::best(), &control).expect("memory");
+
     for (first, end) in [(0, 40), (100, 150), (200, SIZE.0)] {
         let (top, bottom) =
             (first.max(exact.halo()) - exact.halo(), (end + exact.halo()).min(SIZE.0));

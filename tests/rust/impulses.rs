@@ -1,4 +1,4 @@
-//! Impulses, against sorting all neighbors of every pixel.
+//! Impulses, against sorting the neighbors of every pixel.
 
 use crate::common::{at_every_level, grays, hash, random};
 use crate::reference;
@@ -17,7 +17,7 @@ fn repair(plane: &Plane<i32>, height: i32) -> Plane<i32> {
     })
 }
 
-/// Gray values about which there is little noise, with impulses here and there.
+/// Gray values with little noise and some impulses.
 fn spoilt(rows: usize, cols: usize, seed: u64) -> Plane<i32> {
     Plane::from_fn(rows, cols, |y, x| match hash(seed, y, x) % 40 {
         0 => 255,
@@ -30,7 +30,7 @@ proptest! {
     #![proptest_config(random(512))]
 
     #[test]
-    fn they_are_repaired_like_by_the_reference(
+    fn impulses_are_repaired_like_by_the_reference(
         plane in grays(40),
         height in select(vec![0, 1, 20, 20_000, 1 << 24, i32::MAX]),
     ) {
@@ -38,7 +38,7 @@ proptest! {
     }
 
     #[test]
-    fn they_are_counted_like_by_the_reference(
+    fn impulses_are_counted_like_by_the_reference(
         rows in 1usize..=30,
         cols in 1usize..=40,
         seed: u64,
@@ -46,16 +46,18 @@ proptest! {
     ) {
         let plane = spoilt(rows, cols, seed);
         let cut = seed as usize % (rows + 1);
+
         let found = at_every_level(|level| {
             let part = |rows| count_doubtless(&plane, rows, steps, level).expect("memory");
             part(0..cut) + part(cut..rows)
         });
+
         prop_assert_eq!(found, reference::doubtless(&plane, (40.0 * steps) as i32));
     }
 }
 
 #[test]
-fn what_stands_out_alone_goes_and_edges_stay() {
+fn impulses_go_and_edges_stay() {
     let plane = Plane::from_fn(30, 40, |y, x| {
         let spoilt = [(0, 0), (12, 9), (29, 39), (7, 0)].contains(&(y, x));
         if spoilt {
@@ -66,9 +68,12 @@ fn what_stands_out_alone_goes_and_edges_stay() {
             120
         }
     });
+
     let clean = Plane::from_fn(30, 40, |_, x| if x < 20 { 40 } else { 120 });
+
     assert_eq!(repair(&plane, 20), clean);
     assert_eq!(repair(&clean, 0), clean);
+
     assert_eq!(count_doubtless(&plane, 0..30, 1.0, Level::best()), Ok(4));
 }
 
@@ -83,7 +88,9 @@ fn gray_values_are_repaired_once_masked_pixels_are_filled() {
     let mut pixels = ndarray::Array3::from_elem((9, 9, 3), 50u8);
     pixels.slice_mut(ndarray::s![4, 4, ..]).fill(250);
     pixels.slice_mut(ndarray::s![0, 0, ..]).fill(250);
+
     let mask = Plane::from_fn(9, 9, |y, x| (y, x) != (0, 0));
+
     let gray = |impulses| {
         let view = View {
             image: Image::U8(pixels.clone()),
@@ -91,10 +98,12 @@ fn gray_values_are_repaired_once_masked_pixels_are_filled() {
             range: None,
             impulses,
         };
+
         let control = Control::default();
         let gray = Gray::new(&view, Level::best(), &control).expect("memory");
         gray.plane(Level::best(), &control).expect("memory")
     };
+
     assert!(gray(20.0).as_slice().iter().all(|value| *value == 1000 * (50 - 128)));
     assert_eq!(gray(0.0).row(4)[4], 1000 * (250 - 128));
     assert_eq!(gray(200.0).row(4)[4], 1000 * (250 - 128), "200 are not above 200");

@@ -41,7 +41,9 @@ proptest! {
             }
             _ => unreachable!("kind 3 is double precision"),
         };
+
         let (far_left, far_right) = (scaled(&left), scaled(&right));
+
         prop_assert_eq!(gray(&left), gray(&far_left));
         prop_assert_eq!(level_pair([&left, &right], None), level_pair([&far_left, &far_right], None));
     }
@@ -61,6 +63,7 @@ proptest! {
     fn gray_is_exact_for_integers(pixels in bytes(3, 4, 3)) {
         let narrow = gray(&view(Image::U8(pixels.clone())));
         let wide = gray(&view(Image::U16(pixels.mapv(u16::from))));
+
         for ((y, x), _) in pixels.index_axis(ndarray::Axis(2), 0).indexed_iter() {
             let [r, g, b] = [0, 1, 2].map(|c| i32::from(pixels[(y, x, c)]));
             let thousandths = 299 * r + 587 * g + 114 * b;
@@ -73,6 +76,7 @@ proptest! {
     fn gray_integers_keep_their_unit(pixels in bytes(3, 4, 1)) {
         let narrow = gray(&view(Image::U8(pixels.clone())));
         let wide = gray(&view(Image::U16(pixels.mapv(u16::from))));
+
         for ((y, x, _), &pixel) in pixels.indexed_iter() {
             prop_assert_eq!(narrow.row(y)[x], i32::from(pixel) - 128);
             prop_assert_eq!(wide.row(y)[x], i32::from(pixel) - 32_768);
@@ -82,16 +86,19 @@ proptest! {
     #[test]
     fn no_gray_value_is_beyond_the_announced_reach(view in (0u8..4).prop_flat_map(|kind| views(4, 5, kind))) {
         let reach = Gray::new(&view, Level::best(), &Control::default()).expect("not cancelled").reach();
+
         prop_assert!(gray(&view).as_slice().iter().all(|value| value.unsigned_abs() <= reach));
     }
 
     #[test]
     fn the_level_changes_no_gray_value(view in (0u8..4).prop_flat_map(|kind| views(3, 37, kind))) {
+
         let expected = gray(&view);
         for (name, level) in Level::all().filter_map(|(name, level)| Some((name, level?))) {
             let source = Gray::new(&view, level, &Control::default()).expect("not cancelled");
             let mut row = vec![0; 37];
             source.write_row(1, level, &mut row).expect("memory");
+
             prop_assert_eq!(&row, expected.row(1), "{}", name);
         }
     }
@@ -100,6 +107,7 @@ proptest! {
     fn levels_are_sixteenths_of_gray_levels_above_black(pixels in bytes(2, 3, 1)) {
         let one = view(Image::U8(pixels.clone()));
         let [levels, _] = level_pair([&one, &one], None);
+
         let expected: Vec<u16> = pixels.iter().map(|&p| 16 * (255 + u16::from(p))).collect();
         prop_assert_eq!(levels[0].as_slice(), &expected[..]);
     }
@@ -114,8 +122,10 @@ fn blurred_images_keep_fractions_and_their_unit() {
         let blurred = gray.convolved(&thirds, Level::best(), &Control::default()).expect("memory");
         (plane(&gray), plane(&blurred), blurred.steps(1.0) / gray.steps(1.0))
     };
+
     let pixels = Array3::from_shape_fn((1, 60, 3), |(_, x, c)| (x * x * (c + 1) % 251) as u8);
     let gray = pixels.slice(ndarray::s![.., .., ..1]).to_owned();
+
     for (image, finer) in [
         (Image::U8(gray.clone()), 16.0),
         (Image::U8(pixels.clone()), 16.0),
@@ -124,12 +134,15 @@ fn blurred_images_keep_fractions_and_their_unit() {
         (Image::F32(gray.mapv(|p| f32::from(p) / 255.0)), 2.0),
     ] {
         let (sharp, blurred, unit) = convolved(image);
+
         assert!((unit - finer).abs() < 1e-9, "{unit}, {finer}");
+
         for x in 1..59 {
             let around = [x - 1, x, x + 1].map(|x| f64::from(sharp.row(0)[x]));
-            let (mean, most) =
-                (around.iter().sum::<f64>() / 3.0, around.map(f64::abs).iter().sum::<f64>());
-            // Weights are off by a third of 2^-14.
+            let mean = around.iter().sum::<f64>() / 3.0;
+            let most = around.map(f64::abs).iter().sum::<f64>();
+
+            // Quantized weights are off by a third of 2^-14.
             let error = f64::from(blurred.row(0)[x]) / unit - mean;
             assert!(error.abs() <= 0.5 / unit + 1e-4 * most, "{x}: {error}");
         }
@@ -137,35 +150,43 @@ fn blurred_images_keep_fractions_and_their_unit() {
 }
 
 #[test]
-fn noise_is_told_in_steps_of_the_pixels_unit() {
+fn noise_is_converted_to_steps_of_the_pixels_unit() {
     let steps = |image: Image| {
         let view = view(image);
         Gray::new(&view, Level::best(), &Control::default()).expect("memory").steps(2.0)
     };
+
     assert!((steps(Image::U8(Array3::zeros((1, 2, 1)))) - 2.0).abs() < 1e-9);
     assert!((steps(Image::U16(Array3::zeros((1, 2, 3)))) - 2000.0).abs() < 1e-9, "thousandths");
+
     for white in [1.0, 1e-200, 3e250] {
         let ramp = Array3::from_shape_fn((1, 1000, 1), |(_, x, _)| white / 999.0 * x as f64);
         let view = view(Image::F64(ramp));
+
         let gray = Gray::new(&view, Level::best(), &Control::default()).expect("memory");
+
         let span = f64::from(plane(&gray).row(0)[999] - plane(&gray).row(0)[0]);
         assert!((gray.steps(white) / span - 1.0).abs() < 1e-6);
     }
 }
 
 #[test]
-fn what_a_mask_covers_has_no_effect() {
+fn masked_pixels_have_no_effect() {
     let mask = Mask::from_fn(3, 3, |y, x| (y, x) != (1, 1));
+
     let with = |hidden: f32| {
         let pixel = |(y, x, _)| if (y, x) == (1, 1) { hidden } else { (3 * y + x) as f32 };
         let image = Image::F32(Array3::from_shape_fn((3, 3, 1), pixel));
         View { image, mask: Some(mask.clone()), range: None, impulses: 0.0 }
     };
+
     let (hidden, open) = (with(f32::NAN), with(0.0));
+
     for hidden in [f32::NAN, f32::INFINITY, 1e30] {
         assert_eq!(gray(&with(hidden)), gray(&open));
         assert!(with(hidden).check("left").is_ok());
     }
+
     assert_eq!(level_pair([&hidden, &open], None), level_pair([&open, &open], None));
 }
 
@@ -175,21 +196,24 @@ fn a_dead_pixel_does_not_coarsen_a_float_image() {
         let pixel = |(y, x, _)| if (y, x) == (9, 9) { dead } else { (y * 40 + x) as f64 };
         gray(&view(Image::F64(Array3::from_shape_fn((40, 40, 1), pixel))))
     };
+
     let (clean, dead) = (with(0.0), with(1e200));
     let apart =
         |y, x: usize| (clean.row(y)[x] - dead.row(y)[x]) - (clean.row(0)[0] - dead.row(0)[0]);
+
     assert!((0..40).all(|y| (0..40).all(|x| (y, x) == (9, 9) || apart(y, x) == 0)));
     assert_eq!(dead.row(9)[9], 1 << 24, "clamped");
 }
 
 #[test]
-fn a_thousandth_of_the_pixels_at_either_end_is_no_part_of_the_range() {
-    // 1001 pixels: one outlier at either end is left out, of two the inner one is not.
+fn a_thousandth_of_the_pixels_at_either_end_is_outside_the_range() {
+    // 1001 pixels: one outlier at either end is left out, a second one is not.
     let ramp = |outliers: &[f64]| {
         let mut values: Vec<f64> = (0..1001 - outliers.len()).map(|value| value as f64).collect();
         values.extend(outliers);
         level_pair([&row(&values), &row(&values)], None)[0][0].row(0).to_vec()
     };
+
     let black = 255 * 16;
     assert_eq!(ramp(&[1e9])[1], black, "0 is left out: the second darkest is black");
     assert_eq!(ramp(&[1e9])[999], 2 * black, "1e9 is left out: the second brightest is white");
@@ -200,7 +224,9 @@ fn a_thousandth_of_the_pixels_at_either_end_is_no_part_of_the_range() {
 fn a_large_image_is_sampled_evenly() {
     let pixel = |(y, x, _): (usize, usize, usize)| (y * 2048 + x) as f32;
     let image = Image::F32(Array3::from_shape_fn((1024, 2048, 1), pixel));
+
     let span = gray(&view(image));
+
     let (first, last) = (span.row(0)[0], span.row(1023)[2047]);
     // 0.998 of 2^21 thousandfold values is between 2^30 and 2^31: the step is 2^(30 - 21).
     assert_eq!(last - first, 4_095_998);
@@ -209,15 +235,17 @@ fn a_large_image_is_sampled_evenly() {
 #[test]
 fn the_darker_image_of_two_sets_black() {
     let [left, right] = level_pair([&row(&[10.0, 20.0]), &row(&[0.0, 5.0])], None);
+
     assert_eq!(left[0].row(0), [255 * 16 + 2040, 2 * 255 * 16]);
     assert_eq!(right[0].row(0), [255 * 16, 255 * 16 + 1020]);
 }
 
 #[test]
-fn pixels_that_are_no_numbers_are_refused_by_place_and_name() {
+fn pixels_that_are_not_numbers_are_refused_by_place_and_name() {
     for fault in [f32::NAN, f32::INFINITY] {
         let pixel = |(y, x, _)| if (y, x) == (1, 2) { fault } else { 0.0 };
         let image = Image::F32(Array3::from_shape_fn((2, 3, 1), pixel));
+
         let message = view(image).check("right").expect_err("refused").to_string();
         for part in ["right: got", "row 1, column 2"] {
             assert!(message.contains(part), "{message}");
@@ -228,15 +256,18 @@ fn pixels_that_are_no_numbers_are_refused_by_place_and_name() {
 #[test]
 fn constant_images_have_some_scale() {
     assert_eq!(gray(&row(&[7.0, 7.0])), gray(&row(&[-1e30, -1e30])));
+
     let [left, right] = level_pair([&row(&[7.0]), &row(&[7.0])], None);
     assert_eq!(left, right);
 }
 
 #[test]
-fn a_told_range_sets_black_and_white() {
+fn a_given_range_sets_black_and_white() {
     let image = row(&[0.0, 1.0, 2.0, 3.0]);
+
     let [levels, _] = level_pair([&image, &image], Some((0.0, 255.0)));
     assert_eq!(levels[0].as_slice(), [0, 1, 2, 3].map(|level| 16 * (255 + level)));
+
     let [levels, _] = level_pair([&image, &image], Some((1.0, 2.0)));
     assert_eq!(levels[0].as_slice(), [0, 1, 2, 3].map(|range| 16 * 255 * range));
 }

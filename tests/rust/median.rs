@@ -15,11 +15,13 @@ fn smoothed(disparity: &Plane<f32>) -> Plane<f32> {
     drawn(disparity, |out, level| smooth(disparity, out, level, &Control::default()))
 }
 
-/// The middle one of some numbers, multiplied in every lane by another one.
+/// The median of some numbers times the lane.
 fn middle(numbers: &[i8], lane: usize) -> i32 {
     let mut numbers: Vec<_> =
         numbers.iter().map(|&number| i32::from(number) * lane as i32).collect();
+
     numbers.sort_unstable();
+
     numbers[numbers.len() / 2]
 }
 
@@ -34,6 +36,7 @@ proptest! {
     #[test]
     fn the_median_is_in_the_middle(numbers in prop::collection::vec(any::<i8>(), 25)) {
         let lanes = |place: usize| from_fn(|lane| i32::from(numbers[place]) * lane as i32);
+
         prop_assert_eq!(median9(from_fn(lanes)), from_fn(|lane| middle(&numbers[..9], lane)));
         prop_assert_eq!(median25(from_fn(lanes)), from_fn(|lane| middle(&numbers, lane)));
     }
@@ -48,15 +51,19 @@ proptest! {
 #[test]
 fn a_lone_pixel_goes_and_an_edge_stays() {
     let scene = Plane::from_fn(9, 40, |_, x| if x < 20 { 2.0 } else { 9.5 });
+
     let mut lone = scene.clone();
+
     lone.row_mut(4)[7] = 30.0;
     lone.row_mut(0)[39] = 0.0;
+
     assert_eq!(smoothed(&lone), scene);
 }
 
 #[test]
-fn none_is_made_up_and_none_is_mixed_in() {
+fn missing_disparities_stay_missing_and_do_not_count() {
     let smoothed = smoothed(&row(&[1.0, f32::NAN, 5.0, 6.0, 0.0])).into_vec();
+
     assert!(smoothed[1].is_nan());
     assert_eq!(smoothed[..1], [1.0]);
     assert_eq!(smoothed[2..], [5.0, 5.0, 0.0]);
@@ -72,6 +79,7 @@ fn no_disparity_has_a_key_of_its_own() {
 fn a_cancelled_median_stops() {
     let control = Control::default();
     control.cancel();
+
     let stopped = smooth(&row(&[1.0]), &mut row(&[0.0]), levels()[0], &control);
     assert_eq!(stopped, Err(Error::Cancelled));
 }

@@ -13,6 +13,7 @@ proptest! {
     fn normalization_equals_its_definition(plane in volumes(7, 6, 1, 12_240), radius in 0usize..=9) {
         let window = 2 * radius + 1;
         let expected = reference::normalize(&plane, window);
+
         prop_assert_eq!(normalize(&plane, window, &Control::default()), Ok(expected));
     }
 }
@@ -21,5 +22,6 @@ proptest! {
 fn bands_leave_no_seam() {
     let plane = noise(300, 5).map(|&value| value as u16);
     let expected = reference::normalize(&plane, 9);
+
     assert_eq!(normalize(&plane, 9, &Control::default()), Ok(expected));
 }

@@ -11,7 +11,9 @@ use proptest::prelude::*;
 use proptest::sample::select;
 
 fn outlined(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
-    let (texture, control) = (Texture::new(gray.clone()), Control::default());
+    let texture = Texture::new(gray.clone());
+    let control = Control::default();
+
     drawn(disparity, |out, level| draw(disparity, &texture, out, level, &control))
 }
 
@@ -28,6 +30,7 @@ proptest! {
         let disparity = map.disparity.map(|value| value * far);
         let gray = patches(disparity.rows(), disparity.cols(), largest, seed);
         let texture = Texture::new(gray.clone());
+
         prop_assert_eq!(
             bits(&outlined(&disparity, &gray)),
             bits(&reference::outline(&disparity, &gray, texture.roughness))
@@ -35,24 +38,28 @@ proptest! {
     }
 }
 
-/// Two surfaces of their own gray value whose border the map has pixels off.
+/// Two surfaces of their own gray value with a border that the map has up to three pixels off.
 #[test]
 fn an_edge_is_drawn_to_that_of_the_image() {
     let noise = |y, x| (hash(3, y, x) % 5) as i32;
     let gray = Plane::from_fn(60, 60, |y, x| if x < 30 { noise(y, x) } else { 90 + noise(y, x) });
     let edge = |at| Plane::from_fn(60, 60, |_, x| if x < at { 4.0 } else { 11.0 });
+
     for off in 27..=33 {
         assert_eq!(outlined(&edge(off), &gray), edge(30), "{off}");
     }
 }
 
 #[test]
-fn what_is_far_from_jumps_stays_as_it_is() {
+fn pixels_far_from_jumps_stay_as_they_are() {
     let slope = Plane::from_fn(30, 70, |y, x| (x + y) as f32 * 0.97);
     assert_eq!(outlined(&slope, &patches(30, 70, 255, 1)), slope);
+
     let FlaggedMap { disparity: noisy, .. } = FlaggedMap::random((30, 70), 0, 5);
     let half = Plane::from_fn(30, 70, |y, x| if x < 20 { noisy.row(y)[x] } else { 7.0 });
+
     let drawn = outlined(&half, &patches(30, 70, 255, 2));
     let is_kept = |y: usize, x: usize| drawn.row(y)[x].to_bits() == half.row(y)[x].to_bits();
+
     assert!((0..30).all(|y| (20 + NEAR..70).all(|x| is_kept(y, x))));
 }

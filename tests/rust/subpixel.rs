@@ -1,4 +1,4 @@
-//! Between candidates: what a valley's costs say of its bottom, and smoothing against pairs asked one by one.
+//! Offsets between candidates against their definition, and smoothing against a sum pair by pair.
 
 #![expect(clippy::float_cmp, reason = "what is compared here is exact, or the same to the bit")]
 
@@ -15,17 +15,19 @@ fn smoothed(disparity: &Plane<f32>) -> Plane<f32> {
     drawn(disparity, |out, level| smooth(disparity, out, level, &Control::default()))
 }
 
-/// Any costs, or such as lie close together.
+/// Any costs, or costs close together.
 fn costs() -> impl Strategy<Value = (u32, u32, u32)> {
     let close = (0u32..1 << 20).prop_flat_map(|base| {
         let near = move || base..base + 40;
         (near(), near(), near())
     });
+
     let any = || 0..=i32::MAX as u32;
+
     prop_oneof![(any(), any(), any()), close]
 }
 
-/// Disparities in steps of an eighth, some of them missing, on surfaces that are apart or not.
+/// Disparities in steps of an eighth, some of them missing, on surfaces close together or far apart.
 fn disparities() -> impl Strategy<Value = Plane<f32>> {
     let steps = prop_oneof![Just(8u64), Just(12), Just(40)];
     (1usize..=9, 1usize..=50, steps, any::<u64>()).prop_map(|(rows, cols, steps, seed)| {
@@ -42,6 +44,7 @@ proptest! {
     #[test]
     fn the_offset_is_that_of_its_definition((below, own, above) in costs()) {
         let found = offset(below, own, above);
+
         prop_assert!((f64::from(found) - reference::offset(below, own, above)).abs() < 1e-6);
         prop_assert!((-0.5..=0.5).contains(&found));
     }
@@ -56,17 +59,18 @@ proptest! {
         (below, own, above) in costs(),
         less in 1u32..1000,
     ) {
-        // But for the rounding of costs beyond 2^24, which floats do not hold exactly.
+        // Up to the rounding of costs beyond 2^24, which floats do not hold exactly.
         let nearer = offset(below, own, above.saturating_sub(less));
         prop_assert!(nearer >= offset(below, own, above) - 1e-6);
     }
 
     #[test]
-    fn an_offset_knows_no_unit_of_cost(
+    fn an_offset_does_not_depend_on_the_unit_of_cost(
         (own, below, above) in (0u32..1000, 1u32..1000, 1u32..1000),
         (factor, base) in (1u32..1000, 0u32..1_000_000),
     ) {
         let cost = |cost: u32| base + factor * (own + cost);
+
         let expected = offset(own + below, own, own + above);
         prop_assert_eq!(offset(cost(below), cost(0), cost(above)), expected);
     }
@@ -75,19 +79,21 @@ proptest! {
     fn smoothing_equals_its_definition(disparity in disparities()) {
         let bits = |plane: Plane<f32>| plane.map(|d| if d.is_nan() { None } else { Some(d.to_bits()) });
         let expected = bits(reference::smooth_surfaces(&disparity));
+
         prop_assert!(bits(smoothed(&disparity)) == expected);
     }
 
     /// In steps that floats hold exactly.
     #[test]
     fn slanted_surfaces_stay_as_they_are_up_to_an_edge(
-        (across, down) in (-16i32..=16, -16i32..=16),
+        (horizontal, vertical) in (-16i32..=16, -16i32..=16),
         edge in 0usize..40,
     ) {
         let plane = Plane::from_fn(12, 40, |y, x| {
-            let slanted = (across * x as i32 + down * y as i32) as f32 / 64.0;
+            let slanted = (horizontal * x as i32 + vertical * y as i32) as f32 / 64.0;
             if x < edge { slanted } else { slanted + 20.0 }
         });
+
         prop_assert_eq!(smoothed(&plane), plane);
     }
 }
@@ -97,10 +103,10 @@ fn offsets_by_hand() {
     assert_eq!(offset(9, 5, 9), 0.0, "alike on both sides");
     assert_eq!(offset(9, 5, 5), 0.5, "as good as the next one");
     assert_eq!(offset(5, 5, 9), -0.5);
-    assert_eq!(offset(7, 5, 9), -0.325, "a quarter, and 0.6 of the half of it more");
-    assert_eq!(offset(5, 5, 5), 0.0, "nothing to tell by");
+    assert_eq!(offset(7, 5, 9), -0.325, "a quarter, plus 0.6 of its half");
+    assert_eq!(offset(5, 5, 5), 0.0, "no preference");
     assert_eq!(offset(2, 5, 9), -0.5, "the neighbor is better");
-    assert_eq!(offset(2, 9, 3), -0.5, "both are");
+    assert_eq!(offset(2, 9, 3), -0.5, "both neighbors are better");
     assert_eq!(offset(i32::MAX as u32, 0, 0), 0.5);
     assert_eq!(offset(0, i32::MAX as u32, 0), 0.0);
 }
@@ -117,12 +123,16 @@ fn only_neighbors_within_a_pixel_on_either_side_count() {
     // Of thirty-fifths of a power of two, sevenths and fifths are exact.
     let own = 35.0 / 64.0;
     let mut row = Plane::from_fn(1, 9, |_, x| if x == 4 { own } else { 0.0 });
+
     let at = |row: &Plane<f32>, x: usize| smoothed(row).row(0)[x];
     assert_eq!(at(&row, 4), own / 7.0);
+
     row.row_mut(0)[5] = 2.25;
-    assert_eq!(at(&row, 4), own / 5.0, "nor does what is opposite");
+    assert_eq!(at(&row, 4), own / 5.0, "nor does the opposite pixel");
+
     row.row_mut(0)[3] = f32::NAN;
     assert_eq!(at(&row, 4), own / 5.0);
+
     row.row_mut(0)[4] = f32::NAN;
     assert!(at(&row, 4).is_nan());
 }
@@ -133,8 +143,10 @@ fn the_reach_is_a_square() {
     let center = 2 * REACH;
     let spot = Plane::from_fn(size, size, |y, x| f32::from(u8::from((y, x) == (center, center))));
     let found = smoothed(&spot);
+
     for (y, x) in (0..size).flat_map(|y| (0..size).map(move |x| (y, x))) {
         let is_reached = y.abs_diff(center) <= REACH && x.abs_diff(center) <= REACH;
+
         assert_eq!(found.row(y)[x] > 0.0, is_reached, "{y} {x}");
     }
 }
@@ -143,6 +155,7 @@ fn the_reach_is_a_square() {
 fn a_cancelled_smoothing_stops() {
     let control = Control::default();
     control.cancel();
+
     let plane = Plane::from_fn(2, 3, |_, _| 1.0);
     let stopped = smooth(&plane, &mut plane.clone(), levels()[0], &control);
     assert_eq!(stopped, Err(Error::Cancelled));

@@ -1,4 +1,4 @@
-//! Maps by which a soft image can best be made again, against the reference implementation.
+//! Maps that explain a soft image best, against the reference implementation.
 
 use crate::common::maps::{FlaggedMap, bits, drawn};
 use crate::common::naive::synthesized;
@@ -17,25 +17,30 @@ fn pair([left, right]: [View; 2], compensation: BlurCompensation) -> Pair {
     Pair::new(left, right, 0, 1).expect("a legal pair").with_blur_compensation(compensation)
 }
 
+/// The redrawn map; the map itself, if there is nothing to synthesize.
 fn redrawn(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> Plane<f32> {
-    let (control, rows) = (Control::default(), pair.size().0);
+    let control = Control::default();
+    let rows = pair.size().0;
+
     drawn(disparity, |out, level| {
-        let (views, compensation) = (pair.views(), pair.blur_compensation());
-        let Some(scene) =
-            BlurredPair::new(views, compensation, 0..rows, settings, level, &control)?
+        let views = pair.views();
+        let compensation = pair.blur_compensation();
+        let Some(pair) = BlurredPair::new(views, compensation, 0..rows, settings, level, &control)?
         else {
             out.as_mut_slice().copy_from_slice(disparity.as_slice());
             return Ok(());
         };
-        scene.redraw(disparity, out, level, &control)
+
+        pair.redraw(disparity, out, level, &control)
     })
 }
 
-/// A pair of any type, with any kernels in areas of its own, and a map.
+/// A pair of any type, with any kernels in any areas, and a map.
 fn scenes() -> impl Strategy<Value = (Pair, FlaggedMap)> {
     let rows = prop_oneof![4 => 1usize..=24, 1 => 120usize..=140];
     let size = (rows, 1usize..=40, 0u8..=3);
     let of = |(rows, cols, kind)| (views(rows, cols, kind), views(rows, cols, kind));
+
     (size, blur_compensation(), any::<u64>()).prop_flat_map(move |(size, compensation, seed)| {
         of(size).prop_map(move |(left, right)| {
             let map = FlaggedMap::random((size.0, size.1), seed % 20, seed);
@@ -62,55 +67,68 @@ const SIZE: (usize, usize) = (70, 90);
 /// Disparities of the background and of the square in front of it.
 const LAYERS: [f32; 2] = [3.0, 9.0];
 
-/// A map with a square that reaches by some pixels beyond where it is.
+/// A map with a square that is `by` pixels larger on every side than it should be.
 fn square(by: usize) -> Plane<f32> {
     let is_near = |at: usize, from: usize, to: usize| (from - by..to + by).contains(&at);
+
     Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
         LAYERS[usize::from(is_near(y, 20, 50) && is_near(x, 30, 65))]
     })
 }
 
-/// The pair that shows it, one of whose images is soft.
+/// The pair that shows the square, with one soft image.
 fn soft_pair(side: usize) -> Pair {
-    let (truth, texture) = (square(0), |y, x, layer| (hash(layer, y / 2, x / 2) % 200) as u8);
+    let truth = square(0);
+    let texture = |y, x, layer| (hash(layer, y / 2, x / 2) % 200) as u8;
+
     let left = |y: usize, x: usize| {
         let is_near = truth.row(y)[x] == LAYERS[1];
         texture(y, x, u64::from(is_near))
     };
+
     let right = |y: usize, x: usize| {
         let near = x + LAYERS[1] as usize;
         let is_near = near < SIZE.1 && truth.row(y)[near] == LAYERS[1];
         if is_near { texture(y, near, 1) } else { texture(y, x + LAYERS[0] as usize, 0) }
     };
+
     let images = [Plane::from_fn(SIZE.0, SIZE.1, left), Plane::from_fn(SIZE.0, SIZE.1, right)];
+
     let views = [0, 1].map(|which| {
         let sharp = &images[which];
+
         let mean = |y: usize, x: usize| {
             let near = |at: usize, length| at.max(3) - 3..(at + 4).min(length);
             let rows = near(y, SIZE.0).flat_map(|y| near(x, SIZE.1).map(move |x| (y, x)));
             let values: Vec<_> = rows.map(|(y, x)| u32::from(sharp.row(y)[x])).collect();
             (values.iter().sum::<u32>() / values.len() as u32) as u8
         };
+
         view(SIZE.0, SIZE.1, |y, x| if which == side { mean(y, x) } else { sharp.row(y)[x] })
     });
+
     let kernel = Kernel::new(&Plane::from_fn(7, 7, |_, _| 1.0 / 49.0)).expect("legal");
     let kernels = if side == 0 { [None, Some(kernel)] } else { [Some(kernel), None] };
     let labels = Plane::from_fn(1, 1, |_, _| 0);
+
     pair(views, BlurCompensation::new([1.0; 2], vec![kernels], labels, 1).expect("legal"))
 }
 
 #[test]
-fn fat_surfaces_become_as_large_as_they_are() {
+fn fattened_surfaces_shrink_to_their_size() {
     for side in [0, 1] {
-        let (pair, settings) =
-            (soft_pair(side), Settings { neighborhood: 5, sizes: 1, ..robust() });
+        let pair = soft_pair(side);
+        let settings = Settings { neighborhood: 5, sizes: 1, ..robust() };
+
         let wrong = |map: &Plane<f32>| {
             let truth = square(0);
             let pairs = map.as_slice().iter().zip(truth.as_slice());
             pairs.filter(|(found, there)| (*found - *there).abs() > 0.0).count()
         };
+
         let before = square(4);
         let after = redrawn(&before, &pair, &settings);
+
         assert!(
             wrong(&after) * 4 < wrong(&before),
             "{side}: {} of {}",
@@ -122,12 +140,15 @@ fn fat_surfaces_become_as_large_as_they_are() {
 }
 
 #[test]
-fn only_one_sided_kernels_ask_for_it() {
+fn only_one_sided_kernels_need_synthesis() {
     let asks = |compensation, settings: &Settings| is_asked_for(settings, Some(&compensation));
+
     let noise = BlurCompensation::of_noise([1.0; 2]).expect("legal");
     assert!(!asks(noise, &robust()));
+
     let soft = soft_pair(0).blur_compensation().expect("kernels").clone();
     assert!(asks(soft.clone(), &robust()));
     assert!(!asks(soft, &Settings { synthesis: false, ..robust() }));
+
     assert!(!is_asked_for(&robust(), None));
 }

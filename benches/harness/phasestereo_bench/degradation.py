@@ -200,42 +200,6 @@ def quantize(values: NDArray[np.float64], dtype: type[Level] | np.dtype[Level]) 
     return np.clip(np.rint(values), 0, np.iinfo(levels).max).astype(levels)
 
 
-def contrast(image: NDArray[Level], *, gamma: float = 1.0, gain: float = 1.0) -> NDArray[Level]:
-    """Change the contrast: round(top * gain * (I / top)^gamma), top = 255 or 65535.
-
-    Arguments, result and errors as for `Degradation`.
-    """
-    return Degradation(gamma=gamma, gain=gain)(image)
-
-
-def linear(image: NDArray[Level], *, gain: float = 1.0, offset: float = 0.0) -> NDArray[Level]:
-    """Change brightness and contrast: round(gain * I + offset), clipped to the type's range.
-
-    Arguments, result and errors as for `Degradation`.
-    """
-    return Degradation(gain=gain, offset=offset)(image)
-
-
-def add_noise(image: NDArray[Level], sigma: float, *, seed: int = 0) -> NDArray[Level]:
-    """Add Gaussian noise, independent for every pixel and channel, and round.
-
-    Parameters
-    ----------
-    image
-        uint8 or uint16 array (H, W) or (H, W, C).
-    sigma
-        Standard deviation in gray levels of the image's type, >= 0; 0 returns a copy.
-    seed
-        Of ``numpy.random.default_rng``, an integer >= 0.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument has a wrong type or is out of range.
-    """
-    return Degradation(noise=sigma, seed=seed)(image)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Degradation:
     """One way to degrade an image, to be called with it: blur, then contrast, then noise.
@@ -347,7 +311,7 @@ def areas(
             )
         mosaic[index == number] = version[index == number]
 
-    return add_noise(mosaic, noise, seed=seed)
+    return Degradation(noise=noise, seed=seed)(mosaic)
 
 
 def suite(

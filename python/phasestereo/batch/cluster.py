@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from phasestereo.io.files import StrPath
 
-    Outcome: TypeAlias = Callable[[], Any]
+    TaskResult: TypeAlias = Callable[[], Any]
 
 _FIRST_WORKER = 60  # seconds until one must have come: those of a batch system take a while
 
@@ -153,7 +153,7 @@ class Cluster:
         """Let a worker call a function; no two tasks have the same key."""
         self._ended.add(self._client.submit(function, *arguments, key=key, retries=0))
 
-    def finished(self) -> list[tuple[str, Outcome]]:
+    def finished(self) -> list[tuple[str, TaskResult]]:
         """Wait for a task to end; return it with what returns or raises its result.
 
         That raises `WorkerDiedError` if its worker died, and `ConnectionError` if the scheduler is

@@ -35,7 +35,7 @@ _FILE = r"\A[^./\\\x00-\x1f][^/\\\x00-\x1f]*\Z"  # a name without a folder
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Record:
-    """What has become of one pair.
+    """The outcome of one pair.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ class Manifest:
             self.damaged += damaged
 
     def add(self, record: Record) -> None:
-        """Keep a record; it is in a file when the call returns."""
+        """Add a record; it is in a file when the call returns."""
         self.records[record.name] = record
         if self._file is None:
             self._file = self._log.open("ab", buffering=0)
@@ -188,7 +188,7 @@ class Manifest:
             self._file = None
 
     def _set_apart(self) -> None:
-        """Keep the lines that are no records, for whoever wants to know."""
+        """Move the lines that are no records into a file of their own."""
         if self.damaged[self._kept :]:
             with self._apart.open("ab") as file:
                 file.writelines(each.line + b"\n" for each in self.damaged[self._kept :])
@@ -217,6 +217,7 @@ def _read(path: Path, *, torn: bool = False) -> tuple[dict[str, Record], list[Da
     with decoding(path) as file:
         for number in range(1, _MOST + 1):
             line = file.readline(_LONGEST)
+            # The end, or a line of the log that a killed run could not finish.
             if not line or (torn and not line.endswith(b"\n") and len(line) < _LONGEST):
                 return records, damaged
             if not line.endswith(b"\n") and len(line) == _LONGEST:
@@ -232,7 +233,7 @@ def _read(path: Path, *, torn: bool = False) -> tuple[dict[str, Record], list[Da
 
 
 class _Schema:
-    """What a line must be, as msgspec checks it."""
+    """The schema of a line, by which msgspec checks it."""
 
     def __init__(self) -> None:
         msgspec: Any = require("msgspec", extra="batch")
@@ -269,6 +270,7 @@ def _types(meta: Any) -> dict[str, Any]:
     """Return the type of each field, with the bounds that a run keeps to."""
     natural: Any = Annotated[int, meta(ge=0, le=2**53)]
     file: Any = Annotated[str, meta(pattern=_FILE)]
+
     return {
         "name": Annotated[str, meta(min_length=1)],
         "state": State,

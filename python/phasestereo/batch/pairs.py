@@ -129,6 +129,7 @@ def _lines(path: Path, file: TextIO) -> Iterator[str]:
 def _check_columns(path: Path, given: Sequence[str]) -> None:
     missing = [name for name in _NEEDED if name not in given]
     unknown = [name for name in given if name not in _COLUMNS]
+
     if missing or unknown or len(set(given)) < len(given):
         raise ValueError(
             f"{path}: got columns {', '.join(map(repr, given)) or 'none'}; accepts left and right, "
@@ -174,6 +175,7 @@ def _number(where: str, name: str, given: Mapping[str, str], default: int | None
 
 
 def _of_folder(folder: Path, search: tuple[int | None, int]) -> Iterator[PairFiles]:
+    # Scenes as Middlebury has them; else the views of a rig.
     scenes = sorted(path.parent for path in folder.glob("*/im0.png"))
     if scenes:
         for scene in scenes:
@@ -193,6 +195,7 @@ def _of_folder(folder: Path, search: tuple[int | None, int]) -> Iterator[PairFil
 def _of_scene(scene: Path, search: tuple[int | None, int]) -> PairFiles:
     calibration = scene / "calib.txt"
     known = read_calibration(calibration).ndisp if calibration.is_file() else None
+
     return PairFiles(
         name=scene.name,
         left=scene / "im0.png",

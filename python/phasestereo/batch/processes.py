@@ -26,7 +26,7 @@ from phasestereo._interrupts import unheard
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    Outcome: TypeAlias = Callable[[], Any]
+    TaskResult: TypeAlias = Callable[[], Any]
 
 DIED = "its worker died: it ran out of memory, was killed, or crashed"
 
@@ -35,7 +35,7 @@ _KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
 
 
 class WorkerDiedError(Exception):
-    """What a task came to whose worker died."""
+    """The worker of a task died."""
 
 
 @contextmanager
@@ -93,7 +93,7 @@ class Processes:
         self._waiting.append((key, function, arguments))
         self._hand_out()
 
-    def finished(self) -> list[tuple[str, Outcome]]:
+    def finished(self) -> list[tuple[str, TaskResult]]:
         """Wait for a task to end; return what ended, each with what returns or raises its result.
 
         That raises `WorkerDiedError` if the process died, and `TimeoutError` if it took too long.
@@ -145,7 +145,7 @@ class Processes:
         process.wait()
         return process
 
-    def _take_in(self, future: Future[Any]) -> tuple[str, Outcome]:
+    def _take_in(self, future: Future[Any]) -> tuple[str, TaskResult]:
         """Return what a task came to, and give its process, or one in its place, the next one."""
         task = self._at_work.pop(future)
         process = task.process

@@ -40,7 +40,7 @@ _DRAFTS = "." + "[0-9a-f]" * 16 + ".part"  # as `phasestereo.io.files.replacing`
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatchReport:
-    """What a run came to.
+    """The outcome of a run over many pairs.
 
     Parameters
     ----------
@@ -173,9 +173,11 @@ def run(
     if scheduler is None and security is not None:
         raise ValueError("security: got that without a scheduler; accepts None: nobody connects")
 
+    # Workers may have another current folder.
     target = Path(folder).absolute()
     target.mkdir(parents=True, exist_ok=True)
 
+    # A worker of a cluster matches as many pairs at once as it has threads, each on one.
     count, each = share(workers, threads, len(listed)) if scheduler is None else (0, threads or 1)
     order = Order(
         settings=chosen,
@@ -186,6 +188,7 @@ def run(
         seconds=time_limit,
     )
 
+    # Workers are started, or connected to, only if a pair is to be matched.
     with _alone(target):
         work = _Run(listed, order, retries, progress, on_failure)
         work.run(
@@ -196,7 +199,7 @@ def run(
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Keep other runs out of a folder, and clear away what killed workers left."""
+    """Lock a folder against other runs, and remove the drafts of killed workers."""
     locks = require("filelock", extra="batch")
     lock = locks.FileLock(folder / _LOCK)
     try:
@@ -233,9 +236,11 @@ class _Run:
         self._pairs, self._order, self._retries = pairs, order, retries
         self._progress, self._on_failure = progress, on_failure
         self._manifest = Manifest(order.folder)
+
         self._later: deque[_Job] = deque()
         self._suspects: deque[_Job] = deque()
         self._skipped, self._done, self._failed = 0, 0, 0
+
         self._started = monotonic()
         self._token = secrets.token_hex(4)  # keys of tasks are not those of an earlier run
 
@@ -358,8 +363,10 @@ class _Run:
 def _check(suffix: str, layers: tuple[str, ...], settings: Settings) -> None:
     if suffix not in FLOAT_SUFFIXES:
         raise ValueError(f"suffix: got {suffix!r}; accepts {', '.join(FLOAT_SUFFIXES)}")
+
     for layer in layers:
         if layer not in LAYERS:
             raise ValueError(f"layers: got {layer!r}; accepts {', '.join(LAYERS)}")
+
     if "confidence" in layers and not settings.confidence:
         raise ValueError("layers: got 'confidence' with settings that work out none")

@@ -48,7 +48,7 @@ class FullDiskError(OSError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """How all pairs of a run are matched.
+    """The settings and outputs that all pairs of a run share.
 
     Parameters
     ----------
@@ -196,6 +196,7 @@ def _write(name: str, order: Order, result: Result, place: Georeference | None) 
             message = f"{order.folder / file} cannot be written: {error.strerror or error}"
             if error.errno in _FULL:
                 raise FullDiskError(message) from error
+            # Some libraries raise an error of their own for a full disk.
             if shutil.disk_usage(order.folder).free < values.nbytes:
                 raise FullDiskError(f"{message}: {os.strerror(errno.ENOSPC)}") from error
             raise OSError(message) from error

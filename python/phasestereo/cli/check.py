@@ -92,13 +92,17 @@ def _refuse_target(path: Path, sources: tuple[Path | None, ...]) -> None:
 def _picture(estimate: BlurEstimate | None, image: NDArray[Any]) -> NDArray[np.uint8]:
     """Return an image in gray, tinted by what is blurred in it."""
     gray = image[:, :, :3].mean(axis=2) if image.ndim == 3 else image.astype(np.float64)
+
+    # Any scale of gray becomes 0 to 1.
     gray = (gray - gray.min()) / max(float(np.ptp(gray)), np.finfo(float).tiny)
     shown = np.repeat(gray[:, :, np.newaxis], 3, axis=2)
+
     if estimate is not None:
         color, weight = _tints(estimate.blurs)
         rows, cols = gray.shape
         label = estimate.label_map((rows, cols))
         shown += weight[label] * (color[label] - shown)
+
     return np.asarray(np.rint(255 * shown), np.uint8)
 
 

@@ -24,7 +24,7 @@ _WITH_FOCAL = ("baseline", "doffs", "cx", "cy")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GeometryOptions:
-    """What makes depths of disparities.
+    """The options that give the geometry, by which disparities become depths.
 
     Parameters
     ----------
@@ -134,6 +134,7 @@ class GeometryOptions:
         except ValueError as error:
             raise ValueError(f"{self.calib}: {error}") from error
 
+        # The nearest depth that is searched must be there, and wanted.
         largest = sum(disparities) - 1
         if math.isnan(calibration.depth(largest)):
             raise ValueError(

@@ -23,7 +23,7 @@ _WHOLE = ("color", "ply", "mesh", "depth", "report")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Large:
-    """How to match a pair larger than memory.
+    """The options for pairs larger than memory.
 
     Parameters
     ----------
@@ -58,6 +58,7 @@ class Large:
 
     def check(self, outputs: Outputs, scoring: Scoring) -> Path:
         """Return the file for the disparities; refuse what needs the whole map at once."""
+        # These draw, triangulate or score a map as a whole.
         wanted = [name for name in _WHOLE if getattr(outputs, name)]
         if scoring.truth:
             wanted.append("truth")
@@ -112,6 +113,7 @@ def match_large(
     """
     left, right = pair
     given: dict[str, Any] = {**arguments, **large.arguments()}
+
     try:
         with refusals(options=options | _OPTIONS), progress_bar("Matching") as progress:
             report = outofcore.match(
@@ -120,11 +122,12 @@ def match_large(
     except KeyboardInterrupt:
         say("finished bands are kept: the same command goes on from there")
         raise
+
     _show(report, as_json=as_json)
 
 
 def _show_plan(plan: Plan) -> None:
-    """Say what a run takes, before it starts and again when its first band is there."""
+    """Print what a run takes, before it starts and again after its first band."""
     duration = format_duration(plan.seconds)
     if plan.by_band:
         say(f"by its first band, {duration} to go")
@@ -162,6 +165,7 @@ def _lines(report: MapReport) -> list[str]:
     blur = report.statistics.blur
     peak = "" if report.peak_memory is None else f", {format_bytes(report.peak_memory)} of memory"
     flags = format_counts(report.flags, rows * cols)
+
     return [
         f"{cols} x {rows} pixels, {report.plan.num_disparities} disparities, "
         f"{report.seconds:.3f} s{peak}",

@@ -33,7 +33,7 @@ from phasestereo.integrations.video.drafts import draft_of
 from phasestereo.integrations.video.streaming import Frame
 from phasestereo.io import read_calibration, write_disparity
 
-Sink = Callable[[Frame], object]
+FrameSink = Callable[[Frame], object]
 
 _RATE = 25.0  # of sources whose own is unknown
 
@@ -136,14 +136,14 @@ class Writers:
         tally: Tally,
         *,
         rate: float | None,
-        messages: Callable[[ExitStack, Path], Sink] | None,
+        messages: Callable[[ExitStack, Path], FrameSink] | None,
     ) -> None:
         self._outputs = outputs
         self._tally = tally
         self._messages = messages
         self._rate = outputs.rate or rate or _RATE
         self._open = ExitStack()
-        self.sinks: list[Sink] = []
+        self.sinks: list[FrameSink] = []
 
     def __enter__(self) -> Self:
         """Open the files."""
@@ -203,6 +203,7 @@ def _write_frame(pattern: str, frame: Frame) -> None:
 
 def _check_frames(pattern: str, sources: list[Path], disparities: tuple[int, int]) -> None:
     try:
+        # A pattern that ignores the number, or a digit of it, would overwrite frames.
         distinct = len({pattern % 0, pattern % 1, pattern % 11}) == 3
     except (TypeError, ValueError):
         distinct = False
@@ -215,6 +216,8 @@ def _check_frames(pattern: str, sources: list[Path], disparities: tuple[int, int
         raise CommandError(f"--frames: {folder} holds the images", WRONG_USAGE)
 
     folder.mkdir(parents=True, exist_ok=True)
+
+    # The extremes show whether the format holds all disparities.
     low, count = disparities
     extremes = np.array([[low, low + count - 1]], dtype=np.float32)
     draft = folder / f".{secrets.token_hex(8)}{Path(pattern % 0).suffix}"

@@ -14,7 +14,7 @@ from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
 from phasestereo.cli.options import NOT_NEGATIVE
 from phasestereo.integrations.ros.bags import RecordingWriter, is_recording
 from phasestereo.integrations.ros.messages import DEPTHS, Depths
-from phasestereo.integrations.ros.output import GEOMETRIC, KINDS, FrameWriter, Kind
+from phasestereo.integrations.ros.output import GEOMETRIC, KINDS, FrameWriter, MessageKind
 from phasestereo.integrations.ros.recordings import TOLERANCE, Recording, open_recording
 from phasestereo.integrations.video.streaming import Frame, Stream
 from phasestereo.io import Calibration
@@ -24,7 +24,7 @@ _SEVERAL = Parameter(consume_multiple=True, show_default=False)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topics:
-    """Which messages of a recording are the pairs.
+    """The topics of a recording whose messages are the pairs.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Topics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Messages:
-    """What goes to a recording.
+    """The messages that go to a recording.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Messages:
         That of the depths: 32FC1, m (the default), or 16UC1, mm.
     """
 
-    messages: Annotated[tuple[Kind, ...], _SEVERAL] = ()
+    messages: Annotated[tuple[MessageKind, ...], _SEVERAL] = ()
     depth_encoding: Depths | None = None
 
     def check(self, *, wanted: bool, known: bool) -> None:

@@ -62,7 +62,7 @@ class Tally:
         self._changed: Callable[[], object] | None = None
 
     def report_news(self, frame: Frame) -> None:
-        """Say what there is to say of a frame, once a topic."""
+        """Print the findings of a frame whose topics are new."""
         for found in frame.result.findings:
             if found.topic not in self._topics:
                 self._topics.add(found.topic)
@@ -116,6 +116,7 @@ class Tally:
                 *columns, console=console, transient=True, disable=not sys.stderr.isatty()
             ) as bar:
                 task = bar.add_task(self._line(), total=length)
+                # Whoever counts a frame moves the bar.
                 self._changed = lambda: bar.update(
                     task, completed=self.done + self.failed, description=self._line()
                 )

@@ -143,6 +143,7 @@ def _write_depth(path: Path, outcome: Outcome) -> None:
 def _write_report(path: Path, outcome: Outcome) -> None:
     low, count = outcome.disparities
     truth, rig = outcome.truth, outcome.rig
+
     write_pair_page(
         path,
         *outcome.pair,

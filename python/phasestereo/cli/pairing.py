@@ -30,7 +30,7 @@ Masks = tuple[NDArray[Any] | None, NDArray[Any] | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pairing:
-    """How the two views of a pair are had.
+    """The options that say where both views of a pair come from.
 
     Parameters
     ----------
@@ -56,6 +56,7 @@ class Pairing:
         OSError, TypeError, ValueError, ImportError
             As `phasestereo.rectify`.
         """
+        # A mask that is given and what a GeoTIFF file leaves out both count.
         left_mask, right_mask = (
             join_masks(mask, view.mask) for mask, view in zip(masks, views, strict=True)
         )
@@ -90,12 +91,14 @@ def as_calibration(names: Sequence[str]) -> Sequence[str] | None:
     """
     if list(names) == [AUTO]:
         return None
+
     if AUTO in names or len(names) > 2:
         given = " ".join(names)
         raise CommandError(
             f"--rectify: got {given}; accepts auto, a file, or the files of both cameras",
             WRONG_USAGE,
         )
+
     for name in names:
         refuse_picture("rectify", name)
     return names

@@ -22,7 +22,7 @@ _FLOATS = {".pfm", ".npy"}  # never gray-coded
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scoring:
-    """What to score against.
+    """The options that give the ground truth.
 
     Parameters
     ----------

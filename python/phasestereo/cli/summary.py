@@ -107,6 +107,7 @@ def _lines(summary: MatchSummary) -> list[str]:
     result = summary.outcome.result
     rows, cols = result.disparity.shape
     seconds = sum(result.timings.values())
+
     return [
         f"{cols} x {rows} pixels, disparities {_range(summary)}, {seconds:.3f} s",
         f"trusted {summary.trusted:.1%}, flagged: {describe_flags(result.flags)}",

@@ -36,7 +36,7 @@ def print_lines(lines: Iterable[str]) -> None:
 
 
 def say(line: str) -> None:
-    """Say a line on standard error."""
+    """Print a line on standard error."""
     sys.stderr.write(f"phasestereo: {printable(line)}\n")
 
 

@@ -38,7 +38,7 @@ _HALOS = 4
 
 
 class Maps(NamedTuple):
-    """What a match returns of a pair, lazily, by the same tasks.
+    """The lazy maps of a pair, all computed by the same tasks.
 
     Attributes
     ----------
@@ -170,6 +170,7 @@ def maps(
         _check_statistics(statistics, size, (min_disparity, num_disparities))
         _check_settings(statistics, asked, (left.dtype.name, right.dtype.name))
 
+    # One task matches a band and returns a record for each pixel; layers are fields of it.
     halo = _halo(statistics, masked=any(mask is not None for mask in masks))
     bands = _bands(size[0], band_rows, halo)
     table = _table(sides, statistics, bands, halo, threads)
@@ -318,6 +319,7 @@ def _table(
     """Return an array (H, W) of records of all that is known of a pixel, one task a band."""
     da = require("dask.array", extra="dask")
     delayed = require("dask", extra="dask").delayed
+    # The first and the last row of each band travel with its pixels, as a block of their own.
     ends = np.cumsum(bands)
     rows = da.from_array(np.column_stack([ends - bands, ends]), chunks=(1, 2))
     arguments: list[Any] = [rows, "yb"]

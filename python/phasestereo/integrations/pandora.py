@@ -52,7 +52,7 @@ class _View(NamedTuple):
 
 
 class _Terms(NamedTuple):
-    """What images are compared by."""
+    """The settings and the compensation by which images are compared."""
 
     settings: Settings
     compensation: BlurCompensation | None
@@ -205,6 +205,7 @@ def _view(image: Dataset, band: str | None) -> _View:
         return _View(np.zeros(valid.shape, np.float32), valid)
 
     if not valid.all():
+        # The indices of the nearest valid pixel, for every pixel.
         nearest = distance_transform_edt(~valid, return_distances=False, return_indices=True)
         pixels = pixels[tuple(nearest)]
     return _View(np.ascontiguousarray(pixels, dtype=np.float32), valid)
@@ -249,7 +250,7 @@ def _fill(costs: Volume, pair: tuple[Plane, Plane], first: int, terms: _Terms) -
 
 
 def _leave_out_borders(costs: Volume, disparities: NDArray[np.float64], border: int) -> None:
-    """Take away the costs that rest on pixels outside either image."""
+    """Invalidate the costs whose windows leave either image."""
     rows, cols = costs.shape[:2]
     row, col = np.arange(rows)[:, None], np.arange(cols)[:, None]
 

@@ -77,6 +77,7 @@ def log_frame(
     if calibration is not None:
         cloud = point_cloud(frame.result, calibration, image=frame.left)
         logged["points"] = rerun.Points3D(cloud.points, colors=cloud.colors)
+        # Cameras look along Z, with Y down.
         axes = rerun.ViewCoordinates.RIGHT_HAND_Y_DOWN
         rerun.log(entity, axes, static=True, recording=recording)
 

@@ -166,6 +166,7 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     if result.confidence is not None:
         layers["confidence"] = result.confidence, _CONFIDENCE
 
+    # CF: the variable that holds the reference system is named by each layer.
     placed = {"grid_mapping": "spatial_ref"} if "spatial_ref" in coords else {}
     variables = {
         name: (dims, values, attributes | placed) for name, (values, attributes) in layers.items()
@@ -232,6 +233,7 @@ def _check_rows(left: DataArray, right: DataArray) -> None:
     if dims[0] not in left.coords or dims[1] not in right.coords or not sizes[0][0]:
         return
 
+    # Coordinates may differ by rounding, which is far less than the distance of rows.
     rows = [np.asarray(image.coords[dim]) for image, dim in zip((left, right), dims, strict=True)]
     step = abs(rows[0][-1] - rows[0][0]) / max(1, len(rows[0]) - 1)
     apart = np.abs(rows[0] - rows[1]).max()

@@ -277,6 +277,7 @@ def _checked_q(q: ArrayLike) -> list[list[float]]:
     if given.shape != (4, 4) or not np.isfinite(given).all():
         raise ValueError(f"q must be 4 x 4 finite numbers, got {given.tolist()}")
 
+    # Every multiple of Q means the same.
     matrix = given.astype(np.float64) / (given[0, 0] or 1)
     if any(matrix[place] for place in _Q_ZEROS) or not (matrix[[0, 1, 2], [0, 1, 3]] > 0).all():
         raise ValueError(

@@ -26,11 +26,14 @@ def open_regular(path: StrPath) -> BinaryIO:
     """
     refuse_special(path, Path(path).stat().st_mode)  # some devices do things when they are opened
     file = open(path, "rb", opener=_open_without_waiting)  # noqa: SIM115 -- the caller closes it
+
+    # Between the two looks another file may have taken the name.
     try:
         refuse_special(path, os.fstat(file.fileno()).st_mode)
     except BaseException:
         file.close()
         raise
+
     return file
 
 

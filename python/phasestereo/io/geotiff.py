@@ -144,6 +144,7 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
     chosen = None if bands is None else as_bands(bands)
     rasterio = require("rasterio", extra="geo")
     with decoding(path) as content, unplaced_allowed():
+        # GDAL allocates what a file claims to hold: that is checked before.
         for directory in check_tiff(path, content):
             if directory.has_pixels:
                 check_whole(content, directory)
@@ -494,6 +495,7 @@ def placed(place: Georeference) -> dict[str, Any]:
 def _as_crs(crs: Any) -> Any:
     if crs is None:
         return None
+
     errors = require("rasterio.errors", extra="geo")
     try:
         return require("rasterio.crs", extra="geo").CRS.from_user_input(crs)

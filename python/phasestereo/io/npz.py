@@ -36,6 +36,7 @@ def decode_arrays(content: bytes, most: int) -> dict[str, NDArray[Any]]:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             entries = archive.infolist()
+            # No entry unpacks to more than the size that it claims.
             size = sum(entry.file_size for entry in entries)
             if size > most or len(entries) > _MOST_ARRAYS:
                 raise ValueError(

@@ -52,6 +52,7 @@ def read_pair(path: StrPath, layout: Layout | None = None) -> tuple[Pixels, Pixe
         return left, right
 
     with decoding(path) as file:
+        # An MPO file is a JPEG with further pictures behind the first.
         jpeg = file.read(3) == b"\xff\xd8\xff"
         pictures = [as_image(picture) for picture in decode_frames(file)] if jpeg else []
 

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 _MOST_CLASSES = 16  # that a compensation has
 _ESTIMATE = "tile", "certainty", "contrast", "noise", "gain", "gamma", "impulses", "coding"
 _BOTH = "noise", "impulses", "coding"  # of the left and of the right image
-_KIND = "side", "kind", "size", "angle"
 
 
 def as_arrays(statistics: PairStatistics) -> Arrays:
@@ -122,7 +121,7 @@ def _blur_compensation(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> Blur
 
 def _put_blur(estimate: BlurEstimate, plain: Plain, arrays: Arrays) -> None:
     plain["blur"] = {name: getattr(estimate, name) for name in _ESTIMATE}
-    plain["blurs"] = [{name: getattr(blur, name) for name in _KIND} for blur in estimate.blurs]
+    plain["blurs"] = [blur.as_dict() for blur in estimate.blurs]
 
     arrays["blur_labels"] = estimate.labels
     if estimate.glance is not None:
@@ -130,17 +129,24 @@ def _put_blur(estimate: BlurEstimate, plain: Plain, arrays: Arrays) -> None:
     for number, blur in enumerate(estimate.blurs):
         if blur.psf is not None:
             arrays[f"psf_{number}"] = blur.psf
+        if blur.other is not None and blur.other.psf is not None:
+            arrays[f"other_psf_{number}"] = blur.other.psf
 
 
 def _blur(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> BlurEstimate:
-    blurs = tuple(
-        Blur(**kind, psf=arrays.get(f"psf_{number}")) for number, kind in enumerate(plain["blurs"])
-    )
+    kinds = enumerate(plain["blurs"])
+    blurs = tuple(_kind(kind, arrays, f"psf_{number}") for number, kind in kinds)
     numbers = plain["blur"] | {name: tuple(plain["blur"][name]) for name in _BOTH}
 
     is_seen = "blur_places" in arrays
     glance = (arrays["blur_places"], arrays["blur_excess"]) if is_seen else None
     return BlurEstimate(blurs=blurs, labels=arrays["blur_labels"], glance=glance, **numbers)
+
+
+def _kind(plain: Plain, arrays: Mapping[str, NDArray[Any]], psf: str) -> Blur:
+    """Return a blur, and that of the other image if it lacks something, too."""
+    other = plain["other"] and _kind(plain["other"], arrays, f"other_{psf}")
+    return Blur(**plain | {"psf": arrays.get(psf), "other": other})
 
 
 def _alignment(plain: Plain) -> Alignment:

@@ -96,6 +96,7 @@ def _parse_header(head: bytes) -> tuple[tuple[int, ...], str, int]:
     if not _SCALE.fullmatch(scale) or float(scale) == 0 or math.isinf(float(scale)):
         raise ValueError(f"the PFM scale must be a finite number other than zero, got {scale!r}")
 
+    # The sign of the scale is the byte order; its size is not used.
     color = (3,) if magic == b"PF" else ()
     byte_order = "<" if float(scale) < 0 else ">"
     return (int(height), int(width), *color), byte_order, match.end()

@@ -72,6 +72,7 @@ class Directory:
             if default is None:
                 raise ValueError(f"the TIFF has no tag {tag}")
             return default
+
         if kind not in _WHOLE or isinstance(content, int):
             raise ValueError(f"the TIFF's tag {tag} is no whole number")
         return int(np.frombuffer(content, self.order + _WHOLE[kind], 1)[0])
@@ -125,6 +126,7 @@ class Directory:
         if min(width, height) < 1:
             raise ValueError(f"the header says {width} x {height} pixels: that is no image")
 
+        # Samples may be stored by planes, each with blocks of its own.
         planes = max(1, self.number(_SAMPLES, 1)) if self.number(_PLANAR, 1) == 2 else 1
         wanted = -(-width // across) * -(-height // down) * planes
         found = self.tags.get(_TILES, self.tags.get(_STRIPS, (4, 0, b"")))[1]

@@ -447,6 +447,7 @@ def _open_npy(stack: ExitStack, path: str, max_bytes: int) -> Raster:
         file.seek(start + rows.start * row)
         count = (rows.stop - rows.start) * row // max(dtype.itemsize, 1)
         samples = np.fromfile(file, dtype, count)
+
         if samples.size != count:
             raise ValueError("the file ends before")
         return _plain(samples.reshape(-1, *shape[1:])[:, across], [])
@@ -459,6 +460,7 @@ def _plain(samples: NDArray[Any], missing: list[Any]) -> tuple[Pixels, Mask | No
     if samples.dtype == np.bool_:
         samples = samples.astype(np.uint8)
 
+    # "No data" is NaN in any channel, or a missing value in all of them.
     layers = np.atleast_3d(samples)
     lacking = np.zeros(layers.shape[:2], np.bool_)
     if layers.dtype.kind == "f":

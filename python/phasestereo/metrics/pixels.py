@@ -58,6 +58,7 @@ def _disparities(name: str, disparities: Floats) -> Floats:
             f"{name} must be an array of floats (disparities in pixels, NaN = none), got "
             f"{array.dtype}: convert it first (OpenCV's int16 holds d * 16, KITTI's uint16 d * 256)"
         )
+
     return array
 
 

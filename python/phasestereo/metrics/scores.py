@@ -134,7 +134,7 @@ def unit_of(metric: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class SubPixel:
-    """How exact the estimates are that are right, and whether they flock to whole pixels.
+    """The precision of right estimates, and how much they lock to whole pixels.
 
     Attributes
     ----------

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from phasestereo.bands import PairStatistics
     from phasestereo.io.windows import RasterPair
 
-ROWS = _core.BAND_ROWS
+BAND_ROWS = _core.BAND_ROWS
 """Bands are of multiples of so many rows, unless it is asked otherwise."""
 
-LARGEST = 32 * ROWS
+LARGEST = 32 * BAND_ROWS
 """Rows of the largest band: beyond, less of halos is saved than is lost when a run is killed."""
 
 _LEAST_CACHE = 16 * 2**20
@@ -32,7 +32,7 @@ _LEAST_CACHE = 16 * 2**20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """How a pair is matched.
+    """The plan by which a pair is matched.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def fit(
         If the limit is too low whatever the band.
     """
     base = resident() + cache(pair) + _pieces(pair)
-    most = min(LARGEST, -(-pair.size[0] // ROWS) * ROWS)
+    most = min(LARGEST, -(-pair.size[0] // BAND_ROWS) * BAND_ROWS)
 
     def takes(count: int, workers: int) -> int:
         return base + working_memory(statistics, count, threads=workers, itemsize=pair.itemsize)
@@ -126,26 +126,26 @@ def fit(
 
     for workers in range(threads, 0, -1):
         # Fewer rows than this would leave threads without work.
-        low, high = (rows, rows) if rows else (min(ROWS * workers, most), most)
+        low, high = (rows, rows) if rows else (min(BAND_ROWS * workers, most), most)
         if fits(workers, low):
             best = _largest(low, high, partial(fits, workers))
             return best, workers, takes(best, workers)
 
-    least = takes(rows or ROWS, 1)
+    least = takes(rows or BAND_ROWS, 1)
     raise ValueError(
         f"max_memory: got {format_bytes(limit)}; accepts {_hint(least, statistics, pair)}"
     )
 
 
 def _largest(low: int, high: int, fits: Callable[[int], bool]) -> int:
-    """Return the largest multiple of `ROWS` from low, which fits, to high that fits."""
+    """Return the largest multiple of `BAND_ROWS` from low, which fits, to high that fits."""
     # Bisection: more rows take more memory.
     while low < high:
-        middle = low + -(-(high - low) // (2 * ROWS)) * ROWS
+        middle = low + -(-(high - low) // (2 * BAND_ROWS)) * BAND_ROWS
         if fits(middle):
             low = middle
         else:
-            high = middle - ROWS
+            high = middle - BAND_ROWS
     return low
 
 

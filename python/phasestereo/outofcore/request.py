@@ -55,6 +55,7 @@ class Request:
         """Return all of it as JSON has it: two runs of which it is the same have one result."""
         names = "left", "right", "left_mask", "right_mask"
         files = zip(names, self.sources, strict=True)
+
         return {
             "version": phasestereo.__version__,
             **{name: None if path is None else _identity(path) for name, path in files},
@@ -95,6 +96,7 @@ def _identity(path: StrPath) -> dict[str, Any]:
     else:
         files = [file for file in place.rglob("*") if file.is_file()]
 
+    # A Zarr array is a folder of many files: their sizes add up, and the latest time counts.
     found = [file.stat() for file in files] or [place.stat()]
     return {
         "path": str(place),

@@ -142,6 +142,7 @@ def match(
         bands=bands,
     )
 
+    # A matcher refuses wrong settings and threads before any file is opened.
     count = Matcher(settings=request.settings, threads=threads).threads
     begin = stage or (lambda _: None)
     with _prepared(request, limit, count, begin, restart=restart) as (
@@ -153,6 +154,7 @@ def match(
         work = Work(pair, statistics, store, tuple(request.outputs), announce, progress)
         plan = work.match_bands(work.planned(limit, count, band_rows))
 
+        # All outputs are written and read back before the first one gets its name.
         begin("putting the output together")
         for sink in sinks:
             sink.write(partial(work.windows, sink.layer))
@@ -188,6 +190,7 @@ def _prepared(
         for reason in store.again:
             begin(reason)
 
+        # An output that cannot be written is refused before hours of matching.
         sinks = _sinks(request, pair)
         for sink in sinks:
             sink.rehearse()

@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 DTYPES = {"disparity": "float32", "flags": "uint16", "confidence": "float32"}
 """The layers of a result, and what each is made of."""
 
-ROWS = TILE
+WINDOW_ROWS = TILE
 """Windows are of so many rows, and begin at multiples of them."""
 
-_CHUNK = (ROWS, 2048)
+_CHUNK = (WINDOW_ROWS, 2048)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +97,7 @@ class Sink:
                 with self._blamed():
                     remove(self.draft)
                     write = stack.enter_context(_WRITERS[suffix(self.path)](self))
+                # What makes the windows has errors of its own, which the file is not to blame for.
                 for row, values in windows():
                     with self._blamed():
                         write(row, values)
@@ -130,7 +131,7 @@ class Sink:
 
     @contextmanager
     def _blamed(self) -> Iterator[None]:
-        """Say which file could not be written, and what it takes."""
+        """Name the file that could not be written, and the space it takes, in what is raised."""
         try:
             yield
         except (OSError, ValueError) as error:

@@ -137,7 +137,7 @@ class Store:
         return found
 
     def save(self, rows: Rows, block: Arrays) -> None:
-        """Keep a band."""
+        """Save a band."""
         size = sum(array.nbytes for array in block.values())
         with self._published(_block(rows), size) as draft, draft.open("wb") as file:
             _write(file, block)
@@ -222,13 +222,13 @@ def opened(output: Path, identity: Mapping[str, Any], *, restart: bool) -> Itera
     with _locked(folder):
         store = Store(folder, plain)
         _prepare(store, plain, restart=restart)
-        with _promising(store):
+        with _naming_the_folder(store):
             yield store
 
 
 @contextmanager
-def _promising(store: Store) -> Iterator[None]:
-    """Say of a run that ends what is kept of it, if anything is; drop the folder if nothing is."""
+def _naming_the_folder(store: Store) -> Iterator[None]:
+    """Name the folder of finished bands in an error that ends the run; drop an empty one."""
     try:
         yield
     except Exception as error:
@@ -242,7 +242,7 @@ def _promising(store: Store) -> Iterator[None]:
 
 
 def _prepare(store: Store, identity: dict[str, Any], *, restart: bool) -> None:
-    """Make the folder that of this run: what is in it stays, if it is of the same one."""
+    """Prepare the folder for this run; finished bands of the same run stay."""
     earlier = store.recorded_identity()
     found = [file for file in store.folder.iterdir() if file.name != _LOCK]
     strange = [file for file in found if not _is_ours(file)]
@@ -273,7 +273,7 @@ def _prepare(store: Store, identity: dict[str, Any], *, restart: bool) -> None:
 
 
 def _begin(store: Store, identity: dict[str, Any]) -> None:
-    """Say in the folder which run it is of."""
+    """Write into the folder which run it is of."""
     draft, path = store.folder / _DRAFT, store.folder / _RUN
     try:
         content = {"digest": _key(identity).hex(), "run": identity}
@@ -314,6 +314,7 @@ def _differences(earlier: dict[str, Any], now: dict[str, Any]) -> str:
             parts.append(_differences(before, after) if name == "settings" else f"another {name}")
         elif before != after:
             parts.append(f"{name} {before} (now {after})")
+
     return ", ".join(parts)
 
 

@@ -14,7 +14,7 @@ from phasestereo.matching import match
 from phasestereo.outofcore import plan as planning
 from phasestereo.outofcore.plan import Plan
 from phasestereo.outofcore.report import MapReport
-from phasestereo.outofcore.sinks import DTYPES, ROWS
+from phasestereo.outofcore.sinks import DTYPES, WINDOW_ROWS
 from phasestereo.result import Flag, count_flags
 
 if TYPE_CHECKING:
@@ -92,6 +92,7 @@ class Work:
             done += _rows([band])
             self._report_progress(done, rows)
 
+            # The first band shows how long the others take.
             if not plan.by_band and done < rows:
                 pace = (perf_counter() - started) / _rows([band])
                 plan = replace(plan, seconds=pace * (rows - done), by_band=True)
@@ -100,14 +101,14 @@ class Work:
         return plan
 
     def windows(self, layer: str) -> Iterator[tuple[int, NDArray[Any]]]:
-        """Yield a layer of the map by windows of `ROWS` rows: the first row, and values."""
+        """Yield a layer of the map by windows of `WINDOW_ROWS` rows: the first row, and values."""
         row = 0
         rest = np.empty((0, self.pair.size[1]), DTYPES[layer])
         for band in self.store.bands():
             rest = np.concatenate([rest, self.store.load(band, layer)])
-            while len(rest) >= ROWS:
-                yield row, rest[:ROWS]
-                row, rest = row + ROWS, rest[ROWS:]
+            while len(rest) >= WINDOW_ROWS:
+                yield row, rest[:WINDOW_ROWS]
+                row, rest = row + WINDOW_ROWS, rest[WINDOW_ROWS:]
 
         if len(rest):
             yield row, rest
@@ -160,7 +161,7 @@ class Work:
         searched there makes no difference, so they are such as the part has.
         """
         height, width = self.pair.size
-        rows, across = min(height, planning.ROWS * threads), min(width, _SAMPLE)
+        rows, across = min(height, planning.BAND_ROWS * threads), min(width, _SAMPLE)
         first, start = (height - rows) // 2, (width - across) // 2
         left, right, *masks = self.pair.reader((start, start + across))(first, first + rows)
         settings = replace(

@@ -26,7 +26,7 @@ _LONGEST_SIDE = 32766  # pixels: `cv2.remap` counts in 16 bits
 
 
 class Warp(NamedTuple):
-    """What rectifies images of one size: the maps, and OpenCV's matrix Q (None: not known)."""
+    """The maps that rectify images of one size, and OpenCV's matrix Q (None: not known)."""
 
     maps: Maps
     q: Matrix | None
@@ -117,6 +117,7 @@ class Cameras:
 
     def _poses(self, size: tuple[int, int], alpha: float | None) -> Mapping[str, Matrix]:
         """Return the rectification: that which the calibration has, or a new one."""
+        # An alpha asks for another rectification than the calibrated one, if there is a pose.
         if self._has(*RECTIFIED) and (alpha is None or not self._has(*POSE)):
             return self.matrices
 
@@ -138,6 +139,7 @@ class Cameras:
     def _maps(self, size: tuple[int, int], poses: Mapping[str, Matrix]) -> Maps:
         cv2 = require("cv2", extra="rectify")
         model = cv2.fisheye if self.fisheye else cv2
+
         left, right = (
             model.initUndistortRectifyMap(
                 self.matrices[f"K{side}"],

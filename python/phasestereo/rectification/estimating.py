@@ -44,15 +44,15 @@ _NEARLY_ALL = 0.95
 _CLEARLY = 2.0  # pixels
 
 
-class Found(NamedTuple):
-    """What rectifies a pair, the error in rows that is to be expected, and sentences."""
+class EstimatedMaps(NamedTuple):
+    """The maps that rectify a pair, the expected error in rows, and sentences."""
 
     maps: Maps
     error: float
     sentences: tuple[str, ...]
 
 
-def estimated(pairs: Sequence[tuple[Pixels, Pixels]]) -> Found:
+def estimated(pairs: Sequence[tuple[Pixels, Pixels]]) -> EstimatedMaps:
     """Estimate the cameras of pairs that all come from the same two.
 
     Parameters
@@ -120,6 +120,7 @@ def _followed(used: Sequence[tuple[Planes, Matches]], fit: Fit, smooth: float) -
     """Follow corners in images that are rectified by a rough fit, and fit the model to them."""
     found = [matches for _, matches in used]
     for _ in range(_ROUNDS):
+        # Each round follows corners in images that are rectified a little better.
         found = [
             _refined(pair, fit, matches, smooth) if len(matches[0]) else matches
             for (pair, _), matches in zip(used, found, strict=True)
@@ -140,6 +141,7 @@ def _followed(used: Sequence[tuple[Planes, Matches]], fit: Fit, smooth: float) -
     shifts = fit.model.shifts(agree)
     maps = fit.model.maps(shifts)
 
+    # Disparities as they are in the rectified images, which are shifted.
     columns = [points[:, 0] for points in fit.model.rectified(agree)]
     disparity = columns[0] + shifts[0][0] - columns[1] - shifts[1][0]
 
@@ -201,7 +203,7 @@ def _refuse_spread(fit: Fit) -> None:
         )
 
 
-def _found(best: _Tried, pairs: int, *, negative: bool) -> Found:
+def _found(best: _Tried, pairs: int, *, negative: bool) -> EstimatedMaps:
     """Sum up a fit.
 
     Raises
@@ -214,14 +216,16 @@ def _found(best: _Tried, pairs: int, *, negative: bool) -> Found:
             "left, right: got images that fit no two cameras but such as show things twice; "
             "accepts pairs that tell more: give others of the same cameras, or a calibration"
         )
+
     if not best.error <= _LARGEST_ERROR:
         raise ValueError(
             f"left, right: got images that tell rows to {best.error:.1f} px only, since they show "
             f"too little in common, or only in a part; accepts {_LARGEST_ERROR:g} px: give more "
             "pairs of the same cameras (others), or a calibration"
         )
+
     said = ("the right image seems to be a negative of the left one",) if negative else ()
-    return Found(best.maps, best.error, (*_sentences(best, pairs), *said))
+    return EstimatedMaps(best.maps, best.error, (*_sentences(best, pairs), *said))
 
 
 def _everywhere(maps: Maps, disparity: Points) -> Matches:
@@ -237,6 +241,7 @@ def _everywhere(maps: Maps, disparity: Points) -> Matches:
         )
     )
 
+    # What counts is in both rectified images, and in both raw ones.
     seen = (x - shift >= 0) & (x - shift <= cols - 1)
     right = np.stack([x - shift, y], axis=1)[seen]
     raw = led_back((np.stack([x, y], axis=1)[seen], right), maps)

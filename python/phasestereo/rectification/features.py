@@ -126,6 +126,7 @@ def followed(
 def led_back(matches: Matches, maps: Maps) -> Matches:
     """Return matches in rectified images as matches in the images that maps read."""
     cv2 = require("cv2", extra="rectify")
+
     left, right = (
         np.stack(
             [

@@ -112,6 +112,7 @@ def _checked(name: str, value: Any, *, fisheye: bool) -> Matrix:
             )
         return matrix.reshape(-1, 1)
 
+    # A rotation may be given as a vector, after Rodrigues.
     if name in ("R", "T") and matrix.size == 3:
         column = matrix.reshape(3, 1)
         turned: Matrix = (

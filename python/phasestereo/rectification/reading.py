@@ -99,12 +99,15 @@ def _paths(source: Any) -> list[str | os.PathLike[str]]:
 
 def _of_documents(documents: list[Document]) -> Cameras:
     single = [is_camera(document) for document in documents]
+
     if all(single) and len(documents) == 2:
         return cameras_of_pair(*documents)
     if any(single):
         raise ValueError("holds one camera; give the files of both, left and right")
+
     if is_chain(documents[0]) and len(documents) == 1:
         return cameras_of_chain(documents[0])
+
     return _of_matrices(documents[0] | documents[-1])
 
 

@@ -18,7 +18,7 @@ from phasestereo.rectification.documents import Document, read_document
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from phasestereo._images import Picture
+    from phasestereo._images import ImageOrPath
     from phasestereo.rectification.cameras import Map, Maps, Matrix
 
     Mask = NDArray[np.bool_]
@@ -72,7 +72,7 @@ class Rectification:
     error: float | None
     sentences: tuple[str, ...]
 
-    def apply(self, left: Picture, right: Picture) -> tuple[NDArray[Any], NDArray[Any]]:
+    def apply(self, left: ImageOrPath, right: ImageOrPath) -> tuple[NDArray[Any], NDArray[Any]]:
         """Rectify another pair of the same cameras.
 
         Parameters
@@ -184,7 +184,7 @@ def from_document(document: Document) -> Rectification:
 
 
 def warped(
-    images: tuple[Picture, Picture], maps: Maps, interpolation: Interpolation
+    images: tuple[ImageOrPath, ImageOrPath], maps: Maps, interpolation: Interpolation
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return both images of a pair as their maps read them.
 

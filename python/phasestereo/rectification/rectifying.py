@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from phasestereo._images import Picture, Pixels
+    from phasestereo._images import ImageOrPath, Pixels
     from phasestereo.rectification.reading import CalibrationSource
     from phasestereo.rectification.record import Interpolation, Method
 
@@ -30,13 +30,13 @@ _OFF = 1.0  # rows: more than a calibration that fits leaves
 
 
 def rectify(
-    left: Picture,
-    right: Picture,
+    left: ImageOrPath,
+    right: ImageOrPath,
     calibration: CalibrationSource | Rectification | Cameras | None = None,
     *,
     alpha: float | None = None,
     interpolation: Interpolation | None = None,
-    others: Iterable[tuple[Picture, Picture]] = (),
+    others: Iterable[tuple[ImageOrPath, ImageOrPath]] = (),
     left_mask: ArrayLike | None = None,
     right_mask: ArrayLike | None = None,
 ) -> Rectification:
@@ -121,8 +121,10 @@ def rectify(
 def _check_options(alpha: float | None, interpolation: str | None) -> None:
     if alpha is not None and (isinstance(alpha, bool) or not isinstance(alpha, Real)):
         raise TypeError(f"alpha: got {type(alpha).__name__}; accepts a number or None")
+
     if alpha is not None and not (alpha == -1 or 0 <= alpha <= 1):
         raise ValueError(f"alpha: got {alpha}; accepts -1, or 0 to 1")
+
     if interpolation is not None and interpolation not in INTERPOLATIONS:
         names = ", ".join(map(repr, INTERPOLATIONS))
         raise ValueError(f"interpolation: got {interpolation!r}; accepts {names}")
@@ -137,6 +139,7 @@ def _rectified(
 ) -> Rectification:
     left, right = warped(pair, warp.maps, interpolation)
     left_mask, right_mask = masks_of(warp.maps, pair[0].shape, masks)
+
     return Rectification(
         left=left,
         right=right,

@@ -86,6 +86,7 @@ def _of_ros(document: Document) -> Document:
         if value is None:
             raise ValueError(f"has no {name}")
         matrix = numbers(value, name)
+        # A recorded message has its matrices as flat lists.
         if shape is not None and matrix.size == shape[0] * shape[1]:
             matrix = matrix.reshape(shape)
         camera[short] = matrix.ravel() if short == "D" else matrix

@@ -10,7 +10,7 @@ from phasestereo.rectification.rectifying import rectify
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from phasestereo._images import Picture
+    from phasestereo._images import ImageOrPath
     from phasestereo.rectification.cameras import Cameras, Matrix
     from phasestereo.rectification.reading import CalibrationSource
     from phasestereo.rectification.record import Rectification
@@ -44,7 +44,7 @@ class Rectifier:
         self._calibration = None if calibration == AUTO else read_calibration(calibration)
         self._found: Rectification | None = None
 
-    def pair(self, left: Picture, right: Picture) -> tuple[NDArray[Any], NDArray[Any]]:
+    def pair(self, left: ImageOrPath, right: ImageOrPath) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return a pair rectified.
 
         Raises

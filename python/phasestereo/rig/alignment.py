@@ -17,7 +17,7 @@ and the column of it that a pair begins with."""
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """How the rows of the right image lie to those of the left: what is at y there is at y + v.
+    """The vertical offset v of the right image: what is at y in the left is at y + v there.
 
     With X and Y from -1 to 1 over the columns of the right and the rows of the left image, and
     R2 = X^2 + Y^2,
@@ -87,7 +87,7 @@ class Alignment:
 
     @property
     def residual(self) -> float:
-        """What is left of v in the match, pixels rms: its error where it was evened out."""
+        """The offset that is left in the match, pixels rms: its error where it was evened out."""
         return self.error if self.applied else self.rms
 
     def offsets(self, x: NDArray[np.generic], y: NDArray[np.generic]) -> NDArray[np.float64]:
@@ -114,7 +114,7 @@ class Alignment:
 
     @property
     def field(self) -> Field:
-        """What the core takes."""
+        """The field as the core takes it."""
         return list(self.coefficients), self.size, 0
 
 

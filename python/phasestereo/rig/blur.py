@@ -8,7 +8,7 @@ the response of the relative blur.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -19,13 +19,15 @@ if TYPE_CHECKING:
 
 
 Side = Literal["none", "left", "right"]
-Kind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
+BlurKind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
 
 Glance: TypeAlias = tuple["NDArray[np.uint32]", "NDArray[np.float32]"]
 """What the core compares a later pair of the same cameras with."""
 
+_Kernel: TypeAlias = tuple[BlurKind, float, float, "NDArray[np.float64] | None"]
+
 Estimated: TypeAlias = tuple[
-    list[tuple[int, Kind, float, float, "NDArray[np.float64] | None"]],
+    list[tuple[int, _Kernel, _Kernel | None]],
     "NDArray[np.uint8]",
     int,
     float,
@@ -61,18 +63,31 @@ class Blur:
     psf
         The point-spread function, float64 (n, n), n odd, sum 1: the sharper image convolved with it
         is as soft as the other one. None if there is no blur.
+    other
+        The blur of the other image, where that one lacks something as well, as two cameras do that
+        were shaken along different ways: each image convolved with the blur of the other one, they
+        are alike. None: the other image lacks nothing.
     """
 
     side: Side
-    kind: Kind
+    kind: BlurKind
     size: float
     angle: float
     psf: NDArray[np.float64] | None = None
+    other: Blur | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the blur as JSON has it, without arrays."""
+        plain = {name: getattr(self, name) for name in ("side", "kind", "size", "angle")}
+        return plain | {"other": None if self.other is None else self.other.as_dict()}
 
     def __str__(self) -> str:
         """Return the blur in words."""
         if self.side == "none":
             return "none"
+
+        if self.other is not None:
+            return f"{replace(self, other=None)}, and {self.other}"
         along = f" at {self.angle:.0f} degrees" if self.kind == "motion" else ""
         return f"{self.side}, {self.kind} {self.size:.2f} px{along}"
 
@@ -106,8 +121,8 @@ class BlurEstimate:
     gain, gamma
         How intensities correspond, as fractions of their range: left = gain * right ** gamma. NaN
         in the result of a match, which does without.
-    Whether it was estimated of an earlier pair, and taken over since the blur of this one is as it
-        Whether it was made of an earlier pair, and taken over since the blur of this one is as it
+    reused
+        Whether it is of an earlier pair, and was taken over since the blur of this one is as it
         was: `Matcher.match` with ``before``, and `stream`.
     glance
         What a later pair of the same cameras is compared with; None: nothing can be.
@@ -142,8 +157,7 @@ class BlurEstimate:
     def as_dicts(self) -> list[dict[str, Any]]:
         """Return the kinds as JSON has them, each with its share of the image."""
         return [
-            {name: getattr(blur, name) for name in ("side", "kind", "size", "angle")}
-            | {"share": share}
+            blur.as_dict() | {"share": share}
             for blur, share in zip(self.blurs, self.areas(), strict=True)
         ]
 
@@ -179,7 +193,8 @@ def as_estimate(found: Estimated) -> BlurEstimate:
     """Return an estimate of the core as a `BlurEstimate`."""
     blurs, labels, tile, certainty, contrast, (noise, impulses, coding), glance = found
     kinds = tuple(
-        Blur(_SIDES[side], kind, size, angle, psf) for side, kind, size, angle, psf in blurs
+        Blur(_SIDES[side], *own, other=other and Blur(_SIDES[3 - side], *other))
+        for side, own, other in blurs
     )
 
     return BlurEstimate(

@@ -23,7 +23,7 @@ Noise: TypeAlias = float | tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BlurCompensation:
-    """What evens out the blur that one image of a pair alone has, area by area.
+    """The kernels that even out the blur that one image alone has, area by area.
 
     A blur that one image alone has is evened out by blurring the other one alike. Where the blur
     differs over the image, so does what evens it out: each pixel of the left image is of a class,

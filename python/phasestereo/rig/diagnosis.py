@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from phasestereo._images import Picture, Pixels
+    from phasestereo._images import ImageOrPath, Pixels
     from phasestereo.rig.alignment import Alignment
     from phasestereo.rig.blur import BlurEstimate
     from phasestereo.rig.findings import Finding
@@ -135,7 +135,7 @@ class Diagnosis:
         return plain
 
 
-def check(left: Picture, right: Picture) -> Diagnosis:
+def check(left: ImageOrPath, right: ImageOrPath) -> Diagnosis:
     """Diagnose a stereo pair, from the images alone.
 
     Parameters

@@ -73,6 +73,7 @@ def as_estimates(
     """Return what the core has estimated, completed by what the caller gave."""
     disparities, confidence, inverted, span, offsets, field, blur, suited, seconds = found
 
+    # What the core found calls for a compensation, and for sizes that suit it.
     if suited is not None:
         (noise, impulses, smoothing), kernels, labels, tile, (neighborhood, window) = suited
         for array in (labels, *chain.from_iterable(kernels)):

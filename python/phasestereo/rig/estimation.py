@@ -19,7 +19,7 @@ from phasestereo.settings import PRESETS
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from phasestereo._images import Picture, Pixels
+    from phasestereo._images import ImageOrPath, Pixels
     from phasestereo.rig.blur import BlurEstimate
     from phasestereo.rig.estimates import Estimates
 
@@ -29,8 +29,8 @@ _ROUGH_WIDTH = 256  # pixels: enough for areas that correspond within a few pixe
 
 
 def estimate_blur(
-    left: Picture,
-    right: Picture,
+    left: ImageOrPath,
+    right: ImageOrPath,
     *,
     num_disparities: int | None = None,
     min_disparity: int = 0,

@@ -162,7 +162,7 @@ def warn(found: tuple[Finding, ...]) -> None:
 
 
 def _match(search: SearchRange, summary: Summary, *, evened: bool) -> Iterator[Finding]:
-    """Say whether a match is one at all, and whether its range was right."""
+    """Yield findings on the match as a whole, and on its range."""
     if search.swapped:
         yield _swapped(f"{round(search.low)} to {round(search.high)} px")
         return
@@ -206,7 +206,7 @@ def _match(search: SearchRange, summary: Summary, *, evened: bool) -> Iterator[F
 
 
 def _matched_rows(result: Result) -> Iterator[Finding]:
-    """Say what was wrong with the rows, and what was done."""
+    """Yield findings on the rows, and on what was done about them."""
     found = result.alignment
     if found is None:
         return
@@ -227,6 +227,7 @@ def _matched_rows(result: Result) -> Iterator[Finding]:
             "baseline may not be level",
         )
 
+    # Where one image is blurred, the blocks scatter anyway.
     is_blurred = result.blur is not None and result.blur.blur.side != "none"
     if found.spread > _SCATTERED and not is_blurred:
         yield Finding(
@@ -289,6 +290,7 @@ def _rows(diagnosis: Diagnosis) -> Finding:
             "too little is found in both images to tell whether rows correspond",
         )
 
+    # An offset must be large, and clearly larger than its own error.
     least, much = (
         max(rows, errors * found.error) for rows, errors in zip(_ROWS, _ERRORS, strict=True)
     )
@@ -338,11 +340,16 @@ def _blur_of(estimate: BlurEstimate) -> Iterator[Finding]:
         where = "" if len(estimate.blurs) == 1 else f", over {share:.0%} of the image"
         probably = "" if estimate.certainty >= _SURE else "probably "
         other = "right" if blur.side == "left" else "left"
+        if blur.other is None:
+            what = f"softer than the {other} by {_shape(blur)}"
+        else:
+            what = f"blurred by {_shape(blur)}, the {other} one by {_shape(blur.other)}"
+
         yield Finding(
             "blur",
             "warning" if grave else "note",
-            f"the {blur.side} image is {probably}softer than the {other} by {_shape(blur)}{where}: "
-            f"{_hint(blur)}; robust matching will compensate",
+            f"the {blur.side} image is {probably}{what}{where}: {_hint(blur)}; robust matching "
+            "will compensate",
         )
 
     if not seen:

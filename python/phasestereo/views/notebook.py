@@ -161,9 +161,11 @@ def _beside(result: Result, known: NDArray[np.float32]) -> Iterable[str]:
     """Yield what stands beside the map: its scale, the pair, the confidences."""
     if known.size:
         yield _figure(_scale(known, limits(known)), "Disparity, pixels: how often which occurs")
+
     if result.pair is not None:
         for side, picture in zip(("Left", "Right"), _thumbnails(result.pair), strict=True):
             yield _figure(_image(picture, f"{side} image", photograph=True), f"{side} image")
+
     if result.confidence is not None:
         caption = f"Confidence, mean {result.confidence.mean():.2f}"
         yield _figure(_confidence(result.confidence), caption)
@@ -181,6 +183,7 @@ def _scale(known: NDArray[np.float32], ends: Ends) -> str:
     colors = colorize((edges[np.newaxis, 1:] + edges[:-1]) / 2, low=ends[0], high=ends[1])
 
     picture = np.full((_BARS + _GAP + _STRIP, len(counts), 3), NEUTRAL, np.uint8)
+    # Bars grow from the bottom, each in the color of its disparity; below is the whole scale.
     heights = np.ceil(_BARS * counts / counts.max())
     bars = np.arange(_BARS, 0, -1)[:, np.newaxis] <= heights
     picture[:_BARS] = np.where(bars[:, :, np.newaxis], colors, picture[:_BARS])

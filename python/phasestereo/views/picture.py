@@ -252,6 +252,8 @@ def distribution(values: NDArray[np.floating]) -> tuple[NDArray[np.intp], Map]:
         there are few enough, each has its own.
     """
     low, high = float(values.min()), float(values.max())
+
+    # Whole values get bins of whole width, centered on them.
     if (values == np.rint(values)).all():
         step = -(-int(high - low + 1) // (2 * _BINS))
         bins = -(-int(high - low + 1) // step)
@@ -259,6 +261,7 @@ def distribution(values: NDArray[np.floating]) -> tuple[NDArray[np.intp], Map]:
     else:
         bins = _BINS
         low, high = (low - 0.5, high + 0.5) if low == high else (low, high)
+
     return np.histogram(values, bins, (low, high))
 
 
@@ -375,10 +378,12 @@ def as_map(name: str, values: ArrayLike, *, like: tuple[int, ...] | None = None)
     array = np.asarray(values)
     if not np.issubdtype(array.dtype, np.floating):
         raise TypeError(f"{name}: got {array.dtype}; accepts floats (pixels, NaN = none)")
+
     if array.ndim != 2 or array.size == 0:
         raise ValueError(f"{name}: got shape {array.shape}; accepts (H, W)")
     if like is not None and array.shape != like:
         raise ValueError(f"{name}: got shape {array.shape}; accepts that of the estimate, {like}")
+
     return array.astype(np.float64)
 
 
@@ -386,10 +391,12 @@ def _common_size(pictures: Sequence[Picture], titles: Sequence[str]) -> tuple[in
     """Return the rows and columns that all pictures have."""
     if not pictures or len(pictures) != len(titles):
         raise ValueError(f"titles: got {len(titles)} of {len(pictures)} pictures; accepts one each")
+
     shape = pictures[0].shape
     for picture in pictures:
         if picture.dtype != np.uint8:
             raise TypeError(f"pictures: got {picture.dtype}; accepts uint8")
         if picture.shape != shape or picture.shape[2:] != (3,):
             raise ValueError(f"pictures: got shape {picture.shape}; accepts one (H, W, 3) for all")
+
     return shape[0], shape[1]

@@ -108,7 +108,9 @@ def disparity(
     values = _disparities(result)
     known = values[np.isfinite(values)]
     ends = limits(known, low, high)
+
     image = _draw(ax, values, ends, _colors(cmap, bad=NEUTRAL))
+
     if colorbar:
         _bar(image, "disparity, pixels", extend=_extent(known, ends))
     return image
@@ -367,6 +369,7 @@ def blur(
     if not isinstance(found, BlurEstimate):
         raise TypeError(f"estimate: got {type(found).__name__}; accepts a Result or BlurEstimate")
 
+    # An estimate does not know its image: each tile is drawn as a pixel, and stretched.
     labels = found.labels
     rows, cols = (length * found.tile for length in labels.shape)
     if isinstance(estimate, Result):
@@ -460,6 +463,7 @@ def _draw_categories(
     """Draw a map of what is one of several things; those that occur are named."""
     cmap = require("matplotlib.colors", extra="plot").ListedColormap(colors)
     image = _draw(ax, categories, (-0.5, len(colors) - 0.5), cmap)
+
     if legend:
         patch = require("matplotlib.patches", extra="plot").Patch
         shares = np.bincount(categories.ravel(), minlength=len(names)) / categories.size
@@ -469,6 +473,7 @@ def _draw_categories(
             if share
         ]
         image.axes.legend(handles=handles, **_LEGEND)
+
     return image
 
 

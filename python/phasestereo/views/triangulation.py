@@ -174,10 +174,12 @@ def _disparities(disparity: Result | ArrayLike) -> NDArray[Any]:
     """Return the disparities of a result, or of what is a map itself."""
     given = disparity.disparity if isinstance(disparity, Result) else disparity
     values = as_array(given, "disparity")
+
     if values.dtype.kind not in "iuf":
         raise TypeError(f"disparity: got dtype {values.dtype}; accepts real numbers")
     if values.ndim != 2:
         raise ValueError(f"disparity: got shape {values.shape}; accepts (H, W)")
+
     return values
 
 

@@ -8,13 +8,12 @@
 //! ```
 //!
 //! If B is known, that is the model of one blur (`fit`) whose sharper image is right / B. So all pairs of the bank are
-//! fitted first, then either blur is refined by turns while the other one is kept. A pair of round blurs is not tried:
-//! of these the quotient alone counts, which is explained by one of them.
+//! fitted first, then either blur is refined by turns while the other one is kept. Of two Gaussians only the difference
+//! is seen, which is a blur of one image.
 
 use super::bank::{Entry, bank};
 use super::fit::{BlurEvidence, Fit};
 use super::refine::refine;
-use crate::rig::psf::Family;
 use crate::simd::Level;
 
 /// How often both blurs are refined by turns.
@@ -48,19 +47,19 @@ pub fn two_sided(evidence: &[BlurEvidence; 2], level: Level) -> Option<TwoSided>
     Some(TwoSided { entries: [left, right], loss: 0.5 * (fits[0].loss + fits[1].loss), fits })
 }
 
-/// The best pair of the bank, at least one of which is a motion.
+/// The best pair of the bank.
 fn searched(evidence: &[BlurEvidence; 2], level: Level) -> Option<[&'static Entry; 2]> {
     let mut best = None;
     let mut least = f32::INFINITY;
 
-    for motion in bank().iter().filter(|entry| entry.psf.family == Family::Motion) {
+    for known in bank() {
         for (side, evidence) in evidence.iter().enumerate() {
-            let given = evidence.against(&motion.response);
+            let given = evidence.against(&known.response);
             let losses = given.losses(bank().iter().map(|entry| &entry.response), level);
             for (entry, loss) in bank().iter().zip(losses) {
                 if loss < least {
                     least = loss;
-                    best = Some(if side == 0 { [entry, motion] } else { [motion, entry] });
+                    best = Some(if side == 0 { [entry, known] } else { [known, entry] });
                 }
             }
         }

@@ -23,6 +23,7 @@ pub fn estimate(
 ) -> Result<Estimate> {
     let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
     let means = Means { matcher, how, control };
+
     let found = prepare(pair.clone(), known, &of_blur(), means)?.estimates;
     Ok(found.blur.expect("it was asked for"))
 }
@@ -36,6 +37,7 @@ pub fn estimate_by_rows(
 ) -> Result<Estimate> {
     let known = Known { candidates: Some(source.candidates()), ..Known::default() };
     let means = Means { matcher, how, control };
+
     let found = prepare_by_rows(source, known, &of_blur(), means)?;
     Ok(found.blur.expect("it was asked for"))
 }

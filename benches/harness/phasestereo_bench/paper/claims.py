@@ -29,7 +29,6 @@ __all__ = [
     "claims_table",
     "judge_claims",
     "lines",
-    "prototype_table",
     "settings_table",
 ]
 
@@ -136,17 +135,14 @@ def judge_claims(readings: Sequence[Reading]) -> list[ClaimResult]:
     """
     found = {setup.name: cases(readings, setup) for setup in SETUPS}
 
-    better, much = (
-        {
-            name: [gain > 0 for case in each for gain in case.gains.values()]
-            for name, each in found.items()
-        },
-        {
-            name: [gain >= _GAIN for case in each for gain in case.larger_gains]
-            for name, each in found.items()
-        },
-    )
-
+    better = {
+        name: [gain > 0 for case in each for gain in case.gains.values()]
+        for name, each in found.items()
+    }
+    much = {
+        name: [gain >= _GAIN for case in each for gain in case.larger_gains]
+        for name, each in found.items()
+    }
     flat = {
         name: [each.spread <= _FLAT for each in lines(readings) if each.protocol == protocol]
         for protocol, name in _SETUPS_OF_GAUSS.items()
@@ -255,43 +251,6 @@ def bits_table(found: Sequence[BitsLine]) -> Table:
     )
 
     return _table(header, rows, labels=2)
-
-
-def prototype_table(study: Study) -> Table:
-    """Return the prototype's figures beside what was measured."""
-    header = (
-        *("pair", "left image", "level", "method", "window", "penalty"),
-        *("prototype", "here", "difference", "by the suite's recipe", "in Figure 2, tied"),
-    )
-
-    rows = []
-    for figure, measured, suite in study.prototype:
-        beside = curve(
-            study.readings,
-            experiment=figure.experiment.key,
-            scene=figure.scene,
-            protocol="tied",
-            method=figure.method.cost,
-            rule=figure.rule,
-        ).get(float(figure.level))
-
-        rows.append(
-            (
-                figure.scene.title(),
-                figure.experiment.title,
-                f"{figure.experiment.symbol} = {figure.level:g}",
-                figure.method.name + (f", L = {figure.rule}" if figure.rule else ""),
-                str(figure.settings.window),
-                f"{figure.settings.p1:g}",
-                f"{figure.published:.1f}",
-                f"{measured:.1f}",
-                f"{round(measured - figure.published, 1) + 0:+.1f}",  # + 0: no minus before zero
-                f"{suite:.1f}",
-                MISSING if beside is None else f"{beside:.1f}",
-            )
-        )
-
-    return _table(header, rows, labels=4)
 
 
 def settings_table(study: Study) -> Table:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from phasestereo.settings import Settings
-from phasestereo_bench.degradation import Degradation, areas, disk_psf, gaussian_psf, motion_psf
+from phasestereo_bench.degradation import Degradation, areas, disk_psf, gaussian_psf
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -77,41 +77,29 @@ class PaperBlur:
     amount
         Length in pixels, standard deviation in pixels, or the blur factor: motion of that length
         along x, and a disk of that diameter. Motion of 1 and a Gaussian of 0 change nothing.
-    recipe
-        ``"paper"``: motion is a box of `amount` pixels and there is no noise. ``"suite"``: as the
-        one-sided-blur suite has it, motion of n being a path of n - 1 pixels between the centers
-        of pixels, a disk's radius (n - 1) / 2, and noise of 1 gray level being added.
     """
 
     kind: Kind
     amount: float
-    recipe: Literal["paper", "suite"] = "paper"
 
     def __call__(self, image: Image) -> Image:
         """Return the degraded image, of the same shape and type."""
-        noise = 1.0 if self.recipe == "suite" else 0.0
-
         if self.kind == "gauss":
-            return Degradation(gaussian_psf(self.amount), noise=noise)(image)
-        if self.kind != "areas":
-            return Degradation(self._motion(along_x=self.kind == "motion x"), noise=noise)(image)
+            return Degradation(gaussian_psf(self.amount))(image)
 
-        disk = disk_psf((self.amount - (self.recipe == "suite")) / 2)
+        motion = box_psf(self.amount)
+        if self.kind != "areas":
+            return Degradation(motion if self.kind == "motion x" else motion.T)(image)
+
+        disk = disk_psf(self.amount / 2)
         versions: list[Callable[[Image], Image]] = [
             _CONTRAST,
-            Degradation(self._motion(along_x=True)),
+            Degradation(motion),
             Degradation(),
             Degradation(disk),
         ]
 
-        return areas(image, _GRID, versions, noise=noise)
-
-    def _motion(self, *, along_x: bool) -> Kernel:
-        if self.recipe == "suite":
-            return motion_psf(self.amount, angle=0 if along_x else 90)
-
-        box = box_psf(self.amount)
-        return box if along_x else box.T
+        return areas(image, _GRID, versions)
 
 
 def box_psf(length: float) -> Kernel:

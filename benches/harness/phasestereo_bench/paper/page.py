@@ -17,7 +17,6 @@ from phasestereo_bench.paper.claims import (
     claims_table,
     judge_claims,
     lines,
-    prototype_table,
     settings_table,
 )
 from phasestereo_bench.paper.experiments import BITS_KEY, EXPERIMENTS, NSAD, PROTOCOLS, SAD
@@ -89,7 +88,6 @@ def _page(study: Study, environments: Sequence[Mapping[str, Any]]) -> str:
         "The claims": claims_table(judge_claims(readings)),
         **{f"Gains, {setup.name}": cases_table(cases(readings, setup)) for setup in SETUPS},
         "Figure 3: bad pixels in % by the bits b of the phase": bits_table(lines(readings)),
-        "Beside the figures of an earlier prototype in NumPy": prototype_table(study),
         "Settings chosen on the sharp pairs": settings_table(study),
     }
 
@@ -120,7 +118,6 @@ def _write_tables(study: Study, folder: Path) -> list[Path]:
 
     tables = {
         "claims": claims_table(judge_claims(study.readings)),
-        "prototype": prototype_table(study),
         "settings": settings_table(study),
     }
     for name, table in tables.items():

@@ -30,7 +30,6 @@ from phasestereo_bench.paper.experiments import (
     Grid,
     recoded,
 )
-from phasestereo_bench.paper.prototype import figures
 from phasestereo_bench.runner import Job, run_jobs
 
 if TYPE_CHECKING:
@@ -44,7 +43,6 @@ if TYPE_CHECKING:
     from phasestereo.settings import Settings
     from phasestereo_bench.datasets import Pair
     from phasestereo_bench.paper.experiments import Experiment, MatchingCost, PaperBlur, Series
-    from phasestereo_bench.paper.prototype import Figure
 
     Progress = Callable[[int, int], object] | None
     Watch = Callable[[str], AbstractContextManager[Progress]]
@@ -55,7 +53,6 @@ __all__ = [
     "Pairs",
     "PaperCell",
     "Reading",
-    "Remeasured",
     "Study",
     "TuningTask",
     "curve",
@@ -73,7 +70,7 @@ SCENES = {"cones": "scenes2003/cones", "tsukuba": "scenes2001/tsukuba"}
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """Where the pairs are, and what tells them from others of their names."""
+    """Where the pairs are, and digests that distinguish them from others of the same names."""
 
     folder: Path
     digests: dict[str, str]
@@ -134,7 +131,7 @@ class PaperCell:
     blur: PaperBlur
     settings: Settings
 
-    def told(self) -> dict[str, Any]:
+    def shown_settings(self) -> dict[str, Any]:
         """Return the settings that matter, None where there are no phase codes."""
         names = ("power", "bits", "neighborhood")
         phase = self.settings.cost == "phase"
@@ -157,9 +154,8 @@ class PaperCell:
             "pair": pairs.digests[self.scene],
             "degradation": self.blur.kind,
             "amount": float(self.blur.amount),
-            "recipe": self.blur.recipe,
             "method": self.settings.cost,
-            **self.told(),
+            **self.shown_settings(),
             "penalty": self.settings.p1,
         }
         return Job(key, score_cell, {"folder": str(pairs.folder), "cell": self})
@@ -323,14 +319,6 @@ def curve(readings: Iterable[Reading], **wanted: str | float) -> dict[float, flo
     }
 
 
-class Remeasured(NamedTuple):
-    """A figure of the prototype and what was measured: likewise, and by the suite's recipe."""
-
-    figure: Figure
-    measured: float
-    suite: float
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
     """All that was measured.
@@ -343,14 +331,11 @@ class Study:
         What was chosen.
     readings
         The points of Figures 2 and 3.
-    prototype
-        The prototype's figures, measured again.
     """
 
     quick: bool
     choices: Mapping[TuningTask, ChosenSettings]
     readings: list[Reading]
-    prototype: list[Remeasured]
 
 
 class _Point(NamedTuple):
@@ -396,10 +381,7 @@ def run_study(
     choices = {one: choose(one, grid, bad) for one in tuning_tasks()}
 
     points = [*_points(choices, quick=quick), *_bits_points(choices, quick=quick)]
-    known = [each for each in figures() if each.level in each.experiment.levels_of(quick=quick)]
     cells = [point.cell for point in points]
-    cells += [cell for each in known for cell in _cells(each)]
-
     with watch("Running the experiments") as progress:
         scores = measure(cells, pairs, store, workers=workers, progress=progress)
 
@@ -407,18 +389,6 @@ def run_study(
         quick=quick,
         choices=choices,
         readings=[_reading(point, scores[point.cell]) for point in points],
-        prototype=[
-            Remeasured(each, *(scores[cell].nonocc for cell in _cells(each))) for each in known
-        ],
-    )
-
-
-def _cells(figure: Figure) -> tuple[PaperCell, PaperCell]:
-    """Return a figure of the prototype here, and degraded by the recipe of the suite."""
-    blur = figure.experiment.blur(figure.level)
-    suite = blur if blur == SHARP else replace(blur, recipe="suite")
-    return PaperCell(figure.scene, blur, figure.settings), PaperCell(
-        figure.scene, suite, figure.settings
     )
 
 
@@ -479,6 +449,6 @@ def _reading(point: _Point, scores: Scores) -> Reading:
         method=point.series.method.cost,
         rule=point.series.rule,
         level=point.level,
-        **point.cell.told(),
+        **point.cell.shown_settings(),
         **scores._asdict(),
     )

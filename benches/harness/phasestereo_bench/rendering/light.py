@@ -107,6 +107,7 @@ def photograph(
         corner = ((columns - center_x) ** 2 + (rows - center_y) ** 2) / (center_x**2 + center_y**2)
         light *= (exposure * (1 - VIGNETTE * corner))[..., None].astype(np.float32)
 
+        # As on film, bright light saturates smoothly.
         tones = 255 * (1 - np.exp(-light)) ** (1 / GAMMA)
         tones += rng.normal(0.0, SENSOR_NOISE, tones.shape)
         picture[band] = np.clip(np.rint(tones), 0, 255)
@@ -124,6 +125,7 @@ def exposure_of(scene: Scenery, camera: Camera) -> float:
     bounds = windows(scene.shapes, thumbnail, LEFT)
     light = _radiance(scene, thumbnail, thumbnail.rays(x, y, LEFT), bounds, 0)
 
+    # The tones of `photograph`, solved for the light that comes out as middle gray.
     return -math.log(1 - MIDDLE_GRAY**GAMMA) / float(np.median(light))
 
 
@@ -246,7 +248,9 @@ def _illumination(surface: Surface, chart: Chart, height: Array) -> Array:
 
     x, y, z = chart.normal
     slant = x * SUN[0] + y * SUN[1] + z * SUN[2]
+    # Leaves let light through: either side is lit, and never quite dark.
     sun = 0.3 + 0.5 * abs(slant) if surface.thin else np.maximum(slant, 0)
+    # Within a hand of the floor up to half of the sky is hidden.
     near_ground = 0.5 * np.exp(height * (-1 / 0.07))
 
     light: Array = SUNLIGHT * sun + SKYLIGHT * (0.65 + 0.35 * y) * (1 - near_ground)

@@ -75,6 +75,7 @@ class Patch:
         """See `Shape.hit`."""
         nx, ny, nz = self.normal
         ox, oy, oz = (c - o for c, o in zip(self.center, rays.origin, strict=True))
+        # Distance to the plane, along its normal, over what the ray covers of it per unit of depth.
         depth = (nx * ox + ny * oy + nz * oz) / ((ny * rays.y + nz * rays.z) + nx * rays.x)
 
         u, v, _ = self.chart(*rays.at(depth))
@@ -159,6 +160,8 @@ class Frustum:
         """See `Shape.hit`."""
         qx, qy, qz = (o - c for o, c in zip(rays.origin, self.foot, strict=True))
         slope = self.slope
+        # The cone's radius at the height of the camera; square, half and root solve
+        # x^2 + z^2 = (radius at y)^2 along the ray.
         radius = self.low_radius + slope * qy
 
         square = (rays.z**2 - (slope * rays.y) ** 2) + rays.x**2

@@ -195,6 +195,7 @@ class Studio:
         y, x = self._grid(0.1 / across)
         nearest, second, cell = self._cells(y * across, x * across, across)
 
+        # Stones meet where two seeds are equally far: there are the gaps.
         gap = np.clip((second - nearest) / 0.12 - 0.3, 0, 1)
         tones = self.rng.normal(0, 0.3, across * across)[cell]
         kinds = self.rng.integers(len(colors), size=across * across)[cell]
@@ -217,6 +218,7 @@ class Studio:
         nearest = np.full(home.shape, np.inf, dtype=np.float32)
         second, cell = nearest.copy(), np.zeros(home.shape, dtype=np.intp)
 
+        # The nearest two seeds lie in the nine squares around, but for rare ones that do not show.
         for i in (-1, 0, 1):
             for j in (-1, 0, 1):
                 square = home + (i * (across + 4) + j)
@@ -237,6 +239,7 @@ class Studio:
         for k in range(leaves):
             top, left = (n * self.rng.uniform(size=2)).astype(int)
             rows, cols, colors = stamps[int(self.rng.integers(len(stamps)))]
+            # What is pasted first lies deep in the shade of the others.
             tone = np.float32(np.exp(self.rng.normal(0.9 * k / leaves - 0.9, 0.22)))
             tile[(rows + top) % n, (cols + left) % n] = colors * tone
 
@@ -260,6 +263,7 @@ class Studio:
         y, x = self._grid(0.004)
         v, u = y - 0.5, x - 0.5
 
+        # Side veins rise from the middle one at a slant.
         ribs = abs((14 * (u - 0.7 * abs(v))) % 1 - 0.5)
         veins = 0.45 * np.exp(-((v / 0.015) ** 2)) + 0.4 * np.clip(0.12 - ribs, 0, 1) / 0.12
         shade = tone + 0.9 * np.clip(u, -0.5, 0.2)

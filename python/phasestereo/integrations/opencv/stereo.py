@@ -225,6 +225,7 @@ def _target(disparity: Sixteenths | None, size: tuple[int, ...]) -> Sixteenths:
     """Return the array to write to: the given one, or a new one."""
     if disparity is None:
         return np.empty(size, np.int16)
+
     if not isinstance(disparity, np.ndarray) or disparity.dtype != np.int16:
         got = getattr(disparity, "dtype", type(disparity).__name__)
         raise TypeError(f"disparity: got {got}; accepts an array of int16, or None")
@@ -232,6 +233,7 @@ def _target(disparity: Sixteenths | None, size: tuple[int, ...]) -> Sixteenths:
         raise ValueError(
             f"disparity: got shape {disparity.shape}; accepts a writable array of {size}"
         )
+
     return disparity
 
 

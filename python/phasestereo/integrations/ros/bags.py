@@ -101,6 +101,7 @@ class Bag:
 
 def _reader(path: Path) -> Any:
     """Return the reader of such a file; single files of rosbag2 lack the folder that it expects."""
+    # Suffixes decide; a file of rosbag2 without its folder is read by the storage alone.
     if path.is_dir():
         return require("rosbags.rosbag2", extra="ros").Reader(path)
     if suffix(path) == ".bag":

@@ -85,6 +85,7 @@ def _samples(message: Any) -> NDArray[Any]:
     if data.size < rows * step:
         raise ValueError(f"image: cut short, it has {data.size} bytes of {rows * step}")
 
+    # Rows may be padded at their end: `step` is their length in bytes.
     lines = data[: rows * step].reshape(rows, step)[:, : cols * count * dtype.itemsize]
     pixels = np.ascontiguousarray(lines).view(dtype).reshape(rows, cols, count)
     return pixels[:, :, list(order)].astype(dtype.newbyteorder("="), copy=False)
@@ -122,6 +123,7 @@ def encode_image(array: NDArray[Any]) -> dict[str, Any]:
     names = {"uint8": "mono8", "uint16": "16UC1", "float32": "32FC1"}
     plain = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
     rows, cols = plain.shape[:2]
+
     return {
         "height": rows,
         "width": cols,

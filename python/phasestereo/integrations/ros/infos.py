@@ -18,7 +18,7 @@ _SAME = 1e-6  # relative: matrices that have been through text
 
 
 class RigGeometry(NamedTuple):
-    """How to rectify the frames (None: they are), and OpenCV's matrix Q of rectified ones."""
+    """The cameras that rectify frames (None: they are rectified), and Q of rectified ones."""
 
     cameras: Cameras | None
     q: Matrix | None
@@ -59,8 +59,11 @@ def _document(message: Any) -> dict[str, Any]:
         name: np.asarray(getattr(message, name, getattr(message, name.lower(), ())), np.float64)
         for name in "KDRP"
     }
+
+    # A camera without distortion may leave D out.
     if not fields["D"].size:
         fields["D"] = np.zeros(5)
+
     return fields | {
         "width": message.width,
         "height": message.height,

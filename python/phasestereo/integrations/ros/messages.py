@@ -75,6 +75,7 @@ def disparity_image(
     shift = 0.0 if calibration is None else calibration.doffs
     low, count = _range(result)
 
+    # ROS has no `doffs`: Z = f T / d must hold for what is sent.
     found = result.disparity + np.float32(shift)
     found[~np.isfinite(result.disparity)] = np.float32(low + shift - 1)
 
@@ -155,6 +156,7 @@ def point_cloud2(
     points["y"] = (np.arange(rows)[:, np.newaxis] - cy) * z / fy
     points["z"] = depth
 
+    # Colors are packed as 0x00RRGGBB.
     red, green, blue = np.moveaxis(as_rgb8(as_pixels(left, "left")).astype(np.uint32), 2, 0)
     points["rgb"] = red << 16 | green << 8 | blue
 
@@ -190,6 +192,7 @@ def diagnostics(make: Make, header: Header, diagnosis: Diagnosis) -> Any:
     """
     topics = dict.fromkeys(found.topic for found in diagnosis.findings)
     numbers = diagnosis.as_dict()
+
     return make(
         "diagnostic_msgs/msg/DiagnosticArray",
         header=header_of(make, header),
@@ -206,6 +209,7 @@ def _status(make: Make, diagnosis: Diagnosis, topic: str, numbers: Any) -> Any:
         make("diagnostic_msgs/msg/KeyValue", key=key, value=f"{value:.6g}")
         for key, value in _flat(numbers)
     ]
+
     return make(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=max(_LEVELS[one.severity] for one in found),

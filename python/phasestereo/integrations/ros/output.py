@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from phasestereo.integrations.video.streaming import Frame
     from phasestereo.io import Calibration
 
-Kind = Literal["disparity", "depth", "points", "diagnostics"]
-KINDS: tuple[Kind, ...] = ("disparity", "depth", "points", "diagnostics")
-GEOMETRIC: tuple[Kind, ...] = ("depth", "points")
+MessageKind = Literal["disparity", "depth", "points", "diagnostics"]
+KINDS: tuple[MessageKind, ...] = ("disparity", "depth", "points", "diagnostics")
+GEOMETRIC: tuple[MessageKind, ...] = ("depth", "points")
 """Kinds that need the geometry of the cameras."""
 
 _SECOND = 10**9  # ns
@@ -58,7 +58,7 @@ class FrameWriter:
         writer: RecordingWriter,
         topics: tuple[str, str],
         *,
-        kinds: Collection[Kind] = KINDS,
+        kinds: Collection[MessageKind] = KINDS,
         depth_encoding: str = DEPTHS[0],
     ) -> None:
         for kind in kinds:

@@ -17,7 +17,7 @@ Message: TypeAlias = Any
 
 
 class Header(NamedTuple):
-    """What a message says of itself: when it was taken, ns since 1970, and in which frame."""
+    """The header of a message: when it was taken, ns since 1970, and its coordinate frame."""
 
     stamp: int
     frame_id: str
@@ -87,6 +87,7 @@ def _alone(arrival: Arrival, apart: int | None, tolerance: int) -> tuple[Header,
     mine, other = SIDES[arrival.side], SIDES[1 - arrival.side]
     nearest = "" if apart is None else f": the next one is {apart / 1e9:.3f} s later"
     stamp = arrival.header.stamp / 1e9
+
     return arrival.header, UnpairedError(
         f"the {mine} frame of {stamp:.3f} s has no {other} one within {tolerance / 1e9:g} s"
         f"{nearest}"

@@ -110,6 +110,7 @@ def open_recording(
         bag.close()
         raise
 
+    # Headers are filled in as captures are read, so that each frame finds its own.
     headers: dict[int, Header] = {}
     captures = _captures(bag, (left, right), round(1e9 * tolerance), headers)
 
@@ -214,4 +215,5 @@ def _decoded(left: Any, right: Any) -> Pair:
             images.append(decode_image(message))
         except ValueError as error:
             raise ValueError(f"{side}: {error}") from error
+
     return images[0], images[1]

@@ -68,10 +68,13 @@ def _open(numbers: Sequence[int]) -> list[Any]:
     for number in numbers:
         device = cv2.VideoCapture(number)
         devices.append(device)
+
         if not device.isOpened():
             _release(devices)
             raise OSError(f"camera {number}: cannot be opened")
+
         device.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # frames that wait are old; not all drivers obey
+
     return devices
 
 
@@ -102,6 +105,7 @@ def _captures(
     while patience is None or missed < patience:
         grabbed: list[bool] = []
         times: list[float] = []
+        # A grab takes hardly any time, so the views are close; decoding comes later.
         for device in devices:
             grabbed.append(device.grab())
             times.append(monotonic())
@@ -140,4 +144,5 @@ def _retrieved(numbers: Sequence[int], devices: Sequence[Any]) -> list[Image]:
         if not there:
             raise OSError(f"camera {number}: gave a damaged frame")
         images.append(np.ascontiguousarray(image[:, :, ::-1]) if image.ndim == 3 else image)
+
     return images

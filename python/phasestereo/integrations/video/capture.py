@@ -26,7 +26,7 @@ class LayoutError(ValueError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture(Generic[T]):
-    """What was recorded at one moment.
+    """A recording of one moment.
 
     Parameters
     ----------

@@ -108,6 +108,7 @@ class _Decoder:
             yield self._lost(None, f"the video cannot be read any further ({broken.strerror})")
 
     def _decoded(self, packet: Any, failure: type[Exception]) -> Iterator[Capture[Image]]:
+        # A packet with a time announces a frame; it may be lost, or come later.
         announced = self._timed and packet.pts is not None and not packet.is_discard
         if announced and packet.size:
             heappush(self._announced, packet.pts)

@@ -116,6 +116,7 @@ def _paths(left: Path, right: Path) -> list[tuple[Path, Path]]:
     named = [{path.stem: path for path in view} for view in views]
 
     if named[0].keys() & named[1].keys():
+        # A frame of one view alone fails when it is read; the others keep their numbers.
         stems = sorted(named[0].keys() | named[1].keys(), key=_natural)
         return [
             (named[0].get(stem, left / stem), named[1].get(stem, right / stem)) for stem in stems

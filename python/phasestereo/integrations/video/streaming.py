@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from phasestereo._images import Picture
+    from phasestereo._images import ImageOrPath
     from phasestereo.integrations.video.capture import Capture, CaptureSource, Image, Layout, Pair
     from phasestereo.integrations.video.sources import Place
     from phasestereo.rectification import Rectification
@@ -99,12 +99,15 @@ class Failure:
     error: Exception
 
     def __str__(self) -> str:
-        """Say which frame failed, and why."""
+        """Return which frame failed, and why."""
         return f"frame {self.index}: {self.error}"
 
 
 def stream(
-    source: Place | Iterable[tuple[Picture, Picture]] | Iterable[ArrayLike] | CaptureSource[Pair],
+    source: Place
+    | Iterable[tuple[ImageOrPath, ImageOrPath]]
+    | Iterable[ArrayLike]
+    | CaptureSource[Pair],
     right: Place | None = None,
     *,
     num_disparities: int | None = None,
@@ -225,6 +228,7 @@ def stream(
         "blur_compensation": blur_compensation,
     }
 
+    # Wrong arguments are refused before any source is opened.
     _try(matcher, given, width=None)
     rectifier = None if rectify is None else _rectifier(rectify, (left_mask, right_mask))
     opened = open_source(source, right, layout=layout, patience=patience)
@@ -324,7 +328,7 @@ class Stream(Iterator[Frame], Closing):
 
 
 class _Work:
-    """What is done for a stream; it does not know the stream, so that this can be freed."""
+    """The work of a stream. It has no reference to the stream, so that this can be freed."""
 
     def __init__(
         self,
@@ -375,14 +379,14 @@ class _Work:
             except _FAULTS as error:
                 yield capture, error
 
-    def _straight(self, left: Picture, right: Picture) -> Pair:
+    def _straight(self, left: ImageOrPath, right: ImageOrPath) -> Pair:
         """Return a pair as it is to be matched."""
         if self.rectifier is not None:
             left, right = self.rectifier.pair(left, right)
         return opened_pair(left, right)
 
     def _peeked(self, taken: Iterator[_Taken]) -> Iterator[_Taken]:
-        """Look at the first frame."""
+        """Check the arguments against the first frame."""
         first = list(islice(taken, 1))
         for _, images in first:
             if isinstance(images, LayoutError):

@@ -106,6 +106,7 @@ class VideoWriter(Closing):
             wanted = f"{self._size[1]} x {self._size[0]}"
             raise ValueError(f"picture: got {cols} x {rows} pixels; accepts {wanted}, as before")
 
+        # The pixel format halves the colors, so that sides must be even.
         even = np.pad(picture, ((0, rows % 2), (0, cols % 2), (0, 0)))
         frame = require("av", extra="live").VideoFrame.from_ndarray(even, format="rgb24")
         frame.pts, frame.time_base = self._next(time), Fraction(1, _CLOCK)
@@ -117,6 +118,7 @@ class VideoWriter(Closing):
         container, self._container = self._container, None
         if container is None:
             return
+
         try:
             container.mux(self._stream.encode(None))
         finally:
@@ -159,8 +161,10 @@ def _check(picture: NDArray[np.uint8], time: float | None) -> None:
     if not isinstance(picture, np.ndarray) or picture.dtype != np.uint8:
         got = getattr(picture, "dtype", type(picture).__name__)
         raise TypeError(f"picture: got {got}; accepts uint8")
+
     if picture.ndim != 3 or picture.shape[2] != 3 or not picture.size:
         raise ValueError(f"picture: got shape {picture.shape}; accepts (H, W, 3)")
+
     if time is not None and not math.isfinite(time):
         raise ValueError(f"time: got {time}; accepts finite numbers")
 

@@ -41,7 +41,7 @@ def packed(array: NDArray[Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Coding:
-    """How disparities become 16 bits: ``low + step * code``; the last code stands for none."""
+    """A coding of disparities in 16 bits: ``low + step * code``; the last code stands for none."""
 
     low: float
     step: float

@@ -93,6 +93,9 @@ def _verdict(blur: BlurEstimate) -> str:
     if sides == {"none"}:
         return "No relative blur: neither image is softer than the other."
 
+    if any(kind.other for kind in blur.blurs):
+        return "Relative blur: each image lacks something that the other one has."
+
     softer = sorted(sides - {"none"})
     which = f"the {softer[0]} image is" if len(softer) == 1 else "now one image, now the other is"
     where = "" if len(blur.blurs) == 1 else ", not everywhere alike"
@@ -102,7 +105,9 @@ def _verdict(blur: BlurEstimate) -> str:
 def _words(kind: Blur) -> str:
     if kind.side == "none":
         return "no relative blur"
-    return f"{kind.side} image: {_KINDS[kind.kind].format(size=kind.size, angle=kind.angle)}"
+
+    own = f"{kind.side} image: {_KINDS[kind.kind].format(size=kind.size, angle=kind.angle)}"
+    return own if kind.other is None else f"{own}; {_words(kind.other)}"
 
 
 def _psf_uri(kind: Blur) -> str | None:
@@ -130,6 +135,7 @@ def metric_rows(score: Score) -> list[tuple[str, str]]:
         else:
             words = f"{value:.2f} {unit_of(name)}" if math.isfinite(value) else "\N{EN DASH}"
             rows.append((_NAMES.get(name, name), words))
+
     return rows
 
 
@@ -183,6 +189,7 @@ def charts(
 
     if truth is not None and scored is not None and scored.any():
         error = np.abs(result.disparity[scored].astype(np.float64) - truth[scored])
+        # Sorted errors give the share at every threshold; a missing estimate is never good.
         present = np.sort(error[np.isfinite(error)])
         good = np.searchsorted(present, _THRESHOLDS, side="right")
         wrong = 100 * (1 - good / error.size)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     Map = NDArray[np.float32]
 
-__all__ = ["FLAGS", "Kind", "Layer", "arrays_of", "flag_kinds", "layers_of", "views"]
+__all__ = ["FLAGS", "FlagKind", "Layer", "arrays_of", "flag_kinds", "layers_of", "views"]
 
 _WORST = 4.0  # error in pixels from which on the color is the darkest
 
@@ -82,7 +82,7 @@ class Layer:
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class FlagKind:
     """A flag: its bit, its name, how many pixels have it, and how it is shown."""
 
     bit: int
@@ -95,6 +95,7 @@ class Kind:
 
 def layers_of(result: Result, truth: Map | None) -> list[Layer]:
     """Return the layers of numbers that there are for a result, in the order of their buttons."""
+    # Both maps have the same ends, so that their colors compare.
     ends = _robust_ends(result.disparity if truth is None else truth, result.disparity)
     near = "near is red, far is blue"
     depth = colors(DISPARITY_COLORS)
@@ -113,11 +114,11 @@ def layers_of(result: Result, truth: Map | None) -> list[Layer]:
     return found
 
 
-def flag_kinds(flags: NDArray[np.uint16]) -> list[Kind]:
+def flag_kinds(flags: NDArray[np.uint16]) -> list[FlagKind]:
     """Return every flag that a pixel has, reasons before the fillings they led to."""
     counts = count_flags(flags)
     return [
-        Kind(flag.value, flag.words, counts[flag], counts[flag] / flags.size, color, meaning)
+        FlagKind(flag.value, flag.words, counts[flag], counts[flag] / flags.size, color, meaning)
         for flag, (color, meaning) in FLAGS.items()
         if counts[flag]
     ]
@@ -155,6 +156,7 @@ def arrays_of(
         "truth": None if truth is None else coding.encode(truth),
         "scored": None if scored is None else scored.astype(np.uint8),
     }
+
     return {name: packed(array[thin]) for name, array in found.items() if array is not None}
 
 

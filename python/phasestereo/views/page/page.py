@@ -119,7 +119,7 @@ def require_page() -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shown:
-    """What there is to show, and every how many pixels of it."""
+    """The content of the page, and the step at which pixels are shown."""
 
     pair: tuple[Pixels, Pixels]
     result: Result

@@ -59,7 +59,7 @@ class ScenePoints:
 
     @property
     def unit(self) -> str:
-        """What distances are in."""
+        """The unit of distances, in words."""
         return "in baselines" if self.nominal else "in the unit of the baseline"
 
 

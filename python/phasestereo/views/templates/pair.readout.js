@@ -34,7 +34,7 @@ function valuesOf({ x, y }) {
   };
 }
 
-function showPixel(pixel) {
+function readOut(pixel) {
   state.pixel = pixel;
   const values = valuesOf(pixel);
   for (const cell of element("values").querySelectorAll("dd")) {
@@ -68,7 +68,7 @@ function drawLens(side, x, y) {
 function hold(pixel) {
   state.held = Boolean(pixel);
   element("pinned").textContent = pixel ? "Held. Click or press Esc to let go." : "Click to hold a pixel.";
-  if (pixel) showPixel(pixel);
+  if (pixel) readOut(pixel);
 }
 
 function stepBy([dx, dy], count) {
@@ -87,12 +87,12 @@ function bindReadout() {
   };
   stage.canvas.addEventListener("pointermove", (event) => {
     const pixel = pixelAt(event);
-    if (pixel && !state.held) showPixel(pixel);
+    if (pixel && !state.held) readOut(pixel);
   });
   stage.canvas.addEventListener("click", (event) => {
     if (stage.dragged) return;
     hold(state.held ? null : pixelAt(event));
-    if (!state.held && pixelAt(event)) showPixel(pixelAt(event));
+    if (!state.held && pixelAt(event)) readOut(pixelAt(event));
   });
 }
 

@@ -218,7 +218,7 @@ function renew() {
   delete element("scale").dataset.view;
   choose(isThere(state.view) ? state.view : "disparity");
   const { x, y } = state.pixel ?? {};
-  showPixel(inside(x, y) ? state.pixel : { x: page.cols >> 1, y: page.rows >> 1 });
+  readOut(inside(x, y) ? state.pixel : { x: page.cols >> 1, y: page.rows >> 1 });
 }
 
 // As much of a layer as fills a small canvas.

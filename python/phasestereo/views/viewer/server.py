@@ -71,9 +71,11 @@ class Server:
         answers = _Answers(show)
         attributes: dict[str, Any] = {"token": self._token, "answers": answers}
         handler = type("Handler", (_Handler,), attributes)
+
         self._server = _Listener((_HOME, port), handler)
         self._port = int(self._server.server_address[1])
         answers.hosts = f"{_HOME}:{self._port}", f"localhost:{self._port}"
+
         self._thread = Thread(target=self._server.serve_forever, daemon=True)
 
     @property
@@ -110,6 +112,7 @@ class _Answers:
         self._lock = Lock()
         self._encoded: dict[str, tuple[Frame, bytes]] = {}
         self._picture: tuple[tuple[int, int], FramePicture] | None = None
+
         self.pages: dict[str, tuple[str, Callable[[dict[str, str]], bytes]]] = {
             "": ("text/html; charset=utf-8", self._page),
             "viewer.js": ("text/javascript; charset=utf-8", self._script),
@@ -119,6 +122,7 @@ class _Answers:
             "disparity.png": ("image/png", self._disparity),
             "scale.png": ("image/png", self._scale),
         }
+
         self.deeds: dict[str, Callable[[Any], Any]] = {
             "settings": self._set,
             "save": lambda _: {"saved": show.save(), "folder": str(show.folder.resolve())},

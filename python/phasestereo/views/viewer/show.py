@@ -47,7 +47,7 @@ _SMOOTH = 0.8  # share of the rate so far
 
 
 class _Fault(NamedTuple):
-    """What failed, how often one after the other, and when the last time."""
+    """A failure: how often it came in a row, and when the last time."""
 
     text: str
     times: int
@@ -55,7 +55,7 @@ class _Fault(NamedTuple):
 
 
 class Show:
-    """What the page shows, kept for any number of threads.
+    """The state that the page shows, shared by any number of threads.
 
     Parameters
     ----------
@@ -106,6 +106,7 @@ class Show:
         """Show a frame."""
         with self._news():
             now = monotonic()
+            # NaN is unequal to itself: before the first frame there is no rate.
             rate = 1 / max(now - self._last, 1e-3) if self._last == self._last else 0.0
             self._rate = _SMOOTH * self._rate + (1 - _SMOOTH) * rate if self._rate else rate
             self.frame, self._last = frame, now
@@ -142,7 +143,7 @@ class Show:
             self._calibration, self._unit = calibration, unit
 
     def end(self, why: str) -> None:
-        """Say that no more frames come, or none for now."""
+        """Show that no more frames come, and why."""
         with self._news():
             self._ended = why
 
@@ -256,6 +257,7 @@ class Show:
         )
 
         count = int(values["num_disparities"]) or None
+        # Settings that are refused raise here, and are not shown.
         if self._change is not None:
             self._change(settings, count)
 
@@ -307,6 +309,7 @@ class Show:
 
         paths = []
         for side, image in (("left", frame.left), ("right", frame.right)):
+            # PNG holds 8 bits, and 16 bits of gray; TIFF holds all.
             is_plain = image.dtype == np.uint8 or (image.dtype == np.uint16 and image.ndim == 2)
             path = self.folder / f"{stem}-{side}{'.png' if is_plain else '.tif'}"
             write_image(path, image)
