@@ -153,12 +153,11 @@ def test_what_is_found_is_what_python_finds(page: MatcherPage, rendered: Pair) -
     assert expected.search is not None
     assert expected.blur is not None
 
-    kinds = [
-        {name: blur[name] for name in ("side", "kind", "size", "angle", "share")}
-        for blur in found["blur"]
-    ]
+    names = "side", "kind", "size", "angle", "share"
+    kinds = [{name: blur[name] for name in names} for blur in found["blur"]]
+    there = [{name: blur[name] for name in names} for blur in expected.blur.as_dicts()]
 
-    assert kinds == expected.blur.as_dicts()
+    assert kinds == there
     assert kinds[0]["side"] == "left"
     assert kinds[0]["kind"] == "disk"
 

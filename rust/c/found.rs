@@ -209,3 +209,40 @@ fn kind(family: Family) -> u32 {
         Family::Annulus => PHASESTEREO_ANNULUS,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::blur::Glance;
+
+    #[test]
+    fn blurs_of_both_images_follow_one_another() {
+        let (left, right) = (Psf::motion(15.0, 30.0), Psf::motion(9.0, 120.0));
+        let both = blur::Blur {
+            side: Some(Side::Left),
+            psf: Some(left),
+            taps: Some(left.taps()),
+            other: Some(right),
+        };
+        let estimate = blur::Estimate {
+            blurs: vec![both],
+            labels: (1, 1, vec![0]),
+            tile: 64,
+            certainty: 1.0,
+            gain: 1.0,
+            noise: [0.0; 2],
+            impulses: [0.0; 2],
+            coding: [0.0; 2],
+            glance: Glance::default(),
+        };
+
+        let listed = blurs(&estimate);
+        let seen =
+            listed.iter().map(|blur| (blur.side, blur.kind, blur.size, blur.angle, blur.share));
+        let expected = [
+            (PHASESTEREO_LEFT, PHASESTEREO_MOTION, 15.0, 30.0, 1.0),
+            (PHASESTEREO_RIGHT, PHASESTEREO_MOTION, 9.0, 120.0, 1.0),
+        ];
+        assert!(seen.eq(expected));
+    }
+}
