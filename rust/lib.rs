@@ -82,6 +82,7 @@ pub use image::plane::Plane;
 pub use image::view::{Image, Mask, View};
 pub use pipeline::control::Control;
 pub use pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
+pub use pipeline::temporal::TemporalFilter;
 pub use refinement::flag;
 pub use rig::estimation::{Estimates, Known, Means, Prepared, prepare, prepare_and_match};
 pub use settings::presets::Preset;

@@ -7,6 +7,7 @@ mod arguments;
 mod found;
 mod reader;
 mod supervisor;
+mod temporal;
 mod workers;
 
 use std::sync::Arc;
@@ -25,6 +26,7 @@ use self::arguments::{
 use self::found::{Field, Found, Seen, found_to_py, read_field, read_glance};
 use self::reader::{Ranges, Reader};
 use self::supervisor::supervised;
+use self::temporal::{Shared, TemporalFilter};
 use self::workers::{Pool, Workers};
 use crate::cost::Costs;
 use crate::cost::aggregation::{Window, aggregate};
@@ -45,7 +47,7 @@ use crate::refinement::flag;
 use crate::rig::blur;
 use crate::rig::estimation::compensation::{LARGER, MUCH_LARGER};
 use crate::rig::estimation::overview::LEAST_SIZE;
-use crate::rig::estimation::{Known, Means, prepare, prepare_and_match, prepare_by_rows};
+use crate::rig::estimation::{Known, Means, Prepared, prepare, prepare_by_rows};
 use crate::settings::presets::Preset;
 use crate::simd::Level;
 
@@ -75,10 +77,10 @@ mod _core {
 
     #[pymodule_export]
     use super::{
-        Workers, aggregate_volume, blur_is_as_before, check_blur_compensation, check_settings,
-        cost_volume, descriptor, estimate_pair, estimate_pair_by_rows, find_ranges, find_roughness,
-        halo, match_pair, match_rows, optimize_volume, preset, simd_level, summarize,
-        working_memory,
+        TemporalFilter, Workers, aggregate_volume, blur_is_as_before, check_blur_compensation,
+        check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows, find_ranges,
+        find_roughness, halo, match_pair, match_rows, optimize_volume, preset, simd_level,
+        summarize, working_memory,
     };
 
     #[pymodule_init]
@@ -147,6 +149,9 @@ type Matched<'py> = (
     Bound<'py, PyDict>,
 );
 
+/// How many frames support each disparity, and seconds.
+type Supported<'py> = (Bound<'py, PyArray2<u8>>, f64);
+
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "what Python tells by name")]
 fn match_pair<'py>(
@@ -158,17 +163,24 @@ fn match_pair<'py>(
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
     known: KnownOfPair<'py>,
-) -> PyResult<(Matched<'py>, Found<'py>)> {
+    temporal: Option<PyRef<'py, TemporalFilter>>,
+) -> PyResult<(Matched<'py>, Found<'py>, Option<Supported<'py>>)> {
     let (settings, search) = (read_settings(settings)?, read_search(&disparities)?);
     let pair = read_images(&images, &masks, search)?;
     let known = read_known(&known, pair.size(), search)?;
     let (pool, rows) = (Pool::of(threads)?, pair.size().0);
     let how = Execution { threads: pool.threads(), level: Level::best() };
-    let (map, found) = supervised(py, &pool, rows, progress, move |matcher, control| {
+    let filter = temporal.map(|filter| filter.shared());
+    let (map, found, support) = supervised(py, &pool, rows, progress, move |matcher, control| {
         let means = Means { matcher, how, control };
-        prepare_and_match(pair, known, &settings, means)
+        let Prepared { pair, settings, found } = prepare(pair, known, &settings, means)?;
+        let mut map = matcher.run(&pair, &settings, how, control)?;
+        let apply = |filter: Shared| temporal::apply(&filter, &pair, &settings, &mut map, means);
+        let support = filter.map(apply).transpose()?;
+        Ok((map, found, support))
     })?;
-    Ok((disparity_to_py(py, map)?, found_to_py(py, found)?))
+    let support = support.map(|(frames, time)| Ok::<_, PyErr>((wrap(py, frames)?, time)));
+    Ok((disparity_to_py(py, map)?, found_to_py(py, found)?, support.transpose()?))
 }
 
 fn disparity_to_py(py: Python<'_>, found: Disparity) -> PyResult<Matched<'_>> {

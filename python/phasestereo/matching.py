@@ -13,6 +13,7 @@ from phasestereo.rig.compensation import BlurCompensation, Noise, as_noise
 from phasestereo.rig.estimates import Known, as_estimates
 from phasestereo.rig.findings import warn
 from phasestereo.settings import Settings, resolve
+from phasestereo.temporal import core_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import Picture, Pixels
-    from phasestereo.rig.estimates import Estimates, Matched
+    from phasestereo.rig.estimates import Estimates, Matched, Supported
+    from phasestereo.temporal import TemporalFilter
 
     Mask = NDArray[np.bool_]
     Progress = Callable[[int, int], object]
@@ -202,6 +204,7 @@ class Matcher:
         noise: Noise | None = None,
         blur_compensation: BlurCompensation | None = None,
         before: Result | None = None,
+        temporal_filter: TemporalFilter | None = None,
     ) -> Result:
         """Match a rectified stereo pair: parameters, result and errors are those of `match`.
 
@@ -213,6 +216,16 @@ class Matcher:
             contrast, the field of the rows, and the range of disparities unless it is told; and
             ``result.blur.reused`` is True. What a glance does not see is told by the notes of
             `phasestereo.stream`. None: all is estimated anew, if need be.
+        temporal_filter
+            What steadies the disparities of a video, of which this is the next frame;
+            ``result.temporal_support`` says where it did. None: nothing does.
+
+        Raises
+        ------
+        TypeError
+            Also for a filter that is none.
+        ValueError
+            Also for a filter that another match is using at this moment.
         """
         search = min_disparity, num_disparities
         masks = left_mask, right_mask
@@ -225,6 +238,7 @@ class Matcher:
             progress=progress,
             given=(noise, blur_compensation),
             before=before,
+            temporal_filter=temporal_filter,
         )
         warn(result.findings)
         return result
@@ -248,6 +262,7 @@ def match_silently(
     progress: Progress | None,
     given: tuple[Noise | None, BlurCompensation | None],
     before: Result | None = None,
+    temporal_filter: TemporalFilter | None = None,
 ) -> Result:
     """Match as `match` and `Matcher.match` do, without a warning."""
     if progress is not None and not callable(progress):
@@ -257,15 +272,20 @@ def match_silently(
     size = pair[0].shape
     valid = as_mask(masks[0], size, "left_mask"), as_mask(masks[1], size, "right_mask")
     known: Known = as_noise(*given), given[1], None, False
+    temporal = core_of(temporal_filter)
     if before is not None and _is_as_before(before, pair, valid, threads):
-        matched, found = _again(before, pair, valid, search, (threads, progress))
+        how = threads, progress
+        matched, found, supported = _again(before, pair, valid, search, how, temporal)
     else:
-        matched, estimated = _core.match_pair(
-            pair, valid, search, settings, threads, progress, known
+        matched, estimated, supported = _core.match_pair(
+            pair, valid, search, settings, threads, progress, known, temporal
         )
         found = as_estimates(estimated, settings, search, given[1])
     disparity, flags, confidence, stages = matched
     timings = {"estimation": found.seconds} if found.seconds else {}
+    support, seconds = supported or (None, 0.0)
+    if support is not None:
+        stages = stages | {"temporal filter": seconds}
     searched = found.search.min_disparity, found.search.num_disparities
     return Result(
         disparity,
@@ -279,6 +299,7 @@ def match_silently(
         blur_compensation=found.blur_compensation,
         summary=Summary(*_core.summarize(disparity, flags, confidence, searched)),
         pair=arrays,
+        temporal_support=support,
     )
 
 
@@ -300,7 +321,8 @@ def _again(
     masks: tuple[Mask | None, Mask | None],
     search: Search,
     how: tuple[int | _core.Workers | None, Progress | None],
-) -> tuple[Matched, Estimates]:
+    temporal: _core.TemporalFilter | None,
+) -> tuple[Matched, Estimates, Supported | None]:
     """Match with what was found out of an earlier pair."""
     if search[1] is None and before.search is not None:
         search = before.search.min_disparity, before.search.num_disparities
@@ -309,8 +331,10 @@ def _again(
     asked = replace(before.settings, align_rows=False)
     inverted = before.search is not None and before.search.inverted and asked.compensate_blur
     known: Known = None, compensation, field, inverted
-    matched, estimated = _core.match_pair(pair, masks, search, asked, *how, known)
+    matched, estimated, supported = _core.match_pair(
+        pair, masks, search, asked, *how, known, temporal
+    )
     same = as_estimates(estimated, before.settings, search, compensation)
     blur = None if before.blur is None else replace(before.blur, reused=True)
     kept = before.search or same.search
-    return matched, replace(same, search=kept, blur=blur, alignment=alignment)
+    return matched, replace(same, search=kept, blur=blur, alignment=alignment), supported

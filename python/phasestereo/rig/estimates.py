@@ -41,6 +41,9 @@ Matched: TypeAlias = (
 )
 """What a match gives: disparities, flags, confidence, seconds of its stages."""
 
+Supported: TypeAlias = "tuple[NDArray[np.uint8], float]"
+"""What a temporal filter gives: how many frames support each disparity, seconds."""
+
 Known: TypeAlias = "tuple[tuple[float, float] | None, BlurCompensation | None, Field | None, bool]"
 """What the core is told: noise, versions, the field of the rows, whether the right image is to be
 inverted."""

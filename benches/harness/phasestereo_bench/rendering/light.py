@@ -91,7 +91,13 @@ class Scene:
 
 
 def photograph(
-    scene: Scene, camera: Camera, side: int, exposure: float, rng: np.random.Generator
+    scene: Scene,
+    camera: Camera,
+    side: int,
+    exposure: float,
+    rng: np.random.Generator,
+    *,
+    noise: float = SENSOR_NOISE,
 ) -> NDArray[np.uint8]:
     """Take one view: light through a lens that darkens the corners, film-like tones, noise."""
     bounds = windows(scene.shapes, camera, side)
@@ -104,7 +110,7 @@ def photograph(
         corner = ((columns - center_x) ** 2 + (rows - center_y) ** 2) / (center_x**2 + center_y**2)
         light *= (exposure * (1 - VIGNETTE * corner))[..., None].astype(np.float32)
         tones = 255 * (1 - np.exp(-light)) ** (1 / GAMMA)
-        tones += rng.normal(0.0, SENSOR_NOISE, tones.shape)
+        tones += rng.normal(0.0, noise, tones.shape)
         picture[band] = np.clip(np.rint(tones), 0, 255)
     return picture
 

@@ -23,6 +23,7 @@ from phasestereo.integrations.video.capture import LayoutError
 from phasestereo.integrations.video.sources import open_source
 from phasestereo.matching import Matcher
 from phasestereo.rig.findings import untrusted
+from phasestereo.temporal import TemporalFilter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Mapping
@@ -117,6 +118,7 @@ def stream(
     stop: int | None = None,
     every: int = 1,
     reestimate: int = REESTIMATE,
+    temporal_filter: bool = True,
     patience: int | None = PATIENCE,
     on_error: Callable[[Failure], object] | None = None,
     preset: str | None = None,
@@ -163,6 +165,9 @@ def stream(
     reestimate
         The blur of a frame is estimated anew when it is not as it was at a glance, and at the
         latest so many frames after the last estimate; 1: of every frame. See the notes.
+    temporal_filter
+        Make disparities steadier where neither image has changed, as `phasestereo.TemporalFilter`
+        does; ``frame.result.temporal_support`` says where. False: each frame by itself.
     patience
         Frames in a row that cameras may miss before they count as gone; None: they are waited for.
     on_error
@@ -202,7 +207,8 @@ def stream(
     than a sixteenth of the image, sizes that change by less than a fifth or so, and changes of
     noise or contrast that both images share: that is found ``reestimate`` frames later at most. If
     the scene moves by many pixels, blur is estimated anew, too. What a frame gives thus depends on
-    those before it, unless ``reestimate`` is 1.
+    those before it, unless ``reestimate`` is 1 and ``temporal_filter`` False. A frame that fails
+    changes nothing of what is carried over.
 
     Examples
     --------
@@ -216,6 +222,9 @@ def stream(
     as_integer("reestimate", reestimate, least=1)
     if patience is not None:
         as_integer("patience", patience, least=1)
+    if not isinstance(temporal_filter, bool):
+        kind = type(temporal_filter).__name__
+        raise TypeError(f"temporal_filter: got {kind}; accepts True or False")
     matcher = Matcher(preset=preset, settings=settings, threads=threads, **overrides)
     given = {
         "num_disparities": num_disparities,
@@ -230,7 +239,14 @@ def stream(
     opened = open_source(source, right, layout=layout, patience=patience)
     try:
         return Stream(
-            opened, matcher, given, wanted, on_error, reestimate=reestimate, rectifier=rectifier
+            opened,
+            matcher,
+            given,
+            wanted,
+            on_error,
+            reestimate=reestimate,
+            rectifier=rectifier,
+            temporal_filter=TemporalFilter() if temporal_filter else None,
         )
     except BaseException:
         opened.close()
@@ -254,10 +270,12 @@ class Stream(Iterator[Frame]):
         *,
         reestimate: int,
         rectifier: Rectifier | None = None,
+        temporal_filter: TemporalFilter | None = None,
     ) -> None:
         self._source, self._wanted = source, wanted
         self._work = _Work(source, matcher, given, on_error or _warn, reestimate)
         self._work.rectifier = rectifier
+        self._work.temporal_filter = temporal_filter
         self._frames = self._work.frames(wanted)
 
     @property
@@ -351,6 +369,7 @@ class _Work:
     ) -> None:
         self.matcher, self.failed = matcher, 0
         self.rectifier: Rectifier | None = None
+        self.temporal_filter: TemporalFilter | None = None
         self._reestimate, self._reused = reestimate, 0
         self._last: Result | None = None
         self._source, self._given, self._report = source, given, report
@@ -428,7 +447,13 @@ class _Work:
             raise images
         left, right = images
         masks = {} if self.rectifier is None else self.rectifier.masks
-        result = self.matcher.match(left, right, **{**self._given, **masks}, before=self._before())
+        result = self.matcher.match(
+            left,
+            right,
+            **{**self._given, **masks},
+            before=self._before(),
+            temporal_filter=self.temporal_filter,
+        )
         self._last = None if untrusted(result.findings) else replace(result, pair=None)
         self._reused = self._reused + 1 if result.blur and result.blur.reused else 0
         images = _squeezed(left), _squeezed(right)

@@ -1,0 +1,380 @@
+//! Where a view of a video has changed by more than its noise.
+//!
+//! A view is compared with its mean over the frames since each pixel changed last: so changes add up that are too slow to be
+//! seen from one frame to the next. With `g` the gray value of this frame, `m` and `n` mean and count of those before, and
+//! `noise` the variance of the noise:
+//!
+//! ```text
+//! excess  = min((g - m)^2 / noise, LARGEST) - RATIO (1 + 1 / n)      0 beside the image, and where g or m is unknown
+//! changed = the sum of 3 x 3 excesses is positive, or g or m is unknown
+//! if changed:  n = 1                    m = g
+//! else:        n = min(n + 1, FRAMES)   m += (g - m) / n
+//! ```
+//!
+//! `noise (1 + 1 / n)` is what is to be expected of `(g - m)^2` where nothing has changed. Masked pixels are unknown.
+//!
+//! The noise is found in each frame anew: the mean square of the second difference along both axes (Immerkaer 1996), which
+//! cancels all but texture, of blocks of 8 x 8 pixels; of these the quietest twentieth tells. That of the estimation of blur
+//! takes longer than a match of the preset `fast`, and `fast` does without it; here it does not matter much: bad-1.0 of
+//! a moving camera stays as it is from half the noise up to 1.5 times of it.
+//!
+//! Values are 32-bit floats, each worked out by itself in the order above: no result depends on bands or on lanes.
+
+use std::mem;
+
+use rayon::prelude::*;
+
+use crate::error::Result;
+use crate::image::intensity::{Range, float_range};
+use crate::image::plane::{Plane, zeroed};
+use crate::image::view::View;
+use crate::pipeline::control::Control;
+use crate::pipeline::temporal::FRAMES;
+use crate::simd::{Level, Loop};
+
+/// Times the expected square that is no change yet. The larger, the more of the noise passes for none, and the more of slow
+/// motion, too. With 2, 3 and 4 the deviation of a static scene under a noise of 8 gray levels is 0.66, 0.39 and 0.39 of
+/// that without the filter (`fast`).
+pub const RATIO: f32 = 3.0;
+/// Largest square that counts for one pixel, in units of the noise: no float overflows, and no pixel outweighs all others
+/// by more than it takes to be seen.
+pub const LARGEST: f32 = 16384.0;
+/// Least and largest standard deviation of the noise, gray levels of which there are 255 from black to white: rounding to
+/// bytes has 0.29, and a camera with more than 10 shows no texture to match by.
+pub const LEAST_NOISE: f32 = 0.25;
+/// See [`LEAST_NOISE`].
+pub const MOST_NOISE: f32 = 10.0;
+/// Side of the blocks that the noise is found from.
+pub const BLOCK: usize = 8;
+/// Blocks that are enough: rows of them are left out of larger images.
+pub const ENOUGH_BLOCKS: usize = 1024;
+/// The share of the blocks, one in so many, in which there is little but noise ...
+pub const QUIETEST: usize = 20;
+/// ... and how many times their mean square it is. Of noise alone it would be 1.78; there is texture in most of them, too.
+pub const BLOCK_FACTOR: f32 = 1.25;
+
+/// Gray levels from black to white.
+const WHITE: f64 = 255.0;
+/// Rows of a band: those above and below it are worked out once more.
+const BAND: usize = 16;
+
+/// From pixels to gray levels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    /// The kind of pixels, and the number of channels.
+    kind: (mem::Discriminant<crate::image::view::Image>, usize),
+    /// Black, in thousandths of the pixels' unit.
+    black: f64,
+    /// Gray levels to a thousandth of the pixels' unit.
+    factor: f64,
+}
+
+impl Scale {
+    /// That of a view; of floats the range of this one frame holds for those that follow.
+    pub fn of_view(view: &View, control: &Control) -> Result<Self> {
+        let range = match view.image.white() {
+            Some(white) => Range { black: 0.0, white: 1000.0 * f64::from(white) },
+            None => float_range(view, control)?,
+        };
+        let width = if range.width() > 0.0 { range.width() } else { 1.0 };
+        Ok(Self { kind: kind(view), black: range.black, factor: WHITE / width })
+    }
+
+    /// Whether the view has pixels of this kind.
+    pub fn suits(&self, view: &View) -> bool {
+        self.kind == kind(view)
+    }
+
+    /// Writes the gray levels of a row; NaN where they are masked.
+    fn write(&self, view: &View, y: usize, level: Level, room: &mut Room) {
+        let Room { integers, floats, gray, .. } = room;
+        if view.image.white().is_some() {
+            view.image.write_centered(y, 0, level, integers);
+            let unit = if view.image.shape().2 == 3 { 1.0 } else { 1000.0 };
+            level.run(Leveled { values: integers, factor: (unit * self.factor) as f32, gray });
+        } else {
+            view.image.write_luminance(y, floats);
+            for (gray, value) in gray.iter_mut().zip(floats) {
+                *gray = ((*value - self.black) * self.factor) as f32;
+            }
+        }
+        if let Some(mask) = &view.mask {
+            for (gray, is_valid) in gray.iter_mut().zip(mask.row(y)) {
+                *gray = if *is_valid { *gray } else { f32::NAN };
+            }
+        }
+    }
+}
+
+fn kind(view: &View) -> (mem::Discriminant<crate::image::view::Image>, usize) {
+    (mem::discriminant(&view.image), view.image.shape().2)
+}
+
+/// What is known of a view from the frames before, and where the last one changed.
+#[derive(Debug)]
+pub struct Changes {
+    scale: Scale,
+    now: Mean,
+    /// That of the frame before, to be written over.
+    before: Mean,
+    changed: Plane<bool>,
+}
+
+/// Mean gray levels, and of how many frames; 0: unknown.
+#[derive(Debug)]
+struct Mean {
+    gray: Plane<f32>,
+    count: Plane<u8>,
+}
+
+impl Mean {
+    fn new((rows, cols): (usize, usize)) -> Result<Self> {
+        Ok(Self { gray: Plane::new(rows, cols)?, count: Plane::new(rows, cols)? })
+    }
+}
+
+impl Changes {
+    /// Of a view of which nothing was seen yet.
+    pub fn new(size: (usize, usize), scale: Scale) -> Result<Self> {
+        let changed = Plane::new(size.0, size.1)?;
+        Ok(Self { scale, now: Mean::new(size)?, before: Mean::new(size)?, changed })
+    }
+
+    /// Where row `y` of the last frame has changed.
+    pub fn row(&self, y: usize) -> &[bool] {
+        self.changed.row(y)
+    }
+
+    /// Takes up the next frame.
+    pub fn update(&mut self, view: &View, level: Level, control: &Control) -> Result<()> {
+        let noise = noise(view, &self.scale, level, control)?;
+        mem::swap(&mut self.now, &mut self.before);
+        let Self { scale, now, before, changed } = self;
+        let (rows, cols) = (changed.rows(), changed.cols());
+
+        let size = BAND * cols;
+        let bands = now.gray.as_mut_slice().par_chunks_mut(size);
+        let bands = bands.zip(now.count.as_mut_slice().par_chunks_mut(size));
+        let bands = bands.zip(changed.as_mut_slice().par_chunks_mut(size)).enumerate();
+        bands.try_for_each(|(band, ((gray, count), changed))| {
+            control.checkpoint()?;
+            let (first, mut rooms) =
+                (band * BAND, [Room::new(cols)?, Room::new(cols)?, Room::new(cols)?]);
+            // The row above the band, and its first one.
+            for y in [first.wrapping_sub(1), first] {
+                rooms[y.wrapping_add(1) % 3].load(view, scale, before, (y, rows), noise, level);
+            }
+            let outputs = gray.chunks_mut(cols).zip(count.chunks_mut(cols));
+            for (y, ((gray, count), changed)) in
+                (first..).zip(outputs.zip(changed.chunks_mut(cols)))
+            {
+                rooms[(y + 2) % 3].load(view, scale, before, (y + 1, rows), noise, level);
+                let excess = [y, y + 1, y + 2].map(|slot| &*rooms[slot % 3].excess);
+                let means = (before.gray.row(y), before.count.row(y));
+                let new = &*rooms[(y + 1) % 3].gray;
+                level.run(Update { excess, means, new, gray, count, changed });
+            }
+            Ok(())
+        })
+    }
+}
+
+/// A row that is worked on.
+struct Room {
+    integers: Vec<i32>,
+    floats: Vec<f64>,
+    gray: Vec<f32>,
+    /// With one more pixel at either end.
+    excess: Vec<f32>,
+}
+
+impl Room {
+    fn new(cols: usize) -> Result<Self> {
+        let (integers, floats) = (zeroed(cols)?, zeroed(cols)?);
+        Ok(Self { integers, floats, gray: zeroed(cols)?, excess: zeroed(cols + 2)? })
+    }
+
+    /// Works out row `y` of so many; beside the image nothing is in excess.
+    fn load(
+        &mut self,
+        view: &View,
+        scale: &Scale,
+        before: &Mean,
+        (y, rows): (usize, usize),
+        noise: f32,
+        level: Level,
+    ) {
+        if y >= rows {
+            self.excess.fill(0.0);
+            return;
+        }
+        scale.write(view, y, level, self);
+        let (mean, count) = (before.gray.row(y), before.count.row(y));
+        let last = self.excess.len() - 1;
+        let excess = &mut self.excess[1..last];
+        level.run(Excess { gray: &self.gray, mean, count, inverse: 1.0 / noise, excess });
+    }
+}
+
+struct Leveled<'a> {
+    values: &'a [i32],
+    factor: f32,
+    gray: &'a mut [f32],
+}
+
+impl Loop for Leveled<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (gray, value) in self.gray.iter_mut().zip(self.values) {
+            *gray = *value as f32 * self.factor;
+        }
+    }
+}
+
+struct Excess<'a> {
+    gray: &'a [f32],
+    mean: &'a [f32],
+    count: &'a [u8],
+    inverse: f32,
+    excess: &'a mut [f32],
+}
+
+impl Loop for Excess<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        write_excess(self.gray, self.mean, self.count, self.inverse, self.excess);
+    }
+}
+
+/// Outputs and inputs are arguments of their own: only so does the vectorizer know that they do not overlap.
+#[inline(always)]
+fn write_excess(gray: &[f32], mean: &[f32], count: &[u8], inverse: f32, excess: &mut [f32]) {
+    let cols = excess.len();
+    let (gray, mean, count) = (&gray[..cols], &mean[..cols], &count[..cols]);
+    for x in 0..cols {
+        let difference = gray[x] - mean[x];
+        let square = (difference * difference) * inverse;
+        let square = if square < LARGEST { square } else { LARGEST };
+        let value = square - (RATIO + RATIO / f32::from(count[x]));
+        excess[x] = if (count[x] == 0) | gray[x].is_nan() { 0.0 } else { value };
+    }
+}
+
+struct Update<'a> {
+    excess: [&'a [f32]; 3],
+    means: (&'a [f32], &'a [u8]),
+    new: &'a [f32],
+    gray: &'a mut [f32],
+    count: &'a mut [u8],
+    changed: &'a mut [bool],
+}
+
+impl Loop for Update<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { excess, means, new, gray, count, changed } = self;
+        update(excess, means, new, gray, count, changed);
+    }
+}
+
+/// See [`write_excess`].
+#[inline(always)]
+fn update(
+    [above, own, below]: [&[f32]; 3],
+    (mean, frames): (&[f32], &[u8]),
+    new: &[f32],
+    gray: &mut [f32],
+    count: &mut [u8],
+    changed: &mut [bool],
+) {
+    let cols = gray.len();
+    let (above, own, below) = (&above[..cols + 2], &own[..cols + 2], &below[..cols + 2]);
+    let (mean, frames, new) = (&mean[..cols], &frames[..cols], &new[..cols]);
+    let (count, changed) = (&mut count[..cols], &mut changed[..cols]);
+    for x in 0..cols {
+        let column = |x: usize| (above[x] + own[x]) + below[x];
+        let sum = (column(x) + column(x + 1)) + column(x + 2);
+        let (is_unknown, is_first) = (new[x].is_nan(), frames[x] == 0);
+        let has_changed = (sum > 0.0) | is_unknown | is_first;
+
+        let more = if frames[x] < FRAMES { frames[x] + 1 } else { FRAMES };
+        let value = mean[x] + (new[x] - mean[x]) / f32::from(more);
+        let value = if has_changed { new[x] } else { value };
+        let frames = if has_changed { 1 } else { more };
+
+        gray[x] = if is_unknown { 0.0 } else { value };
+        count[x] = if is_unknown { 0 } else { frames };
+        changed[x] = has_changed;
+    }
+}
+
+/// The variance of the noise of a view, squared gray levels.
+pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Result<f32> {
+    let (rows, cols, _) = view.image.shape();
+    // Second differences do without the outermost pixels.
+    let (down, across) = (rows.saturating_sub(2) / BLOCK, cols.saturating_sub(2) / BLOCK);
+    let step = (down * across).div_ceil(ENOUGH_BLOCKS).max(1);
+    let squares = (0..down.div_ceil(step)).into_par_iter().map(|index| {
+        control.checkpoint()?;
+        block_squares(view, scale, index * step * BLOCK, level)
+    });
+    let squares: Vec<_> = squares.collect::<Result<_>>()?;
+    let mut squares: Vec<f32> =
+        squares.into_iter().flatten().filter(|square| !square.is_nan()).collect();
+    if squares.is_empty() {
+        return Ok(LEAST_NOISE * LEAST_NOISE);
+    }
+    let place = squares.len() / QUIETEST;
+    let (_, square, _) = squares.select_nth_unstable_by(place, f32::total_cmp);
+    Ok((*square * BLOCK_FACTOR).clamp(LEAST_NOISE * LEAST_NOISE, MOST_NOISE * MOST_NOISE))
+}
+
+/// The mean squares of the second differences in a row of blocks whose pixels above begin with row `first`; NaN where
+/// pixels are masked.
+fn block_squares(view: &View, scale: &Scale, first: usize, level: Level) -> Result<Vec<f32>> {
+    let cols = view.image.shape().1;
+    let (mut room, mut sums) = (Room::new(cols)?, zeroed(cols - 2)?);
+    let mut rows: [Vec<f32>; 3] = [zeroed(cols)?, zeroed(cols)?, zeroed(cols)?];
+    for y in 0..BLOCK + 2 {
+        scale.write(view, first + y, level, &mut room);
+        mem::swap(&mut rows[y % 3], &mut room.gray);
+        if y >= 2 {
+            let rows = [y - 2, y - 1, y].map(|slot| &*rows[slot % 3]);
+            level.run(Squares { rows, sums: &mut sums });
+        }
+    }
+    let pixels = (BLOCK * BLOCK) as f32;
+    Ok(sums.chunks_exact(BLOCK).map(|block| block.iter().sum::<f32>() / pixels).collect())
+}
+
+struct Squares<'a> {
+    rows: [&'a [f32]; 3],
+    sums: &'a mut [f32],
+}
+
+impl Loop for Squares<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        add_squares(self.rows, self.sums);
+    }
+}
+
+/// See [`write_excess`]. A sixth of the mask has the variance of what it is applied to, if that is noise.
+#[inline(always)]
+fn add_squares([above, own, below]: [&[f32]; 3], sums: &mut [f32]) {
+    let cols = sums.len();
+    let (above, own, below) = (&above[..cols + 2], &own[..cols + 2], &below[..cols + 2]);
+    for x in 0..cols {
+        let column = |x: usize| (above[x] + below[x]) - 2.0 * own[x];
+        let second = ((column(x) + column(x + 2)) - 2.0 * column(x + 1)) / 6.0;
+        sums[x] += second * second;
+    }
+}
