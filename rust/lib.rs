@@ -38,6 +38,8 @@
 //!    the image; where one image is blurred it is made again by the map, by which jumps are put right. Every disparity is
 //!    given a confidence.
 //!
+//! Of a video, a map may then be filtered over time (`pipeline/temporal.rs`): where nothing changes it is steady.
+//!
 //! Before all that, `rig` may find out what nobody told, and compensates for it. `pipeline` runs bands of rows on threads,
 //! and knows which rows a part of a pair depends on (its halo), how much memory it takes, and what must be known of a whole
 //! pair of which only parts are at hand.

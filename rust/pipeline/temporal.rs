@@ -26,18 +26,17 @@
 //! what stands still (bad-1.0 of `robust` under a noise of 8 gray levels 3.83 -> 3.12 %, here 3.64), but of a camera that
 //! moves worse ones (3.79 -> 4.00 %, here 3.75): matching sees texture below the noise, which no test of a few pixels does.
 //!
-//! State: the output before (disparity, flags, confidence, `n`, row by row in place, since a pixel depends on no other one)
-//! and for each view its mean and count, twice, since there a pixel depends on its neighbors before. Together 31 bytes a
-//! pixel, 35 with confidences.
+//! State: the output before (disparity, flags, confidence, `n`), row by row in place, since a pixel depends on no other one,
+//! and what is known of each view: together 15 bytes a pixel, 19 with confidences.
 
 pub mod change;
 
 use rayon::prelude::*;
 
-use self::change::{Changes, Scale};
+use self::change::{Changes, STEP, Scale};
 use crate::cost::candidates::Candidates;
 use crate::error::Result;
-use crate::image::plane::{Plane, zeroed};
+use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::{Disparity, Pair};
 use crate::settings::Settings;
@@ -65,6 +64,8 @@ struct Before {
     flags: Plane<u16>,
     confidence: Option<Plane<f32>>,
     support: Plane<u8>,
+    /// Where the disparity of before stayed in the last frame.
+    marks: Plane<bool>,
 }
 
 /// What has to be the same for anything to be carried over.
@@ -119,7 +120,8 @@ impl Before {
         let (size, views) = (pair.size(), pair.views());
         let scale = |view| Scale::of_view(view, control);
         let scales = [scale(views[0])?, scale(views[1])?];
-        let key = Key { size, scales, settings: settings.clone(), candidates: pair.candidates() };
+        let (settings, candidates) = (compared(settings), pair.candidates());
+        let key = Key { size, scales, settings, candidates };
         Ok(Self {
             key,
             views: [Changes::new(size, scales[0])?, Changes::new(size, scales[1])?],
@@ -127,6 +129,7 @@ impl Before {
             flags: Plane::new(size.0, size.1)?,
             confidence: map.confidence.is_some().then(|| Plane::new(size.0, size.1)).transpose()?,
             support: Plane::new(size.0, size.1)?,
+            marks: Plane::new(size.0, size.1)?,
         })
     }
 
@@ -136,7 +139,7 @@ impl Before {
         *size == pair.size()
             && scales[0].suits(left)
             && scales[1].suits(right)
-            && before == settings
+            && *before == compared(settings)
             && *candidates == pair.candidates()
     }
 
@@ -147,61 +150,70 @@ impl Before {
         let rows = self.disparity.as_mut_slice().par_chunks_mut(cols);
         let rows = rows.zip(self.flags.as_mut_slice().par_chunks_mut(cols));
         let rows = rows.zip(self.support.as_mut_slice().par_chunks_mut(cols));
+        let rows = rows.zip(self.marks.as_mut_slice().par_chunks_mut(cols));
         let rows = rows.zip(map.disparity.as_mut_slice().par_chunks_mut(cols));
-        let rows = rows.zip(map.flags.as_mut_slice().par_chunks_mut(cols));
-        let rows = rows.enumerate().map(|(y, ((((before, flags), support), now), new_flags))| {
+        let rows = rows.zip(map.flags.as_mut_slice().par_chunks_mut(cols)).enumerate();
+        rows.try_for_each(|(y, (((((before, flags), support), marks), now), new_flags))| {
             control.checkpoint()?;
             let changed = [left.row(y), right.row(y)];
-            let fate = Follow { changed, before, support, now, fate: zeroed(cols)? };
-            let fate = level.run(fate);
-            level.run(Keep { fate: &fate, before: flags, now: new_flags });
-            Ok(fate)
-        });
-        let fates: Vec<_> = rows.collect::<Result<_>>()?;
+            level.run(Follow { changed, before, support, now, marks });
+            level.run(Keep { stays: marks, before: flags, now: new_flags });
+            Ok(())
+        })?;
+
         let (Some(before), Some(now)) = (&mut self.confidence, &mut map.confidence) else {
             return Ok(());
         };
         let rows = before.as_mut_slice().par_chunks_mut(cols);
-        let rows = rows.zip(now.as_mut_slice().par_chunks_mut(cols)).zip(&fates);
-        rows.for_each(|((before, now), fate)| level.run(Keep { fate, before, now }));
+        let rows = rows.zip(now.as_mut_slice().par_chunks_mut(cols));
+        let rows = rows.zip(self.marks.as_slice().par_chunks(cols));
+        rows.for_each(|((before, now), stays)| level.run(Keep { stays, before, now }));
         Ok(())
     }
 }
 
-/// The recurrence along a row: writes what comes of it to both `before` and `now`, and tells where that of before stays.
+/// The settings that a map depends on. Whether rows were to be straightened is told by the pair, whose field may have been
+/// found in an earlier frame.
+fn compared(settings: &Settings) -> Settings {
+    Settings { align_rows: false, ..settings.clone() }
+}
+
+/// The recurrence along a row: writes what comes of it to both `before` and `now`, and marks where that of before stays.
 struct Follow<'a> {
     changed: [&'a [bool]; 2],
     before: &'a mut [f32],
     support: &'a mut [u8],
     now: &'a mut [f32],
-    fate: Vec<bool>,
+    marks: &'a mut [bool],
 }
 
 impl Loop for Follow<'_> {
-    type Output = Vec<bool>;
+    type Output = ();
 
     #[inline(always)]
-    fn run(self) -> Vec<bool> {
-        let Self { changed: [left, right], before, support, now, mut fate } = self;
-        mark_changed(left, right, before, now, &mut fate);
-        follow(before, support, now, &mut fate);
-        fate
+    fn run(self) {
+        let Self { changed: [left, right], before, support, now, marks } = self;
+        mark_changed(left, right, before, now, marks);
+        follow(before, support, now, marks);
     }
 }
 
 /// Marks where either view has changed: at the pixel, or where the disparity of before or of now leads.
 #[inline(always)]
 fn mark_changed(left: &[bool], right: &[bool], before: &[f32], now: &[f32], marks: &mut [bool]) {
-    marks.copy_from_slice(left);
+    for (marks, has_changed) in marks.chunks_mut(STEP).zip(left) {
+        marks.fill(*has_changed);
+    }
     // Of what stands still most rows have not changed at all: nothing is to be looked up there.
     if !right.contains(&true) {
         return;
     }
+    let cols = marks.len();
     for (x, mark) in marks.iter_mut().enumerate().filter(|(_, mark)| !**mark) {
         let has_changed = |disparity: f32| {
-            // What is not a number becomes 0 here, which is no place of one.
             let place = (x as f32 - disparity).round_ties_even();
-            !disparity.is_nan() && place >= 0.0 && right.get(place as usize).is_some_and(|is| *is)
+            // No comparison is true of what is not a number.
+            (place >= 0.0 && place < cols as f32) && right[place as usize / STEP]
         };
         *mark = has_changed(before[x]) || has_changed(now[x]);
     }
@@ -235,7 +247,7 @@ fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [
 
 /// Flags or confidences of a row: those of before where they stay, to `now`; all of them to `before`.
 struct Keep<'a, T> {
-    fate: &'a [bool],
+    stays: &'a [bool],
     before: &'a mut [T],
     now: &'a mut [T],
 }
@@ -246,9 +258,9 @@ impl<T: Copy> Loop for Keep<'_, T> {
     #[inline(always)]
     fn run(self) {
         let count = self.now.len();
-        let (fate, before) = (&self.fate[..count], &mut self.before[..count]);
+        let (stays, before) = (&self.stays[..count], &mut self.before[..count]);
         for x in 0..count {
-            let kept = if fate[x] { before[x] } else { self.now[x] };
+            let kept = if stays[x] { before[x] } else { self.now[x] };
             (before[x], self.now[x]) = (kept, kept);
         }
     }

@@ -12,7 +12,7 @@ use phasestereo::internals::image::view::{Image, View};
 use phasestereo::internals::pipeline::control::Control;
 use phasestereo::internals::pipeline::matcher::{Disparity, Pair, Timings, on_threads};
 use phasestereo::internals::pipeline::temporal::change::{
-    BLOCK, BLOCK_FACTOR, ENOUGH_BLOCKS, LARGEST, LEAST_NOISE, MOST_NOISE, QUIETEST, RATIO,
+    BLOCK, BLOCK_FACTOR, ENOUGH_BLOCKS, LARGEST, LEAST_NOISE, MOST_NOISE, QUIETEST, RATIO, STEP,
 };
 use phasestereo::internals::pipeline::temporal::{FRAMES, TemporalFilter};
 use phasestereo::internals::settings::Settings;
@@ -31,8 +31,13 @@ struct Frame {
 type Seen = (Vec<u32>, Vec<u16>, Option<Vec<u32>>, Vec<u8>);
 
 fn seen(map: &Disparity, support: &Plane<u8>) -> Seen {
-    let confidence = map.confidence.as_ref().map(bits);
-    (bits(&map.disparity), map.flags.as_slice().to_vec(), confidence, support.as_slice().to_vec())
+    let confidence = map.confidence.as_ref().map(|plane| bits(plane).into_vec());
+    (
+        bits(&map.disparity).into_vec(),
+        map.flags.as_slice().to_vec(),
+        confidence,
+        support.as_slice().to_vec(),
+    )
 }
 
 fn map(disparity: Plane<f32>, flags: Plane<u16>, confidence: Option<Plane<f32>>) -> Disparity {
@@ -105,7 +110,7 @@ struct NaiveView {
 }
 
 impl NaiveView {
-    /// Where the next frame has changed.
+    /// Whether the place of each pixel has changed in the next frame.
     fn changed(&mut self, view: &View) -> Vec<bool> {
         let (rows, cols, channels) = view.image.shape();
         let (black, factor) = *self.scale.get_or_insert_with(|| match view.image.white() {
@@ -126,9 +131,11 @@ impl NaiveView {
             }
         };
         if self.before.is_empty() {
-            self.before = vec![(0.0, 0); rows * cols];
+            self.before = vec![(0.0, 0); rows.div_ceil(STEP) * cols.div_ceil(STEP)];
         }
         let (before, inverse) = (self.before.clone(), 1.0 / noise((rows, cols), gray));
+        let (image_rows, image_cols, gray) = (rows, cols, |y, x| gray(STEP * y, STEP * x));
+        let (rows, cols) = (rows.div_ceil(STEP), cols.div_ceil(STEP));
         let excess = |y: isize, x: isize| {
             let inside = (0..rows as isize).contains(&y) && (0..cols as isize).contains(&x);
             let Some((y, x)) = inside.then_some((y as usize, x as usize)) else { return 0.0 };
@@ -157,9 +164,10 @@ impl NaiveView {
                 }
             }
         };
-        let (now, changed) = (0..rows * cols).map(next).unzip();
+        let (now, changed): (_, Vec<bool>) = (0..rows * cols).map(next).unzip();
         self.before = now;
-        changed
+        let pixels = (0..image_rows).flat_map(|y| (0..image_cols).map(move |x| (y, x)));
+        pixels.map(|(y, x)| changed[y / STEP * cols + x / STEP]).collect()
     }
 }
 

@@ -88,7 +88,7 @@ def steadiness_table(
     rows: Sequence[tuple[str, str, Steadiness, Steadiness]],
 ) -> Table:
     """Return sequences and presets down, the numbers across: without -> with the filter."""
-    headings = ("sequence", "preset", "bad-1.0, %", "avgerr, px", "temporal deviation, px")
+    headings = ("sequence", "preset", "bad-1.0, %", "avgerr, px", "deviation, px")
     entries = [
         (
             Entry(motion),
@@ -100,7 +100,7 @@ def steadiness_table(
         )
         for motion, preset, alone, filtered in rows
     ]
-    return Table((*headings, "bad-1.0 at moving edges, %"), tuple(entries), labels=2)
+    return Table((*headings, "at moving edges, %"), tuple(entries), labels=2)
 
 
 def _arrow(alone: float | None, filtered: float | None, digits: int, *, ratio: bool = False) -> Entry:
