@@ -13,9 +13,12 @@ import phasestereo as ps
 from phasestereo.metrics import bad_pixels, temporal_deviation
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
+
+    from conftest import Run
 
     Image = NDArray[Any]
 
@@ -226,11 +229,12 @@ def test_a_pickled_filter_has_seen_nothing() -> None:
     matcher, steady = ps.Matcher(preset="fast"), ps.TemporalFilter()
     pair = shots(1)[0]
     matcher.match(*pair, num_disparities=COUNT, temporal_filter=steady)
-    copied = pickle.loads(pickle.dumps(steady))
+    copied = pickle.loads(pickle.dumps(steady))  # noqa: S301  # our own
     found = matcher.match(*pair, num_disparities=COUNT, temporal_filter=copied)
     assert found.temporal_support is not None
     assert (found.temporal_support == 1).all()
-    assert (pickle.loads(pickle.dumps(found)).temporal_support == 1).all()
+    told = pickle.loads(pickle.dumps(found))  # noqa: S301  # our own
+    assert (told.temporal_support == 1).all()
 
 
 def test_anything_else_is_refused() -> None:
@@ -240,3 +244,21 @@ def test_anything_else_is_refused() -> None:
     wrong = 1
     with pytest.raises(TypeError, match="temporal_filter: got int; accepts True or False"):
         ps.stream(shots(1), num_disparities=COUNT, temporal_filter=wrong)
+
+
+def test_the_command_line_has_a_switch(
+    run: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    pairs = shots(3)
+    for side in (0, 1):
+        folder = tmp_path / ("left", "right")[side]
+        folder.mkdir()
+        for index, views in enumerate(pairs):
+            np.save(folder / f"{index}.npy", views[side])
+    search = ("--num-disparities", COUNT, "--preset", "fast")
+    for flags, used in (((), True), (("--no-temporal-filter",), False)):
+        code, _, err = run("live", "left", "right", *search, *flags, "--frames", "%d.npy")
+        assert (code, err) == (0, "")
+        for index, expected in enumerate(maps(results(pairs, temporal_filter=used))):
+            np.testing.assert_array_equal(np.load(f"{index}.npy"), expected)

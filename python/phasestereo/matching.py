@@ -275,7 +275,7 @@ def match_silently(
     temporal = core_of(temporal_filter)
     if before is not None and _is_as_before(before, pair, valid, threads):
         how = threads, progress
-        matched, found, supported = _again(before, pair, valid, search, how, temporal)
+        matched, found, supported = _again(before, pair, valid, search, how, temporal=temporal)
     else:
         matched, estimated, supported = _core.match_pair(
             pair, valid, search, settings, threads, progress, known, temporal
@@ -321,6 +321,7 @@ def _again(
     masks: tuple[Mask | None, Mask | None],
     search: Search,
     how: tuple[int | _core.Workers | None, Progress | None],
+    *,
     temporal: _core.TemporalFilter | None,
 ) -> tuple[Matched, Estimates, Supported | None]:
     """Match with what was found out of an earlier pair."""

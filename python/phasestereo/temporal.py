@@ -46,4 +46,4 @@ def core_of(temporal_filter: TemporalFilter | None) -> _core.TemporalFilter | No
     if not isinstance(temporal_filter, TemporalFilter):
         kind = type(temporal_filter).__name__
         raise TypeError(f"temporal_filter: got {kind}; accepts a TemporalFilter or None")
-    return temporal_filter._core  # noqa: SLF001  # of this module
+    return temporal_filter._core  # of this module

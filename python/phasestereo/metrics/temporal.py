@@ -50,7 +50,7 @@ def temporal_deviation(estimates: Sequence[Floats] | Floats, mask: Mask | None =
     if len(maps) < _LEAST_FRAMES:
         raise ValueError(f"estimates must be of two frames or more, got {len(maps)}")
     shapes = sorted({each.shape for each in maps})
-    if len(shapes) > 1 or len(shapes[0]) != 2:  # noqa: PLR2004  # (H, W)
+    if len(shapes) > 1 or len(shapes[0]) != 2:  # (H, W)
         raise ValueError(f"estimates must be 2-D (H, W) and of one shape, got {shapes}")
 
     stack = np.stack(maps)

@@ -33,7 +33,7 @@ use crate::pipeline::temporal::FRAMES;
 use crate::simd::{Level, Loop};
 
 /// Times the expected square that is no change yet. The larger, the more of the noise passes for none, and the more of slow
-/// motion, too. With 2, 3 and 4 the deviation of a static scene under a noise of 8 gray levels is 0.66, 0.39 and 0.39 of
+/// motion, too. With 2, 3 and 4 the deviation of a static scene under a noise of 8 gray levels is 0.53, 0.39 and 0.38 of
 /// that without the filter (`fast`).
 pub const RATIO: f32 = 3.0;
 /// Largest square that counts for one pixel, in units of the noise: no float overflows, and no pixel outweighs all others

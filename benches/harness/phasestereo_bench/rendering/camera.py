@@ -47,7 +47,8 @@ class Camera:
     """Two pinhole cameras side by side, looking a little down on the scene.
 
     World coordinates: x to the right, y up from the floor, z away; the left camera is `eye` above
-    the floor at `x` and `z`. The baseline follows from the disparity `near_disparity` (px) of the depth `near`.
+    the floor at `x` and `z`. The baseline follows from the disparity `near_disparity` (px) of the
+    depth `near`.
     """
 
     height: int
@@ -80,7 +81,8 @@ class Camera:
     def project(self, points: Array, side: int) -> tuple[Array, Array, Array]:
         """Columns, rows (px) and depths of world points (n, 3)."""
         cos, sin = math.cos(self.pitch), math.sin(self.pitch)
-        x, y, z = (points - [self.x + side * self.reach / self.focal, self.eye, self.z]).T
+        eye = [self.x + side * self.reach / self.focal, self.eye, self.z]
+        x, y, z = (points - eye).T
         depth = z * cos - y * sin
         with np.errstate(divide="ignore", invalid="ignore"):
             column, row = x / depth, (-y * cos - z * sin) / depth

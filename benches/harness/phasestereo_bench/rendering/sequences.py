@@ -144,7 +144,9 @@ def _outline(scene: Scene, camera: Camera, *, moves: bool) -> Mask:
     bounds, last = windows(scene.shapes, camera, LEFT), len(scene.surfaces) - 1
     inside = np.zeros_like(outline)
     for band, columns, rows in camera.bands():
-        inside[band] = cast(scene.shapes, camera.rays(columns, rows, LEFT), bounds, band.start)[1] == last
+        inside[band] = (
+            cast(scene.shapes, camera.rays(columns, rows, LEFT), bounds, band.start)[1] == last
+        )
     size = 2 * OUTLINE_REACH + 1
     near: Mask = ndimage.maximum_filter(inside, size) & ~ndimage.minimum_filter(inside, size)
     return near

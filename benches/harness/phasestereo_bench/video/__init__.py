@@ -1,4 +1,4 @@
-"""Videos with a truth: how right and how steady the maps of a stream are, and how fast they follow."""
+"""Videos with a truth: how right a stream's maps are, how steady, and how fast they follow."""
 
 from __future__ import annotations
 
@@ -103,7 +103,9 @@ def steadiness_table(
     return Table((*headings, "at moving edges, %"), tuple(entries), labels=2)
 
 
-def _arrow(alone: float | None, filtered: float | None, digits: int, *, ratio: bool = False) -> Entry:
+def _arrow(
+    alone: float | None, filtered: float | None, digits: int, *, ratio: bool = False
+) -> Entry:
     if alone is None or filtered is None:
         return Entry("-")
     share = f" (x {filtered / alone:.2f})" if ratio and alone else ""
