@@ -31,7 +31,8 @@ FAST: dict[str, Any] = {"num_disparities": COUNT, "preset": "fast"}
 
 def texture(seed: int) -> NDArray[np.float64]:
     noise = np.random.default_rng(seed).normal(size=(ROWS, COLS + 2 * COUNT))
-    return 128 + 130 * ndimage.gaussian_filter(noise, 1.0)
+    smooth: NDArray[np.float64] = ndimage.gaussian_filter(noise, 1.0)
+    return 128 + 130 * smooth
 
 
 def truth() -> NDArray[np.float64]:
@@ -54,14 +55,13 @@ def scene(seed: int = 0) -> tuple[Image, Image]:
 def shots(count: int = FRAMES, seed: int = 0, noise: float = NOISE) -> list[tuple[Image, Image]]:
     """Return frames of a scene that stands still, with fresh noise in each."""
     rng = np.random.default_rng(seed)
-    views = scene(seed)
-    return [
-        tuple(
-            np.clip(np.rint(view + noise * rng.normal(size=view.shape)), 0, 255).astype(np.uint8)
-            for view in views
-        )
-        for _ in range(count)
-    ]
+    left, right = scene(seed)
+
+    def noisy(view: Image) -> Image:
+        grain = noise * rng.normal(size=view.shape)
+        return np.clip(np.rint(view + grain), 0, 255).astype(np.uint8)
+
+    return [(noisy(left), noisy(right)) for _ in range(count)]
 
 
 def results(pairs: Sequence[Any], **options: Any) -> list[ps.Result]:
@@ -98,7 +98,7 @@ def test_means_of_whole_numbers_have_fractions() -> None:
 
 def test_equal_frames_give_the_maps_of_match_to_the_bit() -> None:
     left, right = (np.rint(view).clip(0, 255).astype(np.uint8) for view in scene())
-    options = {"num_disparities": COUNT, "fill": False}
+    options: dict[str, Any] = {"num_disparities": COUNT, "fill": False}
     alone = ps.match(left, right, **options)
     assert alone.confidence is not None
     frames = results([(left, right)] * 10, preset="robust", fill=False)
