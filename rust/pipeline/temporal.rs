@@ -201,9 +201,11 @@ impl Loop for Follow<'_> {
 /// Marks where either view has changed: at the pixel, or where the disparity of before or of now leads.
 #[inline(always)]
 fn mark_changed(left: &[bool], right: &[bool], before: &[f32], now: &[f32], marks: &mut [bool]) {
-    for (marks, has_changed) in marks.chunks_mut(STEP).zip(left) {
-        marks.fill(*has_changed);
+    let (places, rest) = marks.as_chunks_mut::<STEP>();
+    for (place, has_changed) in places.iter_mut().zip(left) {
+        *place = [*has_changed; STEP];
     }
+    rest.fill(left.last().is_some_and(|has_changed| *has_changed));
     // Of what stands still most rows have not changed at all: nothing is to be looked up there.
     if !right.contains(&true) {
         return;

@@ -192,8 +192,8 @@ impl Changes {
                 *gray = *value;
             }
             let (mean, count) = (mean.row(y), count.row(y));
-            let excess = &mut excess[1..=cols];
-            level.run(Excess { gray, mean, count, inverse: 1.0 / noise, excess });
+            let out = &mut excess[1..=cols];
+            level.run(Excess { gray, mean, count, inverse: 1.0 / noise, out });
             Ok(())
         };
         rows.try_for_each_init(|| Row::new(image_cols), work)
@@ -222,7 +222,7 @@ struct Excess<'a> {
     mean: &'a [f32],
     count: &'a [u8],
     inverse: f32,
-    excess: &'a mut [f32],
+    out: &'a mut [f32],
 }
 
 impl Loop for Excess<'_> {
@@ -230,7 +230,7 @@ impl Loop for Excess<'_> {
 
     #[inline(always)]
     fn run(self) {
-        write_excess(self.gray, self.mean, self.count, self.inverse, self.excess);
+        write_excess(self.gray, self.mean, self.count, self.inverse, self.out);
     }
 }
 
@@ -351,9 +351,9 @@ impl Loop for Squares<'_> {
 fn add_squares([above, own, below]: [&[f32]; 3], sums: &mut [f32]) {
     let cols = sums.len();
     let (above, own, below) = (&above[..cols + 2], &own[..cols + 2], &below[..cols + 2]);
-    for x in 0..cols {
+    for (x, sum) in sums.iter_mut().enumerate() {
         let column = |x: usize| (above[x] + below[x]) - 2.0 * own[x];
         let second = ((column(x) + column(x + 2)) - 2.0 * column(x + 1)) / 6.0;
-        sums[x] += second * second;
+        *sum += second * second;
     }
 }
