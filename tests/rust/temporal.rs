@@ -49,12 +49,12 @@ fn map(disparity: Plane<f32>, flags: Plane<u16>, confidence: Option<Plane<f32>>)
 /// What the filter makes of a sequence.
 fn filtered(frames: &[Frame], level: Level) -> Vec<Seen> {
     let (mut filter, control) = (TemporalFilter::new(), Control::default());
-    let mut next = |frame: &Frame| {
+    let next = |frame: &Frame| {
         let (mut map, settings) = (frame.map.clone(), Settings::default());
         let support = filter.apply(&frame.pair, &settings, &mut map, level, &control);
         seen(&map, &support.expect("not cancelled"))
     };
-    frames.iter().map(|frame| next(frame)).collect()
+    frames.iter().map(next).collect()
 }
 
 /// Frames of a scene in which tiles change now and then, with noise, of any type of pixels.
@@ -62,7 +62,7 @@ fn sequence((rows, cols): (usize, usize), kind: u8, seed: u64) -> Vec<Frame> {
     let is_masked = seed & 8 != 0;
     let (has_confidence, channels) = (seed & 16 != 0, if seed & 32 != 0 { 3 } else { 1 });
     let state = |time: u64, salt: u64, y: usize, x: usize| {
-        (0..=time).rev().find(|time| hash(seed ^ salt ^ *time << 8, y / 6, x / 6) % 4 == 0)
+        (0..=time).rev().find(|time| hash(seed ^ salt ^ *time << 8, y / 6, x / 6).is_multiple_of(4))
     };
     let pixel = |time: u64, salt: u64, (y, x, c): (usize, usize, usize)| {
         let tile = hash(state(time, salt, y, x).unwrap_or(99), y / 6, x / 6) % 160;
@@ -78,7 +78,7 @@ fn sequence((rows, cols): (usize, usize), kind: u8, seed: u64) -> Vec<Frame> {
         }
     };
     let camera = |time: u64, salt: u64| {
-        let seed = seed ^ salt ^ time / 2;
+        let seed = seed ^ salt ^ (time / 2);
         let mask = is_masked.then(|| mask(rows, cols, 90, seed));
         View { mask, ..View::from(image(time, salt)) }
     };
@@ -113,13 +113,13 @@ impl NaiveView {
     /// Whether the place of each pixel has changed in the next frame.
     fn changed(&mut self, view: &View) -> Vec<bool> {
         let (rows, cols, channels) = view.image.shape();
-        let (black, factor) = *self.scale.get_or_insert_with(|| match view.image.white() {
-            Some(white) => (0.0, 255.0 / (1000.0 * f64::from(white))),
-            None => {
-                let range = float_range(view, &Control::default()).expect("not cancelled");
-                let width = range.width();
-                (range.black, 255.0 / if width > 0.0 { width } else { 1.0 })
+        let (black, factor) = *self.scale.get_or_insert_with(|| {
+            if let Some(white) = view.image.white() {
+                return (0.0, 255.0 / (1000.0 * f64::from(white)));
             }
+            let range = float_range(view, &Control::default()).expect("not cancelled");
+            let width = range.width();
+            (range.black, 255.0 / if width > 0.0 { width } else { 1.0 })
         });
         let gray = |y: usize, x: usize| {
             let value = view.image.luminance(y, x);
@@ -201,7 +201,7 @@ fn noise((rows, cols): (usize, usize), gray: impl Fn(usize, usize) -> f32) -> f3
 fn expected(frames: &[Frame]) -> Vec<Seen> {
     let mut views = [NaiveView::default(), NaiveView::default()];
     let mut before: Option<(Disparity, Plane<u8>)> = None;
-    let mut next = |frame: &Frame| {
+    let next = |frame: &Frame| {
         let [left, right] = frame.pair.views();
         let changed = [views[0].changed(left), views[1].changed(right)];
         let none = (frame.map.clone(), Plane::from_fn(0, 0, |_, _| 0));
@@ -240,7 +240,7 @@ fn expected(frames: &[Frame]) -> Vec<Seen> {
         before = Some((map, support));
         found
     };
-    frames.iter().map(|frame| next(frame)).collect()
+    frames.iter().map(next).collect()
 }
 
 proptest! {
