@@ -798,6 +798,34 @@ mod matcher {
     }
 }
 
+mod temporal {
+    use super::{
+        At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, ROWS, every, fast, noise, views,
+    };
+    use phasestereo::internals::pipeline::matcher::{Disparity, Pair, Timings};
+    use phasestereo::internals::pipeline::temporal::TemporalFilter;
+    use std::time::Duration;
+
+    /// A frame that is as the one before, so that all of its disparities become means.
+    #[divan::bench(args = every())]
+    fn still(bencher: Bencher, At(level): &At) {
+        let [left, right] = views();
+        let pair = Pair::new(left, right, 0, 16).expect("a legal pair");
+        let [description, matching, refinement] = [Duration::ZERO; 3];
+        let mut map = Disparity {
+            disparity: noise(ROWS, COLS, |value| 4.0 + (value % 64) as f32 / 64.0),
+            flags: Plane::new(ROWS, COLS).expect("memory"),
+            confidence: None,
+            timings: Timings { description, matching, refinement },
+        };
+        let (settings, control) = (fast(), Control::default());
+        let (matcher, mut filter) = (Matcher::new(1).expect("a thread"), TemporalFilter::new());
+        bencher.counter(ItemsCount::new(ROWS * COLS)).bench_local(|| {
+            matcher.install(|| filter.apply(&pair, &settings, &mut map, *level, &control))
+        });
+    }
+}
+
 /// Limits of the machine, in the same units: a stage that takes `n` of these steps for an evaluation is hardly faster
 /// than an `n`th of this. (The first byte of a code is, since there is no sum to add it to.)
 mod machine {

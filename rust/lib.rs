@@ -39,6 +39,8 @@
 //!    the left image. Where one image is blurred, it is synthesized by the map, which corrects disparities near jumps.
 //!    Every disparity is given a confidence.
 //!
+//! The map of a video frame may then be filtered over time (`pipeline/temporal.rs`): it is steady where nothing changes.
+//!
 //! Before all that, `rig` may estimate what the caller does not know of the pair, and compensates for it. `pipeline`
 //! runs bands of rows on threads. It knows the rows that a part of a pair depends on (its halo), the memory that a
 //! match takes, and the statistics of a whole pair that the match of its parts needs.
@@ -83,6 +85,7 @@ pub use image::plane::Plane;
 pub use image::view::{Image, Mask, View};
 pub use pipeline::control::Control;
 pub use pipeline::matcher::{Disparity, Execution, Matcher, Pair, Timings};
+pub use pipeline::temporal::TemporalFilter;
 pub use refinement::flag;
 pub use rig::estimation::{Estimates, Known, Means, Prepared, prepare, prepare_and_match};
 pub use settings::presets::Preset;

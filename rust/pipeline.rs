@@ -10,3 +10,4 @@ pub mod platform;
 pub mod section;
 pub mod source;
 pub mod summary;
+pub mod temporal;

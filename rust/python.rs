@@ -7,6 +7,7 @@ mod arguments;
 mod estimates;
 mod reader;
 mod supervisor;
+mod temporal;
 mod workers;
 
 use std::sync::Arc;
@@ -27,6 +28,7 @@ use self::estimates::{
 };
 use self::reader::{Ranges, Reader};
 use self::supervisor::supervised;
+use self::temporal::{Shared, TemporalFilter};
 use self::workers::{Pool, Workers};
 use crate::cost::Costs;
 use crate::cost::aggregation::{Window, aggregate};
@@ -46,7 +48,7 @@ use crate::refinement::flag;
 use crate::rig::blur;
 use crate::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use crate::rig::estimation::overview::LEAST_SIZE;
-use crate::rig::estimation::{Known, Means, prepare, prepare_and_match, prepare_by_rows};
+use crate::rig::estimation::{Known, Means, Prepared, prepare, prepare_by_rows};
 use crate::settings::presets::Preset;
 use crate::simd::Level;
 
@@ -76,9 +78,10 @@ mod _core {
 
     #[pymodule_export]
     use super::{
-        Workers, aggregate_volume, blur_is_as_before, check_blur_compensation, check_settings,
-        cost_volume, descriptor, estimate_pair, estimate_pair_by_rows, find_ranges, find_roughness,
-        halo, match_pair, match_rows, optimize_volume, preset, simd_level, working_memory,
+        TemporalFilter, Workers, aggregate_volume, blur_is_as_before, check_blur_compensation,
+        check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows, find_ranges,
+        find_roughness, halo, match_pair, match_rows, optimize_volume, preset, simd_level,
+        working_memory,
     };
 
     #[pymodule_init]
@@ -148,6 +151,9 @@ type Matched<'py> = (
     Bound<'py, PyDict>,
 );
 
+/// How many frames support each disparity, and seconds.
+type Supported<'py> = (Bound<'py, PyArray2<u8>>, f64);
+
 /// The shares of pixels with an estimate, flagged, at the least and at the largest disparity; mean confidence.
 type SummaryTuple = (f64, f64, f64, f64, f64);
 
@@ -163,7 +169,8 @@ fn match_pair<'py>(
     threads: &Bound<'py, PyAny>,
     progress: Option<Bound<'py, PyAny>>,
     known: KnownOfPair<'py>,
-) -> PyResult<(Matched<'py>, SummaryTuple, EstimatesTuple<'py>)> {
+    temporal: Option<PyRef<'py, TemporalFilter>>,
+) -> PyResult<(Matched<'py>, SummaryTuple, EstimatesTuple<'py>, Option<Supported<'py>>)> {
     let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
@@ -172,17 +179,25 @@ fn match_pair<'py>(
     let pool = Pool::for_argument(threads)?;
     let rows = pair.size().0;
     let how = Execution { threads: pool.threads(), level: Level::best() };
-    let (map, summary, estimates) =
+    let filter = temporal.map(|filter| filter.shared());
+    let (map, summary, estimates, support) =
         supervised(py, &pool, rows, progress, move |matcher, control| {
             let means = Means { matcher, how, control };
-            let (map, estimates) = prepare_and_match(pair, known, &settings, means)?;
+            let Prepared { pair, settings, estimates } = prepare(pair, known, &settings, means)?;
+            let mut map = matcher.match_pair(&pair, &settings, how, control)?;
+
+            let apply =
+                |filter: Shared| temporal::apply(&filter, &pair, &settings, &mut map, means);
+            let support = filter.map(apply).transpose()?;
+
             let summary = Summary::new(&map, estimates.candidates);
-            Ok((map, summary, estimates))
+            Ok((map, summary, estimates, support))
         })?;
 
     let Summary { estimated, flagged, at_low, at_high, confidence } = summary;
     let summary = (estimated, flagged, at_low, at_high, confidence);
-    Ok((disparity_to_py(py, map)?, summary, estimates_to_py(py, estimates)?))
+    let support = support.map(|(frames, time)| Ok::<_, PyErr>((wrap(py, frames)?, time)));
+    Ok((disparity_to_py(py, map)?, summary, estimates_to_py(py, estimates)?, support.transpose()?))
 }
 
 fn disparity_to_py(py: Python<'_>, map: Disparity) -> PyResult<Matched<'_>> {

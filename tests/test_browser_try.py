@@ -246,7 +246,9 @@ def test_one_image_is_dropped_with_both_views(opened: Browser) -> None:
 
     width, height = call["size"]
     assert 499_000 < width * height < 501_000
-    assert opened.text("pair-note").endswith(f"matched at {width} \N{MULTIPLICATION SIGN} {height}.")
+    assert opened.text("pair-note").endswith(
+        f"matched at {width} \N{MULTIPLICATION SIGN} {height}."
+    )
 
 
 @pytest.mark.parametrize(

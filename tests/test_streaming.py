@@ -44,7 +44,8 @@ def expected(indices: Any) -> dict[int, float]:
 
 
 def test_frames_of_a_video_are_matched_as_pairs_are() -> None:
-    frames = list(ps.stream("video.mkv", num_disparities=COUNT, threads=1, reestimate=1))
+    alone: dict[str, Any] = {"reestimate": 1, "temporal_filter": False}
+    frames = list(ps.stream("video.mkv", num_disparities=COUNT, threads=1, **alone))
 
     assert [frame.index for frame in frames] == list(range(10))
     assert [frame.time for frame in frames] == pytest.approx([index / 20 for index in range(10)])
@@ -279,7 +280,7 @@ def test_masks_and_settings_hold_for_every_frame() -> None:
     mask[10:20, 30:50] = False
     options: dict[str, Any] = {"min_disparity": 2, "window": 5, "fill": False, "left_mask": mask}
 
-    frames = list(ps.stream("video.mkv", **options, **FAST))
+    frames = list(ps.stream("video.mkv", temporal_filter=False, **options, **FAST))
     assert len(frames) == 10
     for frame in frames:
         result = ps.match(frame.left, frame.right, **options, **FAST)

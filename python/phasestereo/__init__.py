@@ -21,6 +21,7 @@ from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.rig.findings import Finding, MatchWarning
 from phasestereo.rig.search_range import SearchRange
 from phasestereo.settings import PRESETS, Settings
+from phasestereo.temporal import TemporalFilter
 
 __all__ = [
     "PRESETS",
@@ -44,6 +45,7 @@ __all__ = [
     "Settings",
     "Stream",
     "Summary",
+    "TemporalFilter",
     "aggregate",
     "check",
     "cost_volume",

@@ -11,7 +11,7 @@ from phasestereo.bands import Checked, PairStatistics
 from phasestereo.rig.alignment import Field
 from phasestereo.rig.blur import Glance
 from phasestereo.rig.compensation import BlurCompensation
-from phasestereo.rig.estimates import Found, Known, Matched, Summarized
+from phasestereo.rig.estimates import Found, Known, Matched, Summarized, Supported
 from phasestereo.settings import Settings
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "LEAST_SIZE",
     "MUCH_LARGER",
     "PRESETS",
+    "TemporalFilter",
     "Workers",
     "__version__",
     "aggregate_volume",
@@ -53,6 +54,10 @@ LARGER: int
 MUCH_LARGER: int
 LEAST_SIZE: int
 PRESETS: list[str]
+
+@final
+class TemporalFilter:
+    def __new__(cls) -> TemporalFilter: ...
 
 @final
 class Workers:
@@ -116,7 +121,8 @@ def match_pair(
     threads: int | Workers | None,
     progress: Callable[[int, int], object] | None,
     known: Known,
-) -> tuple[Matched, Summarized, Found]: ...
+    temporal: TemporalFilter | None,
+) -> tuple[Matched, Summarized, Found, Supported | None]: ...
 def descriptor(
     image: Pixels,
     mask: NDArray[np.bool_] | None,

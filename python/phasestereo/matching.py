@@ -14,6 +14,7 @@ from phasestereo.rig.compensation import BlurCompensation, Noise, as_noise
 from phasestereo.rig.estimates import Known, as_estimates
 from phasestereo.rig.findings import warn
 from phasestereo.settings import Settings, resolve
+from phasestereo.temporal import core_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from phasestereo._images import ImageOrPath, Pixels
-    from phasestereo.rig.estimates import Estimates, Matched, Summarized
+    from phasestereo.rig.estimates import Estimates, Matched, Summarized, Supported
+    from phasestereo.temporal import TemporalFilter
 
     Mask = NDArray[np.bool_]
     Progress = Callable[[int, int], object]
@@ -204,6 +206,7 @@ class Matcher:
         noise: Noise | None = None,
         blur_compensation: BlurCompensation | None = None,
         before: Result | None = None,
+        temporal_filter: TemporalFilter | None = None,
     ) -> Result:
         """Match a rectified stereo pair: parameters, result and errors are those of `match`.
 
@@ -215,6 +218,16 @@ class Matcher:
             contrast, the field of the rows, and the range of disparities unless it is given; and
             ``result.blur.reused`` is True. What a glance does not see is in the notes of
             `phasestereo.stream`. None: all is estimated anew, if need be.
+        temporal_filter
+            What steadies the disparities of a video, of which this is the next frame;
+            ``result.temporal_support`` says where it did. None: nothing does.
+
+        Raises
+        ------
+        TypeError
+            Also for a filter that is none.
+        ValueError
+            Also for a filter that another match is using at this moment.
         """
         result = match_silently(
             (left, right),
@@ -225,6 +238,7 @@ class Matcher:
             progress=progress,
             given=(noise, blur_compensation),
             before=before,
+            temporal_filter=temporal_filter,
         )
 
         warn(result.findings)
@@ -249,6 +263,7 @@ def match_silently(
     progress: Progress | None,
     given: tuple[Noise | None, BlurCompensation | None],
     before: Result | None = None,
+    temporal_filter: TemporalFilter | None = None,
 ) -> Result:
     """Match as `match` and `Matcher.match` do, without a warning."""
     if progress is not None and not callable(progress):
@@ -261,17 +276,25 @@ def match_silently(
 
     known: Known = as_noise(*given), given[1], None, False
 
+    temporal = core_of(temporal_filter)
+
     # What was estimated for an earlier pair is taken over where a glance finds the same blur.
     if before is not None and _is_as_before(before, pair, valid, threads):
-        matched, summary, found = _match_again(before, pair, valid, search, (threads, progress))
+        how = threads, progress
+        matched, summary, found, supported = _match_again(
+            before, pair, valid, search, how, temporal=temporal
+        )
     else:
-        matched, summary, estimated = _core.match_pair(
-            pair, valid, search, settings, threads, progress, known
+        matched, summary, estimated, supported = _core.match_pair(
+            pair, valid, search, settings, threads, progress, known, temporal
         )
         found = as_estimates(estimated, settings, search, given[1])
 
     disparity, flags, confidence, stages = matched
     timings = {"estimation": found.seconds} if found.seconds else {}
+    support, seconds = supported or (None, 0.0)
+    if support is not None:
+        stages = stages | {"temporal filter": seconds}
 
     return Result(
         disparity,
@@ -285,6 +308,7 @@ def match_silently(
         blur_compensation=found.blur_compensation,
         summary=Summary(*summary),
         pair=arrays,
+        temporal_support=support,
     )
 
 
@@ -307,7 +331,9 @@ def _match_again(
     masks: tuple[Mask | None, Mask | None],
     search: Search,
     how: tuple[int | _core.Workers | None, Progress | None],
-) -> tuple[Matched, Summarized, Estimates]:
+    *,
+    temporal: _core.TemporalFilter | None,
+) -> tuple[Matched, Summarized, Estimates, Supported | None]:
     """Match with what was estimated for an earlier pair."""
     if search[1] is None and before.search is not None:
         search = before.search.min_disparity, before.search.num_disparities
@@ -317,9 +343,12 @@ def _match_again(
     asked = replace(before.settings, align_rows=False)
     inverted = before.search is not None and before.search.inverted and asked.compensate_blur
     known: Known = None, compensation, applied_field(alignment), inverted
-    matched, summary, estimated = _core.match_pair(pair, masks, search, asked, *how, known)
+    matched, summary, estimated, supported = _core.match_pair(
+        pair, masks, search, asked, *how, known, temporal
+    )
 
     same = as_estimates(estimated, before.settings, search, compensation)
     blur = None if before.blur is None else replace(before.blur, reused=True)
     kept = before.search or same.search
-    return matched, summary, replace(same, search=kept, blur=blur, alignment=alignment)
+    same = replace(same, search=kept, blur=blur, alignment=alignment)
+    return matched, summary, same, supported

@@ -116,7 +116,8 @@ class Result:
     timings
         Wall-clock seconds of the stages: ``"estimation"`` (of blur and noise, if they were asked
         for), ``"description"`` (images to codes), ``"matching"`` (codes to disparities),
-        ``"refinement"`` (checks, filling, smoothing, confidences).
+        ``"refinement"`` (checks, filling, smoothing, confidences), ``"temporal filter"`` (if there
+        is one).
     blur
         What was found out about blur and noise, if that was asked for.
     pair
@@ -133,6 +134,9 @@ class Result:
     summary
         Shares of the pixels that show whether the match as a whole is to be trusted. None where
         parts of a pair were matched.
+    temporal_support
+        uint8 (H, W): how many frames of a video support each disparity, from 1 (this one alone) to
+        8. None without a `phasestereo.TemporalFilter`.
     """
 
     disparity: NDArray[np.float32]
@@ -146,6 +150,7 @@ class Result:
     alignment: Alignment | None = None
     blur_compensation: BlurCompensation | None = None
     summary: Summary | None = None
+    temporal_support: NDArray[np.uint8] | None = None
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -27,3 +27,4 @@ mod source;
 mod speckles;
 mod subpixel;
 mod synthesis;
+mod temporal;

@@ -60,6 +60,7 @@ def live(
     stop: Annotated[int | None, Parameter(group=_SOURCE, validator=NOT_NEGATIVE)] = None,
     every: Annotated[int, Parameter(group=_SOURCE, validator=AT_LEAST_ONE)] = 1,
     reestimate: Annotated[int, Parameter(group=_SOURCE, validator=AT_LEAST_ONE)] = REESTIMATE,
+    temporal_filter: Annotated[bool, Parameter(group=_SOURCE)] = True,
     num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=AT_LEAST_ONE)] = None,
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=REASONABLE)] = 0,
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
@@ -112,6 +113,8 @@ def live(
     reestimate
         Estimate blur anew when it is not as it was at a glance, and at the latest after so many
         frames; 1: of every frame.
+    temporal_filter
+        Make disparities steadier where neither image has changed.
     num_disparities
         Number of disparities to search, 1 to the images' width; auto: the range that is found.
     min_disparity
@@ -141,6 +144,7 @@ def live(
         "stop": stop,
         "every": every,
         "reestimate": reestimate,
+        "temporal_filter": temporal_filter,
         "num_disparities": num_disparities,
         "min_disparity": min_disparity,
         "settings": settings,

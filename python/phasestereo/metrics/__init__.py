@@ -25,6 +25,7 @@ from phasestereo.metrics.scores import (
     score,
     subpixel,
 )
+from phasestereo.metrics.temporal import temporal_deviation
 
 __all__ = [
     "MiddleburyV2",
@@ -42,4 +43,5 @@ __all__ = [
     "score",
     "sparsification",
     "subpixel",
+    "temporal_deviation",
 ]

@@ -26,7 +26,7 @@ def scored_values(estimate: Floats, truth: Floats, mask: Mask | None) -> tuple[V
 
 def scored_pixels(estimate: Floats, truth: Floats, mask: Mask | None) -> Mask:
     """Return which pixels of a checked estimate, truth and mask are scored: at least one is."""
-    estimate, truth = _disparities("estimate", estimate), _disparities("truth", truth)
+    estimate, truth = checked_disparities("estimate", estimate), checked_disparities("truth", truth)
     if estimate.ndim != _MAP_NDIM:
         raise ValueError(f"estimate must be 2-D (H, W), got shape {estimate.shape}")
     checked_shape("truth", truth.shape, estimate.shape)
@@ -34,7 +34,7 @@ def scored_pixels(estimate: Floats, truth: Floats, mask: Mask | None) -> Mask:
     known = np.isfinite(truth)
     scored = known
     if mask is not None:
-        scored = known & _mask(mask, estimate.shape)
+        scored = known & checked_mask(mask, estimate.shape)
 
     if not scored.any():
         raise ValueError(
@@ -51,7 +51,8 @@ def checked_shape(name: str, shape: tuple[int, ...], wanted: tuple[int, ...]) ->
         raise ValueError(f"{name} must have the estimate's shape {wanted}, got {shape}")
 
 
-def _disparities(name: str, disparities: Floats) -> Floats:
+def checked_disparities(name: str, disparities: Floats) -> Floats:
+    """Return disparities as an array; a TypeError if they are not floats."""
     array = np.asarray(disparities)
     if not np.issubdtype(array.dtype, np.floating):
         raise TypeError(
@@ -62,7 +63,8 @@ def _disparities(name: str, disparities: Floats) -> Floats:
     return array
 
 
-def _mask(mask: Mask, shape: tuple[int, ...]) -> Mask:
+def checked_mask(mask: Mask, shape: tuple[int, ...]) -> Mask:
+    """Return a mask as an array; a TypeError or ValueError if it is not bool of this shape."""
     array = np.asarray(mask)
     if array.dtype != np.bool_:
         raise TypeError(f"mask must be an array of bool (True = score), got {array.dtype}")

@@ -47,6 +47,9 @@ Matched: TypeAlias = (
 Summarized: TypeAlias = tuple[float, float, float, float, float]
 """What a map says about itself: the fields of `phasestereo.Summary`."""
 
+Supported: TypeAlias = "tuple[NDArray[np.uint8], float]"
+"""What a temporal filter gives: how many frames support each disparity, seconds."""
+
 Known: TypeAlias = "tuple[tuple[float, float] | None, BlurCompensation | None, Field | None, bool]"
 """What the core is given: noise, the blur compensation, the field of
 the rows, whether the right image is to be inverted."""

@@ -47,7 +47,8 @@ class Camera:
     """Two pinhole cameras side by side, looking a little down on the scene.
 
     World coordinates: x to the right, y up from the floor, z away; the left camera is `eye` above
-    the origin. The baseline follows from the disparity `near_disparity` (px) of the depth `near`.
+    the floor at `x` and `z`. The baseline follows from the disparity `near_disparity` (px) of the
+    depth `near`.
     """
 
     height: int
@@ -56,6 +57,8 @@ class Camera:
     pitch: float = math.radians(12)
     near: float = 1.0
     near_disparity: float = 0.0
+    x: float = 0.0
+    z: float = 0.0
 
     @property
     def focal(self) -> float:
@@ -72,13 +75,14 @@ class Camera:
         across = (x - (self.width - 1) / 2) / self.focal
         down = (y - (self.height - 1) / 2) / self.focal
         cos, sin = math.cos(self.pitch), math.sin(self.pitch)
-        origin = (side * self.focal_baseline / self.focal, self.eye, 0.0)
+        origin = (self.x + side * self.focal_baseline / self.focal, self.eye, self.z)
         return Rays(origin, across, -down * cos - sin, cos - down * sin)
 
     def project(self, points: Array, side: int) -> tuple[Array, Array, Array]:
         """Columns, rows (px) and depths of world points (n, 3)."""
         cos, sin = math.cos(self.pitch), math.sin(self.pitch)
-        x, y, z = (points - [side * self.focal_baseline / self.focal, self.eye, 0.0]).T
+        eye = [self.x + side * self.focal_baseline / self.focal, self.eye, self.z]
+        x, y, z = (points - eye).T
         depth = z * cos - y * sin
         with np.errstate(divide="ignore", invalid="ignore"):
             column, row = x / depth, (-y * cos - z * sin) / depth

@@ -92,24 +92,30 @@ class Scenery:
 
 
 def photograph(
-    scene: Scenery, camera: Camera, side: int, exposure: float, rng: np.random.Generator
+    scenery: Scenery,
+    camera: Camera,
+    side: int,
+    exposure: float,
+    rng: np.random.Generator,
+    *,
+    noise: float = SENSOR_NOISE,
 ) -> NDArray[np.uint8]:
     """Take one view: light through a lens that darkens the corners, film-like tones, noise."""
-    bounds = windows(scene.shapes, camera, side)
+    bounds = windows(scenery.shapes, camera, side)
     picture = np.empty((camera.height, camera.width, 3), dtype=np.uint8)
     center_x, center_y = (camera.width - 1) / 2, (camera.height - 1) / 2
     dx, dy = LATTICE.T[:, :, None, None]
 
     for band, columns, rows in camera.bands(len(LATTICE)):
         x, y = (columns + dx).astype(np.float32), (rows + dy).astype(np.float32)
-        light = _radiance(scene, camera, camera.rays(x, y, side), bounds, band.start).mean(axis=0)
+        light = _radiance(scenery, camera, camera.rays(x, y, side), bounds, band.start).mean(axis=0)
 
         corner = ((columns - center_x) ** 2 + (rows - center_y) ** 2) / (center_x**2 + center_y**2)
         light *= (exposure * (1 - VIGNETTE * corner))[..., None].astype(np.float32)
 
         # As on film, bright light saturates smoothly.
         tones = 255 * (1 - np.exp(-light)) ** (1 / GAMMA)
-        tones += rng.normal(0.0, SENSOR_NOISE, tones.shape)
+        tones += rng.normal(0.0, noise, tones.shape)
         picture[band] = np.clip(np.rint(tones), 0, 255)
 
     return picture

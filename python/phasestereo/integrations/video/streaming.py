@@ -24,6 +24,7 @@ from phasestereo.integrations.video.capture import LayoutError
 from phasestereo.integrations.video.sources import open_source
 from phasestereo.matching import MOST_DISPARITIES, Matcher
 from phasestereo.rig.findings import untrusted
+from phasestereo.temporal import TemporalFilter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Mapping
@@ -118,6 +119,7 @@ def stream(
     stop: int | None = None,
     every: int = 1,
     reestimate: int = REESTIMATE,
+    temporal_filter: bool = True,
     patience: int | None = PATIENCE,
     on_error: Callable[[Failure], object] | None = None,
     preset: str | None = None,
@@ -164,6 +166,9 @@ def stream(
     reestimate
         The blur of a frame is estimated anew when it is not as it was at a glance, and at the
         latest so many frames after the last estimate; 1: of every frame. See the notes.
+    temporal_filter
+        Make disparities steadier where neither image has changed, as `phasestereo.TemporalFilter`
+        does; ``frame.result.temporal_support`` says where. False: each frame by itself.
     patience
         Frames in a row that cameras may miss before they count as gone; None: they are waited for.
     on_error
@@ -203,7 +208,8 @@ def stream(
     than a sixteenth of the image, sizes that change by less than a fifth or so, and changes of
     noise or contrast that both images share: that is found ``reestimate`` frames later at most. If
     the scene moves by many pixels, blur is estimated anew, too. What a frame gives thus depends on
-    those before it, unless ``reestimate`` is 1.
+    those before it, unless ``reestimate`` is 1 and ``temporal_filter`` False. A frame that fails
+    changes nothing of what is carried over.
 
     Examples
     --------
@@ -217,6 +223,10 @@ def stream(
     as_integer("reestimate", reestimate, least=1)
     if patience is not None:
         as_integer("patience", patience, least=1)
+
+    if not isinstance(temporal_filter, bool):
+        kind = type(temporal_filter).__name__
+        raise TypeError(f"temporal_filter: got {kind}; accepts True or False")
 
     matcher = Matcher(preset=preset, settings=settings, threads=threads, **overrides)
     given = {
@@ -234,7 +244,14 @@ def stream(
     opened = open_source(source, right, layout=layout, patience=patience)
     try:
         return Stream(
-            opened, matcher, given, wanted, on_error, reestimate=reestimate, rectifier=rectifier
+            opened,
+            matcher,
+            given,
+            wanted,
+            on_error,
+            reestimate=reestimate,
+            rectifier=rectifier,
+            temporal_filter=TemporalFilter() if temporal_filter else None,
         )
     except BaseException:
         opened.close()
@@ -258,11 +275,13 @@ class Stream(Iterator[Frame], Closing):
         *,
         reestimate: int,
         rectifier: Rectifier | None = None,
+        temporal_filter: TemporalFilter | None = None,
     ) -> None:
         self._source = source
         self._wanted = wanted
         self._work = _Work(source, matcher, given, on_error or _warn, reestimate)
         self._work.rectifier = rectifier
+        self._work.temporal_filter = temporal_filter
         self._frames = self._work.frames(wanted)
 
     @property
@@ -347,6 +366,7 @@ class _Work:
         self._report = report
         self._reestimate = reestimate
         self._reused = 0  # frames since the last estimate
+        self.temporal_filter: TemporalFilter | None = None
         self._last: Result | None = None
 
         self._checked = False
@@ -426,7 +446,13 @@ class _Work:
 
         left, right = images
         masks = {} if self.rectifier is None else self.rectifier.masks
-        result = self.matcher.match(left, right, **{**self._given, **masks}, before=self._before())
+        result = self.matcher.match(
+            left,
+            right,
+            **{**self._given, **masks},
+            before=self._before(),
+            temporal_filter=self.temporal_filter,
+        )
 
         # Nothing is taken over from a match that is not to be trusted. Images would take memory.
         self._last = None if untrusted(result.findings) else replace(result, pair=None)

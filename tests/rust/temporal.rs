@@ -1,0 +1,373 @@
+//! The temporal filter, against the recurrence as it is written down, pixel by pixel.
+
+use std::time::Duration;
+
+use crate::common::maps::bits;
+use crate::common::{at_every_level, hash, levels, mask, random, view};
+use ndarray::Array3;
+use phasestereo::internals::error::Error;
+use phasestereo::internals::image::intensity::float_range;
+use phasestereo::internals::image::plane::Plane;
+use phasestereo::internals::image::view::{Image, View};
+use phasestereo::internals::pipeline::control::Control;
+use phasestereo::internals::pipeline::matcher::{Disparity, Pair, Timings, on_threads};
+use phasestereo::internals::pipeline::temporal::change::{
+    BLOCK, BLOCK_FACTOR, ENOUGH_BLOCKS, LARGEST, LEAST_NOISE, MOST_NOISE, QUIETEST, RATIO, STEP,
+};
+use phasestereo::internals::pipeline::temporal::{FRAMES, TemporalFilter};
+use phasestereo::internals::settings::Settings;
+use phasestereo::internals::settings::presets::Preset;
+use phasestereo::internals::simd::Level;
+use proptest::prelude::*;
+
+/// One frame to be filtered.
+#[derive(Debug, Clone)]
+struct Frame {
+    pair: Pair,
+    map: Disparity,
+}
+
+/// What comes of a frame: bits of disparities, flags, bits of confidences, support.
+type Seen = (Vec<u32>, Vec<u16>, Option<Vec<u32>>, Vec<u8>);
+
+fn seen(map: &Disparity, support: &Plane<u8>) -> Seen {
+    let confidence = map.confidence.as_ref().map(|plane| bits(plane).into_vec());
+    (
+        bits(&map.disparity).into_vec(),
+        map.flags.as_slice().to_vec(),
+        confidence,
+        support.as_slice().to_vec(),
+    )
+}
+
+fn map(disparity: Plane<f32>, flags: Plane<u16>, confidence: Option<Plane<f32>>) -> Disparity {
+    let [description, matching, refinement] = [Duration::ZERO; 3];
+    let timings = Timings { description, matching, refinement };
+    Disparity { disparity, flags, confidence, timings }
+}
+
+/// What the filter makes of a sequence.
+fn filtered(frames: &[Frame], level: Level) -> Vec<Seen> {
+    let (mut filter, control) = (TemporalFilter::new(), Control::default());
+    let next = |frame: &Frame| {
+        let (mut map, settings) = (frame.map.clone(), Settings::default());
+        let support = filter.apply(&frame.pair, &settings, &mut map, level, &control);
+        seen(&map, &support.expect("not cancelled"))
+    };
+    frames.iter().map(next).collect()
+}
+
+/// Frames of a scene in which tiles change now and then, with noise, of any type of pixels.
+fn sequence((rows, cols): (usize, usize), kind: u8, seed: u64) -> Vec<Frame> {
+    let is_masked = seed & 8 != 0;
+    let (has_confidence, channels) = (seed & 16 != 0, if seed & 32 != 0 { 3 } else { 1 });
+    let state = |time: u64, salt: u64, y: usize, x: usize| {
+        (0..=time).rev().find(|time| hash(seed ^ salt ^ *time << 8, y / 6, x / 6).is_multiple_of(4))
+    };
+    let pixel = |time: u64, salt: u64, (y, x, c): (usize, usize, usize)| {
+        let tile = hash(state(time, salt, y, x).unwrap_or(99), y / 6, x / 6) % 160;
+        20 + tile + hash(seed ^ salt ^ (time + 1) << 16, y, 3 * x + c) % 8
+    };
+    let image = |time: u64, salt: u64| {
+        let values = Array3::from_shape_fn((rows, cols, channels), |at| pixel(time, salt, at));
+        match kind {
+            0 => Image::U8(values.mapv(|value| value as u8)),
+            1 => Image::U16(values.mapv(|value| 200 * value as u16)),
+            2 => Image::F32(values.mapv(|value| value as f32 / 99.0)),
+            _ => Image::F64(values.mapv(|value| value as f64 * 1e6 - 3e7)),
+        }
+    };
+    let camera = |time: u64, salt: u64| {
+        let seed = seed ^ salt ^ (time / 2);
+        let mask = is_masked.then(|| mask(rows, cols, 90, seed));
+        View { mask, ..View::from(image(time, salt)) }
+    };
+    let disparity = |time: u64, y: usize, x: usize| match hash(seed ^ time << 24, y, x) % 16 {
+        0 => f32::NAN,
+        1 => 40.0,
+        2 => -2.5,
+        other => 3.0 + (hash(seed, y / 4, x / 4) % 3) as f32 + other as f32 / 16.0,
+    };
+    let frame = |time: u64| Frame {
+        pair: Pair::new(camera(time, 1), camera(time, 2), 0, 1).expect("a legal pair"),
+        map: map(
+            Plane::from_fn(rows, cols, |y, x| disparity(time, y, x)),
+            Plane::from_fn(rows, cols, |y, x| hash(seed ^ time, y, x) as u16),
+            has_confidence.then(|| {
+                Plane::from_fn(rows, cols, |y, x| (hash(!time, y, x) % 101) as f32 / 100.0)
+            }),
+        ),
+    };
+    (0..12).map(frame).collect()
+}
+
+/// The reference implementation: a view.
+#[derive(Default)]
+struct NaiveView {
+    scale: Option<(f64, f64)>,
+    /// Mean and count of each pixel.
+    before: Vec<(f32, u8)>,
+}
+
+impl NaiveView {
+    /// Whether the place of each pixel has changed in the next frame.
+    fn changed(&mut self, view: &View) -> Vec<bool> {
+        let (rows, cols, channels) = view.image.shape();
+        let (black, factor) = *self.scale.get_or_insert_with(|| {
+            if let Some(white) = view.image.white() {
+                return (0.0, 255.0 / (1000.0 * f64::from(white)));
+            }
+            let range = float_range(view, &Control::default()).expect("not cancelled");
+            let width = range.width();
+            (range.black, 255.0 / if width > 0.0 { width } else { 1.0 })
+        });
+        let gray = |y: usize, x: usize| {
+            let value = view.image.luminance(y, x);
+            match (view.is_valid(y, x), view.image.white(), channels) {
+                (false, _, _) => f32::NAN,
+                (true, None, _) => ((value - black) * factor) as f32,
+                (true, Some(_), 3) => value as f32 * factor as f32,
+                (true, Some(_), _) => (value / 1000.0) as f32 * (1000.0 * factor) as f32,
+            }
+        };
+        if self.before.is_empty() {
+            self.before = vec![(0.0, 0); rows.div_ceil(STEP) * cols.div_ceil(STEP)];
+        }
+        let (before, inverse) = (self.before.clone(), 1.0 / noise((rows, cols), gray));
+        let (image_rows, image_cols, gray) = (rows, cols, |y, x| gray(STEP * y, STEP * x));
+        let (rows, cols) = (rows.div_ceil(STEP), cols.div_ceil(STEP));
+        let excess = |y: isize, x: isize| {
+            let inside = (0..rows as isize).contains(&y) && (0..cols as isize).contains(&x);
+            let Some((y, x)) = inside.then_some((y as usize, x as usize)) else { return 0.0 };
+            let (mean, count) = before[y * cols + x];
+            let difference = gray(y, x) - mean;
+            if count == 0 || gray(y, x).is_nan() {
+                return 0.0;
+            }
+            let square = (difference * difference * inverse).min(LARGEST);
+            square - (RATIO + RATIO / f32::from(count))
+        };
+        let next = |index: usize| {
+            let (y, x) = (index / cols, index % cols);
+            let column = |x: isize| {
+                let y = y as isize;
+                excess(y - 1, x) + excess(y, x) + excess(y + 1, x)
+            };
+            let sum = column(x as isize - 1) + column(x as isize) + column(x as isize + 1);
+            let (new, (mean, count)) = (gray(y, x), before[index]);
+            match (new.is_nan(), sum > 0.0 || count == 0) {
+                (true, _) => ((0.0, 0), true),
+                (false, true) => ((new, 1), true),
+                (false, false) => {
+                    let count = FRAMES.min(count + 1);
+                    ((mean + (new - mean) / f32::from(count), count), false)
+                }
+            }
+        };
+        let (now, changed): (_, Vec<bool>) = (0..rows * cols).map(next).unzip();
+        self.before = now;
+        let pixels = (0..image_rows).flat_map(|y| (0..image_cols).map(move |x| (y, x)));
+        pixels.map(|(y, x)| changed[y / STEP * cols + x / STEP]).collect()
+    }
+}
+
+/// The reference implementation of the variance of the noise.
+fn noise((rows, cols): (usize, usize), gray: impl Fn(usize, usize) -> f32) -> f32 {
+    let (down, across) = (rows.saturating_sub(2) / BLOCK, cols.saturating_sub(2) / BLOCK);
+    let step = (down * across).div_ceil(ENOUGH_BLOCKS).max(1);
+    let second = |y: usize, x: usize| {
+        let column = |x: usize| gray(y - 1, x) + gray(y + 1, x) - 2.0 * gray(y, x);
+        (column(x - 1) + column(x + 1) - 2.0 * column(x)) / 6.0
+    };
+    let mut squares = vec![];
+    for top in (0..down).step_by(step) {
+        for left in 0..across {
+            let column = |x: usize| {
+                let rows = top * BLOCK..(top + 1) * BLOCK;
+                rows.map(|y| second(y + 1, x + 1).powi(2)).sum::<f32>()
+            };
+            let columns = left * BLOCK..(left + 1) * BLOCK;
+            squares.push(columns.map(column).sum::<f32>() / (BLOCK * BLOCK) as f32);
+        }
+    }
+    squares.retain(|square| !square.is_nan());
+    squares.sort_by(f32::total_cmp);
+    let (least, most) = (LEAST_NOISE.powi(2), MOST_NOISE.powi(2));
+    let quiet = squares.get(squares.len() / QUIETEST);
+    quiet.map_or(least, |square| (square * BLOCK_FACTOR).clamp(least, most))
+}
+
+/// The reference implementation: a sequence.
+fn expected(frames: &[Frame]) -> Vec<Seen> {
+    let mut views = [NaiveView::default(), NaiveView::default()];
+    let mut before: Option<(Disparity, Plane<u8>)> = None;
+    let next = |frame: &Frame| {
+        let [left, right] = frame.pair.views();
+        let changed = [views[0].changed(left), views[1].changed(right)];
+        let none = (frame.map.clone(), Plane::from_fn(0, 0, |_, _| 0));
+        let (old, frames) = before.take().unwrap_or(none);
+        let (rows, cols) = frame.pair.size();
+        let (mut map, mut support) = (frame.map.clone(), Plane::from_fn(rows, cols, |_, _| 1));
+        for y in (0..rows).filter(|_| frames.rows() > 0) {
+            for x in 0..cols {
+                let (new, was, count) =
+                    (map.disparity.row(y)[x], old.disparity.row(y)[x], frames.row(y)[x]);
+                let seen = |disparity: f32| {
+                    let place = (x as f32 - disparity).round_ties_even();
+                    let is_inside = place >= 0.0 && place < cols as f32;
+                    !is_inside || !changed[1][y * cols + place as usize]
+                };
+                if changed[0][y * cols + x] || !seen(new) || !seen(was) {
+                    continue;
+                }
+                if new.is_nan() && was.is_nan() {
+                    support.row_mut(y)[x] = FRAMES.min(count + 1);
+                } else if (new - was).abs() <= 1.0 {
+                    let more = FRAMES.min(count + 1);
+                    support.row_mut(y)[x] = more;
+                    map.disparity.row_mut(y)[x] = was + (new - was) / f32::from(more);
+                } else if count > 1 {
+                    support.row_mut(y)[x] = count - 1;
+                    map.disparity.row_mut(y)[x] = was;
+                    map.flags.row_mut(y)[x] = old.flags.row(y)[x];
+                    if let (Some(now), Some(old)) = (&mut map.confidence, &old.confidence) {
+                        now.row_mut(y)[x] = old.row(y)[x];
+                    }
+                }
+            }
+        }
+        let found = seen(&map, &support);
+        before = Some((map, support));
+        found
+    };
+    frames.iter().map(next).collect()
+}
+
+proptest! {
+    #![proptest_config(random(48))]
+
+    #[test]
+    fn sequences_are_filtered_like_by_the_reference(
+        rows in 1usize..=40,
+        cols in 1usize..=70,
+        kind in 0u8..4,
+        seed: u64,
+    ) {
+        let frames = sequence((rows, cols), kind, seed);
+        prop_assert_eq!(at_every_level(|level| filtered(&frames, level)), expected(&frames));
+    }
+}
+
+#[test]
+fn the_sequences_have_all_that_may_happen() {
+    let found = expected(&sequence((40, 70), 0, 5));
+    let (_, _, _, last) = found.last().expect("frames");
+    assert!((1..=FRAMES).all(|count| last.contains(&count)), "every count");
+}
+
+#[test]
+fn the_result_does_not_depend_on_threads_and_large_images_are_sampled() {
+    // More than enough blocks, and rows for many bands.
+    let (frames, level) = (sequence((330, 300), 0, 40), levels()[0]);
+    let on = |threads| on_threads(threads, || filtered(&frames[..3], level)).expect("threads");
+    let one = on(1);
+    assert_eq!(one, expected(&frames[..3]));
+    assert_eq!(one, on(3));
+}
+
+/// A frame of a scene whose pixels are a little off by `noise`, with one disparity everywhere.
+fn still(shift: usize, noise: u64, disparity: f32, size: (usize, usize)) -> Frame {
+    let pixel = |seed, y, x| {
+        let scene = hash(7, y / 9, (x + shift) / 9) % 180;
+        (20 + scene + hash(noise ^ seed, y, x) % 5) as u8
+    };
+    let camera = |seed| view(size.0, size.1, |y, x| pixel(seed, y, x));
+    let flags = Plane::from_fn(size.0, size.1, |_, _| disparity as u16);
+    let found = Plane::from_fn(size.0, size.1, |_, _| disparity);
+    let pair = Pair::new(camera(1 << 40), camera(2 << 40), 0, 16).expect("a legal pair");
+    Frame { pair, map: map(found, flags, None) }
+}
+
+const SIZE: (usize, usize) = (30, 50);
+
+/// The disparity, flags and support in the middle of each frame.
+fn in_the_middle(frames: &[Frame]) -> Vec<(f32, u16, u8)> {
+    let at = SIZE.0 / 2 * SIZE.1 + SIZE.1 / 2;
+    let of = |(disparity, flags, _, support): Seen| {
+        (f32::from_bits(disparity[at]), flags[at], support[at])
+    };
+    filtered(frames, Level::best()).into_iter().map(of).collect()
+}
+
+#[test]
+fn what_stands_still_gets_the_mean_and_an_outlier_is_outvoted() {
+    let drawn = [4.0, 5.0, 4.5, 9.0, 4.5];
+    let frames = (1..).zip(drawn).map(|(time, drawn)| still(0, time, drawn, SIZE));
+    let found = in_the_middle(&frames.collect::<Vec<_>>());
+    assert_eq!(found, [(4.0, 4, 1), (4.5, 5, 2), (4.5, 4, 3), (4.5, 4, 2), (4.5, 4, 3)]);
+}
+
+#[test]
+fn a_majority_of_other_disparities_takes_over() {
+    let drawn = [4.0, 4.0, 9.0, 9.0, 9.0];
+    let frames = (1..).zip(drawn).map(|(time, drawn)| still(0, time, drawn, SIZE));
+    let found = in_the_middle(&frames.collect::<Vec<_>>());
+    assert_eq!(found, [(4.0, 4, 1), (4.0, 4, 2), (4.0, 4, 1), (9.0, 9, 1), (9.0, 9, 2)]);
+}
+
+#[test]
+fn a_cut_is_a_new_beginning() {
+    let frames = [still(0, 1, 4.0, SIZE), still(0, 2, 4.0, SIZE), still(500, 3, 4.5, SIZE)];
+    let found = filtered(&frames, Level::best());
+    assert!(found[1].3.iter().all(|count| *count == 2));
+    let own = frames[2].map.disparity.as_slice();
+    let as_it_is = found[2].0.iter().zip(own).filter(|(bits, own)| **bits == own.to_bits());
+    // Some tiles of another scene happen to be of the same gray value.
+    assert!(as_it_is.count() * 100 > 95 * own.len());
+}
+
+#[test]
+fn nothing_is_carried_over_to_another_size_range_or_other_settings() {
+    let (level, control, settings) = (Level::best(), Control::default(), Preset::Fast.settings());
+    let other = Settings { p1: settings.p1 + 1.0, ..settings.clone() };
+    let first = still(0, 1, 4.0, SIZE);
+    let wide = Frame {
+        pair: Pair::new(first.pair.views()[0].clone(), first.pair.views()[1].clone(), 0, 17)
+            .expect("a legal pair"),
+        ..first.clone()
+    };
+    let next = [
+        (&first, &settings, 2),
+        (&wide, &settings, 1),
+        (&first, &other, 1),
+        (&still(0, 1, 4.0, (30, 49)), &settings, 1),
+    ];
+    for (next, settings_of_next, expected) in next {
+        let mut filter = TemporalFilter::new();
+        for (frame, settings, expected) in
+            [(&first, &settings, 1), (next, settings_of_next, expected)]
+        {
+            let mut map = frame.map.clone();
+            let support = filter.apply(&frame.pair, settings, &mut map, level, &control);
+            let support = support.expect("not cancelled");
+            assert!(support.as_slice().iter().all(|count| *count == expected));
+        }
+    }
+}
+
+#[test]
+fn a_cancelled_frame_is_forgotten_with_all_before_it() {
+    let (level, settings, frame) = (Level::best(), Settings::default(), still(0, 1, 4.0, SIZE));
+    let mut filter = TemporalFilter::new();
+    let mut support = |control: &Control| {
+        let support =
+            filter.apply(&frame.pair, &settings, &mut frame.map.clone(), level, control)?;
+        Ok::<_, Error>(support.row(0)[0])
+    };
+    let (calm, cancelled) = (Control::default(), Control::default());
+    cancelled.cancel();
+    assert_eq!(support(&calm), Ok(1));
+    assert_eq!(support(&calm), Ok(2));
+    assert_eq!(support(&cancelled), Err(Error::Cancelled));
+    assert_eq!(support(&calm), Ok(1));
+}
