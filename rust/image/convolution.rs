@@ -23,29 +23,29 @@ pub const MOST_FRACTION: u32 = 8;
 /// Further bits that are kept between the two passes of a separable kernel.
 pub const GUARD: u32 = 2;
 
-/// How far from 1 the sum of the taps may be; they are divided by it.
+/// Largest difference of the sum of the taps from 1; they are divided by their sum.
 const SUM_TOLERANCE: f64 = 1e-3;
-/// Share of the largest tap by which an outer product may be missed: 16 roundings of single precision.
+/// Largest difference from an outer product, as a share of the largest tap: 16 roundings of single precision.
 const PRODUCT_TOLERANCE: f64 = 1.0 / (1 << 20) as f64;
 /// Inverse of the difference below which remainders are ties: taps that should be equal may differ in their last bits.
 const TIE_STEPS: f64 = (1 << 20) as f64;
 
-/// Pixels whose sums stay in registers while the taps go by: four registers of AVX2, eight where sums have 64
-/// bits. Of a kernel of 129 taps, this loop by itself takes 1.9 ms for 741 x 497 pixels on a Zen 3, with 64 pixels 1.7;
+/// Pixels whose sums stay in registers during the loop over taps: four registers of AVX2, eight where sums have 64
+/// bits. With a kernel of 129 taps, this loop by itself takes 1.9 ms for 741 x 497 pixels on a Zen 3, with 64 pixels 1.7;
 /// in single precision 2.3, on pixels of 16 bits 2.1.
 const BLOCK: usize = 32;
 
-/// A point-spread function in integers: weights from 0 that sum to `2^SHIFT`, so no result leaves the range
-/// of the image, and a constant stays what it is.
+/// A point-spread function in integers: weights from 0 that sum to `2^SHIFT`. So no result leaves the range of the image,
+/// and a constant image stays the same.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Kernel(Weights);
 
-/// The weights of a kernel, by offset from their center: sides are odd, and no larger than need be.
+/// The weights of a kernel, by offset from their center: sides are odd and as small as possible.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Weights {
-    /// All of them.
+    /// All weights, applied in one pass.
     All(Plane<i32>),
-    /// Those along the columns, and those that are then applied along the rows of what these give.
+    /// The factors of an outer product: applied along the columns, then along the rows.
     Factors {
         /// One column.
         column: Plane<i32>,
@@ -67,7 +67,7 @@ impl Kernel {
         }
     }
 
-    /// The outer product of a column and a row of taps, for each of which holds what does for [`Self::new`].
+    /// The outer product of a column and a row of taps, each as [`Self::new`] takes them.
     pub fn separable(column: &[f64], row: &[f64]) -> Result<Self> {
         let column = Plane::from_vec(column.len(), 1, column.to_vec())?;
         let row = Plane::from_vec(1, row.len(), row.to_vec())?;

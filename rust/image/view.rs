@@ -33,9 +33,9 @@ pub struct View {
     pub image: Image,
     /// Its valid pixels; `None`: all.
     pub mask: Option<Mask>,
-    /// Where the pixels lie of the whole image, of floats, of which this is a part; `None`: it is the whole.
+    /// The intensity range of the whole image, if this is a part of a float image; `None`: it is the whole.
     pub range: Option<IntensityRange>,
-    /// By how much impulses stand out at least, in units of the pixels; 0: there are none.
+    /// Least height of impulses, in units of the pixels; 0: there are none.
     pub impulses: f64,
 }
 
@@ -59,8 +59,8 @@ impl Image {
         }
     }
 
-    /// Writes the gray values of row `y` of an integer image less `middle`, exactly; those of color
-    /// images, `299 R + 587 G + 114 B`, in thousandths.
+    /// Writes the exact gray values of row `y` of an integer image, less `middle`. Those of color images,
+    /// `299 R + 587 G + 114 B`, are in thousandths.
     pub fn write_centered(&self, y: usize, middle: i32, level: Level, row: &mut [i32]) {
         match self {
             Self::U8(pixels) => write_centered(row_of(pixels, y), middle, level, row),

@@ -63,7 +63,7 @@ impl PartsJob {
     /// The result of a match of the whole.
     fn whole(&self, (matcher, how): (&Matcher, Execution)) -> ResultBits {
         let found = matcher.match_pair(&self.pair, &self.settings, how, &Control::default());
-        ResultBits::of(found.expect("a legal match"))
+        ResultBits::new(found.expect("a legal match"))
     }
 
     /// The rows to read for some rows: more where a halo has rows without a valid pixel.
@@ -95,7 +95,7 @@ impl PartsJob {
 
         let pair = without_full_masks(known_part(&self.pair, read, self.ranges));
         let found = matcher.match_rows(&pair, &section, &self.settings, how, &Control::default());
-        ResultBits::of(found.expect("a legal part"))
+        ResultBits::new(found.expect("a legal part"))
     }
 
     /// The whole match, the rows between each two cuts by themselves.
@@ -176,6 +176,7 @@ fn pairs() -> impl Strategy<Value = Pair> {
 
                 let noise = seed & 32 == 0;
                 let pixel = |y, x: usize| {
+                    // A scene that the right image shows further left, or noise with no match at all.
                     let scene = hash(seed, y / 2, usize::midpoint(x, shift)) % (white + 1);
                     let lot = hash(own, y, x) % (white + 1);
 
@@ -242,6 +243,7 @@ fn jobs() -> impl Strategy<Value = PartsJob> {
 
         let (r, s) = settings.frequencies;
         let least = (2 * r.max(s) + 1).max(3);
+        // The neighborhood has to stay large enough for its frequencies.
         settings.neighborhood = affordable(settings.neighborhood, places).max(least);
 
         let is_phase = settings.cost == CostKind::Phase;
@@ -500,7 +502,7 @@ impl DraftMap {
         let (disparity, confidence) = found.expect("memory");
 
         let rows = rows.start - read.start..rows.end - read.start;
-        ResultBits::of(Disparity {
+        ResultBits::new(Disparity {
             disparity: disparity.of_rows(rows.clone()),
             flags: flags.of_rows(rows.clone()),
             confidence: confidence.map(|plane| plane.of_rows(rows)),

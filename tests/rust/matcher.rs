@@ -59,7 +59,7 @@ impl MatchJob {
             matcher.match_pair(&self.pair, &self.settings, how, &control).expect("a legal match");
         assert_eq!(control.rows_done(), self.pair.size().0);
 
-        ResultBits::of(map)
+        ResultBits::new(map)
     }
 
     /// The result of the naive chain.
@@ -155,6 +155,7 @@ fn jobs() -> impl Strategy<Value = MatchJob> {
         let places = AFFORDABLE / (rows * cols * settings.components());
         let (r, s) = settings.frequencies;
         let least = (2 * r.max(s) + 1).max(3);
+        // The neighborhood has to stay large enough for its frequencies.
         settings.neighborhood = affordable(settings.neighborhood, places).max(least);
 
         let is_phase = settings.cost == CostKind::Phase;
@@ -640,6 +641,7 @@ fn low_confidence_is_masked_out() {
 
         let confidences = all.confidence.as_ref().expect("asked for").iter();
 
+        // Both counts make sure that the threshold is neither below nor above all confidences.
         let (mut kept, mut invalid) = (0, 0);
 
         for (place, bits) in confidences.enumerate() {
@@ -721,7 +723,7 @@ fn a_cancelled_match_stops_and_the_matcher_goes_on() {
         });
 
         match matcher.match_pair(&job.pair, &job.settings, how, &control) {
-            Ok(map) => assert!(ResultBits::of(map) == expected),
+            Ok(map) => assert!(ResultBits::new(map) == expected),
             Err(error) => assert_eq!(error, Error::Cancelled),
         }
 

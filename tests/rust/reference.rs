@@ -150,6 +150,7 @@ fn sorted_neighbors(plane: &Plane<i32>, y: usize, x: usize) -> Vec<i32> {
 
 /// Reference implementation of [`phasestereo::internals::image::blocking::Extra::jump`]: phase by phase, differences clipped to `clip` half steps.
 pub fn jump(plane: &Plane<i32>, clip: i32) -> f64 {
+    // Columns are the rows of the transposed plane.
     let turned = Plane::from_fn(plane.cols(), plane.rows(), |y, x| plane.row(x)[y]);
 
     let along = |plane: &Plane<i32>| {
@@ -319,6 +320,7 @@ pub fn aggregate(costs: &Plane<u16>, validity: &Plane<u16>, window: Window) -> P
         let (top, bottom) = (y.saturating_sub(radius), (y + radius).min(window.rows - 1));
         let (left, right) = (x.saturating_sub(radius), (x + radius).min(window.cols - 1));
 
+        // Windows may shift by their radius, but stay centered within the image.
         let centers = [(y, x), (top, x), (bottom, x), (y, left), (y, right)];
         centers.map(|(y, x)| boxes.row(y)[x * count + k]).into_iter().fold(u32::MAX, u32::min)
     })
@@ -476,6 +478,7 @@ impl PathCosts<'_> {
 
         for y in by_steps(rows.clone(), dy) {
             for x in by_steps(columns.clone(), dx) {
+                // The pixel before on the path; outside the rows and columns there is none, and nothing to add.
                 let from = (y.wrapping_add_signed(-dy), x.wrapping_add_signed(-dx));
                 let is_inside = rows.contains(&from.0) && columns.contains(&from.1);
 
@@ -557,6 +560,7 @@ pub fn margin(chosen: u16, costs: &[u32]) -> PixelEvidence {
 
 /// The evidence of a chosen candidate: its costs decide, `valley` gives the offset.
 fn found(chosen: usize, costs: &[u64], valley: &[u32]) -> PixelEvidence {
+    // The neighbors of the chosen candidate see the same match.
     let elsewhere = costs.iter().enumerate().filter(|(k, _)| k.abs_diff(chosen) > 1);
     let beside =
         chosen.checked_sub(1).and_then(|below| valley.get(below)).zip(valley.get(chosen + 1));
@@ -667,6 +671,7 @@ pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
 
     let is_consistent = |x: usize| {
         let rivals = (0..cols).filter(|&other| has_match(other) && column(other) == column(x));
+        // Among equal costs the largest disparity: the nearer surface hides the other.
         let owner = rivals.min_by_key(|&other| (costs[other], Reverse(chosen[other])));
         has_match(x) && owner.is_some_and(|owner| chosen[owner].abs_diff(chosen[x]) <= most)
     };
@@ -699,6 +704,7 @@ pub fn flag_speckles(
         let mut seen = disparity.map(|_| false);
         seen.row_mut(y)[x] = true;
 
+        // A flood fill; it stops as soon as the region is too large for a speckle.
         while let Some(&(y, x)) = region.get(next)
             && region.len() <= size
         {
@@ -736,6 +742,7 @@ pub fn fill(disparity: &Plane<f32>, flags: &Plane<u16>) -> (Plane<f32>, Plane<u1
     let trusted = |y, x| trusted(disparity, flags, y, x);
 
     let filling = |y: usize, x: usize| {
+        // The row itself, if it has a trusted pixel; else the nearest row that has one (ties: above).
         let seeded = (0..rows).filter(|&row| (0..cols).any(|col| trusted(row, col).is_some()));
         let from = seeded.min_by_key(|row| (row.abs_diff(y), *row))?;
         if from.abs_diff(y) > filling::REACH {
@@ -814,6 +821,7 @@ pub fn guide(disparity: &Plane<f32>, gray: &Plane<i32>) -> Plane<f32> {
 
         let mut values: Vec<f32> = like.map(|(v, u)| disparity.row(v)[u]).collect();
         values.sort_by(f32::total_cmp);
+        // Of two values in the middle the smaller one.
         values[(values.len() - 1) / 2]
     })
 }
@@ -863,6 +871,7 @@ pub fn synthesize(disparity: &Plane<f32>, soft: Soft) -> Plane<f32> {
     Plane::from_fn(disparity.rows(), disparity.cols(), |y, x| {
         let here = maps.each_ref().map(|map| map.row(y)[x]);
         let class = soft.classes.row(y)[x];
+        // All maps are judged at the same places: those of the extreme disparities.
         let whole = here.map(whole);
         let places = [whole.into_iter().max(), whole.into_iter().min()];
         let place = |disparity: Option<i64>| beside(x, -disparity.unwrap_or(0), maps[0].cols());
@@ -1002,6 +1011,7 @@ pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, roughness: Roughness) 
             return own;
         }
 
+        // Every third row and column counts.
         let counts = places(y, x, outlines::REACH).filter(|&(v, u)| {
             let (vertical, horizontal) = (v.abs_diff(y), u.abs_diff(x));
             vertical % outlines::STRIDE + horizontal % outlines::STRIDE == 0
@@ -1028,6 +1038,7 @@ pub fn outline(disparity: &Plane<f32>, gray: &Plane<i32>, roughness: Roughness) 
             2 * below >= total
         };
 
+        // The least value up to which there is at least half of the weight.
         let median = values.iter().find(is_middle).map_or(0, |(away, _)| *away);
 
         if median == 0 { own } else { own + median as f32 / outlines::FINENESS }

@@ -462,10 +462,10 @@ fn empty_rows_are_as_rough_as_those_they_copy_from_other_parts() {
 }
 
 /// Work on a source, by rows.
-type Work = fn(&Slow, &Matcher, &Control) -> Result<()>;
+type RowWork = fn(&Slow, &Matcher, &Control) -> Result<()>;
 
 /// Everything that is worked out by rows.
-const WORKS: [Work; 3] = [
+const ROW_WORKS: [RowWork; 3] = [
     |source, _, control| ranges(source, control).map(drop),
     |source, _, control| roughness(source, 0.0, Level::best(), control).map(drop),
     |source, matcher, control| {
@@ -480,7 +480,7 @@ fn an_error_of_a_source_is_passed_on() {
     let pair = pair(with_masks(views, 99));
     let matcher = Matcher::new(2).expect("threads");
 
-    for work in WORKS {
+    for work in ROW_WORKS {
         let whole = Slow::new(&pair, 64);
 
         work(&whole, &matcher, &Control::default()).expect("all rows");
@@ -488,6 +488,7 @@ fn an_error_of_a_source_is_passed_on() {
         let count = whole.asked().len();
         assert!(count > 3, "{count}");
 
+        // The first read, an early one, one in the middle, and the last.
         for broken in [0, 1, count / 2, count - 1] {
             let source = Slow { broken: Some(broken), ..Slow::new(&pair, 64) };
             let refused = work(&source, &matcher, &Control::default()).expect_err("it is torn");
@@ -507,7 +508,7 @@ fn work_by_rows_can_be_cancelled() {
     let control = Control::default();
     control.cancel();
 
-    for work in WORKS {
+    for work in ROW_WORKS {
         let stopped = work(&Slow::new(&pair, 64), &matcher, &control);
         assert_eq!(stopped, Err(Error::Cancelled));
     }

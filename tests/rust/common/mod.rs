@@ -97,6 +97,7 @@ pub fn descriptors() -> impl Strategy<Value = Settings> {
 
 /// Legal descriptors, many of them with a weak level where one is allowed.
 pub fn weak_descriptors() -> impl Strategy<Value = Settings> {
+    // Where the code would be too long: first without a weak level, then of one size.
     let weak = prop_oneof![1 => Just(0.0), 1 => Just(LARGEST_WEAK), 6 => 0.01..4.0f64];
     (descriptors(), weak, 1usize..=2).prop_map(|(descriptor, weak, sizes)| {
         let wanted = [(weak, sizes), (0.0, sizes), (weak, 1)];
@@ -125,6 +126,7 @@ pub fn kernels() -> impl Strategy<Value = Option<Kernel>> {
     });
 
     let kernel = taps.prop_map(|(rows, mut taps)| {
+        // At least one tap is not 0, so the sum is not.
         taps[0] += 0.1;
         let total: f64 = taps.iter().sum();
         let taps = taps.iter().map(|tap| tap / total).collect::<Vec<_>>();

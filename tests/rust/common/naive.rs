@@ -35,7 +35,7 @@ pub struct ResultBits {
 }
 
 impl ResultBits {
-    pub fn of(map: Disparity) -> Self {
+    pub fn new(map: Disparity) -> Self {
         let bits = |plane: Plane<f32>| plane.into_vec().into_iter().map(f32::to_bits).collect();
         Self {
             disparity: bits(map.disparity),
@@ -146,6 +146,7 @@ fn codes(
     };
 
     if smoothing > 0.0 {
+        // Bytes come out on one scale, with or without color.
         let is_of_bytes = matches!(reach, 128 | 128_000);
         let smoothed = if is_of_bytes { 2048 } else { reach << most(reach, 1 << 17) };
 
@@ -189,6 +190,7 @@ fn codes_of(
 pub fn weak_threshold(gray: &Gray, settings: &Settings, noise: f64) -> f64 {
     let neighborhood = settings.neighborhood + 2 * (settings.sizes - 1);
     let window = Basis::new(&Settings { neighborhood, ..settings.clone() });
+    // The filter of frequency 0 is the window.
     let window = window.filters()[0].even.clone();
 
     let weight = |j: isize| f64::from(window[j.unsigned_abs()]);
