@@ -63,9 +63,10 @@ def matched(left: Image, right: Image) -> Map:
 
     settings: ps.Settings = ps.PRESETS["paper"]
     matcher = ps.Matcher(settings=settings, threads=1)
-    again = matcher.match(left, right, before=result)
+    steady = ps.TemporalFilter()
+    again = matcher.match(left, right, before=result, temporal_filter=steady)
     seconds: float = sum(again.timings.values())
-    use(again.settings.window, matcher.threads, seconds)
+    use(again.settings.window, matcher.threads, seconds, again.temporal_support)
 
     return result.disparity
 

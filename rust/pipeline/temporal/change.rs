@@ -16,7 +16,8 @@
 //!
 //! The noise is found in each frame anew: the mean square of the second difference along both axes (Immerkaer 1996), which
 //! cancels all but texture, of blocks of 8 x 8 pixels; of these the quietest twentieth tells. That of the estimation of blur
-//! takes longer than a match of the preset `fast`, and `fast` does without it.
+//! takes longer than a match of the preset `fast`, and `fast` does without it. It may be off: where noise grows with the light
+//! (1000 photons at white) the deviation of a static scene is 0.41 of that without the filter with `fast`, 0.46 with `robust`.
 //!
 //! Values are 32-bit floats, each worked out by itself in the order above: no result depends on threads or on lanes.
 
