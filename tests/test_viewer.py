@@ -21,10 +21,11 @@ from phasestereo.views.viewer import Server, Show
 from phasestereo.views.viewer.diagnosing import diagnosing
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
+    from conftest import Run
 
 for needed in ("jinja2", "matplotlib", "PIL"):
     counterpart(needed)
@@ -337,21 +338,55 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 SEARCH = ("--num-disparities", str(COUNT), "--preset", "fast")
 
 
-@pytest.mark.parametrize("option", [(), ("--show",)])
+@pytest.mark.parametrize("option", [(), ("--show",), ("--show=window",)])
 def test_live_shows_frames_until_it_is_ended(
     rig: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     option: tuple[str, ...],
 ) -> None:
-    """Without an output it is what live does."""
+    """Without an output it is what live does; a window needs an OpenCV that has one."""
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
     code, err, looked = live(monkeypatch, capsys, "left", "right", *option, *SEARCH)
     assert code == 0
     assert "phasestereo: look at http://127.0.0.1:" in err
+    assert ("this OpenCV has no windows" in err) == (option == ("--show=window",))
 
     assert looked[-1]["frame"]["index"] == 2
     assert looked[-1]["ended"].startswith("no more frames come")
     assert sorted(path.name for path in rig.iterdir()) == ["left", "right"]
+
+
+@pytest.mark.parametrize("end", ["key", "closed"])
+def test_a_window_shows_frames_until_it_is_closed(
+    rig: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[..., Run], end: str
+) -> None:
+    """OpenCV's windows are stood in for: there are none in tests."""
+    cv2 = counterpart("cv2")
+    pictures: list[NDArray[np.uint8]] = []
+    asked: list[int] = []
+
+    def wait(milliseconds: int) -> int:
+        asked.append(milliseconds)
+        return 27 if end == "key" and len(asked) > 5 else 255
+
+    stand_ins = {
+        "namedWindow": lambda *_: None,
+        "imshow": lambda _, picture: pictures.append(picture),
+        "waitKey": wait,
+        "getWindowProperty": lambda *_: float(end == "key" or len(asked) <= 5),
+        "destroyAllWindows": lambda: None,
+    }
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(cv2, name, stand_in)
+    monkeypatch.setenv("DISPLAY", ":0")
+    code, _, err = run("live", rig / "left", rig / "right", "--show=window", *SEARCH)
+    assert (code, err) == (0, "")
+    assert len(pictures) == 3
+    np.testing.assert_array_equal(pictures[0][:, :COLS], LEFT[:, :, ::-1])
+    assert len(asked) == 6
 
 
 def test_frames_of_another_size_are_said_and_do_not_end_the_run(

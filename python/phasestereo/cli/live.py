@@ -15,7 +15,8 @@ from phasestereo._interrupts import held_back
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
 from phasestereo.cli.live_outputs import FrameSink, LiveOutputs, Writers
 from phasestereo.cli.live_recordings import Messages, Topics
-from phasestereo.cli.live_show import ClosedError, Screen, Showing, serve
+from phasestereo.cli.live_show import ClosedError, Screen, Showing, Way
+from phasestereo.cli.live_show import opened as open_screen
 from phasestereo.cli.live_tally import Tally
 from phasestereo.cli.options import AT_LEAST_ONE, NOT_NEGATIVE, REASONABLE, Count, Overrides
 from phasestereo.cli.pairing import AUTO, as_calibration
@@ -27,9 +28,8 @@ from phasestereo.integrations.video.capture import Layout
 from phasestereo.integrations.video.decoding import is_address
 from phasestereo.integrations.video.folders import folders_of
 from phasestereo.integrations.video.streaming import REESTIMATE, Failure, Frame, Stream, stream
-from phasestereo.io import Calibration, read_calibration
+from phasestereo.io import read_calibration
 from phasestereo.settings import PRESET, PRESETS, Settings, resolve
-from phasestereo.views.viewer import Show
 
 _VALUES = {"preset", "num_disparities", "min_disparity", "threads", "noise", "layout", "rectify"}
 _OPTIONS = (
@@ -127,7 +127,7 @@ def live(
     """
     places = _places(source, right, cameras)
     calibration = as_calibration(rectify) if rectify else ()
-    is_shown = showing.check(alone=not outputs.asked_for())
+    way = showing.way(alone=not outputs.asked_for())
     recorded = topics.check(places)
     if outputs.recording is not None and recorded is None:
         raise CommandError("--output: a recording is written of a recording", WRONG_USAGE)
@@ -135,7 +135,7 @@ def live(
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
     disparities = min_disparity, num_disparities
-    outputs.check(_files(places), (min_disparity, num_disparities or 1), shown=is_shown)
+    outputs.check(_files(places), (min_disparity, num_disparities or 1), shown=way is not None)
 
     tally = Tally(disparities, settings)
     given: dict[str, Any] = {
@@ -151,7 +151,7 @@ def live(
         "threads": threads,
         "noise": noise,
         "on_error": tally.fail,
-        "patience": None if is_shown else PATIENCE,  # who looks plugs it in again
+        "patience": PATIENCE if way is None else None,  # who looks plugs it in again
     }
 
     by: Any = AUTO if calibration is None else calibration or None
@@ -169,12 +169,17 @@ def live(
         with refusals(options=_OPTIONS):
             frames = opened.enter_context(closing(stream(*places, rectify=by, **given)))
             screen = None
-            if is_shown:
-                show = Show(settings, num_disparities, showing.save_to or Path())
-                geometry, unit = _geometry(outputs, recording)
-                is_paced = not (outputs.asked_for() or cameras)
-                screen = Screen(show, geometry, unit, paced=is_paced)
-                serve(opened, show)
+            if way is not None:
+                screen = _screen(
+                    opened,
+                    way,
+                    showing,
+                    outputs,
+                    recording,
+                    settings=settings,
+                    num_disparities=num_disparities,
+                    paced=not (outputs.asked_for() or cameras),
+                )
 
         sink = None if recording is None else partial(messages.sink, recording, frames)
         try:
@@ -185,7 +190,7 @@ def live(
 
     if tally.interrupted:
         raise KeyboardInterrupt
-    if not tally.done and not is_shown:
+    if not tally.done and way is None:
         if not tally.failed:
             raise CommandError("there is no frame to match")
         raise CommandError(f"none of {tally.failed} frames could be matched")
@@ -229,11 +234,21 @@ def _run(
         tally.interrupted = screen is None  # that is how a show ends
 
 
-def _geometry(outputs: LiveOutputs, recording: Recording | None) -> tuple[Calibration | None, str]:
-    """Return the geometry that is known beforehand, and the unit of its baseline."""
+def _screen(
+    opened: ExitStack,
+    way: Way,
+    showing: Showing,
+    outputs: LiveOutputs,
+    recording: Recording | None,
+    **more: Any,
+) -> Screen:
+    """Open what shows the frames, with the geometry that is known beforehand."""
+    known, unit = None, ""
     if outputs.calib is not None:
-        return read_calibration(outputs.calib), "mm"
-    return None, "" if recording is None else "m"
+        known, unit = read_calibration(outputs.calib), "mm"
+    elif recording is not None:
+        unit = "m"
+    return open_screen(opened, way, folder=showing.save_to, calibration=known, unit=unit, **more)
 
 
 def _write(frame: Frame, sinks: list[FrameSink], tally: Tally) -> None:
