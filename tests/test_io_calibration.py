@@ -197,10 +197,10 @@ def test_two_equal_cameras_look_through_the_center() -> None:
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"focal": 0}, ValueError, "focal must be positive"),
+        ({"focal": 0}, ValueError, "focal: got 0; accepts a positive, finite number"),
         ({"focal": "500"}, TypeError, "^focal: got .*; accepts a number"),
         ({"focal": True}, TypeError, "^focal: got .*; accepts a number"),
-        ({"focal": np.nan}, ValueError, "^focal: got .*; accepts a finite number"),
+        ({"focal": np.nan}, ValueError, "^focal: got .*; accepts a positive, finite number"),
         ({"baseline": -0.1}, ValueError, "baseline must be positive"),
         ({"doffs": np.inf}, ValueError, "^doffs: got .*; accepts a finite number"),
         ({"cx": np.nan}, ValueError, "^cx: got .*; accepts a finite number"),
