@@ -89,7 +89,7 @@ $(VENV)/counterparts: $(VENV)/harness
 	touch $@
 
 $(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs rust/*/*/*.rs)
-	$(BIN)/pip install --quiet --no-build-isolation --editable .
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install --quiet --no-build-isolation --editable . # maturin calls itself by name
 	touch $@
 
 $(C_LIBRARY): $(RUST)
