@@ -75,6 +75,15 @@ class Browser:
         """Return the text of the element with this id."""
         return str(self.run(f"return document.getElementById('{element}').textContent"))
 
+    def names(self, *roles: str) -> list[tuple[str, str]]:
+        """Return role and name of what a screen reader finds in the page, of these roles."""
+        nodes = self.driver.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
+        return [
+            (node["role"]["value"], node.get("name", {}).get("value", ""))
+            for node in nodes
+            if not node["ignored"] and node["role"]["value"] in roles
+        ]
+
     def wait(self, condition: str, seconds: float = 30.0) -> None:
         """Wait until an expression of the page is true."""
         until = monotonic() + seconds

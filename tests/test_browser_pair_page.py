@@ -610,6 +610,10 @@ def test_everything_has_a_name(opened: Browser) -> None:
 
     assert nameless == []
 
+    # A section is a region for screen readers only if it has a name.
+    regions = {name for _, name in opened.names("region")}
+    assert {"The pair and its layers", "In three dimensions", "Blur", "Numbers"} <= regions
+
 
 # What not every result has
 

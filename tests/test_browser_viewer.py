@@ -121,6 +121,9 @@ def test_every_control_has_a_name_and_a_place_in_the_order(
     assert unnamed == []
     assert browser.run("return document.querySelectorAll('img:not([alt])').length") == 0
 
+    # A section is a region for screen readers only if it has a name.
+    assert {("region", "What is found"), ("region", "Settings")} <= {*browser.names("region")}
+
     other = "[tabindex]:not([tabindex='0'])"
     assert browser.run("return document.querySelectorAll(arguments[0]).length", other) == 0
 
