@@ -20,7 +20,7 @@ const found = {
 async function check(left, right) {
   if (window.refusal) throw new Error(window.refusal);
   window.calls.push({ task: "check", size: [left.width, left.height, right.width, right.height] });
-  return found;
+  return { ...found, ...window.instead };
 }
 
 async function match({ width, height, data }, right, options) {

@@ -133,6 +133,24 @@ def test_a_slider_matches_at_once_and_again_when_it_rests(opened: Browser) -> No
     assert "with robust" in opened.text("preset-shown")
 
 
+def test_blurs_of_both_images_are_named(opened: Browser) -> None:
+    motion = {"kind": "motion", "size": 15, "share": 1}
+    both = [{**motion, "side": "left", "angle": 0}, {**motion, "side": "right", "angle": 90}]
+    opened.run("window.instead = { blur: arguments[0] }", both)
+    slider = opened.driver.find_element("css selector", "#defocus")
+    slider.send_keys(RIGHT)
+    matched(opened)
+
+    findings = opened.text("findings")
+    assert "the left image is blurred by a motion of 15.0 px at 0 degrees" in findings
+    assert "the right image is blurred by a motion of 15.0 px at 90 degrees" in findings
+    assert "softer" not in findings
+
+    opened.run("window.instead = {}")
+    slider.send_keys(RIGHT)
+    matched(opened)
+
+
 def test_the_other_side_is_spoiled_and_all_goes_back(opened: Browser) -> None:
     opened.driver.find_element("css selector", "#dim").send_keys(END)
     opened.driver.find_element("css selector", ".chip:has(#side-right)").click()
@@ -283,18 +301,16 @@ def test_an_error_of_the_matcher_is_reported_and_goes(opened: Browser) -> None:
 
 
 def test_every_control_has_a_name_and_a_place_in_the_order(opened: Browser) -> None:
-    nodes = opened.driver.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
-    roles = {"slider", "radio", "button", "combobox", "checkbox", "application", "img"}
-    controls = [
-        (node["role"]["value"], node.get("name", {}).get("value", ""))
-        for node in nodes
-        if not node["ignored"] and node["role"]["value"] in roles
-    ]
-
+    roles = "slider", "radio", "button", "combobox", "checkbox", "application", "img"
+    controls = opened.names(*roles)
     names = {name for _, name in controls}
     assert all(name for _, name in controls)
     assert {"Defocus", "Shake", "Dim", "Turn", "Shift rows", "Left", "Right", "Pair"} <= names
     assert "Open two photographs, or one with both views side by side" in names
+
+    # A section is a region for screen readers only if it has a name.
+    assert {("region", "The pair"), ("region", "What check finds")} <= {*opened.names("region")}
+    assert ("radiogroup", "Spoil one image") in opened.names("radiogroup")
 
     other = "[tabindex]:not([tabindex='0'])"
     assert opened.run("return document.querySelectorAll(arguments[0]).length", other) == 0

@@ -82,12 +82,14 @@ function blurOf({ blur, certainty }, levels) {
   const seen = blur.filter(({ kind, size, share }) =>
     (SPREADS[kind]?.(size) ?? 0) >= levels.blur[0] && share >= levels.blur_share);
   if (!seen.length) return [finding("blur", "ok", "the images are equally sharp")];
+  // Blurs of both images in the same place each have the whole share.
+  const isOfBoth = blur.reduce((sum, { share }) => sum + share, 0) > 1.5;
   return seen.map(({ side, kind, size, angle, share }) => {
     const isSure = certainty >= levels.sure;
     const severity = isSure && SPREADS[kind](size) >= levels.blur[1] ? "warning" : "note";
-    const where = blur.length > 1 ? `, over ${percent(share)} of the image,` : "";
-    const other = side === "left" ? "right" : "left";
-    return finding("blur", severity, `the ${side} image${where} is ${isSure ? "" : "probably "}softer than the ${other} by ${KINDS[kind](size, angle)}; robust compensates`);
+    const where = blur.length > 1 && !isOfBoth ? `, over ${percent(share)} of the image,` : "";
+    const what = isOfBoth ? "blurred" : `softer than the ${side === "left" ? "right" : "left"}`;
+    return finding("blur", severity, `the ${side} image${where} is ${isSure ? "" : "probably "}${what} by ${KINDS[kind](size, angle)}; robust compensates`);
   });
 }
 

@@ -40,7 +40,8 @@ class Matcher {
    *     low, high (what was seen, pixels), swapped, mixed
    *   - rows: null or coefficients (8) of the field of vertical offsets, rms, error, spread (pixels), blocks, applied
    *   - blur: list, largest area first, of side ("none", "left", "right": the softer one), kind ("none", "gaussian", "disk",
-   *     "motion", "annulus", "other"), size (pixels), angle (degrees), share of the image; empty if it was not looked for
+   *     "motion", "annulus", "other"), size (pixels), angle (degrees), share of the image; empty if it was not looked for;
+   *     where each image lacks something that the other one has, both blurs, each with the whole share
    *   - certainty (0 to 1) of the first of them, contrast of the left image relative to the right one
    *   - noise, impulses, coding: [left, right], in gray levels
    *   - inverted: whether the images match once one of them is inverted
