@@ -211,13 +211,13 @@ pub unsafe extern "C" fn phasestereo_match(
         let (pair, known) = unsafe { read_pair([left, right], min_disparity, num_disparities)? };
         let is_given = known.candidates.is_some();
 
-        let (result, estimates) =
+        let (result, prepared) =
             matcher.on_threads(|means| prepare_and_match(pair, known, &matcher.settings, means))?;
 
         // SAFETY: as above.
         unsafe {
             map.write(&result);
-            write(found, &Found::new(&estimates, is_given));
+            write(found, &Found::new(&prepared.estimates, is_given));
         }
         Ok(())
     })

@@ -109,7 +109,8 @@ pub fn match_pair(
     let known = Known { candidates: Some(pair.candidates()), ..Known::default() };
     let means = Means { matcher: &matcher, how, control: &control };
 
-    prepare_and_match(pair, known, settings, means)
+    let (disparity, prepared) = prepare_and_match(pair, known, settings, means)?;
+    Ok((disparity, prepared.estimates))
 }
 
 /// All stages, for tests and benches.

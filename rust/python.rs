@@ -46,9 +46,11 @@ use crate::pipeline::source;
 use crate::pipeline::summary::Summary;
 use crate::refinement::flag;
 use crate::rig::blur;
+use crate::rig::blur_compensation::MOST_CLASSES;
 use crate::rig::estimation::compensation_plan::{LARGER, MUCH_LARGER};
 use crate::rig::estimation::overview::LEAST_SIZE;
-use crate::rig::estimation::{Known, Means, Prepared, prepare, prepare_by_rows};
+use crate::rig::estimation::{Known, Means, Prepared, prepare, prepare_and_match, prepare_by_rows};
+use crate::settings::MOST_DISPARITIES;
 use crate::settings::presets::Preset;
 use crate::simd::Level;
 
@@ -72,8 +74,8 @@ impl From<Error> for PyErr {
 #[pymodule(gil_used = false)]
 mod _core {
     use super::{
-        BAND, Bound, LARGER, LEAST_SIZE, MUCH_LARGER, Preset, PyDict, PyDictMethods, PyModule,
-        PyModuleMethods, PyResult, flag, warm_up,
+        BAND, Bound, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER, Preset,
+        PyDict, PyDictMethods, PyModule, PyModuleMethods, PyResult, flag, warm_up,
     };
 
     #[pymodule_export]
@@ -94,6 +96,8 @@ mod _core {
         module.add("LARGER", LARGER)?;
         module.add("MUCH_LARGER", MUCH_LARGER)?;
         module.add("LEAST_SIZE", LEAST_SIZE)?;
+        module.add("MOST_CLASSES", MOST_CLASSES)?;
+        module.add("MOST_DISPARITIES", MOST_DISPARITIES)?;
 
         let flags = PyDict::new(module.py());
         flags.set_item("MASKED", flag::MASKED)?;
@@ -152,7 +156,7 @@ type Matched<'py> = (
 );
 
 /// How many frames support each disparity, and seconds.
-type Supported<'py> = (Bound<'py, PyArray2<u8>>, f64);
+type SupportTuple<'py> = (Bound<'py, PyArray2<u8>>, f64);
 
 /// The shares of pixels with an estimate, flagged, at the least and at the largest disparity; mean confidence.
 type SummaryTuple = (f64, f64, f64, f64, f64);
@@ -170,7 +174,7 @@ fn match_pair<'py>(
     progress: Option<Bound<'py, PyAny>>,
     known: KnownOfPair<'py>,
     temporal: Option<PyRef<'py, TemporalFilter>>,
-) -> PyResult<(Matched<'py>, SummaryTuple, EstimatesTuple<'py>, Option<Supported<'py>>)> {
+) -> PyResult<(Matched<'py>, SummaryTuple, EstimatesTuple<'py>, Option<SupportTuple<'py>>)> {
     let settings = read_settings(settings)?;
     let search = read_search(&disparities)?;
     let pair = read_images(&images, &masks, search)?;
@@ -183,8 +187,8 @@ fn match_pair<'py>(
     let (map, summary, estimates, support) =
         supervised(py, &pool, rows, progress, move |matcher, control| {
             let means = Means { matcher, how, control };
-            let Prepared { pair, settings, estimates } = prepare(pair, known, &settings, means)?;
-            let mut map = matcher.match_pair(&pair, &settings, how, control)?;
+            let (mut map, prepared) = prepare_and_match(pair, known, &settings, means)?;
+            let Prepared { pair, settings, estimates } = prepared;
 
             let apply =
                 |filter: Shared| temporal::apply(&filter, &pair, &settings, &mut map, means);

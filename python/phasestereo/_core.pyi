@@ -20,6 +20,8 @@ __all__ = [
     "FLAGS",
     "LARGER",
     "LEAST_SIZE",
+    "MOST_CLASSES",
+    "MOST_DISPARITIES",
     "MUCH_LARGER",
     "PRESETS",
     "TemporalFilter",
@@ -53,6 +55,8 @@ FLAGS: dict[str, int]
 LARGER: int
 MUCH_LARGER: int
 LEAST_SIZE: int
+MOST_CLASSES: int
+MOST_DISPARITIES: int
 PRESETS: list[str]
 
 @final

@@ -14,7 +14,7 @@ from phasestereo.rig.compensation import BlurCompensation, Noise, as_noise
 from phasestereo.rig.estimates import Known, as_estimates
 from phasestereo.rig.findings import warn
 from phasestereo.settings import Settings, resolve
-from phasestereo.temporal import core_of
+from phasestereo.temporal import as_core_filter
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,9 +29,6 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
     Progress = Callable[[int, int], object]
     Search = tuple[int, int | None]
-
-MOST_DISPARITIES = 16384
-"""The most disparities that the core searches, however wide the images are."""
 
 
 def match(
@@ -276,7 +273,7 @@ def match_silently(
 
     known: Known = as_noise(*given), given[1], None, False
 
-    temporal = core_of(temporal_filter)
+    temporal = as_core_filter(temporal_filter)
 
     # What was estimated for an earlier pair is taken over where a glance finds the same blur.
     if before is not None and _is_as_before(before, pair, valid, threads):

@@ -39,11 +39,12 @@ class TemporalFilter:
         return type(self), ()
 
 
-def core_of(temporal_filter: TemporalFilter | None) -> _core.TemporalFilter | None:
-    """Return the filter as the core has it; a TypeError for anything else."""
+def as_core_filter(temporal_filter: TemporalFilter | None) -> _core.TemporalFilter | None:
+    """Return the filter of the core; refuse another type with a TypeError."""
     if temporal_filter is None:
         return None
     if not isinstance(temporal_filter, TemporalFilter):
         kind = type(temporal_filter).__name__
         raise TypeError(f"temporal_filter: got {kind}; accepts a TemporalFilter or None")
+
     return temporal_filter._core  # of this module

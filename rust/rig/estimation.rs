@@ -167,17 +167,18 @@ fn estimated(
     Ok((pair, found.with_known(known, started)))
 }
 
-/// Estimates what the settings ask for and the caller does not know, and matches the pair.
+/// Estimates what the settings ask for and the caller does not know, and matches the pair as it was prepared.
 pub fn prepare_and_match(
     pair: Pair,
     known: Known,
     settings: &Settings,
     means: Means,
-) -> Result<(Disparity, Estimates)> {
-    let Prepared { pair, settings, estimates } = prepare(pair, known, settings, means)?;
-    let disparity = means.matcher.match_pair(&pair, &settings, means.how, means.control)?;
+) -> Result<(Disparity, Prepared)> {
+    let prepared = prepare(pair, known, settings, means)?;
+    let Means { matcher, how, control } = means;
+    let disparity = matcher.match_pair(&prepared.pair, &prepared.settings, how, control)?;
 
-    Ok((disparity, estimates))
+    Ok((disparity, prepared))
 }
 
 /// The estimates of [`prepare`], to the bit, for a pair that is read a part at a time.

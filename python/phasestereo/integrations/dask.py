@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from phasestereo import _core
+from phasestereo._core import MOST_DISPARITIES
 from phasestereo._extras import require
 from phasestereo._images import as_pair
 from phasestereo._numbers import as_integer
 from phasestereo.bands import match_rows, pair_statistics
-from phasestereo.matching import MOST_DISPARITIES
 from phasestereo.settings import resolve
 
 if TYPE_CHECKING:

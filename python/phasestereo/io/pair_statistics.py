@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from phasestereo._core import MOST_CLASSES
 from phasestereo._numbers import as_integer
 from phasestereo.bands import PairStatistics, as_size
 from phasestereo.rig.alignment import Alignment
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     Plain: TypeAlias = dict[str, Any]
     Arrays: TypeAlias = dict[str, NDArray[Any]]
 
-_MOST_CLASSES = 16  # that a compensation has
 _ESTIMATE = "tile", "certainty", "contrast", "noise", "gain", "gamma", "impulses", "coding"
 _BOTH = "noise", "impulses", "coding"  # of the left and of the right image
 
@@ -104,8 +104,8 @@ def _put_blur_compensation(compensation: BlurCompensation, plain: Plain, arrays:
 
 
 def _blur_compensation(plain: Plain, arrays: Mapping[str, NDArray[Any]]) -> BlurCompensation:
-    if plain["classes"] > _MOST_CLASSES:
-        raise ValueError(f"classes: got {plain['classes']}; accepts {_MOST_CLASSES} at most")
+    if plain["classes"] > MOST_CLASSES:
+        raise ValueError(f"classes: got {plain['classes']}; accepts {MOST_CLASSES} at most")
     return BlurCompensation(
         noise=tuple(plain["noise"]),
         impulses=tuple(plain["impulses"]),

@@ -47,8 +47,10 @@ def temporal_deviation(estimates: Sequence[Floats] | Floats, mask: Mask | None =
         If there are fewer than two frames, shapes differ, or nothing is left to score.
     """
     maps = [checked_disparities("estimates", estimate) for estimate in estimates]
+
     if len(maps) < _LEAST_FRAMES:
         raise ValueError(f"estimates must be of two frames or more, got {len(maps)}")
+
     shapes = sorted({each.shape for each in maps})
     if len(shapes) > 1 or len(shapes[0]) != 2:  # (H, W)
         raise ValueError(f"estimates must be 2-D (H, W) and of one shape, got {shapes}")
@@ -57,6 +59,8 @@ def temporal_deviation(estimates: Sequence[Floats] | Floats, mask: Mask | None =
     scored = np.isfinite(stack).all(axis=0)
     if mask is not None:
         scored &= checked_mask(mask, shapes[0])
+
     if not scored.any():
         raise ValueError("nothing is left to score: no pixel has an estimate in every frame")
+
     return float(stack[:, scored].astype(np.float64).std(axis=0).mean())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from phasestereo._core import MOST_DISPARITIES
 from phasestereo._images import as_array, as_pair
 from phasestereo.integrations.opencv.parameters import DEFAULTS, LARGEST_DISPARITY, Parameters
 from phasestereo.matching import Matcher
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
 
 SCALE = 16
 """What one pixel of disparity is in OpenCV's maps."""
-LARGEST_RANGE = 16384
-"""The largest difference of disparities that a setting takes; there is none larger."""
 NEGATIVE_UNIQUENESS = 10
 """What StereoSGBM takes a uniquenessRatio below 0 for."""
 
@@ -175,7 +174,7 @@ class StereoPhase(Parameters):
             lr_check=most if most < self.getNumDisparities() - 1 else None,
             uniqueness=ratio if ratio >= 0 else NEGATIVE_UNIQUENESS,
             speckle_size=self.getSpeckleWindowSize() if has_speckles else 0,
-            speckle_range=min(self.getSpeckleRange(), LARGEST_RANGE) if has_speckles else 0,
+            speckle_range=min(self.getSpeckleRange(), MOST_DISPARITIES) if has_speckles else 0,
         )
 
     def _check_range(self, width: int | None = None) -> tuple[int, int]:

@@ -17,12 +17,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from phasestereo._closing import Closing
+from phasestereo._core import MOST_DISPARITIES
 from phasestereo._images import as_mask, opened_pair
 from phasestereo._numbers import as_integer
 from phasestereo.integrations.video.cameras import PATIENCE
 from phasestereo.integrations.video.capture import LayoutError
 from phasestereo.integrations.video.sources import open_source
-from phasestereo.matching import MOST_DISPARITIES, Matcher
+from phasestereo.matching import Matcher
 from phasestereo.rig.findings import untrusted
 from phasestereo.temporal import TemporalFilter
 
@@ -279,9 +280,15 @@ class Stream(Iterator[Frame], Closing):
     ) -> None:
         self._source = source
         self._wanted = wanted
-        self._work = _Work(source, matcher, given, on_error or _warn, reestimate)
-        self._work.rectifier = rectifier
-        self._work.temporal_filter = temporal_filter
+        self._work = _Work(
+            source,
+            matcher,
+            given,
+            on_error or _warn,
+            reestimate=reestimate,
+            rectifier=rectifier,
+            temporal_filter=temporal_filter,
+        )
         self._frames = self._work.frames(wanted)
 
     @property
@@ -355,18 +362,21 @@ class _Work:
         matcher: Matcher,
         given: Mapping[str, Any],
         report: Callable[[Failure], object],
+        *,
         reestimate: int,
+        rectifier: Rectifier | None,
+        temporal_filter: TemporalFilter | None,
     ) -> None:
         self.matcher = matcher
         self.failed = 0
-        self.rectifier: Rectifier | None = None
+        self.rectifier = rectifier
 
         self._source = source
         self._given = given
         self._report = report
         self._reestimate = reestimate
         self._reused = 0  # frames since the last estimate
-        self.temporal_filter: TemporalFilter | None = None
+        self._temporal_filter = temporal_filter
         self._last: Result | None = None
 
         self._checked = False
@@ -451,7 +461,7 @@ class _Work:
             right,
             **{**self._given, **masks},
             before=self._before(),
-            temporal_filter=self.temporal_filter,
+            temporal_filter=self._temporal_filter,
         )
 
         # Nothing is taken over from a match that is not to be trusted. Images would take memory.
