@@ -1,9 +1,9 @@
 //! The temporal filter: where neither image of a video has changed, a disparity is the mean of those of some frames.
 //!
-//! Fresh noise in every frame makes the disparities of a scene that stands still flicker. What a pixel had in the frames
-//! before tells more than one frame, as long as it is still the same thing that both cameras see there. So the filter
-//! has two parts: where a view has changed ([`change`]), and the recurrence of a pixel. With `d` the disparity of this
-//! frame, `D` that of the output before, and `n` the number of frames that support it:
+//! Fresh noise in every frame makes the disparities of a static scene flicker. Several frames say more than one, as long
+//! as both cameras still see the same thing at a pixel. So the filter has two parts: where a view has changed
+//! ([`change`]), and the recurrence of a pixel. With `d` the disparity of this frame, `D` that of the output before, and
+//! `n` the number of frames that support it:
 //!
 //! ```text
 //! seen(d) = the right view has not changed at (x - d, y), or (x - d, y) lies beside the image, or there is no d
@@ -14,20 +14,21 @@
 //! else:                                              n = 1                    D = d
 //! ```
 //!
-//! A disparity that is off by more than a pixel is outvoted, by as many frames as support the other one: the majority
-//! vote of Boyer & Moore (1981). The rest is the recursive mean of temporal filters as depth cameras have them, with a
-//! weight that begins at 1 and ends at 1 / [`FRAMES`]. Of a disparity that stays the flags and the confidence stay, too;
-//! else they are those of this frame.
+//! A disparity that is off by more than a pixel is outvoted by as many frames as support the other one: the majority
+//! vote of Boyer & Moore (1981). The rest is the recursive mean of the temporal filters of depth cameras, with a weight
+//! that begins at 1 and ends at 1 / [`FRAMES`]. Where the disparity before stays, its flags and its confidence stay, too;
+//! elsewhere they are those of this frame.
 //!
 //! Frames that are the same to the bit give the same maps to the bit. A view that has changed everywhere, as at a cut,
 //! gives the map as it is.
 //!
-//! Why disparities and not images: the mean of images that have changed by less than their noise gives better maps of
-//! what stands still (bad-1.0 of `robust` under a noise of 8 gray levels 3.83 -> 3.12 %, here 3.64), but of a camera that
-//! moves worse ones (3.79 -> 4.00 %, here 3.75): matching sees texture below the noise, which no test of a few pixels does.
+//! Why disparities are averaged, and not images: means of images that changed by less than their noise give better maps of
+//! a static scene, but worse ones of a moving camera, because matching sees texture below the noise and a test of a few
+//! pixels does not. Bad-1.0 of `robust` on other rendered scenes under a noise of 8 gray levels: static 3.83 % alone, 3.12
+//! with means of images, 3.64 with means of disparities; moving camera 3.79, 4.00 and 3.75.
 //!
-//! State: the output before (disparity, flags, confidence, `n`), row by row in place, since a pixel depends on no other one,
-//! and what is known of each view: together 15 bytes a pixel, 19 with confidences.
+//! State: the output before (disparity, flags, confidence, `n`) and the means of each view: 15 bytes a pixel, 19 with
+//! confidences. A pixel depends on no other one, so rows are filtered in place and in parallel.
 
 pub mod change;
 
@@ -42,20 +43,21 @@ use crate::pipeline::matcher::{Disparity, Pair};
 use crate::settings::Settings;
 use crate::simd::{Level, Loop};
 
-/// Most frames that a disparity is the mean of. The deviation over 12 frames of a static scene is 0.43, 0.39 and 0.38 of
-/// that without the filter with 4, 8 and 16 (`fast`, noise of 3 gray levels): 8 have half the lag of 16.
+/// Most frames that a disparity is the mean of. The deviation over 12 frames of a static scene is 0.40, 0.34 and 0.34 of
+/// that without the filter with 4, 8 and 16 (`phasestereo bench video --preset fast`): 8 have half the lag of 16.
 pub const FRAMES: u8 = 8;
-/// Pixels by which disparities of one thing differ at most: the steps of integer maps. With half of it integer maps
-/// flicker more (0.46 in place of 0.39), with twice as much bad-1.0 gets worse (`robust`, noise of 8: 3.64 -> 3.73 %).
+/// Pixels by which disparities of one thing differ at most: the step of integer maps. With 0.5 integer maps flicker more
+/// (0.46 in place of 0.34 in that benchmark), with 2 bad-1.0 gets worse (`robust`, noise of 8: 4.53 -> 4.68 %).
 const SAME: f32 = 1.0;
 
 /// What is carried over from one frame of a video to the next.
 #[derive(Debug, Default)]
 pub struct TemporalFilter {
-    /// `None`: there was no frame, or what came of it is not whole.
+    /// `None`: there was no frame, or an error ended its filtering.
     before: Option<Before>,
 }
 
+/// The output before, and the views that it is of.
 #[derive(Debug)]
 struct Before {
     key: Key,
@@ -64,11 +66,11 @@ struct Before {
     flags: Plane<u16>,
     confidence: Option<Plane<f32>>,
     support: Plane<u8>,
-    /// Where the disparity of before stayed in the last frame.
+    /// Working memory: where something has changed, then where the disparity before stays.
     marks: Plane<bool>,
 }
 
-/// What has to be the same for anything to be carried over.
+/// Properties of a match that have to be the same for anything to be carried over.
 #[derive(Debug, PartialEq)]
 struct Key {
     size: (usize, usize),
@@ -95,15 +97,18 @@ impl TemporalFilter {
         level: Level,
         control: &Control,
     ) -> Result<Plane<u8>> {
+        // Taken out, so that an error leaves nothing half updated.
         let before = self.before.take().filter(|before| before.is_of(pair, settings));
         let mut before = match before {
             Some(before) => before,
             None => Before::nothing(pair, settings, map, control)?,
         };
+
         for (view, changes) in pair.views().into_iter().zip(&mut before.views) {
             changes.update(view, level, control)?;
         }
         before.follow(map, level, control)?;
+
         let support = before.support.clone();
         self.before = Some(before);
         Ok(support)
@@ -111,17 +116,19 @@ impl TemporalFilter {
 }
 
 impl Before {
+    /// The state of which no frame is supported yet.
     fn nothing(
         pair: &Pair,
         settings: &Settings,
         map: &Disparity,
         control: &Control,
     ) -> Result<Self> {
-        let (size, views) = (pair.size(), pair.views());
-        let scale = |view| Scale::of_view(view, control);
-        let scales = [scale(views[0])?, scale(views[1])?];
-        let (settings, candidates) = (compared(settings), pair.candidates());
-        let key = Key { size, scales, settings, candidates };
+        let size = pair.size();
+        let [left, right] = pair.views();
+        let scales = [Scale::of_view(left, control)?, Scale::of_view(right, control)?];
+        let settings = compared(settings);
+        let key = Key { size, scales, settings, candidates: pair.candidates() };
+
         Ok(Self {
             key,
             views: [Changes::new(size, scales[0])?, Changes::new(size, scales[1])?],
@@ -133,9 +140,11 @@ impl Before {
         })
     }
 
+    /// Whether the pair may be the next frame.
     fn is_of(&self, pair: &Pair, settings: &Settings) -> bool {
         let [left, right] = pair.views();
         let Key { size, scales, settings: before, candidates } = &self.key;
+
         *size == pair.size()
             && scales[0].suits(left)
             && scales[1].suits(right)
@@ -143,10 +152,11 @@ impl Before {
             && *candidates == pair.candidates()
     }
 
-    /// Takes the map of the next frame up, and writes over it what comes of it.
+    /// Applies the recurrence of the module to the map of the next frame, in place.
     fn follow(&mut self, map: &mut Disparity, level: Level, control: &Control) -> Result<()> {
         let cols = self.key.size.1;
         let [left, right] = &self.views;
+
         let rows = self.disparity.as_mut_slice().par_chunks_mut(cols);
         let rows = rows.zip(self.flags.as_mut_slice().par_chunks_mut(cols));
         let rows = rows.zip(self.support.as_mut_slice().par_chunks_mut(cols));
@@ -155,6 +165,7 @@ impl Before {
         let rows = rows.zip(map.flags.as_mut_slice().par_chunks_mut(cols)).enumerate();
         rows.try_for_each(|(y, (((((before, flags), support), marks), now), new_flags))| {
             control.checkpoint()?;
+
             let changed = [left.row(y), right.row(y)];
             level.run(Follow { changed, before, support, now, marks });
             level.run(Keep { stays: marks, before: flags, now: new_flags });
@@ -164,21 +175,22 @@ impl Before {
         let (Some(before), Some(now)) = (&mut self.confidence, &mut map.confidence) else {
             return Ok(());
         };
+
         let rows = before.as_mut_slice().par_chunks_mut(cols);
         let rows = rows.zip(now.as_mut_slice().par_chunks_mut(cols));
         let rows = rows.zip(self.marks.as_slice().par_chunks(cols));
         rows.for_each(|((before, now), stays)| level.run(Keep { stays, before, now }));
+
         Ok(())
     }
 }
 
-/// The settings that a map depends on. Whether rows were to be straightened is told by the pair, whose field may have been
-/// found in an earlier frame.
+/// The settings that a map depends on. `align_rows` is left out: a stream asks for rows only where it estimates them anew.
 fn compared(settings: &Settings) -> Settings {
     Settings { align_rows: false, ..settings.clone() }
 }
 
-/// The recurrence along a row: writes what comes of it to both `before` and `now`, and marks where that of before stays.
+/// The recurrence along a row: writes the result to both `before` and `now`, and marks where the disparity before stays.
 struct Follow<'a> {
     changed: [&'a [bool]; 2],
     before: &'a mut [f32],
@@ -193,12 +205,13 @@ impl Loop for Follow<'_> {
     #[inline(always)]
     fn run(self) {
         let Self { changed: [left, right], before, support, now, marks } = self;
+
         mark_changed(left, right, before, now, marks);
         follow(before, support, now, marks);
     }
 }
 
-/// Marks where either view has changed: at the pixel, or where the disparity of before or of now leads.
+/// Marks pixels where the left view has changed, or the right view at the match of the disparity before or of this frame.
 #[inline(always)]
 fn mark_changed(left: &[bool], right: &[bool], before: &[f32], now: &[f32], marks: &mut [bool]) {
     let (places, rest) = marks.as_chunks_mut::<STEP>();
@@ -206,22 +219,24 @@ fn mark_changed(left: &[bool], right: &[bool], before: &[f32], now: &[f32], mark
         *place = [*has_changed; STEP];
     }
     rest.fill(left.last().is_some_and(|has_changed| *has_changed));
-    // Of what stands still most rows have not changed at all: nothing is to be looked up there.
+
+    // Most rows of a static scene have not changed at all: no match has to be looked up there.
     if !right.contains(&true) {
         return;
     }
+
     let cols = marks.len();
     for (x, mark) in marks.iter_mut().enumerate().filter(|(_, mark)| !**mark) {
         let has_changed = |disparity: f32| {
             let place = (x as f32 - disparity).round_ties_even();
-            // No comparison is true of what is not a number.
+            // Both comparisons are false for NaN.
             (place >= 0.0 && place < cols as f32) && right[place as usize / STEP]
         };
         *mark = has_changed(before[x]) || has_changed(now[x]);
     }
 }
 
-/// See the module; `marks` are where something has changed, and become those where the disparity of before stays.
+/// The recurrence of the module. `marks` says where something has changed, then where the disparity before stays.
 #[inline(always)]
 fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [bool]) {
     let count = now.len();
@@ -236,7 +251,8 @@ fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [
 
         let stays = is_known & !is_same & (frames > 1);
         let is_mean = is_known & is_same;
-        // No arithmetic on what is no number: its bits would not be the same everywhere.
+
+        // A mean of NaN is not used: its bits differ between processors.
         let result = if is_mean & !new.is_nan() { mean } else { new };
         let result = if stays { old } else { result };
         let fewer = if stays { frames.wrapping_sub(1) } else { 1 };
@@ -247,7 +263,7 @@ fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [
     }
 }
 
-/// Flags or confidences of a row: those of before where they stay, to `now`; all of them to `before`.
+/// Flags or confidences of a row: writes those before to `now` where the disparity stays, and all of `now` to `before`.
 struct Keep<'a, T> {
     stays: &'a [bool],
     before: &'a mut [T],

@@ -45,7 +45,8 @@ pub fn apply(
     means: Means,
 ) -> Result<(Plane<u8>, f64)> {
     let started = Instant::now();
-    // Never waited for: frames come one after another, and a thread that is not in this process, forked since, may hold it.
+
+    // The lock is not waited for: frames come one after another, and in a forked child the holder may not exist.
     let mut held = match filter.try_lock() {
         Ok(filter) => filter,
         Err(TryLockError::Poisoned(filter)) => PoisonError::into_inner(filter),
@@ -54,6 +55,7 @@ pub fn apply(
             return Err(Error::value("temporal_filter", "a filter that is in use", accepts));
         }
     };
+
     let Means { matcher, how, control } = means;
     let filter = &mut *held;
     let frames = matcher.install(|| filter.apply(pair, settings, map, how.level, control))?;

@@ -54,6 +54,7 @@ fn filtered(frames: &[Frame], level: Level) -> Vec<Seen> {
         let support = filter.apply(&frame.pair, &settings, &mut map, level, &control);
         seen(&map, &support.expect("not cancelled"))
     };
+
     frames.iter().map(next).collect()
 }
 
@@ -64,10 +65,12 @@ fn sequence((rows, cols): (usize, usize), kind: u8, seed: u64) -> Vec<Frame> {
     let state = |time: u64, salt: u64, y: usize, x: usize| {
         (0..=time).rev().find(|time| hash(seed ^ salt ^ *time << 8, y / 6, x / 6).is_multiple_of(4))
     };
+
     let pixel = |time: u64, salt: u64, (y, x, c): (usize, usize, usize)| {
         let tile = hash(state(time, salt, y, x).unwrap_or(99), y / 6, x / 6) % 160;
         20 + tile + hash(seed ^ salt ^ (time + 1) << 16, y, 3 * x + c) % 8
     };
+
     let image = |time: u64, salt: u64| {
         let values = Array3::from_shape_fn((rows, cols, channels), |at| pixel(time, salt, at));
         match kind {
@@ -77,17 +80,20 @@ fn sequence((rows, cols): (usize, usize), kind: u8, seed: u64) -> Vec<Frame> {
             _ => Image::F64(values.mapv(|value| value as f64 * 1e6 - 3e7)),
         }
     };
+
     let camera = |time: u64, salt: u64| {
         let seed = seed ^ salt ^ (time / 2);
         let mask = is_masked.then(|| mask(rows, cols, 90, seed));
         View { mask, ..View::from(image(time, salt)) }
     };
+
     let disparity = |time: u64, y: usize, x: usize| match hash(seed ^ time << 24, y, x) % 16 {
         0 => f32::NAN,
         1 => 40.0,
         2 => -2.5,
         other => 3.0 + (hash(seed, y / 4, x / 4) % 3) as f32 + other as f32 / 16.0,
     };
+
     let frame = |time: u64| Frame {
         pair: Pair::new(camera(time, 1), camera(time, 2), 0, 1).expect("a legal pair"),
         map: map(
@@ -98,6 +104,7 @@ fn sequence((rows, cols): (usize, usize), kind: u8, seed: u64) -> Vec<Frame> {
             }),
         ),
     };
+
     (0..12).map(frame).collect()
 }
 
@@ -121,6 +128,7 @@ impl NaiveView {
             let width = range.width();
             (range.black, 255.0 / if width > 0.0 { width } else { 1.0 })
         });
+
         let gray = |y: usize, x: usize| {
             let value = view.image.luminance(y, x);
             match (view.is_valid(y, x), view.image.white(), channels) {
@@ -130,12 +138,15 @@ impl NaiveView {
                 (true, Some(_), _) => (value / 1000.0) as f32 * (1000.0 * factor) as f32,
             }
         };
+
         if self.before.is_empty() {
             self.before = vec![(0.0, 0); rows.div_ceil(STEP) * cols.div_ceil(STEP)];
         }
+
         let (before, inverse) = (self.before.clone(), 1.0 / noise((rows, cols), gray));
         let (image_rows, image_cols, gray) = (rows, cols, |y, x| gray(STEP * y, STEP * x));
         let (rows, cols) = (rows.div_ceil(STEP), cols.div_ceil(STEP));
+
         let excess = |y: isize, x: isize| {
             let inside = (0..rows as isize).contains(&y) && (0..cols as isize).contains(&x);
             let Some((y, x)) = inside.then_some((y as usize, x as usize)) else { return 0.0 };
@@ -147,6 +158,7 @@ impl NaiveView {
             let square = (difference * difference * inverse).min(LARGEST);
             square - (RATIO + RATIO / f32::from(count))
         };
+
         let next = |index: usize| {
             let (y, x) = (index / cols, index % cols);
             let column = |x: isize| {
@@ -240,6 +252,7 @@ fn expected(frames: &[Frame]) -> Vec<Seen> {
         before = Some((map, support));
         found
     };
+
     frames.iter().map(next).collect()
 }
 

@@ -1,25 +1,26 @@
 //! Where a view of a video has changed by more than its noise.
 //!
-//! A view is compared with its mean over the frames since each place changed last: so changes add up that are too slow to be
-//! seen from one frame to the next. Places are the pixels of every [`STEP`]th row and column, which tell for those up to
-//! the next ones. With `g` the gray value of this frame, `m` and `n` mean and count of those before, and `noise` the variance
-//! of the noise:
+//! A view is compared with its mean over the frames since each place changed last, so changes add up that are too slow to be
+//! seen from one frame to the next. Places are the pixels of every [`STEP`]th row and column, and stand for the pixels up
+//! to the next ones. With `g` the gray value of this frame, `m` and `n` mean and count of those before, and `noise` the
+//! variance of the noise:
 //!
 //! ```text
-//! excess  = min((g - m)^2 / noise, LARGEST) - RATIO (1 + 1 / n)      0 beside the image, and where g or m is unknown
+//! excess  = min((g - m)^2 / noise, LARGEST) - RATIO (1 + 1 / n)      0 outside the image, and where g or m is unknown
 //! changed = the sum of the excesses of 3 x 3 places is positive, or g or m is unknown
 //! if changed:  n = 1                    m = g
 //! else:        n = min(n + 1, FRAMES)   m += (g - m) / n
 //! ```
 //!
-//! `noise (1 + 1 / n)` is what is to be expected of `(g - m)^2` where nothing has changed. Masked pixels are unknown.
+//! `noise (1 + 1 / n)` is the expectation of `(g - m)^2` where nothing has changed. Masked pixels are unknown.
 //!
-//! The noise is found in each frame anew: the mean square of the second difference along both axes (Immerkaer 1996), which
-//! cancels all but texture, of blocks of 8 x 8 pixels; of these the quietest twentieth tells. That of the estimation of blur
-//! takes longer than a match of the preset `fast`, and `fast` does without it. It may be off: where noise grows with the light
-//! (1000 photons at white) the deviation of a static scene is 0.41 of that without the filter with `fast`, 0.46 with `robust`.
+//! The noise is estimated in each frame: the mean square of the second difference along both axes (Immerkaer 1996), which
+//! cancels all but noise and fine texture, in blocks of 8 x 8 pixels; the quietest twentieth of the blocks gives the
+//! estimate. The noise of the blur estimation is no substitute, for `fast` does without it. One variance is assumed for the
+//! whole view. Where noise grows with the light (1000 photons at white), the deviation of a static scene is still 0.41 of
+//! that without the filter with `fast`, 0.46 with `robust`.
 //!
-//! Values are 32-bit floats, each worked out by itself in the order above: no result depends on threads or on lanes.
+//! Values are 32-bit floats, each computed by itself in the order above: no result depends on threads or on lanes.
 
 use std::mem;
 
@@ -33,34 +34,35 @@ use crate::pipeline::control::Control;
 use crate::pipeline::temporal::FRAMES;
 use crate::simd::{Level, Loop};
 
-/// Times the expected square that is no change yet. The larger, the more of the noise passes for none, and the more of slow
-/// motion, too. With 2, 3 and 4 the deviation of a static scene under a noise of 8 gray levels is 0.53, 0.39 and 0.38 of
-/// that without the filter (`fast`).
+/// Multiple of the expected square that still counts as no change. A larger one ignores more of the noise, and more of
+/// slow motion, too. With 2, 3 and 4 the deviation of a static scene is 0.53, 0.36 and 0.35 of that without the filter
+/// (`phasestereo bench video --preset fast --noise 8`).
 pub const RATIO: f32 = 3.0;
-/// Largest square that counts for one pixel, in units of the noise: no float overflows, and no pixel outweighs all others
-/// by more than it takes to be seen.
+/// Largest square of one pixel, in units of the noise: no float overflows.
 pub const LARGEST: f32 = 16384.0;
-/// Least and largest standard deviation of the noise, gray levels of which there are 255 from black to white: rounding to
-/// bytes has 0.29, and a camera with more than 10 shows no texture to match by.
+/// Least and largest standard deviation of the noise, on a scale of 255 gray levels from black to white: rounding to
+/// bytes has 0.29, and larger estimates are taken for texture.
 pub const LEAST_NOISE: f32 = 0.25;
 /// See [`LEAST_NOISE`].
 pub const MOST_NOISE: f32 = 10.0;
-/// Rows and columns from one place to the next. Every pixel would take four times as long, and follow moving edges a little
-/// better: bad-1.0 there 26.1 in place of 28.3 % (`fast`, noise of 3 gray levels), 30.8 without the filter.
+/// Rows and columns from one place to the next. With 1 the filter follows moving edges better, for half as much time again
+/// and more than twice the memory: bad-1.0 there is 19.1 in place of 20.8 %, 22.9 without the filter (`phasestereo bench
+/// video --preset fast`); 1.1 in place of 0.7 ms of 11 at 640 x 480.
 pub const STEP: usize = 2;
-/// Side of the blocks that the noise is found from.
+/// Side of the blocks in which the noise is estimated.
 pub const BLOCK: usize = 8;
-/// Blocks that are enough: rows of them are left out of larger images.
+/// Number of blocks that suffices: of larger images rows of blocks are skipped.
 pub const ENOUGH_BLOCKS: usize = 256;
-/// The share of the blocks, one in so many, in which there is little but noise ...
+/// One block in so many counts as quiet, with little but noise.
 pub const QUIETEST: usize = 20;
-/// ... and how many times their mean square it is. Of noise alone it would be 1.78; there is texture in most of them, too.
+/// The ratio of the noise to the mean square of the quiet blocks: less than it would be for noise alone, since most blocks
+/// have some texture.
 pub const BLOCK_FACTOR: f32 = 1.25;
 
 /// Gray levels from black to white.
 const WHITE: f64 = 255.0;
 
-/// From pixels to gray levels.
+/// The conversion of pixels to gray levels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     /// The kind of pixels, and the number of channels.
@@ -72,12 +74,13 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// That of a view; of floats the range of this one frame holds for those that follow.
+    /// The scale of a view. For floats the range of this frame holds for those that follow.
     pub fn of_view(view: &View, control: &Control) -> Result<Self> {
         let range = match view.image.white() {
             Some(white) => IntensityRange { black: 0.0, white: 1000.0 * f64::from(white) },
             None => float_range(view, control)?,
         };
+
         let width = if range.width() > 0.0 { range.width() } else { 1.0 };
         Ok(Self { kind: kind(view), black: range.black, factor: WHITE / width })
     }
@@ -90,18 +93,20 @@ impl Scale {
     /// Writes the gray levels of a row; NaN where they are masked.
     fn write(&self, view: &View, y: usize, level: Level, row: &mut Row) {
         let Row { integers, floats, gray } = row;
+
         if view.image.white().is_some() {
             view.image.write_centered(y, 0, level, integers);
             // Those of color images are in thousandths already.
             let unit = if view.image.shape().2 == 3 { 1.0 } else { 1000.0 };
             let factor = (unit * self.factor) as f32;
-            level.run(Leveled { values: integers, factor, gray });
+            level.run(ToGrayLevels { values: integers, factor, gray });
         } else {
             view.image.write_luminance(y, floats);
             for (gray, value) in gray.iter_mut().zip(floats) {
                 *gray = ((*value - self.black) * self.factor) as f32;
             }
         }
+
         if let Some(mask) = &view.mask {
             for (gray, is_valid) in gray.iter_mut().zip(mask.row(y)) {
                 *gray = if *is_valid { *gray } else { f32::NAN };
@@ -110,7 +115,7 @@ impl Scale {
     }
 }
 
-/// Room to work out the gray levels of a row in: as integers, as floats of double precision, and as they are.
+/// Buffers for the gray levels of a row: as integers, as doubles, and the result.
 struct Row {
     integers: Vec<i32>,
     floats: Vec<f64>,
@@ -123,11 +128,12 @@ impl Row {
     }
 }
 
+/// The type and the number of channels of a view.
 fn kind(view: &View) -> (mem::Discriminant<crate::image::view::Image>, usize) {
     (mem::discriminant(&view.image), view.image.shape().2)
 }
 
-/// What is known of a view from the frames before, and where the last one changed.
+/// The means of a view over the frames before, and where the last frame changed.
 #[derive(Debug)]
 pub struct Changes {
     scale: Scale,
@@ -143,9 +149,11 @@ pub struct Changes {
 }
 
 impl Changes {
-    /// Of a view of which nothing was seen yet.
+    /// The state before the first frame.
     pub fn new((rows, cols): (usize, usize), scale: Scale) -> Result<Self> {
-        let (rows, cols) = (rows.div_ceil(STEP), cols.div_ceil(STEP));
+        let rows = rows.div_ceil(STEP);
+        let cols = cols.div_ceil(STEP);
+
         Ok(Self {
             scale,
             mean: Plane::new(rows, cols)?,
@@ -161,7 +169,7 @@ impl Changes {
         self.changed.row(y / STEP)
     }
 
-    /// Takes up the next frame.
+    /// Finds where the next frame has changed, and updates the means.
     pub fn update(&mut self, view: &View, level: Level, control: &Control) -> Result<()> {
         let noise = noise(view, &self.scale, level, control)?;
         self.compare(view, noise, level, control)?;
@@ -175,39 +183,44 @@ impl Changes {
             let excess = [y, y + 1, y + 2].map(|y| excess.row(y));
             level.run(Update { excess, gray: gray.row(y), mean, count, changed });
         });
+
         Ok(())
     }
 
-    /// Works out gray levels and excesses.
+    /// Computes gray levels and excesses.
     fn compare(&mut self, view: &View, noise: f32, level: Level, control: &Control) -> Result<()> {
         let Self { scale, mean, count, gray, excess, .. } = self;
         let (cols, image_cols) = (gray.cols(), view.image.shape().1);
         let inside = excess.as_mut_slice().par_chunks_mut(cols + 2).skip(1);
         let rows = gray.as_mut_slice().par_chunks_mut(cols).zip(inside).enumerate();
-        let work = |row: &mut Result<Row>,
-                    (y, (gray, excess)): (usize, (&mut [f32], &mut [f32]))| {
-            control.checkpoint()?;
-            let row = row.as_mut().map_err(|error| error.clone())?;
-            scale.write(view, STEP * y, level, row);
-            for (gray, value) in gray.iter_mut().zip(row.gray.iter().step_by(STEP)) {
-                *gray = *value;
-            }
-            let (mean, count) = (mean.row(y), count.row(y));
-            let out = &mut excess[1..=cols];
-            level.run(Excess { gray, mean, count, inverse: 1.0 / noise, out });
-            Ok(())
-        };
-        rows.try_for_each_init(|| Row::new(image_cols), work)
+
+        let compare_row =
+            |row: &mut Result<Row>, (y, (gray, excess)): (usize, (&mut [f32], &mut [f32]))| {
+                control.checkpoint()?;
+
+                let row = row.as_mut().map_err(|error| error.clone())?;
+                scale.write(view, STEP * y, level, row);
+                for (gray, value) in gray.iter_mut().zip(row.gray.iter().step_by(STEP)) {
+                    *gray = *value;
+                }
+
+                let (mean, count) = (mean.row(y), count.row(y));
+                let out = &mut excess[1..=cols];
+                level.run(Excess { gray, mean, count, inverse: 1.0 / noise, out });
+                Ok(())
+            };
+        rows.try_for_each_init(|| Row::new(image_cols), compare_row)
     }
 }
 
-struct Leveled<'a> {
+/// Scales a row of integers to gray levels.
+struct ToGrayLevels<'a> {
     values: &'a [i32],
     factor: f32,
     gray: &'a mut [f32],
 }
 
-impl Loop for Leveled<'_> {
+impl Loop for ToGrayLevels<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -218,6 +231,7 @@ impl Loop for Leveled<'_> {
     }
 }
 
+/// The excesses of a row of places.
 struct Excess<'a> {
     gray: &'a [f32],
     mean: &'a [f32],
@@ -235,20 +249,23 @@ impl Loop for Excess<'_> {
     }
 }
 
-/// Outputs and inputs are arguments of their own: only so does the vectorizer know that they do not overlap.
+/// The excess of the module. Outputs and inputs are separate arguments, so the vectorizer knows that they do not overlap.
 #[inline(always)]
 fn write_excess(gray: &[f32], mean: &[f32], count: &[u8], inverse: f32, excess: &mut [f32]) {
     let cols = excess.len();
     let (gray, mean, count) = (&gray[..cols], &mean[..cols], &count[..cols]);
+
     for x in 0..cols {
         let difference = gray[x] - mean[x];
         let square = (difference * difference) * inverse;
         let square = if square < LARGEST { square } else { LARGEST };
+
         let value = square - (RATIO + RATIO / f32::from(count[x]));
         excess[x] = if (count[x] == 0) | gray[x].is_nan() { 0.0 } else { value };
     }
 }
 
+/// Changes and means of a row of places; `excess` has the rows above and below, too.
 struct Update<'a> {
     excess: [&'a [f32]; 3],
     gray: &'a [f32],
@@ -266,7 +283,7 @@ impl Loop for Update<'_> {
     }
 }
 
-/// See [`write_excess`].
+/// The recurrence of the module; arguments as in [`write_excess`].
 #[inline(always)]
 fn update(
     [above, own, below]: [&[f32]; 3],
@@ -278,6 +295,7 @@ fn update(
     let cols = gray.len();
     let (above, own, below) = (&above[..cols + 2], &own[..cols + 2], &below[..cols + 2]);
     let (mean, count, changed) = (&mut mean[..cols], &mut count[..cols], &mut changed[..cols]);
+
     for x in 0..cols {
         let column = |x: usize| (above[x] + own[x]) + below[x];
         let sum = (column(x) + column(x + 1)) + column(x + 2);
@@ -298,19 +316,24 @@ fn update(
 /// The variance of the noise of a view, squared gray levels.
 pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Result<f32> {
     let (rows, cols, _) = view.image.shape();
-    // Second differences do without the outermost pixels.
-    let (down, across) = (rows.saturating_sub(2) / BLOCK, cols.saturating_sub(2) / BLOCK);
-    let step = (down * across).div_ceil(ENOUGH_BLOCKS).max(1);
-    let squares = (0..down.div_ceil(step)).into_par_iter().map(|index| {
+
+    // Second differences need a neighbor on every side.
+    let block_rows = rows.saturating_sub(2) / BLOCK;
+    let block_cols = cols.saturating_sub(2) / BLOCK;
+    let step = (block_rows * block_cols).div_ceil(ENOUGH_BLOCKS).max(1);
+
+    let squares = (0..block_rows.div_ceil(step)).into_par_iter().map(|index| {
         control.checkpoint()?;
         block_squares(view, scale, index * step * BLOCK, level)
     });
     let squares: Vec<_> = squares.collect::<Result<_>>()?;
+
     let mut squares: Vec<f32> =
         squares.into_iter().flatten().filter(|square| !square.is_nan()).collect();
     if squares.is_empty() {
         return Ok(LEAST_NOISE * LEAST_NOISE);
     }
+
     let place = squares.len() / QUIETEST;
     let (_, square, _) = squares.select_nth_unstable_by(place, f32::total_cmp);
     Ok((*square * BLOCK_FACTOR).clamp(LEAST_NOISE * LEAST_NOISE, MOST_NOISE * MOST_NOISE))
@@ -320,8 +343,9 @@ pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Res
 /// pixels are masked.
 fn block_squares(view: &View, scale: &Scale, first: usize, level: Level) -> Result<Vec<f32>> {
     let cols = view.image.shape().1;
-    let (mut rows, mut sums) =
-        ([Row::new(cols)?, Row::new(cols)?, Row::new(cols)?], zeroed(cols - 2)?);
+    let mut rows = [Row::new(cols)?, Row::new(cols)?, Row::new(cols)?];
+    let mut sums = zeroed(cols - 2)?;
+
     for y in 0..BLOCK + 2 {
         scale.write(view, first + y, level, &mut rows[y % 3]);
         if y >= 2 {
@@ -329,10 +353,12 @@ fn block_squares(view: &View, scale: &Scale, first: usize, level: Level) -> Resu
             level.run(Squares { rows, sums: &mut sums });
         }
     }
+
     let pixels = (BLOCK * BLOCK) as f32;
     Ok(sums.chunks_exact(BLOCK).map(|block| block.iter().sum::<f32>() / pixels).collect())
 }
 
+/// Adds the squared second differences of a row to those of its block.
 struct Squares<'a> {
     rows: [&'a [f32]; 3],
     sums: &'a mut [f32],
@@ -347,11 +373,12 @@ impl Loop for Squares<'_> {
     }
 }
 
-/// See [`write_excess`]. A sixth of the mask has the variance of what it is applied to, if that is noise.
+/// Arguments as in [`write_excess`]. A sixth of the mask 1 -2 1 along both axes keeps the variance of white noise.
 #[inline(always)]
 fn add_squares([above, own, below]: [&[f32]; 3], sums: &mut [f32]) {
     let cols = sums.len();
     let (above, own, below) = (&above[..cols + 2], &own[..cols + 2], &below[..cols + 2]);
+
     for (x, sum) in sums.iter_mut().enumerate() {
         let column = |x: usize| (above[x] + below[x]) - 2.0 * own[x];
         let second = ((column(x) + column(x + 2)) - 2.0 * column(x + 1)) / 6.0;

@@ -47,7 +47,9 @@ def video(
         unknown = [name for name in preset if name not in PRESETS]
         if unknown:
             raise ValueError(f"preset: got {unknown[0]!r}; accepts {', '.join(PRESETS)}")
+
         say("rendering and matching 3 sequences")
         table = steadiness_table(list(compared(preset, noise, seed)))
+
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
     console.print(filled(f"Frame by frame -> temporal filter, noise {noise:g}", table))

@@ -95,9 +95,11 @@ def render_sequence(
     """
     if motion not in MOTIONS:
         raise ValueError(f"motion: got {motion!r}; accepts {', '.join(MOTIONS)}")
+
     scene_seed, noise_seed = np.random.SeedSequence(seed).spawn(2)
     camera = Camera(height=height, width=width)
     scene = furnish(np.random.default_rng(scene_seed), camera)
+
     near = min(scene.near, _BALL_DEPTH - 2 * _BALL_RADIUS)  # whatever moves, the same rig
     camera = replace(camera, near=near, near_disparity=num_disparities - 2.0)
     exposure, rng = exposure_of(scene, camera), np.random.default_rng(noise_seed)
@@ -105,9 +107,11 @@ def render_sequence(
     for index in range(frames):
         view, shown = _moved(motion, index - frames / 2, camera, scene)
         truth = disparities(shown.shapes, view, LEFT)
+
         images = [
             photograph(shown, view, side, exposure, rng, noise=noise) for side in (LEFT, RIGHT)
         ]
+
         yield Shot(
             left=images[0],
             right=images[1],
@@ -141,12 +145,14 @@ def _outline(scene: Scenery, camera: Camera, *, moves: bool) -> Mask:
     outline = np.zeros((camera.height, camera.width), dtype=bool)
     if not moves:
         return outline
+
     bounds, last = windows(scene.shapes, camera, LEFT), len(scene.surfaces) - 1
     inside = np.zeros_like(outline)
     for band, columns, rows in camera.bands():
         inside[band] = (
             cast(scene.shapes, camera.rays(columns, rows, LEFT), bounds, band.start)[1] == last
         )
+
     size = 2 * OUTLINE_REACH + 1
     near: Mask = ndimage.maximum_filter(inside, size) & ~ndimage.minimum_filter(inside, size)
     return near

@@ -70,12 +70,14 @@ def steadiness(shots: Sequence[Shot], maps: Sequence[NDArray[np.float32]]) -> St
     """Score the maps of a sequence, one for each frame."""
     pairs = list(zip(shots, maps, strict=True))
     static = np.ptp([shot.truth for shot in shots], axis=0) == 0
+
     outlines = [shot.outline & shot.nonocc for shot in shots]
     edges = [
         bad_pixels(found, shot.truth, 1, outline)
         for (shot, found), outline in zip(pairs, outlines, strict=True)
         if outline.any()
     ]
+
     return Steadiness(
         bad_1=_mean([bad_pixels(found, shot.truth, 1, shot.nonocc) for shot, found in pairs]),
         avgerr=_mean([end_point_error(found, shot.truth, shot.nonocc) for shot, found in pairs]),
@@ -89,6 +91,7 @@ def steadiness_table(
 ) -> Table:
     """Return sequences and presets down, the numbers across: without -> with the filter."""
     headings = ("sequence", "preset", "bad-1.0, %", "avgerr, px", "deviation, px")
+
     entries = [
         (
             Entry(motion),
@@ -100,6 +103,7 @@ def steadiness_table(
         )
         for motion, preset, alone, filtered in rows
     ]
+
     return Table((*headings, "at moving edges, %"), tuple(entries), labels=2)
 
 
@@ -108,6 +112,7 @@ def _arrow(
 ) -> Entry:
     if alone is None or filtered is None:
         return Entry("-")
+
     share = f" (x {filtered / alone:.2f})" if ratio and alone else ""
     return Entry(f"{alone:.{digits}f} -> {filtered:.{digits}f}{share}")
 
@@ -117,6 +122,7 @@ def _matched(
 ) -> list[NDArray[np.float32]]:
     """Return the maps of a stream; blur is estimated in every frame, so that one thing differs."""
     pairs = [(shot.left, shot.right) for shot in shots]
+
     frames = ps.stream(
         pairs,
         num_disparities=_COUNT,
@@ -125,6 +131,7 @@ def _matched(
         temporal_filter=temporal_filter,
         on_error=_refuse,
     )
+
     return [frame.result.disparity for frame in frames]
 
 
