@@ -88,8 +88,9 @@ $(VENV)/counterparts: $(VENV)/harness
 	$(BIN)/pip install --quiet --group counterparts
 	touch $@
 
+# maturin, which builds, calls itself by its name alone.
 $(CORE): $(VENV)/ready Cargo.toml Cargo.lock pyproject.toml $(wildcard rust/*.rs rust/*/*.rs rust/*/*/*.rs)
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install --quiet --no-build-isolation --editable . # maturin calls itself by name
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install --quiet --no-build-isolation --editable .
 	touch $@
 
 $(C_LIBRARY): $(RUST)

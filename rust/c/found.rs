@@ -173,6 +173,7 @@ fn blurs(estimate: &blur::Estimate) -> Vec<Blur> {
         }
     }
 
+    // A kind of both images is the only one, so there is room for all.
     blurs.truncate(PHASESTEREO_MOST_BLURS);
     blurs
 }
@@ -213,7 +214,6 @@ fn kind(family: Family) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rig::blur::Glance;
 
     #[test]
     fn blurs_of_both_images_follow_one_another() {
@@ -224,17 +224,7 @@ mod tests {
             taps: Some(left.taps()),
             other: Some(right),
         };
-        let estimate = blur::Estimate {
-            blurs: vec![both],
-            labels: (1, 1, vec![0]),
-            tile: 64,
-            certainty: 1.0,
-            gain: 1.0,
-            noise: [0.0; 2],
-            impulses: [0.0; 2],
-            coding: [0.0; 2],
-            glance: Glance::default(),
-        };
+        let estimate = blur::Estimate { blurs: vec![both], ..blur::Estimate::unknown((64, 64)) };
 
         let listed = blurs(&estimate);
         let seen =

@@ -47,7 +47,7 @@ use self::rough::{Correspondence, Rough, RoughScale, shades_per_unit};
 use self::search::{Blocks, Choice, flat, searched};
 pub use self::spectrum::BlockPlace;
 use self::spectrum::{Cross, Powers, powers, response};
-use self::two_sided::{TwoSided, two_sided};
+use self::two_sided::{TwoSided, find_two_sided};
 use crate::error::Result;
 use crate::pipeline::control::Control;
 use crate::pipeline::matcher::{Execution, Matcher, Pair};
@@ -73,13 +73,13 @@ const LEAST_SPREAD: f64 = 0.6;
 /// Families that leave a larger loss than this, nepers, may be wrong: then the kernel is measured.
 const DOUBTFUL: f32 = 0.3;
 /// Blurs of both images are accepted if their loss is at most this share of that of the best blur of one image, where
-/// this one is doubtful. Shares on four to twelve scenes: motions of 15 px along x and along y 0.14 to 0.27; of 9 and
-/// 13 px at 30 and 100 degrees 0.15 to 0.44; a disk of 3 px and a motion 0.22 to 0.64; motions of 9 and 15 px along x
-/// 0.21 to 0.36. Arcs of one image, which no family explains, 1.05 to 1.26.
+/// this one is doubtful. Shares on twelve scenes: motions of 15 px along x and along y 0.17 to 0.27; of 9 and 13 px at 30
+/// and 100 degrees 0.15 to 0.43; of 9 and 15 px along x 0.19 to 0.34; disks of 5 and 3 px 0.20 to 0.42; a disk of 3 px and
+/// a motion of 11 0.20 to 0.63. Arcs of 11 to 21 px of one image, which no family explains, 0.70 to 1.31.
 const CLEARLY_BETTER: f32 = 0.7;
-/// A kernel is measured on at least this many blocks,
+/// A kernel is measured, and blurs of both images are searched, on at least this many blocks;
 const LEAST_BLOCKS: usize = 12;
-/// ... which are at least one in so many of all: it takes another match, which is not worth it for a little of a large
+/// ... a kernel on at least one in so many of all: it takes another match, which is not worth it for a little of a large
 /// image,
 const LEAST_PART: usize = 20;
 /// ... and unless the measured kernel has a loss larger than the family's by this factor.
@@ -357,13 +357,13 @@ impl<'a> BlurEstimation<'a> {
             return None;
         }
 
-        let found = two_sided(&blocks.evidence, self.level())?;
+        let found = find_two_sided(&blocks.evidence, self.level())?;
         let is_slight = found.entries.iter().any(|entry| entry.psf.spread() < LEAST_SPREAD);
-        if is_slight || found.loss > CLEARLY_BETTER * one_sided {
+        if is_slight || found.loss() > CLEARLY_BETTER * one_sided {
             return None;
         }
 
-        Some(FittedBlur::two_sided(found, powers))
+        Some(FittedBlur::of_both_images(found, powers))
     }
 
     /// The blur of these tiles together: of a family, or measured, or none.
@@ -607,7 +607,7 @@ impl FittedBlur {
     }
 
     /// The blurs of both images; the softer image is the one with the wider blur.
-    fn two_sided(found: TwoSided, powers: Powers) -> Self {
+    fn of_both_images(found: TwoSided, powers: Powers) -> Self {
         let [left, right] = found.entries;
         let (side, own, other) = if left.psf.spread() >= right.psf.spread() {
             (Side::Left, left, right)
@@ -621,6 +621,7 @@ impl FittedBlur {
             taps: Some(own.psf.taps()),
             other: Some(other.psf),
         };
+        // Responses tell kinds apart on tiles, and this kind is the only one.
         Self { blur, response: own.response, fit: found.fits[side.index()], powers }
     }
 
@@ -687,7 +688,7 @@ impl Estimate {
     }
 
     /// The estimate where there is no evidence.
-    fn unknown((rows, cols): (usize, usize)) -> Self {
+    pub(crate) fn unknown((rows, cols): (usize, usize)) -> Self {
         Self {
             blurs: vec![Blur { side: None, psf: None, taps: None, other: None }],
             labels: (1, 1, vec![0]),

@@ -26,12 +26,17 @@ pub struct TwoSided {
     pub entries: [Entry; 2],
     /// How well that of the left image explains the evidence given the other one, and the other way round.
     pub fits: [Fit; 2],
+}
+
+impl TwoSided {
     /// Mean loss of both fits, nepers.
-    pub loss: f32,
+    pub fn loss(&self) -> f32 {
+        0.5 * (self.fits[0].loss + self.fits[1].loss)
+    }
 }
 
 /// The pair of blurs that explains best what the left and the right image lack.
-pub fn two_sided(evidence: &[BlurEvidence; 2], level: Level) -> Option<TwoSided> {
+pub fn find_two_sided(evidence: &[BlurEvidence; 2], level: Level) -> Option<TwoSided> {
     let [mut left, mut right] = searched(evidence, level)?.map(Entry::clone);
 
     let [for_left, for_right] = evidence;
@@ -44,7 +49,7 @@ pub fn two_sided(evidence: &[BlurEvidence; 2], level: Level) -> Option<TwoSided>
         for_left.against(&right.response).fit(&left.response, level),
         for_right.against(&left.response).fit(&right.response, level),
     ];
-    Some(TwoSided { entries: [left, right], loss: 0.5 * (fits[0].loss + fits[1].loss), fits })
+    Some(TwoSided { entries: [left, right], fits })
 }
 
 /// The best pair of the bank.

@@ -177,14 +177,8 @@ mod tests {
 
         let estimate = Estimate {
             blurs: kinds.iter().map(blur).chain([none]).collect(),
-            labels: (1, 1, vec![0]),
-            tile: 16,
-            certainty: 1.0,
-            gain: 1.0,
-            impulses: [0.0; 2],
-            coding: [0.0; 2],
             noise: [1.0; 2],
-            glance: <_>::default(),
+            ..Estimate::unknown((16, 16))
         };
 
         let settings = Settings { noise_threshold: 0.0, sizes: 1, ..Settings::default() };
