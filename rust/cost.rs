@@ -26,7 +26,7 @@ use crate::image::normalization::{DEVIATION_CEILING, DEVIATION_STEPS, normalize}
 use crate::image::plane::Plane;
 use crate::image::view::{Mask, View};
 use crate::pipeline::control::Control;
-use crate::pipeline::memory::Memory;
+use crate::pipeline::memory::RunMemory;
 use crate::rig::blur_compensation::{self, BlurCompensation, Labels};
 use crate::settings::{CostKind, Settings};
 use crate::simd::{self, Level};
@@ -144,7 +144,7 @@ impl<'a> Costs<'a> {
 
         Plane::by_bands((rows, self.cols * count), 1, |y, volume| {
             control.checkpoint()?;
-            let mut costs = Memory::default();
+            let mut costs = RunMemory::default();
             costs.resize(self.cols * self.runs())?;
             level.run(WriteRow { costs: self, y, out: &mut costs });
 
@@ -258,30 +258,50 @@ impl<'a> Costs<'a> {
         columns: Range<usize>,
         out: &mut [Lanes<V>],
     ) {
+        let Some(labels) = &codes.labels else {
+            return self.write_stretch::<V, N>(codes, (0, first), y, columns, out);
+        };
+
+        // Most neighbors have the same label, so are compared with the same version of the right image.
+        let (mut start, mut out) = (columns.start, out);
+        for stretch in labels.row(y)[columns].chunk_by(|label, next| label == next) {
+            let version = usize::from(stretch[0]);
+            let columns = start..start + stretch.len();
+            start = columns.end;
+
+            let (here, rest) = out.split_at_mut(stretch.len() * self.runs());
+            out = rest;
+            self.write_stretch::<V, N>(codes, (version, first), y, columns, here);
+        }
+    }
+
+    /// As [`Self::write_distances`], for columns that are compared with one version of the right image.
+    #[inline(always)]
+    fn write_stretch<V: Value, const N: usize>(
+        &self,
+        codes: &PairCodes,
+        (version, first): (usize, usize),
+        y: usize,
+        columns: Range<usize>,
+        out: &mut [Lanes<V>],
+    ) {
         let has_all_bytes = N == codes.left.len();
-        let labels = codes.labels.as_ref().map(|labels| labels.row(y));
+        let mut lefts: [&[u8]; N] = rows_of(&codes.left[first..], y);
+        let mut rights: [&[u8]; N] = rows_of(&codes.rights[version][first..], y);
 
-        let lefts: [&[u8]; N] = rows_of(&codes.left[first..], y);
-        let mut rights: [&[u8]; N] = rows_of(&codes.rights[0][first..], y);
+        // What the last of these columns meets comes first.
+        let start = self.cols - columns.end;
+        let width = columns.len() - 1 + self.runs() * LANES;
+        for byte in 0..N {
+            lefts[byte] = &lefts[byte][columns.clone()];
+            rights[byte] = &rights[byte][start..][..width];
+        }
 
-        for (x, out) in columns.zip(self.pixels(out)) {
-            if let Some(labels) = labels {
-                rights = rows_of(&codes.rights[usize::from(labels[x])][first..], y);
-            }
-
-            let mut left = [0; N];
-            let mut right = [&[][..]; N];
-            for byte in 0..N {
-                left[byte] = lefts[byte][x];
-                let unrolled = &rights[byte][self.cols - 1 - x..][..out.len() * LANES];
-                right[byte] = unrolled.as_chunks().0;
-            }
-
-            if has_all_bytes {
-                write_distances(left, right, out);
-            } else {
-                add_distances(left, right, out);
-            }
+        // Usual numbers of runs as constants, so that the loop over runs is unrolled.
+        match self.runs() {
+            1 => compare(lefts, rights, 1, has_all_bytes, out),
+            2 => compare(lefts, rights, 2, has_all_bytes, out),
+            runs => compare(lefts, rights, runs, has_all_bytes, out),
         }
     }
 
@@ -471,32 +491,32 @@ fn rows_of<const N: usize>(planes: &[Plane<u8>], y: usize) -> [&[u8]; N] {
     rows
 }
 
-/// Writes the Hamming distances over `N` bytes, of a pixel and its candidates.
+/// Writes the Hamming distances over `N` bytes, of pixels and their candidates, or adds them to what is there.
 #[inline(always)]
-fn write_distances<V: Value, const N: usize>(
-    left: [u8; N],
-    right: [&[Lanes<u8>]; N],
+fn compare<V: Value, const N: usize>(
+    lefts: [&[u8]; N],
+    rights: [&[u8]; N],
+    runs: usize,
+    overwrites: bool,
     out: &mut [Lanes<V>],
 ) {
-    for (i, out) in out.iter_mut().enumerate() {
-        let bits = distances(left, right, i);
-        for j in 0..LANES {
-            out[j] = V::truncated(bits[j].into());
-        }
-    }
-}
+    let last = lefts[0].len() - 1;
 
-/// The same, added to what is there.
-#[inline(always)]
-fn add_distances<V: Value, const N: usize>(
-    left: [u8; N],
-    right: [&[Lanes<u8>]; N],
-    out: &mut [Lanes<V>],
-) {
-    for (i, out) in out.iter_mut().enumerate() {
-        let bits = distances(left, right, i);
-        for j in 0..LANES {
-            out[j] = out[j].plus(V::truncated(bits[j].into()));
+    for (place, out) in out.chunks_exact_mut(runs).enumerate() {
+        let mut left = [0; N];
+        let mut right = [&[][..]; N];
+        for byte in 0..N {
+            left[byte] = lefts[byte][place];
+            right[byte] = rights[byte][last - place..][..runs * LANES].as_chunks().0;
+        }
+
+        for run in 0..runs {
+            let bits = distances(left, right, run);
+
+            for j in 0..LANES {
+                let bits = V::truncated(bits[j].into());
+                out[run][j] = if overwrites { bits } else { out[run][j].plus(bits) };
+            }
         }
     }
 }

@@ -37,7 +37,7 @@ use crate::image::plane::Plane;
 use crate::optimization::edges::Edges;
 use crate::optimization::evidence::Evidence;
 use crate::pipeline::control::Control;
-use crate::pipeline::memory::Memory;
+use crate::pipeline::memory::RunMemory;
 use crate::settings::{Optimizer, Settings};
 use crate::simd::{Level, Loop};
 use crate::value::{LANES, Lanes, Value};
@@ -177,7 +177,7 @@ impl<T: Value> CostSource<T> for CostVolume<'_> {
 pub struct Workspace<T: Value> {
     aggregator: Aggregator<T>,
     /// Costs of the current panel and of the next one.
-    costs: [Memory<Lanes<T>>; 2],
+    costs: [RunMemory<T>; 2],
     horizontal: Horizontal<T>,
     vertical: Vertical<T>,
     ordered: Ordered,
@@ -281,7 +281,7 @@ impl CandidateSearch<'_> {
         // While one panel is worked on, the next one's costs are there for the paths from the right.
         let [here, next] = costs;
 
-        let mut load = |columns: Range<usize>, costs: &mut Memory<Lanes<T>>| {
+        let mut load = |columns: Range<usize>, costs: &mut RunMemory<T>| {
             let block = PixelBlock { rows: seen.clone(), columns };
             let places = seen.len() * block.columns.len() * runs;
             source.write(aggregator, block, &mut costs[..places])

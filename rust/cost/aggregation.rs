@@ -24,7 +24,7 @@ use crate::cost::{Costs, steps_of};
 use crate::error::Result;
 use crate::image::plane::Plane;
 use crate::pipeline::control::Control;
-use crate::pipeline::memory::Memory;
+use crate::pipeline::memory::RunMemory;
 use crate::settings::{Precision, Settings};
 use crate::simd::{Level, Loop};
 use crate::value::{LANES, Lanes, Value};
@@ -156,9 +156,9 @@ pub struct Aggregator<V> {
     /// Numbers of valid pixels, under masks.
     validity: BoxSums<V>,
     /// A ring of rows of sums, for shiftable windows: as many rows as a window has.
-    boxes: Memory<Lanes<V>>,
+    boxes: RunMemory<V>,
     /// Numbers of valid pixels in the windows of a row.
-    counts: Memory<Lanes<V>>,
+    counts: RunMemory<V>,
 }
 
 impl<V: Value> Aggregator<V> {
@@ -335,12 +335,16 @@ struct BoxSums<V> {
     runs: usize,
     /// The columns of the block and its halo, within the image.
     around: Range<usize>,
+    /// How many columns of the halo lie beyond the image, on the left.
+    beyond: usize,
     /// The row on which the window is centered.
     center: Option<usize>,
     /// Costs of the rows of the window and of the one that has just left it: a ring.
-    rows: Memory<Lanes<V>>,
+    rows: RunMemory<V>,
     /// Their sums over the rows of the window, for each column.
-    columns: Memory<Lanes<V>>,
+    columns: RunMemory<V>,
+    /// These sums without their lowest bits. Beyond the image its edge columns are repeated, so the halo is complete.
+    summands: RunMemory<V>,
 }
 
 impl<V: Value> BoxSums<V> {
@@ -348,13 +352,15 @@ impl<V: Value> BoxSums<V> {
     fn begin(&mut self, window: Window, columns: &Range<usize>, runs: usize) -> Result<()> {
         let halo = window.halo();
         self.around = columns.start.saturating_sub(halo)..(columns.end + halo).min(window.cols);
+        self.beyond = halo.saturating_sub(columns.start);
         self.window = window;
         self.runs = runs;
         self.center = None;
 
         let width = self.around.len() * runs;
         self.rows.resize((window.side + 1) * width)?;
-        self.columns.resize(width)
+        self.columns.resize(width)?;
+        self.summands.resize((columns.len() + 2 * halo) * runs)
     }
 
     /// Moves the window to row `y`: the next one, or any if it is the first.
@@ -368,72 +374,104 @@ impl<V: Value> BoxSums<V> {
         let slot = |place: usize| place % (side + 1) * width;
         let row = |place: usize| place.saturating_sub(radius).min(last);
 
-        if self.center.replace(y).is_some() {
-            let entering = slot(y + 2 * radius);
-            let leaving = slot(y + 2 * radius + 1);
-            let entered = &mut self.rows[entering..][..width];
-            summed.write(costs, row(y + 2 * radius), self.around.clone(), entered);
-
-            let entering = &self.rows[entering..][..width];
-            let leaving = &self.rows[leaving..][..width];
-            for ((sum, new), old) in self.columns.iter_mut().zip(entering).zip(leaving) {
-                for j in 0..LANES {
-                    // Subtracts first, so that no sum exceeds the largest one of a window.
-                    sum[j] = sum[j].minus(old[j]).plus(new[j]);
-                }
-            }
-            return;
+        let is_first = self.center.replace(y).is_none();
+        // The first row sums the whole window.
+        let entering = if is_first { y } else { y + 2 * radius }..=y + 2 * radius;
+        if is_first {
+            self.columns.fill([V::default(); LANES]);
         }
 
-        // The first row: sums the whole window.
-        self.columns.fill([V::default(); LANES]);
-        for place in y..=y + 2 * radius {
-            let here = &mut self.rows[slot(place)..][..width];
-            summed.write(costs, row(place), self.around.clone(), here);
+        for place in entering {
+            let entered = &mut self.rows[slot(place)..][..width];
+            summed.write(costs, row(place), self.around.clone(), entered);
 
-            for (sum, new) in self.columns.iter_mut().zip(here) {
-                for j in 0..LANES {
-                    sum[j] = sum[j].plus(new[j]);
-                }
-            }
+            let entered = &self.rows[slot(place)..][..width];
+            let left = (!is_first).then(|| &self.rows[slot(place + 1)..][..width]);
+            replace(&mut self.columns, entered, left);
+        }
+
+        // Usual numbers as constants: bytes can only be shifted by constants in one instruction.
+        match self.window.dropped {
+            0 => self.drop_bits(0),
+            1 => self.drop_bits(1),
+            2 => self.drop_bits(2),
+            3 => self.drop_bits(3),
+            bits => self.drop_bits(bits),
         }
     }
 
-    /// Writes the sums over the windows of some columns. The lowest bits of each column's sum are dropped first.
+    /// Writes the sums of the columns without their lowest bits.
+    #[inline(always)]
+    fn drop_bits(&mut self, bits: u32) {
+        let Self { runs, beyond, columns, summands, .. } = self;
+        let runs = *runs;
+
+        let (left, rest) = summands.split_at_mut(*beyond * runs);
+        let (within, right) = rest.split_at_mut(columns.len());
+
+        let sums = columns.as_flattened();
+        for (summand, sum) in within.as_flattened_mut().iter_mut().zip(sums) {
+            *summand = sum.shifted(bits);
+        }
+
+        let (first, last) = (&within[..runs], &within[within.len() - runs..]);
+        left.chunks_exact_mut(runs).for_each(|pixel| pixel.copy_from_slice(first));
+        right.chunks_exact_mut(runs).for_each(|pixel| pixel.copy_from_slice(last));
+    }
+
+    /// Writes the sums over the windows of some columns.
     #[inline(always)]
     fn write_row(&self, columns: Range<usize>, out: &mut [Lanes<V>]) {
-        let radius = self.window.radius();
-        let runs = self.runs;
-        let dropped = self.window.dropped;
-        // Places count columns from `radius` columns left of the image on; beyond the image its edge is repeated. After
-        // the last sum an unneeded column enters, clamped as well.
-        let first = self.around.start;
-        let last = self.around.end - 1;
-        let column = |place: usize| (place.saturating_sub(radius).min(last) - first) * runs;
+        // The first window begins `radius` columns left of its center, which may be beyond the image.
+        let first = columns.start + self.beyond - self.window.radius() - self.around.start;
+        let summands = &self.summands[first * self.runs..];
 
-        for run in 0..runs {
-            let mut sum = [V::default(); LANES];
-            for place in columns.start..=columns.start + 2 * radius {
-                sum = added(sum, shifted(self.columns[column(place) + run], dropped));
+        // Usual numbers as constants, so that places are found without a multiplication.
+        match self.runs {
+            1 => sum_windows(summands, self.window.side, 1, out),
+            2 => sum_windows(summands, self.window.side, 2, out),
+            runs => sum_windows(summands, self.window.side, runs, out),
+        }
+    }
+}
+
+/// Adds the costs of a row that enters a window to the sums of its columns, and subtracts those of a row that leaves it.
+#[inline(always)]
+fn replace<V: Value>(sums: &mut [Lanes<V>], entering: &[Lanes<V>], leaving: Option<&[Lanes<V>]>) {
+    let sums = sums.as_flattened_mut().iter_mut().zip(entering.as_flattened());
+
+    match leaving {
+        // Subtracts first, so that no sum exceeds the largest one of a window.
+        Some(leaving) => {
+            for ((sum, new), old) in sums.zip(leaving.as_flattened()) {
+                *sum = sum.minus(*old).plus(*new);
             }
-
-            for (x, out) in columns.clone().zip(out.iter_mut().skip(run).step_by(runs)) {
-                *out = sum;
-
-                let leaving = shifted(self.columns[column(x) + run], dropped);
-                let entering = shifted(self.columns[column(x + 1 + 2 * radius) + run], dropped);
-                sum = added(subtracted(sum, leaving), entering);
+        }
+        None => {
+            for (sum, new) in sums {
+                *sum = sum.plus(*new);
             }
         }
     }
 }
 
+/// Writes the sums over neighboring windows of so many columns, of pixels with so many runs of candidates.
 #[inline(always)]
-fn shifted<V: Value>(mut values: Lanes<V>, bits: u32) -> Lanes<V> {
-    for value in &mut values {
-        *value = value.shifted(bits);
+fn sum_windows<V: Value>(columns: &[Lanes<V>], side: usize, runs: usize, out: &mut [Lanes<V>]) {
+    for run in 0..runs {
+        let mut sum = [V::default(); LANES];
+        for column in columns.chunks_exact(runs).take(side - 1) {
+            sum = added(sum, column[run]);
+        }
+
+        let entering = columns[(side - 1) * runs..].chunks_exact(runs);
+        let leaving = columns.chunks_exact(runs);
+        for ((out, entering), leaving) in out.chunks_exact_mut(runs).zip(entering).zip(leaving) {
+            sum = added(sum, entering[run]);
+            out[run] = sum;
+            sum = subtracted(sum, leaving[run]);
+        }
     }
-    values
 }
 
 #[inline(always)]
@@ -468,7 +506,7 @@ pub fn aggregate(
     blocks.try_for_each(|(index, aggregated)| {
         control.checkpoint()?;
         let mut aggregator = Aggregator::<u32>::default();
-        let mut lanes = Memory::default();
+        let mut lanes = RunMemory::default();
         let rows = index * ROWS..((index + 1) * ROWS).min(rows);
         lanes.resize(rows.len() * cols * costs.runs())?;
 

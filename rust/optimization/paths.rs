@@ -30,7 +30,7 @@ use crate::optimization::Penalties;
 use crate::optimization::edges::{Edges, Neighbor};
 use crate::optimization::evidence::Evidence;
 use crate::optimization::selection::{Minimum, PIXELS, Selection};
-use crate::pipeline::memory::Memory;
+use crate::pipeline::memory::{Memory, RunMemory};
 use crate::simd::Loop;
 use crate::value::{LANES, Lanes, Value, least_lane};
 
@@ -72,7 +72,7 @@ impl<T: Value> Smoothness<'_, T> {
 }
 
 /// Totals of up to [`PIXELS`] paths, each at the last pixel that it has reached.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Paths<T> {
     /// Totals at the last pixel, one path after another: a run of [`Value::FAR`], the totals, a run of [`Value::FAR`].
     before: Memory<T>,
@@ -82,6 +82,17 @@ struct Paths<T> {
     minima: [Lanes<T>; PIXELS],
     /// The least total of each path at the last pixel.
     least: [T; PIXELS],
+}
+
+impl<T: Value> Default for Paths<T> {
+    fn default() -> Self {
+        Self {
+            before: Memory::default(),
+            here: Memory::default(),
+            minima: [[T::default(); LANES]; PIXELS],
+            least: [T::default(); PIXELS],
+        }
+    }
 }
 
 /// Values of one path: its totals and a run on either side.
@@ -217,14 +228,14 @@ impl<T: Value> Sink<T> for AverageTotals<'_, T> {
 
 /// State of the horizontal paths of a band, which are followed panel by panel from the left.
 #[derive(Debug, Default)]
-pub struct Horizontal<T> {
+pub struct Horizontal<T: Value> {
     paths: Paths<T>,
     /// Totals of the paths from the left at the last column of the previous panel, row by row.
     left: Memory<T>,
     /// The least total of each of these rows.
     least: Memory<T>,
     /// Half the sum of the totals of both paths, of the current panel.
-    means: Memory<Lanes<T>>,
+    means: RunMemory<T>,
 }
 
 impl<T: Value> Horizontal<T> {
@@ -290,7 +301,7 @@ fn costs_of<'a, T>(
 /// The horizontal paths through a panel: those from the right start in the look-ahead, those from the left go on from the
 /// previous panel.
 #[derive(Debug)]
-pub struct HorizontalPass<'a, T> {
+pub struct HorizontalPass<'a, T: Value> {
     /// State of the paths.
     pub horizontal: &'a mut Horizontal<T>,
     /// The panel.
@@ -463,9 +474,9 @@ fn rows_mut<V>(values: &mut [V], first: usize, width: usize) -> [&mut [V]; ROWS]
 pub struct Vertical<T: Value> {
     paths: Paths<T>,
     /// Totals of the paths from below, of the columns that are being worked on.
-    below: Memory<Lanes<T>>,
+    below: RunMemory<T>,
     /// The means of all paths' totals of one row of these columns.
-    sums: Memory<Lanes<T>>,
+    sums: RunMemory<T>,
     selection: Selection<T>,
 }
 

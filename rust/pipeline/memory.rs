@@ -3,6 +3,7 @@
 use std::ops::{Deref, DerefMut};
 
 use crate::error::{Error, Result};
+use crate::value::{LANES, Lanes};
 
 /// Bytes of a cache line: a vector register that is loaded from the start of a line never spans two lines.
 const LINE: usize = 64;
@@ -55,6 +56,42 @@ impl<T> DerefMut for Memory<T> {
     #[inline(always)]
     fn deref_mut(&mut self) -> &mut [T] {
         &mut self.values[self.start..][..self.count]
+    }
+}
+
+/// A reusable buffer of runs of lanes that starts at a cache line.
+///
+/// It is a [`Memory`] of single values, since an array's own alignment is that of its values: among arrays of 32 bytes none
+/// may start at a line.
+#[derive(Debug)]
+pub struct RunMemory<T>(Memory<T>);
+
+impl<T> Default for RunMemory<T> {
+    fn default() -> Self {
+        Self(Memory::default())
+    }
+}
+
+impl<T: Clone + Default> RunMemory<T> {
+    /// Makes the buffer `count` runs long; see [`Memory::resize`].
+    pub fn resize(&mut self, count: usize) -> Result<()> {
+        self.0.resize(count.saturating_mul(LANES))
+    }
+}
+
+impl<T> Deref for RunMemory<T> {
+    type Target = [Lanes<T>];
+
+    #[inline(always)]
+    fn deref(&self) -> &[Lanes<T>] {
+        self.0.as_chunks().0
+    }
+}
+
+impl<T> DerefMut for RunMemory<T> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut [Lanes<T>] {
+        self.0.as_chunks_mut().0
     }
 }
 
