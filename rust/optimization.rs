@@ -181,6 +181,7 @@ pub struct Workspace<T: Value> {
     horizontal: Horizontal<T>,
     vertical: Vertical<T>,
     ordered: Ordered,
+    selection: Selection<T>,
     evidence: Evidence,
 }
 
@@ -192,6 +193,7 @@ impl<T: Value> Default for Workspace<T> {
             horizontal: Horizontal::default(),
             vertical: Vertical::default(),
             ordered: Ordered::default(),
+            selection: Selection::default(),
             evidence: Evidence::default(),
         }
     }
@@ -269,7 +271,8 @@ impl CandidateSearch<'_> {
         // Vertical paths also need the costs of the look-ahead rows.
         let seen = if is_vertical { self.seen(&rows) } else { rows.clone() };
 
-        let Workspace { aggregator, costs, horizontal, vertical, evidence, .. } = workspace;
+        let Workspace { aggregator, costs, horizontal, vertical, selection, evidence, .. } =
+            workspace;
 
         costs.iter_mut().try_for_each(|costs| costs.resize(seen.len() * PANEL * runs))?;
         horizontal.begin(rows.len(), PANEL, runs)?;
@@ -318,12 +321,20 @@ impl CandidateSearch<'_> {
                     means,
                     smoothness,
                     candidates,
+                    selection,
                     evidence,
                 });
             } else {
                 let block = &panel.block;
                 let costs = Some(panel.costs);
-                self.level.run(SelectPixels { search: self, block, totals, costs, evidence });
+                self.level.run(SelectPixels {
+                    search: self,
+                    block,
+                    totals,
+                    costs,
+                    selection,
+                    evidence,
+                });
             }
 
             // The costs of the next panel are loaded already.
@@ -340,7 +351,7 @@ impl CandidateSearch<'_> {
         source: &impl CostSource<T>,
         workspace: &mut Workspace<T>,
     ) -> Result<()> {
-        let Workspace { aggregator, costs: [costs, _], evidence, .. } = workspace;
+        let Workspace { aggregator, costs: [costs, _], selection, evidence, .. } = workspace;
 
         costs.resize(rows.len() * PANEL * self.runs())?;
 
@@ -350,7 +361,14 @@ impl CandidateSearch<'_> {
             let totals = &mut costs[..rows.len() * columns.len() * self.runs()];
             let block = &PixelBlock { rows: rows.clone(), columns };
             source.write(aggregator, block.clone(), totals)?;
-            self.level.run(SelectPixels { search: self, block, totals, costs: None, evidence });
+            self.level.run(SelectPixels {
+                search: self,
+                block,
+                totals,
+                costs: None,
+                selection,
+                evidence,
+            });
         }
 
         Ok(())
@@ -363,7 +381,8 @@ impl CandidateSearch<'_> {
         source: &impl CostSource<T>,
         workspace: &mut Workspace<T>,
     ) -> Result<()> {
-        let Workspace { aggregator, costs: [costs, _], ordered, evidence, .. } = workspace;
+        let Workspace { aggregator, costs: [costs, _], ordered, selection, evidence, .. } =
+            workspace;
         let width = self.size.1 * self.runs();
         costs.resize(ORDERED_ROWS.min(rows.len()) * width)?;
 
@@ -379,7 +398,7 @@ impl CandidateSearch<'_> {
                 let chosen = ordered.choose(costs, self.candidates, self.penalties)?;
 
                 let row = y - rows.start;
-                self.level.run(WeighRow { search: self, row, chosen, costs, evidence });
+                self.level.run(WeighRow { search: self, row, chosen, costs, selection, evidence });
             }
         }
 
@@ -393,6 +412,7 @@ struct SelectPixels<'a, T> {
     block: &'a PixelBlock,
     totals: &'a mut [Lanes<T>],
     costs: Option<&'a [Lanes<T>]>,
+    selection: &'a mut Selection<T>,
     evidence: &'a mut Evidence,
 }
 
@@ -401,9 +421,9 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { search, block: PixelBlock { rows, columns }, totals, costs, evidence } = self;
+        let Self { search, block, totals, costs, selection, evidence } = self;
+        let PixelBlock { rows, columns } = block;
         let runs = search.runs();
-        let mut selection = Selection::default();
 
         for row in 0..rows.len() {
             for first in columns.clone().step_by(PIXELS) {
@@ -415,7 +435,7 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
                     selection.take(pixel, Minimum::of_all(totals));
                 }
 
-                selection.settle(runs);
+                selection.settle();
 
                 if search.weighs {
                     let costs = costs.map(|costs| &costs[place..][..pixels * runs]);
@@ -435,6 +455,7 @@ struct WeighRow<'a, T> {
     row: usize,
     chosen: &'a [u16],
     costs: &'a mut [Lanes<T>],
+    selection: &'a mut Selection<T>,
     evidence: &'a mut Evidence,
 }
 
@@ -443,12 +464,11 @@ impl<T: Value> Loop for WeighRow<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { search, row, chosen, costs, evidence } = self;
+        let Self { search, row, chosen, costs, selection, evidence } = self;
         if !search.weighs {
             return evidence.choose(row, 0, chosen);
         }
         let runs = search.runs();
-        let mut selection = Selection::default();
 
         let groups = chosen.chunks(PIXELS).zip(costs.chunks_mut(PIXELS * runs));
         for (first, (chosen, costs)) in (0..).step_by(PIXELS).zip(groups) {

@@ -5,9 +5,10 @@
 //!
 //! ```text
 //! for y in rows:
-//!     column[x][k] += cost[y + r][x][k] - cost[y - r - 1][x][k]              # a ring of 2 r + 2 rows of costs
+//!     column[x][k] += cost[y + r][x][k] - cost[y - r - 1][x][k]      # a ring of 2 r + 2 rows of costs
+//!     summand[x][k] = column[x][k] >> n                              # n bits are dropped
 //!     for x in columns:
-//!         sum[k]   += (column[x + r][k] >> n) - (column[x - r - 1][k] >> n)    # n bits are dropped
+//!         sum[k]   += summand[x + r][k] - summand[x - r - 1][k]
 //!         aggregated[y][x][k] = sum[k]
 //! ```
 //!
@@ -374,10 +375,11 @@ impl<V: Value> BoxSums<V> {
         let slot = |place: usize| place % (side + 1) * width;
         let row = |place: usize| place.saturating_sub(radius).min(last);
 
-        let is_first = self.center.replace(y).is_none();
-        // The first row sums the whole window.
-        let entering = if is_first { y } else { y + 2 * radius }..=y + 2 * radius;
-        if is_first {
+        let mut entering = y + 2 * radius..y + 2 * radius + 1;
+        if self.center.replace(y).is_none() {
+            // Before the first row the window is empty, and all of its rows enter.
+            entering.start = y;
+            self.rows.fill([V::default(); LANES]);
             self.columns.fill([V::default(); LANES]);
         }
 
@@ -385,9 +387,13 @@ impl<V: Value> BoxSums<V> {
             let entered = &mut self.rows[slot(place)..][..width];
             summed.write(costs, row(place), self.around.clone(), entered);
 
-            let entered = &self.rows[slot(place)..][..width];
-            let left = (!is_first).then(|| &self.rows[slot(place + 1)..][..width]);
-            replace(&mut self.columns, entered, left);
+            let entered = self.rows[slot(place)..][..width].as_flattened();
+            let left = self.rows[slot(place + 1)..][..width].as_flattened();
+            let sums = self.columns.as_flattened_mut().iter_mut();
+            for ((sum, new), old) in sums.zip(entered).zip(left) {
+                // Subtracts first, so that no sum exceeds the largest one of a window.
+                *sum = sum.minus(*old).plus(*new);
+            }
         }
 
         // Usual numbers as constants: bytes can only be shifted by constants in one instruction.
@@ -431,26 +437,6 @@ impl<V: Value> BoxSums<V> {
             1 => sum_windows(summands, self.window.side, 1, out),
             2 => sum_windows(summands, self.window.side, 2, out),
             runs => sum_windows(summands, self.window.side, runs, out),
-        }
-    }
-}
-
-/// Adds the costs of a row that enters a window to the sums of its columns, and subtracts those of a row that leaves it.
-#[inline(always)]
-fn replace<V: Value>(sums: &mut [Lanes<V>], entering: &[Lanes<V>], leaving: Option<&[Lanes<V>]>) {
-    let sums = sums.as_flattened_mut().iter_mut().zip(entering.as_flattened());
-
-    match leaving {
-        // Subtracts first, so that no sum exceeds the largest one of a window.
-        Some(leaving) => {
-            for ((sum, new), old) in sums.zip(leaving.as_flattened()) {
-                *sum = sum.minus(*old).plus(*new);
-            }
-        }
-        None => {
-            for (sum, new) in sums {
-                *sum = sum.plus(*new);
-            }
         }
     }
 }

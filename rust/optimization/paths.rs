@@ -35,7 +35,7 @@ use crate::simd::Loop;
 use crate::value::{LANES, Lanes, Value, least_lane};
 
 /// Rows whose horizontal paths are extended in turn.
-const ROWS: usize = 4;
+const ROWS: usize = 8;
 
 /// P1, and P2 by the jump of the gray values: the whole of it, half, and a third, but not less than P1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -469,7 +469,7 @@ fn rows_mut<V>(values: &mut [V], first: usize, width: usize) -> [&mut [V]; ROWS]
     found
 }
 
-/// State of the vertical paths of a panel, and the selection by all four paths.
+/// State of the vertical paths of a panel.
 #[derive(Debug, Default)]
 pub struct Vertical<T: Value> {
     paths: Paths<T>,
@@ -477,7 +477,6 @@ pub struct Vertical<T: Value> {
     below: RunMemory<T>,
     /// The means of all paths' totals of one row of these columns.
     sums: RunMemory<T>,
-    selection: Selection<T>,
 }
 
 impl<T: Value> Vertical<T> {
@@ -502,6 +501,8 @@ pub struct VerticalPass<'a, T: Value> {
     pub smoothness: Smoothness<'a, T>,
     /// Candidates of each pixel.
     pub candidates: usize,
+    /// Selects the candidates by all four paths.
+    pub selection: &'a mut Selection<T>,
     /// What was found about the rows of the band.
     pub evidence: &'a mut Evidence,
 }
@@ -593,8 +594,8 @@ impl<T: Value> VerticalPass<'_, T> {
     /// Paths from above through a row of the band: the last of the four, so the sums of all can be taken.
     #[inline(always)]
     fn downward(&mut self, y: usize, columns: Range<usize>, runs: usize) {
-        let Self { vertical, panel, smoothness, means, .. } = self;
-        let Vertical { paths, below, sums, selection } = &mut **vertical;
+        let Self { vertical, panel, smoothness, means, selection, .. } = self;
+        let Vertical { paths, below, sums } = &mut **vertical;
         let all = &panel.block.columns;
         let row = y - panel.block.rows.start;
 
@@ -623,13 +624,13 @@ impl<T: Value> VerticalPass<'_, T> {
     /// Selects candidates for the pixels of a row of the band by the sums of all paths.
     #[inline(always)]
     fn select(&mut self, y: usize, columns: Range<usize>, runs: usize) {
-        let Vertical { sums, selection, .. } = &mut *self.vertical;
-        let sums = &mut sums[..PIXELS * runs];
+        let selection = &mut *self.selection;
+        let sums = &mut self.vertical.sums[..PIXELS * runs];
         let costs = costs_of(self.panel, y, &columns, runs);
         let pixels = columns.len();
         let row = y - self.panel.block.rows.start;
 
-        selection.settle(runs);
+        selection.settle();
         selection.weigh(sums, Some(costs), (pixels, self.candidates, runs));
         selection.write(pixels, self.evidence, (row, columns.start));
     }

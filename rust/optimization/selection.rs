@@ -18,7 +18,7 @@ use crate::value::{LANES, Lanes, Value, least_lane};
 /// Pixels whose candidates are selected together.
 pub const PIXELS: usize = 16;
 
-/// The selection for up to [`PIXELS`] pixels.
+/// The selection for up to [`PIXELS`] pixels. It lies behind a reference: of a local one the compiler would keep single lanes.
 #[derive(Debug)]
 pub struct Selection<T> {
     /// The number of each lane. In memory, since the compiler splits a constant into single lanes.
@@ -62,29 +62,18 @@ impl<T: Value> Selection<T> {
         self.run[pixel] = minimum.run;
     }
 
-    /// Finds the least cost of each pixel, of so many runs of candidates, and the first candidate that has it.
-    ///
-    /// The first candidate is the least lane in the least run that has the least cost. Lanes and runs that do not qualify
-    /// are moved behind all others by adding a number larger than any index, so that every step is a plain minimum.
+    /// Finds the least cost of each pixel and the first candidate that has it: the least lane in the least run with this
+    /// cost. Runs and lanes that do not qualify are replaced by the largest number, so that every step is a plain minimum.
     #[inline(always)]
-    pub fn settle(&mut self, runs: usize) {
+    pub fn settle(&mut self) {
         let Self { lanes, least, run, own, chosen, .. } = self;
 
         for (own, least) in own.iter_mut().zip(&*least) {
             *own = least_lane(least);
         }
 
-        // The runs of lanes whose cost is not the least one are moved behind all runs.
         for ((run, least), own) in run.iter_mut().zip(&*least).zip(&*own) {
-            let mut behind = [T::default(); LANES];
-            for j in 0..LANES {
-                behind[j] = least[j].minus(*own);
-            }
-
-            let behind = amplified(behind, runs);
-            for j in 0..LANES {
-                run[j] = run[j].plus(behind[j]);
-            }
+            keep_equal(run, least, *own);
         }
 
         let mut first = [T::default(); PIXELS];
@@ -92,17 +81,10 @@ impl<T: Value> Selection<T> {
             *first = least_lane(run);
         }
 
-        // The lanes whose run is not the first one are moved behind all lanes.
         for (run, first) in run.iter_mut().zip(&first) {
-            let mut behind = [T::default(); LANES];
-            for j in 0..LANES {
-                behind[j] = run[j].minus(*first);
-            }
-
-            let behind = amplified(behind, LANES);
-            for j in 0..LANES {
-                run[j] = lanes[j].plus(behind[j]);
-            }
+            let mut lane = *lanes;
+            keep_equal(&mut lane, run, *first);
+            *run = lane;
         }
 
         let mut lane = [T::default(); PIXELS];
@@ -141,20 +123,18 @@ impl<T: Value> Selection<T> {
 
         // Takes out the costs of the chosen candidate and its neighbors; the least of the rest is then the one elsewhere.
         let mut valley = [[0; PIXELS]; 3];
-        for pixel in 0..pixels {
+        for (pixel, totals) in totals.chunks_exact_mut(runs).take(pixels).enumerate() {
+            let totals = &mut totals.as_flattened_mut()[..candidates];
             let k = usize::from(chosen[pixel]);
-            for (beside, valley) in valley.iter_mut().enumerate() {
-                // There is no candidate before the first one or after the last.
-                let Some(k) = (k + beside).checked_sub(1).filter(|k| *k < candidates) else {
-                    continue;
-                };
+            // At either end of the range one of them is the chosen one itself.
+            let places = [k.saturating_sub(1), k, (k + 1).min(candidates - 1)];
 
-                let (run, lane) = (pixel * runs + k / LANES, k % LANES);
-                let total = &mut totals[run][lane];
-                let cost = costs.map(|costs| costs[run][lane]);
-
-                valley[pixel] = evidence(capped(*total), cost.map_or(0, capped));
-                *total = most;
+            for (valley, place) in valley.iter_mut().zip(places) {
+                let cost = costs.map_or(0, |costs| capped(costs.as_flattened()[pixel * runs * LANES + place]));
+                valley[pixel] = evidence(capped(totals[place]), cost);
+            }
+            for place in places {
+                totals[place] = most;
             }
         }
 
@@ -174,22 +154,23 @@ impl<T: Value> Selection<T> {
             *others = least_lane(least);
         }
 
-        for pixel in 0..pixels {
-            let k = usize::from(chosen[pixel]);
-            let is_elsewhere = k >= 2 || k + 2 < candidates;
+        // From here on for all pixels, whether used or not: a fixed length is vectorized.
+        let candidates = candidates as u32;
+        for pixel in 0..PIXELS {
+            let k = u32::from(chosen[pixel]);
+            let is_elsewhere = (k >= 2) | (k + 2 < candidates);
             elsewhere[pixel] = if is_elsewhere { capped(others[pixel]) } else { NONE };
         }
 
-        // For all pixels, whether used or not: a fixed length is vectorized.
         let [below, at, above] = &valley;
         for pixel in 0..PIXELS {
             offset[pixel] = subpixel::offset(below[pixel], at[pixel], above[pixel]);
         }
 
         // At either end of the range there is no V: the match is taken as it is.
-        for pixel in 0..pixels {
-            let k = usize::from(chosen[pixel]);
-            let is_inside = k > 0 && k + 1 < candidates;
+        for pixel in 0..PIXELS {
+            let k = u32::from(chosen[pixel]);
+            let is_inside = (k > 0) & (k + 1 < candidates);
             offset[pixel] = if is_inside { offset[pixel] } else { 0.0 };
         }
     }
@@ -254,21 +235,14 @@ impl<T: Value> Minimum<T> {
     }
 }
 
-/// Keeps 0 and makes anything else `least` or more. By doubling: a comparison would be compiled lane by lane.
+/// Replaces numbers by the largest one where the value is not the wanted one.
 #[inline(always)]
-fn amplified<T: Value>(mut values: Lanes<T>, least: usize) -> Lanes<T> {
-    // Without the cap, doubling would wrap in types that do not saturate.
-    for value in &mut values {
-        *value = (*value).min(T::truncated(64));
+fn keep_equal<T: Value>(numbers: &mut Lanes<T>, values: &Lanes<T>, wanted: T) {
+    for j in 0..LANES {
+        // 0, or all bits. In arithmetic, since a comparison would be compiled lane by lane.
+        let unequal = T::default().minus(values[j].minus(wanted).min(T::truncated(1)));
+        numbers[j] = numbers[j].max(unequal);
     }
-
-    for _ in 0..least.next_power_of_two().trailing_zeros() {
-        for value in &mut values {
-            *value = value.plus(*value);
-        }
-    }
-
-    values
 }
 
 /// A cost in 32 bits, below [`NONE`].
