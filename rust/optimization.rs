@@ -3,7 +3,7 @@
 //! ordering constraint, or each pixel by itself.
 //!
 //! The cost volume never exists as a whole. An image is cut into bands of [`BAND`] rows, a band into panels of [`PANEL`]
-//! columns; the costs of two panels fit in the second-level cache. Paths from the left run through whole rows. Paths from
+//! columns; the costs of a panel fit in the second-level cache, in strips of [`STRIP`] columns. Paths from the left run through whole rows. Paths from
 //! the right start [`LOOKAHEAD_COLUMNS`] columns right of each panel, paths from above and below [`LOOKAHEAD_ROWS`] rows
 //! outside each band. So no band depends on another, and any thread may work on any band at any time. Bands and panels
 //! begin at multiples of their sizes in the whole image, so the result does not depend on which rows are matched together:
@@ -11,7 +11,7 @@
 //! ```text
 //! for band in bands:                                       # any thread, any order
 //!     for panel in panels, from the left:
-//!         costs of the panel after this one                # aggregation
+//!         costs of the panel and its look-ahead columns    # aggregation
 //!         paths from the right, then from the left         # paths::HorizontalPass; keeps their mean
 //!         paths from below, then from above                # paths::VerticalPass
 //!         the least mean of all four paths wins            # selection
@@ -55,7 +55,11 @@ pub const LOOKAHEAD_ROWS: usize = 16;
 /// Columns of a panel.
 pub const PANEL: usize = 64;
 /// Columns right of a panel where its paths from the right start.
-pub const LOOKAHEAD_COLUMNS: usize = 16;
+pub const LOOKAHEAD_COLUMNS: usize = STRIP;
+
+/// Columns of a strip: the values of a panel lie in memory strip after strip, and in each strip row by row. So paths along
+/// columns go through neighboring memory, too, not from page to page.
+pub const STRIP: usize = PIXELS;
 
 /// Rows whose costs are aggregated at a time for dynamic programming along each.
 pub const ORDERED_ROWS: usize = 16;
@@ -112,7 +116,7 @@ pub struct CandidateSearch<'a> {
 
 /// Where aggregated costs come from.
 pub trait CostSource<T>: Sync {
-    /// Writes the costs of a block, row by row, all candidates of one pixel after another.
+    /// Writes the costs of a block into its places, all candidates of a pixel in neighboring lanes.
     fn write(
         &self,
         aggregator: &mut Aggregator<T>,
@@ -155,16 +159,18 @@ pub struct CostVolume<'a> {
 impl<T: Value> CostSource<T> for CostVolume<'_> {
     fn write(&self, _: &mut Aggregator<T>, block: PixelBlock, out: &mut [Lanes<T>]) -> Result<()> {
         let runs = self.candidates.div_ceil(LANES);
-        let mut pixels = out.chunks_exact_mut(runs);
 
-        for y in block.rows {
-            let row = &self.volume.row(y)[block.columns.start * self.candidates..];
-            for costs in row.chunks_exact(self.candidates).take(block.columns.len()) {
-                let Some(out) = pixels.next() else { return Ok(()) };
+        for (row, y) in block.rows.clone().enumerate() {
+            for (strip, columns) in block.strips().enumerate() {
+                let costs = &self.volume.row(y)[columns.start * self.candidates..];
+                let costs = costs.chunks_exact(self.candidates);
+                let out = out[block.place(strip, row) * runs..].chunks_exact_mut(runs);
 
-                let (out, filling) = out.as_flattened_mut().split_at_mut(self.candidates);
-                out.iter_mut().zip(costs).for_each(|(o, c)| *o = T::truncated((*c).into()));
-                filling.fill(T::FAR);
+                for (out, costs) in out.take(columns.len()).zip(costs) {
+                    let (out, filling) = out.as_flattened_mut().split_at_mut(self.candidates);
+                    out.iter_mut().zip(costs).for_each(|(o, c)| *o = T::truncated((*c).into()));
+                    filling.fill(T::FAR);
+                }
             }
         }
 
@@ -176,8 +182,8 @@ impl<T: Value> CostSource<T> for CostVolume<'_> {
 #[derive(Debug)]
 pub struct Workspace<T: Value> {
     aggregator: Aggregator<T>,
-    /// Costs of the current panel and of the next one.
-    costs: [RunMemory<T>; 2],
+    /// Costs of the current panel and of its look-ahead columns.
+    costs: RunMemory<T>,
     horizontal: Horizontal<T>,
     vertical: Vertical<T>,
     ordered: Ordered,
@@ -189,7 +195,7 @@ impl<T: Value> Default for Workspace<T> {
     fn default() -> Self {
         Self {
             aggregator: Aggregator::default(),
-            costs: Default::default(),
+            costs: RunMemory::default(),
             horizontal: Horizontal::default(),
             vertical: Vertical::default(),
             ordered: Ordered::default(),
@@ -274,44 +280,44 @@ impl CandidateSearch<'_> {
         let Workspace { aggregator, costs, horizontal, vertical, selection, evidence, .. } =
             workspace;
 
-        costs.iter_mut().try_for_each(|costs| costs.resize(seen.len() * PANEL * runs))?;
-        horizontal.begin(rows.len(), PANEL, runs)?;
+        let strip = seen.len() * STRIP * runs;
+        costs.resize((PANEL / STRIP + 1) * strip)?;
+        horizontal.begin(rows.len(), runs)?;
         vertical.begin(rows.len(), runs)?;
 
         let smoothness =
             Smoothness { penalties: AdaptivePenalties::new(self.penalties), edges: self.edges };
 
-        // While one panel is worked on, the next one's costs are there for the paths from the right.
-        let [here, next] = costs;
-
-        let mut load = |columns: Range<usize>, costs: &mut RunMemory<T>| {
-            let block = PixelBlock { rows: seen.clone(), columns };
-            let places = seen.len() * block.columns.len() * runs;
-            source.write(aggregator, block, &mut costs[..places])
-        };
-
-        load(0..PANEL.min(cols), here)?;
-
         for columns in self.panels() {
             self.control.checkpoint()?;
-            let beyond = columns.end..(columns.end + PANEL).min(cols);
-            if !beyond.is_empty() {
-                load(beyond.clone(), next)?;
+
+            // The look-ahead columns of one panel are the first ones of the next.
+            let mut missing = columns.start..(columns.end + LOOKAHEAD_COLUMNS).min(cols);
+            let mut first = 0;
+            if columns.start > 0 {
+                costs.copy_within(PANEL / STRIP * strip.., 0);
+                missing.start = (columns.start + LOOKAHEAD_COLUMNS).min(cols);
+                first = strip;
             }
 
-            let panel = Panel {
-                block: PixelBlock { rows: rows.clone(), columns },
-                seen: seen.clone(),
-                costs: here,
-                beyond: (next, beyond.len()),
+            let seen_to = missing.end;
+            let block = PixelBlock { rows: seen.clone(), columns: missing, strip: STRIP };
+            source.write(aggregator, block, &mut costs[first..])?;
+
+            let panel = &Panel {
+                block: PixelBlock { rows: rows.clone(), columns: columns.clone(), strip: STRIP },
+                seen: PixelBlock {
+                    rows: seen.clone(),
+                    columns: columns.start..seen_to,
+                    strip: STRIP,
+                },
+                costs,
                 runs,
             };
 
-            let start = (beyond.start + LOOKAHEAD_COLUMNS).min(cols);
-            self.level.run(HorizontalPass { horizontal, panel: &panel, smoothness, start });
+            self.level.run(HorizontalPass { horizontal, panel, smoothness });
 
             let candidates = self.candidates;
-            let panel = &panel;
             let totals = horizontal.means();
             if is_vertical {
                 let means = totals;
@@ -325,20 +331,15 @@ impl CandidateSearch<'_> {
                     evidence,
                 });
             } else {
-                let block = &panel.block;
-                let costs = Some(panel.costs);
                 self.level.run(SelectPixels {
                     search: self,
-                    block,
+                    block: &panel.block,
                     totals,
-                    costs,
+                    costs: Some(panel.costs),
                     selection,
                     evidence,
                 });
             }
-
-            // The costs of the next panel are loaded already.
-            std::mem::swap(here, next);
         }
 
         Ok(())
@@ -351,15 +352,15 @@ impl CandidateSearch<'_> {
         source: &impl CostSource<T>,
         workspace: &mut Workspace<T>,
     ) -> Result<()> {
-        let Workspace { aggregator, costs: [costs, _], selection, evidence, .. } = workspace;
+        let Workspace { aggregator, costs, selection, evidence, .. } = workspace;
 
         costs.resize(rows.len() * PANEL * self.runs())?;
 
         for columns in self.panels() {
             self.control.checkpoint()?;
 
-            let totals = &mut costs[..rows.len() * columns.len() * self.runs()];
-            let block = &PixelBlock { rows: rows.clone(), columns };
+            let block = &PixelBlock { rows: rows.clone(), columns, strip: STRIP };
+            let totals = &mut costs[..block.places() * self.runs()];
             source.write(aggregator, block.clone(), totals)?;
             self.level.run(SelectPixels {
                 search: self,
@@ -381,8 +382,7 @@ impl CandidateSearch<'_> {
         source: &impl CostSource<T>,
         workspace: &mut Workspace<T>,
     ) -> Result<()> {
-        let Workspace { aggregator, costs: [costs, _], ordered, selection, evidence, .. } =
-            workspace;
+        let Workspace { aggregator, costs, ordered, selection, evidence, .. } = workspace;
         let width = self.size.1 * self.runs();
         costs.resize(ORDERED_ROWS.min(rows.len()) * width)?;
 
@@ -390,7 +390,8 @@ impl CandidateSearch<'_> {
             self.control.checkpoint()?;
 
             let group = first..(first + ORDERED_ROWS).min(rows.end);
-            let block = PixelBlock { rows: group.clone(), columns: 0..self.size.1 };
+            let columns = 0..self.size.1;
+            let block = PixelBlock { rows: group.clone(), columns, strip: self.size.1 };
             source.write(aggregator, block, &mut costs[..group.len() * width])?;
 
             for (y, costs) in group.zip(costs.chunks_exact_mut(width)) {
@@ -406,7 +407,8 @@ impl CandidateSearch<'_> {
     }
 }
 
-/// The best candidates of a block, by totals of paths or by costs alone. Overwrites the totals.
+/// The best candidates of a block of strips of [`STRIP`] columns, by totals of paths or by costs alone. Overwrites the
+/// totals.
 struct SelectPixels<'a, T> {
     search: &'a CandidateSearch<'a>,
     block: &'a PixelBlock,
@@ -422,13 +424,11 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
     #[inline(always)]
     fn run(self) {
         let Self { search, block, totals, costs, selection, evidence } = self;
-        let PixelBlock { rows, columns } = block;
         let runs = search.runs();
 
-        for row in 0..rows.len() {
-            for first in columns.clone().step_by(PIXELS) {
-                let pixels = PIXELS.min(columns.end - first);
-                let place = (row * columns.len() + first - columns.start) * runs;
+        for (strip, columns) in block.strips().enumerate() {
+            for row in 0..block.rows.len() {
+                let (pixels, place) = (columns.len(), block.place(strip, row) * runs);
                 let totals = &mut totals[place..][..pixels * runs];
 
                 for (pixel, totals) in totals.chunks_exact(runs).enumerate() {
@@ -440,9 +440,9 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
                 if search.weighs {
                     let costs = costs.map(|costs| &costs[place..][..pixels * runs]);
                     selection.weigh(totals, costs, (pixels, search.candidates, runs));
-                    selection.write(pixels, evidence, (row, first));
+                    selection.write(pixels, evidence, (row, columns.start));
                 } else {
-                    evidence.choose(row, first, selection.chosen(pixels));
+                    evidence.choose(row, columns.start, selection.chosen(pixels));
                 }
             }
         }

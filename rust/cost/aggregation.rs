@@ -141,12 +141,41 @@ impl Window {
 }
 
 /// Pixels whose costs are aggregated together.
+///
+/// Their values lie in strips of columns, one strip after another, and in each strip row by row: see [`Self::place`].
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct PixelBlock {
     /// Rows of the images.
     pub rows: Range<usize>,
     /// Columns of the left image.
     pub columns: Range<usize>,
+    /// Columns of a strip.
+    pub strip: usize,
+}
+
+impl PixelBlock {
+    /// Pixels that the block has places for: its last strip is as long as the others, however many columns it has.
+    pub fn places(&self) -> usize {
+        self.rows.len() * self.columns.len().next_multiple_of(self.strip)
+    }
+
+    /// The place of the first pixel of row `row` of a strip; those of the row follow.
+    #[inline(always)]
+    pub fn place(&self, strip: usize, row: usize) -> usize {
+        (strip * self.rows.len() + row) * self.strip
+    }
+
+    /// The columns of every strip.
+    #[inline(always)]
+    pub fn strips(
+        &self,
+    ) -> impl ExactSizeIterator<Item = Range<usize>> + DoubleEndedIterator + use<> {
+        let Self { columns: Range { start, end }, strip, .. } = *self;
+        (0..(end - start).div_ceil(strip)).map(move |index| {
+            let first = start + index * strip;
+            first..(first + strip).min(end)
+        })
+    }
 }
 
 /// Aggregates block after block; its buffers are reused.
@@ -163,8 +192,8 @@ pub struct Aggregator<V> {
 }
 
 impl<V: Value> Aggregator<V> {
-    /// Writes the aggregated costs of a block, row by row, all candidates of one pixel after another, and [`Value::FAR`]
-    /// beyond the last candidate.
+    /// Writes the aggregated costs of a block into its places, all candidates of a pixel in neighboring lanes, and
+    /// [`Value::FAR`] beyond the last candidate.
     pub fn aggregate(
         &mut self,
         costs: &Costs,
@@ -189,25 +218,33 @@ impl<V: Value> Aggregator<V> {
         Ok(())
     }
 
-    /// Writes the sums over the centered windows of some columns of a row, scaled to the valid pixels under masks.
+    /// Moves the windows to a row.
+    #[inline(always)]
+    fn center_on(sums: (&mut BoxSums<V>, &mut BoxSums<V>), costs: &Costs, y: usize) {
+        let (of_costs, of_validity) = sums;
+
+        of_costs.center_on(y, Summed::Costs, costs);
+        if costs.has_masks() {
+            of_validity.center_on(y, Summed::Validity, costs);
+        }
+    }
+
+    /// Writes the sums over the windows of some columns of the row, scaled to the valid pixels under masks.
     #[inline(always)]
     fn write_boxes(
-        sums: (&mut BoxSums<V>, &mut BoxSums<V>, &mut [Lanes<V>]),
+        sums: (&BoxSums<V>, &BoxSums<V>, &mut [Lanes<V>]),
         costs: &Costs,
-        window: Window,
-        (y, columns): (usize, Range<usize>),
+        columns: Range<usize>,
         out: &mut [Lanes<V>],
     ) {
         let (of_costs, of_validity, counts) = sums;
-
-        of_costs.center_on(y, Summed::Costs, costs);
         of_costs.write_row(columns.clone(), out);
 
         if costs.has_masks() {
-            of_validity.center_on(y, Summed::Validity, costs);
             let counts = &mut counts[..out.len()];
             of_validity.write_row(columns, counts);
 
+            let window = of_costs.window;
             for (sum, support) in out.as_flattened_mut().iter_mut().zip(counts.as_flattened()) {
                 *sum = V::truncated(window.scaled(sum.widened(), support.widened()));
             }
@@ -230,13 +267,16 @@ impl<V: Value> Aggregate<'_, V> {
     fn centered(self) {
         let Self { aggregator, costs, window, block, out } = self;
         let Aggregator { costs: of_costs, validity, counts, .. } = aggregator;
-        let width = block.columns.len() * costs.runs();
+        let runs = costs.runs();
 
-        for (y, out) in block.rows.zip(out.chunks_exact_mut(width)) {
-            let place = (y, block.columns.clone());
-            Aggregator::write_boxes((of_costs, validity, counts), costs, window, place, out);
+        for (row, y) in block.rows.clone().enumerate() {
+            Aggregator::center_on((of_costs, validity), costs, y);
 
-            pad(out, window.candidates);
+            for (strip, columns) in block.strips().enumerate() {
+                let out = &mut out[block.place(strip, row) * runs..][..columns.len() * runs];
+                Aggregator::write_boxes((of_costs, validity, counts), costs, columns, out);
+                pad(out, window.candidates);
+            }
         }
     }
 
@@ -246,7 +286,7 @@ impl<V: Value> Aggregate<'_, V> {
     fn shifted(self) {
         let Self { aggregator, costs, window, block, out } = self;
         let Aggregator { costs: of_costs, validity, boxes, counts } = aggregator;
-        let PixelBlock { rows, columns } = block;
+        let PixelBlock { rows, columns, .. } = &block;
         let runs = costs.runs();
         let shift = window.largest_shift();
         let around = columns.start.saturating_sub(shift)..(columns.end + shift).min(window.cols);
@@ -254,38 +294,54 @@ impl<V: Value> Aggregate<'_, V> {
         let last = window.rows - 1;
         let mut next = rows.start.saturating_sub(shift);
 
-        for (y, out) in rows.zip(out.chunks_exact_mut(columns.len() * runs)) {
+        for (row, y) in rows.clone().enumerate() {
             // Each row is summed once, when the first window is shifted to it.
             while next <= (y + shift).min(last) {
-                let row = &mut boxes[next % window.side * width..][..width];
-                let place = (next, around.clone());
-                Aggregator::write_boxes((of_costs, validity, counts), costs, window, place, row);
+                let boxes = &mut boxes[next % window.side * width..][..width];
+                Aggregator::center_on((of_costs, validity), costs, next);
+                let sums = (&*of_costs, &*validity, &mut counts[..]);
+                Aggregator::write_boxes(sums, costs, around.clone(), boxes);
                 next += 1;
             }
 
-            let row = |y: usize| &boxes[y % window.side * width..][..width];
-            let above = row(y.saturating_sub(shift));
-            let below = row((y + shift).min(last));
+            let shifted_to = |y: usize| &boxes[y % window.side * width..][..width];
+            let rows = [y, y.saturating_sub(shift), (y + shift).min(last)].map(shifted_to);
 
-            for (x, out) in columns.clone().zip(out.chunks_exact_mut(runs)) {
-                let places = [x.saturating_sub(shift), (x + shift).min(window.cols - 1)];
-                let [left, right] = places.map(|x| &row(y)[(x - around.start) * runs..]);
-                let place = (x - around.start) * runs;
-                let beside = [left, right, &above[place..], &below[place..]];
-                let beside = beside.map(|sums| &sums[..runs]);
+            for (strip, columns) in block.strips().enumerate() {
+                let out = &mut out[block.place(strip, row) * runs..][..columns.len() * runs];
+                let places = (columns, around.start, window);
+                write_least(rows, places, runs, out);
+                pad(out, window.candidates);
+            }
+        }
+    }
+}
 
-                for (run, out) in out.iter_mut().enumerate() {
-                    let mut best = row(y)[place + run];
-                    for sums in beside {
-                        for j in 0..LANES {
-                            best[j] = best[j].min(sums[run][j]);
-                        }
-                    }
-                    *out = best;
+/// Writes the least of the sums at five places for some columns: here, above, below, left and right. The rows of sums begin
+/// with column `first`.
+#[inline(always)]
+fn write_least<V: Value>(
+    [here, above, below]: [&[Lanes<V>]; 3],
+    (columns, first, window): (Range<usize>, usize, Window),
+    runs: usize,
+    out: &mut [Lanes<V>],
+) {
+    let shift = window.largest_shift();
+
+    for (x, out) in columns.zip(out.chunks_exact_mut(runs)) {
+        let left = (x.saturating_sub(shift) - first) * runs;
+        let right = ((x + shift).min(window.cols - 1) - first) * runs;
+        let place = (x - first) * runs;
+        let others = [&here[left..], &here[right..], &above[place..], &below[place..]];
+
+        for (run, out) in out.iter_mut().enumerate() {
+            let mut best = here[place + run];
+            for sums in others {
+                for j in 0..LANES {
+                    best[j] = best[j].min(sums[run][j]);
                 }
             }
-
-            pad(out, window.candidates);
+            *out = best;
         }
     }
 }
@@ -499,7 +555,7 @@ pub fn aggregate(
         aggregator.aggregate(
             &costs,
             window,
-            PixelBlock { rows, columns: 0..cols },
+            PixelBlock { rows, columns: 0..cols, strip: cols },
             level,
             &mut lanes,
         )?;

@@ -21,15 +21,14 @@
 //! A step has to wait for the minimum of the one before. To keep the processor busy meanwhile, several paths are extended
 //! in turn: four rows in the horizontal passes, sixteen columns in the vertical ones.
 
-use std::mem::swap;
 use std::ops::Range;
 
 use crate::cost::aggregation::PixelBlock;
 use crate::error::Result;
-use crate::optimization::Penalties;
 use crate::optimization::edges::{Edges, Neighbor};
 use crate::optimization::evidence::Evidence;
 use crate::optimization::selection::{Minimum, PIXELS, Selection};
+use crate::optimization::{PANEL, Penalties, STRIP};
 use crate::pipeline::memory::{Memory, RunMemory};
 use crate::simd::Loop;
 use crate::value::{LANES, Lanes, Value, least_lane};
@@ -74,10 +73,11 @@ impl<T: Value> Smoothness<'_, T> {
 /// Totals of up to [`PIXELS`] paths, each at the last pixel that it has reached.
 #[derive(Debug)]
 struct Paths<T> {
-    /// Totals at the last pixel, one path after another: a run of [`Value::FAR`], the totals, a run of [`Value::FAR`].
-    before: Memory<T>,
-    /// Totals at the next pixel, laid out alike.
-    here: Memory<T>,
+    /// Totals at the last pixel and at the next one, in either order: one path after another, each a run of
+    /// [`Value::FAR`], the totals, and a run of [`Value::FAR`].
+    totals: Memory<T>,
+    /// Whether the totals at the last pixel come second.
+    is_swapped: bool,
     /// The least total of each path in each lane at the next pixel.
     minima: [Lanes<T>; PIXELS],
     /// The least total of each path at the last pixel.
@@ -87,8 +87,8 @@ struct Paths<T> {
 impl<T: Value> Default for Paths<T> {
     fn default() -> Self {
         Self {
-            before: Memory::default(),
-            here: Memory::default(),
+            totals: Memory::default(),
+            is_swapped: false,
             minima: [[T::default(); LANES]; PIXELS],
             least: [T::default(); PIXELS],
         }
@@ -104,12 +104,10 @@ const fn span(runs: usize) -> usize {
 impl<T: Value> Paths<T> {
     /// Sizes the buffers for so many runs of candidates and restarts all paths.
     fn begin(&mut self, runs: usize) -> Result<()> {
-        for totals in [&mut self.before, &mut self.here] {
-            totals.resize(PIXELS * span(runs))?;
-            totals.fill(T::FAR);
-        }
-
+        self.totals.resize(2 * PIXELS * span(runs))?;
+        self.totals.fill(T::FAR);
         self.restart(runs);
+
         Ok(())
     }
 
@@ -118,15 +116,48 @@ impl<T: Value> Paths<T> {
     fn restart(&mut self, runs: usize) {
         self.least = [T::default(); PIXELS];
 
-        for totals in self.before.chunks_exact_mut(span(runs)) {
+        for totals in self.step().before.chunks_exact_mut(span(runs)) {
             totals[LANES..][..runs * LANES].fill(T::default());
+        }
+    }
+
+    /// Takes up as many paths where they were left: `totals` and their `least`, of rows from `first` on.
+    #[inline(always)]
+    fn restore(&mut self, paths: usize, (totals, least): (&[T], &[T]), first: usize, runs: usize) {
+        self.least[..paths].copy_from_slice(&least[first..][..paths]);
+
+        for (path, before) in
+            self.step().before.chunks_exact_mut(span(runs)).take(paths).enumerate()
+        {
+            let totals = row_of(totals, first + path, runs * LANES);
+            before[LANES..][..runs * LANES].copy_from_slice(totals);
+        }
+    }
+
+    /// Keeps the state of as many paths, for [`Self::restore`].
+    #[inline(always)]
+    fn save(
+        &mut self,
+        paths: usize,
+        (totals, least): (&mut [T], &mut [T]),
+        first: usize,
+        runs: usize,
+    ) {
+        least[first..][..paths].copy_from_slice(&self.least[..paths]);
+
+        for (path, before) in self.step().before.chunks_exact(span(runs)).take(paths).enumerate() {
+            let totals = row_of_mut(totals, first + path, runs * LANES);
+            totals.copy_from_slice(&before[LANES..][..runs * LANES]);
         }
     }
 
     /// The buffers of one step, from the last pixel to the next.
     #[inline(always)]
     fn step(&mut self) -> PathStep<'_, T> {
-        let Self { before, here, minima, least } = self;
+        let Self { totals, is_swapped, minima, least } = self;
+        let half = totals.len() / 2;
+        let (first, second) = totals.split_at_mut(half);
+        let (before, here) = if *is_swapped { (second, first) } else { (first, second) };
 
         PathStep { before, here, minima, least }
     }
@@ -134,7 +165,7 @@ impl<T: Value> Paths<T> {
     /// Makes the next pixel the last one, for the first `paths` paths.
     #[inline(always)]
     fn arrive(&mut self, paths: usize) {
-        swap(&mut self.before, &mut self.here);
+        self.is_swapped = !self.is_swapped;
 
         for (least, minimum) in self.least.iter_mut().zip(&self.minima).take(paths) {
             *least = least_lane(minimum);
@@ -144,7 +175,7 @@ impl<T: Value> Paths<T> {
 
 /// The buffers of [`Paths`] during one step, borrowed apart so that they are known not to overlap.
 struct PathStep<'a, T> {
-    before: &'a [T],
+    before: &'a mut [T],
     here: &'a mut [T],
     minima: &'a mut [Lanes<T>; PIXELS],
     least: &'a [T; PIXELS],
@@ -240,18 +271,18 @@ pub struct Horizontal<T: Value> {
 
 impl<T: Value> Horizontal<T> {
     /// Starts a band of so many rows: every path from the left restarts.
-    pub fn begin(&mut self, rows: usize, panel: usize, runs: usize) -> Result<()> {
+    pub fn begin(&mut self, rows: usize, runs: usize) -> Result<()> {
         self.left.resize(rows * runs * LANES)?;
         self.left.fill(T::default());
 
         self.least.resize(rows)?;
         self.least.fill(T::default());
 
-        self.means.resize(rows * panel * runs)?;
+        self.means.resize(rows * PANEL * runs)?;
         self.paths.begin(runs)
     }
 
-    /// The means of the totals of both paths, row by row. The caller may overwrite them.
+    /// The means of the totals of both paths. The caller may overwrite them.
     pub fn means(&mut self) -> &mut [Lanes<T>] {
         &mut self.means
     }
@@ -262,14 +293,23 @@ impl<T: Value> Horizontal<T> {
 pub struct Panel<'a, T> {
     /// The pixels of the band that are in it.
     pub block: PixelBlock,
-    /// The rows that have costs: those of the band and its look-ahead rows.
-    pub seen: Range<usize>,
-    /// The costs of all these rows.
+    /// The pixels that have costs: these, the look-ahead rows and the look-ahead columns.
+    pub seen: PixelBlock,
+    /// The costs of all these pixels.
     pub costs: &'a [Lanes<T>],
-    /// The costs of the next panel, as many rows, and how many columns it has.
-    pub beyond: (&'a [Lanes<T>], usize),
     /// Runs of candidates of a pixel.
     pub runs: usize,
+}
+
+/// The values of a row of a strip of a block, of so many pixels.
+#[inline(always)]
+fn strip_row<'a, V>(
+    values: &'a [V],
+    block: &PixelBlock,
+    (strip, y): (usize, usize),
+    (pixels, runs): (usize, usize),
+) -> &'a [V] {
+    &values[block.place(strip, y - block.rows.start) * runs..][..pixels * runs]
 }
 
 /// Row `row` of values with `width` values to the row.
@@ -284,20 +324,6 @@ fn row_of_mut<V>(values: &mut [V], row: usize, width: usize) -> &mut [V] {
     &mut values[row * width..(row + 1) * width]
 }
 
-/// The costs of some columns of a row of a panel.
-#[inline(always)]
-fn costs_of<'a, T>(
-    panel: &Panel<'a, T>,
-    y: usize,
-    columns: &Range<usize>,
-    runs: usize,
-) -> &'a [Lanes<T>] {
-    let PixelBlock { columns: all, .. } = &panel.block;
-    let costs = row_of(panel.costs, y - panel.seen.start, all.len() * runs);
-
-    &costs[(columns.start - all.start) * runs..][..columns.len() * runs]
-}
-
 /// The horizontal paths through a panel: those from the right start in the look-ahead, those from the left go on from the
 /// previous panel.
 #[derive(Debug)]
@@ -308,8 +334,6 @@ pub struct HorizontalPass<'a, T: Value> {
     pub panel: &'a Panel<'a, T>,
     /// The smoothness term.
     pub smoothness: Smoothness<'a, T>,
-    /// The end of the look-ahead: the column after the first one of the paths from the right.
-    pub start: usize,
 }
 
 impl<T: Value> Loop for HorizontalPass<'_, T> {
@@ -341,125 +365,115 @@ impl<T: Value> HorizontalPass<'_, T> {
     /// Paths from the right, which go left, along a few rows.
     #[inline(always)]
     fn leftward(&mut self, rows: Range<usize>, runs: usize) {
-        let Self { horizontal: Horizontal { paths, means, .. }, panel, smoothness, start } = self;
-        let PixelBlock { rows: all, columns } = &panel.block;
-        let (beyond, width_beyond) = panel.beyond;
-        let width = columns.len() * runs;
+        let Self { horizontal: Horizontal { paths, means, .. }, panel, smoothness } = self;
+        let Panel { block, seen, .. } = panel;
 
-        let mut near = PathRows::of(panel.costs, rows.clone(), panel.seen.start, width);
-        let far = PathRows::of(beyond, rows.clone(), panel.seen.start, width_beyond * runs);
-        let mut means = rows_mut(means, rows.start - all.start, width);
-
-        // Pixel `x + 1` holds the jump between `x` and `x + 1`, so `edges` begins one column to the right.
-        for (edges, y) in near.edges.iter_mut().zip(rows.clone()) {
-            *edges = &smoothness.edges.row(y)[columns.start + 1..*start];
-        }
-        // At its first pixel a path has no jump to its right: all totals before it are 0, so any penalty does.
-        let jump = |edges: &[u8], x: usize| {
-            edges.get(x - columns.start).map_or(0, |edges| Neighbor::Left.jump(*edges))
-        };
-
-        // The look-ahead warms the paths up.
         paths.restart(runs);
-        for x in (columns.end..*start).rev() {
-            let place = (x - columns.end) * runs;
-
-            let mut step = paths.step();
-            for path in 0..rows.len() {
-                let penalties = smoothness.after(jump(near.edges[path], x));
-                let costs = &far.costs[path][place..place + runs];
-                step.extend(path, penalties, costs, runs, &mut Discard);
+        for (strip, columns) in seen.strips().enumerate().rev() {
+            let mut here = PathRows::of(panel, &rows, (strip, columns.len()), runs);
+            // Pixel `x + 1` holds the jump between `x` and `x + 1`. At its first pixel a path has no jump to its right: all
+            // totals before it are 0, so any penalty does.
+            let jumps = columns.start + 1..(columns.end + 1).min(seen.columns.end);
+            for (edges, y) in here.edges.iter_mut().zip(rows.clone()) {
+                *edges = &smoothness.edges.row(y)[jumps.clone()];
             }
 
-            paths.arrive(ROWS);
-        }
+            // The look-ahead only warms the paths up; in the panel their totals are kept.
+            let is_kept = columns.start < block.columns.end;
+            let place = block.place(strip, rows.start - block.rows.start) * runs;
+            let kept = if is_kept { &mut means[place..] } else { &mut [] };
+            let kept = rows_of(kept, STRIP * runs);
 
-        // The panel itself: its totals are kept.
-        for x in columns.clone().rev() {
-            let place = (x - columns.start) * runs;
+            for x in (0..columns.len()).rev() {
+                let places = x * runs..(x + 1) * runs;
+                let mut step = paths.step();
 
-            let mut step = paths.step();
-            for (path, means) in means.iter_mut().enumerate().take(rows.len()) {
-                let penalties = smoothness.after(jump(near.edges[path], x));
-                let costs = &near.costs[path][place..place + runs];
-                let mut sink = StoreTotals(&mut means[place..place + runs]);
-                step.extend(path, penalties, costs, runs, &mut sink);
+                for path in 0..rows.len() {
+                    let jump = here.edges[path].get(x..).and_then(<[u8]>::first);
+                    let jump = jump.map_or(0, |edges| Neighbor::Left.jump(*edges));
+                    let costs = &here.costs[path][places.clone()];
+
+                    let penalties = smoothness.after(jump);
+                    if is_kept {
+                        let mut sink = StoreTotals(&mut kept[path][places.clone()]);
+                        step.extend(path, penalties, costs, runs, &mut sink);
+                    } else {
+                        step.extend(path, penalties, costs, runs, &mut Discard);
+                    }
+                }
+
+                paths.arrive(ROWS);
             }
-
-            paths.arrive(ROWS);
         }
     }
 
     /// Paths from the left, which go right, along a few rows: on from where they were at the end of the previous panel.
     #[inline(always)]
     fn rightward(&mut self, rows: Range<usize>, runs: usize) {
-        let Self { horizontal, panel, smoothness, .. } = self;
+        let Self { horizontal, panel, smoothness } = self;
         let Horizontal { paths, left, least, means } = &mut **horizontal;
+        let block = &panel.block;
 
-        let PixelBlock { rows: all, columns } = &panel.block;
-        let width = columns.len() * runs;
-
-        let mut near = PathRows::of(panel.costs, rows.clone(), panel.seen.start, width);
-        let mut means = rows_mut(means, rows.start - all.start, width);
-
-        // Restores the totals at the end of the previous panel.
-        for (path, y) in rows.clone().enumerate() {
-            near.edges[path] = &smoothness.edges.row(y)[columns.clone()];
-
-            let totals = &mut paths.before[path * span(runs) + LANES..][..runs * LANES];
-            totals.copy_from_slice(row_of(left, y - all.start, runs * LANES));
-
-            paths.least[path] = least[y - all.start];
-        }
+        paths.restore(rows.len(), (left, least), rows.start - block.rows.start, runs);
 
         // The totals of the paths from the right are there: the mean with them replaces them.
-        for x in 0..columns.len() {
-            let places = x * runs..(x + 1) * runs;
-
-            let mut step = paths.step();
-            for (path, means) in means.iter_mut().enumerate().take(rows.len()) {
-                let penalties = smoothness.after(Neighbor::Left.jump(near.edges[path][x]));
-                let costs = &near.costs[path][places.clone()];
-                let mut sink = AverageTotals(&mut means[places.clone()]);
-                step.extend(path, penalties, costs, runs, &mut sink);
+        for (strip, columns) in block.strips().enumerate() {
+            let mut here = PathRows::of(panel, &rows, (strip, columns.len()), runs);
+            for (edges, y) in here.edges.iter_mut().zip(rows.clone()) {
+                *edges = &smoothness.edges.row(y)[columns.clone()];
             }
 
-            paths.arrive(ROWS);
+            let place = block.place(strip, rows.start - block.rows.start) * runs;
+            let means = rows_of(&mut means[place..], STRIP * runs);
+
+            for x in 0..columns.len() {
+                let places = x * runs..(x + 1) * runs;
+                let mut step = paths.step();
+
+                for path in 0..rows.len() {
+                    let penalties = smoothness.after(Neighbor::Left.jump(here.edges[path][x]));
+                    let costs = &here.costs[path][places.clone()];
+                    let mut sink = AverageTotals(&mut means[path][places.clone()]);
+                    step.extend(path, penalties, costs, runs, &mut sink);
+                }
+
+                paths.arrive(ROWS);
+            }
         }
 
-        // Saves the totals for the next panel.
-        for (path, y) in rows.enumerate() {
-            let totals = &paths.before[path * span(runs) + LANES..][..runs * LANES];
-            row_of_mut(left, y - all.start, runs * LANES).copy_from_slice(totals);
-            least[y - all.start] = paths.least[path];
-        }
+        paths.save(rows.len(), (left, least), rows.start - block.rows.start, runs);
     }
 }
 
-/// Costs and jumps of the rows that a few paths run along.
+/// Costs and jumps of the rows that a few paths run along, in one strip.
 struct PathRows<'a, T> {
     costs: [&'a [Lanes<T>]; ROWS],
     edges: [&'a [u8]; ROWS],
 }
 
 impl<'a, T> PathRows<'a, T> {
-    /// The costs of some rows, of a buffer that begins with row `first`; no jumps yet.
+    /// The costs of some rows of a strip with so many columns; no jumps yet.
     #[inline(always)]
-    fn of(costs: &'a [Lanes<T>], rows: Range<usize>, first: usize, width: usize) -> Self {
+    fn of(
+        panel: &Panel<'a, T>,
+        rows: &Range<usize>,
+        (strip, pixels): (usize, usize),
+        runs: usize,
+    ) -> Self {
         let mut found = Self { costs: [&[]; ROWS], edges: [&[]; ROWS] };
 
-        for (row, y) in found.costs.iter_mut().zip(rows) {
-            *row = row_of(costs, y - first, width);
+        for (row, y) in found.costs.iter_mut().zip(rows.clone()) {
+            *row = strip_row(panel.costs, &panel.seen, (strip, y), (pixels, runs));
         }
 
         found
     }
 }
 
-/// The values of a few rows from row `first` on, to be written.
+/// The first few rows of values with so many values to the row, to be written.
 #[inline(always)]
-fn rows_mut<V>(values: &mut [V], first: usize, width: usize) -> [&mut [V]; ROWS] {
-    let mut rows = values[first * width..].chunks_exact_mut(width);
+fn rows_of<V>(values: &mut [V], width: usize) -> [&mut [V]; ROWS] {
+    let mut rows = values.chunks_exact_mut(width);
     let mut found: [&mut [V]; ROWS] = Default::default();
 
     for (found, row) in found.iter_mut().zip(&mut rows) {
@@ -525,24 +539,22 @@ impl<T: Value> Loop for VerticalPass<'_, T> {
 impl<T: Value> VerticalPass<'_, T> {
     #[inline(always)]
     fn through(&mut self, runs: usize) {
-        let Range { start, end } = self.panel.block.columns;
-        for first in (start..end).step_by(PIXELS) {
-            let columns = first..(first + PIXELS).min(end);
-            self.upward(columns.clone(), runs);
-            self.approach(columns.clone(), runs);
+        for place in self.panel.block.strips().enumerate() {
+            self.upward(&place, runs);
+            self.approach(&place, runs);
 
             for y in self.panel.block.rows.clone() {
-                self.downward(y, columns.clone(), runs);
-                self.select(y, columns.clone(), runs);
+                self.downward(y, &place, runs);
+                self.select(y, &place, runs);
             }
         }
     }
 
-    /// Paths from below through some columns; keeps their totals in the rows of the band.
+    /// Paths from below through a strip; keeps their totals in the rows of the band.
     #[inline(always)]
-    fn upward(&mut self, columns: Range<usize>, runs: usize) {
-        let rows = self.panel.block.rows.clone();
-        let last = self.panel.seen.end - 1;
+    fn upward(&mut self, (strip, columns): &(usize, Range<usize>), runs: usize) {
+        let Panel { block: PixelBlock { rows, .. }, seen, costs, .. } = self.panel;
+        let last = seen.rows.end - 1;
         let smoothness = self.smoothness;
         let Vertical { paths, below, .. } = &mut *self.vertical;
 
@@ -551,7 +563,7 @@ impl<T: Value> VerticalPass<'_, T> {
             // A row holds the jumps from the row above it, so these paths read the row below. At the first pixel any
             // penalty does: all totals before it are 0.
             let edges = &smoothness.edges.row((y + 1).min(last))[columns.clone()];
-            let costs = costs_of(self.panel, y, &columns, runs);
+            let costs = strip_row(costs, seen, (*strip, y), (columns.len(), runs));
             let mut step = paths.step();
 
             if y < rows.end {
@@ -572,14 +584,14 @@ impl<T: Value> VerticalPass<'_, T> {
         }
     }
 
-    /// Paths from above through some columns, from the look-ahead to the first row of the band.
+    /// Paths from above through a strip, from the look-ahead to the first row of the band.
     #[inline(always)]
-    fn approach(&mut self, columns: Range<usize>, runs: usize) {
+    fn approach(&mut self, (strip, columns): &(usize, Range<usize>), runs: usize) {
         let Self { vertical: Vertical { paths, .. }, panel, smoothness, .. } = self;
 
         paths.restart(runs);
-        for y in panel.seen.start..panel.block.rows.start {
-            let costs = costs_of(panel, y, &columns, runs);
+        for y in panel.seen.rows.start..panel.block.rows.start {
+            let costs = strip_row(panel.costs, &panel.seen, (*strip, y), (columns.len(), runs));
             let mut step = paths.step();
 
             for (path, edges) in smoothness.edges.row(y)[columns.clone()].iter().enumerate() {
@@ -593,19 +605,19 @@ impl<T: Value> VerticalPass<'_, T> {
 
     /// Paths from above through a row of the band: the last of the four, so the sums of all can be taken.
     #[inline(always)]
-    fn downward(&mut self, y: usize, columns: Range<usize>, runs: usize) {
+    fn downward(&mut self, y: usize, (strip, columns): &(usize, Range<usize>), runs: usize) {
         let Self { vertical, panel, smoothness, means, selection, .. } = self;
         let Vertical { paths, below, sums } = &mut **vertical;
-        let all = &panel.block.columns;
         let row = y - panel.block.rows.start;
 
-        let costs = costs_of(panel, y, &columns, runs);
-        let means = &row_of(means, row, all.len() * runs)[(columns.start - all.start) * runs..];
+        let size = (columns.len(), runs);
+        let costs = strip_row(panel.costs, &panel.seen, (*strip, y), size);
+        let means = strip_row(means, &panel.block, (*strip, y), size);
         let below = row_of(below, row, PIXELS * runs);
         let sums = &mut sums[..PIXELS * runs];
 
         let mut step = paths.step();
-        for (path, edges) in smoothness.edges.row(y)[columns].iter().enumerate() {
+        for (path, edges) in smoothness.edges.row(y)[columns.clone()].iter().enumerate() {
             let penalties = smoothness.after(Neighbor::Above.jump(*edges));
             let mut sink = AverageAll {
                 means: row_of(means, path, runs),
@@ -623,12 +635,13 @@ impl<T: Value> VerticalPass<'_, T> {
 
     /// Selects candidates for the pixels of a row of the band by the sums of all paths.
     #[inline(always)]
-    fn select(&mut self, y: usize, columns: Range<usize>, runs: usize) {
+    fn select(&mut self, y: usize, (strip, columns): &(usize, Range<usize>), runs: usize) {
         let selection = &mut *self.selection;
         let sums = &mut self.vertical.sums[..PIXELS * runs];
-        let costs = costs_of(self.panel, y, &columns, runs);
+        let Panel { block, seen, costs, .. } = self.panel;
         let pixels = columns.len();
-        let row = y - self.panel.block.rows.start;
+        let costs = strip_row(costs, seen, (*strip, y), (pixels, runs));
+        let row = y - block.rows.start;
 
         selection.settle();
         selection.weigh(sums, Some(costs), (pixels, self.candidates, runs));

@@ -130,7 +130,8 @@ impl<T: Value> Selection<T> {
             let places = [k.saturating_sub(1), k, (k + 1).min(candidates - 1)];
 
             for (valley, place) in valley.iter_mut().zip(places) {
-                let cost = costs.map_or(0, |costs| capped(costs.as_flattened()[pixel * runs * LANES + place]));
+                let cost = costs
+                    .map_or(0, |costs| capped(costs.as_flattened()[pixel * runs * LANES + place]));
                 valley[pixel] = evidence(capped(totals[place]), cost);
             }
             for place in places {
