@@ -412,7 +412,7 @@ mod cost {
 mod aggregation {
     use super::{Bencher, COLS, Case, Preset, ROWS, Settings, cases, fast, robust, with_costs};
     use phasestereo::internals::cost::aggregation::{Aggregator, PixelBlock};
-    use phasestereo::internals::optimization::PANEL;
+    use phasestereo::internals::optimization::{PANEL, STRIP};
     use phasestereo::internals::value::{LANES, Value};
 
     fn aggregate<V: Value>(bencher: Bencher, case: Case, settings: &Settings) {
@@ -424,7 +424,8 @@ mod aggregation {
 
             bencher.counter(case.evaluations()).bench_local(|| {
                 for start in (0..COLS).step_by(PANEL) {
-                    let block = PixelBlock { rows: 0..ROWS, columns: start..start + PANEL };
+                    let columns = start..start + PANEL;
+                    let block = PixelBlock { rows: 0..ROWS, columns, strip: STRIP };
                     let out = divan::black_box(&mut out[..]);
                     aggregator.aggregate(costs, window, block, case.level, out).expect("memory");
                 }
@@ -455,7 +456,8 @@ mod optimization {
     use phasestereo::internals::error::Result;
     use phasestereo::internals::optimization::edges::Edges;
     use phasestereo::internals::optimization::{
-        BAND, CandidateSearch, CostSource, LOOKAHEAD_ROWS, PANEL, Penalties, Workspace,
+        BAND, CandidateSearch, CostSource, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL, Penalties,
+        Workspace,
     };
     use phasestereo::internals::value::{LANES, Lanes, Value};
 
@@ -477,7 +479,7 @@ mod optimization {
         let runs = candidates.div_ceil(LANES);
 
         // Enough for 16 whole rows, which dynamic programming reads together, or for a panel of all rows.
-        let places = runs * (ROWS * PANEL).max(16 * COLS);
+        let places = runs * (ROWS * (PANEL + LOOKAHEAD_COLUMNS)).max(16 * COLS);
         let costs = noise(places, LANES, |value| T::truncated(u64::from(value % 200)));
         let source = Same(costs.as_slice().as_chunks().0.to_vec());
 

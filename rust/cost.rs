@@ -510,12 +510,12 @@ fn compare<V: Value, const N: usize>(
             right[byte] = rights[byte][last - place..][..runs * LANES].as_chunks().0;
         }
 
-        for run in 0..runs {
+        for (run, out) in out.iter_mut().enumerate() {
             let bits = distances(left, right, run);
 
             for j in 0..LANES {
                 let bits = V::truncated(bits[j].into());
-                out[run][j] = if overwrites { bits } else { out[run][j].plus(bits) };
+                out[j] = if overwrites { bits } else { out[j].plus(bits) };
             }
         }
     }

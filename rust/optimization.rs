@@ -431,8 +431,10 @@ impl<T: Value> Loop for SelectPixels<'_, T> {
                 let (pixels, place) = (columns.len(), block.place(strip, row) * runs);
                 let totals = &mut totals[place..][..pixels * runs];
 
-                for (pixel, totals) in totals.chunks_exact(runs).enumerate() {
-                    selection.take(pixel, Minimum::of_all(totals));
+                for (minimum, totals) in
+                    selection.minima().iter_mut().zip(totals.chunks_exact(runs))
+                {
+                    *minimum = Minimum::of_all(totals);
                 }
 
                 selection.settle();

@@ -23,8 +23,8 @@ pub enum Neighbor {
 impl Neighbor {
     /// How large the jump from this neighbor is: 0 none, 1 small, 2 large.
     #[inline(always)]
-    pub fn jump(self, edges: u8) -> usize {
-        usize::from(edges >> (2 * self as u8) & 3)
+    pub fn jump(self, edges: u8) -> u8 {
+        edges >> (2 * self as u8) & 3
     }
 }
 

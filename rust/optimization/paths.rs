@@ -18,8 +18,8 @@
 //! FAR ... FAR | L(p-1, 0) L(p-1, 1) ... | FAR ... FAR
 //! ```
 //!
-//! A step has to wait for the minimum of the one before. To keep the processor busy meanwhile, several paths are extended
-//! in turn: four rows in the horizontal passes, sixteen columns in the vertical ones.
+//! A step has to wait for the minimum of the one before. To keep the processor busy meanwhile, sixteen paths are extended
+//! in turn, along neighboring rows or columns.
 
 use std::ops::Range;
 
@@ -27,14 +27,11 @@ use crate::cost::aggregation::PixelBlock;
 use crate::error::Result;
 use crate::optimization::edges::{Edges, Neighbor};
 use crate::optimization::evidence::Evidence;
-use crate::optimization::selection::{Minimum, PIXELS, Selection};
+use crate::optimization::selection::{Minimum, Selection};
 use crate::optimization::{PANEL, Penalties, STRIP};
 use crate::pipeline::memory::{Memory, RunMemory};
 use crate::simd::Loop;
 use crate::value::{LANES, Lanes, Value, least_lane};
-
-/// Rows whose horizontal paths are extended in turn.
-const ROWS: usize = 8;
 
 /// P1, and P2 by the jump of the gray values: the whole of it, half, and a third, but not less than P1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -63,14 +60,38 @@ pub struct Smoothness<'a, T> {
 }
 
 impl<T: Value> Smoothness<'_, T> {
-    /// P1, and P2 after a jump of the gray values.
+    /// P1, and P2 after the jumps from the row above to up to [`STRIP`] pixels.
     #[inline(always)]
-    fn after(&self, jump: usize) -> [T; 2] {
-        [self.penalties.p1, self.penalties.p2[jump]]
+    fn after_jumps_from_above(&self, edges: &[u8]) -> (T, [T; STRIP]) {
+        let AdaptivePenalties { p1, p2: [whole, half, third, _] } = self.penalties;
+        let (to_half, to_third) = (whole.minus(half), half.minus(third));
+
+        let mut jumps = [0; STRIP];
+        match edges.first_chunk() {
+            Some(all) => jumps = *all,
+            None => jumps.iter_mut().zip(edges).for_each(|(jump, edges)| *jump = *edges),
+        }
+
+        // In arithmetic on all pixels: a look-up would go pixel by pixel. Each mask is 0, or all bits.
+        let mut p2 = [whole; STRIP];
+        for (p2, edges) in p2.iter_mut().zip(jumps) {
+            let jump = Neighbor::Above.jump(edges);
+            let any = T::default().minus(T::truncated(u64::from(jump.min(1))));
+            let large = T::default().minus(T::truncated(u64::from(jump / 2)));
+            *p2 = whole.minus(any.min(to_half)).minus(large.min(to_third));
+        }
+
+        (p1, p2)
+    }
+
+    /// P2 after the jump from the left.
+    #[inline(always)]
+    fn p2_after_jump_from_left(&self, edges: u8) -> T {
+        self.penalties.p2[usize::from(Neighbor::Left.jump(edges))]
     }
 }
 
-/// Totals of up to [`PIXELS`] paths, each at the last pixel that it has reached.
+/// Totals of up to [`STRIP`] paths, each at the last pixel that it has reached.
 #[derive(Debug)]
 struct Paths<T> {
     /// Totals at the last pixel and at the next one, in either order: one path after another, each a run of
@@ -78,20 +99,13 @@ struct Paths<T> {
     totals: Memory<T>,
     /// Whether the totals at the last pixel come second.
     is_swapped: bool,
-    /// The least total of each path in each lane at the next pixel.
-    minima: [Lanes<T>; PIXELS],
     /// The least total of each path at the last pixel.
-    least: [T; PIXELS],
+    least: [T; STRIP],
 }
 
 impl<T: Value> Default for Paths<T> {
     fn default() -> Self {
-        Self {
-            totals: Memory::default(),
-            is_swapped: false,
-            minima: [[T::default(); LANES]; PIXELS],
-            least: [T::default(); PIXELS],
-        }
+        Self { totals: Memory::default(), is_swapped: false, least: [T::default(); STRIP] }
     }
 }
 
@@ -104,7 +118,7 @@ const fn span(runs: usize) -> usize {
 impl<T: Value> Paths<T> {
     /// Sizes the buffers for so many runs of candidates and restarts all paths.
     fn begin(&mut self, runs: usize) -> Result<()> {
-        self.totals.resize(2 * PIXELS * span(runs))?;
+        self.totals.resize(2 * STRIP * span(runs))?;
         self.totals.fill(T::FAR);
         self.restart(runs);
 
@@ -114,9 +128,9 @@ impl<T: Value> Paths<T> {
     /// Restarts all paths: before the first pixel every total is 0.
     #[inline(always)]
     fn restart(&mut self, runs: usize) {
-        self.least = [T::default(); PIXELS];
+        self.least = [T::default(); STRIP];
 
-        for totals in self.step().before.chunks_exact_mut(span(runs)) {
+        for totals in self.halves()[0].chunks_exact_mut(span(runs)) {
             totals[LANES..][..runs * LANES].fill(T::default());
         }
     }
@@ -126,8 +140,7 @@ impl<T: Value> Paths<T> {
     fn restore(&mut self, paths: usize, (totals, least): (&[T], &[T]), first: usize, runs: usize) {
         self.least[..paths].copy_from_slice(&least[first..][..paths]);
 
-        for (path, before) in
-            self.step().before.chunks_exact_mut(span(runs)).take(paths).enumerate()
+        for (path, before) in self.halves()[0].chunks_exact_mut(span(runs)).take(paths).enumerate()
         {
             let totals = row_of(totals, first + path, runs * LANES);
             before[LANES..][..runs * LANES].copy_from_slice(totals);
@@ -145,86 +158,88 @@ impl<T: Value> Paths<T> {
     ) {
         least[first..][..paths].copy_from_slice(&self.least[..paths]);
 
-        for (path, before) in self.step().before.chunks_exact(span(runs)).take(paths).enumerate() {
+        for (path, before) in self.halves()[0].chunks_exact(span(runs)).take(paths).enumerate() {
             let totals = row_of_mut(totals, first + path, runs * LANES);
             totals.copy_from_slice(&before[LANES..][..runs * LANES]);
         }
     }
 
-    /// The buffers of one step, from the last pixel to the next.
+    /// The totals at the last pixel, and those at the next one, which are written.
     #[inline(always)]
-    fn step(&mut self) -> PathStep<'_, T> {
-        let Self { totals, is_swapped, minima, least } = self;
-        let half = totals.len() / 2;
-        let (first, second) = totals.split_at_mut(half);
-        let (before, here) = if *is_swapped { (second, first) } else { (first, second) };
+    fn halves(&mut self) -> [&mut [T]; 2] {
+        let half = self.totals.len() / 2;
+        let (first, second) = self.totals.split_at_mut(half);
 
-        PathStep { before, here, minima, least }
+        if self.is_swapped { [second, first] } else { [first, second] }
     }
 
-    /// Makes the next pixel the last one, for the first `paths` paths.
+    /// Extends as many paths as have costs to their next pixels, which have these values of P2, these costs, and sinks for
+    /// the totals.
     #[inline(always)]
-    fn arrive(&mut self, paths: usize) {
-        self.is_swapped = !self.is_swapped;
-
-        for (least, minimum) in self.least.iter_mut().zip(&self.minima).take(paths) {
-            *least = least_lane(minimum);
-        }
-    }
-}
-
-/// The buffers of [`Paths`] during one step, borrowed apart so that they are known not to overlap.
-struct PathStep<'a, T> {
-    before: &'a mut [T],
-    here: &'a mut [T],
-    minima: &'a mut [Lanes<T>; PIXELS],
-    least: &'a [T; PIXELS],
-}
-
-impl<T: Value> PathStep<'_, T> {
-    /// Extends one path to a pixel of these costs. [`Paths::arrive`] follows once all paths are extended.
-    #[inline(always)]
-    fn extend(
+    fn extend<'c>(
         &mut self,
-        path: usize,
-        [p1, p2]: [T; 2],
-        costs: &[Lanes<T>],
+        (p1, p2): (T, [T; STRIP]),
+        costs: impl Iterator<Item = &'c [Lanes<T>]>,
+        sinks: impl Iterator<Item = impl Sink<T>>,
         runs: usize,
-        sink: &mut impl Sink<T>,
     ) {
-        let places = path * span(runs)..(path + 1) * span(runs);
-        let before = &self.before[places.clone()];
-        let smaller = &before[LANES - 1..].as_chunks::<LANES>().0[..runs];
-        let same = &before[LANES..].as_chunks::<LANES>().0[..runs];
-        let larger = &before[LANES + 1..].as_chunks::<LANES>().0[..runs];
-        let here = &mut self.here[places].as_chunks_mut::<LANES>().0[1..][..runs];
-        let costs = &costs[..runs];
+        let least = self.least;
+        let mut from_least = [T::default(); STRIP];
+        for path in 0..STRIP {
+            from_least[path] = least[path].plus(p2[path]);
+        }
 
-        // The recurrence of the module, a run of candidates at a time; `k-1` and `k+1` share the addition of P1.
-        let least = self.least[path];
-        let from_least = least.plus(p2);
-        let mut minimum = [T::FAR; LANES];
+        let mut minima = [[T::FAR; LANES]; STRIP];
+        let [before, here] = self.halves();
+        let totals = before.chunks_exact(span(runs)).zip(here.chunks_exact_mut(span(runs)));
+        let least_ones = minima.iter_mut().zip(least.iter().zip(&from_least));
+        let paths = totals.zip(least_ones).zip(costs).zip(sinks);
 
-        for run in 0..runs {
-            let mut totals = [T::default(); LANES];
-            for j in 0..LANES {
-                let changed = smaller[run][j].min(larger[run][j]).plus(p1);
-                let best = same[run][j].min(from_least).min(changed);
-                totals[j] = best.minus(least).plus(costs[run][j]);
-                minimum[j] = minimum[j].min(totals[j]);
+        for ((((before, here), (minimum, (least, from_least))), costs), mut sink) in paths {
+            let smaller = &before[LANES - 1..].as_chunks::<LANES>().0[..runs];
+            let same = &before[LANES..].as_chunks::<LANES>().0[..runs];
+            let larger = &before[LANES + 1..].as_chunks::<LANES>().0[..runs];
+            let here = &mut here.as_chunks_mut::<LANES>().0[1..][..runs];
+            let costs = &costs[..runs];
+
+            // The recurrence of the module, a run of candidates at a time; `k-1` and `k+1` share the addition of P1.
+            let mut lanes = [T::FAR; LANES];
+            for run in 0..runs {
+                let mut totals = [T::default(); LANES];
+                for j in 0..LANES {
+                    let changed = smaller[run][j].min(larger[run][j]).plus(p1);
+                    let best = same[run][j].min(*from_least).min(changed);
+                    totals[j] = best.minus(*least).plus(costs[run][j]);
+                    lanes[j] = lanes[j].min(totals[j]);
+                }
+
+                here[run] = totals;
+                sink.take(run, totals);
             }
 
-            here[run] = totals;
-            sink.take(run, totals);
+            *minimum = lanes;
+            sink.finish();
         }
 
-        self.minima[path] = minimum;
+        // The next pixels become the last ones.
+        self.is_swapped = !self.is_swapped;
+        for (least, minimum) in self.least.iter_mut().zip(&minima) {
+            *least = least_lane(minimum);
+        }
     }
 }
 
 /// Where the totals of a pixel go, one run of candidates after another.
 trait Sink<T> {
     fn take(&mut self, run: usize, totals: Lanes<T>);
+
+    /// All of them have been taken.
+    #[inline(always)]
+    fn finish(self)
+    where
+        Self: Sized,
+    {
+    }
 }
 
 /// Drops the totals: the path only warms up in the look-ahead.
@@ -267,6 +282,8 @@ pub struct Horizontal<T: Value> {
     least: Memory<T>,
     /// Half the sum of the totals of both paths, of the current panel.
     means: RunMemory<T>,
+    /// P2 at each pixel of a few rows of the current panel and of its look-ahead columns, column by column.
+    p2: Memory<T>,
 }
 
 impl<T: Value> Horizontal<T> {
@@ -279,6 +296,7 @@ impl<T: Value> Horizontal<T> {
         self.least.fill(T::default());
 
         self.means.resize(rows * PANEL * runs)?;
+        self.p2.resize((PANEL + 2 * STRIP) * STRIP)?;
         self.paths.begin(runs)
     }
 
@@ -301,15 +319,28 @@ pub struct Panel<'a, T> {
     pub runs: usize,
 }
 
-/// The values of a row of a strip of a block, of so many pixels.
+/// The values of some rows of a strip of a block.
 #[inline(always)]
-fn strip_row<'a, V>(
+fn strip_rows<'a, V>(
     values: &'a [V],
     block: &PixelBlock,
-    (strip, y): (usize, usize),
-    (pixels, runs): (usize, usize),
+    (strip, rows): (usize, &Range<usize>),
+    runs: usize,
 ) -> &'a [V] {
-    &values[block.place(strip, y - block.rows.start) * runs..][..pixels * runs]
+    let place = block.place(strip, rows.start - block.rows.start);
+    &values[place * runs..][..rows.len() * STRIP * runs]
+}
+
+/// As [`strip_rows`], to be written.
+#[inline(always)]
+fn strip_rows_mut<'a, V>(
+    values: &'a mut [V],
+    block: &PixelBlock,
+    (strip, rows): (usize, &Range<usize>),
+    runs: usize,
+) -> &'a mut [V] {
+    let place = block.place(strip, rows.start - block.rows.start);
+    &mut values[place * runs..][..rows.len() * STRIP * runs]
 }
 
 /// Row `row` of values with `width` values to the row.
@@ -355,54 +386,58 @@ impl<T: Value> HorizontalPass<'_, T> {
     #[inline(always)]
     fn through(&mut self, runs: usize) {
         let rows = self.panel.block.rows.clone();
-        for first in rows.clone().step_by(ROWS) {
-            let group = first..(first + ROWS).min(rows.end);
+        for first in rows.clone().step_by(STRIP) {
+            let group = first..(first + STRIP).min(rows.end);
+            self.find_p2(&group);
             self.leftward(group.clone(), runs);
             self.rightward(group, runs);
+        }
+    }
+
+    /// Finds P2 of a few rows, by the jumps from the left.
+    #[inline(always)]
+    fn find_p2(&mut self, rows: &Range<usize>) {
+        let Self { horizontal, panel, smoothness } = self;
+
+        for (strip, columns) in panel.seen.strips().enumerate() {
+            let p2 = &mut horizontal.p2.as_chunks_mut::<STRIP>().0[strip * STRIP..][..STRIP];
+
+            for (path, y) in rows.clone().enumerate() {
+                let edges = &smoothness.edges.row(y)[columns.clone()];
+                for (column, edges) in p2.iter_mut().zip(edges) {
+                    column[path] = smoothness.p2_after_jump_from_left(*edges);
+                }
+            }
         }
     }
 
     /// Paths from the right, which go left, along a few rows.
     #[inline(always)]
     fn leftward(&mut self, rows: Range<usize>, runs: usize) {
-        let Self { horizontal: Horizontal { paths, means, .. }, panel, smoothness } = self;
+        let Self { horizontal: Horizontal { paths, means, p2, .. }, panel, smoothness } = self;
         let Panel { block, seen, .. } = panel;
+        let p1 = smoothness.penalties.p1;
 
         paths.restart(runs);
         for (strip, columns) in seen.strips().enumerate().rev() {
-            let mut here = PathRows::of(panel, &rows, (strip, columns.len()), runs);
             // Pixel `x + 1` holds the jump between `x` and `x + 1`. At its first pixel a path has no jump to its right: all
             // totals before it are 0, so any penalty does.
-            let jumps = columns.start + 1..(columns.end + 1).min(seen.columns.end);
-            for (edges, y) in here.edges.iter_mut().zip(rows.clone()) {
-                *edges = &smoothness.edges.row(y)[jumps.clone()];
-            }
+            let p2 = &p2.as_chunks::<STRIP>().0[strip * STRIP + 1..];
+            let costs = strip_rows(panel.costs, seen, (strip, &rows), runs);
 
             // The look-ahead only warms the paths up; in the panel their totals are kept.
-            let is_kept = columns.start < block.columns.end;
-            let place = block.place(strip, rows.start - block.rows.start) * runs;
-            let kept = if is_kept { &mut means[place..] } else { &mut [] };
-            let kept = rows_of(kept, STRIP * runs);
-
-            for x in (0..columns.len()).rev() {
-                let places = x * runs..(x + 1) * runs;
-                let mut step = paths.step();
-
-                for path in 0..rows.len() {
-                    let jump = here.edges[path].get(x..).and_then(<[u8]>::first);
-                    let jump = jump.map_or(0, |edges| Neighbor::Left.jump(*edges));
-                    let costs = &here.costs[path][places.clone()];
-
-                    let penalties = smoothness.after(jump);
-                    if is_kept {
-                        let mut sink = StoreTotals(&mut kept[path][places.clone()]);
-                        step.extend(path, penalties, costs, runs, &mut sink);
-                    } else {
-                        step.extend(path, penalties, costs, runs, &mut Discard);
-                    }
+            if columns.start >= block.columns.end {
+                for x in (0..columns.len()).rev() {
+                    let costs = column(costs, x, runs);
+                    paths.extend((p1, p2[x]), costs, [(); STRIP].iter().map(|()| Discard), runs);
                 }
-
-                paths.arrive(ROWS);
+            } else {
+                let means = strip_rows_mut(means, block, (strip, &rows), runs);
+                for x in (0..columns.len()).rev() {
+                    let costs = column(costs, x, runs);
+                    let sinks = column_mut(means, x, runs).map(StoreTotals);
+                    paths.extend((p1, p2[x]), costs, sinks, runs);
+                }
             }
         }
     }
@@ -411,33 +446,22 @@ impl<T: Value> HorizontalPass<'_, T> {
     #[inline(always)]
     fn rightward(&mut self, rows: Range<usize>, runs: usize) {
         let Self { horizontal, panel, smoothness } = self;
-        let Horizontal { paths, left, least, means } = &mut **horizontal;
-        let block = &panel.block;
+        let Horizontal { paths, left, least, means, p2 } = &mut **horizontal;
+        let Panel { block, seen, .. } = panel;
+        let p1 = smoothness.penalties.p1;
 
         paths.restore(rows.len(), (left, least), rows.start - block.rows.start, runs);
 
         // The totals of the paths from the right are there: the mean with them replaces them.
         for (strip, columns) in block.strips().enumerate() {
-            let mut here = PathRows::of(panel, &rows, (strip, columns.len()), runs);
-            for (edges, y) in here.edges.iter_mut().zip(rows.clone()) {
-                *edges = &smoothness.edges.row(y)[columns.clone()];
-            }
+            let p2 = &p2.as_chunks::<STRIP>().0[strip * STRIP..];
+            let costs = strip_rows(panel.costs, seen, (strip, &rows), runs);
+            let means = strip_rows_mut(means, block, (strip, &rows), runs);
 
-            let place = block.place(strip, rows.start - block.rows.start) * runs;
-            let means = rows_of(&mut means[place..], STRIP * runs);
-
-            for x in 0..columns.len() {
-                let places = x * runs..(x + 1) * runs;
-                let mut step = paths.step();
-
-                for path in 0..rows.len() {
-                    let penalties = smoothness.after(Neighbor::Left.jump(here.edges[path][x]));
-                    let costs = &here.costs[path][places.clone()];
-                    let mut sink = AverageTotals(&mut means[path][places.clone()]);
-                    step.extend(path, penalties, costs, runs, &mut sink);
-                }
-
-                paths.arrive(ROWS);
+            for (x, p2) in p2.iter().enumerate().take(columns.len()) {
+                let costs = column(costs, x, runs);
+                let sinks = column_mut(means, x, runs).map(AverageTotals);
+                paths.extend((p1, *p2), costs, sinks, runs);
             }
         }
 
@@ -445,42 +469,16 @@ impl<T: Value> HorizontalPass<'_, T> {
     }
 }
 
-/// Costs and jumps of the rows that a few paths run along, in one strip.
-struct PathRows<'a, T> {
-    costs: [&'a [Lanes<T>]; ROWS],
-    edges: [&'a [u8]; ROWS],
-}
-
-impl<'a, T> PathRows<'a, T> {
-    /// The costs of some rows of a strip with so many columns; no jumps yet.
-    #[inline(always)]
-    fn of(
-        panel: &Panel<'a, T>,
-        rows: &Range<usize>,
-        (strip, pixels): (usize, usize),
-        runs: usize,
-    ) -> Self {
-        let mut found = Self { costs: [&[]; ROWS], edges: [&[]; ROWS] };
-
-        for (row, y) in found.costs.iter_mut().zip(rows.clone()) {
-            *row = strip_row(panel.costs, &panel.seen, (strip, y), (pixels, runs));
-        }
-
-        found
-    }
-}
-
-/// The first few rows of values with so many values to the row, to be written.
+/// A pixel of each of some rows of a strip.
 #[inline(always)]
-fn rows_of<V>(values: &mut [V], width: usize) -> [&mut [V]; ROWS] {
-    let mut rows = values.chunks_exact_mut(width);
-    let mut found: [&mut [V]; ROWS] = Default::default();
+fn column<V>(rows: &[V], x: usize, runs: usize) -> impl Iterator<Item = &[V]> {
+    rows.chunks_exact(STRIP * runs).map(move |row| &row[x * runs..][..runs])
+}
 
-    for (found, row) in found.iter_mut().zip(&mut rows) {
-        *found = row;
-    }
-
-    found
+/// As [`column`], to be written.
+#[inline(always)]
+fn column_mut<V>(rows: &mut [V], x: usize, runs: usize) -> impl Iterator<Item = &mut [V]> {
+    rows.chunks_exact_mut(STRIP * runs).map(move |row| &mut row[x * runs..][..runs])
 }
 
 /// State of the vertical paths of a panel.
@@ -497,8 +495,8 @@ impl<T: Value> Vertical<T> {
     /// Sizes the buffers for a band of so many rows.
     pub fn begin(&mut self, rows: usize, runs: usize) -> Result<()> {
         self.paths.begin(runs)?;
-        self.below.resize(rows * PIXELS * runs)?;
-        self.sums.resize(PIXELS * runs)
+        self.below.resize(rows * STRIP * runs)?;
+        self.sums.resize(STRIP * runs)
     }
 }
 
@@ -553,34 +551,27 @@ impl<T: Value> VerticalPass<'_, T> {
     /// Paths from below through a strip; keeps their totals in the rows of the band.
     #[inline(always)]
     fn upward(&mut self, (strip, columns): &(usize, Range<usize>), runs: usize) {
-        let Panel { block: PixelBlock { rows, .. }, seen, costs, .. } = self.panel;
-        let last = seen.rows.end - 1;
-        let smoothness = self.smoothness;
-        let Vertical { paths, below, .. } = &mut *self.vertical;
+        let Self { vertical: Vertical { paths, below, .. }, panel, smoothness, .. } = self;
+        let rows = &panel.block.rows;
+        let last = panel.seen.rows.end - 1;
 
         paths.restart(runs);
         for y in (rows.start..=last).rev() {
             // A row holds the jumps from the row above it, so these paths read the row below. At the first pixel any
             // penalty does: all totals before it are 0.
             let edges = &smoothness.edges.row((y + 1).min(last))[columns.clone()];
-            let costs = strip_row(costs, seen, (*strip, y), (columns.len(), runs));
-            let mut step = paths.step();
+            let penalties = smoothness.after_jumps_from_above(edges);
+            let costs = strip_rows(panel.costs, &panel.seen, (*strip, &(y..y + 1)), runs);
+            let costs = costs.chunks_exact(runs);
 
             if y < rows.end {
-                let below = row_of_mut(below, y - rows.start, PIXELS * runs);
-                for (path, edges) in edges.iter().enumerate() {
-                    let penalties = smoothness.after(Neighbor::Above.jump(*edges));
-                    let mut sink = StoreTotals(row_of_mut(below, path, runs));
-                    step.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
-                }
+                let below = row_of_mut(below, y - rows.start, STRIP * runs);
+                let sinks = below.chunks_exact_mut(runs).map(StoreTotals);
+                paths.extend(penalties, costs, sinks, runs);
             } else {
-                for (path, edges) in edges.iter().enumerate() {
-                    let penalties = smoothness.after(Neighbor::Above.jump(*edges));
-                    step.extend(path, penalties, row_of(costs, path, runs), runs, &mut Discard);
-                }
+                let sinks = [(); STRIP].iter().map(|()| Discard);
+                paths.extend(penalties, costs, sinks, runs);
             }
-
-            paths.arrive(PIXELS);
         }
     }
 
@@ -591,15 +582,12 @@ impl<T: Value> VerticalPass<'_, T> {
 
         paths.restart(runs);
         for y in panel.seen.rows.start..panel.block.rows.start {
-            let costs = strip_row(panel.costs, &panel.seen, (*strip, y), (columns.len(), runs));
-            let mut step = paths.step();
+            let penalties =
+                smoothness.after_jumps_from_above(&smoothness.edges.row(y)[columns.clone()]);
+            let costs = strip_rows(panel.costs, &panel.seen, (*strip, &(y..y + 1)), runs);
 
-            for (path, edges) in smoothness.edges.row(y)[columns.clone()].iter().enumerate() {
-                let penalties = smoothness.after(Neighbor::Above.jump(*edges));
-                step.extend(path, penalties, row_of(costs, path, runs), runs, &mut Discard);
-            }
-
-            paths.arrive(PIXELS);
+            let sinks = [(); STRIP].iter().map(|()| Discard);
+            paths.extend(penalties, costs.chunks_exact(runs), sinks, runs);
         }
     }
 
@@ -610,38 +598,34 @@ impl<T: Value> VerticalPass<'_, T> {
         let Vertical { paths, below, sums } = &mut **vertical;
         let row = y - panel.block.rows.start;
 
-        let size = (columns.len(), runs);
-        let costs = strip_row(panel.costs, &panel.seen, (*strip, y), size);
-        let means = strip_row(means, &panel.block, (*strip, y), size);
-        let below = row_of(below, row, PIXELS * runs);
-        let sums = &mut sums[..PIXELS * runs];
+        let place = (*strip, &(y..y + 1));
+        let costs = strip_rows(panel.costs, &panel.seen, place, runs).chunks_exact(runs);
+        let means = strip_rows(means, &panel.block, place, runs).chunks_exact(runs);
+        let below = row_of(below, row, STRIP * runs).chunks_exact(runs);
+        let sums = sums[..STRIP * runs].chunks_exact_mut(runs);
 
-        let mut step = paths.step();
-        for (path, edges) in smoothness.edges.row(y)[columns.clone()].iter().enumerate() {
-            let penalties = smoothness.after(Neighbor::Above.jump(*edges));
-            let mut sink = AverageAll {
-                means: row_of(means, path, runs),
-                below: row_of(below, path, runs),
-                sums: row_of_mut(sums, path, runs),
-                minimum: Minimum::of([T::FAR; LANES]),
-            };
+        let others = means.zip(below).zip(sums.zip(selection.minima()));
+        let sinks = others.map(|((means, below), (sums, found))| AverageAll {
+            means,
+            below,
+            sums,
+            minimum: Minimum::of([T::FAR; LANES]),
+            found,
+        });
 
-            step.extend(path, penalties, row_of(costs, path, runs), runs, &mut sink);
-            selection.take(path, sink.minimum);
-        }
-
-        paths.arrive(PIXELS);
+        let penalties =
+            smoothness.after_jumps_from_above(&smoothness.edges.row(y)[columns.clone()]);
+        paths.extend(penalties, costs, sinks, runs);
     }
 
     /// Selects candidates for the pixels of a row of the band by the sums of all paths.
     #[inline(always)]
     fn select(&mut self, y: usize, (strip, columns): &(usize, Range<usize>), runs: usize) {
-        let selection = &mut *self.selection;
-        let sums = &mut self.vertical.sums[..PIXELS * runs];
-        let Panel { block, seen, costs, .. } = self.panel;
+        let Self { vertical, panel, selection, .. } = self;
+        let sums = &mut vertical.sums[..STRIP * runs];
+        let costs = strip_rows(panel.costs, &panel.seen, (*strip, &(y..y + 1)), runs);
         let pixels = columns.len();
-        let costs = strip_row(costs, seen, (*strip, y), (pixels, runs));
-        let row = y - block.rows.start;
+        let row = y - panel.block.rows.start;
 
         selection.settle();
         selection.weigh(sums, Some(costs), (pixels, self.candidates, runs));
@@ -655,6 +639,7 @@ struct AverageAll<'a, T> {
     below: &'a [Lanes<T>],
     sums: &'a mut [Lanes<T>],
     minimum: Minimum<T>,
+    found: &'a mut Minimum<T>,
 }
 
 impl<T: Value> Sink<T> for AverageAll<'_, T> {
@@ -670,5 +655,10 @@ impl<T: Value> Sink<T> for AverageAll<'_, T> {
 
         self.sums[run] = sums;
         self.minimum.see(run, sums);
+    }
+
+    #[inline(always)]
+    fn finish(self) {
+        *self.found = self.minimum;
     }
 }

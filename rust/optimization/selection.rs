@@ -23,10 +23,8 @@ pub const PIXELS: usize = 16;
 pub struct Selection<T> {
     /// The number of each lane. In memory, since the compiler splits a constant into single lanes.
     lanes: Lanes<T>,
-    /// The least cost in each lane.
-    least: [Lanes<T>; PIXELS],
-    /// The run of candidates that the least cost of each lane was found in.
-    run: [Lanes<T>; PIXELS],
+    /// The least costs of each pixel.
+    minima: [Minimum<T>; PIXELS],
     /// Costs of the chosen candidates.
     own: [T; PIXELS],
     /// Indices of the chosen candidates.
@@ -41,8 +39,7 @@ impl<T: Value> Default for Selection<T> {
     fn default() -> Self {
         Self {
             lanes: std::array::from_fn(|j| T::truncated(j as u64)),
-            least: [[T::default(); LANES]; PIXELS],
-            run: [[T::default(); LANES]; PIXELS],
+            minima: [Minimum::of([T::default(); LANES]); PIXELS],
             own: [T::default(); PIXELS],
             chosen: [0; PIXELS],
             elsewhere: [NONE; PIXELS],
@@ -55,41 +52,40 @@ impl<T: Value> Selection<T> {
     /// Most runs of candidates that an index of this type can number.
     pub const MOST_RUNS: u64 = T::LARGEST_TOTAL;
 
-    /// Stores the least cost of each lane of a pixel.
+    /// The least costs of each pixel, to be written.
     #[inline(always)]
-    pub fn take(&mut self, pixel: usize, minimum: Minimum<T>) {
-        self.least[pixel] = minimum.least;
-        self.run[pixel] = minimum.run;
+    pub fn minima(&mut self) -> &mut [Minimum<T>; PIXELS] {
+        &mut self.minima
     }
 
     /// Finds the least cost of each pixel and the first candidate that has it: the least lane in the least run with this
     /// cost. Runs and lanes that do not qualify are replaced by the largest number, so that every step is a plain minimum.
     #[inline(always)]
     pub fn settle(&mut self) {
-        let Self { lanes, least, run, own, chosen, .. } = self;
+        let Self { lanes, minima, own, chosen, .. } = self;
 
-        for (own, least) in own.iter_mut().zip(&*least) {
-            *own = least_lane(least);
+        for (own, minimum) in own.iter_mut().zip(&*minima) {
+            *own = least_lane(&minimum.least);
         }
 
-        for ((run, least), own) in run.iter_mut().zip(&*least).zip(&*own) {
+        for (Minimum { least, run }, own) in minima.iter_mut().zip(&*own) {
             keep_equal(run, least, *own);
         }
 
         let mut first = [T::default(); PIXELS];
-        for (first, run) in first.iter_mut().zip(&*run) {
-            *first = least_lane(run);
+        for (first, minimum) in first.iter_mut().zip(&*minima) {
+            *first = least_lane(&minimum.run);
         }
 
-        for (run, first) in run.iter_mut().zip(&first) {
+        for (Minimum { run, .. }, first) in minima.iter_mut().zip(&first) {
             let mut lane = *lanes;
             keep_equal(&mut lane, run, *first);
             *run = lane;
         }
 
         let mut lane = [T::default(); PIXELS];
-        for (lane, run) in lane.iter_mut().zip(&*run) {
-            *lane = least_lane(run);
+        for (lane, minimum) in lane.iter_mut().zip(&*minima) {
+            *lane = least_lane(&minimum.run);
         }
 
         for ((chosen, first), lane) in chosen.iter_mut().zip(&first).zip(&lane) {
@@ -118,7 +114,7 @@ impl<T: Value> Selection<T> {
         costs: Option<&[Lanes<T>]>,
         (pixels, candidates, runs): (usize, usize, usize),
     ) {
-        let Self { least, chosen, elsewhere, offset, .. } = self;
+        let Self { minima, chosen, elsewhere, offset, .. } = self;
         let most = T::truncated(u64::MAX);
 
         // Takes out the costs of the chosen candidate and its neighbors; the least of the rest is then the one elsewhere.
@@ -139,7 +135,7 @@ impl<T: Value> Selection<T> {
             }
         }
 
-        for (least, totals) in least.iter_mut().zip(totals.chunks_exact(runs)).take(pixels) {
+        for (minimum, totals) in minima.iter_mut().zip(totals.chunks_exact(runs)).take(pixels) {
             let mut lanes = totals[0];
             for totals in &totals[1..] {
                 for j in 0..LANES {
@@ -147,12 +143,12 @@ impl<T: Value> Selection<T> {
                 }
             }
 
-            *least = lanes;
+            minimum.least = lanes;
         }
 
         let mut others = [T::default(); PIXELS];
-        for (others, least) in others.iter_mut().zip(&*least) {
-            *others = least_lane(least);
+        for (others, minimum) in others.iter_mut().zip(&*minima) {
+            *others = least_lane(&minimum.least);
         }
 
         // From here on for all pixels, whether used or not: a fixed length is vectorized.

@@ -8,8 +8,9 @@ use crate::cost::aggregation::Window;
 use crate::image::intensity::{LEVEL_CEILING, LEVEL_STEPS};
 use crate::image::normalization::{DEVIATION_CEILING, DEVIATION_STEPS};
 use crate::image::texture::Texture;
-use crate::optimization::selection::PIXELS;
-use crate::optimization::{BAND, LOOKAHEAD_ROWS, ORDERED_ROWS, PANEL, Penalties};
+use crate::optimization::{
+    BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, ORDERED_ROWS, PANEL, Penalties, STRIP,
+};
 use crate::pipeline::halo::Halo;
 use crate::pipeline::matcher::Width;
 use crate::refinement::synthesis;
@@ -111,24 +112,27 @@ impl Demand<'_> {
     fn workspace(&self) -> usize {
         let (window, penalties) = self.window();
         let runs = self.candidates.div_ceil(LANES);
-        let (rows, panels, totals) = match self.settings.optimizer {
+
+        // Rows and columns of the costs, and totals of paths: half their sums, those from below and from the left.
+        let seen = PANEL + LOOKAHEAD_COLUMNS;
+        let (rows, cols, totals) = match self.settings.optimizer {
             Optimizer::SemiGlobal => {
-                (BAND + 2 * LOOKAHEAD_ROWS, 2, (BAND * (1 + PANEL + PIXELS)) * runs)
+                (BAND + 2 * LOOKAHEAD_ROWS, seen, (BAND * (1 + PANEL + STRIP)) * runs)
             }
-            Optimizer::ScanlineOptimization => (BAND, 2, BAND * (1 + PANEL) * runs),
-            Optimizer::WinnerTakesAll => (BAND, 1, 0),
-            Optimizer::DynamicProgramming => (ORDERED_ROWS, 1, 0),
+            Optimizer::ScanlineOptimization => (BAND, seen, BAND * (1 + PANEL) * runs),
+            Optimizer::WinnerTakesAll => (BAND, PANEL, 0),
+            // Works on whole rows, the other optimizers on panels of columns.
+            Optimizer::DynamicProgramming => (ORDERED_ROWS, self.cols, 0),
         };
 
-        // Dynamic programming works on whole rows, the other optimizers on panels of columns.
         let is_whole = self.settings.optimizer == Optimizer::DynamicProgramming;
-        let cols = if is_whole { self.cols } else { PANEL };
         let around = cols + 2 * window.halo();
 
-        // Costs and votes of the rows of a window and of the one that has left it, their sums, and sums of windows.
-        let summed = 2 * (window.side + 2) * around + (window.side + 1) * around;
+        // Costs and votes of the rows of a window and of the one that has left it, their sums, these without their lowest
+        // bits, and sums of windows.
+        let summed = 2 * (window.side + 3) * around + (window.side + 1) * around;
 
-        let lanes = panels * rows * cols * runs + totals + summed * runs;
+        let lanes = rows * cols * runs + totals + summed * runs;
 
         let width = Width::new(self.settings, window, penalties, true).bytes();
         let origins = if is_whole { 2 * self.cols * self.candidates } else { 0 };

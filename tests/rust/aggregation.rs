@@ -200,15 +200,18 @@ impl MaskedCosts {
             let rows = y..(y + high).min(window.rows);
             let columns = x..(x + wide).min(window.cols);
 
-            let runs = rows.len() * columns.len() * costs.runs();
-            let mut out = vec![[V::truncated(77); LANES]; runs];
-            let block = PixelBlock { rows: rows.clone(), columns: columns.clone() };
+            // Strips of one column, of a few, and one of all.
+            let strip = [1, 3, columns.len()][(y + x) % 3];
+            let block = PixelBlock { rows: rows.clone(), columns: columns.clone(), strip };
+            let mut out = vec![[V::truncated(77); LANES]; block.places() * costs.runs()];
             aggregator.aggregate(costs, window, block, level, &mut out).expect("memory");
 
-            let mut pixels = out.chunks_exact(costs.runs()).map(<[_]>::as_flattened);
+            let pixels: Vec<_> = out.chunks_exact(costs.runs()).map(<[_]>::as_flattened).collect();
 
-            for (y, x) in rows.flat_map(|y| columns.clone().map(move |x| (y, x))) {
-                let (sums, beyond) = pixels.next().expect("every pixel").split_at(count);
+            for (y, x) in rows.clone().flat_map(|y| columns.clone().map(move |x| (y, x))) {
+                let (row, col) = (y - rows.start, x - columns.start);
+                let place = (col / strip * rows.len() + row) * strip + col % strip;
+                let (sums, beyond) = pixels[place].split_at(count);
 
                 assert!(beyond.iter().all(|sum| *sum == V::FAR), "beyond the last candidate");
                 let row = &mut result.row_mut(y)[x * count..];
